@@ -68,6 +68,15 @@ def install() -> None:
         sys.meta_path.insert(0, _Finder())
 
 
+VALUES = {"not looked at": "skipped"}
+"""Old -> new words of JSON documents and Records that are read back: verdicts and evidence."""
+
+
+def current(value: str) -> str:
+    """Return the present word for one that an older release wrote."""
+    return VALUES.get(value, value)
+
+
 NAMES: dict[str, dict[str, str]] = {}
 """Module -> old name -> new name of what it holds."""
 

@@ -216,7 +216,7 @@ class Named(SimpleNamespace):
 
 
 ONE, OTHER = Named(key="one"), Named(key="other")
-UNSEEN = "it", 0.0, 0.0, "not looked at", "compared"
+UNSEEN = "it", 0.0, 0.0, "skipped", "compared"
 FAILED = "it", 1.0, 0.0, "failed", "compared"
 
 
@@ -227,7 +227,7 @@ def test_terms_are_compared_with_those_of_every_engine(monkeypatch):
     answers = {ONE: theirs[0], Tried: UNSEEN, OTHER: theirs[1]}
     expected, first, unseen, second = against(monkeypatch, "bias", answers)
     assert np.array_equal(expected, at.terms.B)
-    assert unseen.verdict == "not looked at"
+    assert unseen.verdict == "skipped"
     for (subject, ours, their, scale, more), key, answer in zip(
         (first, second), ("one", "other"), theirs, strict=True
     ):
@@ -275,7 +275,7 @@ def test_a_bias_that_is_left_out_is_zero(monkeypatch):
     scene = type("Unbiased", (kind,), {"terms": staticmethod(terms)})()
     expected, *found = against(monkeypatch, "bias", {ONE: np.zeros(3), Tried: UNSEEN}, scene)
     assert not expected.any()
-    assert found[0][0] == "one" and found[1].verdict == "not looked at"
+    assert found[0][0] == "one" and found[1].verdict == "skipped"
 
 
 class Forceless(CasadiEngine):
@@ -302,7 +302,7 @@ def test_engines_are_asked_what_they_offer_and_those_on_trial_everything():
 @pytest.mark.parametrize(
     ("broken", "outcome"),
     [
-        ("", (0.0, 0.0, "not looked at", "property-tested", "not rational: it said so")),
+        ("", (0.0, 0.0, "skipped", "property-tested", "not rational: it said so")),
         ("terms broke", (np.inf, 0.0, "failed", "property-tested", "terms broke")),
     ],
 )

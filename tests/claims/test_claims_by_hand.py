@@ -164,7 +164,7 @@ class Reader:
 def told(asked: Any, claim: Any, findings: list[Finding], monkeypatch) -> list[Finding]:
     """Return what is told of these findings."""
     case: Any = SimpleNamespace(look=lambda one: findings if one is claim else [])
-    skipped = finding("not looked at", detail="", subject="?")
+    skipped = finding("skipped", detail="", subject="?")
     monkeypatch.setattr(
         run,
         "unseen",
@@ -189,7 +189,7 @@ def test_what_the_library_of_a_file_fails_is_of_either_reading_and_what_it_leave
     assert one == replace(found[0], detail=f"half; {either}") and others == found[1:]
     claim.asks = "forces"
     one, *others = told(asked, claim, found, monkeypatch)
-    assert (one.subject, one.verdict, one.engine) == ("reader", "not looked at", Reader)
+    assert (one.subject, one.verdict, one.engine) == ("reader", "skipped", Reader)
     assert one.detail == "it leaves out dampers" and others == found[1:]
     asked.reader = None
     assert told(asked, claim, found, monkeypatch) == found

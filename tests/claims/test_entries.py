@@ -263,7 +263,7 @@ NONE, ALL = [0] * 4, [1] * 4
         ([of_flags([1, 1, 1, 0], NONE)], ""),  # 0 = 0 has passed
         ([of_flags([1, 0, 0, 0], NONE, verdict="inconclusive")], "B"),
         ([of_flags([1, 0, 0, 0], NONE, verdict="inconclusive"), of_flags(ALL, NONE)], ""),
-        ([of_flags(NONE, NONE, verdict="not looked at")], ""),
+        ([of_flags(NONE, NONE, verdict="skipped")], ""),
         ([of_flags([1, 0], [0, 1], (("a", "b"),)), of_flags([0, 1], [0, 0], (("a", "b"),))], ""),
         ([of_flags([1, 0], [0, 1], (("a", "b"),)), of_flags([0, 1, 1, 1], NONE)], ""),
         (
@@ -329,9 +329,9 @@ def test_the_entries_of_an_engine_on_trial_stay_hidden():
     other = left._replace(subject="au ~ nothing")
     assert by_proof(CLAIMS["equivalence"], [other], {}) == ([], [other])
     assert by_proof(CLAIMS["machine-code"], [left], {}) == ([], [left])
-    skipped = of_flags(ALL, NONE, subject="B", verdict="not looked at")
+    skipped = of_flags(ALL, NONE, subject="B", verdict="skipped")
     proved = replace(found[0], claim="bias", subject="B", verdict="passed")
-    for verdict in ("not looked at", "inconclusive"):
+    for verdict in ("skipped", "inconclusive"):
         open_ = replace(skipped, verdict=verdict)
         for about in ([open_], [proved, open_], [open_, proved]):
             known = {(type(SNAKE), SNAKE.structure): about}

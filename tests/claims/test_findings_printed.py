@@ -39,8 +39,8 @@ FOR_ALL = replace(FOUND, state=None, evidence="proved: 3 points", detail="", pro
             "bias [au] passed on heavy: observed 1e-09, allowed 0.125",
         ),
         (
-            replace(FOUND, verdict="not looked at", detail="no λ"),
-            "bias [au] not looked at on heavy: no λ",
+            replace(FOUND, verdict="skipped", detail="no λ"),
+            "bias [au] skipped on heavy: no λ",
         ),
         (FOR_ALL, f"bias [au] proved: 3 points on {SCENE.structure}"),
         (

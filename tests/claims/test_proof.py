@@ -380,7 +380,7 @@ def test_a_float_in_a_function_is_not_looked_at_and_said_so(base):
     scene = changed(base, "terms", lambda terms, *_: terms._replace(Q=0.5 * terms.Q))
     (finding,) = prove(scene, points=2, seed=0)
     assert (finding.claim, finding.subject) == ("finite-terms", "terms")
-    assert finding.verdict == "not looked at"
+    assert finding.verdict == "skipped"
     assert finding.detail.startswith("not rational, in ")
     assert "unsupported operand type(s) for *: 'float'" in finding.detail
 
@@ -392,7 +392,7 @@ def test_a_function_of_a_value_that_is_no_quotient_is_not_looked_at_and_said_so(
             MarkedFree, "terms", lambda terms, *_, f=function: terms._replace(Q=f(terms.Q))
         )
         (finding,) = prove(scene, points=1, seed=0)
-        assert finding.verdict == finding.evidence == "not looked at"
+        assert finding.verdict == finding.evidence == "skipped"
         assert finding.detail.startswith("not rational, in ")
 
 
@@ -420,7 +420,7 @@ def test_a_branch_on_a_value_is_not_looked_at(branch):
         return terms._replace(Q=-terms.Q) if branch(parameters) else terms
 
     (finding,) = prove(changed(MarkedFree, "terms", branching), points=1, seed=0)
-    assert finding.verdict == finding.evidence == "not looked at"
+    assert finding.verdict == finding.evidence == "skipped"
     assert "a branch on a value" in finding.detail
 
 
@@ -483,7 +483,7 @@ def test_a_partition_that_never_works_is_named_and_everything_else_is_proved():
     findings = prove(BeltAlongY(), points=2, seed=0)
     wrong = [f for f in findings if f.verdict == "failed"]
     assert what(wrong) == [("equivalence", f.key) for f in ALL if f.partitioned]
-    skipped = [f for f in findings if f.verdict == "not looked at"]
+    skipped = [f for f in findings if f.verdict == "skipped"]
     assert what(skipped) == [("null-space-embedding", "em")]
     assert "a_1" in skipped[0].detail
     assert all("singular at every state" in f.detail for f in wrong)

@@ -87,23 +87,23 @@ def test_engines_are_made_once_for_each_scene(monkeypatch):
 @pytest.mark.parametrize(
     ("again", "told"),
     [
-        (said("bias", "not looked at", "mine", "no bias"), False),
-        (said("bias", "not looked at", "mine", "no bias", x=5.0), False),
-        (said("bias", "not looked at", "other", "no bias"), True),
-        (said("bias", "not looked at", "mine", "no forces"), True),
-        (said("mass-matrix", "not looked at", "mine", "no bias"), True),
+        (said("bias", "skipped", "mine", "no bias"), False),
+        (said("bias", "skipped", "mine", "no bias", x=5.0), False),
+        (said("bias", "skipped", "other", "no bias"), True),
+        (said("bias", "skipped", "mine", "no forces"), True),
+        (said("mass-matrix", "skipped", "mine", "no bias"), True),
         (said("bias", "passed", "mine", "no bias"), True),
         (said("bias", "inconclusive", "mine", "no bias"), True),
-        (said("equivalence", "not looked at", "mine", "refused"), True),
-        (said("equivalence", "not looked at", "mine", "not rational: it"), False),
+        (said("equivalence", "skipped", "mine", "refused"), True),
+        (said("equivalence", "skipped", "mine", "not rational: it"), False),
     ],
 )
 def test_what_cannot_be_told_is_told_once(again: Finding, told: bool):
     one = Run()
     first = [
-        said("bias", "not looked at", "mine", "no bias"),
-        said("equivalence", "not looked at", "mine", "refused"),
-        said("equivalence", "not looked at", "mine", "not rational: it"),
+        said("bias", "skipped", "mine", "no bias"),
+        said("equivalence", "skipped", "mine", "refused"),
+        said("equivalence", "skipped", "mine", "not rational: it"),
     ]
     assert one._take(Look(first, {"bias": 2.0}, ("au",))) == first
     assert one._take(Look([again, *first[:1]], {"bias": 0.5}, ())) == ([again] if told else [])

@@ -183,7 +183,7 @@ def test_an_engine_is_compared_where_a_claim_that_asks_it_is_decided():
         ([bias], "mujoco"),
         (both[1:], "casadi"),
         ([bias, said("bias", "mujoco", "inconclusive")], "mujoco"),
-        ([bias, said("bias", "mujoco", "not looked at")], "mujoco"),
+        ([bias, said("bias", "mujoco", "skipped")], "mujoco"),
         ([bias, said("kinetic-energy", "mujoco", "passed")], "mujoco"),
     ):
         with pytest.raises(InputError, match=f"engine {missed}: nothing could be compared"):

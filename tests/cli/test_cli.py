@@ -423,7 +423,7 @@ def test_a_scene_of_which_nothing_can_be_proved_is_exit_code_2_and_told_why(
     place = f"{own}:Roots"
     assert run("prove", "--scene", place, monkeypatch=monkeypatch) == 2
     printed = capsys.readouterr()
-    assert "not looked at: finite-terms [terms]" in printed.out and "0 disproved" in printed.out
+    assert "skipped: finite-terms [terms]" in printed.out and "0 disproved" in printed.out
     assert "no identity could be looked at" in printed.err
 
 

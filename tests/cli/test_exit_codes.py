@@ -62,13 +62,13 @@ def found(monkeypatch: pytest.MonkeyPatch, *findings: Finding, error: Any = None
 
 @pytest.mark.parametrize("place", [0, 1, 2])
 def test_one_failure_among_any_findings_is_1_the_first_and_the_last_included(place, monkeypatch):
-    verdicts = ["passed", "inconclusive", "not looked at"]
+    verdicts = ["passed", "inconclusive", "skipped"]
     verdicts[place] = "failed"
     found(monkeypatch, *map(finding, verdicts))
     assert code_of(monkeypatch, "validate", "--scene", "sleigh") == 1
 
 
-@pytest.mark.parametrize("verdicts", [["passed"], ["passed", "inconclusive", "not looked at"]])
+@pytest.mark.parametrize("verdicts", [["passed"], ["passed", "inconclusive", "skipped"]])
 def test_findings_without_a_failure_are_0(verdicts, monkeypatch):
     found(monkeypatch, *map(finding, verdicts))
     assert code_of(monkeypatch, "validate", "--scene", "sleigh") == 0
@@ -78,7 +78,7 @@ def test_findings_without_a_failure_are_0(verdicts, monkeypatch):
     ("verdicts", "code"),
     [
         (["inconclusive", "inconclusive"], 2),
-        (["not looked at"], 2),
+        (["skipped"], 2),
         ([], 2),
         (["inconclusive", "passed"], 0),
         (["inconclusive", "failed"], 1),

@@ -493,7 +493,7 @@ def test_a_failure_counts_in_place_of_what_is_inconclusive_by_more():
     assert _worse(replace(failed, observed=2.0), failed) and not _worse(failed, failed)
 
 
-@pytest.mark.parametrize("verdict", ["inconclusive", "not looked at"])
+@pytest.mark.parametrize("verdict", ["inconclusive", "skipped"])
 def test_nothing_decided_about_any_library_is_never_agreement(
     monkeypatch, tmp_path, capsys, verdict
 ):
@@ -506,7 +506,7 @@ def test_nothing_decided_about_any_library_is_never_agreement(
     scene = from_urdf(arm(tmp_path / "arm.urdf"))
     found = compare(scene, ["pinocchio"], states=2)
     assert (found.agree, found.disagree, found.open) == (False, False, ["pinocchio"])
-    where = {"inconclusive": "inconclusive", "not looked at": "nothing compared"}[verdict]
+    where = {"inconclusive": "inconclusive", "skipped": "nothing compared"}[verdict]
     assert found.verdict("pinocchio") == where
     print_comparison(found)
     assert "agree to rounding" not in capsys.readouterr().out

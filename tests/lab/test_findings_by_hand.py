@@ -61,8 +61,8 @@ KEPT = Kept(
             "observed 0.25, allowed 0.5; row x",
         ),
         (
-            {"verdict": "not looked at", "case": 0},
-            "not looked at on snake, N = 2, state 0 (compared: casadi 3): row x",
+            {"verdict": "skipped", "case": 0},
+            "skipped on snake, N = 2, state 0 (compared: casadi 3): row x",
         ),
     ],
 )
@@ -80,6 +80,11 @@ def test_a_kept_finding_has_a_ratio_and_a_level_and_comes_back_from_what_it_was_
             row["proof"]["primes"] = [3, 5]
         before = repr(row)
         assert Kept.read(row) == one and repr(row) == before
+
+
+def test_verdicts_that_an_older_release_stored_are_read_as_those_of_today():
+    old = asdict(KEPT) | {"verdict": "not looked at", "evidence": "not looked at"}
+    assert Kept.read(old) == replace(KEPT, verdict="skipped", evidence="skipped")
 
 
 def test_the_record_of_a_state_has_a_row_for_each_finding_and_one_code_for_all():

@@ -312,7 +312,7 @@ def test_rounds_of_functions_count_keep_the_highest_and_tell_the_first_reason(mo
             failure("a", "M", verdict="passed", observed=0.1 * i),
             failure("a", "M", verdict="passed", observed=0.05),
             failure("a", "qdd", verdict="inconclusive", detail=f"blind {i}"),
-            failure("b", "M", verdict="not looked at", detail=f"none {i}"),
+            failure("b", "M", verdict="skipped", detail=f"none {i}"),
             failure("b", "M", verdict="failed" if i == 2 else "passed", observed=0.02),
         ]
 
@@ -328,7 +328,7 @@ def test_rounds_of_functions_count_keep_the_highest_and_tell_the_first_reason(mo
         "passed": 8,
         "failed": 1,
         "inconclusive": 3,
-        "not looked at": 3,
+        "skipped": 3,
         "decided: a [M]": 6,
         "inconclusive: a [qdd]": 3,
         "skipped: b [M]": 3,
@@ -336,7 +336,7 @@ def test_rounds_of_functions_count_keep_the_highest_and_tell_the_first_reason(mo
     }
     assert result.open == {
         "a [qdd]": "inconclusive in all states: blind 1",
-        "b [M]": "not looked at in any state: none 1",
+        "b [M]": "skipped in every state: none 1",
     }
     heights = {key: [x.height for x in best] for key, best in result.population.items()}
     assert heights == {
@@ -554,7 +554,7 @@ def test_a_kept_motion_fails_by_its_own_claim_and_formulation_alone(monkeypatch)
 
 
 def test_kept_failures_are_looked_at_in_their_order_and_each_is_told(monkeypatch):
-    said = {0.25: "failed", 0.5: "passed", 0.75: "inconclusive", 1.0: "not looked at"}
+    said = {0.25: "failed", 0.5: "passed", 0.75: "inconclusive", 1.0: "skipped"}
 
     def checked(case, claims, keys, engines):
         assert (claims, keys) == (["kinetic-energy"], ("au",))

@@ -314,7 +314,7 @@ def test_of_what_no_lanes_can_run_every_verdict_counts_once_and_the_highest_is_t
         finding("equivalence", "kane ~ au", "passed", 0.1),
         finding("equivalence", "kane", "failed", 2.0),
         finding("equivalence", "kane, again", "inconclusive", 40.0),
-        finding("equivalence", "au", "not looked at", 90.0),
+        finding("equivalence", "au", "skipped", 90.0),
         finding("power-balance", "scene", "inconclusive", 7.0),
     ]
     lost = finding("finite-terms", "B", "failed")
@@ -331,7 +331,7 @@ def test_of_what_no_lanes_can_run_every_verdict_counts_once_and_the_highest_is_t
     assert found.heights["equivalence", "kane"].tolist() == [4.0, 0.0, 4.0]
     assert set(found.heights) == {("equivalence", "au"), ("equivalence", "kane")}
     assert found.suspects == {2: {"equivalence"}, 0: {"equivalence"}}
-    assert found.verdicts == {"passed": 4, "failed": 2, "inconclusive": 4, "not looked at": 2}
+    assert found.verdicts == {"passed": 4, "failed": 2, "inconclusive": 4, "skipped": 2}
     assert found.by_claim == {
         (DECIDED, "equivalence"): 6,
         (screening.OPEN, "equivalence"): 2,

@@ -145,9 +145,9 @@ def test_what_cannot_be_told_of_functions_is_printed_once_after_a_campaign(
     number = "a number that all functions share, such as a mass, a length or g"
     assert said == [
         f"motion [forces] inconclusive in all states: {why}",
-        f"kinetic-energy [few] not looked at on {about} (needs M and T)",
-        f"reference [few] not looked at on {about} ({number}: against would tell)",
-        f"reference [few] not looked at on {about} "
+        f"kinetic-energy [few] skipped on {about} (needs M and T)",
+        f"reference [few] skipped on {about} ({number}: against would tell)",
+        f"reference [few] skipped on {about} "
         "(checked q in [-1, 1], v in [-1, 1]: `ranges` for more)",
     ]
     asked = "energy-quadratic,reference"
@@ -155,8 +155,8 @@ def test_what_cannot_be_told_of_functions_is_printed_once_after_a_campaign(
     table, _, said = capsys.readouterr().out.partition("no find\n")
     rest = "T(q, 0) changes with q; is the potential energy in it? bias, qdd or against would tell"
     first, second = said.splitlines()
-    assert first == f"energy-quadratic [T at rest] not looked at in any state: {rest}"
-    assert second.startswith("reference [energies] not looked at on energies: T, U (a number that")
+    assert first == f"energy-quadratic [T at rest] skipped in every state: {rest}"
+    assert second.startswith("reference [energies] skipped on energies: T, U (a number that")
     assert "skipped: " not in table
 
 
@@ -166,7 +166,7 @@ def test_what_is_told_in_some_states_is_no_caveat_and_the_others_are_kept(mine, 
     campaign = Campaign(symmetric, "mine", [ALL])
     campaign.run(states=16)
     skipped = "mass-matrix-symmetric [M]"
-    assert campaign.open == {skipped: "not looked at in any state: M breaks: ValueError: no value"}
+    assert campaign.open == {skipped: "skipped in every state: M breaks: ValueError: no value"}
     assert symmetric.caveats(campaign.counts, campaign.open, campaign.entries) == []
     open_ = FunctionsPlan(f"{mine}:few", 0, ("motion",), climbing=False, batch=2)
     with Records(tmp_path / "r.db") as records:

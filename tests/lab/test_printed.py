@@ -109,7 +109,7 @@ def test_coverage_is_said_of_one_scene_whatever_its_verdict(capsys):
 
 
 def test_each_subject_that_was_not_looked_at_is_said_with_its_first_reason(capsys):
-    how: dict[str, Any] = {"verdict": "not looked at"}
+    how: dict[str, Any] = {"verdict": "skipped"}
     rows = [
         kept(subject="au", detail="no speeds", case=1, **how),
         kept(subject="au", detail="another", case=2, **how),
@@ -118,8 +118,8 @@ def test_each_subject_that_was_not_looked_at_is_said_with_its_first_reason(capsy
     ]
     finding_output.print_unseen(by_claim(rows))
     assert capsys.readouterr().out.splitlines() == [
-        "not looked at: bias [au] on snake, N = 3, state 1: no speeds",
-        "not looked at: bias [el] on sleigh, state 3: no a′",
+        "skipped: bias [au] on snake, N = 3, state 1: no speeds",
+        "skipped: bias [el] on sleigh, state 3: no a′",
     ]
 
 
@@ -165,7 +165,7 @@ def test_junit_has_the_seconds_of_each_scene_and_claim_and_the_sums_and_why_noth
         kept("motion", verdict="failed", subject="em", detail="broken"),
         kept("motion", verdict="failed", subject="im", case=8),
         kept(verdict="inconclusive", detail="wide", **nothing),
-        kept(verdict="not looked at", detail="no tree", **nothing),
+        kept(verdict="skipped", detail="no tree", **nothing),
         kept("motion", verdict="inconclusive", detail="wide", **nothing),
     ]
     write_junit(overview, tmp_path / "r.xml")
@@ -180,13 +180,13 @@ def test_junit_has_the_seconds_of_each_scene_and_claim_and_the_sums_and_why_noth
     cases = {(x.get("classname"), x.get("name")): x for x in root.iter("testcase")}
     assert [x.get("time") for x in cases.values()] == ["1.500", "0.250", "4.000", "8.000", "0.000"]
     why = [x.get("message") for x in root.iter("skipped")]
-    assert why == ["not looked at: no tree", "inconclusive: nothing could be checked"]
+    assert why == ["skipped: no tree", "inconclusive: nothing could be checked"]
     failing = cases["eomcheck.snake", "motion"]
     assert [x.get("message", "").split("]")[0] for x in failing.iter("failure")] == ["[em", "[im"]
     out = [x.findtext("system-out", "") for x in cases.values()]
     assert "1 finding, largest error 50% of the error allowed" in out[0]
     assert "2 findings, largest error FAIL of" in out[1]
-    assert "2 findings, 1 inconclusive, 1 not looked at, largest error ? of" in out[2]
+    assert "2 findings, 1 inconclusive, 1 skipped, largest error ? of" in out[2]
 
 
 # ---- The report ----------------------------------------------------------------------------------

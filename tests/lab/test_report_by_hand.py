@@ -223,7 +223,7 @@ def test_engines_are_told_with_what_is_installed_and_those_of_packages_with_what
 
 
 def test_sheets_of_claims_have_names_headings_notes_and_links():
-    claims = by_claim([kept(), kept(subject="el", verdict="not looked at", detail="no")])
+    claims = by_claim([kept(), kept(subject="el", verdict="skipped", detail="no")])
     worst, parties = worst_sheet(claims), party_sheet(claims, ["au"], {"bias": 0.26})
     scenes = scene_sheet(claims, iter(["snake", "sleigh"]))
     named = [(one.name, one.title, one.note) for one in (worst, parties, scenes)]
@@ -283,7 +283,7 @@ def test_proofs_are_printed_with_what_was_started_over_and_how_sure_they_are(cap
     sheet = finding_output.proof_sheet(by_claim(rows))
     assert (sheet.name, sheet.title) == ("proofs", "")
     assert list(sheet.columns) == [
-        *("claim", "statement", "proved", "disproved", "not looked at"),
+        *("claim", "statement", "proved", "disproved", "skipped"),
         *("degree ≤", "height ≤", "failure probability <"),
     ]
     lines = {str(row[0]): list(map(str, row[1:])) for row in sheet.rows}
@@ -375,7 +375,7 @@ def test_the_sections_of_states_are_the_first_and_only_where_there_are_any(monke
     assert [*found] == ["digits", "strata", "own-study"]
     assert (found["digits"].title, found["strata"].title) == ("Certified digits", "States drawn")
     assert found["digits"].text.startswith("Decimal digits of q̈ in doubles that are certainly")
-    assert found["strata"].text.endswith("a kind with no state was not looked at.")
+    assert found["strata"].text.endswith("a scene class with no state was not checked.")
     bare = Overview([Record(RUNS, {"scene": "snake"}, series=series)])
     assert sections.sections_of(bare) == []
 

@@ -73,7 +73,7 @@ FEW = [
     kept(subject="el ~ kane", observed=0.125, case=1),
     kept(subject="im ~ kane", observed=0.75, case=2),
     kept(subject="im ~ kane", verdict="inconclusive", observed=9.0, case=3),
-    kept(subject="im", verdict="not looked at", scene="sleigh", links=None, detail="why not"),
+    kept(subject="im", verdict="skipped", scene="sleigh", links=None, detail="why not"),
     kept("mass-matrix", "pinocchio", observed=0.0, scene="sleigh", links=None, case=4),
     kept("energy-rate", "el", verdict="failed", observed=3.0, detail="row 1", case=5),
     kept("energy-rate", "el", verdict="failed", observed=7.0, case=6, links=4),
@@ -87,7 +87,7 @@ def test_the_table_of_what_is_worst_tells_how_bad_by_whom_where_and_of_how_many(
     rows = {row["claim"]: row for row in table(worst_sheet(by_claim(FEW)))}
     heads = "worst", "by", "on", "findings"
     assert {key: tuple(row[x] for x in heads) for key, row in rows.items()} == {
-        "bias": ("75%", "im ~ kane", "snake[3] #2", "5, 1 inconclusive, 1 not looked at"),
+        "bias": ("75%", "im ~ kane", "snake[3] #2", "5, 1 inconclusive, 1 skipped"),
         "mass-matrix": ("0", "·", "·", "1"),
         "energy-rate": ("FAIL", "el", "snake[4] #6", "2"),
     }
@@ -99,7 +99,7 @@ def test_the_wide_table_has_a_column_for_each_party_and_one_for_each_scene():
     assert [tuple(row.values()) for row in rows if row["claim"] == "bias"] == [
         (
             *("bias", "75%", "25%", "75%", "·"),
-            "property-tested, 5, 1 inconclusive, 1 not looked at",
+            "property-tested, 5, 1 inconclusive, 1 skipped",
             "1.2 s",
         )
     ]
@@ -139,22 +139,22 @@ def test_the_table_of_evidence_tells_levels_numbers_and_the_worst_place():
     assert (tested["inconclusive"], tested["ratio"]) == ("1", "75%")
     assert (tested["observed"], tested["allowed"]) == ("0.75", "1")
     assert tested["where"] == "im ~ kane, state 2"
-    assert (tested["not looked at"], rows[2]["not looked at"]) == ("", "1")
+    assert (tested["skipped"], rows[2]["skipped"]) == ("", "1")
     assert rows[2]["inconclusive"] == ""
     seen = table(evidence_sheet(Judged(tuple(some[:2]))))
-    assert "not looked at" not in seen[0]
+    assert "skipped" not in seen[0]
 
 
 def test_a_mistake_in_any_proof_is_as_likely_as_in_all_together(capsys):
     rows = [
         proof(1e-20, 4, 30.0),
         proof(3e-20, 9, 20.0),
-        kept(verdict="not looked at", case=None, structure="snake[2]", detail="no"),
+        kept(verdict="skipped", case=None, structure="snake[2]", detail="no"),
         kept("mass-matrix", verdict="failed", case=None, structure="snake[2]"),
     ]
     assert Judged(tuple(rows)).failure_probability == pytest.approx(4e-20)
     bias, other = table(finding_output.proof_sheet(by_claim(rows)))[::-1]
-    counts = "proved", "disproved", "not looked at"
+    counts = "proved", "disproved", "skipped"
     if bias["claim"] != "bias":
         bias, other = other, bias
     assert [bias[x] for x in counts] == ["2", "", "1"]
@@ -186,7 +186,7 @@ def test_strata_are_told_with_their_states():
 
 
 def test_the_totals_of_scenes_are_those_of_their_runs():
-    verdicts = ["passed", "inconclusive", "not looked at", "not looked at", "failed"]
+    verdicts = ["passed", "inconclusive", "skipped", "skipped", "failed"]
     one: Any = SimpleNamespace(
         cases=7,
         findings=[SimpleNamespace(verdict=x) for x in verdicts],
@@ -196,7 +196,7 @@ def test_the_totals_of_scenes_are_those_of_their_runs():
     heads, rows = finding_output._totals({"sleigh": one})
     assert dict(zip(heads, *rows, strict=True)) == {
         **{"scene": "sleigh", "states": "7", "findings": "5", "inconclusive": "1"},
-        **{"not looked at": "2", "refused": "2", "time": "4 s"},
+        **{"skipped": "2", "refused": "2", "time": "4 s"},
     }
 
 
@@ -219,10 +219,10 @@ def test_of_failures_the_worst_is_printed_and_the_others_are_counted(capsys):
 def test_the_last_line_counts_as_passed_only_what_passed(capsys, inconclusive: int, unseen: int):
     of = "bias", "au ~ el", SLEIGH, State(*SLEIGH.initial_state(), 0.0), 0.5, 1.0
     verdicts: list[Any] = ["passed"] * 3 + ["inconclusive"] * inconclusive
-    some = [Finding(*of, x, "compared") for x in [*verdicts, *["not looked at"] * unseen]]
+    some = [Finding(*of, x, "compared") for x in [*verdicts, *["skipped"] * unseen]]
     selection = Selection.of(engines=[], claims=["bias"], scenes=[SLEIGH])
     finding_output.print_runs({"sleigh": Run(findings=some, ends=[len(some)])}, selection)
-    open_ = ", 1 inconclusive" * inconclusive + ", 2 not looked at" * bool(unseen)
+    open_ = ", 1 inconclusive" * inconclusive + ", 2 skipped" * bool(unseen)
     last = " ".join(capsys.readouterr().out.split()).rpartition(" 3 findings")[2]
     assert last == f" passed{open_}, 0 failed."
 
@@ -247,7 +247,7 @@ def test_of_a_scene_of_which_an_engine_represents_nothing_that_is_said(capsys):
         lines = capsys.readouterr().out.splitlines()
         return [one for one in lines if "represents none" in one]
 
-    line = "not looked at: four-bar-chain, 3 states: shy represents none of them"
+    line = "skipped: four-bar-chain, 3 states: shy represents none of them"
     assert said(engines=[Shy], claims=["bias"]) == [line]
     assert said(engines=[Shy], claims=["kinetic-energy"]) == []
     assert said(engines=None, claims=["bias"]) == []
@@ -264,12 +264,10 @@ def run_of(scene: str, status: str, *rows: Kept) -> Record:
 
 def test_a_page_tells_inconclusive_findings_from_those_not_looked_at(tmp_path: Path):
     made = Overview([run_of("snake", "done")])
-    made.rows = [kept(), *[kept(verdict="inconclusive")] * 2, kept(verdict="not looked at")]
+    made.rows = [kept(), *[kept(verdict="inconclusive")] * 2, kept(verdict="skipped")]
     write_page(made, tmp_path / "report.html")
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert (
-        "<li>property-tested: 4 findings at 1 states, 2 inconclusive, 1 not looked at</li>" in page
-    )
+    assert "<li>property-tested: 4 findings at 1 states, 2 inconclusive, 1 skipped</li>" in page
 
 
 def test_states_are_counted_scene_by_scene_and_proofs_are_none():
@@ -288,8 +286,8 @@ def test_one_run_that_did_not_end_is_no_passed_report(statuses):
     assert (made.verdict, made.open, made.states) == ("passed", 1, 8)
     assert made.headline == "All 1 claim hold."
     assert made.basis == "2 findings, 8 states, on snake; 1 inconclusive."
-    made.rows.append(kept(verdict="not looked at"))
-    assert made.basis == "3 findings, 8 states, on snake; 1 inconclusive, 1 not looked at."
+    made.rows.append(kept(verdict="skipped"))
+    assert made.basis == "3 findings, 8 states, on snake; 1 inconclusive, 1 skipped."
     made.rows = [kept()]
     assert made.basis == "1 finding, 8 states, on snake."
 

@@ -96,7 +96,7 @@ def test_dampers_that_pinocchio_leaves_out_are_skipped_with_the_reason(tmp_path:
     found = by_reader(from_urdf(arm(tmp_path / "arm.urdf", damping="0.4")))
     assert told(found) >= {(one, "passed") for one in TERMS}
     assert "failed" not in {one.verdict for one in found}
-    (skipped,) = {one.detail for one in found if one.verdict == "not looked at"}
+    (skipped,) = {one.detail for one in found if one.verdict == "skipped"}
     assert skipped == "its accelerations leave out the damping of slide"
 
 
@@ -105,7 +105,7 @@ def test_an_inertial_that_urdfdom_drops_is_skipped_with_its_message(tmp_path: Pa
     text = path.read_text(encoding="utf-8").replace('mass value="2.5"', 'mass value="2.5\n"')
     path.write_text(text, encoding="utf-8")
     found = by_reader(from_urdf(path))
-    assert ("mass-matrix", "not looked at") in told(found)
+    assert ("mass-matrix", "skipped") in told(found)
     assert "failed" not in {one.verdict for one in found}
     skipped = {one.detail for one in found if one.claim == "mass-matrix"}
     assert all(x.startswith("while it read the file it wrote 'Error") for x in skipped)
@@ -119,7 +119,7 @@ def test_a_library_that_cannot_read_a_file_is_skipped_with_the_reason(tmp_path, 
     path = arm(tmp_path / "arm.urdf")
     monkeypatch.setattr(PinocchioFile, "_read", refuse)
     (found,) = by_reader(from_urdf(path))
-    assert (found.claim, found.verdict) == ("mass-matrix", "not looked at")
+    assert (found.claim, found.verdict) == ("mass-matrix", "skipped")
     assert found.detail == "takes no part: no such element"
     outcome = CliRunner().invoke(app, ["validate", "--scene", str(path), "--examples", "1"])
     assert outcome.exit_code == 0, outcome.output
@@ -131,7 +131,7 @@ def test_a_joint_with_several_coordinates_is_skipped_with_the_reason(tmp_path: P
     text = path.read_text(encoding="utf-8").replace('type="continuous"', 'type="planar"')
     path.write_text(text, encoding="utf-8")
     (found,) = by_reader(from_urdf(path))
-    assert found.verdict == "not looked at"
+    assert found.verdict == "skipped"
     assert found.detail == "takes no part: pinocchio_file cannot represent arm by its file"
 
 

@@ -95,7 +95,7 @@ def test_claims_go_on_without_a_function_that_another_stands_in_for():
 
     def verdicts(**changed: Any) -> dict[str, str]:
         found = check_functions(**(given("cart") | changed), states=2)
-        return {x.claim: x.verdict for x in found if x.verdict != "not looked at"}
+        return {x.claim: x.verdict for x in found if x.verdict != "skipped"}
 
     assert verdicts(bias=broken)["gravity-velocity"] == "passed"
     without = verdicts(M=broken)
@@ -240,8 +240,8 @@ def test_functions_that_want_tensors_say_what_to_give():
 
 def test_what_is_not_looked_at_is_told_without_numbers():
     found = check_functions(1, M=lambda q: np.eye(1), states=1)
-    lines = [str(x) for x in found if x.verdict == "not looked at"]
-    assert any(line.startswith("kinetic-energy [M] not looked at") for line in lines)
+    lines = [str(x) for x in found if x.verdict == "skipped"]
+    assert any(line.startswith("kinetic-energy [M] skipped") for line in lines)
     assert not any("observed" in line or "allowed" in line for line in lines)
 
 
@@ -570,7 +570,7 @@ def test_a_reference_that_never_answers_is_refused_if_nothing_else_is_compared(a
     )
     found = {x.subject.split()[0]: x for x in referred(engine)}
     assert found["bias"].verdict == "passed", "which it does answer"
-    assert found["M"].verdict == "not looked at"
+    assert found["M"].verdict == "skipped"
     assert found["M"].detail.startswith("the reference breaks: M: ")
     assert says in found["M"].detail
     with pytest.raises(InputError) as caught:
@@ -602,7 +602,7 @@ def test_a_reference_that_cannot_be_made_is_refused():
 
 def test_whether_constraints_are_built_into_the_mass_matrix_can_be_said_to_check():
     functions = Functions(**given("cart"))
-    for holonomic, verdict in ((None, "passed"), (True, "passed"), (False, "not looked at")):
+    for holonomic, verdict in ((None, "passed"), (True, "passed"), (False, "skipped")):
         (found,) = testing.check(
             functions, states=1, claims=["bias-of-mass-matrix"], holonomic=holonomic
         )

@@ -276,7 +276,7 @@ def test_a_failure_that_follows_is_folded_in_a_test_suite():
 
 def test_a_failing_test_counts_the_comparisons_that_failed():
     found = check_functions(1, M=lambda q: [[-1.0]], claims=["mass-matrix-positive"], states=1)
-    each = dict.fromkeys(("failed", "inconclusive", "passed", "not looked at"), found[0])
+    each = dict.fromkeys(("failed", "inconclusive", "passed", "skipped"), found[0])
     findings = [replace(one, verdict=verdict) for verdict, one in each.items()]
     findings.append(findings[0])
     text = results_of([found[0].claim], findings, ())[found[0].claim].text
@@ -379,7 +379,7 @@ def test_a_lagrangian_alone_is_told_as_nothing_that_can_be_judged():
         return CART.T(q, v) - CART.U(q)
 
     _, told = check_functions(T=lagrangian, **given_)
-    assert (told.subject, told.verdict) == ("T at rest", "not looked at")
+    assert (told.subject, told.verdict) == ("T at rest", "skipped")
     assert told.detail == f"{REST} bias, qdd or against would tell"
     assert len(check_functions(T=lagrangian, bias=CART.bias, **given_)) == 1  # which tells
 
@@ -403,7 +403,7 @@ def test_a_system_that_a_clock_drives_has_no_failure_and_the_bias_of_its_energy(
     found = check_functions(2, **hoop(), states=3)
     assert not [x for x in found if x.verdict == "failed"]
     verdicts = {x.claim: x.verdict for x in found}
-    assert verdicts["bias-of-mass-matrix"] == "not looked at"
+    assert verdicts["bias-of-mass-matrix"] == "skipped"
     assert verdicts["bias-of-energy"] == "passed"
     (why,) = {x.detail for x in found if x.claim == "bias-of-mass-matrix"}
     assert why == REST

@@ -86,7 +86,7 @@ def test_where_constraints_are_built_in_it_says_that_the_bias_would_tell():
         **only("M", "gravity", "R", qdd=wrong_qdd), holonomic=False, states=1
     )
     (skipped,) = [x for x in findings if x.claim == "motion"]
-    assert skipped.verdict == "not looked at"
+    assert skipped.verdict == "skipped"
     assert skipped.detail == (
         "constraints may be built into M, which then does not tell B: "
         "bias or C would, or holonomic=True if none are"
@@ -133,13 +133,13 @@ UNTOLD = [
 @pytest.mark.parametrize(("names", "more", "what", "missing"), UNTOLD)
 def test_what_is_missing_is_named(names, more, what: str, missing: str):
     findings = check_functions(**only(*names), **more, states=2)
-    details = [x.detail for x in findings if x.verdict == "not looked at"]
+    details = [x.detail for x in findings if x.verdict == "skipped"]
     assert f"{what}: {missing} or against would tell" in details
 
 
 def test_nothing_is_called_missing_where_it_follows():
     findings = check_functions(**only("T", "U", "R", "qdd"), states=2)
-    assert {x.claim for x in findings if x.verdict == "not looked at"} == {"reference"}
+    assert {x.claim for x in findings if x.verdict == "skipped"} == {"reference"}
 
 
 # ---- Constraints ---------------------------------------------------------------------------------
@@ -200,7 +200,7 @@ def test_constraints_without_their_jacobian_are_said_to_need_it():
     said = {x.claim: (x.verdict, x.detail) for x in findings}
     for claim in ("motion", "power-balance"):
         detail = "c is given without a: a would tell which states and motions it allows"
-        assert said[claim] == ("not looked at", detail)
+        assert said[claim] == ("skipped", detail)
 
 
 # ---- References ----------------------------------------------------------------------------------
@@ -237,5 +237,5 @@ def test_a_bias_that_does_not_follow_is_skipped_with_the_reason():
     against = Functions(3, bias=CART.bias, name="a book")
     options = {"against": against, "states": 1, "claims": ["reference"], "holonomic": False}
     (skipped,) = check_functions(3, M=CART.M, **options)
-    assert (skipped.subject, skipped.verdict) == ("bias ~ a book", "not looked at")
+    assert (skipped.subject, skipped.verdict) == ("bias ~ a book", "skipped")
     assert "bias or C would" in skipped.detail

@@ -189,7 +189,7 @@ def test_a_matrix_that_cannot_be_inverted_is_told_as_not_computed():
     }
     found = check_functions(2, **model, claims=["bias-of-mass-matrix"], states=2)
     assert [(x.verdict, x.detail) for x in found] == [
-        ("not looked at", "not computed here: Singular matrix")
+        ("skipped", "not computed here: Singular matrix")
     ]
 
 

@@ -83,7 +83,7 @@ def test_forces_that_only_accelerations_hold_are_named_and_do_not_fail(
     told = [x for x in found if would in x.detail]
     assert [(x.claim, x.subject, x.verdict) for x in told] == [
         ("motion", "forces", "inconclusive"),
-        ("power-balance", "Ṫ ~ v·forces", "not looked at"),
+        ("power-balance", "Ṫ ~ v·forces", "skipped"),
     ]
 
 
@@ -110,7 +110,7 @@ def test_forces_of_a_driven_constraint_are_not_judged_where_none_is_given():
         states=3,
     )
     (motion,) = [x for x in found if x.claim == "motion"]
-    assert (motion.verdict, motion.detail[:20]) == ("not looked at", "no force is given: g")
+    assert (motion.verdict, motion.detail[:20]) == ("skipped", "no force is given: g")
 
 
 DOUBLE = ["double-precision"]

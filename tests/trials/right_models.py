@@ -89,7 +89,7 @@ def main() -> int:
         for index, counts, alarms in progress.of(judgements(wanted, options.seed, options.jobs)):
             if counts is None:
                 continue
-            verdicts = [counts.get(one, 0) for one in ("passed", "inconclusive", "not looked at")]
+            verdicts = [counts.get(one, 0) for one in ("passed", "inconclusive", "skipped")]
             added = [1, *verdicts, int(bool(alarms))]
             origin = models()[index].origin
             rows[origin] = [old + new for old, new in zip(rows[origin], added, strict=True)]

@@ -722,7 +722,7 @@ def tried(fault: Fault, seed: int = 0) -> Outcome | None:
             return None
     findings = check(functions, seed=seed)
     failed = [x for x in findings if x.verdict == "failed"]
-    open_ = [x.detail for x in findings if x.verdict in ("not looked at", "inconclusive")]
+    open_ = [x.detail for x in findings if x.verdict in ("skipped", "inconclusive")]
     return Outcome(
         fault,
         can_be_told(kind, names),

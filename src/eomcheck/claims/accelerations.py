@@ -330,7 +330,7 @@ def machine_code(case: Case) -> Iterator[Finding]:
             found = acceleration_in_machine_code(at, formulation, y)
             public = at.acceleration(formulation).vdot
         except NotRationalError as error:
-            outcome = 0.0, 0.0, "not looked at", "property-tested", f"not rational: {error}"
+            outcome = 0.0, 0.0, "skipped", "property-tested", f"not rational: {error}"
             yield case.finding("all", *outcome)
             return
         except RefusedError:  # another velocity that is refused
@@ -552,7 +552,7 @@ def invariance(case: Case) -> Iterator[Finding]:
             try:
                 found = there.acceleration(formulation).vdot
             except RefusedError as refused:
-                why = "not looked at", "property-tested", f"refused after that: {refused}"
+                why = "skipped", "property-tested", f"refused after that: {refused}"
                 yield case.finding(f"{symmetry.name}: {formulation.key}", 0.0, 0.0, *why)
                 continue
             expected = symmetry.image @ at.acceleration(formulation).vdot

@@ -237,7 +237,7 @@ class Case(AtDoubles):
         if broken:
             outcome = float("inf"), 0.0, "failed", "property-tested", broken
         else:
-            outcome = 0.0, 0.0, "not looked at", "property-tested", f"not rational: {said}"
+            outcome = 0.0, 0.0, "skipped", "property-tested", f"not rational: {said}"
         return self.finding("functions", *outcome)
 
     def _judged(self, sides: Callable) -> Iterator[Finding]:
@@ -517,7 +517,7 @@ def _worst(found: Sequence[Any], part: Callable[[Any], Any], expected: Any) -> A
 
 def unseen(case: Case, kind: type[Engine], why: str) -> Finding:
     """Return the Finding of what an engine does not tell, or of what cannot be compared."""
-    outcome = 0.0, 0.0, "not looked at", evidence_of(kind), why
+    outcome = 0.0, 0.0, "skipped", evidence_of(kind), why
     return case.finding(kind.key, *outcome, engine=kind)
 
 

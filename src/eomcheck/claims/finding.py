@@ -22,7 +22,7 @@ from eomcheck.mechanics.records import State
 from eomcheck.numbers.generic import Array
 from eomcheck.numbers.pivots import EPS
 
-Verdict = Literal["passed", "failed", "inconclusive", "not looked at"]
+Verdict = Literal["passed", "failed", "inconclusive", "skipped"]
 
 DECIDED: tuple[Verdict, ...] = ("passed", "failed")
 """The verdicts that say something."""
@@ -63,7 +63,7 @@ class Finding:
             points at which the sides differ.
         allowed: largest error that rounding explains.
         verdict: "passed", "failed", "inconclusive" where `allowed` is so large that nothing was
-            checked, or "not looked at" where it cannot be told; the detail says why.
+            checked, or "skipped" where it cannot be told; the detail says why.
         evidence: level of the evidence and what it rests on.
         detail: for a failure, the term, the row and what is wrong with it; for what was not looked
             at, why.
@@ -102,7 +102,7 @@ class Finding:
             text = f"{self.claim} [{self.subject}] {self.evidence} on {self.scene.structure}"
             return f"{text} ({self.detail})" if self.detail else text
         text = f"{self.claim} [{self.subject}] {self.verdict} on {self.scene.name}"
-        if self.verdict == "not looked at":
+        if self.verdict == "skipped":
             return f"{text}: {self.detail}"  # there are no numbers
         text = f"{text}: observed {self.observed:.3g}, allowed {self.allowed:.3g}"
         text = f"{text} ({self.detail})" if self.detail else text
@@ -388,7 +388,7 @@ def unresolved(findings: Iterable[Finding]) -> dict[str, list[Left]]:
     """
     by: dict[str, dict[str, list[Finding]]] = {}
     for one in findings:
-        if one.verdict != "not looked at" and one.state is not None:
+        if one.verdict != "skipped" and one.state is not None:
             by.setdefault(one.claim, {}).setdefault(one.subject, []).append(one)
     left: dict[str, list[Left]] = {}
     for claim, subjects in by.items():

@@ -68,7 +68,7 @@ def _without_truth(case: Case, subject: str, error: Exception) -> Finding:
     if isinstance(error, RefusedError):
         return case.finding(subject, 0.0, 0.0, "inconclusive", EVIDENCE, str(error))
     why = f"not rational: {error}"
-    return case.finding(subject, 0.0, 0.0, "not looked at", EVIDENCE, why)
+    return case.finding(subject, 0.0, 0.0, "skipped", EVIDENCE, why)
 
 
 @check("enclosures", "true q̈ of one formulation = of another", "(7)-(23)", "acceleration")
@@ -77,7 +77,7 @@ def enclosures(case: Case) -> Iterator[Finding]:
     if not case.has_speeds or not np.isfinite(case.at.u).all():
         return
     if why := not_rational(case.at.scene):
-        yield case.finding("all", 0.0, 0.0, "not looked at", EVIDENCE, why)
+        yield case.finding("all", 0.0, 0.0, "skipped", EVIDENCE, why)
         return
     found: list[tuple[Formulation, Enclosure]] = []
     known: dict[int, Quantities] = {}
@@ -106,7 +106,7 @@ def true_errors(case: Case) -> Iterator[Finding]:
     if case.has_speeds and not np.isfinite(here.u).all():
         return
     if why := not_rational(here.scene):
-        yield case.finding("all", 0.0, 0.0, "not looked at", EVIDENCE, why)
+        yield case.finding("all", 0.0, 0.0, "skipped", EVIDENCE, why)
         return
     try:
         if case.has_speeds:

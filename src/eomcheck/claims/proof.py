@@ -75,7 +75,7 @@ class Outcome:
         primes: of the points at which it was looked at.
         differs: number of points at which its sides differ.
         detail: the term, the row and what is wrong with it, at the first of them.
-        skipped: why it was not looked at, at points where it was not.
+        skipped: reason for skipping it, at points where it was skipped.
     """
 
     primes: list[int] = field(default_factory=list)
@@ -316,7 +316,7 @@ def _failed(scene: Scene, key: Key, points: int, detail: str) -> Finding:
 
 
 def _skipped(scene: Scene, key: Key, reason: str) -> Finding:
-    return Finding(*key, scene, None, 0.0, 0.0, "not looked at", "not looked at", reason)
+    return Finding(*key, scene, None, 0.0, 0.0, "skipped", "skipped", reason)
 
 
 def _not_rational(scene: Scene, error: Exception) -> Finding:

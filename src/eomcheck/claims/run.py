@@ -340,7 +340,7 @@ class Run:
     def _is_new(self, finding: Finding) -> bool:
         """Return False of what cannot be told, where that was said in an earlier state."""
         lacks = bool(CLAIMS[finding.claim].asks) or finding.detail.startswith("not rational")
-        if finding.verdict != "not looked at" or not lacks:
+        if finding.verdict != "skipped" or not lacks:
             return True
         said = finding.claim, finding.subject, finding.detail
         new = said not in self._told

@@ -8,7 +8,7 @@ The contract, numbered, so that a message or a note can point at a rule.
     no gravity in it and no other force: these are Q.
 3.  `version`, `represents`, `mass_matrix` and `bias` are required. Whatever else an engine can
     compute it offers by overriding the method; a method that it does not override is reported as
-    not looked at.
+    skipped.
 4.  An engine with coordinates of its own overrides `velocity_map`. All its other methods are then
     asked and answer in these, and `eomcheck.engines.answers` maps them to the scene's.
 5.  Answers are arrays of real numbers, of the shapes given, new or the engine's own. The arguments

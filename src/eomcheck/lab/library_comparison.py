@@ -322,7 +322,7 @@ def _look(
     bad = set()
     for key, one in by_library:
         bad |= {key} if one.verdict == "failed" else set()
-        if one.verdict == "not looked at":
+        if one.verdict == "skipped":
             continue
         found.decided[key] = found.decided.get(key, False) or one.verdict in DECIDED
         before = found.findings.get((key, one.claim))

@@ -158,7 +158,7 @@ def fresh_answer(at: Point) -> Iterator[Sides | Told]:
     fresh = Answers(made_anew(at.functions))
     for name in working(at):
         if fresh.functions.function(name) is None:
-            yield Told(name, 0.0, 0.0, "not looked at", f"the factory makes no {name}")
+            yield Told(name, 0.0, 0.0, "skipped", f"the factory makes no {name}")
             continue
         first = at.of(name)
         try:

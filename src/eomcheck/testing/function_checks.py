@@ -51,7 +51,7 @@ from eomcheck.testing.uncertain import NEAR
 GATHERED = claims_answers, claims_terms, claims_terms, claims_terms, claims_motions, claims_motions
 """The files that register claims."""
 
-RANKS: tuple[Verdict, ...] = ("failed", "passed", "inconclusive", "not looked at")
+RANKS: tuple[Verdict, ...] = ("failed", "passed", "inconclusive", "skipped")
 """Verdicts by precedence: of several states or entries the first of these that occurs counts, and
 entries that were not resolved are listed beside it."""
 
@@ -92,7 +92,7 @@ def check_functions(
 
     The convention is M q̈ + bias + gravity + ∂R/∂v = Q + aᵀλ, a v + b = 0, a q̈ + γ = 0. A function
     that is not given stands for a term that is not there. What cannot be told without it is a
-    Finding of its own, with the verdict "not looked at", that says which function would tell.
+    Finding of its own, with the verdict "skipped", that says which function would tell.
 
     Args:
         n: number of coordinates.
@@ -237,7 +237,7 @@ def beyond(
 def _within(functions: Functions, more: str = "") -> Finding:
     """Return the Finding that says which ranges were checked: the default ones, and `more`."""
     detail = f"checked q in [-1, 1], v in [-1, 1]{more}: `ranges` for more"
-    skipped: Verdict = "not looked at"
+    skipped: Verdict = "skipped"
     about = "reference", functions.name, functions, None
     return Finding(*about, 0.0, 0.0, skipped, skipped, detail)
 
@@ -382,8 +382,8 @@ def _unresolved(subject: str, group: list[Compared]) -> Iterator[Hidden]:
 
 def _not_resolved(all_: list[Compared]) -> str:
     """Return how many entries of a subject that passes were not resolved, "" for none."""
-    compared_ = [one for one in all_ if one.finding.verdict != "not looked at"]
-    skipped = [one for one in all_ if one.finding.verdict == "not looked at"]
+    compared_ = [one for one in all_ if one.finding.verdict != "skipped"]
+    skipped = [one for one in all_ if one.finding.verdict == "skipped"]
     open_ = RANKS.index("inconclusive")
     hidden = sum(int((one.judged.verdicts == open_).sum()) for one in compared_)
     parts = []
@@ -465,7 +465,7 @@ def _compared_at(functions: Functions, claim: FunctionClaim, at: Point) -> Itera
             told.observed,
             told.allowed,
             told.verdict,
-            "property-tested" if told.verdict != "not looked at" else "not looked at",
+            "property-tested" if told.verdict != "skipped" else "skipped",
             told.detail,
         )
         yield Compared(finding, judged, at)
@@ -501,7 +501,7 @@ def decided(claim: FunctionClaim, outcome: Outcome) -> Judged:
     if isinstance(outcome, Sides):
         return compared(claim, outcome)
     told = (
-        Told(outcome.subject, 0.0, 0.0, "not looked at", outcome.reason)
+        Told(outcome.subject, 0.0, 0.0, "skipped", outcome.reason)
         if isinstance(outcome, Skipped)
         else outcome
     )
@@ -594,7 +594,7 @@ def lacking(functions: Functions, claim: FunctionClaim) -> Finding:
     if claim.without:
         detail += f", without {' or '.join(claim.without)}"
     about = claim.id, functions.name, functions, None
-    return Finding(*about, 0.0, 0.0, "not looked at", "not looked at", detail)
+    return Finding(*about, 0.0, 0.0, "skipped", "skipped", detail)
 
 
 def untold(functions: Functions, claim: FunctionClaim, at: Point) -> Iterator[Finding]:
@@ -608,5 +608,5 @@ def untold(functions: Functions, claim: FunctionClaim, at: Point) -> Iterator[Fi
         if about and (would := blind.would_tell(at)):
             detail = f"{blind.what}: {would} would tell"
             about_ = blind.about or functions.name
-            said = (claim.id, about_, functions, None, 0.0, 0.0, "not looked at", "not looked at")
+            said = (claim.id, about_, functions, None, 0.0, 0.0, "skipped", "skipped")
             yield Finding(*said, detail)

@@ -86,7 +86,7 @@ class FunctionClaim:
         id: short name.
         statement: what is claimed, in symbols.
         term: what is to blame when it fails.
-        needs: names of quantities without which it is not looked at; "T|M" is either.
+        needs: names of quantities without which it is skipped; "T|M" is either.
         without: names of inputs with which it does not hold.
         natural: whether it holds only where T is quadratic in v, see `Point.natural`.
         consistent: whether it is looked at where the constraints hold, see `Point.consistent`.

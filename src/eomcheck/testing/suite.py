@@ -193,8 +193,8 @@ def result_of(findings: list[Finding]) -> Result | Finding:
         return Result("passed")
     if "inconclusive" in by:
         return Result("inconclusive", str(by["inconclusive"]))
-    why = by["not looked at"]
-    return Result("not looked at", f"{why.subject}: {why.detail}")
+    why = by["skipped"]
+    return Result("skipped", f"{why.subject}: {why.detail}")
 
 
 def _folded(shown: Finding) -> Result:
@@ -436,7 +436,7 @@ def parametrize_with_claims(
         against: what functions are compared with, as in `check_functions`.
         expected_failures: a file with an id and a reason a line, beside the test's own file. These
             tests have to fail. A further test, `expected-failures`, fails if a line matches none.
-        strict: whether an expected failure that passes, or that is not looked at, is a failure.
+        strict: whether an expected failure that passes, or that is skipped, is a failure.
         examples: number of random states a scene; `--eomcheck-examples` overrides it.
         seed: of the draws.
 
@@ -547,7 +547,7 @@ class Suite:
         done = self._done[trial.where]
         if STOPPED in done:
             raise InputError(done[STOPPED].text)
-        return done[claim] if claim in done else Result("not looked at", trial.absent(claim))
+        return done[claim] if claim in done else Result("skipped", trial.absent(claim))
 
     def _work(self, trial: Trial) -> dict[str, Result]:
         examples = _option("examples") or self.examples
@@ -584,7 +584,7 @@ class Check:
                 pytest.xfail(reason)
             _fail(text)
         if self.suite.strict and reason is not None and verdict != "inconclusive":
-            what = "passes" if verdict == "passed" else f"is not looked at ({text})"
+            what = "passes" if verdict == "passed" else f"is skipped ({text})"
             _fail(f"{self.id} {what}, but is expected to fail: {reason}")
         if verdict != "passed":
             pytest.skip(f"{verdict}: {text}" if verdict == "inconclusive" else text)

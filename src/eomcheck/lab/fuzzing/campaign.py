@@ -22,6 +22,7 @@ import numpy as np
 
 from eomcheck.claims import Finding
 from eomcheck.claims.finding import Entries, merged
+from eomcheck.deprecated import current
 from eomcheck.errors import InputError
 from eomcheck.lab.fuzzing.cases import Case, Stratum
 from eomcheck.lab.fuzzing.failures import Find, case_of, cause_of, diagnosis_of, parameters_of
@@ -392,7 +393,7 @@ class Campaign:
         by_name = {one.name: one for one in self.strata}
         for record in records.all(STUDY, **here):
             self._done.add(record.settings["round"])
-            counts = Counter(record.counts)
+            counts = Counter({current(name): n for name, n in record.counts.items()})
             times = record.seconds or 0.0, record.cpu_seconds or 0.0
             self._add(record.settings["stratum"], counts, *times)
             for claim, cause, count in record.series.get("failures", ()):

@@ -98,7 +98,7 @@ STATES = 16
 SKIPPED = "skipped: "
 """Begins names of counts of states at which a claim says nothing of a subject."""
 
-HOW = {"passed": DECIDED, "failed": DECIDED, "inconclusive": OPEN, "not looked at": SKIPPED}
+HOW = {"passed": DECIDED, "failed": DECIDED, "inconclusive": OPEN, "skipped": SKIPPED}
 """Verdict -> beginning of the name of its count by claim and subject."""
 
 
@@ -203,8 +203,8 @@ class FunctionsPlan(NamedTuple):
                     result.entries[about] = merged([*result.entries.get(about, ()), one.entries])
                 if one.verdict == "inconclusive":
                     result.open.setdefault(about, f"inconclusive in all states: {one.detail}")
-                elif one.verdict == "not looked at":
-                    result.open.setdefault(about, f"not looked at in any state: {one.detail}")
+                elif one.verdict == "skipped":
+                    result.open.setdefault(about, f"skipped in every state: {one.detail}")
                 if one.verdict == "failed":
                     result.failed.append(one)
                 elif one.verdict == "passed":

@@ -136,9 +136,9 @@ def _undecided(one: Find, findings: Sequence[Finding], formulations: Sequence[st
         return Replayed(one, "not checked", why)
     by_verdict = {x.verdict: x for x in about}
     # All claims at once: some are undecided in any state. One claim holds if all of it is decided.
-    order: tuple[Verdict, ...] = "inconclusive", "passed", "not looked at"
+    order: tuple[Verdict, ...] = "inconclusive", "passed", "skipped"
     if not one.claim:
-        order = "passed", "inconclusive", "not looked at"
+        order = "passed", "inconclusive", "skipped"
     verdict = next(x for x in order if x in by_verdict)
     if verdict == "passed":
         return Replayed(one, "holds")

@@ -176,7 +176,7 @@ def _look_alone(
             continue
         for one in checked(case, ids, sorted(keys)):
             found.verdicts[one.verdict] += 1
-            if one.verdict != "not looked at":
+            if one.verdict != "skipped":
                 how = DECIDED if one.verdict in VERDICTS else OPEN
                 found.by_claim[how, one.claim] += 1
             if one.verdict == "failed":

@@ -95,7 +95,7 @@ class Judged:
 
     @property
     def open(self) -> int:
-        """Number of Findings that say nothing: inconclusive, or not looked at."""
+        """Number of undecided Findings: inconclusive or skipped."""
         return sum(row.verdict not in DECIDED for row in self.rows)
 
     @property
@@ -105,14 +105,14 @@ class Judged:
 
     @property
     def undecided(self) -> str:
-        """Counts of Findings that decide nothing: ", 3 inconclusive, 1 not looked at", or ""."""
-        counts = {"inconclusive": self.inconclusive, "not looked at": len(self.unseen)}
+        """Counts of undecided Findings: ", 3 inconclusive, 1 skipped", or ""."""
+        counts = {"inconclusive": self.inconclusive, "skipped": len(self.unseen)}
         return "".join(f", {count} {verdict}" for verdict, count in counts.items() if count)
 
     @property
     def unseen(self) -> list[Kept]:
-        """Those not looked at."""
-        return [row for row in self.rows if row.verdict == "not looked at"]
+        """Skipped Findings."""
+        return [row for row in self.rows if row.verdict == "skipped"]
 
     @property
     def unresolved(self) -> list[Kept]:
@@ -273,7 +273,7 @@ def evidence_sheet(judged: Judged) -> Sheet:
     """Return what a claim rests on: scenes × levels of evidence."""
     found = judged.by(lambda row: (row.scene, row.level))
     levels = dict.fromkeys((*LEVELS, *judged.levels))
-    columns = ["scene", "evidence", "N", "states", "findings", "inconclusive", "not looked at"]
+    columns = ["scene", "evidence", "N", "states", "findings", "inconclusive", "skipped"]
     rows = [
         [scene, level, *_evidence(found[scene, level])]
         for scene in judged.scenes
@@ -281,7 +281,7 @@ def evidence_sheet(judged: Judged) -> Sheet:
         if (scene, level) in found
     ]
     sheet = Sheet("", "", [*columns, "ratio", "observed", "allowed", "where"], rows)
-    return sheet if judged.unseen else sheet.without("not looked at")
+    return sheet if judged.unseen else sheet.without("skipped")
 
 
 def _evidence(one: Judged) -> list[str]:

@@ -92,7 +92,7 @@ def _totals(runs: Mapping[str, Run]) -> tuple[list[str], list[list[str]]]:
         "states": lambda run: run.cases,
         "findings": lambda run: len(run.findings),
         "inconclusive": lambda run: _count(run, "inconclusive"),
-        "not looked at": lambda run: _count(run, "not looked at"),
+        "skipped": lambda run: _count(run, "skipped"),
         "refused": lambda run: sum(bool(one.refused) for one in run.drawn),
         "time": lambda run: f"{sum(run.seconds.values()):.0f} s",
     }
@@ -126,7 +126,7 @@ def print_unrepresented(runs: Mapping[str, Run], engines: Iterable[type[Engine]]
             if engine.key in subjects or any(represents(engine, one.scene) for one in run.drawn):
                 continue
             states = counted(run.cases, "state")
-            say(f"not looked at: {key}, {states}: {engine.key} represents none of them")
+            say(f"skipped: {key}, {states}: {engine.key} represents none of them")
 
 
 def print_unresolved(claims: Iterable[Judged]) -> None:
@@ -137,10 +137,10 @@ def print_unresolved(claims: Iterable[Judged]) -> None:
 
 
 def print_unseen(claims: Iterable[Judged]) -> None:
-    """Print what was not looked at, and why."""
+    """Print the skipped checks with their reasons."""
     for one in claims:
         for subject, (first, *_) in group(one.unseen, lambda row: row.subject).items():
-            say(f"not looked at: {one.claim.id} [{subject}] on {first.place}: {first.detail}")
+            say(f"skipped: {one.claim.id} [{subject}] on {first.place}: {first.detail}")
 
 
 # ---- Proofs --------------------------------------------------------------------------------------
@@ -148,7 +148,7 @@ def print_unseen(claims: Iterable[Judged]) -> None:
 
 def proof_sheet(claims: Iterable[Judged]) -> Sheet:
     """Return what was proved of each claim, and how surely."""
-    counts = {"proved": "passed", "disproved": "failed", "not looked at": "not looked at"}
+    counts = {"proved": "passed", "disproved": "failed", "skipped": "skipped"}
     bounds = "degree ≤", "height ≤", "failure probability <"
     rows = []
     for one in claims:

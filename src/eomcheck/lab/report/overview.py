@@ -116,7 +116,7 @@ class Overview:
 
     @property
     def undecided(self) -> str:
-        """Counts of Findings that decide nothing: "3 inconclusive, 1 not looked at", or ""."""
+        """Counts of undecided Findings: "3 inconclusive, 1 skipped", or ""."""
         return Judged(tuple(self.rows)).undecided.removeprefix(", ")
 
     @cached_property
@@ -269,6 +269,6 @@ def _strata(overview: Overview) -> Section:
         "strata",
         "States drawn",
         "How many of the states drawn at random are of which kind. Every pair of kinds is drawn at "
-        "least once where there are draws enough; a kind with no state was not looked at.",
+        "least once where there are draws enough; a scene class with no state was not checked.",
         [strata_sheet(strata)],
     )

@@ -206,8 +206,8 @@ def _case(suite: ElementTree.Element, scene: str, judged: Judged, seconds: float
 def _why_open(judged: Judged) -> str:
     """Return why nothing could be checked."""
     for row in judged.rows:
-        if row.verdict == "not looked at":
-            return f"not looked at: {row.detail}"
+        if row.verdict == "skipped":
+            return f"skipped: {row.detail}"
     return "inconclusive: nothing could be checked"
 
 

@@ -17,6 +17,7 @@ from eomcheck.claims.finding import Finding, Proof, Verdict, ratio
 from eomcheck.claims.pairwise_design import links_of
 from eomcheck.claims.reproducer import python_of
 from eomcheck.claims.run import Run
+from eomcheck.deprecated import current
 from eomcheck.errors import described_error
 from eomcheck.lab.store.record_file import Record
 
@@ -58,7 +59,7 @@ class Kept:
     @classmethod
     def read(cls, row: dict[str, Any]) -> Kept:
         """Return what `dataclasses.asdict` and then JSON made of one."""
-        row = dict(row)
+        row = dict(row) | {name: current(row[name]) for name in ("verdict", "evidence")}
         if row["proof"] is not None:
             row["proof"] = Proof(**row["proof"] | {"primes": tuple(row["proof"]["primes"])})
         return cls(**row)
@@ -84,7 +85,7 @@ class Kept:
     def __str__(self) -> str:
         """Return what was found, without the claim that it is about."""
         about = f"[{self.subject}] {self.verdict} on {self.place} ({self.evidence}): "
-        if self.verdict == "not looked at":
+        if self.verdict == "skipped":
             return about + self.detail  # there are no numbers
         about += f"observed {self.observed:.3g}, allowed {self.allowed:.3g}"
         return f"{about}; {self.detail}" if self.detail else about
