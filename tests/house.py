@@ -229,8 +229,7 @@ def urdf_walk(folder: Path) -> Callable[[], Any]:
     formulation = first_of("eomcheck.formulations:FORMULATIONS")["kane"]
 
     def run() -> None:
-        from eomcheck.robots import from_urdf
-
+        from_urdf = first_of("eomcheck.scenes:from_urdf")
         kernel_of(from_urdf(file), formulation)
 
     return run
