@@ -613,7 +613,7 @@ def test_the_plug_in_imports_nothing_but_pytest():
         f"import {PLUGIN}; print(*sorted(set(sys.modules) - before))"
     )
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert found.stdout.split() == ["eomcheck", PLUGIN]
+    assert found.stdout.split() == ["eomcheck", "eomcheck.deprecated", PLUGIN]
 
 
 # ---- hypothesis ----------------------------------------------------------------------------------
