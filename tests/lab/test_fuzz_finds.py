@@ -582,7 +582,7 @@ def test_kept_failures_are_looked_at_in_their_order_and_each_is_told(monkeypatch
     assert results[0].reason == "scene: it is inconclusive"
     assert results[1].find == (0.7, "sleigh", None)
     assert results[2].reason.startswith("raises ZeroDivisionError: no")
-    assert results[4].reason == "scene: it is not looked at"
+    assert results[4].reason == "scene: it is skipped"
     assert [one.find for i, one in enumerate(results) if i != 1] == [finds[i] for i in (0, 2, 3, 4)]
 
 
