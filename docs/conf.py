@@ -12,8 +12,8 @@ from sphinx.errors import ConfigError
 
 import eomcheck
 from eomcheck import FORMULATIONS, Formulation
-from eomcheck.lab.references import reference_sheet
-from eomcheck.lab.report.registries import in_paper, parameter_sheet, registry_sheet, yes
+from eomcheck.lab.references import reference_table
+from eomcheck.lab.report.registries import in_paper, parameter_table, registry_table, yes
 from eomcheck.lab.show.table import escaped as cell
 from eomcheck.lab.show.table import markdown_table as table
 from eomcheck.lab.studies import BENCHMARKS, STUDIES, study_of
@@ -64,7 +64,7 @@ html_title = f"eomcheck {release}"
 
 def formulations_table() -> str:
     """Return the paper's Table I with what is different here, and below it what is not there."""
-    sheet = registry_sheet("formulations").without("limits")
+    sheet = registry_table("formulations").without("limits")
     order = sheet.columns.index("order")
     rows = []
     for row in sheet.rows:
@@ -136,7 +136,7 @@ def references_table() -> str:
     files = sorted((DOCS.parent / "validation" / "references").glob("*.json"))
     found = [load_reference(path) for path in files]
     motions = "\n".join(f"- `{r.name}`: {cell(r.description)}" for r in found)
-    sheet = reference_sheet(found)
+    sheet = reference_table(found)
     names = {"Taylor": "first", "extrapolation": "second"}
     columns = [re.sub("|".join(names), lambda m: names[m[0]], c) for c in sheet.columns]
     return f"{motions}\n\n{sheet._replace(columns=columns).markdown()}"
@@ -156,14 +156,14 @@ def parameters_file(key: str) -> str:
 
 
 def write_tables(app: Sphinx) -> None:
-    write("claims.md", registry_sheet("claims").markdown())
+    write("claims.md", registry_table("claims").markdown())
     write("formulations.md", formulations_table())
     write("studies.md", studies_table())
     write("references.md", references_table())
     for f in FORMULATIONS.values():
         write(f"facts/{f.key}.md", facts(f))
     for kind in SCENES.values():
-        write(parameters_file(kind.key), parameter_sheet(kind).markdown())
+        write(parameters_file(kind.key), parameter_table(kind).markdown())
     for name, text in operations_tables().items():
         write(name, text)
 

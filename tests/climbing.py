@@ -26,17 +26,17 @@ from tests.mutants import PACKAGE, ROOT
 from tests.unmended import unmended
 
 from eomcheck.lab.fuzzing.campaign import Campaign
-from eomcheck.lab.fuzzing.cases import strata_of
-from eomcheck.lab.fuzzing.failures import read_finds
-from eomcheck.lab.fuzzing.screening import TRUTH, Ration
-from eomcheck.lab.fuzzing.state_rounds import Plan
+from eomcheck.lab.fuzzing.cases import structural_variants
+from eomcheck.lab.fuzzing.failures import read_failures
+from eomcheck.lab.fuzzing.screening import TRUTH, CheckFrequency
+from eomcheck.lab.fuzzing.state_rounds import StatePlan
 from eomcheck.lab.fuzzing.triage import SILENT
-from eomcheck.lab.option_parsing import interval
+from eomcheck.lab.option_parsing import parse_interval
 from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
 from eomcheck.scenes import Snake
 
 KEY = "banded"
-RATION = Ration(enclosures=1, balls=0, engines=0, checks=0, unlifted=0)
+RATION = CheckFrequency(enclosures=1, balls=0, engines=0, checks=0, unlifted=0)
 WITHOUT, AS_IT_IS = "without the mend", "as it is"
 WAYS = {False: "drawn at random", True: "climbed to"}
 MINUTES = 5
@@ -61,10 +61,12 @@ class Campaigned(Campaign):
 
 def search(seed: int, climbing: bool, states: int, links: str, batch: int) -> Search:
     """Return how high a search comes."""
-    low, high = interval(links)
+    low, high = parse_interval(links)
     batch = batch if climbing else 2 * batch  # as many states a round
-    plan = Plan(Snake, seed, ("true-error",), (KEY,), climbing=climbing, ration=RATION, batch=batch)
-    campaign = Campaigned(plan, Snake.key, strata_of(Snake, range(low, high + 1)))
+    plan = StatePlan(
+        Snake, seed, ("true-error",), (KEY,), climbing=climbing, ration=RATION, batch=batch
+    )
+    campaign = Campaigned(plan, Snake.key, structural_variants(Snake, range(low, high + 1)))
     found = Search(seed, climbing, [], [])
 
     def told(campaign: Campaign) -> None:
@@ -111,7 +113,7 @@ def found_again(package: Path, seed: int) -> bool:
         given = f"fuzz --engine none --time {MINUTES}m --seed {seed} --keep {kept}"
         command = [sys.executable, "-c", begin, *given.split()]
         subprocess.run(command, cwd=ROOT, env=environment(package), check=False)
-        finds = [x for x in read_finds(kept) if x.whose == SILENT and KEY in x.evidence]
+        finds = [x for x in read_failures(kept) if x.whose == SILENT and KEY in x.evidence]
     print(f"{time.perf_counter() - start:.0f} s: {len(finds)} finds of silent errors of {KEY}")
     return bool(finds)
 
@@ -189,9 +191,9 @@ def main() -> int:
             by_source[name] = searches(package, [*given, f"--seeds={seeds}"])
             print(table(name, by_source[name]), flush=True)
     if asked.figure is not None:
-        from eomcheck.lab.show.chart_matplotlib import draw
+        from eomcheck.lab.show.chart_matplotlib import draw_charts
 
-        draw([chart(by_source)], asked.figure)
+        draw_charts([chart(by_source)], asked.figure)
     return 0
 
 

@@ -13,7 +13,7 @@ import math
 import flint
 import numpy as np
 
-from eomcheck.numbers.degree import Bound, Degrees, Denominator
+from eomcheck.numbers.degree import Bound, DegreeArithmetic, Denominator
 from eomcheck.numbers.linear import solve
 
 NAMES = ("x", "y", "z")
@@ -136,7 +136,7 @@ def exact_of(x: Pair | int) -> Quotient:
 def variables() -> list[Pair]:
     """Return the variables of a new computation."""
     known = Known()
-    bounds = Degrees().vector(len(NAMES))
+    bounds = DegreeArithmetic().vector(len(NAMES))
     return [Pair(Quotient(x), b, known) for x, b in zip(CONTEXT.gens(), bounds, strict=True)]
 
 

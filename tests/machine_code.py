@@ -13,9 +13,9 @@ from eomcheck.kernels.emit import HEADER
 from eomcheck.kernels.kernel import Kernel
 from eomcheck.kernels.program import SHORT, program_of
 from eomcheck.numbers import tape as tapes
-from eomcheck.numbers.banded_solve import WIDTH, full
+from eomcheck.numbers.banded_solve import WIDTH, to_dense
 from eomcheck.numbers.generic import Array
-from eomcheck.numbers.tape import Tape, live
+from eomcheck.numbers.tape import Tape, live_entries
 
 
 def leaves(x: Any) -> Iterator[Any]:
@@ -113,7 +113,7 @@ def evaluated(tape: Tape, places: Sequence[int], inputs: Mapping[str, Array]) ->
         return np.array([made[p] for p in tape.groups[by].reads])
 
     with np.errstate(all="ignore"):
-        for place in live(tape, places)[0]:
+        for place in live_entries(tape, places)[0]:
             op, x, y = tape.operations[place]
             made[place] = (
                 x
@@ -147,7 +147,7 @@ def _group(
         return np.linalg.solve(A, given.reshape(shape)).ravel()
     if kind is tapes.BAND:
         bands, b = given[: -shape[0]].reshape(shape[0], WIDTH), given[-shape[0] :]
-        return np.linalg.solve(full(bands), b)
+        return np.linalg.solve(to_dense(bands), b)
     rows, inner, columns = shape
     A, B = given[: rows * inner].reshape(rows, inner), given[rows * inner :]
     return (A @ B.reshape(inner, columns)).ravel()

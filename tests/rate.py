@@ -14,13 +14,13 @@ import time
 import numpy as np
 
 from eomcheck.claims import CLAIMS
-from eomcheck.claims.batched_claims import liftable
+from eomcheck.claims.batched_claims import batchable_claims
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.fuzzing.cases import ORDINARY, drawn, strata_of
-from eomcheck.lab.fuzzing.screening import screened
+from eomcheck.lab.fuzzing.cases import ORDINARY, draw_cases, structural_variants
+from eomcheck.lab.fuzzing.screening import screen
 from eomcheck.lab.fuzzing.state_rounds import BATCH
-from eomcheck.lab.fuzzing.triage import checked
-from eomcheck.lab.option_parsing import interval
+from eomcheck.lab.fuzzing.triage import check_case
+from eomcheck.lab.option_parsing import parse_interval
 from eomcheck.scenes import Snake
 
 
@@ -32,25 +32,25 @@ def main() -> None:
     parser.add_argument("--alone", type=int, default=4)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    low, high = interval(options.links)
-    claims, keys = liftable(tuple(CLAIMS)), tuple(FORMULATIONS)
+    low, high = parse_interval(options.links)
+    claims, keys = batchable_claims(tuple(CLAIMS)), tuple(FORMULATIONS)
     formulations = tuple(FORMULATIONS.values())
     times = []
     print("links  states/s in lanes  with drawing  one by one  times")
     for links in range(low, high + 1):
         random = np.random.default_rng([options.seed, links])
-        stratum = strata_of(Snake, (links,))[0]
-        warm, _ = drawn(Snake, stratum, (ORDINARY,), options.batch, random)
-        screened(warm, formulations, claims, every=0)
+        stratum = structural_variants(Snake, (links,))[0]
+        warm, _ = draw_cases(Snake, stratum, (ORDINARY,), options.batch, random)
+        screen(warm, formulations, claims, every=0)
         start = time.process_time()
-        cases, _ = drawn(Snake, stratum, (ORDINARY,), options.batch, random)
+        cases, _ = draw_cases(Snake, stratum, (ORDINARY,), options.batch, random)
         middle = time.process_time()
-        screened(cases, formulations, claims, every=0)
+        screen(cases, formulations, claims, every=0)
         end = time.process_time()
-        checked(cases[0], claims, keys)
+        check_case(cases[0], claims, keys)
         before = time.process_time()
         for case in cases[: options.alone]:
-            checked(case, claims, keys)
+            check_case(case, claims, keys)
         alone = (time.process_time() - before) / options.alone
         drawing, lanes = (middle - start) / len(cases), (end - middle) / len(cases)
         times.append((lanes, drawing + lanes, alone))

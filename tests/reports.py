@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from eomcheck.claims.run import Run, Selection
+from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.lab.proofs import Proofs, proof_jobs
 from eomcheck.lab.store.record_file import Record, Records
-from eomcheck.lab.store.validation_runs import look_at_kind
+from eomcheck.lab.store.validation_runs import validate_kind
 from eomcheck.lab.studies import paper, work_precision
 from eomcheck.lab.studies.operations import STUDY
 from eomcheck.lab.studies.operations.measure import Operations
@@ -31,12 +31,12 @@ class Heavy(Sleigh):
         return 2 * kinetic, potential
 
 
-def validated(path: Path, kind: type[Sleigh] = Sleigh, examples: int = 2) -> Run:
+def validated(path: Path, kind: type[Sleigh] = Sleigh, examples: int = 2) -> ValidationRun:
     """Validate a sleigh into a file of records and return the run."""
-    selection = Selection.of(KEYS, ["casadi"], CLAIMS, scenes=[kind])
-    run = Run()
+    selection = RunSelection.of(KEYS, ["casadi"], CLAIMS, scenes=[kind])
+    run = ValidationRun()
     with Records(path) as records:
-        look_at_kind(kind, run, selection, (1, 1), examples, 0, lambda: None, records)
+        validate_kind(kind, run, selection, (1, 1), examples, 0, lambda: None, records)
     return run
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import null_space
 
-from eomcheck.evaluation.dynamics import closed_position, consistent_velocity
+from eomcheck.evaluation.dynamics import assembled_position, consistent_velocity
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.records import Range, State
 from eomcheck.mechanics.scene import Scene
@@ -36,7 +36,7 @@ def random_state(scene: Scene, random: np.random.Generator) -> State:
     """Return a consistent state of `scene` in motion."""
     ranges = scene.coordinate_ranges() or (Range(-2.0, 2.0),) * scene.n
     t = random.uniform(0.0, 5.0) if scene.depends_on_time else 0.0
-    q = closed_position(scene, [drawn(one, random) for one in ranges], t)
+    q = assembled_position(scene, [drawn(one, random) for one in ranges], t)
     at = Evaluation(scene, q, np.zeros(scene.n), t)
     c = random.uniform(1.0, 3.0, scene.p)
     a = at.terms.a

@@ -14,15 +14,15 @@ import argparse
 from eomcheck.claims import CLAIMS
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing.campaign import Campaign
-from eomcheck.lab.fuzzing.cases import strata_of
-from eomcheck.lab.fuzzing.screening import Ration
-from eomcheck.lab.fuzzing.state_rounds import Plan
-from eomcheck.lab.option_parsing import interval
-from eomcheck.lab.report.campaign_tables import Teller, print_campaign
+from eomcheck.lab.fuzzing.cases import structural_variants
+from eomcheck.lab.fuzzing.screening import CheckFrequency
+from eomcheck.lab.fuzzing.state_rounds import StatePlan
+from eomcheck.lab.option_parsing import parse_interval
+from eomcheck.lab.report.campaign_tables import ProgressPrinter, print_campaign
 from eomcheck.scenes import Snake
 
-ACCURACY = ("true-error",), Ration(enclosures=1, balls=0, engines=0, checks=0, unlifted=0)
-CHECKS = tuple(one for one in CLAIMS if one != "coverage"), Ration(enclosures=0, engines=0)
+ACCURACY = ("true-error",), CheckFrequency(enclosures=1, balls=0, engines=0, checks=0, unlifted=0)
+CHECKS = tuple(one for one in CLAIMS if one != "coverage"), CheckFrequency(enclosures=0, engines=0)
 """Claims that take part, and how often what takes long is looked at."""
 
 
@@ -34,13 +34,13 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--links", default="1..5")
     options = parser.parse_args()
-    low, high = interval(options.links)
+    low, high = parse_interval(options.links)
     finds = 0
     for (claims, ration), states in ((ACCURACY, options.accuracy), (CHECKS, options.checks)):
         if states:
-            plan = Plan(Snake, options.seed, claims, tuple(FORMULATIONS), ration=ration)
-            campaign = Campaign(plan, Snake.key, strata_of(Snake, range(low, high + 1)))
-            campaign.run(states, told=Teller())
+            plan = StatePlan(Snake, options.seed, claims, tuple(FORMULATIONS), ration=ration)
+            campaign = Campaign(plan, Snake.key, structural_variants(Snake, range(low, high + 1)))
+            campaign.run(states, told=ProgressPrinter())
             print_campaign(campaign)
             finds += len(campaign.finds)
     return 1 if finds else 0

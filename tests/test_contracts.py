@@ -25,7 +25,7 @@ from eomcheck.motion import right_hand_side
 from eomcheck.numbers.banded_solve import solve_banded
 from eomcheck.numbers.congruence import add_congruence
 from eomcheck.numbers.generic import GENERIC
-from eomcheck.numbers.linear import product, solve
+from eomcheck.numbers.linear import matrix_product, solve
 from eomcheck.scenes import SCENES
 
 PACKAGE = Path(eomcheck.__file__).parent
@@ -128,7 +128,7 @@ def test_generic_functions_only_add_subtract_multiply_and_divide(function: Calla
 
 @functions
 def test_generic_functions_call_only_each_other_linear_algebra_and_allocation(function: Callable):
-    linear = add_congruence, product, solve, solve_banded
+    linear = add_congruence, matrix_product, solve, solve_banded
     allowed = [range, *linear, *GENERIC, *(getattr(np, name) for name in ALLOCATION)]
     handed_in = {argument.arg for argument in syntax(function).args.args}
     for written, called in objects_called(function):

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from eomcheck.lab.report.registries import function_claims_sheet
+from eomcheck.lab.report.registries import function_claim_table
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -72,7 +72,7 @@ def test_no_guide_hides_its_code_from_who_reads_it_unbuilt():
 
 def test_the_table_of_claims_about_functions_is_that_of_the_registry():
     page = (DOCS / "guides" / "check-your-own.md").read_text(encoding="utf-8")
-    assert f"\n\n{function_claims_sheet().markdown().strip()}\n\n" in page
+    assert f"\n\n{function_claim_table().markdown().strip()}\n\n" in page
 
 
 def test_there_are_blocks():

@@ -43,7 +43,7 @@ def test_a_mistake_in_an_added_formulation_is_found_and_named(tmp_path, monkeypa
     monkeypatch.setitem(FORMULATIONS, "shifted", shifted(path))
     scene = Snake.coil(3)
     q, _ = scene.initial_state()
-    found = eomcheck.check(scene, q, eomcheck.velocity(scene, q, [1.0, 0.5]))
+    found = eomcheck.check_state(scene, q, eomcheck.velocity(scene, q, [1.0, 0.5]))
     proved = eomcheck.prove(Snake, 3, formulations=["au", "shifted"], seed=0)
     for findings in (found, proved):
         failed = [finding for finding in findings if finding.verdict == "failed"]

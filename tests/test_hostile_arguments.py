@@ -92,7 +92,9 @@ def test_a_masked_answer_of_an_engine_is_its_failure():
             return np.ma.array(M, mask=np.eye(len(M)) > 0)
 
     scene = Sleigh()
-    found = eomcheck.check(scene, *scene.initial_state(), engines=[Masked], claims=["mass-matrix"])
+    found = eomcheck.check_state(
+        scene, *scene.initial_state(), engines=[Masked], claims=["mass-matrix"]
+    )
     assert [one.verdict for one in found] == ["failed"]
     assert "a masked array" in found[0].detail
 
@@ -101,4 +103,4 @@ def test_a_masked_answer_of_an_engine_is_its_failure():
 def test_a_function_of_a_scene_that_answers_no_record_is_refused_by_name(name, says):
     scene = type("Wrong", (Sleigh,), {name: staticmethod(lambda *_: "ab")})()
     with pytest.raises(InputError, match=says):
-        eomcheck.check(scene, *scene.initial_state(), engines=[])
+        eomcheck.check_state(scene, *scene.initial_state(), engines=[])

@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from eomcheck import check, enclose
+from eomcheck import check_state, enclose
 from eomcheck.calls import call
 from eomcheck.engines import CasadiEngine
 from eomcheck.errors import CallError, EngineError
@@ -144,7 +144,7 @@ def test_an_engine_that_changes_arithmetic_fails_and_machine_code_does_not():
     scene = ChainPendulum.rods(2)
     q, v = np.array([0.3, -0.4]), np.array([1.0, 0.5])
     claims = ["mass-matrix", "bias", "machine-code"]
-    found = check(scene, q, v, engines=[Upward], claims=claims)
+    found = check_state(scene, q, v, engines=[Upward], claims=claims)
     failed = {(one.claim, one.subject) for one in found if one.verdict == "failed"}
     assert ("bias", "upward") in failed
     assert {subject for _, subject in failed} == {"upward"}

@@ -20,7 +20,7 @@ from eomcheck import calls, supervisor
 from eomcheck.errors import CallError
 from eomcheck.lab.store.executors import Dask, guarded
 from eomcheck.lab.store.provenance import sources
-from eomcheck.supervisor import End, supervise, why_died
+from eomcheck.supervisor import ProcessEnd, supervise, why_died
 
 CHILD = """
 import collections, itertools, os, signal, sys, time
@@ -50,7 +50,7 @@ def child(body: str, times: int = 2, more: str = "", code: int = 3) -> list[str]
     return [sys.executable, "-c", CHILD.format(body=body, times=times, more=more, code=code)]
 
 
-def ended(folder: Path, *what, patience: float = 60.0) -> End:
+def ended(folder: Path, *what, patience: float = 60.0) -> ProcessEnd:
     return supervise(child(*what), folder, {calls.PATIENT: str(patience)})
 
 
@@ -96,14 +96,14 @@ def test_a_board_holds_the_outermost_call_while_it_runs(tmp_path: Path):
     seen = []
 
     def inner():
-        seen.append(calls.read(path))
+        seen.append(calls.read_board(path))
 
     before = time.monotonic()
     for _ in range(2):
         board.call("own.outer", lambda: board.call("own.inner", inner, (), False), (), False)
     board.call("own.import", inner, (), True)
     board.call("own.import", inner, (), True)
-    assert calls.read(path) is None
+    assert calls.read_board(path) is None
     assert [(x.name, x.number, x.slow) for x in seen] == [
         ("own.outer", 0, False),
         ("own.outer", 1, False),
@@ -136,7 +136,7 @@ def test_a_call_of_a_long_name_is_barred_by_what_its_board_says(letter, tmp_path
     names = [f"{letter * 150}/{end}" for end in ("own.f", "own.g")]
 
     def look():
-        here = calls.read(tmp_path / str(os.getpid()))
+        here = calls.read_board(tmp_path / str(os.getpid()))
         assert here is not None
         seen.append(here.name)
 
@@ -161,16 +161,16 @@ def test_what_is_barred_stays_so_when_another_function_ends_a_process(monkeypatc
 
 
 def test_a_text_that_is_no_board_holds_no_call(tmp_path: Path):
-    assert calls.read(tmp_path / "none") is None
+    assert calls.read_board(tmp_path / "none") is None
     (tmp_path / "short").write_bytes(b"1")
-    assert calls.read(tmp_path / "short") is None
+    assert calls.read_board(tmp_path / "short") is None
 
 
 def test_code_of_others_asks_for_a_supervisor_only_within_a_command_that_has_none():
-    calls.foreign()
-    with calls.requiring(), pytest.raises(calls.UnsupervisedError):
-        calls.foreign()
-    calls.foreign()
+    calls.require_supervision()
+    with calls.supervision_required(), pytest.raises(calls.UnsupervisedError):
+        calls.require_supervision()
+    calls.require_supervision()
 
 
 def test_a_name_is_shortened_beyond_200_bytes_and_keeps_both_its_ends():
@@ -191,7 +191,7 @@ def test_a_call_is_interrupted_by_its_board_only_while_it_runs(tmp_path: Path):
             board.call("own.f", board.interrupt, (), False)
         assert str(error.value) == f"own.f gave no answer in {usual:g} s"
     assert (board.barred, board.busy) == ({"own.f": (0, f"gave no answer in {usual:g} s")}, False)
-    assert calls.read(tmp_path / str(os.getpid())) is None
+    assert calls.read_board(tmp_path / str(os.getpid())) is None
     board.interrupt()
     assert board.call("own.g", lambda: 5, (), False) == 5
 
@@ -341,7 +341,7 @@ def _hanging(seconds: float) -> str:
 
 
 def test_the_verdict_comes_over_the_pipe(tmp_path: Path):
-    assert ended(tmp_path, "pass") == End(3)
+    assert ended(tmp_path, "pass") == ProcessEnd(3)
 
 
 @pytest.mark.parametrize(
@@ -360,12 +360,12 @@ def test_a_process_without_a_verdict_died_and_its_call_is_known(tmp_path: Path, 
 
 
 def test_a_call_that_does_not_return_is_interrupted_and_the_process_goes_on(tmp_path, capfd):
-    assert ended(tmp_path, "time.sleep(100)", patience=0.2) == End(3)
+    assert ended(tmp_path, "time.sleep(100)", patience=0.2) == ProcessEnd(3)
     assert capfd.readouterr().out == "caught: own.f gave no answer in 0.2 s\n"
 
 
 def test_a_first_call_has_more_patience_than_later_ones(tmp_path: Path, capfd):
-    assert ended(tmp_path, "time.sleep(0.4)", 1, patience=0.2) == End(3)
+    assert ended(tmp_path, "time.sleep(0.4)", 1, patience=0.2) == ProcessEnd(3)
     assert capfd.readouterr().out == ""
 
 
@@ -395,7 +395,7 @@ def test_a_call_over_its_limit_is_interrupted_once_and_killed_after_its_grace(
     clock, sent, board = [100.0], [], [calls.Call(1.0, 1.0, 3, "own.f", False)]
     monkeypatch.setattr(time, "monotonic", lambda: clock[0])
     monkeypatch.setattr(os, "kill", lambda pid, number: sent.append((pid, number)))
-    monkeypatch.setattr(calls, "read", lambda path: board[0] if path.name == "17" else None)
+    monkeypatch.setattr(calls, "read_board", lambda path: board[0] if path.name == "17" else None)
     for name in ("17", "18", "16.why"):
         (tmp_path / name).touch()
     watch = supervisor._Watch(tmp_path)
@@ -486,10 +486,10 @@ def test_how_a_process_died_is_told_in_words(tmp_path: Path):
 class Ends:
     """Stands for `supervise`: gives one End after another and keeps which calls were barred."""
 
-    def __init__(self, *ends: End):
+    def __init__(self, *ends: ProcessEnd):
         self.ends, self.barred = list(ends), list[dict]()
 
-    def __call__(self, command, folder, environment) -> End:
+    def __call__(self, command, folder, environment) -> ProcessEnd:
         self.barred.append(calls.unpacked(environment[calls.BARRED]))
         return self.ends.pop(0)
 
@@ -500,24 +500,24 @@ def dead(
     stopped: bool = False,
     call: bool = True,
     name: str = "own.f",
-) -> End:
+) -> ProcessEnd:
     at = calls.Call(1.0, 60.0, number, name, slow) if call else None
-    return End(None, 0, "ended its process by SIGSEGV", at, stopped)
+    return ProcessEnd(None, 0, "ended its process by SIGSEGV", at, stopped)
 
 
 @pytest.mark.parametrize(
     ("ends", "barred", "code", "printed"),
     [
-        ([End(0)], [{}], 0, False),
-        ([End(2)], [{}], 2, False),
-        ([dead(), End(1)], [{}, 4], 1, False),
+        ([ProcessEnd(0)], [{}], 0, False),
+        ([ProcessEnd(2)], [{}], 2, False),
+        ([dead(), ProcessEnd(1)], [{}, 4], 1, False),
         # Nothing failed where the call was not made: the death itself is the failure.
-        ([dead(), End(0)], [{}, 4], 1, True),
-        ([dead(), dead(9), End(1)], [{}, 4, 0], 1, False),
-        ([dead(), dead(), dead(), End(1)], [{}, 4, 0], 1, True),
-        ([dead(slow=True), End(0)], [{}], 1, True),
-        ([dead(stopped=True), End(0)], [{}], 1, True),
-        ([dead(call=False), End(0)], [{}], 1, True),
+        ([dead(), ProcessEnd(0)], [{}, 4], 1, True),
+        ([dead(), dead(9), ProcessEnd(1)], [{}, 4, 0], 1, False),
+        ([dead(), dead(), dead(), ProcessEnd(1)], [{}, 4, 0], 1, True),
+        ([dead(slow=True), ProcessEnd(0)], [{}], 1, True),
+        ([dead(stopped=True), ProcessEnd(0)], [{}], 1, True),
+        ([dead(call=False), ProcessEnd(0)], [{}], 1, True),
     ],
 )
 def test_a_command_that_died_is_run_again_without_that_call(
@@ -525,7 +525,7 @@ def test_a_command_that_died_is_run_again_without_that_call(
 ):
     ran = Ends(*ends)
     monkeypatch.setattr(supervisor, "supervise", ran)
-    assert supervisor.command(["validate"]) == code
+    assert supervisor.run_supervised(["validate"]) == code
     why = "ended its process by SIGSEGV"
     assert ran.barred == [x if x == {} else {"own.f": (x, why)} for x in barred]
     out = capsys.readouterr().out
@@ -533,10 +533,10 @@ def test_a_command_that_died_is_run_again_without_that_call(
     assert out == (f"died: {name} {why}\n" if printed else "")
 
 
-@pytest.mark.parametrize("last", [[End(0)], [dead(name="own.f")], [dead(call=False)]])
+@pytest.mark.parametrize("last", [[ProcessEnd(0)], [dead(name="own.f")], [dead(call=False)]])
 def test_every_function_that_ended_a_process_is_named_once(monkeypatch, capsys, last):
     monkeypatch.setattr(supervisor, "supervise", Ends(dead(), dead(name="own.g"), *last))
-    assert supervisor.command(["validate"]) == 1
+    assert supervisor.run_supervised(["validate"]) == 1
     why = "ended its process by SIGSEGV"
     names = ["own.f", "own.g", *(["eomcheck"] if last[0] == dead(call=False) else [])]
     assert capsys.readouterr().out == "".join(f"died: {name} {why}\n" for name in names)
@@ -545,12 +545,12 @@ def test_every_function_that_ended_a_process_is_named_once(monkeypatch, capsys, 
 def test_a_command_runs_the_words_after_its_name_with_this_python(monkeypatch):
     ran: list[Any] = []
 
-    def supervised(command: Any, folder: Path, environment: Any) -> End:
+    def supervised(command: Any, folder: Path, environment: Any) -> ProcessEnd:
         ran.append((command, folder.is_dir(), [*folder.iterdir()], environment))
-        return End(7)
+        return ProcessEnd(7)
 
     monkeypatch.setattr(supervisor, "supervise", supervised)
-    assert supervisor.command(["validate", "--scene", "x.py:X"]) == 7
+    assert supervisor.run_supervised(["validate", "--scene", "x.py:X"]) == 7
     ((command, *rest),) = ran
     code = "from eomcheck.cli import main; main()"
     assert command[0] == sys.executable
@@ -562,22 +562,24 @@ def test_a_command_ends_by_the_signal_that_ended_its_process(monkeypatch):
     done: list[tuple] = []
     monkeypatch.setattr(os, "kill", lambda *of: done.append(of))
     monkeypatch.setattr(signal, "signal", lambda *of: done.append(of))
-    monkeypatch.setattr(supervisor, "supervise", Ends(End(None, signal.SIGTERM, "x", None, True)))
-    assert supervisor.command(["validate"]) == 1
+    monkeypatch.setattr(
+        supervisor, "supervise", Ends(ProcessEnd(None, signal.SIGTERM, "x", None, True))
+    )
+    assert supervisor.run_supervised(["validate"]) == 1
     assert done == [(signal.SIGTERM, signal.SIG_DFL), (os.getpid(), signal.SIGTERM)]
 
 
 @pytest.mark.parametrize(("seconds", "times"), [(600.0, 2), (601.0, 1)])
 def test_a_command_is_run_again_for_ten_minutes(monkeypatch, seconds, times):
-    clock, ran = [50.0], Ends(dead(), End(1))
+    clock, ran = [50.0], Ends(dead(), ProcessEnd(1))
 
-    def supervised(*of: Any) -> End:
+    def supervised(*of: Any) -> ProcessEnd:
         clock[0] += seconds
         return ran(*of)
 
     monkeypatch.setattr(time, "monotonic", lambda: clock[0])
     monkeypatch.setattr(supervisor, "supervise", supervised)
-    assert supervisor.command(["validate"]) == 1
+    assert supervisor.run_supervised(["validate"]) == 1
     assert len(ran.barred) == times
 
 
@@ -603,25 +605,25 @@ def test_signals_that_are_ignored_stay_so_and_handlers_come_back(monkeypatch):
 
 def test_a_process_takes_its_pipes_once_and_hands_none_of_them_on(monkeypatch):
     monkeypatch.delenv(calls.VERDICT, raising=False)
-    assert supervisor.serve() is None
+    assert supervisor.accept_supervision() is None
     verdict, lifeline = os.pipe(), os.pipe()
     for pipe in (verdict[1], lifeline[0]):
         os.set_inheritable(pipe, True)
     monkeypatch.setenv(calls.VERDICT, f"{verdict[1]} {lifeline[0]}")
     monkeypatch.setattr(threading.Thread, "start", lambda self: self.daemon or pytest.fail("stays"))
-    assert supervisor.serve() == verdict[1]
+    assert supervisor.accept_supervision() == verdict[1]
     assert calls.VERDICT not in os.environ
     assert not os.get_inheritable(verdict[1]) and not os.get_inheritable(lifeline[0])
-    supervisor.give(verdict[1], 42)
+    supervisor.report_exit_code(verdict[1], 42)
     assert os.read(verdict[0], 10) == b"42\n"
     for pipe in (*verdict, *lifeline):
         os.close(pipe)
-    supervisor.give(verdict[1], 42)
+    supervisor.report_exit_code(verdict[1], 42)
 
 
 def test_a_command_that_died_late_is_not_run_again(monkeypatch, capsys):
-    ran = Ends(dead(), End(0))
+    ran = Ends(dead(), ProcessEnd(0))
     monkeypatch.setattr(supervisor, "supervise", ran)
     monkeypatch.setattr(supervisor, "AGAIN", -1.0)
-    assert supervisor.command(["validate"]) == 1
+    assert supervisor.run_supervised(["validate"]) == 1
     assert len(ran.barred) == 1

@@ -9,7 +9,7 @@ from io import StringIO
 from rich.cells import cell_len
 from rich.console import Console
 
-from eomcheck.lab.show.table import Sheet
+from eomcheck.lab.show.table import ResultTable
 
 WIDTHS = (40, 80, 140)
 
@@ -23,7 +23,7 @@ def check_fits(text: str, width: int) -> None:
     assert not re.search("[│┃] ?[│┃]", text), "a column without any room"
 
 
-def check_sheets_fit(sheets: Iterable[Sheet]) -> None:
+def check_sheets_fit(sheets: Iterable[ResultTable]) -> None:
     """Check that tables fit in all widths, and that words that are cells are in them whole."""
     for sheet in sheets:
         words = {cell for row in sheet.rows for cell in row if re.fullmatch(r"[\w.+-]{2,}", cell)}

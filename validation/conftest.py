@@ -5,7 +5,7 @@ from collections.abc import Callable
 import pytest
 from hypothesis import settings
 
-from eomcheck.lab.option_parsing import interval
+from eomcheck.lab.option_parsing import parse_interval
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -16,7 +16,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 @pytest.fixture
 def links(request: pytest.FixtureRequest) -> tuple[int, int]:
-    return interval(request.config.getoption("--links"))
+    return parse_interval(request.config.getoption("--links"))
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from hypothesis.strategies import SearchStrategy
 
 import eomcheck
 from eomcheck import strategies
-from eomcheck.lab.fuzzing.failures import read_finds
+from eomcheck.lab.fuzzing.failures import read_failures
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import Snake
@@ -58,7 +58,7 @@ SPECIAL: tuple[tuple[Snake, State], ...] = (
 )
 """States that a draw would hardly hit."""
 
-FINDS = tuple(read_finds(Path(__file__).with_name("found.json")))
+FINDS = tuple(read_failures(Path(__file__).with_name("found.json")))
 """States on which fuzzing once found a claim to fail, and why it did."""
 
 
@@ -96,7 +96,7 @@ def holds_on(
     def holds_here(case: tuple[Scene, State]) -> None:
         nonlocal conclusive
         scene, state = case
-        for finding in eomcheck.check(scene, *state, claims=[claim]):
+        for finding in eomcheck.check_state(scene, *state, claims=[claim]):
             assert finding.verdict != "failed", f"{finding}\n\n{finding.as_python()}"
             conclusive += finding.verdict == "passed"
 

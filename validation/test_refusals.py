@@ -7,7 +7,7 @@ from hypothesis import example, given, settings
 import eomcheck
 from eomcheck import strategies
 from eomcheck.claims.pairwise_design import scene_cases
-from eomcheck.claims.run import Run, Selection
+from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import Snake
 from validation.harness import ACROSS, SPECIAL, holds, rolling, uniform
@@ -34,7 +34,9 @@ def test_a_formulation_refuses_hostile_states_only_where_it_must(links, examples
     @given(strategies.scene_states(strategies.hostile_snakes(low, high), strategies.hostile_states))
     def refusals_are_justified(case):
         scene, state = case
-        findings = eomcheck.check(scene, *state, claims=["refusals"], engines=[], consistent=False)
+        findings = eomcheck.check_state(
+            scene, *state, claims=["refusals"], engines=[], consistent=False
+        )
         for finding in findings:
             assert finding.verdict != "failed", f"{finding}\n\n{finding.as_python()}"
 
@@ -42,7 +44,7 @@ def test_a_formulation_refuses_hostile_states_only_where_it_must(links, examples
 
 
 def refused(scene, state) -> set[str]:
-    findings = eomcheck.check(scene, *state, claims=["refusals"], engines=[])
+    findings = eomcheck.check_state(scene, *state, claims=["refusals"], engines=[])
     return {finding.subject for finding in findings}
 
 
@@ -67,7 +69,7 @@ def test_ml_and_kane_refuse_a_wheel_across_its_link_and_nobody_else():
 
 
 def test_at_least_95_percent_of_ordinary_states_are_solved_by_all_formulations(links, examples):
-    run, selection = Run(), Selection.of(engines=[], claims=["coverage"])
+    run, selection = ValidationRun(), RunSelection.of(engines=[], claims=["coverage"])
     run.explore(scene_cases(Snake, links, examples or 200, seed=0), selection)
     (finding,) = run.finish(selection)
     print(finding.detail)

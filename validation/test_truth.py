@@ -5,7 +5,7 @@ import pytest
 import eomcheck
 from eomcheck import strategies
 from eomcheck.errors import RefusedError
-from eomcheck.lab.strategy_samples import draw
+from eomcheck.lab.strategy_samples import draw_samples
 from validation.harness import holds
 
 
@@ -19,7 +19,9 @@ def test_enclosures_of_all_formulations_overlap_at_states_of_up_to_30_links(size
     states = sized(200, 40)
     formulations = list(eomcheck.FORMULATIONS)
     enclosed = dict.fromkeys(formulations, 0)
-    for scene, (q, v, t) in draw(strategies.scene_states(strategies.snakes(1, 30)), states, seed=0):
+    for scene, (q, v, t) in draw_samples(
+        strategies.scene_states(strategies.snakes(1, 30)), states, seed=0
+    ):
         u = eomcheck.speeds_of(scene, q, v, t)
         found = {}
         for key in formulations:

@@ -6,7 +6,15 @@ import numpy as np
 
 from eomcheck.mechanics.parameters import Parametric, parameter
 from eomcheck.mechanics.records import Bodies, Jacobians, Range, Speeds
-from eomcheck.mechanics.sketch import Body, Constraint, Joint, Sketch, Trail, fixed_axes, place
+from eomcheck.mechanics.sketch import (
+    Body,
+    ConstraintMark,
+    JointMark,
+    Sketch,
+    Trail,
+    fixed_axes,
+    position_dimensions,
+)
 
 
 def jacobians(parameters, prepared, q, v):  # the bob moves with v and does not turn
@@ -91,7 +99,13 @@ class Pendulum(Parametric, functions=globals()):
         return np.array([float(self.length), 0.0]), np.zeros(2)
 
     def sketch(self, q, t=0.0):  # what a picture is made of
-        rod = Body((np.zeros(2), q), "rod"), Constraint("length", q / 2, rows=(0,))
+        rod = Body((np.zeros(2), q), "rod"), ConstraintMark("length", q / 2, rows=(0,))
         return Sketch(
-            (*fixed_axes(0.4), *rod, Joint(np.zeros(2), ground=True), *place(*q), Trail(q))
+            (
+                *fixed_axes(0.4),
+                *rod,
+                JointMark(np.zeros(2), ground=True),
+                *position_dimensions(*q),
+                Trail(q),
+            )
         )

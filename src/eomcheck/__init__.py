@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from eomcheck import scenes, strategies, testing
     from eomcheck.claims import CLAIMS, Claim, Finding, Proof
     from eomcheck.claims.proof import prove
-    from eomcheck.claims.run import check, validate
+    from eomcheck.claims.run import check_state, validate
     from eomcheck.engines import ENGINES, Engine
     from eomcheck.errors import (
         EngineError,
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     )
     from eomcheck.evaluation.certified import Accuracy, Enclosure, accuracy, enclose
     from eomcheck.evaluation.dynamics import (
-        Dependence,
+        ConstraintRank,
         acceleration,
         independent_constraints,
         speeds_of,
@@ -51,11 +51,11 @@ _HOME = {
     "enclose": "evaluation.certified",
     "Enclosure": "evaluation.certified",
     "independent_constraints": "evaluation.dynamics",
-    "Dependence": "evaluation.dynamics",
+    "ConstraintRank": "evaluation.dynamics",
     "with_constraints": "mechanics.subset",
     "accuracy": "evaluation.certified",
     "Accuracy": "evaluation.certified",
-    "check": "claims.run",
+    "check_state": "claims.run",
     "validate": "claims.run",
     "prove": "claims.proof",
     "Proof": "claims",
@@ -105,7 +105,7 @@ __all__ = [
     "Acceleration",
     "Accuracy",
     "Claim",
-    "Dependence",
+    "ConstraintRank",
     "Enclosure",
     "Engine",
     "EngineError",
@@ -121,7 +121,7 @@ __all__ = [
     "UnknownNameError",
     "acceleration",
     "accuracy",
-    "check",
+    "check_state",
     "enclose",
     "independent_constraints",
     "prove",

@@ -222,7 +222,7 @@ def _raise_in(thread: int, error: type[BaseException] | None) -> None:
     ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), raised)
 
 
-def read(path: Path) -> Call | None:
+def read_board(path: Path) -> Call | None:
     """Return the call in progress on a board, None where there is none."""
     try:
         content = path.read_bytes()
@@ -317,8 +317,8 @@ def work_for(seconds: float) -> None:
 
 
 @contextmanager
-def requiring() -> Iterator[None]:
-    """Have `foreign` raise inside the block where nobody supervises this process."""
+def supervision_required() -> Iterator[None]:
+    """Have `require_supervision` raise inside the block where nobody supervises this process."""
     _required[0] = True
     try:
         yield
@@ -326,11 +326,11 @@ def requiring() -> Iterator[None]:
         _required[0] = False
 
 
-def foreign() -> None:
+def require_supervision() -> None:
     """Declare that code of a user's file or of an outside library that may crash runs from here.
 
     Raises:
-        UnsupervisedError: this is a command that is not supervised yet, see `requiring`.
+        UnsupervisedError: this is a command that is not supervised yet, see `supervision_required`.
     """
     if _required[0] and _board is None:
         raise UnsupervisedError

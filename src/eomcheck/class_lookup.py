@@ -28,7 +28,7 @@ from eomcheck.errors import (
 T = TypeVar("T")
 
 
-class Kind(NamedTuple, Generic[T]):
+class LookupKind(NamedTuple, Generic[T]):
     """What is looked up.
 
     Attributes:
@@ -47,7 +47,7 @@ class Kind(NamedTuple, Generic[T]):
         return f"eomcheck.{self.word}s"
 
 
-def looked_up(kind: Kind[T], name: object) -> type[T]:
+def class_named(kind: LookupKind[T], name: object) -> type[T]:
     """Return the class that `name` stands for.
 
     Args:
@@ -75,7 +75,7 @@ def looked_up(kind: Kind[T], name: object) -> type[T]:
     return _class_in(_installed(value.partition(":")[0]), value.partition(":")[2], kind, value)
 
 
-def value_of(name: str) -> Any:
+def object_named(name: str) -> Any:
     """Return what `path/to/file.py:NAME` or `package.module:NAME` stands for, None of other names.
 
     Raises:
@@ -98,7 +98,7 @@ def home_of_code(name: object) -> tuple[str, str] | None:
     return (home, of) if colon and home and of.isidentifier() else None
 
 
-def announced(kind: Kind[Any]) -> dict[str, EntryPoint]:
+def announced(kind: LookupKind[Any]) -> dict[str, EntryPoint]:
     """Return name -> entry point of those that installed packages announce, ours left out."""
     points = {point.name: point for point in entry_points(group=kind.group)}
     return {name: point for name, point in points.items() if name not in kind.registry}
@@ -110,10 +110,10 @@ def in_file(path: str, name: str) -> type:
     Raises:
         InputError: no such file, it cannot be run, or it has no such class.
     """
-    return _class_in(_in_file(Path(path)), name, Kind("class", object, {}), path)
+    return _class_in(_in_file(Path(path)), name, LookupKind("class", object, {}), path)
 
 
-def _class_in(module: ModuleType, name: str, kind: Kind[T], home: str) -> type[T]:
+def _class_in(module: ModuleType, name: str, kind: LookupKind[T], home: str) -> type[T]:
     found = getattr(module, name, None)
     if isinstance(found, type) and issubclass(found, kind.base):
         return found
@@ -198,7 +198,7 @@ def _importable(folder: str) -> Iterator[None]:
 
 
 def _run(home: str, load: Callable[[], ModuleType]) -> ModuleType:
-    calls.foreign()
+    calls.require_supervision()
     try:
         module = calls.call(f"import of {home}", load, slow=True)
     except EomcheckError:
@@ -216,12 +216,12 @@ _run_here: set[str] = set()
 """Files of the modules that were looked up."""
 
 
-def looked_up_code() -> bool:
+def has_run_user_code() -> bool:
     """Return whether code of a file or of an installed package was looked up and run."""
     return bool(_run_here)
 
 
-def outside(error: BaseException) -> str:
+def outside_error(error: BaseException) -> str:
     """Return which code outside this package raised an error, and in which line; "" where none did.
 
     Once a file was looked up, that is it, or one that it imports and that is not installed.

@@ -40,10 +40,10 @@ if not WIDTH_KNOWN or console.width < LEAST_WIDTH:
 
 
 PATIENCE = 2.0
-"""Seconds that something may take before `watched` shows how far it has come."""
+"""Seconds that something may take before `polled_progress` shows how far it has come."""
 
 _now = ["starting"]
-"""What goes on, the innermost last: what `said_at_work` says."""
+"""What goes on, the innermost last: what `slow_work_notice` says."""
 
 _showing = Lock()
 """Held by the one bar that is shown: what takes place within it shows none."""
@@ -61,8 +61,8 @@ def _many(noun: re.Match) -> str:
 
 
 @contextmanager
-def doing(what: str) -> Iterator[None]:
-    """Name what goes on inside the block, for `said_at_work`; there is no bar."""
+def activity(what: str) -> Iterator[None]:
+    """Name what goes on inside the block, for `slow_work_notice`; there is no bar."""
     _now.append(what)
     try:
         yield
@@ -91,7 +91,7 @@ def _bar(label: str, total: float, *columns: ProgressColumn) -> Iterator[Progres
             disable=not shown,
             speed_estimate_period=PERIOD,
         )
-        with doing(said or _now[-1]), showing as bar:
+        with activity(said or _now[-1]), showing as bar:
             bar.add_task(label, total=total)
             yield bar
     finally:
@@ -100,7 +100,7 @@ def _bar(label: str, total: float, *columns: ProgressColumn) -> Iterator[Progres
 
 
 @contextmanager
-def said_at_work(what: str) -> Iterator[None]:
+def slow_work_notice(what: str) -> Iterator[None]:
     """Say what goes on, once, on standard error, if the block takes longer than `PATIENCE`.
 
     Not where a bar is shown by then, which says more.
@@ -144,7 +144,7 @@ def progress(label: str, total: int) -> Iterator[Callable[[], None]]:
 
 
 @contextmanager
-def watched(label: str, total: float, reached: Callable[[], float]) -> Iterator[None]:
+def polled_progress(label: str, total: float, reached: Callable[[], float]) -> Iterator[None]:
     """Show how far something has come that takes longer than `PATIENCE`, as `progress` does.
 
     Args:
@@ -153,7 +153,7 @@ def watched(label: str, total: float, reached: Callable[[], float]) -> Iterator[
         reached: how far it has come; called from another thread.
     """
     if not Console(stderr=True).is_terminal:
-        with doing(label):
+        with activity(label):
             yield
         return
     over = Event()
@@ -199,7 +199,7 @@ def _signalled(hear: Callable[[int], None]) -> Iterator[None]:
 
 
 @contextmanager
-def undisturbed() -> Iterator[None]:
+def deferring_interrupts() -> Iterator[None]:
     """Raise KeyboardInterrupt at Ctrl-C or SIGTERM after the block: what it writes is written.
 
     For blocks of milliseconds. A second signal does what the first would do without this.
@@ -216,7 +216,7 @@ _stopped = Event()
 
 
 @contextmanager
-def stoppable() -> Iterator[None]:
+def interruptible() -> Iterator[None]:
     """Raise KeyboardInterrupt at Ctrl-C or SIGTERM inside the block, once.
 
     At once, or where something swallows that, with the next step of `progress`. What comes after

@@ -113,7 +113,7 @@ def raised(error: BaseException, at: FrameSummary | None) -> str:
     return what if at is None else f"{what} ({Path(at.filename).name}, line {at.lineno})"
 
 
-def named(kind: str, name: object, registry: Mapping[str, T]) -> T:
+def registered(kind: str, name: object, registry: Mapping[str, T]) -> T:
     """Return what `registry` holds under `name`.
 
     Raises:
@@ -138,7 +138,7 @@ def distinct(kind: str, names: Iterable[T]) -> tuple[T, ...]:
         raise InputError(f"{kind} = {names!r}, expected a list of names") from None
 
 
-def some(kind: str, names: Iterable[T]) -> tuple[T, ...]:
+def at_least_one(kind: str, names: Iterable[T]) -> tuple[T, ...]:
     """The names given, each once, at least one.
 
     Raises:
@@ -163,14 +163,14 @@ def whole_number(name: str, value: Any, least: int | None = 1, most: int | None 
     whole = isinstance(value, Integral) and not isinstance(value, bool)
     if not whole or (least is not None and value < least):
         bound = "" if least is None else f" of at least {least}"
-        raise InputError(f"{name} = {shown(value)}, expected a whole number{bound}")
+        raise InputError(f"{name} = {safe_repr(value)}, expected a whole number{bound}")
     number = int(value)
     if most is not None and number > most:
-        raise InputError(f"{name} = {shown(value)}, expected at most {most}")
+        raise InputError(f"{name} = {safe_repr(value)}, expected at most {most}")
     return number
 
 
-def shown(value: Any) -> str:
+def safe_repr(value: Any) -> str:
     """The repr of a value that was handed in, in one line, also where its `__repr__` raises.
 
     Of whole numbers that are longer than Python prints, the number of their bits.

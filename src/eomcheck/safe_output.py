@@ -30,7 +30,7 @@ TURNING = frozenset({"LRE", "RLE", "LRO", "RLO", "PDF", "LRI", "RLI", "FSI", "PD
 """Bidirectional classes of characters that make the text behind them run the other way."""
 
 
-def plain(character: str) -> str:
+def to_ascii(character: str) -> str:
     """Return a character in ASCII: `theta` for θ, "?" where nothing comes near."""
     if character in WRITTEN:
         return WRITTEN[character]
@@ -42,7 +42,7 @@ def plain(character: str) -> str:
         return ""
     form = unicodedata.normalize("NFKD", character)
     if form != character:
-        return "".join(x if x.isascii() else plain(x) for x in form)
+        return "".join(x if x.isascii() else to_ascii(x) for x in form)
     kind, _, name = called.partition(" LETTER ")
     name = name.rpartition(" ")[2]
     known = {"GREEK SMALL": name.lower(), "GREEK CAPITAL": name.capitalize()}
@@ -60,7 +60,7 @@ def printable(text: str) -> str:
     return "".join(" " if x.isspace() else "\ufffd" if is_control(x) else x for x in text)
 
 
-def harmless(text: str) -> str:
+def without_control_characters(text: str) -> str:
     """Return a text of lines and tabs with "\ufffd" for other control characters."""
     return "".join("\ufffd" if is_control(x) and x not in "\n\t" else x for x in text)
 
@@ -73,7 +73,7 @@ def is_control(character: str) -> bool:
 
 def _in_names(error: UnicodeError) -> tuple[str, int]:
     assert isinstance(error, UnicodeEncodeError)
-    return "".join(map(plain, error.object[error.start : error.end])), error.end
+    return "".join(map(to_ascii, error.object[error.start : error.end])), error.end
 
 
 codecs.register_error(NAMES, _in_names)
@@ -104,7 +104,7 @@ class _Output(io.RawIOBase):
 
 
 @contextmanager
-def unfailing() -> Iterator[None]:
+def unfailing_output() -> Iterator[None]:
     """Have standard output take everything inside the block, and standard error every character.
 
     Raises:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
-from eomcheck.class_lookup import Kind, looked_up
+from eomcheck.class_lookup import LookupKind, class_named
 from eomcheck.descriptions.random_mechanisms import RANDOM
 from eomcheck.descriptions.robot_files import is_robot, robot_named
 from eomcheck.descriptions.urdf_reader import FLOATING
@@ -19,7 +19,7 @@ from eomcheck.scenes.snake import Snake
 
 ALL = "all"
 
-SCENE: Kind[Scene] = Kind("scene", Scene, {**SCENES, **RANDOM})
+SCENE: LookupKind[Scene] = LookupKind("scene", Scene, {**SCENES, **RANDOM})
 
 ROBOT_LINKS = 7
 
@@ -37,7 +37,7 @@ def _paper(links: int | None) -> Snake:
     return Snake.paper()
 
 
-def left_out(kinds: Iterable[type[Scene]]) -> Iterator[str]:
+def robot_file_warnings(kinds: Iterable[type[Scene]]) -> Iterator[str]:
     """Yield, a sentence each, what is left out of files of robots, and what in them is doubtful."""
     for kind in kinds:
         made = getattr(kind, "made", None)
@@ -45,12 +45,12 @@ def left_out(kinds: Iterable[type[Scene]]) -> Iterator[str]:
             yield from (f"{made.source}: {x}" for x in (made.left_out, made.doubtful) if x)
 
 
-def kinds_of(name: str) -> tuple[type[Scene], ...]:
+def scene_classes_named(name: str) -> tuple[type[Scene], ...]:
     """Return the kinds of scenes that `name` stands for.
 
     Args:
         name: "all" of the registry, a robot's file.urdf, file.urdf:floating with its root free,
-            file.xml or file.mjcf, or a name as `eomcheck.class_lookup.looked_up` understands it.
+            file.xml or file.mjcf, or a name as `eomcheck.class_lookup.class_named` understands it.
 
     Those of `RANDOM` hang together in another way with every draw, and are not among all.
 
@@ -70,10 +70,10 @@ def _looked_up(name: str) -> type[Scene]:
         return robot_named(name)
     if name.endswith(f":{FLOATING}"):
         raise InputError(f"scene = {name!r}: only the root of a robot in a .urdf can be set free")
-    return looked_up(SCENE, name)
+    return class_named(SCENE, name)
 
 
-def kind_of(name: str) -> type[Scene]:
+def scene_class_named(name: str) -> type[Scene]:
     """Return the kind of the one scene that `name` stands for.
 
     Raises:
@@ -90,21 +90,22 @@ def kind_of(name: str) -> type[Scene]:
         raise UnknownNameError("scene", name, (*error.known, *ROBOTS)) from None
 
 
-def scene_of(
+def scene_named(
     name: str, links: int | None = None, given: Mapping[str, Sequence[float] | None] | None = None
 ) -> Scene:
     """Return the one scene that `name` stands for: of a kind, the scene that is looked at first.
 
     Args:
-        name: as `kinds_of` understands it, or that of a single snake.
+        name: as `scene_classes_named` understands it, or that of a single snake.
         links: number of links, for kinds that have one.
         given: parameters that are other than usual, see `with_parameters`.
 
     Raises:
         UnknownNameError: no such scene, or it has no such parameter.
-        InputError: see `kind_of`; it has no such number of links, or it refuses a parameter.
+        InputError: see `scene_class_named`; it has no such number of links, or it refuses a
+            parameter.
     """
-    kind = kind_of(name)
+    kind = scene_class_named(name)
     if name in ROBOTS:
         scene: Scene = ROBOTS[name](links)
     else:

@@ -1,6 +1,6 @@
 """A process that is watched over: its verdict comes over a pipe, its absence is a finding.
 
-`supervise` runs a process and returns what became of it, an `End`:
+`supervise` runs a process and returns what became of it, an `ProcessEnd`:
 
 1. The process is told of two pipes. Into the first it writes its exit code once all else is
    written; the second it only reads, and ends when that closes, with this process.
@@ -8,9 +8,10 @@
    that is over its limit is interrupted by SIGUSR1, and `GRACE` seconds later its process killed.
 3. SIGINT and SIGTERM are handed on. The process has a session of its own, so that Ctrl-C in a
    terminal comes to it once.
-4. A process that ends without its exit code has died: the `End` says how, and in which call.
+4. A process that ends without its exit code has died: the `ProcessEnd` says how, and in which call.
 
-`command` does so with a command of eomcheck. Where a process died or was killed in a call, it runs
+`run_supervised` does so with a command of eomcheck. Where a process died or was killed in a call,
+it runs
 the command again, in which that call raises an exception: the finding then is that of the command,
 with all that it found otherwise. This needs POSIX; elsewhere commands run unsupervised.
 """
@@ -45,7 +46,7 @@ ATTEMPTS = 3
 COMMAND = "from eomcheck.cli import main; main()"
 
 
-class End(NamedTuple):
+class ProcessEnd(NamedTuple):
     """How a supervised process ended.
 
     Attributes:
@@ -81,7 +82,7 @@ class _Watch:
         for path in self.folder.iterdir():
             if not path.name.isdigit():
                 continue
-            pid, call = int(path.name), calls.read(path)
+            pid, call = int(path.name), calls.read_board(path)
             if call is None:
                 self._running.pop(pid, None)
                 continue
@@ -108,11 +109,12 @@ def _no_answer(call: Call) -> str:
 
 def supervise(
     command: Sequence[str], folder: Path, environment: Mapping[str, str] | None = None
-) -> End:
+) -> ProcessEnd:
     """Run a process of this package to its end, and return what became of it.
 
     Args:
-        command: its words; it is to call `serve` or to keep the rules of this file itself.
+        command: its words; it is to call `accept_supervision` or to keep the rules of this file
+            itself.
         folder: an empty folder, for the boards of the process and of its workers.
         environment: variables beside those of this process.
     """
@@ -149,10 +151,10 @@ def supervise(
         os.close(verdict)
         os.close(lifeline)
     if text.endswith(b"\n"):
-        return End(int(text))
+        return ProcessEnd(int(text))
     number = -status if -status in heard else 0
     how = why_died(folder, process.pid, status)
-    return End(None, number, how, calls.read(folder / str(process.pid)), bool(heard))
+    return ProcessEnd(None, number, how, calls.read_board(folder / str(process.pid)), bool(heard))
 
 
 def _why(folder: Path, pid: int) -> Path:
@@ -213,7 +215,7 @@ def _handing_on(heard: list[int]) -> Iterator[Callable[[int], None]]:
                 signal.signal(number, handler)
 
 
-def command(words: Sequence[str]) -> int:
+def run_supervised(words: Sequence[str]) -> int:
     """Run a command of eomcheck in a supervised process, and return its exit code.
 
     A command whose process died, or gave no answer and could not be interrupted, ends with 1.
@@ -248,7 +250,7 @@ def command(words: Sequence[str]) -> int:
     return end.code
 
 
-def serve() -> int | None:
+def accept_supervision() -> int | None:
     """Return the pipe for the exit code of this process; None if nobody supervises it.
 
     From then on the process ends with the one that supervises it.
@@ -268,12 +270,12 @@ def serve() -> int | None:
     return verdict
 
 
-def give(verdict: int, code: int) -> None:
+def report_exit_code(verdict: int, code: int) -> None:
     """Write the exit code of this process, its last word."""
     with suppress(OSError):
         os.write(verdict, f"{code}\n".encode())
 
 
-def possible() -> bool:
+def can_supervise() -> bool:
     """Return whether processes can be supervised here, and print where this one does."""
     return os.name == "posix" and bool(sys.executable) and sys.stdout is sys.__stdout__

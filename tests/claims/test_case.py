@@ -9,7 +9,7 @@ from tests.evaluation.test_acceleration import stretched
 
 import eomcheck
 from eomcheck.claims import Case
-from eomcheck.claims.registry import CLAIMS, Claim, Sides
+from eomcheck.claims.registry import CLAIMS, Claim, Equality
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.scenes import Snake
@@ -61,7 +61,7 @@ def test_measured_sides_are_allowed_no_more_than_their_rounding():
     """Numbers that are read: each side moves by its size once, and once more by the step."""
 
     def sides(at, look):
-        yield Sides("mass", at.parameters.mass, at.parameters.mass, (("1", "2", "3"),))
+        yield Equality("mass", at.parameters.mass, at.parameters.mass, (("1", "2", "3"),))
 
     claim = Claim("own", "m = m", "", "mass", sides=sides)
     (finding,) = Case(Evaluation(SNAKE, Q, V), (), ()).look(claim)
@@ -70,7 +70,7 @@ def test_measured_sides_are_allowed_no_more_than_their_rounding():
 
 
 def test_a_term_of_an_engine_is_allowed_no_more_than_its_rounding():
-    found = eomcheck.check(SNAKE, Q, V, claims=["mass-matrix", "bias", "constraint-jacobian"])
+    found = eomcheck.check_state(SNAKE, Q, V, claims=["mass-matrix", "bias", "constraint-jacobian"])
     compared = [finding for finding in found if finding.evidence.startswith("compared")]
     assert {finding.claim for finding in compared} == {"mass-matrix", "bias", "constraint-jacobian"}
     assert all(finding.allowed < 1e-11 for finding in compared)
@@ -79,7 +79,7 @@ def test_a_term_of_an_engine_is_allowed_no_more_than_its_rounding():
 def test_what_is_allowed_does_not_depend_on_the_claims_looked_at_before():
     """Of invariance coordinates are perturbed too, of equivalence not."""
     alone, after = (
-        eomcheck.check(SNAKE, Q, V, formulations=["au", "kane"], engines=[], claims=claims)
+        eomcheck.check_state(SNAKE, Q, V, formulations=["au", "kane"], engines=[], claims=claims)
         for claims in (["invariance"], ["equivalence", "invariance"])
     )
     assert alone and alone[0].allowed > 0
@@ -88,7 +88,7 @@ def test_what_is_allowed_does_not_depend_on_the_claims_looked_at_before():
 
 def test_a_pivoted_partition_is_looked_at_where_the_first_columns_are_singular():
     scene, q, v = stretched(3)
-    found = eomcheck.check(scene, q, v, engines=[], claims=["null-space-embedding"])
+    found = eomcheck.check_state(scene, q, v, engines=[], claims=["null-space-embedding"])
     assert [(one.subject, one.verdict) for one in found] == [("em, pivoted", "passed")]
 
 
@@ -98,6 +98,6 @@ def test_which_entries_of_a_mass_matrix_are_resolved_does_not_depend_on_units(po
     scale = 2.0**power
     scene = Snake(scale * SNAKE.mass, SNAKE.length, scale * SNAKE.inertia, None, SNAKE.wheel_angle)
     q = Q[: scene.n]
-    (found,) = eomcheck.check(scene, q, 0 * q, engines=["casadi"], claims=["mass-matrix"])
+    (found,) = eomcheck.check_state(scene, q, 0 * q, engines=["casadi"], claims=["mass-matrix"])
     assert (found.verdict, found.detail) == ("passed", "")
     assert found.entries is not None and found.entries.count_hidden == 0

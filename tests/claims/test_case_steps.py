@@ -13,7 +13,7 @@ from tests.claims.test_checks import SNAKE, Q, V
 
 from eomcheck.claims import CLAIMS, Case, Finding, case
 from eomcheck.claims import case as trial
-from eomcheck.claims.registry import Claim, Sides, Skipped
+from eomcheck.claims.registry import Claim, Equality, Skipped
 from eomcheck.engines import CasadiEngine, PinocchioEngine
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.evaluation import Evaluation
@@ -122,10 +122,10 @@ MASS, FIXED = SNAKE.mass, np.array([10.0, 0.0, -4.0])
 def test_both_sides_and_what_cancels_in_them_are_allowed_their_rounding():
     def sides(at: Any, look: Any) -> Any:
         mass = at.parameters.mass
-        yield Sides("found", mass, FIXED, ROWS)
-        yield Sides("expected", FIXED, mass, ROWS)
-        yield Sides("cancels", FIXED, mass, ROWS, size=100.0)
-        yield Sides("given", FIXED, mass, ROWS, size=100.0, sensitivity=7.0)
+        yield Equality("found", mass, FIXED, ROWS)
+        yield Equality("expected", FIXED, mass, ROWS)
+        yield Equality("cancels", FIXED, mass, ROWS, size=100.0)
+        yield Equality("given", FIXED, mass, ROWS, size=100.0, sensitivity=7.0)
 
     found = of().look(Claim("own", "one = the other", "", "it", sides=sides))
     allowed = {one.subject: one.allowed / allowed_error(1.0) for one in found}
@@ -147,17 +147,17 @@ def test_both_sides_and_what_cancels_in_them_are_allowed_their_rounding():
     ],
 )
 def test_sides_that_vanish_are_judged_by_what_cancels_in_them(how, verdict, entries):
-    (one,) = judged(Sides("it", np.zeros(3), np.zeros(3), ROWS, sensitivity=1.0, **how)).values()
+    (one,) = judged(Equality("it", np.zeros(3), np.zeros(3), ROWS, sensitivity=1.0, **how)).values()
     assert (one.verdict, flags(one)) == (verdict, entries)
 
 
 def test_entries_beside_which_other_terms_cancel_have_no_sizes_of_their_own():
     both = np.array([1.0, 2.0, 3.0]), np.array([1.0, 2.0, 3.0])
     found = judged(
-        Sides("plain", *both, ROWS, sensitivity=1.0),
-        Sides("cancels", *both, ROWS, size=9.0, sensitivity=1.0),
+        Equality("plain", *both, ROWS, sensitivity=1.0),
+        Equality("cancels", *both, ROWS, size=9.0, sensitivity=1.0),
         Skipped("skipped", "why"),
-        Sides("sized", *both, ROWS, size=9.0, sensitivity=1.0, sizes=both[0]),
+        Equality("sized", *both, ROWS, size=9.0, sensitivity=1.0, sizes=both[0]),
     )
     assert {key: flags(one) for key, one in found.items()} == {
         "plain": ("111", "000"),
@@ -169,11 +169,11 @@ def test_entries_beside_which_other_terms_cancel_have_no_sizes_of_their_own():
 @pytest.mark.parametrize("refused", [False, True])
 def test_sides_that_do_not_exist_nearby_are_not_judged(refused: bool):
     def sides(at: Any, look: Any) -> Any:
-        yield Sides("always", MASS, MASS, ROWS)
+        yield Equality("always", MASS, MASS, ROWS)
         if at.copied and refused:
             raise RefusedError("it", 0.0, 1.0, "no")
         if not at.copied:
-            yield Sides("here", MASS, MASS, ROWS)
+            yield Equality("here", MASS, MASS, ROWS)
 
     found = of().look(Claim("own", "one = the other", "", "it", sides=sides))
     assert [(x.subject, x.verdict) for x in found] == [
@@ -198,11 +198,11 @@ def against(monkeypatch: Any, claim: str, answers: dict[Any, Any], scene: Any = 
         return here.finding(*found) if isinstance(found, tuple) else found
 
     at_state, handed = (at.q, at.v, 0.25), expected
-    monkeypatch.setattr(trial, "answer", answer)
+    monkeypatch.setattr(trial, "ask_engine", answer)
     monkeypatch.setattr(
-        trial, "size_of", lambda case, engine, method: {"bias": 64.0}.get(method, 0)
+        trial, "cancelling_size", lambda case, engine, method: {"bias": 64.0}.get(method, 0)
     )
-    monkeypatch.setattr(trial, "compared", lambda *them, **more: (*them[2:6], more))
+    monkeypatch.setattr(trial, "compare_with_engine", lambda *them, **more: (*them[2:6], more))
     monkeypatch.setattr(Case, "taking_part", property(lambda self: tuple(answers)))
     found = here.look(CLAIMS[claim])
     assert all(np.array_equal(x, expected[0]) for x in expected)
@@ -308,8 +308,10 @@ def test_engines_are_asked_what_they_offer_and_those_on_trial_everything():
 )
 def test_what_a_function_raises_is_a_finding_beside_those_before_it(monkeypatch, broken, outcome):
     asked = []
-    monkeypatch.setattr(case, "raised_in", lambda scene, error: str(error) and "it said so")
-    monkeypatch.setattr(case, "broken_on_doubles", lambda *them: asked.append(them) or broken)
+    monkeypatch.setattr(
+        case, "scene_function_that_raised", lambda scene, error: str(error) and "it said so"
+    )
+    monkeypatch.setattr(case, "failing_function", lambda *them: asked.append(them) or broken)
 
     def check(here: Case) -> Any:
         yield here.finding("first", 0.0, 0.0, "passed", "by hand")
@@ -334,8 +336,8 @@ def test_terms_that_cannot_be_computed_are_no_finite_terms(monkeypatch):
         def terms(self):
             raise ValueError("it")
 
-    monkeypatch.setattr(case, "raised_in", lambda scene, error: "it said so")
-    monkeypatch.setattr(case, "broken_on_doubles", lambda *_: "terms broke")
+    monkeypatch.setattr(case, "scene_function_that_raised", lambda scene, error: "it said so")
+    monkeypatch.setattr(case, "failing_function", lambda *_: "terms broke")
     here = replace(of("bias"), at=Raising(SNAKE, Q, V))
     found = here.broken_terms
     assert found is not None

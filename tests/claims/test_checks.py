@@ -7,8 +7,8 @@ from tests.samples import NOT_OF_SNAKES
 
 import eomcheck
 from eomcheck.claims import accelerations
-from eomcheck.claims.finding import diagnose, judge, told_apart, worst_entry
-from eomcheck.claims.run import Run, Selection
+from eomcheck.claims.finding import diagnose, format_distinct, judge, worst_entry
+from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.engines import ALWAYS
 from eomcheck.errors import InconsistentVelocityError, InputError, UnknownNameError
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, allowed_error
@@ -74,7 +74,7 @@ def test_a_diagnosis_names_an_entry_that_should_vanish():
     ],
 )
 def test_two_numbers_that_differ_are_printed_with_the_digits_in_which_they_do(x, y, said):
-    assert told_apart(x, y) == said
+    assert format_distinct(x, y) == said
     if said == ("0.57735027", "0.57735031"):
         assert diagnose(np.array([x]), np.array([y]), 1e-12) == f"{said[0]}, expected {said[1]}"
 
@@ -87,7 +87,7 @@ def test_the_worst_entry_is_named_along_each_axis():
 
 @pytest.mark.parametrize("claim", eomcheck.CLAIMS)
 def test_every_claim_about_snakes_finds_something_on_an_ordinary_state(claim):
-    findings = eomcheck.check(SNAKE, Q, V, claims=[claim])
+    findings = eomcheck.check_state(SNAKE, Q, V, claims=[claim])
     if claim in {"refusals", "coverage"} | NOT_OF_SNAKES:
         assert findings == []
         return
@@ -98,13 +98,13 @@ def test_every_claim_about_snakes_finds_something_on_an_ordinary_state(claim):
 
 
 def test_findings_about_engines_name_their_version():
-    compared = [f for f in eomcheck.check(SNAKE, Q, V) if f.evidence.startswith("compared")]
+    compared = [f for f in eomcheck.check_state(SNAKE, Q, V) if f.evidence.startswith("compared")]
     versions = {eomcheck.ENGINES[key].version() for key in ALWAYS}
     assert {finding.evidence.removeprefix("compared: ") for finding in compared} == versions
 
 
 def test_without_engines_nothing_is_compared_and_the_rest_still_holds():
-    findings = eomcheck.check(SNAKE, Q, V, engines=[])
+    findings = eomcheck.check_state(SNAKE, Q, V, engines=[])
     assert findings
     assert not [f for f in findings if f.evidence.startswith("compared")]
     assert all(finding.verdict == "passed" for finding in findings)
@@ -112,14 +112,14 @@ def test_without_engines_nothing_is_compared_and_the_rest_still_holds():
 
 def test_check_refuses_a_velocity_that_violates_the_constraints():
     with pytest.raises(InconsistentVelocityError, match="wheel"):
-        eomcheck.check(SNAKE, Q, V + 0.1)
-    assert eomcheck.check(SNAKE, Q, V + 0.1, consistent=False)
+        eomcheck.check_state(SNAKE, Q, V + 0.1)
+    assert eomcheck.check_state(SNAKE, Q, V + 0.1, consistent=False)
 
 
 @pytest.mark.parametrize("name", ["formulations", "engines", "claims"])
 def test_unknown_names_are_refused(name):
     with pytest.raises(UnknownNameError, match="'nonsense'"):
-        eomcheck.check(SNAKE, Q, V, **{name: ["nonsense"]})
+        eomcheck.check_state(SNAKE, Q, V, **{name: ["nonsense"]})
 
 
 def test_validate_refuses_no_examples():
@@ -148,7 +148,7 @@ def test_a_justified_refusal_of_the_initial_state_is_no_failure():
 def test_hopeless_states_are_inconclusive_not_passed():
     snake = Snake.pattern(60)
     q, _ = snake.initial_state()
-    at_60 = eomcheck.check(snake, q, eomcheck.velocity(snake, q, [1.0, 0.5]), engines=[])
+    at_60 = eomcheck.check_state(snake, q, eomcheck.velocity(snake, q, [1.0, 0.5]), engines=[])
     assert not [finding for finding in at_60 if finding.verdict == "failed"]
     open_ = {finding.claim for finding in at_60 if finding.verdict == "inconclusive"}
     assert "equivalence" in open_
@@ -169,7 +169,7 @@ def test_a_run_stops_at_a_failure_and_shrinks_it():
         return scene, State(q, eomcheck.velocity(scene, q, [0.0, omega]))
 
     cases = st.builds(build, st.integers(1, 4), st.floats(0.5, 2.0))
-    run, selection = Run(), Selection.of(engines=["casadi"])
+    run, selection = ValidationRun(), RunSelection.of(engines=["casadi"])
     run.explore([build(3, 1.0)], selection, smaller=lambda failed: cases)
     assert run.minimal is not None
     assert run.minimal.claim == "bias"
@@ -180,7 +180,7 @@ def test_a_run_stops_at_a_failure_and_shrinks_it():
 
 
 def test_a_finding_is_plain_data_and_python_code():
-    finding = eomcheck.check(SNAKE, Q, V, claims=["mass-matrix"])[0]
+    finding = eomcheck.check_state(SNAKE, Q, V, claims=["mass-matrix"])[0]
     data = finding.as_dict()
     assert data["q"] == Q.tolist() and data["v"] == V.tolist()
     scope: dict = {}
@@ -199,7 +199,7 @@ def test_machine_code_without_a_number_fails_where_digits_are_left(told, monkeyp
     inertia = 0.1 if told else 0.0
     scene = Snake([1.134958547696148], [0.9995432422242448], [inertia], None, [0.0])
     q = np.full(3, -2.7465461956438726)
-    found = eomcheck.check(scene, q, np.zeros(3), engines=[], claims=["machine-code"])
+    found = eomcheck.check_state(scene, q, np.zeros(3), engines=[], claims=["machine-code"])
     verdicts = {f.subject: f.verdict for f in found}
     assert verdicts["ml"] == ("failed" if told else "inconclusive")
 
@@ -207,6 +207,8 @@ def test_machine_code_without_a_number_fails_where_digits_are_left(told, monkeyp
 def test_machine_code_without_a_quotient_of_a_subnormal_entry_is_said_to_overflow():
     mass, length = (0.0004329230760201283, 0.0055295506018819135), (0.0004329230760201283, 1.0)
     scene = Snake(mass, length, [46841.133322153655] * 2, None, [0.0, -2.225073858507203e-309])
-    found = eomcheck.check(scene, np.zeros(4), np.zeros(4), engines=[], claims=["machine-code"])
+    found = eomcheck.check_state(
+        scene, np.zeros(4), np.zeros(4), engines=[], claims=["machine-code"]
+    )
     (el,) = (f for f in found if f.subject == "el")
     assert (el.verdict, el.detail) == ("inconclusive", "overflows in machine code: NaN")

@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from eomcheck.claims import CLAIMS, Finding, State, accelerations, run, user_scenes
 from eomcheck.claims.accelerations import redundant_rows
 from eomcheck.claims.case import ONCE
-from eomcheck.claims.registry import Sides, Skipped
-from eomcheck.claims.run import TRIES, no_larger, of_file, smallest_failure, states_of
-from eomcheck.claims.user_scenes import raised_in
+from eomcheck.claims.registry import Equality, Skipped
+from eomcheck.claims.run import TRIES, evaluate_claim, no_larger, smallest_failure, states_of
+from eomcheck.claims.user_scenes import scene_function_that_raised
 from eomcheck.errors import CallError, RefusedError
 from eomcheck.scenes import Sleigh, Snake
 
@@ -75,9 +75,9 @@ def judged(monkeypatch) -> list[tuple]:
             : 3 if k >= 17 else 2
         ]
 
-    monkeypatch.setattr(run, "asked_of", lambda scene, selection: (scene, selection))
-    monkeypatch.setattr(run, "case_of", lambda asked, state, selection, again: (state, again))
-    monkeypatch.setattr(run, "of_file", of)
+    monkeypatch.setattr(run, "make_scene_engines", lambda scene, selection: (scene, selection))
+    monkeypatch.setattr(run, "make_case", lambda asked, state, selection, again: (state, again))
+    monkeypatch.setattr(run, "evaluate_claim", of)
     return seen
 
 
@@ -123,13 +123,13 @@ class Further(Own):
 def test_the_last_function_of_a_file_of_its_own_that_an_error_came_through_is_named():
     with pytest.raises(np.linalg.LinAlgError) as error:
         Further.first()
-    said = raised_in(Further.example(), error.value)
+    said = scene_function_that_raised(Further.example(), error.value)
     line = inspect.unwrap(Own.second).__code__.co_firstlineno + 2
     where = f"(test_claims_by_hand.py, line {line})"
     assert said == f"Further.second raised LinAlgError: Singular matrix {where}"
     made = {"<string>"}  # by dataclasses
     assert user_scenes._files(Further) - made == {__file__} and user_scenes._files(Sleigh) <= made
-    assert raised_in(SLEIGH, error.value) == ""
+    assert scene_function_that_raised(SLEIGH, error.value) == ""
 
 
 @pytest.mark.parametrize(
@@ -143,15 +143,15 @@ def test_the_last_function_of_a_file_of_its_own_that_an_error_came_through_is_na
 )
 def test_a_call_that_did_not_answer_is_of_the_scene_whose_name_it_has(name, said):
     scene = Further.example()
-    assert raised_in(scene, CallError(name, "gave no answer in 60 s")) == said
-    assert raised_in(scene, ValueError(name)) == ""
+    assert scene_function_that_raised(scene, CallError(name, "gave no answer in 60 s")) == said
+    assert scene_function_that_raised(scene, ValueError(name)) == ""
 
 
 # ---- The library that reads the file -------------------------------------------------------------
 
 
 class Reader:
-    """A library that reads a file, and leaves out what `reasons` has."""
+    """A library that reads a file, and leaves out what `explain` has."""
 
     key = "reader"
     reasons: dict[str, str] = {"forces": "it leaves out dampers"}  # noqa: RUF012
@@ -167,10 +167,10 @@ def told(asked: Any, claim: Any, findings: list[Finding], monkeypatch) -> list[F
     skipped = finding("skipped", detail="", subject="?")
     monkeypatch.setattr(
         run,
-        "unseen",
+        "skipped_finding",
         lambda of, kind, why: replace(skipped, engine=kind, detail=why) if of is case else None,
     )
-    return of_file(asked, case, claim)
+    return evaluate_claim(asked, case, claim)
 
 
 def test_what_the_library_of_a_file_fails_is_of_either_reading_and_what_it_leaves_out_is_skipped(
@@ -227,7 +227,7 @@ def test_a_row_that_follows_from_others_changes_neither_motion_nor_forces(monkey
         return SimpleNamespace(key=key, solution=solution, redundant=takes)
 
     x = SimpleNamespace(vdot=np.array([1.0, 2.0, 3.0]), multipliers=np.array([0.5, 0.25]))
-    monkeypatch.setattr(accelerations, "measured_where", lambda digits: ("where", digits))
+    monkeypatch.setattr(accelerations, "sensitivity_where", lambda digits: ("where", digits))
     terms = M, None, None, a, gamma, None
     scene = SimpleNamespace(coordinate_names=("x", "y", "θ"))
     point: Any = SimpleNamespace(terms=terms, F=F, v=v, scene=scene, solved=at_solved)
@@ -250,13 +250,15 @@ def test_a_row_that_follows_from_others_changes_neither_motion_nor_forces(monkey
     forces = rows.T @ multipliers
     largest = np.max(np.abs(rows.T) @ np.abs(multipliers))
     expected = [
-        Sides("uk, q̈", vdot, x.vdot, (("x", "y", "θ"),), None, told_where, may_vanish=True),
-        Sides(
+        Equality("uk, q̈", vdot, x.vdot, (("x", "y", "θ"),), None, told_where, may_vanish=True),
+        Equality(
             *("uk, aᵀλ", forces, a.T @ x.multipliers, (("x", "y", "θ"),), largest, told_where),
             may_vanish=True,
         ),
         # The new multiplier is 2 · 10 - 20 of the others.
-        Sides("uk, |λ|", np.array([30.0]), np.array([0.0]), (("the new row",),), 30.0, told_where),
+        Equality(
+            "uk, |λ|", np.array([30.0]), np.array([0.0]), (("the new row",),), 30.0, told_where
+        ),
     ]
     for one, right in zip(sides, expected, strict=True):
         for value, other in zip(one, right, strict=True):

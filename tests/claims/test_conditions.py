@@ -12,7 +12,7 @@ from tests.claims.test_checks import SNAKE, Q, V
 
 from eomcheck.claims import CLAIMS, Case, State, numerical_accuracy
 from eomcheck.claims.finding import Finding
-from eomcheck.claims.numerical_accuracy import Drawn, coverage, independent_rcond
+from eomcheck.claims.numerical_accuracy import SampledState, coverage, independent_rcond
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.dynamics import CONTRADICTION
 from eomcheck.evaluation.evaluation import Evaluation
@@ -177,7 +177,7 @@ def test_a_refusal_is_told_with_its_own_threshold_and_an_independent_number(thre
 def test_coverage_says_how_many_who_and_where():
     states = [State(Q + i, V) for i in range(40)]
     refused = {3: ("el", "em"), 8: ("em",)}
-    drawn = [Drawn(SNAKE, state, refused.get(i, ())) for i, state in enumerate(states)]
+    drawn = [SampledState(SNAKE, state, refused.get(i, ())) for i, state in enumerate(states)]
     assert coverage(drawn) == Finding(
         "coverage",
         "all",

@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 from eomcheck import strategies
 from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.lab.strategy_samples import draw
+from eomcheck.lab.strategy_samples import draw_samples
 from eomcheck.mechanics.records import Range
 from eomcheck.scenes import SCENES, Snake, TurntableBall
 from eomcheck.strategies.scene_strategies import (
-    Choices,
+    HypothesisChoices,
     entry_of,
     links_between,
     magnitudes,
@@ -36,26 +36,26 @@ def test_numbers_below_a_millionth_are_drawn_as_zero(x: float, drawn: float):
 
 
 def test_only_numbers_of_both_signs_are_drawn_as_zero_where_they_are_small():
-    small = draw(entry_of(Range(1e-9, 1e-7)), 30, 0)
+    small = draw_samples(entry_of(Range(1e-9, 1e-7)), 30, 0)
     assert all(1e-9 <= x <= 1e-7 for x in small)
-    both = draw(entry_of(Range(-1e-7, 1e-7)), 30, 0)
+    both = draw_samples(entry_of(Range(-1e-7, 1e-7)), 30, 0)
     assert {*both} == {0.0}
-    assert draw(entry_of(Range(-1e-7, 0.0)), 30, 0) != [0.0] * 30
+    assert draw_samples(entry_of(Range(-1e-7, 0.0)), 30, 0) != [0.0] * 30
 
 
 def test_numbers_of_links_are_all_between_the_bounds_and_the_bounds():
-    assert {*draw(links_between(2, 5), 100, 0)} == {2, 3, 4, 5}
+    assert {*draw_samples(links_between(2, 5), 100, 0)} == {2, 3, 4, 5}
 
 
 def test_magnitudes_are_powers_of_ten():
-    found = np.log10(draw(magnitudes(-3.0, 5.0), 80, 0))
+    found = np.log10(draw_samples(magnitudes(-3.0, 5.0), 80, 0))
     assert -3.0 <= found.min() < -2.0 and 4.0 < found.max() <= 5.0 + 1e-12
 
 
 def test_parameters_have_the_shape_of_their_range_and_may_be_absent():
-    table = draw(parameter_of(Range(2.0, 3.0, (4, 2))), 20, 0)
+    table = draw_samples(parameter_of(Range(2.0, 3.0, (4, 2))), 20, 0)
     assert {np.shape(x) for x in table} == {(4, 2)}
-    either = draw(parameter_of(Range(2.0, 3.0, (3,), optional=True)), 60, 0)
+    either = draw_samples(parameter_of(Range(2.0, 3.0, (3,), optional=True)), 60, 0)
     there = [x for x in either if x is not None]
     assert 10 < len(there) < 60
     assert {len(x) for x in there} == {3}
@@ -64,10 +64,10 @@ def test_parameters_have_the_shape_of_their_range_and_may_be_absent():
 def test_choices_reach_both_bounds_and_every_one_of_several():
     @st.composite
     def chosen(drawing: Any) -> tuple[int, float, str]:
-        choices = Choices(drawing)
+        choices = HypothesisChoices(drawing)
         return choices.whole(3, 5), choices.number(-2.0, 1.0), choices.one_of(["a", "b", "c"])
 
-    whole, number, of = zip(*draw(chosen(), 60, 0), strict=True)
+    whole, number, of = zip(*draw_samples(chosen(), 60, 0), strict=True)
     assert {*whole} == {3, 4, 5}
     assert {*of} == {"a", "b", "c"}
     assert -2.0 <= min(number) < -1.0 and 0.3 < max(number) <= 1.0
@@ -75,7 +75,7 @@ def test_choices_reach_both_bounds_and_every_one_of_several():
 
 def test_states_of_a_driven_scene_keep_the_constraints_of_their_time():
     scene = TurntableBall.example()
-    driven = draw(strategies.states(scene, time=8.0), 40, 0)
+    driven = draw_samples(strategies.states(scene, time=8.0), 40, 0)
     times = {state.t for state in driven}
     assert len(times) > 10 and 4.0 < max(times) <= 8.0
     for state in driven:

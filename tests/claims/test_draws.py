@@ -12,25 +12,25 @@ from tests.claims.test_proof import ALL, wrong_block
 
 from eomcheck.claims import proof
 from eomcheck.claims.proof import (
-    Draws,
+    IdentitySampler,
     _same,
     failure_probability,
     largest_bounds,
     new_seed,
     prove_structure,
 )
-from eomcheck.claims.registry import Point, Sides
+from eomcheck.claims.registry import Equality, GenericPoint
 from eomcheck.formulations import FORMULATIONS, Partition
-from eomcheck.numbers.degree import Degrees
+from eomcheck.numbers.degree import DegreeArithmetic
 from eomcheck.numbers.finite_field import FiniteField, random_prime
 from eomcheck.scenes import Snake
 
 SCENE = Snake.coil(3)
 
 
-def point(**more) -> Point:
+def point(**more) -> GenericPoint:
     source = random.Random(0)
-    return Point(SCENE, FiniteField(random_prime(source), source), **more)
+    return GenericPoint(SCENE, FiniteField(random_prime(source), source), **more)
 
 
 def objects(*entries) -> np.ndarray:
@@ -45,7 +45,7 @@ def test_sides_are_the_same_only_if_every_entry_is():
 
 
 def test_the_prime_stated_is_the_prime_of_the_numbers():
-    draws = Draws(SCENE, ALL, random.Random(0))
+    draws = IdentitySampler(SCENE, ALL, random.Random(0))
     for _ in range(3):
         at, prime = draws._point()
         numbers = (*at.q, *at.u, *at.parameters.mass, *at.directions[0], *at.free.v)
@@ -57,7 +57,7 @@ def test_the_prime_stated_is_the_prime_of_the_numbers():
 def test_the_partition_drawn_is_hardly_ever_the_paper_s():
     drawn = set()
     for seed in range(12):
-        draws = Draws(SCENE, (), random.Random(seed))
+        draws = IdentitySampler(SCENE, (), random.Random(seed))
         draws._point()
         assert draws.partition is not None
         drawn.add(tuple(draws.partition.dependent.tolist()))
@@ -80,7 +80,7 @@ def test_the_free_velocity_need_not_satisfy_the_constraints():
 def test_the_other_partition_is_really_taken():
     taken = []
 
-    class Recording(Point):
+    class Recording(GenericPoint):
         def solution(self, formulation, partition=None):
             taken.append(partition)
             return super().solution(formulation, partition)
@@ -104,10 +104,10 @@ def test_points_that_were_drawn_again_are_charged_to_the_probability():
 
 
 def test_the_bound_of_an_identity_is_that_of_its_worst_entry(monkeypatch: pytest.MonkeyPatch):
-    x, y = Degrees().vector(2)
+    x, y = DegreeArithmetic().vector(2)
     found = objects(x, x * x * y, 5 * y)
-    sides = Sides("s", found, np.zeros(3, object), (("1", "2", "3"),))
-    monkeypatch.setattr(proof, "look_at", lambda at: [(("c", "s"), sides)])
+    sides = Equality("s", found, np.zeros(3, object), (("1", "2", "3"),))
+    monkeypatch.setattr(proof, "identities_at", lambda at: [(("c", "s"), sides)])
     (degree, height) = largest_bounds(point())["c", "s"]
     assert degree == 3
     assert height == pytest.approx(math.log2(5))

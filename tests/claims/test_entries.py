@@ -14,17 +14,17 @@ import eomcheck
 from eomcheck.claims import CLAIMS, Case, Finding
 from eomcheck.claims.finding import (
     Entries,
-    Left,
+    Unresolved,
     entries_of,
-    left_of,
-    listed,
-    listing,
-    lists,
+    is_unresolved_detail,
     merged,
-    unresolved,
+    never_resolved,
+    unresolved_by_claim,
+    unresolved_detail,
+    unresolved_finding,
 )
-from eomcheck.claims.proof import by_proof
-from eomcheck.claims.run import Run, Selection
+from eomcheck.claims.proof import prove_unresolved
+from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.engines import ENGINES
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.lab.report.finding_output import print_runs
@@ -32,7 +32,7 @@ from eomcheck.mechanics.parameters import Parametric, parameter
 from eomcheck.mechanics.records import Jacobians
 from eomcheck.numbers.generic import generic
 from eomcheck.scenes import SCENES
-from eomcheck.testing.suite import SceneTrial
+from eomcheck.testing.suite import SceneTarget
 
 NAMES = (("a", "b", "c", "d"),)
 
@@ -48,7 +48,7 @@ def test_flags_of_several_states_are_joined_entry_by_entry_and_set_of_names_by_s
     assert merged(states) == [joined, states[1]]
     assert states[0].joined(states[2]) == states[2].joined(states[0]) == joined
     assert merged([]) == [] and merged(states[:1]) == states[:1]
-    assert left_of(states) == ["row c", "row d", "row x"]
+    assert never_resolved(states) == ["row c", "row d", "row x"]
     assert isinstance(joined, Entries) and joined.count_hidden == 2
 
 
@@ -120,7 +120,7 @@ def test_a_wrong_row_that_a_larger_one_hides_is_named_where_there_is_no_proof(mo
 
 
 def test_a_test_of_a_scene_with_an_entry_that_no_state_resolves_does_not_pass(monkeypatch):
-    trial = SceneTrial("springs", springs(-1), None)
+    trial = SceneTarget("springs", springs(-1), None)
     assert trial.results(2, 0)["generalized-forces"].verdict == "failed"
     monkeypatch.setattr("eomcheck.claims.proof.MOST", 1)
     result = trial.results(2, 0)["generalized-forces"]
@@ -129,9 +129,9 @@ def test_a_test_of_a_scene_with_an_entry_that_no_state_resolves_does_not_pass(mo
 
 
 def test_what_no_state_resolves_is_printed_below_the_tables(capsys):
-    run = Run(findings=[of_flags(ALL, NONE)], ends=[1])
-    run.findings += [listed([Left("casadi", "row x", run.findings[0], 3)])]
-    print_runs({"snake": run}, Selection.of(engines=[], claims=["bias"], scenes=[SNAKE]))
+    run = ValidationRun(findings=[of_flags(ALL, NONE)], ends=[1])
+    run.findings += [unresolved_finding([Unresolved("casadi", "row x", run.findings[0], 3)])]
+    print_runs({"snake": run}, RunSelection.of(engines=[], claims=["bias"], scenes=[SNAKE]))
     printed = " ".join(capsys.readouterr().out.split())
     assert "inconclusive: bias on snake: not resolved in any of 3 states: casadi" in printed
     assert "1 finding passed, 1 inconclusive, 0 failed." in printed
@@ -144,7 +144,7 @@ def test_a_small_row_that_agrees_in_digits_of_its_own_is_resolved():
 
 def test_a_finding_says_how_many_of_its_entries_are_hidden():
     scene = springs(-1)
-    found = eomcheck.check(scene, *scene.initial_state(), **CLAIM)
+    found = eomcheck.check_state(scene, *scene.initial_state(), **CLAIM)
     (one,) = [f for f in found if f.subject == "casadi"]
     assert one.verdict == "passed"
     assert one.detail == "1 of 2 entries not resolved"
@@ -152,7 +152,7 @@ def test_a_finding_says_how_many_of_its_entries_are_hidden():
 
 def test_hidden_entries_of_a_matrix_are_counted_among_all_of_it():
     scene = type(springs(1))(mass=(1e30, 1.0))
-    (one,) = eomcheck.check(scene, *scene.initial_state(), claims=["mass-matrix"])
+    (one,) = eomcheck.check_state(scene, *scene.initial_state(), claims=["mass-matrix"])
     assert (one.verdict, one.detail) == ("passed", "2 of 4 entries not resolved")
 
 
@@ -213,7 +213,7 @@ def test_a_row_that_a_failure_shows_to_be_wrong_is_not_listed_as_unresolved():
     assert [one.verdict for one in (hidden, wrong, slight)] == ["passed", "failed", "failed"]
 
     def left(*findings: Finding) -> list[str]:
-        return [one.name for each in unresolved(findings).values() for one in each]
+        return [one.name for each in unresolved_by_claim(findings).values() for one in each]
 
     assert left(hidden) == ["x, row c", "x, row d"]
     assert left(hidden, slight) == ["x, row c", "x, row d"]
@@ -237,7 +237,7 @@ def test_what_vanishes_without_known_terms_has_no_entries():
     ],
 )
 def test_terms_that_cancel_have_the_sizes_of_their_rows(claim: str):
-    found = eomcheck.check(SNAKE, *MOVING[:2], claims=[claim])
+    found = eomcheck.check_state(SNAKE, *MOVING[:2], claims=[claim])
     assert {f.entries is not None for f in found if f.verdict == "passed"} == {True}
     assert not any(f.entries.count_hidden for f in found if f.entries)
 
@@ -285,12 +285,12 @@ NONE, ALL = [0] * 4, [1] * 4
     ],
 )
 def test_what_no_state_resolves_is_left(findings: list[Finding], said: str):
-    left = unresolved(findings)
-    details = [listed(each).detail for each in left.values()]
+    left = unresolved_by_claim(findings)
+    details = [unresolved_finding(each).detail for each in left.values()]
     states = sum(one.subject == findings[-1].subject for one in findings)
     where = f"any of {states} states" if states > 1 else "this state"
     assert details == ([f"not resolved in {where}: {said}"] if said else [])
-    assert all(lists(one) for one in details)
+    assert all(is_unresolved_detail(one) for one in details)
 
 
 def test_of_many_entries_some_are_named_and_all_are_counted():
@@ -298,9 +298,9 @@ def test_of_many_entries_some_are_named_and_all_are_counted():
     flags = np.zeros(16, bool)
     flags[3:13] = True
     one = of_flags(np.zeros(16, bool).tolist(), flags.tolist(), names)
-    assert one.entries is not None and left_of([one.entries])[0] == "entry (b, y)"
+    assert one.entries is not None and never_resolved([one.entries])[0] == "entry (b, y)"
     assert one.entries.hides("entry (g, x)") and not one.entries.hides("entry (g, y)")
-    (found,) = [listed(each) for each in unresolved([one]).values()]
+    (found,) = [unresolved_finding(each) for each in unresolved_by_claim([one]).values()]
     assert found.verdict == "inconclusive" and found.subject == "B"
     assert found.detail.endswith("B, entry (e, y); B, entry (f, x) and 2 more")
 
@@ -311,38 +311,38 @@ def test_of_many_entries_some_are_named_and_all_are_counted():
 )
 def test_eight_entries_are_named_and_those_beyond_are_counted(count: int, end: str):
     names = [f"row {letter}" for letter in "abcdefghij"[:count]]
-    detail = listing(names, 3)
+    detail = unresolved_detail(names, 3)
     assert detail.startswith("not resolved in any of 3 states: row a; row b")
     assert detail.endswith(f"; {end}")
 
 
 def test_the_entries_of_an_engine_on_trial_stay_hidden():
     """Its numbers are doubles: no proof of the scene is one of them."""
-    left = Left("casadi", "row x", of_flags(ALL, NONE), 3)
+    left = Unresolved("casadi", "row x", of_flags(ALL, NONE), 3)
     tried = left._replace(finding=replace(left.finding, engine=ENGINES["casadi"]))
-    found, rest = by_proof(CLAIMS["bias"], [left, tried], {})
+    found, rest = prove_unresolved(CLAIMS["bias"], [left, tried], {})
     assert rest == [tried]
     said = "in exact arithmetic; not resolved in any of 3 states: casadi, row x"
     assert [(one.verdict, one.detail) for one in found] == [("passed", said)]
     whole = left._replace(entry="")
-    assert by_proof(CLAIMS["bias"], [whole], {}) == ([], [whole])
+    assert prove_unresolved(CLAIMS["bias"], [whole], {}) == ([], [whole])
     other = left._replace(subject="au ~ nothing")
-    assert by_proof(CLAIMS["equivalence"], [other], {}) == ([], [other])
-    assert by_proof(CLAIMS["machine-code"], [left], {}) == ([], [left])
+    assert prove_unresolved(CLAIMS["equivalence"], [other], {}) == ([], [other])
+    assert prove_unresolved(CLAIMS["machine-code"], [left], {}) == ([], [left])
     skipped = of_flags(ALL, NONE, subject="B", verdict="skipped")
     proved = replace(found[0], claim="bias", subject="B", verdict="passed")
     for verdict in ("skipped", "inconclusive"):
         open_ = replace(skipped, verdict=verdict)
         for about in ([open_], [proved, open_], [open_, proved]):
             known = {(type(SNAKE), SNAKE.structure): about}
-            assert by_proof(CLAIMS["bias"], [left], known) == ([], [left])
+            assert prove_unresolved(CLAIMS["bias"], [left], known) == ([], [left])
 
 
 def test_a_run_that_ends_at_a_failure_lists_no_entries():
     """Few states were looked at: that none of them resolves an entry says nothing."""
-    run = Run()
+    run = ValidationRun()
     run.findings = [of_flags([1, 0, 1, 0], [0, 1, 0, 0])]
-    selection = Selection.of(claims=["bias"], scenes=[SNAKE])
+    selection = RunSelection.of(claims=["bias"], scenes=[SNAKE])
     run.minimal = replace(run.findings[0], verdict="failed")
     assert len(run.finish(selection)) == 2
     run.minimal, run.findings = None, run.findings[:1]

@@ -46,12 +46,12 @@ from eomcheck.claims.finding import entry_name
 from eomcheck.claims.numerical_accuracy import (
     ENOUGH,
     MAY_REFUSE,
-    Drawn,
+    SampledState,
     coverage,
     independent_rcond,
 )
-from eomcheck.claims.proof import look_at, prove_structure
-from eomcheck.claims.registry import Claim, Point, Sides, Skipped, names_of_term
+from eomcheck.claims.proof import identities_at, prove_structure
+from eomcheck.claims.registry import Claim, Equality, GenericPoint, Skipped, names_of_term
 from eomcheck.engines import ALWAYS, ENGINES, Engine
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.evaluation import Evaluation
@@ -236,8 +236,8 @@ def findings(claim: str, key: str, part: Part, entry: Entry, k: int) -> list[Fin
             changed = wrong_result(getattr(accelerations, name), part, entry, k)
             stack.enter_context(patch.object(accelerations, name, changed))
         elif part == EMBEDDING:
-            changed = wrong_result(speeds_and_chains.embedding, part, entry, k)
-            stack.enter_context(patch.object(speeds_and_chains, "embedding", changed))
+            changed = wrong_result(speeds_and_chains.embedding_null_space, part, entry, k)
+            stack.enter_context(patch.object(speeds_and_chains, "embedding_null_space", changed))
         elif part.of not in ENGINES:
             scene = wrong_scene(scene, part, entry, k)
         engines = engines_for(scene)
@@ -391,8 +391,10 @@ def test_an_identity_is_disproved_where_any_number_that_it_is_about_is_wrong(cla
                 wrong = {part.of: wrong_formulation(part, entry, twice)}
                 stack.enter_context(patch.dict(FORMULATIONS, wrong))
             elif part == EMBEDDING:
-                changed = wrong_result(speeds_and_chains.embedding, part, entry, twice)
-                stack.enter_context(patch.object(speeds_and_chains, "embedding", changed))
+                changed = wrong_result(speeds_and_chains.embedding_null_space, part, entry, twice)
+                stack.enter_context(
+                    patch.object(speeds_and_chains, "embedding_null_space", changed)
+                )
             else:
                 scene = wrong_scene(scene, part, entry, twice)
             formulations = tuple(f for f in FORMULATIONS.values() if f.applies_to(scene))
@@ -408,8 +410,8 @@ def test_an_identity_is_disproved_by_any_row_of_its_sides_and_named_by_that_row(
     formulations = tuple(f for f in FORMULATIONS.values() if f.applies_to(scene))
     sides = [
         found
-        for key, found in look_at(point(scene), right)
-        if key[0] == claim and isinstance(found, Sides)
+        for key, found in identities_at(point(scene), right)
+        if key[0] == claim and isinstance(found, Equality)
     ]
     assert sides
     for one in sides:
@@ -426,22 +428,22 @@ def test_an_identity_is_disproved_by_any_row_of_its_sides_and_named_by_that_row(
             assert f"{name}:" in f"{failure.detail}:"
 
 
-def point(scene: Scene) -> Point:
+def point(scene: Scene) -> GenericPoint:
     source = random.Random(0)
     field = FiniteField(random_prime(source), source)
     formulations = tuple(f for f in FORMULATIONS.values() if f.applies_to(scene))
-    return Point(scene, field, formulations)
+    return GenericPoint(scene, field, formulations)
 
 
-def off_by_one(claim: Claim, which: Sides, entry: Entry) -> Callable:
+def off_by_one(claim: Claim, which: Equality, entry: Entry) -> Callable:
     """Return the sides of a claim, one number of one of them too large by 1."""
 
     assert claim.sides is not None
     right = claim.sides
 
-    def changed(at: Any, look: Any) -> Iterator[Sides | Skipped]:
+    def changed(at: Any, look: Any) -> Iterator[Equality | Skipped]:
         for one in right(at, look):
-            if isinstance(one, Sides) and one.subject == which.subject:
+            if isinstance(one, Equality) and one.subject == which.subject:
                 one = one._replace(found=with_entry(one.found, entry, lambda x: x + 1))
             yield one
 
@@ -527,7 +529,7 @@ def test_a_refusal_is_justified_below_its_threshold_only(key: str, times: float,
 )
 def test_coverage_fails_above_one_state_in_twenty(states: int, refusing: int, verdict: str):
     assert MAY_REFUSE == 1 / 20
-    drawn = [Drawn(SNAKE, MOVING, ("em",) if i < refusing else ()) for i in range(states)]
+    drawn = [SampledState(SNAKE, MOVING, ("em",) if i < refusing else ()) for i in range(states)]
     finding = coverage(drawn)
     assert finding.verdict == verdict
     assert finding.observed == refusing / states

@@ -37,7 +37,7 @@ def test_the_code_of_a_finding_prints_the_finding(
         asked.append((repr(scene), q, v, t, consistent))
         return [FOUND, replace(FOUND, verdict="passed"), replace(FOUND, verdict="inconclusive")]
 
-    monkeypatch.setattr(eomcheck, "check", check)
+    monkeypatch.setattr(eomcheck, "check_state", check)
     exec(FOUND.as_python(), {})
     assert asked == [(repr(SCENE), STATE.q.tolist(), STATE.v.tolist(), 1.5, False)]
     assert capsys.readouterr().out == f"{FOUND}\n"

@@ -12,14 +12,14 @@ from tests.claims.test_finding import FOUND, SCENE
 from eomcheck.claims import registry
 from eomcheck.claims.finding import (
     Finding,
-    Left,
     Proof,
+    Unresolved,
     diagnose,
     entries_of,
     entry_name,
     judge,
-    listed,
-    unresolved,
+    unresolved_by_claim,
+    unresolved_finding,
     worst_of,
 )
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, UNDERFLOW, allowed_error
@@ -213,14 +213,14 @@ def test_entries_are_named_along_their_axes():
 
 def test_what_many_subjects_leave_is_about_all_of_them():
     found = replace(FOUND, entries=entries_of((("x", "y"),), [True, False], [False, True]))
-    left = [Left(f"f{i}", "row x", found, 3) for i in range(9)]
-    few, many = listed(left[:8]), listed(left)
+    left = [Unresolved(f"f{i}", "row x", found, 3) for i in range(9)]
+    few, many = unresolved_finding(left[:8]), unresolved_finding(left)
     assert few.subject == "f0, f1, f2, f3, f4, f5, f6, f7" and many.subject == "all"
     assert few.detail.endswith("f6, row x; f7, row x") and many.detail.endswith(" and 1 more")
     assert few.detail.startswith("not resolved in any of 3 states: f0, row x; f1, row x")
-    twice = listed([left[0], left[0]._replace(entry="row y", states=1)])
+    twice = unresolved_finding([left[0], left[0]._replace(entry="row y", states=1)])
     assert (twice.subject, twice.verdict, twice.entries) == ("f0", "inconclusive", None)
-    whole = listed([Left("au", "", FOUND, 1)])
+    whole = unresolved_finding([Unresolved("au", "", FOUND, 1)])
     assert whole.detail == "not resolved in this state: au"
 
 
@@ -231,7 +231,7 @@ def test_the_largest_scene_stands_for_what_no_state_resolves():
         return replace(FOUND, scene=scene, verdict="passed", entries=entries)
 
     findings = [of(2), of(4), of(3), replace(of(5), state=None), replace(of(6), subject="im")]
-    ((one, other),) = unresolved(findings).values()
+    ((one, other),) = unresolved_by_claim(findings).values()
     assert (one.subject, one.entry, one.states, one.finding.scene.n) == ("au", "row b", 3, 6)
     assert (other.name, other.states, other.finding.scene.n) == ("im, row b", 3, 8)
 
@@ -250,24 +250,24 @@ def test_sides_that_vanish_have_the_sizes_of_their_terms():
 
 @pytest.mark.parametrize(("told", "sensitivity"), [(True, None), (False, np.inf)])
 def test_what_is_not_told_is_allowed_anything(told: bool, sensitivity: Any):
-    assert registry.measured_where(told) == sensitivity
+    assert registry.sensitivity_where(told) == sensitivity
 
 
 def test_magnitudes_are_products_without_signs():
     a, b = np.array([[1.0, -2.0], [-3.0, 0.5], [0.0, 4.0]]), np.array([-5.0, 2.0])
     assert registry.magnitude(a, b).tolist() == [9.0, 16.0, 8.0]
-    assert registry.size(a, b) == 16.0
-    assert registry.size(np.ones(3), a, b) == 33.0
-    assert registry.size(a.astype(object), b) == registry.size(None) == 0.0
+    assert registry.product_size(a, b) == 16.0
+    assert registry.product_size(np.ones(3), a, b) == 33.0
+    assert registry.product_size(a.astype(object), b) == registry.product_size(None) == 0.0
 
 
 def test_sides_along_directions_are_rows_by_coordinates():
     look: Any = type("At", (), {"directions": np.eye(3), "direction_names": ("x", "y", "z")})()
     given = iter([(1, 2), None, (3, 5)])
-    (one,) = registry.along(look, "B", lambda direction: next(given))
+    (one,) = registry.along_directions(look, "B", lambda direction: next(given))
     assert (one.found.tolist(), one.expected.tolist()) == ([1, 3], [2, 5])
     assert (one.subject, one.names) == ("B", (("x", "y", "z"),))
-    assert not list(registry.along(look, "B", lambda direction: None))
+    assert not list(registry.along_directions(look, "B", lambda direction: None))
 
 
 def test_axes_are_named_by_what_they_count():
@@ -282,4 +282,4 @@ def test_axes_are_named_by_what_they_count():
     }
     assert registry.names_of_term(scene, "gamma") == (wheels,) != (q,)
     assert registry.numbered("u_", 3) == ("u_1", "u_2", "u_3")
-    assert list(registry.pairs("abc")) == [("a", "b"), ("a", "c"), ("b", "c")]
+    assert list(registry.unordered_pairs("abc")) == [("a", "b"), ("a", "c"), ("b", "c")]

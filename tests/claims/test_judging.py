@@ -57,7 +57,7 @@ def with_error(claim: str, error: float) -> type[CasadiEngine]:
 
 def findings_with(claim: str, error: float) -> list[Finding]:
     engine = with_error(claim, error)
-    found = eomcheck.check(SNAKE, *MOVING[:2], engines=[engine], claims=[claim])
+    found = eomcheck.check_state(SNAKE, *MOVING[:2], engines=[engine], claims=[claim])
     return [one for one in found if "slight" in one.subject.split(" ~ ")]
 
 

@@ -8,9 +8,15 @@ import numpy as np
 import pytest
 
 from eomcheck.claims import State
-from eomcheck.claims.batched_claims import ABSENT, LaneCase, Outcome, lane_cases, liftable
-from eomcheck.claims.finding import FAILED, INCONCLUSIVE_, PASSED
-from eomcheck.claims.registry import CLAIMS, Sides
+from eomcheck.claims.batched_claims import (
+    ABSENT,
+    BatchedCase,
+    BatchResult,
+    batchable_claims,
+    batched_cases,
+)
+from eomcheck.claims.finding import FAILED_CODE, INCONCLUSIVE_CODE, PASSED_CODE
+from eomcheck.claims.registry import CLAIMS, Equality
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, allowed_error
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.numbers.lanes import LaneArray
@@ -22,22 +28,35 @@ ALL = tuple(FORMULATIONS.values())
 def test_ratios_are_those_of_what_is_decided():
     observed = np.array([3.0, 1.0, 1e-3, 0.0, np.nan, 7.0, 7.0, np.inf])
     allowed = np.array([2.0, 4.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0])
-    verdict = np.array([FAILED, PASSED, FAILED, PASSED, FAILED, INCONCLUSIVE_, ABSENT, FAILED])
+    verdict = np.array(
+        [
+            FAILED_CODE,
+            PASSED_CODE,
+            FAILED_CODE,
+            PASSED_CODE,
+            FAILED_CODE,
+            INCONCLUSIVE_CODE,
+            ABSENT,
+            FAILED_CODE,
+        ]
+    )
     inf = np.inf
-    found = Outcome("bias", "au", observed, allowed, verdict).ratio
+    found = BatchResult("bias", "au", observed, allowed, verdict).ratio
     assert found.tolist() == [1.5, 0.25, inf, 0.0, inf, 0.0, 0.0, inf]
 
 
-def lanes() -> LaneCase:
+def lanes() -> BatchedCase:
     """Return three states of one sleigh side by side."""
     scene, random = Sleigh(), np.random.default_rng(0)
     states = [State(random.uniform(0.1, 1.0, 3), np.zeros(3)) for _ in range(3)]
-    ((_, case),) = lane_cases([(scene, state) for state in states], ALL)
+    ((_, case),) = batched_cases([(scene, state) for state in states], ALL)
     return case
 
 
-def compared(found: Any, expected: Any, absent: Any, scale: Any = None, each: Any = 1.0) -> Outcome:
-    sides = Sides("au ~ kane", found, expected, (("a", "b"),))
+def compared(
+    found: Any, expected: Any, absent: Any, scale: Any = None, each: Any = 1.0
+) -> BatchResult:
+    sides = Equality("au ~ kane", found, expected, (("a", "b"),))
     sensitivity = np.array([1.0, 10.0, 0.1]) * each / allowed_error(1.0)
     return lanes().compared(CLAIMS["bias"], sides, sensitivity, scale, np.array(absent))
 
@@ -51,23 +70,27 @@ def test_each_lane_is_judged_by_its_own_numbers():
     one = compared(found, expected, NO)
     assert one.observed == pytest.approx([1.5, 3.0, 0.05])
     assert one.allowed == pytest.approx([1.0, 10.0, 0.1])
-    assert one.verdict.tolist() == [FAILED, PASSED, PASSED]
+    assert one.verdict.tolist() == [FAILED_CODE, PASSED_CODE, PASSED_CODE]
     small = np.array([1.0, 1.0, 1.0]) / INCONCLUSIVE
     by_scale = compared(found, expected, NO, small)
-    assert by_scale.verdict.tolist() == [FAILED, INCONCLUSIVE_, PASSED]
+    assert by_scale.verdict.tolist() == [FAILED_CODE, INCONCLUSIVE_CODE, PASSED_CODE]
 
 
 def test_what_is_refused_is_absent_unless_it_is_told_all_the_same():
     expected = LaneArray(np.array([[2e3, 2e5, 9e2], [1.0, np.nan, 1.0]]))
     found = LaneArray(np.array([[np.nan, 2e5, 9e2], [1.0, 5.0, 1.0]]))
-    assert compared(found, expected, NO).verdict.tolist() == [FAILED, INCONCLUSIVE_, PASSED]
+    assert compared(found, expected, NO).verdict.tolist() == [
+        FAILED_CODE,
+        INCONCLUSIVE_CODE,
+        PASSED_CODE,
+    ]
     refused = compared(found, expected, [True, True, True])
-    assert refused.verdict.tolist() == [ABSENT, ABSENT, PASSED]
+    assert refused.verdict.tolist() == [ABSENT, ABSENT, PASSED_CODE]
     some = compared(found, expected, [False, True, False])
-    assert some.verdict.tolist() == [FAILED, ABSENT, PASSED]
+    assert some.verdict.tolist() == [FAILED_CODE, ABSENT, PASSED_CODE]
     # What is no number of lanes says nothing of a lane that refuses.
     has = compared(np.array([1e4, 1e4]), np.array([1e4, 1e4]), [True, False, False])
-    assert has.verdict.tolist() == [ABSENT, PASSED, PASSED]
+    assert has.verdict.tolist() == [ABSENT, PASSED_CODE, PASSED_CODE]
 
 
 @pytest.mark.parametrize(
@@ -97,7 +120,7 @@ def test_cases_of_one_structure_go_side_by_side_and_keep_their_places():
     cases = [
         (one, State(np.full(one.n, 0.2), np.full(one.n, float(i)))) for i, one in enumerate(order)
     ]
-    found = {tuple(places.tolist()): case for places, case in lane_cases(cases, ALL)}
+    found = {tuple(places.tolist()): case for places, case in batched_cases(cases, ALL)}
     assert set(found) == {(0, 4), (1, 3, 5), (2,), (6,)}
     for places, case in found.items():
         assert case.at.v.data[0].tolist() == [float(i) for i in places]
@@ -106,5 +129,5 @@ def test_cases_of_one_structure_go_side_by_side_and_keep_their_places():
 
 def test_what_is_looked_at_in_lanes_has_sides_and_no_engine():
     asked = ["coverage", "invariance", "equivalence", "bias", "engine-acceleration", "refusals"]
-    assert liftable(asked) == ("invariance", "equivalence")
-    assert liftable(["kinetic-energy"]) == ("kinetic-energy",)
+    assert batchable_claims(asked) == ("invariance", "equivalence")
+    assert batchable_claims(["kinetic-energy"]) == ("kinetic-energy",)

@@ -12,8 +12,14 @@ from tests.claims.wrong import Part, share, with_entry, wrong_formulation, wrong
 
 from eomcheck import strategies
 from eomcheck.claims import CLAIMS, Case
-from eomcheck.claims.batched_claims import ABSENT, lane_cases, liftable
-from eomcheck.claims.finding import FAILED, INCONCLUSIVE_, PASSED, judge, judged
+from eomcheck.claims.batched_claims import ABSENT, batchable_claims, batched_cases
+from eomcheck.claims.finding import (
+    FAILED_CODE,
+    INCONCLUSIVE_CODE,
+    PASSED_CODE,
+    judge,
+    verdict_codes,
+)
 from eomcheck.claims.pairwise_design import scene_cases
 from eomcheck.descriptions.build import mechanism
 from eomcheck.descriptions.elements import Joint, Link, distance
@@ -21,17 +27,22 @@ from eomcheck.engines import ENGINES
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import UNDERFLOW, allowed_error
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.strategy_samples import draw
+from eomcheck.lab.strategy_samples import draw_samples
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import SCENES, Snake
 
-NAMES = {ABSENT: "absent", PASSED: "passed", FAILED: "failed", INCONCLUSIVE_: "inconclusive"}
+NAMES = {
+    ABSENT: "absent",
+    PASSED_CODE: "passed",
+    FAILED_CODE: "failed",
+    INCONCLUSIVE_CODE: "inconclusive",
+}
 RESIDUAL = "constraint-acceleration"
 ALL = tuple(FORMULATIONS.values())
 UNLIFTED = {"redundant-rows"}
 """Claims by sides that lanes cannot tell: which rows depend on others differs from lane to lane."""
-LIFTED = tuple(one for one in liftable(tuple(CLAIMS)) if one not in UNLIFTED)
+LIFTED = tuple(one for one in batchable_claims(tuple(CLAIMS)) if one not in UNLIFTED)
 
 Verdicts = dict[tuple[int, str, str], tuple[str, float, float]]
 
@@ -53,7 +64,7 @@ def alone(cases: Sequence[tuple[Scene, State]]) -> Verdicts:
 def in_lanes(cases: Sequence[tuple[Scene, State]]) -> Verdicts:
     """Return the same, found in lanes."""
     found: Verdicts = {}
-    for places, case in lane_cases(cases, ALL):
+    for places, case in batched_cases(cases, ALL):
         for one in case.look(LIFTED):
             for lane, i in enumerate(places):
                 verdict = NAMES[one.verdict[lane]], one.observed[lane], one.allowed[lane]
@@ -110,7 +121,7 @@ def test_where_a_lane_has_no_speeds_what_needs_none_is_judged():
     cases = [
         (scene, State(np.array(q), np.array([-q[1], q[0]]), 0.0)) for q in ([0.6, 0.8], [0.0, -1.0])
     ]
-    ((_, case),) = lane_cases(cases, ALL)
+    ((_, case),) = batched_cases(cases, ALL)
     for one in case.look(["constraint-acceleration"]):
         residual[one.subject] = [NAMES[verdict] for verdict in one.verdict]
     refusing = {"el", "em", "ml", "kane"}
@@ -146,7 +157,7 @@ def test_on_hostile_snakes_lanes_differ_only_where_nothing_can_be_told(sized):
     strategy = strategies.scene_states(strategies.hostile_snakes(1, 4), strategies.hostile_states)
     cases = [
         (scene, state)
-        for scene, state in draw(strategy, sized(90, 20), 4)
+        for scene, state in draw_samples(strategy, sized(90, 20), 4)
         if all(np.isfinite(x).all() for x in Evaluation(scene, *state).terms if x is not None)
     ]
     assert len(cases) > sized(45, 15)
@@ -206,7 +217,7 @@ def test_velocities_that_are_not_finite_fail_in_lanes_and_are_not_taken_for_refu
         (Wrong(**{name: getattr(scene, name) for name in Snake.declared}), state)
         for scene, state in scene_cases(Snake, (2, 2), 2, seed=1)
     ]
-    for places, case in lane_cases(cases, ALL):
+    for places, case in batched_cases(cases, ALL):
         found = {one.subject: one for one in case.look(["speeds-velocity"])}["q̇"]
         assert [NAMES[verdict] for verdict in found.verdict] == ["failed"] * len(places)
 
@@ -217,7 +228,7 @@ def test_verdicts_by_number_are_those_of_judge():
     observed, sensitivity, scale = random.choice(among, (3, 3000))
     sensitivity = np.where(np.isnan(sensitivity), 1.0, sensitivity)
     scale = np.where(np.isnan(scale), 1.0, scale)
-    found = judged(observed, allowed_error(1.0) * sensitivity, scale)
+    found = verdict_codes(observed, allowed_error(1.0) * sensitivity, scale)
     each = zip(observed, sensitivity, scale, found, strict=True)
     assert all(judge(float(x), float(s), float(z))[1] == NAMES[y] for x, s, z, y in each)
 
@@ -264,7 +275,7 @@ def test_a_claim_fails_in_lanes_where_it_fails_alone(claim: str, key: str, part:
         keys = dict.fromkeys(("au", "im", "kane", *({part.of} & FORMULATIONS.keys())))
         able = tuple(FORMULATIONS[key] for key in keys if FORMULATIONS[key].applies_to(scene))
         there = Case(Evaluation(scene, *state), able, ()).look(CLAIMS[claim])
-        ((_, case),) = lane_cases([(scene, state), (scene, state)], able)
+        ((_, case),) = batched_cases([(scene, state), (scene, state)], able)
         found = {one.subject: one for one in case.look([claim])}
     assert not case.lost
     judged_alone = {one.subject: one for one in there if not one.subject.endswith("pivoted")}

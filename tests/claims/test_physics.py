@@ -9,7 +9,7 @@ import eomcheck
 from eomcheck.claims.accelerations import _Rates
 from eomcheck.claims.pairwise_design import state_cases
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.evaluation.perturbed import perturbed_copies
+from eomcheck.evaluation.perturbed import perturbed_samples
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.scenes import SCENES, Snake
 
@@ -17,7 +17,7 @@ from eomcheck.scenes import SCENES, Snake
 @pytest.mark.parametrize("key", SCENES)
 def test_energies_and_bodies_of_all_copies_change_as_those_of_each(key: str):
     scene, state = next(iter(state_cases(SCENES[key].example(), 1, 0)))
-    copies = perturbed_copies(Evaluation(scene, *state))
+    copies = perturbed_samples(Evaluation(scene, *state))
     together, im = copies[0].together, FORMULATIONS["im"]
 
     def found(e):
@@ -37,7 +37,7 @@ def test_where_one_formulation_refuses_the_turned_scene_the_others_are_compared(
     """Turned by 0.75 rad the one wheel rolls along x, where El and Em have to refuse."""
     scene, q = Snake([1.0], [1.0], [0.1], None, [0.0]), np.array([0.3, 0.2, -0.75])
     v = eomcheck.velocity(scene, q, [1.0, 0.5])
-    found = eomcheck.check(scene, q, v, engines=[], claims=["invariance"])
+    found = eomcheck.check_state(scene, q, v, engines=[], claims=["invariance"])
     moved: dict[str, set[str]] = {}
     refused = {one.subject for one in found if one.verdict == "skipped"}
     assert refused == {"rotation: el", "rotation: em"}

@@ -16,7 +16,7 @@ from tests.faults import COMPOSED, DESCRIBED, FAULTS, PACKAGE, SHARED, Fault, ch
 from tests.samples import random_scene, random_state
 
 from eomcheck.claims import CLAIMS, Finding, speeds_and_chains
-from eomcheck.claims.run import Selection, case_at
+from eomcheck.claims.run import RunSelection, make_case_with_engines
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import GENERIC
@@ -73,10 +73,10 @@ def first_failure(scene: type[Scene], formulations: dict) -> Finding | None:
 
     What comes after that is not looked at: it could not be what fails first.
     """
-    selection = Selection(
+    selection = RunSelection(
         tuple(f for f in formulations.values() if f.applies_to(scene)),
-        Selection.of().engines,
-        Selection.of().claims,
+        RunSelection.of().engines,
+        RunSelection.of().claims,
     )
     for seed in range(3):
         random = np.random.default_rng(seed)
@@ -84,7 +84,7 @@ def first_failure(scene: type[Scene], formulations: dict) -> Finding | None:
         # The state is right even where the fault is in a.
         state = random_state(right, random)
         made = scene(**{name: getattr(right, name) for name in scene.ranges(1)})
-        case = case_at(made, state, selection)
+        case = make_case_with_engines(made, state, selection)
         for claim in selection.claims if case.finite else ("finite-terms",):
             for finding in case.look(CLAIMS[claim]):
                 if finding.verdict == "failed":

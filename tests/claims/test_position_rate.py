@@ -101,7 +101,7 @@ class OnWrongLift(OnLift):
 
 def looked_at(scene):
     t = 0.7
-    return eomcheck.check(
+    return eomcheck.check_state(
         scene, [np.sin(t), 0.3], [np.cos(t), -1.2], t, engines=[], claims=["position-rate"]
     )
 

@@ -78,7 +78,7 @@ def body(
 
 def failed(scene: Scene, claims: list[str] | None = None) -> set[str]:
     """Return what fails at the beginning, as "claim subject"."""
-    found = eomcheck.check(scene, *scene.initial_state(), claims=claims, engines=[])
+    found = eomcheck.check_state(scene, *scene.initial_state(), claims=claims, engines=[])
     return {f"{one.claim} {one.subject}" for one in found if one.verdict == "failed"}
 
 
@@ -100,7 +100,7 @@ def fast_along_x(q, cos, sin):
 
 def test_a_free_body_that_does_not_say_how_it_may_be_moved_is_moved():
     scene = body(free, PLACES, LAST)
-    found = eomcheck.check(scene, *scene.initial_state(), claims=["moved-energy"])
+    found = eomcheck.check_state(scene, *scene.initial_state(), claims=["moved-energy"])
     assert {(f.subject, f.verdict) for f in found} == {
         ("translation", "passed"),
         ("rotation", "passed"),
@@ -230,7 +230,7 @@ def test_a_scene_is_turned_by_relative_angles_where_its_bodies_tell_by_which(fir
     scene = Links()
     q, v = scene.initial_state()
     moved = {one.name: one.q for one in tried_motions(Evaluation(scene, q, v))}
-    found = eomcheck.check(scene, q, v, claims=["moved-energy"], engines=[])
+    found = eomcheck.check_state(scene, q, v, claims=["moved-energy"], engines=[])
     assert {(f.subject, f.verdict) for f in found} == {(name, "passed") for name in moved}
     assert set(moved) == tried
     if "rotation" in tried:
@@ -252,7 +252,7 @@ def low(q, cos, sin):
 def test_a_body_that_is_slower_than_its_height_in_the_potential_fails(length: int, told: bool):
     """One height bounds a velocity from below; a body may move across it as it likes."""
     scene = body(swinging(length), "θ", slice(0, 1), low)
-    found = eomcheck.check(scene, [1.5], [0.5], claims=NEW)  # it rises steeply
+    found = eomcheck.check_state(scene, [1.5], [0.5], claims=NEW)  # it rises steeply
     assert {f"{f.claim} {f.subject}": f.verdict for f in found} == {
         "height-velocity body 1": "failed" if told else "passed"
     }
@@ -284,7 +284,7 @@ def test_a_body_that_moves_otherwise_than_its_position_fails(length: int):
     assert ("position-velocity body 1" in told) == (length != 2)
     assert "position-velocity body 1" in {
         f"{f.claim} {f.subject}"
-        for f in eomcheck.check(of_positions(swinging(2)), [0.4], [0.5], claims=NEW)
+        for f in eomcheck.check_state(of_positions(swinging(2)), [0.4], [0.5], claims=NEW)
     }
 
 
@@ -294,7 +294,7 @@ def test_what_weighs_beside_the_bodies_is_no_height_of_theirs():
         return parameters.mass[0] * parameters.gravity[0] * 10 * q[0] + parameters.gravity[0] * q[0]
 
     scene = body(lambda q, cos, sin: [[1, 0]], "s", slice(0, 0), potential=heavy)
-    found = eomcheck.check(scene, *scene.initial_state(), claims=["height-velocity"])
+    found = eomcheck.check_state(scene, *scene.initial_state(), claims=["height-velocity"])
     assert not found
 
 
@@ -323,4 +323,4 @@ def test_a_position_of_wrong_shape_is_refused():
     with pytest.raises(
         eomcheck.InputError, match=r"positions: r has shape \(2,\), expected \(1, 2\)"
     ):
-        eomcheck.check(scene, *scene.initial_state())
+        eomcheck.check_state(scene, *scene.initial_state())

@@ -14,14 +14,14 @@ from tests.scenes.test_own_scene import Free, MarkedFree, free_terms
 
 from eomcheck.claims import CLAIMS, Finding, proof
 from eomcheck.claims import proof as draws
-from eomcheck.claims.proof import failure_probability, look_at, prove, prove_structure
-from eomcheck.claims.registry import Point, Sides
+from eomcheck.claims.proof import failure_probability, identities_at, prove, prove_structure
+from eomcheck.claims.registry import Equality, GenericPoint
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.formulations.au import split
 from eomcheck.mechanics.records import Speeds, Terms
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.degree import Degrees
+from eomcheck.numbers.degree import DegreeArithmetic
 from eomcheck.numbers.finite_field import PRIME_COUNT
 from eomcheck.numbers.generic import generic
 from eomcheck.numbers.linear import solve
@@ -135,13 +135,13 @@ def test_the_probability_is_the_documented_one():
 def test_the_primes_of_a_proof_are_those_of_the_points_that_were_looked_at(monkeypatch):
     looked_at: dict[tuple[str, str], list[int]] = {}
 
-    def look(at: Point, *claims):
-        for key, sides in look_at(at, *claims):
-            if not isinstance(at.arithmetic, Degrees):
+    def look(at: GenericPoint, *claims):
+        for key, sides in identities_at(at, *claims):
+            if not isinstance(at.arithmetic, DegreeArithmetic):
                 looked_at.setdefault(key, []).append(at.q[0].modulus())
             yield key, sides
 
-    monkeypatch.setattr(draws, "look_at", look)
+    monkeypatch.setattr(draws, "identities_at", look)
     findings = prove(Snake.coil(2), points=3, seed=0)
     assert {f.claim for f in findings} <= IDENTITIES
     for finding in findings:
@@ -153,11 +153,11 @@ def test_the_primes_of_a_proof_are_those_of_the_points_that_were_looked_at(monke
 def test_the_degree_and_height_of_a_proof_are_the_largest_of_all_entries(monkeypatch, order):
     """Entries are x, 4 x y and 3 x y z; the last has the largest degree, not the largest height."""
 
-    def sides(at: Point, look: Point):
+    def sides(at: GenericPoint, look: GenericPoint):
         x, y, z = at.q[:3]
         numbers = {1: x, 2: 4 * x * y, 3: 3 * x * y * z}
         found = np.array([numbers[i] for i in order], object)
-        yield Sides("test", found, np.array([numbers[i] for i in order], object), (("",) * 3,))
+        yield Equality("test", found, np.array([numbers[i] for i in order], object), (("",) * 3,))
 
     claim = replace(CLAIMS["bias"], id="test", sides=sides, against=None)
     monkeypatch.setitem(CLAIMS, "test", claim)
@@ -505,7 +505,7 @@ def test_generalized_speeds_that_exist_nowhere_are_a_failed_finding():
 
 def test_a_point_is_drawn_again_where_a_formulation_refuses_by_chance(monkeypatch):
     refused = []
-    refusal = Point.refusal
+    refusal = GenericPoint.refusal
 
     def by_chance(self, formulation):
         if not refused:
@@ -516,7 +516,7 @@ def test_a_point_is_drawn_again_where_a_formulation_refuses_by_chance(monkeypatc
     class RefusedOnce(ArithmeticError):
         what = "M_Once"
 
-    monkeypatch.setattr(Point, "refusal", by_chance)
+    monkeypatch.setattr(GenericPoint, "refusal", by_chance)
     findings = prove(Snake.coil(2), points=2, seed=0)
     assert failed(findings) == []
     for finding in findings:

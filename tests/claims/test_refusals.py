@@ -9,7 +9,7 @@ import pytest
 from tests.claims.test_checks import SNAKE, Q, V
 
 from eomcheck.claims import CLAIMS, Case, Finding, State, numerical_accuracy
-from eomcheck.claims.numerical_accuracy import Drawn, coverage, independent_rcond
+from eomcheck.claims.numerical_accuracy import SampledState, coverage, independent_rcond
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
@@ -55,7 +55,7 @@ def test_a_refusal_above_its_threshold_is_in_vain(times: float, verdict: str):
 )
 def test_what_rounding_decides_is_inconclusive(rcond: float, verdict: str):
     refusal = RefusedError("M_Au", 0.0, EPS, "no")
-    assert numerical_accuracy.judged(refusal, rcond * EPS)[0] == verdict
+    assert numerical_accuracy.judge_refusal(refusal, rcond * EPS)[0] == verdict
 
 
 @pytest.mark.parametrize(
@@ -75,7 +75,7 @@ def test_an_overflow_of_ordinary_numbers_is_in_vain():
 def share(refused: int, states: int) -> str:
     """Return the verdict on so many refused states, each by one formulation."""
     state = State(Q, V)
-    drawn = [Drawn(SNAKE, state, ("el",) if i < refused else ()) for i in range(states)]
+    drawn = [SampledState(SNAKE, state, ("el",) if i < refused else ()) for i in range(states)]
     finding = coverage(drawn)
     assert finding.observed == pytest.approx(refused / states)
     return finding.verdict
@@ -91,17 +91,17 @@ def test_coverage_is_open_where_a_stratum_has_no_solved_state():
     """4 states of 100 are few of all, and all that there are at rest."""
     q, _ = SNAKE.initial_state()
     moving, resting = State(q, np.ones(5)), State(q, np.zeros(5))
-    drawn = [Drawn(SNAKE, moving, ())] * 96 + [Drawn(SNAKE, resting, ("em",))] * 4
+    drawn = [SampledState(SNAKE, moving, ())] * 96 + [SampledState(SNAKE, resting, ("em",))] * 4
     finding = coverage(drawn)
     assert finding.verdict == "inconclusive"
     assert finding.detail.endswith("em refused every state of motion at rest (4)")
-    one_solved = [*drawn[:-1], Drawn(SNAKE, resting, ("el",))]
+    one_solved = [*drawn[:-1], SampledState(SNAKE, resting, ("el",))]
     assert coverage(one_solved).verdict == "passed"
     assert coverage([*drawn[50:]]).verdict == "failed"
 
 
 def test_coverage_names_who_refused():
-    finding = coverage([Drawn(SNAKE, State(Q, np.zeros(5)), ("el", "em"))] * 30)
+    finding = coverage([SampledState(SNAKE, State(Q, np.zeros(5)), ("el", "em"))] * 30)
     assert "0 of 30 ordinary states" in finding.detail
     assert "el refused 30; em refused 30" in finding.detail
     assert finding.detail.endswith(" and 8 more")

@@ -17,10 +17,10 @@ import pytest
 from tests.engines.planar import with_fault
 
 import eomcheck
-from eomcheck.claims.reproducer import python_of, scene_code
+from eomcheck.claims.reproducer import reproducer_code, scene_code
 from eomcheck.engines import engine_of
 from eomcheck.mechanics.records import State
-from eomcheck.scene_lookup import kinds_of
+from eomcheck.scene_lookup import scene_classes_named
 from eomcheck.scenes import Sleigh
 
 GUIDES = Path(__file__).parents[2] / "docs" / "guides"
@@ -78,7 +78,7 @@ def run(code: str) -> str:
 def plain(folder: Path, name: str, text: str = PLAIN):
     path = folder / f"{name}.py"
     path.write_text(text)
-    (kind,) = kinds_of(f"{path}:Plain")
+    (kind,) = scene_classes_named(f"{path}:Plain")
     return kind
 
 
@@ -88,9 +88,9 @@ def test_a_scene_in_a_file_is_made_again_from_what_it_keeps_by_name(mass, tmp_pa
     kind = plain(tmp_path, f"plain_{int(10 * mass)}")
     scene = kind(mass)
     assert scene_code(scene) == ("Plain()" if mass == 2.0 else "Plain(mass=3.5)")
-    found = eomcheck.check(scene, *scene.initial_state(), engines=[], claims=["mass-matrix"])
+    found = eomcheck.check_state(scene, *scene.initial_state(), engines=[], claims=["mass-matrix"])
     assert found == []
-    found = eomcheck.check(scene, *scene.initial_state(), engines=["casadi"])
+    found = eomcheck.check_state(scene, *scene.initial_state(), engines=["casadi"])
     failed = [f for f in found if f.verdict == "failed"]
     assert failed[0].claim == "mass-matrix"
     printed = run(failed[0].as_python())
@@ -104,16 +104,16 @@ def test_a_dataclass_is_made_again_from_its_fields(tmp_path):
     ).replace("class Plain", "from dataclasses import dataclass\n@dataclass(eq=False)\nclass Plain")
     scene = plain(tmp_path, "plain_dataclass", text)(np.array(1.5), "mine")
     assert scene_code(scene) == "Plain(mass=1.5, label='mine')"
-    code = python_of(scene, State(*scene.initial_state(), 0.0))
+    code = reproducer_code(scene, State(*scene.initial_state(), 0.0))
     assert "mass-matrix" in run(code)
 
 
 @pytest.mark.night
 def test_the_scene_of_the_guide_is_made_again_with_its_defaults_left_out():
-    (kind,) = kinds_of(f"{GUIDES / 'trailer.py'}:Trailer")
+    (kind,) = scene_classes_named(f"{GUIDES / 'trailer.py'}:Trailer")
     assert scene_code(kind()) == "Trailer()"
     assert scene_code(kind(back=1.0)) == "Trailer(back=1.0)"
-    code = python_of(kind(), State(*kind().initial_state(), 0.0))
+    code = reproducer_code(kind(), State(*kind().initial_state(), 0.0))
     assert "0x" not in code
     assert run(code) == "", "nothing fails"
 
@@ -122,7 +122,7 @@ def test_a_class_that_nobody_can_import_is_told():
     class Local(Sleigh):
         pass
 
-    code = python_of(Local(), State(*Local().initial_state(), 0.0))
+    code = reproducer_code(Local(), State(*Local().initial_state(), 0.0))
     assert "# test_a_class_that_nobody_can_import_is_told.<locals>.Local is defined nowhere" in code
     compile(code, "printed", "exec")
 
@@ -131,7 +131,7 @@ def test_a_class_that_nobody_can_import_is_told():
 def test_a_class_of_a_package_that_is_not_installed_is_found_from_its_root():
     from tests.scenes.test_own_scene import Free
 
-    code = python_of(Free(), State(*Free().initial_state(), 0.0))
+    code = reproducer_code(Free(), State(*Free().initial_state(), 0.0))
     assert str(Path(__file__).parents[2]) in code
     assert run(code) == ""
 
@@ -146,7 +146,7 @@ def test_a_class_of_a_package_within_a_package_is_found_from_its_root(tmp_path, 
     for name in ("outer", "outer.inner"):
         monkeypatch.delitem(sys.modules, name, raising=False)
     scene: Sleigh = importlib.import_module("outer.inner").Own()
-    code = python_of(scene, State(*scene.initial_state(), 0.0))
+    code = reproducer_code(scene, State(*scene.initial_state(), 0.0))
     root = f"sys.path.insert(0, {str(tmp_path.resolve())!r})\nfrom outer.inner import Own\n"
     assert root in code
 
@@ -156,7 +156,7 @@ def test_an_engine_on_trial_and_our_scenes_are_found_again(tmp_path):
     path = with_fault(tmp_path, "planar_repeat", "rest - (spin", "rest + (spin")
     engine = engine_of(f"{path}:Planar")
     scene = Sleigh()
-    found = eomcheck.check(scene, *scene.initial_state(), engines=[engine])
+    found = eomcheck.check_state(scene, *scene.initial_state(), engines=[engine])
     (bias, *_) = (f for f in found if f.verdict == "failed")
     assert bias.claim == "bias"
     assert bias.engine is engine

@@ -11,7 +11,7 @@ from tests.reports import Heavy
 
 import eomcheck
 from eomcheck.claims import State
-from eomcheck.claims.run import Run, Selection
+from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.errors import InputError
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import SCENES, Sleigh, Snake
@@ -26,16 +26,16 @@ def moving(scene) -> State:
 
 
 def test_a_failure_of_the_initial_state_is_among_the_findings():
-    scene, run = Heavy(), Run()
-    new = run.look_at(scene, moving(scene), Selection.of(**KINETIC, scenes=[scene]))
+    scene, run = Heavy(), ValidationRun()
+    new = run.look_at(scene, moving(scene), RunSelection.of(**KINETIC, scenes=[scene]))
     assert "failed" in {finding.verdict for finding in new}
     assert run.findings == new
 
 
 def test_the_time_of_a_claim_is_that_of_all_states(monkeypatch):
-    scene, run = Sleigh(), Run()
+    scene, run = Sleigh(), ValidationRun()
     asked = {"engines": [], "claims": ["kinetic-energy", "power-balance"]}
-    selection = Selection.of(**asked, scenes=[scene])
+    selection = RunSelection.of(**asked, scenes=[scene])
     clock = itertools.count()
     monkeypatch.setattr("eomcheck.claims.run.time.perf_counter", lambda: float(next(clock)))
     for _ in range(3):
@@ -49,7 +49,7 @@ def test_the_smallest_failing_case_is_the_last_finding():
         state = moving(scene)
         return scene, state._replace(q=state.q + np.array([x, 0, 0]))
 
-    run, selection = Run(), Selection.of(**KINETIC, scenes=[Sleigh, Heavy])
+    run, selection = ValidationRun(), RunSelection.of(**KINETIC, scenes=[Sleigh, Heavy])
     run.explore(
         map(build, (3, 99, 50)), selection, smaller=lambda _: st.integers(0, 999).map(build)
     )
@@ -65,8 +65,8 @@ def test_terms_that_are_no_numbers_fail():
             terms = Sleigh.terms(*arguments)
             return terms._replace(M=terms.M * np.nan)
 
-    scene, run = Broken(), Run()
-    run.look_at(scene, moving(scene), Selection.of(engines=[], scenes=[scene]))
+    scene, run = Broken(), ValidationRun()
+    run.look_at(scene, moving(scene), RunSelection.of(engines=[], scenes=[scene]))
     failed = [finding for finding in run.findings if finding.verdict == "failed"]
     assert [finding.claim for finding in failed] == ["finite-terms"]
 
@@ -82,16 +82,16 @@ def test_another_seed_draws_other_states_and_the_same_seed_the_same():
 
 
 def test_another_seed_moves_the_example_of_a_kind_otherwise():
-    runs = Run(), Run()
+    runs = ValidationRun(), ValidationRun()
     for seed, run in enumerate(runs):
-        run.look_at_kind(Sleigh, Selection.of(**KINETIC, scenes=[Sleigh]), (1, 1), 1, seed)
+        run.look_at_kind(Sleigh, RunSelection.of(**KINETIC, scenes=[Sleigh]), (1, 1), 1, seed)
     one, other = (run.drawn[0] for run in runs)
     assert repr(one.scene) == repr(other.scene) == repr(Sleigh.example())
     assert not np.array_equal(one.state.v, other.state.v)
 
 
 def test_scenes_of_all_numbers_of_links_are_drawn():
-    run, selection = Run(), Selection.of(**KINETIC)
+    run, selection = ValidationRun(), RunSelection.of(**KINETIC)
     run.look_at_kind(Snake, selection, (1, 3), 30, 0)
     assert {one.scene.n - 2 for one in run.drawn[1:]} == {1, 2, 3}
 
@@ -99,7 +99,7 @@ def test_scenes_of_all_numbers_of_links_are_drawn():
 @pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_example_of_a_kind_is_looked_at_as_it_starts_and_moving(kind: type[Scene], seed: int):
-    run, selection = Run(), Selection.of(**KINETIC, scenes=[kind])
+    run, selection = ValidationRun(), RunSelection.of(**KINETIC, scenes=[kind])
     run.look_at_kind(kind, selection, (1, 2), 1, seed)
     assert run.cases == 3
     start, moving, _ = (run.findings[end - 1] for end in run.ends)
@@ -111,11 +111,11 @@ def test_the_example_of_a_kind_is_looked_at_as_it_starts_and_moving(kind: type[S
 
 def test_a_run_counts_who_refused():
     scene = Snake([1, 1], [1, 1], [0.1, 0.1], [1], [0, 0])
-    run = Run()
-    run.look_at(scene, State(*scene.initial_state()), Selection.of(engines=[]))
+    run = ValidationRun()
+    run.look_at(scene, State(*scene.initial_state()), RunSelection.of(engines=[]))
     assert run.refused == ("el", "em")
     turned = scene.initial_state()[0] + np.array([0, 0, 0.3, 0.8])
-    run.look_at(scene, State(turned, np.zeros(4)), Selection.of(engines=[]))
+    run.look_at(scene, State(turned, np.zeros(4)), RunSelection.of(engines=[]))
     assert run.refused == ()
 
 
@@ -123,16 +123,16 @@ def test_a_state_that_is_refused_is_counted_once():
     scene = Snake([1, 1], [1, 1], [0.1, 0.1], [1], [0, 0])
     q, v = scene.initial_state()
     turned = State(q + np.array([0, 0, 0.3, 0.8]), np.zeros(4))
-    run = Run()
+    run = ValidationRun()
     cases = [(scene, one) for one in (turned, State(q, v), turned)]
-    run.explore(cases, Selection.of(engines=[], claims=["refusals"]))
+    run.explore(cases, RunSelection.of(engines=[], claims=["refusals"]))
     assert [one.refused for one in run.drawn] == [(), ("el", "em"), ()]
 
 
 @pytest.mark.parametrize(
     "checks",
     [
-        lambda: eomcheck.check(Snake.paper(), *Snake.paper().initial_state(), claims=[]),
+        lambda: eomcheck.check_state(Snake.paper(), *Snake.paper().initial_state(), claims=[]),
         lambda: eomcheck.validate(Snake.paper(), examples=1, claims=()),
         lambda: check_functions(1, M=lambda q: [[1.0]], claims=[]),
     ],

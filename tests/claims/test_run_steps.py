@@ -12,9 +12,9 @@ import pytest
 import eomcheck
 from eomcheck.claims import Finding, run
 from eomcheck.claims.finding import entries_of
-from eomcheck.claims.run import Asked, Look, Run, Selection
+from eomcheck.claims.run import RunSelection, SceneEngines, StateResult, ValidationRun
 from eomcheck.errors import InconsistentVelocityError
-from eomcheck.evaluation.dynamics import LETS_PASS
+from eomcheck.evaluation.dynamics import CONSISTENT_HINT
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import SCENES, Sleigh, Snake
 
@@ -31,8 +31,8 @@ def said(claim: str, verdict: Any = "passed", subject: str = "one", detail: str 
     return Finding(claim, subject, SCENE, state(x), *how)
 
 
-def selected(**more: Any) -> Selection:
-    return replace(Selection.of(engines=[], claims=CLAIMS, scenes=[SCENE]), **more)
+def selected(**more: Any) -> RunSelection:
+    return replace(RunSelection.of(engines=[], claims=CLAIMS, scenes=[SCENE]), **more)
 
 
 # ---- One state -----------------------------------------------------------------------------------
@@ -49,10 +49,10 @@ def selected(**more: Any) -> Selection:
 def test_claims_are_asked_of_numbers_alone(monkeypatch, broken, finite, asked, refused):
     case = SimpleNamespace(broken_terms=broken, finite=finite, refused=("em",))
     given: list[Any] = []
-    monkeypatch.setattr(run, "case_of", lambda *them: given.append(them) or case)
-    monkeypatch.setattr(run, "of_file", lambda asked, case, claim: [said(claim.id)] * 2)
-    here: Any = (Asked(SCENE, (), {}), state(1.0), selected(), 7)
-    found = run.look(*here)
+    monkeypatch.setattr(run, "make_case", lambda *them: given.append(them) or case)
+    monkeypatch.setattr(run, "evaluate_claim", lambda asked, case, claim: [said(claim.id)] * 2)
+    here: Any = (SceneEngines(SCENE, (), {}), state(1.0), selected(), 7)
+    found = run.evaluate_state(*here)
     assert given == [here]
     claims = [one.claim for one in found.findings]
     assert claims == ([broken.claim] if broken else [x for x in asked for _ in range(2)])
@@ -63,17 +63,17 @@ def test_claims_are_asked_of_numbers_alone(monkeypatch, broken, finite, asked, r
 def test_engines_are_made_once_for_each_scene(monkeypatch):
     made, looked = [], []
 
-    def asked_of(scene: Any, _: Selection) -> Asked:
+    def asked_of(scene: Any, _: RunSelection) -> SceneEngines:
         made.append(scene)
-        return Asked(scene, (), {})
+        return SceneEngines(scene, (), {})
 
-    def look(asked: Asked, state: State, selection: Selection, often: int) -> Look:
+    def look(asked: SceneEngines, state: State, selection: RunSelection, often: int) -> StateResult:
         looked.append((asked.scene, state, often))
-        return Look([], {}, ())
+        return StateResult([], {}, ())
 
-    monkeypatch.setattr(run, "asked_of", asked_of)
-    monkeypatch.setattr(run, "look", look)
-    heavy, one = Sleigh(mass=7.0), Run()
+    monkeypatch.setattr(run, "make_scene_engines", asked_of)
+    monkeypatch.setattr(run, "evaluate_state", look)
+    heavy, one = Sleigh(mass=7.0), ValidationRun()
     cases = [(SCENE, state(1)), (SCENE, state(2)), (heavy, state(3)), (SCENE, state(4))]
     for scene, at in cases:
         one.look_at(scene, at, selected())
@@ -99,14 +99,16 @@ def test_engines_are_made_once_for_each_scene(monkeypatch):
     ],
 )
 def test_what_cannot_be_told_is_told_once(again: Finding, told: bool):
-    one = Run()
+    one = ValidationRun()
     first = [
         said("bias", "skipped", "mine", "no bias"),
         said("equivalence", "skipped", "mine", "refused"),
         said("equivalence", "skipped", "mine", "not rational: it"),
     ]
-    assert one._take(Look(first, {"bias": 2.0}, ("au",))) == first
-    assert one._take(Look([again, *first[:1]], {"bias": 0.5}, ())) == ([again] if told else [])
+    assert one._take(StateResult(first, {"bias": 2.0}, ("au",))) == first
+    assert one._take(StateResult([again, *first[:1]], {"bias": 0.5}, ())) == (
+        [again] if told else []
+    )
     assert (one.ends, one.cases) == ([3, 3 + told], 2)
     assert one.findings == first + [again] * told
     assert (one.seconds["bias"], one.refused) == (2.5, ())
@@ -120,19 +122,19 @@ def test_drawing_ends_at_the_first_failure_and_that_is_made_smaller(monkeypatch)
     heavy = Sleigh(mass=9.0)
     failing = [said("finite-terms", x=2.0), replace(first, scene=heavy), second]
     looks = [
-        (SCENE, state(1.0), Look([said("bias")], {}, ("em",))),
-        (SCENE, state(2.0), Look(failing, {}, ("el", "em"))),
-        (SCENE, state(3.0), Look([said("bias")], {}, ())),
+        (SCENE, state(1.0), StateResult([said("bias")], {}, ("em",))),
+        (SCENE, state(2.0), StateResult(failing, {}, ("el", "em"))),
+        (SCENE, state(3.0), StateResult([said("bias")], {}, ())),
     ]
     calls, handed, count = [], [], []
     minimal = said("bias", "failed", x=0.0)
     monkeypatch.setattr(run, "smallest_failure", lambda *them: handed.append(them) or minimal)
 
-    def looking(cases: Any, selection: Selection):
+    def looking(cases: Any, selection: RunSelection):
         calls.append((cases, selection))
         yield from looks
 
-    one, chosen, cases = Run(), selected(), [(SCENE, state(1.0))]
+    one, chosen, cases = ValidationRun(), selected(), [(SCENE, state(1.0))]
     how = {"on_case": lambda: count.append(one.cases), "seed": 11, "looks": looking}
     one.explore(cases, chosen, smaller=lambda scene: ("smaller", scene), **how)
     assert calls == [(cases, chosen)]
@@ -142,10 +144,10 @@ def test_drawing_ends_at_the_first_failure_and_that_is_made_smaller(monkeypatch)
     assert handed == [(failing[1], ("smaller", heavy), chosen, 11)]
     assert one.minimal is minimal and one.ends == [1, 4]
 
-    again = Run()
+    again = ValidationRun()
     again.explore(cases, chosen, looks=looking)
     assert again.minimal is failing[1], "nobody says what is smaller"
-    right = Run()
+    right = ValidationRun()
     how = {"smaller": lambda scene: 1 / 0, "looks": lambda *_: (one for one in looks[::2])}
     right.explore(cases, chosen, **how)
     assert right.minimal is None and right.cases == 2
@@ -171,7 +173,7 @@ def test_the_states_of_a_run_are_drawn_as_asked(monkeypatch, named: bool, kind: 
         monkeypatch.setattr(run, name, drawing(name))
     monkeypatch.setattr(run, "with_wide", wide)
 
-    class Recording(Run):
+    class Recording(ValidationRun):
         def look_at(self, scene, state, selection):
             calls.append(("start", repr(scene), state.q.tolist(), state.v.tolist(), state.t))
             return []
@@ -224,11 +226,13 @@ def test_a_run_ends_with_what_holds_of_all_its_states(monkeypatch, failed, cover
         kept = left if claim.id == "mass-matrix" else []
         return [said(claim.id, detail="proved")], kept
 
-    monkeypatch.setattr(run, "by_proof", by_proof)
+    monkeypatch.setattr(run, "prove_unresolved", by_proof)
     monkeypatch.setattr(run, "coverage", lambda drawn: said("coverage", detail=f"{len(drawn)}"))
-    one = Run(findings=[hidden("mass-matrix", 1.0), hidden("bias", 2.0), said("kinetic-energy")])
+    one = ValidationRun(
+        findings=[hidden("mass-matrix", 1.0), hidden("bias", 2.0), said("kinetic-energy")]
+    )
     one.minimal = said("bias", "failed") if failed else None
-    one.drawn = [run.Drawn(SCENE, state(1.0), ())] * 3 if drawn else []
+    one.drawn = [run.SampledState(SCENE, state(1.0), ())] * 3 if drawn else []
     chosen = selected(claims=("mass-matrix", *(["coverage"] * covers)))
     found = one.finish(chosen)
     assert found is one.findings
@@ -251,7 +255,7 @@ def test_a_state_is_checked_at_its_time():
     q, _ = scene.initial_state()
     v = eomcheck.velocity(scene, q, [0.5, -0.4, 0.3], t=0.7)
     how: Any = {"engines": [], "claims": ["finite-terms"]}
-    found = eomcheck.check(scene, q, v, 0.7, **how)
+    found = eomcheck.check_state(scene, q, v, 0.7, **how)
     assert {one.state.t for one in found} == {0.7}
     assert all(one.state.v.tolist() == v.tolist() for one in found)
 
@@ -266,26 +270,30 @@ def test_a_velocity_is_refused_beyond_what_is_let_pass(monkeypatch):
 
     monkeypatch.setattr(run, "check_consistent", recorded)
     q, _ = SCENE.initial_state()
-    eomcheck.check(SCENE, q, [0, 0, 1.0], engines=[], claims=["finite-terms"])
-    assert given == [(LETS_PASS,)]
+    eomcheck.check_state(SCENE, q, [0, 0, 1.0], engines=[], claims=["finite-terms"])
+    assert given == [(CONSISTENT_HINT,)]
     with pytest.raises(InconsistentVelocityError):
-        eomcheck.check(SCENE, q, [0.0, 0.5, 1.0], engines=[], claims=["finite-terms"])
+        eomcheck.check_state(SCENE, q, [0.0, 0.5, 1.0], engines=[], claims=["finite-terms"])
     how: Any = {"engines": [], "claims": ["finite-terms"], "consistent": False}
-    assert eomcheck.check(SCENE, q, [0.0, 0.5, 1.0], **how)
+    assert eomcheck.check_state(SCENE, q, [0.0, 0.5, 1.0], **how)
 
 
 def test_a_validation_asks_for_what_it_was_told(monkeypatch):
     calls: list[Any] = []
-    right = Selection.of.__func__
+    right = RunSelection.of.__func__
 
-    def of(cls: Any, *them: Any, **more: Any) -> Selection:
+    def of(cls: Any, *them: Any, **more: Any) -> RunSelection:
         calls.append((them, more))
         return right(cls, *them, **more)
 
-    monkeypatch.setattr(Selection, "of", classmethod(of))
-    monkeypatch.setattr(Run, "look_at_scene", lambda self, *them: calls.append(them))
-    monkeypatch.setattr(Run, "look_at", lambda self, *them: calls.append(them) or ["found"])
-    monkeypatch.setattr(Run, "finish", lambda self, chosen: calls.append(chosen) or ["finished"])
+    monkeypatch.setattr(RunSelection, "of", classmethod(of))
+    monkeypatch.setattr(ValidationRun, "look_at_scene", lambda self, *them: calls.append(them))
+    monkeypatch.setattr(
+        ValidationRun, "look_at", lambda self, *them: calls.append(them) or ["found"]
+    )
+    monkeypatch.setattr(
+        ValidationRun, "finish", lambda self, chosen: calls.append(chosen) or ["finished"]
+    )
     how: Any = {"formulations": ["kane"], "engines": ["casadi"], "claims": ["bias", "coverage"]}
     asked = (["kane"], ["casadi"], ["bias", "coverage"])
     assert eomcheck.validate(SCENE, examples=6, seed=8, **how) == ["finished"]
@@ -295,7 +303,7 @@ def test_a_validation_asks_for_what_it_was_told(monkeypatch):
     assert [f.key for f in chosen.formulations] == ["kane"]
     calls.clear()
     q, v = SCENE.initial_state()
-    assert eomcheck.check(SCENE, q, v, **how) == ["found"]
+    assert eomcheck.check_state(SCENE, q, v, **how) == ["found"]
     assert calls[0] == (asked, {"scenes": [SCENE]})
     calls.clear()
     eomcheck.validate(SCENE)

@@ -10,7 +10,7 @@ from tests.claims.test_checks import SNAKE, Q, V
 
 import eomcheck
 from eomcheck.claims import CLAIMS, Case
-from eomcheck.claims.registry import Sides
+from eomcheck.claims.registry import Equality
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.scenes import SCENES
@@ -23,7 +23,7 @@ def case() -> Case:
     return Case(Evaluation(SNAKE, Q, V), tuple(FORMULATIONS[key] for key in KEYS), ())
 
 
-def sides_of(case: Case, claim: str) -> dict[str, Sides]:
+def sides_of(case: Case, claim: str) -> dict[str, Equality]:
     sides: Any = CLAIMS[claim].sides
     return {one.subject: one for one in sides(case.at, case)}
 
@@ -32,7 +32,7 @@ def row_sum(matrix: np.ndarray) -> float:
     return float(np.abs(matrix).sum(axis=1).max())
 
 
-def assert_sized(one: Sides, terms: np.ndarray) -> None:
+def assert_sized(one: Equality, terms: np.ndarray) -> None:
     assert one.sizes == pytest.approx(terms, rel=1e-9)
     assert one.size == pytest.approx(np.max(terms), rel=1e-9)
 

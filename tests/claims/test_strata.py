@@ -24,26 +24,26 @@ from eomcheck.claims.pairwise_design import (
     POSITIVE,
     REST_EVERY,
     ZERO,
-    covering,
-    measured,
-    pairs,
+    count_levels,
+    covering_array,
+    design_rows,
+    factors,
+    level_pairs,
+    levels_of_case,
     pairs_in,
-    rows,
+    sample_level,
     scene_cases,
     state_cases,
-    strata,
-    strata_of,
-    value_of,
 )
-from eomcheck.claims.run import Run, Selection
-from eomcheck.cli.check_commands import validate
+from eomcheck.claims.run import RunSelection, ValidationRun
+from eomcheck.cli.check_commands import validate_command
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.records import Range
 from eomcheck.scenes import SCENES, Snake
 from eomcheck.scenes.snake import qdot
 
-EXAMPLES = inspect.signature(validate).parameters["examples"].default
+EXAMPLES = inspect.signature(validate_command).parameters["examples"].default
 LEAST, MOST = 1, 12
 every_kind = pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)
 
@@ -51,7 +51,7 @@ every_kind = pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)
 def choices(kind) -> list:
     """Return the strata of a kind for each number of links of a default run."""
     numbers = range(LEAST, MOST + 1) if kind.has_links else (None,)
-    return [ways for n in numbers for ways in strata(kind, n)]
+    return [ways for n in numbers for ways in factors(kind, n)]
 
 
 # ---- Rows ----------------------------------------------------------------------------------------
@@ -60,8 +60,8 @@ def choices(kind) -> list:
 @every_kind
 @pytest.mark.parametrize("seed", range(5))
 def test_a_covering_array_has_every_pair(kind, seed):
-    made = covering(choices(kind), np.random.default_rng(seed))
-    wanted = pairs(choices(kind))
+    made = covering_array(choices(kind), np.random.default_rng(seed))
+    wanted = level_pairs(choices(kind))
     assert set().union(*map(pairs_in, made)) == wanted
     for row in made:
         assert any(all(way in ways[x] for x, way in row.items()) for ways in choices(kind))
@@ -80,13 +80,13 @@ def test_a_single_scene_is_drawn_at_rest_too_where_no_clock_drives_it(kind, seed
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("examples", [1, 9, 10, 55, EXAMPLES, 333])
 def test_at_most_a_tenth_is_at_rest_however_few_are_drawn(examples, seed):
-    drawn = list(rows(choices(Snake), examples, np.random.default_rng(seed)))
+    drawn = list(design_rows(choices(Snake), examples, np.random.default_rng(seed)))
     assert len(drawn) == examples
     assert sum(row[MOTION] == AT_REST for row in drawn) <= examples / REST_EVERY
 
 
 def test_links_motion_springs_dampers_and_wheels_are_strata_of_snakes():
-    (three,), (one,) = strata(Snake, 3), strata(Snake, 1)
+    (three,), (one,) = factors(Snake, 3), factors(Snake, 1)
     assert three == {
         **{LINKS: ("3",), MOTION: (MOVING, AT_REST)},
         **dict.fromkeys(("mass", "length", "inertia"), ("present",)),
@@ -105,9 +105,9 @@ def test_links_motion_springs_dampers_and_wheels_are_strata_of_snakes():
 def test_default_draws_have_every_pair_of_strata_and_hardly_rest(kind, sized):
     for seed in range(sized(3, 1) if kind is Snake else 1):
         cases = list(scene_cases(kind, (LEAST, MOST), EXAMPLES, seed))
-        found = [strata_of(scene, state) for scene, state in cases]
-        assert set().union(*map(pairs_in, found)) == pairs(choices(kind))
-        counts = measured(cases)
+        found = [levels_of_case(scene, state) for scene, state in cases]
+        assert set().union(*map(pairs_in, found)) == level_pairs(choices(kind))
+        counts = count_levels(cases)
         assert counts[MOTION].get(AT_REST, 0) <= EXAMPLES / REST_EVERY
         assert all(states > 0 for of in counts.values() for states in of.values())
         if kind.has_links:
@@ -118,7 +118,7 @@ def test_default_draws_have_every_pair_of_strata_and_hardly_rest(kind, sized):
 def test_what_is_measured_is_what_was_drawn_not_what_was_meant():
     one = Snake([1], [1], [0.1], None, [0.2]), Snake([1], [1], [0.1], None, [0.0])
     at_rest = eomcheck.mechanics.records.State(*one[0].initial_state())
-    assert measured((scene, at_rest) for scene in one) == {
+    assert count_levels((scene, at_rest) for scene in one) == {
         LINKS: {"1": 2},
         MOTION: {MOVING: 0, AT_REST: 2},
         "wheel_angle": {ZERO: 1, POSITIVE: 1, NEGATIVE: 0},
@@ -179,7 +179,7 @@ def test_arrays_take_all_of_their_range_and_their_links_differ():
 @pytest.mark.parametrize(("low", "high"), [(-1.0, 3.0), (-3.0, 1.0)])
 def test_a_range_whose_ends_have_other_magnitudes_is_left_in_no_way(low, high, way):
     random, ends = np.random.default_rng(0), {POSITIVE: (0.0, high), NEGATIVE: (low, 0.0)}
-    drawn = np.array([value_of(Range(low, high, (2,)), way, random) for _ in range(200)])
+    drawn = np.array([sample_level(Range(low, high, (2,)), way, random) for _ in range(200)])
     least, most = ends.get(way, (low, high))
     assert least <= drawn.min() < 0.9 * least + 0.1 * most
     assert 0.1 * least + 0.9 * most < drawn.max() <= most
@@ -230,8 +230,8 @@ def test_symmetries_move_what_is_drawn(kind):
 # ---- Faults that only some strata show -----------------------------------------------------------
 
 
-def first_failure(kind, selection: Selection):
-    run = Run()
+def first_failure(kind, selection: RunSelection):
+    run = ValidationRun()
     run.look_at_kind(kind, selection, (LEAST, MOST), EXAMPLES, 0)
     return run.minimal
 
@@ -245,7 +245,7 @@ class WrongQdotOfOneLink(Snake):
 
 @pytest.mark.night
 def test_a_velocity_that_is_wrong_for_one_link_only_is_found_by_default():
-    failure = first_failure(WrongQdotOfOneLink, Selection.of(engines=[]))
+    failure = first_failure(WrongQdotOfOneLink, RunSelection.of(engines=[]))
     assert failure is not None
     assert getattr(failure.scene, LINKS) == 1
     assert failure.claim in ("speeds-velocity", "null-space-speeds")
@@ -260,7 +260,7 @@ def test_a_fault_of_gw_for_one_link_only_is_found_by_default(monkeypatch: pytest
         return right.solution(M, F, a, gamma, v, partition)
 
     monkeypatch.setitem(FORMULATIONS, "gw", replace(right, solution=wrong))
-    failure = first_failure(Snake, Selection.of(engines=[]))
+    failure = first_failure(Snake, RunSelection.of(engines=[]))
     assert failure is not None
     assert getattr(failure.scene, LINKS) == 1
     assert "gw" in failure.subject

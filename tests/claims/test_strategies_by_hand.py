@@ -18,16 +18,16 @@ from eomcheck import strategies
 from eomcheck.descriptions.random_mechanisms import RandomMechanism, RandomTree
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.lab.strategy_samples import draw
+from eomcheck.lab.strategy_samples import draw_samples
 from eomcheck.mechanics.records import Range
 from eomcheck.scenes import ChainPendulum, FourBarChain, Sleigh, Snake, TurntableBall
 from eomcheck.strategies import scene_strategies, state_strategies
 from eomcheck.strategies.state_strategies import (
     StateRanges,
     angles_of,
-    case_of,
     consistent_state,
     ordinary_state,
+    state_or_reject,
     state_ranges,
 )
 
@@ -101,7 +101,7 @@ def saying(monkeypatch):
 )
 def test_bounds_that_are_none_are_refused_in_these_words(bounds: Any, lowest: float, said: str):
     with pytest.raises(InputError) as error:
-        scene_strategies.interval("x", bounds, lowest)
+        scene_strategies.bounded_floats("x", bounds, lowest)
     assert str(error.value) == said
 
 
@@ -122,7 +122,7 @@ def test_only_what_is_below_a_millionth_is_nothing():
 def test_strategies_for_numbers_are_made_of_these(saying):
     one, absent = Range(1.0, 2.0, (4, 3)), Range(-1.0, 2.0, (2,), True)
     found: dict[str, Any] = {
-        "1..2": scene_strategies.interval("x", (1.0, 2.0), 1.0),
+        "1..2": scene_strategies.bounded_floats("x", (1.0, 2.0), 1.0),
         "3..3": scene_strategies.links_between(3, 3),
         "[-2..4: 3 -> 1000.0]": scene_strategies.magnitudes(-2.0, 4.0),
         "0..2": scene_strategies.entry_of(Range(0.0, 2.0)),
@@ -194,7 +194,7 @@ def test_links_are_one_to_eight_by_default_and_of_no_account_to_a_scene_without_
     topologies = lambda kind, n: kept.append((kind, n)) or st.none()  # noqa: E731
     monkeypatch.setattr(of_scenes, "_topologies", topologies)
     monkeypatch.setattr(of_scenes, "_of_kind", lambda kind, n: st.just((kind, n)))
-    assert draw(strategies.scenes(Sleigh, 0, -1), 1, 0) == [(None, None)]
+    assert draw_samples(strategies.scenes(Sleigh, 0, -1), 1, 0) == [(None, None)]
     assert kept == [(Sleigh, None)]
     monkeypatch.setattr(scene_strategies, "st", SAYING)
     monkeypatch.setattr(of_scenes, "_topologies", lambda kind, n: Said(f"{kind.__name__} {n}"))
@@ -219,7 +219,7 @@ def test_a_draw_that_is_refused_is_no_case_and_the_ways_are_those_of_one_entry(m
             assert choices.whole(3, 3) == 3 and choices.number(0.5, 0.5) == 0.5
             return ChainPendulum
 
-    found = draw(strategies.scenes(Refused, 2, 2), 5, 0)
+    found = draw_samples(strategies.scenes(Refused, 2, 2), 5, 0)
     assert {(type(one), one.links) for one in found} == {(ChainPendulum, 2)}
     assert set(asked) == {(2, "2 a"), (2, "2 b")}
 
@@ -255,7 +255,7 @@ def test_urdfs_are_made_with_the_options_that_are_given(monkeypatch):
         {"dampers": False},
     ]
     for more in given:
-        assert draw(strategies.urdfs(3, 3, **more), 1, 0) == ["text"]
+        assert draw_samples(strategies.urdfs(3, 3, **more), 1, 0) == ["text"]
     everywhere = ("revolute", "prismatic", "fixed")
     assert [made[0], *[one for i, one in enumerate(made) if one != made[i - 1]][-3:]] == [
         (3, everywhere, True, True, True),
@@ -331,10 +331,10 @@ def test_a_state_near_which_nothing_is_closed_is_no_case():
             raise RefusedError("a", 0.0, 1.0, "no")
         return scene, numbers
 
-    made: Any = case_of(make, Sleigh())
+    made: Any = state_or_reject(make, Sleigh())
     assert made((3, 4))[1] == (3, 4)
     pairs = st.sampled_from([(1, 2), (3, 4)]).map(made)
-    found = {numbers for _, numbers in draw(pairs, 20, 0)}
+    found = {numbers for _, numbers in draw_samples(pairs, 20, 0)}
     assert found == {(3, 4)}
 
 

@@ -130,7 +130,7 @@ def test_each_question_has_the_size_of_its_own_terms():
     case = Case(Evaluation(scene, q, v), (), ())
     engine = CasadiEngine(scene)
     sizes = {
-        method: trial.size_of(case, engine, method)
+        method: trial.cancelling_size(case, engine, method)
         for method in ("bias", "forces", "constraint_drift", "mass_matrix", "constraint_jacobian")
     }
     at = case.at
@@ -140,7 +140,7 @@ def test_each_question_has_the_size_of_its_own_terms():
     assert sizes["mass_matrix"] == answers.mass_size(at, S)
     assert sizes["constraint_drift"] == answers.drift_size(at)
     assert sizes["constraint_jacobian"] == 0.0
-    assert trial.size_of(case, type("Tried", (CasadiEngine,), {})(scene), "bias") == (
+    assert trial.cancelling_size(case, type("Tried", (CasadiEngine,), {})(scene), "bias") == (
         answers.inertia_size(at)
     )
 
@@ -219,14 +219,17 @@ def changed(entry: tuple[int, int], by: float) -> np.ndarray:
 def test_of_an_engine_on_trial_both_numbers_of_the_worst_entry_are_said(entry, by, what):
     found = changed(entry, by)
     found[1, 0] += 1e-7
-    assert trial.said_on_trial(CasadiEngine, found, EXPECTED, 1e-12) == what
+    assert trial.describe_engine_error(CasadiEngine, found, EXPECTED, 1e-12) == what
 
 
 def test_of_the_library_of_a_file_nobody_is_blamed():
     kind: Any = type("Reader", (PinocchioEngine,), {"reads_file": True})
     found = changed((0, 1), 6.0)
-    assert trial.said_on_trial(kind, found, EXPECTED, 1e-12) == "3 by the library, -3 by eomcheck"
-    slight = trial.said_on_trial(kind, changed((1, 0), -1e-6), EXPECTED, 1e-12)
+    assert (
+        trial.describe_engine_error(kind, found, EXPECTED, 1e-12)
+        == "3 by the library, -3 by eomcheck"
+    )
+    slight = trial.describe_engine_error(kind, changed((1, 0), -1e-6), EXPECTED, 1e-12)
     assert slight.startswith("0.999999 by the library, 1 by eomcheck: as large as")
 
 
@@ -244,7 +247,9 @@ def with_answer(found: Any, fresh: Any) -> Finding:
 
     names = (SNAKE.constraint_names[:2],)
     engine, ours = Tried(SNAKE), np.array([2.0, -1.0])
-    return trial.compared(case, engine, "tried", ours, np.array(found), 1.0, again, names=names)
+    return trial.compare_with_engine(
+        case, engine, "tried", ours, np.array(found), 1.0, again, names=names
+    )
 
 
 KEEPS = "; a new engine answers right: it keeps what it was asked before"

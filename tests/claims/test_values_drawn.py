@@ -44,7 +44,7 @@ EITHER, UP, FAR = Range(-1.0, 4.0, (3, 2)), Range(0.0, 4.0, (3,)), Range(2.0, 5.
     ],
 )
 def test_a_parameter_is_drawn_in_the_ways_that_its_range_has(one: Range, ways: tuple[str, ...]):
-    assert pairwise_design.ways_of(one) == ways
+    assert pairwise_design.levels_of_range(one) == ways
 
 
 @pytest.mark.parametrize(
@@ -61,12 +61,12 @@ def test_a_parameter_is_drawn_in_the_ways_that_its_range_has(one: Range, ways: t
     ],
 )
 def test_the_way_of_a_parameter_is_seen_on_its_numbers(value: Any, way: str):
-    assert pairwise_design.way_of(value) == way
+    assert pairwise_design.level_of_value(value) == way
 
 
 def drawn(one: Range, way: str, count: int = 200) -> np.ndarray:
     random = np.random.default_rng(0)
-    return np.array([pairwise_design.value_of(one, way, random) for _ in range(count)])
+    return np.array([pairwise_design.sample_level(one, way, random) for _ in range(count)])
 
 
 def test_values_are_drawn_in_the_way_that_is_asked_for_and_fill_their_range():
@@ -101,9 +101,9 @@ def test_magnitudes_are_drawn_evenly_or_by_decades_down_to_a_thousandth():
 
 def test_what_is_absent_is_none_or_has_no_entries_that_count():
     random = np.random.default_rng(0)
-    assert pairwise_design.value_of(EITHER._replace(optional=True), ABSENT, random) is None
-    assert pairwise_design.value_of(Range(0.0, 1.0, (0, 3)), ABSENT, random).shape == (0, 3)
-    number = pairwise_design.value_of(FAR, PRESENT, random)
+    assert pairwise_design.sample_level(EITHER._replace(optional=True), ABSENT, random) is None
+    assert pairwise_design.sample_level(Range(0.0, 1.0, (0, 3)), ABSENT, random).shape == (0, 3)
+    number = pairwise_design.sample_level(FAR, PRESENT, random)
     assert type(number) is float
 
 
@@ -117,20 +117,23 @@ LENGTHS: list[dict[str, tuple[str, ...]]] = [
 
 def test_rows_that_follow_a_covering_array_move_without_zeros_by_the_smaller_links_in_turn():
     random = np.random.default_rng(0)
-    covered = len(pairwise_design.covering(LENGTHS, np.random.default_rng(0)))
-    later = list(pairwise_design.rows(LENGTHS, 400, random))[200:]
+    covered = len(pairwise_design.covering_array(LENGTHS, np.random.default_rng(0)))
+    later = list(pairwise_design.design_rows(LENGTHS, 400, random))[200:]
     assert covered < 60 and {row[MOTION] for row in later} == {MOVING}
     assert {row["spring"] for row in later} == {ABSENT, POSITIVE}
     links = [row[LINKS] for row in later]
     assert set(links) == {"1", "2", "3"} and links[:6] == 2 * links[:3]
     only_zero = [{MOTION: (MOVING,), "spring": (ZERO,)}]
-    assert list(pairwise_design.rows(only_zero, 3, random))[-1] == {MOTION: MOVING, "spring": ZERO}
+    assert list(pairwise_design.design_rows(only_zero, 3, random))[-1] == {
+        MOTION: MOVING,
+        "spring": ZERO,
+    }
 
 
 def test_every_tenth_row_is_at_rest_until_none_is_left():
-    rows = list(pairwise_design.rows(LENGTHS, 400, np.random.default_rng(1)))
+    rows = list(pairwise_design.design_rows(LENGTHS, 400, np.random.default_rng(1)))
     resting = [i for i, row in enumerate(rows) if row[MOTION] == AT_REST]
-    covered = pairwise_design.covering(LENGTHS, np.random.default_rng(1))
+    covered = pairwise_design.covering_array(LENGTHS, np.random.default_rng(1))
     assert resting == [9 + 10 * i for i in range(len(resting))]
     assert len(resting) == sum(row[MOTION] == AT_REST for row in covered) >= 5
 
@@ -140,7 +143,9 @@ def test_links_are_counted_in_their_order_and_what_cannot_be_otherwise_is_left_o
         scene = Snake([1] * links, [1] * links, [0.1] * links, None, [angle] * links)
         return scene, State(np.zeros(scene.n), np.full(scene.n, float(links == 2)))
 
-    counts = pairwise_design.measured([case(10, 0.1), case(2, 0.1), case(10, -0.1), case(9, 0.0)])
+    counts = pairwise_design.count_levels(
+        [case(10, 0.1), case(2, 0.1), case(10, -0.1), case(9, 0.0)]
+    )
     assert list(counts[LINKS].items()) == [("2", 1), ("9", 1), ("10", 2)]
     assert counts[MOTION] == {MOVING: 1, AT_REST: 3}
     assert counts["wheel_angle"] == {ZERO: 1, POSITIVE: 2, NEGATIVE: 1, BOTH: 0}
@@ -149,11 +154,11 @@ def test_links_are_counted_in_their_order_and_what_cannot_be_otherwise_is_left_o
 
 
 def test_a_case_is_in_the_strata_of_its_own_numbers():
-    row = pairwise_design.strata_of(SNAKE, State(Q, V))
+    row = pairwise_design.levels_of_case(SNAKE, State(Q, V))
     assert (row[LINKS], row[MOTION], row["mass"]) == ("3", MOVING, PRESENT)
-    assert row["wheel_angle"] == pairwise_design.way_of(SNAKE.wheel_angle)
-    assert pairwise_design.strata_of(SNAKE, State(Q, 0 * V))[MOTION] == AT_REST
-    assert LINKS not in pairwise_design.strata_of(Sleigh(), State(np.zeros(3), np.zeros(3)))
+    assert row["wheel_angle"] == pairwise_design.level_of_value(SNAKE.wheel_angle)
+    assert pairwise_design.levels_of_case(SNAKE, State(Q, 0 * V))[MOTION] == AT_REST
+    assert LINKS not in pairwise_design.levels_of_case(Sleigh(), State(np.zeros(3), np.zeros(3)))
 
 
 # ---- States beyond the ordinary ones -------------------------------------------------------------

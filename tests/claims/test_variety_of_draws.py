@@ -10,7 +10,7 @@ from scipy.linalg import null_space
 
 from eomcheck import strategies
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.lab.strategy_samples import draw
+from eomcheck.lab.strategy_samples import draw_samples
 from eomcheck.scenes import SCENES, Snake, TurntableBall
 
 COIL = Snake.coil(3)
@@ -18,7 +18,7 @@ COIL = Snake.coil(3)
 
 @pytest.fixture(scope="module")
 def states():
-    return draw(strategies.states(COIL), 200, 0)
+    return draw_samples(strategies.states(COIL), 200, 0)
 
 
 @pytest.fixture(scope="module")
@@ -49,14 +49,14 @@ def test_every_heading_is_drawn(states):
 @pytest.mark.parametrize("name", ["mass", "length", "inertia", "wheel_angle"])
 @pytest.mark.night
 def test_links_of_a_snake_differ_in_every_parameter(name: str):
-    snakes = draw(strategies.snakes(3, 3), 100, 0)
+    snakes = draw_samples(strategies.snakes(3, 3), 100, 0)
     different = [len(set(getattr(snake, name).tolist())) == 3 for snake in snakes]
     assert np.mean(different) > 0.2
 
 
 def test_a_scene_with_a_clock_is_drawn_at_many_times():
     table = TurntableBall(swing=1.0, frequency=3.0)
-    times = [state.t for state in draw(strategies.states(table), 100, 0)]
+    times = [state.t for state in draw_samples(strategies.states(table), 100, 0)]
     assert len(set(times)) > 20
     assert min(times) < 2.0 < 8.0 < max(times)
 
@@ -65,7 +65,7 @@ def test_a_scene_with_a_clock_is_drawn_at_many_times():
 @pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)
 def test_both_halves_of_every_range_are_drawn(kind):
     links = 3 if kind.has_links else None
-    scenes = draw(strategies.scenes(kind, 3, 3), 150, 0)
+    scenes = draw_samples(strategies.scenes(kind, 3, 3), 150, 0)
     for name, one in kind.ranges(links).items():
         given = [getattr(scene, name) for scene in scenes]
         values = np.concatenate([np.ravel(x) for x in given if x is not None])
@@ -76,7 +76,7 @@ def test_both_halves_of_every_range_are_drawn(kind):
 
 @pytest.mark.night
 def test_hostile_snakes_have_huge_and_tiny_parameters_and_wheels_across():
-    snakes = draw(strategies.hostile_snakes(), 200, 0)
+    snakes = draw_samples(strategies.hostile_snakes(), 200, 0)
     for name in ("mass", "length", "inertia"):
         values = np.concatenate([getattr(snake, name) for snake in snakes])
         assert (values > 1e6).mean() > 0.02 and ((values > 0) & (values < 1e-6)).mean() > 0.02
@@ -86,7 +86,7 @@ def test_hostile_snakes_have_huge_and_tiny_parameters_and_wheels_across():
 
 @pytest.mark.night
 def test_hostile_states_are_straight_or_turned_often_and_of_all_speeds():
-    states = draw(strategies.hostile_states(COIL), 1000, 0)
+    states = draw_samples(strategies.hostile_states(COIL), 1000, 0)
     straight = [np.ptp(state.q[2:]) == 0 and state.q[2] != 0 for state in states]
     turned = [np.abs(state.q[2:]).max() > 100.0 for state in states]
     speeds = np.array([np.abs(state.v).max() for state in states])
@@ -95,6 +95,6 @@ def test_hostile_states_are_straight_or_turned_often_and_of_all_speeds():
 
 
 def test_studies_draw_as_many_as_asked_by_their_seed():
-    first, again, other = (draw(strategies.snakes(), 20, seed) for seed in (1, 1, 2))
+    first, again, other = (draw_samples(strategies.snakes(), 20, seed) for seed in (1, 1, 2))
     assert len(first) == 20
     assert list(map(repr, first)) == list(map(repr, again)) != list(map(repr, other))

@@ -12,18 +12,18 @@ from eomcheck.claims.pairwise_design import (
     FAST,
     SLOW,
     TURNS,
+    rotating_coordinates,
     scene_cases,
     state_cases,
-    turning,
     with_wide,
 )
-from eomcheck.claims.run import Run, Selection
+from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.descriptions.random_mechanisms import RANDOM
 from eomcheck.engines import CasadiEngine
-from eomcheck.evaluation.dynamics import closing_error
+from eomcheck.evaluation.dynamics import assembly_error
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.scenes import SCENES, Bricard, ChainPendulum, FlyballGovernor, Sleigh, Snake
-from eomcheck.testing.suite import SceneTrial
+from eomcheck.testing.suite import SceneTarget
 
 TURN = 2 * np.pi
 
@@ -55,15 +55,15 @@ def test_angles_are_turned_by_up_to_two_whole_turns_and_speeds_are_fast_and_slow
 
 def test_what_slides_stays_where_it_is():
     sleigh = Sleigh.example()
-    assert turning(sleigh).tolist() == [False, False, True]
-    assert turning(FlyballGovernor.example()).tolist().count(True) > 0
+    assert rotating_coordinates(sleigh).tolist() == [False, False, True]
+    assert rotating_coordinates(FlyballGovernor.example()).tolist().count(True) > 0
     for ordinary, wide in pairs(sleigh, 20)[1::2]:
         assert wide.q[:2] == pytest.approx(ordinary.q[:2], abs=1e-9)
 
 
 def test_which_coordinates_turn_is_told_by_the_tree_where_the_scene_names_none():
     found = [
-        (turning(scene), scene.tree())
+        (rotating_coordinates(scene), scene.tree())
         for scene, _ in scene_cases(RANDOM["random-trees"], (1, 3), 12, 0)
     ]
     assert any(turned.any() for turned, _ in found)
@@ -79,7 +79,7 @@ def test_wide_states_keep_the_constraints(kind):
     for scene, (q, v, t) in islice(with_wide(scene_cases(kind, links, 8, 0), 0), 1, None, 2):
         at = Evaluation(scene, q, v, t)
         eomcheck.evaluation.dynamics.check_consistent(at)
-        error, allowed = closing_error(at)
+        error, allowed = assembly_error(at)
         assert error <= allowed
 
 
@@ -91,9 +91,9 @@ def test_another_seed_draws_other_states():
 
 
 def test_wide_states_are_for_engines_that_are_named():
-    assert not Selection.of(scenes=[Bricard]).named
-    assert not Selection.of(engines=[], scenes=[Bricard]).named
-    assert Selection.of(engines=["casadi"], scenes=[Bricard]).named
+    assert not RunSelection.of(scenes=[Bricard]).named
+    assert not RunSelection.of(engines=[], scenes=[Bricard]).named
+    assert RunSelection.of(engines=["casadi"], scenes=[Bricard]).named
     claims, far = ["mass-matrix"], []
     for engines in (["casadi"], None):
         found = eomcheck.validate(Snake.paper(), examples=8, engines=engines, claims=claims)
@@ -104,7 +104,10 @@ def test_wide_states_are_for_engines_that_are_named():
 
 @pytest.mark.parametrize("engines", [["casadi"], []])
 def test_random_scenes_of_a_kind_are_in_wide_states_for_an_engine_that_is_named(engines):
-    run, selection = Run(), Selection.of(None, engines, ["mass-matrix"], scenes=[ChainPendulum])
+    run, selection = (
+        ValidationRun(),
+        RunSelection.of(None, engines, ["mass-matrix"], scenes=[ChainPendulum]),
+    )
     run.look_at_kind(ChainPendulum, selection, (1, 2), 8, 0)
     far = [np.abs(one.state.q).max() for one in run.drawn]
     assert (max(far) > TURN + 1) == bool(engines)
@@ -117,9 +120,9 @@ def test_tests_of_an_engine_are_asked_at_wide_states_and_tests_of_a_scene_are_no
         far[selection.named].append(np.abs(state.q).max())
         return []
 
-    monkeypatch.setattr(Run, "look_at", looked_at)
+    monkeypatch.setattr(ValidationRun, "look_at", looked_at)
     monkeypatch.setattr("eomcheck.testing.suite.check_compared", lambda *_: None)
     for engine in (CasadiEngine, None):
-        SceneTrial("rods", ChainPendulum.rods(2), engine).results(8, 0)
+        SceneTarget("rods", ChainPendulum.rods(2), engine).results(8, 0)
     assert max(far[True]) > TURN + 1 > max(far[False])
     assert len(far[True]) == len(far[False]) == 9

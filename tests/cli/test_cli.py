@@ -270,14 +270,14 @@ def test_a_failing_claim_is_exit_code_1_with_a_minimal_state_that_can_be_pasted(
 
 
 def test_an_interrupted_run_keeps_what_it_has_and_exits_130(monkeypatch, capsys, tmp_path):
-    look, looks = run_of_claims.look, count()
+    look, looks = run_of_claims.evaluate_state, count()
 
     def interrupted(*arguments):
         if next(looks) == 3:
             raise KeyboardInterrupt
         return look(*arguments)
 
-    monkeypatch.setattr(run_of_claims, "look", interrupted)
+    monkeypatch.setattr(run_of_claims, "evaluate_state", interrupted)
     file = tmp_path / "findings.json"
     arguments = ["validate", "--links", "2", "--examples", "9", "--json", str(file)]
     assert run(*arguments, monkeypatch=monkeypatch) == 130
@@ -346,14 +346,14 @@ def test_bench_rhs_times_what_has_no_constraints_beside_aba(monkeypatch, capsys,
 
 def test_bench_rhs_counts_lanes_by_the_state(monkeypatch):
     called = []
-    monkeypatch.setattr(rhs, "repeated", lambda *_: called.append)
+    monkeypatch.setattr(rhs, "timing_loop", lambda *_: called.append)
     rhs._lanes_call(FORMULATIONS["kane"], *rhs.bench_state(Snake, 3))(17)
     assert called == [3]
 
 
 def test_bench_rhs_needs_no_angles():
     timings = [rhs.Timing("slide", "kane", 0, 1e-9, (1e-9, 1e-9), 0.1)]
-    (sheet,) = rhs.sheets([record_of_rows("rhs", {}, timings)])
+    (sheet,) = rhs.tables([record_of_rows("rhs", {}, timings)])
     assert tuple(sheet.rows[0][:2]) == ("kane", "1 ns") and not sheet.note
 
 

@@ -11,16 +11,16 @@ from rich.console import Console
 
 from eomcheck.lab.report.report_formats import write_junit
 from eomcheck.lab.show import document_text, table
-from eomcheck.lab.show.table import Cell, Sheet
-from eomcheck.safe_output import harmless
+from eomcheck.lab.show.table import Cell, ResultTable
+from eomcheck.safe_output import without_control_characters
 
 NAME = "arm\x1b]0;owned\x07\x9b2J\x00\u202e\r"
 
 
 def test_a_text_of_lines_and_tabs_keeps_these_alone():
-    assert harmless("a\n\tb") == "a\n\tb"
+    assert without_control_characters("a\n\tb") == "a\n\tb"
     for one in "\r\v\f\b\x7f\x85\u2028\u2029\u202b\u2066\u2069\ud800":
-        assert harmless(f"a{one}b") == "a\ufffdb", ascii(one)
+        assert without_control_characters(f"a{one}b") == "a\ufffdb", ascii(one)
 
 
 @pytest.mark.parametrize("width", [20, 140])
@@ -28,7 +28,7 @@ def test_a_table_and_its_title_and_note_control_no_terminal(width, monkeypatch):
     text = io.StringIO()
     monkeypatch.setattr(table, "console", Console(file=text, width=width, force_terminal=False))
     rows = [(NAME, Cell(NAME, "failed"), "1"), ("a", "b", "2")]
-    table.print_sheets([Sheet("x", NAME, ("scene", "claim", "number"), rows, note=NAME)])
+    table.print_tables([ResultTable("x", NAME, ("scene", "claim", "number"), rows, note=NAME)])
     printed = text.getvalue()
     assert printed.count("owned") == 4
     assert not set(printed) & set("\x1b\x07\x9b\x00\u202e\r")

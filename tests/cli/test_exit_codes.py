@@ -18,14 +18,14 @@ from eomcheck.errors import WorkerError
 from eomcheck.evaluation.tolerance import C
 from eomcheck.lab import library_comparison
 from eomcheck.lab.fuzzing import campaign as campaigns
-from eomcheck.lab.fuzzing.failures import Find
-from eomcheck.lab.fuzzing.replay import Replayed
-from eomcheck.lab.library_comparison import Comparison
+from eomcheck.lab.fuzzing.failures import FailureRecord
+from eomcheck.lab.fuzzing.replay import ReplayResult
+from eomcheck.lab.library_comparison import LibraryComparison
 from eomcheck.lab.store.record_file import Record, record_of_rows
 from eomcheck.lab.studies import study_of
 from eomcheck.lab.studies.accuracy import Delivered
 from eomcheck.lab.studies.agreement import Agreement
-from eomcheck.lab.studies.engines import Compared
+from eomcheck.lab.studies.engines import EngineDifference
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import Sleigh
 
@@ -57,7 +57,7 @@ def found(monkeypatch: pytest.MonkeyPatch, *findings: Finding, error: Any = None
         if error is not None:
             raise error
 
-    monkeypatch.setattr("eomcheck.lab.store.validation_runs.look_at_kind", look)
+    monkeypatch.setattr("eomcheck.lab.store.validation_runs.validate_kind", look)
 
 
 @pytest.mark.parametrize("place", [0, 1, 2])
@@ -184,10 +184,10 @@ def test_a_campaign_with_a_find_is_1(finds, error, code, monkeypatch):
 def test_a_kept_failure_that_fails_is_1_and_one_not_checked_2(
     outcomes, code, monkeypatch, tmp_path
 ):
-    results = [Replayed(Find("sleigh", {}, [], []), one, "why") for one in outcomes]
-    monkeypatch.setattr("eomcheck.lab.fuzzing.failures.read_finds", lambda path: [1])
-    monkeypatch.setattr("eomcheck.lab.fuzzing.replay.replayed", lambda *how: results)
-    monkeypatch.setattr(Find, "python", "code")
+    results = [ReplayResult(FailureRecord("sleigh", {}, [], []), one, "why") for one in outcomes]
+    monkeypatch.setattr("eomcheck.lab.fuzzing.failures.read_failures", lambda path: [1])
+    monkeypatch.setattr("eomcheck.lab.fuzzing.replay.replay_failures", lambda *how: results)
+    monkeypatch.setattr(FailureRecord, "python", "code")
     (tmp_path / "kept.json").write_text("")
     assert code_of(monkeypatch, "fuzz", "--replay", str(tmp_path / "kept.json")) == code
 
@@ -230,13 +230,15 @@ def test_refusals_and_redundant_constraints_are_1(command, count, code, monkeypa
     ],
 )
 def test_a_library_that_differs_or_gives_no_answer_is_1(change, code, monkeypatch):
-    made = Comparison(SLEIGH, {"mujoco": "MuJoCo 3"}, why={"mujoco": []}, said={"mujoco": []})
+    made = LibraryComparison(
+        SLEIGH, {"mujoco": "MuJoCo 3"}, why={"mujoco": []}, said={"mujoco": []}
+    )
     made.decided = {"mujoco": True}
     for name, value in change.items():
         setattr(made, name, value)
     made.apart = {"M": np.zeros((2, 2))}
-    monkeypatch.setattr(library_comparison, "compare", lambda *how: made)
-    monkeypatch.setattr("eomcheck.scene_lookup.scene_of", lambda name: SLEIGH)
+    monkeypatch.setattr(library_comparison, "compare_libraries", lambda *how: made)
+    monkeypatch.setattr("eomcheck.scene_lookup.scene_named", lambda name: SLEIGH)
     assert code_of(monkeypatch, "compare", "robot.urdf") == code
 
 
@@ -305,7 +307,10 @@ ALARMS = {
         Record("robots", {}, counts={"failed": 0, "disproved": 1}),
     ),
     "engines": tuple(
-        record("engines", Compared("casadi", "1", "sleigh", "bias", 3, failed, 1e-3, 0.5, False))
+        record(
+            "engines",
+            EngineDifference("casadi", "1", "sleigh", "bias", 3, failed, 1e-3, 0.5, False),
+        )
         for failed in (0, 2)
     ),
     "stability": (cell(1e-3, 1e-2), cell(1e-3, 9e-4)),

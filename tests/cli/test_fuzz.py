@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from eomcheck import cli
-from eomcheck.cli.fuzz_command import seconds_of
+from eomcheck.cli.fuzz_command import parse_duration
 from eomcheck.lab.fuzzing import motion_rounds, state_rounds
-from eomcheck.lab.fuzzing.campaign import Result
+from eomcheck.lab.fuzzing.campaign import RoundResult
 
 FEW = ("--links", "2", "--engine", "none", "--ration", "0,0,0,0,0")
 
@@ -31,7 +31,7 @@ def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
 
 
 def test_times_are_read():
-    assert [seconds_of(x) for x in ("20s", "10m", "1.5h")] == [20.0, 600.0, 5400.0]
+    assert [parse_duration(x) for x in ("20s", "10m", "1.5h")] == [20.0, 600.0, 5400.0]
 
 
 @pytest.mark.night
@@ -57,7 +57,7 @@ def test_a_find_is_printed_kept_and_replayed(monkeypatch, capsys, tmp_path: Path
     how += ["--family", "ordinary", "--keep", str(kept), "--records", str(records)]
     assert run(*how, monkeypatch=monkeypatch) == 1
     said = capsys.readouterr().out
-    assert "kane-ml-force" in said and "for finding in eomcheck.check" in said
+    assert "kane-ml-force" in said and "for finding in eomcheck.check_state" in said
     (find,) = json.loads(kept.read_text())
     assert find["claim"] == "kane-ml-force" and find["whose"] == "scene"
     again = "--replay", str(kept), "--scene", f"{scene}:Wrong"
@@ -69,7 +69,7 @@ def test_a_find_is_printed_kept_and_replayed(monkeypatch, capsys, tmp_path: Path
 
 
 def test_interrupted_it_prints_what_was_looked_at_and_exits_with_130(monkeypatch, capsys):
-    def stopped(plan, given) -> Result:
+    def stopped(plan, given) -> RoundResult:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(state_rounds, "run_round", stopped)

@@ -14,13 +14,13 @@ from tests.cli.test_cli import run
 
 import eomcheck
 from eomcheck import cli, console
-from eomcheck.cli.app import DOORS, EXIT_CODES
-from eomcheck.cli.shared_options import WRITTEN, keys
+from eomcheck.cli.app import EXIT_CODES, QUICK_START
+from eomcheck.cli.shared_options import KEY_PATTERNS, declared_keys
 from eomcheck.engines import engine_of
 from eomcheck.errors import InputError, UnknownNameError, did_you_mean
-from eomcheck.lab.option_parsing import listed, numbers, parameters
+from eomcheck.lab.option_parsing import parse_numbers, parse_parameters, split_list
 from eomcheck.mechanics.parameters import with_parameters
-from eomcheck.scene_lookup import ROBOTS, kinds_of, scene_of
+from eomcheck.scene_lookup import ROBOTS, scene_classes_named, scene_named
 from eomcheck.scenes import FourBarChain, Sleigh, Snake
 
 PENDULUM = Path(__file__).parents[2] / "docs" / "guides" / "pendulum.py"
@@ -30,22 +30,22 @@ PENDULUM = Path(__file__).parents[2] / "docs" / "guides" / "pendulum.py"
 
 
 def test_a_scene_is_named_alike_by_key_by_file_and_by_module():
-    assert type(scene_of("sleigh")) is Sleigh
-    assert scene_of("snake").links == 7 and scene_of("snake", 3).links == 3
-    assert scene_of(f"{PENDULUM}:Pendulum").key == "pendulum"
-    assert type(scene_of("eomcheck.scenes:Sleigh")) is Sleigh
-    assert scene_of("coil", 4).links == 4 and scene_of("pattern").links == 7
+    assert type(scene_named("sleigh")) is Sleigh
+    assert scene_named("snake").links == 7 and scene_named("snake", 3).links == 3
+    assert scene_named(f"{PENDULUM}:Pendulum").key == "pendulum"
+    assert type(scene_named("eomcheck.scenes:Sleigh")) is Sleigh
+    assert scene_named("coil", 4).links == 4 and scene_named("pattern").links == 7
 
 
 def test_single_snakes_are_those_of_snake_and_no_kinds():
     for name, made in (("coil", Snake.coil(5)), ("pattern", Snake.pattern(5))):
-        assert np.array_equal(scene_of(name, 5).wheel_angle, made.wheel_angle)
-    assert np.array_equal(scene_of("paper").inertia, Snake.paper().inertia)
+        assert np.array_equal(scene_named(name, 5).wheel_angle, made.wheel_angle)
+    assert np.array_equal(scene_named("paper").inertia, Snake.paper().inertia)
     with pytest.raises(InputError, match="links = 5: the robot of the paper has 7"):
-        scene_of("paper", 5)
+        scene_named("paper", 5)
     for name in ROBOTS:
         with pytest.raises(InputError, match="single snake"):
-            kinds_of(name)
+            scene_classes_named(name)
 
 
 @pytest.mark.parametrize(
@@ -253,14 +253,18 @@ def test_functions_where_a_scene_is_expected_are_told_where_to_go(
 
 
 def test_lists_are_read_with_commas_and_repeated():
-    assert listed(["a,b", "c"]) == ["a", "b", "c"] and listed([]) is None and listed(None) is None
-    assert listed(["some,folder/own.py:Own", "a,b"]) == ["some,folder/own.py:Own", "a", "b"]
-    assert numbers("speeds", ["1,-0.5", "2e3"]) == [1.0, -0.5, 2e3]
-    assert numbers("links", ["3", "5,7"], int) == [3, 5, 7]
-    assert parameters(["mass=1,2", " a = none"]) == {"mass": [1.0, 2.0], "a": None}
+    assert (
+        split_list(["a,b", "c"]) == ["a", "b", "c"]
+        and split_list([]) is None
+        and split_list(None) is None
+    )
+    assert split_list(["some,folder/own.py:Own", "a,b"]) == ["some,folder/own.py:Own", "a", "b"]
+    assert parse_numbers("speeds", ["1,-0.5", "2e3"]) == [1.0, -0.5, 2e3]
+    assert parse_numbers("links", ["3", "5,7"], int) == [3, 5, 7]
+    assert parse_parameters(["mass=1,2", " a = none"]) == {"mass": [1.0, 2.0], "a": None}
     for bad in ("3.5", "x"):
         with pytest.raises(InputError, match=f"links = '{bad}', expected whole numbers"):
-            numbers("links", [bad], int)
+            parse_numbers("links", [bad], int)
 
 
 def test_a_study_reads_lists_both_ways(monkeypatch, capsys):
@@ -279,7 +283,7 @@ def test_alone_it_shows_the_three_doors_in_few_narrow_lines(monkeypatch, capsys)
     assert run(monkeypatch=monkeypatch) == 0
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) <= 15 and max(map(len, lines)) <= 40
-    assert len(DOORS) == 3 and all(f"  {typed}" in lines for typed in DOORS.values())
+    assert len(QUICK_START) == 3 and all(f"  {typed}" in lines for typed in QUICK_START.values())
 
 
 def test_the_exit_codes_are_one_table_in_help_and_in_the_docs(monkeypatch, capsys):
@@ -291,10 +295,10 @@ def test_the_exit_codes_are_one_table_in_help_and_in_the_docs(monkeypatch, capsy
         assert f"| {code} | {what} |" in page
 
 
-@pytest.mark.parametrize("word", WRITTEN)
+@pytest.mark.parametrize("word", KEY_PATTERNS)
 def test_keys_that_are_completed_are_those_that_there_are(word):
     known = ROBOTS if word == "robot" else getattr(eomcheck, f"{word.upper()}S")
-    assert sorted(keys(word)) == sorted(known)
+    assert sorted(declared_keys(word)) == sorted(known)
 
 
 @pytest.mark.parametrize(
@@ -333,13 +337,13 @@ def test_a_shell_is_told_the_rest_of_a_name_without_anything_heavy(typed, comple
 
 def test_what_takes_long_says_so_once_and_what_does_not_says_nothing(monkeypatch, capsys):
     monkeypatch.setattr(console, "PATIENCE", 0.05)
-    with console.said_at_work("starting validate"):
+    with console.slow_work_notice("starting validate"):
         pass
     time.sleep(0.15)
     assert capsys.readouterr().err == ""
-    with console.said_at_work("starting validate"):
+    with console.slow_work_notice("starting validate"):
         time.sleep(0.15)
-    with console.said_at_work("starting validate"), console.progress("checking {state}", 12):
+    with console.slow_work_notice("starting validate"), console.progress("checking {state}", 12):
         time.sleep(0.15)
     said = capsys.readouterr().err
     assert said == "eomcheck: starting validate ...\neomcheck: checking 12 states ...\n"

@@ -10,11 +10,23 @@ from typing import Any
 import pytest
 
 from eomcheck import class_lookup
-from eomcheck.class_lookup import announced, home_of_code, in_file, looked_up, outside, value_of
+from eomcheck.class_lookup import (
+    announced,
+    class_named,
+    home_of_code,
+    in_file,
+    object_named,
+    outside_error,
+)
 from eomcheck.cli import shared_options
 from eomcheck.errors import CallError, EngineError, InputError, UnknownNameError
-from eomcheck.lab.option_parsing import interval, no_more_than, parameters, whole_numbers
-from eomcheck.scene_lookup import SCENE, kind_of
+from eomcheck.lab.option_parsing import (
+    no_more_than,
+    parse_interval,
+    parse_parameters,
+    parse_whole_numbers,
+)
+from eomcheck.scene_lookup import SCENE, scene_class_named
 from eomcheck.scenes import Sleigh, Snake
 
 OWN = """
@@ -52,12 +64,12 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_a_class_in_a_file_is_found_and_its_folder_is_the_last_place_to_look(own):
     before = [*sys.path]
-    made = looked_up(SCENE, f"{own}:Mine")
+    made = class_named(SCENE, f"{own}:Mine")
     assert (made.key, made.__module__, issubclass(made, Sleigh)) == ("mine", own.stem, True)
     assert sys.path == [*before, str(own.parent)]
     assert in_file(str(own), "Plain").__name__ == "Plain"
-    assert value_of(f"{own}:number") == 7
-    assert value_of(f"{own}:nothing") is value_of("sleigh") is None
+    assert object_named(f"{own}:number") == 7
+    assert object_named(f"{own}:nothing") is object_named("sleigh") is None
     assert sys.path == [*before, str(own.parent)]
 
 
@@ -75,7 +87,7 @@ def test_a_class_in_a_file_is_found_and_its_folder_is_the_last_place_to_look(own
 )
 def test_what_is_no_class_of_that_kind_is_said_with_those_that_there_are(own, name, says):
     with pytest.raises(InputError) as error:
-        looked_up(SCENE, name.format(own=own))
+        class_named(SCENE, name.format(own=own))
     assert says.format(own=own) in str(error.value)
 
 
@@ -83,16 +95,16 @@ def test_a_file_is_told_from_an_installed_module_of_its_name(own):
     other = own.with_name("json.py")
     other.write_text(OWN)
     with pytest.raises(InputError, match="has the name of another module, json"):
-        looked_up(SCENE, f"{other}:Mine")
+        class_named(SCENE, f"{other}:Mine")
     bad = own.with_name("2nd.py")
     bad.write_text(OWN)
     with pytest.raises(InputError, match="'2nd' is no name in Python"):
-        looked_up(SCENE, f"{bad}:Mine")
+        class_named(SCENE, f"{bad}:Mine")
     raising = own.with_name(f"{own.stem}_raising.py")
     raising.write_text("raise LookupError('by hand')\n")
     for _ in range(2):  # it is run again, and not taken for a module that is there
         with pytest.raises(InputError, match="cannot be imported: LookupError: by hand"):
-            looked_up(SCENE, f"{raising}:Mine")
+            class_named(SCENE, f"{raising}:Mine")
     assert raising.stem not in sys.modules
 
 
@@ -100,8 +112,8 @@ def test_a_module_of_the_current_folder_is_found_after_all_others(own, monkeypat
     monkeypatch.chdir(own.parent)
     own.with_name("wave.py").write_text(OWN)
     with pytest.raises(InputError, match="'wave' has no scene 'Mine'"):
-        looked_up(SCENE, "wave:Mine")
-    assert looked_up(SCENE, f"{own.stem}:Other").key == "other"
+        class_named(SCENE, "wave:Mine")
+    assert class_named(SCENE, f"{own.stem}:Other").key == "other"
     assert sys.path[-1] == str(own.parent)
 
 
@@ -110,11 +122,11 @@ def test_names_are_keys_or_homes_with_a_name_in_them():
     assert home_of_code("package.module:Mine") == ("package.module", "Mine")
     for name in ("sleigh", ":Mine", "own.py:", "own.py:1x", "arm.urdf:a b", 3, None):
         assert home_of_code(name) is None
-    assert kind_of("coil") is Snake and looked_up(SCENE, "sleigh") is Sleigh
+    assert scene_class_named("coil") is Snake and class_named(SCENE, "sleigh") is Sleigh
     with pytest.raises(InputError, match="'all': expected one scene"):
-        kind_of("all")
+        scene_class_named("all")
     with pytest.raises(UnknownNameError, match="did you mean 'pattern'") as error:
-        kind_of("patern")
+        scene_class_named("patern")
     assert {"paper", "coil", "snake"} <= set(error.value.known)
 
 
@@ -127,9 +139,9 @@ def test_what_packages_announce_is_known_beside_ours_which_stay_ours(own, monkey
     of = {"eomcheck.scenes": [point("sleigh", "x:Y"), point("mine", f"{own.stem}:Mine")]}
     monkeypatch.setattr(class_lookup, "entry_points", lambda group: of.get(group, []))
     assert [*announced(SCENE)] == ["mine"]
-    assert looked_up(SCENE, "mine").key == "mine" and looked_up(SCENE, "sleigh") is Sleigh
+    assert class_named(SCENE, "mine").key == "mine" and class_named(SCENE, "sleigh") is Sleigh
     with pytest.raises(UnknownNameError, match="did you mean 'mine'"):
-        looked_up(SCENE, "min")
+        class_named(SCENE, "min")
 
 
 def test_an_error_of_code_that_was_looked_up_is_told_with_its_innermost_line(own, monkeypatch):
@@ -145,13 +157,15 @@ def test_an_error_of_code_that_was_looked_up_is_told_with_its_innermost_line(own
 
     error = error_of(plain().fail)
     line = OWN.splitlines().index('        raise ZeroDivisionError("by hand")') + 1
-    assert outside(error).startswith(f"{own.name}: deep raised ZeroDivisionError")
-    assert f"line {line}" in outside(error)
-    assert outside(error_of(lambda: in_file("no/such.py", "X"))).startswith(Path(__file__).name)
-    assert outside(error_of(lambda: int("x"))).startswith(Path(__file__).name)
-    assert outside(CallError("f", "raised it")) == "f raised it"
+    assert outside_error(error).startswith(f"{own.name}: deep raised ZeroDivisionError")
+    assert f"line {line}" in outside_error(error)
+    assert outside_error(error_of(lambda: in_file("no/such.py", "X"))).startswith(
+        Path(__file__).name
+    )
+    assert outside_error(error_of(lambda: int("x"))).startswith(Path(__file__).name)
+    assert outside_error(CallError("f", "raised it")) == "f raised it"
     monkeypatch.setattr(class_lookup, "_run_here", set())
-    assert outside(error) == ""
+    assert outside_error(error) == ""
 
 
 # ---- Words ---------------------------------------------------------------------------------------
@@ -160,25 +174,25 @@ def test_an_error_of_code_that_was_looked_up_is_told_with_its_innermost_line(own
 @pytest.mark.parametrize(
     ("read", "text", "value"),
     [
-        (interval, "3", (3, 3)),
-        (interval, " 2..2 ", (2, 2)),
-        (interval, "1..100000", (1, 100_000)),
-        (interval, "0..3", "expected 1 <= first <= last"),
-        (interval, "4..3", "expected 1 <= first <= last"),
-        (interval, "100001", "expected at most 100000"),
-        (interval, "1...3", "expected a number or a range"),
-        (whole_numbers, "5,1..3,2..4", [1, 2, 3, 4, 5]),
+        (parse_interval, "3", (3, 3)),
+        (parse_interval, " 2..2 ", (2, 2)),
+        (parse_interval, "1..100000", (1, 100_000)),
+        (parse_interval, "0..3", "expected 1 <= first <= last"),
+        (parse_interval, "4..3", "expected 1 <= first <= last"),
+        (parse_interval, "100001", "expected at most 100000"),
+        (parse_interval, "1...3", "expected a number or a range"),
+        (parse_whole_numbers, "5,1..3,2..4", [1, 2, 3, 4, 5]),
         (no_more_than, 100_000, 100_000),
         (no_more_than, None, None),
         (no_more_than, 100_001, "links = 100001, expected at most 100000"),
-        (parameters, ["a=1", "a=2"], "a is given twice"),
-        (parameters, ["a="], "expected NAME=VALUE"),
-        (parameters, ["=1"], "expected NAME=VALUE"),
-        (parameters, ["a=,"], "expected a number after a="),
-        (parameters, ["a=-1e3", "b=none"], {"a": [-1000.0], "b": None}),
-        (shared_options.engines_asked, ["none"], []),
-        (shared_options.engines_asked, None, None),
-        (shared_options.engines_asked, ["none", "casadi"], ["none", "casadi"]),
+        (parse_parameters, ["a=1", "a=2"], "a is given twice"),
+        (parse_parameters, ["a="], "expected NAME=VALUE"),
+        (parse_parameters, ["=1"], "expected NAME=VALUE"),
+        (parse_parameters, ["a=,"], "expected a number after a="),
+        (parse_parameters, ["a=-1e3", "b=none"], {"a": [-1000.0], "b": None}),
+        (shared_options.selected_engines, ["none"], []),
+        (shared_options.selected_engines, None, None),
+        (shared_options.selected_engines, ["none", "casadi"], ["none", "casadi"]),
         (shared_options.raise_unread, [], None),
         (shared_options.raise_unread, ["first"], "not all is shown: first"),
         (shared_options.raise_unread, ["first", "b", "c"], "not all is shown: first (and 2 more)"),

@@ -19,7 +19,7 @@ from eomcheck import cli
 from eomcheck.cli.study_commands import GROUPS, command_of
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import campaign as campaigns
-from eomcheck.lab.fuzzing.cases import strata_of
+from eomcheck.lab.fuzzing.cases import structural_variants
 from eomcheck.lab.store.record_file import Record, Records
 from eomcheck.lab.studies import study_of
 from eomcheck.mechanics.scene import Scene
@@ -82,10 +82,10 @@ def stub(monkeypatch: pytest.MonkeyPatch, seen: Seen, name: str, value: Any = No
 
 STUBS: dict[str, dict[str, Any]] = {
     "validate": {
-        "eomcheck.lab.store.validation_runs.look_at_kind": None,
-        "eomcheck.lab.store.validation_runs.look_at_kinds": None,
+        "eomcheck.lab.store.validation_runs.validate_kind": None,
+        "eomcheck.lab.store.validation_runs.validate_kinds": None,
         "eomcheck.lab.report.finding_output.print_runs": None,
-        "eomcheck.lab.report.finding_output.write_json": None,
+        "eomcheck.lab.report.finding_output.write_findings": None,
         "eomcheck.claims.run.check_compared": None,
         "eomcheck.cli.check_commands._write_page": None,
     },
@@ -96,27 +96,27 @@ STUBS: dict[str, dict[str, Any]] = {
         ),
         "eomcheck.lab.report.finding_output.print_proofs": None,
     },
-    "list": {"eomcheck.lab.report.registries.registry_sheet": lambda name: name}
-    | {"eomcheck.lab.show.table.print_sheets": None},
+    "list": {"eomcheck.lab.report.registries.registry_table": lambda name: name}
+    | {"eomcheck.lab.show.table.print_tables": None},
     "report": {
         "eomcheck.lab.report.report_formats.write_page": None,
         "eomcheck.lab.report.report_formats.write_markdown": None,
         "eomcheck.lab.report.report_formats.write_junit": None,
         "eomcheck.lab.report.equivalences.write_equivalences": None,
-        "eomcheck.lab.report.overview.read": lambda paths, unread=None: [],
+        "eomcheck.lab.report.overview.read_records": lambda paths, unread=None: [],
     },
     "export": {"eomcheck.cli.check_commands.write_text": None},
     "reference": {
         "eomcheck.lab.references.produce_all": lambda cases, where=None: ["made"],
         "eomcheck.lab.references.write_reference": Path("there.json"),
-        "eomcheck.lab.references.reference_sheet": None,
-        "eomcheck.lab.show.table.print_sheets": None,
+        "eomcheck.lab.references.reference_table": None,
+        "eomcheck.lab.show.table.print_tables": None,
     },
     "fuzz": {
         "eomcheck.lab.report.campaign_tables.print_campaign": None,
-        "eomcheck.lab.fuzzing.failures.read_finds": lambda path: ["kept"],
-        "eomcheck.lab.fuzzing.failures.write_finds": None,
-        "eomcheck.lab.fuzzing.replay.replayed": [],
+        "eomcheck.lab.fuzzing.failures.read_failures": lambda path: ["kept"],
+        "eomcheck.lab.fuzzing.failures.write_failures": None,
+        "eomcheck.lab.fuzzing.replay.replay_failures": [],
     },
     "simulate": {
         "eomcheck.simulate": SimpleNamespace(status="finished"),
@@ -124,12 +124,12 @@ STUBS: dict[str, dict[str, Any]] = {
         "eomcheck.lab.report.motion_tables.print_trajectories": None,
         "eomcheck.lab.report.motion_tables.print_many": None,
         "eomcheck.lab.report.motion_tables.chart_of_many": None,
-        "eomcheck.lab.show.chart_matplotlib.draw": None,
+        "eomcheck.lab.show.chart_matplotlib.draw_charts": None,
     },
     "acceleration": {"eomcheck.lab.report.motion_tables.print_accelerations": 0},
     "constraints": {"eomcheck.lab.report.motion_tables.print_constraints": 0},
     "compare": {
-        "eomcheck.lab.library_comparison.compare": SimpleNamespace(
+        "eomcheck.lab.library_comparison.compare_libraries": SimpleNamespace(
             disagree=False, unanswered=[], check_decided=lambda: None
         ),
         "eomcheck.lab.report.comparison_tables.print_comparison": None,
@@ -243,11 +243,11 @@ CASES: dict[str, dict[str, Case]] = {
         "links": ("--links 3", {"strata": "~['3 links', '3 links, without damping',"}),
         "links of a range": (
             "--links 1..3",
-            {"strata": [x.name for x in strata_of(Snake, (1, 2, 3))]},
+            {"strata": [x.name for x in structural_variants(Snake, (1, 2, 3))]},
         ),
         "links as usual": (
             "--states 2",
-            {"strata": [x.name for x in strata_of(Snake, range(1, 13))]},
+            {"strata": [x.name for x in structural_variants(Snake, range(1, 13))]},
         ),
         "engine": ("--engine none", {"plan.engines": [], "plan.wide": False}),
         "engine of ours": (
@@ -536,7 +536,8 @@ def test_every_option_of_every_study_is_handed_on(group, key, here, monkeypatch)
     monkeypatch.setattr(type(study), "run", run)
     monkeypatch.setattr(type(study), "write", write)
     monkeypatch.setattr(
-        "eomcheck.lab.show.chart_matplotlib.draw", lambda files, path: given.update(path=path)
+        "eomcheck.lab.show.chart_matplotlib.draw_charts",
+        lambda files, path: given.update(path=path),
     )
     chart = SimpleNamespace(files=list)
     how = {"charts": lambda found: [chart], "sheets": lambda found: [], "said": lambda found: []}

@@ -14,11 +14,11 @@ from pathlib import Path
 
 import pytest
 
-from eomcheck.console import progress, stoppable
+from eomcheck.console import interruptible, progress
 from eomcheck.errors import InputError
 from eomcheck.lab.store.record_file import Records
 from eomcheck.lab.store.stored_findings import STATES
-from eomcheck.safe_output import NAMES, plain, unfailing
+from eomcheck.safe_output import NAMES, to_ascii, unfailing_output
 
 COMMAND = [sys.executable, "-c", "from eomcheck.cli import main; main()"]
 VALIDATE = "validate", "--scene", "sleigh", "--examples", "1"
@@ -75,7 +75,7 @@ def test_output_that_is_lost_is_told_unless_its_reader_has_gone(gone, monkeypatc
     with os.fdopen(writing, "w", encoding="utf-8") as lost:
         monkeypatch.setattr(sys, "stdout", lost)
         try:
-            with unfailing():
+            with unfailing_output():
                 print("a table")
         except SystemExit as stop:
             code = stop.code
@@ -122,7 +122,7 @@ def test_every_character_of_the_package_has_a_plain_form():
     files = [*package.rglob("*.py"), *package.rglob("*.j2")]
     used = {x for file in files for x in file.read_text(encoding="utf-8") if not x.isascii()}
     assert len(used) > 20
-    assert {x for x in used if plain(x) in ("", "?")} == set()
+    assert {x for x in used if to_ascii(x) in ("", "?")} == set()
 
 
 def kept(records: Path) -> bool:
@@ -159,12 +159,12 @@ def test_a_validation_that_is_told_to_end_writes_what_it_has(tmp_path: Path, num
 
 
 def test_standard_output_is_the_same_again_afterwards(monkeypatch, capsys):
-    from eomcheck.safe_output import unfailing
+    from eomcheck.safe_output import unfailing_output
 
     raw = io.BytesIO()
     stream = io.TextIOWrapper(io.BufferedWriter(Raw(raw)), "ascii")
     monkeypatch.setattr("sys.stdout", stream)
-    with unfailing():
+    with unfailing_output():
         print("θ")
     assert sys.stdout is stream
     assert raw.getvalue() == b"theta\n"
@@ -201,11 +201,11 @@ def test_an_interrupted_study_says_where_it_goes_on(tmp_path: Path, monkeypatch,
 
 
 def test_an_interruption_is_over_with_the_block_that_it_ends():
-    with pytest.raises(KeyboardInterrupt), stoppable():
+    with pytest.raises(KeyboardInterrupt), interruptible():
         signal.raise_signal(signal.SIGTERM)
     again = False
     try:
-        with stoppable(), progress("", 1) as advance:
+        with interruptible(), progress("", 1) as advance:
             advance()
     except KeyboardInterrupt:  # which would end pytest
         again = True
@@ -220,7 +220,7 @@ def test_an_interruption_that_something_swallows_comes_with_the_next_step(capfd)
             signal.raise_signal(signal.SIGTERM)
             sum(range(1000))
 
-    with pytest.raises(KeyboardInterrupt), stoppable(), progress("", 3) as advance:
+    with pytest.raises(KeyboardInterrupt), interruptible(), progress("", 3) as advance:
         one = Swallowing()
         del one
         done.append("went on")

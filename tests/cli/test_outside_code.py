@@ -15,8 +15,8 @@ import pytest
 from tests.engines.planar import with_fault
 
 import eomcheck
-from eomcheck.claims.run import Run, Selection
-from eomcheck.class_lookup import in_file, outside
+from eomcheck.claims.run import RunSelection, ValidationRun
+from eomcheck.class_lookup import in_file, outside_error
 from eomcheck.engines import Engine, engine_of, version_of
 from eomcheck.errors import InputError, described_error
 from eomcheck.scenes import Sleigh
@@ -65,7 +65,7 @@ def test_an_engine_that_wants_to_exit_fails_by_name(tmp_path: Path, reported: st
     own = engine_of(f"{file}:Planar")
     q, v = Sleigh().initial_state()
     claims = ["mass-matrix", "bias"]
-    mass, bias = eomcheck.check(Sleigh(), q, v, engines=[own], claims=claims)
+    mass, bias = eomcheck.check_state(Sleigh(), q, v, engines=[own], claims=claims)
     assert mass.verdict == "passed"
     assert bias.verdict == "failed"
     assert f"bias raised {reported} ({file.name}, line " in bias.detail
@@ -86,7 +86,7 @@ def test_a_function_that_wants_to_exit_fails_by_name(reported: str):
 def test_a_scene_that_wants_to_exit_is_named(tmp_path: Path, reported: str):
     name = trailer(tmp_path, f"leaves_{reported[:3]}", ENDS[reported])
     scene = in_file(*name.split(":"))()
-    found = eomcheck.check(scene, *scene.initial_state())
+    found = eomcheck.check_state(scene, *scene.initial_state())
     failed = [one for one in found if one.verdict == "failed"]
     assert failed
     assert f"Trailer.drift raised {reported}" in failed[0].detail
@@ -100,7 +100,7 @@ def test_a_scene_with_a_senseless_number_of_coordinates_is_bad_input(n):
     Own.n = n
     says = f"Own.n = {n}, expected a whole number from 0 to 20000"
     with pytest.raises(InputError, match=re.escape(says)):
-        eomcheck.check(Own(), [0.0] * 3, [0.0] * 3)
+        eomcheck.check_state(Own(), [0.0] * 3, [0.0] * 3)
 
 
 @pytest.mark.parametrize("state", [None, 5, (), ([0.0] * 3,), ([0.0] * 3,) * 3])
@@ -194,12 +194,12 @@ def test_an_import_that_exits_or_gives_no_answer_is_bad_input(tmp_path: Path, bo
 
 def test_a_scene_that_raises_whatever_it_is_asked_is_a_failure(tmp_path: Path):
     kind = in_file(*trailer(tmp_path, "raises", "raise ValueError('no axle')").rsplit(":", 1))
-    selection = Selection.of(engines=[], claims=["finite-terms"], scenes=[kind])
+    selection = RunSelection.of(engines=[], claims=["finite-terms"], scenes=[kind])
     for look in (
         lambda run: run.look_at_kind(kind, selection, (1, 1), 3, 0),
         lambda run: run.look_at_scene(kind.example(), selection, 3, 0),
     ):
-        run = Run()
+        run = ValidationRun()
         look(run)
         (finding,) = run.finish(selection)
         assert finding.verdict == "failed"
@@ -211,9 +211,9 @@ def test_a_scene_that_raises_while_states_are_drawn_and_did_not_fail_before_is_a
         def coordinate_ranges(self):
             raise ZeroDivisionError
 
-    run = Run()
+    run = ValidationRun()
     with pytest.raises(ZeroDivisionError):
-        run.look_at_scene(Late(), Selection.of(engines=[], claims=["finite-terms"]), 3, 0)
+        run.look_at_scene(Late(), RunSelection.of(engines=[], claims=["finite-terms"]), 3, 0)
 
 
 def test_an_exception_is_reported_of_the_function_of_the_file_that_raised_it(tmp_path: Path):
@@ -227,7 +227,7 @@ def test_an_exception_is_reported_of_the_function_of_the_file_that_raised_it(tmp
     )
     with pytest.raises(ValueError) as raised:
         in_file(str(path), "Nested")().asked()
-    said = outside(raised.value)
+    said = outside_error(raised.value)
     assert said.startswith("nested.py: helper raised JSONDecodeError: Expecting value")
     assert said.endswith("(nested.py, line 10)")
 
@@ -326,8 +326,8 @@ def test_code_that_dies_in_workers_is_a_failure_of_it(tmp_path: Path):
 def test_commands_that_run_only_our_code_start_no_process(monkeypatch, capsys):
     from eomcheck import cli, supervisor
 
-    monkeypatch.setattr(supervisor, "possible", lambda: True)
-    monkeypatch.setattr(supervisor, "command", lambda words: 77)
+    monkeypatch.setattr(supervisor, "can_supervise", lambda: True)
+    monkeypatch.setattr(supervisor, "run_supervised", lambda words: 77)
     codes = []
     for words in (
         ["list", "claims"],

@@ -11,7 +11,7 @@ import pytest
 
 import eomcheck
 from eomcheck import cli
-from eomcheck.evaluation.dynamics import closed_position
+from eomcheck.evaluation.dynamics import assembled_position
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.scenes import ChainPendulum, FourBarChain, Sleigh, Snake
 
@@ -41,7 +41,8 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     for name in ("print_trajectories", "print_many", "chart_of_many"):
         monkeypatch.setattr(f"eomcheck.lab.report.motion_tables.{name}", lambda found: found)
     monkeypatch.setattr(
-        "eomcheck.lab.show.chart_matplotlib.draw", lambda charts, path: seen.append(path.name)
+        "eomcheck.lab.show.chart_matplotlib.draw_charts",
+        lambda charts, path: seen.append(path.name),
     )
     return seen
 
@@ -74,7 +75,7 @@ def test_draws_are_normal_about_the_start_of_the_scene_first_of_q_then_of_u(
     q0 = q + scale * random.standard_normal((4, scene.n))
     u0 = (u if speeds is None else speeds) + scale * random.standard_normal((4, scene.p))
     if isinstance(scene, FourBarChain):
-        q0 = np.array([closed_position(scene, one) for one in q0])
+        q0 = np.array([assembled_position(scene, one) for one in q0])
     assert np.array_equal(found.q0, q0) and np.allclose(found.u0, u0, rtol=1e-15, atol=0.0)
     assert (found.key, found.t_end, found.executor, found.max_steps) == ("kane", 0.5, None, 0)
 

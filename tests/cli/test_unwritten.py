@@ -14,15 +14,17 @@ from threading import Thread
 import pytest
 
 from eomcheck import cli
-from eomcheck.console import undisturbed
+from eomcheck.console import deferring_interrupts
 from eomcheck.errors import UnwrittenError
 from eomcheck.lab.fuzzing import campaign as campaigns
 from eomcheck.lab.fuzzing import failures as corpus
-from eomcheck.lab.fuzzing.failures import Find
+from eomcheck.lab.fuzzing.failures import FailureRecord
 from eomcheck.lab.store.record_file import Records
 
 FULL = Path("/dev/full")
-FIND = Find("sleigh", {}, [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], 0.0, "bias", "au ~ el", 1.0, 0.5, "au")
+FIND = FailureRecord(
+    "sleigh", {}, [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], 0.0, "bias", "au ~ el", 1.0, 0.5, "au"
+)
 FEW = "validate", "--scene", "sleigh", "--examples", "1", "--engine", "casadi"
 
 needs_full = pytest.mark.skipif(not FULL.exists(), reason="no /dev/full")
@@ -38,7 +40,7 @@ def run(monkeypatch: pytest.MonkeyPatch, *words: object) -> int:
 
 @pytest.fixture
 def campaign(monkeypatch: pytest.MonkeyPatch) -> list[object]:
-    """Let `fuzz` make one find at once; what it was asked for is noted."""
+    """Let `fuzz_command` make one find at once; what it was asked for is noted."""
     ran = []
 
     def of_one_find(campaign: campaigns.Campaign, *how: object) -> None:
@@ -93,7 +95,7 @@ def test_finds_that_cannot_be_kept_are_printed(option, campaign, monkeypatch, ca
         campaign.append(how)
         raise UnwrittenError("No space left on device")
 
-    monkeypatch.setattr(corpus, "write_finds", full)
+    monkeypatch.setattr(corpus, "write_failures", full)
     if option == "--records":
         run_of_one = campaigns.Campaign.run
 
@@ -111,14 +113,14 @@ def test_finds_that_cannot_be_kept_are_printed(option, campaign, monkeypatch, ca
 def test_finds_are_stored_whole_by_a_campaign_that_is_told_to_end_meanwhile(
     campaign, monkeypatch, capsys, tmp_path
 ):
-    path, write = tmp_path / "k.json", corpus.write_finds
+    path, write = tmp_path / "k.json", corpus.write_failures
 
     def told_to_end(*how):
         os.kill(os.getpid(), signal.SIGTERM)
         time.sleep(0.01)
         write(*how)
 
-    monkeypatch.setattr(corpus, "write_finds", told_to_end)
+    monkeypatch.setattr(corpus, "write_failures", told_to_end)
     assert run(monkeypatch, "fuzz", "--states", 1, "--keep", path) == 130
     assert [one["claim"] for one in json.loads(path.read_text())] == ["bias"]
     assert f"written: {path}" in capsys.readouterr().out
@@ -127,7 +129,7 @@ def test_finds_are_stored_whole_by_a_campaign_that_is_told_to_end_meanwhile(
 
 def test_a_block_that_is_undisturbed_ends_and_raises_then():
     ended = []
-    with pytest.raises(KeyboardInterrupt), undisturbed():
+    with pytest.raises(KeyboardInterrupt), deferring_interrupts():
         os.kill(os.getpid(), signal.SIGINT)
         time.sleep(0.01)
         ended.append(True)
@@ -135,16 +137,16 @@ def test_a_block_that_is_undisturbed_ends_and_raises_then():
 
 
 def test_two_that_add_to_a_corpus_at_once_lose_nothing(monkeypatch, tmp_path):
-    path, read = tmp_path / "k.json", corpus.read_finds
+    path, read = tmp_path / "k.json", corpus.read_failures
 
     def slowly(path):
         found = read(path)
         time.sleep(0.05)
         return found
 
-    monkeypatch.setattr(corpus, "read_finds", slowly)
+    monkeypatch.setattr(corpus, "read_failures", slowly)
     finds = [replace(FIND, scene=scene) for scene in ("sleigh", "snake")]
-    threads = [Thread(target=corpus.add_finds, args=(path, [one])) for one in finds]
+    threads = [Thread(target=corpus.add_failures, args=(path, [one])) for one in finds]
     for one in threads:
         one.start()
     for one in threads:

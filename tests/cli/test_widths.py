@@ -21,7 +21,7 @@ from eomcheck import cli
 from eomcheck.cli.study_commands import GROUPS
 from eomcheck.console import console
 from eomcheck.lab.fuzzing import state_rounds
-from eomcheck.lab.report.registries import registry_sheet
+from eomcheck.lab.report.registries import registry_table
 from eomcheck.lab.show import table
 
 COMMANDS = {
@@ -46,7 +46,9 @@ COMMANDS = {
     "studies": "study --help",
 }
 OTHERS = {"report", "export", "reference", "compare", "fuzz"}
-"""Commands that need files or take long: below; what `reference` prints is a table of `Sheet`."""
+"""Commands that need files or take long: below; what `reference` prints is a table of
+`ResultTable`.
+"""
 HELP = [
     [],
     *([name] for name in sorted(typer.main.get_command(cli.app).commands)),  # type: ignore[attr-defined]
@@ -134,7 +136,7 @@ def test_the_paper_s_robot_is_named_where_scenes_are(monkeypatch, capsys):
     for words in (["simulate", "--help"], ["draw", "scene", "--help"]):
         assert run(*words, monkeypatch=monkeypatch) == 0
         assert "paper (the paper's robot)" in " ".join(capsys.readouterr().out.split())
-    (snake,) = [row for row in registry_sheet("scenes").rows if row[0] == "snake"]
+    (snake,) = [row for row in registry_table("scenes").rows if row[0] == "snake"]
     assert "the paper's robot" in snake[1]
 
 

@@ -23,20 +23,20 @@ from eomcheck.errors import (
     InputError,
     RefusedError,
     UnknownNameError,
+    at_least_one,
     described_error,
     did_you_mean,
     distinct,
     message_of,
-    named,
     one_line,
     raised,
+    registered,
     required,
-    shown,
-    some,
+    safe_repr,
     whole_number,
 )
 from eomcheck.lab.store.record_file import Record
-from eomcheck.safe_output import counted, harmless, plain, printable
+from eomcheck.safe_output import counted, printable, to_ascii, without_control_characters
 
 app: Any = import_module("eomcheck.cli.app")
 study: Any = import_module("eomcheck.cli.study_commands")
@@ -93,18 +93,18 @@ def test_a_hint_is_the_nearest_name_in_any_case_and_none_that_is_far():
 
 
 def test_names_are_those_of_a_registry_each_once_and_at_least_one():
-    assert named("claim", "a", {"a": 1}) == 1
+    assert registered("claim", "a", {"a": 1}) == 1
     for name in ("b", 3, None, ["a"]):
         with pytest.raises(UnknownNameError, match="unknown claim"):
-            named("claim", name, {"a": 1})
+            registered("claim", name, {"a": 1})
     assert distinct("keys", ["b", "a", "b"]) == ("b", "a") and distinct("keys", []) == ()
     for wrong in ("ab", 3, [[1]]):
         with pytest.raises(InputError) as error:
             distinct("keys", wrong)  # type: ignore[arg-type]
         assert str(error.value) == f"keys = {wrong!r}, expected a list of names"
-    assert some("keys", iter(["b", "b"])) == ("b",)
+    assert at_least_one("keys", iter(["b", "b"])) == ("b",)
     with pytest.raises(InputError) as error:
-        some("keys", [])
+        at_least_one("keys", [])
     assert str(error.value) == "keys = [] names nothing, expected at least one name"
 
 
@@ -138,9 +138,9 @@ def test_a_value_is_shown_also_where_it_cannot_be_printed():
         def __repr__(self):
             raise LookupError
 
-    assert shown([1, "a\nb"]) == "[1, 'a\\nb']"
-    assert shown(1 << 20000) == "a number of 20001 bits"
-    assert shown(Mute()) == "a Mute whose __repr__ raises LookupError"
+    assert safe_repr([1, "a\nb"]) == "[1, 'a\\nb']"
+    assert safe_repr(1 << 20000) == "a number of 20001 bits"
+    assert safe_repr(Mute()) == "a Mute whose __repr__ raises LookupError"
 
 
 def test_a_library_that_is_missing_is_named_with_the_extra_that_it_comes_with():
@@ -166,8 +166,8 @@ def test_counts_have_one_and_many():
 def test_what_controls_a_terminal_or_turns_a_text_is_replaced():
     odd = "a\u2028\x07\ud800\u2066b\tc\nd\u200f"
     assert printable(odd) == "a \ufffd\ufffd\ufffdb c d\u200f"
-    assert harmless(odd) == "a\ufffd\ufffd\ufffd\ufffdb\tc\nd\u200f"
-    assert [plain(x) for x in "Ωω\u0301½┼│╌¤"] == [
+    assert without_control_characters(odd) == "a\ufffd\ufffd\ufffd\ufffdb\tc\nd\u200f"
+    assert [to_ascii(x) for x in "Ωω\u0301½┼│╌¤"] == [
         "Omega",
         "omega",
         "",
@@ -188,16 +188,16 @@ def test_what_goes_on_is_named_by_the_innermost_with_its_count():
     with console.progress("checking {state} of {claim}", 12) as advance:
         assert now == [*before, "checking 12 states of 12 claims"]
         advance()
-        with console.doing("reading"):
+        with console.activity("reading"):
             assert now[-1] == "reading"
         with console.progress("", 3):
             assert now[-1] == "checking 12 states of 12 claims", "one without a label is no other"
         with console.progress("proving {identity}", 1):
             assert now[-1] == "proving 1 identity"
-        with console.watched("moving", 1.0, lambda: 0.5):
+        with console.polled_progress("moving", 1.0, lambda: 0.5):
             assert now[-1] == "moving"
     assert now == before
-    with pytest.raises(ValueError), console.doing("failing"):
+    with pytest.raises(ValueError), console.activity("failing"):
         raise ValueError
     assert now == before and not console._showing.locked()
     assert console._NOUN.sub(console._many, "checking {state} and {identity}") == (
@@ -252,7 +252,7 @@ def test_signals_are_heard_once_and_handlers_are_what_they_were(number):
     before = signal.signal(number, lambda number, frame: told.append(-number))
     mine = signal.getsignal(number)
     try:
-        with pytest.raises(KeyboardInterrupt), console.undisturbed():
+        with pytest.raises(KeyboardInterrupt), console.deferring_interrupts():
             signal.raise_signal(number)
             assert told == []
             signal.raise_signal(number)  # the second does what it would have done
@@ -260,14 +260,14 @@ def test_signals_are_heard_once_and_handlers_are_what_they_were(number):
             told.append(0)
         assert told == [-number, 0] and signal.getsignal(number) is mine
         hook = sys.unraisablehook
-        with pytest.raises(KeyboardInterrupt), console.stoppable():
+        with pytest.raises(KeyboardInterrupt), console.interruptible():
             assert sys.unraisablehook is not hook
             signal.raise_signal(number)
         assert sys.unraisablehook is hook and not console._stopped.is_set()
-        with console.undisturbed():
+        with console.deferring_interrupts():
             pass
         signal.signal(number, signal.SIG_IGN)
-        with console.undisturbed():
+        with console.deferring_interrupts():
             signal.raise_signal(number)  # what is ignored stays ignored
     finally:
         signal.signal(number, before)
@@ -388,8 +388,8 @@ def test_commands_are_listed_with_their_first_sentence_and_hidden_ones_are_not(m
 
 def test_the_last_of_several_keys_is_completed_and_those_before_it_stay(monkeypatch):
     known = {"scene": ["snake", "sleigh"], "robot": ["snail", "paper"]}
-    monkeypatch.setattr(shared_options, "keys", known.__getitem__)
-    completed = shared_options.completing("scene", "robot", more=("all", "snow"))
+    monkeypatch.setattr(shared_options, "declared_keys", known.__getitem__)
+    completed = shared_options.completer("scene", "robot", more=("all", "snow"))
     assert completed("sn") == ["snake", "snail", "snow"]
     assert completed("a,sleigh,s") == [
         f"a,sleigh,{x}" for x in ("snake", "sleigh", "snail", "snow")
@@ -397,7 +397,7 @@ def test_the_last_of_several_keys_is_completed_and_those_before_it_stay(monkeypa
     assert completed("paper,") == [
         f"paper,{x}" for x in (*known["scene"], *known["robot"], "all", "snow")
     ]
-    assert completed("x") == [] and shared_options.completing("scene")("a") == []
+    assert completed("x") == [] and shared_options.completer("scene")("a") == []
 
 
 def test_keys_are_read_from_sources_and_from_what_packages_announce(monkeypatch, tmp_path):
@@ -417,8 +417,8 @@ def test_keys_are_read_from_sources_and_from_what_packages_announce(monkeypatch,
 
     monkeypatch.setattr(shared_options, "ROOT", tmp_path)
     monkeypatch.setattr(shared_options, "entry_points", points)
-    assert shared_options.keys("scene") == ["one", "two-words", "far"]
-    assert shared_options.keys("engine") == ["own"]
+    assert shared_options.declared_keys("scene") == ["one", "two-words", "far"]
+    assert shared_options.declared_keys("engine") == ["own"]
     assert asked == ["eomcheck.scenes", "eomcheck.engines"]
 
 

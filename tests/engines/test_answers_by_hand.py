@@ -9,9 +9,17 @@ import numpy as np
 import pytest
 from tests.engines.test_walk import link
 
-from eomcheck.engines import Answers, Engine, EngineFault, VelocityMap, made, represents, version_of
+from eomcheck.engines import (
+    Answers,
+    Engine,
+    EngineFault,
+    VelocityMap,
+    make_engine,
+    represents,
+    version_of,
+)
 from eomcheck.engines.casadi import CasadiEngine, _solved
-from eomcheck.engines.tree_engine import TreeEngine, all_move, bodies_with_mass, links_of
+from eomcheck.engines.tree_engine import TreeEngine, all_move, bodies_with_mass, tree_links
 from eomcheck.errors import CallError, EngineError, InputError
 from eomcheck.mechanics.tree import Tree
 from eomcheck.scenes import ChainPendulum, Snake
@@ -151,7 +159,7 @@ def test_an_engine_that_cannot_be_made_asked_or_named_is_told_with_the_line():
     how = f"raised KeyError: 'wheels' ({HERE}, line {line})"
     kind: Any = type("Changed", (Plain,), {"__init__": broken})
     with pytest.raises(EngineFault) as fault:
-        made(kind, SCENE)
+        make_engine(kind, SCENE)
     assert fault.value.what == f"Changed(scene) {how}"
     for name, ask, said in (
         ("represents", lambda x: represents(x, SCENE), "represents(two)"),
@@ -166,9 +174,9 @@ def test_an_engine_that_cannot_be_made_asked_or_named_is_told_with_the_line():
             ask(lost)
     lost = type("Changed", (Plain,), {"__init__": missing})
     with pytest.raises(EngineError, match=r"^no library$"):
-        made(lost, SCENE)
+        make_engine(lost, SCENE)
     right: Any = Plain
-    assert made(right, SCENE).scene is SCENE
+    assert make_engine(right, SCENE).scene is SCENE
     assert represents(right, SCENE) is True
     odd: Any = type("Changed", (Plain,), {"represents": classmethod(lambda *_: [])})
     assert represents(odd, SCENE) is False
@@ -421,7 +429,7 @@ def test_a_scene_is_represented_by_a_tree_whose_links_can_be_held_and_all_move()
 
 def test_links_are_all_that_the_tree_says_of_them():
     turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
-    one = links_of(tree(rotation=np.array([turn, np.eye(3), turn]), armature=np.arange(3.0)))[2]
+    one = tree_links(tree(rotation=np.array([turn, np.eye(3), turn]), armature=np.arange(3.0)))[2]
     assert (one.name, one.parent, one.kind, one.mass, one.armature) == ("link_2", 1, "rz", 4.0, 2.0)
     assert one.rotation.tolist() == turn.tolist() and one.inertia.tolist() == np.eye(3).tolist()
     assert (one.offset.tolist(), one.center.tolist()) == ([6, 7, 8], [1, 1, 1])

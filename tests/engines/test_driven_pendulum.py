@@ -111,7 +111,7 @@ def test_the_mass_matrix_and_the_momentum_do_change_with_time():
 
 @times
 def test_all_claims_hold_but_that_of_an_energy_that_is_all_quadratic(t):
-    found = eomcheck.check(BOB, Q, V, t, engines=["casadi"])
+    found = eomcheck.check_state(BOB, Q, V, t, engines=["casadi"])
     compared = {"mass-matrix", "bias", "kane-n-matrix", "engine-acceleration"}
     assert compared <= {finding.claim for finding in found if "casadi" in finding.evidence}
     failed = {finding.claim for finding in found if finding.verdict == "failed"}
@@ -128,7 +128,7 @@ def test_casadi_without_the_part_of_b_that_comes_of_time_disagrees(monkeypatch):
         return right(self, q, v, t) - (momentum[1] - momentum[0]) / (2 * step)
 
     monkeypatch.setattr(CasadiEngine, "bias", frozen)
-    found = eomcheck.check(BOB, Q, V, 0.6, engines=["casadi"], claims=["bias"])
+    found = eomcheck.check_state(BOB, Q, V, 0.6, engines=["casadi"], claims=["bias"])
     assert [finding.verdict for finding in found] == ["failed"]
 
 
@@ -137,6 +137,6 @@ def test_casadi_at_another_time_disagrees(monkeypatch):
     monkeypatch.setattr(
         CasadiEngine, "_evaluate", lambda self, name, q, v, t: right(self, name, q, v, 0.0)
     )
-    found = eomcheck.check(BOB, Q, V, 0.6, engines=["casadi"])
+    found = eomcheck.check_state(BOB, Q, V, 0.6, engines=["casadi"])
     failed = {finding.claim for finding in found if finding.verdict == "failed"}
     assert {"mass-matrix", "bias", "kane-n-matrix", "engine-acceleration"} <= failed

@@ -21,7 +21,7 @@ V = eomcheck.velocity(SCENE, Q, [1.5, -0.75])
 
 
 def judged(engine: type[Engine], claims=ASKING, q=Q, v=V) -> list[Finding]:
-    return eomcheck.check(SCENE, q, v, engines=[engine], claims=claims)
+    return eomcheck.check_state(SCENE, q, v, engines=[engine], claims=claims)
 
 
 def failures(engine: type[Engine], claims=ASKING, **state) -> dict[str, str]:
@@ -114,7 +114,7 @@ def test_of_our_engines_found_is_still_the_scenes():
             return terms._replace(M=2 * terms.M)
 
     scene = Wrong([1.0], [1.0], [0.1], None, [0.0])
-    (finding,) = eomcheck.check(
+    (finding,) = eomcheck.check_state(
         scene, np.zeros(3), np.zeros(3), engines=["casadi"], claims=["mass-matrix"]
     )
     assert finding.detail.endswith("2 times too large")
@@ -225,7 +225,7 @@ def test_an_engine_that_cannot_be_made_fails_in_every_claim_that_it_offers():
 
 def test_what_overflows_in_the_engine_alone_is_inconclusive_where_the_state_is_huge():
     engine = changed(bias=lambda self, q, v, t=0.0: np.full(5, np.inf))
-    (finding,) = eomcheck.check(
+    (finding,) = eomcheck.check_state(
         SCENE, Q, 1e120 * V, engines=[engine], claims=["bias"], consistent=False
     )
     assert finding.verdict == "inconclusive"
@@ -299,7 +299,7 @@ def test_what_an_engine_does_not_offer_is_told_of_every_engine():
 
 def test_without_constraints_nothing_of_them_is_missing():
     scene = ChainPendulum.example()
-    found = eomcheck.check(scene, *scene.initial_state(), engines=[planar()], claims=ASKING)
+    found = eomcheck.check_state(scene, *scene.initial_state(), engines=[planar()], claims=ASKING)
     unseen = {f.claim for f in found if f.verdict == "skipped"}
     assert not unseen & {"constraint-jacobian", "constraint-drift", "engine-multipliers"}
     assert "generalized-forces" in unseen
@@ -309,7 +309,7 @@ def test_without_constraints_nothing_of_them_is_missing():
 def test_forces_that_only_the_engine_has_fail_and_zeros_are_no_finding(pull, verdicts):
     scene = Sleigh.example()
     engine = changed(forces=lambda self, q, v, t=0.0: np.array([0.0, pull, 0.0]))
-    found = eomcheck.check(
+    found = eomcheck.check_state(
         scene, *scene.initial_state(), engines=[engine], claims=["generalized-forces"]
     )
     assert [f.verdict for f in found] == verdicts
@@ -352,7 +352,7 @@ def test_constraints_that_give_way_are_a_difference_of_model_and_never_pass_or_f
 def test_without_constraints_even_a_compliant_engine_is_compared():
     scene = ChainPendulum.example()
     engine = changed(compliant=True, acceleration=lambda self, *_: (np.ones(3), None))
-    found = eomcheck.check(
+    found = eomcheck.check_state(
         scene, *scene.initial_state(), engines=[engine], claims=["engine-acceleration"]
     )
     assert [f.verdict for f in found] == ["failed"]

@@ -12,7 +12,7 @@ from tests.engines.planar import planar
 import eomcheck
 from eomcheck.claims import run
 from eomcheck.claims.case import OFTEN, ONCE
-from eomcheck.claims.run import Run, Selection
+from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.claims.speeds_and_chains import kane_system
 from eomcheck.engines import Answers, Engine
 from eomcheck.evaluation.evaluation import Evaluation
@@ -39,7 +39,7 @@ def counting(method: str, wrong: Callable[[int], bool], answer: Callable[[Any], 
 
 
 def failed(engine: type[Engine], claim: str) -> list[str]:
-    found = eomcheck.check(SCENE, Q, V, engines=[engine], claims=[claim])
+    found = eomcheck.check_state(SCENE, Q, V, engines=[engine], claims=[claim])
     return [one.detail for one in found if one.verdict == "failed"]
 
 
@@ -160,8 +160,8 @@ def test_an_engine_that_is_wrong_now_and_then_while_it_moves_fails_at_the_first_
             self.calls += bool(v.any())
             return super().bias(q, v, t) * (1.0 + 0.1 * (self.calls % 37 == 0))
 
-    first = Run()
-    selection = Selection.of(engines=[Now], claims=["bias"], scenes=[SCENE])
+    first = ValidationRun()
+    selection = RunSelection.of(engines=[Now], claims=["bias"], scenes=[SCENE])
     for v, verdict in ((0 * V, "passed"), (V, "failed")):
         (found,) = first.look_at(SCENE, State(Q, v), selection)
         assert found.verdict == verdict
@@ -196,7 +196,7 @@ def test_engines_are_asked_often_at_the_first_states_and_twice_at_others():
     # Four calls elsewhere, the first answer, and those again with others in between.
     many, few = 4 + 1 + OFTEN, 4 + 1 + 2 * ONCE
     assert 2 * (many + OFTEN // 8) + 3 * few <= len(asked) < 2 * (many + OFTEN // 2) + 3 * few
-    assert (OFTEN, ONCE, run.often_at(0), run.often_at(1)) == (90, 1, 90, 1)
+    assert (OFTEN, ONCE, run.repeats_at(0), run.repeats_at(1)) == (90, 1, 90, 1)
 
 
 # ---- Caches --------------------------------------------------------------------------------------

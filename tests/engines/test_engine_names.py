@@ -14,7 +14,7 @@ import eomcheck
 from eomcheck.engines import ENGINES, Engine, EngineFault, engine_of, engines_among
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.errors import InputError, UnknownNameError
-from eomcheck.lab.report.registries import registry_sheet
+from eomcheck.lab.report.registries import registry_table
 from eomcheck.scenes import SCENES, Sleigh
 
 COMMAND = [sys.executable, "-c", "from eomcheck.cli import main; main()", "validate"]
@@ -65,7 +65,7 @@ def test_a_class_that_does_not_keep_the_contract_is_refused_in_one_sentence(chan
     with pytest.raises(InputError, match=says):
         engine_of(kind)
     with pytest.raises(InputError, match="engine Wrong"):
-        eomcheck.check(Sleigh(), *Sleigh().initial_state(), engines=[kind])
+        eomcheck.check_state(Sleigh(), *Sleigh().initial_state(), engines=[kind])
 
 
 def test_keys_names_and_classes_stand_side_by_side():
@@ -145,7 +145,7 @@ def test_an_entry_point_is_found_by_its_name(tmp_path, monkeypatch, own_path):
         engine_of("lost")
     with pytest.raises(UnknownNameError, match=r"known: pinocchio, casadi.*flat, lost"):
         engine_of("bullet")
-    rows = {row[0]: row[1:] for row in registry_sheet("engines").rows}
+    rows = {row[0]: row[1:] for row in registry_table("engines").rows}
     package = "none: package announced"
     assert rows["flat"] == (
         planar().version(),
@@ -184,7 +184,7 @@ def test_represents_that_raises_is_told_in_one_sentence():
 
     kind = type("Wrong", (planar(),), {"represents": classmethod(represents)})
     with pytest.raises(InputError, match=r"engine Wrong: represents\(sleigh\) raised KeyError"):
-        eomcheck.check(Sleigh(), *Sleigh().initial_state(), engines=[kind])
+        eomcheck.check_state(Sleigh(), *Sleigh().initial_state(), engines=[kind])
 
 
 def test_an_engine_is_made_once_for_each_scene():

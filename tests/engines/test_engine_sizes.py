@@ -51,7 +51,9 @@ def test_a_fast_sleigh_shows_which_engines_sum_terms_of_its_bias_that_cancel(key
 )
 def test_the_bias_of_mujoco_fails_at_a_thousand_metres_a_second(key, speed, verdict):
     q, v = [0.3, 0.2, 0.7], [speed * np.cos(0.7), speed * np.sin(0.7), 0.8]
-    (found,) = eomcheck.check(Sleigh(mass=1.3, offset=0.7), q, v, engines=[key], claims=["bias"])
+    (found,) = eomcheck.check_state(
+        Sleigh(mass=1.3, offset=0.7), q, v, engines=[key], claims=["bias"]
+    )
     assert found.verdict == verdict
 
 
@@ -62,7 +64,7 @@ def test_accelerations_of_pinocchio_fail_far_from_the_origin_and_its_bias_does_n
     q = q + np.pad([far, -far], (0, scene.n - 2))
     v = eomcheck.velocity(scene, q, [0.7, 0.7])
     claims = ["mass-matrix", "bias", "engine-acceleration"]
-    found = eomcheck.check(scene, q, v, engines=["pinocchio"], claims=claims)
+    found = eomcheck.check_state(scene, q, v, engines=["pinocchio"], claims=claims)
     by_claim = {claim: {f.verdict for f in found if f.claim == claim} for claim in claims}
     assert by_claim["mass-matrix"] == by_claim["bias"] == {"passed"}
     assert by_claim["engine-acceleration"] == {verdict}
@@ -108,7 +110,7 @@ def test_a_bias_that_vanishes_where_its_terms_cancel_is_allowed_their_rounding()
     for heading in np.linspace(0.1, 3.0, 30):
         q = np.array([3.0, -5.0, heading])
         v = eomcheck.velocity(scene, q, [40.0, 1.3])
-        found += eomcheck.check(scene, q, v, engines=[InBody], claims=["bias"])
+        found += eomcheck.check_state(scene, q, v, engines=[InBody], claims=["bias"])
     assert {f.verdict for f in found} == {"passed"}
     assert any(f.observed > 0 for f in found), "the terms do cancel with an error"
 
@@ -131,7 +133,7 @@ def biases_of_a_puck(engine: str | type[Engine]) -> list[Finding]:
     for _ in range(40):
         q, v = random.uniform(-9.0, 9.0, (2, 3)) * (1.0, 1.0, 1e-3)
         q[2] *= 1e3
-        found += eomcheck.check(Puck(), q, v, engines=[engine], claims=["bias"])
+        found += eomcheck.check_state(Puck(), q, v, engines=[engine], claims=["bias"])
     return found
 
 
@@ -160,7 +162,7 @@ def test_casadi_is_allowed_what_the_rounding_of_its_bias_makes_of_accelerations(
     for heading in np.linspace(0.1, 6.1, 40):
         v = 0.3 * np.array([np.cos(heading), np.sin(heading), 0.0])
         q = np.array([0.0, 0.0, heading])
-        for one in eomcheck.check(Skate(), q, v, engines=["casadi"], claims=list(errors)):
+        for one in eomcheck.check_state(Skate(), q, v, engines=["casadi"], claims=list(errors)):
             assert one.verdict == "inconclusive", "beside an acceleration of 0"
             errors[one.claim] = max(errors[one.claim], one.observed)
     assert min(errors.values()) > 0.0, "there is rounding where all terms vanish"
@@ -182,7 +184,7 @@ def test_casadi_is_allowed_the_rounding_of_turns_that_a_constraint_does_not_feel
     for yaw in np.linspace(-3.0, 3.0, 40):
         q = np.array([0.0, -1.5, 0.0, yaw, 0.5, 0.3])
         v = np.array([0.0, 0.0, 0.0, 1.7, 0.0, 0.0])
-        (one,) = eomcheck.check(Ball(), q, v, engines=["casadi"], claims=["constraint-drift"])
+        (one,) = eomcheck.check_state(Ball(), q, v, engines=["casadi"], claims=["constraint-drift"])
         assert one.verdict == "passed"
         worst = max(worst, one.observed)
     assert worst > 0.0, "they do cancel with an error"
@@ -192,7 +194,7 @@ def test_casadi_is_right_where_constraints_that_nearly_depend_carry_large_forces
     q = [-7.853981633974483, -4.061473392214157, -23.56194490192345]
     q += [10.9955742991867, -10.344658711016166]
     claims = ["engine-acceleration", "engine-multipliers"]
-    found = eomcheck.check(Bricard(), q, np.zeros(5), engines=["casadi"], claims=claims)
+    found = eomcheck.check_state(Bricard(), q, np.zeros(5), engines=["casadi"], claims=claims)
     assert max(one.observed / one.allowed for one in found) < 1e-3
     assert len(found) == 10, "seven with accelerations, three of them with multipliers"
 
@@ -203,7 +205,7 @@ FOLDED += [-32.986722870542366, -6.795413799799177]
 
 def test_where_a_matrix_of_casadi_is_singular_it_is_not_looked_at():
     claims = ["engine-acceleration", "engine-multipliers"]
-    found = eomcheck.check(Bricard(), FOLDED, np.zeros(5), engines=["casadi"], claims=claims)
+    found = eomcheck.check_state(Bricard(), FOLDED, np.zeros(5), engines=["casadi"], claims=claims)
     assert [(one.claim, one.verdict) for one in found] == [(x, "skipped") for x in claims]
     assert all("singular to working precision" in one.detail for one in found)
 
@@ -239,7 +241,7 @@ def test_the_allowance_for_inertia_forces_does_not_hide_a_fault():
     scene = Sleigh()
     q = np.array([3.0, -5.0, 0.4])
     v = eomcheck.velocity(scene, q, [1.0, 2.0])
-    (finding,) = eomcheck.check(scene, q, v, engines=[Wrong], claims=["bias"])
+    (finding,) = eomcheck.check_state(scene, q, v, engines=[Wrong], claims=["bias"])
     assert finding.verdict == "failed"
 
 
@@ -282,5 +284,5 @@ def test_an_engine_whose_own_formulation_is_refused_is_undecided_and_named():
     class Own(CasadiEngine):
         key, solves_like = "own", "el"
 
-    found = eomcheck.check(scene, q, v, engines=[Own], claims=["engine-acceleration"])
+    found = eomcheck.check_state(scene, q, v, engines=[Own], claims=["engine-acceleration"])
     assert found and {one.verdict for one in found} == {"inconclusive"}, found

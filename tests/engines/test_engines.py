@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from eomcheck import velocity
-from eomcheck.claims.run import Selection
+from eomcheck.claims.run import RunSelection
 from eomcheck.engines import ALWAYS, ENGINES, Answers, engine_of
 from eomcheck.engines import casadi as casadi_engine
 from eomcheck.engines.answers import inertia_size, mass_size
@@ -105,8 +105,10 @@ def test_every_engine_that_is_not_required_has_an_extra_and_is_in_the_extra_of_a
 
 
 def test_engines_that_an_extra_installs_take_part_only_when_named():
-    assert {kind.key for kind in Selection.of().engines} == set(ALWAYS) == {"pinocchio", "casadi"}
-    assert [kind.key for kind in Selection.of(engines=["mujoco"]).engines] == ["mujoco"]
+    assert (
+        {kind.key for kind in RunSelection.of().engines} == set(ALWAYS) == {"pinocchio", "casadi"}
+    )
+    assert [kind.key for kind in RunSelection.of(engines=["mujoco"]).engines] == ["mujoco"]
 
 
 # ---- What an engine can represent ----------------------------------------------------------------

@@ -14,13 +14,13 @@ from tests.robots import arm, body, joint
 from eomcheck.descriptions.robot_files import from_mjcf
 from eomcheck.engines import Answers
 from eomcheck.engines.file_engine import (
-    Description,
     FileEngine,
-    described,
+    RobotDescription,
+    capture_output,
     few,
     file_of,
     is_free,
-    listening,
+    read_description,
 )
 from eomcheck.engines.files import BY_FORMAT, DEFAULT, READERS, MjcfFile, default_reader
 from eomcheck.engines.floating_base import BaseVelocity, free_base
@@ -68,12 +68,12 @@ ODD = [
 def test_a_file_is_described_by_its_root_its_followers_dampers_and_odd_links(tmp_path: Path):
     path = tmp_path / "odd.urdf"
     path.write_text(f"<robot name='odd'>{''.join(ODD)}</robot>", encoding="utf-8")
-    found = described(path)
+    found = read_description(path)
     bare = "".join(ODD).replace("<visual/>", "").replace("<collision/>", "")
     assert found.text.replace(" />", "/>") == f'<robot name="odd">{bare}</robot>'.replace(
         '<link name="empty"></link>', '<link name="empty"/>'
     )
-    assert found == Description(
+    assert found == RobotDescription(
         found.text,
         "root",
         {"b": ("a", -2.0, 0.25), "d": ("b", 1.0, 0.0)},
@@ -127,7 +127,7 @@ class Silent(FileEngine):
     def _library(cls) -> Any:
         return SimpleNamespace(__version__="1.2")
 
-    def _read(self, library: Any, description: Description) -> None:
+    def _read(self, library: Any, description: RobotDescription) -> None:
         self.handed = library.__version__, description
         os.write(1, self.line.encode())
 
@@ -181,7 +181,7 @@ def test_joints_of_a_library_are_coordinates_in_its_own_order_and_those_that_fol
     assert one.coordinates.tolist() == expected
     # far = 0.5 near + 0.3, near = -2 grip + 0.1.
     assert one.shift == pytest.approx([0.35, 0, 0, 0, 0.1, 0], abs=1e-16)
-    assert one.handed == ("1.2", described(tmp_path / "arm.urdf"))
+    assert one.handed == ("1.2", read_description(tmp_path / "arm.urdf"))
     assert (one.base, one.follow, one._gravity.tolist()) == (0, True, [0.0, 0.0, -9.81])
     assert one.free_base(np.zeros(4), np.zeros(4)) is None
     x, S, rest = one.velocity_map(np.array([0.1, 0.2, 0.3, 0.4]), np.ones(4))
@@ -452,7 +452,7 @@ def test_mujoco_has_the_accelerations_of_constraints_that_its_own_solver_lets_gi
 
 def test_lines_are_kept_once_without_blanks_and_streams_come_back_after_an_exception(capfd):
     print("before")
-    with pytest.raises(KeyError), listening() as lines:
+    with pytest.raises(KeyError), capture_output() as lines:
         os.write(1, b"  two \n\n")
         os.write(2, b"\xff two\n  \ntwo\n")
         raise KeyError

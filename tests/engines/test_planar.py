@@ -10,7 +10,7 @@ from tests.engines.planar import PLANAR, planar, with_fault
 
 import eomcheck
 from eomcheck.claims import CLAIMS, Finding
-from eomcheck.claims.run import Run, Selection
+from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.descriptions.build import mechanism
 from eomcheck.descriptions.elements import Joint, Link, distance
 from eomcheck.descriptions.random_mechanisms import RANDOM
@@ -107,17 +107,17 @@ def test_the_engine_of_the_guide_refuses_what_leaves_the_plane():
     assert planar().represents(Sleigh())
 
 
-def looked_at(key: str, examples: int, seed: int) -> Run:
+def looked_at(key: str, examples: int, seed: int) -> ValidationRun:
     """Return the run of `validate --engine planar.py:Planar` on random scenes of a kind."""
     kind = RANDOM[key]
-    selection = Selection.of(None, [planar()], ASKING, scenes=[kind])
-    run = Run()
+    selection = RunSelection.of(None, [planar()], ASKING, scenes=[kind])
+    run = ValidationRun()
     run.look_at_kind(kind, selection, (1, 12), examples, seed)
     run.finish(selection)
     return run
 
 
-def assert_right(run: Run, least: int) -> None:
+def assert_right(run: ValidationRun, least: int) -> None:
     assert [str(one) for one in run.findings if one.verdict == "failed"] == []
     passed = [one.claim for one in run.findings if one.verdict == "passed"]
     assert passed.count("mass-matrix") >= least

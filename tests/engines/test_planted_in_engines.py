@@ -12,7 +12,7 @@ from tests.engines.twisted import twisted
 from tests.samples import ordinary
 
 from eomcheck.engines import ENGINES, Engine, EngineAcceleration, VelocityMap
-from eomcheck.engines.tree_engine import Link, TreeEngine
+from eomcheck.engines.tree_engine import TreeEngine, TreeLink
 from eomcheck.mechanics.tree import Tree
 from eomcheck.scenes import SCENES
 
@@ -36,13 +36,13 @@ class Fault(NamedTuple):
 # ---- What is handed to the library ---------------------------------------------------------------
 
 
-def of_links(change: Callable[[list[Link]], list[Link]], frames: int | None = None):
+def of_links(change: Callable[[list[TreeLink]], list[TreeLink]], frames: int | None = None):
     """Return a fault that changes the links, if wanted after their frames are turned."""
 
     def plant(kind: Kind) -> Kind:
         class Faulty(kind):
             @classmethod
-            def links(cls, tree: Tree) -> list[Link]:
+            def links(cls, tree: Tree) -> list[TreeLink]:
                 links = super().links(tree)
                 return change(links if frames is None else twisted(links, frames))
 
@@ -51,15 +51,15 @@ def of_links(change: Callable[[list[Link]], list[Link]], frames: int | None = No
     return plant
 
 
-def each(change: Callable[[Link], Link]) -> Callable[[list[Link]], list[Link]]:
+def each(change: Callable[[TreeLink], TreeLink]) -> Callable[[list[TreeLink]], list[TreeLink]]:
     return lambda links: [change(one) for one in links]
 
 
-def last(change: Callable[[Link], Link]) -> Callable[[list[Link]], list[Link]]:
+def last(change: Callable[[TreeLink], TreeLink]) -> Callable[[list[TreeLink]], list[TreeLink]]:
     return lambda links: [*links[:-1], change(links[-1])]
 
 
-def about_the_joint(one: Link) -> Link:
+def about_the_joint(one: TreeLink) -> TreeLink:
     c = one.center
     return one._replace(inertia=one.inertia + one.mass * (c @ c * np.eye(3) - np.outer(c, c)))
 

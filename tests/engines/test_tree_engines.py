@@ -12,8 +12,8 @@ from eomcheck.descriptions import elements
 from eomcheck.descriptions.build import mechanism
 from eomcheck.descriptions.elements import Joint, distance
 from eomcheck.engines import ENGINES, Answers, Engine
-from eomcheck.engines.tree_engine import Link, TreeEngine
-from eomcheck.evaluation.dynamics import closed_position
+from eomcheck.engines.tree_engine import TreeEngine, TreeLink
+from eomcheck.evaluation.dynamics import assembled_position
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import FORMULATIONS
@@ -44,7 +44,7 @@ def in_other_frames(key: str, seed: int) -> type[Engine]:
 
     class Twisted(kind):
         @classmethod
-        def links(cls, tree: Tree) -> list[Link]:
+        def links(cls, tree: Tree) -> list[TreeLink]:
             return twisted(super().links(tree), seed)
 
     Twisted.key = key
@@ -165,7 +165,7 @@ def test_joints_without_bodies_may_stand_anywhere_between_two(key, seed):
     others = np.random.default_rng(seed)
     kinds = [("px", "rz", "py", "rz"), ("rz", "px", "rz", "rz"), ("rz", "rz", "px", "rz")][seed % 3]
 
-    def links(cls, tree: Tree) -> list[Link]:
+    def links(cls, tree: Tree) -> list[TreeLink]:
         changed = [
             one._replace(kind=kind, offset=others.normal(size=3))
             for one, kind in zip(TreeEngine.links(tree), kinds, strict=True)
@@ -186,7 +186,7 @@ def test_joints_without_bodies_may_stand_anywhere_between_two(key, seed):
 # ---- In space ------------------------------------------------------------------------------------
 
 
-def in_space(seed: int) -> list[Link]:
+def in_space(seed: int) -> list[TreeLink]:
     """Return six links of any kind, all of whose numbers count."""
     rng = np.random.default_rng(seed)
     links = []
@@ -194,7 +194,7 @@ def in_space(seed: int) -> list[Link]:
         moments, axes = rng.uniform(1.0, 1.9, 3), np.linalg.qr(rng.normal(size=(3, 3)))[0]
         turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
         links.append(
-            Link(
+            TreeLink(
                 name=f"link_{j}",
                 parent=j - 1 if j != 4 else 1,
                 kind="".join((rng.choice(["r", "r", "p"]), rng.choice(["x", "y", "z"]))),
@@ -208,7 +208,9 @@ def in_space(seed: int) -> list[Link]:
     return links
 
 
-def answers_in_space(key: str, links: list[Link], state: State) -> tuple[np.ndarray, np.ndarray]:
+def answers_in_space(
+    key: str, links: list[TreeLink], state: State
+) -> tuple[np.ndarray, np.ndarray]:
     options = {"links": classmethod(lambda cls, tree: links), "key": key}
     engine = type("InSpace", (ENGINES[key],), options)(ChainPendulum.rods(6))
     return engine.mass_matrix(state.q), engine.bias(state.q, state.v)
@@ -288,7 +290,7 @@ def test_a_joint_that_follows_another_is_taken_along(key, closed):
     if kind.offers("acceleration") and not (kind.compliant and closed):
         claims += ["engine-acceleration", *(["engine-multipliers"] if closed else [])]
     for q, c in np.random.default_rng(0).uniform(-1, 1, (5, 2, 2)):
-        q = closed_position(scene, q) if closed else q
+        q = assembled_position(scene, q) if closed else q
         a = Evaluation(scene, q, c, 0.0).terms.a
         v = c if a is None else null_space(a) @ c[:1]
         found = look(scene, State(q, v, 0.0), engine, *claims)

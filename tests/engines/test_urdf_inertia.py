@@ -36,7 +36,9 @@ def test_an_orientation_that_is_lost_is_told_with_the_entry_of_the_mass_matrix(t
     assert text.count('rpy="{TILT} 0 0"') == 1
     lost = tmp_path / "lost.py"
     lost.write_text(text.replace('rpy="{TILT} 0 0"', 'rpy="0 0 0"'), encoding="utf-8")
-    found = eomcheck.check(SCENE, [0.3, 0.8], [1.0, -0.5], engines=[engine_of(lost)], claims=CLAIMS)
+    found = eomcheck.check_state(
+        SCENE, [0.3, 0.8], [1.0, -0.5], engines=[engine_of(lost)], claims=CLAIMS
+    )
     (failed,) = [one for one in found if one.verdict == "failed"]
     assert failed.claim == "mass-matrix"
     assert "mass matrix, entry (θ_2, θ_2): found" in failed.detail

@@ -117,7 +117,7 @@ def test_more_velocities_than_coordinates_are_mapped_back():
     scene = Sleigh()
     q = np.array([3.0, -5.0, 0.4])
     v = eomcheck.velocity(scene, q, [1.0, 2.0])
-    found = eomcheck.check(scene, q, v, engines=[Tall], claims=["mass-matrix", "bias"])
+    found = eomcheck.check_state(scene, q, v, engines=[Tall], claims=["mass-matrix", "bias"])
     assert [f.verdict for f in found] == ["passed", "passed"]
 
 

@@ -6,23 +6,25 @@ import numpy as np
 import pytest
 
 from eomcheck.engines import ENGINES
-from eomcheck.engines.tree_engine import Link, TreeEngine, bodies_with_mass, links_of
+from eomcheck.engines.tree_engine import TreeEngine, TreeLink, bodies_with_mass, tree_links
 from eomcheck.scenes import SCENES
 
 TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """A quarter turn about z."""
 
 
-def link(name: str, parent: int, kind: str, offset: list[float], mass: float, turn=None) -> Link:
+def link(
+    name: str, parent: int, kind: str, offset: list[float], mass: float, turn=None
+) -> TreeLink:
     rotation = np.eye(3) if turn is None else turn
     moments = mass * np.eye(3)
-    return Link(name, parent, kind, rotation, np.array(offset), mass, np.zeros(3), moments)
+    return TreeLink(name, parent, kind, rotation, np.array(offset), mass, np.zeros(3), moments)
 
 
 @pytest.mark.parametrize("key", [k for k, kind in SCENES.items() if kind.example().tree()])
 def test_links_are_the_trees_own_and_follow_what_they_sit_on(key):
     tree = SCENES[key].example().tree()
-    links = links_of(tree)
+    links = tree_links(tree)
     assert [(one.parent, one.kind) for one in links] == list(
         zip(tree.parent, tree.joint, strict=True)
     )
@@ -68,7 +70,7 @@ def test_links_without_mass_leave_their_joints_to_the_body_that_they_carry():
 
 def test_bodies_with_mass_keep_their_own_joint_and_the_order():
     tree = SCENES["andrews"].example().tree()
-    bodies = bodies_with_mass(links_of(tree))
+    bodies = bodies_with_mass(tree_links(tree))
     assert [one.parent for one in bodies] == list(tree.parent)
     assert all(len(one.joints) == 1 for one in bodies)
 
@@ -82,7 +84,7 @@ def test_a_link_without_mass_that_carries_not_exactly_one_cannot_be_taken_over(p
     assert bodies_with_mass(links) is None
 
 
-def held(links: list[Link]) -> set[str]:
+def held(links: list[TreeLink]) -> set[str]:
     """Return the engines of trees that say that they can hold such links."""
     kinds = {key: kind for key, kind in ENGINES.items() if issubclass(kind, TreeEngine)}
     return {key for key, kind in kinds.items() if kind.holds(links)}

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from eomcheck.engines.tree_engine import Link
+from eomcheck.engines.tree_engine import TreeLink
 from eomcheck.mechanics.tree import PLANAR
 
 
-def twisted(links: list[Link], seed: int) -> list[Link]:
+def twisted(links: list[TreeLink], seed: int) -> list[TreeLink]:
     """Return `links` with the frame of each joint turned at random, and its axis another one.
 
     In the plane moments of inertia about axes in it count for nothing, so they are drawn too: then
@@ -34,7 +34,7 @@ def twisted(links: list[Link], seed: int) -> list[Link]:
     return result
 
 
-def _turn(link: Link, axis: int, rng: np.random.Generator) -> tuple[np.ndarray, str]:
+def _turn(link: TreeLink, axis: int, rng: np.random.Generator) -> tuple[np.ndarray, str]:
     """Return a rotation that takes the axis of that number to the joint's, and the kind then."""
     other = np.cross(link.axis, rng.normal(size=3))
     other /= np.linalg.norm(other)

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.exact import ExactFloats, RandomFractions
 
-from eomcheck import acceleration, check, enclose, simulate, speeds_of, strategies, velocity
-from eomcheck.claims.registry import Point
+from eomcheck import acceleration, check_state, enclose, simulate, speeds_of, strategies, velocity
+from eomcheck.claims.registry import GenericPoint
 from eomcheck.descriptions.build import mechanism
 from eomcheck.descriptions.elements import Joint, Link, coupling
 from eomcheck.errors import (
@@ -328,7 +328,7 @@ def test_the_condition_of_every_matrix_solved_is_recorded_under_its_name(key, mo
 
     monkeypatch.setattr(linear, "eliminate", recorded(linear.eliminate))
     monkeypatch.setattr(banded_solve, "eliminate_banded", recorded(banded_solve.eliminate_banded))
-    Point(SNAKE, RandomFractions(0)).solution(FORMULATIONS[key])
+    GenericPoint(SNAKE, RandomFractions(0)).solution(FORMULATIONS[key])
     rcond = acceleration(SNAKE, key, Q, V).rcond
     assert list(rcond) == solved_exactly
     assert all(0 < value <= 1 for value in rcond.values())
@@ -557,7 +557,7 @@ def test_an_inconsistent_velocity_is_told_what_lets_it_pass_only_where_that_is_a
     q, v = Q, V + 1.0
     for ask in (
         lambda: acceleration(SNAKE, "au", q, v),
-        lambda: check(SNAKE, q, v),
+        lambda: check_state(SNAKE, q, v),
     ):
         with pytest.raises(InconsistentVelocityError, match="consistent=False lets it pass"):
             ask()

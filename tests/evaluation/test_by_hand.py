@@ -297,9 +297,9 @@ def test_a_search_has_ended_where_steps_are_rounding_of_the_coordinates(noise, q
 )
 def test_what_rounding_amplifies_is_the_size_and_the_largest_change(size, changes, solved, found):
     assert len(changes) == SAMPLES + 1 and STRETCH == 8.0
-    assert float(sensitivity.amplified(size, np.array(changes), solved)) == found
+    assert float(sensitivity.amplification(size, np.array(changes), solved)) == found
     both = np.stack((np.zeros(5), changes), axis=1)
-    several = sensitivity.amplified(np.array([1.0, size]), both, solved)
+    several = sensitivity.amplification(np.array([1.0, size]), both, solved)
     assert several.tolist() == [1.0, found]
 
 
@@ -316,7 +316,7 @@ def test_each_entry_is_as_sensitive_as_the_copy_that_moves_it_most(monkeypatch):
         asked.append(coordinates)
         return copies
 
-    monkeypatch.setattr(sensitivity, "perturbed_copies", perturbed)
+    monkeypatch.setattr(sensitivity, "perturbed_samples", perturbed)
     at: Any = SimpleNamespace(x=here)
     found = sensitivity.entry_sensitivity_of(at, lambda e: e.x)  # type: ignore[attr-defined]
     assert found.tolist() == [[4.0, 7.0], [1.0, 6.0]] and asked == [True]
@@ -346,7 +346,7 @@ def test_speeds_are_told_where_their_matrices_are_and_w_is_more_than_rounding(
         return spread
 
     monkeypatch.setattr(sensitivity, "sensitivity_of", of)
-    assert sensitivity.speeds_told(SimpleNamespace(speeds_rcond=rcond)) is told  # type: ignore[arg-type]
+    assert sensitivity.speeds_resolved(SimpleNamespace(speeds_rcond=rcond)) is told  # type: ignore[arg-type]
     monkeypatch.setattr(
         in_lanes, "sensitivity_in_lanes", lambda *given, solved: np.array([1.0, spread, 1.0])
     )
@@ -354,7 +354,7 @@ def test_speeds_are_told_where_their_matrices_are_and_w_is_more_than_rounding(
     at: Any = SimpleNamespace(speeds_rcond=several, speeds=None, lanes=3)
     bad = [False, not rcond or np.isfinite(spread), not rcond or min(rcond.values()) > 1e-3]
     expected = [True, bad[1], bad[2]]
-    assert np.asarray(in_lanes.speeds_told_in_lanes(at)).tolist() == expected
+    assert np.asarray(in_lanes.speeds_resolved_in_lanes(at)).tolist() == expected
 
 
 def solve(sign: list, log: list) -> Any:
@@ -421,12 +421,14 @@ def test_a_lane_is_refused_by_any_of_its_matrices_its_speeds_or_what_overflows(m
 # ---- Redundant constraints -----------------------------------------------------------------------
 
 NAMES = ("front", "rear", "left", "right")
-FOUND = constraint_rank.Rank(
+FOUND = constraint_rank.RowRank(
     np.array([0, 2]), np.array([1, 3]), np.array([1, 0.25, 1, 0.5]), np.array([0, 0.3, 0, 0.6])
 )
 
 
-def around(monkeypatch, closed: list[bool], there: list[constraint_rank.Rank]) -> tuple[Any, list]:
+def around(
+    monkeypatch, closed: list[bool], there: list[constraint_rank.RowRank]
+) -> tuple[Any, list]:
     """Return a pose of which the neighbours, either way, may be closed and have these ranks."""
     a = np.array([[0.0, 1.0, 0.0], [0.0, 2.0, 0.0], [3.0, 0.0, -6.0], [0.0, 0.0, 0.0]])
     scene = SimpleNamespace(n=3, angle_coordinates=slice(1, 2), constraint_names=NAMES)
@@ -444,8 +446,8 @@ def around(monkeypatch, closed: list[bool], there: list[constraint_rank.Rank]) -
     return at, asked
 
 
-GROWN = constraint_rank.Rank(np.array([0, 1, 2]), np.array([3]), FOUND.distance, FOUND.unsure)
-OTHERS = constraint_rank.Rank(np.array([1, 2]), np.array([0, 3]), FOUND.distance, FOUND.unsure)
+GROWN = constraint_rank.RowRank(np.array([0, 1, 2]), np.array([3]), FOUND.distance, FOUND.unsure)
+OTHERS = constraint_rank.RowRank(np.array([1, 2]), np.array([0, 3]), FOUND.distance, FOUND.unsure)
 
 
 @pytest.mark.parametrize(
@@ -546,7 +548,7 @@ def test_a_refusal_says_which_constraints_are_redundant_or_that_it_is_not_clear(
     def said(a: Any, which: Any, of: RefusedError = refusal) -> RefusedError:
         at: Any = Pose(terms=SimpleNamespace(a=a), redundant=which)
         at.scene = SimpleNamespace(constraint_names=NAMES)
-        return redundant.explained(at, of)
+        return redundant.with_redundancy_hint(at, of)
 
     assert said(None, unclear) is refusal and said(1, None) is refusal
     assert said(1, [0], unclear) is unclear

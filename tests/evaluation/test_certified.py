@@ -14,7 +14,7 @@ from tests.evaluation.test_acceleration import stretched
 import eomcheck
 from eomcheck import strategies
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluation.certified import DIGITS_OF_DOUBLES, certified_digits, true_error
+from eomcheck.evaluation.certified import FLOAT64_DIGITS, certified_digits, true_error
 from eomcheck.evaluation.tolerance import C
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.records import State
@@ -32,7 +32,7 @@ U = [1.0, 0.5]
 def test_doubles_deliver_more_than_ten_digits_on_the_paper_s_robot(key: str):
     found = eomcheck.accuracy(PAPER, key, Q, U)
     assert found.key == key
-    assert 10 < found.digits < DIGITS_OF_DOUBLES
+    assert 10 < found.digits < FLOAT64_DIGITS
     assert found.relative == pytest.approx(
         found.error.max() / np.abs(found.vdot).max(), rel=1e-6, abs=0.0
     )
@@ -126,9 +126,9 @@ def test_lost_digits_show():
 
 def test_digits_count_from_a_relative_error():
     assert certified_digits(1e-5) == pytest.approx(5.0)
-    assert certified_digits(0.0) == certified_digits(1e-30) == DIGITS_OF_DOUBLES
+    assert certified_digits(0.0) == certified_digits(1e-30) == FLOAT64_DIGITS
     assert certified_digits(3.0) == certified_digits(math.inf) == certified_digits(math.nan) == 0.0
-    assert pytest.approx(15.95, abs=0.01) == DIGITS_OF_DOUBLES
+    assert pytest.approx(15.95, abs=0.01) == FLOAT64_DIGITS
 
 
 def test_an_acceleration_that_vanishes_is_exact():

@@ -24,13 +24,13 @@ from eomcheck.evaluation.tolerance import (
     INCONCLUSIVE,
     UNDERFLOW,
     allowed_error,
-    conditioned,
     largest,
+    well_conditioned,
 )
 from eomcheck.evaluation.violations import violation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.kernels import perturbed_solves
-from eomcheck.numbers.linear import SOLVERS, like_present, noise_present
+from eomcheck.numbers.linear import SOLVERS, active_noise, reference_solve
 from eomcheck.numbers.noise import Noise
 from eomcheck.scenes import Snake
 
@@ -69,11 +69,11 @@ def test_the_size_of_a_result_alone_bounds_no_error_of_nearly_dependent_constrai
 
 def of_its_own_factors(name):
     """Return how the matrix was solved as it is, but for what elimination rounded there."""
-    like = like_present(name)
+    like = reference_solve(name)
     return None if like is None else like._replace(rounding=None)
 
 
-NOTHING_OF_FACTORS = patch.object(perturbed_solves, "like_present", of_its_own_factors)
+NOTHING_OF_FACTORS = patch.object(perturbed_solves, "reference_solve", of_its_own_factors)
 
 
 class NotRounding:
@@ -93,11 +93,11 @@ class NotRounding:
 
 def without_factors(A, b, name):
     """Solve with A, b and x moved alone."""
-    noise = noise_present()
+    noise = active_noise()
     copies = A.size // A.shape[-1] ** 2
     quiet = NotRounding(noise, A.shape[-1] ** 2, b.size // copies)
-    with patch.object(perturbed_solves, "noise_present", lambda: quiet):
-        return perturbed_solves.moved_solve(A, b, name)
+    with patch.object(perturbed_solves, "active_noise", lambda: quiet):
+        return perturbed_solves.perturbed_solve(A, b, name)
 
 
 def test_changes_of_the_entries_alone_bound_no_error_where_solutions_cancel():
@@ -178,7 +178,7 @@ def test_formulations_agree_at_any_velocity_that_is_let_pass(snake: Snake, q: li
 def test_changes_of_the_entries_of_v_alone_do_not_explain_how_they_differ(snake, q, v):
     at = Evaluation(snake, q, v)
     alone = [
-        bound(at, key, patch.object(perturbed, "change_of_velocity", entries_alone))
+        bound(at, key, patch.object(perturbed, "velocity_perturbation", entries_alone))
         for key in ("au", "kane")
     ]
     assert sum(alone) < apart(at)
@@ -206,7 +206,7 @@ def at_rest(snake: Snake, *theta: float) -> Evaluation:
     ],
 )
 def test_a_determinant_that_rounding_decides_leaves_no_bound(at: Evaluation, key: str):
-    without = patch.object(sensitivity, "_determined", lambda *_: True)
+    without = patch.object(sensitivity, "_matrices_resolved", lambda *_: True)
     assert bound(at, key) == np.inf
     assert bound(at, key, without) < UNDERFLOW
 
@@ -217,15 +217,17 @@ def test_a_condition_number_that_leaves_three_digits_of_none_leaves_no_bound():
     rcond = min(at.acceleration(FORMULATIONS["el"]).rcond.values())
     assert allowed_error(1 / rcond) > INCONCLUSIVE
     assert bound(at, "el") == np.inf
-    assert bound(at, "el", patch.object(sensitivity, "conditioned", lambda *_: True)) < UNDERFLOW
+    assert (
+        bound(at, "el", patch.object(sensitivity, "well_conditioned", lambda *_: True)) < UNDERFLOW
+    )
 
 
 def test_of_several_matrices_the_worst_conditioned_decides():
     worst = 1.0 / (INCONCLUSIVE / allowed_error(1.0))
-    assert conditioned({"M": 1.0, "a_1": 2.0 * worst})
-    assert not conditioned({"M": 1.0, "a_1": 0.5 * worst})
+    assert well_conditioned({"M": 1.0, "a_1": 2.0 * worst})
+    assert not well_conditioned({"M": 1.0, "a_1": 0.5 * worst})
     lanes = {"M": np.ones(2), "a_1": worst * np.array([0.5, 2.0])}
-    assert conditioned(lanes).tolist() == [False, True]
+    assert well_conditioned(lanes).tolist() == [False, True]
 
 
 # ---- Which of several pivots ---------------------------------------------------------------------
@@ -282,5 +284,5 @@ def test_a_choice_between_equal_pivots_is_the_same_in_every_copy(key: str, snake
     """By the other row, which most copies would take, nearly nothing is lost."""
     at = Evaluation(snake, *AT)
     truth = eomcheck.enclose(snake, key, at.q, v=at.v, digits=20)
-    any_row = patch.object(perturbed_solves, "like_present", lambda _: None)
+    any_row = patch.object(perturbed_solves, "reference_solve", lambda _: None)
     assert bound(at, key, any_row) < error(at, key, truth) < bound(at, key)

@@ -136,11 +136,11 @@ def test_every_formulation_of_terms_solves_the_same_equations(key: str):
 
 
 def test_greenwoods_multipliers_are_those_of_the_forces():
-    found = gw.multipliers(M, F, A, GAMMA)
+    found = gw.greenwood_multipliers(M, F, A, GAMMA)
     np.testing.assert_allclose(found, solution()[1], rtol=1e-13)
     M_GW, F_GW = gw.system(M, F, A, np.array([2.0]))
     assert M_GW is M and F_GW.tolist() == [9, -4, 7]
-    assert gw.multipliers(M, F, NONE, NONE) is None
+    assert gw.greenwood_multipliers(M, F, NONE, NONE) is None
 
 
 def test_a_repeated_row_shares_its_multiplier_with_the_row_that_it_repeats():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from eomcheck.evaluation.batched_evaluation import LaneEvaluation, substituted
+from eomcheck.evaluation.batched_evaluation import LaneEvaluation, solve_transposed_triangle
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import TurntableBall
 
@@ -14,13 +14,13 @@ def test_a_triangle_is_solved_as_it_stands_in_every_lane():
     R = np.triu(random.uniform(1.0, 2.0, (5, 4, 4)))
     y = random.uniform(-1.0, 1.0, (5, 4))
     x = (R.swapaxes(-1, -2) @ y[..., None])[..., 0]
-    assert np.abs(substituted(R, x) - y).max() < 1e-12
+    assert np.abs(solve_transposed_triangle(R, x) - y).max() < 1e-12
 
 
 def test_entries_far_apart_in_one_lane_leave_the_others_alone():
     R = np.stack([np.eye(2), [[1e-200, 1e200], [0.0, 1e-200]]])
     with np.errstate(all="ignore"):
-        found = substituted(R, np.ones((2, 2)))
+        found = solve_transposed_triangle(R, np.ones((2, 2)))
     assert found[0].tolist() == [1.0, 1.0]
     assert not np.isfinite(found[1]).all()
 

@@ -21,9 +21,9 @@ from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.scene_quantities import net_force, rate_of_velocity, with_literals
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics import derived_functions
-from eomcheck.mechanics.scene import MOST, checked_scene, finite_array
+from eomcheck.mechanics.scene import MAX_COORDINATES, checked_scene, finite_array
 from eomcheck.motion import integrators, right_hand_side
-from eomcheck.motion.reference_io import Run, decimals, difference
+from eomcheck.motion.reference_io import ReferenceRun, decimals, difference
 from eomcheck.motion.right_hand_side import ACCELERATION, RightHandSide, exact_jacobian, kernel_of
 from eomcheck.numbers.generic import NotRationalError
 from eomcheck.scenes import Bricard, ChainPendulum, Snake
@@ -33,12 +33,12 @@ from eomcheck.scenes import Bricard, ChainPendulum, Snake
 
 def test_speeds_by_a_partition_are_these_numbers():
     a, b = np.array([[2.0, 1.0, 4.0]]), np.array([6.0])
-    W, offset = derived_functions.embedding(a, b)
+    W, offset = derived_functions.leading_embedding(a, b)
     assert W.tolist() == [[-0.5, -2.0], [1.0, 0.0], [0.0, 1.0]]
     assert offset.tolist() == [-3.0, 0.0, 0.0]
-    assert derived_functions.embedding(a, None)[1] is None and derived_functions.embedding(
-        None, None
-    ) == (None, None)
+    assert derived_functions.leading_embedding(a, None)[
+        1
+    ] is None and derived_functions.leading_embedding(None, None) == (None, None)
     assert derived_functions.embedded_rest(a, np.array([8.0])).tolist() == [-4.0, 0.0, 0.0]
     assert derived_functions.embedded_rest(None, None) is None
     v = np.array([5.0, 6.0, 7.0])
@@ -54,9 +54,10 @@ def test_speeds_by_a_partition_are_these_numbers():
     assert derived_functions.remainders(J, J_rest, rest).tolist() == [[12.0, 14.5]]
     assert derived_functions.remainders(J, J_rest, None) is J_rest
     Q = np.array([2.0, 3.0, 5.0])
-    assert derived_functions.projected(W, Q).tolist() == [2.0, 1.0]
+    assert derived_functions.projected_forces(W, Q).tolist() == [2.0, 1.0]
     assert (
-        derived_functions.projected(None, Q) is Q and derived_functions.projected(W, None) is None
+        derived_functions.projected_forces(None, Q) is Q
+        and derived_functions.projected_forces(W, None) is None
     )
 
 
@@ -116,8 +117,10 @@ def test_arrays_are_read_as_new_ones_and_refused_by_their_first_bad_entry():
         assert str(refused.value) == said
 
 
-@pytest.mark.parametrize(("n", "good"), [(0, True), (MOST, True), (MOST + 1, False), (-1, False),
-                                         (2.0, False)])  # fmt: skip
+@pytest.mark.parametrize(
+    ("n", "good"),
+    [(0, True), (MAX_COORDINATES, True), (MAX_COORDINATES + 1, False), (-1, False), (2.0, False)],
+)
 def test_a_scene_has_from_none_to_20000_coordinates(n, good):
     class Counted(ChainPendulum):
         n: Any = property(lambda scene: n)
@@ -277,7 +280,7 @@ def test_parameters_that_are_absent_are_no_part_of_a_block_and_come_back_as_none
     arrays = right_hand_side.parameter_arrays(scene)
     assert "stiffness" not in arrays and "mass" in arrays
     assert arrays["mass"].tolist() == scene.mass.tolist()
-    record = right_hand_side.record_of(scene, {name: name for name in arrays})
+    record = right_hand_side.parameter_record(scene, {name: name for name in arrays})
     assert {name: x for name, x in record._asdict().items() if x is not None} == {
         name: name for name in arrays
     }
@@ -286,20 +289,22 @@ def test_parameters_that_are_absent_are_no_part_of_a_block_and_come_back_as_none
 
 def test_only_a_chain_with_the_same_terms_is_continued(monkeypatch):
     scene = replace(Snake.coil(3), stiffness=None)
-    other: Any = right_hand_side._alike(scene, 5)
+    other: Any = right_hand_side._shorter_scene(scene, 5)
     assert other.links == 5 and other.stiffness is None
     monkeypatch.setattr(Snake, "structures", classmethod(lambda kind, links: [Snake.coil(links)]))
     with pytest.raises(
         right_hand_side.NotRegularError, match="no snake of 5 links has the terms of snake"
     ):
-        right_hand_side._alike(scene, 5)
+        right_hand_side._shorter_scene(scene, 5)
 
 
 # ---- Runs in many digits -------------------------------------------------------------------------
 
 
-def run_of(q: list, v: list, times: list[float]) -> Run:
-    return Run(times, decimals(np.array(q, object)), decimals(np.array(v, object)), None, None, {})
+def run_of(q: list, v: list, times: list[float]) -> ReferenceRun:
+    return ReferenceRun(
+        times, decimals(np.array(q, object)), decimals(np.array(v, object)), None, None, {}
+    )
 
 
 def test_two_runs_are_apart_by_their_largest_difference_at_each_time():
@@ -332,6 +337,6 @@ def test_reaching_cyrk_leaves_nothing_of_its_packages_behind():
     before = [name in sys.modules for name in names]
     common = integrators._extension("cy.common")
     assert [name in sys.modules for name in names] == before
-    assert integrators.library().MAX_SIZE == common.MAX_SIZE > 2**31
-    assert integrators.library() is integrators.library()
-    assert {*integrators.FUNCTIONS} <= {*vars(integrators.library())}
+    assert integrators.load_cyrk().MAX_SIZE == common.MAX_SIZE > 2**31
+    assert integrators.load_cyrk() is integrators.load_cyrk()
+    assert {*integrators.FUNCTIONS} <= {*vars(integrators.load_cyrk())}

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from eomcheck import strategies
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation import constraint_rank
-from eomcheck.evaluation.dynamics import check_consistent, closed_position, closing_error
+from eomcheck.evaluation.dynamics import assembled_position, assembly_error, check_consistent
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.perturbed import sensitivity_of
 from eomcheck.evaluation.tolerance import allowed_error
@@ -25,7 +25,7 @@ holonomic = pytest.mark.parametrize("kind", HOLONOMIC, ids=[kind.key for kind in
 def test_an_open_chain_from_which_no_direction_leads_on_is_not_returned_as_closed():
     """Stretched out backwards its gap is 2 m, along the bars, which cannot change it."""
     with pytest.raises(RefusedError, match="no closed position is found"):
-        closed_position(FourBarChain.rods(1), [np.pi, 0.0, 0.0])
+        assembled_position(FourBarChain.rods(1), [np.pi, 0.0, 0.0])
 
 
 def test_a_search_that_overflows_is_refused(monkeypatch, capfd):
@@ -34,7 +34,7 @@ def test_a_search_that_overflows_is_refused(monkeypatch, capfd):
     assert capfd.readouterr() == ("", ""), "LAPACK complains by itself"
     monkeypatch.setattr(constraint_rank, "least_squares", lambda a, b: np.full(a.shape[1], np.nan))
     with pytest.raises(RefusedError, match="no closed position is found"):
-        closed_position(FourBarChain.rods(1), [0.3, 1.0, 2.0])
+        assembled_position(FourBarChain.rods(1), [0.3, 1.0, 2.0])
 
 
 @pytest.mark.sampled(2)
@@ -46,7 +46,7 @@ def test_what_is_returned_is_closed_wherever_the_search_starts(kind, far):
     for seed in range(5):
         q = q0 + far * np.random.default_rng(seed).normal(size=scene.n)
         try:
-            at = Evaluation(scene, closed_position(scene, q), np.zeros(scene.n))
+            at = Evaluation(scene, assembled_position(scene, q), np.zeros(scene.n))
         except RefusedError:
             assert far > 0.01
             continue
@@ -58,11 +58,11 @@ def test_what_is_returned_is_closed_wherever_the_search_starts(kind, far):
 def test_a_gap_ten_times_what_rounding_allows_is_seen(kind):
     scene = kind.example()
     q, v = scene.initial_state()
-    gap, allowed = closing_error(Evaluation(scene, q, v))
+    gap, allowed = assembly_error(Evaluation(scene, q, v))
     assert gap <= allowed < 1e-12
     a = Evaluation(scene, q, v).terms.a[scene.holonomic]
     opening = np.linalg.lstsq(a, np.full(len(a), 10 * allowed), rcond=None)[0]
-    gap, allowed = closing_error(Evaluation(scene, q + opening, v))
+    gap, allowed = assembly_error(Evaluation(scene, q + opening, v))
     assert gap > allowed
 
 
@@ -82,7 +82,7 @@ def test_a_scene_starts_closed_and_consistent_by_both_derivations(kind, data):
         sensitivity = sensitivity_of(at, constraint, coordinates=True)
         assert np.abs(constraint(at)).max() <= allowed_error(sensitivity) < 1e-9
     if scene.position_residual is not None:
-        gap, allowed = closing_error(at)
+        gap, allowed = assembly_error(at)
         assert gap <= allowed
 
 

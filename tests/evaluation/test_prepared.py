@@ -8,7 +8,7 @@ import pytest
 import eomcheck
 from eomcheck.evaluation.batched_evaluation import LaneEvaluation
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.evaluation.perturbed import perturbed_copies
+from eomcheck.evaluation.perturbed import perturbed_samples
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import applicable
 from eomcheck.mechanics.records import State
@@ -59,7 +59,7 @@ def parts(record) -> list[np.ndarray]:
 @pytest.mark.parametrize("kind", [Snake, Scaled], ids=["listed", "not listed"])
 def test_cosines_and_sines_move_by_a_step(kind):
     at = at_rest(kind(*MASSES), [0.4, -0.2, 0.3, 1.1])
-    copies = perturbed_copies(at)
+    copies = perturbed_samples(at)
     assert (copies[0].together.listed is None) == (kind is Scaled)
     for copy in copies[:-1]:
         for name in ("cos", "sin"):
@@ -78,7 +78,7 @@ def test_what_is_lost_before_a_root_shows():
     true = np.cos(near)
     error = abs(at.prepared.cos[0] / true - 1)
     assert error > 1e5 * EPS
-    for copy in perturbed_copies(at)[:-1]:
+    for copy in perturbed_samples(at)[:-1]:
         assert abs(copy.prepared.cos[0] / at.prepared.cos[0] - 1) > 1e10 * STEP
 
 
@@ -100,7 +100,7 @@ def test_lanes_are_moved_as_a_single_state_is():
         states = [State(np.array(q) + shift, np.zeros(scene.n), t) for shift in (0.0, 0.01)]
         lanes = LaneEvaluation([scene] * 2, states).perturbed()
         for i, state in enumerate(states):
-            for one, many in zip(perturbed_copies(Evaluation(scene, *state)), lanes, strict=True):
+            for one, many in zip(perturbed_samples(Evaluation(scene, *state)), lanes, strict=True):
                 alone, among = (parts(e.prepared) for e in (one, many))
                 assert len(alone) == len(among)
                 for x, y in zip(alone, among, strict=True):
@@ -110,7 +110,7 @@ def test_lanes_are_moved_as_a_single_state_is():
 def test_a_phase_that_is_formed_moves_before_its_sine_is_taken():
     scene = TurntableBall(swing=0.3, frequency=1e6)
     at = Evaluation(scene, np.zeros(5), np.zeros(5), 3.0)
-    for copy in perturbed_copies(at)[:-1]:
+    for copy in perturbed_samples(at)[:-1]:
         change = abs(float(copy.prepared.rate[0] - at.prepared.rate[0]))
         assert change > 1e4 * STEP  # 3e6 rad are known to 1e6 steps
 
@@ -120,7 +120,7 @@ def test_rates_of_what_is_prepared_are_those_of_moved_angles():
     q, v = scene.initial_state()
     at = Evaluation(scene, q, v, 0.0)
     still = at.moving(v)[0].sines[0].rate
-    moved = [copy.moving(v)[0].sines[0].rate for copy in perturbed_copies(at)[:-1]]
+    moved = [copy.moving(v)[0].sines[0].rate for copy in perturbed_samples(at)[:-1]]
     assert all(abs(one - still) < allowed_error(1.0) / EPS * STEP for one in moved)
     assert len({float(one) for one in moved}) > 1
     assert set(moved) != {still}

@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 import eomcheck
 from eomcheck import RefusedError, acceleration, independent_constraints, with_constraints
 from eomcheck.claims.case import Case
-from eomcheck.claims.numerical_accuracy import independent_rcond, judged
+from eomcheck.claims.numerical_accuracy import independent_rcond, judge_refusal
 from eomcheck.errors import InputError
 from eomcheck.evaluation import constraint_rank as rank_module
 from eomcheck.evaluation.constraint_rank import RANK, check_rank_kept, rank_of
 from eomcheck.evaluation.dynamics import CONTRADICTION
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.evaluation.perturbed import perturbed_copies
+from eomcheck.evaluation.perturbed import perturbed_samples
 from eomcheck.formulations import FORMULATIONS, Partition, applicable
 from eomcheck.scenes import Bricard, FourBarChain, Snake
 
@@ -199,7 +199,7 @@ def test_what_a_claim_solves_by_itself_is_kept_for_its_copies():
     _, digits = at.solved("as a claim does", uk.solution, *given)
     kept = at.solves["as a claim does", False]
     assert digits and set(kept) == {"M_UK", "a_k fit", "1 + G GT"}
-    (copy,) = perturbed_copies(at)[:1]
+    (copy,) = perturbed_samples(at)[:1]
     with copy.watched(("as a claim does", False)) as watch:
         assert watch.like.keys() == kept.keys()
 
@@ -228,7 +228,7 @@ def test_enclosures_hold_the_result_and_its_error_is_what_the_bound_says(name: s
 @every_state
 def test_no_claim_fails_where_constraints_are_redundant(name: str):
     scene, q, v = STATES[name]
-    findings = eomcheck.check(scene, q, v)
+    findings = eomcheck.check_state(scene, q, v)
     assert [str(f) for f in findings if f.verdict == "failed"] == []
     solved = {f.subject for f in findings if f.claim == "constraint-acceleration"}
     assert solved == {"uk"}
@@ -395,7 +395,7 @@ def test_constraints_that_contradict_each_other_are_refused_by_name(sign: int):
         acceleration(scene, "uk", q, v)
     with pytest.raises(RefusedError, match="contradicts"):
         eomcheck.accuracy(scene, "uk", q, v=v)
-    found = [f for f in eomcheck.check(scene, q, v, engines=[]) if "uk" in f.subject]
+    found = [f for f in eomcheck.check_state(scene, q, v, engines=[]) if "uk" in f.subject]
     assert {f.claim for f in found} == {"refusals"}
     assert [f.verdict for f in found] == ["passed"]
 
@@ -404,7 +404,7 @@ def test_a_contradiction_that_there_is_not_is_refused_in_vain():
     refusal = RefusedError(CONTRADICTION, 1e-3, 1.0, "refused")
     for scene, q, v in STATES.values():
         rcond = independent_rcond(UK, refusal, Case(Evaluation(scene, q, v), (UK,), ()))
-        assert judged(refusal, rcond)[0] == "failed"
+        assert judge_refusal(refusal, rcond)[0] == "failed"
 
 
 def test_more_constraints_than_coordinates_are_solved_or_refused():

@@ -14,18 +14,18 @@ from eomcheck import velocity
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.perturbed import (
-    Together,
+    PerturbedBatch,
     acceleration_sensitivity,
-    perturbed_copies,
+    perturbed_samples,
     sensitivity_of,
 )
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.kernels.perturbed_trace import Moves
+from eomcheck.kernels.perturbed_trace import TraceRunner
 from eomcheck.numbers.generic import map_record
-from eomcheck.numbers.linear import solve, watching
+from eomcheck.numbers.linear import recording_solves, solve
 from eomcheck.numbers.noise import SAMPLES, STEP, STRETCH, Noise
-from eomcheck.scene_lookup import kinds_of
+from eomcheck.scene_lookup import scene_classes_named
 from eomcheck.scenes import SCENES, Snake
 
 GUIDES = Path(__file__).parents[2] / "docs" / "guides"
@@ -48,7 +48,7 @@ def moved_by(copy: Evaluation, at: Evaluation) -> np.ndarray:
 
 
 def test_every_number_that_is_read_is_moved(at: Evaluation):
-    for copy in perturbed_copies(at):
+    for copy in perturbed_samples(at):
         assert (np.abs(moved_by(copy, at)) > 0.4).all()
         allowed = null_space(at.terms.a)
         assert np.abs(allowed.T @ (copy.v - at.v)).max() > 0.2 * STEP  # a slip is across
@@ -58,24 +58,24 @@ def test_every_number_that_is_read_is_moved(at: Evaluation):
 
 def test_what_is_returned_is_moved_as_what_is_read(at: Evaluation):
     record = at.parameters
-    assert (np.asarray(perturbed_copies(at)[0].keep(record).mass) != record.mass).all()
+    assert (np.asarray(perturbed_samples(at)[0].keep(record).mass) != record.mass).all()
 
 
 def test_copies_are_moved_independently(at: Evaluation):
-    changes = [moved_by(copy, at) for copy in perturbed_copies(at)[:SAMPLES]]
+    changes = [moved_by(copy, at) for copy in perturbed_samples(at)[:SAMPLES]]
     for first, second in combinations(changes, 2):
         assert (np.abs(first - second) > 1e-3).any()
 
 
 def test_the_last_copy_is_the_first_stretched(at: Evaluation):
-    *copies, stretched = perturbed_copies(at)
+    *copies, stretched = perturbed_samples(at)
     mass = at.parameters.mass
     by, further = (np.asarray(x.parameters.mass) - mass for x in (copies[0], stretched))
     assert further == pytest.approx(STRETCH * by, rel=0.05, abs=0.0)
 
 
 def test_cosines_sines_and_roots_are_moved(at: Evaluation):
-    arithmetic, x = perturbed_copies(at)[0].preparing, np.array([0.3, 2.0])
+    arithmetic, x = perturbed_samples(at)[0].preparing, np.array([0.3, 2.0])
     angles = arithmetic.angles(x)
     for moved, exact in (
         (angles.cos, np.cos(x)),
@@ -88,16 +88,16 @@ def test_cosines_sines_and_roots_are_moved(at: Evaluation):
 
 def test_terms_that_cancel_show_what_rounding_does_to_them(at: Evaluation):
     x, y = np.full(20, 3.0), np.full(20, 0.7)
-    left = perturbed_copies(at)[0].call(lambda x, y: x * y - y * x, x, y)
+    left = perturbed_samples(at)[0].call(lambda x, y: x * y - y * x, x, y)
     assert STEP / 10 < np.abs(left).max() / 2.1 < 2 * STEP
 
 
 def test_jacobians_that_terms_are_made_of_are_moved():
-    (kind,) = kinds_of(f"{GUIDES / 'trailer.py'}:Trailer")  # it writes no terms
+    (kind,) = scene_classes_named(f"{GUIDES / 'trailer.py'}:Trailer")  # it writes no terms
     scene = kind.example()
     q, v = scene.initial_state()
     at = Evaluation(scene, q + 0.3, v)
-    copies, given = perturbed_copies(at), []
+    copies, given = perturbed_samples(at), []
     together = copies[0].together
     calling = together.call
 
@@ -125,14 +125,14 @@ def test_a_copy_among_others_has_the_bits_that_it_has_alone(kind):
     scene = kind.example()
     q, v = scene.initial_state()
     at = Evaluation(scene, q + 0.1, v + 0.2)
-    copies = perturbed_copies(at)
+    copies = perturbed_samples(at)
     for formulation in FORMULATIONS.values():
         if not formulation.applies_to(scene):
             continue
         with suppress(RefusedError):
             at.acceleration(formulation)  # whose pivots the copies are given
         for copy in copies:
-            alone = Together(at, [copy])
+            alone = PerturbedBatch(at, [copy])
             assert same(alone.part(0, alone.terms), copy.terms)
             try:
                 found, expected = alone.acceleration(formulation), copy.acceleration(formulation)
@@ -149,7 +149,7 @@ def test_what_copies_run_is_moved_alone_and_side_by_side(at: Evaluation):
     def function(x):
         return (x + 1) - x
 
-    copies, x = perturbed_copies(at), np.arange(1.0, 200.0)
+    copies, x = perturbed_samples(at), np.arange(1.0, 200.0)
     for copy in copies:
         found = copy.run(function, x)
         assert (found != 1.0).all()
@@ -165,7 +165,7 @@ def test_what_is_not_listed_is_done_copy_by_copy(at: Evaluation):
     def function(A, b):
         return solve(1.5 * A, b, "A") + 1.5
 
-    copies = perturbed_copies(at)
+    copies = perturbed_samples(at)
     A, b = np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([1.0, 2.0])
     together = copies[0].together
     with together.computing("it"), together.watched() as watch:
@@ -201,21 +201,21 @@ def test_the_velocity_is_moved_by_as_much_as_is_let_pass():
     # A speed along the constraint's row is what is let pass, as much as rounding allows of |a||v|.
     at = Evaluation(snake, at.q, velocity(snake, at.q, [1.0, 0.5]))
     size = np.abs(row) @ np.abs(at.v)
-    slips = np.array([row @ (copy.v - at.v) for copy in perturbed_copies(at)]) / (STEP * size)
+    slips = np.array([row @ (copy.v - at.v) for copy in perturbed_samples(at)]) / (STEP * size)
     by_entries = np.array([row @ change_of_entries(at.v, seed) for seed in range(SAMPLES)])
     by_entries /= STEP * size
     assert np.abs(slips[:-1] - by_entries).max() > 0.4
 
 
 def test_copies_take_the_partition_of_the_original(at: Evaluation):
-    assert all(copy.pivoted_partition is at.pivoted_partition for copy in perturbed_copies(at))
+    assert all(copy.pivoted_partition is at.pivoted_partition for copy in perturbed_samples(at))
 
 
 # ---- What is made of it --------------------------------------------------------------------------
 
 
 def test_the_copy_that_moves_most_counts(at: Evaluation):
-    copies = perturbed_copies(at)
+    copies = perturbed_samples(at)
 
     def quantity(e: Evaluation):
         return 0.0 if e is at else STEP * (1 + [copy is e for copy in copies].index(True))
@@ -227,7 +227,7 @@ def test_the_copy_that_moves_most_counts(at: Evaluation):
 def test_a_solution_that_does_not_move_further_by_more_noise_has_nothing_left(
     at: Evaluation, solved: bool
 ):
-    *_, stretched = perturbed_copies(at)
+    *_, stretched = perturbed_samples(at)
     lost = sensitivity_of(at, lambda e: 1.0 if e is at else 2.0, solved=solved)
     assert np.isinf(lost) == solved
 
@@ -288,7 +288,7 @@ def test_sums_and_differences_of_whole_arrays_move():
 
 def test_a_change_of_sign_is_exact():
     x = np.full(20, 3.0)
-    assert np.array_equal(Moves().run(Noise(0), lambda x: -x, x), -x)
+    assert np.array_equal(TraceRunner().run(Noise(0), lambda x: -x, x), -x)
 
 
 def test_a_matrix_is_moved_as_well_as_its_right_hand_side():
@@ -296,7 +296,7 @@ def test_a_matrix_is_moved_as_well_as_its_right_hand_side():
     A, b = np.array([[1.0, 1.0], [1.0, 1.0 + 2.0**-10]]), np.zeros(2)
     found = []
     for noise in (None, Noise(0), Noise(1)):
-        with watching(noise) as watch:
+        with recording_solves(noise) as watch:
             solve(A, b, "A")
         found.append(watch.solves[0].log_determinant)
     assert max(abs(x - y) for x, y in combinations(found, 2)) > 2.0**8 * STEP
@@ -307,7 +307,7 @@ def test_each_right_hand_side_is_moved_by_the_backward_error_of_its_own():
     A = np.array([[1.0, 1.0], [1.0, 1.0 + 2.0**-20]])
     b = A @ np.array([1.0, 2.0])
     noise = Noise(0)
-    with watching(noise):
+    with recording_solves(noise):
         found = np.asarray(solve(A, np.stack((b, b), axis=1), "A"))
     by_entries = 2.0**20 * 4 * STEP
     assert np.abs(found[:, 0] - found[:, 1]).max() > by_entries

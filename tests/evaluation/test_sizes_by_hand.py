@@ -12,7 +12,13 @@ import pytest
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation import constraint_rank, dynamics, violations
 from eomcheck.evaluation import perturbed as sensitivity
-from eomcheck.evaluation.tolerance import INCONCLUSIVE, allowed_error, conditioned, larger, largest
+from eomcheck.evaluation.tolerance import (
+    INCONCLUSIVE,
+    allowed_error,
+    larger,
+    largest,
+    well_conditioned,
+)
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.records import Terms
 from eomcheck.numbers.lanes import LaneArray
@@ -57,9 +63,9 @@ def test_a_determinant_is_told_where_all_copies_have_its_sign_and_its_size(
         asked.append(coordinates)
         return [SimpleNamespace(together=SimpleNamespace(solves={key: copies}))]
 
-    monkeypatch.setattr(sensitivity, "perturbed_copies", perturbed)
+    monkeypatch.setattr(sensitivity, "perturbed_samples", perturbed)
     at: Any = SimpleNamespace(solves={key: own})
-    assert sensitivity._determined(at, AU, True, True) is told
+    assert sensitivity._matrices_resolved(at, AU, True, True) is told
     assert asked == [True]
 
 
@@ -76,9 +82,9 @@ def test_what_is_read_counts_by_its_size_and_the_change_of_the_copy_that_moves_m
         asked.append(coordinates)
         return [SimpleNamespace(together=SimpleNamespace(of_what_is_read=read))]
 
-    monkeypatch.setattr(sensitivity, "perturbed_copies", perturbed)
+    monkeypatch.setattr(sensitivity, "perturbed_samples", perturbed)
     at: Any = SimpleNamespace(acceleration=lambda f, pivoted: SimpleNamespace(vdot=here))
-    found = sensitivity._of_what_is_read(at, AU, "vdot", True, True)
+    found = sensitivity._input_sensitivity(at, AU, "vdot", True, True)
     assert found == 4.0 + 5.0
     assert asked == [True, ("au", True)]
 
@@ -147,7 +153,7 @@ def test_a_quantity_is_asked_of_each_copy_or_of_all_together(monkeypatch, togeth
         asked.append(coordinates)
         return copies_of(here, alone, both)
 
-    monkeypatch.setattr(sensitivity, "perturbed_copies", perturbed)
+    monkeypatch.setattr(sensitivity, "perturbed_samples", perturbed)
     at: Any = SimpleNamespace(x=here)
 
     def x(e: Any) -> np.ndarray:
@@ -167,7 +173,7 @@ def test_a_quantity_is_asked_of_each_copy_or_of_all_together(monkeypatch, togeth
 )
 def test_matrices_are_conditioned_down_to_a_share_that_rounding_leaves(rcond: dict, fine: bool):
     least = 32.0 * EPS / 1e-3
-    found = conditioned({name: x * least * (1 + 1e-12) for name, x in rcond.items()})
+    found = well_conditioned({name: x * least * (1 + 1e-12) for name, x in rcond.items()})
     assert bool(found) is fine
 
 
@@ -237,7 +243,7 @@ def test_velocities_slip_by_four_times_what_is_allowed_and_as_little_as_they_can
     at, drawn = slipping(a, kept), np.array([0.5, -1.0, 0.75, 0.25])[: len(a)]
     size = allowed_error(np.arange(1.0, len(a) + 1))
     monkeypatch.setattr(violations, "allowed_violation", lambda at: size)
-    found = violations.change_of_velocity(at, Told(drawn))  # type: ignore[arg-type]
+    found = violations.velocity_perturbation(at, Told(drawn))  # type: ignore[arg-type]
     own = 2.0 * STEP * np.abs(at.v)
     rows = slice(None) if kept is None else kept
     asked = (4.0 * np.arange(1.0, len(a) + 1) * drawn * STEP)[rows]
@@ -248,11 +254,11 @@ def test_velocities_slip_by_four_times_what_is_allowed_and_as_little_as_they_can
 
 def test_velocities_move_by_themselves_alone_where_no_constraint_tells_more(monkeypatch):
     free = slipping(None)
-    found = violations.change_of_velocity(free, Told(np.zeros(0)))  # type: ignore[arg-type]
+    found = violations.velocity_perturbation(free, Told(np.zeros(0)))  # type: ignore[arg-type]
     assert (found == 2.0 * STEP * np.abs(free.v)).all()
     at = slipping([[0.0, 0.0, 0.0]])
     monkeypatch.setattr(violations, "allowed_violation", lambda at: np.ones(1))
-    found = violations.change_of_velocity(at, Told(np.ones(1)))  # type: ignore[arg-type]
+    found = violations.velocity_perturbation(at, Told(np.ones(1)))  # type: ignore[arg-type]
     assert (found == 2.0 * STEP * np.abs(at.v)).all()
 
 
@@ -365,7 +371,7 @@ def test_rows_are_measured_by_the_energy_in_velocities_and_by_their_size(monkeyp
         asked.append((noise.seed, least))
         return a + next(moves)
 
-    monkeypatch.setattr(constraint_rank, "_moved", moved)
+    monkeypatch.setattr(constraint_rank, "_perturbed_jacobian", moved)
     M = np.diag([1.0, 4.0, 100.0])
     at: Any = SimpleNamespace(terms=SimpleNamespace(a=a, M=M))
     found, unsure = constraint_rank._in_common_units(at, 0.5)

@@ -13,7 +13,7 @@ from eomcheck.formulations import (
     formulations_among,
     formulations_for,
 )
-from eomcheck.formulations.uk import shares, smallest
+from eomcheck.formulations.uk import redundancy_coefficients, smallest_multipliers
 from eomcheck.scenes import RollingDisk, Sleigh, Snake
 
 ORDERS = {
@@ -68,8 +68,8 @@ def test_multipliers_of_rows_that_depend_on_others_are_the_smallest_there_are():
     kept, redundant, a = np.array([1, 3]), np.array([2, 0]), np.zeros((4, 4))
     a[kept], a[redundant] = rows, G @ rows
     M = np.diag([1.0, 2.0, 3.0, 4.0])
-    np.testing.assert_allclose(shares(M, a, kept, redundant), G, atol=1e-14)
+    np.testing.assert_allclose(redundancy_coefficients(M, a, kept, redundant), G, atol=1e-14)
     mu = np.array([0.7, -1.3])
-    found = smallest(mu, G, kept, redundant)
+    found = smallest_multipliers(mu, G, kept, redundant)
     least = np.linalg.pinv(a.T) @ (rows.T @ mu)
     np.testing.assert_allclose(found, least, atol=1e-14)

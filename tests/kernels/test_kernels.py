@@ -28,8 +28,14 @@ from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.kernels import band, jit, sincos
 from eomcheck.kernels.emit import HEADER, layout_of
 from eomcheck.kernels.kernel import Kernel
-from eomcheck.kernels.program import FEW_ANGLES, NotRegularError, Program, continued, program_of
-from eomcheck.mechanics.records import velocity as velocity_of_speeds
+from eomcheck.kernels.program import (
+    FEW_ANGLES,
+    NotRegularError,
+    Program,
+    extrapolate_program,
+    program_of,
+)
+from eomcheck.mechanics.records import velocity_from_speeds as velocity_of_speeds
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion import right_hand_side
 from eomcheck.motion.observables import solves_of
@@ -40,8 +46,8 @@ from eomcheck.motion.right_hand_side import (
     exact_jacobian,
     kernel_of,
     parameter_arrays,
-    rates_on,
     state_of,
+    trace_rates,
 )
 from eomcheck.numbers import tape as tapes
 from eomcheck.numbers.banded_solve import WIDTH, solve_banded
@@ -168,7 +174,7 @@ def test_a_kernel_is_made_once_for_all_snakes_of_one_structure(key):
 
 def test_of_many_kernels_those_that_were_used_last_are_kept(monkeypatch):
     monkeypatch.setattr(right_hand_side, "_kernels", {})
-    monkeypatch.setattr(right_hand_side, "KEPT", 2)
+    monkeypatch.setattr(right_hand_side, "CACHED_KERNELS", 2)
     scene, (first, second, third) = Sleigh(), (FORMULATIONS[key] for key in ("kane", "ml", "au"))
     made = kernel_of(scene, first)
     lost = kernel_of(scene, second)
@@ -260,7 +266,7 @@ def test_the_velocity_leaves_out_what_is_absent(function):
 def test_an_absent_term_leaves_no_operation_on_the_tape(key):
     scene = SNAKES[3]
     free = replace(scene, stiffness=None)
-    with_springs, without = (rates_on(x, FORMULATIONS[key]) for x in (scene, free))
+    with_springs, without = (trace_rates(x, FORMULATIONS[key]) for x in (scene, free))
     names = {op.x for op in with_springs.tape.operations if op.op is tapes.INPUT}
     assert names - {op.x for op in without.tape.operations if op.op is tapes.INPUT} == {"stiffness"}
     assert operations(without.tape) < operations(with_springs.tape)
@@ -378,12 +384,12 @@ def test_the_program_of_a_long_chain_continues_those_of_short_ones(key, links):
 
         def program(count: int, place: int = place) -> Program:
             scene = list(Snake.structures(count))[place]
-            traced = rates_on(scene, formulation)
+            traced = trace_rates(scene, formulation)
             return program_of(traced.tape, traced.outputs, short=0)
 
         first, step = SHORTER
         first += (links - first) % step
-        found = continued(program, links, first, step)
+        found = extrapolate_program(program, links, first, step)
         assert loops(found) > 0
         assert found == program(links)
 
@@ -398,17 +404,17 @@ def test_programs_that_follow_no_pattern_are_not_continued():
     def growing(count: int) -> Program:
         return Program((("put", ("c", 1.0), "out", 0, 0),) * count, ())
 
-    assert continued(steady, 9, 1, 2) == steady(9)
+    assert extrapolate_program(steady, 9, 1, 2) == steady(9)
     for programs, size in ((squares, 9), (growing, 9), (steady, 10)):
         with pytest.raises(NotRegularError):
-            continued(programs, size, 1, 2)
+            extrapolate_program(programs, size, 1, 2)
 
 
 def compiled(
     scene: Scene, key: str, short: int | None = None, width: int = 1
 ) -> tuple[Kernel, Callable[[Array, Array], Array]]:
     """Return a kernel of rates made anew, and the function of it (t, y)."""
-    traced = rates_on(scene, FORMULATIONS[key])
+    traced = trace_rates(scene, FORMULATIONS[key])
     how = {} if short is None else {"short": short}
     program = program_of(traced.tape, traced.outputs, **how)
     given = {name: x.ravel() for name, x in parameter_arrays(scene).items()}
@@ -426,7 +432,7 @@ def test_code_with_loops_has_the_bits_of_straight_code(key, width):
     y = state_vector(Evaluation(scene, *state(scene)), key)
     y = y if width == 1 else y[:, None] * np.linspace(1.0, 1.2, width)
     t = np.zeros(width)
-    traced = rates_on(scene, FORMULATIONS[key])
+    traced = trace_rates(scene, FORMULATIONS[key])
     assert loops(program_of(traced.tape, traced.outputs, short=0)) > 0
     _, rolled = compiled(scene, key, 0, width)
     _, straight = compiled(scene, key, 10**9, width)
@@ -436,7 +442,7 @@ def test_code_with_loops_has_the_bits_of_straight_code(key, width):
 @pytest.mark.parametrize("key", [f.key for f in FORMULATIONS.values() if f.linear])
 def test_what_goes_along_a_chain_is_read_and_written_once(key):
     scene = uneven(30, springs=True)
-    traced = rates_on(scene, FORMULATIONS[key])
+    traced = trace_rates(scene, FORMULATIONS[key])
     program = program_of(traced.tape, traced.outputs, short=0)
     long = [len(item[2]) for item in program.items if item[0] == "loop"]
     assert sorted(long)[-2] < 8 < 64 <= max(long)
@@ -664,7 +670,7 @@ def test_code_for_another_machine_works_and_with_fma_has_the_bits_of_this_one(
     scene = uneven(3, springs=True)
     at = Evaluation(scene, *state(scene))
     found: list[list[Array]] = []
-    if fused and not jit.features()[2]:
+    if fused and not jit.cpu_features()[2]:
         pytest.skip("this machine cannot multiply and add at once")
     for other in (None, MACHINES[name]):
         if other is not None:

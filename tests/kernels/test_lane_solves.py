@@ -10,27 +10,27 @@ from tests.numbers.test_banded import factors_above_the_matrix, inside
 
 from eomcheck.errors import RefusedError
 from eomcheck.kernels.batched_solves import solve_banded_in_lanes, solve_in_lanes
-from eomcheck.numbers.banded_solve import TERMS, WIDTH, full, solve_banded
+from eomcheck.numbers.banded_solve import TERMS, WIDTH, solve_banded, to_dense
 from eomcheck.numbers.lanes import LaneArray, LaneNoise
-from eomcheck.numbers.linear import Solve, singular_below, solve, watching
+from eomcheck.numbers.linear import SolveRecord, recording_solves, singular_below, solve
 from eomcheck.numbers.noise import STEP
 from eomcheck.numbers.pivots import EPS, LEAST_STEPS
 
 SIZE = 4
 
 
-def alone(function, A: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, Solve, bool]:
+def alone(function, A: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, SolveRecord, bool]:
     """Return the solution (NaN where refused), what is recorded, and whether it is refused."""
     found = np.full(b.shape, np.nan)
-    with watching() as watch, suppress(RefusedError):
+    with recording_solves() as watch, suppress(RefusedError):
         found = function(A, b, "A")
     return found, watch.solves[0], bool(np.isnan(found).all())
 
 
-def together(function, A: list, b: list, **how) -> tuple[np.ndarray, Solve, np.ndarray]:
+def together(function, A: list, b: list, **how) -> tuple[np.ndarray, SolveRecord, np.ndarray]:
     """Return the solutions, lanes in front, what is recorded, and which are refused."""
     lanes = [LaneArray(np.stack(x, axis=-1)) for x in (A, b)]
-    with watching(**how) as watch:
+    with recording_solves(**how) as watch:
         found = function(*lanes, "A")
     (recorded,), (refused,) = watch.solves, watch.refused
     return np.moveaxis(found.data, -1, 0), recorded, refused
@@ -210,7 +210,7 @@ def test_each_change_of_bands_is_taken_once_for_bands_sides_residuals_and_soluti
     for one in bands:
         one[:, WIDTH // 2] += 9.0
     b = list(random.uniform(1.0, 2.0, (2, size)))
-    A = [full(one) for one in bands]
+    A = [to_dense(one) for one in bands]
     x, inverse = np.linalg.solve(A, np.array(b)[..., None])[..., 0], np.linalg.inv(A)
     near = {"rtol": 1e-4, "atol": 1e-8}
     for place, (i, k) in enumerate(np.ndindex(size, WIDTH)):

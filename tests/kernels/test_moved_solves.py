@@ -7,8 +7,8 @@ import pytest
 
 import eomcheck.kernels.perturbed_solves  # noqa: F401  (what it solves is registered there)
 from eomcheck.errors import RefusedError
-from eomcheck.numbers.linear import Solve, solve, watching
-from eomcheck.numbers.noise import STEP, Noise, Noises
+from eomcheck.numbers.linear import SolveRecord, recording_solves, solve
+from eomcheck.numbers.noise import STEP, Noise, NoiseBatch
 
 SIZES = [1, 2, 3, 8, 9, 20, 70]
 """Below, at and above a whole number of vectors."""
@@ -27,15 +27,15 @@ CYCLE = np.array([[1.0, 2.0, 5.0], [2.0, 9.0, 1.0], [8.0, 1.0, 2.0]])
 """Its rows are exchanged where it is eliminated."""
 
 
-def as_it_is(A, b) -> dict[str, Solve]:
+def as_it_is(A, b) -> dict[str, SolveRecord]:
     """Return how a matrix is solved that is not moved."""
-    with watching() as watch:
+    with recording_solves() as watch:
         solve(A, b, "A")
     return {"A": watch.solves[0]}
 
 
-def moved(noise: Noise, A, b, like=None) -> tuple[np.ndarray, list[Solve]]:
-    with watching(noise, like) as watch, noise.stream("it"):
+def moved(noise: Noise, A, b, like=None) -> tuple[np.ndarray, list[SolveRecord]]:
+    with recording_solves(noise, like) as watch, noise.stream("it"):
         return np.asarray(solve(A, b, "A")), watch.solves
 
 
@@ -43,8 +43,8 @@ def copies(*arrays) -> list[np.ndarray]:
     return [np.stack(3 * [x]) for x in arrays]
 
 
-def noises() -> Noises:
-    return Noises([Noise(0), Noise(1), Noise(0, 8 * STEP)])
+def noises() -> NoiseBatch:
+    return NoiseBatch([Noise(0), Noise(1), Noise(0, 8 * STEP)])
 
 
 @sizes
@@ -143,7 +143,7 @@ def test_rows_of_very_different_size_cost_no_digits():
 def test_what_is_not_moved_has_the_solution_of_doubles(columns):
     A, b = system(5, columns)
     noise = noises()
-    with noise.still(), watching(noise, as_it_is(A, b)) as watch:
+    with noise.still(), recording_solves(noise, as_it_is(A, b)) as watch:
         found = np.asarray(solve(*copies(A, b), "A"))
     assert np.abs(found - np.linalg.solve(A, b)).max(initial=0.0) < 1e-12
     assert not watch.solves

@@ -10,15 +10,15 @@ import pytest
 from tests.machine_code import MachineCode
 
 from eomcheck.kernels import jit, kernel, perturbed_solves, perturbed_trace
-from eomcheck.kernels.batched_solves import each
-from eomcheck.kernels.emit import HEADER, Layout, aligned, layout_of, reads_of, results_of
-from eomcheck.kernels.jit import CACHE_LINE, Machine, memory
-from eomcheck.kernels.llvm_builder import LANES, Code
-from eomcheck.kernels.perturbed_trace import FEW, Moves, Seen
-from eomcheck.kernels.program import NotRegularError, Program, continued
+from eomcheck.kernels.batched_solves import lapack_per_lane
+from eomcheck.kernels.emit import HEADER, Layout, aligned, layout_of, loop_results, reads_of
+from eomcheck.kernels.jit import CACHE_LINE, JitModule, aligned_zeros
+from eomcheck.kernels.llvm_builder import LANES, IRBuilder
+from eomcheck.kernels.perturbed_trace import FEWEST_COMPILED, TraceKeyCache, TraceRunner
+from eomcheck.kernels.program import NotRegularError, Program, extrapolate_program
 from eomcheck.numbers.lanes import LaneArray
-from eomcheck.numbers.linear import product, solve
-from eomcheck.numbers.noise import NORMAL, Noise, Noises
+from eomcheck.numbers.linear import matrix_product, solve
+from eomcheck.numbers.noise import NORMAL, Noise, NoiseBatch
 
 # ---- Loops ---------------------------------------------------------------------------------------
 
@@ -84,13 +84,13 @@ def test_programs_are_continued_leaf_by_leaf_or_refused_in_these_words():
     def program(count: int) -> Program:
         return Program((("put", ("c", 1.0), "out", 3 * count, 1),), (("a", count),))
 
-    found = continued(program, 11, 2, 3)
+    found = extrapolate_program(program, 11, 2, 3)
     assert found == program(11) and isinstance(found, Program)
-    assert continued(program, 2, 2, 3) == program(2)
+    assert extrapolate_program(program, 2, 2, 3) == program(2)
 
     def refused(programs: Any, size: int = 11) -> str:
         with pytest.raises(NotRegularError) as error:
-            continued(programs, size, 2, 3)
+            extrapolate_program(programs, size, 2, 3)
         return str(error.value)
 
     assert refused(program, 12) == "12 is not 2 plus a multiple of 3"
@@ -110,7 +110,7 @@ def test_programs_are_continued_leaf_by_leaf_or_refused_in_these_words():
 @pytest.mark.parametrize("ahead", [0, 1, 4, 7, 8])
 def test_memory_begins_a_line_of_cache_behind_what_is_ahead(ahead: int):
     for count in (1, 5, 40):
-        found = memory(count, ahead)
+        found = aligned_zeros(count, ahead)
         assert found.shape == (count,) and not found.any()
         assert (found.ctypes.data + 8 * ahead) % (8 * CACHE_LINE) == 0
 
@@ -128,7 +128,7 @@ def test_arrays_of_a_block_begin_lines_of_cache_and_only_what_is_read_behind_loo
         ("put", ("l", 1, 0, 6, 0), "out", 2, 0),
     )
     program = Program(items, (("x0", 3), ("r0", 9)))
-    written, last = results_of(program)
+    written, last = loop_results(program)
     # Of 10 turns the sixth is further back than four, the ninth and seventh of 9 are not.
     assert written == {(0, 1), (0, 0)}
     assert last == {(1, 0): 2}
@@ -163,7 +163,7 @@ def test_rows_are_substituted_by_factors_and_by_their_sizes(size: int, many: int
     lower = np.tril(factors[:, :size], -1) + np.eye(size)
     upper = np.triu(factors[:, :size])
     # What is below the diagonal of U, and above that of L, is nobody's.
-    made = Machine(perturbed_solves.texts())
+    made = JitModule(perturbed_solves.texts())
     kinds = *[ctypes.c_int64] * 2, ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p
     before = factors.copy()
     for name, expected in (
@@ -184,9 +184,9 @@ def test_lapack_is_called_for_each_lane_with_what_is_its_own_and_what_is_for_all
     A, b = random.uniform(-1, 1, (count, 3, 3)), random.uniform(-1, 1, (count, 2, 3))
     factors, x = A.transpose(0, 2, 1).copy(), b.copy()  # LAPACK reads columns
     pivots, failed = np.zeros((count, 3), np.int32), np.full((count, 1), 9, np.int32)
-    each("dgetrf", 3, 3, factors, 3, pivots, failed)
+    lapack_per_lane("dgetrf", 3, 3, factors, 3, pivots, failed)
     assert not failed.any()
-    each("dgetrs", "N", 3, 2, factors, 3, pivots, x, 3, failed)
+    lapack_per_lane("dgetrs", "N", 3, 2, factors, 3, pivots, x, 3, failed)
     for lane in range(count):
         expected = np.linalg.solve(A[lane], b[lane].T).T
         np.testing.assert_allclose(x[lane], expected, rtol=1e-12)
@@ -194,22 +194,22 @@ def test_lapack_is_called_for_each_lane_with_what_is_its_own_and_what_is_for_all
 
 def test_a_kernel_is_called_row_by_row_and_so_often_as_is_said():
 
-    code = Code()
+    code = IRBuilder()
     code.store(code.add(code.load("%y"), code.mul("%t", code.load("%last"))), "%out")
     text = code.function("define void @one(ptr %out, double %t, ptr %y, ptr %last)")
-    made = Machine([text])
+    made = JitModule([text])
     t, y = np.array([[2.0], [3.0], [5.0]]), np.array([[[1.0], [9.0]], [[2.0], [9.0]], [[4.0], [9]]])
     out, last = np.full((3, 2, 1), -1.0), np.array([10.0])
-    kernel.along(made.address("one"), last, t, y, out)
+    kernel.call_along_rows(made.address("one"), last, t, y, out)
     assert out[:, :, 0].tolist() == [[21, -1], [32, -1], [54, -1]]
     empty = np.zeros((0, 2, 1))
-    kernel.along(made.address("one"), last, np.zeros((0, 1)), empty, empty)
-    grow = Code()
+    kernel.call_along_rows(made.address("one"), last, np.zeros((0, 1)), empty, empty)
+    grow = IRBuilder()
     grow.store(grow.add(grow.load("%a"), grow.load("%b")), "%a")
     text = grow.function("define void @more(ptr %a, double %t, ptr %b, ptr %c, ptr %d)")
-    more = Machine([text])
+    more = JitModule([text])
     total, step = np.array([1.0]), np.array([0.5])
-    kernel.repeated(more.address("more"), total.ctypes.data, step.ctypes.data)(6)
+    kernel.timing_loop(more.address("more"), total.ctypes.data, step.ctypes.data)(6)
     assert total.tolist() == [4.0]
 
 
@@ -239,26 +239,26 @@ def test_each_operation_is_moved_by_its_own_change_but_those_that_round_nothing(
     a, b = 6 * (1 + h), 2 * (1 + 2 * h)
     c = a * b * (1 + 3 * h)
     expected = [a, b, c, c / 2 * (1 + 4 * h), -c, 4, 4, 4, 1 + 6 * h, -1 + h * 8]
-    found = Moves().run(Told(h), function, x, y)
+    found = TraceRunner().run(Told(h), function, x, y)
     np.testing.assert_allclose(found, expected, rtol=1e-15)
-    assert Moves().run(Told(), lambda x: 0 * x, x).tolist() == [0.0]
+    assert TraceRunner().run(Told(), lambda x: 0 * x, x).tolist() == [0.0]
     # What has underflowed moves by the smallest normal number.
-    tiny = Moves().run(Told(), lambda x: x * x, np.array([1e-200]))
+    tiny = TraceRunner().run(Told(), lambda x: x * x, np.array([1e-200]))
     assert tiny.tolist() == [0.125 * NORMAL]
-    assert np.isnan(Moves().run(Told(), lambda x, y: x / y, x, 0 * y)).all()
+    assert np.isnan(TraceRunner().run(Told(), lambda x, y: x / y, x, 0 * y)).all()
 
 
 def test_matrices_are_multiplied_and_solved_between_stretches_of_a_trace():
     def function(A: Any, b: Any) -> Any:
         doubled = A + A
         x = solve(doubled, b * 2, "A")
-        more = product(doubled, np.stack([x, x + x], axis=1))
+        more = matrix_product(doubled, np.stack([x, x + x], axis=1))
         return more - b[0], x[0] * x[1]
 
     A, b = np.array([[4.0, 1.0], [1.0, 3.0]]), np.array([1.0, 2.0])
     x = np.linalg.solve(A, b)
     still = Noise(0, step=0.0)
-    found, other = Moves().run(still, function, A, b)
+    found, other = TraceRunner().run(still, function, A, b)
     np.testing.assert_allclose(found, 2 * A @ np.stack([x, 2 * x], axis=1) - 1, rtol=1e-14)
     assert other == pytest.approx(x[0] * x[1], rel=1e-14)
 
@@ -269,15 +269,15 @@ def test_several_noises_are_side_by_side_in_one_run_and_their_arrays_in_front():
 
     x = np.array([[1.5, 2.5, -3.0], [0.5, 1.0, 2.0]])
     noises = [Noise(1), Noise(2)]
-    found = Moves().run(Noises(noises), function, x)
+    found = TraceRunner().run(NoiseBatch(noises), function, x)
     for i, noise in enumerate((Noise(1), Noise(2))):
-        assert found[i].tolist() == Moves().run(noise, function, x[i]).tolist()
+        assert found[i].tolist() == TraceRunner().run(noise, function, x[i]).tolist()
 
 
 def test_traces_are_kept_by_function_shapes_and_constants_and_the_oldest_are_forgotten(monkeypatch):
     made: list[Any] = []
 
-    class Counted(perturbed_trace._List):
+    class Counted(perturbed_trace._Trace):
         def __init__(self, function: Any, arguments: Any, front: int):
             made.append(function.__name__)
             super().__init__(function, arguments, front)
@@ -291,8 +291,8 @@ def test_traces_are_kept_by_function_shapes_and_constants_and_the_oldest_are_for
     def branch(x: Any) -> Any:
         return x if x[0] > 0 else -x
 
-    monkeypatch.setattr(perturbed_trace, "_List", Counted)
-    moves, still = Moves(), Noise(0, step=0.0)
+    monkeypatch.setattr(perturbed_trace, "_Trace", Counted)
+    moves, still = TraceRunner(), Noise(0, step=0.0)
     for x, flag in ((np.ones(3), 1), (2 * np.ones(3), 1), (np.ones(4), 1), (np.ones(3), 2)):
         assert moves.run(still, one, x, flag).tolist() == (x * x).tolist()
     assert made == ["one"] * 3
@@ -302,18 +302,18 @@ def test_traces_are_kept_by_function_shapes_and_constants_and_the_oldest_are_for
     assert made == ["one"] * 3 + ["branch"], "that there is none is kept as well"
     # 3 that are read, and 3 results: 6 places, of which two functions fill 12.
     made.clear()
-    moves = Moves()
-    monkeypatch.setattr(perturbed_trace, "MOST", 12)
+    moves = TraceRunner()
+    monkeypatch.setattr(perturbed_trace, "LARGEST_TOTAL", 12)
     for function in (one, two, one, two):
         moves.run(still, function, np.ones(3))
     assert made == ["one", "two"]
-    monkeypatch.setattr(perturbed_trace, "MOST", 11)
-    moves = Moves()
+    monkeypatch.setattr(perturbed_trace, "LARGEST_TOTAL", 11)
+    moves = TraceRunner()
     for function in (one, two, two, one):
         moves.run(still, function, np.ones(3))
     assert made[2:] == ["one", "two", "one"]
-    monkeypatch.setattr(perturbed_trace, "MOST", 1)
-    moves = Moves()
+    monkeypatch.setattr(perturbed_trace, "LARGEST_TOTAL", 1)
+    moves = TraceRunner()
     for _ in range(2):
         moves.run(still, one, np.ones(3))
     assert made[5:] == ["one"], "the newest is kept however long it is"
@@ -322,31 +322,31 @@ def test_traces_are_kept_by_function_shapes_and_constants_and_the_oldest_are_for
 def test_what_has_few_operations_or_is_not_finite_is_done_by_python(monkeypatch):
     runs: list[int] = []
 
-    class Counted(perturbed_trace._List):
+    class Counted(perturbed_trace._Trace):
         def run(self, noise: Any, doubles: Any) -> Any:
             runs.append(len(self.operations))
             assert not noise.changes((2, 3)).any() and noise.changes((2, 3)).shape == (2, 3)
             return super().run(noise, doubles)
 
-    monkeypatch.setattr(perturbed_trace, "_List", Counted)
-    for size in (FEW - 1, FEW):
+    monkeypatch.setattr(perturbed_trace, "_Trace", Counted)
+    for size in (FEWEST_COMPILED - 1, FEWEST_COMPILED):
         x = np.arange(1.0, size + 1)
-        assert Moves().unmoved(lambda x: x * x, x).tolist() == (x * x).tolist()
-    assert runs == [FEW]
-    x = np.zeros(FEW)
+        assert TraceRunner().unmoved(lambda x: x * x, x).tolist() == (x * x).tolist()
+    assert runs == [FEWEST_COMPILED]
+    x = np.zeros(FEWEST_COMPILED)
     x[1:] = 1.0
     with np.errstate(divide="ignore"):
-        found = Moves().unmoved(lambda x: (1 / x, (x, None)), x)
-    assert found[0].tolist() == [np.inf, *[1.0] * (FEW - 1)] and found[1][1] is None
-    assert Moves().unmoved(lambda x: x if x[0] > 0 else -x, -np.ones(2)).tolist() == [1, 1]
+        found = TraceRunner().unmoved(lambda x: (1 / x, (x, None)), x)
+    assert found[0].tolist() == [np.inf, *[1.0] * (FEWEST_COMPILED - 1)] and found[1][1] is None
+    assert TraceRunner().unmoved(lambda x: x if x[0] > 0 else -x, -np.ones(2)).tolist() == [1, 1]
 
 
 def test_a_record_is_gathered_once_and_its_arrays_are_handed_on_in_order(monkeypatch):
     asked: list[Any] = []
-    of = perturbed_trace.gathered
-    monkeypatch.setattr(perturbed_trace, "gathered", lambda *x: asked.append(x[0]) or of(*x))
+    of = perturbed_trace.trace_key
+    monkeypatch.setattr(perturbed_trace, "trace_key", lambda *x: asked.append(x[0]) or of(*x))
     a, b, names = np.ones((2, 3)), np.arange(2.0), np.array([1, 2])
-    record, seen = (a, (b, None, names), "word"), Seen()
+    record, seen = (a, (b, None, names), "word"), TraceKeyCache()
     key = tuple, (2, 3), (tuple, (2,), None, ((2,), names.tobytes())), "word"
     for _ in range(2):
         doubles: list[Any] = [names]
@@ -358,7 +358,7 @@ def test_a_record_is_gathered_once_and_its_arrays_are_handed_on_in_order(monkeyp
     lanes, doubles = LaneArray(np.ones((2, 4))), []
     assert seen.key(lanes, 0, doubles) == lanes.shape and doubles == [lanes] * 1
     monkeypatch.setattr(perturbed_trace, "RECORDS", 2)
-    seen, others = Seen(), [(a,), (b,), (a, b)]
+    seen, others = TraceKeyCache(), [(a,), (b,), (a, b)]
     asked.clear()
     for one in (others[0], others[1], others[0], others[2], others[2], others[0]):
         seen.key(one, 0, [])
@@ -367,6 +367,6 @@ def test_a_record_is_gathered_once_and_its_arrays_are_handed_on_in_order(monkeyp
 
 
 def test_this_machine_tells_what_it_can_do():
-    name, known, fused = jit.features()
+    name, known, fused = jit.cpu_features()
     assert name and "-prefer-256-bit" in known.split(",")
     assert isinstance(fused, bool)

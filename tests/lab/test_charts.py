@@ -26,7 +26,7 @@ from eomcheck.lab.show.chart import (
     keys_of,
 )
 from eomcheck.lab.show.chart_matplotlib import HOLLOW, draw_heat, draw_panel, tick
-from eomcheck.lab.show.chart_plotly import json_of
+from eomcheck.lab.show.chart_plotly import chart_json
 from eomcheck.lab.show.document_text import grouped, seconds_text
 from eomcheck.lab.show.pyplot import plt
 from eomcheck.lab.store.record_file import Record, record_of_rows
@@ -232,7 +232,7 @@ def test_a_heat_map_has_each_box_under_its_heading_hatched_and_framed_where_it_i
     ]
     assert axes.get_ylim() == (2.0, 0.0), "the first row is above"
     plt.close(figure)
-    (made,) = json.loads(json_of(Chart("c", "t", ["x"], {("a",): HEAT}))).values()
+    (made,) = json.loads(chart_json(Chart("c", "t", ["x"], {("a",): HEAT}))).values()
     marks = [
         (x["name"], x["marker"]["symbol"], x["x"], x["y"])
         for x in made["data"]
@@ -279,7 +279,7 @@ def test_a_panel_draws_its_lines_its_hollow_points_and_what_stands_across():
     draw_panel(axes, replace(panel(level=0.0), y=X))
     assert [x.get_ydata()[0] for x in axes.lines] == [0.0]
     plt.close(figure)
-    (made,) = json.loads(json_of(Chart("c", "t", ["x"], {("a",): one}))).values()
+    (made,) = json.loads(chart_json(Chart("c", "t", ["x"], {("a",): one}))).values()
     kane, au = made["data"]
     circle = STYLES["kane"].symbol
     assert kane["marker"]["symbol"] == [circle, f"{circle}-open", circle]
@@ -346,8 +346,10 @@ def test_ticks_of_logarithms_are_at_decades_or_within_them(limits, ticks):
 
 def drawn_figure(monkeypatch, charts: list[Chart]) -> Any:
     seen: list[Any] = []
-    monkeypatch.setattr(chart_matplotlib, "save", lambda figure, path: seen.append((figure, path)))
-    chart_matplotlib.draw(charts, "path")  # type: ignore[arg-type]
+    monkeypatch.setattr(
+        chart_matplotlib, "save_chart", lambda figure, path: seen.append((figure, path))
+    )
+    chart_matplotlib.draw_charts(charts, "path")  # type: ignore[arg-type]
     ((figure, path),) = seen
     assert path == "path"
     plt.close(figure)

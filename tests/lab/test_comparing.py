@@ -13,20 +13,26 @@ from tests.robots import LINK, arm, body, joint
 from typer.testing import CliRunner
 
 from eomcheck.claims.finding import Finding
-from eomcheck.claims.run import Run
+from eomcheck.claims.run import ValidationRun
 from eomcheck.cli import app
-from eomcheck.descriptions.quaternions import rotation
+from eomcheck.descriptions.quaternions import rotation_matrix
 from eomcheck.descriptions.robot_files import from_mjcf
 from eomcheck.engines import Answers, VelocityMap
 from eomcheck.engines.answers import weight_size
-from eomcheck.engines.file_engine import described, listening
+from eomcheck.engines.file_engine import capture_output, read_description
 from eomcheck.engines.files import READERS, PinocchioFile
 from eomcheck.engines.floating_base import AXES, BaseVelocity, free_base
 from eomcheck.errors import EngineError, InputError, UnknownNameError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.lab import library_comparison
-from eomcheck.lab.discrepancy import Parting, Why, reasons
-from eomcheck.lab.library_comparison import QUANTITIES, Comparison, _worse, apart, compare
+from eomcheck.lab.discrepancy import Discrepancy, Explanation, explain
+from eomcheck.lab.library_comparison import (
+    QUANTITIES,
+    LibraryComparison,
+    _worse,
+    compare_libraries,
+    relative_difference,
+)
 from eomcheck.lab.report.comparison_tables import print_comparison, write_comparison
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import ChainPendulum, Snake, from_urdf
@@ -56,7 +62,7 @@ def test_a_library_that_reads_the_file_agrees_to_rounding(key, more, floating, t
     file.write_text(file.read_text().replace('<link name="base"/>', body("base")))
     scene = from_urdf(file, floating=floating)
     assert ("base_pitch" in scene.coordinate_names) == floating
-    found = compare(scene, [key], states=5)
+    found = compare_libraries(scene, [key], states=5)
     assert found.verdict(key) in ("agrees", "fewer digits")
     assert set(found.apart) == set(QUANTITIES)
     assert all(table.max() < 1e-9 for table in found.apart.values())
@@ -78,7 +84,7 @@ def test_a_root_called_world_cannot_be_free_where_it_is_the_ground(key: str, tmp
     file = free(tmp_path / "arm.urdf")
     file.write_text(file.read_text().replace('"base"', '"world"'))
     with pytest.raises(InputError, match=f"{key}_file .* a link called world"):
-        compare(from_urdf(file, floating=True), [key], states=1)
+        compare_libraries(from_urdf(file, floating=True), [key], states=1)
 
 
 @pytest.mark.parametrize("linear", AXES)
@@ -87,7 +93,7 @@ def test_a_root_called_world_cannot_be_free_where_it_is_the_ground(key: str, tmp
 def test_a_base_moves_as_differences_of_its_places_say(linear, angular, first):
     told, h = BaseVelocity(linear, angular, first), 1e-6
     q, v = np.array([0.3, -0.2, 0.5, 2.1, -0.7, 1.3]), np.array([0.4, 0.2, -0.6, 0.9, -1.1, 0.8])
-    at, turn = np.array([0.2, -0.5, 0.3]), rotation((0.9, 0.1, -0.3, 0.2))
+    at, turn = np.array([0.2, -0.5, 0.3]), rotation_matrix((0.9, 0.1, -0.3, 0.2))
     before, here, after = (free_base(q + x * v, v, at, turn) for x in (-h, 0, h))
     place = (after.place - before.place) / (2 * h)
     spin = (after.R - before.R) @ here.R.T / (2 * h)
@@ -99,7 +105,7 @@ def test_a_base_moves_as_differences_of_its_places_say(linear, angular, first):
     assert S @ v == pytest.approx(np.concatenate(parts[::-1] if first else parts), abs=1e-8)
     ends = [one.velocity(told, v)[0] @ v for one in (before, after)]
     assert rest == pytest.approx((ends[1] - ends[0]) / (2 * h), abs=1e-8)
-    assert rotation(tuple(here.quaternion)) == pytest.approx(here.R, abs=1e-14)
+    assert rotation_matrix(tuple(here.quaternion)) == pytest.approx(here.R, abs=1e-14)
 
 
 # ---- Who differs is told, and why ----------------------------------------------------------------
@@ -142,10 +148,10 @@ class Single(PinocchioFile):
         return super().mass_matrix(q, t) * (1 + 1e-10)
 
 
-def compared(monkeypatch, kind: type[PinocchioFile], path: Path, **options) -> Comparison:
+def compared(monkeypatch, kind: type[PinocchioFile], path: Path, **options) -> LibraryComparison:
     """Compare with an engine that reads as a faulty library would."""
     monkeypatch.setitem(library_comparison.BY_FORMAT["urdf"], kind.key, kind)
-    return compare(from_urdf(arm(path, **options)), [kind.key], states=3)
+    return compare_libraries(from_urdf(arm(path, **options)), [kind.key], states=3)
 
 
 @pytest.mark.parametrize(
@@ -171,7 +177,9 @@ def test_fewer_digits_are_told_apart_from_other_equations(monkeypatch, tmp_path)
 
 
 def test_a_library_without_damping_says_so_and_nothing_else(tmp_path: Path):
-    found = compare(from_urdf(arm(tmp_path / "arm.urdf", damping="0.3")), ["pinocchio"], states=3)
+    found = compare_libraries(
+        from_urdf(arm(tmp_path / "arm.urdf", damping="0.3")), ["pinocchio"], states=3
+    )
     assert found.verdict("pinocchio") == "no damping"
     assert [one.sentence for one in found.why["pinocchio"]] == ["leaves out the damping of slide"]
     assert {one.claim for one in found.failed} == {"engine-acceleration"}
@@ -190,7 +198,7 @@ def test_a_larger_damping_than_the_file_s_is_not_one_that_is_left_out(monkeypatc
     assert found.verdict("reversed_file") == "differs"
 
 
-def opposite(path: Path, wrong: list[str]) -> Parting:
+def opposite(path: Path, wrong: list[str]) -> Discrepancy:
     """Return a robot whose accelerations differ by two dampers, of `wrong` with the wrong sign."""
     at = parting(path)
     damped = frozenset({"shoulder", "slide"})
@@ -230,18 +238,18 @@ def test_a_base_whose_velocity_is_another_than_taken_is_named(monkeypatch, tmp_p
 
     monkeypatch.setitem(library_comparison.BY_FORMAT["urdf"], "taken_file", Taken)
     scene = from_urdf(free(tmp_path / "arm.urdf"), floating=True)
-    found = compare(scene, ["taken_file"], states=3)
+    found = compare_libraries(scene, ["taken_file"], states=3)
     ((why, _),) = found.why["taken_file"]
     assert why.startswith("has another velocity of the base: ")
     assert told in why
     assert why.endswith(f"not {taken}")
 
 
-def parting(path: Path, **options) -> Parting:
+def parting(path: Path, **options) -> Discrepancy:
     ours = {name: np.eye(3) if name == "M" else np.ones(3) for name in QUANTITIES}
     theirs = ours | {"M": ours["M"] + 0.5}
     names = "shoulder", "slide", "wrist"
-    return Parting(described(arm(path, **options)), names, np.ones(3), ours, theirs, {})
+    return Discrepancy(read_description(arm(path, **options)), names, np.ones(3), ours, theirs, {})
 
 
 @pytest.mark.parametrize(
@@ -256,11 +264,11 @@ def parting(path: Path, **options) -> Parting:
     ],
 )
 def test_what_is_odd_in_the_file_is_told_where_M_differs(tmp_path: Path, last: str, why: str):
-    assert Why(f"the file has {why}") in reasons(parting(tmp_path / "arm.urdf", last=last))
+    assert Explanation(f"the file has {why}") in explain(parting(tmp_path / "arm.urdf", last=last))
 
 
 def test_nothing_odd_is_told_of_a_file_without_it(tmp_path: Path):
-    assert reasons(parting(tmp_path / "arm.urdf")) == []
+    assert explain(parting(tmp_path / "arm.urdf")) == []
 
 
 @pytest.mark.parametrize(
@@ -275,12 +283,16 @@ def test_joints_with_the_opposite_axis_are_named_though_others_have_the_same_M(
     signs = np.where(np.isin(np.arange(n), turned), -1.0, 1.0)
     theirs = {"M": np.outer(signs, signs) * ours["M"], "gravity": signs * ours["gravity"]}
     rest = {"bias": np.zeros(n), "q̈": np.ones(n)}
-    at = Parting(described(arm(tmp_path / "arm.urdf")), names, np.ones(n), ours | rest, {}, {})
+    at = Discrepancy(
+        read_description(arm(tmp_path / "arm.urdf")), names, np.ones(n), ours | rest, {}, {}
+    )
     said = ", ".join(names[i] for i in turned)
-    assert reasons(at._replace(theirs=theirs | rest)) == [Why(f"has the opposite axis: {said}")]
+    assert explain(at._replace(theirs=theirs | rest)) == [
+        Explanation(f"has the opposite axis: {said}")
+    ]
     # Where nothing weighs, fewest joints.
     free = {"gravity": np.zeros(n)} | rest
-    (said,) = reasons(at._replace(ours=ours | free, theirs=theirs | free))
+    (said,) = explain(at._replace(ours=ours | free, theirs=theirs | free))
     assert said.sentence.count(",") + 1 == min(len(turned), n - len(turned))
 
 
@@ -291,8 +303,10 @@ def test_an_armature_is_named_at_its_joint_alone_whatever_the_size_of_inertias(t
     added = np.diag([0.0, 2e-8 * scale, 2e-15 * scale])
     theirs = ours | {"M": own + added + np.diag([1e-15 * scale, 0.0, 0.0])}
     names = "shoulder", "slide", "wrist"
-    at = Parting(described(arm(tmp_path / "arm.urdf")), names, np.ones(3), ours, theirs, {})
-    assert [one.sentence for one in reasons(at)] == [
+    at = Discrepancy(
+        read_description(arm(tmp_path / "arm.urdf")), names, np.ones(3), ours, theirs, {}
+    )
+    assert [one.sentence for one in explain(at)] == [
         "adds to the diagonal of M alone, as an armature does: slide"
     ]
 
@@ -329,24 +343,24 @@ def wheel(path: Path) -> Path:
 @pytest.mark.parametrize("key", READERS)
 def test_forces_that_cancel_to_rounding_are_no_difference(key: str, tmp_path: Path):
     installed(key)
-    found = compare(from_urdf(wheel(tmp_path / "wheel.urdf")), [key], states=6)
+    found = compare_libraries(from_urdf(wheel(tmp_path / "wheel.urdf")), [key], states=6)
     assert (found.verdict(key), found.agree) == ("agrees", True)
     assert all(table.max() < 1e-13 for name, table in found.apart.items() if name != "q̈")
 
 
 def test_a_thousandth_of_what_cancels_is_the_least_that_differences_are_relative_to():
     entries = np.array([1.0, -2.0])
-    assert apart(entries, entries - 1e-3, 1999.0) == pytest.approx(1e-3 / 2.001)
-    assert apart(entries, entries - 1e-3, 2002.0) == pytest.approx(1e-3 / 2002)
-    assert apart(entries * 0, entries * 0) == 0
-    assert np.isnan(apart(None, entries))
+    assert relative_difference(entries, entries - 1e-3, 1999.0) == pytest.approx(1e-3 / 2.001)
+    assert relative_difference(entries, entries - 1e-3, 2002.0) == pytest.approx(1e-3 / 2002)
+    assert relative_difference(entries * 0, entries * 0) == 0
+    assert np.isnan(relative_difference(None, entries))
 
 
 def test_states_are_those_of_the_seed(tmp_path: Path):
     scene = from_urdf(arm(tmp_path / "arm.urdf"))
 
     def worst(seed: int) -> list:
-        found = compare(scene, ["pinocchio"], states=2, seed=seed)
+        found = compare_libraries(scene, ["pinocchio"], states=2, seed=seed)
         return [one.state.q.tolist() for one in found.findings.values() if one.state]
 
     assert worst(0) != worst(1)
@@ -398,7 +412,7 @@ def test_derivations_of_ours_that_differ_from_each_other_are_said(monkeypatch, t
     scene = from_urdf(tmp_path / "arm.urdf")
     monkeypatch.setitem(library_comparison.BY_FORMAT["urdf"], Heavy.key, Heavy)
     monkeypatch.setattr(type(scene), "energies", staticmethod(twice))
-    found = compare(scene, [Heavy.key], states=3)
+    found = compare_libraries(scene, [Heavy.key], states=3)
     assert {one.claim for one in found.own} >= {"kinetic-energy"}
     print_comparison(found)
     printed = " ".join(capsys.readouterr().out.split())
@@ -418,8 +432,8 @@ def test_derivations_of_ours_are_compared_in_no_state_in_which_all_libraries_agr
     )
     monkeypatch.setitem(library_comparison.BY_FORMAT["urdf"], HeavyAbove.key, HeavyAbove)
     states = [State(np.array([0.3, x, -0.7]), np.ones(3)) for x in (-0.4, 0.6, -0.8, 1.2)]
-    monkeypatch.setattr(library_comparison, "draw", lambda cases, count, seed: states)
-    found = compare(scene, [HeavyAbove.key], states=4)
+    monkeypatch.setattr(library_comparison, "draw_samples", lambda cases, count, seed: states)
+    found = compare_libraries(scene, [HeavyAbove.key], states=4)
     assert {one.state.q[1] for one in found.own if one.state is not None} == {0.6, 1.2}
 
 
@@ -427,7 +441,7 @@ def test_redundant_equalities_leave_all_but_the_acceleration_to_compare(tmp_path
     pytest.importorskip("mujoco")
     path = tmp_path / "linkage.xml"
     path.write_text(LINKAGE, encoding="utf-8")
-    found = compare(from_mjcf(path), states=2)
+    found = compare_libraries(from_mjcf(path), states=2)
     assert (found.agree, found.verdict("mujoco"), len(found.skipped)) == (True, "agrees", 2)
     assert {one.claim for one in found.findings.values() if one.verdict == "passed"} == {
         "mass-matrix",
@@ -450,7 +464,9 @@ def test_a_number_that_rounding_explains_away_is_not_shown(tmp_path, capsys):
     hand = LINK.format(name="hand", at="0 0 0", turn="0 0 0", **light)
     for product in ("0.01", "-0.02", "0.015"):
         hand = hand.replace(f'"{product}"', '"0"')
-    found = compare(from_urdf(arm(tmp_path / "arm.urdf", last=hand)), ["pinocchio"], states=2)
+    found = compare_libraries(
+        from_urdf(arm(tmp_path / "arm.urdf", last=hand)), ["pinocchio"], states=2
+    )
     assert dict(found.unsure) == {("pinocchio", "acceleration"): 2}
     assert np.isnan(found.apart["q̈"][0, 1])
     assert found.verdict("pinocchio") == "agrees where decided"
@@ -468,7 +484,7 @@ def test_a_number_that_rounding_explains_away_is_not_shown(tmp_path, capsys):
 def test_a_quantity_unsure_in_one_state_has_the_difference_of_the_others(
     monkeypatch, tmp_path, unsure
 ):
-    right, seen = Run.look_at, []
+    right, seen = ValidationRun.look_at, []
 
     def blind(self, *how):
         found = right(self, *how)
@@ -477,9 +493,9 @@ def test_a_quantity_unsure_in_one_state_has_the_difference_of_the_others(
             return found
         return [replace(one, verdict="inconclusive") for one in found]
 
-    monkeypatch.setattr(Run, "look_at", blind)
+    monkeypatch.setattr(ValidationRun, "look_at", blind)
     scene = from_urdf(arm(tmp_path / "arm.urdf"))
-    found = compare(scene, ["pinocchio"], states=2)
+    found = compare_libraries(scene, ["pinocchio"], states=2)
     assert len(seen) == 2 and set(found.unsure.values()) == {1}
     assert all(0 <= table[0, 1] < 1e-9 for table in found.apart.values())
 
@@ -497,14 +513,14 @@ def test_a_failure_counts_in_place_of_what_is_inconclusive_by_more():
 def test_nothing_decided_about_any_library_is_never_agreement(
     monkeypatch, tmp_path, capsys, verdict
 ):
-    right = Run.look_at
+    right = ValidationRun.look_at
 
     def undecided(self, *how):
         return [replace(one, verdict=verdict) for one in right(self, *how)]
 
-    monkeypatch.setattr(Run, "look_at", undecided)
+    monkeypatch.setattr(ValidationRun, "look_at", undecided)
     scene = from_urdf(arm(tmp_path / "arm.urdf"))
-    found = compare(scene, ["pinocchio"], states=2)
+    found = compare_libraries(scene, ["pinocchio"], states=2)
     assert (found.agree, found.disagree, found.open) == (False, False, ["pinocchio"])
     where = {"inconclusive": "inconclusive", "skipped": "nothing compared"}[verdict]
     assert found.verdict("pinocchio") == where
@@ -576,7 +592,7 @@ def test_a_library_that_does_not_answer_is_told_by_quantity(
 
 def test_who_fails_at_rest_alone_does_not_agree(monkeypatch, tmp_path):
     moving = State(np.array([0.3, 0.1, -0.4]), np.array([0.5, -0.2, 1.0]), 0.0)
-    monkeypatch.setattr(library_comparison, "draw", lambda *_: [moving])
+    monkeypatch.setattr(library_comparison, "draw_samples", lambda *_: [moving])
     found = compared(monkeypatch, AtRest, tmp_path / "arm.urdf")
     assert (found.failed, list(found.faults)) == ([], [("at_rest_file", "gravity")])
     assert not found.agree
@@ -606,14 +622,14 @@ def test_a_robot_with_other_parameters_than_its_file_is_read_by_no_library(tmp_p
     changed = scene.changed(mass=2 * scene.mass)  # type: ignore[attr-defined]
     assert not PinocchioFile.represents(changed)
     with pytest.raises(InputError, match="no robot as its file describes it"):
-        compare(changed)
+        compare_libraries(changed)
     with pytest.raises(InputError, match="no robot as its file describes it"):
-        compare(ChainPendulum.rods(1))
+        compare_libraries(ChainPendulum.rods(1))
 
 
 def test_an_unknown_library_is_refused_by_name(tmp_path: Path):
     with pytest.raises(UnknownNameError, match="unknown engine 'newton'"):
-        compare(from_urdf(arm(tmp_path / "arm.urdf")), ["newton"])
+        compare_libraries(from_urdf(arm(tmp_path / "arm.urdf")), ["newton"])
 
 
 def test_a_library_that_cannot_read_the_file_is_told_beside_those_that_can(monkeypatch, tmp_path):
@@ -625,11 +641,11 @@ def test_a_library_that_cannot_read_the_file_is_told_beside_those_that_can(monke
 
     readers = {"a": Refusing, "pinocchio": PinocchioFile}
     monkeypatch.setitem(library_comparison.BY_FORMAT, "urdf", readers)
-    found = compare(from_urdf(arm(tmp_path / "arm.urdf")), states=1)
+    found = compare_libraries(from_urdf(arm(tmp_path / "arm.urdf")), states=1)
     assert found.refused == {"a": "no such joint"}
     assert list(found.versions) == ["pinocchio"]
     with pytest.raises(InputError, match="nothing to compare arm with: a: no such joint"):
-        compare(from_urdf(arm(tmp_path / "arm.urdf")), ["a"])
+        compare_libraries(from_urdf(arm(tmp_path / "arm.urdf")), ["a"])
 
 
 def test_a_library_that_lacks_a_joint_is_told(monkeypatch, tmp_path):
@@ -641,7 +657,7 @@ def test_a_library_that_lacks_a_joint_is_told(monkeypatch, tmp_path):
 
     monkeypatch.setitem(library_comparison.BY_FORMAT, "urdf", {"locked": Locked})
     with pytest.raises(InputError, match="locked_file has no joint 'wrist', which the file moves"):
-        compare(from_urdf(arm(tmp_path / "arm.urdf")))
+        compare_libraries(from_urdf(arm(tmp_path / "arm.urdf")))
 
 
 # ---- Answers in the coordinates of the file ------------------------------------------------------
@@ -657,7 +673,7 @@ def test_accelerations_are_the_library_s_own_under_its_own_forces(tmp_path: Path
 
 
 def test_what_is_written_while_a_library_reads_is_kept_and_not_shown(capfd):
-    with listening() as lines:
+    with capture_output() as lines:
         os.write(1, b"one\n")
         os.write(2, b"two\none\n")
     assert lines == ["one", "two"]
@@ -712,7 +728,7 @@ def test_a_file_that_is_not_there_is_one_sentence(tmp_path: Path):
 
 def test_what_was_found_is_written_and_printed_of_a_library_that_gave_no_answer(tmp_path, capsys):
     scene = from_urdf(arm(tmp_path / "arm.urdf"))
-    found = compare(scene, ["pinocchio"], states=1)
+    found = compare_libraries(scene, ["pinocchio"], states=1)
     found.refused["other"] = "cannot"
     write_comparison(found, tmp_path / "out.json")
     assert json.loads((tmp_path / "out.json").read_text())["refused"] == {"other": "cannot"}

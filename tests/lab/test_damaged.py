@@ -12,7 +12,7 @@ import pytest
 
 from eomcheck.cli import main
 from eomcheck.errors import InputError
-from eomcheck.lab.report.overview import Overview, read
+from eomcheck.lab.report.overview import Overview, read_records
 from eomcheck.lab.report.report_formats import write_junit, write_markdown
 from eomcheck.lab.store.record_file import Record, Records
 from eomcheck.lab.studies import STUDIES
@@ -70,7 +70,7 @@ def test_flipped_bytes_are_one_sentence_and_leave_what_can_be_read(path: Path, s
     path.write_bytes(content)
     unread: list[str] = []
     try:
-        overview = Overview(read([path], unread), unread)
+        overview = Overview(read_records([path], unread), unread)
     except InputError as error:
         assert "\n" not in str(error)
         return
@@ -92,7 +92,7 @@ def test_damage_in_one_place_leaves_most_records(path: Path, monkeypatch, capsys
     with pytest.raises(InputError, match="is damaged"), Records(path, readonly=True):
         pass
     unread: list[str] = []
-    assert len(read([path], unread)) == whole - on_it
+    assert len(read_records([path], unread)) == whole - on_it
     assert unread
     code, page, said = report(monkeypatch, path, capsys)
     assert code == 2
@@ -112,7 +112,7 @@ def test_rows_between_two_that_are_no_text_are_read(path: Path):
     connection.commit()
     connection.close()
     unread: list[str] = []
-    left = [one.settings for one in read([path], unread)]
+    left = [one.settings for one in read_records([path], unread)]
     assert left == [whole[0], *whole[2:-2], whole[-1]] and len(left) > 2
     assert sum("is no text" in one for one in unread) == 2
 
@@ -148,7 +148,7 @@ def test_a_record_that_is_none_is_said_and_the_others_are_shown(
 @pytest.mark.parametrize("name", ["subject", "observed", "verdict", "proof"])
 def test_a_finding_of_wrong_kinds_is_said(path: Path, name: str):
     unread: list[str] = []
-    one = next(x for x in read([path]) if x.study == "validation")
+    one = next(x for x in read_records([path]) if x.study == "validation")
     values = one.series[name]
     wrong = Record("validation", one.settings, series=one.series | {name: [{}] * len(values)})
     (said,) = Overview([one, wrong], unread).unread
@@ -170,7 +170,7 @@ def test_records_of_what_this_install_lacks_are_said_or_shown(
 
 
 def test_findings_on_what_this_install_lacks_are_shown(path: Path, monkeypatch, capsys):
-    one = next(x for x in read([path]) if x.study == "validation")
+    one = next(x for x in read_records([path]) if x.study == "validation")
     subjects = ["hamel"] * len(one.series["subject"])
     settings = one.settings | {"scene": "hovercraft"}
     with Records(path) as records:
@@ -196,7 +196,7 @@ def test_a_database_that_nobody_can_write_is_read_and_writing_it_is_one_sentence
                 os.setgroups([])
                 os.setgid(65534)
                 os.setuid(65534)
-            assert len(read([path])) > 1
+            assert len(read_records([path])) > 1
             try:
                 with Records(path) as records:
                     records.add(record)

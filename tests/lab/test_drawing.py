@@ -91,7 +91,7 @@ def test_bodies_are_lines_through_their_points_with_a_name_beside_the_first():
 
 
 def test_a_joint_is_a_ring_and_on_the_ground_it_stands_on_a_hatched_foot():
-    made = drawing(s.Joint((1.0, 2.0), ground=True, name="pin"), s.Joint((5.0, 5.0)))
+    made = drawing(s.JointMark((1.0, 2.0), ground=True, name="pin"), s.JointMark((5.0, 5.0)))
     body, size = LIGHT.body, 0.22
     assert [x[1:3] for x in strokes(made)] == [(1.5, "-"), *[(1.2, "-")] * 3]
     foot, *teeth = ends(made)
@@ -109,7 +109,7 @@ def test_a_joint_is_a_ring_and_on_the_ground_it_stands_on_a_hatched_foot():
 
 def test_a_joint_in_space_has_its_axis_a_tenth_of_the_picture_long():
     ground = s.Body([(0.0, 0.0, 0.0), (0.0, 10.0, 0.0)])
-    parts = ground, s.Joint(np.array([0.0, 2.0, 1.0]), axis=(0.0, 0.0, 1.0))
+    parts = ground, s.JointMark(np.array([0.0, 2.0, 1.0]), axis=(0.0, 0.0, 1.0))
     made = Drawing(s.Sketch(parts, 0.0, 0.0), LIGHT, ())
     assert strokes(made) == [(LIGHT.axis, 4.0, "-", "", False)]
     assert ends(made) == [[[2.0, 0.5], [2.0, 1.5]]]
@@ -130,7 +130,9 @@ def test_a_wheel_is_as_long_as_it_is_along_its_way_which_an_arrow_leads_on():
 
 def test_centres_constraints_and_trails_are_points():
     made = drawing(
-        s.Center((1.0, 2.0), "S"), s.Constraint("no slip", (3.0, 4.0), (0,)), s.Trail((5.0, 6.0))
+        s.Center((1.0, 2.0), "S"),
+        s.ConstraintMark("no slip", (3.0, 4.0), (0,)),
+        s.Trail((5.0, 6.0)),
     )
     assert [(at.tolist(), *look) for at, *look in made.dots] == [
         ([1.0, 2.0], LIGHT.ink, 6.0, LIGHT.ink)
@@ -144,7 +146,7 @@ def test_centres_constraints_and_trails_are_points():
 
 
 def test_a_spring_sways_seven_times_to_both_sides_between_its_ends():
-    made = drawing(s.Spring((0.0, 0.0), (0.0, 5.0), "k"))
+    made = drawing(s.SpringMark((0.0, 0.0), (0.0, 5.0), "k"))
     (spring,) = [one for one in made.strokes if one.color == LIGHT.spring]
     x, y = spring.points.T
     assert spring[1:] == (LIGHT.spring, 1.5, "-", "", False)
@@ -152,7 +154,7 @@ def test_a_spring_sways_seven_times_to_both_sides_between_its_ends():
     assert np.allclose(y, [0, 1.0, *np.linspace(1.2, 3.8, 14), 4.0, 5.0])
     assert told(made) == [("k", [0.0, 2.5], LIGHT.spring, [-1.0, 0.0])]
     assert made.strokes[0] is spring, "it lies below the bodies"
-    here = drawing(s.Spring((1.0, 1.0), (1.0, 1.0)))
+    here = drawing(s.SpringMark((1.0, 1.0), (1.0, 1.0)))
     assert np.allclose(here.strokes[0].points, 1.0), "a spring without length is a point"
 
 
@@ -248,7 +250,7 @@ def test_ground_lies_below_disks_springs_bodies_wheels_and_measures():
         s.Distance("x", zero, one),
         s.Wheel(zero, one, 1.0),
         s.Body([zero, one]),
-        s.Spring(zero, one),
+        s.SpringMark(zero, one),
         s.Disk(zero, one, 1.0),
         plane,
     )
@@ -291,7 +293,7 @@ def test_strokes_and_dots_are_painted_as_they_are_drawn():
         s.Body([(0.0, 0.0), (3.0, 0.0), (0.0, 1.0)], closed=True),
         s.Distance("", (0.0, 0.0), (1.0, 1.0)),
         s.Distance("x", (0.0, 2.0), (1.0, 3.0)),
-        s.Joint((4.0, 4.0)),
+        s.JointMark((4.0, 4.0)),
     )
     axes = canvas(made.bounds, LIGHT, 7.0)
     paint(axes, made)
@@ -331,7 +333,7 @@ def test_the_legend_has_the_kinds_that_are_drawn(dark):
     assert {to_hex(x.get_color()) for x in legend.get_texts()} == {colors.ink}
     assert sorted(x.get_text() for x in texts) == ["x", "y"]
     plt.close(figure)
-    more = s.Center((1.0, 0.0)), s.Constraint("c", (2.0, 0.0), (0,))
+    more = s.Center((1.0, 0.0)), s.ConstraintMark("c", (2.0, 0.0), (0,))
     figure, _ = scene_figure(s.Sketch((GROUND, *more)), (), dark)
     (legend,) = figure.legends
     assert [x.get_text() for x in legend.get_texts()] == ["constraint", "centre of mass"]

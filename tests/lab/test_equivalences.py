@@ -10,20 +10,20 @@ from tests import reports
 
 import eomcheck
 from eomcheck import CLAIMS
-from eomcheck.claims.run import Run, Selection
+from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.errors import InputError
 from eomcheck.lab.proofs import Proofs, proof_jobs
 from eomcheck.lab.report.equivalences import (
     PROVED,
     RUN,
+    independent_parameters,
     named_tests,
-    other_data,
     write_equivalences,
 )
-from eomcheck.lab.report.overview import Overview, read
+from eomcheck.lab.report.overview import Overview, read_records
 from eomcheck.lab.show.document_text import ranges
 from eomcheck.lab.store.record_file import Records
-from eomcheck.lab.store.validation_runs import look_at_kind
+from eomcheck.lab.store.validation_runs import validate_kind
 from eomcheck.scenes import SCENES, Sleigh
 
 ROOT = Path(__file__).parents[2]
@@ -49,8 +49,8 @@ def small(tmp_path_factory: pytest.TempPathFactory, scenes: list[str]) -> Path:
     path = tmp_path_factory.mktemp("run") / "run.db"
     with Records(path) as records:
         for kind in map(SCENES.__getitem__, scenes):
-            selection = Selection.of(scenes=[kind])
-            look_at_kind(kind, Run(), selection, (2, 3), 1, 0, lambda: None, records)
+            selection = RunSelection.of(scenes=[kind])
+            validate_kind(kind, ValidationRun(), selection, (2, 3), 1, 0, lambda: None, records)
             jobs = proof_jobs(kind.key, [2] if kind.has_links else None, 1, 0, None)
             Proofs(jobs, records=records).run()
     return path
@@ -90,7 +90,7 @@ def sections(lines: list[str], scenes: list[str]) -> dict[str, list[str]]:
 def test_the_page_is_the_one_that_the_suite_makes(small: Path, scenes, tmp_path: Path):
     # Claims, statements, equations, scenes, levels of evidence and tests are compared; not N,
     # numbers of states, errors, places, dates, versions and machines, which are of one run.
-    write_equivalences(Overview(read([small])), tmp_path / "page.md", SUITE)
+    write_equivalences(Overview(read_records([small])), tmp_path / "page.md", SUITE)
     made, stored = (
         sections(independent_of_run(path.read_text(encoding="utf-8")), scenes)
         for path in (tmp_path / "page.md", PAGE)
@@ -106,16 +106,16 @@ def test_scenes_are_in_the_order_of_the_registry_whatever_ended_first(
 ):
     made = []
     for name, order in (("page.md", 1), ("turned.md", -1)):
-        overview = Overview(read([small])[::order])
+        overview = Overview(read_records([small])[::order])
         assert overview.scenes == scenes
-        assert [one.scene for one in other_data(overview)] == scenes
+        assert [one.scene for one in independent_parameters(overview)] == scenes
         write_equivalences(overview, tmp_path / name, SUITE)
         made.append(independent_of_run((tmp_path / name).read_text(encoding="utf-8")))
     assert made[0] == made[1]
 
 
 def test_what_no_engine_has_from_elsewhere_is_said_to_be_common(small: Path, scenes):
-    found = {one.scene: one for one in other_data(Overview(read([small])))}
+    found = {one.scene: one for one in independent_parameters(Overview(read_records([small])))}
     assert [*found] == scenes
     assert found["snake"].covered == "mass, length, inertia (pinocchio, from the tree)"
     common = "common mode not covered: stiffness, damping, wheel_angle"
@@ -127,9 +127,9 @@ def test_what_no_engine_has_from_elsewhere_is_said_to_be_common(small: Path, sce
 
 def test_without_an_engine_of_its_own_data_everything_is_common(tmp_path: Path):
     with Records(tmp_path / "r.db") as records:
-        selection = Selection.of(engines=["casadi"], claims=["mass-matrix"])
-        look_at_kind(Sleigh, Run(), selection, (1, 1), 1, 0, lambda: None, records)
-    (only,) = other_data(Overview(read([tmp_path / "r.db"])))
+        selection = RunSelection.of(engines=["casadi"], claims=["mass-matrix"])
+        validate_kind(Sleigh, ValidationRun(), selection, (1, 1), 1, 0, lambda: None, records)
+    (only,) = independent_parameters(Overview(read_records([tmp_path / "r.db"])))
     assert only[1:] == ("-", "common mode not covered: mass, inertia, offset")
 
 
@@ -141,7 +141,7 @@ def test_a_mass_that_is_wrong_in_parameters_is_seen_by_an_engine_that_does_not_r
 
     for engine, verdict in (("casadi", "passed"), ("pinocchio", "failed")):
         scene = Heavier()
-        found = eomcheck.check(
+        found = eomcheck.check_state(
             scene, [0, 0, 0.3], [0, 0, 1], engines=[engine], claims=["mass-matrix"]
         )
         assert {finding.verdict for finding in found} == {verdict}, engine
@@ -189,10 +189,14 @@ def test_there_is_no_page_of_what_was_not_verified(tmp_path: Path):
         ("good.db", tmp_path, "holds no validation suite"),
     ):
         with pytest.raises(InputError, match=says):
-            write_equivalences(Overview(read([tmp_path / name])), tmp_path / "page.md", suite)
+            write_equivalences(
+                Overview(read_records([tmp_path / name])), tmp_path / "page.md", suite
+            )
     (tmp_path / "test_x.py").write_text("def test_x(): holds('bias')\n", encoding="utf-8")
     with pytest.raises(InputError, match="claim 'mass-matrix' has no test"):
-        write_equivalences(Overview(read([tmp_path / "good.db"])), tmp_path / "p.md", tmp_path)
+        write_equivalences(
+            Overview(read_records([tmp_path / "good.db"])), tmp_path / "p.md", tmp_path
+        )
     assert not (tmp_path / "page.md").exists()
 
 

@@ -13,28 +13,28 @@ import pytest
 
 from eomcheck.claims import Finding, State
 from eomcheck.claims.finding import Proof
-from eomcheck.claims.run import Run
+from eomcheck.claims.run import ValidationRun
 from eomcheck.lab import run_time as timing
-from eomcheck.lab.run_time import disturbed, run_time
+from eomcheck.lab.run_time import run_time, was_contended
 from eomcheck.lab.store import provenance
-from eomcheck.lab.store.record_file import Record, by_setting, group, record_of_rows, rows_of
+from eomcheck.lab.store.record_file import Record, by_setting, group, record_of_rows, rows_in
 from eomcheck.lab.store.stored_findings import (
     COLUMNS,
     PROOFS,
     STATES,
-    Kept,
+    StoredFinding,
     cases_of,
-    fault_of,
-    kept_in,
-    kept_of,
-    record_of,
+    findings_record,
+    stored_findings,
+    stored_findings_in,
+    why_unreadable,
 )
 from eomcheck.scenes import Snake
 
 SNAKE = Snake.coil(2)
 AT = State(np.arange(4.0), np.ones(4), 0.5)
 FINDING = Finding("bias", "au", SNAKE, AT, 0.25, 0.5, "failed", "compared: casadi 3", "row x")
-KEPT = Kept(
+KEPT = StoredFinding(
     *("bias", "au", 0.25, 0.5, "failed", "compared: casadi 3", "row x", None, None),
     *("snake", 2, 7, "", "code"),
 )
@@ -79,22 +79,22 @@ def test_a_kept_finding_has_a_ratio_and_a_level_and_comes_back_from_what_it_was_
         if one.proof is not None:
             row["proof"]["primes"] = [3, 5]
         before = repr(row)
-        assert Kept.read(row) == one and repr(row) == before
+        assert StoredFinding.read(row) == one and repr(row) == before
 
 
 def test_verdicts_that_an_older_release_stored_are_read_as_those_of_today():
     old = asdict(KEPT) | {"verdict": "not looked at", "evidence": "not looked at"}
-    assert Kept.read(old) == replace(KEPT, verdict="skipped", evidence="skipped")
+    assert StoredFinding.read(old) == replace(KEPT, verdict="skipped", evidence="skipped")
 
 
 def test_the_record_of_a_state_has_a_row_for_each_finding_and_one_code_for_all():
     other = replace(FINDING, subject="em", verdict="passed", detail="", digits=3.5)
-    kept = kept_of([FINDING, other], "snake", 7)
+    kept = stored_findings([FINDING, other], "snake", 7)
     assert [replace(one, python="code") for one in kept] == [
         KEPT,
         replace(KEPT, subject="em", verdict="passed", detail="", digits=3.5),
     ]
-    record = record_of(kept)
+    record = findings_record(kept)
     assert (record.study, record.settings) == (STATES, {"scene": "snake", "links": 2, "case": 7})
     assert {*record.series} == {*COLUMNS, "python"}
     python = record.series.pop("python")
@@ -110,10 +110,10 @@ def test_the_record_of_a_state_has_a_row_for_each_finding_and_one_code_for_all()
         "digits": [None, 3.5],
         "proof": [None, None],
     }
-    structure = record_of(kept_of([FINDING], "snake"))
+    structure = findings_record(stored_findings([FINDING], "snake"))
     where = {"scene": "snake", "links": 2, "structure": SNAKE.structure}
     assert (structure.study, structure.settings) == (PROOFS, where)
-    (again,) = kept_in([structure])
+    (again,) = stored_findings_in([structure])
     assert (again.case, again.structure, again.place) == (None, SNAKE.structure, SNAKE.structure)
 
 
@@ -131,26 +131,26 @@ def test_the_record_of_a_state_has_a_row_for_each_finding_and_one_code_for_all()
     ],
 )
 def test_a_record_of_findings_of_wrong_kinds_says_which_value_it_is(name, value, said):
-    record = record_of([replace(KEPT, observed=1, allowed=0)])
-    assert fault_of(record) is None, "whole numbers are numbers"
+    record = findings_record([replace(KEPT, observed=1, allowed=0)])
+    assert why_unreadable(record) is None, "whole numbers are numbers"
     series = record.series | {name: [value]}
-    fault = fault_of(Record(STATES, record.settings, series=series))
+    fault = why_unreadable(Record(STATES, record.settings, series=series))
     assert fault is not None and said in fault and "Error" in fault
-    assert fault_of(Record("other", record.settings, series=series)) is None
+    assert why_unreadable(Record("other", record.settings, series=series)) is None
 
 
 def test_records_of_findings_without_a_scene_or_a_column_cannot_be_read():
-    record = record_of([KEPT])
-    assert fault_of(Record(STATES, {"case": 7}, series=record.series))
+    record = findings_record([KEPT])
+    assert why_unreadable(Record(STATES, {"case": 7}, series=record.series))
     for name in (*COLUMNS, "python"):
         series = {x: y for x, y in record.series.items() if x != name}
-        assert fault_of(Record(STATES, record.settings, series=series)), name
+        assert why_unreadable(Record(STATES, record.settings, series=series)), name
         short = record.series | {name: []}
-        assert fault_of(Record(STATES, record.settings, series=short)), name
+        assert why_unreadable(Record(STATES, record.settings, series=short)), name
 
 
 def test_the_findings_of_states_are_told_from_where_the_last_ended():
-    run = Run([replace(FINDING, observed=float(k)) for k in range(7)], ends=[2, 2, 5, 6])
+    run = ValidationRun([replace(FINDING, observed=float(k)) for k in range(7)], ends=[2, 2, 5, 6])
 
     def told(begin: int) -> list[list[float]]:
         return [[one.observed for one in of] for of in cases_of(run, begin)]
@@ -159,7 +159,7 @@ def test_the_findings_of_states_are_told_from_where_the_last_ended():
     assert told(2) == [[2.0, 3.0, 4.0], [5.0]]
     assert told(3) == [[3.0, 4.0], [5.0]]
     assert told(5) == [[5.0]] and told(6) == []
-    assert list(cases_of(Run())) == []
+    assert list(cases_of(ValidationRun())) == []
 
 
 # ---- Groups --------------------------------------------------------------------------------------
@@ -175,7 +175,7 @@ def test_things_are_grouped_in_their_order_and_rows_come_back_as_they_were():
     rows = [timing.RunTime(float(k), 0.5, [1.0, 2.0], 3, None, None) for k in range(2)]  # type: ignore[arg-type]
     record = record_of_rows("s", {"n": 1}, rows)
     assert (record.study, record.settings, [*record.series]) == ("s", {"n": 1}, ["rows"])
-    assert rows_of([record, Record("s", {}), record], timing.RunTime) == rows * 2
+    assert rows_in([record, Record("s", {}), record], timing.RunTime) == rows * 2
 
 
 # ---- Where results come from ---------------------------------------------------------------------
@@ -276,4 +276,4 @@ def test_times_of_runs_have_quartiles_and_the_load_before_the_first(monkeypatch)
 )
 def test_a_run_is_disturbed_where_a_twentieth_of_it_was_not_its_own(seconds, cpu, told):
     record: Any = SimpleNamespace(seconds=seconds, cpu_seconds=cpu)
-    assert disturbed(record) is told
+    assert was_contended(record) is told

@@ -17,29 +17,29 @@ from eomcheck.lab.fuzzing import failures as parameters
 from eomcheck.lab.fuzzing import motion_comparison, motion_rounds
 from eomcheck.lab.fuzzing.cases import consistent
 from eomcheck.lab.fuzzing.failures import (
-    case_of,
-    numbers_of,
+    fuzz_case,
     parameters_of,
     plain_random,
     random_of,
+    sampled_parameters,
 )
 from eomcheck.lab.fuzzing.motion_comparison import (
     ALONE,
-    CLAIMS_OF_MOTIONS,
     END_STATES,
     ENERGY,
+    MOTION_CLAIMS,
     MotionFinding,
-    starts_nearby,
+    perturbed_starts,
 )
-from eomcheck.lab.fuzzing.motion_rounds import MOST_TRIES, shrunk_motion
+from eomcheck.lab.fuzzing.motion_rounds import MOST_TRIES, shrink_motion
 from eomcheck.mechanics.records import State
 from eomcheck.numbers.lanes import LaneArray
 from eomcheck.scenes import Sleigh, Snake
-from eomcheck.testing import Functions
+from eomcheck.testing import EquationsOfMotion
 
 SLEIGH = Sleigh(mass=1.3, inertia=0.2137, offset=-0.37)
 AT = State(np.array([0.1, -2.0, 0.75]), np.array([0.5, 0.25, -1.0]), 0.0)
-OWN = Functions(2, M=lambda q: np.eye(1), qdot=lambda q, u: [u[0], 0.0], speeds=1)
+OWN = EquationsOfMotion(2, M=lambda q: np.eye(1), qdot=lambda q, u: [u[0], 0.0], speeds=1)
 
 
 # ---- Findings about motions ----------------------------------------------------------------------
@@ -69,7 +69,7 @@ def test_the_code_of_a_motion_moves_its_scene_by_its_formulation_and_by_all_othe
 
 def test_three_things_are_claimed_of_motions():
     assert (END_STATES, ENERGY, ALONE) == ("end-states", "motion-energy", "motion-alone")
-    assert CLAIMS_OF_MOTIONS == {
+    assert MOTION_CLAIMS == {
         "end-states": "all formulations move a scene alike",
         "motion-energy": "T + U stays what it was, where nothing takes or brings energy",
         "motion-alone": "a motion alone, by another integrator, is what it is beside others",
@@ -97,8 +97,8 @@ def test_a_motion_is_rounded_at_its_shorter_time_and_kept_as_it_was_if_all_toget
         return found
 
     monkeypatch.setattr(motion_rounds, "failures_of_motion", failures)
-    monkeypatch.setattr(motion_rounds, "rounded", rounded)
-    small = shrunk_motion(of(SLEIGH, 2.25), ("au", "em", "gw", "kane", "ml", "uk"))
+    monkeypatch.setattr(motion_rounds, "simplify_numbers", rounded)
+    small = shrink_motion(of(SLEIGH, 2.25), ("au", "em", "gw", "kane", "ml", "uk"))
     assert tries == [(1.0, MOST_TRIES)] and MOST_TRIES == 60
     assert [t for _, _, t in asked] == [1.125, 0.5625, 1.1, 1.0, 1.0, 1.0]
     assert [(one, count) for one, count, _ in asked[-2:]] == [(other, 4), (other, 6)]
@@ -139,23 +139,25 @@ def test_what_is_no_description_is_refused_in_a_sentence(plain, why):
 
 
 def test_numbers_of_a_scene_are_those_of_its_ranges_and_none_where_it_has_none():
-    assert numbers_of(SLEIGH) == parameters_of(SLEIGH)
-    assert numbers_of(SLEIGH) == {"mass": 1.3, "inertia": 0.2137, "offset": -0.37}
+    assert sampled_parameters(SLEIGH) == parameters_of(SLEIGH)
+    assert sampled_parameters(SLEIGH) == {"mass": 1.3, "inertia": 0.2137, "offset": -0.37}
     usual = Snake.coil(3)
     values = {name: getattr(usual, name) for name in Snake.declared}
     snake = Snake(**values | {"damping": None})
-    found = numbers_of(snake)
+    found = sampled_parameters(snake)
     assert set(found) == set(Snake.ranges(3)) and found["damping"] is None
     assert found["mass"] == snake.mass.tolist() and len(found["mass"]) == 3
-    assert numbers_of(OWN) == parameters_of(OWN) == {}
+    assert sampled_parameters(OWN) == parameters_of(OWN) == {}
 
 
 def test_a_case_has_the_time_and_the_numbers_that_were_kept_in_their_places():
-    scene, state = case_of(Sleigh, numbers_of(SLEIGH), [1.0, 2.0, 3.0], [4.0, 5.0, 6.0], 7.5)
+    scene, state = fuzz_case(
+        Sleigh, sampled_parameters(SLEIGH), [1.0, 2.0, 3.0], [4.0, 5.0, 6.0], 7.5
+    )
     assert repr(scene) == repr(SLEIGH)
     assert [x.tolist() for x in state[:2]] == [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
     assert state.t == 7.5
-    functions, state = case_of(OWN, {}, [1.0, 2.0], [3.0], 2.5)
+    functions, state = fuzz_case(OWN, {}, [1.0, 2.0], [3.0], 2.5)
     assert functions is OWN
     assert (state.q.tolist(), state.v.tolist(), state.t) == ([1.0, 2.0], [3.0], 2.5)
 
@@ -171,14 +173,14 @@ def test_a_case_has_the_time_and_the_numbers_that_were_kept_in_their_places():
 )
 def test_a_case_that_cannot_be_is_bad_input(kind, numbers, q, v, message):
     with pytest.raises(InputError) as error:
-        case_of(kind, numbers, q, v, 0.0)
+        fuzz_case(kind, numbers, q, v, 0.0)
     assert str(error.value).startswith(message)
 
 
 def test_only_functions_are_functions_by_name_and_a_file_of_a_robot_is_not_run(monkeypatch):
     names: list[str] = []
     found = {"x.py:own": OWN, "x.py:Sleigh": Sleigh}
-    monkeypatch.setattr(parameters, "value_of", lambda name: names.append(name) or found[name])
+    monkeypatch.setattr(parameters, "object_named", lambda name: names.append(name) or found[name])
     named = parameters.functions_named.__wrapped__
     assert named("x.py:own") is OWN
     assert named("x.py:Sleigh") is None and named("arm.urdf") is None
@@ -202,13 +204,13 @@ def test_a_start_that_cannot_be_closed_nearby_is_left_out_and_the_others_keep_th
         cases = [(s, State(x.q, y, x.t)) for s, x, y in zip(scenes, states, v, strict=True)]
         return cases[1:], [*range(1, len(cases))]
 
-    monkeypatch.setattr(motion_comparison, "closed_position", closed)
+    monkeypatch.setattr(motion_comparison, "assembled_position", closed)
     monkeypatch.setattr(motion_comparison, "consistent", consistent)
     cases = [
         (SLEIGH, State(np.array([x, -2.0, 0.0]), np.array([0.0, -x, 3.0]), 9.0))
         for x in (5.0, 6.0, 7.0, 8.0)
     ]
-    found, places = starts_nearby(cases)
+    found, places = perturbed_starts(cases)
     assert places == [1, 3]
     away = []
     for place, (_, state) in zip(places, found, strict=True):

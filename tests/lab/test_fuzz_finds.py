@@ -19,7 +19,7 @@ from eomcheck.lab.fuzzing import cases as draws
 from eomcheck.lab.fuzzing import cases as structures
 from eomcheck.lab.fuzzing import failures, function_rounds, replay
 from eomcheck.lab.fuzzing import function_rounds as fuzzed
-from eomcheck.lab.fuzzing.campaign import Candidate, Round
+from eomcheck.lab.fuzzing.campaign import Round, ScoredCase
 from eomcheck.lab.fuzzing.cases import (
     ACROSS,
     FAST,
@@ -27,36 +27,36 @@ from eomcheck.lab.fuzzing.cases import (
     ORDINARY,
     SPECIAL,
     WIDE,
-    Stratum,
+    StructuralVariant,
     consistent,
     distances,
-    drawn_of,
-    drawn_position,
-    drawn_scene,
+    draw_cases_with,
+    draw_position,
+    draw_scene_of,
     special_number,
-    strata_of,
+    structural_variants,
     varied,
 )
 from eomcheck.lab.fuzzing.failures import (
     FUNCTIONS,
-    Find,
+    FailureRecord,
     cause_of,
     diagnosis_of,
-    find_of,
-    name_of,
-    read_finds,
-    rounded,
-    shrunk,
-    told_apart,
-    write_finds,
+    failure_record,
+    first_of_each_cause,
+    lookup_name,
+    read_failures,
+    shrink,
+    simplify_numbers,
+    write_failures,
 )
-from eomcheck.lab.fuzzing.function_rounds import FunctionsPlan, climbed_states, drawn_state
+from eomcheck.lab.fuzzing.function_rounds import FunctionsPlan, drawn_state, hill_climbed_states
 from eomcheck.lab.fuzzing.motion_comparison import END_STATES, ENERGY, MotionFinding
-from eomcheck.lab.fuzzing.replay import replayed
-from eomcheck.lab.fuzzing.triage import Fault, named_in
+from eomcheck.lab.fuzzing.replay import replay_failures
+from eomcheck.lab.fuzzing.triage import Diagnosis, keys_in_subject
 from eomcheck.mechanics.records import Range, State
 from eomcheck.scenes import SCENES, Sleigh, Snake, snake
-from eomcheck.testing import Functions
+from eomcheck.testing import EquationsOfMotion
 
 SLEIGH = Sleigh(mass=1.3, inertia=0.2137, offset=-0.37)
 AT = State(np.array([0.1, -2.0, 0.7345]), np.zeros(3), 0.0)
@@ -98,7 +98,9 @@ def parameters(family: str, count: int = 60) -> dict[str, np.ndarray]:
     scenes = []
     while len(scenes) < count:
         try:
-            scenes.append(drawn_scene(Snake, Stratum(3, ("stiffness",)), family, random))
+            scenes.append(
+                draw_scene_of(Snake, StructuralVariant(3, ("stiffness",)), family, random)
+            )
         except EomcheckError:
             continue
     assert all(one.stiffness is None and one.damping is not None for one in scenes)
@@ -122,16 +124,16 @@ def test_special_parameters_are_of_all_magnitudes_or_as_usual():
 
 
 def test_fast_states_have_speeds_of_300_decades_and_angles_of_many_turns(monkeypatch):
-    monkeypatch.setattr(draws, "closed_position", lambda scene, q, t: q)
+    monkeypatch.setattr(draws, "assembled_position", lambda scene, q, t: q)
     random, scene = np.random.default_rng(0), Snake.coil(3)
-    found = [drawn_position(scene, FAST, random) for _ in range(200)]
+    found = [draw_position(scene, FAST, random) for _ in range(200)]
     c = np.abs([one for _, one, _ in found])
     assert c.max() > 1e130 and c[c > 0].min() < 1e-130 and c.max() <= 1e150
     assert 0.2 < (c == 0).mean() < 0.5
     q = np.array([one for one, _, _ in found])
     far = np.abs(q).max(axis=1) > 100.0
     assert 0.35 < far.mean() < 0.65 and 9e8 < np.abs(q).max() <= 1e9
-    usual = [drawn_position(scene, ORDINARY, random) for _ in range(200)]
+    usual = [draw_position(scene, ORDINARY, random) for _ in range(200)]
     c = np.array([one for _, one, _ in usual])
     assert 2 < (c == 0).all(axis=1).sum() < 30 and 4.9 < np.abs(c).max() <= 5.0
     assert c.min() < -4.5
@@ -140,9 +142,9 @@ def test_fast_states_have_speeds_of_300_decades_and_angles_of_many_turns(monkeyp
 
 
 def test_special_angles_are_next_to_each_other_or_to_0(monkeypatch):
-    monkeypatch.setattr(draws, "closed_position", lambda scene, q, t: q)
+    monkeypatch.setattr(draws, "assembled_position", lambda scene, q, t: q)
     random, scene = np.random.default_rng(0), Snake.coil(3)
-    q = np.array([drawn_position(scene, SPECIAL, random)[0] for _ in range(200)])
+    q = np.array([draw_position(scene, SPECIAL, random)[0] for _ in range(200)])
     apart = np.abs(np.diff(q[:, 2:], axis=1)).max(axis=1)
     assert (apart < 0.21).all() and (apart < 1e-6).sum() > 20 and (apart == 0).any()
     at_0 = np.abs(q[:, 2:]).max(axis=1) < 0.11
@@ -152,9 +154,9 @@ def test_special_angles_are_next_to_each_other_or_to_0(monkeypatch):
 
 def test_driven_scenes_are_closed_at_the_time_that_was_drawn(monkeypatch):
     asked: list = []
-    monkeypatch.setattr(draws, "closed_position", lambda scene, q, t: asked.append(t) or q)
+    monkeypatch.setattr(draws, "assembled_position", lambda scene, q, t: asked.append(t) or q)
     scene = SCENES["turntable-ball"].example()
-    times = [drawn_position(scene, ORDINARY, np.random.default_rng(i))[2] for i in range(20)]
+    times = [draw_position(scene, ORDINARY, np.random.default_rng(i))[2] for i in range(20)]
     assert asked == times and min(times) < 3.0 and 7.0 < max(times) <= 10.0
 
 
@@ -167,7 +169,7 @@ def test_a_kind_of_which_nothing_can_be_closed_is_given_up_and_one_with_gaps_is_
             raise EomcheckError("open")
         return AT.q, np.zeros(2), 0.0
 
-    monkeypatch.setattr(draws, "drawn_position", position)
+    monkeypatch.setattr(draws, "draw_position", position)
     monkeypatch.setattr(
         draws, "consistent", lambda scenes, states, v: ([*states], [*range(len(states))])
     )
@@ -177,7 +179,9 @@ def test_a_kind_of_which_nothing_can_be_closed_is_given_up_and_one_with_gaps_is_
         (lambda i: i % 3 == 0, 300, 100),
     ):
         tried.clear()
-        cases, families = drawn_of(lambda family: SLEIGH, ("a", "b"), 300, np.random.default_rng(0))
+        cases, families = draw_cases_with(
+            lambda family: SLEIGH, ("a", "b"), 300, np.random.default_rng(0)
+        )
         assert (len(tried), len(cases)) == (count, found)
         assert tried[:4] == ["a", "b", "a", "b"]
         expected = [family for i, family in enumerate(tried, 1) if opens(i)]
@@ -185,9 +189,14 @@ def test_a_kind_of_which_nothing_can_be_closed_is_given_up_and_one_with_gaps_is_
 
 
 def test_structures_are_named_by_their_links_and_by_what_is_absent():
-    assert Stratum(3, ("damping", "stiffness")).name == "3 links, without damping, stiffness"
-    assert Stratum(None, ("damping",)).name == "without damping"
-    assert Stratum(1, ()).name == "1 links" and Stratum(None, ()).name == "all terms"
+    assert (
+        StructuralVariant(3, ("damping", "stiffness")).name == "3 links, without damping, stiffness"
+    )
+    assert StructuralVariant(None, ("damping",)).name == "without damping"
+    assert (
+        StructuralVariant(1, ()).name == "1 links"
+        and StructuralVariant(None, ()).name == "all terms"
+    )
 
 
 def test_structures_are_all_there_first_without_what_has_no_entries_and_no_more_than_16():
@@ -200,16 +209,18 @@ def test_structures_are_all_there_first_without_what_has_no_entries_and_no_more_
             found["none"] = Range(0, 1, (0,), optional=True)
             return found | {"mass": Range(0.1, 1, (2,))}
 
-    found = strata_of(Kind, (2, 4))  # type: ignore[arg-type]
+    found = structural_variants(Kind, (2, 4))  # type: ignore[arg-type]
     assert len(found) == 2 * MOST_STRUCTURES == 32
-    assert found[0] == Stratum(2, ()) and found[1] == Stratum(2, ("p4",))
-    assert found[15] == Stratum(2, ("p1", "p2", "p3", "p4")) and found[16] == Stratum(4, ())
+    assert found[0] == StructuralVariant(2, ()) and found[1] == StructuralVariant(2, ("p4",))
+    assert found[15] == StructuralVariant(2, ("p1", "p2", "p3", "p4")) and found[
+        16
+    ] == StructuralVariant(4, ())
 
     class Fixed(Kind):
         has_links = False
 
-    assert {one.links for one in strata_of(Fixed, (2, 4))} == {None}  # type: ignore[arg-type]
-    assert len(strata_of(Fixed, (2, 4))) == 16  # type: ignore[arg-type]
+    assert {one.links for one in structural_variants(Fixed, (2, 4))} == {None}  # type: ignore[arg-type]
+    assert len(structural_variants(Fixed, (2, 4))) == 16  # type: ignore[arg-type]
 
 
 def test_moments_and_products_of_a_body_are_wide_by_one_factor_and_masses_by_another():
@@ -264,7 +275,7 @@ def test_cases_that_cannot_be_kept_leave_velocities_and_places_to_the_others():
 
 # ---- States of functions -------------------------------------------------------------------------
 
-NARROW = Functions(
+NARROW = EquationsOfMotion(
     2, M=lambda q: np.eye(2), ranges=[(-2.0, 2.0), (-3.0, 3.0), (-1.0, 1.0), (-1.0, 1.0)]
 )
 
@@ -288,15 +299,15 @@ def test_near_states_of_functions_take_numbers_of_any_claim(monkeypatch):
         function_rounds, "changed_entries", lambda here, there, random: there + 0 * here
     )
     population: Any = {
-        (name, ""): [Candidate(1.0, (NARROW, State(np.full(2, x), np.full(2, x))))]
+        (name, ""): [ScoredCase(1.0, (NARROW, State(np.full(2, x), np.full(2, x))))]
         for name, x in (("a", 0.25), ("b", 0.5), ("c", 5.0))
     }
-    found = climbed_states(NARROW, population, 60, np.random.default_rng(0))
+    found = hill_climbed_states(NARROW, population, 60, np.random.default_rng(0))
     assert {0.25, 0.5} <= {state.q[0] for state in found} <= {0.25, 0.5, 2.0}
     assert {state.v[0] for state in found} <= {0.25, 0.5, 1.0}
     monkeypatch.setattr(function_rounds, "changed_entries", lambda here, *_: 0 * here + 5.0)
     del population["c", ""]
-    found = climbed_states(NARROW, population, 60, np.random.default_rng(0))
+    found = hill_climbed_states(NARROW, population, 60, np.random.default_rng(0))
     # What leaves a range goes to its end, or stays.
     assert {state.q[1] for state in found} == {3.0, 0.25, 0.5}
     assert {state.v[0] for state in found} == {1.0, 0.25, 0.5}
@@ -317,9 +328,9 @@ def test_rounds_of_functions_count_keep_the_highest_and_tell_the_first_reason(mo
         ]
 
     monkeypatch.setattr(fuzzed, "functions_named", lambda _: NARROW)
-    monkeypatch.setattr(fuzzed, "functions_at", judged)
+    monkeypatch.setattr(fuzzed, "check_functions_at", judged)
     plan = FunctionsPlan("x", 0, ("a", "b"), batch=3, climbing=False)
-    result = plan.run(Round(0, Stratum(None, ()), {}))
+    result = plan.run(Round(0, StructuralVariant(None, ()), {}))
     assert seen == [("a", "b")] * 3 and (result.states, plan.most) == (3, 6)
     assert result.counts == {
         "ordinary": 2,
@@ -345,7 +356,7 @@ def test_rounds_of_functions_count_keep_the_highest_and_tell_the_first_reason(mo
     }
     (failed,) = result.failed
     assert (failed.claim, failed.verdict) == ("b", "failed")
-    climbing = plan._replace(climbing=True).run(Round(0, Stratum(None, ()), {}))
+    climbing = plan._replace(climbing=True).run(Round(0, StructuralVariant(None, ()), {}))
     assert (climbing.states, climbing.counts["climbed"]) == (6, 3)
 
 
@@ -363,17 +374,17 @@ def test_numbers_are_made_as_round_as_the_failure_allows_each_for_itself():
         mine = failure(scene=scene, state=state)
         return [other, mine] if fails and abs(state.q[2]) > 0.734 else [other]
 
-    small = rounded(failure(), look)
+    small = simplify_numbers(failure(), look)
     assert (small.scene.mass, small.scene.inertia, small.scene.offset) == (1.0, 1.0, 0.0)
     assert small.state.q.tolist() == [0.0, -2.0, 1.0] and small.subject == "scene"
     strict = lambda case: [x for x in look(case) if 0.21 < case[0].inertia < 0.25]  # noqa: E731
     strict_q = lambda case: [x for x in strict(case) if case[1].q[2] < 0.74]  # noqa: E731
-    small = rounded(failure(), strict_q)
+    small = simplify_numbers(failure(), strict_q)
     assert (small.scene.mass, small.scene.inertia) == (1.0, 0.2137)
     assert small.state.q.tolist() == [0.0, -2.0, 0.7345]
     looked.clear()
-    assert rounded(failure(), look, 0) == failure() and not looked
-    rounded(failure(), look, 5)
+    assert simplify_numbers(failure(), look, 0) == failure() and not looked
+    simplify_numbers(failure(), look, 5)
     assert len(looked) == 4  # and one that is refused: there is no mass of 0
 
 
@@ -385,7 +396,7 @@ def test_digits_are_taken_away_as_far_as_it_fails():
         return [same] if apart < 5e-4 else []
 
     start = failure(scene=Sleigh(mass=1.23456789, inertia=0.5, offset=0.5))
-    assert rounded(start, look).scene.mass == 1.235
+    assert simplify_numbers(start, look).scene.mass == 1.235
 
 
 def test_what_is_made_round_keeps_the_constraints():
@@ -397,7 +408,7 @@ def test_what_is_made_round_keeps_the_constraints():
             seen.append(case[1])
         return []
 
-    rounded(failure(state=State(q, v, 0.0)), look)
+    simplify_numbers(failure(state=State(q, v, 0.0)), look)
     for state in seen:
         check_consistent(Evaluation(SLEIGH, *state))
     assert len(seen) > 10
@@ -405,17 +416,17 @@ def test_what_is_made_round_keeps_the_constraints():
 
 def test_what_is_made_small_is_of_the_same_formulations(monkeypatch):
     asked: list = []
-    monkeypatch.setattr(failures, "rounded", lambda finding, look: finding)
+    monkeypatch.setattr(failures, "simplify_numbers", lambda finding, look: finding)
     pair = failure("equivalence", "au ~ em")
     for found, expected in (("em ~ im", pair), ("au ~ em", None), ("em ~ au", pair)):
         other = replace(pair, subject=found, observed=7.0)
         monkeypatch.setattr(
             failures, "smallest_failure", lambda *given, x=other: asked.append(given[3]) or x
         )
-        assert shrunk(pair, ("au", "em", "im"), 5) is (other if expected is None else expected)
+        assert shrink(pair, ("au", "em", "im"), 5) is (other if expected is None else expected)
     assert asked == [5, 5, 5]
     engine = failure(ENGINE, "casadi")
-    assert shrunk(engine, ("au",)) is engine and len(asked) == 3
+    assert shrink(engine, ("au",)) is engine and len(asked) == 3
 
 
 # ---- Finds told apart ----------------------------------------------------------------------------
@@ -454,8 +465,8 @@ def test_a_diagnosis_is_what_is_wrong_without_numbers_and_rows(detail, diagnosis
 def test_a_find_has_all_numbers_of_its_failure_in_their_places():
     state = State(np.array([1.0, 2.0, 3.0]), np.array([4.0, 5.0, 6.0]), 7.5)
     one = failure("equivalence", "em ~ au", state=state, observed=8.5, allowed=9.5, detail="x: y")
-    find = find_of(one, "sleigh", Fault("scene", "seen"))
-    assert find == Find(
+    find = failure_record(one, "sleigh", Diagnosis("scene", "seen"))
+    assert find == FailureRecord(
         scene="sleigh",
         parameters={"mass": 1.3, "inertia": 0.2137, "offset": -0.37},
         q=[1.0, 2.0, 3.0],
@@ -473,7 +484,7 @@ def test_a_find_has_all_numbers_of_its_failure_in_their_places():
     assert str(find) == "equivalence, em ~ au: observed 8.5, allowed 9.5; scene (seen)"
     assert "simulate_many" not in find.python
     moved = MotionFinding("end-states", "em", SLEIGH, AT, 1.0, 0.5, "failed", "x", t_end=2.5)
-    find = find_of(moved, "sleigh", Fault("scene", "seen"))
+    find = failure_record(moved, "sleigh", Diagnosis("scene", "seen"))
     assert find.t_end == 2.5 and "simulate_many(scene, 'em', 2.5," in find.python
 
 
@@ -481,19 +492,22 @@ def test_a_scene_is_found_again_by_its_key_only_if_it_is_the_one_of_that_key():
     class Mine(Sleigh, functions=()):
         pass
 
-    assert name_of(Sleigh, "x.py:Sleigh") == "sleigh"
-    assert name_of(Mine, "x.py:Mine") == "x.py:Mine"
+    assert lookup_name(Sleigh, "x.py:Sleigh") == "sleigh"
+    assert lookup_name(Mine, "x.py:Mine") == "x.py:Mine"
 
 
 def test_finds_of_all_claims_are_kept_each_and_of_one_cause_the_first(tmp_path: Path):
     row: dict[str, Any] = {"scene": "sleigh", "parameters": {}, "q": [0.0], "v": [0.0]}
-    whole = [Find(**row), Find(**row), Find(**row | {"q": [1.0]})]
-    of = [Find(**row, claim="a", subject="x ~ y"), Find(**row, claim="a", subject="y ~ x", t=1.0)]
-    moved = Find(**row, claim="end-states", subject="em", t_end=1.5, t=0.0)
-    assert told_apart([*whole, *of, moved]) == [*whole, of[0], moved]
+    whole = [FailureRecord(**row), FailureRecord(**row), FailureRecord(**row | {"q": [1.0]})]
+    of = [
+        FailureRecord(**row, claim="a", subject="x ~ y"),
+        FailureRecord(**row, claim="a", subject="y ~ x", t=1.0),
+    ]
+    moved = FailureRecord(**row, claim="end-states", subject="em", t_end=1.5, t=0.0)
+    assert first_of_each_cause([*whole, *of, moved]) == [*whole, of[0], moved]
     file = tmp_path / "found.json"
-    write_finds(file, [*whole, *of, moved])
-    assert read_finds(file) == [*whole, of[0], moved]
+    write_failures(file, [*whole, *of, moved])
+    assert read_failures(file) == [*whole, of[0], moved]
     assert file.read_text().count("t_end") == 1
 
 
@@ -503,25 +517,25 @@ def test_finds_of_all_claims_are_kept_each_and_of_one_cause_the_first(tmp_path: 
 def test_rows_of_other_types_are_no_finds(tmp_path: Path, changed):
     file = tmp_path / "found.json"
     row = {"scene": "sleigh", "parameters": {}, "q": [0.0], "v": [0.0]}
-    write_finds(file, [Find(**row)])  # type: ignore[arg-type]
+    write_failures(file, [FailureRecord(**row)])  # type: ignore[arg-type]
     file.write_text(json.dumps([row | changed]))
     with pytest.raises(InputError, match="holds no finds"):
-        read_finds(file)
+        read_failures(file)
 
 
 def test_subjects_name_what_is_between_their_signs():
     keys = "au", "em", "kane"
-    assert named_in("em ~ au", keys) == ("em", "au")
-    assert named_in("kane: em, pivoted", keys) == ("kane", "em")
-    assert named_in("emu, kanes", keys) == ()
+    assert keys_in_subject("em ~ au", keys) == ("em", "au")
+    assert keys_in_subject("kane: em, pivoted", keys) == ("kane", "em")
+    assert keys_in_subject("emu, kanes", keys) == ()
 
 
 # ---- Finds looked at again -----------------------------------------------------------------------
 
 
-def kept(**more: Any) -> Find:
+def kept(**more: Any) -> FailureRecord:
     usual = {"parameters": {"mass": 1.3, "inertia": 0.2, "offset": 0.3}, "v": [0.0] * 3}
-    return Find(**({"scene": "sleigh", "q": [0.0, 0.0, 0.5]} | usual | more))
+    return FailureRecord(**({"scene": "sleigh", "q": [0.0, 0.0, 0.5]} | usual | more))
 
 
 def test_a_kept_motion_fails_by_its_own_claim_and_formulation_alone(monkeypatch):
@@ -541,15 +555,15 @@ def test_a_kept_motion_fails_by_its_own_claim_and_formulation_alone(monkeypatch)
 
     said += [motion(END_STATES, "au", "failed", 1.0), motion(ENERGY, "em", "failed", 2.0)]
     said += [motion(END_STATES, "em", "passed", 0.1)]
-    (one,) = replayed([find], ("au", "em"))
+    (one,) = replay_failures([find], ("au", "em"))
     assert (one.outcome, one.find) == ("holds", find)
     assert asked == [(1.3, [0.0, 0.0, 0.5], ("au", "em"), 2.5)]
     said[2] = motion(END_STATES, "em", "failed", 3.0)
-    (one,) = replayed([find], ("au", "em"))
+    (one,) = replay_failures([find], ("au", "em"))
     assert (one.outcome, one.find.observed, one.find.t_end) == ("failed", 3.0, 1.5)
     assert (one.find.whose, one.find.evidence) == ("silent error", "seen")
     said[2] = motion(END_STATES, "em", "inconclusive", 3.0)
-    (one,) = replayed([find], ("au", "em"))
+    (one,) = replay_failures([find], ("au", "em"))
     assert (one.outcome, one.reason) == ("inconclusive", "em: observed 3, allowed 0.5")
 
 
@@ -565,12 +579,12 @@ def test_kept_failures_are_looked_at_in_their_order_and_each_is_told(monkeypatch
         return [failure("kinetic-energy", "scene", detail=f"it is {verdict}", **of)]
 
     told: list = []
-    monkeypatch.setattr(replay, "checked", checked)
+    monkeypatch.setattr(replay, "check_case", checked)
     monkeypatch.setattr(
-        replay, "find_of", lambda failed, name, fault: (failed.observed, name, fault)
+        replay, "failure_record", lambda failed, name, fault: (failed.observed, name, fault)
     )
     finds = [kept(claim="kinetic-energy", q=[0.0, 0.0, x]) for x in (0.75, 0.25, 2.0, 0.5, 1.0)]
-    results = replayed(finds, ("au",), lambda: told.append(1))
+    results = replay_failures(finds, ("au",), lambda: told.append(1))
     assert len(told) == 5
     assert [one.outcome for one in results] == [
         "inconclusive",
@@ -587,7 +601,9 @@ def test_kept_failures_are_looked_at_in_their_order_and_each_is_told(monkeypatch
 
 
 def test_a_kept_failure_of_functions_keeps_its_fault_and_fails_by_its_subject(monkeypatch):
-    monkeypatch.setattr(Find, "case", property(lambda self: (NARROW, State(AT.q[:2], AT.q[:2]))))
+    monkeypatch.setattr(
+        FailureRecord, "case", property(lambda self: (NARROW, State(AT.q[:2], AT.q[:2])))
+    )
     said = [failure("motion", "qdd"), failure("motion", "M", verdict="passed")]
     asked: list = []
 
@@ -595,11 +611,15 @@ def test_a_kept_failure_of_functions_keeps_its_fault_and_fails_by_its_subject(mo
         asked.append(tuple(claims))
         return said
 
-    monkeypatch.setattr(replay, "functions_at", at)
-    monkeypatch.setattr(replay, "find_of", lambda failed, name, fault: (failed.subject, fault))
+    monkeypatch.setattr(replay, "check_functions_at", at)
+    monkeypatch.setattr(
+        replay, "failure_record", lambda failed, name, fault: (failed.subject, fault)
+    )
     of = {"whose": FUNCTIONS, "evidence": "seen"}
-    one, other = replayed([kept(claim="motion", subject=x, **of) for x in ("qdd", "M")], ("au",))
-    assert one.find == ("qdd", Fault(FUNCTIONS, "seen")) and one.outcome == "failed"
+    one, other = replay_failures(
+        [kept(claim="motion", subject=x, **of) for x in ("qdd", "M")], ("au",)
+    )
+    assert one.find == ("qdd", Diagnosis(FUNCTIONS, "seen")) and one.outcome == "failed"
     assert other.outcome == "holds" and asked == [("motion",)] * 2
-    (every,) = replayed([kept(**of)], ("au",))
+    (every,) = replay_failures([kept(**of)], ("au",))
     assert every.outcome == "failed" and len(asked[2]) > 10

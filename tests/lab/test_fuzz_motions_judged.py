@@ -12,7 +12,7 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import motion_comparison, motion_rounds, triage
 from eomcheck.lab.fuzzing import motion_rounds as motion_finds
 from eomcheck.lab.fuzzing.campaign import Round
-from eomcheck.lab.fuzzing.cases import Stratum
+from eomcheck.lab.fuzzing.cases import StructuralVariant
 from eomcheck.lab.fuzzing.motion_comparison import (
     ALONE,
     COARSE,
@@ -21,26 +21,26 @@ from eomcheck.lab.fuzzing.motion_comparison import (
     TIGHT,
     TIMES,
     MotionFinding,
-    Moved,
-    _at,
-    _found,
+    SimulatedBatch,
     _judged,
     _median,
-    _Shown,
+    _motion_summary,
+    _MotionSummary,
+    _worst_finding,
     branchings,
     crossings,
     findings_of_motion,
-    of_moved_starts,
-    starts_nearby,
+    growth_from_perturbed_starts,
+    perturbed_starts,
 )
 from eomcheck.lab.fuzzing.motion_rounds import (
     LONGEST,
     SHORTEST,
     MotionPlan,
-    fault_of_motion,
+    diagnose_motion_failure,
     informative,
-    shrunk_motion,
-    told,
+    motion_counts,
+    shrink_motion,
 )
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import FourBarChain, Sleigh
@@ -79,15 +79,15 @@ def test_the_median_is_of_those_that_are_known(values, expected):
 # ---- A motion by numbers -------------------------------------------------------------------------
 
 
-def of_key(seed: int) -> tuple[Moved, Moved]:
+def of_key(seed: int) -> tuple[SimulatedBatch, SimulatedBatch]:
     """Return motions of two sleighs that are apart by different numbers in every entry."""
     random = np.random.default_rng(seed)
 
-    def one(apart: float) -> Moved:
+    def one(apart: float) -> SimulatedBatch:
         y = np.linspace(0.0, 4.0, TIMES)[None, :, None] * np.array([1, -2, 3, 5, -7, 9])
         y = y * np.array([1.0, 0.5])[:, None, None] + apart * random.normal(size=(2, TIMES, 6))
         energy = 3.0 + apart * random.normal(size=(2, TIMES))
-        return Moved(y, energy, np.array(["finished"] * 2), np.array([""] * 2))
+        return SimulatedBatch(y, energy, np.array(["finished"] * 2), np.array([""] * 2))
 
     return one(1e-6), one(1e-8)
 
@@ -117,9 +117,9 @@ def test_what_is_observed_and_allowed_of_motions_is_as_its_docstring_says(monkey
 
     monkeypatch.setattr(motion_comparison, "branchings", branching)
     monkeypatch.setattr(motion_comparison, "crossings", lambda *_: np.array([TIMES, place]))
-    monkeypatch.setattr(motion_comparison, "of_moved_starts", moved_starts)
-    monkeypatch.setattr(motion_comparison, "moved_alone", lambda case, key, t_end, x: alone[x])
-    monkeypatch.setattr(motion_comparison, "_found", found)
+    monkeypatch.setattr(motion_comparison, "growth_from_perturbed_starts", moved_starts)
+    monkeypatch.setattr(motion_comparison, "simulate_single", lambda case, key, t_end, x: alone[x])
+    monkeypatch.setattr(motion_comparison, "_worst_finding", found)
     with np.errstate(all="ignore"):
         listed = _judged(CASES, both, 2.0, [(1, "em")])  # type: ignore[arg-type]
     assert listed == [[END_STATES, ENERGY] * 3, [END_STATES, ENERGY] * 3 + [ALONE]]
@@ -172,7 +172,7 @@ def test_what_is_observed_and_allowed_of_motions_is_as_its_docstring_says(monkey
     assert np.allclose(bound, allowed, rtol=1e-12, equal_nan=True)
 
 
-SHOWN = _Shown("em", CASES[1], 3.2, None, "finished", False)
+SHOWN = _MotionSummary("em", CASES[1], 3.2, None, "finished", False)
 
 
 def judged(observed, allowed, scale=None, shown=SHOWN) -> MotionFinding:
@@ -183,7 +183,7 @@ def judged(observed, allowed, scale=None, shown=SHOWN) -> MotionFinding:
     for k, value in allowed.items():
         y[k] = value
     with np.errstate(all="ignore"):
-        return _found(END_STATES, shown, x, y, np.ones(TIMES) if scale is None else scale)
+        return _worst_finding(END_STATES, shown, x, y, np.ones(TIMES) if scale is None else scale)
 
 
 def test_the_worst_of_the_times_that_can_be_told_decides():
@@ -229,9 +229,9 @@ def test_how_a_motion_ended_and_whether_it_came_behind_a_pose():
     y[1, 20:] = np.nan
     status = np.array(["finished", "failed", "refused", "failed"])
     reason = np.array(["", "no digits", "singular", "1000 steps do not reach the end"])
-    by = Moved(y, y[:, :, 0], status, reason)
+    by = SimulatedBatch(y, y[:, :, 0], status, reason)
     of = [(0, 16), (1, 19), (1, 20), (2, TIMES), (3, 48)]
-    shown = [_at(i, "em", CASES[0], by, place, 3.2) for i, place in of]
+    shown = [_motion_summary(i, "em", CASES[0], by, place, 3.2) for i, place in of]
     assert [(x.crossed, x.ended, x.reached) for x in shown] == [
         (0.8, "finished", True),
         (pytest.approx(0.95), "stopped", True),
@@ -246,7 +246,7 @@ def test_how_a_motion_ended_and_whether_it_came_behind_a_pose():
 
 def test_a_start_is_moved_in_all_numbers_by_the_coarse_tolerance_and_no_more():
     far = SLEIGH, State(np.array([30.0, -20.0, 0.5]), np.array([0.0, 0.0, 10.0]), 0.0)
-    found, places = starts_nearby([CASES[1], far])
+    found, places = perturbed_starts([CASES[1], far])
     assert places == [0, 1]
     for (scene, before), (_, after) in zip((CASES[1], far), found, strict=True):
         moved = np.abs(after.q - before.q) / (1.0 + np.abs(before.q))
@@ -265,12 +265,12 @@ def test_how_motions_grow_is_told_by_the_formulation_that_comes_furthest(monkeyp
 
     def moved(cases, key, t_end, tolerance):
         asked.append((len(cases), key, t_end, tolerance))
-        return Moved(there.y[:1], there.energy[:1], there.status[:1], there.reason[:1])
+        return SimulatedBatch(there.y[:1], there.energy[:1], there.status[:1], there.reason[:1])
 
-    monkeypatch.setattr(motion_comparison, "moved", moved)
-    monkeypatch.setattr(motion_comparison, "starts_nearby", lambda cases: ([CASES[1]], [1]))
+    monkeypatch.setattr(motion_comparison, "simulate_batch", moved)
+    monkeypatch.setattr(motion_comparison, "perturbed_starts", lambda cases: ([CASES[1]], [1]))
     scale = np.array([[[1.0] * 6], [[2.0, 2.0, 2.0, 4.0, 4.0, 4.0]]])
-    apart, energy = of_moved_starts(CASES, both, 1.5, scale)  # type: ignore[arg-type]
+    apart, energy = growth_from_perturbed_starts(CASES, both, 1.5, scale)  # type: ignore[arg-type]
     assert asked == [(1, "em", 1.5, TIGHT)]
     assert np.isnan(apart[0]).all() and np.isnan(energy[0]).all()
     here = both["em"][1]
@@ -279,8 +279,8 @@ def test_how_motions_grow_is_told_by_the_formulation_that_comes_furthest(monkeyp
     assert np.isnan(apart[1, 60:]).all()
     gained = np.abs(there.energy[0] - here.energy[1])
     assert np.allclose(energy[1], np.maximum.accumulate(gained), rtol=1e-12)
-    monkeypatch.setattr(motion_comparison, "starts_nearby", lambda cases: ([], []))
-    apart, energy = of_moved_starts(CASES, both, 1.5, scale)  # type: ignore[arg-type]
+    monkeypatch.setattr(motion_comparison, "perturbed_starts", lambda cases: ([], []))
+    apart, energy = growth_from_perturbed_starts(CASES, both, 1.5, scale)  # type: ignore[arg-type]
     assert np.isnan(apart).all() and np.isnan(energy).all() and len(asked) == 1
 
 
@@ -318,17 +318,17 @@ def test_of_several_motions_each_has_its_own_first_pose_with_branches():
 
 def test_motions_are_counted_by_how_they_ended_and_what_they_crossed():
     of = {"crossed": 0.3, "ended": "stopped"}
-    assert told(found_of("em", END_STATES, "passed")) == {"motions finished": 1}
-    assert told(found_of("em", END_STATES, "failed", reached=True, **of)) == {
+    assert motion_counts(found_of("em", END_STATES, "passed")) == {"motions finished": 1}
+    assert motion_counts(found_of("em", END_STATES, "failed", reached=True, **of)) == {
         "motions stopped": 1,
         "crossed: em": 1,
     }
-    assert told(found_of("em", END_STATES, "failed", **of)) == {
+    assert motion_counts(found_of("em", END_STATES, "failed", **of)) == {
         "motions stopped": 1,
         "not crossed: em": 1,
     }
     at_start = found_of("em", END_STATES, "passed", crossed=0.0)
-    assert told(at_start) == {"motions finished": 1, "not crossed: em": 1}
+    assert motion_counts(at_start) == {"motions finished": 1, "not crossed: em": 1}
 
 
 def test_the_time_of_motions_is_what_half_of_those_that_begin_come_to(monkeypatch):
@@ -338,9 +338,9 @@ def test_the_time_of_motions_is_what_half_of_those_that_begin_come_to(monkeypatc
     status = np.array(["failed", "failed", "finished", "refused", "failed"])
     answers: dict[str, Any] = {
         "au": None,
-        "gw": Moved(y, y[:, :, 0], np.array(["refused"] * 5), status),
-        "em": Moved(y, y[:, :, 0], status, status),
-        "kane": Moved(0 * y, y[:, :, 0], status, status),
+        "gw": SimulatedBatch(y, y[:, :, 0], np.array(["refused"] * 5), status),
+        "em": SimulatedBatch(y, y[:, :, 0], status, status),
+        "kane": SimulatedBatch(0 * y, y[:, :, 0], status, status),
     }
     asked: list = []
 
@@ -348,7 +348,7 @@ def test_the_time_of_motions_is_what_half_of_those_that_begin_come_to(monkeypatc
         asked.append((key, *how))
         return answers[key]
 
-    monkeypatch.setattr(motion_rounds, "moved", moved)
+    monkeypatch.setattr(motion_rounds, "simulate_batch", moved)
     # Of 9, 17, 30 and 65 times, the median is 23: the time of number 22.
     assert informative(CASES, ("au", "gw", "em", "kane")) == pytest.approx(LONGEST * 22 / 64)
     assert [key for key, *_ in asked] == ["au", "gw", "em"]
@@ -372,11 +372,11 @@ def test_a_round_of_motions_keeps_what_passed_counts_verdicts_and_asks_one_alone
             [found_of("em", END_STATES, "passed", 0.6), found_of("em", ENERGY, "passed", 0.1)],
         ]
 
-    monkeypatch.setattr(motion_rounds, "judged_motions", judged)
-    monkeypatch.setattr(motion_rounds, "started", lambda *_: (CASES, ["ordinary", "special"]))
+    monkeypatch.setattr(motion_rounds, "judge_motions", judged)
+    monkeypatch.setattr(motion_rounds, "draw_starts", lambda *_: (CASES, ["ordinary", "special"]))
     monkeypatch.setattr(motion_rounds, "informative", lambda *_: 100.0)
     plan = MotionPlan(Sleigh, 1, ("em", "gw"), climbing=False)
-    results = [plan.run(Round(number, Stratum(None, ()), {})) for number in range(60)]
+    results = [plan.run(Round(number, StructuralVariant(None, ()), {})) for number in range(60)]
     one = results[0]
     assert one.counts == {
         "ordinary": 1,
@@ -402,7 +402,7 @@ def test_a_round_of_motions_keeps_what_passed_counts_verdicts_and_asks_one_alone
     monkeypatch.setattr(motion_rounds, "informative", lambda *_: 0.25)
     asked.clear()
     for number in range(5):
-        plan.run(Round(number, Stratum(None, ()), {}))
+        plan.run(Round(number, StructuralVariant(None, ()), {}))
     assert max(t for t, _ in asked) == 0.25
     assert (plan.most, plan._replace(batch=5).most, plan.noun) == (32, 10, "motion")
 
@@ -437,10 +437,10 @@ def test_a_formulation_is_to_blame_which_most_others_contradict(monkeypatch, oth
         asked.append((cases, keys, t_end, alone))
         return [seen]
 
-    monkeypatch.setattr(motion_finds, "judged_motions", judged)
-    assert fault_of_motion(failed, ("au", "em")) == (whose, said)
+    monkeypatch.setattr(motion_finds, "judge_motions", judged)
+    assert diagnose_motion_failure(failed, ("au", "em")) == (whose, said)
     assert asked == [([CASES[0]], ("au", "em"), 2.5, [])]
-    fault_of_motion(found_of("em", ALONE, "failed"), ("au", "em"))
+    diagnose_motion_failure(found_of("em", ALONE, "failed"), ("au", "em"))
     assert asked[1][3] == [(0, "au"), (0, "em")]
 
 
@@ -457,8 +457,8 @@ def test_a_motion_is_made_shorter_while_it_fails_and_judged_among_all_at_the_end
 
     keys = ("au", "em", "gw", "kane", "ml", "uk")
     monkeypatch.setattr(motion_finds, "failures_of_motion", failures)
-    monkeypatch.setattr(motion_finds, "rounded", lambda finding, look, most: finding)
-    small = shrunk_motion(found_of("em", END_STATES, "failed", t_end=3.4567), keys)
+    monkeypatch.setattr(motion_finds, "simplify_numbers", lambda finding, look, most: finding)
+    small = shrink_motion(found_of("em", END_STATES, "failed", t_end=3.4567), keys)
     few = "em", "au", "gw", "kane"
     assert asked == [
         (few, 3.4567 / 2),
@@ -474,7 +474,7 @@ def test_a_motion_alone_is_asked_by_those_formulations_that_apply(monkeypatch):
     asked: list = []
     monkeypatch.setattr(
         motion_comparison,
-        "judged_motions",
+        "judge_motions",
         lambda cases, keys, t_end, alone: asked.append(alone) or [["x"]],
     )
     able = [key for key, f in FORMULATIONS.items() if f.applies_to(SLEIGH)]

@@ -15,45 +15,52 @@ from tests.lab.test_fuzzing import KEYS, STRATUM, plan
 from tests.lab.test_fuzzing_own import Rough, RoughAndWrong, planar
 
 from eomcheck.claims import CLAIMS, Finding
-from eomcheck.claims.batched_claims import LaneCase
+from eomcheck.claims.batched_claims import BatchedCase
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import campaign as campaigns
 from eomcheck.lab.fuzzing import failures as smaller
 from eomcheck.lab.fuzzing import screening, state_rounds, triage
 from eomcheck.lab.fuzzing.campaign import (
-    KEPT,
+    CASES_PER_KEY,
     Campaign,
-    Candidate,
-    Result,
     Round,
+    RoundResult,
+    ScoredCase,
     generator,
-    raise_population,
+    update_population,
 )
-from eomcheck.lab.fuzzing.cases import FAMILIES, ORDINARY, Stratum, drawn
-from eomcheck.lab.fuzzing.failures import find_of
+from eomcheck.lab.fuzzing.cases import FAMILIES, ORDINARY, StructuralVariant, draw_cases
+from eomcheck.lab.fuzzing.failures import failure_record
 from eomcheck.lab.fuzzing.function_rounds import FunctionsPlan
 from eomcheck.lab.fuzzing.motion_rounds import MotionPlan
-from eomcheck.lab.fuzzing.screening import DECIDED, TRUTH, Ration, Screened, runs_in_lanes, screened
-from eomcheck.lab.fuzzing.state_rounds import (
-    Plan,
-    RandomPlan,
-    heights_of,
-    is_ordinary,
-    on_trial,
-    tamed,
+from eomcheck.lab.fuzzing.screening import (
+    DECIDED,
+    TRUTH,
+    CheckFrequency,
+    ScreeningResult,
+    runs_in_lanes,
+    screen,
 )
-from eomcheck.lab.fuzzing.triage import Fault
+from eomcheck.lab.fuzzing.state_rounds import (
+    RandomStatePlan,
+    StatePlan,
+    clamped_to_ranges,
+    engine_scores,
+    engines_under_test,
+    is_ordinary,
+)
+from eomcheck.lab.fuzzing.triage import Diagnosis
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import SCENES, Sleigh, Snake
 
 FEW = tuple(FORMULATIONS[key] for key in ("au", "kane"))
-LINKED = Stratum(2, ("damping",))
+LINKED = StructuralVariant(2, ("damping",))
 
 
 @cache
 def ordinary(kind: Any, count: int) -> tuple:
-    return tuple(drawn(kind, LINKED, (ORDINARY,), count, np.random.default_rng(2))[0])
+    return tuple(draw_cases(kind, LINKED, (ORDINARY,), count, np.random.default_rng(2))[0])
 
 
 def finding(claim: str, subject: str, verdict: Any = "failed", observed: float = 1.0, **more):
@@ -65,19 +72,19 @@ def finding(claim: str, subject: str, verdict: Any = "failed", observed: float =
 
 
 def test_of_each_claim_the_highest_are_kept_highest_first_and_nothing_of_height_0():
-    population: Any = {("a", "x"): [Candidate(5.0, "old"), Candidate(0.5, "low")]}
+    population: Any = {("a", "x"): [ScoredCase(5.0, "old"), ScoredCase(0.5, "low")]}
     cases = list("abcdefghi")
     heights = {
         ("a", "x"): np.array([1.0, 7.0, 0.0, 3.0, 2.0, 9.0, 0.1, 4.0, 0.2]),
         ("b", ""): np.array([0.0, 0.0, 0.0, 1e-9, 0.0, 0.0, 0.0, 0.0, 0.0]),
         ("c", ""): np.zeros(9),
     }
-    raise_population(population, heights, cases)
+    update_population(population, heights, cases)
     assert {key: [tuple(one) for one in best] for key, best in population.items()} == {
         ("a", "x"): [(9.0, "f"), (7.0, "b"), (5.0, "old"), (4.0, "h"), (3.0, "d"), (2.0, "e")],
         ("b", ""): [(1e-9, "d")],
     }
-    assert KEPT == 6
+    assert CASES_PER_KEY == 6
 
 
 def test_seeds_of_either_sign_and_all_rounds_draw_other_numbers():
@@ -92,11 +99,11 @@ def test_seeds_of_either_sign_and_all_rounds_draw_other_numbers():
 def test_the_highest_claim_is_climbed_from_more_often_and_the_highest_of_its_cases(monkeypatch):
     state = State(np.zeros(3), np.zeros(3), 0.0)
     population: Any = {
-        ("low", ""): [Candidate(0.1 - i / 100, (f"low {i}", state)) for i in range(6)],
-        ("high", ""): [Candidate(0.9 - i / 100, (f"high {i}", state)) for i in range(6)],
+        ("low", ""): [ScoredCase(0.1 - i / 100, (f"low {i}", state)) for i in range(6)],
+        ("high", ""): [ScoredCase(0.9 - i / 100, (f"high {i}", state)) for i in range(6)],
     }
     monkeypatch.setattr(state_rounds, "mutated", lambda pairs, *_: (pairs, [*range(len(pairs))]))
-    found: Any = state_rounds.climbed(population, 400, np.random.default_rng(0))
+    found: Any = state_rounds.hill_climbed(population, 400, np.random.default_rng(0))
     parents = Counter(case[0] for case, _ in found)
     others = Counter(other[0] for _, other in found)
     # The higher of three that are drawn is the low one once in eight times.
@@ -110,10 +117,12 @@ def test_the_highest_claim_is_climbed_from_more_often_and_the_highest_of_its_cas
 def test_a_climb_goes_in_steps_from_what_lanes_found_and_then_from_what_engines_did(monkeypatch):
     asked: list = []
     population: Any = {
-        ("bias", "kane"): [Candidate(0.5, 1)],
-        ("bias", "on_trial"): [Candidate(0.7, 2)],
+        ("bias", "kane"): [ScoredCase(0.5, 1)],
+        ("bias", "on_trial"): [ScoredCase(0.7, 2)],
     }
-    monkeypatch.setattr(state_rounds, "on_trial", lambda engines: [SimpleNamespace(key="on_trial")])
+    monkeypatch.setattr(
+        state_rounds, "engines_under_test", lambda engines: [SimpleNamespace(key="on_trial")]
+    )
 
     def climbed(of, count, random):
         asked.append((sorted(of), count))
@@ -122,12 +131,12 @@ def test_a_climb_goes_in_steps_from_what_lanes_found_and_then_from_what_engines_
     def look_at(plan, result, cases, ordinary, most):
         asked.append((len(cases), ordinary, most))
 
-    monkeypatch.setattr(state_rounds, "climbed", climbed)
-    monkeypatch.setattr(state_rounds, "look_at", look_at)
+    monkeypatch.setattr(state_rounds, "hill_climbed", climbed)
+    monkeypatch.setattr(state_rounds, "screen_and_judge", look_at)
     monkeypatch.setattr(
         state_rounds, "_climb_on_trial", lambda plan, result, of, random: asked.append(sorted(of))
     )
-    result = Result(0, STRATUM, population)
+    result = RoundResult(0, STRATUM, population)
     state_rounds._climb(plan(batch=16), result, np.random.default_rng(0))
     assert asked == [([("bias", "kane")], 4), (3, set(), 6)] * 4 + [[("bias", "on_trial")]]
     assert result.counts["climbed"] == 12
@@ -155,14 +164,14 @@ def test_engines_on_trial_are_asked_as_often_near_their_highest_as_in_the_round(
         asked.append(("climbed", count, tame))
         return near
 
-    monkeypatch.setattr(state_rounds, "climbed", climbed)
-    monkeypatch.setattr(state_rounds, "checked", checked)
+    monkeypatch.setattr(state_rounds, "hill_climbed", climbed)
+    monkeypatch.setattr(state_rounds, "check_case", checked)
     monkeypatch.setattr(state_rounds, "is_ordinary", lambda one: one is case)
-    monkeypatch.setattr(state_rounds, "on_trial", lambda engines: (Mine,))
-    result = Result(0, STRATUM, {}, Counter({"engines": 3}))
+    monkeypatch.setattr(state_rounds, "engines_under_test", lambda engines: (Mine,))
+    result = RoundResult(0, STRATUM, {}, Counter({"engines": 3}))
     here = plan(claims=("bias", "mass-matrix", "kinetic-energy"))
     state_rounds._climb_on_trial(here, result, {("bias", "mine"): []}, np.random.default_rng(0))
-    assert asked == [("climbed", 6, tamed)] + [(("bias", "mass-matrix"), (Mine,))] * 3
+    assert asked == [("climbed", 6, clamped_to_ranges)] + [(("bias", "mass-matrix"), (Mine,))] * 3
     assert result.counts["engines, climbed"] == 3 and len(result.failed) == 3
     assert [x.height for x in result.population["bias", "mine"]] == pytest.approx([0.8, 0.6, 0.4])
 
@@ -171,7 +180,7 @@ def test_engines_on_trial_are_asked_as_often_near_their_highest_as_in_the_round(
 
 
 def test_every_other_ordinary_case_is_wide_where_engines_were_named(monkeypatch):
-    cases, families = drawn(Snake, LINKED, FAMILIES, 12, np.random.default_rng(0))
+    cases, families = draw_cases(Snake, LINKED, FAMILIES, 12, np.random.default_rng(0))
     places = {i for i, family in enumerate(families) if family == ORDINARY}
     before = list(cases)
     found, asked = state_rounds.for_engines(plan(), list(cases), families, np.random.default_rng(1))
@@ -193,11 +202,11 @@ ENGINES = tuple(one for one in CLAIMS if CLAIMS[one].asks)[:2]
 @pytest.mark.parametrize(
     ("ration", "named", "expected"),
     [
-        (Ration(0, 0, 2, 0, 0), True, {1: set(ENGINES)}),
-        (Ration(0, 0, 2, 0, 0), False, {}),
-        (Ration(0, 0, 0, 5, 0), True, {2: {"power-balance", "enclosures", "true-error"}}),
-        (Ration(0, 7, 0, 0, 0), False, {2: {"enclosures"}}),
-        (Ration(1, 0, 0, 0, 0), True, {}),
+        (CheckFrequency(0, 0, 2, 0, 0), True, {1: set(ENGINES)}),
+        (CheckFrequency(0, 0, 2, 0, 0), False, {}),
+        (CheckFrequency(0, 0, 0, 5, 0), True, {2: {"power-balance", "enclosures", "true-error"}}),
+        (CheckFrequency(0, 7, 0, 0, 0), False, {2: {"enclosures"}}),
+        (CheckFrequency(1, 0, 0, 0, 0), True, {}),
     ],
 )
 def test_rations_go_on_counting_where_the_states_before_ended(monkeypatch, ration, named, expected):
@@ -210,14 +219,14 @@ def test_rations_go_on_counting_where_the_states_before_ended(monkeypatch, ratio
         engines.append(tuple(asked))
         return []
 
-    monkeypatch.setattr(state_rounds, "checked", checked)
-    monkeypatch.setattr(state_rounds, "screened", lambda *how: Screened(4))
-    monkeypatch.setattr(state_rounds, "raise_population", lambda *how: None)
-    result = Result(3, STRATUM, {}, Counter({"states": 7}))
+    monkeypatch.setattr(state_rounds, "check_case", checked)
+    monkeypatch.setattr(state_rounds, "screen", lambda *how: ScreeningResult(4))
+    monkeypatch.setattr(state_rounds, "update_population", lambda *how: None)
+    result = RoundResult(3, STRATUM, {}, Counter({"states": 7}))
     claims = (*ENGINES, "power-balance", "enclosures", "true-error")
     here = plan(claims=claims, ration=ration, engines=("pinocchio",) if named else ())
     # States 103 to 106: the second and the fourth are even, the third is a multiple of 5 and 7.
-    state_rounds.look_at(here, result, range(4), {1, 2})  # type: ignore[arg-type]
+    state_rounds.screen_and_judge(here, result, range(4), {1, 2})  # type: ignore[arg-type]
     assert judged == expected
     assert result.counts["states"] == 11
     asked = any(CLAIMS[one].asks for of in expected.values() for one in of)
@@ -230,16 +239,16 @@ def test_a_suspect_of_the_truth_is_as_high_as_its_true_error_is_judged_to_be(mon
         finding("true-error", "kane", "passed", 0.25),
         finding("true-error", "em", "inconclusive", 9.0),
     ]
-    monkeypatch.setattr(state_rounds, "checked", lambda *_: said)
-    monkeypatch.setattr(state_rounds, "raise_population", lambda *how: None)
-    found = Screened(
+    monkeypatch.setattr(state_rounds, "check_case", lambda *_: said)
+    monkeypatch.setattr(state_rounds, "update_population", lambda *how: None)
+    found = ScreeningResult(
         2,
         {(TRUTH, "kane"): np.array([9.0, 9.0]), ("bias", ""): np.array([8.0, 0.1])},
         {0: {"true-error"}},
     )
-    monkeypatch.setattr(state_rounds, "screened", lambda *how: found)
-    result = Result(0, STRATUM, {})
-    state_rounds.look_at(plan(), result, range(2), set())  # type: ignore[arg-type]
+    monkeypatch.setattr(state_rounds, "screen", lambda *how: found)
+    result = RoundResult(0, STRATUM, {})
+    state_rounds.screen_and_judge(plan(), result, range(2), set())  # type: ignore[arg-type]
     assert found.heights[TRUTH, "kane"].tolist() == [0.8, 9.0]
     assert found.heights["bias", ""].tolist() == [8.0, 0.1]  # it is not suspect by that
 
@@ -249,7 +258,7 @@ def test_what_engines_on_trial_come_to_is_the_largest_that_passed():
         key = "mine"
 
     of = {"engine": Mine}
-    found = heights_of(
+    found = engine_scores(
         [
             finding("bias", "a", "passed", 0.2, **of),
             finding("bias", "b", "passed", 0.4, **of),
@@ -261,7 +270,7 @@ def test_what_engines_on_trial_come_to_is_the_largest_that_passed():
         ]
     )
     assert found == {("bias", "mine"): 0.8, ("mass-matrix", "mine"): 0.1}
-    assert on_trial((Mine, "pinocchio", "nobody")) == (Mine,)
+    assert engines_under_test((Mine, "pinocchio", "nobody")) == (Mine,)
 
 
 def test_what_left_the_ordinary_ranges_comes_back_to_their_ends():
@@ -270,13 +279,13 @@ def test_what_left_the_ordinary_ranges_comes_back_to_their_ends():
     of = {name: getattr(scene, name) for name in Snake.declared}
     heavy = type(scene)(**(of | {"mass": [1e3, 1e-3]}))
     far = np.array([30.0, -20.0, 9.0, -11.0])
-    back, q, v = tamed((heavy, far, np.array([60.0, 0.0, 0.0, 80.0])))
+    back, q, v = clamped_to_ranges((heavy, far, np.array([60.0, 0.0, 0.0, 80.0])))
     assert back.mass.tolist() == [10.0, 0.1] and back.damping is None
     assert np.array_equal(back.length, scene.length)
     assert q.tolist() == [10.0, -10.0, 9.0, -10.0]
     # |v| at most 5 in each of four directions; half of it where it was more than half.
     assert v == pytest.approx([3.0, 0.0, 0.0, 4.0])
-    _, _, slow = tamed((scene, state.q, np.array([3.0, 0.0, 0.0, 3.9])))
+    _, _, slow = clamped_to_ranges((scene, state.q, np.array([3.0, 0.0, 0.0, 3.9])))
     assert slow.tolist() == [3.0, 0.0, 0.0, 3.9]
     at = State(np.zeros(4), np.zeros(4), 0.0)
     edges = {
@@ -302,7 +311,7 @@ def test_ordinary_states_of_what_the_clock_drives_are_within_its_time():
 
 def test_what_no_lanes_can_run_is_judged_state_by_state_with_its_place():
     assert runs_in_lanes(Snake) and not runs_in_lanes(Rough) and runs_in_lanes(Sleigh)
-    found = screened(ordinary(RoughAndWrong, 1), FEW[:1], ("power-balance",), every=1)
+    found = screen(ordinary(RoughAndWrong, 1), FEW[:1], ("power-balance",), every=1)
     assert (found.unseen, found.suspects) == ([], {0: {"power-balance"}})
     assert found.enclosed == 0  # no balls can run them either
     assert found.worst[0] > 1.0 and found.verdicts["failed"] == 1
@@ -323,8 +332,8 @@ def test_of_what_no_lanes_can_run_every_verdict_counts_once_and_the_highest_is_t
         assert keys in ([], ["au", "kane"])
         return told if keys else [lost] if case == "lost" else []
 
-    monkeypatch.setattr(screening, "checked", checked)
-    found, cases = Screened(3), ["case", "lost", "case"]
+    monkeypatch.setattr(screening, "check_case", checked)
+    found, cases = ScreeningResult(3), ["case", "lost", "case"]
     screening._look_alone(found, np.array([2, 1, 0]), cases, FEW, ("equivalence",))  # type: ignore[arg-type]
     assert found.unseen == [1]
     assert found.heights["equivalence", "au"].tolist() == [0.8, 0.0, 0.8]
@@ -341,23 +350,25 @@ def test_of_what_no_lanes_can_run_every_verdict_counts_once_and_the_highest_is_t
 
 
 def test_differences_that_underflow_show_no_way_up(monkeypatch):
-    right = LaneCase.look
+    right = BatchedCase.look
 
     def look(self, claims):
         for one in right(self, claims):
             tiny = np.array([1e-310, 1e-3])
             yield one._replace(observed=np.array([0.0, 5e-4]) + tiny / 2, allowed=tiny)
 
-    monkeypatch.setattr(LaneCase, "look", look)
-    found = screened(ordinary(Snake, 2), FEW[:1], ("kinetic-energy",), every=0)
+    monkeypatch.setattr(BatchedCase, "look", look)
+    found = screen(ordinary(Snake, 2), FEW[:1], ("kinetic-energy",), every=0)
     assert found.worst.tolist() == pytest.approx([0.0, 1.0])
 
 
 def test_a_formulation_that_refuses_is_not_held_against_the_truth(monkeypatch):
-    right = LaneCase.refused
-    monkeypatch.setattr(LaneCase, "refused", lambda self, key: right(self, key) | (key == "kane"))
+    right = BatchedCase.refused
+    monkeypatch.setattr(
+        BatchedCase, "refused", lambda self, key: right(self, key) | (key == "kane")
+    )
     monkeypatch.setattr(screening, "true_error", lambda vdot, truth: np.full(len(vdot), 1.0))
-    found = screened(ordinary(Snake, 1), FEW, ("true-error",), every=1)
+    found = screen(ordinary(Snake, 1), FEW, ("true-error",), every=1)
     heights = {key: x.tolist() for (claim, key), x in found.heights.items() if claim == TRUTH}
     assert heights.pop("au")[0] > 1.0 and heights in ({}, {"kane": [0.0]})
 
@@ -400,9 +411,9 @@ def test_a_failure_is_looked_for_at_the_first_finds_and_else_made_small_by_its_s
 
     monkeypatch.setattr(state_rounds, "alike", alike)
     monkeypatch.setattr(
-        state_rounds, "shrunk", lambda one, keys, seed: asked.append((keys, seed)) or small
+        state_rounds, "shrink", lambda one, keys, seed: asked.append((keys, seed)) or small
     )
-    monkeypatch.setattr(state_rounds, "find_of", lambda one, name: (one.subject, name))
+    monkeypatch.setattr(state_rounds, "failure_record", lambda one, name: (one.subject, name))
     known: Any = [SimpleNamespace(case=case) for case in "abcd"]
     plans = plan(seed=7, formulations=("au", "kane"))
     assert plans.find(failed, "x", known) == ("small", "x")
@@ -421,7 +432,7 @@ def test_failures_alike_are_of_one_claim_and_cause(monkeypatch):
         asked.append(claims)
         return told
 
-    monkeypatch.setattr(smaller, "failures", failures)
+    monkeypatch.setattr(smaller, "failed_findings", failures)
     failed, case = finding("equivalence", "au ~ kane"), ordinary(Snake, 1)[0]
     assert smaller.alike(failed, case, KEYS) == told[1:]
     assert asked == [["equivalence"]]
@@ -443,14 +454,14 @@ class Worked:
     rounds: list = field(default_factory=list)
     failing: Sequence[Finding] = ()
 
-    def run(self, given: Round) -> Result:
+    def run(self, given: Round) -> RoundResult:
         self.rounds.append(given)
         assert len(self.rounds) < 50
         population: Any = dict(given.population)
         key = "bias", given.stratum.name
         height = {0: 0.5, 1: 0.75}.get(given.number, 0.25)
-        population[key] = [Candidate(height, f"case {given.number}"), *population.get(key, ())]
-        return Result(
+        population[key] = [ScoredCase(height, f"case {given.number}"), *population.get(key, ())]
+        return RoundResult(
             given.number,
             given.stratum,
             population,
@@ -463,10 +474,10 @@ class Worked:
 
     def find(self, failed, name, known=None):
         suffix = "" if known is None else f", of {len(known)}"
-        return find_of(failed, name, Fault("scene", f"by hand{suffix}"))
+        return failure_record(failed, name, Diagnosis("scene", f"by hand{suffix}"))
 
 
-STRATA = [Stratum(n, ()) for n in (1, 2, 3)]
+STRATA = [StructuralVariant(n, ()) for n in (1, 2, 3)]
 
 
 def campaign(work: Worked) -> Campaign:
@@ -540,7 +551,7 @@ def test_a_new_cause_is_made_small_while_there_is_time_and_a_known_one_only_coun
 def test_a_plan_looks_at_no_more_states_than_it_says():
     here = plan(batch=6, climbing=True)
     assert here.most == 12 and here._replace(batch=7).most == 14
-    random = RandomPlan(**plan(batch=6)._asdict())
+    random = RandomStatePlan(**plan(batch=6)._asdict())
     assert random.most == 6 * (2 * state_rounds.STRUCTURES + 1)
 
 
@@ -550,12 +561,13 @@ def test_a_plan_looks_at_no_more_states_than_it_says():
 def test_of_earlier_rounds_the_structure_of_the_highest_of_some_claim_is_climbed_on_from():
     A, B = Sleigh.example(), Snake.coil(2)
     population: Any = {
-        ("a", ""): [Candidate(3.0, (A, 1)), Candidate(2.0, (B, 2)), Candidate(1.0, (A, 3))],
-        ("b", ""): [Candidate(9.0, (A, 4)), Candidate(8.0, (B, 5))],
-        ("c", ""): [Candidate(7.0, (B, 6))],
+        ("a", ""): [ScoredCase(3.0, (A, 1)), ScoredCase(2.0, (B, 2)), ScoredCase(1.0, (A, 3))],
+        ("b", ""): [ScoredCase(9.0, (A, 4)), ScoredCase(8.0, (B, 5))],
+        ("c", ""): [ScoredCase(7.0, (B, 6))],
     }
     found = [
-        state_rounds._of_the_highest(population, np.random.default_rng(seed)) for seed in range(9)
+        state_rounds._population_of_best_structure(population, np.random.default_rng(seed))
+        for seed in range(9)
     ]
     numbers = {
         tuple((key[0], *[x.case[1] for x in best]) for key, best in one.items()) for one in found
@@ -564,8 +576,8 @@ def test_of_earlier_rounds_the_structure_of_the_highest_of_some_claim_is_climbed
 
 
 def test_what_is_merged_is_each_case_once_the_highest_first():
-    one: Any = [Candidate(float(x), str(x)) for x in (9, 7, 5, 3, 1)]
-    more: Any = [Candidate(0.5, "low"), one[1], Candidate(8.0, "new")]
+    one: Any = [ScoredCase(float(x), str(x)) for x in (9, 7, 5, 3, 1)]
+    more: Any = [ScoredCase(0.5, "low"), one[1], ScoredCase(8.0, "new")]
     best = {("a", ""): list(one)}
     state_rounds._merge(best, {("a", ""): more, ("b", ""): more[:1]})
     assert [x.case for x in best["a", ""]] == ["9", "new", "7", "5", "3", "1"]
@@ -574,8 +586,8 @@ def test_what_is_merged_is_each_case_once_the_highest_first():
 
 CHANGED: dict[str, Any] = {
     "seed": 8, "claims": ("motion",), "formulations": ("au",), "engines": ("casadi",),
-    "families": ("special",), "climbing": False, "ration": Ration(0, 0, 1, 0, 0), "batch": 3,
-    "wide": True,
+    "families": ("special",), "climbing": False, "batch": 3,
+    "ration": CheckFrequency(0, 0, 1, 0, 0), "wide": True,
 }  # fmt: skip
 """Another value of each field of a plan, but of what the campaign's name tells."""
 
@@ -583,8 +595,8 @@ CHANGED: dict[str, Any] = {
 @pytest.mark.parametrize(
     "plan",
     [
-        Plan(Snake, 7, ("equivalence",), ("em", "gw")),
-        RandomPlan(Snake, 7, ("equivalence",), ("em", "gw")),
+        StatePlan(Snake, 7, ("equivalence",), ("em", "gw")),
+        RandomStatePlan(Snake, 7, ("equivalence",), ("em", "gw")),
         MotionPlan(Snake, 7, ("em", "gw")),
         FunctionsPlan("mine.py:own", 7, ("bias-even",)),
     ],

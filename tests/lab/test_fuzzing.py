@@ -13,9 +13,9 @@ from tests.unmended import unmended
 
 from eomcheck import strategies, velocity
 from eomcheck.claims import CLAIMS, Case, Finding
-from eomcheck.claims.batched_claims import NotInLanesError
-from eomcheck.claims.pairwise_design import strata_of as measured_strata
-from eomcheck.claims.registry import Sides
+from eomcheck.claims.batched_claims import NotBatchableError
+from eomcheck.claims.pairwise_design import levels_of_case as measured_strata
+from eomcheck.claims.registry import Equality
 from eomcheck.errors import InputError
 from eomcheck.evaluation.batched_evaluation import LaneEvaluation
 from eomcheck.evaluation.dynamics import check_consistent
@@ -23,46 +23,46 @@ from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import cases as draws
 from eomcheck.lab.fuzzing import state_rounds, triage
-from eomcheck.lab.fuzzing.campaign import Campaign, Candidate, Result, Round
+from eomcheck.lab.fuzzing.campaign import Campaign, Round, RoundResult, ScoredCase
 from eomcheck.lab.fuzzing.cases import (
     FAMILIES,
     FAST,
     ORDINARY,
     WIDE,
-    Stratum,
+    StructuralVariant,
     consistent,
-    drawn,
+    draw_cases,
     mutated,
-    strata_of,
+    structural_variants,
 )
 from eomcheck.lab.fuzzing.failures import (
-    Find,
-    add_finds,
-    find_of,
-    read_finds,
-    shrunk,
-    told_apart,
-    write_finds,
+    FailureRecord,
+    add_failures,
+    failure_record,
+    first_of_each_cause,
+    read_failures,
+    shrink,
+    write_failures,
 )
-from eomcheck.lab.fuzzing.replay import replayed
-from eomcheck.lab.fuzzing.screening import TRUTH, Ration, screened
-from eomcheck.lab.fuzzing.state_rounds import Plan, run_round
-from eomcheck.lab.fuzzing.triage import checked, failures, fault_of
+from eomcheck.lab.fuzzing.replay import replay_failures
+from eomcheck.lab.fuzzing.screening import TRUTH, CheckFrequency, screen
+from eomcheck.lab.fuzzing.state_rounds import StatePlan, run_round
+from eomcheck.lab.fuzzing.triage import check_case, diagnose_failure, failed_findings
 from eomcheck.lab.store.record_file import Records
-from eomcheck.lab.strategy_samples import draw
+from eomcheck.lab.strategy_samples import draw_samples
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import SCENES, ChainPendulum, Snake, snake
 
 ALL = tuple(one for one in CLAIMS if one != "coverage")
 KEYS = tuple(FORMULATIONS)
-LANES_ONLY = Ration(0, 0, 0, 0, 0)
-STRATUM = Stratum(2, ("damping",))
+LANES_ONLY = CheckFrequency(0, 0, 0, 0, 0)
+STRATUM = StructuralVariant(2, ("damping",))
 
 
-def plan(**options) -> Plan:
+def plan(**options) -> StatePlan:
     """Return a plan of small batches, in lanes only."""
     usual = {"kind": Snake, "seed": 3, "claims": ALL, "formulations": KEYS, "batch": 16}
-    return Plan(**(usual | {"ration": LANES_ONLY} | options))
+    return StatePlan(**(usual | {"ration": LANES_ONLY} | options))
 
 
 class Wrong(Snake, functions=()):
@@ -79,8 +79,8 @@ class Wrong(Snake, functions=()):
 
 @pytest.mark.parametrize("kind", SCENES.values(), ids=lambda kind: kind.key)
 def test_what_is_drawn_is_of_its_structure_and_keeps_the_constraints(kind):
-    for stratum in strata_of(kind, (2,))[:2]:
-        cases, families = drawn(kind, stratum, FAMILIES, 8, np.random.default_rng(1))
+    for stratum in structural_variants(kind, (2,))[:2]:
+        cases, families = draw_cases(kind, stratum, FAMILIES, 8, np.random.default_rng(1))
         assert cases and len(cases) == len(families)
         for scene, state in cases:
             assert {name for name in stratum.absent if getattr(scene, name) is None} == set(
@@ -90,7 +90,7 @@ def test_what_is_drawn_is_of_its_structure_and_keeps_the_constraints(kind):
 
 
 def test_families_are_drawn_evenly_and_are_what_they_say():
-    cases, families = drawn(Snake, STRATUM, FAMILIES, 64, np.random.default_rng(0))
+    cases, families = draw_cases(Snake, STRATUM, FAMILIES, 64, np.random.default_rng(0))
     assert min(Counter(families).values()) >= 12
     of = {f: [cases[i] for i, g in enumerate(families) if g == f] for f in FAMILIES}
     masses = {f: np.array([scene.mass for scene, _ in of[f]]) for f in FAMILIES}
@@ -110,7 +110,7 @@ def test_cases_whose_velocity_keeps_no_constraint_leave_the_families_of_the_othe
         return cases[1::2], kept[1::2]
 
     monkeypatch.setattr(draws, "consistent", some)
-    cases, families = drawn(Snake, STRATUM, FAMILIES, 16, np.random.default_rng(0))
+    cases, families = draw_cases(Snake, STRATUM, FAMILIES, 16, np.random.default_rng(0))
     assert len(cases) == len(families) == 8
     assert set(families) == set(FAMILIES[1::2])
 
@@ -134,14 +134,14 @@ def test_states_with_terms_that_are_not_finite_are_left_out_and_the_others_keep_
 
 
 def test_strata_are_all_numbers_of_links_with_and_without_what_may_be_absent():
-    found = strata_of(Snake, range(1, 4))
+    found = structural_variants(Snake, range(1, 4))
     assert len(found) == len(set(found)) == 1 + 4 + 4
-    assert Stratum(3, ("stiffness", "damping")) in found
+    assert StructuralVariant(3, ("stiffness", "damping")) in found
 
 
 def test_what_is_changed_keeps_its_structure_and_the_constraints():
     random = np.random.default_rng(0)
-    cases, _ = drawn(Snake, STRATUM, FAMILIES, 32, random)
+    cases, _ = draw_cases(Snake, STRATUM, FAMILIES, 32, random)
     pairs = [(cases[i], cases[-1 - i]) for i in range(len(cases))]
     found, places = mutated(pairs, random)
     assert len(found) > 16
@@ -198,7 +198,7 @@ def test_climbing_comes_deeper_into_a_hole_than_drawing(monkeypatch):
 @pytest.mark.parametrize(
     ("error", "why"),
     [
-        (NotInLanesError("each state has its own"), "each state has its own"),
+        (NotBatchableError("each state has its own"), "each state has its own"),
         (TypeError("no float"), "TypeError: no float"),
         (ValueError("no truth value"), "ValueError: no truth value"),
         (AttributeError("no shape"), "AttributeError: no shape"),
@@ -215,11 +215,11 @@ def test_a_claim_that_lanes_cannot_evaluate_is_checked_state_by_state(monkeypatc
         if isinstance(at, LaneEvaluation):
             raise error
         for one in right(at, look):
-            yield one._replace(expected=2 * one.expected) if isinstance(one, Sides) else one
+            yield one._replace(expected=2 * one.expected) if isinstance(one, Equality) else one
 
     monkeypatch.setitem(CLAIMS, "kinetic-energy", replace(claim, sides=wrong))
     here = {"claims": ("kinetic-energy",), "formulations": ("kane",), "batch": 4}
-    found = run_round(plan(**here, ration=Ration(0, 0, 0, 0, 2)), Round(0, STRATUM, {}))
+    found = run_round(plan(**here, ration=CheckFrequency(0, 0, 0, 0, 2)), Round(0, STRATUM, {}))
     assert found.lost == {"kinetic-energy": why}
     assert found.counts["unlifted"] == found.states / 2
     assert {one.claim for one in found.failed} == {"kinetic-energy"}
@@ -227,7 +227,7 @@ def test_a_claim_that_lanes_cannot_evaluate_is_checked_state_by_state(monkeypatc
 
 @pytest.mark.night
 def test_a_campaign_goes_on_where_it_stopped_and_comes_to_the_same(tmp_path: Path):
-    strata = strata_of(Snake, (1, 2))
+    strata = structural_variants(Snake, (1, 2))
     here = plan(claims=("equivalence", "power-balance"), formulations=("kane", "au"))
 
     def populations(campaign: Campaign) -> dict:
@@ -255,17 +255,17 @@ def test_a_campaign_goes_on_where_it_stopped_and_comes_to_the_same(tmp_path: Pat
 def test_a_campaign_goes_on_with_its_failures_and_with_what_no_lane_could_look_at(
     tmp_path: Path, monkeypatch
 ):
-    fault = triage.Fault(triage.SCENE, "by hand")
-    kept = lambda self, failed, name, known=None: find_of(failed, name, fault)  # noqa: E731
-    monkeypatch.setattr(Plan, "find", kept)
+    fault = triage.Diagnosis(triage.SCENE, "by hand")
+    kept = lambda self, failed, name, known=None: failure_record(failed, name, fault)  # noqa: E731
+    monkeypatch.setattr(StatePlan, "find", kept)
     scene = Snake.paper()
     of = scene, State(*scene.initial_state(), 0.0), 1.0, 0.5, "failed", "compared: x"
     failed = [Finding("equivalence", "kane", *of), Finding("equivalence", "au ~ kane", *of)]
 
-    def result(number: int, why: dict[str, str]) -> Result:
+    def result(number: int, why: dict[str, str]) -> RoundResult:
         counts, key = Counter({"states": 1}), ("equivalence", "kane")
-        best = {key: [Candidate(0.5 + number / 8, of[:2])]}
-        return Result(
+        best = {key: [ScoredCase(0.5 + number / 8, of[:2])]}
+        return RoundResult(
             number,
             STRATUM,
             best,
@@ -300,21 +300,21 @@ def test_a_campaign_goes_on_with_its_failures_and_with_what_no_lane_could_look_a
 
 
 def test_another_cause_of_the_same_claim_and_subject_is_found_after_many_of_one(monkeypatch):
-    fault = triage.Fault(triage.SCENE, "by hand")
+    fault = triage.Diagnosis(triage.SCENE, "by hand")
     made: list[str] = []
 
     def kept(self, failed, name, known=None):
         made.append(failed.detail)
-        return find_of(failed, name, fault)
+        return failure_record(failed, name, fault)
 
-    monkeypatch.setattr(Plan, "find", kept)
+    monkeypatch.setattr(StatePlan, "find", kept)
     scene = Snake.paper()
     case = scene, State(*scene.initial_state(), 0.0)
     details = ["v̇: wrong sign", *5 * ["v̇: half"], "v̇: wrong sign", "v̇: 3 times", "v̇: 4 times"]
     of = *case, 1.0, 0.5, "failed", "compared: x"
     failed = [Finding("bias", "kane", *of, detail=one) for one in details]
     campaign = Campaign(plan(), "snake", (STRATUM,))
-    campaign._take(Result(0, STRATUM, {}, Counter({"states": 9}), failed), lambda: True)
+    campaign._take(RoundResult(0, STRATUM, {}, Counter({"states": 9}), failed), lambda: True)
     assert [one.detail for one in campaign.finds.values()] == [
         "v̇: wrong sign",
         "v̇: half",
@@ -333,7 +333,7 @@ def test_another_cause_of_the_same_claim_and_subject_is_found_after_many_of_one(
         {"engines": ("mujoco",)},
         {"families": (ORDINARY,)},
         {"climbing": False},
-        {"ration": Ration()},
+        {"ration": CheckFrequency()},
         {"batch": 8},
         {"wide": True},
         {},
@@ -341,15 +341,15 @@ def test_another_cause_of_the_same_claim_and_subject_is_found_after_many_of_one(
 )
 def test_a_campaign_does_not_go_on_with_another(tmp_path: Path, monkeypatch, other: dict[str, Any]):
     """Neither with its states nor with what it found; the last is another scene's."""
-    fault = triage.Fault(triage.SCENE, "by hand")
-    kept = lambda self, failed, name, known=None: find_of(failed, name, fault)  # noqa: E731
-    monkeypatch.setattr(Plan, "find", kept)
+    fault = triage.Diagnosis(triage.SCENE, "by hand")
+    kept = lambda self, failed, name, known=None: failure_record(failed, name, fault)  # noqa: E731
+    monkeypatch.setattr(StatePlan, "find", kept)
     here = plan(engines=("pinocchio",))
     scene = Snake.paper()
     case = scene, State(*scene.initial_state(), 0.0)
     failed = [Finding("equivalence", "kane", *case, 1.0, 0.5, "failed", "compared: x")]
-    best = {("equivalence", "kane"): [Candidate(0.5, case)]}
-    found = Result(0, STRATUM, best, Counter({"states": 5}), failed, {"bias": "a loop"})
+    best = {("equivalence", "kane"): [ScoredCase(0.5, case)]}
+    found = RoundResult(0, STRATUM, best, Counter({"states": 5}), failed, {"bias": "a loop"})
 
     def known(campaign: Campaign) -> list[int]:
         told = campaign.finds, campaign.failures, campaign.worst, campaign.lost
@@ -367,7 +367,7 @@ def test_a_campaign_does_not_go_on_with_another(tmp_path: Path, monkeypatch, oth
 @pytest.mark.night
 def test_rounds_go_through_all_structures_before_any_comes_again():
     here = plan(batch=4, claims=("power-balance",))
-    campaign = Campaign(here, "snake", strata_of(Snake, (1, 2)))
+    campaign = Campaign(here, "snake", structural_variants(Snake, (1, 2)))
     campaign.run(states=1)
     assert campaign.rounds == 1
     campaign.run(states=campaign.states + 3 * 8 + 1)
@@ -381,33 +381,33 @@ def test_a_wrong_scene_is_a_find_and_the_scene_is_to_blame():
     wrong = plan(kind=Wrong, claims=("power-balance", "equivalence"), families=(ORDINARY,))
     result = run_round(wrong, Round(0, STRATUM, {}))
     assert result.failed and {one.claim for one in result.failed} <= set(wrong.claims)
-    fault = fault_of(next(one for one in result.failed if one.claim == "power-balance"))
+    fault = diagnose_failure(next(one for one in result.failed if one.claim == "power-balance"))
     assert fault.whose == triage.SCENE
 
 
 def test_a_bound_that_is_too_small_is_a_silent_error(monkeypatch):
-    (case,), _ = drawn(Snake, STRATUM, (ORDINARY,), 1, np.random.default_rng(2))
+    (case,), _ = draw_cases(Snake, STRATUM, (ORDINARY,), 1, np.random.default_rng(2))
     for module in ("eomcheck.evaluation.dynamics", "eomcheck.claims.case"):
         monkeypatch.setattr(f"{module}.acceleration_sensitivity", lambda *_, **__: 1e-9)
-    (finding, *_) = failures(case, ["equivalence"], KEYS)
-    fault = fault_of(finding)
+    (finding, *_) = failed_findings(case, ["equivalence"], KEYS)
+    fault = diagnose_failure(finding)
     assert fault.whose == triage.SILENT and "true error" in fault.evidence
 
 
 def test_what_is_allowed_too_little_for_is_a_false_alarm(monkeypatch):
-    (case,), _ = drawn(Snake, STRATUM, (ORDINARY,), 1, np.random.default_rng(2))
+    (case,), _ = draw_cases(Snake, STRATUM, (ORDINARY,), 1, np.random.default_rng(2))
     monkeypatch.setattr("eomcheck.claims.case.sensitivity_of", lambda *_, **__: 1e-9)
-    found = failures(case, ["kane-ml-mass", "chain-energy", "speeds-velocity"], KEYS)
-    assert found and fault_of(found[0]).whose == triage.ALARM
+    found = failed_findings(case, ["kane-ml-mass", "chain-energy", "speeds-velocity"], KEYS)
+    assert found and diagnose_failure(found[0]).whose == triage.ALARM
 
 
 def test_screening_finds_a_wrong_truth(monkeypatch):
-    cases, _ = drawn(Snake, STRATUM, (ORDINARY,), 8, np.random.default_rng(2))
-    right = screened(cases, tuple(FORMULATIONS.values()), ("true-error",), every=2)
+    cases, _ = draw_cases(Snake, STRATUM, (ORDINARY,), 8, np.random.default_rng(2))
+    right = screen(cases, tuple(FORMULATIONS.values()), ("true-error",), every=2)
     assert right.enclosed == len([i for i in range(len(cases)) if i % 2 == 0])
     assert not right.suspects and 0 < right.heights[TRUTH, "kane"].max() < 1
     monkeypatch.setattr("eomcheck.lab.fuzzing.screening.true_error", lambda x, _: np.abs(x))
-    wrong = screened(cases, tuple(FORMULATIONS.values()), ("true-error",), every=2)
+    wrong = screen(cases, tuple(FORMULATIONS.values()), ("true-error",), every=2)
     assert any("true-error" in claims for claims in wrong.suspects.values())
 
 
@@ -418,7 +418,7 @@ def test_suspects_are_judged_by_check_alone(monkeypatch):
         judged.append(set(claims))
         return []
 
-    monkeypatch.setattr(state_rounds, "checked", nothing)
+    monkeypatch.setattr(state_rounds, "check_case", nothing)
     wrong = plan(kind=Wrong, families=(ORDINARY,))
     result = run_round(wrong, Round(0, STRATUM, {}))
     assert judged and not result.failed
@@ -443,7 +443,7 @@ def test_what_fails_is_looked_for_at_finds_before_it_is_made_small_itself(monkey
 
 
 def test_a_scene_of_which_no_state_can_be_drawn_is_refused(monkeypatch):
-    monkeypatch.setattr(state_rounds, "drawn", lambda *_: ([], []))
+    monkeypatch.setattr(state_rounds, "draw_cases", lambda *_: ([], []))
     with pytest.raises(InputError, match="open: no state could be drawn in 1 round:"):
         Campaign(plan(), "open", (STRATUM,)).run(states=1)
 
@@ -451,10 +451,10 @@ def test_a_scene_of_which_no_state_can_be_drawn_is_refused(monkeypatch):
 def test_a_silent_error_shows_where_there_are_no_generalized_speeds(monkeypatch):
     across = Snake([1.0] * 3, [1.0] * 3, [1.0] * 3, [1.0] * 2, [0.0, np.pi / 2, 0.0])
     case = across, State(np.array([0.1, 0.2, 0.3, 0.9, 0.5]), np.zeros(5), 0.0)
-    found = [one for one in checked(case, ["true-error"], KEYS) if one.verdict == "passed"]
+    found = [one for one in check_case(case, ["true-error"], KEYS) if one.verdict == "passed"]
     assert found and not Case(Evaluation(across, *case[1]), (), ()).has_speeds
     monkeypatch.setattr("eomcheck.claims.case.acceleration_sensitivity", lambda *_, **__: 1e-9)
-    assert [one.claim for one in failures(case, ["true-error"], KEYS)]
+    assert [one.claim for one in failed_findings(case, ["true-error"], KEYS)]
 
 
 def test_every_place_of_the_mend_that_is_taken_out_is_in_the_source(tmp_path: Path):
@@ -466,14 +466,14 @@ def test_every_place_of_the_mend_that_is_taken_out_is_in_the_source(tmp_path: Pa
 
 def found_wrong():
     """Return a failure of the wrong scene."""
-    cases, _ = drawn(Wrong, STRATUM, (ORDINARY,), 4, np.random.default_rng(0))
-    return next(one for case in cases for one in failures(case, ["power-balance"], KEYS))
+    cases, _ = draw_cases(Wrong, STRATUM, (ORDINARY,), 4, np.random.default_rng(0))
+    return next(one for case in cases for one in failed_findings(case, ["power-balance"], KEYS))
 
 
 @pytest.mark.night
 def test_a_find_is_made_round_and_still_fails():
     before = found_wrong()
-    after = shrunk(before, KEYS)
+    after = shrink(before, KEYS)
     assert after.verdict == "failed" and after.claim == before.claim
 
     def written(finding) -> int:
@@ -486,50 +486,52 @@ def test_finds_are_kept_by_cause_and_looked_at_again(tmp_path: Path):
     file = tmp_path / "found.json"
     failed = found_wrong()
     name = f"{Path(__file__).resolve()}:Wrong"
-    find = find_of(failed, name)
-    write_finds(file, [find, find])
-    (kept,) = read_finds(file)
+    find = failure_record(failed, name)
+    write_failures(file, [find, find])
+    (kept,) = read_failures(file)
     assert kept == find and kept.key == find.key
     scene, state = kept.case
     assert repr(scene) == repr(failed.scene) and np.array_equal(state.q, failed.state.q)
-    (still,) = replayed([kept], KEYS)
+    (still,) = replay_failures([kept], KEYS)
     assert (still.outcome, still.find.claim) == ("failed", "power-balance")
-    right = Find("snake", kept.parameters, kept.q, kept.v, claim="power-balance")
-    assert [one.outcome for one in replayed([right], KEYS)] == ["holds"]
+    right = FailureRecord("snake", kept.parameters, kept.q, kept.v, claim="power-balance")
+    assert [one.outcome for one in replay_failures([right], KEYS)] == ["holds"]
 
 
 def test_finds_of_another_claim_or_fault_are_other_finds():
-    one = Find("snake", {}, [], [], claim="equivalence", subject="au ~ im", whose="false alarm")
+    one = FailureRecord(
+        "snake", {}, [], [], claim="equivalence", subject="au ~ im", whose="false alarm"
+    )
     row = one.__class__(**(vars(one) | {"detail": "acceleration, row θ_1: 1.2, expected 1.3"}))
     other = one.__class__(**(vars(one) | {"whose": "silent error"}))
     sign = one.__class__(**(vars(one) | {"detail": "acceleration, row θ_1: sign"}))
-    assert told_apart([one, row, other, sign]) == [one, other, sign]
+    assert first_of_each_cause([one, row, other, sign]) == [one, other, sign]
 
 
 def test_of_a_cause_that_is_kept_the_first_stays_with_its_reason(tmp_path: Path):
     file, row = tmp_path / "found.json", {"scene": "snake", "parameters": {}, "q": [], "v": []}
-    known = Find(**row, claim="bias", subject="casadi", why="a sign")
-    other = Find(**row, claim="equivalence", subject="au ~ im")
-    write_finds(file, [known, other])
-    new = Find(**row, claim="bias", subject="mujoco")
-    add_finds(file, [new, Find(**row, claim="bias", subject="casadi", observed=2.0)])
-    assert read_finds(file) == [known, other, new]
+    known = FailureRecord(**row, claim="bias", subject="casadi", why="a sign")
+    other = FailureRecord(**row, claim="equivalence", subject="au ~ im")
+    write_failures(file, [known, other])
+    new = FailureRecord(**row, claim="bias", subject="mujoco")
+    add_failures(file, [new, FailureRecord(**row, claim="bias", subject="casadi", observed=2.0)])
+    assert read_failures(file) == [known, other, new]
 
 
 def test_a_file_of_something_else_holds_no_finds(tmp_path: Path):
     file = tmp_path / "found.json"
     file.write_text('[{"scene": "snake", "colour": "red"}]')
     with pytest.raises(InputError, match="colour"):
-        read_finds(file)
+        read_failures(file)
 
 
 @pytest.mark.night
 def test_all_that_was_found_holds_now():
     corpus = Path(__file__).parents[2] / "validation" / "found.json"
-    finds = read_finds(corpus)
+    finds = read_failures(corpus)
     assert len(finds) >= 2
     small = [one for one in finds if len(one.q) <= 14]
-    outcomes = Counter(one.outcome for one in replayed(small, KEYS))
+    outcomes = Counter(one.outcome for one in replay_failures(small, KEYS))
     # Rounding is all there is in some: they were false alarms, and now nothing is decided there.
     assert outcomes.keys() <= {"holds", "inconclusive"}
     assert outcomes["holds"] >= 2 * outcomes["inconclusive"] > 0
@@ -538,9 +540,9 @@ def test_all_that_was_found_holds_now():
 @pytest.mark.sampled(6)
 @pytest.mark.parametrize("kind", SCENES.values(), ids=lambda kind: kind.key)
 def test_ordinary_draws_and_hypothesis_strategies_have_the_same_ranges(kind):
-    stratum, links = strata_of(kind, (3,))[0], 3 if kind.has_links else None
-    by_lanes, _ = drawn(kind, stratum, (ORDINARY,), 60, np.random.default_rng(0))
-    by_hypothesis = draw(strategies.scene_states(strategies.scenes(kind, 3, 3)), 30, 0)
+    stratum, links = structural_variants(kind, (3,))[0], 3 if kind.has_links else None
+    by_lanes, _ = draw_cases(kind, stratum, (ORDINARY,), 60, np.random.default_rng(0))
+    by_hypothesis = draw_samples(strategies.scene_states(strategies.scenes(kind, 3, 3)), 30, 0)
     for cases, share in ((by_lanes, 0.7), (by_hypothesis, 0.4)):
         for name, one in kind.ranges(links).items():
             values = [getattr(scene, name) for scene, _ in cases]

@@ -13,8 +13,8 @@ from eomcheck.errors import EomcheckError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import motion_comparison, motion_rounds, triage
 from eomcheck.lab.fuzzing.campaign import Campaign, Round
-from eomcheck.lab.fuzzing.cases import ORDINARY, Stratum, strata_of
-from eomcheck.lab.fuzzing.failures import read_finds, write_finds
+from eomcheck.lab.fuzzing.cases import ORDINARY, StructuralVariant, structural_variants
+from eomcheck.lab.fuzzing.failures import read_failures, write_failures
 from eomcheck.lab.fuzzing.motion_comparison import (
     ALONE,
     END_STATES,
@@ -26,11 +26,16 @@ from eomcheck.lab.fuzzing.motion_comparison import (
     branchings,
     crossings,
     failures_of_motion,
-    judged_motions,
+    judge_motions,
     python_of_motion,
 )
-from eomcheck.lab.fuzzing.motion_rounds import MotionPlan, fault_of_motion, informative, started
-from eomcheck.lab.fuzzing.replay import replayed
+from eomcheck.lab.fuzzing.motion_rounds import (
+    MotionPlan,
+    diagnose_motion_failure,
+    draw_starts,
+    informative,
+)
+from eomcheck.lab.fuzzing.replay import replay_failures
 from eomcheck.lab.store.record_file import Records
 from eomcheck.mechanics.records import State
 from eomcheck.motion import batch
@@ -56,7 +61,7 @@ def turning() -> tuple:
 
 def one_round(kind, **options):
     """Return what the first round of the first structure with two links comes to."""
-    return plan(kind, **options).run(Round(0, strata_of(kind, (2,))[0], {}))
+    return plan(kind, **options).run(Round(0, structural_variants(kind, (2,))[0], {}))
 
 
 def test_the_largest_error_so_far_is_unknown_once_one_is():
@@ -83,8 +88,8 @@ def test_right_motions_are_no_find_and_most_are_told(key: str):
 
 def test_motions_begin_at_0_and_keep_the_constraints_there():
     here = plan(SCENES["turntable-ball"], batch=4)
-    cases, families = started(
-        here.kind, Stratum(None, ()), here.families, here.batch, np.random.default_rng(0)
+    cases, families = draw_starts(
+        here.kind, StructuralVariant(None, ()), here.families, here.batch, np.random.default_rng(0)
     )
     assert len(cases) == len(families) > 0
     for scene, state in cases:
@@ -110,18 +115,20 @@ def test_families_of_motions_that_cannot_begin_are_not_counted(monkeypatch, shar
     def some(scenes, states, velocities):
         return [(scenes[i], states[i]) for i in (0, 2)], [0, 2]
 
-    monkeypatch.setattr(motion_rounds, "drawn", lambda *_: (cases, families))
-    monkeypatch.setattr(motion_rounds, "closed_position", closed)
+    monkeypatch.setattr(motion_rounds, "draw_cases", lambda *_: (cases, families))
+    monkeypatch.setattr(motion_rounds, "assembled_position", closed)
     monkeypatch.setattr(motion_rounds, "consistent", some)
-    begun, of = started(kind, Stratum(None, ()), families, 4, np.random.default_rng(0))
+    begun, of = draw_starts(
+        kind, StructuralVariant(None, ()), families, 4, np.random.default_rng(0)
+    )
     assert [state.q[0] for _, state in begun] == [0.0, 3.0]
     assert of == ["a", "d"]
 
 
 def test_motions_of_scenes_without_time_all_begin(monkeypatch):
     cases = [(TURNING, State(np.zeros(3), np.zeros(3), 0.5))] * 2
-    monkeypatch.setattr(motion_rounds, "drawn", lambda *_: (cases, ["a", "b"]))
-    begun, of = started(Sleigh, Stratum(None, ()), (), 2, np.random.default_rng(0))
+    monkeypatch.setattr(motion_rounds, "draw_cases", lambda *_: (cases, ["a", "b"]))
+    begun, of = draw_starts(Sleigh, StructuralVariant(None, ()), (), 2, np.random.default_rng(0))
     assert ([state.t for _, state in begun], of) == ([0.0, 0.0], ["a", "b"])
 
 
@@ -159,12 +166,14 @@ def test_a_formulation_that_steps_over_a_singular_pose_is_a_find(monkeypatch, tm
     assert find.whose == triage.SILENT and find.t_end < 5.0
     assert len(repr(find.parameters)) < len("{'mass': 1.3, 'inertia': 0.21, 'offset': 0.37}") + 40
     file = tmp_path / "found.json"
-    write_finds(file, [find])
-    (kept,) = read_finds(file)
+    write_failures(file, [find])
+    (kept,) = read_failures(file)
     assert kept == find
-    assert [(x.outcome, x.find.subject) for x in replayed([kept], KEYS)] == [("failed", "em")]
+    assert [(x.outcome, x.find.subject) for x in replay_failures([kept], KEYS)] == [
+        ("failed", "em")
+    ]
     monkeypatch.undo()
-    assert [x.outcome for x in replayed([kept], KEYS)] == ["holds"]
+    assert [x.outcome for x in replay_failures([kept], KEYS)] == ["holds"]
 
 
 def test_the_code_of_a_find_shows_what_is_apart(monkeypatch, capsys):
@@ -189,14 +198,19 @@ def test_a_pose_that_is_not_crossed_is_counted_by_formulation():
 
 @pytest.mark.night
 def test_lanes_that_read_the_numbers_of_another_are_a_find(monkeypatch):
-    right = batch.in_lanes
-    monkeypatch.setattr(batch, "in_lanes", lambda scenes: right([scenes[0]] * len(scenes)))
+    right = batch.lane_parameters
+    monkeypatch.setattr(batch, "lane_parameters", lambda scenes: right([scenes[0]] * len(scenes)))
     claims = {x.claim for number in range(2) for x in round_of(number).failed}
     assert ALONE in claims
 
 
 def test_a_motion_alone_is_allowed_what_it_is_allowed_beside_others(monkeypatch):
-    right, together, judged, runs = motion_comparison._found, motion_comparison.moved, {}, {}
+    right, together, judged, runs = (
+        motion_comparison._worst_finding,
+        motion_comparison.simulate_batch,
+        {},
+        {},
+    )
 
     def found(claim, shown, observed, allowed, scale):
         judged[claim, shown.key] = observed, allowed
@@ -207,18 +221,20 @@ def test_a_motion_alone_is_allowed_what_it_is_allowed_beside_others(monkeypatch)
         runs.setdefault((key, tolerance), found.y)  # the next are of starts nearby
         return found
 
-    monkeypatch.setattr(motion_comparison, "_found", found)
-    monkeypatch.setattr(motion_comparison, "moved", moved)
+    monkeypatch.setattr(motion_comparison, "_worst_finding", found)
+    monkeypatch.setattr(motion_comparison, "simulate_batch", moved)
     # Alone it comes to the same numbers.
-    monkeypatch.setattr(motion_comparison, "moved_alone", lambda case, key, t_end, x: runs[key, x])
-    judged_motions([turning()], FEW, 1.0, [(0, key) for key in FEW])
+    monkeypatch.setattr(
+        motion_comparison, "simulate_single", lambda case, key, t_end, x: runs[key, x]
+    )
+    judge_motions([turning()], FEW, 1.0, [(0, key) for key in FEW])
     for key in FEW:
         assert np.array_equal(judged[ALONE, key], judged[END_STATES, key], equal_nan=True)
 
 
 def round_of(number: int):
     """Return what a round of snakes with two links comes to."""
-    return plan(Snake).run(Round(number, Stratum(2, ("damping",)), {}))
+    return plan(Snake).run(Round(number, StructuralVariant(2, ("damping",)), {}))
 
 
 def spoilt(monkeypatch, spoil, alone: tuple[str, ...] = ()) -> list:
@@ -226,7 +242,7 @@ def spoilt(monkeypatch, spoil, alone: tuple[str, ...] = ()) -> list:
 
     By the formulations `alone` it is also looked at alone, and changed as "alone".
     """
-    right, runs = motion_comparison.moved, {}
+    right, runs = motion_comparison.simulate_batch, {}
 
     def moved(cases, key, t_end, tolerance, most=MOST_STEPS):
         found = right(cases, key, t_end, tolerance, most)
@@ -240,11 +256,11 @@ def spoilt(monkeypatch, spoil, alone: tuple[str, ...] = ()) -> list:
 
     for module in (motion_comparison, motion_comparison):
         monkeypatch.setattr(module, "moved", moved)
-    monkeypatch.setattr(motion_comparison, "moved_alone", by_itself)
+    monkeypatch.setattr(motion_comparison, "simulate_single", by_itself)
     q = np.array([0.1, 0.2, 0.3])
     here = Sleigh(mass=1.0, inertia=1.0, offset=0.3, rate=0.1)
     case = here, State(q, np.asarray(velocity(here, q, [0.5, 0.1])), 0.0)
-    (found,) = judged_motions([case], FEW, 1.0, [(0, key) for key in alone])
+    (found,) = judge_motions([case], FEW, 1.0, [(0, key) for key in alone])
     assert len(found) == 2 * len(FEW) + len(alone)
     return [x for x in found if x.verdict == "failed"]
 
@@ -392,8 +408,8 @@ def test_a_formulation_is_to_blame_only_where_most_others_and_two_at_least_pass(
     failed = finding(END_STATES, 0, "failed")
     others = [finding(END_STATES, i, verdict) for i, verdict in enumerate(verdicts, 1)]
     of_energy = [finding(ENERGY, i, "passed") for i in range(len(KEYS))]
-    monkeypatch.setattr(motion_rounds, "judged_motions", lambda *_: [[failed, *others, *of_energy]])
-    fault = fault_of_motion(failed, KEYS)
+    monkeypatch.setattr(motion_rounds, "judge_motions", lambda *_: [[failed, *others, *of_energy]])
+    fault = diagnose_motion_failure(failed, KEYS)
     assert fault.whose == whose
     best = 0.12 if "passed" in verdicts else 0
     agree = verdicts.count("passed")
@@ -405,7 +421,7 @@ def test_a_formulation_is_to_blame_only_where_most_others_and_two_at_least_pass(
 
 @pytest.mark.night
 def test_a_campaign_of_motions_goes_on_where_it_stopped(tmp_path: Path):
-    strata = strata_of(Sleigh, ())
+    strata = structural_variants(Sleigh, ())
     here = plan(Sleigh, batch=4, climbing=True)
     whole = Campaign(here, "sleigh", strata)
     whole.run(states=20)

@@ -18,26 +18,26 @@ from eomcheck.errors import InputError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import function_rounds as fuzzed
 from eomcheck.lab.fuzzing import triage
-from eomcheck.lab.fuzzing.campaign import Campaign, Candidate, Round
-from eomcheck.lab.fuzzing.cases import FAMILIES, ORDINARY, SPECIAL, Stratum, drawn
-from eomcheck.lab.fuzzing.failures import FUNCTIONS, read_finds, write_finds
+from eomcheck.lab.fuzzing.campaign import Campaign, Round, ScoredCase
+from eomcheck.lab.fuzzing.cases import FAMILIES, ORDINARY, SPECIAL, StructuralVariant, draw_cases
+from eomcheck.lab.fuzzing.failures import FUNCTIONS, read_failures, write_failures
 from eomcheck.lab.fuzzing.function_rounds import (
     SKIPPED,
     FunctionsPlan,
-    climbed_states,
     drawn_state,
+    hill_climbed_states,
     limits,
 )
-from eomcheck.lab.fuzzing.replay import replayed
-from eomcheck.lab.fuzzing.screening import DECIDED, OPEN, Ration, runs_in_lanes
-from eomcheck.lab.fuzzing.state_rounds import Plan, is_ordinary, run_round
+from eomcheck.lab.fuzzing.replay import replay_failures
+from eomcheck.lab.fuzzing.screening import DECIDED, OPEN, CheckFrequency, runs_in_lanes
+from eomcheck.lab.fuzzing.state_rounds import StatePlan, is_ordinary, run_round
 from eomcheck.lab.store.record_file import Records
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import Snake, snake
-from eomcheck.testing import FUNCTION_CLAIMS, Functions, check_functions
+from eomcheck.testing import FUNCTION_CLAIMS, EquationsOfMotion, check_functions
 
 GUIDES = Path(__file__).parents[2] / "docs" / "guides"
-ALL = Stratum(None, ())
+ALL = StructuralVariant(None, ())
 
 MINE = """
 import sys
@@ -95,17 +95,17 @@ def test_a_term_lost_next_to_a_special_pose_is_found_kept_and_replayed(
     said = capsys.readouterr().out
     assert "half of it" in said and "check_functions" in said
     # Close to the pose the factor is known to six digits only, and is called a half all the same.
-    (find,) = read_finds(kept)
+    (find,) = read_failures(kept)
     assert (find.whose, find.claim) == (FUNCTIONS, "bias-of-mass-matrix")
     assert sum(x == 0.0 for x in find.q + find.v) >= 2
     again = "--replay", str(kept), "--scene", f"{mine}:wrong"
     assert run(*again, monkeypatch=monkeypatch) == 1
     mended = [type(find)(**(vars(find) | {"scene": f"{mine}:right"}))]
-    write_finds(kept, mended)
-    assert [one.outcome for one in replayed(read_finds(kept), ())] == ["holds"]
+    write_failures(kept, mended)
+    assert [one.outcome for one in replay_failures(read_failures(kept), ())] == ["holds"]
     # Random states of the ranges do not meet it.
     functions = find.case[0]
-    assert isinstance(functions, Functions)
+    assert isinstance(functions, EquationsOfMotion)
     given = {name: functions.function(name) for name in functions.given}
     assert all(x.verdict != "failed" for x in check_functions(3, **given, states=8))
 
@@ -254,12 +254,14 @@ def test_entries_resolved_in_one_state_are_resolved_and_resumed(mine, tmp_path: 
 
 
 def test_what_is_looked_at_stays_within_the_ranges():
-    narrow = Functions(2, M=lambda q: np.eye(2), ranges=[(0.0, 2.0), (-3.0, -1.0), (0, 1), (5, 6)])
+    narrow = EquationsOfMotion(
+        2, M=lambda q: np.eye(2), ranges=[(0.0, 2.0), (-3.0, -1.0), (0, 1), (5, 6)]
+    )
     random = np.random.default_rng(0)
     low, high = limits(narrow)
     states = [drawn_state(narrow, family, random) for family in (ORDINARY, SPECIAL) * 50]
-    population = {("a", "b"): [Candidate(1.0, (narrow, one)) for one in states[:6]]}  # type: ignore
-    climbed = climbed_states(narrow, population, 100, random)  # type: ignore[arg-type]
+    population = {("a", "b"): [ScoredCase(1.0, (narrow, one)) for one in states[:6]]}  # type: ignore
+    climbed = hill_climbed_states(narrow, population, 100, random)  # type: ignore[arg-type]
     for one in (states, climbed):
         x = np.array([np.concatenate(state[:2]) for state in one])
         assert (low <= x).all() and (x <= high).all()
@@ -268,7 +270,7 @@ def test_what_is_looked_at_stays_within_the_ranges():
 
 
 def test_what_is_made_round_stays_within_the_ranges(monkeypatch):
-    leaning = Functions(
+    leaning = EquationsOfMotion(
         2,
         M=lambda q: np.array([[2.0, 1.0], [0.5, 2.0]]),
         ranges=[(0.31, 2.0), (-3.0, -1.5), (-1.0, 1.0), (5.1, 6.0)],
@@ -288,7 +290,7 @@ def test_climbing_finds_a_corner_of_functions_that_drawing_does_not(monkeypatch)
         found[0, 1] += 1e-15 * np.exp(4.0 * (q.sum() - 2.5))
         return found
 
-    leaning = Functions(4, M=M)
+    leaning = EquationsOfMotion(4, M=M)
     monkeypatch.setattr(fuzzed, "functions_named", lambda _: leaning)
 
     def finds(climbing: bool) -> int:
@@ -353,12 +355,12 @@ class Leaning(planar.Planar):
         return super().mass_matrix(q, t) * (1.0 + 1e-13 * np.exp(2.0 * (far - 27.0)))
 
 
-def of_engine(engine: type, **options) -> Plan:
+def of_engine(engine: type, **options) -> StatePlan:
     """Return a plan that asks an engine alone."""
     claims = tuple(one for one in CLAIMS if CLAIMS[one].asks == "mass_matrix")
     usual = {"kind": Snake, "seed": 0, "claims": claims, "formulations": tuple(FORMULATIONS)}
-    usual |= {"families": (ORDINARY,), "batch": 16, "ration": Ration(0, 0, 2, 0, 0)}
-    return Plan(**(usual | {"engines": (engine,)} | options))
+    usual |= {"families": (ORDINARY,), "batch": 16, "ration": CheckFrequency(0, 0, 2, 0, 0)}
+    return StatePlan(**(usual | {"engines": (engine,)} | options))
 
 
 @pytest.mark.night
@@ -367,7 +369,7 @@ def test_an_engine_of_ones_own_is_climbed_to_among_ordinary_states():
         population, count, finds = {}, 0, 0
         for number in range(10):
             here = of_engine(Leaning, climbing=climbing, batch=16 if climbing else 32)
-            result = run_round(here, Round(number, Stratum(2, ("damping",)), population))
+            result = run_round(here, Round(number, StructuralVariant(2, ("damping",)), population))
             population = result.population
             count += result.counts["engines"] + result.counts["engines, climbed"]
             finds += len(result.failed)
@@ -390,7 +392,9 @@ class Wrong(planar.Planar):
 @pytest.mark.night
 def test_an_engine_that_is_wrong_is_a_find():
     claims = tuple(one for one in CLAIMS if CLAIMS[one].asks)
-    result = run_round(of_engine(Wrong, claims=claims), Round(0, Stratum(2, ("damping",)), {}))
+    result = run_round(
+        of_engine(Wrong, claims=claims), Round(0, StructuralVariant(2, ("damping",)), {})
+    )
     assert result.failed and {one.engine for one in result.failed} == {Wrong}
 
 
@@ -403,9 +407,9 @@ class Far(planar.Planar):
 
 @pytest.mark.night
 def test_an_engine_that_is_named_is_asked_at_wide_states_too():
-    here, found = Round(0, Stratum(2, ("damping",)), {}), {}
+    here, found = Round(0, StructuralVariant(2, ("damping",)), {}), {}
     for wide in (False, True):
-        plan = of_engine(Far, wide=wide, climbing=False, ration=Ration(0, 0, 1, 0, 0))
+        plan = of_engine(Far, wide=wide, climbing=False, ration=CheckFrequency(0, 0, 1, 0, 0))
         found[wide] = len(run_round(plan, here).failed)
         assert plan.settings.get("wide", False) == wide
     assert found[False] == 0 and 2 <= found[True] <= plan.batch // 2
@@ -413,7 +417,7 @@ def test_an_engine_that_is_named_is_asked_at_wide_states_too():
 
 def test_what_is_ordinary_is_told_from_what_is_hostile():
     random = np.random.default_rng(0)
-    cases, families = drawn(Snake, Stratum(3, ()), FAMILIES, 200, random)
+    cases, families = draw_cases(Snake, StructuralVariant(3, ()), FAMILIES, 200, random)
     told = {f: [is_ordinary(c) for c, g in zip(cases, families, strict=True) if g == f]
             for f in FAMILIES}  # fmt: skip
     assert np.mean(told[ORDINARY]) > 0.9
@@ -456,8 +460,8 @@ class NoNumbers(Snake, functions=()):
 
 
 def campaign_of(kind, claims=("power-balance", "equivalence")) -> Campaign:
-    here = Plan(kind, 3, claims, ("kane", "au"), families=(ORDINARY,), batch=8)
-    return Campaign(here, kind.__name__, (Stratum(2, ()),))
+    here = StatePlan(kind, 3, claims, ("kane", "au"), families=(ORDINARY,), batch=8)
+    return Campaign(here, kind.__name__, (StructuralVariant(2, ()),))
 
 
 @pytest.mark.night

@@ -18,20 +18,26 @@ from eomcheck.lab.fuzzing.cases import (
     FAMILIES,
     ORDINARY,
     WIDE,
-    Stratum,
-    Topology,
-    drawn_of,
-    strata_of_any,
-    structure_drawn,
+    StructuralVariant,
+    TopologyVariant,
+    draw_cases_with,
+    draw_structure_kind,
+    variants_of,
     varied,
 )
-from eomcheck.lab.fuzzing.failures import case_of, find_of, parameters_of, read_finds, write_finds
-from eomcheck.lab.fuzzing.motion_rounds import MotionPlan, started
-from eomcheck.lab.fuzzing.screening import Ration
-from eomcheck.lab.fuzzing.state_rounds import STRUCTURES, Plan, RandomPlan
-from eomcheck.lab.fuzzing.triage import SCENE, Fault, failures
+from eomcheck.lab.fuzzing.failures import (
+    failure_record,
+    fuzz_case,
+    parameters_of,
+    read_failures,
+    write_failures,
+)
+from eomcheck.lab.fuzzing.motion_rounds import MotionPlan, draw_starts
+from eomcheck.lab.fuzzing.screening import CheckFrequency
+from eomcheck.lab.fuzzing.state_rounds import STRUCTURES, RandomStatePlan, StatePlan
+from eomcheck.lab.fuzzing.triage import SCENE, Diagnosis, failed_findings
 from eomcheck.lab.store.record_file import Records
-from eomcheck.lab.strategy_samples import draw
+from eomcheck.lab.strategy_samples import draw_samples
 from eomcheck.mechanics.records import State
 from eomcheck.strategies import scene_states, scenes
 
@@ -40,38 +46,42 @@ ALL = tuple(one for one in CLAIMS if one != "coverage")
 both = pytest.mark.parametrize("kind", (TREES, MECHANISMS), ids=lambda kind: kind.key)
 
 
-def plan(kind, **options) -> RandomPlan:
+def plan(kind, **options) -> RandomStatePlan:
     """Return a plan of small batches, in lanes only."""
     usual = {"kind": kind, "seed": 3, "claims": ALL, "formulations": tuple(FORMULATIONS)}
-    return RandomPlan(**(usual | {"batch": 4, "ration": Ration(0, 0, 0, 0, 0)} | options))
+    return RandomStatePlan(
+        **(usual | {"batch": 4, "ration": CheckFrequency(0, 0, 0, 0, 0)} | options)
+    )
 
 
 @both
 def test_strata_are_topologies_and_what_is_drawn_is_of_its_stratum(kind):
-    strata = strata_of_any(kind, (2, 3))
+    strata = variants_of(kind, (2, 3))
     assert len(strata) == len(set(strata)) == len({one.name for one in strata}) >= 16
     random = np.random.default_rng(0)
     for stratum in strata:
-        scene = structure_drawn(kind, stratum, random)()
-        assert isinstance(stratum, Topology)
+        scene = draw_structure_kind(kind, stratum, random)()
+        assert isinstance(stratum, TopologyVariant)
         assert scene.links == stratum.links
         assert dict(stratum.ways).items() <= scene.topology.items()
-    structures = {structure_drawn(kind, strata[0], random)().structure for _ in range(12)}
+    structures = {draw_structure_kind(kind, strata[0], random)().structure for _ in range(12)}
     assert len(structures) > 2
 
 
 def test_other_kinds_have_the_strata_that_they_had():
     from eomcheck.scenes import Snake
 
-    assert strata_of_any(Snake, (1,)) == [Stratum(1, ())]
-    assert structure_drawn(Snake, Stratum(1, ()), np.random.default_rng(0)) is Snake
+    assert variants_of(Snake, (1,)) == [StructuralVariant(1, ())]
+    assert draw_structure_kind(Snake, StructuralVariant(1, ()), np.random.default_rng(0)) is Snake
 
 
 @both
 def test_wide_cases_have_other_inertias_and_the_same_structure(kind):
     random = np.random.default_rng(2)
-    scene = structure_drawn(kind, strata_of_any(kind, (4,))[0], random)()
-    cases, families = drawn_of(lambda family: varied(scene, family, random), FAMILIES, 64, random)
+    scene = draw_structure_kind(kind, variants_of(kind, (4,))[0], random)()
+    cases, families = draw_cases_with(
+        lambda family: varied(scene, family, random), FAMILIES, 64, random
+    )
     assert {one.structure for one, _ in cases} == {scene.structure}
     assert {type(one) for one, _ in cases} == {type(scene)}
     for one, state in cases:
@@ -87,7 +97,7 @@ def test_wide_cases_have_other_inertias_and_the_same_structure(kind):
 @pytest.mark.night
 @both
 def test_rounds_look_at_several_structures_find_nothing_and_can_be_repeated(kind):
-    stratum = strata_of_any(kind, (1,))[0]
+    stratum = variants_of(kind, (1,))[0]
     one, again = (plan(kind).run(Round(1, stratum, {})) for _ in range(2))
     assert not one.failed and one.counts["structures"] == STRUCTURES
     assert one.counts == again.counts and one.counts["climbed"] > 0
@@ -104,7 +114,7 @@ def test_rounds_look_at_several_structures_find_nothing_and_can_be_repeated(kind
 def test_a_wrong_sum_of_terms_is_found_in_random_trees(monkeypatch):
     from eomcheck.descriptions import mechanism_class
 
-    right = mechanism_class.terms_of
+    right = mechanism_class.make_terms
 
     def wrong(*given):
         terms = right(*given)
@@ -115,13 +125,13 @@ def test_a_wrong_sum_of_terms_is_found_in_random_trees(monkeypatch):
 
         return leaning
 
-    monkeypatch.setattr(mechanism_class, "terms_of", wrong)
-    caches = mechanism_class.planned, mechanism_class.kind_of
+    monkeypatch.setattr(mechanism_class, "make_terms", wrong)
+    caches = mechanism_class.plan_and_functions, mechanism_class.scene_class_of
     for one in caches:
         one.cache_clear()
     try:
-        stratum = next(x for x in strata_of_any(TREES, (3,)) if "spherical" in x.name)
-        result = plan(TREES, families=(ORDINARY,), ration=Ration(0, 0, 0, 0, 0)).run(
+        stratum = next(x for x in variants_of(TREES, (3,)) if "spherical" in x.name)
+        result = plan(TREES, families=(ORDINARY,), ration=CheckFrequency(0, 0, 0, 0, 0)).run(
             Round(0, stratum, {})
         )
         assert {"bias-symbols", "power-balance", "kane-ml-force"} & {x.claim for x in result.failed}
@@ -135,20 +145,20 @@ def test_a_wrong_sum_of_terms_is_found_in_random_trees(monkeypatch):
 @both
 def test_what_is_kept_of_a_random_scene_makes_it_again(kind, tmp_path: Path):
     random = np.random.default_rng(1)
-    for stratum in islice(strata_of_any(kind, (3,)), 0, None, 3):
-        scene = varied(structure_drawn(kind, stratum, random)(), WIDE, random)
+    for stratum in islice(variants_of(kind, (3,)), 0, None, 3):
+        scene = varied(draw_structure_kind(kind, stratum, random)(), WIDE, random)
         q, v = scene.initial_state()
-        again, state = case_of(kind, parameters_of(scene), q, v, 0.0)
+        again, state = fuzz_case(kind, parameters_of(scene), q, v, 0.0)
         assert repr(again) == repr(scene) and again.structure == scene.structure
         assert np.array_equal(state.q, q)
-    assert not failures((scene, State(q, v + 0.5, 0.0)), ["kinetic-energy"], ())
+    assert not failed_findings((scene, State(q, v + 0.5, 0.0)), ["kinetic-energy"], ())
     from eomcheck.claims import Finding
 
     told = Finding("equivalence", "au ~ im", scene, State(q, v, 0.0), 1.0, 0.0, "failed", "tested")
-    find = find_of(told, kind.key, Fault("scene", "tested"))
+    find = failure_record(told, kind.key, Diagnosis("scene", "tested"))
     file = tmp_path / "found.json"
-    write_finds(file, [find])
-    (kept,) = read_finds(file)
+    write_failures(file, [find])
+    (kept,) = read_failures(file)
     assert repr(kept.case[0]) == repr(scene)
     assert "mechanism(" in kept.python
 
@@ -162,7 +172,7 @@ def test_what_is_kept_of_a_random_scene_without_an_optional_parameter_makes_it_a
             if getattr(scene, name) is None:
                 continue
             without = scene.changed(**{name: None})
-            again, _ = case_of(kind, parameters_of(without), q, v, 0.0)
+            again, _ = fuzz_case(kind, parameters_of(without), q, v, 0.0)
             assert getattr(again, name) is None and repr(again) == repr(without)
             taken.add(name)
     assert taken == {"damping", "gravity"}
@@ -171,7 +181,7 @@ def test_what_is_kept_of_a_random_scene_without_an_optional_parameter_makes_it_a
 @pytest.mark.night
 @both
 def test_a_campaign_of_random_scenes_goes_on_where_it_stopped(kind, tmp_path: Path):
-    strata, here = strata_of_any(kind, (1,))[:1], plan(kind, claims=("kinetic-energy",), batch=2)
+    strata, here = variants_of(kind, (1,))[:1], plan(kind, claims=("kinetic-energy",), batch=2)
     here = here._replace(formulations=("au",))
     whole = Campaign(here, kind.key, strata)
     whole.run(states=40)
@@ -191,8 +201,8 @@ def test_a_campaign_of_random_scenes_goes_on_where_it_stopped(kind, tmp_path: Pa
 @both
 def test_random_scenes_are_moved_too(kind):
     here = MotionPlan(kind, 0, tuple(FORMULATIONS), (ORDINARY,), batch=4)
-    stratum = strata_of_any(kind, (2,))[0]
-    cases, _ = started(here.kind, stratum, here.families, here.batch, np.random.default_rng(0))
+    stratum = variants_of(kind, (2,))[0]
+    cases, _ = draw_starts(here.kind, stratum, here.families, here.batch, np.random.default_rng(0))
     assert len({type(scene) for scene, _ in cases}) == 1
     result = here.run(Round(0, stratum, {}))
     assert not result.failed and result.counts["passed"] > 0
@@ -201,9 +211,9 @@ def test_random_scenes_are_moved_too(kind):
 @both
 @pytest.mark.night
 def test_fuzzing_and_hypothesis_draw_structures_and_numbers_from_the_same_ranges(kind):
-    random, strata = np.random.default_rng(0), strata_of_any(kind, (3,))
-    fuzzed = [structure_drawn(kind, strata[i % len(strata)], random)() for i in range(60)]
-    by_hypothesis = [scene for scene, _ in draw(scene_states(scenes(kind, 3, 3)), 30, 0)]
+    random, strata = np.random.default_rng(0), variants_of(kind, (3,))
+    fuzzed = [draw_structure_kind(kind, strata[i % len(strata)], random)() for i in range(60)]
+    by_hypothesis = [scene for scene, _ in draw_samples(scene_states(scenes(kind, 3, 3)), 30, 0)]
     ways: dict[str, set[str]] = {}
     for entry in kind.topologies(3):
         for name, of in entry.items():
@@ -225,5 +235,5 @@ def test_fuzzing_and_hypothesis_draw_structures_and_numbers_from_the_same_ranges
 
 def test_a_plan_for_random_kinds_is_a_plan():
     one = plan(TREES)
-    assert isinstance(one, Plan) and one._replace(batch=9).most > one.most
-    assert isinstance(one._replace(batch=9), RandomPlan)
+    assert isinstance(one, StatePlan) and one._replace(batch=9).most > one.most
+    assert isinstance(one._replace(batch=9), RandomStatePlan)

@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 from tests.lab.test_printed import at, finding
 
-from eomcheck.claims.numerical_accuracy import Drawn
-from eomcheck.claims.run import Run, Selection
+from eomcheck.claims.numerical_accuracy import SampledState
+from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.engines import CasadiEngine, version_of
 from eomcheck.errors import DiedError, InputError, UnwrittenError
-from eomcheck.lab.discrepancy import Why
-from eomcheck.lab.library_comparison import Comparison
+from eomcheck.lab.discrepancy import Explanation
+from eomcheck.lab.library_comparison import LibraryComparison
 from eomcheck.lab.store import parallel_map, provenance, validation_runs
-from eomcheck.lab.store.record_file import Record, Records, rows_of, select, values
-from eomcheck.lab.store.stored_findings import RUNS, STATES, fault_of, kept_of_runs
-from eomcheck.lab.store.validation_runs import Keeper
+from eomcheck.lab.store.record_file import Record, Records, rows_in, select, values
+from eomcheck.lab.store.stored_findings import RUNS, STATES, stored_findings_of_runs, why_unreadable
+from eomcheck.lab.store.validation_runs import ValidationWriter
 from eomcheck.lab.studies import engines, motion, rhs, robots, tolerance
 from eomcheck.lab.studies.motion import MotionTime
 from eomcheck.lab.study import run_cells
@@ -31,14 +31,14 @@ from eomcheck.scenes import FourBarChain, Sleigh
 SLEIGH = Sleigh.example()
 
 
-def kept_run() -> Run:
+def kept_run() -> ValidationRun:
     """Return a run of two states and of coverage, with times."""
     states = [at(SLEIGH, k) for k in (1, 2)]
-    made = Run([finding(x) for x in (states[0], states[0], states[1])], ends=[2, 3])
+    made = ValidationRun([finding(x) for x in (states[0], states[0], states[1])], ends=[2, 3])
     made.findings.append(finding(states[0], claim="coverage", subject="all"))
     made.findings.append(finding(states[1], claim="bias", subject="unresolved"))
     made.seconds |= {"bias": 0.5, "mass-matrix": 2.0, "motion": 9.0}
-    made.drawn = [Drawn(SLEIGH, states[1], ())]
+    made.drawn = [SampledState(SLEIGH, states[1], ())]
     return made
 
 
@@ -46,12 +46,12 @@ def kept_run() -> Run:
 
 
 def test_a_run_is_kept_with_all_that_was_asked_for_and_found():
-    selection = Selection.of(["el"], ["casadi"], ["mass-matrix", "invariance", "bias"])
+    selection = RunSelection.of(["el"], ["casadi"], ["mass-matrix", "invariance", "bias"])
     made = kept_run()
     with Records(None) as records:
         records.add(Record(STATES, {"scene": "sleigh", "links": 3, "case": 9}))
         records.add(Record(STATES, {"scene": "snake", "links": 3, "case": 9}))
-        keeper = Keeper(records, Sleigh, made, selection, (2, 5), 7, 3)
+        keeper = ValidationWriter(records, Sleigh, made, selection, (2, 5), 7, 3)
         (begun,) = records.all(RUNS)
         keeper.save()
         keeper.finish()
@@ -79,8 +79,12 @@ def test_a_run_is_kept_with_all_that_was_asked_for_and_found():
 
 
 def test_findings_of_runs_are_told_with_the_number_of_their_state_in_each_run():
-    chain = Run([finding(at(FourBarChain.example(), 5), scene=FourBarChain.example())], ends=[1])
-    found = kept_of_runs({"sleigh": kept_run(), "four-bar-chain": chain, "snake": Run()})
+    chain = ValidationRun(
+        [finding(at(FourBarChain.example(), 5), scene=FourBarChain.example())], ends=[1]
+    )
+    found = stored_findings_of_runs(
+        {"sleigh": kept_run(), "four-bar-chain": chain, "snake": ValidationRun()}
+    )
     assert [(one.scene, one.case, one.claim) for one in found] == [
         ("sleigh", 0, "mass-matrix"),
         ("sleigh", 0, "mass-matrix"),
@@ -96,10 +100,10 @@ def test_a_run_whose_times_are_not_those_of_its_claims_cannot_be_read():
     def run(claims: Any, seconds: Any) -> Record:
         return Record(RUNS, {"scene": "x"}, series={"claims": claims, "seconds": seconds})
 
-    assert fault_of(run(["a", "b"], [1.0, 2.0])) is None
-    assert fault_of(run(["a", "b"], [1.0])) and fault_of(run([], [1.0]))
-    assert fault_of(Record(RUNS, {}, series={"claims": [], "seconds": []}))
-    assert fault_of(Record(RUNS, {"scene": "x"}))
+    assert why_unreadable(run(["a", "b"], [1.0, 2.0])) is None
+    assert why_unreadable(run(["a", "b"], [1.0])) and why_unreadable(run([], [1.0]))
+    assert why_unreadable(Record(RUNS, {}, series={"claims": [], "seconds": []}))
+    assert why_unreadable(Record(RUNS, {"scene": "x"}))
 
 
 @pytest.mark.parametrize("unwritten", [False, True])
@@ -113,7 +117,7 @@ def test_kinds_are_looked_at_alike_the_largest_first_and_each_state_is_counted(
         assert where == "local:3"
         yield from ((one, work(one)) for one in items)
 
-    def look(kind: Any, run: Run, *how: Any) -> None:
+    def look(kind: Any, run: ValidationRun, *how: Any) -> None:
         asked.append((kind.key, *how[:-1]))
         run.ends.extend([0] * (len(order) - len(asked) + 1))
 
@@ -123,15 +127,15 @@ def test_kinds_are_looked_at_alike_the_largest_first_and_each_state_is_counted(
                 raise UnwrittenError("full")
             super().add(record)
 
-    monkeypatch.setattr(validation_runs, "spread", spread)
-    monkeypatch.setattr(validation_runs, "look_at_kind", look)
-    runs = {key: Run() for key in ("sleigh", "snake", "rolling-disk")}
-    selection = Selection.of(["au"], [], ["bias"])
+    monkeypatch.setattr(validation_runs, "parallel_map", spread)
+    monkeypatch.setattr(validation_runs, "validate_kind", look)
+    runs = {key: ValidationRun() for key in ("sleigh", "snake", "rolling-disk")}
+    selection = RunSelection.of(["au"], [], ["bias"])
     failed = ""
     with Full(None) as records:
         try:
             how = selection, (2, 3), 7, 5, lambda: told.append(1), records, "local:3"
-            validation_runs.look_at_kinds(runs, *how)
+            validation_runs.validate_kinds(runs, *how)
         except UnwrittenError as error:
             failed = str(error)
         status = {one.settings["scene"]: one.status for one in records.all(RUNS)}
@@ -218,7 +222,7 @@ def test_a_result_is_of_a_commit_that_is_marked_where_files_were_changed(monkeyp
 def test_items_that_kill_workers_are_counted_and_the_first_three_are_named(monkeypatch):
     items = [f"item {k} {'x' * 70}" for k in range(5)]
     here = SimpleNamespace(open=nullcontext)
-    monkeypatch.setattr(parallel_map, "place_of", lambda where: here)
+    monkeypatch.setattr(parallel_map, "backend_of", lambda where: here)
 
     def killed(pool: Any, place: Any, function: Any, queue: Any, more: Any) -> Any:
         for task in (*queue, *more):
@@ -226,7 +230,7 @@ def test_items_that_kill_workers_are_counted_and_the_first_three_are_named(monke
         queue.clear()
 
     monkeypatch.setattr(parallel_map, "_work_off", killed)
-    results = parallel_map.spread("local:1", print, items)
+    results = parallel_map.parallel_map("local:1", print, items)
     assert next(results) == (items[2], 7)
     with pytest.raises(DiedError) as error:
         next(results)
@@ -252,8 +256,10 @@ def test_the_best_time_of_all_rounds_counts_and_a_motion_that_fails_has_none(mon
 
     monkeypatch.setattr(motion, "Motion", made)
     monkeypatch.setattr(motion, "_measure", measured)
-    record = motion.timed({"formulations": ["el", "kane", "au"], "end": 1.0, "tolerance": 1e-12})
-    failed, *told = rows_of([record], MotionTime)
+    record = motion.time_motion(
+        {"formulations": ["el", "kane", "au"], "end": 1.0, "tolerance": 1e-12}
+    )
+    failed, *told = rows_in([record], MotionTime)
     assert told == [MotionTime("kane", 3.0, 100, 12.0), MotionTime("au", 1.0, 100, 11.0)]
     assert (failed.formulation, failed.right_hand_sides) == ("el", 11)
     assert np.isnan([failed.seconds, failed.seconds_in_python]).all()
@@ -295,9 +301,14 @@ def test_robots_are_counted_by_what_checks_and_proofs_came_to(monkeypatch, tmp_p
     scene = type("Arm", (Sleigh,), {"made": made, "key": "arm"})
     checked = verdicts(passed=5, failed=1, inconclusive=2, not_looked_at=3)
     proved = verdicts(passed=7, failed=4, not_looked_at=2)
-    found = Comparison(SLEIGH, {"one": "One 1", "two": "Two 2"}, {"three": "cannot"}, states=9)
+    found = LibraryComparison(
+        SLEIGH, {"one": "One 1", "two": "Two 2"}, {"three": "cannot"}, states=9
+    )
     found.apart = {"M": np.array([[0.0, 1e-3, 2e-5], [1e-3, 0.0, 4e-7], [2e-5, 4e-7, 0.0]])}
-    found.why, found.decided = {"one": [Why("x"), Why("y")], "two": []}, {"one": True, "two": True}
+    found.why, found.decided = (
+        {"one": [Explanation("x"), Explanation("y")], "two": []},
+        {"one": True, "two": True},
+    )
     stubs: dict[str, Any] = {
         "robot_named": lambda name: asked.append(name) or scene,
         "validate": lambda one, **how: asked.append(how) or checked,
@@ -314,12 +325,14 @@ def test_robots_are_counted_by_what_checks_and_proofs_came_to(monkeypatch, tmp_p
     assert record.counts == {
         **{"coordinates": 3, "passed": 5, "failed": 1, "proved": 7, "disproved": 4}
     }
-    assert [(x.library, x.verdict, x.apart, x.why) for x in rows_of([record], robots.Read)] == [
+    assert [
+        (x.library, x.verdict, x.apart, x.why) for x in rows_in([record], robots.LibraryReading)
+    ] == [
         ("One 1", "agrees", {"M": 1e-3}, "x; y"),
         ("Two 2", "agrees", {"M": 2e-5}, ""),
         ("three", "no answer", {}, "cannot"),
     ]
-    assert {x.robot for x in rows_of([record], robots.Read)} == {f"{path}, free"}
+    assert {x.robot for x in rows_in([record], robots.LibraryReading)} == {f"{path}, free"}
 
 
 def test_ratios_are_over_the_constant_and_of_what_was_decided(monkeypatch):
@@ -331,11 +344,11 @@ def test_ratios_are_over_the_constant_and_of_what_was_decided(monkeypatch):
         ("motion", 0.25, "passed"),
     ]
 
-    def explore(run: Run, cases: Any, selection: Any, advance: Any) -> None:
+    def explore(run: ValidationRun, cases: Any, selection: Any, advance: Any) -> None:
         how = at(SLEIGH, 1)
         run.findings += [finding(how, x, claim=c, observed=o) for c, o, x in rows]  # type: ignore[arg-type]
 
-    monkeypatch.setattr(Run, "explore", explore)
+    monkeypatch.setattr(ValidationRun, "explore", explore)
     record = tolerance._ratios(Sleigh, {"examples": 2, "links": (1, 1), "seed": 0})
     assert record.series == {
         "bias": [0.5 * tolerance.C, 3 * tolerance.C],
@@ -353,7 +366,7 @@ def test_an_engine_is_as_far_off_as_in_its_worst_state(monkeypatch):
     class Own(CasadiEngine):
         key = "own"
 
-    def look(run: Run, scene: Any, state: State, selection: Any) -> list[Any]:
+    def look(run: ValidationRun, scene: Any, state: State, selection: Any) -> list[Any]:
         place = len(run.findings)
         change = {"observed": [2.0, 4.0, 0.5, 99.0][place], "claim": "mass-matrix"}
         run.findings.append(finding(state, verdicts[place], allowed=1.0, **change))
@@ -367,12 +380,12 @@ def test_an_engine_is_as_far_off_as_in_its_worst_state(monkeypatch):
     monkeypatch.setattr(engines, "engine_of", lambda key: Own)
     monkeypatch.setattr(engines, "scene_cases", lambda *how: [(scene, x) for x in states])
     monkeypatch.setattr(engines, "_differences", differences)
-    monkeypatch.setattr(Run, "look_at", look)
+    monkeypatch.setattr(ValidationRun, "look_at", look)
     monkeypatch.setattr(
-        engines.Selection, "of", lambda *how, **more: SimpleNamespace(how=how, more=more)
+        engines.RunSelection, "of", lambda *how, **more: SimpleNamespace(how=how, more=more)
     )
     settings = {"engine": "own", "scene": "sleigh", "links": (1, 1), "states": 9, "seed": 0}
-    (row,) = rows_of([engines._compare(settings)], engines.Compared)
+    (row,) = rows_in([engines._compare(settings)], engines.EngineDifference)
     assert (row.engine, row.scene, row.claim, row.gives_way) == (
         *("own", "sleigh", "mass-matrix", False),
     )

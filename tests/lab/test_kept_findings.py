@@ -10,11 +10,18 @@ import numpy as np
 import pytest
 
 from eomcheck.claims import Finding, State
-from eomcheck.claims.run import Run, Selection
+from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.errors import InputError
 from eomcheck.lab.store.record_file import Record, Records, select
-from eomcheck.lab.store.stored_findings import PROOFS, RUNS, STATES, kept_in, kept_of, record_of
-from eomcheck.lab.store.validation_runs import Keeper
+from eomcheck.lab.store.stored_findings import (
+    PROOFS,
+    RUNS,
+    STATES,
+    findings_record,
+    stored_findings,
+    stored_findings_in,
+)
+from eomcheck.lab.store.validation_runs import ValidationWriter
 from eomcheck.scenes import Sleigh, Snake
 
 SNAKE = Snake.coil(2)
@@ -25,11 +32,11 @@ OPEN = replace(PASSED, subject="el", verdict="inconclusive", allowed=math.inf, d
 
 
 def test_what_failed_passed_or_was_open_is_kept_as_it_was(tmp_path: Path):
-    run, made = Run(), [PASSED, FAILED, OPEN]
+    run, made = ValidationRun(), [PASSED, FAILED, OPEN]
     run.findings, run.ends = made, [2]  # the last is about the run as a whole
     with Records(tmp_path / "r.db") as records:
-        Keeper(records, Snake, run, Selection.of(engines=[]), (1, 2), 1, 0).finish()
-        kept = kept_in(records.all())
+        ValidationWriter(records, Snake, run, RunSelection.of(engines=[]), (1, 2), 1, 0).finish()
+        kept = stored_findings_in(records.all())
     for names in (("claim", "subject", "verdict", "evidence", "detail", "digits"),):
         for one, other in zip(kept, made, strict=True):
             assert [getattr(one, x) for x in names] == [getattr(other, x) for x in names]
@@ -41,28 +48,28 @@ def test_what_failed_passed_or_was_open_is_kept_as_it_was(tmp_path: Path):
 def test_a_validation_takes_the_place_of_that_of_the_same_kind_alone(tmp_path: Path):
     with Records(tmp_path / "r.db") as records:
         for kind, made in ((Snake, [PASSED, FAILED]), (Sleigh, [OPEN]), (Snake, [FAILED])):
-            run = Run()
+            run = ValidationRun()
             run.findings, run.ends = made, [*range(1, len(made) + 1)]
-            Keeper(records, kind, run, Selection.of(engines=[]), (1, 2), 1, 0).finish()
-        kept = [(one.scene, one.subject) for one in kept_in(records.all())]
+            ValidationWriter(records, kind, run, RunSelection.of(engines=[]), (1, 2), 1, 0).finish()
+        kept = [(one.scene, one.subject) for one in stored_findings_in(records.all())]
         runs = {one.settings["scene"]: one.status for one in records.all(RUNS)}
     assert sorted(kept) == [("sleigh", "el"), ("snake", "au")]
     assert runs == {"sleigh": "done", "snake": "done"}
 
 
 def test_findings_of_states_and_proofs_are_read_and_nothing_else():
-    state = record_of(kept_of([PASSED], "snake", 7))
-    proof = record_of(kept_of([replace(PASSED, subject="proof")], "snake"))
+    state = findings_record(stored_findings([PASSED], "snake", 7))
+    proof = findings_record(stored_findings([replace(PASSED, subject="proof")], "snake"))
     other = replace(state, study="accuracy")
     assert (state.study, proof.study) == (STATES, PROOFS)
-    assert [one.subject for one in kept_in([state, proof, other])] == ["casadi", "proof"]
+    assert [one.subject for one in stored_findings_in([state, proof, other])] == ["casadi", "proof"]
 
 
 def test_the_place_of_a_finding_is_scene_links_and_state():
-    (kept,) = kept_in([record_of(kept_of([PASSED], "snake", 7))])
+    (kept,) = stored_findings_in([findings_record(stored_findings([PASSED], "snake", 7))])
     assert kept.place == "snake, N = 2, state 7"
     assert replace(kept, links=None).place == "snake, state 7"
-    assert kept_of([PASSED], "snake")[0].place == SNAKE.structure
+    assert stored_findings([PASSED], "snake")[0].place == SNAKE.structure
 
 
 def test_of_cells_that_cannot_all_be_forgotten_none_is(tmp_path: Path):

@@ -9,10 +9,10 @@ from tests.widths import check_sheets_fit
 
 from eomcheck.errors import InputError
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.show.table import print_sheets
+from eomcheck.lab.show.table import print_tables
 from eomcheck.lab.store.record_file import Records
 from eomcheck.lab.studies import long_run
-from eomcheck.lab.studies.long_run import REMEDIES, STUDY, cells, record_of
+from eomcheck.lab.studies.long_run import REMEDIES, STUDY, cells, find_run
 
 ENDS = "end", "largest"
 SHORT = {"t_end": 6.0, "formulation": ["au", "kane"]}
@@ -49,14 +49,14 @@ def test_remedies_stop_the_drift_and_are_told_with_their_laws(tmp_path, capsys):
         found = STUDY.measure(records, **SHORT)
         assert STUDY.measure(records, **SHORT) == found
     assert len(found) == 1 + 1 + 2 and {r.status for r in found} == {"done"}
-    plain, fed, cast = (record_of(found, "au", remedy) for remedy in REMEDIES)
-    bound = record_of(found, "kane", "none")
+    plain, fed, cast = (find_run(found, "au", remedy) for remedy in REMEDIES)
+    bound = find_run(found, "kane", "none")
     for one in (fed, cast, bound):
         assert one.errors["constraint_end"] < plain.errors["constraint_end"] / 2
     assert np.isfinite(plain.errors["constraint_exponent"])
     assert abs(bound.errors["constraint_largest"]) < 1e-10
     assert all(r.errors["energy_largest"] < 1e-4 for r in found)
-    print_sheets(STUDY.sheets(found))
+    print_tables(STUDY.sheets(found))
     check_sheets_fit(STUDY.sheets(found))
     said = capsys.readouterr().out
     assert "feedback" in said and "exponent" in said

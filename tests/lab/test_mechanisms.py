@@ -12,14 +12,14 @@ from PIL import Image
 import eomcheck
 from eomcheck.cli import main
 from eomcheck.errors import InputError
-from eomcheck.evaluation.dynamics import closing_error
+from eomcheck.evaluation.dynamics import assembly_error
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.figure_data import (
     moving_state,
-    posed,
+    posed_sketch,
+    scene_and_pose,
     sketch_of,
-    sketched,
     sketches_of_motion,
     structure_of,
 )
@@ -30,11 +30,11 @@ from eomcheck.mechanics import sketch as s
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import FLOAT64
 from eomcheck.numbers.linear import null_space
-from eomcheck.scene_lookup import kinds_of
+from eomcheck.scene_lookup import scene_classes_named
 from eomcheck.scenes import SCENES, Andrews, Bicycle, RollingDisk, Snake
 
 PENDULUM = Path(__file__).parents[2] / "docs" / "guides" / "pendulum.py"
-KINDS = [*SCENES.values(), *kinds_of(f"{PENDULUM}:Pendulum")]
+KINDS = [*SCENES.values(), *scene_classes_named(f"{PENDULUM}:Pendulum")]
 each_kind = pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.key)
 
 
@@ -48,11 +48,11 @@ def links_of(kind: type[Scene]) -> int | None:
 @each_kind
 def test_every_coordinate_and_every_row_of_the_constraints_is_named_once(kind):
     scene, _ = kind.sketched(links_of(kind))
-    sketch, names = posed(*sketched(kind, links_of(kind)))
+    sketch, names = posed_sketch(*scene_and_pose(kind, links_of(kind)))
     assert names == scene.coordinate_names
     named = [p.name for p in sketch.parts if isinstance(p, s.Angle | s.Distance)]
     assert [named.count(name) for name in names] == [1] * scene.n
-    rows = [row for p in sketch.parts if isinstance(p, s.Constraint) for row in p.rows]
+    rows = [row for p in sketch.parts if isinstance(p, s.ConstraintMark) for row in p.rows]
     assert sorted(rows) == list(range(scene.r))
 
 
@@ -69,10 +69,10 @@ def test_the_pose_that_is_drawn_is_closed(kind):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(kind, "sketch", watched)
-        posed(*sketched(kind))
+        posed_sketch(*scene_and_pose(kind))
     (q,) = found
     at = Evaluation(scene, q, np.zeros(scene.n))
-    gap, allowed = closing_error(at)
+    gap, allowed = assembly_error(at)
     assert gap <= allowed
     assert 0 < np.abs(q - wanted).max() < 1.0
 
@@ -152,7 +152,7 @@ def test_the_bicycle_is_drawn_rolling_on_the_ground_at_its_speed():
 @pytest.mark.parametrize("dark", [False, True])
 @each_kind
 def test_labels_cover_no_other_label_and_stay_on_the_page(kind, dark):
-    figure, texts = scene_figure(*posed(*sketched(kind, links_of(kind))), dark)
+    figure, texts = scene_figure(*posed_sketch(*scene_and_pose(kind, links_of(kind))), dark)
     renderer = figure.canvas.get_renderer()
     boxes = [(text.get_text(), text.get_window_extent(renderer)) for text in texts]
     page = figure.bbox
@@ -251,14 +251,14 @@ def test_a_scene_without_a_sketch_is_named():
             return None
 
     with pytest.raises(InputError, match="plain does not say what it looks like"):
-        posed(*sketched(Plain))
+        posed_sketch(*scene_and_pose(Plain))
 
 
 # ---- Matrices ------------------------------------------------------------------------------------
 
 
 def seven(key: str):
-    return structure_of(*moving_state(*sketched(Snake, 7), FORMULATIONS[key]))
+    return structure_of(*moving_state(*scene_and_pose(Snake, 7), FORMULATIONS[key]))
 
 
 @pytest.mark.parametrize("key", FORMULATIONS)
@@ -275,7 +275,7 @@ def test_the_last_matrix_is_of_the_order_that_table_i_counts(key):
 
 @pytest.mark.parametrize("key", FORMULATIONS)
 def test_matrices_are_those_that_doubles_solve(key):
-    scene, f, q, v = moving_state(*sketched(Snake, 7), FORMULATIONS[key])
+    scene, f, q, v = moving_state(*scene_and_pose(Snake, 7), FORMULATIONS[key])
     structure = structure_of(scene, f, q, v)
     at = Evaluation(scene, q, v)
     at.acceleration(f)
@@ -297,7 +297,7 @@ def test_blocks_are_named_by_what_they_are():
 
 
 def test_a_block_that_is_something_else_has_no_name(monkeypatch):
-    scene, f, q, v = moving_state(*sketched(Snake, 7), FORMULATIONS["au"])
+    scene, f, q, v = moving_state(*scene_and_pose(Snake, 7), FORMULATIONS["au"])
 
     def wrong(M, F, a, gamma, v, partition):
         from eomcheck.formulations import au
@@ -313,7 +313,7 @@ def test_a_block_that_is_something_else_has_no_name(monkeypatch):
 
 
 def test_without_constraints_one_matrix_is_read_and_solved():
-    state = moving_state(*sketched(SCENES["chain-pendulum"], 4), FORMULATIONS["em"])
+    state = moving_state(*scene_and_pose(SCENES["chain-pendulum"], 4), FORMULATIONS["em"])
     structure = structure_of(*state)
     assert [one.name for one in structure.read] == ["M"]
     assert structure.solved == ()

@@ -70,7 +70,7 @@ def test_the_very_functions_that_machine_code_is_made_of_have_these_counts(
     v = counting.vector(scene.n)
     monkeypatch.setattr(state, "velocity_of_independent", lambda *_: v)
     monkeypatch.setattr(Snake, "constraints", staticmethod(lambda *_: (None, None)))
-    right_hand_side.rates_on(scene, formulation)
+    right_hand_side.trace_rates(scene, formulation)
     tally, counted = counting.tally, count(scene, formulation)
     assert (tally.additions, tally.multiplications, tally.divisions) == (
         counted.additions,

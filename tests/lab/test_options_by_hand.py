@@ -14,12 +14,12 @@ from eomcheck.lab import study as module
 from eomcheck.lab.option_parsing import (
     MOST_LINKS,
     check_count,
-    interval,
-    listed,
     no_more_than,
-    numbers,
-    parameters,
-    whole_numbers,
+    parse_interval,
+    parse_numbers,
+    parse_parameters,
+    parse_whole_numbers,
+    split_list,
 )
 from eomcheck.lab.store.record_file import Record, Records
 from eomcheck.lab.study import Study
@@ -28,10 +28,14 @@ from eomcheck.lab.study import Study
 
 
 def test_numbers_of_links_are_read_alone_in_ranges_and_in_both():
-    assert whole_numbers("3") == [3]
-    assert whole_numbers("20, 1..4,3..5,50") == [1, 2, 3, 4, 5, 20, 50]
-    assert (interval("3"), interval(" 1..12 "), interval("7..7")) == ((3, 3), (1, 12), (7, 7))
-    assert interval(f"1..{MOST_LINKS}") == (1, 100_000) and MOST_LINKS == 100_000
+    assert parse_whole_numbers("3") == [3]
+    assert parse_whole_numbers("20, 1..4,3..5,50") == [1, 2, 3, 4, 5, 20, 50]
+    assert (parse_interval("3"), parse_interval(" 1..12 "), parse_interval("7..7")) == (
+        (3, 3),
+        (1, 12),
+        (7, 7),
+    )
+    assert parse_interval(f"1..{MOST_LINKS}") == (1, 100_000) and MOST_LINKS == 100_000
     assert no_more_than(None) is None and no_more_than(MOST_LINKS) == MOST_LINKS
 
 
@@ -51,7 +55,7 @@ def test_numbers_of_links_are_read_alone_in_ranges_and_in_both():
 )
 def test_what_is_no_number_of_links_is_refused_in_a_sentence(text, why):
     with pytest.raises(InputError) as error:
-        interval(text)
+        parse_interval(text)
     assert str(error.value) == f"links = {text!r}, expected {why}"
     if text == "100001":
         with pytest.raises(InputError) as error:
@@ -60,28 +64,31 @@ def test_what_is_no_number_of_links_is_refused_in_a_sentence(text, why):
 
 
 def test_names_are_one_list_however_they_are_given_and_files_are_left_whole():
-    assert listed(None) is None and listed([]) is None
-    assert listed(["au, em", "", "kane,"]) == ["au", "em", "kane"]
-    assert listed(["C:/a,b.py:X", " own.py:Y "]) == ["C:/a,b.py:X", "own.py:Y"]
-    assert listed(x for x in ("au", "em")) == ["au", "em"]
+    assert split_list(None) is None and split_list([]) is None
+    assert split_list(["au, em", "", "kane,"]) == ["au", "em", "kane"]
+    assert split_list(["C:/a,b.py:X", " own.py:Y "]) == ["C:/a,b.py:X", "own.py:Y"]
+    assert split_list(x for x in ("au", "em")) == ["au", "em"]
     with pytest.raises(InputError) as error:
-        listed([",", ""])
+        split_list([",", ""])
     assert str(error.value) == "', ' names nothing, expected at least one, or several: a,b"
 
 
 def test_numbers_are_read_in_order_by_their_kind_and_what_is_none_is_named():
-    assert numbers("rtol", ["1,0.5", "2e-3"]) == [1.0, 0.5, 0.002] and numbers("rtol", None) == []
-    assert numbers("n", ["3,1"], int) == [3, 1]
+    assert (
+        parse_numbers("rtol", ["1,0.5", "2e-3"]) == [1.0, 0.5, 0.002]
+        and parse_numbers("rtol", None) == []
+    )
+    assert parse_numbers("n", ["3,1"], int) == [3, 1]
     for kind, said in ((float, "numbers"), (int, "whole numbers")):
         with pytest.raises(InputError) as error:
-            numbers("steps", ["1", "x"], kind)
+            parse_numbers("steps", ["1", "x"], kind)
         assert str(error.value) == f"steps = 'x', expected {said} such as 1,2"
 
 
 def test_parameters_are_lists_of_numbers_or_absent_and_given_once():
-    assert parameters(None) == {}
+    assert parse_parameters(None) == {}
     given = ["mass = 2", "length=1, 0.5", "damping=none"]
-    assert parameters(given) == {"mass": [2.0], "length": [1.0, 0.5], "damping": None}
+    assert parse_parameters(given) == {"mass": [2.0], "length": [1.0, 0.5], "damping": None}
 
 
 @pytest.mark.parametrize(
@@ -98,7 +105,7 @@ def test_parameters_are_lists_of_numbers_or_absent_and_given_once():
 )
 def test_what_sets_no_parameter_is_refused_in_a_sentence(given, message):
     with pytest.raises(InputError) as error:
-        parameters(given)
+        parse_parameters(given)
     assert str(error.value) == message
 
 
@@ -174,7 +181,7 @@ def test_cells_that_are_spread_go_where_they_are_to_by_their_settings_and_under_
         return []
 
     monkeypatch.setattr(module, "run_cells", run_cells)
-    monkeypatch.setattr(module, "check_place", places.append)
+    monkeypatch.setattr(module, "check_executor", places.append)
     records: Any = None
     of().measure(records)
     spread = of(spread_by=("case",), label="looking")

@@ -14,7 +14,7 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.store.record_file import Record, Records
 from eomcheck.lab.studies.paper import STUDY as PAPER_STUDY
 from eomcheck.lab.studies.paper import measure as paper
-from eomcheck.lab.studies.paper.measure import FULL, PAPER, QUICK, Found, Plan, Solver
+from eomcheck.lab.studies.paper.measure import FULL, PAPER, QUICK, PaperRecords, Solver, StudyPlan
 
 
 def test_the_study_is_about_the_papers_seven_formulations():
@@ -36,12 +36,12 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Recor
 
 
 OUTPUTS = 21
-SMALL = Plan((2, 3, 7), (Solver("RK45", 1e-5),), ("au", "kane"), runs=2)
+SMALL = StudyPlan((2, 3, 7), (Solver("RK45", 1e-5),), ("au", "kane"), runs=2)
 
 
 def test_each_cell_is_one_record(measured):
     _, records = measured
-    found = Found(records)
+    found = PaperRecords(records)
     assert len(records) == 2 * (3 + 7) + 2 * 3
     assert not found.unfinished
     for (links, key, _), record in found.motions.items():
@@ -66,19 +66,19 @@ def test_a_motion_that_is_far_between_output_times_crosses_no_singular_pose(monk
 
 
 def test_the_systems_solved_are_those_of_table_i(measured):
-    for (links, key), record in Found(measured[1]).equations.items():
+    for (links, key), record in PaperRecords(measured[1]).equations.items():
         assert record.counts["final system"] == {"au": 2 * links + 2, "kane": 2}[key]
         assert record.counts["multipliers"] == {"au": links, "kane": 0}[key]
 
 
 def test_a_wheel_across_its_link_stops_generalized_speeds_only(measured):
-    across = Found(measured[1]).across
+    across = PaperRecords(measured[1]).across
     refused = [at for at, record in across.items() if record.status == "refused"]
     assert refused == [(wheel, "kane") for wheel in range(2, 8)]
 
 
 def test_the_robot_begins_in_the_papers_pose(measured):
-    record = Found(measured[1]).motions[7, "kane", SMALL.solvers[0]]
+    record = PaperRecords(measured[1]).motions[7, "kane", SMALL.solvers[0]]
     assert record.series["q"][0] == [0, 0, 0.7679, 1.536, 2.304, 3.072, 3.840, 4.608, 5.376]
     assert record.errors["initial energy"] == pytest.approx(8847.744025)
 
@@ -88,7 +88,7 @@ def test_a_study_that_goes_on_repeats_nothing(measured, monkeypatch: pytest.Monk
     monkeypatch.setattr(paper, "OUTPUTS", OUTPUTS)
     monkeypatch.setattr(paper, "QUICK", SMALL)
     monkeypatch.setattr(paper, "_equations", None)
-    monkeypatch.setattr(paper, "_moved", None)
+    monkeypatch.setattr(paper, "_simulate", None)
     with Records(path) as records:
         assert PAPER_STUDY.measure(records, quick=True) == before
 

@@ -13,16 +13,17 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.show.chart import Panel
 from eomcheck.lab.store.record_file import Record
 from eomcheck.lab.studies.paper import STUDY as PAPER_STUDY
-from eomcheck.lab.studies.paper.measure import PAPER, STUDY, Found, Solver
+from eomcheck.lab.studies.paper.measure import PAPER, STUDY, PaperRecords, Solver
 from eomcheck.lab.studies.paper.paper_claims import (
     PAPER_CLAIMS,
     Evidence,
     PaperClaim,
-    judge,
+    judge_paper_claim,
     judgements,
     verdict_of,
 )
-from eomcheck.lab.studies.paper.show import said, sheets
+from eomcheck.lab.studies.paper.show import remarks
+from eomcheck.lab.studies.paper.show import tables as sheets
 
 SOLVERS = (Solver("RK45", 1e-3), Solver("DOP853", 1e-9))
 LINKS = (2, 7, 20)
@@ -101,7 +102,7 @@ def claim_at(place: str, says: str = "") -> PaperClaim:
 
 
 def verdict(records: list[Record], place: str, says: str = "") -> str:
-    return judge(claim_at(place, says), Found(records)).verdict
+    return judge_paper_claim(claim_at(place, says), PaperRecords(records)).verdict
 
 
 # ---- Verdicts ------------------------------------------------------------------------------------
@@ -265,15 +266,15 @@ def test_the_printed_sizes_of_states_are_held_against_those_integrated():
 
 def test_a_motion_that_failed_is_compared_with_nothing_and_named():
     records = doctored(not_finished("em"))
-    measured = judge(claim_at("Fig. 3"), Found(records)).measured
+    measured = judge_paper_claim(claim_at("Fig. 3"), PaperRecords(records)).measured
     assert "16 of 16 comparisons" in measured  # 4 by 2 formulations by 2 solvers
-    assert "failed: em, 20 links, RK45 1e-03: a_1 is singular" in list(said(records))
+    assert "failed: em, 20 links, RK45 1e-03: a_1 is singular" in list(remarks(records))
 
 
 def test_growth_is_told_from_the_fewest_links_that_a_method_finished():
     def measured(*links: int) -> str:
         records = doctored(not_finished("em", links=links))
-        return judge(claim_at("Fig. 7, Sec. 12"), Found(records)).measured
+        return judge_paper_claim(claim_at("Fig. 7, Sec. 12"), PaperRecords(records)).measured
 
     assert "in 12 of 12 comparisons" in measured()
     assert "in 12 of 12 comparisons" in measured(2)

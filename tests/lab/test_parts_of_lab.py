@@ -14,24 +14,24 @@ from tests.lab.test_comparing import Heavy, parting
 from tests.robots import arm
 
 from eomcheck.claims.finding import Finding
-from eomcheck.engines.file_engine import described
+from eomcheck.engines.file_engine import read_description
 from eomcheck.engines.files import PinocchioFile
 from eomcheck.errors import EngineError, InputError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.lab import library_comparison, proofs, run_time
 from eomcheck.lab import proofs as proof_jobs
-from eomcheck.lab.discrepancy import Parting, Why, reasons, scale_of
+from eomcheck.lab.discrepancy import Discrepancy, Explanation, explain, relative_scale
 from eomcheck.lab.library_comparison import (
     QUANTITIES,
-    Comparison,
-    compare,
-    ours_at,
+    LibraryComparison,
+    compare_libraries,
+    library_quantities,
     readers,
-    summed_at,
-    theirs_at,
+    reference_quantities,
+    summand_sizes,
 )
 from eomcheck.lab.proofs import LINKS, ProofJobs, Proofs, numbers_of_links
-from eomcheck.lab.run_time import disturbed, slope
+from eomcheck.lab.run_time import slope, was_contended
 from eomcheck.lab.store.record_file import Record, Records
 from eomcheck.lab.study import Study, document_of, failed, unfinished
 from eomcheck.mechanics.records import State
@@ -48,10 +48,10 @@ def finding(verdict: Any, claim: str = "bias") -> Finding:
     return Finding(claim, "x", None, None, 1.0, 0.5, verdict, "compared")
 
 
-def comparison() -> Comparison:
+def comparison() -> LibraryComparison:
     """Return what came of seven libraries, of which each is another case."""
     scene: Any = SimpleNamespace(name="arm")
-    found = Comparison(scene)
+    found = LibraryComparison(scene)
     found.versions = dict.fromkeys(("right", "open", "wrong", "mute", "blind", "never"), "1")
     found.refused = {"gone": "not installed", "broken": "no joint"}
     found.missing = ["gone"]
@@ -107,7 +107,7 @@ def test_nothing_is_an_error_beside_a_disagreement():
 )
 def test_a_difference_has_a_name_where_all_of_it_is_explained(labels, verdict):
     found = comparison()
-    found.why["wrong"] = [Why("a sentence", label) for label in labels]
+    found.why["wrong"] = [Explanation("a sentence", label) for label in labels]
     assert found.verdict("wrong") == verdict
 
 
@@ -141,12 +141,12 @@ def test_a_library_that_is_not_installed_is_left_out_unless_it_was_named(monkeyp
     monkeypatch.setattr(library_comparison, "version_of", version_of)
     monkeypatch.setitem(library_comparison.BY_FORMAT, "urdf", {"gone": Gone, "here": PinocchioFile})
     scene, told = from_urdf(arm(tmp_path / "arm.urdf")), []
-    found = compare(scene, states=2, advance=lambda: told.append(1))
+    found = compare_libraries(scene, states=2, advance=lambda: told.append(1))
     assert (found.missing, found.refused) == (["gone"], {"gone": "gone is not installed"})
     assert (found.versions, found.states, len(told)) == ({"here": "1.2"}, 2, 2)
     assert list(found.said) == list(found.why) == ["here"]
     with pytest.raises(EngineError, match="gone is not installed"):
-        compare(scene, ["gone", "here"], states=1)
+        compare_libraries(scene, ["gone", "here"], states=1)
     assert list(readers(scene, ["here"])) == ["here"] and len(readers(scene, None)) == 2
 
 
@@ -156,9 +156,9 @@ def test_what_no_state_resolves_is_kept_by_library_and_why_is_told_once(monkeypa
         "mass-matrix": [SimpleNamespace(finding=SimpleNamespace(engine=PinocchioFile), entry="")],
         "bias": [SimpleNamespace(finding=SimpleNamespace(engine=None), entry="")],
     }
-    monkeypatch.setattr(library_comparison, "unresolved", lambda findings: left)
+    monkeypatch.setattr(library_comparison, "unresolved_by_claim", lambda findings: left)
     monkeypatch.setitem(library_comparison.BY_FORMAT, "urdf", {"a": Heavy, "b": PinocchioFile})
-    found = compare(from_urdf(arm(tmp_path / "arm.urdf")), states=3)
+    found = compare_libraries(from_urdf(arm(tmp_path / "arm.urdf")), states=3)
     assert found.hidden == {("b", "mass-matrix"): left["mass-matrix"]}
     assert [one.label for one in found.why["a"]] == [""] and found.why["b"] == []
     assert (found.verdict("a"), found.verdict("b")) == ("differs", "agrees where decided")
@@ -185,7 +185,7 @@ def test_the_largest_difference_of_all_states_is_kept_for_each_quantity(monkeypa
 
     monkeypatch.setitem(library_comparison.BY_FORMAT, "urdf", {"a": Drifting})
     scene = from_urdf(arm(tmp_path / "arm.urdf"))
-    found = compare(scene, states=3, advance=advance)
+    found = compare_libraries(scene, states=3, advance=advance)
     assert found.apart["M"][0, 1] == pytest.approx(3e-3 / 1.003, rel=1e-6)
     worst = found.findings["a", "mass-matrix"]
     assert worst.verdict == "failed" and found.decided == {"a": True}
@@ -195,22 +195,24 @@ def test_quantities_are_taken_moving_and_at_rest_and_sized_by_what_they_are_summ
     scene = from_urdf(arm(tmp_path / "arm.urdf", damping="0.3"))
     state = State(np.array([0.3, -0.2, 0.9]), np.array([0.5, 0.4, -1.0]), 0.0)
     at, rest = Evaluation(scene, *state), Evaluation(scene, state.q, 0 * state.v, 0.0)
-    found = Comparison(scene)
-    ours = ours_at(found, at)
+    found = LibraryComparison(scene)
+    ours = reference_quantities(found, at)
     assert list(ours) == list(QUANTITIES) and found.skipped == []
     for name, value in (("M", at.terms.M), ("bias", at.terms.B), ("forces", at.terms.Q)):
         assert np.array_equal(ours[name], value)
     assert np.array_equal(ours["gravity"], rest.terms.Q)
     assert (ours["forces"] - ours["gravity"]).tolist() == pytest.approx([0.0, -0.12, 0.0])
-    summed = summed_at(at)
+    summed = summand_sizes(at)
     assert summed["M"] == summed["q̈"] == 0.0 < summed["bias"]
     assert summed["gravity"] == summed["forces"] != summed["bias"]
     found.why["pin"] = []
     engine: Any = PinocchioFile(scene)
-    told = theirs_at(found, "pin", engine, at, ours)
+    told = library_quantities(found, "pin", engine, at, ours)
     assert np.allclose(told["M"], ours["M"]) and np.allclose(told["gravity"], ours["gravity"])
     still = from_urdf(tmp_path / "arm.urdf", gravity=None)
-    of_still = ours_at(Comparison(still), Evaluation(still, state.q, 0 * state.v, 0.0))
+    of_still = reference_quantities(
+        LibraryComparison(still), Evaluation(still, state.q, 0 * state.v, 0.0)
+    )
     assert of_still["gravity"].tolist() == [0.0] * 3
 
 
@@ -222,12 +224,12 @@ def test_the_first_fault_of_a_quantity_is_kept_and_said_once(tmp_path):
             asked.append(1)
             raise RuntimeError(f"time {len(asked)}")
 
-    found = Comparison(scene)
+    found = LibraryComparison(scene)
     found.why["x"] = []
     at = Evaluation(scene, np.zeros(3), np.zeros(3), 0.0)
     engine: Any = Failing(scene)
     for _ in range(2):
-        told = theirs_at(found, "x", engine, at, ["M", "bias"])
+        told = library_quantities(found, "x", engine, at, ["M", "bias"])
         assert list(told) == ["bias"]
     ((key, said),) = found.faults.items()
     assert key == ("x", "M") and "time 1" in said
@@ -237,7 +239,7 @@ def test_the_first_fault_of_a_quantity_is_kept_and_said_once(tmp_path):
 # ---- Why -----------------------------------------------------------------------------------------
 
 
-def at_of(tmp_path: Path, **theirs: Any) -> Parting:
+def at_of(tmp_path: Path, **theirs: Any) -> Discrepancy:
     """Return a robot of which these quantities are otherwise."""
     ours = {
         "M": np.diag([4.0, 1.0, 0.5]) + 0.25,
@@ -246,11 +248,11 @@ def at_of(tmp_path: Path, **theirs: Any) -> Parting:
         "forces": np.array([-9.0, 1.5, 0.5]),
         "q̈": np.array([1.0, 2.0, -3.0]),
     }
-    of = described(arm(tmp_path / "arm.urdf"))
-    return Parting(of, NAMES, np.array([0.5, -1.0, 2.0]), ours, ours | theirs, {})
+    of = read_description(arm(tmp_path / "arm.urdf"))
+    return Discrepancy(of, NAMES, np.array([0.5, -1.0, 2.0]), ours, ours | theirs, {})
 
 
-def changed(at: Parting, name: str, share: float, place: int = 1) -> Parting:
+def changed(at: Discrepancy, name: str, share: float, place: int = 1) -> Discrepancy:
     theirs = at.theirs[name].copy()
     theirs[place] += share * np.abs(at.ours[name]).max()
     return at._replace(theirs=at.theirs | {name: theirs})
@@ -265,11 +267,11 @@ def test_fewer_digits_are_between_rounding_and_eight_digits_of_any_term(
     tmp_path, name, share, label
 ):
     at = changed(at_of(tmp_path), name, share)
-    said = [one.label for one in reasons(at) if one.sentence.startswith("the same but for digits")]
+    said = [one.label for one in explain(at) if one.sentence.startswith("the same but for digits")]
     assert said == ([] if label is None else [label])
     assert at.terms_agree == (share < 1e-8) and at.same(name, 1.2 * share)
     other = changed(at, "q̈", 1e-3)
-    said = [one.label for one in reasons(other) if one.sentence.startswith("the same but for")]
+    said = [one.label for one in explain(other) if one.sentence.startswith("the same but for")]
     assert said == ([] if label is None else [""])
 
 
@@ -277,11 +279,11 @@ def test_another_gravity_is_a_factor_of_the_whole_vector(tmp_path):
     at = at_of(tmp_path)
     ours = at.ours["gravity"]
     half = at._replace(theirs=at.theirs | {"gravity": -0.5 * ours})
-    assert Why("has -0.5 times our gravity") in reasons(half)
-    assert not [x for x in reasons(changed(half, "gravity", 1e-7)) if "gravity" in x.sentence]
-    assert [x for x in reasons(changed(half, "gravity", 1e-9)) if "gravity" in x.sentence]
+    assert Explanation("has -0.5 times our gravity") in explain(half)
+    assert not [x for x in explain(changed(half, "gravity", 1e-7)) if "gravity" in x.sentence]
+    assert [x for x in explain(changed(half, "gravity", 1e-9)) if "gravity" in x.sentence]
     still = at._replace(ours=at.ours | {"gravity": 0 * ours})
-    assert not [x for x in reasons(still) if "gravity" in x.sentence]
+    assert not [x for x in explain(still) if "gravity" in x.sentence]
 
 
 def test_an_armature_is_told_only_where_nothing_beside_the_diagonal_and_no_bias_differs(tmp_path):
@@ -289,18 +291,18 @@ def test_an_armature_is_told_only_where_nothing_beside_the_diagonal_and_no_bias_
     M = at.ours["M"] + np.diag([0.5, 0.0, 0.25])
     armature = at._replace(theirs=at.theirs | {"M": M})
     said = "adds to the diagonal of M alone, as an armature does: shoulder, wrist"
-    assert [one.sentence for one in reasons(armature)] == [said]
+    assert [one.sentence for one in explain(armature)] == [said]
     beside = M.copy()
     beside[0, 1] = beside[1, 0] = 0.25 + 1e-6
     for other in (
         armature._replace(theirs=armature.theirs | {"M": beside}),
         changed(armature, "bias", 1e-6),
     ):
-        assert not [x for x in reasons(other) if "armature" in x.sentence]
+        assert not [x for x in explain(other) if "armature" in x.sentence]
 
 
 def test_what_is_left_out_by_dampers_is_measured_by_what_the_largest_takes(tmp_path):
-    of = described(arm(tmp_path / "arm.urdf", damping="0.5"))
+    of = read_description(arm(tmp_path / "arm.urdf", damping="0.5"))
     at = at_of(tmp_path)._replace(description=of)
     assert at.damped == [1]
     taken = at.ours["forces"] - at.ours["gravity"]  # -0.5 times a velocity of 1 m/s
@@ -309,7 +311,7 @@ def test_what_is_left_out_by_dampers_is_measured_by_what_the_largest_takes(tmp_p
         missing = np.linalg.solve(at.ours["M"], np.array([0.0, 0.0, share]))
         one = at._replace(v=np.array([0.5, 1.0, 2.0]), theirs=at.theirs | {"q̈": theirs + missing})
         assert one.leaves_out_damping == told, share
-        assert [x.label for x in reasons(one)] == (["no damping"] if told else [])
+        assert [x.label for x in explain(one)] == (["no damping"] if told else [])
         assert not changed(one, "bias", 1e-6).leaves_out_damping
         assert not one._replace(v=-one.v).leaves_out_damping
     assert not at.leaves_out_damping  # nothing differs
@@ -317,14 +319,14 @@ def test_what_is_left_out_by_dampers_is_measured_by_what_the_largest_takes(tmp_p
 
 
 def test_differences_are_relative_to_what_cancelled_where_it_is_a_thousand_times_as_large():
-    assert scale_of(2.0, 1999.0) == 2.0 and scale_of(2.0, 2001.0) == 2001.0
-    assert scale_of(0.0, 0.0) == 0.0 and scale_of(0.0, 3.0) == 3.0
+    assert relative_scale(2.0, 1999.0) == 2.0 and relative_scale(2.0, 2001.0) == 2001.0
+    assert relative_scale(0.0, 0.0) == 0.0 and relative_scale(0.0, 3.0) == 3.0
 
 
 def test_odd_bodies_are_told_each_kind_by_its_own_names(tmp_path):
     at = parting(tmp_path / "arm.urdf")
     of = at.description._replace(massless=("a",), impossible=("b", "c"), empty=("d",))
-    said = [one.sentence for one in reasons(at._replace(description=of))]
+    said = [one.sentence for one in explain(at._replace(description=of))]
     assert said == [
         "the file has moments of inertia without mass (a), which libraries may drop",
         "the file has inertias that no body can have (b, c), which libraries may change",
@@ -369,8 +371,8 @@ def chains(monkeypatch) -> tuple[list, list]:
             yield scene, [proved("passed", scene.structure)]
 
     monkeypatch.setattr(proofs, "_prove", prove)
-    monkeypatch.setattr(proofs, "spread", spread)
-    monkeypatch.setattr(proofs, "record_of", lambda found: None)
+    monkeypatch.setattr(proofs, "parallel_map", spread)
+    monkeypatch.setattr(proofs, "findings_record", lambda found: None)
     monkeypatch.setattr(Proofs, "_keep", lambda *_: None)
     scenes = [SimpleNamespace(n=n, structure=f"chain[{n}]") for n in (3, 40, 39, 60)]
     return scenes, asked
@@ -467,7 +469,7 @@ def test_quartiles_are_of_all_runs_and_long_work_ends_with_the_fewest(monkeypatc
     ],
 )
 def test_a_run_is_disturbed_where_a_twentieth_of_it_was_another_program_s(seconds, cpu, told):
-    assert disturbed(Record("x", {}, seconds=seconds, cpu_seconds=cpu)) == told
+    assert was_contended(Record("x", {}, seconds=seconds, cpu_seconds=cpu)) == told
 
 
 def test_a_slope_is_the_power_of_y_over_x():

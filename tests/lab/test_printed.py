@@ -15,14 +15,14 @@ import pytest
 from tests.lab.test_tables import kept, run_of, shown, table
 
 from eomcheck import __version__
-from eomcheck.claims.finding import Finding, Left
-from eomcheck.claims.numerical_accuracy import Drawn
-from eomcheck.claims.run import Run, Selection
+from eomcheck.claims.finding import Finding, Unresolved
+from eomcheck.claims.numerical_accuracy import SampledState
+from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.engines import CasadiEngine, PinocchioEngine, version_of
-from eomcheck.lab.discrepancy import Why
-from eomcheck.lab.fuzzing.failures import Find
-from eomcheck.lab.fuzzing.replay import Replayed
-from eomcheck.lab.library_comparison import Comparison
+from eomcheck.lab.discrepancy import Explanation
+from eomcheck.lab.fuzzing.failures import FailureRecord
+from eomcheck.lab.fuzzing.replay import ReplayResult
+from eomcheck.lab.library_comparison import LibraryComparison
 from eomcheck.lab.report import (
     campaign_tables,
     comparison_tables,
@@ -32,10 +32,10 @@ from eomcheck.lab.report import (
     registries,
     report_formats,
 )
-from eomcheck.lab.report.claim_summary import Judged, by_claim, evidence_sheet, worst_sheet
+from eomcheck.lab.report.claim_summary import ClaimSummary, by_claim, evidence_table, worst_table
 from eomcheck.lab.report.equivalences import named_tests
-from eomcheck.lab.report.finding_output import write_json
-from eomcheck.lab.report.overview import Overview, made, sections_of
+from eomcheck.lab.report.finding_output import write_findings
+from eomcheck.lab.report.overview import Overview, origin_of, sections_of
 from eomcheck.lab.report.report_formats import write_junit
 from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
 from eomcheck.lab.store.record_file import Record
@@ -57,10 +57,10 @@ def finding(state: State, verdict: Any = "passed", scene: Any = SLEIGH, **change
     return replace(usual, **change)
 
 
-def said_of(capsys: pytest.CaptureFixture[str], runs: dict[str, Run], **how: Any) -> str:
+def said_of(capsys: pytest.CaptureFixture[str], runs: dict[str, ValidationRun], **how: Any) -> str:
     """Return what is printed of runs, in one line."""
     asked = {"engines": ["casadi"], "claims": ["mass-matrix"], "scenes": [SLEIGH, CHAIN]} | how
-    finding_output.print_runs(runs, Selection.of(**asked))
+    finding_output.print_runs(runs, RunSelection.of(**asked))
     return " ".join(capsys.readouterr().out.split())
 
 
@@ -69,9 +69,11 @@ def said_of(capsys: pytest.CaptureFixture[str], runs: dict[str, Run], **how: Any
 
 def test_states_and_failures_of_all_scenes_are_counted(capsys):
     states = [at(SLEIGH, k) for k in range(4)]
-    first = Run([finding(x, "failed", observed=2.0 + i) for i, x in enumerate(states[:3])])
+    first = ValidationRun(
+        [finding(x, "failed", observed=2.0 + i) for i, x in enumerate(states[:3])]
+    )
     first.ends = [1, 2, 3]
-    other = Run([finding(x, "passed", CHAIN) for x in states[2:]], ends=[1, 2])
+    other = ValidationRun([finding(x, "passed", CHAIN) for x in states[2:]], ends=[1, 2])
     said = said_of(capsys, {"sleigh": first, "four-bar-chain": other})
     assert said.startswith(f"eomcheck {__version__}, {version_of(CasadiEngine)}, 5 states ")
     assert said.endswith(" 3 of 5 findings failed.")
@@ -86,7 +88,7 @@ def test_the_smallest_failing_state_is_that_of_the_run_and_never_that_of_coverag
         finding(states[1], "failed", claim="coverage", subject="all", detail="2 of 3 refused"),
         finding(states[2], "failed"),
     ]
-    run = Run(rows, ends=[1, 2, 3], drawn=[Drawn(SLEIGH, states[0], ())])
+    run = ValidationRun(rows, ends=[1, 2, 3], drawn=[SampledState(SLEIGH, states[0], ())])
     said = said_of(capsys, {"sleigh": run})
     assert " ".join(rows[2].as_python().split()) in said
     assert " ".join(rows[1].as_python().split()) not in said
@@ -99,12 +101,12 @@ def test_the_smallest_failing_state_is_that_of_the_run_and_never_that_of_coverag
 def test_coverage_is_said_of_one_scene_whatever_its_verdict(capsys):
     state = at(SLEIGH, 0)
     of = {"claim": "coverage", "subject": "all", "detail": "1 of 9 drawn states was refused"}
-    run = Run([finding(state), finding(state, **of)], ends=[1])
-    run.drawn = [Drawn(SLEIGH, state, ())]
+    run = ValidationRun([finding(state), finding(state, **of)], ends=[1])
+    run.drawn = [SampledState(SLEIGH, state, ())]
     said = said_of(capsys, {"sleigh": run})
     assert "coverage: 1 of 9 drawn states was refused" in said
     assert "Drawn states by stratum" in said
-    two = said_of(capsys, {"sleigh": run, "four-bar-chain": Run()})
+    two = said_of(capsys, {"sleigh": run, "four-bar-chain": ValidationRun()})
     assert "coverage:" not in two and "Drawn states" not in two
 
 
@@ -116,7 +118,7 @@ def test_each_subject_that_was_not_looked_at_is_said_with_its_first_reason(capsy
         kept(subject="el", detail="no a′", case=3, scene="sleigh", links=None, **how),
         kept(detail="passed"),
     ]
-    finding_output.print_unseen(by_claim(rows))
+    finding_output.print_skipped(by_claim(rows))
     assert capsys.readouterr().out.splitlines() == [
         "skipped: bias [au] on snake, N = 3, state 1: no speeds",
         "skipped: bias [el] on sleigh, state 3: no a′",
@@ -124,7 +126,7 @@ def test_each_subject_that_was_not_looked_at_is_said_with_its_first_reason(capsy
 
 
 def test_only_the_library_that_reads_the_file_is_said_to():
-    selection = Selection.of(engines=[CasadiEngine, PinocchioEngine], scenes=[SLEIGH])
+    selection = RunSelection.of(engines=[CasadiEngine, PinocchioEngine], scenes=[SLEIGH])
     selection = replace(selection, reader=PinocchioEngine)  # type: ignore[arg-type]
     ends = [
         finding_output._called(one, selection).endswith(" (reads the file itself)")
@@ -139,12 +141,12 @@ def test_what_was_found_is_told_as_observed_and_allowed():
     assert str(one) == (
         f"[au ~ el] failed on snake, N = 3, state 7 (property-tested: doubles): {numbers}; row x"
     )
-    assert Judged((one,)).cell.said == f"{one}; 1 finding"
+    assert ClaimSummary((one,)).cell.said == f"{one}; 1 finding"
     # The last of equals is the worst one, and a state without an error has no place.
     same = [kept(case=1), kept(case=2), kept("motion", observed=0.0)]
-    cells = [tuple(map(str, row)) for row in worst_sheet(by_claim(same)).rows]
+    cells = [tuple(map(str, row)) for row in worst_table(by_claim(same)).rows]
     assert ("bias", "50%", "au ~ el", "snake[3] #2", "2") in cells
-    (row,) = table(evidence_sheet(Judged((same[2],))))
+    (row,) = table(evidence_table(ClaimSummary((same[2],))))
     assert (row["ratio"], row["where"]) == ("0", "")
 
 
@@ -209,10 +211,10 @@ def test_a_report_says_what_it_rests_on_and_where_that_was_made():
     overview = Overview([late, early, Record(PROOFS, {"scene": "sleigh", "links": None})][:2])
     overview.rows = [kept(), kept(subject="shy"), kept(subject="im ~ casadi", scene="sleigh")]
     place = "Abacus (3 cores), Python 3.14"
-    assert made(late) == f"2026-03-05, eomcheck 7.1 (c0ffee), {place}"
+    assert origin_of(late) == f"2026-03-05, eomcheck 7.1 (c0ffee), {place}"
     assert overview.provenance == [
         f"2026-01-09, eomcheck ? (sources 5a5a), {place}",
-        made(late),
+        origin_of(late),
     ]
     assert overview.engines == ["CasADi 3", "Shy 1"]
     assert overview.columns == ["im", "au", "el", "casadi", "shy"]
@@ -346,7 +348,7 @@ def test_a_page_shows_failing_states_first_and_each_state_once():
 def test_kept_failures_are_told_by_their_numbers_and_how_many_there_are_of_each(
     monkeypatch, capsys
 ):
-    monkeypatch.setattr(Find, "python", property(lambda find: f"code of {find.claim}"))
+    monkeypatch.setattr(FailureRecord, "python", property(lambda find: f"code of {find.claim}"))
     outcomes: list[Any] = [
         ("holds", "bias", ""),
         ("inconclusive", "motion", "wide"),
@@ -357,7 +359,10 @@ def test_kept_failures_are_told_by_their_numbers_and_how_many_there_are_of_each(
         ("holds", "bias", ""),
     ]
     campaign_tables.print_replayed(
-        [Replayed(Find("sleigh", {}, [], [], claim=x), one, why) for one, x, why in outcomes]
+        [
+            ReplayResult(FailureRecord("sleigh", {}, [], [], claim=x), one, why)
+            for one, x, why in outcomes
+        ]
     )
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "7 finds: 3 hold now, 2 fail, 1 inconclusive, 1 not checked"
@@ -372,12 +377,16 @@ def test_kept_failures_are_told_by_their_numbers_and_how_many_there_are_of_each(
 
 def test_a_document_has_each_state_once_and_each_finding_with_the_number_of_its_state(tmp_path):
     first, second, third = at(SLEIGH, 1), at(SLEIGH, 2), at(CHAIN, 3)
-    one = Run([finding(first), finding(second, "failed"), finding(first, subject="el")], ends=[3])
-    two = Run([finding(third, scene=CHAIN)], ends=[1], drawn=[Drawn(CHAIN, third, ())])
+    one = ValidationRun(
+        [finding(first), finding(second, "failed"), finding(first, subject="el")], ends=[3]
+    )
+    two = ValidationRun(
+        [finding(third, scene=CHAIN)], ends=[1], drawn=[SampledState(CHAIN, third, ())]
+    )
     small = finding(at(CHAIN, 9), "failed", CHAIN)
     two.minimal = small
-    selection = Selection.of(["el", "au"], ["casadi"], ["mass-matrix"], scenes=[SLEIGH])
-    write_json(tmp_path / "a.json", [one, two], selection)
+    selection = RunSelection.of(["el", "au"], ["casadi"], ["mass-matrix"], scenes=[SLEIGH])
+    write_findings(tmp_path / "a.json", [one, two], selection)
     told = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))
     assert [case["t"] for case in told["cases"]] == [1.0, 2.0, 3.0]
     assert [case["scene"] for case in told["cases"]] == [repr(x) for x in (SLEIGH, SLEIGH, CHAIN)]
@@ -432,10 +441,10 @@ def test_a_state_is_told_with_units_and_how_many_coordinates_are_left_out(monkey
 # ---- Comparison of libraries ---------------------------------------------------------------------
 
 
-def compared() -> Comparison:
+def compared() -> LibraryComparison:
     """Return a comparison in which everything is different from everything else."""
     versions = {"one": "One 1.0", "two": "Two 2.0"}
-    found = Comparison(SLEIGH, versions, {"three": "cannot"}, states=5)
+    found = LibraryComparison(SLEIGH, versions, {"three": "cannot"}, states=5)
     found.apart = {"M": np.array([[0.0, 1e-3, np.nan], [1e-3, 0.0, 4e-7], [np.nan, 4e-7, 0.0]])}
     state = at(SLEIGH, 1)
     found.findings = {
@@ -443,12 +452,15 @@ def compared() -> Comparison:
         ("one", "bias"): finding(state, "failed", claim="bias", detail="row y has a sign"),
         ("two", "bias"): finding(state, claim="bias"),
     }
-    found.why = {"one": [Why("leaves out the damping"), Why("has an armature")], "two": []}
+    found.why = {
+        "one": [Explanation("leaves out the damping"), Explanation("has an armature")],
+        "two": [],
+    }
     found.said = {"one": [f"line {k}" for k in range(7)], "two": ["only this"]}
     found.decided = {"one": True}
     found.skipped = ["singular", "singular", "at rest"]
     found.unsure = Counter({("two", "acceleration"): 4, ("one", "acceleration"): 4})
-    found.hidden = {("two", "bias"): [Left("two", "row x", finding(state, claim="bias"), 5)]}
+    found.hidden = {("two", "bias"): [Unresolved("two", "row x", finding(state, claim="bias"), 5)]}
     return found
 
 

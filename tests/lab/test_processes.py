@@ -9,7 +9,7 @@ from multiprocessing.context import SpawnProcess
 
 import pytest
 
-from eomcheck.console import stoppable
+from eomcheck.console import interruptible
 from eomcheck.lab.store import executors
 
 
@@ -27,7 +27,7 @@ def test_a_worker_is_started_whole_before_an_interruption(monkeypatch, number: i
     # A shell that runs the tests in the background has its jobs ignore Ctrl-C.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        with pytest.raises(KeyboardInterrupt), stoppable():
+        with pytest.raises(KeyboardInterrupt), interruptible():
             executors._Context().Process().start()
     finally:
         signal.signal(signal.SIGINT, before)

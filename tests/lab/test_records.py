@@ -20,7 +20,7 @@ import pytest
 from eomcheck import cli
 from eomcheck.errors import EngineError, InputError, RefusedError
 from eomcheck.lab import study as module
-from eomcheck.lab.report.record_table import columns, record_sheet
+from eomcheck.lab.report.record_table import record_columns, record_table
 from eomcheck.lab.store import provenance
 from eomcheck.lab.store.provenance import blas_threads, machine, sources, versions
 from eomcheck.lab.store.record_file import Record, Records, key_of
@@ -487,7 +487,7 @@ def test_two_processes_write_at_once_from_the_making_of_the_file_on(path: Path):
 
 
 def table(records: list[Record]) -> list[dict[str, str]]:
-    return list(csv.DictReader(io.StringIO(record_sheet(records).csv())))
+    return list(csv.DictReader(io.StringIO(record_table(records).csv())))
 
 
 def test_a_table_has_every_value_in_full():
@@ -511,8 +511,8 @@ def test_a_table_has_every_value_in_full():
 def test_columns_do_not_depend_on_the_order_of_records():
     a = Record("s", {"z": 1, "a": 2}, errors={"x": 1.0}, quartiles=(1, 2))
     b = Record("s", {"m": 1}, counts={"k": 1}, errors={"b": 1.0})
-    assert columns([a, b]) == columns([b, a])
-    assert columns([a, b])[:15] == [
+    assert record_columns([a, b]) == record_columns([b, a])
+    assert record_columns([a, b])[:15] == [
         "study",
         *("settings.a", "settings.m", "settings.z"),
         *("status", "reason", "seconds", "quartiles.low", "quartiles.high"),

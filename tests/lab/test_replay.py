@@ -14,8 +14,8 @@ from eomcheck.claims import Finding
 from eomcheck.errors import InputError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import replay
-from eomcheck.lab.fuzzing.failures import Find, read_finds
-from eomcheck.lab.fuzzing.replay import replayed, runs_code
+from eomcheck.lab.fuzzing.failures import FailureRecord, read_failures
+from eomcheck.lab.fuzzing.replay import replay_failures, runs_code
 
 KEYS = tuple(FORMULATIONS)
 SLEIGH = {"mass": 1.0, "inertia": 0.25, "offset": 0.5}
@@ -23,12 +23,12 @@ ROW = {"scene": "sleigh", "parameters": SLEIGH, "q": [0.0, 0.0, 0.5]}
 ROW |= {"v": [0.0, 0.0, 0.0], "claim": "mass-matrix-symmetric"}
 
 
-def find(**changed) -> Find:
-    return Find(**{**ROW, "claim": "kinetic-energy", **changed})
+def find(**changed) -> FailureRecord:
+    return FailureRecord(**{**ROW, "claim": "kinetic-energy", **changed})
 
 
 def outcome_of(**changed) -> tuple[str, str]:
-    (result,) = replayed([find(**changed)], KEYS)
+    (result,) = replay_failures([find(**changed)], KEYS)
     return result.outcome, result.reason
 
 
@@ -54,7 +54,7 @@ def test_of_one_claim_all_is_decided_where_it_holds(monkeypatch, claim, outcome,
         Finding("kinetic-energy", *of, 1.0, "passed", "made up"),
         Finding("kinetic-energy", *of, 2.0, "inconclusive", "made up"),
     ]
-    monkeypatch.setattr(replay, "checked", lambda *_: findings[::order])
+    monkeypatch.setattr(replay, "check_case", lambda *_: findings[::order])
     found, reason = outcome_of(claim=claim, subject="au")
     assert found == outcome
     assert reason == ("au: observed 0.001, allowed 2" if outcome == "inconclusive" else "")
@@ -81,7 +81,7 @@ def test_a_find_that_cannot_be_checked_does_not_hold(changed, reason: str):
 
 
 def test_a_formulation_that_takes_no_part_is_named():
-    (result,) = replayed([find(claim="equivalence", subject="au ~ im")], ["im", "kane"])
+    (result,) = replay_failures([find(claim="equivalence", subject="au ~ im")], ["im", "kane"])
     assert (result.outcome, result.reason) == ("not checked", "au takes no part")
 
 
@@ -106,7 +106,7 @@ def test_fields_that_are_no_find_are_told_when_the_file_is_read(tmp_path: Path, 
     file = tmp_path / "found.json"
     file.write_text(json.dumps([ROW | changed]))
     with pytest.raises(InputError, match="holds no finds") as told:
-        read_finds(file)
+        read_failures(file)
     assert next(iter(changed)) in str(told.value)
 
 
@@ -115,13 +115,13 @@ def test_other_documents_are_no_finds(tmp_path: Path, text: str):
     file = tmp_path / "found.json"
     file.write_text(text)
     with pytest.raises(InputError, match="holds no finds"):
-        read_finds(file)
+        read_failures(file)
 
 
 def test_a_pipe_is_no_file_of_finds(tmp_path: Path):
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(InputError, match="is not a regular file"):
-        read_finds(tmp_path / "pipe")
+        read_failures(tmp_path / "pipe")
 
 
 def test_what_was_not_checked_is_counted_printed_and_no_success(tmp_path, monkeypatch, capsys):

@@ -11,10 +11,10 @@ import pytest
 from tests import reports
 from tests.cli.test_cli import run
 
-from eomcheck import CLAIMS, check
+from eomcheck import CLAIMS, check_state
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.errors import InputError
-from eomcheck.lab.report.overview import Overview, read, sections_of
+from eomcheck.lab.report.overview import Overview, read_records, sections_of
 from eomcheck.lab.report.report_formats import (
     CONTRAST,
     DARK,
@@ -25,10 +25,10 @@ from eomcheck.lab.report.report_formats import (
     write_page,
 )
 from eomcheck.lab.show.chart import STYLES
-from eomcheck.lab.show.table import Sheet
+from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.record_file import Record, Records
-from eomcheck.lab.store.stored_findings import RUNS, STATES, kept_in, kept_of
-from eomcheck.lab.store.validation_runs import look_at_kinds
+from eomcheck.lab.store.stored_findings import RUNS, STATES, stored_findings, stored_findings_in
+from eomcheck.lab.store.validation_runs import validate_kinds
 from eomcheck.lab.studies.operations.show import counted_in
 from eomcheck.scenes import SCENES
 
@@ -53,7 +53,7 @@ def bad(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def page_of(path: Path, tmp_path: Path) -> str:
-    write_page(Overview(read([path])), tmp_path / "report.html")
+    write_page(Overview(read_records([path])), tmp_path / "report.html")
     return (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
@@ -63,7 +63,7 @@ def page_of(path: Path, tmp_path: Path) -> str:
 def test_every_finding_of_a_run_is_kept_as_it_was(tmp_path: Path):
     made = reports.validated(tmp_path / "r.db")
     with Records(tmp_path / "r.db") as records:
-        kept = kept_in(records.all())
+        kept = stored_findings_in(records.all())
         (of_run,) = records.all(RUNS)
     assert [(k.claim, k.subject, k.observed, k.allowed, k.verdict, k.digits) for k in kept] == [
         (f.claim, f.subject, f.observed, f.allowed, f.verdict, f.digits) for f in made.findings
@@ -85,7 +85,7 @@ def test_findings_are_saved_state_by_state(tmp_path: Path):
     with Records(tmp_path / "r.db") as records, pytest.raises(KeyboardInterrupt):
         reports.look_at_kind(reports.Sleigh, reports.Run(), selection, (1, 1), 5, 0, look, records)
     assert seen == [(1, "failed"), (2, "failed")]
-    assert Overview(read([tmp_path / "r.db"])).verdict == "not finished"
+    assert Overview(read_records([tmp_path / "r.db"])).verdict == "not finished"
 
 
 @pytest.mark.night
@@ -98,8 +98,8 @@ def test_kinds_of_scenes_are_looked_at_alike_in_any_number_of_processes(tmp_path
         runs = {key: reports.Run() for key in keys}
         how = selection, (1, 3), 4, 0, lambda: cases.append(1)
         with Records(tmp_path / f"{count}.db") as records:
-            look_at_kinds(runs, *how, records, f"local:{count}")
-            kept = kept_in(records.all())
+            validate_kinds(runs, *how, records, f"local:{count}")
+            kept = stored_findings_in(records.all())
         assert tuple(runs) == keys
         assert len(cases) == 3 * 6 * count == sum(run.cases for run in runs.values()) * count
         assert {(one.scene, one.case) for one in kept} == {
@@ -112,15 +112,17 @@ def test_kinds_of_scenes_are_looked_at_alike_in_any_number_of_processes(tmp_path
 def test_a_file_keeps_the_last_validation_of_a_scene(tmp_path: Path):
     reports.validated(tmp_path / "r.db", examples=4)
     made = reports.validated(tmp_path / "r.db", examples=1)
-    assert len(Overview(read([tmp_path / "r.db"])).rows) == len(made.findings)
+    assert len(Overview(read_records([tmp_path / "r.db"])).rows) == len(made.findings)
 
 
 def test_the_code_kept_with_a_failing_state_shows_the_failure(bad: Path):
-    row = next(row for row in Overview(read([bad])).rows if row.claim == "kinetic-energy")
+    row = next(row for row in Overview(read_records([bad])).rows if row.claim == "kinetic-energy")
     assert row.verdict == "failed"
     found: dict = {}
     exec(row.python.split("for finding")[0], found)
-    again = check(found["scene"], found["q"], found["v"], claims=["kinetic-energy"], engines=[])
+    again = check_state(
+        found["scene"], found["q"], found["v"], claims=["kinetic-energy"], engines=[]
+    )
     assert [finding.verdict for finding in again] == ["failed"]
     assert again[0].observed == row.observed
 
@@ -128,12 +130,12 @@ def test_the_code_kept_with_a_failing_state_shows_the_failure(bad: Path):
 def test_the_code_kept_with_a_state_asks_the_engines_that_were_on_trial_there():
     scene = reports.Sleigh.example()
     q, v = scene.initial_state()
-    found = check(scene, q, v, claims=["mass-matrix"], engines=["casadi"])
-    kept = kept_of(found, "sleigh", 0)
+    found = check_state(scene, q, v, claims=["mass-matrix"], engines=["casadi"])
+    kept = stored_findings(found, "sleigh", 0)
     assert len(kept) == len(found) == 1 and found[0].engine is None
     assert "engines=" not in kept[0].python
     tried = [replace(one, engine=CasadiEngine) for one in found]
-    (kept,) = kept_of(tried, "sleigh", 0)
+    (kept,) = stored_findings(tried, "sleigh", 0)
     assert "import CasadiEngine" in kept.python and "engines=[CasadiEngine]" in kept.python
 
 
@@ -147,7 +149,7 @@ def test_counts_come_back_from_records_as_they_were(tmp_path: Path):
 
 
 def test_the_verdict_is_that_of_the_findings(good: Path, bad: Path):
-    passed, failed = Overview(read([good])), Overview(read([bad]))
+    passed, failed = Overview(read_records([good])), Overview(read_records([bad]))
     assert passed.verdict == "passed" and passed.headline.startswith("All ")
     assert failed.verdict == "failed" and "kinetic-energy" in failed.headline
     assert [one.claim.id for one in failed.failed] == ["mass-matrix", "kinetic-energy"]
@@ -157,7 +159,7 @@ def test_the_verdict_is_that_of_the_findings(good: Path, bad: Path):
 
 
 def test_a_claim_that_nothing_could_be_checked_on_does_not_hold(good: Path):
-    overview = Overview(read([good]))
+    overview = Overview(read_records([good]))
     overview.rows = [
         replace(row, verdict="inconclusive") if row.claim == "kinetic-energy" else row
         for row in overview.rows
@@ -170,16 +172,18 @@ def test_of_a_cell_in_two_files_the_last_counts(tmp_path: Path):
     for name in ("a", "b"):
         with Records(tmp_path / name) as records:
             records.add(Record("s", {"x": 1}, errors={"e": float(ord(name))}))
-    (found,) = read([tmp_path / "a", tmp_path / "b"])
+    (found,) = read_records([tmp_path / "a", tmp_path / "b"])
     assert found.errors["e"] == ord("b")
 
 
 def test_there_is_a_section_only_where_there_is_data(good: Path, tmp_path: Path):
-    assert {one.id for one in sections_of(Overview(read([good])))} == {
+    assert {one.id for one in sections_of(Overview(read_records([good])))} == {
         *("digits", "strata", "work-precision", "stability", "operations", "paper")
     }
     reports.counted(tmp_path / "r.db")
-    assert [one.id for one in sections_of(Overview(read([tmp_path / "r.db"])))] == ["operations"]
+    assert [one.id for one in sections_of(Overview(read_records([tmp_path / "r.db"])))] == [
+        "operations"
+    ]
     text = page_of(tmp_path / "r.db", tmp_path)
     assert 'id="operations"' in text and 'id="claims"' not in text
     with Records(tmp_path / "s.db") as records:
@@ -219,7 +223,7 @@ def test_text_of_records_is_no_markup(good: Path, tmp_path: Path):
 
 def test_markdown_has_every_claim_and_every_failure(good: Path, bad: Path, tmp_path: Path):
     for path in (good, bad):
-        overview = Overview(read([path]))
+        overview = Overview(read_records([path]))
         write_markdown(overview, tmp_path / "r.md")
         text = (tmp_path / "r.md").read_text(encoding="utf-8")
         assert text.startswith(f"# eomcheck: {overview.headline}\n")
@@ -230,7 +234,7 @@ def test_markdown_has_every_claim_and_every_failure(good: Path, bad: Path, tmp_p
 
 def test_junit_counts_claims_and_carries_the_failing_state(good: Path, bad: Path, tmp_path: Path):
     for path in (good, bad):
-        overview = Overview(read([path]))
+        overview = Overview(read_records([path]))
         write_junit(overview, tmp_path / "r.xml")
         root = ElementTree.parse(tmp_path / "r.xml").getroot()
         assert int(root.get("tests", "")) == sum(len(one.scenes) for one in overview.claims)
@@ -239,14 +243,14 @@ def test_junit_counts_claims_and_carries_the_failing_state(good: Path, bad: Path
         assert failing == [judged.claim.id for judged in overview.failed]
         assert int(root.get("failures", "")) == len(failing)
         for failure in root.iter("failure"):
-            assert "eomcheck.check(scene, q, v" in (failure.text or "")
+            assert "eomcheck.check_state(scene, q, v" in (failure.text or "")
 
 
 HOSTILE = "a|b`c*\n# d\x1b[31m<e>"
 
 
 def test_markdown_escapes_keys_and_control_characters(good: Path, tmp_path: Path):
-    one = next(x for x in read([good]) if x.study == STATES)
+    one = next(x for x in read_records([good]) if x.study == STATES)
     count = len(one.series["claim"])
     changed = {name: [HOSTILE] * count for name in ("claim", "subject", "evidence", "detail")}
     changed["verdict"] = ["failed"] * count
@@ -265,7 +269,7 @@ def test_markdown_escapes_keys_and_control_characters(good: Path, tmp_path: Path
 
 
 def test_a_table_in_markdown_keeps_its_columns():
-    text = Sheet("name", "", ("a|b", "c"), [("1\n2", "|x|"), ("\x07", "")]).markdown()
+    text = ResultTable("name", "", ("a|b", "c"), [("1\n2", "|x|"), ("\x07", "")]).markdown()
     assert text.splitlines() == [
         "| a\\|b | c |",
         "| --- | --- |",
@@ -278,7 +282,7 @@ def test_junit_has_an_error_for_a_run_that_did_not_end(tmp_path: Path):
     with Records(tmp_path / "r.db") as records:
         series = {"claims": [], "seconds": [], "engine versions": []}
         records.add(Record(RUNS, {"scene": "sleigh"}, "failed", "not finished", series=series))
-    write_junit(Overview(read([tmp_path / "r.db"])), tmp_path / "r.xml")
+    write_junit(Overview(read_records([tmp_path / "r.db"])), tmp_path / "r.xml")
     assert ElementTree.parse(tmp_path / "r.xml").getroot().get("errors") == "1"
 
 
@@ -343,7 +347,7 @@ def test_nothing_of_a_validation_is_written_over_its_records(
 
 def test_nothing_is_read_without_a_file():
     with pytest.raises(InputError, match="no records"):
-        read([])
+        read_records([])
 
 
 def test_every_claim_can_be_reported():

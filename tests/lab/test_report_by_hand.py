@@ -16,17 +16,17 @@ from eomcheck.lab.report.claim_summary import (
     CELLS,
     WORST,
     by_claim,
-    digits_sheet,
-    name_of,
-    party_sheet,
-    scene_sheet,
-    strata_sheet,
-    worst_sheet,
+    claim_link,
+    digits_table,
+    factor_table,
+    participant_table,
+    scene_table,
+    worst_table,
 )
 from eomcheck.lab.report.overview import Overview
-from eomcheck.lab.report.record_table import columns, record_sheet
-from eomcheck.lab.report.registries import parameter_sheet
-from eomcheck.lab.show.table import Sheet
+from eomcheck.lab.report.record_table import record_columns, record_table
+from eomcheck.lab.report.registries import parameter_table
+from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.record_file import Record
 from eomcheck.lab.store.stored_findings import RUNS
 from eomcheck.lab.study import Study
@@ -60,7 +60,7 @@ def test_records_are_a_table_of_plain_columns_in_the_order_of_their_fields():
         threads=1,
     )
     second = record("t", {"z": None, "b": True})
-    sheet = record_sheet([first, second])
+    sheet = record_table([first, second])
     assert (sheet.name, sheet.title) == ("records", "")
     assert table(sheet) == [
         {
@@ -74,15 +74,15 @@ def test_records_are_a_table_of_plain_columns_in_the_order_of_their_fields():
         dict.fromkeys(sheet.columns, "")
         | {"study": "t", "settings.b": "true", "status": "done", "runs": "0", "when": "today"},
     ]
-    assert list(sheet.columns) == columns([first, second])
-    assert columns([second])[3:7] == ["status", "reason", "seconds", "quartiles.low"]
+    assert list(sheet.columns) == record_columns([first, second])
+    assert record_columns([second])[3:7] == ["status", "reason", "seconds", "quartiles.low"]
 
 
 # ---- Parameters ----------------------------------------------------------------------------------
 
 
 def test_parameters_have_shape_unit_bounds_default_and_range_of_draws():
-    sheet = parameter_sheet(ChainPendulum)
+    sheet = parameter_table(ChainPendulum)
     assert (sheet.name, sheet.title) == ("parameters", "")
     heads = ("name", "what it is", "shape", "SI unit", "value", "default", "drawn from")
     assert tuple(sheet.columns) == heads
@@ -95,7 +95,7 @@ def test_parameters_have_shape_unit_bounds_default_and_range_of_draws():
         ("pose", "θ at t = 0", links, "rad", "", "follows", ""),
     ]
     assert {row[0].kind for row in sheet.rows} == {"name"}  # type: ignore[attr-defined]
-    rows = {str(row[0]): tuple(row[2:]) for row in parameter_sheet(SCENES["turntable-ball"]).rows}
+    rows = {str(row[0]): tuple(row[2:]) for row in parameter_table(SCENES["turntable-ball"]).rows}
     assert rows["radius"] == ("number", "m", "> 0", "0.25", "0.1 to 10")
     assert rows["rate"] == ("number", "rad/s", "", "2", "-5 to 5")
     assert rows["start"] == ("(2,)", "m", "", "(0.4, 0.0)", "")
@@ -124,7 +124,7 @@ def test_a_default_of_more_than_five_numbers_is_named_and_not_shown(default: Any
             )
         }
 
-    (row,) = parameter_sheet(Own).rows  # type: ignore[arg-type]
+    (row,) = parameter_table(Own).rows  # type: ignore[arg-type]
     assert tuple(map(str, row)) == ("mass", "m", "number", "kg", "", shown, "")
 
 
@@ -134,12 +134,12 @@ def test_a_default_of_more_than_five_numbers_is_named_and_not_shown(default: Any
 def test_each_claim_and_formulation_is_told_in_the_words_of_the_registry():
     from eomcheck import CLAIMS, FORMULATIONS
 
-    sheet = registries.registry_sheet("claims")
+    sheet = registries.registry_table("claims")
     assert (sheet.name, sheet.columns) == ("claims", ("id", "statement", "equations"))
     assert [tuple(map(str, row)) for row in sheet.rows] == [
         (one.id, one.statement, one.equations) for one in CLAIMS.values()
     ]
-    sheet = registries.registry_sheet("formulations")
+    sheet = registries.registry_table("formulations")
     heads = "equations", "order", "constraints at", "λ in paper", "λ here", "limits"
     assert (sheet.name, sheet.columns) == ("formulations", ("key", "name", *heads))
     assert sheet.widths == (6, 13, 10, 10, 13, 9, 6, 37)
@@ -155,7 +155,7 @@ def test_what_a_claim_about_functions_needs_is_told_with_its_alternatives(monkey
 
     claims = {one.id: one for one in (claim("a"), claim("b", "M|T", "bias"), claim("c", "q|r|s"))}
     monkeypatch.setattr("eomcheck.testing.FUNCTION_CLAIMS", claims)
-    assert table(registries.function_claims_sheet()) == [
+    assert table(registries.function_claim_table()) == [
         {"claim": "a", "statement": "of a", "needs": "any"},
         {"claim": "b", "statement": "of b", "needs": "M or T, bias"},
         {"claim": "c", "statement": "of c", "needs": "q or r or s"},
@@ -206,7 +206,7 @@ def test_engines_are_told_with_what_is_installed_and_those_of_packages_with_what
     monkeypatch.setattr("eomcheck.engines.version_of", version_of)
     monkeypatch.setattr("eomcheck.engines.engine_of", engine_of)
     monkeypatch.setattr("eomcheck.class_lookup.announced", lambda kind: points)
-    sheet = registries.registry_sheet("engines")
+    sheet = registries.registry_table("engines")
     heads = "library", "installed by the extra", "own constraints", "what it is"
     assert (sheet.name, sheet.columns) == ("engines", ("key", *heads))
     assert [tuple(map(str, row)) for row in sheet.rows] == [
@@ -224,14 +224,14 @@ def test_engines_are_told_with_what_is_installed_and_those_of_packages_with_what
 
 def test_sheets_of_claims_have_names_headings_notes_and_links():
     claims = by_claim([kept(), kept(subject="el", verdict="skipped", detail="no")])
-    worst, parties = worst_sheet(claims), party_sheet(claims, ["au"], {"bias": 0.26})
-    scenes = scene_sheet(claims, iter(["snake", "sleigh"]))
+    worst, parties = worst_table(claims), participant_table(claims, ["au"], {"bias": 0.26})
+    scenes = scene_table(claims, iter(["snake", "sleigh"]))
     named = [(one.name, one.title, one.note) for one in (worst, parties, scenes)]
     assert named == [("worst", "", WORST), ("claims", "", CELLS), ("claims", "", CELLS)]
     assert list(worst.columns) == ["claim", "worst", "by", "on", "findings"]
     assert list(parties.columns) == ["claim", "all", "au", "evidence, findings", "time"]
     assert list(scenes.columns) == ["claim", "statement", "evidence", "snake", "sleigh"]
-    cell = name_of(claims[0])
+    cell = claim_link(claims[0])
     assert (str(cell), cell.kind, cell.link) == ("bias", "name", "#claim-bias")
     assert parties.rows[0][-1] == "0.3 s" and scenes.rows[0][3:] == ["50%", "·"]
     for note in (WORST, CELLS):
@@ -240,7 +240,7 @@ def test_sheets_of_claims_have_names_headings_notes_and_links():
 
 
 def test_sheets_of_states_have_names_headings_and_titles():
-    digits = digits_sheet([kept(subject="au", digits=9.0)])
+    digits = digits_table([kept(subject="au", digits=9.0)])
     assert (digits.name, list(digits.columns)) == (
         "digits",
         ["formulation", "states solved", "snake"],
@@ -248,7 +248,7 @@ def test_sheets_of_states_have_names_headings_and_titles():
     assert digits.title == (
         "Decimal digits of q̈ in doubles that are right, against its true value: fewest (median)"
     )
-    strata = strata_sheet({"snake": {"a": {"b": 1}, "c": {"d": 2, "e": 1}}, "sleigh": {"a": {}}})
+    strata = factor_table({"snake": {"a": {"b": 1}, "c": {"d": 2, "e": 1}}, "sleigh": {"a": {}}})
     assert (strata.name, strata.title) == ("strata", "Drawn states by stratum")
     assert [tuple(row.values()) for row in table(strata)] == [
         ("snake", "a", "b (1 state)"),
@@ -256,7 +256,7 @@ def test_sheets_of_states_have_names_headings_and_titles():
         ("sleigh", "a", ""),
     ]
     nothing = kept(subject="au", digits=None)
-    assert digits_sheet([nothing]).rows == [] and list(digits_sheet([nothing]).columns) == [
+    assert digits_table([nothing]).rows == [] and list(digits_table([nothing]).columns) == [
         "formulation",
         "states solved",
     ]
@@ -280,7 +280,7 @@ def test_proofs_are_printed_with_what_was_started_over_and_how_sure_they_are(cap
     of.findings = {"a": []}
     finding_output.print_proofs(of)
     assert capsys.readouterr().out == "nothing was proved\n"
-    sheet = finding_output.proof_sheet(by_claim(rows))
+    sheet = finding_output.proof_table(by_claim(rows))
     assert (sheet.name, sheet.title) == ("proofs", "")
     assert list(sheet.columns) == [
         *("claim", "statement", "proved", "disproved", "skipped"),
@@ -301,10 +301,10 @@ def study(monkeypatch, **change: Any) -> list[Record]:
     def sheets(found):
         asked.extend(found)
         rows = [["1"]]
-        yield Sheet("a", "", ["x"], rows)
-        yield Sheet("b", "", ["x"], rows, detail=True)
-        yield Sheet("c", "", ["x"], [])
-        yield Sheet("d", "", ["x"], rows)
+        yield ResultTable("a", "", ["x"], rows)
+        yield ResultTable("b", "", ["x"], rows, detail=True)
+        yield ResultTable("c", "", ["x"], [])
+        yield ResultTable("d", "", ["x"], rows)
 
     usual: dict[str, Any] = {"cells": lambda: [], "worker": lambda found: None, "sheets": sheets}
     usual |= {"said": lambda found: ["First.", "Second."], "reading": "How to read."}
@@ -429,7 +429,7 @@ def test_data_are_another_engine_s_where_they_change_the_tree_that_it_is_built_o
 ):
     kinds = {"jointed": Jointed, "free": Free}
     monkeypatch.setattr(equivalences, "SCENES", kinds)
-    monkeypatch.setattr(equivalences, "links_of", lambda scene: None)
+    monkeypatch.setattr(equivalences, "link_count", lambda scene: None)
     monkeypatch.setattr(
         equivalences,
         "ENGINES",
@@ -446,7 +446,7 @@ def test_data_are_another_engine_s_where_they_change_the_tree_that_it_is_built_o
     overview: Any = SimpleNamespace(runs=runs)
     every = "common mode not covered: length, mass, damping, spring"
     of_tree = f"length, mass ({by}, from the tree)", "common mode not covered: damping, spring"
-    assert [tuple(one) for one in equivalences.other_data(overview)] == [
+    assert [tuple(one) for one in equivalences.independent_parameters(overview)] == [
         ("jointed", *(of_tree if by else ("-", every))),
         ("free", "-", every),
     ]

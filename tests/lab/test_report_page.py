@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 from tests import reports
 
-from eomcheck.lab.report.overview import Overview, read
+from eomcheck.lab.report.overview import Overview, read_records
 from eomcheck.lab.report.report_formats import DARK, LIGHT, on_dark, write_page
 from eomcheck.lab.show.chart import STYLES
 
@@ -32,7 +32,7 @@ def url(tmp_path_factory: pytest.TempPathFactory) -> str:
         reports.validated(folder / name, kind)
     reports.counted(folder / "good.db")
     reports.studied(folder / "good.db")
-    overview = Overview(read([folder / "good.db", folder / "bad.db"]))
+    overview = Overview(read_records([folder / "good.db", folder / "bad.db"]))
     write_page(overview, folder / "report.html")
     return (folder / "report.html").as_uri()
 
@@ -138,7 +138,7 @@ def test_a_link_to_a_failing_state_unfolds_it(page):
     assert state.get_attribute("open") is None
     link.click()
     page.wait_for_function("(e) => e.open", arg=state.element_handle())
-    assert "eomcheck.check(scene" in state.inner_text()
+    assert "eomcheck.check_state(scene" in state.inner_text()
 
 
 def test_colours_are_those_of_the_scheme(page):

@@ -11,18 +11,25 @@ from tests.claims.wrong import with_entry
 from tests.lab.test_fuzzing import ALL, KEYS, STRATUM, Wrong, plan
 
 import eomcheck
-from eomcheck.claims.batched_claims import LaneCase, liftable
+from eomcheck.claims.batched_claims import BatchedCase, batchable_claims
 from eomcheck.claims.finding import Finding
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import screening, state_rounds, triage
-from eomcheck.lab.fuzzing.campaign import Result, Round
-from eomcheck.lab.fuzzing.cases import ORDINARY, drawn
-from eomcheck.lab.fuzzing.failures import Find, find_of
-from eomcheck.lab.fuzzing.replay import replayed
-from eomcheck.lab.fuzzing.screening import DECIDED, OPEN, TRUTH, Ration, Screened, screened
+from eomcheck.lab.fuzzing.campaign import Round, RoundResult
+from eomcheck.lab.fuzzing.cases import ORDINARY, draw_cases
+from eomcheck.lab.fuzzing.failures import FailureRecord, failure_record
+from eomcheck.lab.fuzzing.replay import replay_failures
+from eomcheck.lab.fuzzing.screening import (
+    DECIDED,
+    OPEN,
+    TRUTH,
+    CheckFrequency,
+    ScreeningResult,
+    screen,
+)
 from eomcheck.lab.fuzzing.state_rounds import run_round
-from eomcheck.lab.fuzzing.triage import fault_of
+from eomcheck.lab.fuzzing.triage import diagnose_failure
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import SCENES, Snake, snake
 
@@ -30,7 +37,7 @@ FORMULAE = tuple(FORMULATIONS.values())
 
 
 def ordinary(kind: Any, count: int) -> list:
-    return drawn(kind, STRATUM, (ORDINARY,), count, np.random.default_rng(2))[0]
+    return draw_cases(kind, STRATUM, (ORDINARY,), count, np.random.default_rng(2))[0]
 
 
 # ---- Nothing is left out -------------------------------------------------------------------------
@@ -39,7 +46,7 @@ def ordinary(kind: Any, count: int) -> list:
 def test_every_claim_of_a_campaign_is_looked_at_in_lanes_or_by_check(monkeypatch):
     """With a ration of one in one, also what differs from lane to lane: pivoted partitions."""
     asked, subjects, in_lanes = set(), set(), set()
-    right, look = triage.checked, LaneCase.look
+    right, look = triage.check_case, BatchedCase.look
 
     def recorded(case, claims, *how):
         found = right(case, claims, *how)
@@ -52,11 +59,11 @@ def test_every_claim_of_a_campaign_is_looked_at_in_lanes_or_by_check(monkeypatch
         in_lanes.update(one.claim for one in found)
         return found
 
-    monkeypatch.setattr(state_rounds, "checked", recorded)
-    monkeypatch.setattr(LaneCase, "look", looked)
+    monkeypatch.setattr(state_rounds, "check_case", recorded)
+    monkeypatch.setattr(BatchedCase, "look", looked)
     here = plan(batch=2, families=(ORDINARY,), climbing=False, engines=("pinocchio",))
-    run_round(here._replace(ration=Ration(1, 1, 1, 0, 1)), Round(0, STRATUM, {}))
-    assert in_lanes >= set(liftable(ALL)) - NOT_ON_A_SNAKE
+    run_round(here._replace(ration=CheckFrequency(1, 1, 1, 0, 1)), Round(0, STRATUM, {}))
+    assert in_lanes >= set(batchable_claims(ALL)) - NOT_ON_A_SNAKE
     assert asked | in_lanes >= set(ALL) - NOT_ON_A_SNAKE - {"true-error"}
     assert "em, pivoted" in subjects and "invariance" in in_lanes
 
@@ -76,7 +83,7 @@ def test_what_is_wrong_only_when_the_scene_is_moved_is_suspect_for_that():
             pull[0] = pull[0] + parameters.mass[0]
             return found._replace(Q=pull if found.Q is None else found.Q + pull)
 
-    found = screened(ordinary(Pulled, 4), FORMULAE, ("invariance",), every=0)
+    found = screen(ordinary(Pulled, 4), FORMULAE, ("invariance",), every=0)
     assert all("invariance" in claims for claims in found.suspects.values())
     assert len(found.suspects) == 4
 
@@ -86,7 +93,7 @@ def test_what_is_wrong_only_when_the_scene_is_moved_is_suspect_for_that():
 
 def test_of_many_suspects_the_highest_are_judged(monkeypatch):
     cases = ordinary(Snake, 4)
-    found = Screened(4, {("bias", ""): np.array([2.0, 9.0, 5.0, 0.5])})
+    found = ScreeningResult(4, {("bias", ""): np.array([2.0, 9.0, 5.0, 0.5])})
     found.suspects = {0: {"bias"}, 1: {"bias"}, 2: {"bias"}}
     judged = []
 
@@ -94,10 +101,10 @@ def test_of_many_suspects_the_highest_are_judged(monkeypatch):
         judged.append(next(i for i, one in enumerate(cases) if one is case))
         return []
 
-    monkeypatch.setattr(state_rounds, "screened", lambda *_: found)
-    monkeypatch.setattr(state_rounds, "checked", nothing)
-    result = Result(0, STRATUM, {})
-    state_rounds.look_at(plan(), result, cases, set(), 2)
+    monkeypatch.setattr(state_rounds, "screen", lambda *_: found)
+    monkeypatch.setattr(state_rounds, "check_case", nothing)
+    result = RoundResult(0, STRATUM, {})
+    state_rounds.screen_and_judge(plan(), result, cases, set(), 2)
     assert judged == [1, 2]
     assert result.counts["suspect"] == 3 and result.counts["suspects judged"] == 2
 
@@ -107,7 +114,7 @@ def test_a_true_error_a_little_above_its_bound_is_suspect(monkeypatch, error, su
     """An error that is a number, rad/s², where the bound is 9e-13."""
     cases = ordinary(Snake, 1)
     monkeypatch.setattr(screening, "true_error", lambda vdot, truth: np.full(len(vdot), error))
-    found = screened(cases, FORMULAE[:1], ("true-error",), every=1)
+    found = screen(cases, FORMULAE[:1], ("true-error",), every=1)
     assert bool(found.suspects) == suspect
 
 
@@ -120,7 +127,7 @@ def test_a_true_error_is_told_of_the_state_at_which_it_was_found(monkeypatch):
         return np.full(len(vdot), 1.0 if len(vdot) == 5 else 0.0)
 
     monkeypatch.setattr(screening, "true_error", wrong_of_three)
-    found = screened(cases, FORMULAE[:1], ("true-error",), every=2, first=1)
+    found = screen(cases, FORMULAE[:1], ("true-error",), every=2, first=1)
     ((key, heights),) = found.heights.items()
     assert key == (TRUTH, FORMULAE[0].key) and found.enclosed == 3
     assert found.suspects == {3: {"true-error"}, 5: {"true-error"}}
@@ -129,50 +136,52 @@ def test_a_true_error_is_told_of_the_state_at_which_it_was_found(monkeypatch):
 
 @pytest.mark.parametrize("shares", [(0.5, 0.75, 0.25), (0.75, 0.25, 0.5), (0.25, 0.5, 0.75)])
 def test_of_the_subjects_of_a_claim_and_formulation_the_highest_counts(monkeypatch, shares):
-    right = LaneCase.look
+    right = BatchedCase.look
 
     def look(self, claims):
         for one in right(self, claims):
             for share in shares:
                 yield one._replace(observed=np.array([share, 0.125]) * one.allowed)
 
-    monkeypatch.setattr(LaneCase, "look", look)
-    found = screened(ordinary(Snake, 2), FORMULAE[:1], ("kinetic-energy",), every=0)
+    monkeypatch.setattr(BatchedCase, "look", look)
+    found = screen(ordinary(Snake, 2), FORMULAE[:1], ("kinetic-energy",), every=0)
     assert found.worst.tolist() == pytest.approx([0.75, 0.125])
 
 
 @pytest.mark.parametrize(("ratio", "enclosed"), [(0.35, 1), (0.25, 0)])
 def test_a_state_near_its_bound_is_enclosed_whatever_the_ration_says(monkeypatch, ratio, enclosed):
-    right = LaneCase.look
+    right = BatchedCase.look
 
     def look(self, claims):
         for one in right(self, claims):
             yield one._replace(observed=ratio * one.allowed)
 
-    monkeypatch.setattr(LaneCase, "look", look)
-    found = screened(ordinary(Snake, 1), FORMULAE[:1], ("kinetic-energy",), every=100, first=1)
+    monkeypatch.setattr(BatchedCase, "look", look)
+    found = screen(ordinary(Snake, 1), FORMULAE[:1], ("kinetic-energy",), every=100, first=1)
     assert found.enclosed == enclosed
 
 
 def test_a_claim_that_no_lane_decides_is_counted_beside_those_that_are(monkeypatch):
     """Where rounding explains everything, of what one claim says."""
-    right = LaneCase.look
+    right = BatchedCase.look
 
     def look(self, claims):
         for one in right(self, claims):
             blind = one.claim == "kinetic-energy"
             yield one._replace(verdict=np.full_like(one.verdict, 3)) if blind else one
 
-    monkeypatch.setattr(LaneCase, "look", look)
-    found = screened(
+    monkeypatch.setattr(BatchedCase, "look", look)
+    found = screen(
         ordinary(Snake, 3), FORMULAE[:1], ("kinetic-energy", "equations-residual"), every=0
     )
     assert found.by_claim[OPEN, "kinetic-energy"] == found.verdicts["inconclusive"] == 3
     assert found.by_claim[DECIDED, "kinetic-energy"] == 0
     assert found.by_claim[DECIDED, "equations-residual"] == found.verdicts["passed"] > 0
-    result = Result(0, STRATUM, {})
+    result = RoundResult(0, STRATUM, {})
     cases = ordinary(Snake, 2)
-    state_rounds.look_at(plan(claims=("kinetic-energy", "equivalence")), result, cases, set(), 0)
+    state_rounds.screen_and_judge(
+        plan(claims=("kinetic-energy", "equivalence")), result, cases, set(), 0
+    )
     assert result.counts[f"{OPEN}kinetic-energy"] == 2
 
 
@@ -199,7 +208,7 @@ def test_a_state_with_a_term_that_is_not_finite_is_told_of_as_such(name: str):
             (Bad(**{x: getattr(scene, x) for x in Snake.declared}), state)
             for scene, state in ordinary(Snake, 2)
         ]
-    found = screened(cases, FORMULAE, ALL, every=0)
+    found = screen(cases, FORMULAE, ALL, every=0)
     assert found.unseen == list(range(len(cases)))
 
 
@@ -207,7 +216,7 @@ def test_of_several_structures_the_states_that_are_not_finite_are_those_told_of(
     slow = [(scene, State(*scene.initial_state(), 0.0)) for scene in map(Snake.coil, (2, 3))]
     fast = [(scene, state._replace(v=state.v + 1e200)) for scene, state in slow]
     cases = [slow[0], slow[1], fast[1], slow[0], slow[1], fast[0], fast[1]]
-    found = screened(cases, FORMULAE, ("kinetic-energy",), every=0)
+    found = screen(cases, FORMULAE, ("kinetic-energy",), every=0)
     assert sorted(found.unseen) == [2, 5, 6]
     assert found.verdicts["passed"] == 4
 
@@ -230,7 +239,7 @@ def test_a_driven_scene_is_enclosed_at_its_time_in_lanes(speeds: bool, monkeypat
         monkeypatch.setattr(
             type(case[0]), "refuse_speeds", lambda self, q: (_ for _ in ()).throw(_refused())
         )
-    found = screened([case], able, ("true-error",), every=1)
+    found = screen([case], able, ("true-error",), every=1)
     assert found.enclosed == 1 and not found.suspects
     assert {key for claim, key in found.heights if claim == TRUTH} == {f.key for f in able}
 
@@ -243,9 +252,9 @@ def test_whose_fault_a_failure_is_is_told_by_the_truth_at_its_time():
     """At t = 0 the truth is another one, and a right formulation would be a silent error."""
     scene, state = driven_case()
     failed = Finding("power-balance", "au", scene, state, 1.0, 0.1, "failed", "made up")
-    fault = fault_of(failed)
+    fault = diagnose_failure(failed)
     assert fault.whose == triage.ALARM
-    kept = find_of(failed, "turntable-ball", fault)
+    kept = failure_record(failed, "turntable-ball", fault)
     assert kept.t == kept.case[1].t == 0.7 and "t=0.7" in kept.python
 
 
@@ -265,7 +274,7 @@ def test_of_a_pair_either_formulation_is_held_against_the_truth(wrong: str, monk
         return found
 
     monkeypatch.setattr(triage, "acceleration", answer)
-    fault = fault_of(finding)
+    fault = diagnose_failure(finding)
     assert fault.whose == triage.SILENT and f"{wrong}: true error" in fault.evidence
 
 
@@ -280,7 +289,7 @@ def test_an_error_a_little_above_its_bound_is_a_silent_one(share, whose, monkeyp
         return replace(found, vdot=found.vdot + share * found.error_bound)
 
     monkeypatch.setattr(triage, "acceleration", answer)
-    assert fault_of(finding).whose == whose
+    assert diagnose_failure(finding).whose == whose
 
 
 class OnTrial(CasadiEngine):
@@ -304,9 +313,9 @@ def test_an_engine_of_ours_is_blamed_only_where_the_scene_is_proved(
     monkeypatch.setattr(triage, "unproved", lambda scene: wrong)
     own = Finding("kinetic-energy", "scene", scene, state, 1.0, 0.1, "failed", "made up")
     finding = replace(own, claim="mass-matrix", subject="casadi", engine=engine)
-    assert fault_of(finding).whose == whose
+    assert diagnose_failure(finding).whose == whose
     others = {None: triage.UNKNOWN, False: triage.ALARM, True: triage.SCENE}
-    assert fault_of(own).whose == others[wrong if wrong is None else bool(wrong)]
+    assert diagnose_failure(own).whose == others[wrong if wrong is None else bool(wrong)]
 
 
 class Overdamped(Snake, functions=()):
@@ -343,11 +352,11 @@ def test_a_kept_failure_of_all_claims_is_checked_by_all():
     scene, (q, v, t) = case
     parameters = {name: _plain(getattr(scene, name)) for name in Snake.declared}
     of_all = {"parameters": parameters, "q": q.tolist(), "v": v.tolist(), "t": float(t)}
-    right = Find("snake", **of_all)
-    (holds,) = replayed([right], KEYS)
+    right = FailureRecord("snake", **of_all)
+    (holds,) = replay_failures([right], KEYS)
     assert holds.outcome == "holds"
     name = f"{__file__}:Wrong"
-    (fails,) = replayed([Find(name, **of_all)], KEYS)
+    (fails,) = replay_failures([FailureRecord(name, **of_all)], KEYS)
     assert fails.outcome == "failed"
 
 

@@ -20,9 +20,9 @@ from eomcheck.lab import figure_data, references, run_time
 from eomcheck.lab import references as reference_runs
 from eomcheck.lab.fuzzing import campaign, motion_comparison, motion_rounds, triage
 from eomcheck.lab.fuzzing import cases as mutation
-from eomcheck.lab.fuzzing.campaign import Campaign, Result
-from eomcheck.lab.fuzzing.cases import Stratum
-from eomcheck.lab.references import CASES, Case
+from eomcheck.lab.fuzzing.campaign import Campaign, RoundResult
+from eomcheck.lab.fuzzing.cases import StructuralVariant
+from eomcheck.lab.references import REFERENCE_CASES, ReferenceCase
 from eomcheck.lab.show.table import Cell
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import ChainPendulum, Sleigh, Snake, TurntableBall
@@ -66,7 +66,7 @@ def asked(monkeypatch) -> list[tuple[tuple, dict]]:
 
 def test_motions_of_several_scenes_are_asked_with_the_numbers_of_each(asked):
     light, heavy = Sleigh.example(), Sleigh(mass=7.0, offset=0.25)
-    found = motion_comparison.moved(cases_of(light, heavy), "au", 2.0, 1e-7, most=300)
+    found = motion_comparison.simulate_batch(cases_of(light, heavy), "au", 2.0, 1e-7, most=300)
     ((of, options),) = asked
     assert of == (light, "au", 2.0)
     given = options.pop("parameters")
@@ -83,18 +83,18 @@ def test_motions_of_several_scenes_are_asked_with_the_numbers_of_each(asked):
 
 def test_motions_of_one_scene_need_no_numbers_and_take_a_thousand_steps(asked):
     one = Sleigh.example()
-    motion_comparison.moved(cases_of(one, one), "au", 1.0, 1e-9)
+    motion_comparison.simulate_batch(cases_of(one, one), "au", 1.0, 1e-9)
     ((_, options),) = asked
     assert (options["parameters"], options["max_steps"]) == ({}, 1000)
-    assert motion_comparison.moved(cases_of(one), "refusing", 1.0, 1e-9) is None
+    assert motion_comparison.simulate_batch(cases_of(one), "refusing", 1.0, 1e-9) is None
 
 
 def test_parameters_that_a_scene_lacks_are_not_set(asked):
     first, second = (ChainPendulum.rods(2) for _ in range(2))
     state = State(np.zeros(2), np.zeros(2), 0.0)
     snakes = Snake.coil(2), Snake.coil(2)
-    motion_comparison.moved([(one, state) for one in (first, second)], "au", 1.0, 1e-9)
-    motion_comparison.moved([(one, state) for one in snakes], "au", 1.0, 1e-9)
+    motion_comparison.simulate_batch([(one, state) for one in (first, second)], "au", 1.0, 1e-9)
+    motion_comparison.simulate_batch([(one, state) for one in snakes], "au", 1.0, 1e-9)
     assert all(len(x) == 2 for _, options in asked for x in options["parameters"].values())
     assert "damping" not in asked[1][1]["parameters"]
     assert asked[1][1]["parameters"]["stiffness"].shape == (2, 1)
@@ -102,7 +102,7 @@ def test_parameters_that_a_scene_lacks_are_not_set(asked):
 
 def test_a_motion_alone_takes_another_integrator_and_ten_times_the_steps(asked):
     ((scene, state),) = cases_of(Sleigh.example())
-    found = motion_comparison.moved_alone((scene, state), "kane", 3.2, 1e-6)
+    found = motion_comparison.simulate_single((scene, state), "kane", 3.2, 1e-6)
     ((of, options),) = asked
     assert of == (scene, "kane", 3.2)
     assert options.pop("q0") is state.q and options.pop("v0") is state.v
@@ -112,7 +112,7 @@ def test_a_motion_alone_takes_another_integrator_and_ten_times_the_steps(asked):
     assert found is not None and found.shape == (1, 65, 6)
     assert found[0, 39].tolist() == [117.0, 118.0, 119.0, -117.0, -118.0, -119.0]
     assert np.isnan(found[0, 40:]).all() and np.isfinite(found[0, :40]).all()
-    assert motion_comparison.moved_alone((scene, state), "refusing", 3.2, 1e-6) is None
+    assert motion_comparison.simulate_single((scene, state), "refusing", 3.2, 1e-6) is None
 
 
 # ---- Where motions begin -------------------------------------------------------------------------
@@ -131,7 +131,7 @@ def test_what_begins_is_closed_at_0_and_known_by_its_place(monkeypatch):
         cases = [(s, State(x.q, v, 0.0)) for s, x, v in zip(scenes, states, wished, strict=True)]
         return cases[1:], list(range(1, len(cases)))
 
-    monkeypatch.setattr(motion_rounds, "closed_position", closed)
+    monkeypatch.setattr(motion_rounds, "assembled_position", closed)
     monkeypatch.setattr(motion_rounds, "consistent", consistent)
     scene = TurntableBall(swing=1.0, frequency=3.0)
     given = [(scene, State(np.full(5, float(i)), np.full(5, 10.0 * i), 7.0)) for i in range(5)]
@@ -245,7 +245,7 @@ def test_mutated_cases_keep_the_time_of_the_first_and_say_which_they_are(monkeyp
         kept = range(1, len(scenes))
         return [(scenes[i], State(states[i].q, wished[i], states[i].t)) for i in kept], list(kept)
 
-    monkeypatch.setattr(mutation, "closed_position", closed)
+    monkeypatch.setattr(mutation, "assembled_position", closed)
     monkeypatch.setattr(mutation, "consistent", consistent)
     monkeypatch.setattr(mutation, "_changed", lambda one, other, random: (one[0], *one[1][:2]))
     scene = Sleigh.example()
@@ -288,14 +288,14 @@ def fault(monkeypatch, claim: str, subject: str, errors: dict[str, float], **kno
     monkeypatch.setattr(triage, "enclose", enclosed)
     monkeypatch.setattr(triage, "true_error", lambda key, truth: np.array([0.0, errors[key]]))
     monkeypatch.setattr(triage, "unproved", lambda scene: known.get("unproved", frozenset()))
-    monkeypatch.setattr(triage, "is_on_trial", lambda engine: engine == "mine")
+    monkeypatch.setattr(triage, "is_under_test", lambda engine: engine == "mine")
     state = State(np.full(3, 1.0), np.full(3, 2.0), 3.0)
     failed = Finding(
         *(claim, subject, scene, state, 1.0, 0.1, "failed", "made up"),
         detail="the detail",
         engine=known.get("engine"),
     )
-    return triage.fault_of(failed)
+    return triage.diagnose_failure(failed)
 
 
 @pytest.mark.parametrize(
@@ -377,7 +377,7 @@ def test_an_error_is_noticeable_beside_the_size_of_the_truth(monkeypatch):
     [("au ~ el", ("au", "el")), ("v̇: kane, gw", ("kane", "gw")), ("nothing", ()), ("auel", ())],
 )
 def test_a_finding_is_about_the_formulations_that_its_subject_names(subject, keys):
-    assert triage.named_in(subject, FORMULATIONS) == keys
+    assert triage.keys_in_subject(subject, FORMULATIONS) == keys
 
 
 def test_only_formulations_that_apply_are_judged_and_claims_once_each(monkeypatch):
@@ -388,10 +388,10 @@ def test_only_formulations_that_apply_are_judged_and_claims_once_each(monkeypatc
         told.append((of[1:], options))
         return [passed, failed]
 
-    monkeypatch.setattr(triage, "check", check)
+    monkeypatch.setattr(triage, "check_state", check)
     q, v = np.ones(3), np.zeros(3)
     case = Sleigh.example(), State(q, v, 2.0)
-    found = triage.failures(case, ["b", "a", "b"], ["banded", "au"], ["casadi"])
+    found = triage.failed_findings(case, ["b", "a", "b"], ["banded", "au"], ["casadi"])
     assert found == [failed]
     options = {"formulations": ["au"], "engines": ["casadi"], "claims": ["a", "b"]}
     assert told == [((q, v, 2.0), options | {"consistent": False})]
@@ -410,13 +410,13 @@ class Plan:
 
     def run(self, given):
         counts = Counter({"states": self.states} if self.states else {})
-        return Result(given.number, given.stratum, {}, counts, seconds=2.0, cpu_seconds=1.5)
+        return RoundResult(given.number, given.stratum, {}, counts, seconds=2.0, cpu_seconds=1.5)
 
     def find(self, failed, name, known=None):
         raise AssertionError("nothing failed")
 
 
-STRATA = [Stratum(n, ()) for n in (1, 2, 3, 4)]
+STRATA = [StructuralVariant(n, ()) for n in (1, 2, 3, 4)]
 
 
 @pytest.fixture
@@ -428,7 +428,7 @@ def spread_over(monkeypatch) -> list[tuple[str, list[int]]]:
         for one in reversed(items):
             yield one, function(one)
 
-    monkeypatch.setattr(campaign, "spread", spread)
+    monkeypatch.setattr(campaign, "parallel_map", spread)
     return asked
 
 
@@ -466,12 +466,12 @@ def test_a_generation_without_a_state_is_refused_with_the_number_of_its_rounds(
 
 def test_a_reference_that_is_missing_is_told_how_to_make_or_which_there_are(tmp_path: Path):
     with pytest.raises(InputError) as known:
-        references.stored("disk", tmp_path)
+        references.stored_reference("disk", tmp_path)
     assert "eomcheck reference disk --folder FOLDER" in str(known.value)
     assert repr(str(tmp_path / "disk.json")) in str(known.value)
     with pytest.raises(InputError) as unknown:
-        references.stored("comet", tmp_path)
-    assert f"references of eomcheck are: {', '.join(CASES)}" in str(unknown.value)
+        references.stored_reference("comet", tmp_path)
+    assert f"references of eomcheck are: {', '.join(REFERENCE_CASES)}" in str(unknown.value)
     assert "--folder" not in str(unknown.value)
 
 
@@ -493,7 +493,7 @@ def run_of(drift: float | None, steps: int, seconds: float, longest: float = 0.5
 def test_the_table_of_references_tells_both_integrations_side_by_side():
     runs = run_of(3e-31, 120, 4.4), run_of(None, 70, 61.6)
     one = SimpleNamespace(name="disk", times=[0.0, 0.25], uncertainty=2.4e-21, runs=runs)
-    sheet = references.reference_sheet([cast(Any, one)])
+    sheet = references.reference_table([cast(Any, one)])
     (row,) = sheet.rows
     told = dict(zip([*enumerate(sheet.columns)], row, strict=True))
     assert list(told.values()) == ["disk", "0.25", "2e-21", "3e-31", "", "120", "70", "4", "62"]
@@ -525,14 +525,17 @@ def test_the_table_of_references_tells_both_integrations_side_by_side():
     ],
 )
 def test_motions_to_know_well_start_and_end_as_described(name, u0, end, parts, minutes):
-    case = CASES[name]
+    case = REFERENCE_CASES[name]
     assert (case.u0, case.end, case.parts, case.minutes) == (u0, end, parts, minutes)
     assert case.times == pytest.approx(np.linspace(0.0, end, parts + 1))
     assert case.scene().p == len(u0)
 
 
 def test_several_references_are_spread_the_longest_first_and_one_is_made_here(monkeypatch):
-    cases = {name: Case("", Sleigh, minutes=x) for name, x in (("a", 1.0), ("b", 9.0), ("c", 4.0))}
+    cases = {
+        name: ReferenceCase("", Sleigh, minutes=x)
+        for name, x in (("a", 1.0), ("b", 9.0), ("c", 4.0))
+    }
     bars: list[Any] = []
     asked: list[str | None] = []
 
@@ -550,7 +553,7 @@ def test_several_references_are_spread_the_longest_first_and_one_is_made_here(mo
         yield from ((item, function(item)) for item in items)
 
     monkeypatch.setattr(reference_runs, "progress", progress)
-    monkeypatch.setattr(reference_runs, "spread", spread)
+    monkeypatch.setattr(reference_runs, "parallel_map", spread)
     monkeypatch.setattr(reference_runs, "produce", lambda name, case, shown=True: (name, shown))
     made = [*reference_runs.produce_all(cases, "local:3")]
     assert made == [("b", False), ("c", False), ("a", False)]
@@ -576,10 +579,10 @@ def test_a_reference_is_made_by_both_methods_and_checked_by_a_third_of_the_longe
 
     monkeypatch.setattr(reference_runs, "taylor_reference", taylor)
     monkeypatch.setattr(reference_runs, "extended_reference", extended)
-    monkeypatch.setattr(reference_runs, "consistent_velocity", lambda s, q, u, t: ("v0", t))
+    monkeypatch.setattr(reference_runs, "extended_velocity", lambda s, q, u, t: ("v0", t))
     monkeypatch.setattr(reference_runs, "difference", lambda x, y: [1e-25, 3e-25, 2e-25])
-    monkeypatch.setattr(reference_runs, "reference_of", lambda *of: of)
-    case = Case("pushed", Sleigh, (1.0, 2.0), end=2.0, parts=4)
+    monkeypatch.setattr(reference_runs, "reference_from_runs", lambda *of: of)
+    case = ReferenceCase("pushed", Sleigh, (1.0, 2.0), end=2.0, parts=4)
     name, text, scene, _, u0, runs, check = cast(Any, reference_runs.produce("s", case, False))
     assert (name, text, scene.key, u0.tolist()) == ("s", "pushed", "sleigh", [1.0, 2.0])
     times = [0.0, 0.5, 1.0, 1.5, 2.0]
@@ -602,8 +605,8 @@ def test_a_motion_is_made_from_the_start_given_or_the_scene_s_own(monkeypatch):
     monkeypatch.setattr(run_time.time, "perf_counter", lambda: next(clock))
     scene = Sleigh.example()
     q, v = scene.initial_state()
-    assert run_time.ready(scene, "au")[1] == 2.5
-    assert run_time.ready(scene, "kane", q + 1, v + 2)[1] == 0.25
+    assert run_time.prepare_motion(scene, "au")[1] == 2.5
+    assert run_time.prepare_motion(scene, "kane", q + 1, v + 2)[1] == 0.25
     (first, own), (second, given) = made
     assert (first, second) == ("au", "kane")
     assert [x.tolist() for x in own] == [q.tolist(), v.tolist()]
@@ -653,4 +656,4 @@ def test_what_is_drawn_has_the_parameters_and_links_asked_for():
     scene, q = figure_data.scene_to_draw("snake", 4)
     assert scene.links == 4 and q.shape == (6,)  # type: ignore[attr-defined]
     with pytest.raises(InputError):
-        figure_data.sketched(Snake, 0)
+        figure_data.scene_and_pose(Snake, 0)

@@ -13,50 +13,59 @@ from rich.text import Text
 from tests import reports
 
 from eomcheck.lab.proofs import Proofs, proof_jobs
-from eomcheck.lab.report.claim_summary import by_claim, evidence_sheet, party_sheet, scene_sheet
-from eomcheck.lab.report.finding_output import proof_sheet
-from eomcheck.lab.report.registries import parameter_sheet, registry_sheet
-from eomcheck.lab.show.table import Cell, Sheet, _filled, _narrowed
+from eomcheck.lab.report.claim_summary import (
+    by_claim,
+    evidence_table,
+    participant_table,
+    scene_table,
+)
+from eomcheck.lab.report.finding_output import proof_table
+from eomcheck.lab.report.registries import parameter_table, registry_table
+from eomcheck.lab.show.table import Cell, ResultTable, _filled, _narrowed
 from eomcheck.lab.store.record_file import Records
-from eomcheck.lab.store.stored_findings import Kept, kept_in, kept_of_runs
+from eomcheck.lab.store.stored_findings import (
+    StoredFinding,
+    stored_findings_in,
+    stored_findings_of_runs,
+)
 from eomcheck.scenes import SCENES, Andrews, ChainPendulum
 
 REGISTRIES = ("formulations", "scenes", "engines", "claims")
 
 
-def printed(sheet: Sheet, width: int) -> str:
+def printed(sheet: ResultTable, width: int) -> str:
     file = io.StringIO()
     Console(file=file, width=width).print(sheet.text(width))
     return file.getvalue()
 
 
 @pytest.fixture(scope="module")
-def kept(tmp_path_factory: pytest.TempPathFactory) -> list[Kept]:
+def kept(tmp_path_factory: pytest.TempPathFactory) -> list[StoredFinding]:
     path = tmp_path_factory.mktemp("kept") / "r.db"
     run = reports.validated(path, reports.Heavy)
     with Records(path) as records:
-        assert [(k.claim, k.verdict, k.python) for k in kept_in(records.all())] == [
-            (k.claim, k.verdict, k.python) for k in kept_of_runs({"heavy": run})
+        assert [(k.claim, k.verdict, k.python) for k in stored_findings_in(records.all())] == [
+            (k.claim, k.verdict, k.python) for k in stored_findings_of_runs({"heavy": run})
         ]
-    return kept_of_runs({"heavy": run})
+    return stored_findings_of_runs({"heavy": run})
 
 
-def tables(kept: list[Kept]) -> list[Sheet]:
+def tables(kept: list[StoredFinding]) -> list[ResultTable]:
     claims = by_claim(kept)
     proofs = Proofs(proof_jobs("sleigh", None, 1, 0, reports.KEYS))
     proofs.run()
     names = ("im", "au", "el", "gw", "em", "ml", "kane", "banded", "pinocchio", "casadi")
     return [
-        *map(registry_sheet, REGISTRIES),
-        party_sheet(claims, names, {"mass-matrix": 0.1}),
-        scene_sheet(claims, SCENES),
-        *map(evidence_sheet, claims),
-        proof_sheet(by_claim(one for found in proofs.findings.values() for one in found)),
+        *map(registry_table, REGISTRIES),
+        participant_table(claims, names, {"mass-matrix": 0.1}),
+        scene_table(claims, SCENES),
+        *map(evidence_table, claims),
+        proof_table(by_claim(one for found in proofs.findings.values() for one in found)),
     ]
 
 
 @pytest.mark.parametrize("width", [40, 80, 140])
-def test_a_table_fits_into_a_terminal_and_says_all_there(kept: list[Kept], width: int):
+def test_a_table_fits_into_a_terminal_and_says_all_there(kept: list[StoredFinding], width: int):
     for sheet in tables(kept):
         text = printed(sheet, width)
         assert max(map(cell_len, text.splitlines())) <= width, sheet.name
@@ -66,7 +75,7 @@ def test_a_table_fits_into_a_terminal_and_says_all_there(kept: list[Kept], width
 
 
 def test_headings_break_at_hyphens_where_they_do_not_fit():
-    sheet = Sheet("x", "", ("claim", "flyball-governor"), [("a", "1")])
+    sheet = ResultTable("x", "", ("claim", "flyball-governor"), [("a", "1")])
     assert "flyball-governor" in printed(sheet, 40)
     assert re.search("flyball-.*\n.*governor", printed(sheet, 24))
     assert "claim a" in printed(sheet, 12)
@@ -74,12 +83,12 @@ def test_headings_break_at_hyphens_where_they_do_not_fit():
 
 def test_numbers_end_at_the_right_whatever_stands_between_them():
     rows = [("a", "<1%"), ("b", "FAIL"), ("c", "·"), ("d", "12 %"), ("e", "?")]
-    assert Sheet("x", "", ("key", "ratio"), rows).of_numbers(1)
-    assert not Sheet("x", "", ("key", "ratio"), rows).of_numbers(0)
+    assert ResultTable("x", "", ("key", "ratio"), rows).of_numbers(1)
+    assert not ResultTable("x", "", ("key", "ratio"), rows).of_numbers(0)
 
 
 def test_markdown_reads_nothing_as_markup_but_names_as_code():
-    sheet = Sheet("x", "", ("key", "|q̈|"), [(Cell("a_1", "name"), "<1% of a_1")])
+    sheet = ResultTable("x", "", ("key", "|q̈|"), [(Cell("a_1", "name"), "<1% of a_1")])
     assert sheet.markdown().splitlines() == [
         r"| key | \|q̈\| |",
         "| --- | ---: |",
@@ -89,20 +98,20 @@ def test_markdown_reads_nothing_as_markup_but_names_as_code():
 
 def test_csv_reads_back():
     rows = [["a", 'x, "y"'], ["b", "two\nlines"]]
-    sheet = Sheet("x", "", ["key", "text"], rows)
+    sheet = ResultTable("x", "", ["key", "text"], rows)
     assert list(csv.reader(io.StringIO(sheet.csv()))) == [["key", "text"], *rows]
     assert sheet.without("text").csv() == "key\na\nb\n"
 
 
 def test_the_parameters_of_a_scene_are_listed_with_units_defaults_and_ranges():
-    rows = {row[0]: tuple(row[1:]) for row in parameter_sheet(ChainPendulum).rows}
+    rows = {row[0]: tuple(row[1:]) for row in parameter_table(ChainPendulum).rows}
     kilograms = "m", "of links, (3,) if N = 3", "kg", "> 0", "must be given", "0.1 to 10"
     assert rows["mass"] == kilograms
     assert rows["gravity"][3:] == (">= 0 or None", "9.81", "0 to 20")
     assert rows["pose"][4:] == ("follows", "")
-    rows = {row[0]: tuple(row[1:]) for row in parameter_sheet(Andrews).rows}
+    rows = {row[0]: tuple(row[1:]) for row in parameter_table(Andrews).rows}
     assert rows["center"][1] == "(7, 2)" and rows["center"][4] == "Andrews().center"
-    assert all(len(parameter_sheet(kind).rows) == len(kind.declared) for kind in SCENES.values())
+    assert all(len(parameter_table(kind).rows) == len(kind.declared) for kind in SCENES.values())
 
 
 # ---- Room ----------------------------------------------------------------------------------------
@@ -134,7 +143,7 @@ def test_texts_are_joined_into_lines_as_long_as_they_fit():
 def test_a_table_without_room_is_a_list_of_what_its_rows_say():
     columns = ["claim", "first", "second", "third", "fourth"]
     rows = [("bias", "1", "·", "", "22"), ("motion", "333", "4444", "x", "y")]
-    sheet = Sheet("x", "", columns, rows)
+    sheet = ResultTable("x", "", columns, rows)
     assert printed(sheet, 24).splitlines() == [
         "claim bias",
         "  first: 1; fourth: 22",
@@ -143,13 +152,13 @@ def test_a_table_without_room_is_a_list_of_what_its_rows_say():
         "  second: 4444; third: x",
         "  fourth: y",
     ]
-    few = Sheet("x", "", columns[:3], [("bias", "1", "a long word")])
+    few = ResultTable("x", "", columns[:3], [("bias", "1", "a long word")])
     lines = [line.rstrip() for line in printed(few, 13).splitlines()]
     assert lines == ["claim bias", "  first: 1", "  second: a", "  long word"]
 
 
 def test_columns_of_sentences_share_the_width_of_a_wide_terminal_and_are_listed_in_a_narrow_one():
-    sheet = Sheet("x", "", ("key", "what"), [("a", "words " * 30)], widths=(1, 3))
+    sheet = ResultTable("x", "", ("key", "what"), [("a", "words " * 30)], widths=(1, 3))
     lines = printed(sheet, 100).splitlines()
     assert {cell_len(line) for line in lines} == {7 + 23 + 69}
     assert [len(x) for x in lines[0].split("┳")] == [1 + 25, 71 + 1]

@@ -18,8 +18,8 @@ import pytest
 
 from eomcheck.errors import DiedError, InputError, RefusedError, UnknownNameError, WorkerError
 from eomcheck.lab.store import executors as cluster_module
-from eomcheck.lab.store.executors import check_place, executor, guarded, place_of
-from eomcheck.lab.store.parallel_map import DEATHS_TOGETHER, spread
+from eomcheck.lab.store.executors import backend_of, check_executor, executor, guarded
+from eomcheck.lab.store.parallel_map import DEATHS_TOGETHER, parallel_map
 
 WORK = '''
 """What workers do; each call leaves a line (item, process) in a file of its own."""
@@ -95,13 +95,13 @@ def alive(process: int) -> bool:
 
 
 def test_every_item_comes_back_once_with_its_result(work, notes: Path):
-    found = list(spread("local:2", partial(work.square, notes, 0.0), range(20)))
+    found = list(parallel_map("local:2", partial(work.square, notes, 0.0), range(20)))
     assert sorted(found) == [(k, k * k) for k in range(20)]
     assert os.getpid() not in done_by(notes)
 
 
 def test_nothing_is_no_work():
-    assert list(spread(None, len, [])) == []
+    assert list(parallel_map(None, len, [])) == []
 
 
 def test_items_are_taken_as_they_are_handed_over():
@@ -112,7 +112,7 @@ def test_items_are_taken_as_they_are_handed_over():
             taken.append(text)
             yield text
 
-    results = spread("local:2", len, items())
+    results = parallel_map("local:2", len, items())
     next(results)
     assert len(taken) <= 4
     assert len(list(results)) == 99
@@ -121,14 +121,14 @@ def test_items_are_taken_as_they_are_handed_over():
 def test_workers_have_one_blas_thread_and_do_not_hear_ctrl_c(work, monkeypatch):
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "7")
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
-    assert list(spread("local:1", work.surroundings, [0])) == [(0, ("1", "SIG_IGN"))]
+    assert list(parallel_map("local:1", work.surroundings, [0])) == [(0, ("1", "SIG_IGN"))]
     assert os.environ["OPENBLAS_NUM_THREADS"] == "7"
     assert "OMP_NUM_THREADS" not in os.environ
 
 
 def test_nothing_is_lost_when_a_worker_is_killed(work, notes: Path):
     found = []
-    for item, result in spread("local:2", partial(work.square, notes, 0.1), range(16)):
+    for item, result in parallel_map("local:2", partial(work.square, notes, 0.1), range(16)):
         found.append((item, result))
         if len(found) == 4:
             os.kill(next(p for p in done_by(notes) if alive(p)), signal.SIGKILL)
@@ -139,7 +139,7 @@ def test_nothing_is_lost_when_a_worker_is_killed(work, notes: Path):
 def test_an_item_that_kills_its_workers_is_reported_after_all_the_others(work, notes: Path):
     found = []
     with pytest.raises(WorkerError, match=r"1 item killed every worker .*: 3$"):
-        for item, _ in spread("local:2", partial(work.deadly, notes), range(12)):
+        for item, _ in parallel_map("local:2", partial(work.deadly, notes), range(12)):
             found.append(item)
     assert sorted(found) == [k for k in range(12) if k != 3]
     began = [item for items in done_by(notes).values() for item in items]
@@ -148,7 +148,7 @@ def test_an_item_that_kills_its_workers_is_reported_after_all_the_others(work, n
 
 def test_an_exception_of_the_work_is_raised_as_it_was(work):
     with pytest.raises(RefusedError, match="M is singular") as caught:
-        list(spread("local:2", work.wrong, range(8)))
+        list(parallel_map("local:2", work.wrong, range(8)))
     assert caught.value.rcond == 1e-20
 
 
@@ -161,7 +161,7 @@ def test_exceptions_survive_the_way_between_processes(error):
 
 
 def test_workers_end_when_the_results_are_no_longer_wanted(work, notes: Path):
-    results = spread("local:2", partial(work.square, notes, 0.2), range(100))
+    results = parallel_map("local:2", partial(work.square, notes, 0.2), range(100))
     next(results)
     start = time.monotonic()
     results.close()
@@ -251,7 +251,7 @@ def test_a_script_without_its_guard_is_told_so_and_does_not_run_for_ever(work, n
 )
 def test_a_place_that_is_none_is_refused(where):
     with pytest.raises(InputError, match="expected local, local:NUMBER or dask:ADDRESS"):
-        place_of(where)
+        backend_of(where)
 
 
 def test_an_executor_is_one_of_concurrent_futures():
@@ -321,7 +321,7 @@ def test_nothing_is_lost_when_a_dask_worker_is_killed_midway(work, notes: Path, 
     where, (_, *workers) = cluster
     wait_for_workers(where.removeprefix("dask:"))
     found = []
-    for item, result in spread(where, partial(work.square, notes, 0.1), range(30)):
+    for item, result in parallel_map(where, partial(work.square, notes, 0.1), range(30)):
         found.append((item, result))
         if len(found) == 6:
             workers[0].kill()
@@ -335,7 +335,7 @@ def test_nothing_is_lost_when_a_dask_worker_is_killed_midway(work, notes: Path, 
 def test_an_exception_on_a_dask_worker_is_raised_as_it_was(work, cluster):
     where, _ = cluster
     with pytest.raises(RefusedError, match="M is singular"):
-        list(spread(where, work.wrong, range(8)))
+        list(parallel_map(where, work.wrong, range(8)))
 
 
 @pytest.mark.usefixtures("deadline")
@@ -343,7 +343,7 @@ def test_an_exception_on_a_dask_worker_is_raised_as_it_was(work, cluster):
 def test_a_scheduler_that_goes_away_is_reported(work, notes: Path, cluster):
     where, (scheduler, *_) = cluster
     with pytest.raises(WorkerError, match="the scheduler is gone"):
-        for _ in spread(where, partial(work.square, notes, 0.1), range(40)):
+        for _ in parallel_map(where, partial(work.square, notes, 0.1), range(40)):
             scheduler.kill()
 
 
@@ -375,7 +375,7 @@ def test_a_scheduler_without_workers_is_refused(cluster, monkeypatch):
         worker.wait()
     monkeypatch.setattr(cluster_module, "CONNECT_SECONDS", 2)
     with pytest.raises(InputError, match="has no workers"):
-        check_place(where)
+        check_executor(where)
 
 
 @pytest.mark.night
@@ -386,7 +386,7 @@ def test_a_scheduler_that_does_not_answer_is_bad_input_and_soon(address, monkeyp
     monkeypatch.setattr(cluster_module, "CONNECT_SECONDS", 2)
     start = time.monotonic()
     with pytest.raises(InputError, match="no dask scheduler answers at"):
-        check_place(f"dask:{address}")
+        check_executor(f"dask:{address}")
     assert time.monotonic() - start < 10
 
 
@@ -395,4 +395,4 @@ def test_a_missing_library_names_the_extra(monkeypatch):
 
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(EngineError, match="extra `cluster`"):
-        check_place("dask:127.0.0.1:8786")
+        check_executor("dask:127.0.0.1:8786")

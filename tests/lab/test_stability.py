@@ -14,28 +14,28 @@ from matplotlib import image
 from tests.widths import check_sheets_fit
 
 from eomcheck.errors import RefusedError, UnknownNameError
-from eomcheck.evaluation.certified import DIGITS_OF_DOUBLES, accuracy
+from eomcheck.evaluation.certified import FLOAT64_DIGITS, accuracy
 from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import C
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.lab import study as store
-from eomcheck.lab.show.table import print_sheets
+from eomcheck.lab.show.table import print_tables
 from eomcheck.lab.store.record_file import Record, Records
 from eomcheck.lab.studies import study_of
 from eomcheck.lab.studies.stability.measure import (
     FAMILIES,
     STATE,
     STUDY,
+    CellOutcome,
     Method,
-    Outcome,
     atlas_of,
     break_of,
     cells,
     digits_lost,
     measure,
     methods_of,
-    outcome,
+    outcome_of,
     settings_of,
 )
 from eomcheck.lab.studies.stability.scene_families import decades
@@ -141,7 +141,10 @@ def test_uk_is_compared_with_the_truth_of_the_rows_that_it_keeps(variant: str):
     # Of two wheels that are not quite parallel the truth is another motion.
     with pytest.raises(RefusedError):
         accuracy(posed.scene, "au", posed.q, posed.u)
-    assert outcome(measure(settings_of("dependent", variant, 1e-16, Method("uk")))) is Outcome.GOOD
+    assert (
+        outcome_of(measure(settings_of("dependent", variant, 1e-16, Method("uk"))))
+        is CellOutcome.GOOD
+    )
 
 
 def test_a_formulation_with_a_partition_is_measured_with_both():
@@ -187,12 +190,12 @@ def test_where_constraints_are_violated_each_has_its_own_truth():
 
 
 def test_a_run_is_resumed_and_repeats_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(store, "spread", _here)
+    monkeypatch.setattr(store, "parallel_map", _here)
     planned: dict[str, Any] = {"family": ["turns"], "formulation": ["au", "kane"], "quick": True}
     with Records(tmp_path / "records.db") as records:
         first = ATLAS.measure(records, **planned)
         assert len(first) == 2 * 2 * len(FAMILIES["turns"].quick)
-        assert {outcome(record) for record in first} == {Outcome.GOOD}
+        assert {outcome_of(record) for record in first} == {CellOutcome.GOOD}
         records.forget(STUDY, [first[3].settings])
         asked.clear()
         again = ATLAS.measure(records, **planned)
@@ -271,18 +274,18 @@ RECORDS = [
 @pytest.mark.parametrize(
     ("one", "expected"),
     [
-        (record(0.1, 0.0), Outcome.GOOD),
-        (record(0.1, 1e-6), Outcome.GOOD),
-        (record(0.1, 1e-6, 0.0), Outcome.GOOD),
-        (record(0.1, 2e-6, 2e-6), Outcome.TOLD),
-        (record(0.1, 2e-6, 1e-6), Outcome.SILENT),
-        (record(0.1, math.inf, math.inf), Outcome.TOLD),
-        (record(0.1, math.inf, 1.0), Outcome.SILENT),
-        (record(0.1, None), Outcome.REFUSED),
+        (record(0.1, 0.0), CellOutcome.GOOD),
+        (record(0.1, 1e-6), CellOutcome.GOOD),
+        (record(0.1, 1e-6, 0.0), CellOutcome.GOOD),
+        (record(0.1, 2e-6, 2e-6), CellOutcome.TOLD),
+        (record(0.1, 2e-6, 1e-6), CellOutcome.SILENT),
+        (record(0.1, math.inf, math.inf), CellOutcome.TOLD),
+        (record(0.1, math.inf, 1.0), CellOutcome.SILENT),
+        (record(0.1, None), CellOutcome.REFUSED),
     ],
 )
 def test_an_outcome_is_read_off_error_and_bound(one, expected):
-    assert outcome(one) is expected
+    assert outcome_of(one) is expected
 
 
 def steps(records):
@@ -293,14 +296,14 @@ def test_steps_go_from_mild_to_severe_and_keep_the_worst_variant():
     found = steps(reversed(RECORDS))
     assert [step.severity for step in found] == [1e-1, 1e-4, 1e-8, 0.0]
     assert [step.worst for step in found] == [
-        Outcome.GOOD,
-        Outcome.GOOD,
-        Outcome.TOLD,
-        Outcome.REFUSED,
+        CellOutcome.GOOD,
+        CellOutcome.GOOD,
+        CellOutcome.TOLD,
+        CellOutcome.REFUSED,
     ]
     assert [step.refused for step in found] == [0.0, 0.0, 0.5, 1.0]
-    assert found[1].lost == pytest.approx(DIGITS_OF_DOUBLES - 9)
-    assert found[1].foreseen == pytest.approx(DIGITS_OF_DOUBLES - 9 + math.log10(2))
+    assert found[1].lost == pytest.approx(FLOAT64_DIGITS - 9)
+    assert found[1].foreseen == pytest.approx(FLOAT64_DIGITS - 9 + math.log10(2))
     assert math.isnan(found[3].lost)
     assert list(atlas_of(RECORDS)["straight"]) == [Method("el")]
 
@@ -308,12 +311,12 @@ def test_steps_go_from_mild_to_severe_and_keep_the_worst_variant():
 def test_a_method_breaks_where_some_variant_first_fails():
     found = break_of(steps(RECORDS))
     assert found is not None
-    assert (found.severity, found.outcome) == (1e-8, Outcome.TOLD)
+    assert (found.severity, found.outcome) == (1e-8, CellOutcome.TOLD)
     assert break_of(steps(RECORDS[:4])) is None
 
 
 def printed(records, capsys) -> str:
-    print_sheets(ATLAS.sheets(records))
+    print_tables(ATLAS.sheets(records))
     return "\n".join((capsys.readouterr().out, *ATLAS.said(records)))
 
 
@@ -328,7 +331,7 @@ def test_records_that_say_otherwise_change_where_it_breaks_and_what_is_printed(c
     ]
     found = break_of(steps(doctored))
     assert found is not None
-    assert (found.severity, found.outcome) == (1e-4, Outcome.SILENT)
+    assert (found.severity, found.outcome) == (1e-4, CellOutcome.SILENT)
     after = printed(doctored, capsys)
     assert "0.0001" in after and "2 silently wrong" in after
     (wrong,) = (sheet for sheet in ATLAS.sheets(doctored) if sheet.name == "stability-wrong")
@@ -340,7 +343,7 @@ def test_records_that_say_otherwise_change_where_it_breaks_and_what_is_printed(c
 def test_digits_lost_count_from_those_that_doubles_have():
     assert digits_lost(0.0) == digits_lost(1e-17) == 0.0
     assert digits_lost(1e-6) == pytest.approx(9.95, abs=0.01)
-    assert digits_lost(math.inf) == digits_lost(2.0) == DIGITS_OF_DOUBLES
+    assert digits_lost(math.inf) == digits_lost(2.0) == FLOAT64_DIGITS
 
 
 def test_the_atlas_and_a_figure_a_family_are_drawn_and_fit_into_the_documentation(tmp_path: Path):

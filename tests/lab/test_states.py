@@ -12,20 +12,20 @@ from tests.engines.planar import planar
 
 from eomcheck.claims import run
 from eomcheck.claims.pairwise_design import scene_cases
-from eomcheck.claims.run import Run, Selection
+from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.lab.store import validation_runs
 from eomcheck.lab.store.record_file import Records
-from eomcheck.lab.store.stored_findings import kept_in
+from eomcheck.lab.store.stored_findings import stored_findings_in
 from eomcheck.lab.store.validation_runs import (
-    STATES_OF_ONE,
-    look_at_kind,
-    looked_at,
-    ours,
-    place_for,
+    STATES_PER_PROCESS,
+    all_built_in,
+    check_in_parallel,
+    default_executor,
+    validate_kind,
 )
 from eomcheck.scenes import SCENES, ChainPendulum, Sleigh
 
-SELECTION = Selection.of(["au", "em"], [], ["kinetic-energy", "equivalence", "coverage"])
+SELECTION = RunSelection.of(["au", "em"], [], ["kinetic-energy", "equivalence", "coverage"])
 
 
 class HeavyInside(Sleigh):
@@ -38,14 +38,16 @@ class HeavyInside(Sleigh):
         return (2 * kinetic if v[2] > 2 else kinetic), potential
 
 
-def looked(where: str | None, kind=Sleigh, on_case=lambda: None, path: Path | None = None) -> Run:
-    run = Run()
+def looked(
+    where: str | None, kind=Sleigh, on_case=lambda: None, path: Path | None = None
+) -> ValidationRun:
+    run = ValidationRun()
     how = SELECTION, (1, 1), 12, 0, on_case
     if path is None:
-        look_at_kind(kind, run, *how, where=where)
+        validate_kind(kind, run, *how, where=where)
     else:
         with Records(path) as records:
-            look_at_kind(kind, run, *how, records, where=where)
+            validate_kind(kind, run, *how, records, where=where)
     return run
 
 
@@ -57,7 +59,7 @@ def test_two_processes_find_and_keep_what_one_does(tmp_path: Path):
         path = tmp_path / f"{number}.db"
         runs.append(looked(where, on_case=lambda: cases.append(1), path=path))
         with Records(path) as records:
-            kept.append(kept_in(records.all()))
+            kept.append(stored_findings_in(records.all()))
     one, two = runs
     assert [f.as_dict() for f in one.findings] == [f.as_dict() for f in two.findings]
     assert one.ends == two.ends and len(cases) == one.cases + two.cases == 2 * 14
@@ -85,9 +87,9 @@ def test_an_interruption_keeps_what_was_found_and_ends_the_processes():
         if len(cases) == 4:
             raise KeyboardInterrupt
 
-    run = Run()
+    run = ValidationRun()
     with pytest.raises(KeyboardInterrupt):
-        look_at_kind(Sleigh, run, SELECTION, (1, 1), 12, 0, interrupted, where="local:2")
+        validate_kind(Sleigh, run, SELECTION, (1, 1), 12, 0, interrupted, where="local:2")
     assert run.cases == 4 and run.findings
     assert not multiprocessing.active_children()
 
@@ -95,12 +97,12 @@ def test_an_interruption_keeps_what_was_found_and_ends_the_processes():
 def test_looks_come_in_the_order_of_the_cases(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(
         validation_runs,
-        "spread",
+        "parallel_map",
         lambda _, look, items: ((x, look(x)) for x in reversed(list(items))),
     )
     cases = list(scene_cases(SCENES["snake"], (1, 3), 5, seed=0))
     for (scene, state), (other, same, seen) in zip(
-        cases, looked_at("local:2", cases, SELECTION), strict=True
+        cases, check_in_parallel("local:2", cases, SELECTION), strict=True
     ):
         assert other is scene and same is state
         assert {f.scene.structure for f in seen.findings} == {scene.structure}
@@ -112,7 +114,7 @@ def test_an_engine_on_trial_is_asked_as_often_in_several_processes_as_in_one(
 ):
     monkeypatch.setattr(
         validation_runs,
-        "spread",
+        "parallel_map",
         lambda _, look, items: [(x, look(x)) for x in reversed(list(items))],
     )
     monkeypatch.setattr(run, "OFTEN", 9)
@@ -123,17 +125,19 @@ def test_an_engine_on_trial_is_asked_as_often_in_several_processes_as_in_one(
             calls.append(1)
             return super().mass_matrix(q, t)
 
-    selection, asked = Selection.of(engines=[Counting], claims=["mass-matrix"]), []
+    selection, asked = RunSelection.of(engines=[Counting], claims=["mass-matrix"]), []
     for where in (None, "local:2"):
         calls.clear()
-        look_at_kind(ChainPendulum, Run(), selection, (1, 1), 2, 0, lambda: None, where=where)
+        validate_kind(
+            ChainPendulum, ValidationRun(), selection, (1, 1), 2, 0, lambda: None, where=where
+        )
         asked.append(len(calls))
     assert asked[0] == asked[1] > 0
 
 
 def test_cases_are_drawn_as_they_are_looked_at(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(
-        validation_runs, "spread", lambda _, look, items: ((x, look(x)) for x in items)
+        validation_runs, "parallel_map", lambda _, look, items: ((x, look(x)) for x in items)
     )
     drawn: list[int] = []
 
@@ -142,7 +146,7 @@ def test_cases_are_drawn_as_they_are_looked_at(monkeypatch: pytest.MonkeyPatch):
             drawn.append(i)
             yield case
 
-    with closing(looked_at("local:2", cases(), SELECTION)) as looks:
+    with closing(check_in_parallel("local:2", cases(), SELECTION)) as looks:
         next(looks)
         next(looks)
         assert len(drawn) == 2
@@ -152,14 +156,14 @@ def test_many_states_of_what_is_ours_are_spread_unless_one_core_is_all(
     monkeypatch: pytest.MonkeyPatch,
 ):
     for cores, examples, expected in (
-        (2, 4 * STATES_OF_ONE, "local:2"),
-        (64, 4 * STATES_OF_ONE, "local:4"),
-        (64, 2 * STATES_OF_ONE - 1, None),
-        (1, 4 * STATES_OF_ONE, None),
-        (None, 4 * STATES_OF_ONE, None),
+        (2, 4 * STATES_PER_PROCESS, "local:2"),
+        (64, 4 * STATES_PER_PROCESS, "local:4"),
+        (64, 2 * STATES_PER_PROCESS - 1, None),
+        (1, 4 * STATES_PER_PROCESS, None),
+        (None, 4 * STATES_PER_PROCESS, None),
     ):
         monkeypatch.setattr("os.cpu_count", lambda cores=cores: cores)
-        assert place_for(examples, [Sleigh], SELECTION.engines) == expected
+        assert default_executor(examples, [Sleigh], SELECTION.engines) == expected
     monkeypatch.setattr("os.cpu_count", lambda: 2)
-    assert not ours(HeavyInside)
-    assert place_for(4 * STATES_OF_ONE, [HeavyInside], ()) is None
+    assert not all_built_in(HeavyInside)
+    assert default_executor(4 * STATES_PER_PROCESS, [HeavyInside], ()) is None

@@ -15,12 +15,12 @@ from eomcheck.errors import InputError
 from eomcheck.evaluation.dynamics import velocity
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS, applicable
-from eomcheck.lab.show.table import print_sheets
+from eomcheck.lab.show.table import print_tables
 from eomcheck.lab.store.record_file import Record, Records
 from eomcheck.lab.studies import stiff as stiff
-from eomcheck.lab.studies.stiff import COMPILED, STUDY, cheapest, crossover, scene_of
+from eomcheck.lab.studies.stiff import COMPILED, STUDY, cheapest, crossover, stiff_robot
 from eomcheck.motion import right_hand_side
-from eomcheck.motion.right_hand_side import JACOBIAN, exact_jacobian, parameter_arrays, rates_on
+from eomcheck.motion.right_hand_side import JACOBIAN, exact_jacobian, parameter_arrays, trace_rates
 from eomcheck.motion.simulate import Motion
 from eomcheck.numbers import tape
 from eomcheck.scenes import SCENES, Snake
@@ -80,7 +80,7 @@ def test_every_scene_is_differentiated_on_the_tape_by_every_formulation(kind, si
         y = motion.y0.copy()
         if formulation.state == "q, u":
             y[scene.n :] = at.u
-        tape, _, _, outputs = rates_on(scene, formulation, also=JACOBIAN)
+        tape, _, _, outputs = trace_rates(scene, formulation, also=JACOBIAN)
         given = {**parameter_arrays(scene), "y": y, "t": np.array([t])}
         rates = evaluated(tape, outputs["rates"], given)
         assert rates == pytest.approx(motion.rates(t, y), rel=1e-9, abs=1e-9), key
@@ -94,7 +94,7 @@ def test_jacobians_in_machine_code_are_those_on_the_tape(key):
     scene, (q, v, t) = ordinary(SCENES[key])
     for formulation in applicable(scene).values():
         y = Motion(scene, formulation, q, v).y0
-        tape, _, _, outputs = rates_on(scene, formulation, also=JACOBIAN)
+        tape, _, _, outputs = trace_rates(scene, formulation, also=JACOBIAN)
         given = {**parameter_arrays(scene), "y": y, "t": np.array([t])}
         expected = evaluated(tape, outputs["jacobian"], given)
         found = exact_jacobian(scene, formulation)(t, y).ravel()
@@ -102,18 +102,18 @@ def test_jacobians_in_machine_code_are_those_on_the_tape(key):
 
 
 def test_products_of_matrices_too_large_to_be_written_out_are_differentiated_as_well(monkeypatch):
-    monkeypatch.setattr(tape, "WRITTEN_OUT", 0)
+    monkeypatch.setattr(tape, "LARGEST_EXPANDED_PRODUCT", 0)
     monkeypatch.setattr(right_hand_side, "_kernels", {})
     for key in ("gw", "el"):
         motion = moving(Snake.coil(3), key)
-        traced = rates_on(motion.scene, motion.formulation)
+        traced = trace_rates(motion.scene, motion.formulation)
         assert any(group.kind == tape.PRODUCT for group in traced.tape.groups)
         exact = exact_jacobian(motion.scene, motion.formulation)(0.0, motion.y0)
         assert_approached(motion, motion.y0, exact)
 
 
 def test_without_dampers_stiffness_only_sets_the_unit_of_time():
-    soft, stiffer = (moving_from_rest(scene_of("undamped", k)) for k in (5e3, 5e3 * 4.0**6))
+    soft, stiffer = (moving_from_rest(stiff_robot("undamped", k)) for k in (5e3, 5e3 * 4.0**6))
     end = 0.2
     one, other = (
         m.solve(end * t, rtol=1e-12, atol=1e-12, output_times=np.array([end * t])).y[-1]
@@ -184,7 +184,7 @@ def test_a_study_is_whole_resumes_and_shows_what_jacobians_save(tmp_path, capsys
     for r in found:
         if r.settings.get("tolerance") == 1e-6:
             assert r.errors["floor"] < r.errors["final"] < 1e-2
-    print_sheets(STUDY.sheets(found))
+    print_tables(STUDY.sheets(found))
     check_sheets_fit(STUDY.sheets(found))
     said = capsys.readouterr().out
     assert "No run failed" in said and "cheaper ones from this k on" in said

@@ -22,7 +22,7 @@ from eomcheck import calls
 from eomcheck.engines import CasadiEngine
 from eomcheck.errors import DiedError, InputError, WorkerError
 from eomcheck.lab.store import executors, parallel_map, validation_runs
-from eomcheck.lab.store.executors import Local, Place, place_of
+from eomcheck.lab.store.executors import ExecutorBackend, Local, backend_of
 from eomcheck.lab.store.record_file import Record, canonical, json_of, key_of
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import Sleigh
@@ -147,13 +147,13 @@ def test_a_record_of_wrong_kinds_is_refused_by_the_name_of_its_field(given, mess
 
 def test_a_place_has_as_many_processes_as_its_text_says_and_else_one_a_core(monkeypatch):
     monkeypatch.setattr("os.cpu_count", lambda: 17)
-    places: list[Any] = [place_of(text) for text in (None, "local", "local:1", "local:203")]
+    places: list[Any] = [backend_of(text) for text in (None, "local", "local:1", "local:203")]
     assert [(place.workers, place.width) for place in places] == [
         (17, 18), (17, 18), (1, 2), (203, 204),
     ]  # fmt: skip
     monkeypatch.setattr("os.cpu_count", lambda: None)
-    assert place_of(None).width == 2 and Local(3, ahead=0).width == 3
-    dask: Any = place_of("dask:tcp://here:8786")
+    assert backend_of(None).width == 2 and Local(3, ahead=0).width == 3
+    dask: Any = backend_of("dask:tcp://here:8786")
     assert (dask.address, dask.width, dask.killed, dask.every) == (
         *("tcp://here:8786", 1024, "KilledWorker", 1.0),
     )
@@ -162,7 +162,7 @@ def test_a_place_has_as_many_processes_as_its_text_says_and_else_one_a_core(monk
 @pytest.mark.parametrize("where", ["ray:1", "local:01", "local:1:", "local: 2", "dask"])
 def test_what_is_no_place_is_refused_with_those_that_there_are(where):
     with pytest.raises(InputError) as error:
-        place_of(where)
+        backend_of(where)
     said = "expected local, local:NUMBER or dask:ADDRESS"
     assert str(error.value) == f"executor = {where!r}, {said}"
 
@@ -214,7 +214,7 @@ def test_the_call_in_which_a_worker_died_is_barred_but_not_where_the_pool_ended_
     barred: list[tuple] = []
     at = calls.Call(1.0, 60.0, 4, "own.f", False)
     monkeypatch.setattr(calls, "bar", lambda *of: barred.append(of))
-    monkeypatch.setattr(calls, "read", lambda path: at if path == tmp_path / "7" else None)
+    monkeypatch.setattr(calls, "read_board", lambda path: at if path == tmp_path / "7" else None)
     ends = ((7, None), (7, -signal.SIGTERM), (8, -signal.SIGKILL), (7, -signal.SIGKILL), (7, 3))
 
     def end() -> None:
@@ -276,8 +276,8 @@ def test_of_two_signals_that_were_put_off_the_first_is_raised():
 # ---- Work spread over places ---------------------------------------------------------------------
 
 
-class Scripted(Place):
-    """A place where each item comes to what `outcome` says of it at once."""
+class Scripted(ExecutorBackend):
+    """A place where each item comes to what `outcome_of` says of it at once."""
 
     def __init__(self, outcome: Any, width: int = 2, killed: str = ""):
         self.outcome, self.width, self.killed = outcome, width, killed
@@ -309,12 +309,14 @@ class Scripted(Place):
         yield SimpleNamespace(submit=submit)
 
 
-def spread_over(monkeypatch, place: Place, items: Any) -> tuple[list, BaseException | None]:
+def spread_over(
+    monkeypatch, place: ExecutorBackend, items: Any
+) -> tuple[list, BaseException | None]:
     """Return what comes of items at a place, and the error at the end."""
-    monkeypatch.setattr(parallel_map, "place_of", lambda where: place)
+    monkeypatch.setattr(parallel_map, "backend_of", lambda where: place)
     results: list = []
     try:
-        results.extend(parallel_map.spread("there", len, items))
+        results.extend(parallel_map.parallel_map("there", len, items))
     except Exception as error:
         return results, error
     return results, None
@@ -401,10 +403,10 @@ def test_states_go_out_with_their_number_their_scene_and_a_name_and_come_back_wi
             items.append(one)
             yield one, f"look {one.number}"
 
-    monkeypatch.setattr(validation_runs, "spread", spread)
+    monkeypatch.setattr(validation_runs, "parallel_map", spread)
     scene = Sleigh.example()
     cases = [(scene, State(np.full(3, float(k)), np.zeros(3), 0.5)) for k in range(3)]
-    found: list[Any] = list(validation_runs.looked_at("local:2", cases, "selection"))  # type: ignore[arg-type]
+    found: list[Any] = list(validation_runs.check_in_parallel("local:2", cases, "selection"))  # type: ignore[arg-type]
     assert [look for _, _, look in found] == ["look 0", "look 1", "look 2"]
     for i, ((one, state, _), item) in enumerate(zip(found, items, strict=True)):
         assert one is scene and state is cases[i][1] is item.state and item.number == i
@@ -415,10 +417,10 @@ def test_states_go_out_with_their_number_their_scene_and_a_name_and_come_back_wi
 def test_a_scene_is_made_once_for_states_that_follow_each_other(monkeypatch):
     made: list[str] = []
     monkeypatch.setattr(
-        validation_runs, "asked_of", lambda scene, selection: made.append(scene) or scene
+        validation_runs, "make_scene_engines", lambda scene, selection: made.append(scene) or scene
     )
-    monkeypatch.setattr(validation_runs, "look", lambda *of: of)
-    monkeypatch.setattr(validation_runs, "often_at", lambda number: 10 * number)
+    monkeypatch.setattr(validation_runs, "evaluate_state", lambda *of: of)
+    monkeypatch.setattr(validation_runs, "repeats_at", lambda number: 10 * number)
     validation_runs._asked.cache_clear()
     try:
         scenes = [pickle.dumps(x) for x in ("a", "a", "b", "a")]
@@ -432,13 +434,15 @@ def test_a_scene_is_made_once_for_states_that_follow_each_other(monkeypatch):
 
 
 def test_scenes_and_engines_of_somebody_stay_in_this_process(monkeypatch):
-    assert validation_runs.ours() and validation_runs.ours(Sleigh, CasadiEngine)
-    assert not validation_runs.ours(Sleigh, Own) and not validation_runs.ours(Own, Sleigh)
+    assert validation_runs.all_built_in() and validation_runs.all_built_in(Sleigh, CasadiEngine)
+    assert not validation_runs.all_built_in(Sleigh, Own) and not validation_runs.all_built_in(
+        Own, Sleigh
+    )
     monkeypatch.setattr("os.cpu_count", lambda: 3)
-    assert validation_runs.place_for(1000, [Sleigh], [CasadiEngine]) == "local:3"
-    assert validation_runs.place_for(1000, [Sleigh], [Own]) is None  # type: ignore[list-item]
-    assert validation_runs.place_for(1000, [Sleigh, Own], []) is None
+    assert validation_runs.default_executor(1000, [Sleigh], [CasadiEngine]) == "local:3"
+    assert validation_runs.default_executor(1000, [Sleigh], [Own]) is None  # type: ignore[list-item]
+    assert validation_runs.default_executor(1000, [Sleigh, Own], []) is None
     assert (
-        validation_runs.place_for(60, [Sleigh], []),
-        validation_runs.place_for(59, [Sleigh], []),
+        validation_runs.default_executor(60, [Sleigh], []),
+        validation_runs.default_executor(59, [Sleigh], []),
     ) == (*("local:2", None),)

@@ -11,14 +11,14 @@ import pytest
 from tests.widths import check_sheets_fit
 
 from eomcheck.claims.finding import Finding
-from eomcheck.claims.run import Run
+from eomcheck.claims.run import ValidationRun
 from eomcheck.engines.pinocchio import PinocchioEngine
 from eomcheck.errors import InputError
 from eomcheck.evaluation.tolerance import C
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.report.overview import Overview, read, sections_of
+from eomcheck.lab.report.overview import Overview, read_records, sections_of
 from eomcheck.lab.show.chart import Axis, Chart, Panel
-from eomcheck.lab.show.chart_plotly import json_of
+from eomcheck.lab.show.chart_plotly import chart_json
 from eomcheck.lab.store.record_file import Record, Records, record_of_rows
 from eomcheck.lab.studies import (
     BENCHMARKS,
@@ -33,7 +33,7 @@ from eomcheck.lab.studies import (
 from eomcheck.lab.studies.accuracy import Delivered
 from eomcheck.lab.studies.agreement import REFERENCE, Agreement
 from eomcheck.lab.studies.rhs import TRIGONOMETRY
-from eomcheck.lab.study import failed, rows_of, unfinished
+from eomcheck.lab.study import failed, rows_in, unfinished
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import Sleigh
 
@@ -80,8 +80,8 @@ def test_a_study_is_worked_once_then_read_told_drawn_and_reported(key: str, tmp_
     json.dumps(study.document(found), allow_nan=False)
     for chart in study.charts(found):
         assert (tmp_path / f"{chart.name}.png").read_bytes().startswith(b"\x89PNG")
-        assert len(json.loads(json_of(chart))) == len(chart.panels)
-    (section,) = sections_of(Overview(read([tmp_path / "r.db"])))
+        assert len(json.loads(chart_json(chart))) == len(chart.panels)
+    (section,) = sections_of(Overview(read_records([tmp_path / "r.db"])))
     assert section.id == key and section.text.startswith(STUDIES[key])
 
 
@@ -110,14 +110,14 @@ def test_accuracy_draws_the_same_states_one_a_cell_whatever_is_known(tmp_path: P
     whole = study.run(tmp_path / "a.db", **options)
     with Records(tmp_path / "b.db") as records:
         records.add(whole[1])
-    rows = rows_of(study.run(tmp_path / "b.db", **options), Delivered)
+    rows = rows_in(study.run(tmp_path / "b.db", **options), Delivered)
     assert [(one.key, one.links, one.digits) for one in rows] == [
-        (one.key, one.links, one.digits) for one in rows_of(whole, Delivered)
+        (one.key, one.links, one.digits) for one in rows_in(whole, Delivered)
     ]
 
 
 def test_no_formulation_is_as_far_from_the_reference_as_a_flipped_sign():
-    rows = rows_of(study_of("agreement").run(links="1..4", per_size=4), Agreement)
+    rows = rows_in(study_of("agreement").run(links="1..4", per_size=4), Agreement)
     assert {one.links for one in rows} == set(range(1, 5))
     assert REFERENCE not in {one.key for one in rows}
     assert all(one.observed <= one.allowed for one in rows)
@@ -131,9 +131,9 @@ def test_rounding_of_the_reference_and_of_the_formulation_is_allowed(monkeypatch
         return 1e6 if (formulation.key == REFERENCE) == of_reference else 0.0
 
     study = study_of("agreement")
-    right = rows_of(study.run(links="2", per_size=1), Agreement)
+    right = rows_in(study.run(links="2", per_size=1), Agreement)
     monkeypatch.setattr(agreement, "acceleration_sensitivity", sensitivity)
-    rows = rows_of(study.run(links="2", per_size=1), Agreement)
+    rows = rows_in(study.run(links="2", per_size=1), Agreement)
     assert len(rows) == len(right) > 3
     assert len({one.allowed for one in rows}) == 1
     assert all(one.allowed > 10 * known.allowed for one, known in zip(rows, right, strict=True))
@@ -169,7 +169,7 @@ def test_tolerance_keeps_errors_over_rounding_and_not_over_what_is_allowed(
         Finding("bias", "au", *of, "inconclusive", "made up"),
         Finding("refusals", "au", *of, "passed", "made up"),
     ]
-    monkeypatch.setattr(Run, "explore", lambda run, *_: run.findings.extend(found))
+    monkeypatch.setattr(ValidationRun, "explore", lambda run, *_: run.findings.extend(found))
     study = study_of("tolerance")
     (record,) = study.run(scene="sleigh", examples=1)
     assert record.series == {"bias": [C * observed]}
@@ -202,7 +202,7 @@ def test_an_engine_is_compared_where_it_represents_what_is_drawn(taken, states, 
     settings = {"engine": "pinocchio", "scene": "sleigh", "links": (1, 1), "states": 3, "seed": 0}
     record = study_of("engines").worker([])(settings)
     if states:
-        assert {one.states for one in rows_of([record], engines.Compared)} == {states}
+        assert {one.states for one in rows_in([record], engines.EngineDifference)} == {states}
     else:
         assert (record.status, record.reason) == (
             *("refused", "pinocchio takes no sleigh that is drawn"),
@@ -231,7 +231,7 @@ def test_an_engine_is_soft_by_its_own_word_and_only_where_it_is_constrained(comp
     of = {"engine": "pinocchio", "links": (1, 2), "states": 2, "seed": 0}
     work = study_of("engines").worker([])
     held, free = (work(of | {"scene": key}) for key in ("sleigh", "chain-pendulum"))
-    soft = {one.claim for one in rows_of([held, free], engines.Compared) if one.gives_way}
+    soft = {one.claim for one in rows_in([held, free], engines.EngineDifference) if one.gives_way}
     assert soft == (set(engines.CONSTRAINED) if compliant else set())
     printed = "".join(sheet.markdown() for sheet in study_of("engines").sheets([held]))
     assert ("soft" in printed) is compliant
@@ -241,7 +241,7 @@ def test_an_engine_is_soft_by_its_own_word_and_only_where_it_is_constrained(comp
 def test_what_could_not_be_judged_of_an_engine_is_inconclusive_and_not_soft():
     who = "pinocchio", "pinocchio 4", "sleigh", "engine-acceleration", 1, 0, 0.5
     settings = {"engine": "pinocchio", "scene": "sleigh"}
-    record = record_of_rows("engines", settings, [engines.Compared(*who, None, False)])
+    record = record_of_rows("engines", settings, [engines.EngineDifference(*who, None, False)])
     sheet, _ = study_of("engines").sheets([record])
     assert "5e-01 inconclusive" in sheet.rows[0] and "soft" not in sheet.markdown()
     assert any("nothing was decided" in said for said in study_of("engines").said([record]))

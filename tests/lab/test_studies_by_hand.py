@@ -110,18 +110,18 @@ def test_accuracy_tells_results_without_error_and_alarms_at_what_is_beyond_its_b
     one = accuracy.Delivered("im", 2, None, 15.0, 1e-15, 2.0, 3.0, 4.0, 0.25)
     exact, refused = replace(one, relative=0.0), accuracy.Delivered("im", 2, "M")
     found = record_of_rows("accuracy", {}, [one, exact, exact, refused])
-    (said,) = accuracy.said([found, found])
+    (said,) = accuracy.remarks([found, found])
     assert said.startswith("2 states; errors against the enclosed truth. Left out: 4 results ")
     assert "ratio" not in said and "Largest error / (κ ε scale): 0.25;" in said
     nothing = record_of_rows("accuracy", {}, [refused])
-    (said,) = accuracy.said([nothing])
+    (said,) = accuracy.remarks([nothing])
     assert "0 results without error" in said and "(κ ε scale): 0;" in said
     assert not accuracy.alarm([found])
     broken = Record("accuracy", {"x": 1}, "failed", "why")
     assert accuracy.alarm([found, broken])
     assert accuracy.alarm([found, record_of_rows("accuracy", {}, [replace(one, state="here")])])
-    assert next(iter(accuracy.said([broken, found]))) == "x 1 failed: why"
-    digits, errors = accuracy.sheets([found])
+    assert next(iter(accuracy.remarks([broken, found]))) == "x 1 failed: why"
+    digits, errors = accuracy.tables([found])
     assert (digits.name, errors.name) == ("digits", "errors")
     assert list(digits.columns) == [
         *("formulation", "solved", "refused", "κ infinite"),
@@ -132,7 +132,7 @@ def test_accuracy_tells_results_without_error_and_alarms_at_what_is_beyond_its_b
         *("largest error / bound", "in machine code", "no number"),
     ]
     assert [row[:4] for row in digits.rows] == [("im", "1", "1", "0")]
-    (row,) = next(iter(accuracy.sheets([nothing]))).rows
+    (row,) = next(iter(accuracy.tables([nothing]))).rows
     assert row == ("im", "0", "1", "0", "", "", "")
 
 
@@ -213,7 +213,7 @@ def test_cells_tables_and_charts_of_long_runs_name_remedies_and_axes():
     for wrong in ({"t_end": 2.0}, {"tolerance": 1.0}, {"t_end": np.inf}):
         with pytest.raises(InputError, match=f"{next(iter(wrong))} = {next(iter(wrong.values()))}"):
             list(long_run.cells(**wrong))
-    (sheet,) = long_run.sheets([])
+    (sheet,) = long_run.tables([])
     assert (sheet.name, sheet.title) == ("long-run", "Laws of growth: rate · T (t/T)^exponent")
     assert list(sheet.columns) == [
         *("formulation", "remedy", "constraint at the end", "exponent", "rate per s"),
@@ -243,8 +243,8 @@ def test_cells_tables_and_charts_of_long_runs_name_remedies_and_axes():
         (keys[1], (3, 30)),
         (keys[4], (12, 30)),
     ]
-    assert long_run.record_of(two, keys[1], "none") is two[1]
-    assert long_run.record_of(two, keys[1], "feedback") is None
+    assert long_run.find_run(two, keys[1], "none") is two[1]
+    assert long_run.find_run(two, keys[1], "feedback") is None
 
 
 def test_the_energy_at_the_start_is_kinetic_and_potential():
@@ -285,7 +285,7 @@ def test_motions_are_timed_in_rounds_and_the_best_of_each_integrator_counts(monk
     monkeypatch.setattr(motion, "Motion", Fake)
     monkeypatch.setattr(motion, "_measure", measure)
     settings = {"formulations": ["au", "el", "kane"], "scene": "sleigh"}
-    record = motion.timed(settings)
+    record = motion.time_motion(settings)
     assert (record.study, record.settings) == ("motion", settings)
     heads = "seconds", "right_hand_sides", "seconds_in_python"
     rows = {one["formulation"]: tuple(one[x] for x in heads) for one in record.series["rows"]}
@@ -333,7 +333,7 @@ def test_a_table_of_motions_names_each_scene_once_and_what_does_not_reach_the_en
         record_of_rows("motion", {"scene": "sleigh", "a": 1}, [row, never]),
         record_of_rows("motion", {"scene": "sleigh", "a": 2}, [replace(never, formulation="ml")]),
     ]
-    (sheet,) = motion.sheets(found)
+    (sheet,) = motion.tables(found)
     assert (sheet.name, sheet.title) == ("motion", "Time of a motion")
     heads = ["formulation", "CyRK", "right-hand sides", "each", "SciPy", "ratio"]
     assert list(sheet.columns) == heads
@@ -342,7 +342,7 @@ def test_a_table_of_motions_names_each_scene_once_and_what_does_not_reach_the_en
         "Best time of 1 s of the paper's robot, sleigh by DOP853, rtol = atol = 1e-12, with the "
         "same right-hand side in machine code. Do not reach the end: el, ml."
     )
-    (sheet,) = motion.sheets(found[:1])
+    (sheet,) = motion.tables(found[:1])
     assert sheet.note.endswith("paper's robot by DOP853, rtol = atol = 1e-12, with the same "
                                "right-hand side in machine code.")  # fmt: skip
     (cell,) = motion.cells(formulation=["kane", "au"])
@@ -424,7 +424,7 @@ def test_what_costs_cubes_is_timed_of_small_snakes_alone_unless_it_is_named(
 
     monkeypatch.setattr(rhs, "bench_state", state)
     monkeypatch.setattr(rhs, "_angles", lambda scene, q: np.ones(3))
-    monkeypatch.setattr(rhs, "sines", lambda angles: "sines")
+    monkeypatch.setattr(rhs, "sincos_timing_loop", lambda angles: "sines")
     monkeypatch.setattr(rhs, "_formulation_call", lambda f, *at: (f.key, *at))
     monkeypatch.setattr(rhs, "_lanes_call", lambda f, *at: ("lanes", f.key, *at))
     monkeypatch.setattr(rhs, "_casadi_call", lambda *at: ("casadi", *at))
@@ -460,7 +460,7 @@ def test_tables_of_right_hand_sides_have_a_slope_and_a_note_only_where_they_say_
         rhs.Timing("snake", "kane", 100, 2e-6, (0.0, 0.0), 1.0),
         rhs.Timing("sleigh", "kane", 0, 2e-6, (0.0, 0.0), 1.0),
     ]
-    snake, sleigh = rhs.sheets([record_of_rows("rhs", {}, rows)])
+    snake, sleigh = rhs.tables([record_of_rows("rhs", {}, rows)])
     assert (snake.name, sleigh.name) == ("rhs-snake", "rhs-sleigh")
     assert snake.title == "Median time of one right-hand side, snake"
     assert list(snake.columns) == ["right-hand side", "N = 7", "N = 100", "making it"]
@@ -471,7 +471,7 @@ def test_tables_of_right_hand_sides_have_a_slope_and_a_note_only_where_they_say_
     ]
     assert snake.note.startswith("In brackets the ratio to the sines") and sleigh.note == ""
     more = [*rows, replace(rows[1], links=1000, seconds=2e-4)]
-    snake, _ = rhs.sheets([record_of_rows("rhs", {}, more)])
+    snake, _ = rhs.tables([record_of_rows("rhs", {}, more)])
     assert snake.columns[-2] == "slope, N >= 100" and snake.rows[1][-2] == "2.000"
 
 

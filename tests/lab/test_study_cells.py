@@ -16,7 +16,7 @@ from eomcheck.lab.store.record_file import Record, record_of_rows
 from eomcheck.lab.studies import operations, study_of
 from eomcheck.lab.studies import stiff as stiff
 from eomcheck.lab.studies.operations import measure
-from eomcheck.lab.studies.operations.measure import Operations, Saving, Springs, record_of
+from eomcheck.lab.studies.operations.measure import Operations, Saving, Springs, count_record
 from eomcheck.numbers.counting import System
 from eomcheck.numbers.pivots import EPS
 from eomcheck.scenes import Sleigh, Snake
@@ -28,7 +28,7 @@ def counted(key: str, links: int, *of: int) -> Record:
     """Return a count: additions, multiplications, divisions, sines, and the order solved."""
     *numbers, order = of
     solves = (System("A", order, 3),) if order else ()
-    return record_of(Operations(key, links, links + 2, links, 2, *numbers, solves))
+    return count_record(Operations(key, links, links + 2, links, 2, *numbers, solves))
 
 
 COUNTS = (
@@ -190,7 +190,7 @@ def test_a_saving_is_of_its_structure_and_tells_what_is_left_out_before_zeros(mo
 @pytest.fixture
 def told(monkeypatch) -> list[str]:
     names: list[str] = []
-    monkeypatch.setattr(stiff, "stored", lambda name, folder: names.append(name))
+    monkeypatch.setattr(stiff, "stored_reference", lambda name, folder: names.append(name))
     return names
 
 
@@ -234,7 +234,7 @@ def test_cells_of_stiff_joints_are_both_families_and_scipy_of_damped_ones_by_kan
 
 
 def test_dampers_take_ten_milliseconds_of_springs_and_motions_end_by_their_own_clock():
-    damped, free = (stiff.scene_of(problem, 2e6) for problem in ("damped", "undamped"))
+    damped, free = (stiff.stiff_robot(problem, 2e6) for problem in ("damped", "undamped"))
     assert damped.stiffness == pytest.approx(np.full(6, 2e6))
     assert damped.damping == pytest.approx(np.full(6, 2e4))
     assert free.stiffness == pytest.approx(np.full(6, 2e6)) and free.damping is None
@@ -285,7 +285,7 @@ def test_the_undamped_truth_is_the_last_state_and_as_uncertain_as_the_reference(
         uncertainty=1.6e-9,
         rounding=0.8e-9,
     )
-    monkeypatch.setattr(stiff, "stored", lambda name, folder: reference)
+    monkeypatch.setattr(stiff, "stored_reference", lambda name, folder: reference)
     truth = stiff.scaled_truth(stiff.REFERENCES)
     assert truth.state.tolist() == [1.0, -2.0, -8.0, 4.0]
     assert truth.uncertainty == pytest.approx((2.4e-9 + 16 * EPS) / 8, rel=1e-12)
@@ -315,7 +315,7 @@ def work(monkeypatch):
 
     monkeypatch.setattr(stiff, "_by_cyrk", solve("cyrk"))
     monkeypatch.setattr(stiff, "_in_scipy", solve("scipy"))
-    monkeypatch.setattr(stiff, "ready", lambda scene, key: (Moved(), 0.25))
+    monkeypatch.setattr(stiff, "prepare_motion", lambda scene, key: (Moved(), 0.25))
     truth = stiff.Truth(np.array([1.0, 2.5, 2.0, -4.0]), 3e-9)
     monkeypatch.setattr(stiff, "scaled_truth", lambda folder: truth)
 

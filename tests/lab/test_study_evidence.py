@@ -8,8 +8,8 @@ from eomcheck.lab.show.chart import Chart, Panel
 from eomcheck.lab.store.record_file import Record
 from eomcheck.lab.studies import study_of
 from eomcheck.lab.studies.paper import measure as paper
-from eomcheck.lab.studies.paper.measure import FULL, QUICK, STUDY, Found, Solver, growth
-from eomcheck.lab.studies.paper.paper_claims import PAPER_CLAIMS, judge
+from eomcheck.lab.studies.paper.measure import FULL, QUICK, STUDY, PaperRecords, Solver, growth
+from eomcheck.lab.studies.paper.paper_claims import PAPER_CLAIMS, judge_paper_claim
 from eomcheck.lab.studies.paper.show import robot
 
 FIRST, SECOND = SOLVERS = (Solver("RK45", 1e-3), Solver("DOP853", 1e-9))
@@ -207,8 +207,8 @@ EVIDENCE = (
 @pytest.mark.parametrize("place", range(len(EVIDENCE)))
 def test_each_claim_of_the_paper_counts_and_tells_its_comparisons(place: int, records):
     claim = PAPER_CLAIMS[place]
-    assert (claim.place, *claim.look(Found(records))) == EVIDENCE[place]
-    made = judge(claim, Found(records))
+    assert (claim.place, *claim.look(PaperRecords(records))) == EVIDENCE[place]
+    made = judge_paper_claim(claim, PaperRecords(records))
     right = {"holds": claim.true}.get(made.verdict, claim.false)
     assert (made.measured, made.why) == (EVIDENCE[place][3], right)
 
@@ -298,7 +298,7 @@ def test_growth_is_fitted_from_20_links_on_and_for_each_solver():
         settings = {"cell": "motion", "links": links, "formulation": "ml", **by._asdict()}
         return Record(STUDY, settings, cpu_seconds=seconds)
 
-    found = Found(
+    found = PaperRecords(
         [
             *(timed(n, n**1.5, FIRST) for n in (20, 40, 80)),
             *(timed(n, 1e6, FIRST) for n in (2, 19)),
@@ -306,18 +306,18 @@ def test_growth_is_fitted_from_20_links_on_and_for_each_solver():
         ]
     )
     assert growth(found, "ml") == pytest.approx([1.5, 3.0])
-    assert growth(Found([timed(20, 1.0, FIRST), timed(7, 2.0, FIRST)]), "ml") == []
+    assert growth(PaperRecords([timed(20, 1.0, FIRST), timed(7, 2.0, FIRST)]), "ml") == []
 
 
 def test_the_robot_is_drawn_by_the_last_solver_that_finished(records):
-    shown = robot(Found(records))
+    shown = robot(PaperRecords(records))
     assert shown is not None
     assert (shown.settings["formulation"], shown.settings["links"]) == ("kane", 7)
     assert shown.settings["integrator"] == "DOP853"
     failed = [
         Record(STUDY, one.settings, "failed", "stopped") if one is shown else one for one in records
     ]
-    other = robot(Found(failed))
+    other = robot(PaperRecords(failed))
     assert other is not None and other.settings["integrator"] == "RK45"
 
 
@@ -341,8 +341,8 @@ def test_a_plan_has_a_cell_a_state_a_wheel_across_and_a_motion(quick, plan):
 @pytest.mark.parametrize(("quick", "runs"), [(True, 3), (False, 10)])
 def test_motions_are_timed_as_often_as_their_plan_says_each_made_once(quick, runs, monkeypatch):
     made: list[tuple[int, str]] = []
-    monkeypatch.setattr(paper, "ready", lambda s, key: (made.append((s.links, key)), 0.5))
-    monkeypatch.setattr(paper, "_moved", lambda *of: of)
+    monkeypatch.setattr(paper, "prepare_motion", lambda s, key: (made.append((s.links, key)), 0.5))
+    monkeypatch.setattr(paper, "_simulate", lambda *of: of)
     work = paper.worker((), quick=quick)
     cells = [
         {"cell": "motion", "links": n, "formulation": key, "tolerance": x}

@@ -15,12 +15,12 @@ from eomcheck.lab.store.record_file import Record, record_of_rows
 from eomcheck.lab.studies import study_of
 from eomcheck.lab.studies.accuracy import Delivered
 from eomcheck.lab.studies.agreement import Agreement
-from eomcheck.lab.studies.engines import Compared
+from eomcheck.lab.studies.engines import EngineDifference
 from eomcheck.lab.studies.motion import MotionTime
-from eomcheck.lab.studies.operations.measure import Operations, Saving, record_of
+from eomcheck.lab.studies.operations.measure import Operations, Saving, count_record
 from eomcheck.lab.studies.rhs import Timing
-from eomcheck.lab.studies.robots import Read
-from eomcheck.lab.studies.stability.measure import outcome
+from eomcheck.lab.studies.robots import LibraryReading
+from eomcheck.lab.studies.stability.measure import outcome_of
 from eomcheck.lab.studies.stability.show import WORDS
 from eomcheck.numbers.counting import System
 
@@ -95,7 +95,7 @@ def test_a_motion_is_timed_by_both_integrators_and_their_ratio():
 
 
 def test_engines_tell_the_largest_difference_their_failures_and_what_is_soft():
-    one = Compared("casadi", "CasADi 3", "sleigh", "mass-matrix", 4, 0, 1e-15, 0.5, False)
+    one = EngineDifference("casadi", "CasADi 3", "sleigh", "mass-matrix", 4, 0, 1e-15, 0.5, False)
     rows = [
         one,
         replace(one, scene="snake", states=6, relative=3e-15, share=0.25),
@@ -117,7 +117,7 @@ def test_engines_tell_the_largest_difference_their_failures_and_what_is_soft():
 
 
 def test_an_engine_that_fails_where_nothing_has_a_size_is_no_dash():
-    one = Compared("casadi", "CasADi 3", "sleigh", "bias", 4, 2, None, 2.0, False)
+    one = EngineDifference("casadi", "CasADi 3", "sleigh", "bias", 4, 2, None, 2.0, False)
     found = record_of_rows("engines", {}, [one, replace(one, claim="mass-matrix", failed=0)])
     (engine,), (scene,) = tables("engines", found)
     assert engine[3:6] == ("2", "-", "FAIL") and scene[2:4] == ("-", "FAIL")
@@ -127,11 +127,11 @@ def test_robots_tell_counts_times_and_each_library_in_its_column():
     counts = {"coordinates": 3, "passed": 40, "failed": 1, "proved": 12, "disproved": 2}
     apart = dict.fromkeys(QUANTITIES, 2e-9) | {"M": 3e-4}
     reads = [
-        Read("arm", "mujoco 3", "agrees", {**apart, "M": 2e-16}, ""),
-        Read("arm", "drake 1", "differs", apart, "has an armature"),
-        Read("arm", "exudyn", "no answer", {}, "cannot"),
-        Read("arm", "idyntree", "agrees where decided", apart, ""),
-        Read("arm", "pybullet", "inconclusive", apart, ""),
+        LibraryReading("arm", "mujoco 3", "agrees", {**apart, "M": 2e-16}, ""),
+        LibraryReading("arm", "drake 1", "differs", apart, "has an armature"),
+        LibraryReading("arm", "exudyn", "no answer", {}, "cannot"),
+        LibraryReading("arm", "idyntree", "agrees where decided", apart, ""),
+        LibraryReading("arm", "pybullet", "inconclusive", apart, ""),
     ]
     settings = {"robot": "arm", "free": False}
     series: dict[str, Any] = {"rows": [vars(one) for one in reads], "left out": [[]]}
@@ -174,8 +174,8 @@ def test_long_runs_tell_both_laws_and_their_ends():
 )
 def test_a_cell_of_the_atlas_is_good_told_or_silent_by_its_error_and_bound(relative, bound, word):
     record = Record("stability", {}, errors={"relative": relative, "bound": bound})
-    assert word in WORDS.get(outcome(record), "")
-    assert bool(WORDS.get(outcome(record))) == bool(word)
+    assert word in WORDS.get(outcome_of(record), "")
+    assert bool(WORDS.get(outcome_of(record))) == bool(word)
 
 
 def test_right_hand_sides_tell_medians_their_ratio_to_sines_their_slope_and_their_making():
@@ -283,7 +283,9 @@ def test_stiff_joints_tell_costs_crossovers_what_jacobians_save_and_failures():
 
 def test_operations_tell_counts_systems_springs_and_savings():
     counts = [
-        record_of(Operations("au", n, n + 2, n, 2, 10 * n, 5 * n, n, n, (System("A", 2 * n, 1),)))
+        count_record(
+            Operations("au", n, n + 2, n, 2, 10 * n, 5 * n, n, n, (System("A", 2 * n, 1),))
+        )
         for n in range(2, 9)
     ]
     saving = Saving("a trailer", ("Q", "b"), "kane", (1200, 1500), (2e-6, 3e-6))

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from tests.lab.test_fuzzing import ALL, STRATUM, Wrong, plan
 
-from eomcheck.claims.batched_claims import liftable
+from eomcheck.claims.batched_claims import batchable_claims
 from eomcheck.claims.finding import Finding
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import state_rounds
-from eomcheck.lab.fuzzing.campaign import Result
-from eomcheck.lab.fuzzing.cases import ORDINARY, Case, Stratum, drawn
-from eomcheck.lab.fuzzing.screening import Ration, Screened, screened
-from eomcheck.lab.fuzzing.triage import checked
+from eomcheck.lab.fuzzing.campaign import RoundResult
+from eomcheck.lab.fuzzing.cases import ORDINARY, FuzzCase, StructuralVariant, draw_cases
+from eomcheck.lab.fuzzing.screening import CheckFrequency, ScreeningResult, screen
+from eomcheck.lab.fuzzing.triage import check_case
 from eomcheck.scenes import Snake
 
 FEW = ("au", "em", "kane")
@@ -23,15 +23,15 @@ FORMULATED = tuple(FORMULATIONS[key] for key in FEW)
 
 
 @cache
-def cases(kind: type[Snake], count: int = 2) -> list[Case]:
-    return drawn(kind, STRATUM, (ORDINARY,), count, np.random.default_rng(2))[0]
+def cases(kind: type[Snake], count: int = 2) -> list[FuzzCase]:
+    return draw_cases(kind, STRATUM, (ORDINARY,), count, np.random.default_rng(2))[0]
 
 
 def test_what_fails_by_check_is_suspect_in_lanes_by_the_same_claims():
     wrong = cases(Wrong)
-    found = screened(wrong, FORMULATED, ALL, every=0)
+    found = screen(wrong, FORMULATED, ALL, every=0)
     for i, case in enumerate(wrong):
-        judged = checked(case, liftable(ALL), FEW)
+        judged = check_case(case, batchable_claims(ALL), FEW)
         failed = {one.claim for one in judged if one.verdict == "failed"}
         assert failed and found.suspects[i] == failed - set(found.lost)
 
@@ -45,22 +45,22 @@ def judged(monkeypatch) -> list[tuple[int, frozenset[str]]]:
         asked.append((case, frozenset(claims)))
         return []
 
-    monkeypatch.setattr(state_rounds, "checked", noting)
+    monkeypatch.setattr(state_rounds, "check_case", noting)
     return asked
 
 
-def looked_at(monkeypatch, found: Screened, **options) -> Result:
+def looked_at(monkeypatch, found: ScreeningResult, **options) -> RoundResult:
     """Return what comes of cases of which lanes say this."""
-    monkeypatch.setattr(state_rounds, "screened", lambda *how: found)
-    monkeypatch.setattr(state_rounds, "raise_population", lambda *how: None)
-    result = Result(0, Stratum(2, ()), {})
+    monkeypatch.setattr(state_rounds, "screen", lambda *how: found)
+    monkeypatch.setattr(state_rounds, "update_population", lambda *how: None)
+    result = RoundResult(0, StructuralVariant(2, ()), {})
     most = options.pop("most", None)
-    state_rounds.look_at(plan(**options), result, range(found.count), {0, 1}, most)  # type: ignore[arg-type]
+    state_rounds.screen_and_judge(plan(**options), result, range(found.count), {0, 1}, most)  # type: ignore[arg-type]
     return result
 
 
 def test_of_many_suspects_the_most_suspect_are_judged(judged, monkeypatch):
-    found = Screened(6, {("bias", ""): np.array([2.0, 9.0, 3.0, 0.5, 8.0, 7.0])})
+    found = ScreeningResult(6, {("bias", ""): np.array([2.0, 9.0, 3.0, 0.5, 8.0, 7.0])})
     found.suspects = {i: {"bias"} for i in (0, 1, 2, 4, 5)}
     result = looked_at(monkeypatch, found, most=2)
     assert judged == [(1, frozenset({"bias"})), (4, frozenset({"bias"}))]
@@ -75,8 +75,8 @@ def test_of_many_suspects_the_most_suspect_are_judged(judged, monkeypatch):
 def test_a_suspect_is_as_high_as_it_is_judged_to_be(monkeypatch, verdict, height):
     case = cases(Snake)[0]
     said = Finding("bias", "casadi", *case, 1.5, 0.5, verdict, "made up")
-    monkeypatch.setattr(state_rounds, "checked", lambda *_: [said])
-    found = Screened(1, {("bias", ""): np.array([9.0])}, {0: {"bias"}})
+    monkeypatch.setattr(state_rounds, "check_case", lambda *_: [said])
+    found = ScreeningResult(1, {("bias", ""): np.array([9.0])}, {0: {"bias"}})
     looked_at(monkeypatch, found, most=1)
     assert found.heights["bias", ""].tolist() == [height]
 
@@ -85,18 +85,18 @@ def test_a_suspect_is_as_high_as_it_is_judged_to_be(monkeypatch, verdict, height
     ("ration", "expected"),
     [
         (
-            Ration(0, 0, 0, 0, 2),
+            CheckFrequency(0, 0, 0, 0, 2),
             {0: {"null-space-embedding", "lost"}, 2: {"null-space-embedding", "lost"}},
         ),
-        (Ration(0, 3, 0, 0, 0), {0: {"enclosures"}, 3: {"enclosures"}}),
-        (Ration(0, 0, 0, 0, 0), {}),
+        (CheckFrequency(0, 3, 0, 0, 0), {0: {"enclosures"}, 3: {"enclosures"}}),
+        (CheckFrequency(0, 0, 0, 0, 0), {}),
     ],
 )
 def test_what_lanes_cannot_tell_is_judged_at_one_state_in_so_many(
     ration, expected, judged, monkeypatch
 ):
     claims = ("bias", "null-space-embedding", "enclosures")
-    found = Screened(4, lost={"bias": "branches"})
+    found = ScreeningResult(4, lost={"bias": "branches"})
     looked_at(monkeypatch, found, ration=ration, claims=claims)
     names = {"lost": "bias"}
     told = {i: frozenset(names.get(x, x) for x in of) for i, of in expected.items()}
@@ -104,6 +104,8 @@ def test_what_lanes_cannot_tell_is_judged_at_one_state_in_so_many(
 
 
 def test_states_that_are_not_finite_are_judged_by_their_terms_alone(judged, monkeypatch):
-    result = looked_at(monkeypatch, Screened(5, unseen=[1, 3, 4]), ration=Ration(0, 0, 0, 0, 2))
+    result = looked_at(
+        monkeypatch, ScreeningResult(5, unseen=[1, 3, 4]), ration=CheckFrequency(0, 0, 0, 0, 2)
+    )
     terms = [case for case, claims in judged if claims == {"finite-terms"}]
     assert terms == [1, 4] and result.counts["not finite"] == 3

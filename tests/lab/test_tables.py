@@ -11,34 +11,34 @@ import numpy as np
 import pytest
 
 from eomcheck.claims.finding import Finding, Proof
-from eomcheck.claims.numerical_accuracy import Drawn
-from eomcheck.claims.run import Run, Selection
+from eomcheck.claims.numerical_accuracy import SampledState
+from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.engines import CasadiEngine
-from eomcheck.lab.discrepancy import Why
-from eomcheck.lab.fuzzing.campaign import Campaign, Candidate
-from eomcheck.lab.fuzzing.cases import Stratum
-from eomcheck.lab.fuzzing.failures import Find
+from eomcheck.lab.discrepancy import Explanation
+from eomcheck.lab.fuzzing.campaign import Campaign, ScoredCase
+from eomcheck.lab.fuzzing.cases import StructuralVariant
+from eomcheck.lab.fuzzing.failures import FailureRecord
 from eomcheck.lab.fuzzing.function_rounds import FunctionsPlan
 from eomcheck.lab.fuzzing.motion_rounds import CROSSED, STOPPED
 from eomcheck.lab.fuzzing.screening import DECIDED, OPEN
-from eomcheck.lab.library_comparison import Comparison
+from eomcheck.lab.library_comparison import LibraryComparison
 from eomcheck.lab.report import campaign_tables, comparison_tables, finding_output, motion_tables
 from eomcheck.lab.report.claim_summary import (
-    Judged,
+    ClaimSummary,
     by_claim,
-    digits_sheet,
-    evidence_sheet,
-    party_sheet,
-    scene_sheet,
-    strata_sheet,
-    worst_sheet,
+    digits_table,
+    evidence_table,
+    factor_table,
+    participant_table,
+    scene_table,
+    worst_table,
 )
 from eomcheck.lab.report.motion_tables import units
 from eomcheck.lab.report.overview import Overview
 from eomcheck.lab.report.report_formats import write_junit, write_page
-from eomcheck.lab.show.table import Sheet
+from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.record_file import Record
-from eomcheck.lab.store.stored_findings import PROOFS, RUNS, Kept
+from eomcheck.lab.store.stored_findings import PROOFS, RUNS, StoredFinding
 from eomcheck.mechanics.records import State
 from eomcheck.motion.batch import Trajectories
 from eomcheck.motion.simulate import Trajectory
@@ -47,22 +47,22 @@ from eomcheck.scenes import SCENES, FlyballGovernor, FourBarChain, Sleigh, Snake
 SLEIGH = Sleigh.example()
 
 
-def table(sheet: Sheet | None) -> list[dict[str, str]]:
+def table(sheet: ResultTable | None) -> list[dict[str, str]]:
     """Return the rows of a table, by their headings."""
     assert sheet is not None
     return [dict(zip(sheet.columns, map(str, row), strict=True)) for row in sheet.rows]
 
 
-def kept(claim: str = "bias", subject: str = "au ~ el", **change: Any) -> Kept:
+def kept(claim: str = "bias", subject: str = "au ~ el", **change: Any) -> StoredFinding:
     """Return a Finding, passed at half of what is allowed on a snake unless told otherwise."""
-    usual = Kept(
+    usual = StoredFinding(
         *(claim, subject, 0.5, 1.0, "passed", "property-tested: doubles", "", None, None),
         *("snake", 3, 7, "", "code"),
     )
     return replace(usual, **change)
 
 
-def proof(sure: float, degree: int, height: float, **change: Any) -> Kept:
+def proof(sure: float, degree: int, height: float, **change: Any) -> StoredFinding:
     made = Proof(degree, height, (7, 11), 2, sure)
     usual = {"evidence": "proved: identity", "case": None, "structure": f"snake[{degree}]"}
     return kept(proof=made, **(usual | change))
@@ -84,7 +84,7 @@ FEW = [
 
 
 def test_the_table_of_what_is_worst_tells_how_bad_by_whom_where_and_of_how_many():
-    rows = {row["claim"]: row for row in table(worst_sheet(by_claim(FEW)))}
+    rows = {row["claim"]: row for row in table(worst_table(by_claim(FEW)))}
     heads = "worst", "by", "on", "findings"
     assert {key: tuple(row[x] for x in heads) for key, row in rows.items()} == {
         "bias": ("75%", "im ~ kane", "snake[3] #2", "5, 1 inconclusive, 1 skipped"),
@@ -95,7 +95,7 @@ def test_the_table_of_what_is_worst_tells_how_bad_by_whom_where_and_of_how_many(
 
 def test_the_wide_table_has_a_column_for_each_party_and_one_for_each_scene():
     names = ("au", "im", "pinocchio")
-    rows = table(party_sheet(by_claim(FEW), names, {"bias": 1.25, "energy-rate": 0.5}))
+    rows = table(participant_table(by_claim(FEW), names, {"bias": 1.25, "energy-rate": 0.5}))
     assert [tuple(row.values()) for row in rows if row["claim"] == "bias"] == [
         (
             *("bias", "75%", "25%", "75%", "·"),
@@ -105,8 +105,8 @@ def test_the_wide_table_has_a_column_for_each_party_and_one_for_each_scene():
     ]
     (row,) = (row for row in rows if row["claim"] == "mass-matrix")
     assert (row["all"], row["au"], row["pinocchio"], row["time"]) == ("0", "·", "0", "0.0 s")
-    assert "time" not in table(party_sheet(by_claim(FEW), names))[0]
-    rows = {row["claim"]: row for row in table(scene_sheet(by_claim(FEW), ["snake", "sleigh"]))}
+    assert "time" not in table(participant_table(by_claim(FEW), names))[0]
+    rows = {row["claim"]: row for row in table(scene_table(by_claim(FEW), ["snake", "sleigh"]))}
     cells = {key: (row["snake"], row["sleigh"]) for key, row in rows.items()}
     assert cells == {
         "bias": ("75%", "?"),
@@ -120,13 +120,13 @@ def test_the_wide_table_has_a_column_for_each_party_and_one_for_each_scene():
     ("observed", "text"), [(0.0, "0"), (0.0099, "<1%"), (0.0101, "1%"), (0.996, "100%")]
 )
 def test_a_cell_is_the_share_of_what_is_allowed_in_whole_percent(observed: float, text: str):
-    assert Judged((kept(observed=observed),)).text == text
+    assert ClaimSummary((kept(observed=observed),)).text == text
 
 
 def test_the_table_of_evidence_tells_levels_numbers_and_the_worst_place():
     some = [row for row in FEW if row.claim == "bias"]
     some += [proof(1e-20, 4, 30.0), proof(2e-20, 9, 20.0)]
-    rows = table(evidence_sheet(Judged(tuple(some))))
+    rows = table(evidence_table(ClaimSummary(tuple(some))))
     assert [(row["scene"], row["evidence"]) for row in rows] == [
         ("snake", "proved"),
         ("snake", "property-tested"),
@@ -141,7 +141,7 @@ def test_the_table_of_evidence_tells_levels_numbers_and_the_worst_place():
     assert tested["where"] == "im ~ kane, state 2"
     assert (tested["skipped"], rows[2]["skipped"]) == ("", "1")
     assert rows[2]["inconclusive"] == ""
-    seen = table(evidence_sheet(Judged(tuple(some[:2]))))
+    seen = table(evidence_table(ClaimSummary(tuple(some[:2]))))
     assert "skipped" not in seen[0]
 
 
@@ -152,8 +152,8 @@ def test_a_mistake_in_any_proof_is_as_likely_as_in_all_together(capsys):
         kept(verdict="skipped", case=None, structure="snake[2]", detail="no"),
         kept("mass-matrix", verdict="failed", case=None, structure="snake[2]"),
     ]
-    assert Judged(tuple(rows)).failure_probability == pytest.approx(4e-20)
-    bias, other = table(finding_output.proof_sheet(by_claim(rows)))[::-1]
+    assert ClaimSummary(tuple(rows)).failure_probability == pytest.approx(4e-20)
+    bias, other = table(finding_output.proof_table(by_claim(rows)))[::-1]
     counts = "proved", "disproved", "skipped"
     if bias["claim"] != "bias":
         bias, other = other, bias
@@ -174,14 +174,14 @@ def test_a_mistake_in_any_proof_is_as_likely_as_in_all_together(capsys):
 def test_digits_are_the_fewest_and_the_median_of_each_formulation_and_scene():
     rows = [kept(subject="au", digits=x) for x in (12.0, 9.0, 13.0)]
     rows += [kept(subject="au", digits=8.0, scene="sleigh"), kept(subject="im", digits=15.0)]
-    assert [tuple(row.values()) for row in table(digits_sheet([*rows, kept()]))] == [
+    assert [tuple(row.values()) for row in table(digits_table([*rows, kept()]))] == [
         ("im", "1", "15.0 (15.0)", "·"),
         ("au", "4", "9.0 (12.0)", "8.0 (8.0)"),
     ]
 
 
 def test_strata_are_told_with_their_states():
-    found = table(strata_sheet({"snake": {"speeds": {"slow": 1, "fast": 30}}}))
+    found = table(factor_table({"snake": {"speeds": {"slow": 1, "fast": 30}}}))
     assert found == [{"scene": "snake", "stratum": "speeds", "states": "slow (1 state), fast (30)"}]
 
 
@@ -220,8 +220,8 @@ def test_the_last_line_counts_as_passed_only_what_passed(capsys, inconclusive: i
     of = "bias", "au ~ el", SLEIGH, State(*SLEIGH.initial_state(), 0.0), 0.5, 1.0
     verdicts: list[Any] = ["passed"] * 3 + ["inconclusive"] * inconclusive
     some = [Finding(*of, x, "compared") for x in [*verdicts, *["skipped"] * unseen]]
-    selection = Selection.of(engines=[], claims=["bias"], scenes=[SLEIGH])
-    finding_output.print_runs({"sleigh": Run(findings=some, ends=[len(some)])}, selection)
+    selection = RunSelection.of(engines=[], claims=["bias"], scenes=[SLEIGH])
+    finding_output.print_runs({"sleigh": ValidationRun(findings=some, ends=[len(some)])}, selection)
     open_ = ", 1 inconclusive" * inconclusive + ", 2 skipped" * bool(unseen)
     last = " ".join(capsys.readouterr().out.split()).rpartition(" 3 findings")[2]
     assert last == f" passed{open_}, 0 failed."
@@ -236,14 +236,16 @@ def test_of_a_scene_of_which_an_engine_represents_nothing_that_is_said(capsys):
             return isinstance(scene, Sleigh)
 
     state = State(*SLEIGH.initial_state(), 0.0)
-    empty = Run(drawn=[Drawn(FourBarChain.example(), state, ())] * 2, ends=[0, 0, 0])
-    skipped = Run(drawn=[Drawn(SLEIGH, state, ())], ends=[0])
+    empty = ValidationRun(
+        drawn=[SampledState(FourBarChain.example(), state, ())] * 2, ends=[0, 0, 0]
+    )
+    skipped = ValidationRun(drawn=[SampledState(SLEIGH, state, ())], ends=[0])
     found = Finding("bias", "au ~ shy", SLEIGH, state, 0.5, 1.0, "passed", "compared")
-    asked = Run(findings=[found], ends=[1], drawn=empty.drawn)
+    asked = ValidationRun(findings=[found], ends=[1], drawn=empty.drawn)
     runs = {"four-bar-chain": empty, "sleigh": skipped, "snake": asked}
 
     def said(**how: Any) -> list[str]:
-        finding_output.print_runs(runs, Selection.of(scenes=[SLEIGH], **how))
+        finding_output.print_runs(runs, RunSelection.of(scenes=[SLEIGH], **how))
         lines = capsys.readouterr().out.splitlines()
         return [one for one in lines if "represents none" in one]
 
@@ -256,7 +258,7 @@ def test_of_a_scene_of_which_an_engine_represents_nothing_that_is_said(capsys):
 # ---- The verdict of a report ---------------------------------------------------------------------
 
 
-def run_of(scene: str, status: str, *rows: Kept) -> Record:
+def run_of(scene: str, status: str, *rows: StoredFinding) -> Record:
     """Return the Record of a validation."""
     series = {"engines": [], "engine versions": [], "claims": [], "seconds": []}
     return Record(RUNS, {"scene": scene}, status, series=series, counts={"states": 4})
@@ -272,7 +274,7 @@ def test_a_page_tells_inconclusive_findings_from_those_not_looked_at(tmp_path: P
 
 def test_states_are_counted_scene_by_scene_and_proofs_are_none():
     rows = [kept(), kept(), kept(case=8), kept(scene="sleigh"), proof(1e-20, 4, 30.0)]
-    assert Judged(tuple(rows)).states == 3
+    assert ClaimSummary(tuple(rows)).states == 3
 
 
 @pytest.mark.parametrize("statuses", [("done", "failed"), ("failed", "done")])
@@ -340,47 +342,49 @@ def test_entries_that_no_state_resolves_are_printed_and_in_junit(tmp_path, capsy
 def campaign() -> Campaign:
     """A campaign of which everything is told by hand."""
     plan: Any = SimpleNamespace(noun="motion", seed=5)
-    made = Campaign(plan, "snake", [Stratum(1, ()), Stratum(2, ())])
+    made = Campaign(plan, "snake", [StructuralVariant(1, ()), StructuralVariant(2, ())])
     made.counts.update({"states": 240, "ordinary": 200, "climbed": 40, "passed": 99, "nought": 0})
     made.counts.update({CROSSED + "im": 3, STOPPED + "im": 5, STOPPED + "kane": 2})
     made.by_stratum.update(
         {stratum.name: x for stratum, x in zip(made.strata, (11, 22), strict=True)}
     )
     made.worst = {
-        ("bias", "el"): Candidate(0.75, None),  # type: ignore[arg-type]
-        ("bias", "au"): Candidate(0.5, None),  # type: ignore[arg-type]
-        ("motion", ""): Candidate(0.25, None),  # type: ignore[arg-type]
+        ("bias", "el"): ScoredCase(0.75, None),  # type: ignore[arg-type]
+        ("bias", "au"): ScoredCase(0.5, None),  # type: ignore[arg-type]
+        ("motion", ""): ScoredCase(0.25, None),  # type: ignore[arg-type]
     }
     made.counts.update({OPEN + "motion": 4, OPEN + "bias": 2, DECIDED + "bias": 1})
     made.counts.update({OPEN + "drift": 0})
     made.lost = {"energy-rate": "branches"}
     made.rounds, made.cpu_seconds, made.seconds = 6, 12.0, 48.0
-    find = Find("snake", {}, [], [], 0.0, "bias", "au ~ el", 2.0, 1.0, "scene", "known by", "row")
+    find = FailureRecord(
+        "snake", {}, [], [], 0.0, "bias", "au ~ el", 2.0, 1.0, "scene", "known by", "row"
+    )
     made.finds = {find.key: find}
     return made
 
 
 def test_the_tables_of_a_campaign_hold_its_counts(campaign: Campaign):
-    sheet = campaign_tables.summary_sheet(campaign)
+    sheet = campaign_tables.campaign_table(campaign)
     assert sheet.title == "Fuzzing snake, seed 5"
     assert {row["what"]: row["how many"] for row in table(sheet)} == {
         **{"motions": "240", "a second of CPU time": "20", "rounds": "6", "ordinary": "200"},
         **{"climbed": "40", "passed": "99", "not in lanes: energy-rate": "branches"},
         "motion: decided in no state": "4 inconclusive",
     }
-    assert table(campaign_tables.strata_sheet(campaign)) == [
+    assert table(campaign_tables.variant_table(campaign)) == [
         {"structure": "1 link", "motions": "11"},
         {"structure": "2 links", "motions": "22"},
     ]
-    assert table(campaign_tables.crossings_sheet(campaign)) == [
+    assert table(campaign_tables.crossing_table(campaign)) == [
         {"formulation": "im", "crossed": "3", "stopped before, or refused": "5"},
         {"formulation": "kane", "crossed": "0", "stopped before, or refused": "2"},
     ]
-    assert table(campaign_tables.worst_sheet(campaign)) == [
+    assert table(campaign_tables.highest_score_table(campaign)) == [
         {"claim": "bias", "ratio": "0.75", "formulation": "el"},
         {"claim": "motion", "ratio": "0.25", "formulation": ""},
     ]
-    assert table(campaign_tables.finds_sheet(campaign)) == [
+    assert table(campaign_tables.failure_table(campaign)) == [
         {
             **{"claim": "bias", "subject": "au ~ el", "fault": "scene"},
             **{"what": "row", "evidence": "known by"},
@@ -392,7 +396,7 @@ def test_a_campaign_without_a_state_says_that_nothing_was_checked(monkeypatch, c
     plan = FunctionsPlan("mine.py:own", 5, ("motion",))
     caveats: list[Any] = []
     monkeypatch.setattr(FunctionsPlan, "caveats", lambda *given: caveats.append(given) or ["bare"])
-    empty = Campaign(plan, "own", [Stratum(None, ())])
+    empty = Campaign(plan, "own", [StructuralVariant(None, ())])
     campaign_tables.print_campaign(empty)
     said = capsys.readouterr().out
     assert "nothing was checked: no state came to its end" in said and "no find" not in said
@@ -401,7 +405,7 @@ def test_a_campaign_without_a_state_says_that_nothing_was_checked(monkeypatch, c
     campaign_tables.print_campaign(empty)
     said = capsys.readouterr().out
     assert "no find\nbare\n" in said and len(caveats) == 1 and "Observed / allowed" not in said
-    empty.worst = {("motion", ""): Candidate(0.25, None)}  # type: ignore[arg-type]
+    empty.worst = {("motion", ""): ScoredCase(0.25, None)}  # type: ignore[arg-type]
     campaign_tables.print_campaign(empty)
     assert "Observed / allowed at most" in capsys.readouterr().out
 
@@ -409,7 +413,7 @@ def test_a_campaign_without_a_state_says_that_nothing_was_checked(monkeypatch, c
 def test_a_campaign_prints_its_finds_or_that_there_are_none(
     campaign: Campaign, monkeypatch, capsys
 ):
-    monkeypatch.setattr(Find, "python", property(lambda find: "the code"))
+    monkeypatch.setattr(FailureRecord, "python", property(lambda find: "the code"))
     campaign_tables.print_campaign(campaign)
     said = capsys.readouterr().out
     assert "the code" in said and "no find" not in said
@@ -426,7 +430,7 @@ def test_a_line_of_progress_counts_the_states_of_this_run_by_the_second(
         "eomcheck.lab.report.campaign_tables.time.perf_counter", lambda: next(clock)
     )
     campaign.resumed = 40
-    teller = campaign_tables.Teller()
+    teller = campaign_tables.ProgressPrinter()
     teller(campaign)
     assert capsys.readouterr() == ("", "")
     teller(campaign)
@@ -440,7 +444,9 @@ def test_a_line_of_progress_counts_the_states_of_this_run_by_the_second(
 
 
 def test_a_comparison_shows_the_difference_from_us_and_the_pairs_each_other():
-    made = Comparison(SLEIGH, {"one": "One 1.0", "two": "Two 2.0"}, {"three": "cannot"}, states=6)
+    made = LibraryComparison(
+        SLEIGH, {"one": "One 1.0", "two": "Two 2.0"}, {"three": "cannot"}, states=6
+    )
     made.refused["four"], made.missing = "not there", ["four"]
     nothing = np.nan
     made.apart = {
@@ -451,7 +457,7 @@ def test_a_comparison_shows_the_difference_from_us_and_the_pairs_each_other():
     made.said = {"one": [], "two": []}
     made.decided = {"one": True, "two": True}
     made.faults = {("two", "bias"): "raises"}
-    sheet = comparison_tables.library_sheet(made)
+    sheet = comparison_tables.library_table(made)
     assert sheet.title == f"{SLEIGH.name}: {SLEIGH.n} coordinates, 6 states"
     assert table(sheet) == [
         {"library": "One 1.0", "M": "1e-03", "bias": "0", "verdict": "agrees"},
@@ -459,7 +465,7 @@ def test_a_comparison_shows_the_difference_from_us_and_the_pairs_each_other():
         {"library": "three", "M": "-", "bias": "-", "verdict": "no answer"},
         {"library": "four", "M": "-", "bias": "-", "verdict": "not installed"},
     ]
-    masses, _ = comparison_tables.pair_sheets(made)
+    masses, _ = comparison_tables.pair_tables(made)
     assert [tuple(row.values()) for row in table(masses)] == [
         ("eomcheck", "", "1e-03", "2e-05"),
         ("one", "1e-03", "", "4e-07"),
@@ -471,7 +477,10 @@ def test_a_comparison_shows_the_difference_from_us_and_the_pairs_each_other():
         "four was left out: not there",
     ]
     assert (made.agree, made.unanswered) == (False, ["three"])
-    known, unknown = Why("leaves out the damping", "no damping"), Why("something else")
+    known, unknown = (
+        Explanation("leaves out the damping", "no damping"),
+        Explanation("something else"),
+    )
     for whys, word in (
         ([known], "no damping"),
         ([known, known._replace(label="fewer digits")], "no damping, fewer digits"),
@@ -511,9 +520,11 @@ def test_a_comparison_shows_the_difference_from_us_and_the_pairs_each_other():
 def test_libraries_about_which_nothing_is_decided_are_not_said_to_agree(
     capsys, decided, skipped, verdicts, said
 ):
-    made = Comparison(SLEIGH, {"one": "One 1.0", "two": "Two 2.0"}, states=2, decided=decided)
+    made = LibraryComparison(
+        SLEIGH, {"one": "One 1.0", "two": "Two 2.0"}, states=2, decided=decided
+    )
     made.skipped = ["singular"] * skipped
-    sheet = comparison_tables.library_sheet(made)
+    sheet = comparison_tables.library_table(made)
     assert [str(row[-1]) for row in sheet.rows] == verdicts
     looks = ["passed" if word == "agrees" else "open" for word in verdicts]
     assert [getattr(row[-1], "kind", "") for row in sheet.rows] == looks
@@ -526,9 +537,9 @@ def test_libraries_about_which_nothing_is_decided_are_not_said_to_agree(
 # ---- Motions -------------------------------------------------------------------------------------
 
 
-def shown(monkeypatch, module: Any) -> list[Sheet]:
+def shown(monkeypatch, module: Any) -> list[ResultTable]:
     """Return a list to which the tables that a module prints are added."""
-    sheets: list[Sheet] = []
+    sheets: list[ResultTable] = []
     monkeypatch.setattr(module, "print_sheets", sheets.extend)
     return sheets
 

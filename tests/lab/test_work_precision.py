@@ -19,10 +19,10 @@ from tests.widths import check_sheets_fit
 from eomcheck import simulate
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.run_time import disturbed
+from eomcheck.lab.run_time import was_contended
 from eomcheck.lab.show import chart_matplotlib
 from eomcheck.lab.show.pyplot import plt
-from eomcheck.lab.show.table import print_sheets
+from eomcheck.lab.show.table import print_tables
 from eomcheck.lab.store.record_file import Record, Records
 from eomcheck.lab.studies import work_precision
 from eomcheck.lab.studies.work_precision import (
@@ -33,8 +33,8 @@ from eomcheck.lab.studies.work_precision import (
     fastest_to,
     most_accurate,
     pareto_front,
-    sheets,
     summary,
+    tables,
 )
 from eomcheck.motion.integrators import INTEGRATORS
 
@@ -93,14 +93,14 @@ def test_of_each_formulation_the_most_accurate_run_is_found():
 def test_a_run_that_had_to_share_its_core_is_disturbed_and_named(capsys):
     alone, unknown = replace(RECORDS[0], cpu_seconds=0.99e-3), RECORDS[1]
     shared = replace(RECORDS[4], cpu_seconds=2.5e-3)
-    assert [disturbed(r) for r in (alone, unknown, shared, RECORDS[-1])] == [False] * 2 + [
+    assert [was_contended(r) for r in (alone, unknown, shared, RECORDS[-1])] == [False] * 2 + [
         True,
         False,
     ]
-    print_sheets(sheets([alone, unknown, shared]))
+    print_tables(tables([alone, unknown, shared]))
     printed = capsys.readouterr().out
     assert "Disturbed, even the best run had to share its core: au, DOP853, 1e-05." in printed
-    print_sheets(sheets([alone, unknown]))
+    print_tables(tables([alone, unknown]))
     assert "Disturbed" not in capsys.readouterr().out
 
 
@@ -114,8 +114,8 @@ def test_the_summary_is_made_from_the_numbers():
 
 @pytest.mark.night
 def test_tables_name_what_failed_and_diagrams_are_drawn(tmp_path: Path, capsys):
-    check_sheets_fit(sheets(RECORDS))
-    print_sheets(sheets(RECORDS))
+    check_sheets_fit(tables(RECORDS))
+    print_tables(tables(RECORDS))
     (line,) = (x for x in capsys.readouterr().out.splitlines() if "M is singular" in x)
     assert [cell.strip() for cell in line.split("│")[1:-1]] == [
         *("paper-rest", "em", "DOP853", "1e-04", "failed", "M is singular")
@@ -133,9 +133,9 @@ def drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
 
     def draw(records: list[Record], which: int = 0, rendered: bool = False):
         if not rendered:  # most of the time goes into where to put what
-            monkeypatch.setattr(chart_matplotlib, "save", lambda *_: None)
+            monkeypatch.setattr(chart_matplotlib, "save_chart", lambda *_: None)
         parts = [chart.files()[which] for chart in charts(records)]
-        chart_matplotlib.draw(parts, tmp_path / "figure.png")
+        chart_matplotlib.draw_charts(parts, tmp_path / "figure.png")
         return plt.gcf()
 
     yield draw
@@ -251,7 +251,7 @@ def test_a_record_tells_the_drift_of_what_drifts(
         assert seen[1] < 1e-2 * seen[0]
         # free-3 takes 10 s: the law gives what the error comes to, within its scatter.
         assert fine.errors["constraint"] / 10 < 10.0 * seen[1] < 10 * fine.errors["constraint"]
-        print_sheets(sheets([rough, fine]))
+        print_tables(tables([rough, fine]))
         assert f"{seen[1]:.1e}" in capsys.readouterr().out
 
 

@@ -16,11 +16,11 @@ from eomcheck.descriptions.elements import (
     on_line,
     on_plane,
     on_quadric,
+    perpendicular,
     pin,
     rolling_ball,
     rolling_circle,
     rolling_disk,
-    square,
     weld,
 )
 from eomcheck.descriptions.mechanism_class import Mechanism
@@ -162,7 +162,7 @@ Hoop = mechanism("Hoop", [GROUND, rod("a")], [Joint("p", "planar", "ground", "a"
 Bead = mechanism("Bead", [GROUND, bent("a"), bent("b")],
     [turning("α", "ground", "a", axis=(0.0, 1.0, 0.0)), Joint("b", "floating", "ground", "b")],
     [*on_line("wire", "b", "a", (0.1, 0.2, 1.0), AT, (0.0, 0.1, 0.0)),
-     square("upright", "b", (1.0, 0.0, 0.2), "a", (0.0, 1.0, 0.3))],
+     perpendicular("upright", "b", (1.0, 0.0, 0.2), "a", (0.0, 1.0, 0.3))],
     first=("b_x", "b_y", "b_yaw"),
 )  # fmt: skip
 

@@ -21,8 +21,8 @@ from tests.mechanics.descriptions import (
 
 import eomcheck
 from eomcheck.claims.proof import prove
-from eomcheck.claims.reproducer import python_of
-from eomcheck.claims.run import Run, Selection
+from eomcheck.claims.reproducer import reproducer_code
+from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.descriptions import (
     constraint_rows,
     elements,
@@ -32,16 +32,16 @@ from eomcheck.descriptions import (
 )
 from eomcheck.descriptions.build import mechanism
 from eomcheck.descriptions.described_scene import Described, Description
-from eomcheck.descriptions.elements import Link, coupling, on_quadric, pin, square
+from eomcheck.descriptions.elements import Link, coupling, on_quadric, perpendicular, pin
 from eomcheck.descriptions.mechanism_class import Mechanism
-from eomcheck.descriptions.optional_algebra import NOTHING, cross, scaled
-from eomcheck.descriptions.quaternions import roll_pitch_yaw, roll_pitch_yaw_of, rotation
+from eomcheck.descriptions.optional_algebra import ZERO_VECTOR, cross, scale_vector
+from eomcheck.descriptions.quaternions import roll_pitch_yaw, roll_pitch_yaw_of, rotation_matrix
 from eomcheck.errors import InputError
-from eomcheck.evaluation.dynamics import check_consistent, closed_position
+from eomcheck.evaluation.dynamics import assembled_position, check_consistent
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.parameters import parameter
 from eomcheck.mechanics.records import State
-from eomcheck.mechanics.sketch import Arrow, Center, Constraint, Joint
+from eomcheck.mechanics.sketch import Arrow, Center, ConstraintMark, JointMark
 from eomcheck.numbers.linear import EPS
 
 every_kind = pytest.mark.parametrize("kind", ALL.values(), ids=ALL)
@@ -98,7 +98,7 @@ def test_it_is_printed_as_the_code_that_makes_it_again(kind: type[Mechanism]):
         again = eval(repr(scene), {kind.__name__: kind})
         assert repr(again) == repr(scene)
         assert again.mass.tolist() == scene.mass.tolist()
-    code = python_of(Arm(), State(np.zeros(3), np.zeros(3)))
+    code = reproducer_code(Arm(), State(np.zeros(3), np.zeros(3)))
     assert "from tests.mechanics.descriptions import Arm" in code.replace("\n", " ")
 
 
@@ -106,7 +106,7 @@ def test_it_is_printed_as_the_code_that_makes_it_again(kind: type[Mechanism]):
 
 
 def without_rest(rates, arm):
-    return NOTHING
+    return ZERO_VECTOR
 
 
 def carried_only(rates, arm):
@@ -114,7 +114,7 @@ def carried_only(rates, arm):
 
 
 def no_moment(inertia, rates):
-    return first_derivation.applied(inertia, rates.alpha)
+    return first_derivation.inertia_times(inertia, rates.alpha)
 
 
 def not_shifted(one, away):
@@ -122,7 +122,7 @@ def not_shifted(one, away):
 
 
 def still(inertia, omega):
-    return NOTHING
+    return ZERO_VECTOR
 
 
 def halved(a, b):
@@ -139,32 +139,34 @@ def upwards(plan, parameters, prepared, Q):
 
 
 def standing(rates, k, a):
-    return rates[k][0] if k >= 0 else NOTHING
+    return rates[k][0] if k >= 0 else ZERO_VECTOR
 
 
 def twice(plan, frames, k):
-    return {i: scaled(2, x) for i, x in RIGHT["turning_columns"](plan, frames, k).items()}
+    return {i: scale_vector(2, x) for i, x in RIGHT["turning_columns"](plan, frames, k).items()}
 
 
 def upwards_rim(derivation, axis, normal):
     spoke, rate = RIGHT["rim"](derivation, axis, normal)
-    return scaled(-1, spoke), rate
+    return scale_vector(-1, spoke), rate
 
 
 def still_rim(derivation, axis, normal):
-    return RIGHT["rim"](derivation, axis, normal)[0], NOTHING
+    return RIGHT["rim"](derivation, axis, normal)[0], ZERO_VECTOR
 
 
 def fixed_contact(read):
-    return RIGHT["arm_of"](read)[0], NOTHING
+    return RIGHT["arm_of"](read)[0], ZERO_VECTOR
 
+
+X_AXIS, Y_AXIS = (1, 0, 0), (0, 1, 0)
 
 RIGHT = {
-    "arm_of": constraint_rows.arm_of,
-    "rim": constraint_rows.First.rim,
-    "product": constraint_rows.product,
+    "arm_of": constraint_rows.contact_arm,
+    "rim": constraint_rows.FirstDerivation.rim,
+    "product": constraint_rows.dot_row,
     "hinged": first_derivation.hinged,
-    "weigh": forces.weigh,
+    "weigh": forces.add_gravity_forces,
     "turning_columns": first_derivation.turning_columns,
 }
 
@@ -173,21 +175,21 @@ RIGHT = {
 @pytest.mark.parametrize(
     ("places", "wrong", "kind", "claim"),
     [
-        ([(first_derivation, "swung")], without_rest, "Arm", "bias"),
-        ([(first_derivation, "swung")], carried_only, "Arm", "bias"),
-        ([(first_derivation, "whirl")], no_moment, "Arm", "bias"),
-        ([(first_derivation, "shifted")], not_shifted, "Branched", "mass-matrix"),
+        ([(first_derivation, "relative_acceleration")], without_rest, "Arm", "bias"),
+        ([(first_derivation, "relative_acceleration")], carried_only, "Arm", "bias"),
+        ([(first_derivation, "euler_moment")], no_moment, "Arm", "bias"),
+        ([(first_derivation, "shifted_body")], not_shifted, "Branched", "mass-matrix"),
         ([(first_derivation, "momentum")], still, "Free", "kane-ml-force"),
-        ([(constraint_rows, "swung")], carried_only, "Welded", "constraint-drift"),
+        ([(constraint_rows, "relative_acceleration")], carried_only, "Welded", "constraint-drift"),
         ([(first_derivation, "hinged")], other_way, "Arm", "mass-matrix"),
-        ([(forces, "weigh")], upwards, "Arm", "generalized-forces"),
-        ([(second_derivation, "moved_point")], standing, "Arm", "mass-matrix"),
-        ([(constraint_rows, "product")], halved, "Hinged", "constraint-drift"),
+        ([(forces, "add_gravity_forces")], upwards, "Arm", "generalized-forces"),
+        ([(second_derivation, "point_velocity")], standing, "Arm", "mass-matrix"),
+        ([(constraint_rows, "dot_row")], halved, "Hinged", "constraint-drift"),
         ([(constraint_rows, "turning_columns")], twice, "Hinged", "constraint-jacobian"),
-        ([(constraint_rows.First, "rim")], upwards_rim, "Coin", "constraint-jacobian"),
-        ([(constraint_rows.First, "rim")], still_rim, "Coin", "constraint-drift"),
-        ([(constraint_rows, "arm_of")], fixed_contact, "Coin", "constraint-drift"),
-        ([(constraint_rows, "arm_of")], fixed_contact, "Marble", "constraint-drift"),
+        ([(constraint_rows.FirstDerivation, "rim")], upwards_rim, "Coin", "constraint-jacobian"),
+        ([(constraint_rows.FirstDerivation, "rim")], still_rim, "Coin", "constraint-drift"),
+        ([(constraint_rows, "contact_arm")], fixed_contact, "Coin", "constraint-drift"),
+        ([(constraint_rows, "contact_arm")], fixed_contact, "Marble", "constraint-drift"),
     ],
 )
 def test_a_mistake_in_one_derivation_is_disproved_and_named(
@@ -232,9 +234,9 @@ def test_a_mechanism_moves_in_machine_code_and_keeps_its_energy():
 def test_a_picture_shows_its_joints_by_their_names(kind: type[Mechanism]):
     scene = kind()
     sketch = scene.sketch(scene.initial_state()[0])
-    told = {part.name for part in sketch.parts if isinstance(part, Joint | Arrow)}
+    told = {part.name for part in sketch.parts if isinstance(part, JointMark | Arrow)}
     assert {slot.name.replace("_", " ") for slot in kind.plan.slots} <= told
-    rows = [i for part in sketch.parts if isinstance(part, Constraint) for i in part.rows]
+    rows = [i for part in sketch.parts if isinstance(part, ConstraintMark) for i in part.rows]
     assert len(set(rows)) == len(rows) <= scene.r
     d = 2 if kind.made.topology.planar else 3
     assert all(np.shape(part.at) == (d,) for part in sketch.parts if isinstance(part, Center))
@@ -243,8 +245,8 @@ def test_a_picture_shows_its_joints_by_their_names(kind: type[Mechanism]):
 @pytest.mark.sampled(4)
 @pytest.mark.parametrize("key", ["Arm", "FourBar", "Free", "Lifted"])
 def test_random_mechanisms_of_a_topology_pass_every_claim(key: str):
-    kind, run = ALL[key], Run()
-    selection = Selection.of(scenes=[kind])
+    kind, run = ALL[key], ValidationRun()
+    selection = RunSelection.of(scenes=[kind])
     run.look_at_kind(kind, selection, (1, 1), 4, 0)
     assert [str(f) for f in run.findings if f.verdict == "failed"] == []
     assert run.cases == 6
@@ -273,7 +275,7 @@ def test_a_ball_on_a_sphere_is_one_on_a_rod():
 
 def test_a_ball_closes_on_the_surface_that_is_meant():
     sphere = on("OnSphere", elements.on_quadric("held", "ball", "ground", (0.5,) * 3, 1.0))
-    q = closed_position(sphere, [1.0, 0.4, -1.5, 0.0, 0.0, 0.0])
+    q = assembled_position(sphere, [1.0, 0.4, -1.5, 0.0, 0.0, 0.0])
     assert np.linalg.norm(q[:3]) == pytest.approx(2.0, rel=1e-14)
 
 
@@ -298,7 +300,7 @@ def sliding(constraint: elements.Constraint) -> Mechanism:
 
 def test_a_rod_from_a_point_off_the_plane_of_all_joints_keeps_its_length():
     scene = sliding(elements.distance("held", "b", "ground", 1.0, at_other=(0.0, 0.0, 0.6)))
-    assert closed_position(scene, [1.0, 0.0]) == pytest.approx([0.8, 0.0], abs=1e-14)
+    assert assembled_position(scene, [1.0, 0.0]) == pytest.approx([0.8, 0.0], abs=1e-14)
 
 
 def edge_and_rod(parameters: Any) -> Description:
@@ -327,7 +329,7 @@ class EdgeAndRod(Described, description=edge_and_rod, closed=True):
 def test_a_position_is_held_by_its_own_row_wherever_that_is_declared():
     scene = EdgeAndRod()
     q = np.array([3.0, 4.0, 0.5])
-    assert np.hypot(*closed_position(scene, q)[:2]) == pytest.approx(2.0, rel=1e-14)
+    assert np.hypot(*assembled_position(scene, q)[:2]) == pytest.approx(2.0, rel=1e-14)
 
 
 @pytest.mark.parametrize(("apart", "start"), [(18.0, (9.0, -9.0)), (22.0, (0.0, 0.0))])
@@ -429,9 +431,9 @@ def test_a_link_without_mass_has_the_moments_of_inertia_that_it_is_given(moments
 def test_angles_of_a_rotation_make_it_again_however_near_the_pitch_is_to_a_quarter(sign, below):
     for roll, yaw in ((0.3, -1.1), (-2.5, 3.0), (0.0, 0.0)):
         pitch = sign * (np.pi / 2 - below)
-        R = rotation(roll_pitch_yaw(roll, pitch, yaw))
+        R = rotation_matrix(roll_pitch_yaw(roll, pitch, yaw))
         found = roll_pitch_yaw_of(R)
-        assert np.abs(rotation(roll_pitch_yaw(*found)) - R).max() <= 8 * EPS
+        assert np.abs(rotation_matrix(roll_pitch_yaw(*found)) - R).max() <= 8 * EPS
         assert found[1] == pytest.approx(pitch, abs=4 * EPS)
     R[2, 0] = np.copysign(1.0 + EPS, R[2, 0])  # as rounding may leave it
     assert np.isfinite(roll_pitch_yaw_of(R)).all()
@@ -456,7 +458,7 @@ BETA = turning("β", "a", "b")
         ({"constraints": [pin("p", "a", "b", (np.nan, 0.0, 0.0))]}, "'p': a point of 'a' = .nan"),
         ({"constraints": [on_quadric("p", "a", "b", (0, 0, 0), 1.0)]}, "bends and slopes are 0"),
         ({"constraints": [on_quadric("p", "a", "b", (1, np.nan, 0), 1.0)]}, "expected finite ones"),
-        ({"constraints": [square("p", "a", (1, 0, 0), "a", (0, 1, 0))]}, "between 'a' and itself"),
+        ({"constraints": [perpendicular("p", "a", X_AXIS, "a", Y_AXIS)]}, "between 'a' and itself"),
         ({"constraints": [pin("p", "a", "a")]}, "'p' is between 'a' and itself"),
         ({"constraints": [coupling("p", "α", "α", 1.0)]}, "'p' is between 'α' and itself"),
         ({"joints": [BETA._replace(axis=(0.0, 0.0, 0.0))]}, "'β' has the axis .0, 0, 0."),

@@ -12,7 +12,7 @@ import pytest
 from eomcheck import acceleration
 from eomcheck.descriptions.build import mechanism
 from eomcheck.descriptions.elements import Joint, Link, rolling_ball, rolling_disk
-from eomcheck.descriptions.first_derivation import Prepared
+from eomcheck.descriptions.first_derivation import PreparedMechanism
 from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.scene_quantities import Quantities
@@ -71,7 +71,7 @@ def test_a_chain_by_description_has_the_terms_of_the_scene_by_hand(links: int, h
         inertia=given.inertia.reshape(links, 1, 1),
     )
     cos, sin = relative(getattr(theirs.prepared, "angles", theirs.prepared))
-    prepared = Prepared(T @ theirs.q, Angles(None, cos, sin), None)
+    prepared = PreparedMechanism(T @ theirs.q, Angles(None, cos, sin), None)
     M, _, B, *_ = mechanism.terms(ours, prepared, T @ theirs.q, T @ theirs.v)
     zero = 0 * theirs.v
     expected = zero if theirs.terms.B is None else theirs.terms.B

@@ -9,8 +9,8 @@ from tests.mechanics.descriptions import GROUND, PLANE, rod, turning
 
 from eomcheck.descriptions.build import mechanism
 from eomcheck.descriptions.elements import Joint, Link, distance
-from eomcheck.mechanics.sketch import Arrow, Body, Center, Constraint, Trail, fixed_axes
-from eomcheck.mechanics.sketch import Joint as Pivot
+from eomcheck.mechanics.sketch import Arrow, Body, Center, ConstraintMark, Trail, fixed_axes
+from eomcheck.mechanics.sketch import JointMark as Pivot
 
 
 def plain(x: Any) -> Any:
@@ -61,7 +61,7 @@ def test_a_chain_in_the_plane_is_drawn_from_joint_to_joint():
         Center(middle[2]),
         Body((at[2], middle[2])),
         Trail(middle[2]),
-        Constraint("rope", middle[2], (0,)),
+        ConstraintMark("rope", middle[2], (0,)),
         Body((at[2], middle[2])),
         Arrow("g", np.array([-0.2 * size, 0.0]), np.array([0.0, -0.2 * size]), frame=False),
     )

@@ -24,17 +24,22 @@ from eomcheck.descriptions.elements import (
     on_line,
     on_plane,
     on_quadric,
+    perpendicular,
     pin,
     rolling_ball,
     rolling_circle,
     rolling_disk,
-    square,
     weld,
 )
-from eomcheck.descriptions.joint_tree import Rigid, check_positive
-from eomcheck.descriptions.quaternions import multiplied, roll_pitch_yaw, rotation, to_z
+from eomcheck.descriptions.joint_tree import RigidBody, check_positive
+from eomcheck.descriptions.quaternions import (
+    multiply_quaternions,
+    roll_pitch_yaw,
+    rotation_matrix,
+    to_z,
+)
 from eomcheck.errors import InputError
-from eomcheck.mechanics.random_source import FromGenerator
+from eomcheck.mechanics.random_source import GeneratorChoices
 from eomcheck.mechanics.records import ANY_ANGLE, ANYWHERE
 from eomcheck.mechanics.tree import planar_tree
 from eomcheck.scenes import ChainPendulum
@@ -64,7 +69,7 @@ def of(link: str, *directions: Any) -> tuple[Any, ...]:
         (on_plane("n", "l", "o", Z, HERE, THERE), [("on-plane", "n", POINTS, of("o", Z))]),
         (on_quadric("n", "l", "o", (1, 2, 3), 4, (5, 6, 7), HERE, THERE, QUARTER),
          [("on-quadric", "n", POINTS, of("o", Y, BACK_X, Z), (), (1, 2, 3, 5, 6, 7, 4))]),
-        (square("n", "l", HERE, "o", THERE), [("square", "n", (), POINTS)]),
+        (perpendicular("n", "l", HERE, "o", THERE), [("square", "n", (), POINTS)]),
         (coupling("n", "i", "j", 2.0), [("coupling", "n", (), (), ("i", "j"), (2.0, 0.0))]),
         (coupling("n", "i", "j", 2.0, 3.0), [("coupling", "n", (), (), ("i", "j"), (2.0, 3.0))]),
         (drive("n", "j", 1.0, 2.0, 3.0), [("drive", "n", (), (), ("j",), (1.0, 2.0, 3.0))]),
@@ -98,17 +103,19 @@ def test_a_constraint_has_these_points_directions_and_numbers(made, expected):
 
 
 def test_turns_are_these_matrices():
-    quarter = rotation(QUARTER)
+    quarter = rotation_matrix(QUARTER)
     np.testing.assert_allclose(quarter, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-15)
     a, b = (1.0, 2.0, 3.0, 4.0), (0.5, -1.0, 0.25, 2.0)
-    both = rotation(a) @ rotation(b)
-    np.testing.assert_allclose(rotation(multiplied(a, b)), both, atol=1e-15)
+    both = rotation_matrix(a) @ rotation_matrix(b)
+    np.testing.assert_allclose(rotation_matrix(multiply_quaternions(a, b)), both, atol=1e-15)
     # First about x, then y, then z: a quarter each brings x to -z, y to y and z to x.
-    turned = rotation(roll_pitch_yaw(np.pi / 2, np.pi / 2, np.pi / 2))
+    turned = rotation_matrix(roll_pitch_yaw(np.pi / 2, np.pi / 2, np.pi / 2))
     np.testing.assert_allclose(turned, [[0, 0, 1], [0, 1, 0], [-1, 0, 0]], atol=1e-15)
     for axis in ((1.0, 2.0, 2.0), (1.0, 2.0, -2.0), (0.0, 0.0, -5.0), (0.0, 0.0, 5.0)):
         length = np.hypot.reduce(axis)
-        np.testing.assert_allclose(rotation(to_z(axis))[:, 2], np.array(axis) / length, atol=1e-15)
+        np.testing.assert_allclose(
+            rotation_matrix(to_z(axis))[:, 2], np.array(axis) / length, atol=1e-15
+        )
 
 
 # ---- Vectors of which parts are absent -----------------------------------------------------------
@@ -125,8 +132,8 @@ def test_absent_components_are_those_of_vectors_with_zeros(gone):
     b: Any = tuple(float(x) for x in random.normal(size=3))
     for x, y in ((a, b), (b, a), (a, a)):
         p, r = full(x), full(y)
-        np.testing.assert_allclose(full(optional_algebra.added(x, y)), p + r)
-        np.testing.assert_allclose(full(optional_algebra.subtracted(x, y)), p - r)
+        np.testing.assert_allclose(full(optional_algebra.add_vectors(x, y)), p + r)
+        np.testing.assert_allclose(full(optional_algebra.subtract_vectors(x, y)), p - r)
         np.testing.assert_allclose(full(optional_algebra.cross(x, y)), np.cross(p, r), atol=1e-15)
         np.testing.assert_allclose(full([optional_algebra.dot(x, y)]), [p @ r])
         np.testing.assert_allclose(
@@ -137,13 +144,13 @@ def test_absent_components_are_those_of_vectors_with_zeros(gone):
         i, j = (axis + 1) % 3, (axis + 2) % 3
         R = np.eye(3)
         R[i, i], R[j, j], R[i, j], R[j, i] = cos, cos, -sin, sin
-        np.testing.assert_allclose(full(optional_algebra.turned(a, axis, cos, sin)), R @ full(a))
+        np.testing.assert_allclose(full(optional_algebra.rotate(a, axis, cos, sin)), R @ full(a))
         np.testing.assert_allclose(
-            full(optional_algebra.turned_back(a, axis, cos, sin)), R.T @ full(a)
+            full(optional_algebra.rotate_back(a, axis, cos, sin)), R.T @ full(a)
         )
         axes: Any = tuple(map(tuple, R.T.tolist()))
-        np.testing.assert_allclose(full(optional_algebra.levelled(axes, a)), R @ full(a))
-        np.testing.assert_allclose(full(optional_algebra.along(axes, a)), R.T @ full(a))
+        np.testing.assert_allclose(full(optional_algebra.from_local(axes, a)), R @ full(a))
+        np.testing.assert_allclose(full(optional_algebra.to_local(axes, a)), R.T @ full(a))
     out = np.full((2, 3), 7.0)
     optional_algebra.put_vector(out, (1, None), a)
     assert out[0].tolist() == [7.0] * 3
@@ -163,8 +170,8 @@ def test_literal_ones_and_what_is_absent_leave_no_operation():
     assert optional_algebra.plus(1, 1) == 2 and optional_algebra.minus(None, 2.0) == -2.0
     assert optional_algebra.times(-1, 2.0) == -2.0 and optional_algebra.times(2.0, -1) == -2.0
     assert optional_algebra.times(3, 2.0) == 6.0 and optional_algebra.times(2.0, 3) == 6.0
-    assert optional_algebra.vector([1.0, 2.0]) == (1.0, 2.0, None)
-    assert optional_algebra.vector([1.0, 2.0, 3.0]) == (1.0, 2.0, 3.0)
+    assert optional_algebra.as_vector([1.0, 2.0]) == (1.0, 2.0, None)
+    assert optional_algebra.as_vector([1.0, 2.0, 3.0]) == (1.0, 2.0, 3.0)
 
 
 # ---- Parameters ----------------------------------------------------------------------------------
@@ -395,7 +402,7 @@ def test_a_picture_in_space_has_these_parts():
 
 
 def test_a_generator_chooses_all_that_there_is_and_nothing_else():
-    choices = FromGenerator(np.random.default_rng(0))
+    choices = GeneratorChoices(np.random.default_rng(0))
     assert {choices.whole(2, 4) for _ in range(60)} == {2, 3, 4}
     assert {choices.one_of("abc") for _ in range(60)} == {*"abc"}
     assert choices.whole(5, 5) == 5 and type(choices.whole(1, 2)) is int
@@ -433,9 +440,9 @@ def test_parameters_that_are_read_back_cannot_be_changed_either():
 
 
 def test_rounding_makes_no_moment_of_inertia_negative():
-    def carried(least: float) -> dict[str, Rigid]:
-        large = Rigid(1.0, np.zeros(3), np.diag([4.0, 2.0, 1.0]))
-        return {"i": large, "j": Rigid(1.0, np.zeros(3), np.diag([1.0, least, 2.0]))}
+    def carried(least: float) -> dict[str, RigidBody]:
+        large = RigidBody(1.0, np.zeros(3), np.diag([4.0, 2.0, 1.0]))
+        return {"i": large, "j": RigidBody(1.0, np.zeros(3), np.diag([1.0, least, 2.0]))}
 
     check_positive(carried(-3.9e-12))
     check_positive({})

@@ -16,7 +16,7 @@ from eomcheck.descriptions import elements
 from eomcheck.descriptions.build import mechanism
 from eomcheck.descriptions.described_scene import Described, Description
 from eomcheck.descriptions.elements import Joint, Link
-from eomcheck.descriptions.quaternions import rotation
+from eomcheck.descriptions.quaternions import rotation_matrix
 from eomcheck.errors import InputError
 from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.evaluation.evaluation import Evaluation
@@ -134,7 +134,7 @@ def leaning(disk: RollingDisk) -> Any:
     across, axial = float(disk.across), float(disk.axial)
     body = Link("body", float(disk.mass), moments=(across, axial, across))
     tilted = [free()[0]._replace(turn=half), *free()[1:]]
-    up = rotation(half) @ (0.0, 0.0, 1.0)
+    up = rotation_matrix(half) @ (0.0, 0.0, 1.0)
     closing = elements.rolling_disk("rim", "body", "ground", R, axis=(0, 2, 0), across=up.tolist())
     return mechanism(
         *("Leaning", [GROUND, *(Link(x.child) for x in tilted[:-1]), body], tilted, closing),

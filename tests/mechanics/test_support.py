@@ -12,9 +12,9 @@ from eomcheck.descriptions.build import mechanism
 from eomcheck.evaluation import batched_evaluation, evaluation, perturbed
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS, applicable
-from eomcheck.kernels.perturbed_trace import MOST, Moves
+from eomcheck.kernels.perturbed_trace import LARGEST_TOTAL, TraceRunner
 from eomcheck.mechanics.scene import Scene
-from eomcheck.motion.right_hand_side import acceleration_in_machine_code, rates_on
+from eomcheck.motion.right_hand_side import acceleration_in_machine_code, trace_rates
 from eomcheck.scenes import SCENES
 
 DESCRIBED = {key: kind for key, kind in SCENES.items() if kind.example().support is not None}
@@ -67,7 +67,7 @@ def test_the_support_of_a_tree_is_no_larger_than_what_moves(kind):
 
 def test_the_tape_of_a_tree_grows_with_the_square_of_its_joints():
     kane = FORMULATIONS["kane"]
-    short, long = (len(rates_on(chain(n), kane).tape.operations) for n in (16, 32))
+    short, long = (len(trace_rates(chain(n), kane).tape.operations) for n in (16, 32))
     assert long < 4.4 * short
 
 
@@ -75,14 +75,14 @@ def test_the_tape_of_a_tree_grows_with_the_square_of_its_joints():
 def test_all_that_is_perturbed_of_a_tree_of_50_joints_is_kept_at_once(
     monkeypatch: pytest.MonkeyPatch,
 ):
-    moves = Moves()  # without the lists of tests before
+    moves = TraceRunner()  # without the lists of tests before
     for module in (evaluation, perturbed, batched_evaluation):
         monkeypatch.setattr(module, "MOVES", moves)
     scene = chain(50)
     at = state(scene)
     bound = eomcheck.acceleration(scene, "kane", at.q, at.v).error_bound
     assert bound < 1e-6
-    assert 0 < moves._places < MOST / 2
+    assert 0 < moves._places < LARGEST_TOTAL / 2
 
 
 @pytest.mark.night

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.mechanics.descriptions import GROUND, rod, turning
 
-from eomcheck.descriptions.build import described, mechanism
+from eomcheck.descriptions.build import mechanism, mechanism_source
 from eomcheck.descriptions.elements import (
     Constraint,
     Joint,
@@ -24,9 +24,9 @@ from eomcheck.descriptions.elements import (
     rolling_circle,
     weld,
 )
-from eomcheck.descriptions.joint_tree import doubtful
+from eomcheck.descriptions.joint_tree import inertia_warning
 from eomcheck.descriptions.mechanism_class import Mechanism
-from eomcheck.descriptions.random_elements import Description, poses
+from eomcheck.descriptions.random_elements import RandomDescription, poses
 from eomcheck.errors import InputError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.parameters import with_parameters
@@ -41,7 +41,7 @@ def in_plane(link: Link = FLAT, constraint: Constraint | None = None, **more: An
     """Return whether two links on hinges about z are in the plane, the second one changed."""
     second = Joint("β", **({"kind": "revolute", "parent": "a", "child": "b"} | more))
     given = [GROUND, FLAT._replace(name="a"), link], [turning("α", "ground", "a"), second]
-    made = described("Flat", *given, [] if constraint is None else [constraint])
+    made = mechanism_source("Flat", *given, [] if constraint is None else [constraint])
     gravity = dict(made.defaults)["gravity"]
     assert len(gravity) == (2 if made.topology.planar else 3)
     return made.topology.planar
@@ -188,7 +188,7 @@ def test_links_are_where_the_scene_has_them_behind_every_kind_of_joint():
     ]
     links = [Link("ground"), *(rod(f"l{i}", (0.3, -0.1 * i, 0.2)) for i in range(1, 9))]
     pins = (pin(f"p {one.name}", one.name, "ground", one.center) for one in links[1:])
-    given = Description(tuple(links), tuple(joints), tuple(pins))
+    given = RandomDescription(tuple(links), tuple(joints), tuple(pins))
     q = np.linspace(-1.1, 0.9, len(given.coordinates))
     there = poses(given._replace(pose=tuple(zip(given.coordinates, q.tolist(), strict=True))))
     scene = given.made("Posed").kind()()
@@ -300,7 +300,7 @@ def test_a_tree_with_many_roots_or_a_long_circle_is_told_in_part():
 )
 def test_every_link_whose_moments_no_body_has_is_named(moments, products, doubted):
     odd = [Link(name, 1.0, (0, 0, 0), moments, products) for name in "ab"]
-    said = doubtful([rod("c"), odd[0], rod("d"), odd[1]])
+    said = inertia_warning([rod("c"), odd[0], rod("d"), odd[1]])
     expected = "No body has the moments of inertia of 'a', 'b': one exceeds the sum of the others."
     assert said == (expected if doubted else "")
 
@@ -309,7 +309,10 @@ def test_a_thin_rod_is_a_body_whichever_way_it_stands():
     for along in np.random.default_rng(0).normal(size=(20, 3)):
         inertia = 0.3 * (along @ along * np.eye(3) - np.outer(along, along))
         products = inertia[[0, 0, 1], [1, 2, 2]].tolist()
-        assert doubtful([Link("rod", 1.0, (0, 0, 0), (*np.diagonal(inertia),), (*products,))]) == ""
+        assert (
+            inertia_warning([Link("rod", 1.0, (0, 0, 0), (*np.diagonal(inertia),), (*products,))])
+            == ""
+        )
 
 
 def test_numbers_of_a_parameter_are_as_many_as_it_has_or_one_for_all():

@@ -12,7 +12,7 @@ from eomcheck import simulate, simulate_many
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.motion import observables
-from eomcheck.motion.observables import partition_on, singular_between, solves_partition
+from eomcheck.motion.observables import singular_between, solves_partition, trace_partition
 from eomcheck.motion.right_hand_side import block_of, state_of, traced_kernel
 from eomcheck.scenes import SCENES, FourBarChain, Sleigh
 
@@ -121,7 +121,7 @@ def test_what_is_looked_at_is_the_matrix_that_is_solved(kind, key):
     assert solves_partition(scene, formulation) == bool(solved)
     if solved:
         size, y = scene.r**2, state_of(at, formulation)
-        kernel = traced_kernel(partition_on, scene, formulation, {"a_1": size})
+        kernel = traced_kernel(trace_partition, scene, formulation, {"a_1": size})
         (a_1,) = kernel(block_of(kernel, scene), np.array([t]), y).values()
         expected = at.terms.a[:, at.partition.dependent].ravel()
         assert a_1 == pytest.approx(expected, rel=1e-13, abs=1e-15)

@@ -17,7 +17,7 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.kernels import dop853
 from eomcheck.motion import batch
 from eomcheck.motion.observables import as_integrated, observer_of
-from eomcheck.motion.reference import Extrapolation, GaveUpError, chosen
+from eomcheck.motion.reference import Extrapolation, GaveUpError, next_step_and_target
 from eomcheck.motion.right_hand_side import block_of, state_of
 from eomcheck.scenes import ChainPendulum, Sleigh, TurntableBall
 
@@ -43,7 +43,7 @@ SLEIGH = Sleigh.example()
     ],
 )
 def test_the_order_of_least_work_comes_next(steps: list[float], step: float, target: int):
-    assert chosen(steps) == (pytest.approx(step), target)
+    assert next_step_and_target(steps) == (pytest.approx(step), target)
 
 
 class Told(Extrapolation):
@@ -88,7 +88,7 @@ def test_a_step_is_taken_one_order_early_or_late_or_given_up(errors, asked: int,
     if taken:
         assert after is not None and after[0] == 10.0 * asked
         assert (method.effort.orders, method.effort.longest) == ({2 * asked}, 0.25)
-        best, order = chosen(steps)
+        best, order = next_step_and_target(steps)
         assert (step, target) == (pytest.approx(min(best, 1.0)), order)
         return
     work = [(1 + k * k) / steps[k - 1] for k in range(2, asked + 1)]
@@ -203,7 +203,9 @@ def test_motions_side_by_side_keep_the_same_constraints():
     first, second = ((0,), (1, 2), (0,), None), ((1,), (0, 2), None, (0,))
     choices: Any = [first, second, None, first, first, first, second]
     motions = np.array([0, 1, 3, 4, 6])
-    found = [(group.tolist(), choice) for group, choice in batch._alike(motions, choices, 2)]
+    found = [
+        (group.tolist(), choice) for group, choice in batch._groups_by_choice(motions, choices, 2)
+    ]
     assert found == [([0, 3], first), ([4, 4], first), ([1, 6], second)]
 
 
@@ -243,7 +245,9 @@ def test_a_motion_says_why_it_ended(monkeypatch, status, says: str, refusal: str
 
 def test_a_motion_that_crossed_a_pose_says_so_whatever_ended_it(monkeypatch):
     monkeypatch.setattr(batch, "solves_partition", lambda *given: True)
-    monkeypatch.setattr(batch, "crossed", lambda scene, f, parameters, t, y: [None, (1, 2)])
+    monkeypatch.setattr(
+        batch, "singular_crossings", lambda scene, f, parameters, t, y: [None, (1, 2)]
+    )
     found = batch.simulate_many(
         *(SLEIGH, "kane", 5.0), u0=np.ones((2, 2)), lanes=2, max_steps=3, output_times=[0.0, 0.5]
     )

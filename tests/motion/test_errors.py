@@ -14,11 +14,11 @@ from eomcheck.motion.reference_io import Reference, load_reference
 from eomcheck.motion.simulate import Trajectory
 from eomcheck.motion.trajectory_errors import (
     FEWEST,
-    constraint_drift,
     constraint_error,
+    constraint_error_drift,
     drift_of,
-    energy_drift,
     energy_error,
+    energy_error_drift,
     error_norm,
     errors_of,
 )
@@ -158,13 +158,13 @@ def test_constraints_drift_in_formulations_that_have_them_at_acceleration_level(
     off = exact()
     off.constraint_residual[:, 1] = 2e-8 * off.times
     off.energy[:] += 6e-6 * off.times**2
-    found = constraint_drift(replace(off, key=key))
+    found = constraint_error_drift(replace(off, key=key))
     if FORMULATIONS[key].level == "velocity":
         assert found is None
     else:
         assert found is not None
         assert (found.rate, found.exponent) == pytest.approx((2e-8, 1.0))
-    energy = energy_drift(replace(off, key=key))
+    energy = energy_error_drift(replace(off, key=key))
     assert energy is not None
     assert energy.exponent == pytest.approx(2.0)
     assert energy.rate == pytest.approx(6e-6 * off.times[-1] / 3.0, rel=1e-3)
@@ -173,16 +173,16 @@ def test_constraints_drift_in_formulations_that_have_them_at_acceleration_level(
 def test_energy_that_is_not_kept_does_not_drift(monkeypatch: pytest.MonkeyPatch):
     off = exact()
     off.energy[:] += off.times
-    assert energy_drift(off) is not None
+    assert energy_error_drift(off) is not None
     monkeypatch.setattr(type(off.scene), "conserves_energy", False)
-    assert energy_drift(off) is None
+    assert energy_error_drift(off) is None
 
 
 def test_a_damped_motion_has_no_energy_error_and_says_why():
     damped = replace(REFERENCE.scene, damping=np.ones(REFERENCE.scene.links - 1))
     off = replace(exact(), scene=damped)
     off.energy[:] -= off.times
-    assert energy_drift(off) is None
+    assert energy_error_drift(off) is None
     assert np.isnan(errors_of(off, REFERENCE).energy)
     with pytest.raises(InputError, match="dampers in the joints take it"):
         energy_error(off)

@@ -11,7 +11,13 @@ import numpy as np
 import pytest
 
 from eomcheck.errors import InputError
-from eomcheck.motion.reference import MOST, Extrapolation, GaveUpError, chosen, cost
+from eomcheck.motion.reference import (
+    MOST,
+    Extrapolation,
+    GaveUpError,
+    evaluations_for,
+    next_step_and_target,
+)
 from eomcheck.numbers.ball import precision
 
 BITS = 200
@@ -185,7 +191,10 @@ def test_evaluations_are_counted():
 
 
 def test_a_target_never_leaves_what_can_be_computed():
-    assert chosen([1.0] * 3) == (1.0, 3)
+    assert next_step_and_target([1.0] * 3) == (1.0, 3)
     better_and_better = [2.0**k for k in range(MOST)]
-    assert chosen(better_and_better)[1] == MOST
-    assert chosen(better_and_better[:5]) == (16.0 * cost(6) / cost(5), 6)
+    assert next_step_and_target(better_and_better)[1] == MOST
+    assert next_step_and_target(better_and_better[:5]) == (
+        16.0 * evaluations_for(6) / evaluations_for(5),
+        6,
+    )

@@ -33,7 +33,7 @@ def test_states_are_seen_alike_a_few_at_a_time(key: str, monkeypatch):
     m, t, y = states(key, 23)
     whole = m.seen(t, y)
     assert set(whole) == {"v", "energy", "constraint"} | ({"multipliers"} if key == "au" else set())
-    monkeypatch.setattr(module, "AT_ONCE", 150)  # five states, or fewer
+    monkeypatch.setattr(module, "LARGEST_CHUNK", 150)  # five states, or fewer
     parts = m.seen(t, y)
     assert all(np.array_equal(parts[name], x) for name, x in whole.items())
     assert all(len(x) == 0 for x in m.seen(t[:0], y[:0]).values())
@@ -42,7 +42,7 @@ def test_states_are_seen_alike_a_few_at_a_time(key: str, monkeypatch):
 @pytest.mark.parametrize("key", ["kane", "au"])
 def test_seeing_states_takes_the_memory_of_what_is_seen(key: str, monkeypatch):
     m, t, y = states(key, 20_000)
-    monkeypatch.setattr(module, "AT_ONCE", 2**12)
+    monkeypatch.setattr(module, "LARGEST_CHUNK", 2**12)
     m.seen(t[:2], y[:2])
     tracemalloc.start()
     found = m.seen(t, y)
@@ -65,7 +65,7 @@ def test_evaluations_of_states_looked_at_are_not_all_kept(monkeypatch):
 
     monkeypatch.setattr(Motion, "evaluation", watched)
     simulate(PAPER, "kane", 0.5, max_step=1e-3)
-    assert len(alive) == looks.LOOKED_AT
+    assert len(alive) == looks.MOST_CHECKED_STATES
     assert max(alive) < 20  # first, last, worst, and what the interpreter has not collected yet
 
 
@@ -82,14 +82,14 @@ def test_what_takes_long_says_how_far_it_has_come_unless_something_else_does(wit
     monkeypatch.setattr(console, "PATIENCE", 0.01)
     reached = iter(range(1, 1000))
     outer = console.progress("outer" if within else "", 2)
-    with outer, console.watched("inner", 1000, lambda: next(reached)):
+    with outer, console.polled_progress("inner", 1000, lambda: next(reached)):
         time.sleep(0.5)
     assert ("inner" in shown.getvalue()) is not within
     assert ("outer" in shown.getvalue()) is within
     assert next(reached) > 1
     monkeypatch.setattr(console, "PATIENCE", 1.0)
     before = len(shown.getvalue())
-    with console.watched("inner", 1000, lambda: next(reached)):
+    with console.polled_progress("inner", 1000, lambda: next(reached)):
         pass
     assert len(shown.getvalue()) == before
 
@@ -102,7 +102,7 @@ def test_a_motion_that_takes_long_says_how_far_it_has_come(monkeypatch):
         seen.append((label, total, reached))
         return console.progress("", 1)
 
-    monkeypatch.setattr(module, "watched", watched)
+    monkeypatch.setattr(module, "polled_progress", watched)
     m.solve(0.25)
     ((label, total, reached),) = seen
     assert (label, total) == ("integrating by kane", 0.25)

@@ -214,14 +214,14 @@ def test_a_start_in_doubt_is_looked_at_alone_and_is_the_same(key: str, given: st
     if given == "v0":
         start = {"v0": [eomcheck.velocity(scene, q, [0.2, 0.2]) for q in q0[:3]]}
     sure = simulate_many(scene, key, 0.1, q0=q0[:3], **start)
-    examined = batch._examined
+    examined = batch._checked_speeds
 
     def doubted(*given) -> tuple[np.ndarray, np.ndarray]:
         speeds, sound = examined(*given)
         assert sound.all()
         return np.zeros_like(speeds), ~sound
 
-    monkeypatch.setattr(batch, "_examined", doubted)
+    monkeypatch.setattr(batch, "_checked_speeds", doubted)
     alone = simulate_many(scene, key, 0.1, q0=q0[:3], **start)
     np.testing.assert_allclose(sure.q, alone.q, atol=1e-12)
     np.testing.assert_array_equal(sure.steps, alone.steps)

@@ -13,7 +13,7 @@ from eomcheck.evaluation.dynamics import acceleration, velocity
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.motion.integrators import INTEGRATORS
-from eomcheck.motion.simulate import LOOKED_AT, Motion, simulate
+from eomcheck.motion.simulate import MOST_CHECKED_STATES, Motion, simulate
 from eomcheck.scenes import Snake
 
 keys = pytest.mark.parametrize("key", FORMULATIONS)
@@ -155,7 +155,7 @@ def test_integrals_of_multipliers_start_at_0(key: str):
 @pytest.mark.parametrize("u", [[1.0, -2.0], [-1.0, -0.5]], ids=["in between", "the last"])
 def test_a_motion_tells_the_worst_of_the_states_looked_at(u: list[float]):
     found = simulate(SOFT, "el", 1.0, q0=Q, u0=u, rtol=1e-6, atol=1e-6)
-    assert len(found.times) < LOOKED_AT
+    assert len(found.times) < MOST_CHECKED_STATES
     each = [
         acceleration(SOFT, "el", q, v, consistent=False)
         for q, v in zip(found.q, found.v, strict=True)

@@ -13,7 +13,7 @@ from eomcheck.motion.batch import _reason
 from eomcheck.motion.observables import as_integrated
 from eomcheck.motion.right_hand_side import state_of
 from eomcheck.motion.simulate import Motion
-from eomcheck.motion.stabilization import projected
+from eomcheck.motion.stabilization import project_speeds
 from eomcheck.scenes import TurntableBall
 
 SCENE = TurntableBall(swing=1.0, frequency=3.0)
@@ -58,7 +58,7 @@ def test_projected_velocities_keep_the_constraints_as_they_move():
     motion = Motion(SCENE, formulation, *START)
     off = np.array([0.1, -0.2, 0.3, 0.1, -0.4])
     here = SCENE, formulation, motion.partition
-    new = projected(*here, LATER, at.q, at.v + off)
+    new = project_speeds(*here, LATER, at.q, at.v + off)
     assert np.abs(at.terms.a @ new + at.terms.b).max() < 1e-13
     y = np.concatenate((at.q, at.v + off, [5.0, 7.0]))
     assert motion.project(LATER, y).tolist() == [*at.q, *new, 5.0, 7.0]

@@ -24,14 +24,14 @@ from eomcheck.errors import (
     UnknownNameError,
 )
 from eomcheck.lab import references
-from eomcheck.lab.references import CASES, case_of, produce
+from eomcheck.lab.references import REFERENCE_CASES, produce, reference_case
 from eomcheck.mechanics.records import Bodies, Speeds, Terms
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion import reference
-from eomcheck.motion.reference import consistent_velocity, extended_reference, taylor_reference
+from eomcheck.motion.reference import extended_reference, extended_velocity, taylor_reference
 from eomcheck.motion.reference_io import (
     DIGITS,
-    Run,
+    ReferenceRun,
     decimals,
     difference,
     load_reference,
@@ -39,7 +39,7 @@ from eomcheck.motion.reference_io import (
 )
 from eomcheck.numbers.ball import precision
 from eomcheck.numbers.linear import eliminate, solve
-from eomcheck.numbers.symbolic import Expressions
+from eomcheck.numbers.symbolic import HeyokaArithmetic
 from eomcheck.scenes import Snake, TurntableBall
 
 FOLDER = Path(__file__).parents[2] / "validation" / "references"
@@ -57,7 +57,7 @@ def heyoka():
 
 
 def test_every_case_is_stored_and_nothing_else():
-    assert [path.stem for path in PATHS] == sorted(CASES)
+    assert [path.stem for path in PATHS] == sorted(REFERENCE_CASES)
 
 
 @stored
@@ -67,7 +67,7 @@ def test_a_file_is_small(path: Path):
 
 @stored
 def test_a_stored_reference_is_the_case_that_its_name_says(path: Path):
-    found, case = load_reference(path), CASES[path.stem]
+    found, case = load_reference(path), REFERENCE_CASES[path.stem]
     assert found.name == path.stem
     assert repr(found.scene) == repr(case.scene())
     assert found.u0.tolist() == list(case.u0)
@@ -78,7 +78,7 @@ def test_a_stored_reference_is_the_case_that_its_name_says(path: Path):
 def test_a_stored_reference_starts_in_the_scenes_initial_state(path: Path):
     found = load_reference(path)
     q0, rest = found.scene.initial_state()
-    v0 = consistent_velocity(found.scene, q0, found.u0)
+    v0 = extended_velocity(found.scene, q0, found.u0)
     assert found.q[0].tolist() == q0.tolist()
     assert np.abs(found.v[0] - v0.astype(float)).max() < 1e-15
     if not found.u0.any():
@@ -230,9 +230,9 @@ def test_a_file_that_cannot_be_written_is_bad_input(tmp_path: Path):
 # ---- Numbers of many digits ----------------------------------------------------------------------
 
 
-def run_of(times: list[float], value: str) -> Run:
+def run_of(times: list[float], value: str) -> ReferenceRun:
     q = decimals(np.full((len(times), 2), value, object))
-    return Run(times, q, q, None, None, {})
+    return ReferenceRun(times, q, q, None, None, {})
 
 
 def test_differences_are_taken_in_all_digits():
@@ -260,14 +260,14 @@ def test_decimals_keep_36_digits():
 # ---- The arithmetic of expressions ---------------------------------------------------------------
 
 
-def quad_value(numbers: Expressions, expression) -> Fraction:
+def quad_value(numbers: HeyokaArithmetic, expression) -> Fraction:
     """Return the value of a constant expression."""
     compiled = numbers.heyoka.cfunc([expression], vars=[], **numbers.options)
     return Fraction(str(compiled(numbers.constants(np.zeros(0)))[0]))
 
 
 def test_constants_are_folded_in_quad_precision(heyoka):
-    numbers = Expressions()
+    numbers = HeyokaArithmetic()
     x, y = numbers.numbers(np.array([0.1, 0.3]))
     for said, exact in (
         (x * y, Fraction(0.1) * Fraction(0.3)),
@@ -278,7 +278,7 @@ def test_constants_are_folded_in_quad_precision(heyoka):
 
 
 def test_cosines_of_constants_are_those_of_exactly_the_doubles(heyoka):
-    numbers = Expressions()
+    numbers = HeyokaArithmetic()
     given = [0.7, -2.0]
     angles = numbers.angles(np.array(given))
     for x, cos, sin in zip(given, angles.cos, angles.sin, strict=True):
@@ -294,7 +294,7 @@ def test_a_solve_of_expressions_is_the_solution(heyoka, size: int, columns: tupl
     source = np.random.default_rng(size)
     root = source.integers(-4, 5, (size, size)).astype(float)
     A, b = root @ root.T + np.eye(size), source.random((size, *columns))
-    numbers = Expressions()
+    numbers = HeyokaArithmetic()
     x = solve(numbers.numbers(A), numbers.numbers(b), "A")
     assert x.shape == b.shape
     exact = eliminate(*(np.vectorize(Fraction, otypes=[object])(y) for y in (A, b)), "A")
@@ -336,7 +336,7 @@ def test_both_agree_on_a_rolling_snake(heyoka):
     scene, u0 = Snake.coil(4), np.array([1.0, -2.0])
     q0, _ = scene.initial_state()
     first = taylor_reference(scene, q0, u0, TIMES)
-    v0 = consistent_velocity(scene, q0, u0)
+    v0 = extended_velocity(scene, q0, u0)
     second = extended_reference(scene, q0, v0, TIMES, tolerance=LOOSE)
     assert max(difference(first, second)) < 1e-18
     for run in (first, second):
@@ -359,7 +359,7 @@ def test_a_small_fault_in_one_derivation_shows(heyoka):
     q0, _ = scene.initial_state()
     u0 = np.array([1.0, 0.5])
     first = taylor_reference(scene, q0, u0, TIMES)
-    v0 = consistent_velocity(scene, q0, u0)
+    v0 = extended_velocity(scene, q0, u0)
     second = extended_reference(scene, q0, v0, TIMES, tolerance=LOOSE)
     assert max(difference(first, second)) > 1e-9
 
@@ -408,7 +408,7 @@ def test_a_free_point_on_springs_swings_as_the_cosine(heyoka):
 def test_constraints_that_move_are_followed(heyoka):
     scene = Carried()
     q0, u0 = np.array([1.0, 2.0]), np.array([0.5])
-    v0 = consistent_velocity(scene, q0, u0)
+    v0 = extended_velocity(scene, q0, u0)
     assert v0.astype(float).tolist() == [0.5, 0.75]
     first = taylor_reference(scene, q0, u0, TIMES)
     second = extended_reference(scene, q0, v0, TIMES, tolerance=LOOSE)
@@ -421,7 +421,7 @@ def test_a_motion_starts_with_the_velocity_of_its_first_time(heyoka):
     scene = TurntableBall(swing=1.0, frequency=3.0)
     q0, _ = scene.initial_state()
     times, u0 = [0.4, 0.45], np.array([20.0, 0.0, 0.5])
-    v0, other = (consistent_velocity(scene, q0, u0, t) for t in (0.4, 0.0))
+    v0, other = (extended_velocity(scene, q0, u0, t) for t in (0.4, 0.0))
     assert (v0[:2] != other[:2]).any()
     first = taylor_reference(scene, q0, u0, times)
     second = extended_reference(scene, q0, v0, times, tolerance=LOOSE)
@@ -429,7 +429,7 @@ def test_a_motion_starts_with_the_velocity_of_its_first_time(heyoka):
     with pytest.raises(InconsistentVelocityError):
         extended_reference(scene, q0, other, times)
     with pytest.raises(InputError, match="t0"):
-        consistent_velocity(scene, q0, u0, np.nan)
+        extended_velocity(scene, q0, u0, np.nan)
 
 
 class Horizontal(Free):
@@ -491,7 +491,7 @@ def test_a_state_in_which_many_taylor_coefficients_vanish_does_no_harm(heyoka):
     limit.
     """
     scene = Horizontal()
-    numbers = Expressions()
+    numbers = HeyokaArithmetic()
     careless, outputs = reference._taylor_system(scene, numbers, np.zeros(2), 0.0)
     careless.step()
     assert not abs(float(outputs(careless.state)[1])) < 1e-20  # the energy, 0 J at the start
@@ -510,7 +510,7 @@ def test_a_state_in_which_many_taylor_coefficients_vanish_does_no_harm(heyoka):
 def test_a_velocity_in_doubles_off_the_constraints_is_refused():
     scene = Snake.coil(2)
     q0, _ = scene.initial_state()
-    v0 = consistent_velocity(scene, q0, [1.0, 0.5])
+    v0 = extended_velocity(scene, q0, [1.0, 0.5])
     with pytest.raises(InconsistentVelocityError, match="consistent_velocity"):
         extended_reference(scene, q0, v0.astype(float), TIMES)
 
@@ -528,7 +528,7 @@ def test_times_must_be_at_least_two_that_rise(times):
 def test_a_scene_without_generalized_speeds_is_refused():
     scene = replace(Snake.coil(2), wheel_angle=np.array([0.0, np.pi / 2]))
     q0, _ = scene.initial_state()
-    for run in (taylor_reference, lambda *x: consistent_velocity(*x[:3])):
+    for run in (taylor_reference, lambda *x: extended_velocity(*x[:3])):
         with pytest.raises(RefusedError, match="wheel_angle"):
             run(scene, q0, np.zeros(2), TIMES)
 
@@ -550,8 +550,8 @@ def test_numbers_of_the_wrong_shape_are_bad_input(heyoka):
 def test_the_command_computes_writes_and_says_how_well_it_is_known(
     heyoka, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
 ):
-    short = replace(CASES["free-3"], end=0.05, parts=1)
-    monkeypatch.setitem(references.CASES, "free-3", short)
+    short = replace(REFERENCE_CASES["free-3"], end=0.05, parts=1)
+    monkeypatch.setitem(references.REFERENCE_CASES, "free-3", short)
     monkeypatch.setattr(sys, "argv", ["eomcheck", "reference", "free-3", "--folder", str(tmp_path)])
     with pytest.raises(SystemExit) as stop:
         cli.main()
@@ -567,10 +567,10 @@ def test_several_are_spread_over_processes_and_as_good(
     heyoka, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
 ):
     short = {
-        "free-3": replace(CASES["free-3"], end=0.05, parts=1),
-        "coil-2": replace(CASES["coil-2"], end=0.005, parts=1),
+        "free-3": replace(REFERENCE_CASES["free-3"], end=0.05, parts=1),
+        "coil-2": replace(REFERENCE_CASES["coil-2"], end=0.005, parts=1),
     }
-    monkeypatch.setattr(references, "CASES", short)
+    monkeypatch.setattr(references, "REFERENCE_CASES", short)
     command = ["eomcheck", "reference", "--folder", str(tmp_path), "--executor", "local:2"]
     monkeypatch.setattr(sys, "argv", command)
     with pytest.raises(SystemExit) as stop:
@@ -605,4 +605,4 @@ def test_bad_input_to_the_command_is_one_sentence(
 
 def test_a_name_that_is_none_is_told_the_known_ones():
     with pytest.raises(UnknownNameError, match="known: paper-rest, "):
-        case_of("paper")
+        reference_case("paper")

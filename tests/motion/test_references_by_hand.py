@@ -19,7 +19,7 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.motion import reference
 from eomcheck.motion.integrators import INTEGRATORS, integrate
 from eomcheck.motion.observables import singular_between, solves_partition
-from eomcheck.motion.reference_io import Run, decimals, load_reference, save_reference
+from eomcheck.motion.reference_io import ReferenceRun, decimals, load_reference, save_reference
 from eomcheck.scenes import RollingDisk, Sleigh, Snake
 
 FOLDER = Path(__file__).parents[2] / "validation" / "references"
@@ -34,7 +34,7 @@ class Digits(float):
         return repr(float(self))
 
 
-def taylor(monkeypatch, steps: list[float], **options: Any) -> tuple[Run, list[Any]]:
+def taylor(monkeypatch, steps: list[float], **options: Any) -> tuple[ReferenceRun, list[Any]]:
     """Return a run of which state i is q = i, 2i and u = 3i, 4i, and after every step 10 i.
 
     v is twice u, and the energy 6 less q₀.
@@ -54,7 +54,7 @@ def taylor(monkeypatch, steps: list[float], **options: Any) -> tuple[Run, list[A
 
     library = SimpleNamespace(__version__="7.1")
     numbers = SimpleNamespace(heyoka=library, quad=Digits)
-    monkeypatch.setattr(reference, "Expressions", lambda: numbers)
+    monkeypatch.setattr(reference, "HeyokaArithmetic", lambda: numbers)
     monkeypatch.setattr(reference, "_taylor_system", system)
     monkeypatch.setattr(reference, "_taylor_steps", taken)
     times = [0.5, 0.75, 2.0]

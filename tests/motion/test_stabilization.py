@@ -14,7 +14,7 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.formulations.banded import joint_gaps
 from eomcheck.motion import stabilization
 from eomcheck.motion.simulate import Motion, simulate
-from eomcheck.motion.stabilization import fed_back, projected
+from eomcheck.motion.stabilization import drift_with_feedback, project_speeds
 from eomcheck.motion.trajectory_errors import constraint_error
 from eomcheck.numbers.counting import Counting
 from eomcheck.scenes import Snake
@@ -35,9 +35,9 @@ def run(key: str, **remedy):
 def test_feedback_is_of_the_whole_residual():
     a, v = np.array([[1.0, 2.0]]), np.array([3.0, 4.0])
     gamma, b = np.array([0.5]), np.array([-1.0])
-    assert fed_back(a, gamma, b, v, 2.0).tolist() == [0.5 + 2.0 * (11.0 - 1.0)]
-    assert fed_back(a, gamma, None, v, 2.0).tolist() == [0.5 + 2.0 * 11.0]
-    assert fed_back(a, gamma, b, v, None) is gamma
+    assert drift_with_feedback(a, gamma, b, v, 2.0).tolist() == [0.5 + 2.0 * (11.0 - 1.0)]
+    assert drift_with_feedback(a, gamma, None, v, 2.0).tolist() == [0.5 + 2.0 * 11.0]
+    assert drift_with_feedback(a, gamma, b, v, None) is gamma
 
 
 @drifting
@@ -84,24 +84,28 @@ def test_a_projection_satisfies_the_constraints_by_the_change_of_least_kinetic_e
     if formulation.uses == "chain":
         x = np.arange(1.0, 7.0)
         mass = np.diag(at.chain.mass)
-        new = projected(SOFT, formulation, at.partition, 0.0, Q, x)
+        new = project_speeds(SOFT, formulation, at.partition, 0.0, Q, x)
         c = joint_gaps(at.chain.before, at.chain.after, new)
     else:
         x, mass = OFF, at.terms.M
-        new = projected(SOFT, formulation, at.partition, 0.0, Q, x)
+        new = project_speeds(SOFT, formulation, at.partition, 0.0, Q, x)
         c = at.terms.a @ new
     change = new - x
     assert np.abs(c).max() < 1e-13
     assert abs(new @ mass @ change) < 1e-13
     before, after, lost = (y @ mass @ y / 2 for y in (x, new, change))
     assert before - after == pytest.approx(lost, rel=1e-12)
-    assert np.allclose(projected(SOFT, formulation, at.partition, 0.0, Q, new), new, atol=1e-14)
+    assert np.allclose(
+        project_speeds(SOFT, formulation, at.partition, 0.0, Q, new), new, atol=1e-14
+    )
 
 
 def test_a_projection_that_does_not_project_is_noticed(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(stabilization, "fed_back", lambda a, gamma, b, v, rate: -rate * (a @ v))
+    monkeypatch.setattr(
+        stabilization, "drift_with_feedback", lambda a, gamma, b, v, rate: -rate * (a @ v)
+    )
     at = Evaluation(SOFT, Q, OFF)
-    new = projected(SOFT, FORMULATIONS["au"], at.partition, 0.0, Q, OFF)
+    new = project_speeds(SOFT, FORMULATIONS["au"], at.partition, 0.0, Q, OFF)
     assert np.abs(at.terms.a @ new).max() > 0.1
 
 
@@ -128,9 +132,9 @@ def test_feedback_costs_nothing_where_there_is_none():
     counting = Counting()
     gamma = counting.vector(3)
     a, v = counting.vector(15).reshape(3, 5), counting.vector(5)
-    assert fed_back(a, gamma, None, v, None) is gamma
+    assert drift_with_feedback(a, gamma, None, v, None) is gamma
     assert counting.tally.additions == counting.tally.multiplications == 0
-    fed_back(a, gamma, None, v, counting.vector(1)[0])
+    drift_with_feedback(a, gamma, None, v, counting.vector(1)[0])
     assert counting.tally.multiplications == 15 + 3
 
 

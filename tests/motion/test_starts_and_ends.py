@@ -17,8 +17,8 @@ from eomcheck.motion import observables, simulate
 from eomcheck.motion.batch import starts_of, state_vectors
 from eomcheck.motion.integrators import Steps
 from eomcheck.motion.reference import Extrapolation
-from eomcheck.motion.simulate import check_options, checked_times, initial
-from eomcheck.motion.stabilization import check_stabilization, in_pieces
+from eomcheck.motion.simulate import check_options, checked_times, initial_values
+from eomcheck.motion.stabilization import check_stabilization, integrate_in_pieces
 from eomcheck.motion.trajectory_errors import drift_of
 from eomcheck.scenes import SCENES, ChainPendulum, Sleigh, Snake
 
@@ -31,9 +31,12 @@ def test_a_scene_that_moves_by_itself_is_at_rest_in_a_pose_that_is_given():
     scene: Any = SCENES["bicycle"]()
     q, v = scene.initial_state()
     assert v.any()
-    assert [x.tolist() for x in initial(scene, None, None, None)[:2]] == [q.tolist(), v.tolist()]
-    assert initial(scene, q, None, None)[1].tolist() == np.zeros(9).tolist()
-    assert initial(scene, q, v, None)[1].tolist() == v.tolist()
+    assert [x.tolist() for x in initial_values(scene, None, None, None)[:2]] == [
+        q.tolist(),
+        v.tolist(),
+    ]
+    assert initial_values(scene, q, None, None)[1].tolist() == np.zeros(9).tolist()
+    assert initial_values(scene, q, v, None)[1].tolist() == v.tolist()
     own, still = (
         starts_of(scene, None, None, None, {"speed": [scene.speed]})[0],
         starts_of(scene, [q], None, None, {})[0],
@@ -112,7 +115,7 @@ def pieces(t_end: float, times: list[float] | None, most: int) -> tuple[list[Any
         return np.array([y[0], t + 10.0])
 
     wanted = None if times is None else np.array(times)
-    return asked, in_pieces(piece, project, np.zeros(2), t_end, 0.4, 0.125, wanted, most)
+    return asked, integrate_in_pieces(piece, project, np.zeros(2), t_end, 0.4, 0.125, wanted, most)
 
 
 def test_each_piece_goes_on_from_what_was_projected_at_the_end_of_the_one_before():
@@ -161,7 +164,9 @@ def test_pieces_are_as_many_as_fit_and_as_steps_are_enough_for(t_end, most, coun
 COUNT = 1000
 
 
-def course(multipliers: np.ndarray, refused: set[int], crossed: Any = None) -> simulate._Course:
+def course(
+    multipliers: np.ndarray, refused: set[int], crossed: Any = None
+) -> simulate._ObservedMotion:
     """Return the course of a motion of which state i is i, and v, energy and constraint 0."""
     zero = np.zeros((COUNT, 1))
     seen = {"v": zero, "energy": zero, "constraint": zero, "multipliers": multipliers}
@@ -183,12 +188,12 @@ def course(multipliers: np.ndarray, refused: set[int], crossed: Any = None) -> s
     )
     t = np.arange(COUNT) / 10.0
     steps = Steps(t, np.arange(COUNT)[:, None].astype(float), COUNT, True, "")
-    return simulate._Course(motion, steps, steps)
+    return simulate._ObservedMotion(motion, steps, steps)
 
 
 def test_a_motion_is_kept_up_to_the_first_state_that_is_refused():
     both = np.zeros((COUNT, 2))
-    looked = set(np.linspace(0, COUNT - 1, simulate.LOOKED_AT).astype(int).tolist())
+    looked = set(np.linspace(0, COUNT - 1, simulate.MOST_CHECKED_STATES).astype(int).tolist())
     whole = course(both, set())
     assert (whole.kept, whole.whole, whole.refused) == (COUNT, True, None)
     assert whole.rcond == {"M": 1.0 / COUNT}
@@ -224,8 +229,10 @@ def test_the_pose_that_is_told_is_the_first_and_where_it_was(monkeypatch):
     t, y = np.arange(5.0)[:, None], np.zeros((5, 1, 1))
     for entries in (1, 2, 3, 100):
         monkeypatch.setattr(observables, "ENTRIES", entries)
-        assert observables.crossed(SLEIGH, FORMULATIONS["em"], {}, t, y) == [(1, 2)]
-    assert "between t = 0.5 s and 0.75 s the matrix a_1" in str(observables.crossing(0.5, 0.75))
+        assert observables.singular_crossings(SLEIGH, FORMULATIONS["em"], {}, t, y) == [(1, 2)]
+    assert "between t = 0.5 s and 0.75 s the matrix a_1" in str(
+        observables.crossing_refusal(0.5, 0.75)
+    )
 
 
 # ---- Errors --------------------------------------------------------------------------------------

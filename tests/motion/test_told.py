@@ -23,15 +23,15 @@ from eomcheck.kernels.emit import FAILURE_TIME
 from eomcheck.kernels.kernel import Kernel
 from eomcheck.kernels.program import program_of
 from eomcheck.lab import references
-from eomcheck.lab.fuzzing.motion_rounds import CROSSED, STOPPED, told
+from eomcheck.lab.fuzzing.motion_rounds import CROSSED, STOPPED, motion_counts
 from eomcheck.motion import observables, reference, trajectory_errors
 from eomcheck.motion import simulate as trajectory
 from eomcheck.motion.batch import OUTPUTS, simulate_many
 from eomcheck.motion.integrators import Steps
-from eomcheck.motion.reference_io import Run
+from eomcheck.motion.reference_io import ReferenceRun
 from eomcheck.motion.right_hand_side import RightHandSide, state_of
 from eomcheck.motion.simulate import simulate
-from eomcheck.motion.stabilization import in_pieces
+from eomcheck.motion.stabilization import integrate_in_pieces
 from eomcheck.numbers.tape import Tape
 from eomcheck.scenes import Sleigh, Snake
 
@@ -158,7 +158,7 @@ def test_a_start_that_violates_any_constraint_is_refused(row: int):
 
 
 def test_the_worst_state_looked_at_is_kept_wherever_it_is():
-    course: Any = object.__new__(trajectory._Course)
+    course: Any = object.__new__(trajectory._ObservedMotion)
     course.formulation, course.rcond, course._looked, course._worst = None, {}, {}, np.inf
     for rcond in (0.5, 0.125, 0.25):
         at = SimpleNamespace(acceleration=lambda f, x=rcond: SimpleNamespace(rcond={"M": x}))
@@ -186,7 +186,7 @@ def test_the_worst_state_looked_at_is_kept_wherever_it_is():
 )
 def test_a_rate_error_that_cannot_be_measured_at_one_state_is_infinite(monkeypatch, states, ulps):
     monkeypatch.setattr(trajectory, "acceleration_sensitivity", lambda at, f: at.sensitivity)
-    course: Any = object.__new__(trajectory._Course)
+    course: Any = object.__new__(trajectory._ObservedMotion)
     course.formulation = None
     course._looked = {
         name: SimpleNamespace(
@@ -223,7 +223,7 @@ def test_pieces_end_with_the_first_that_fails_or_cannot_be_projected(fails, refu
             raise RefusedError("M", 0.0, 0.0, "M is singular")
         return y
 
-    found = in_pieces(piece, project, np.zeros(1), 3.0, 1.0, 0.0, None, 0)
+    found = integrate_in_pieces(piece, project, np.zeros(1), 3.0, 1.0, 0.0, None, 0)
     assert (done, found.success, found.message) == (ends, not says, says)
     assert found.steps == 7 * len(ends) and found.t.tolist() == [0.0, *ends]
 
@@ -233,7 +233,7 @@ def test_of_poses_that_are_crossed_the_first_is_told(monkeypatch):
     kernel = SimpleNamespace(block=lambda given: None, rows=lambda block, t, y: {"a_1": a_1})
     monkeypatch.setattr(observables, "traced_kernel", lambda *how: kernel)
     t, y = np.arange(5.0)[:, None], np.zeros((5, 1, 1))
-    assert observables.crossed(SLEIGH, FORMULATIONS["em"], {}, t, y) == [(1, 2)]
+    assert observables.singular_crossings(SLEIGH, FORMULATIONS["em"], {}, t, y) == [(1, 2)]
 
 
 # ---- Energies ------------------------------------------------------------------------------------
@@ -243,7 +243,7 @@ def test_changes_of_energy_are_relative_to_the_largest_at_any_time():
     motion = simulate(SLEIGH, "kane", 1.0, u0=np.array([1.0, 0.5]), output_times=np.arange(5) / 4)
     grown = replace(motion, energy=1.0 + 3.0 * motion.times)
     assert trajectory_errors._largest_energy_error(grown) == 0.75
-    law = trajectory_errors.energy_drift(grown)
+    law = trajectory_errors.energy_error_drift(grown)
     assert law is not None and (law.rate, law.exponent) == pytest.approx((0.75, 1.0))
 
 
@@ -319,21 +319,21 @@ def test_no_taylor_step_is_longer_than_the_longest_or_than_two_of_those_before(l
 def test_a_reference_is_checked_by_shorter_steps_at_all_times(monkeypatch):
     asked: list[Any] = []
 
-    def run(q: list[float], steps: int) -> Run:
+    def run(q: list[float], steps: int) -> ReferenceRun:
         exact = np.array([[Decimal(x)] for x in q], object)
         facts = {"longest_step": 0.75, "steps": steps, "seconds": 0.0}
-        return Run([0.0, 1.0, 2.0], exact, exact, None, 1e-30 * steps, facts)
+        return ReferenceRun([0.0, 1.0, 2.0], exact, exact, None, 1e-30 * steps, facts)
 
-    def taylor(scene, q0, u0, times, longest_step=None) -> Run:
+    def taylor(scene, q0, u0, times, longest_step=None) -> ReferenceRun:
         asked.append(longest_step)
         return run([0, 1, 2], 10) if longest_step is None else run([0, "1.5", "2.25"], 30)
 
-    def extended(scene, q0, v0, times, watch) -> Run:
+    def extended(scene, q0, v0, times, watch) -> ReferenceRun:
         return run([0, 1, "2.125"], 5)
 
     monkeypatch.setattr(references, "taylor_reference", taylor)
     monkeypatch.setattr(references, "extended_reference", extended)
-    found = references.produce("free-3", references.CASES["free-3"], shown=False)
+    found = references.produce("free-3", references.REFERENCE_CASES["free-3"], shown=False)
     assert asked == [None, 0.75 / references.SHORTER]
     assert found.check == {
         **{"longest_step": 0.25, "steps": 30, "energy_drift": 3e-29, "largest_difference": 0.5}
@@ -358,4 +358,4 @@ def test_a_reference_is_checked_by_shorter_steps_at_all_times(monkeypatch):
 )
 def test_a_motion_crossed_a_pose_where_it_came_out_behind_it(crossed, reached, counts):
     finding: Any = SimpleNamespace(ended="finished", crossed=crossed, reached=reached, subject="im")
-    assert told(finding) == counts
+    assert motion_counts(finding) == counts

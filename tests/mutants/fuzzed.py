@@ -24,7 +24,7 @@ from tests.faults import FAULTS, PACKAGE, Fault, changed, scene_of
 from tests.mutants.__main__ import run
 
 from eomcheck.claims import CLAIMS
-from eomcheck.lab.fuzzing.failures import Find, read_finds
+from eomcheck.lab.fuzzing.failures import FailureRecord, read_failures
 
 LONGEST = 600.0
 """What a campaign may take with all that follows it, s."""
@@ -50,7 +50,7 @@ def attempt(fault: Fault, seconds: str, seed: int) -> Told:
         given = f"--scene {scene_of(fault).key} --time {seconds} --seed {seed} --keep {kept}"
         start_it = "from eomcheck.cli import main; main()"
         code, said = run([sys.executable, "-c", start_it, "fuzz", *given.split()], package, LONGEST)
-        finds = read_finds(kept)
+        finds = read_failures(kept)
     claims = tuple(dict.fromkeys(find.claim for find in finds))
     broken = code not in (0, 1) or "Traceback" in said
     outcome = "error" if broken else outcome_of(fault, finds)
@@ -59,7 +59,7 @@ def attempt(fault: Fault, seconds: str, seed: int) -> Told:
     return Told(fault, outcome, claims, time.perf_counter() - start, said)
 
 
-def outcome_of(fault: Fault, finds: Iterable[Find]) -> str:
+def outcome_of(fault: Fault, finds: Iterable[FailureRecord]) -> str:
     """Return what finds tell of a fault: "named", "found" or "not found"."""
     finds = list(finds)
     term = CLAIMS[fault.claim].term

@@ -14,7 +14,7 @@ from tests.exact import ExactFloats, RandomFractions
 from tests.machine_code import MachineCode, in_machine_code
 
 from eomcheck import acceleration, enclose, simulate, velocity
-from eomcheck.claims.registry import Point
+from eomcheck.claims.registry import GenericPoint
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation import perturbed
 from eomcheck.evaluation.certified import true_error
@@ -33,16 +33,16 @@ from eomcheck.numbers.banded_solve import (
     REACH,
     TERMS,
     WIDTH,
-    _Factored,
-    columns_of,
-    full,
+    _BandFactors,
+    band_columns,
     solve_banded,
+    to_dense,
 )
 from eomcheck.numbers.counting import Counting, System
-from eomcheck.numbers.degree import Degrees
-from eomcheck.numbers.generic import Array, each
+from eomcheck.numbers.degree import DegreeArithmetic
+from eomcheck.numbers.generic import Array, map_entries
 from eomcheck.numbers.lanes import LaneArray, LaneNoise
-from eomcheck.numbers.linear import EPS, eliminate, singular_below, watching
+from eomcheck.numbers.linear import EPS, eliminate, recording_solves, singular_below
 from eomcheck.numbers.noise import SAMPLES, STEP, Noise
 from eomcheck.numbers.pivots import LEAST_STEPS, MOST_STEPS, REFINED, SMALLEST_SHARE
 from eomcheck.scenes import Snake
@@ -74,7 +74,7 @@ def machine_solve(bands: Array, b: Array) -> Array:
 
 def row_errors(bands: Array, b: Array, x: Array) -> Array:
     """Return the residual of each row over the magnitudes in it."""
-    A = full(bands)
+    A = to_dense(bands)
     size = np.abs(A) @ np.abs(x) + np.abs(b)
     return np.abs(b - A @ x) / np.where(size > 0, size, 1.0)
 
@@ -85,7 +85,7 @@ def row_errors(bands: Array, b: Array, x: Array) -> Array:
 @sizes
 def test_the_bands_are_the_diagonals_of_the_full_matrix(size):
     bands, _ = system(size)
-    A = full(bands)
+    A = to_dense(bands)
     for d in range(-HALF, HALF + 1):
         assert np.diagonal(A, d).tolist() == bands[inside(size)[:, HALF + d], HALF + d].tolist()
     assert np.count_nonzero(A) == inside(size).sum()
@@ -95,7 +95,7 @@ def test_the_bands_are_the_diagonals_of_the_full_matrix(size):
 @pytest.mark.parametrize("solve", [solve_it, machine_solve])
 def test_banded_doubles_are_solved_as_full_ones(size, solve):
     bands, b = system(size)
-    A = full(bands)
+    A = to_dense(bands)
     x = solve(bands, b)
     assert row_errors(bands, b, x).max() <= WIDTH * EPS
     allowed = allowed_error(np.linalg.cond(A) * np.abs(x).max())
@@ -120,7 +120,7 @@ def test_every_row_has_a_small_residual_whatever_the_size_of_the_rows(solve):
 @sizes
 def test_a_banded_matrix_is_recorded_by_its_name_order_and_condition(size):
     bands, b = system(size)
-    with watching() as watch:
+    with recording_solves() as watch:
         solve_banded(bands, b, "A")
     (solved,) = watch.solves
     assert (solved.name, solved.size) == ("A", size)
@@ -168,11 +168,11 @@ def test_a_banded_matrix_that_is_not_finite_is_refused_and_machine_code_does_not
 def test_noise_moves_a_banded_solution_by_about_its_condition_and_its_determinant():
     bands, b = system(30)
     x = solve_banded(bands, b, "A")
-    with watching() as still:
+    with recording_solves() as still:
         solve_banded(bands, b, "A")
-    with watching(Noise(0)) as watch:
+    with recording_solves(Noise(0)) as watch:
         moved = solve_banded(bands, b, "A")
-    sums = np.abs(np.linalg.inv(full(bands))) @ np.abs(full(bands)) @ np.abs(x)
+    sums = np.abs(np.linalg.inv(to_dense(bands))) @ np.abs(to_dense(bands)) @ np.abs(x)
     change = np.abs(moved - x).max()
     assert STEP * np.abs(x).max() / 10 < change < 10 * STEP * sums.max()
     change = abs(watch.solves[0].log_determinant - still.solves[0].log_determinant)
@@ -182,9 +182,9 @@ def test_noise_moves_a_banded_solution_by_about_its_condition_and_its_determinan
 @sizes
 def test_the_determinant_of_a_banded_matrix_is_that_of_the_full_one(size):
     bands, b = system(size)
-    with watching() as watch:
+    with recording_solves() as watch:
         solve_banded(bands * 1000.0, b, "A")
-    sign, log = np.linalg.slogdet(full(bands))
+    sign, log = np.linalg.slogdet(to_dense(bands))
     assert watch.solves[0].sign == sign
     assert watch.solves[0].log_determinant == pytest.approx(
         log / np.log(2) + size * np.log2(1000.0)
@@ -195,11 +195,11 @@ def test_the_determinant_of_a_banded_matrix_is_that_of_the_full_one(size):
 @pytest.mark.parametrize("decades", [0, 8])
 def test_the_rcond_of_a_band_is_estimated_in_the_best_units(size, decades):
     bands, b = system(size)
-    A = full(bands)
+    A = to_dense(bands)
     radius = np.abs(np.linalg.eigvals(np.abs(np.linalg.inv(A)) @ np.abs(A))).max()
     unit = np.ldexp(1.0, np.random.default_rng(size).integers(-3 * decades, 3 * decades + 1, size))
     columns = np.clip(np.arange(size)[:, None] + np.arange(-HALF, HALF + 1), 0, size - 1)
-    with watching() as watch:
+    with recording_solves() as watch:
         solve_banded(bands * unit[columns] * unit[::-1, None], b, "A")
     assert 1 / 10 < radius * watch.solves[0].rcond < 2
 
@@ -308,7 +308,7 @@ def factors_above_the_matrix() -> tuple[Array, Array]:
 
 def test_a_matrix_that_refinement_does_not_solve_is_refused_with_its_backward_error():
     bands, b = factors_above_the_matrix()
-    with watching() as watch, pytest.raises(RefusedError) as caught:
+    with recording_solves() as watch, pytest.raises(RefusedError) as caught:
         solve_banded(bands, b, "A")
     (solved,) = watch.solves
     refusal = caught.value
@@ -325,7 +325,7 @@ def test_moved_or_in_machine_code_a_matrix_that_refinement_does_not_solve_has_no
     bands, b = factors_above_the_matrix()
     assert np.isnan(machine_solve(bands, b)).all()
     for seed in range(4):
-        with watching(Noise(seed)):
+        with recording_solves(Noise(seed)):
             assert np.isnan(solve_banded(bands, b, "A")).all()
 
 
@@ -333,7 +333,7 @@ def test_in_lanes_a_matrix_that_refinement_does_not_solve_has_no_solution_and_ot
     bad, good = factors_above_the_matrix(), system(14)
     stacked = (np.stack(x, axis=-1) for x in zip(good, bad, good, strict=True))
     bands, b = map(LaneArray, stacked)
-    with watching() as watch:
+    with recording_solves() as watch:
         x = solve_banded_in_lanes(bands, b, "A").data
     assert np.array_equal(np.isnan(x).all(axis=0), [False, True, False])
     assert np.abs(x[:, 0] - solve_banded(*good, "A")).max() <= allowed_error(np.abs(x[:, 0]).max())
@@ -342,7 +342,7 @@ def test_in_lanes_a_matrix_that_refinement_does_not_solve_has_no_solution_and_ot
     assert refused.tolist() == [False, True, False]
     assert (solved.rcond > singular_below(TERMS)).all(), "refused as singular, not by its error"
     noise = LaneNoise(0)
-    with watching(noise):
+    with recording_solves(noise):
         moved = solve_banded_in_lanes(noise.array(bands), noise.array(b), "A").data
     assert np.array_equal(np.isnan(moved).all(axis=0), [False, True, False])
 
@@ -350,7 +350,7 @@ def test_in_lanes_a_matrix_that_refinement_does_not_solve_has_no_solution_and_ot
 @sizes
 def test_a_common_matrix_is_refined_as_little_as_there_is(size):
     bands, b = system(size)
-    with watching() as watch:
+    with recording_solves() as watch:
         solve_banded(bands, b, "A")
     assert watch.solves[0].refinements == LEAST_STEPS
 
@@ -360,9 +360,9 @@ def test_refinement_goes_on_until_the_backward_error_is_that_of_rounding():
     for seed in range(200):
         bands, b = system(40, seed)
         bands *= 10.0 ** np.random.default_rng(seed).uniform(-10, 10, bands.shape)
-        with watching() as watch:
+        with recording_solves() as watch:
             x = solve_banded(bands, b, "A")
-        A, unit = full(bands), np.abs(bands).max(axis=1)
+        A, unit = to_dense(bands), np.abs(bands).max(axis=1)
         for found in (x, machine_solve(bands, b)):
             sizes = (np.abs(A) @ np.abs(found) + np.abs(b)) / unit
             # Units by powers of two are other ones by a factor of 2 at most.
@@ -378,7 +378,7 @@ def test_refinement_goes_on_until_the_backward_error_is_that_of_rounding():
 def test_refinement_ends_with_the_first_step_that_does_not_halve_the_backward_error(left, steps):
     size = 5
     bands = np.where(np.arange(7) == 3, 1.0, np.zeros((size, 7)))
-    factored = _Factored(bands, *columns_of(size))
+    factored = _BandFactors(bands, *band_columns(size))
     factored.lu[2 * REACH] /= 1.0 - left  # a step leaves this share of the residual
     _, error, taken = factored.solve(np.ones(size))
     assert (taken, error > REFINED) == (steps, True)
@@ -408,7 +408,7 @@ def test_a_solution_that_overflows_is_not_refused_for_its_backward_error(large):
     bands, b = system(8)
     for solve in (solve_it, machine_solve):
         assert not np.isfinite(solve(bands * 1e-10, b * large)).all()
-    with watching() as watch:
+    with recording_solves() as watch:
         solve_banded_in_lanes(
             LaneArray(bands[..., None] * 1e-10), LaneArray(b[:, None] * large), "A"
         )
@@ -441,19 +441,19 @@ def test_a_zero_at_the_pivot_is_passed_over():
 def test_banded_fractions_are_solved_exactly_as_full_ones(size):
     bands, b = exact_system(size)
     x = solve_banded(bands, b, "A")
-    assert x.tolist() == eliminate(full(bands), b, "A").tolist()
-    assert (full(bands) @ x == b).all()
+    assert x.tolist() == eliminate(to_dense(bands), b, "A").tolist()
+    assert (to_dense(bands) @ x == b).all()
 
 
 @sizes
 def test_banded_elements_of_a_field_are_solved_as_full_ones(size):
     prime = 2**61 - 1
     bands, b = (
-        each(lambda y: y if isinstance(y, int) else flint.nmod(y.numerator, prime), x)
+        map_entries(lambda y: y if isinstance(y, int) else flint.nmod(y.numerator, prime), x)
         for x in exact_system(size)
     )
     x = solve_banded(bands, b, "A")
-    assert x.tolist() == finite_field._solve(full(bands), b, "A").tolist()
+    assert x.tolist() == finite_field._solve(to_dense(bands), b, "A").tolist()
 
 
 @sizes
@@ -461,7 +461,8 @@ def test_banded_balls_enclose_the_exact_solution(size):
     bands, b = exact_system(size)
     exact = solve_banded(bands, b, "A")
     balls = (
-        each(lambda y: y if isinstance(y, int) else flint.arb(y.numerator), x) for x in (bands, b)
+        map_entries(lambda y: y if isinstance(y, int) else flint.arb(y.numerator), x)
+        for x in (bands, b)
     )
     with ball.precision(100):
         x = solve_banded(*balls, "A")
@@ -486,10 +487,10 @@ def test_singular_banded_fractions_are_refused_by_name():
 
 
 def test_banded_bounds_are_those_of_the_full_matrix():
-    degrees = Degrees()
+    degrees = DegreeArithmetic()
     bands = np.where(inside(8), degrees.numbers(np.zeros((8, WIDTH))), 0)
     b = degrees.vector(8)
-    banded, dense = solve_banded(bands, b, "A"), degree._solve(full(bands), b, "A")
+    banded, dense = solve_banded(bands, b, "A"), degree._solve(to_dense(bands), b, "A")
     assert [x.degree for x in banded] == [x.degree for x in dense]
     assert [x.height for x in banded] == [x.height for x in dense]
 
@@ -509,7 +510,7 @@ def test_a_banded_system_is_counted_with_its_band_and_not_eliminated():
 def test_for_any_velocity_banded_has_the_acceleration_and_the_multipliers_of_au(links):
     """Not only where the constraints hold: so drift does to both the same."""
     for scene in Snake.structures(links):
-        free = Point(scene, RandomFractions(links)).free
+        free = GenericPoint(scene, RandomFractions(links)).free
         found, expected = free.solution(BANDED), free.solution(AU)
         assert (found.vdot == expected.vdot).all()
         assert (found.multipliers == expected.multipliers).all()
@@ -547,7 +548,7 @@ def test_wheels_across_their_links_are_solved_exactly(alpha):
             return made
 
     snake = replace(Snake.coil(4), wheel_angle=[alpha] * 4)
-    free = Point(snake, Across(1)).free
+    free = GenericPoint(snake, Across(1)).free
     found, expected = free.solution(BANDED), free.solution(AU)
     assert (found.vdot == expected.vdot).all()
     assert (found.multipliers == expected.multipliers).all()

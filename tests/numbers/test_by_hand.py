@@ -14,22 +14,22 @@ from eomcheck.evaluation import dynamics
 from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.numbers.lanes import LaneArray, LaneNoise
 from eomcheck.numbers.linear import (
-    Factors,
+    FactorMagnitudes,
     Rounding,
-    Solve,
+    SolveRecord,
+    for_each_noise,
     least_squares,
-    one_by_one,
     record,
+    recording_solves,
     row_scale,
-    watching,
 )
-from eomcheck.numbers.noise import NORMAL, STEP, Noise, Noises
+from eomcheck.numbers.noise import NORMAL, STEP, Noise, NoiseBatch
 
 # ---- Noise ---------------------------------------------------------------------------------------
 
 
 def test_after_noises_apart_all_go_on_behind_the_one_that_took_most():
-    noises, alone = Noises([Noise(0), Noise(5), Noise(7)]), [Noise(0), Noise(5), Noise(7)]
+    noises, alone = NoiseBatch([Noise(0), Noise(5), Noise(7)]), [Noise(0), Noise(5), Noise(7)]
     with noises.stream("x"):
         noises.changes((3, 4))
         with noises.apart() as each:
@@ -43,7 +43,7 @@ def test_after_noises_apart_all_go_on_behind_the_one_that_took_most():
 
 
 def test_noises_that_were_still_move_as_before():
-    noises, others = (Noises([Noise(0), Noise(5)]) for _ in range(2))
+    noises, others = (NoiseBatch([Noise(0), Noise(5)]) for _ in range(2))
     with noises.stream("x"), others.stream("x"):
         assert (noises.changes((2, 3)) == others.changes((2, 3))).all()
         with noises.still():
@@ -62,12 +62,12 @@ def test_a_difference_that_vanishes_moves_as_the_smallest_normal_number():
 
 def test_what_is_solved_one_by_one_is_recorded_with_the_determinant_of_each():
     def solved(i: int, noise: Noise) -> int:
-        record(Solve("A", 2, 0.5, (-1.0) ** i, 10.0 * i), np.eye(2))
+        record(SolveRecord("A", 2, 0.5, (-1.0) ** i, 10.0 * i), np.eye(2))
         return noise.seed
 
-    noises = Noises([Noise(4), Noise(2), Noise(9)])
-    with watching(noises) as watch:
-        assert one_by_one(noises, solved) == [4, 2, 9]
+    noises = NoiseBatch([Noise(4), Noise(2), Noise(9)])
+    with recording_solves(noises) as watch:
+        assert for_each_noise(noises, solved) == [4, 2, 9]
     (found,) = watch.solves
     assert (found.name, found.size) == ("A", 2)
     assert found.sign.tolist() == [1.0, -1.0, 1.0]
@@ -125,7 +125,7 @@ def test_what_elimination_rounds_is_the_same_in_any_units():
     lu, pivots, _ = getrf(A)
     scale, rows = np.array([0.5, 4.0, 1.0]), np.array([2.0, 1.0, 8.0])
     others, other_rows = np.array([8.0, 0.25, 2.0]), np.array([1.0, 16.0, 0.5])
-    sizes = Factors(lu, pivots)
+    sizes = FactorMagnitudes(lu, pivots)
     rounded = sizes.times(np.eye(3)) / rows[:, None] / scale  # of the matrix as it was
     found = Rounding(sizes, scale, rows)
     for x in (np.array([1.0, 2.0, 3.0]), np.array([[1.0, 5.0], [2.0, 0.0], [3.0, 1.0]])):

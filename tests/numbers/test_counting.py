@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eomcheck.evaluation.scene_quantities import net_force, velocity
+from eomcheck.evaluation.scene_quantities import net_force, velocity_from_speeds
 from eomcheck.formulations import kane
 from eomcheck.numbers.banded_solve import HALF, WIDTH, solve_banded
 from eomcheck.numbers.counting import Counted, Counting, System, Tally
@@ -249,8 +249,8 @@ def test_absent_forces_bias_and_offset_cost_nothing():
         (lambda: net_force(None, None, x), (0, 0, 0)),
         (lambda: kane.right_hand_side(x, x), (4, 0, 0)),
         (lambda: kane.right_hand_side(None, x), (0, 0, 0)),
-        (lambda: velocity(x[:2], W, None), (4, 8, 0)),
-        (lambda: velocity(x[:2], W, x), (8, 8, 0)),
+        (lambda: velocity_from_speeds(x[:2], W, None), (4, 8, 0)),
+        (lambda: velocity_from_speeds(x[:2], W, x), (8, 8, 0)),
     ):
         operation()
         assert counts(counting) == expected

@@ -17,12 +17,12 @@ from tests.fractions_of_polynomials import (
 )
 
 from eomcheck.errors import RefusedError
-from eomcheck.numbers.degree import ONE, Bound, Degrees, Denominator, log_sum
+from eomcheck.numbers.degree import ONE, Bound, DegreeArithmetic, Denominator, log_sum
 from eomcheck.numbers.linear import solve
 
 
 def symbols(count: int) -> list[Bound]:
-    return list(Degrees().vector(count))
+    return list(DegreeArithmetic().vector(count))
 
 
 def facts(x: Bound) -> tuple[int, float, int, dict]:
@@ -155,14 +155,14 @@ def test_sums_of_very_different_sizes_neither_overflow_nor_vanish():
 
 
 def test_every_number_is_a_variable_of_its_own():
-    x = Degrees().numbers(np.ones((2, 3)))
+    x = DegreeArithmetic().numbers(np.ones((2, 3)))
     assert x.shape == (2, 3)
     assert len({id(y) for y in x.ravel()}) == 6
     assert all((y.degree, y.height) == (1, 0.0) for y in x.ravel())
 
 
 def test_angles_keep_a_value_that_is_a_variable_and_have_cosines_and_sines_of_their_own():
-    degrees = Degrees()
+    degrees = DegreeArithmetic()
     q = degrees.vector(2)
     kept, drawn = degrees.angles(q), degrees.angles(np.zeros(2))
     assert kept.value is q
@@ -189,8 +189,8 @@ def test_a_diagonal_system_divides_by_the_product_of_its_diagonal():
 @pytest.mark.parametrize("size", [1, 2, 3, 4])
 def test_a_full_system_of_variables_is_bounded_by_the_product_of_its_row_sums(size):
     """The true determinant has the degree `size` and size! terms, its bound size^size."""
-    A = Degrees().numbers(np.zeros((size, size)))
-    b = Degrees().vector(size)
+    A = DegreeArithmetic().numbers(np.zeros((size, size)))
+    b = DegreeArithmetic().vector(size)
     found = solve(A, b, "A")
     (divisor,) = found[0].denominator.factors
     assert bound_facts(divisor) == (size, float(size**size))
@@ -198,7 +198,7 @@ def test_a_full_system_of_variables_is_bounded_by_the_product_of_its_row_sums(si
 
 
 def test_several_right_hand_sides_share_the_determinant_and_zeros_stay_literal():
-    A, b = Degrees().numbers(np.zeros((2, 2))), Degrees().vector(2)
+    A, b = DegreeArithmetic().numbers(np.zeros((2, 2))), DegreeArithmetic().vector(2)
     columns = np.array([[b[0], 0, 1], [b[1], 0, 0]], object)
     found = solve(A, columns, "A")
     assert found[:, 1].tolist() == [0, 0]
@@ -224,7 +224,7 @@ def test_a_row_of_literal_zeros_is_refused_by_the_name_of_the_matrix():
 
 def test_two_solves_of_one_matrix_are_not_taken_for_one_divisor():
     """Safe, if wasteful: nothing is remembered of a matrix."""
-    A, b = Degrees().numbers(np.zeros((2, 2))), Degrees().vector(2)
+    A, b = DegreeArithmetic().numbers(np.zeros((2, 2))), DegreeArithmetic().vector(2)
     first, second = solve(A, b, "A")[0], solve(A, b, "A")[0]
     assert (first + second).degree == 4
     assert (first + first).degree == 2

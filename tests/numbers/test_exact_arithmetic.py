@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from tests.exact import SMALL_SCENES, RandomFractions
 
-from eomcheck.claims.registry import Point
+from eomcheck.claims.registry import GenericPoint
 from eomcheck.errors import RefusedError
 from eomcheck.formulations import FORMULATIONS, Formulation, Partition, kane
 from eomcheck.formulations.em import project
@@ -34,12 +34,12 @@ def formulations(which=ALL):
 
 
 @cache
-def exact(scene: Scene, seed: int) -> Point:
+def exact(scene: Scene, seed: int) -> GenericPoint:
     return point(scene, seed)
 
 
-def point(scene: Scene, seed: int) -> Point:
-    return Point(scene, RandomFractions(seed))
+def point(scene: Scene, seed: int) -> GenericPoint:
+    return GenericPoint(scene, RandomFractions(seed))
 
 
 def partition(scene: Scene, dependent: tuple[int, ...]) -> Partition:
@@ -169,7 +169,7 @@ def test_a_singular_matrix_of_fractions_is_refused_by_its_name():
 # ---- The scenes ----------------------------------------------------------------------------------
 
 
-def functions_at(at: Point, qdot: np.ndarray, v: np.ndarray):
+def functions_at(at: GenericPoint, qdot: np.ndarray, v: np.ndarray):
     """Return (terms, velocities, energies, constraint) while q changes at `qdot`."""
     prepared, q = at.moving(qdot)
     return [

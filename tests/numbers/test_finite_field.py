@@ -9,9 +9,9 @@ import flint
 import numpy as np
 import pytest
 
-from eomcheck.claims.registry import Point
+from eomcheck.claims.registry import GenericPoint
 from eomcheck.errors import RefusedError
-from eomcheck.numbers.dual import Recorder, Replay, duals, rate, value
+from eomcheck.numbers.dual import RecordingArithmetic, ReplayArithmetic, duals, rate, value
 from eomcheck.numbers.finite_field import PRIME_COUNT, PRIMES, FiniteField, random_prime
 from eomcheck.numbers.linear import solve
 from eomcheck.scenes import Snake
@@ -182,7 +182,7 @@ def test_the_arguments_of_solve_are_left_as_they_were():
 
 def test_a_scene_at_a_point_is_made_of_elements_and_keeps_what_is_absent():
     one = field()
-    at = Point(next(iter(Snake.structures(1))), one)
+    at = GenericPoint(next(iter(Snake.structures(1))), one)
     assert at.terms.Q is at.terms.b is at.bodies.force is None
     assert of_field(at.q, one.prime)
     assert (at.prepared.value == at.q[2:]).all()
@@ -220,9 +220,9 @@ def test_roots_are_elements_that_nothing_ties_to_what_they_are_of():
 
 def test_a_root_keeps_its_value_while_it_changes_and_its_square_changes_as_what_it_is_of():
     one = field()
-    recorder = Recorder(one)
+    recorder = RecordingArithmetic(one)
     x, rates = one.vector(5), one.vector(5)
     roots = recorder.root(x)
-    moving = Replay(recorder.made).root(duals(x, rates))
+    moving = ReplayArithmetic(recorder.made).root(duals(x, rates))
     assert ([value(y) for y in moving] == roots).all()
     assert (rate(moving * moving) == rates).all()

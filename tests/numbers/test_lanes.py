@@ -7,16 +7,16 @@ import pytest
 
 from eomcheck.numbers.generic import Angles
 from eomcheck.numbers.lanes import (
-    IN_LANES,
+    LANE_ARITHMETIC,
     LaneArray,
     LaneNoise,
-    doubles,
-    entries,
+    as_float64,
+    as_object_array,
     everywhere,
+    lane_data,
     lanes_in,
-    lanes_of,
-    size_of,
-    where,
+    perturbation_scale,
+    select,
 )
 from eomcheck.numbers.linear import least_squares, null_space, singular_values
 from eomcheck.numbers.noise import NORMAL, STEP
@@ -79,7 +79,7 @@ def test_one_perturbed_side_is_enough_for_a_result_to_be_perturbed(operation: st
 
 
 def test_angles_in_lanes_have_their_cosines_and_sines_and_both_are_perturbed():
-    exact = IN_LANES.angles(LaneArray(X[:, 0].copy()))
+    exact = LANE_ARITHMETIC.angles(LaneArray(X[:, 0].copy()))
     assert np.array_equal(exact.value.data, X[:, 0])
     assert np.array_equal(exact.cos.data, np.cos(X[:, 0]))
     assert np.array_equal(exact.sin.data, np.sin(X[:, 0]))
@@ -88,7 +88,7 @@ def test_angles_in_lanes_have_their_cosines_and_sines_and_both_are_perturbed():
     for part, of in ((found.cos, exact.cos), (found.sin, exact.sin)):
         change = np.abs(part.data / of.data - 1.0)
         assert (change >= 0.49 * STEP).all() and (change <= 1.01 * STEP).all()
-    assert np.array_equal(IN_LANES.root(LaneArray(X.copy())).data, np.sqrt(X))
+    assert np.array_equal(LANE_ARITHMETIC.root(LaneArray(X.copy())).data, np.sqrt(X))
 
 
 def test_a_record_in_lanes_is_perturbed_in_each_of_its_parts_and_what_is_absent_stays():
@@ -99,7 +99,7 @@ def test_a_record_in_lanes_is_perturbed_in_each_of_its_parts_and_what_is_absent_
 
 def test_what_is_no_normal_number_is_perturbed_like_the_smallest_of_which_residuals_tell():
     x = np.array([0.0, 0.5 * NORMAL, NORMAL, -2.0])
-    assert size_of(x).tolist() == [SMALLEST_SIZE, SMALLEST_SIZE, NORMAL, 2.0]
+    assert perturbation_scale(x).tolist() == [SMALLEST_SIZE, SMALLEST_SIZE, NORMAL, 2.0]
 
 
 def test_a_condition_in_lanes_holds_everywhere_only_where_all_entries_hold_it():
@@ -112,9 +112,9 @@ def test_a_condition_in_lanes_holds_everywhere_only_where_all_entries_hold_it():
 
 def test_a_choice_in_lanes_is_made_lane_by_lane():
     x, y = LaneArray(np.array([1.0, 2.0, 3.0])), LaneArray(np.array([-1.0, -2.0, -3.0]))
-    assert where(x <= 2.0, x, y).data.tolist() == [1.0, 2.0, -3.0]
-    assert where(x <= 2.0, 7.0, y).data.tolist() == [7.0, 7.0, -3.0]
-    assert where(True, 1.0, 2.0) == 1.0 and where(False, 1.0, 2.0) == 2.0
+    assert select(x <= 2.0, x, y).data.tolist() == [1.0, 2.0, -3.0]
+    assert select(x <= 2.0, 7.0, y).data.tolist() == [7.0, 7.0, -3.0]
+    assert select(True, 1.0, 2.0) == 1.0 and select(False, 1.0, 2.0) == 2.0
 
 
 def test_sums_and_largest_entries_are_those_along_the_axis_that_the_source_knows():
@@ -132,11 +132,11 @@ def test_sums_and_largest_entries_are_those_along_the_axis_that_the_source_knows
 
 def test_lanes_and_their_entries_hold_the_same_numbers():
     x = LaneArray(X.copy())
-    single = entries(x)
+    single = as_object_array(x)
     assert single.shape == (3, 2) and np.array_equal(single[2, 1].data, X[2, 1])
-    assert np.array_equal(doubles(single).data, X)
+    assert np.array_equal(as_float64(single).data, X)
     assert lanes_in(single) == lanes_in([1.0, (2.0, x)]) == 5 and lanes_in(np.ones(2)) == 0
-    assert np.array_equal(lanes_of([1.0, x[0, 0]], 5), np.stack((np.ones(5), X[0, 0])))
+    assert np.array_equal(lane_data([1.0, x[0, 0]], 5), np.stack((np.ones(5), X[0, 0])))
 
 
 @pytest.mark.parametrize("write", ["entry", "row", "all"])

@@ -18,7 +18,7 @@ from eomcheck.kernels.emit import HEADER
 from eomcheck.kernels.program import INLINE
 from eomcheck.lab.studies.stability.snake_families import MASS_RATIO
 from eomcheck.numbers import linear
-from eomcheck.numbers.linear import column_scale, eliminate, singular_below, solve, watching
+from eomcheck.numbers.linear import column_scale, eliminate, recording_solves, singular_below, solve
 from eomcheck.numbers.noise import STEP
 
 SIZES = [1, 2, 3, INLINE, INLINE + 1, 20]
@@ -89,7 +89,7 @@ def test_the_layout_in_memory_does_not_matter(size, columns):
 def test_the_determinant_is_recorded_with_its_sign(size):
     for seed in range(4):
         A, b = system(size, seed=seed)
-        with watching() as watch:
+        with recording_solves() as watch:
             solve(A, b, "A")
         sign, log = np.linalg.slogdet(A)
         assert watch.solves[0].sign == sign
@@ -126,7 +126,7 @@ def test_a_singular_matrix_is_refused_with_name_rcond_and_threshold(A, columns):
 
 
 def test_a_refusal_is_recorded_like_any_other_solve():
-    with watching() as watch, pytest.raises(RefusedError):
+    with recording_solves() as watch, pytest.raises(RefusedError):
         solve(np.zeros((2, 2)), np.ones(2), "A")
     assert watch.rcond == {"A": 0.0}
 
@@ -154,13 +154,13 @@ def test_a_matrix_is_refused_exactly_where_its_rcond_is_not_above_the_threshold(
 
 
 def rcond_of(A) -> float:
-    with watching() as watch:
+    with recording_solves() as watch:
         solve(A, np.ones(len(A)), "A")
     return watch.rcond["A"]
 
 
 def test_every_solve_inside_a_watch_is_recorded_by_name_and_order():
-    with watching() as watch:
+    with recording_solves() as watch:
         for size in (2, 3):
             solve(*system(size), f"A_{size}")
     assert [(s.name, s.size) for s in watch.solves] == [("A_2", 2), ("A_3", 3)]
@@ -168,8 +168,8 @@ def test_every_solve_inside_a_watch_is_recorded_by_name_and_order():
 
 
 def test_solves_outside_a_watch_or_in_an_inner_one_are_not_recorded():
-    with watching() as outer:
-        with watching() as inner:
+    with recording_solves() as outer:
+        with recording_solves() as inner:
             solve(*system(2), "inner")
         solve(*system(2), "outer")
     solve(*system(2), "outside")
@@ -236,7 +236,7 @@ def test_scaling_rows_by_powers_of_two_changes_neither_rcond_nor_any_bit_of_the_
     size, seed, exponents = case
     A, b = system(size, seed=seed)
     units = np.ldexp(1.0, exponents)
-    with watching() as watch:
+    with recording_solves() as watch:
         x = solve(A, b, "A")
         scaled = solve(A * units[:, None], b * units, "scaled")
     assert np.array_equal(scaled, x)

@@ -27,11 +27,11 @@ from tests.lines import PRIME, Line, numerator_degrees
 from tests.samples import NOT_OF_SNAKES
 
 from eomcheck.claims import CLAIMS
-from eomcheck.claims.proof import Key, look_at
-from eomcheck.claims.registry import Point
+from eomcheck.claims.proof import Key, identities_at
+from eomcheck.claims.registry import GenericPoint
 from eomcheck.formulations import FORMULATIONS, Partition
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.degree import Bound, Degrees
+from eomcheck.numbers.degree import Bound, DegreeArithmetic
 from eomcheck.scenes import Snake
 
 ALL = tuple(FORMULATIONS.values())
@@ -52,7 +52,7 @@ def other_partition(scene: Scene) -> Partition:
 
 def entries(scene: Scene, arithmetic: Any) -> Iterator[tuple[Key, Any]]:
     """Yield every entry of each side of each identity, and of their difference."""
-    for key, sides in look_at(Point(scene, arithmetic, ALL, other_partition(scene))):
+    for key, sides in identities_at(GenericPoint(scene, arithmetic, ALL, other_partition(scene))):
         found, expected = (np.asarray(x, object) for x in (sides.found, sides.expected))
         for array in (found, expected, found - expected):
             yield from ((key, x) for x in np.ravel(np.asarray(array, object)))
@@ -69,7 +69,7 @@ def degree(x: Any) -> int:
 @cache
 def degrees(scene: Scene) -> list[tuple[Key, int, int]]:
     """Return (identity, measured, stated) for every entry."""
-    stated = [(key, degree(x)) for key, x in entries(scene, Degrees())]
+    stated = [(key, degree(x)) for key, x in entries(scene, DegreeArithmetic())]
     measured = numerator_degrees(lambda s: [x for _, x in entries(scene, Line(0, s))])
     return [(key, m, bound) for (key, bound), m in zip(stated, measured, strict=True)]
 
@@ -114,9 +114,9 @@ def test_the_bounds_of_single_terms_are_the_degrees_themselves(scene: Scene):
 @pytest.mark.parametrize("formulation", ALL, ids=lambda f: f.key)
 def test_bounds_of_accelerations_are_safe_and_not_far_from_the_degrees(scene: Scene, formulation):
     def vdot(arithmetic):
-        return Point(scene, arithmetic).solution(formulation).vdot
+        return GenericPoint(scene, arithmetic).solution(formulation).vdot
 
-    bounds = [degree(x) for x in vdot(Degrees())]
+    bounds = [degree(x) for x in vdot(DegreeArithmetic())]
     measured = numerator_degrees(lambda s: vdot(Line(1, s)))
     assert all(m <= bound for m, bound in zip(measured, bounds, strict=True))
     assert max(bounds) <= 4 * max(measured)

@@ -10,19 +10,23 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eomcheck import acceleration, check, velocity
+from eomcheck import acceleration, check_state, velocity
 from eomcheck.claims import case
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.evaluation.perturbed import acceleration_sensitivity, perturbed_copies, sensitivity_of
+from eomcheck.evaluation.perturbed import (
+    acceleration_sensitivity,
+    perturbed_samples,
+    sensitivity_of,
+)
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, C, allowed_error, largest, largest_of_each
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.kernels.perturbed_trace import FEW, RECORDS, Moves
+from eomcheck.kernels.perturbed_trace import FEWEST_COMPILED, RECORDS, TraceRunner
 from eomcheck.numbers.banded_solve import BANDED_SOLVERS
 from eomcheck.numbers.dual import duals, rate
-from eomcheck.numbers.generic import Angles, map_record, objects
-from eomcheck.numbers.linear import EPS, PRODUCTS, SOLVERS, solve, watching
-from eomcheck.numbers.noise import NORMAL, SAMPLES, STEP, MovedArray, Noise, Noises
+from eomcheck.numbers.generic import Angles, as_objects, map_record
+from eomcheck.numbers.linear import EPS, PRODUCTS, SOLVERS, recording_solves, solve
+from eomcheck.numbers.noise import NORMAL, SAMPLES, STEP, Noise, NoiseBatch, PerturbedArray
 from eomcheck.scenes import SCENES, Snake
 
 seeds = pytest.mark.parametrize("seed", range(5))
@@ -88,7 +92,7 @@ def test_a_change_is_a_function_of_seed_stream_and_number():
 
 def test_noises_side_by_side_are_each_what_it_is_alone():
     sources = [(0, STEP), (3, STEP), (0, 8 * STEP)]
-    noises, each = Noises([Noise(*one) for one in sources]), [Noise(*one) for one in sources]
+    noises, each = NoiseBatch([Noise(*one) for one in sources]), [Noise(*one) for one in sources]
     x = np.arange(1.0, 4000.0)
     for name, size in (("a", 7), ("b", 3000), ("a", 3999)):
         with noises.stream(name):
@@ -136,7 +140,7 @@ def test_every_operation_of_a_generic_function_moves_its_result(operation):
     def function(x, y):
         return np.array([operation(a, b) for a, b in zip(x, y, strict=True)], object)
 
-    steps = relative_steps(operation(x, y), Moves().run(Noise(0), function, x, y))
+    steps = relative_steps(operation(x, y), TraceRunner().run(Noise(0), function, x, y))
     assert (steps >= 0.5 - ROUNDING / STEP).all()
     assert (steps <= 1.0 + ROUNDING / STEP).all()
     assert np.unique(steps).size > 10
@@ -145,7 +149,7 @@ def test_every_operation_of_a_generic_function_moves_its_result(operation):
 def test_terms_that_cancel_identically_leave_the_rounding_of_each():
     """Moving x alone would not show it: x y - y x is 0 for every x and y."""
     x, y = np.full(100, 3.0), np.full(100, 0.7)
-    left = Moves().run(Noise(0), lambda x, y: x * y - y * x, x, y)
+    left = TraceRunner().run(Noise(0), lambda x, y: x * y - y * x, x, y)
     assert 0.1 * STEP < np.abs(left).max() / 2.1 < 2 * STEP
 
 
@@ -155,12 +159,12 @@ def test_terms_that_cancel_identically_leave_the_rounding_of_each():
 )
 def test_what_rounds_nothing_moves_nothing(operation):
     x = np.array([3.0])
-    assert np.array_equal(Moves().run(Noise(0), operation, x), x)
+    assert np.array_equal(TraceRunner().run(Noise(0), operation, x), x)
 
 
 def test_a_function_that_is_not_rational_is_not_run_on_moved_numbers():
     with pytest.raises(TypeError):
-        Moves().run(Noise(0), np.sin, np.ones(3))
+        TraceRunner().run(Noise(0), np.sin, np.ones(3))
 
 
 @seeds
@@ -191,10 +195,10 @@ def test_the_result_of_each_operation_on_whole_arrays_is_perturbed(operation, se
 def test_slices_of_moved_arrays_and_what_is_made_of_them_are_moved_too():
     A = Noise(0).array(np.eye(3))
     for part in (A[1:], A.T, A[:, 0], A + 1.0, 1.0 - A, A @ np.ones(3), np.ones(3) @ A):
-        assert isinstance(part, MovedArray)
+        assert isinstance(part, PerturbedArray)
         assert part.noise is A.noise
     A += np.ones((3, 3))
-    assert isinstance(A, MovedArray)
+    assert isinstance(A, PerturbedArray)
     assert np.array_equal(-A, -np.asarray(A)), "a change of sign is exact"
 
 
@@ -208,7 +212,7 @@ def test_without_noise_every_operation_is_what_it_is_in_python(kind):
     scene = kind.example()
     at = Evaluation(scene, *scene.initial_state())
     arguments = at.parameters, at.prepared, at.q, at.v
-    found = Moves().run(Noise(0, step=0.0), scene.terms, *arguments)
+    found = TraceRunner().run(Noise(0, step=0.0), scene.terms, *arguments)
     for exact, part in zip(scene.terms(*arguments), found, strict=True):
         assert (exact is None) == (part is None)
         # Sums that a product of matrices adds up may be added in another order.
@@ -220,24 +224,26 @@ def test_what_was_listed_serves_other_numbers_and_other_noise():
         return (x * y - y) / x + 2, y, np.zeros(2, x.dtype)
 
     x, y = np.random.default_rng(0).uniform(1, 2, (2, 30))
-    moves = Moves()
+    moves = TraceRunner()
     moves.run(Noise(0), function, x, y)
     for again, fresh in zip(
-        moves.run(Noise(1), function, y, x), Moves().run(Noise(1), function, y, x), strict=True
+        moves.run(Noise(1), function, y, x),
+        TraceRunner().run(Noise(1), function, y, x),
+        strict=True,
     ):
         assert np.array_equal(again, fresh)
     assert moves.run(Noise(0), function, x[:3], y[:3])[0].shape == (3,), "another list"
 
 
 def test_a_function_that_is_not_rational_is_not_taken_for_one_the_second_time():
-    moves = Moves()
+    moves = TraceRunner()
     for _ in range(2):
         with pytest.raises(TypeError):
             moves.run(Noise(0), np.sin, np.ones(3))
 
 
 def test_a_moved_quotient_by_zero_is_no_number():
-    assert np.isnan(Moves().run(Noise(0), lambda x, y: x / y, np.ones(2), np.zeros(2))).all()
+    assert np.isnan(TraceRunner().run(Noise(0), lambda x, y: x / y, np.ones(2), np.zeros(2))).all()
 
 
 def test_what_is_listed_and_not_moved_has_the_bits_that_python_gives():
@@ -246,14 +252,16 @@ def test_what_is_listed_and_not_moved_has_the_bits_that_python_gives():
 
     x, y, rates = np.random.default_rng(0).uniform(1, 2, (3, 30))
     for mine, exact in zip(
-        Moves().unmoved(function, x, y, rates), function(*objects((x, y, rates))), strict=True
+        TraceRunner().unmoved(function, x, y, rates),
+        function(*as_objects((x, y, rates))),
+        strict=True,
     ):
         assert np.array_equal(mine, exact.astype(float))
 
 
-@pytest.mark.parametrize(("size", "calls"), [(FEW - 1, 3), (FEW, 1)])
+@pytest.mark.parametrize(("size", "calls"), [(FEWEST_COMPILED - 1, 3), (FEWEST_COMPILED, 1)])
 def test_few_operations_are_done_by_python_and_many_by_their_list(size, calls):
-    seen, moves = [], Moves()
+    seen, moves = [], TraceRunner()
 
     def function(x):
         seen.append(x)
@@ -266,7 +274,7 @@ def test_few_operations_are_done_by_python_and_many_by_their_list(size, calls):
 
 def test_a_record_is_read_once_and_each_by_itself():
     """Also where one has the place in memory that another one had."""
-    moves, still = Moves(), Noise(0, step=0.0)
+    moves, still = TraceRunner(), Noise(0, step=0.0)
 
     def function(record):
         return record[0] * record[1]
@@ -282,13 +290,13 @@ def test_a_record_is_read_once_and_each_by_itself():
 
 
 def test_lists_are_forgotten_by_the_places_that_all_of_them_have():
-    moves, still = Moves(), Noise(0, step=0.0)
+    moves, still = TraceRunner(), Noise(0, step=0.0)
     functions = [lambda x, i=i: x * i + x for i in range(2, 7)]
     for function in functions:
         moves.run(still, function, np.ones(3))
     each = [one.places for one in moves._known.values() if one]
     assert moves._places == sum(each)
-    with patch("eomcheck.kernels.perturbed_trace.MOST", sum(each)):
+    with patch("eomcheck.kernels.perturbed_trace.LARGEST_TOTAL", sum(each)):
         moves.run(still, functions[0], np.ones(4))
     assert moves._places == sum(one.places for one in moves._known.values() if one) <= sum(each)
     assert [key[0] for key in moves._known] == [*functions[2:], functions[0]]
@@ -296,39 +304,41 @@ def test_lists_are_forgotten_by_the_places_that_all_of_them_have():
 
 def test_what_is_not_finite_unmoved_is_what_python_finds():
     with np.errstate(divide="ignore"):
-        found = Moves().unmoved(lambda x, y: x / y, np.ones(2 * FEW), np.zeros(2 * FEW))
+        found = TraceRunner().unmoved(
+            lambda x, y: x / y, np.ones(2 * FEWEST_COMPILED), np.zeros(2 * FEWEST_COMPILED)
+        )
     assert np.isposinf(found).all()
 
 
 def test_what_cannot_be_listed_is_run_unmoved_by_python():
-    assert np.array_equal(Moves().unmoved(np.sin, np.ones(3)), np.sin(np.ones(3)))
+    assert np.array_equal(TraceRunner().unmoved(np.sin, np.ones(3)), np.sin(np.ones(3)))
 
 
 @pytest.mark.parametrize("branch", [lambda x: x if x[0] == 0 else -x, lambda x: x if x[0] else -x])
 def test_a_function_that_branches_is_not_listed(branch):
     """Of numbers without a value one side of it would be taken for all states."""
     with pytest.raises(TypeError):
-        Moves().run(Noise(0), branch, np.ones(3))
+        TraceRunner().run(Noise(0), branch, np.ones(3))
 
 
 def test_what_is_handed_in_does_not_move():
     x = np.ones(4)
     Noise(0).entries(x)
-    Moves().run(Noise(0), lambda x: x * x, x)
+    TraceRunner().run(Noise(0), lambda x: x * x, x)
     assert (x == 1).all()
 
 
 def test_a_watch_with_noise_moves_the_matrices_that_are_solved():
     A, b = np.diag([1.0, 2.0, 4.0]), np.ones(3)
     exact = solve(A, b, "A")
-    with watching(Noise(0)):
+    with recording_solves(Noise(0)):
         moved = solve(A, b, "A")
     assert 0 < np.abs(moved - exact).max() <= 3 * 2 * STEP
     assert np.array_equal(solve(A, b, "A"), exact)
 
 
 def test_a_watch_with_noise_refuses_nothing():
-    with watching(Noise(0)):
+    with recording_solves(Noise(0)):
         x = solve(np.zeros((2, 2)), np.ones(2), "A")
     assert x.shape == (2,)
 
@@ -336,7 +346,7 @@ def test_a_watch_with_noise_refuses_nothing():
 def test_a_singular_matrix_among_several_has_no_solution():
     A, b = np.stack([np.eye(2), np.zeros((2, 2)), 2 * np.eye(2)]), np.ones((3, 2))
     for right in (b, b[..., None]):
-        with watching(Noises([Noise(seed, 0.0) for seed in range(3)])):
+        with recording_solves(NoiseBatch([Noise(seed, 0.0) for seed in range(3)])):
             x = np.asarray(solve(A, right, "A"))
         assert x.shape == right.shape
         assert np.isnan(x[1]).all()
@@ -420,7 +430,7 @@ def test_a_check_and_an_acceleration_state_one_bound_for_one_state(kind, monkeyp
     monkeypatch.setattr(case, "acceleration_sensitivity", recorded)
     q, v = scene.initial_state()
     v = velocity(scene, q, np.random.default_rng(0).uniform(0.5, 1, scene.p)) if scene.p else v
-    check(scene, q, v)
+    check_state(scene, q, v)
     judged = {f.key for at, f, found in seen if np.array_equal(at.v, v)}
     assert judged == {f.key for f in FORMULATIONS.values() if solves(scene, f.key, q, v)}
     for at, formulation, found in seen:
@@ -512,7 +522,7 @@ def test_every_operation_of_every_formulation_is_moved(kind, key, monkeypatch):
 
     monkeypatch.setattr(at, "call", tallied)
     at.solution(formulation)
-    (copy, *_) = perturbed_copies(Evaluation(scene, q, v))
+    (copy, *_) = perturbed_samples(Evaluation(scene, q, v))
     together = copy.together
     taken, inside = [], together.call
 
@@ -543,7 +553,7 @@ def test_coordinates_move_only_on_request(at):
         1 - ROUNDING / STEP
     )
     assert (
-        len(perturbed_copies(at)) == len(perturbed_copies(at, coordinates=True)) == SAMPLES + 1
+        len(perturbed_samples(at)) == len(perturbed_samples(at, coordinates=True)) == SAMPLES + 1
     ), "one is stretched"
 
 
@@ -601,13 +611,13 @@ def test_a_determinant_that_jumps_in_a_moved_evaluation_makes_the_spread_infinit
 ):
     au = FORMULATIONS["au"]
     assert acceleration_sensitivity(at, au) < np.inf
-    getattr(perturbed_copies(at)[0].together.solves[au.key, False]["M_Au"], name)[which] = there
+    getattr(perturbed_samples(at)[0].together.solves[au.key, False]["M_Au"], name)[which] = there
     assert acceleration_sensitivity(at, au) == np.inf
 
 
 @pytest.mark.parametrize("which", range(SAMPLES + 1))
 def test_a_moved_evaluation_without_an_answer_makes_the_spread_infinite(at, which):
-    moved = perturbed_copies(at)
+    moved = perturbed_samples(at)
     assert sensitivity_of(at, lambda e: np.nan if e is moved[which] else 1.0) == np.inf
 
 

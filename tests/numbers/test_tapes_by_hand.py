@@ -11,9 +11,9 @@ from eomcheck.numbers import generic as marks
 from eomcheck.numbers import tape as tapes
 from eomcheck.numbers.banded_solve import solve_banded
 from eomcheck.numbers.generic import NotRationalError, generic, product_of
-from eomcheck.numbers.linear import product, solve
-from eomcheck.numbers.symbolic import Expressions, Symbols
-from eomcheck.numbers.tape import Group, Tape, live
+from eomcheck.numbers.linear import matrix_product, solve
+from eomcheck.numbers.symbolic import CasadiArithmetic, HeyokaArithmetic
+from eomcheck.numbers.tape import OperationGroup, Tape, live_entries
 
 
 def listing(tape: Tape) -> list[str]:
@@ -98,13 +98,13 @@ def test_groups_name_what_they_read_row_by_row():
     read = (*places(A),)
     first, second = (*places(b[:, 0]),), (*places(b[:, 1]),)
     assert tape.groups == [
-        Group("factors", "M", (2,), read),
-        Group("solve", "M", (2, 3), (*places(b),), 0),
-        Group("solve", "M", (2, 1), first, 0),
-        Group("factors", "N", (2,), read),
-        Group("solve", "N", (2, 1), first, 3),
-        Group("band", "band", (2,), (*places(bands), *second)),
-        Group("angles", "", (2,), (tape.constant(0.5).place, b[0, 0].place)),
+        OperationGroup("factors", "M", (2,), read),
+        OperationGroup("solve", "M", (2, 3), (*places(b),), 0),
+        OperationGroup("solve", "M", (2, 1), first, 0),
+        OperationGroup("factors", "N", (2,), read),
+        OperationGroup("solve", "N", (2, 1), first, 3),
+        OperationGroup("band", "band", (2,), (*places(bands), *second)),
+        OperationGroup("angles", "", (2,), (tape.constant(0.5).place, b[0, 0].place)),
     ]
     assert [tape.operations[y.place][1:] for y in x] == [(5, 0), (5, 1)]
     parts = [tape.operations[y.place][1:] for y in (*angles.cos, *angles.sin)]
@@ -119,10 +119,10 @@ def test_groups_name_what_they_read_row_by_row():
 def test_a_product_of_more_than_4096_multiplications_is_one_group():
     tape = Tape()
     A, B = tape.inputs("A", (16, 16)), tape.inputs("B", (16, 17))
-    assert product(A, B[:, :16]).shape == (16, 16)
+    assert matrix_product(A, B[:, :16]).shape == (16, 16)
     assert not tape.groups
-    large = product(A, B)
-    assert tape.groups == [Group("product", "", (16, 16, 17), (*places(A), *places(B)))]
+    large = matrix_product(A, B)
+    assert tape.groups == [OperationGroup("product", "", (16, 16, 17), (*places(A), *places(B)))]
     assert large.shape == (16, 17)
     assert tape.operations[large[1, 0].place] == (tapes.PART, 0, 17)
 
@@ -134,13 +134,17 @@ def test_what_results_are_made_of_is_alive_and_nothing_else():
     x = solve(A, b, "A")
     tape.angles(b)
     result = -(x[1] * A[1, 0])
-    entries, groups = live(tape, [result.place])
+    entries, groups = live_entries(tape, [result.place])
     assert groups == {0, 1}
     made = [x[1].place, (x[1] * A[1, 0]).place, result.place]
     assert entries == sorted([*places(A), *places(b), *made])
-    assert live(tape, [unused.place])[1] == set()
+    assert live_entries(tape, [unused.place])[1] == set()
     twice = 2 * b[1]
-    assert live(tape, [twice.place])[0] == [b[1].place, tape.constant(2.0).place, twice.place]
+    assert live_entries(tape, [twice.place])[0] == [
+        b[1].place,
+        tape.constant(2.0).place,
+        twice.place,
+    ]
 
 
 def test_a_power_is_a_product_of_whole_many():
@@ -166,7 +170,7 @@ def test_a_marked_function_is_returned_as_it_is_and_listed():
 
 def test_expressions_of_casadi_have_these_values():
     casadi = pytest.importorskip("casadi")
-    symbols = Symbols()
+    symbols = CasadiArithmetic()
     column, x = symbols.variables("x", 3)
     assert column.shape == (3, 1) and x.shape == (3,)
     angles = symbols.angles(x[:2])
@@ -188,7 +192,7 @@ def test_expressions_of_casadi_have_these_values():
 
 def test_expressions_of_heyoka_have_these_values():
     heyoka = pytest.importorskip("heyoka")
-    numbers = Expressions()
+    numbers = HeyokaArithmetic()
     x = numbers.variables("x", 2)
     assert [str(one) for one in x] == ["x_0", "x_1"]
     angles = numbers.angles(x)

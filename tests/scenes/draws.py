@@ -12,21 +12,21 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.descriptions.random_constraints import closed, posed
-from eomcheck.descriptions.random_elements import Description
+from eomcheck.descriptions.random_constraints import with_random_constraint, with_random_pose
+from eomcheck.descriptions.random_elements import RandomDescription
 from eomcheck.descriptions.random_mechanisms import RANDOM
 from eomcheck.descriptions.random_trees import (
     EVERYWHERE,
     SPACE,
     URDF_JOINTS,
-    measured,
-    rooms,
-    tree,
-    tree_ways,
+    joint_budgets,
+    levels_of,
+    random_tree,
+    tree_factors,
     urdf_text,
     urdf_tree,
 )
-from eomcheck.mechanics.random_source import FromGenerator
+from eomcheck.mechanics.random_source import GeneratorChoices
 
 STORED = Path(__file__).with_suffix(".json")
 
@@ -54,7 +54,7 @@ def written(x: Any) -> str:
     return f"{type(x).__name__}({' '.join(parts)})"
 
 
-def lines(description: Description) -> list[str]:
+def lines(description: RandomDescription) -> list[str]:
     """Return a line for each link, joint and constraint, and one for all else."""
     parts = (*description.links, *description.joints, *description.constraints)
     rest = description.gravity, description.first, description.pose
@@ -65,14 +65,14 @@ def trees() -> dict[str, list[str]]:
     """Return trees of one to seven links, in ways that are drawn too."""
     found = {}
     for links in range(1, 8):
-        random = FromGenerator(np.random.default_rng(links))
-        for room in list(rooms(links))[links % 3 :: 3]:
-            ways = {name: random.one_of(of) for name, of in tree_ways(room, links).items()}
+        random = GeneratorChoices(np.random.default_rng(links))
+        for room in list(joint_budgets(links))[links % 3 :: 3]:
+            ways = {name: random.one_of(of) for name, of in tree_factors(room, links).items()}
             least = random.whole(1, 9)
-            one = tree(ways, links, random, least, turning=links > 2)
+            one = random_tree(ways, links, random, least, turning=links > 2)
             name = f"{links} links, {', '.join(ways.values())}, {least}"
             planar = ways[SPACE] == "plane"
-            found[name] = [written(tuple(measured(one, planar).values())), *lines(one)]
+            found[name] = [written(tuple(levels_of(one, planar).values())), *lines(one)]
     return found
 
 
@@ -81,12 +81,12 @@ def loops() -> dict[str, list[str]]:
     found = {}
     for space, kinds in CLOSED.items():
         for number, kind in enumerate(kinds):
-            random = FromGenerator(np.random.default_rng(100 + number))
-            room = next(one for one in rooms(4) if one.space == space)
-            ways = {name: random.one_of(of) for name, of in tree_ways(room, 4).items()}
+            random = GeneratorChoices(np.random.default_rng(100 + number))
+            room = next(one for one in joint_budgets(4) if one.space == space)
+            ways = {name: random.one_of(of) for name, of in tree_factors(room, 4).items()}
             planar = space == "plane"
-            grown = posed(tree(ways, 4, random, 7, turning=True), random)
-            one = closed(grown, kind, planar, random)
+            grown = with_random_pose(random_tree(ways, 4, random, 7, turning=True), random)
+            one = with_random_constraint(grown, kind, planar, random)
             found[f"{kind}, {space}"] = lines(one)[len(one.links) :]
     return found
 
@@ -105,7 +105,7 @@ def urdfs() -> dict[str, list[str]]:
     found = {}
     for number, kinds in enumerate((EVERYWHERE, tuple(sorted(URDF_JOINTS)))):
         for there in (True, False):
-            random = FromGenerator(np.random.default_rng(10 * number + there))
+            random = GeneratorChoices(np.random.default_rng(10 * number + there))
             text = urdf_text(urdf_tree(4, random, kinds, there, there, there), f"robot{number}")
             found[f"robot{number} {there}"] = [_rounded(line) for line in text.splitlines()]
     return found

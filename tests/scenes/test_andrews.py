@@ -12,7 +12,7 @@ from tests.samples import random_state
 
 from eomcheck import acceleration, simulate
 from eomcheck.errors import InputError
-from eomcheck.evaluation.dynamics import closed_position
+from eomcheck.evaluation.dynamics import assembled_position
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.scenes import Andrews
@@ -193,7 +193,7 @@ def test_the_crank_determines_all_other_angles_well_along_a_whole_turn():
     q, rest = SCENE.initial_state()
     for _ in range(72):
         q[-1] += np.radians(5.0)
-        q = closed_position(SCENE, q)
+        q = assembled_position(SCENE, q)
         assert np.linalg.cond(Evaluation(SCENE, q, rest).terms.a[:, :6]) < 6.0
 
 

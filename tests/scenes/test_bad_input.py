@@ -63,15 +63,15 @@ CALLS = {
     "accuracy q": lambda x: eomcheck.accuracy(SCENE, "au", x, U),
     "accuracy u": lambda x: eomcheck.accuracy(SCENE, "au", Q, x),
     "accuracy v": lambda x: eomcheck.accuracy(SCENE, "au", Q, v=x),
-    "check scene": lambda x: eomcheck.check(x, Q, V, claims=CHEAP),
-    "check q": lambda x: eomcheck.check(SCENE, x, V, claims=CHEAP),
-    "check v": lambda x: eomcheck.check(SCENE, Q, x, claims=CHEAP),
-    "check t": lambda x: eomcheck.check(SCENE, Q, V, x, claims=CHEAP),
-    "check claims": lambda x: eomcheck.check(
+    "check scene": lambda x: eomcheck.check_state(x, Q, V, claims=CHEAP),
+    "check q": lambda x: eomcheck.check_state(SCENE, x, V, claims=CHEAP),
+    "check v": lambda x: eomcheck.check_state(SCENE, Q, x, claims=CHEAP),
+    "check t": lambda x: eomcheck.check_state(SCENE, Q, V, x, claims=CHEAP),
+    "check claims": lambda x: eomcheck.check_state(
         SCENE, Q, V, claims=CHEAP if x is None else x, engines=[]
     ),
-    "check formulations": lambda x: eomcheck.check(SCENE, Q, V, formulations=x, claims=CHEAP),
-    "check engines": lambda x: eomcheck.check(SCENE, Q, V, engines=x, claims=CHEAP),
+    "check formulations": lambda x: eomcheck.check_state(SCENE, Q, V, formulations=x, claims=CHEAP),
+    "check engines": lambda x: eomcheck.check_state(SCENE, Q, V, engines=x, claims=CHEAP),
     "validate scene": lambda x: eomcheck.validate(x, examples=1, claims=CHEAP),
     "validate examples": lambda x: eomcheck.validate(SCENE, examples=x, claims=CHEAP),
     "validate seed": lambda x: eomcheck.validate(SCENE, examples=1, seed=x, claims=CHEAP),

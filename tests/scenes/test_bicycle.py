@@ -7,7 +7,7 @@ import pytest
 
 from eomcheck import acceleration, simulate, velocity
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluation.dynamics import closed_position
+from eomcheck.evaluation.dynamics import assembled_position
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.scenes import Bicycle
@@ -74,7 +74,7 @@ def slopes(key: str, speed: float) -> np.ndarray:
     def at(change: np.ndarray) -> np.ndarray:
         q, _ = SCENE.initial_state()
         q[[6, 7]] += change[:2]
-        q = closed_position(SCENE, q)
+        q = assembled_position(SCENE, q)
         v = velocity(SCENE, q, [change[2], change[3], speed / SCENE.radius[0]])
         # What `acceleration` gives, without the bound of its error.
         return Evaluation(SCENE, q, v).acceleration(FORMULATIONS[key]).vdot[[6, 7]]

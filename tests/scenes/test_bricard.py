@@ -9,7 +9,7 @@ import pytest
 
 from eomcheck import acceleration, simulate, speeds_of, velocity
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluation.dynamics import closed_position
+from eomcheck.evaluation.dynamics import assembled_position
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import applicable
 from eomcheck.scenes import Bricard
@@ -149,7 +149,7 @@ def test_all_five_rows_move_the_ring_as_four_of_them_do(angle: float):
 def test_the_row_left_out_is_implied_where_a_closed_position_is_found():
     random = np.random.default_rng(0)
     for _ in range(20):
-        q = closed_position(SCENE, random.uniform(-0.2, 0.4, 5))
+        q = assembled_position(SCENE, random.uniform(-0.2, 0.4, 5))
         assert np.abs(residual(q)).max() < 1e-15
         v = velocity(SCENE, q, [1.0])
         assert np.abs(Evaluation(OVERCONSTRAINED, q, v).terms.a @ v).max() < 1e-14

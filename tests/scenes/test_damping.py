@@ -24,7 +24,7 @@ Q = DAMPED.initial_state()[0]
 
 @damped
 def test_every_claim_holds_on_a_damped_snake(scene: Snake):
-    findings = eomcheck.check(scene, Q, eomcheck.velocity(scene, Q, [1.0, 0.5]))
+    findings = eomcheck.check_state(scene, Q, eomcheck.velocity(scene, Q, [1.0, 0.5]))
     assert [str(f) for f in findings if f.verdict != "passed"] == []
     seen = {f.subject for f in findings if f.claim == "power-balance"}
     assert seen == set(FORMULATIONS)

@@ -11,15 +11,15 @@ from tests.robots import arm
 from tests.scenes.mjcf_texts import mjcf_text
 from typer.testing import CliRunner
 
-from eomcheck import check, validate
+from eomcheck import check_state, validate
 from eomcheck.claims.finding import Finding
-from eomcheck.claims.run import Run, Selection
+from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.cli import app
 from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.descriptions.random_trees import EVERYWHERE, urdf_text, urdf_tree
 from eomcheck.descriptions.robot_files import from_mjcf
 from eomcheck.engines.files import MjcfFile, PinocchioFile
-from eomcheck.mechanics.random_source import FromGenerator
+from eomcheck.mechanics.random_source import GeneratorChoices
 from eomcheck.scenes import Snake, from_urdf
 
 TERMS = ("mass-matrix", "bias", "generalized-forces")
@@ -45,7 +45,7 @@ def test_pinocchio_reads_a_urdf_unless_engines_are_named(tmp_path: Path):
     named = validate(scene, examples=1, engines=["casadi"], formulations=["gw"], claims=TERMS)
     assert not [one for one in named if one.subject.endswith("_file")]
     q, v = scene.initial_state()
-    assert "pinocchio_file" in {one.subject for one in check(scene, q, v)}
+    assert "pinocchio_file" in {one.subject for one in check_state(scene, q, v)}
 
 
 def test_mujoco_reads_an_mjcf_unless_engines_are_named(tmp_path: Path):
@@ -59,11 +59,11 @@ def test_mujoco_reads_an_mjcf_unless_engines_are_named(tmp_path: Path):
 
 def test_no_library_reads_what_is_no_file_or_has_other_parameters(tmp_path: Path):
     kind = type(from_urdf(arm(tmp_path / "arm.urdf")))
-    assert Selection.of(scenes=[kind]).reader is PinocchioFile
-    assert Selection.of(scenes=[Snake]).reader is None
-    assert Selection.of(engines=["casadi"], scenes=[kind]).reader is None
-    run = Run()
-    run.look_at_kind(kind, Selection.of(["gw"], None, TERMS, scenes=[kind]), (1, 1), 4, 0)
+    assert RunSelection.of(scenes=[kind]).reader is PinocchioFile
+    assert RunSelection.of(scenes=[Snake]).reader is None
+    assert RunSelection.of(engines=["casadi"], scenes=[kind]).reader is None
+    run = ValidationRun()
+    run.look_at_kind(kind, RunSelection.of(["gw"], None, TERMS, scenes=[kind]), (1, 1), 4, 0)
     subjects = [one for one in run.findings if one.subject == "pinocchio_file"]
     assert {one.verdict for one in subjects} == {"passed"}
     assert all(one.scene.as_described for one in subjects)
@@ -140,7 +140,7 @@ def test_a_joint_with_several_coordinates_is_skipped_with_the_reason(tmp_path: P
 
 @pytest.mark.night
 def test_random_urdfs_are_read_as_pinocchio_reads_them(tmp_path: Path):
-    choices, path = FromGenerator(np.random.default_rng(5)), tmp_path / "robot.urdf"
+    choices, path = GeneratorChoices(np.random.default_rng(5)), tmp_path / "robot.urdf"
     claims = set()
     for number in range(12):
         tree = urdf_tree(1 + number % 5, choices, EVERYWHERE)

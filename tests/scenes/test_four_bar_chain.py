@@ -11,7 +11,7 @@ from scipy.special import ellipj, ellipk
 import eomcheck
 from eomcheck import acceleration, simulate
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluation.dynamics import closed_position
+from eomcheck.evaluation.dynamics import assembled_position
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.scenes import FourBarChain
@@ -107,7 +107,7 @@ def test_the_benchmark_at_rest_upside_up_has_the_acceleration_of_the_pendulum(ke
 def test_a_repeated_row_is_refused_by_every_formulation_but_one_with_reason():
     others = {f.key for f in applicable(FourBarChain).values() if not f.redundant}
     twice = replace(UNEVEN, repeated=1.0, angle=1.0)
-    findings = eomcheck.check(twice, *twice.initial_state())
+    findings = eomcheck.check_state(twice, *twice.initial_state())
     refused = {f.subject for f in findings if f.claim == "refusals"}
     assert refused == others
     assert [str(f) for f in findings if f.verdict == "failed"] == []
@@ -128,7 +128,7 @@ def test_a_repeated_row_is_one_row_more_and_the_last_one_again():
 
 def test_windows_are_closed_from_nearby():
     q = np.array([1.2, 1.3, 0.1, -0.1, 1.4])
-    closed = closed_position(UNEVEN, q)
+    closed = assembled_position(UNEVEN, q)
     assert np.abs(gaps(UNEVEN, q)).max() > 1e-2
     assert np.abs(gaps(UNEVEN, closed)).max() < 1e-14
     assert np.abs(closed - q).max() < 0.3

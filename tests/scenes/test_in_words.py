@@ -15,7 +15,7 @@ from eomcheck.descriptions.described_scene import GROUND, Described, Description
 from eomcheck.errors import InputError
 from eomcheck.mechanics.parameters import parameter
 from eomcheck.mechanics.scene import Scene
-from eomcheck.scene_lookup import kinds_of
+from eomcheck.scene_lookup import scene_classes_named
 from eomcheck.scenes import Sleigh
 
 GUIDES = Path(__file__).parents[2] / "docs" / "guides"
@@ -49,7 +49,7 @@ def trailers() -> tuple[Scene, Scene]:
     found: Any = [
         kind(**numbers)
         for name in ("trailer.py", "trailer_in_words.py")
-        for kind in kinds_of(f"{GUIDES / name}:Trailer")
+        for kind in scene_classes_named(f"{GUIDES / name}:Trailer")
     ]
     by_hand, described = found
     return by_hand, described
@@ -98,7 +98,7 @@ class Hanging(Described, description=hanging, held=False):
 
 
 def test_a_literal_that_keeps_exact_arithmetic_away_is_named():
-    found = eomcheck.check(Hanging(), [0.3], [0.1])
+    found = eomcheck.check_state(Hanging(), [0.3], [0.1])
     assert not [x for x in found if x.verdict == "failed"]
     exact = {x.claim: x.detail for x in found if x.verdict == "skipped"}
     assert set(exact) >= {"enclosures", "true-error"}

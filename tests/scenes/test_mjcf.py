@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from eomcheck.claims.proof import prove
-from eomcheck.claims.run import Run, Selection, validate
+from eomcheck.claims.run import RunSelection, ValidationRun, validate
 from eomcheck.cli import app
 from eomcheck.descriptions import mjcf_reader
 from eomcheck.descriptions.mechanism_class import Mechanism
@@ -18,8 +18,8 @@ from eomcheck.descriptions.robot_files import from_mjcf
 from eomcheck.engines.files import MjcfFile
 from eomcheck.errors import EngineError, InputError
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.lab.library_comparison import compare
-from eomcheck.scene_lookup import scene_of
+from eomcheck.lab.library_comparison import compare_libraries
+from eomcheck.scene_lookup import scene_named
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -74,7 +74,7 @@ def test_a_robot_agrees_with_mujoco_s_own_model_to_rounding(tmp_path: Path, free
     claims = "mass-matrix", "bias", "generalized-forces", "engine-acceleration"
     found = validate(scene, examples=15, engines=[MjcfFile], formulations=["gw"], claims=claims)
     assert {(one.claim, one.verdict) for one in found} == {(name, "passed") for name in claims}
-    found = compare(scene, states=5)
+    found = compare_libraries(scene, states=5)
     assert found.verdict("mujoco") == "agrees"
     assert all(table.max() < 1e-12 for table in found.apart.values())
 
@@ -82,7 +82,7 @@ def test_a_robot_agrees_with_mujoco_s_own_model_to_rounding(tmp_path: Path, free
 def test_it_starts_where_the_file_draws_it(tmp_path: Path):
     scene = from_mjcf(limb(tmp_path / "limb.xml"))
     q, v = scene.initial_state()
-    model = mjcf_reader.compiled(tmp_path / "limb.xml")[0]
+    model = mjcf_reader.compile_model(tmp_path / "limb.xml")[0]
     assert MjcfFile(scene).velocity_map(q, v).x == pytest.approx(model.qpos0, abs=1e-15)
     assert not v.any()
 
@@ -185,7 +185,7 @@ def test_an_equality_is_held_where_mujoco_s_is_and_frees_the_same_velocities(tmp
     q, _ = scene.initial_state()
     a = Evaluation(scene, q, np.zeros(scene.n)).terms.a
     x, S, _ = MjcfFile(scene).velocity_map(q, np.zeros(scene.n))
-    model = mjcf_reader.compiled(tmp_path / "loop.xml")[0]
+    model = mjcf_reader.compile_model(tmp_path / "loop.xml")[0]
     model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     data = mujoco.MjData(model)
     data.qpos[:] = x
@@ -199,7 +199,7 @@ def test_an_equality_is_held_where_mujoco_s_is_and_frees_the_same_velocities(tmp
 def test_what_is_held_is_compared_as_it_is_held():
     scene = from_mjcf(Path("docs/guides/rocker.xml"))
     assert scene.coordinate_names == ("rocker", "travel", "crank", "knee")  # what the gear turns
-    found = compare(scene, states=5)
+    found = compare_libraries(scene, states=5)
     assert found.verdict("mujoco") == "agrees"
     assert list(found.versions.values()) == [f"mujoco {mujoco.__version__}"]
     assert all(table.max() < 1e-12 for table in found.apart.values())
@@ -252,7 +252,7 @@ def four_bar(path: Path, pins: int) -> Mechanism:
 def test_as_many_constraints_as_coordinates_or_more_are_validated(tmp_path: Path, pins: int):
     scene = four_bar(tmp_path / "bar.xml", pins)
     assert (scene.n, scene.r) == (3, 3 * pins)
-    run, selection = Run(), Selection.of(scenes=[scene])
+    run, selection = ValidationRun(), RunSelection.of(scenes=[scene])
     run.look_at_scene(scene, selection, 1, 0)
     assert {one.verdict for one in run.findings} >= {"passed"}
     assert [str(one) for one in run.findings if one.verdict == "failed"] == []
@@ -388,7 +388,7 @@ def test_200_coordinates_are_not_too_many(tmp_path: Path, monkeypatch):
     path = tmp_path / "many.xml"
     body = '<body><joint/><geom size="0.1"/></body>'
     path.write_text(f"<mujoco><worldbody>{body * 200}</worldbody></mujoco>", encoding="utf-8")
-    assert mjcf_reader.compiled(path)[0].nv == 200
+    assert mjcf_reader.compile_model(path)[0].nv == 200
 
 
 def test_files_that_are_included_are_looked_through_as_well(tmp_path: Path):
@@ -420,7 +420,7 @@ def test_a_missing_library_is_one_sentence(tmp_path: Path, monkeypatch):
 
 def test_a_scene_is_named_by_its_file_and_says_itself_what_is_free(tmp_path: Path):
     path = limb(tmp_path / "limb.mjcf")
-    assert repr(scene_of(str(path))) == f"from_mjcf({str(path)!r})"
+    assert repr(scene_named(str(path))) == f"from_mjcf({str(path)!r})"
     with pytest.raises(InputError, match=r"limb\.mjcf says itself what is free"):
-        scene_of(f"{path}:floating")
-    assert not MjcfFile.represents(scene_of(str(path), given={"gravity": None}))
+        scene_named(f"{path}:floating")
+    assert not MjcfFile.represents(scene_named(str(path), given={"gravity": None}))

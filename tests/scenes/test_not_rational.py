@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import eomcheck
-from eomcheck.claims.user_scenes import not_rational
+from eomcheck.claims.user_scenes import why_not_rational
 from eomcheck.errors import InputError
 from eomcheck.mechanics.records import Jacobians, Terms
 from eomcheck.mechanics.scene import Scene
@@ -154,7 +154,7 @@ def test_a_wrong_sign_in_such_equations_fails_all_the_same(kind):
             )
 
     scene = Wrong()
-    found = eomcheck.check(scene, *scene.initial_state(), engines=["casadi"])
+    found = eomcheck.check_state(scene, *scene.initial_state(), engines=["casadi"])
     failed = [f for f in found if f.verdict == "failed"]
     assert failed[0].claim in {"mass-matrix", "kinetic-energy"}
 
@@ -166,9 +166,9 @@ def test_what_is_not_traced_is_told_by_machine_code_once():
 
 
 def test_scenes_of_ours_are_rational():
-    assert not_rational(Snake.coil(2)) == ""
-    assert not_rational(Sleigh()) == ""
-    assert "not rational" in not_rational(Sines())
+    assert why_not_rational(Snake.coil(2)) == ""
+    assert why_not_rational(Sleigh()) == ""
+    assert "not rational" in why_not_rational(Sines())
 
 
 @pytest.mark.parametrize("function", ["jacobians", "forces", "velocities", "terms"])
@@ -188,7 +188,7 @@ def test_a_list_in_place_of_an_array_is_told_in_one_sentence(function):
     setattr(Lists, function, staticmethod(lists))
     scene = Lists()
     for look in (
-        lambda: eomcheck.check(scene, *scene.initial_state()),
+        lambda: eomcheck.check_state(scene, *scene.initial_state()),
         lambda: eomcheck.prove(scene),
     ):
         with pytest.raises(
@@ -211,7 +211,7 @@ def test_a_function_that_raises_fails_with_its_name_and_line_and_does_not_end_th
             return Blade.constraint(parameters, prepared, q, v)
 
     scene = Broken()
-    found = eomcheck.check(scene, *scene.initial_state(), engines=[])
+    found = eomcheck.check_state(scene, *scene.initial_state(), engines=[])
     failed = [f for f in found if f.verdict == "failed"]
     assert {f.claim for f in failed} >= {"constraint-velocity"}
     assert (
@@ -232,10 +232,10 @@ def test_terms_that_raise_are_one_failure():
             return Mathematical.terms(parameters, prepared, q, v)
 
     scene = Broken()
-    (finding,) = eomcheck.check(scene, *scene.initial_state())
+    (finding,) = eomcheck.check_state(scene, *scene.initial_state())
     assert (finding.claim, finding.verdict) == ("finite-terms", "failed")
     assert "Broken.terms raised ZeroDivisionError: here" in finding.detail
-    passed = eomcheck.check(scene, [0.2, 0.5], [0.2, -1.0], engines=[])
+    passed = eomcheck.check_state(scene, [0.2, 0.5], [0.2, -1.0], engines=[])
     assert {"equivalence"} <= {f.claim for f in passed if f.verdict == "passed"}
 
 
@@ -264,4 +264,4 @@ def test_an_error_of_ours_is_not_blamed_on_a_scene(monkeypatch):
 
     monkeypatch.setattr(case.Case, "compare", broken)
     with pytest.raises(TypeError, match="ours"):
-        eomcheck.check(Sines(), *Sines().initial_state(), engines=[])
+        eomcheck.check_state(Sines(), *Sines().initial_state(), engines=[])

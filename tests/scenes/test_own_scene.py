@@ -13,7 +13,7 @@ from hypothesis import given
 from eomcheck import (
     acceleration,
     accuracy,
-    check,
+    check_state,
     enclose,
     prove,
     simulate,
@@ -22,7 +22,7 @@ from eomcheck import (
     validate,
     velocity,
 )
-from eomcheck.claims.user_scenes import raised_in
+from eomcheck.claims.user_scenes import scene_function_that_raised
 from eomcheck.engines import ALWAYS, ENGINES, Answers, EngineAcceleration
 from eomcheck.errors import EngineError, InconsistentVelocityError, InputError
 from eomcheck.evaluation.evaluation import Evaluation
@@ -398,7 +398,7 @@ ASKED = {
     "acceleration": lambda: acceleration(OnBelt(), "banded", *REST),
     "enclose": lambda: enclose(OnBelt(), "banded", REST[0], [0.0]),
     "accuracy": lambda: accuracy(OnBelt(), "banded", REST[0], [0.0]),
-    "check": lambda: check(OnBelt(), *REST, formulations=["banded"]),
+    "check": lambda: check_state(OnBelt(), *REST, formulations=["banded"]),
     "validate": lambda: validate(OnBelt(), examples=1, formulations=["banded"]),
     "prove": lambda: prove(OnBelt(), formulations=["banded"]),
     "simulate": lambda: simulate(OnBelt(), "banded", 1.0),
@@ -428,7 +428,7 @@ class WrongMass(Free):
 
 def test_a_wrong_term_of_a_scene_of_ones_own_is_found_by_name():
     q, v = WrongMass().initial_state()
-    failed = {f.claim for f in check(WrongMass(), q, v) if f.verdict == "failed"}
+    failed = {f.claim for f in check_state(WrongMass(), q, v) if f.verdict == "failed"}
     assert {"mass-matrix", "kinetic-energy"} <= failed
 
 
@@ -452,7 +452,7 @@ def test_of_functions_of_a_scene_that_call_each_other_the_one_that_raises_is_nam
 
     with pytest.raises(ValueError, match="no number") as raised:
         Own.constraint(None, None, None, None)
-    said = raised_in(Own.example(), raised.value)
+    said = scene_function_that_raised(Own.example(), raised.value)
     assert said.startswith("Own.helper raised ValueError: no number (test_own_scene.py, line ")
 
 
@@ -477,7 +477,7 @@ def test_forces_that_one_of_two_derivations_leaves_out_fail_by_name(kind):
     scene = kind.example()
     q, v = scene.initial_state()[:2]
     claims = ["generalized-forces", "active-forces"]
-    found = check(scene, q, v, engines=["casadi"], claims=claims)
+    found = check_state(scene, q, v, engines=["casadi"], claims=claims)
     failed = [(one.claim, one.subject) for one in found if one.verdict == "failed"]
     expected = [("active-forces", "kane")]
     if kind is WithoutQ:
@@ -486,4 +486,4 @@ def test_forces_that_one_of_two_derivations_leaves_out_fail_by_name(kind):
 
 
 def test_forces_that_nobody_has_are_not_compared():
-    assert not check(Sleigh(), *Sleigh().initial_state(), claims=["generalized-forces"])
+    assert not check_state(Sleigh(), *Sleigh().initial_state(), claims=["generalized-forces"])

@@ -10,17 +10,17 @@ import pytest
 import eomcheck
 from eomcheck.claims import CLAIMS
 from eomcheck.errors import InputError
-from eomcheck.evaluation.dynamics import closed_position
-from eomcheck.scene_lookup import kinds_of
+from eomcheck.evaluation.dynamics import assembled_position
+from eomcheck.scene_lookup import scene_classes_named
 
 PENDULUM = Path(__file__).parents[2] / "docs" / "guides" / "pendulum.py"
 Q, V = np.array([0.6, -0.8]), np.array([1.6, 1.2])
 
 
 def checked(path: Path) -> list:
-    (kind,) = kinds_of(f"{path}:Pendulum")
+    (kind,) = scene_classes_named(f"{path}:Pendulum")
     scene = kind.example()
-    found = eomcheck.check(scene, Q, V, consistent=False)
+    found = eomcheck.check_state(scene, Q, V, consistent=False)
     return found + eomcheck.prove(kind, points=1, seed=0)
 
 
@@ -29,7 +29,7 @@ def test_the_pendulum_passes_all_checks_and_proofs():
 
 
 def test_its_motion_is_that_of_a_pendulum():
-    (kind,) = kinds_of(f"{PENDULUM}:Pendulum")
+    (kind,) = scene_classes_named(f"{PENDULUM}:Pendulum")
     scene = kind(length=0.7)
     found = eomcheck.simulate(scene, "kane", 2.0, rtol=1e-11, atol=1e-11)
     x, y = found.q.T
@@ -43,8 +43,8 @@ def test_its_motion_is_that_of_a_pendulum():
 
 @pytest.mark.parametrize("q", [(0.3, -0.2), (1.7, 1.1)])
 def test_positions_are_closed_by_the_holonomic_row(q):
-    (kind,) = kinds_of(f"{PENDULUM}:Pendulum")
-    assert np.hypot(*closed_position(kind(), q)) == pytest.approx(1.0, abs=1e-15)
+    (kind,) = scene_classes_named(f"{PENDULUM}:Pendulum")
+    assert np.hypot(*assembled_position(kind(), q)) == pytest.approx(1.0, abs=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -75,7 +75,7 @@ def changed(tmp_path: Path, name: str, *changes: tuple[str, str]) -> type:
         source = source.replace(old, new)
     path = tmp_path / f"pendulum_{name}.py"
     path.write_text(source, encoding="utf-8")
-    (kind,) = kinds_of(f"{path}:Pendulum")
+    (kind,) = scene_classes_named(f"{path}:Pendulum")
     return kind
 
 
@@ -87,7 +87,7 @@ def test_speeds_may_share_single_numbers_which_are_not_rational_if_they_are_floa
         ("turning.q, turning.u[0]", "turning.q, turning.u"),
         ("turning.q.dtype), np.array(rest, turning.q.dtype)", "float), np.array(rest, float)"),
     )
-    found = eomcheck.check(kind(), Q, V, consistent=False)
+    found = eomcheck.check_state(kind(), Q, V, consistent=False)
     assert {x.verdict for x in found} == {"passed", "skipped"}
     unseen = {x.claim for x in found if x.verdict == "skipped"}
     assert unseen <= {"speeds-remainder", "machine-code", "enclosures", "true-error"}
@@ -101,7 +101,7 @@ def test_what_cannot_be_shared_is_refused_in_a_sentence(tmp_path, shared, what):
     kind = changed(tmp_path, f"of_{what}", ("Turning(q, u)", f"Turning({shared}, u)"))
     said = f"Pendulum.kinematics: a {what}, expected an array, a number, or a NamedTuple of these"
     with pytest.raises(InputError, match=said):
-        eomcheck.check(kind(), Q, V, consistent=False)
+        eomcheck.check_state(kind(), Q, V, consistent=False)
 
 
 def test_speeds_that_cannot_read_what_is_shared_fail_in_a_sentence_each(tmp_path):

@@ -20,22 +20,26 @@ from eomcheck.claims.pairwise_design import (
     AT_REST,
     LINKS,
     MOTION,
-    measured,
-    pairs,
+    count_levels,
+    factors,
+    level_pairs,
+    levels_of_case,
     pairs_in,
     scene_cases,
-    strata,
-    strata_of,
 )
-from eomcheck.claims.reproducer import python_of
-from eomcheck.claims.run import Run, Selection, case_at
+from eomcheck.claims.reproducer import reproducer_code
+from eomcheck.claims.run import RunSelection, ValidationRun, make_case_with_engines
 from eomcheck.descriptions import first_derivation, random_constraints
 from eomcheck.descriptions.build import mechanism
 from eomcheck.descriptions.constraint_rows import KINDS
 from eomcheck.descriptions.elements import COORDINATES, Constraint, Joint, Link, coupling, weld
-from eomcheck.descriptions.quaternions import multiplied, roll_pitch_yaw_of, rotation
+from eomcheck.descriptions.quaternions import (
+    multiply_quaternions,
+    roll_pitch_yaw_of,
+    rotation_matrix,
+)
 from eomcheck.descriptions.random_constraints import INDEPENDENT, UPRIGHT
-from eomcheck.descriptions.random_elements import Description, body, poses
+from eomcheck.descriptions.random_elements import RandomDescription, poses, random_link
 from eomcheck.descriptions.random_mechanisms import CONSTRAINTS, RANDOM
 from eomcheck.descriptions.random_trees import (
     BRANCHED,
@@ -47,12 +51,12 @@ from eomcheck.descriptions.random_trees import (
 )
 from eomcheck.descriptions.topology import ROLLING
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluation.dynamics import check_consistent, closing_error, position_residual
+from eomcheck.evaluation.dynamics import assembly_error, check_consistent, position_residual
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.lab.strategy_samples import draw
-from eomcheck.mechanics.random_source import FromGenerator
+from eomcheck.lab.strategy_samples import draw_samples
+from eomcheck.mechanics.random_source import GeneratorChoices
 from eomcheck.mechanics.records import State
-from eomcheck.scene_lookup import kinds_of
+from eomcheck.scene_lookup import scene_classes_named
 from eomcheck.scenes import from_urdf
 
 both_kinds = pytest.mark.parametrize("kind", RANDOM.values(), ids=RANDOM)
@@ -79,7 +83,7 @@ def cases(request) -> list:
 @both_kinds
 @pytest.mark.sampled(2)
 def test_a_scene_is_in_the_ways_that_were_asked_for(kind):
-    choices = FromGenerator(np.random.default_rng(0))
+    choices = GeneratorChoices(np.random.default_rng(0))
     for links in (1, 2, 3, 4, 7):
         entries = kind.topologies(links)
         for _ in range(12):
@@ -94,10 +98,10 @@ def test_a_scene_is_in_the_ways_that_were_asked_for(kind):
 @pytest.mark.sampled(2)
 def test_draws_have_every_pair_of_strata_and_hardly_rest(cases):
     kind = type(cases[0][0])
-    wanted = [ways for n in range(1, 13) for ways in strata(kind, n)]
-    found = [strata_of(scene, state) for scene, state in cases]
-    assert set().union(*map(pairs_in, found)) >= pairs(wanted)
-    counts = measured(cases)
+    wanted = [ways for n in range(1, 13) for ways in factors(kind, n)]
+    found = [levels_of_case(scene, state) for scene, state in cases]
+    assert set().union(*map(pairs_in, found)) >= level_pairs(wanted)
+    counts = count_levels(cases)
     assert counts[MOTION][AT_REST] <= ENOUGH / 10
     assert set(counts[LINKS]) == {str(n) for n in range(1, 13)}
     assert all(states > 0 for of in counts.values() for states in of.values())
@@ -170,8 +174,8 @@ def test_bodies_are_some_that_can_exist(cases):
 
 @pytest.mark.parametrize("planar", [False, True])
 def test_every_body_that_is_drawn_can_exist(planar: bool):
-    choices = FromGenerator(np.random.default_rng(0))
-    links = [body(choices, "link", planar) for _ in range(200)]
+    choices = GeneratorChoices(np.random.default_rng(0))
+    links = [random_link(choices, "link", planar) for _ in range(200)]
     assert all(map(can_exist, links))
     assert any(one.products != (0.0, 0.0, 0.0) for one in links) == (not planar)
 
@@ -228,7 +232,7 @@ def test_balls_disks_and_circles_roll_on_planes_that_stand_and_that_move(mechani
 @pytest.mark.night
 def test_wherever_there_is_room_a_joint_turns_what_shall_stay_square():
     kind, random = RANDOM["random-mechanisms"], np.random.default_rng(1)
-    choices, found = FromGenerator(random), 0
+    choices, found = GeneratorChoices(random), 0
     for links in (1, 2, 3):
         for entry in kind.topologies(links):
             if "square" not in entry.get(CONSTRAINTS, ()):
@@ -274,7 +278,7 @@ def test_a_constraint_is_drawn_again_until_its_rows_are_far_from_those_before(mo
     names = "α", "β", "γ"
     links = [Link("ground"), *(Link(name, 1.0, moments=(1.0, 1.0, 1.0)) for name in names)]
     joints = [Joint(name, "revolute", "ground", name) for name in names]
-    tree = Description(tuple(links), tuple(joints), pose=tuple((name, 0.3) for name in names))
+    tree = RandomDescription(tuple(links), tuple(joints), pose=tuple((name, 0.3) for name in names))
     tried: list[float] = []
 
     def turned(name: str, angle: float) -> tuple[Constraint]:
@@ -286,15 +290,15 @@ def test_a_constraint_is_drawn_again_until_its_rows_are_far_from_those_before(mo
 
     tree = tree._replace(constraints=turned("before", 0.0))
     monkeypatch.setattr(random_constraints, "_constraint", next_one)
-    here = "coupling", True, FromGenerator(np.random.default_rng(0))
+    here = "coupling", True, GeneratorChoices(np.random.default_rng(0))
     angle = np.arccos(1.0 - INDEPENDENT**2)
     tried[:] = 0.0, 0.9 * angle, 1.1 * angle, 0.5
-    found = random_constraints.closed(tree, *here)
+    found = random_constraints.with_random_constraint(tree, *here)
     assert [one.name for one in found.constraints] == ["before", f"at {1.1 * angle}"]
     assert tried == [0.5]
     tried[:] = [*random_constraints.ATTEMPTS * (0.9 * angle,), 0.5]
     with pytest.raises(RefusedError, match="no independent coupling") as refused:
-        random_constraints.closed(tree, *here)
+        random_constraints.with_random_constraint(tree, *here)
     assert tried == [0.5]
     assert refused.value.rcond == pytest.approx(np.sqrt(1.0 - np.cos(0.9 * angle)))
 
@@ -303,7 +307,7 @@ def test_a_constraint_is_drawn_again_until_its_rows_are_far_from_those_before(mo
 def test_states_are_closed_and_consistent_and_rows_independent(mechanisms):
     for scene, state in mechanisms:
         at = Evaluation(scene, *state)
-        gap, allowed = closing_error(at)
+        gap, allowed = assembly_error(at)
         assert gap <= allowed
         check_consistent(at)
         rows = at.terms.a / np.linalg.norm(at.terms.a, axis=1, keepdims=True)
@@ -316,14 +320,18 @@ def test_states_are_closed_and_consistent_and_rows_independent(mechanisms):
 
 # ---- Claims --------------------------------------------------------------------------------------
 
-SEEN = [one for one in Selection.of().claims if one != "machine-code"]
+SEEN = [one for one in RunSelection.of().claims if one != "machine-code"]
 """Machine code takes longer than all else of a scene that is looked at in one state."""
 
 
 @pytest.mark.night
 @both_kinds
 def test_formulations_and_engines_agree_on_random_scenes(kind, sized):
-    run, selection, count = Run(), Selection.of(claims=SEEN, scenes=[kind]), sized(12, 5)
+    run, selection, count = (
+        ValidationRun(),
+        RunSelection.of(claims=SEEN, scenes=[kind]),
+        sized(12, 5),
+    )
     run.explore(scene_cases(kind, (1, 12), count, 20), selection)
     assert run.cases == count
     assert not [str(one) for one in run.findings if one.verdict == "failed"]
@@ -331,14 +339,17 @@ def test_formulations_and_engines_agree_on_random_scenes(kind, sized):
 
 
 def test_a_derivation_that_is_wrong_in_one_component_is_found(monkeypatch):
-    right, kind = first_derivation.swung, RANDOM["random-trees"]
+    right, kind = first_derivation.relative_acceleration, RANDOM["random-trees"]
 
     def wrong(rates, arm):
         x, _, z = right(rates, arm)
         return x, None, z
 
-    monkeypatch.setattr(first_derivation, "swung", wrong)
-    run, selection = Run(), Selection.of(engines=[], claims=["power-balance"], scenes=[kind])
+    monkeypatch.setattr(first_derivation, "relative_acceleration", wrong)
+    run, selection = (
+        ValidationRun(),
+        RunSelection.of(engines=[], claims=["power-balance"], scenes=[kind]),
+    )
     run.explore(scene_cases(kind, (2, 4), 40, 0), selection)
     assert run.minimal is not None
     assert run.cases < 10
@@ -352,7 +363,7 @@ def scene_of(links, joints, constraints=(), **more):
 
 
 def failures(scene, state) -> list[str]:
-    case = case_at(scene, state, Selection.of(claims=SEEN, scenes=[scene]))
+    case = make_case_with_engines(scene, state, RunSelection.of(claims=SEEN, scenes=[scene]))
     findings = [one for claim in SEEN for one in case.look(CLAIMS[claim])]
     return [str(one) for one in findings if one.verdict == "failed"]
 
@@ -369,7 +380,7 @@ def test_what_cannot_move_is_still_and_not_nearly_so():
     first = ("free_turn", "free_y", "free_x")
     scene = scene_of([ground, *links], [slide, free], [closed], first=first)
     for seed in range(6):
-        for state in draw(strategies.states(scene), 4, seed):
+        for state in draw_samples(strategies.states(scene), 4, seed):
             assert state.v[:2].tolist() == [0.0, 0.0]
             check_consistent(Evaluation(scene, *state))
         assert not failures(scene, state)
@@ -388,7 +399,7 @@ def test_a_weld_holds_a_link_that_is_turned_on_its_joint_as_it_was_said():
     for turn in ((1.0, 0.0, 0.0, 0.0), (0.7, 0.0, 0.0, 0.2)):
         scene = scene_of(links, joints, [weld("weld", "b", "frame", turn=turn)])
         w, x, y, z = turn
-        R = rotation(multiplied(tilted, (w, -x, -y, -z)))
+        R = rotation_matrix(multiply_quaternions(tilted, (w, -x, -y, -z)))
         q = np.zeros(scene.n)
         for name, angle in zip(("roll", "pitch", "yaw"), roll_pitch_yaw_of(R), strict=True):
             q[scene.coordinate_names.index(f"free_{name}")] = angle
@@ -418,7 +429,7 @@ trees, mechanisms_of = strategies.random_trees, strategies.random_mechanisms
 @pytest.mark.parametrize("strategy", [trees, mechanisms_of], ids=lambda f: f.__name__)
 @pytest.mark.night
 def test_numbers_of_bodies_are_within_the_bounds(strategy):
-    scenes = draw(strategy(2, 4), 30, 0)
+    scenes = draw_samples(strategy(2, 4), 30, 0)
     assert {scene.links for scene in scenes} == {2, 3, 4}
 
 
@@ -466,7 +477,7 @@ def test_a_draw_with_a_mimic_joint_shrinks_to_two_links():
 
 def test_a_drawn_scene_is_made_again_by_its_python_and_by_pickle(mechanisms):
     for scene, state in mechanisms[:20]:
-        code = python_of(scene, state).partition("for finding")[0]
+        code = reproducer_code(scene, state).partition("for finding")[0]
         names: dict = {}
         exec(code, names)
         for again in (names["scene"], pickle.loads(pickle.dumps(scene))):
@@ -477,8 +488,8 @@ def test_a_drawn_scene_is_made_again_by_its_python_and_by_pickle(mechanisms):
 
 @both_kinds
 def test_a_random_kind_is_found_by_its_key_and_is_not_among_all(kind):
-    assert kinds_of(kind.key) == (kind,)
-    assert kind not in kinds_of("all")
+    assert scene_classes_named(kind.key) == (kind,)
+    assert kind not in scene_classes_named("all")
     assert type(kind.example()) is kind
 
 
@@ -496,7 +507,7 @@ def test_structures_are_always_the_same_and_all_different(kind):
 
 @pytest.mark.night
 def test_a_written_urdf_is_read_as_the_tree_that_it_is_of(tmp_path: Path):
-    choices, random = FromGenerator(np.random.default_rng(2)), np.random.default_rng(1)
+    choices, random = GeneratorChoices(np.random.default_rng(2)), np.random.default_rng(1)
     path = tmp_path / "robot.urdf"
     every = ("revolute", "prismatic", "fixed", "planar", "floating")
     for number in range(60):
@@ -520,22 +531,22 @@ def test_urdfs_have_only_the_joints_that_are_asked_for():
     def types(text: str) -> set[str]:
         return set(re.findall(r'<joint name="\w+" type="(\w+)"', text))
 
-    texts = draw(strategies.urdfs(), 80, 0)
+    texts = draw_samples(strategies.urdfs(), 80, 0)
     assert set().union(*map(types, texts)) == {"continuous", "prismatic", "fixed"}
     assert any("<mimic" in text for text in texts) and any("<dynamics" in text for text in texts)
-    plain = draw(strategies.urdfs(joints=["revolute"], mimic=False, massless=False), 40, 0)
+    plain = draw_samples(strategies.urdfs(joints=["revolute"], mimic=False, massless=False), 40, 0)
     for text in plain:
         assert types(text) == {"continuous"}
         assert "<mimic" not in text
         assert text.count("<inertial>") == text.count("<link ") - 1
-    every = set().union(*map(types, draw(strategies.urdfs(joints=URDF_JOINTS), 80, 0)))
+    every = set().union(*map(types, draw_samples(strategies.urdfs(joints=URDF_JOINTS), 80, 0)))
     assert every == {"continuous", "prismatic", "fixed", "planar", "floating"}
 
 
 @pytest.mark.parametrize("left_out", ["mimic", "massless", "dampers"])
 def test_urdfs_leave_out_what_they_are_asked_to_and_nothing_else(left_out: str):
     options: dict[str, Any] = {left_out: False}
-    texts = draw(strategies.urdfs(8, 8, **options), 8, 0)
+    texts = draw_samples(strategies.urdfs(8, 8, **options), 8, 0)
     there = {
         "mimic": any("<mimic" in text for text in texts),
         "massless": any(text.count("<inertial>") < text.count("<link ") - 1 for text in texts),
@@ -545,7 +556,7 @@ def test_urdfs_leave_out_what_they_are_asked_to_and_nothing_else(left_out: str):
 
 
 def test_joints_of_a_urdf_are_written_in_any_order():
-    choices, early = FromGenerator(np.random.default_rng(2)), 0
+    choices, early = GeneratorChoices(np.random.default_rng(2)), 0
     for _ in range(10):
         known = {"ground"}
         for joint in urdf_tree(4, choices).joints:

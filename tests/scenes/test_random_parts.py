@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from eomcheck.descriptions import random_elements
-from eomcheck.descriptions.random_constraints import rows_of
+from eomcheck.descriptions.random_constraints import row_count_with_contact
 from eomcheck.descriptions.random_mechanisms import RandomMechanism, RandomTree
-from eomcheck.descriptions.random_trees import Room, _Tree, rooms
+from eomcheck.descriptions.random_trees import JointBudget, _Tree, joint_budgets
 from eomcheck.errors import InputError
 
 
@@ -37,10 +37,10 @@ class Chosen:
 
 def test_places_are_within_a_metre_and_in_the_plane_where_asked_for():
     choices = Chosen(0.3, -0.4, 0.5)
-    assert random_elements.place(choices, False) == (0.3, -0.4, 0.5)
+    assert random_elements.random_point(choices, False) == (0.3, -0.4, 0.5)
     assert choices.asked == [(-1.0, 1.0)] * 3
-    assert random_elements.place(Chosen(0.3, -0.4), True) == (0.3, -0.4, 0.0)
-    assert random_elements.place(Chosen(first=True), False) == (0.0, 0.0, 0.0)
+    assert random_elements.random_point(Chosen(0.3, -0.4), True) == (0.3, -0.4, 0.0)
+    assert random_elements.random_point(Chosen(first=True), False) == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -53,7 +53,7 @@ def test_places_are_within_a_metre_and_in_the_plane_where_asked_for():
     ],
 )
 def test_a_direction_that_is_nearly_none_is_made_a_long_one(drawn, expected):
-    assert random_elements.direction(Chosen(*drawn), False) == expected
+    assert random_elements.random_direction(Chosen(*drawn), False) == expected
 
 
 @pytest.mark.parametrize(
@@ -67,19 +67,19 @@ def test_a_direction_that_is_nearly_none_is_made_a_long_one(drawn, expected):
     ],
 )
 def test_a_direction_across_another_is_nearly_along_none(along, drawn, expected):
-    assert random_elements.across(Chosen(*drawn), along) == expected
+    assert random_elements.random_transverse(Chosen(*drawn), along) == expected
 
 
 def test_a_turn_is_often_none_and_else_of_a_positive_scalar():
     choices = Chosen(0.6, 0.3, -0.4, 0.5)
-    assert random_elements.turn(choices) == (0.6, 0.3, -0.4, 0.5)
+    assert random_elements.random_orientation(choices) == (0.6, 0.3, -0.4, 0.5)
     assert choices.asked == [(0.1, 1.0), *[(-1.0, 1.0)] * 3]
-    assert random_elements.turn(Chosen(first=True)) == (1.0, 0.0, 0.0, 0.0)
+    assert random_elements.random_orientation(Chosen(first=True)) == (1.0, 0.0, 0.0, 0.0)
 
 
 def test_a_body_in_the_plane_is_a_block_and_its_mass_of_any_magnitude():
     choices = Chosen(0.5, 0.3, -0.4, -1.0, -2.0, -0.5)
-    found = random_elements.body(choices, "b", True)
+    found = random_elements.random_link(choices, "b", True)
     mass, (x, y, z) = 10**0.5, 10.0 ** np.array([-1.0, -2.0, -0.5])
     assert found.mass == pytest.approx(mass)
     assert found.center == (0.3, -0.4, 0.0) and found.products == (0.0, 0.0, 0.0)
@@ -91,7 +91,7 @@ def test_a_body_in_space_is_turned_and_its_products_belong_to_its_axes():
     # A quarter turn about z and a bit: x and y are exchanged, and products of them appear.
     c, s = np.cos(0.3), np.sin(0.3)
     choices = Chosen(0.0, 0.1, 0.2, 0.3, -1.0, -2.0, -0.5, c, 0.0, 0.0, s)
-    found = random_elements.body(choices, "b", False)
+    found = random_elements.random_link(choices, "b", False)
     x, y, z = 10.0 ** np.array([-1.0, -2.0, -0.5])
     a, b, cc, turned = y + z, x + z, x + y, 0.6
     cos, sin = np.cos(turned), np.sin(turned)
@@ -106,22 +106,28 @@ def test_a_body_in_space_is_turned_and_its_products_belong_to_its_axes():
     [("pin", 2, 3), ("weld", 3, 6), ("rolling", 2, 3), ("touching", 1, 1), ("hinge", 0, 5)],
 )
 def test_rows_of_a_constraint_are_all_that_let_it_hold(kind: str, planar: int, spatial: int):
-    assert (rows_of(kind, True), rows_of(kind, False)) == (planar, spatial)
+    assert (row_count_with_contact(kind, True), row_count_with_contact(kind, False)) == (
+        planar,
+        spatial,
+    )
 
 
 def test_there_is_room_for_joints_of_every_kind_and_coordinates_are_counted_once():
-    found = {(one.space, one.root, one.fixed): one for one in rooms(4)}
-    assert len(found) == len([*rooms(4)]) == 2 * (3 + 5)
-    assert found["in space", "floating", 1] == Room("in space", "floating", 1, 2, 0)
-    assert found["in space", "revolute", 0] == Room("in space", "revolute", 0, 2, 2)
-    assert found["plane", "planar", 0] == Room("plane", "planar", 0, 2, 1)
-    counts = {(x.root, x.fixed): x.coordinates for x in rooms(4) if x.space == "in space"}
+    found = {(one.space, one.root, one.fixed): one for one in joint_budgets(4)}
+    assert len(found) == len([*joint_budgets(4)]) == 2 * (3 + 5)
+    assert found["in space", "floating", 1] == JointBudget("in space", "floating", 1, 2, 0)
+    assert found["in space", "revolute", 0] == JointBudget("in space", "revolute", 0, 2, 2)
+    assert found["plane", "planar", 0] == JointBudget("plane", "planar", 0, 2, 1)
+    counts = {(x.root, x.fixed): x.coordinates for x in joint_budgets(4) if x.space == "in space"}
     assert counts["floating", 1] == 6 + 2 - 1
     assert counts["revolute", 0] == 1 + 1 - 1 + 12
     assert counts["revolute", 1] == 1 + 1 - 1 + 6
-    assert {x.fixed for x in rooms(1)} == {0}
-    assert {x.root for x in rooms(3, frozenset({"revolute", "planar"}))} == {"revolute", "planar"}
-    assert {x.fixed for x in rooms(3, frozenset({"revolute"}))} == {0}
+    assert {x.fixed for x in joint_budgets(1)} == {0}
+    assert {x.root for x in joint_budgets(3, frozenset({"revolute", "planar"}))} == {
+        "revolute",
+        "planar",
+    }
+    assert {x.fixed for x in joint_budgets(3, frozenset({"revolute"}))} == {0}
 
 
 # ---- Trees ---------------------------------------------------------------------------------------
@@ -236,4 +242,4 @@ def test_mechanisms_have_constraints_that_leave_a_motion_and_what_a_clock_drives
         with pytest.raises(InputError, match=said):
             kind.topologies(31)
         assert kind.topologies(30)
-    assert len(RandomTree.topologies(1)) == len([*rooms(1)])
+    assert len(RandomTree.topologies(1)) == len([*joint_budgets(1)])

@@ -12,18 +12,18 @@ import pytest
 
 from eomcheck.descriptions import mjcf_reader, urdf_reader
 from eomcheck.descriptions.elements import Joint, Link, coupling, drive, pin, weld
-from eomcheck.descriptions.mjcf_reader import Read, equality, read_mjcf
+from eomcheck.descriptions.mjcf_reader import EqualityContext, equality_constraint, read_mjcf
 from eomcheck.descriptions.robot_files import from_mjcf, robot_named
 from eomcheck.descriptions.urdf_reader import (
     URDF,
     Unreadable,
-    decimal,
-    number,
-    only,
-    others,
+    finite_number,
+    ignored_tags,
+    number_attribute,
     root_of,
-    text,
-    triple,
+    single_child,
+    text_attribute,
+    triple_attribute,
 )
 from eomcheck.errors import InputError
 from eomcheck.scenes import from_urdf
@@ -44,32 +44,46 @@ def refusal(call: Any, *arguments: Any) -> str:
 
 def test_attributes_are_numbers_and_texts_or_refused_in_these_words():
     one = element('<mass value=" 2.5 " empty=" " odd="x" many="1 2" far="-inf" pair="1_0"/>')
-    assert (text(one, "value", "w"), number(one, "value", "w")) == ("2.5", 2.5)
-    assert (number(one, "none", "w", 0.0), number(one, "value", "w", 7.0)) == (0.0, 2.5)
+    assert (text_attribute(one, "value", "w"), number_attribute(one, "value", "w")) == ("2.5", 2.5)
+    assert (number_attribute(one, "none", "w", 0.0), number_attribute(one, "value", "w", 7.0)) == (
+        0.0,
+        2.5,
+    )
     for name in ("empty", "none"):
-        assert refusal(text, one, name, "w") == f"w: <mass> has no attribute {name!r}"
-        assert refusal(number, one, name, "w") == f"w: <mass> has no attribute {name!r}"
+        assert refusal(text_attribute, one, name, "w") == f"w: <mass> has no attribute {name!r}"
+        assert refusal(number_attribute, one, name, "w") == f"w: <mass> has no attribute {name!r}"
     said = "w: odd of <mass> is 'x', expected a number"
-    assert refusal(number, one, "odd", "w") == refusal(number, one, "odd", "w", 1.0) == said
-    assert refusal(number, one, "pair", "w") == "w: pair of <mass> is '1_0', expected a number"
+    assert (
+        refusal(number_attribute, one, "odd", "w")
+        == refusal(number_attribute, one, "odd", "w", 1.0)
+        == said
+    )
+    assert (
+        refusal(number_attribute, one, "pair", "w")
+        == "w: pair of <mass> is '1_0', expected a number"
+    )
     far = "w: far of <mass> is '-inf', expected a finite number"
-    assert refusal(number, one, "far", "w") == far
-    assert decimal("-1e-3", "w") == -0.001
-    assert triple(element('<a xyz=" 1 -2\n3e1 "/>'), "xyz", "w", (0.0, 0.0, 0.0)) == (1, -2, 30)
-    assert triple(one, "none", "w", (4.0, 5.0, 6.0)) == (4, 5, 6)
+    assert refusal(number_attribute, one, "far", "w") == far
+    assert finite_number("-1e-3", "w") == -0.001
+    assert triple_attribute(element('<a xyz=" 1 -2\n3e1 "/>'), "xyz", "w", (0.0, 0.0, 0.0)) == (
+        1,
+        -2,
+        30,
+    )
+    assert triple_attribute(one, "none", "w", (4.0, 5.0, 6.0)) == (4, 5, 6)
     many = "w: many of <mass> is '1 2', expected three numbers"
-    assert refusal(triple, one, "many", "w", (0, 0, 0)) == many
+    assert refusal(triple_attribute, one, "many", "w", (0, 0, 0)) == many
 
 
 def test_children_are_one_or_none_and_known():
     parent = element("<link><a/><b/><a/></link>")
-    assert only(parent, "c", "w") is None
-    found = only(parent, "b", "w")
+    assert single_child(parent, "c", "w") is None
+    found = single_child(parent, "b", "w")
     assert found is not None and found.tag == "b"
-    assert refusal(only, parent, "a", "w") == "w has 2 of <a>, expected one"
-    assert list(others(parent, frozenset("abc"), "w")) == ["a", "b", "a"]
+    assert refusal(single_child, parent, "a", "w") == "w has 2 of <a>, expected one"
+    assert list(ignored_tags(parent, frozenset("abc"), "w")) == ["a", "b", "a"]
     known = "w holds <b>, which is no part of a URDF known here"
-    assert refusal(lambda: list(others(parent, frozenset("a"), "w"))) == known
+    assert refusal(lambda: list(ignored_tags(parent, frozenset("a"), "w"))) == known
 
 
 def test_a_file_is_read_up_to_its_limits_and_refused_behind_them(tmp_path: Path, monkeypatch):
@@ -117,7 +131,9 @@ SITE, BODY = 6, 1
 HALF = np.sqrt(0.5)
 
 
-def read(kind: int, objects: tuple[int, int], data: list[float], on: int, name: str = "e") -> Read:
+def read(
+    kind: int, objects: tuple[int, int], data: list[float], on: int, name: str = "e"
+) -> EqualityContext:
     model = SimpleNamespace(
         equality=lambda i: SimpleNamespace(name=name),
         eq_type=np.array([9, kind]),
@@ -131,7 +147,9 @@ def read(kind: int, objects: tuple[int, int], data: list[float], on: int, name: 
     )
     anchors = [np.zeros(3), np.array([1.0, 0.0, 0.0]), np.array([0.0, 2.0, 0.0])]
     joints = ["h", "s", "ball"]
-    return Read(model, "'f.xml'", ["world", "a", "b"], joints, anchors, {"h": 0.5, "s": 0.25})
+    return EqualityContext(
+        model, "'f.xml'", ["world", "a", "b"], joints, anchors, {"h": 0.5, "s": 0.25}
+    )
 
 
 def near(one: Any, other: Any) -> bool:
@@ -151,32 +169,32 @@ def near(one: Any, other: Any) -> bool:
 def test_equalities_are_pins_welds_drives_and_couplings_between_these_points():
     connect, held, joint = range(3)
     data = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, HALF, 0.0, 0.0, HALF]
-    found = equality(read(connect, (1, 2), data, BODY), 1)
+    found = equality_constraint(read(connect, (1, 2), data, BODY), 1)
     assert near(found, pin("e", "a", "b", (-0.9, 0.2, 0.3), (0.4, -1.5, 0.6)))
-    found = equality(read(connect, (2, 0), data, BODY, ""), 1)
+    found = equality_constraint(read(connect, (2, 0), data, BODY, ""), 1)
     assert near(found, pin("equality1", "b", "world", (0.1, -1.8, 0.3), (0.4, 0.5, 0.6)))
-    found = equality(read(connect, (0, 1), data, SITE), 1)
+    found = equality_constraint(read(connect, (0, 1), data, SITE), 1)
     assert near(found, pin("e", "b", "a", (0.1, -1.8, 0.3), (-0.6, 0.5, 0.6)))
-    found = equality(read(held, (1, 2), data, BODY), 1)
+    found = equality_constraint(read(held, (1, 2), data, BODY), 1)
     turn = (HALF, 0.0, 0.0, HALF)
     assert near(found, weld("e", "a", "b", (-0.6, 0.5, 0.6), (0.1, -1.8, 0.3), turn))
-    found = equality(read(held, (0, 1), data, SITE), 1)
+    found = equality_constraint(read(held, (0, 1), data, SITE), 1)
     # A quarter turn about x, then one back about y.
     turn = (0.5, 0.5, -0.5, -0.5)
     assert near(found, weld("e", "b", "a", (0.1, -1.8, 0.3), (-0.6, 0.5, 0.6), turn))
-    found = equality(read(joint, (0, -1), [0.1, 9.0], BODY), 1)
+    found = equality_constraint(read(joint, (0, -1), [0.1, 9.0], BODY), 1)
     assert found == drive("e", "h", 0.6)
-    found = equality(read(joint, (1, 0), [0.1, -2.0], BODY), 1)
+    found = equality_constraint(read(joint, (1, 0), [0.1, -2.0], BODY), 1)
     assert near(found, coupling("e", "s", "h", -2.0, 0.25 + 0.1 + 2.0 * 0.5))
     for i in (2, 3, 4):
         curved = [0.1, -2.0, 0.0, 0.0, 0.0]
         curved[i] = 1e-9
         said = "'f.xml': equality 'e' is not linear"
-        assert refusal(equality, read(joint, (1, 0), curved, BODY), 1) == said
-        assert equality(read(joint, (1, -1), curved, BODY), 1) == drive("e", "s", 0.35)
+        assert refusal(equality_constraint, read(joint, (1, 0), curved, BODY), 1) == said
+        assert equality_constraint(read(joint, (1, -1), curved, BODY), 1) == drive("e", "s", 0.35)
     for pair in ((2, 0), (0, 2), (2, -1)):
         said = "'f.xml': equality 'e' is of joint 'ball', which has several coordinates"
-        assert refusal(equality, read(joint, pair, [0.0, 1.0], BODY), 1) == said
+        assert refusal(equality_constraint, read(joint, pair, [0.0, 1.0], BODY), 1) == said
 
 
 # ---- What MuJoCo is handed -----------------------------------------------------------------------
@@ -202,7 +220,7 @@ def test_sizes_of_a_file_are_checked_at_their_limits(monkeypatch):
         ('<size nuser_cam="2001"/>', f"nuser_cam of <size> is 2001, {most} 2000"),
     ):
         assert refusal(checked, f"<mujoco>{bad}</mujoco>") == f"'m.xml': {said}"
-    monkeypatch.setattr(mjcf_reader, "MOST", 2)
+    monkeypatch.setattr(mjcf_reader, "MAX_FILE_ELEMENTS", 2)
     for tag in ("body", "joint"):
         checked(f"<mujoco>{f'<{tag}/>' * 2}</mujoco>")
         said = f"'m.xml' has 3 elements <{tag}>, expected at most 2"
@@ -238,7 +256,7 @@ def test_all_that_no_equation_needs_is_taken_out_and_what_a_motion_would_notice_
     pytest.importorskip("mujoco")
     path = tmp_path / "loaded.xml"
     path.write_text(LOADED, encoding="utf-8")
-    model, out = mjcf_reader.compiled(path)
+    model, out = mjcf_reader.compile_model(path)
     assert {name: count for name, count in out.items() if count} == {
         "drag of a fluid": 1, "sensors": 3, "actuators": 2, "tendons": 1, "keyframes": 1,
         "compensation of gravity": 2, "shapes to collide": 3,
@@ -305,8 +323,8 @@ def test_joints_in_a_row_turn_about_points_of_their_own_and_begin_where_they_are
 def test_what_an_option_switches_off_is_off_alone(tmp_path: Path, name: str):
     pytest.importorskip("mujoco")
     path = limb(tmp_path / "limb.xml", f'{name}="disable"')
-    model, out = mjcf_reader.compiled(path)
-    off = mjcf_reader._Reading(path, model, out).off
+    model, out = mjcf_reader.compile_model(path)
+    off = mjcf_reader._MjcfReader(path, model, out).off
     assert {key for key, value in off.items() if value} == {name}
     found = read_mjcf(path)
     roll = found.joints[0]

@@ -55,7 +55,7 @@ def test_one_link_is_proved_too(kind: type[Scene]):
 def test_ordinary_scenes_and_states_pass_every_claim(kind: type[Scene], data):
     scene, state = data.draw(strategies.scene_states(strategies.scenes(kind, 1, 3)))
     check_consistent(Evaluation(scene, *state))
-    findings = eomcheck.check(scene, *state)
+    findings = eomcheck.check_state(scene, *state)
     assert [str(f) for f in findings if f.verdict == "failed"] == []
 
 
@@ -63,7 +63,7 @@ def test_ordinary_scenes_and_states_pass_every_claim(kind: type[Scene], data):
 @kinds
 def test_a_state_in_motion_is_checked_by_every_formulation_and_engine(kind: type[Scene]):
     scene, state = ordinary(kind)
-    findings = eomcheck.check(scene, *state)
+    findings = eomcheck.check_state(scene, *state)
     assert [str(f) for f in findings if f.verdict == "failed"] == []
     # Around a parallelogram gamma cancels, and what is left of it has no digit to compare.
     assert {f.claim for f in findings if f.verdict == "inconclusive"} <= {"speeds-remainder"}

@@ -44,7 +44,7 @@ def test_an_array_of_wrong_shape_is_named_in_one_sentence(tmp_path, old, new, sa
     path.write_text(source.replace(old, new), encoding="utf-8")
     kind = trailer(path)
     for look in (
-        lambda: eomcheck.check(kind(), Q, np.zeros(3)),
+        lambda: eomcheck.check_state(kind(), Q, np.zeros(3)),
         lambda: eomcheck.validate(kind(), examples=1),
         lambda: eomcheck.prove(kind, points=1, seed=0),
     ):
@@ -135,7 +135,7 @@ def test_a_scene_with_constraints_leaves_out_their_jacobian_nowhere():
     state = [-0.1, 0.2, 0.3], [1.0, 0.5, 0.2]
     claims = ["constraint-velocity"]
     scene = without_rows(lambda x: x < 0.0)
-    (found,) = eomcheck.check(scene, *state, claims=claims, consistent=False)
+    (found,) = eomcheck.check_state(scene, *state, claims=claims, consistent=False)
     assert found.verdict == "failed"
     assert "constraints at velocity level, row edge: missing" in found.detail
 
@@ -171,8 +171,8 @@ def test_a_shape_that_is_wrong_in_some_states_is_a_failure_there(name, broken, s
     wrong = type("Sometimes", (kind,), {name: staticmethod(sometimes), "key": "sometimes"})()
     claims = "kinetic-energy", "null-space-speeds", "equivalence", "power-balance"
     along = 1.4 * np.array([-np.sin(2.0), np.cos(2.0)]) + np.array([np.cos(2.0), np.sin(2.0)])
-    found = eomcheck.check(wrong, [2.0, 0.3, -0.1], [0.5, *along], claims=claims)
+    found = eomcheck.check_state(wrong, [2.0, 0.3, -0.1], [0.5, *along], claims=claims)
     said = [one.detail for one in found if one.verdict == "failed"]
     assert any(says in one for one in said), said
-    still = eomcheck.check(wrong, Q, np.zeros(3), claims=claims)
+    still = eomcheck.check_state(wrong, Q, np.zeros(3), claims=claims)
     assert not [one for one in still if one.verdict == "failed"]

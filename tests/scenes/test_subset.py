@@ -34,7 +34,7 @@ def test_rows_that_are_left_are_those_of_the_scene():
 
 
 def test_claims_and_proofs_hold_of_what_is_left():
-    findings = eomcheck.check(LEFT, *RING.closed(0.5, 0.7))
+    findings = eomcheck.check_state(LEFT, *RING.closed(0.5, 0.7))
     assert {f.verdict for f in findings} <= {"passed", "skipped", "inconclusive"}
     assert {f.subject for f in findings if f.claim == "true-error"} == set(
         eomcheck.formulations.applicable(LEFT)

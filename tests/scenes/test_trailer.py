@@ -10,14 +10,14 @@ import pytest
 import eomcheck
 from eomcheck.claims import CLAIMS, Finding
 from eomcheck.mechanics.scene import Scene
-from eomcheck.scene_lookup import kinds_of
+from eomcheck.scene_lookup import scene_classes_named
 
 TRAILER = Path(__file__).parents[2] / "docs" / "guides" / "trailer.py"
 Q, U = np.array([0.4, 1.0, 2.0]), np.array([1.5, 0.7])
 
 
 def trailer(path: Path) -> type[Scene]:
-    (kind,) = kinds_of(f"{path}:Trailer")
+    (kind,) = scene_classes_named(f"{path}:Trailer")
     return kind
 
 
@@ -29,7 +29,7 @@ def failures(findings: list[Finding]) -> list[Finding]:
 
 def checked(kind: type[Scene]) -> list[Finding]:
     scene = kind.example()
-    return eomcheck.check(scene, Q, eomcheck.velocity(scene, Q, U), consistent=False)
+    return eomcheck.check_state(scene, Q, eomcheck.velocity(scene, Q, U), consistent=False)
 
 
 def test_the_tutorial_takes_less_than_60_lines_and_passes_all_checks_and_proofs():

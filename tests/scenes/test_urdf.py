@@ -12,15 +12,15 @@ from tests.robots import arm, body
 
 import eomcheck
 from eomcheck.claims.proof import prove
-from eomcheck.claims.reproducer import python_of
-from eomcheck.claims.run import Run, Selection
+from eomcheck.claims.reproducer import reproducer_code
+from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.descriptions.urdf_reader import urdf_kind
 from eomcheck.engines.answers import Answers
 from eomcheck.engines.files import PinocchioFile
 from eomcheck.errors import InputError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.records import State
-from eomcheck.scene_lookup import kinds_of, left_out, scene_of
+from eomcheck.scene_lookup import robot_file_warnings, scene_classes_named, scene_named
 from eomcheck.scenes import from_urdf
 
 ROBOTS = Path(__file__).parent / "robots"
@@ -58,7 +58,7 @@ def test_rounding_of_a_fixed_turn_is_no_error_where_a_joint_hangs_straight(tmp_p
     text += f'<origin rpy="{turn}"/><axis xyz="0 0 1"/></joint>'
     path.write_text(f"<robot>{text}</robot>", encoding="utf-8")
     scene, claims = from_urdf(path), ["true-error"]
-    found = eomcheck.check(scene, [0.0], [0.0], consistent=False, claims=claims)
+    found = eomcheck.check_state(scene, [0.0], [0.0], consistent=False, claims=claims)
     assert {one.verdict for one in found} == {"passed"}, found
 
 
@@ -128,7 +128,7 @@ def test_moments_of_inertia_that_no_body_has_are_taken_and_said(tmp_path: Path):
         file.write_text(text.replace(f'{moments}"0.02"', f'{moments}"{last}"'), "utf-8")
         scene = from_urdf(file)
         assert (said in scene.made.doubtful) if said else scene.made.doubtful == ""
-        told = [*left_out([type(scene)])]
+        told = [*robot_file_warnings([type(scene)])]
         assert (told[-1] == f"{file}: {scene.made.doubtful}") == bool(said)
         assert scene.mass.tolist() == robot("arm").mass.tolist()
 
@@ -151,13 +151,13 @@ def test_a_robot_is_printed_as_code_that_makes_it_again():
         assert pickle.loads(pickle.dumps(scene)).mass.tolist() == again.mass.tolist()
     weightless = robot("arm", gravity=None)
     assert repr(weightless).endswith("arm.urdf', gravity=None)")
-    code = python_of(scene, State(*scene.initial_state()))
+    code = reproducer_code(scene, State(*scene.initial_state()))
     assert "from eomcheck.scenes import from_urdf" in code
     exec(code, {})
 
 
 def test_a_file_is_a_kind_of_scene_wherever_a_name_is():
-    (kind,) = kinds_of(str(ROBOTS / "arm.urdf"))
+    (kind,) = scene_classes_named(str(ROBOTS / "arm.urdf"))
     assert kind is type(robot("arm"))
     assert kind.example().as_described
     assert kind.structure.fget(kind()) == "arm"
@@ -165,8 +165,8 @@ def test_a_file_is_a_kind_of_scene_wherever_a_name_is():
 
 def test_random_robots_of_a_file_without_gravity_have_some_or_none():
     kind = urdf_kind(ROBOTS / "arm.urdf", gravity=None)
-    run, claims = Run(), ["finite-terms", "generalized-forces"]
-    run.look_at_kind(kind, Selection.of(["gw"], [], claims, scenes=[kind]), (1, 1), 8, 0)
+    run, claims = ValidationRun(), ["finite-terms", "generalized-forces"]
+    run.look_at_kind(kind, RunSelection.of(["gw"], [], claims, scenes=[kind]), (1, 1), 8, 0)
     assert {one.verdict for one in run.findings} == {"passed"}
     drawn = [one.scene.gravity for one in run.drawn[1:]]  # type: ignore[attr-defined]
     assert {None if x is None else x.shape for x in drawn} == {None, (3,)}
@@ -339,14 +339,16 @@ def test_many_fixed_links_are_one_body(tmp_path):
 def test_a_free_root_is_asked_for_behind_a_colon_wherever_a_scene_is_named(tmp_path: Path):
     file = tmp_path / "arm.urdf"
     arm(file).write_text(file.read_text().replace('<link name="base"/>', body("base")))
-    scene = scene_of(f"{file}:floating")
+    scene = scene_named(f"{file}:floating")
     assert repr(scene) == repr(from_urdf(file, floating=True))
     assert scene.coordinate_names[:3] == ("base_x", "base_y", "base_z")
-    assert scene.name != scene_of(str(file)).name  # what is kept by name is not that of the other
+    assert (
+        scene.name != scene_named(str(file)).name
+    )  # what is kept by name is not that of the other
     with pytest.raises(InputError, match=r"only the root of a robot in a \.urdf can be set free"):
-        scene_of("snake:floating")
+        scene_named("snake:floating")
     with pytest.raises(InputError, match=r"expected .*arm.urdf or .*arm.urdf:floating"):
-        scene_of(f"{file}:fixed")
+        scene_named(f"{file}:fixed")
 
 
 def test_a_link_without_joints_is_a_robot_where_it_is_free(tmp_path: Path):

@@ -11,7 +11,7 @@ import pytest
 from eomcheck.descriptions.elements import Joint, Link
 from eomcheck.descriptions.mjcf_reader import read_mjcf
 from eomcheck.descriptions.robot_files import is_robot, robot_named
-from eomcheck.descriptions.urdf_reader import identifier, left_out, read_urdf
+from eomcheck.descriptions.urdf_reader import identifier, ignored_summary, read_urdf
 from eomcheck.errors import InputError
 
 # ---- Names ---------------------------------------------------------------------------------------
@@ -51,8 +51,8 @@ def test_a_robot_is_called_in_python_by_a_name_that_python_has(name: str, called
 def test_what_is_left_out_is_counted_by_kind_and_what_is_not_there_is_no_kind():
     counts = Counter({"visual": 3, "limit": 2, "friction": 0, "odd": 1})
     said = "Left out: limits of joints (2), odd (1), shapes to be seen (3)."
-    assert left_out(counts) == said
-    assert left_out(Counter({"limit": 0})) == ""
+    assert ignored_summary(counts) == said
+    assert ignored_summary(Counter({"limit": 0})) == ""
 
 
 # ---- URDF ----------------------------------------------------------------------------------------

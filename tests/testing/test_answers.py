@@ -21,8 +21,8 @@ from eomcheck.engines import CasadiEngine
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import ChainPendulum, Snake
-from eomcheck.testing import Functions, check_functions
-from eomcheck.testing.equations_of_motion import Answers, BrokenError, ComparedFunctions
+from eomcheck.testing import EquationsOfMotion, check_functions
+from eomcheck.testing.equations_of_motion import BrokenError, ComparedEquations, FunctionCaller
 
 CART = guide("cart")
 
@@ -152,9 +152,9 @@ def test_columns_numbers_in_arrays_and_lists_are_read():
     assert not [x for x in check_functions(**given_, states=2) if x.verdict == "failed"]
 
 
-def asked(**functions) -> Answers:
+def asked(**functions) -> FunctionCaller:
     """Functions of two coordinates, to be called one by one."""
-    return Answers(Functions(2, **functions))
+    return FunctionCaller(EquationsOfMotion(2, **functions))
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
@@ -348,7 +348,7 @@ def test_the_code_takes_each_function_from_its_own_file(tmp_path, capsys, monkey
         path.write_text(f"{head}\n    return {value}\n{other}")
         own[name] = runpy.run_path(str(path))[name]
     state = State(np.array([0.5]), np.array([1.0]), 0.0)
-    exec(Functions(1, **own, name="own").as_python(state), {})
+    exec(EquationsOfMotion(1, **own, name="own").as_python(state), {})
     assert re.findall(r"^[\w-]+ \[\w+\]", capsys.readouterr().out, re.M) == [
         "dissipation-positive [R]"
     ]
@@ -368,7 +368,7 @@ def test_the_code_finds_modules_beside_the_file_of_a_function(tmp_path, capsys, 
     monkeypatch.setattr(sys, "path", list(sys.path))
     state = State(np.array([0.5]), np.array([1.0]), 0.0)
     exec(
-        Functions(1, M=lambda q: np.eye(1), R=R, name="own")
+        EquationsOfMotion(1, M=lambda q: np.eye(1), R=R, name="own")
         .as_python(state)
         .replace("    M=M,\n", "    M=lambda q: [[1.0]],\n"),
         {},
@@ -377,7 +377,7 @@ def test_the_code_finds_modules_beside_the_file_of_a_function(tmp_path, capsys, 
 
 
 def test_the_code_says_which_functions_are_to_be_put_in():
-    own = Functions(2, M=lambda q: np.eye(2))
+    own = EquationsOfMotion(2, M=lambda q: np.eye(2))
     assert "# to be put in: M = test_the_code_says_which" in own.as_python()
     compile(own.as_python(), "printed", "exec")
 
@@ -405,15 +405,15 @@ def test_the_code_of_a_failure_beside_a_reference_fails_again(against, lines, ca
     assert capsys.readouterr().out.startswith("reference [M ~ ")
 
 
-@pytest.mark.parametrize("against", [Functions(1, M=np.eye), SimpleNamespace()])
+@pytest.mark.parametrize("against", [EquationsOfMotion(1, M=np.eye), SimpleNamespace()])
 def test_the_code_says_that_a_reference_without_a_name_is_to_be_put_in(against):
-    if not isinstance(against, Functions):  # no class of engine makes it
+    if not isinstance(against, EquationsOfMotion):  # no class of engine makes it
         against.scene, against.mass_matrix, against.bias = RODS, CART.M, CART.M
-    code = ComparedFunctions.of(Functions(3, M=CART.M), against).as_python()
+    code = ComparedEquations.of(EquationsOfMotion(3, M=CART.M), against).as_python()
     assert f"# to be put in: against = {against!r}"[:60] in code
     assert "    against=against," in code
     compile(code, "printed", "exec")
-    assert "against" not in Functions(3, M=CART.M).as_python()
+    assert "against" not in EquationsOfMotion(3, M=CART.M).as_python()
 
 
 # ---- What is refused -----------------------------------------------------------------------------
@@ -505,7 +505,7 @@ def test_dampers_alone_are_compared_with_the_forces_of_a_reference():
     def dampers(factor):
         return lambda q, v: factor * (v @ v)
 
-    against = Functions(2, R=dampers(1.0), name="damped")
+    against = EquationsOfMotion(2, R=dampers(1.0), name="damped")
     for factor, verdict in ((1.0, "passed"), (0.5, "failed")):
         found = check_functions(2, R=dampers(factor), against=against, states=1)
         (one,) = [x for x in found if x.claim == "reference" and x.subject.startswith("forces")]
@@ -525,7 +525,7 @@ def test_functions_in_a_dict_are_no_reference_and_it_is_said_what_is():
 
 
 class Reference(eomcheck.Engine):
-    """A reference that says what `answer` does: right, if that is a double."""
+    """A reference that says what `ask_engine` does: right, if that is a double."""
 
     version = classmethod(lambda cls: "reference 1")
     represents = classmethod(lambda cls, scene: True)
@@ -601,7 +601,7 @@ def test_a_reference_that_cannot_be_made_is_refused():
 
 
 def test_whether_constraints_are_built_into_the_mass_matrix_can_be_said_to_check():
-    functions = Functions(**given("cart"))
+    functions = EquationsOfMotion(**given("cart"))
     for holonomic, verdict in ((None, "passed"), (True, "passed"), (False, "skipped")):
         (found,) = testing.check(
             functions, states=1, claims=["bias-of-mass-matrix"], holonomic=holonomic

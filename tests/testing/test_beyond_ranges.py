@@ -9,9 +9,9 @@ import pytest
 from tests.testing.own import guide
 
 from eomcheck.claims.finding import Finding
-from eomcheck.testing import Functions, check_functions
+from eomcheck.testing import EquationsOfMotion, check_functions
 from eomcheck.testing.function_checks import WIDE
-from eomcheck.testing.suite import FunctionsTrial
+from eomcheck.testing.suite import EquationsTarget
 
 CART = guide("cart")
 CLAIMS = ["answers", "double-precision", "gravity-of-potential", "reference", "answers-repeat"]
@@ -47,7 +47,7 @@ def test_what_fails_beyond_the_default_ranges_only_is_inconclusive_and_names_the
 def test_a_test_of_what_fails_beyond_the_default_ranges_only_does_not_pass():
     """It is inconclusive, and the text is that of the finding."""
     found = [
-        FunctionsTrial(Functions(3, gravity=gravity, U=CART.U)).results(2, 0)
+        EquationsTarget(EquationsOfMotion(3, gravity=gravity, U=CART.U)).results(2, 0)
         for gravity in (CART.gravity, wrapped)
     ]
     right, wrong = (each["gravity-of-potential"] for each in found)

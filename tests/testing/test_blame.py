@@ -11,11 +11,11 @@ import pytest
 from tests.testing.own import coriolis, given, guide
 
 from eomcheck.claims.finding import Finding, diagnose
-from eomcheck.testing import FUNCTION_CLAIMS, Functions, check_functions
+from eomcheck.testing import FUNCTION_CLAIMS, EquationsOfMotion, check_functions
 from eomcheck.testing.claims_terms import proportional
 from eomcheck.testing.equations_of_motion import INPUTS
-from eomcheck.testing.fault_localization import READS, SETTLES, reads, settled_by
-from eomcheck.testing.suite import results_of
+from eomcheck.testing.fault_localization import READS, SETTLES, functions_read, settled_by
+from eomcheck.testing.suite import claim_results
 
 CART, DRIVE = guide("cart"), guide("drive")
 PAIR = np.array([[1.0, -1.0, 1.0], [-1.0, 1.0, 1.0], [1.0, 1.0, 1.0]])
@@ -238,7 +238,7 @@ def test_the_first_failure_says_which_function_is_wrong(name: str):
 
 def test_a_reference_clears_what_it_agrees_with():
     right = given("cart")
-    against = Functions(right["n"], M=CART.M)
+    against = EquationsOfMotion(right["n"], M=CART.M)
     first, *_ = failures("cart", "M bias", M=wrong_M, against=against)
     assert first.cause == "M"
     first, *_ = failures("cart", "M bias", bias=lambda q, v: -CART.bias(q, v), against=against)
@@ -265,12 +265,12 @@ def test_what_a_certain_cause_explains_has_no_other_cause():
 def test_a_failure_that_follows_is_folded_in_a_test_suite():
     found = failures("cart", "M T bias", M=wrong_M)
     ids = [x.claim for x in found]
-    results = results_of(ids, found, ())
+    results = claim_results(ids, found, ())
     assert "to see it again" in results[ids[0]].text
     why = f"follows from M, see {ids[0]}\n"
     assert all(results[x].text.startswith(f"{why}{x} [") for x in ids[1:])
     assert not any("to see it again" in results[x].text for x in ids[1:])
-    known = results_of(ids, found, {ids[0]})
+    known = claim_results(ids, found, {ids[0]})
     assert "to see it again" in known[ids[1]].text
 
 
@@ -279,9 +279,9 @@ def test_a_failing_test_counts_the_comparisons_that_failed():
     each = dict.fromkeys(("failed", "inconclusive", "passed", "skipped"), found[0])
     findings = [replace(one, verdict=verdict) for verdict, one in each.items()]
     findings.append(findings[0])
-    text = results_of([found[0].claim], findings, ())[found[0].claim].text
+    text = claim_results([found[0].claim], findings, ())[found[0].claim].text
     assert "\nfailed in 2 of 5 comparisons; to see it again:" in text
-    alone = results_of([found[0].claim], findings[:1], ())[found[0].claim].text
+    alone = claim_results([found[0].claim], findings[:1], ())[found[0].claim].text
     assert " comparisons; " not in alone
 
 
@@ -292,26 +292,26 @@ def test_what_passes_is_as_it_was():
 
 
 def test_every_claim_reads_the_functions_it_needs():
-    functions = Functions(2, **EVERY)
+    functions = EquationsOfMotion(2, **EVERY)
     for id, claim in FUNCTION_CLAIMS.items():
         needs = {x.split("|")[0] for x in claim.needs} & {*INPUTS}
         subject = "M ~ cart" if id == "reference" else "M"
-        assert reads(functions, id, subject) >= (needs or {"M"}), id
+        assert functions_read(functions, id, subject) >= (needs or {"M"}), id
     assert {*READS, *SETTLES} <= {*FUNCTION_CLAIMS}
-    assert reads(functions, "reference", "forces ~ cart") == {"gravity", "R", "Q"}
+    assert functions_read(functions, "reference", "forces ~ cart") == {"gravity", "R", "Q"}
     unconstrained = replace(functions, **dict.fromkeys(("a", "b", "c", "gamma")))
     forces = {"gravity", "R", "Q", "qdot"}
-    assert reads(unconstrained, "motion") == {"qdd", "M", "bias"} | forces
-    assert reads(unconstrained, "power-balance") >= {"qdd"} | forces
+    assert functions_read(unconstrained, "motion") == {"qdd", "M", "bias"} | forces
+    assert functions_read(unconstrained, "power-balance") >= {"qdd"} | forces
     for id in ("velocity", "drift", "acceleration"):
-        assert reads(functions, f"constraint-{id}") >= {"a", "b"}
+        assert functions_read(functions, f"constraint-{id}") >= {"a", "b"}
     by_rates = ("bias-of-mass-matrix", "bias-power", "coriolis-bias", "gravity-of-potential")
     for id in (*by_rates, "constraint-jacobian", "constraint-drift", "constraint-acceleration"):
-        assert "qdot" in reads(functions, id), id
+        assert "qdot" in functions_read(functions, id), id
 
 
 def test_equations_of_motion_that_hold_clear_all_they_read_but_the_acceleration():
-    functions = Functions(2, **EVERY)
+    functions = EquationsOfMotion(2, **EVERY)
     passed = Finding("motion", "qdd", functions, None, 0.0, 1.0, "passed", "")
     read = {"M", "bias", "gravity", "R", "Q", "a"}
     assert settled_by([passed]) == dict.fromkeys(read, "motion")
@@ -319,8 +319,8 @@ def test_equations_of_motion_that_hold_clear_all_they_read_but_the_acceleration(
     assert (
         settled_by([failed, passed]) == settled_by([replace(passed, verdict="inconclusive")]) == {}
     )
-    without = Functions(2, T=len, bias=len, qdd=len, bias_has_gravity=True)
-    assert reads(without, "motion") == {"T", "bias", "qdd"}
+    without = EquationsOfMotion(2, T=len, bias=len, qdd=len, bias_has_gravity=True)
+    assert functions_read(without, "motion") == {"T", "bias", "qdd"}
 
 
 # ---- A kinetic energy that is none ---------------------------------------------------------------
@@ -440,7 +440,7 @@ def test_a_bias_that_lacks_what_a_clock_leaves_is_not_cleared_by_the_mass_matrix
 
 
 def test_a_claim_settles_nothing_that_is_unsettled():
-    functions = Functions(2, **EVERY)
+    functions = EquationsOfMotion(2, **EVERY)
     passed = Finding("kinetic-energy", "M", functions, None, 0.0, 1.0, "passed", "")
     assert settled_by([passed]) == dict.fromkeys(("M", "T"), "kinetic-energy")
     assert settled_by([passed], {("kinetic-energy", "T")}) == {"M": "kinetic-energy"}

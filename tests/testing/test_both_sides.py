@@ -10,14 +10,14 @@ import pytest
 from eomcheck.errors import InputError
 from eomcheck.evaluation.tolerance import C
 from eomcheck.numbers.pivots import EPS
-from eomcheck.testing import FUNCTION_CLAIMS, Functions
-from eomcheck.testing.claims_motions import FORCES, check_reference, of_violation, seen
+from eomcheck.testing import FUNCTION_CLAIMS, EquationsOfMotion
+from eomcheck.testing.claims_motions import FORCES, check_reference, is_nonzero, violation_power
 from eomcheck.testing.claims_terms import proportional
-from eomcheck.testing.equations_of_motion import Answers
-from eomcheck.testing.function_checks import outcomes
-from eomcheck.testing.function_claim import Outcome, Sides, Skipped, Told
-from eomcheck.testing.function_state import Point
-from eomcheck.testing.uncertain import Measured
+from eomcheck.testing.equations_of_motion import FunctionCaller
+from eomcheck.testing.function_checks import claim_outputs
+from eomcheck.testing.function_claim import ClaimOutput, Decision, Skipped, UncertainEquality
+from eomcheck.testing.function_state import FunctionState
+from eomcheck.testing.uncertain import UncertainArray
 
 Q, V = np.array([0.3, 0.7, -0.4]), np.array([0.5, -0.8, 0.9])
 ROWS = ("q[0]", "q[1]", "q[2]")
@@ -56,19 +56,23 @@ def qdd(q: Any, v: Any) -> Any:
     return np.array([q[0] - v[0], 2.0 * v[1] ** 3, 0.5 + v[2] ** 2 - 3.0 * v[0]])
 
 
-def at(n: int = 3, q: Any = Q, v: Any = V, against: Functions | None = None, **own: Any) -> Point:
+def at(
+    n: int = 3, q: Any = Q, v: Any = V, against: EquationsOfMotion | None = None, **own: Any
+) -> FunctionState:
     """Return the point of functions."""
-    return Point(Answers(Functions(n, **own)), np.array(q), np.array(v), 0, against)
+    return FunctionState(
+        FunctionCaller(EquationsOfMotion(n, **own)), np.array(q), np.array(v), 0, against
+    )
 
 
-def says(claim: str, here: Point) -> list[Outcome]:
+def says(claim: str, here: FunctionState) -> list[ClaimOutput]:
     """Return what a claim says at a point."""
     return list(FUNCTION_CLAIMS[claim].look(here))
 
 
-def holds(one: Outcome, subject: str, found: Any, expected: Any, names: Any) -> None:
+def holds(one: ClaimOutput, subject: str, found: Any, expected: Any, names: Any) -> None:
     """Assert what both sides of a comparison are, to 1e-9."""
-    assert isinstance(one, Sides), one
+    assert isinstance(one, UncertainEquality), one
     assert (one.subject, one.names) == (subject, names)
     for side, value in ((one.found, found), (one.expected, expected)):
         np.testing.assert_allclose(side.value, value, rtol=1e-9, atol=1e-9)
@@ -115,7 +119,7 @@ ANSWERS = {"answers", "arguments-unchanged", "same-answer", "answers-repeat", "d
 @pytest.mark.parametrize("given", APPLY)
 def test_claims_are_looked_at_where_they_hold_and_nothing_is_missing(given: str):
     own: dict[str, Any] = dict.fromkeys(given.split(), len)
-    here = Point(Answers(Functions(1, **own)), np.zeros(1), np.zeros(1))
+    here = FunctionState(FunctionCaller(EquationsOfMotion(1, **own)), np.zeros(1), np.zeros(1))
     found = {id for id, one in FUNCTION_CLAIMS.items() if one.applies(here)}
     assert found - ANSWERS == {*APPLY[given].split()}
     assert found >= ANSWERS
@@ -172,7 +176,7 @@ def test_a_force_by_which_motion_is_off_is_named_with_what_that_looks_like(
     own: dict[str, Any] = {"a": lambda q: np.array([[1.0, -2.0, 0.5]])} if constrained else {}
     here = at(**TERMS, **FORCED, **own)
     (one,) = says("motion", here)
-    assert isinstance(one, Sides) and one.say is not None
+    assert isinstance(one, UncertainEquality) and one.say is not None
     free = here.free().T
     found = free @ (EXPECTED + factor * of)
     said = one.say(found, free @ EXPECTED, 1e-9, (0,))
@@ -185,7 +189,7 @@ def test_motion_without_forces_is_held_where_v_is_turned_round_and_the_rest_is_t
     back = M(Q) @ qdd(Q, -V) + bias(Q, -V)
     rest = M(Q) @ qdd(Q, 0.0 * V)
     holds(other, "M q̈ + B ~ forces", INERTIAL + back, 2.0 * rest, (ROWS,))
-    assert isinstance(told, Told)
+    assert isinstance(told, Decision)
     assert (told.subject, told.allowed, told.verdict) == ("forces", 0.0, "inconclusive")
     assert told.observed == pytest.approx(np.abs(INERTIAL).max())
     assert told.detail == f"M q̈ + B is not 0, and {FORCES}"
@@ -231,14 +235,14 @@ def test_what_constraint_forces_do_is_what_is_left_of_the_constraint():
     a = np.array([[1.0, -2.0, 0.5], [0.0, 1.0, 3.0]])
     here = at(**TERMS, a=lambda q: a)
     parts = [np.array([1.0, 2.0, -3.0]), np.array([0.1, 0.2, 0.3]), np.array([2.0, 2.0, 3.0])]
-    forces = Measured(*parts)
-    found = of_violation(here, here.of("qdd"), forces)
+    forces = UncertainArray(*parts)
+    found = violation_power(here, here.of("qdd"), forces)
     left = np.abs(a @ V) + EPS * np.abs(a) @ np.abs(V)
     violation = np.abs(np.linalg.pinv(a)) @ left
     size = here.of("M").size @ here.of("qdd").size + forces.size
     np.testing.assert_allclose(found.error, size @ violation, rtol=1e-9)
     assert (float(found.value), float(found.size)) == (0.0, 0.0)
-    none = of_violation(at(**TERMS), here.of("qdd"), forces)
+    none = violation_power(at(**TERMS), here.of("qdd"), forces)
     assert (float(none.value), float(none.error)) == (0.0, 0.0)
 
 
@@ -249,14 +253,14 @@ def damped(q: Any, v: Any) -> Any:
 
 def test_rows_with_a_linear_damper_are_told_and_the_others_judged():
     told, one = says("acceleration-even", at(qdd=damped))
-    assert isinstance(told, Told)
+    assert isinstance(told, Decision)
     assert told[:4] == ("q̈ odd in v", pytest.approx(1.4 * 0.8), 0.0, "inconclusive")
     assert told.detail == (
         "acceleration, row q[0], q[2]: odd in v, and linear: a damper? R or Q would tell"
     )
     row = 2.0 * 0.8**3
     holds(one, "q̈", [0.0, 0.1 + row, 0.0], [0.0, 0.1 - row, 0.0], (ROWS,))
-    assert isinstance(one, Sides) and one.say is not None
+    assert isinstance(one, UncertainEquality) and one.say is not None
     said = one.say(one.found.value, one.expected.value, 0.0, (1,))
     assert said == "odd in v, and not linear: drag and friction would be in R or Q"
 
@@ -270,7 +274,7 @@ def test_accelerations_are_quadratic_but_for_a_linear_damper():
 def test_a_number_is_seen_beyond_what_is_allowed_of_it():
     error = np.array([1e-3, 1e-3, 0.0, 1e-3])
     value = error * C * np.array([1.1, -1.1, 0.0, 0.9])
-    assert seen(Measured(value, error, error)).tolist() == [True, True, False, False]
+    assert is_nonzero(UncertainArray(value, error, error)).tolist() == [True, True, False, False]
 
 
 # ---- Constraints ---------------------------------------------------------------------------------
@@ -292,7 +296,7 @@ TWO = (("constraint 0", "constraint 1"),)
 A_NAMES = (*TWO, ("u[0]", "u[1]"))
 
 
-def held(**own: Any) -> Point:
+def held(**own: Any) -> FunctionState:
     """Return the point of functions with two speeds of three coordinates, and two constraints."""
     here = at(3, Q, U_, **SPEEDS, **own)
     for name in {"a", "gamma", "c", "b"} & {*own}:
@@ -327,7 +331,7 @@ def test_the_drift_is_the_rate_of_a_v_and_b_with_speeds_held():
     own = {"a": a, "gamma": lambda q, v: np.array([v[0] ** 2, 3.0])}
     (one,) = says("constraint-drift", held(**own))
     holds(one, "γ", [U_[0] ** 2, 3.0], drift, TWO)
-    assert isinstance(one, Sides) and one.say is proportional
+    assert isinstance(one, UncertainEquality) and one.say is proportional
     clock = {"b": lambda q, t: np.array([2.0 * t * q[0], q[1] ** 2 - 5.0 * t])}
     (one,) = says("constraint-drift", held(**own, **clock))
     clocked = drift + np.array([2.0 * Q[0], 2.0 * Q[1] * rates[1] - 5.0])
@@ -344,7 +348,7 @@ def test_accelerations_keep_the_constraints_by_the_drift_that_is_given_or_follow
     given = held(a=a, qdd=udot, gamma=lambda q, v: np.array([0.3, -0.7]))
     (one,) = says("constraint-acceleration", given)
     holds(one, "a q̈ ~ -γ", a(Q) @ udot(Q, U_), [-0.3, 0.7], TWO)
-    assert isinstance(one, Sides) and one.say is proportional
+    assert isinstance(one, UncertainEquality) and one.say is proportional
 
 
 # ---- References ----------------------------------------------------------------------------------
@@ -361,9 +365,9 @@ BOOK: dict[str, Any] = {
 }
 
 
-def book(*names: str, **changed: Any) -> Functions:
+def book(*names: str, **changed: Any) -> EquationsOfMotion:
     given = {name: BOOK[name] for name in names or BOOK} | changed
-    return Functions(3, **given, name="a book")
+    return EquationsOfMotion(3, **given, name="a book")
 
 
 def test_each_quantity_is_held_against_that_of_the_reference_at_the_same_state():
@@ -399,7 +403,7 @@ def test_what_a_reference_cannot_tell_is_skipped_with_the_reason():
     here = at(**TERMS, against=book("qdd", M=broken, bias=lambda q, v: v))
     first, *others = says("reference", here)
     assert first == Skipped("M ~ a book", "the reference breaks: M: ValueError: no licence")
-    assert [type(one) for one in others] == [Sides, Sides]
+    assert [type(one) for one in others] == [UncertainEquality, UncertainEquality]
     closed = {"a": lambda q: np.array([[1.0, 0.0, 0.0]]), "c": lambda q: np.array([q[0] ** 2 + 1])}
     (one,) = says("reference", at(qdd=qdd, **closed, against=book("qdd")))
     assert one == Skipped("qdd ~ a book", "no consistent state is found nearby")
@@ -414,7 +418,7 @@ def test_why_a_bias_does_not_follow_is_told_of_the_side_that_lacks_it():
         (built, {"bias": bias}, "constraints may be built into M"),
         ({"bias": bias}, built, "constraints may be built into M"),
     ):
-        here = at(**own, against=Functions(3, **theirs, name="a book"))
+        here = at(**own, against=EquationsOfMotion(3, **theirs, name="a book"))
         (one,) = says("reference", here)
         assert isinstance(one, Skipped)
         assert one.subject == "bias ~ a book" and one.reason.startswith(text)
@@ -424,8 +428,8 @@ def test_a_reference_is_refused_where_it_answers_nowhere_with_what_breaks_first(
     def broken(q: Any, *v: Any) -> Any:
         raise ValueError("no licence" if q[0] > 0.0 else "below zero")
 
-    def points(*x: float, **theirs: Any) -> list[Point]:
-        against = Functions(3, **theirs, name="a book")
+    def points(*x: float, **theirs: Any) -> list[FunctionState]:
+        against = EquationsOfMotion(3, **theirs, name="a book")
         return [at(q=(y, 0.1, 0.2), **TERMS, against=against) for y in x]
 
     for x, why in (((0.3, -0.3), "no licence"), ((-0.3, 0.3), "below zero")):
@@ -444,7 +448,7 @@ def test_where_a_clause_breaks_the_function_is_named_once():
         raise ValueError("no licence")
 
     here = at(M=M, qdd=broken, bias=bias)
-    each = [[*outcomes(FUNCTION_CLAIMS[id], here)] for id in ("motion", "power-balance")]
+    each = [[*claim_outputs(FUNCTION_CLAIMS[id], here)] for id in ("motion", "power-balance")]
     assert each == [
         [Skipped("qdd", "qdd breaks: ValueError: no licence")],
         [Skipped("qdd", "qdd does not answer")],

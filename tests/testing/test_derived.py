@@ -9,7 +9,7 @@ import pytest
 from tests.testing.own import coriolis, given, guide
 
 from eomcheck.claims.finding import Finding
-from eomcheck.testing import Functions, check_functions
+from eomcheck.testing import EquationsOfMotion, check_functions
 
 CART, DRIVE = guide("cart"), guide("drive")
 
@@ -208,12 +208,12 @@ def test_constraints_without_their_jacobian_are_said_to_need_it():
 
 def test_what_follows_is_compared_with_what_the_reference_has():
     """M of T, B of M, and γ of a, each against what a reference has itself."""
-    cart = Functions(3, M=CART.M, bias=CART.bias, name="a book")
-    drive = Functions(7, gamma=DRIVE.gamma, name="a book")
+    cart = EquationsOfMotion(3, M=CART.M, bias=CART.bias, name="a book")
+    drive = EquationsOfMotion(7, gamma=DRIVE.gamma, name="a book")
     own = [
         ({"n": 3, "T": CART.T}, cart, ["M", "bias"]),
         ({"n": 3, "M": CART.M}, cart, ["M"]),
-        ({"n": 3, "M": CART.M}, Functions(3, bias=CART.bias, name="a book"), ["bias"]),
+        ({"n": 3, "M": CART.M}, EquationsOfMotion(3, bias=CART.bias, name="a book"), ["bias"]),
         ({"n": 7, "a": DRIVE.a}, drive, ["gamma"]),
     ]
     for functions, against, names in own:
@@ -228,13 +228,13 @@ def test_what_follows_is_compared_with_what_the_reference_has():
 
 
 def test_what_neither_gives_is_not_derived_from_both():
-    against = Functions(3, T=CART.T, name="a book")
+    against = EquationsOfMotion(3, T=CART.T, name="a book")
     findings = check_functions(3, T=CART.T, against=against, states=1, claims=["reference"])
     assert [x.subject for x in findings] == ["T ~ a book"]
 
 
 def test_a_bias_that_does_not_follow_is_skipped_with_the_reason():
-    against = Functions(3, bias=CART.bias, name="a book")
+    against = EquationsOfMotion(3, bias=CART.bias, name="a book")
     options = {"against": against, "states": 1, "claims": ["reference"], "holonomic": False}
     (skipped,) = check_functions(3, M=CART.M, **options)
     assert (skipped.subject, skipped.verdict) == ("bias ~ a book", "skipped")

@@ -14,7 +14,7 @@ from tests.testing.trees import random_tree
 
 from eomcheck.claims.finding import Finding
 from eomcheck.numbers.pivots import EPS
-from eomcheck.testing import FUNCTION_CLAIMS, Functions, check_functions
+from eomcheck.testing import FUNCTION_CLAIMS, EquationsOfMotion, check_functions
 from eomcheck.testing.equations_of_motion import INPUTS
 from eomcheck.testing.function_checks import caveats
 
@@ -181,7 +181,7 @@ WRONG: dict[str, Wrong] = {
         "cart",
         lambda eps: {
             "gravity": lambda q: CART.gravity(q) + eps * np.array([0, 1, 0]),
-            "against": Functions(**given("cart")),
+            "against": EquationsOfMotion(**given("cart")),
         },
     ),
 }
@@ -548,7 +548,7 @@ def test_a_claim_that_is_asked_for_names_what_it_needs_where_that_is_missing():
     # Where all are asked for, those that do not concern what is given are left out.
     every = check_functions(1, M=lambda q: np.eye(1), states=2)
     assert not any(x.detail.startswith("needs ") for x in every)
-    functions = Functions(1, M=lambda q: np.eye(1))
+    functions = EquationsOfMotion(1, M=lambda q: np.eye(1))
     details = [x.detail for x in caveats(functions, ["motion", "mass-matrix-symmetric"])]
     assert details == ["needs (M or T) and qdd"]
     assert not any(x.detail.startswith("needs ") for x in caveats(functions, FUNCTION_CLAIMS))

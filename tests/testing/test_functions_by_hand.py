@@ -13,18 +13,19 @@ from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import SCENES, Sleigh, Snake, TurntableBall
-from eomcheck.testing import Functions, function_checks, function_claim
-from eomcheck.testing.converters import from_engine, from_scene, reference_of
+from eomcheck.testing import EquationsOfMotion, function_checks, function_claim
+from eomcheck.testing.converters import from_engine, from_scene, reference_functions
 from eomcheck.testing.equations_of_motion import (
     INPUTS,
     MAY_READ_MORE,
     MOST_STATES,
     OPTIONS,
-    ComparedFunctions,
+    ComparedEquations,
     checked_states,
-    functions_of,
+    equations_from,
 )
-from eomcheck.testing.function_claim import FUNCTION_CLAIMS, FunctionClaim, claim, has_any
+from eomcheck.testing.function_claim import FUNCTION_CLAIMS, FunctionClaim, has_any
+from eomcheck.testing.function_claim import function_claim as claim
 
 # ---- Functions -----------------------------------------------------------------------------------
 
@@ -52,13 +53,16 @@ def test_each_input_reads_answers_and_is_called_what_the_guide_says():
 
 
 def test_functions_are_called_by_their_name_and_what_is_given_in_the_order_of_the_table():
-    one = functions_of(3, {"qdd": len, "M": len, "name": "arm"})
+    one = equations_from(3, {"qdd": len, "M": len, "name": "arm"})
     assert one.given == ("M", "qdd") and one.structure == "arm: M, qdd"
     assert repr(one) == "<arm: M, qdd>" and one.function("M") is len
     assert one.function("T") is None
-    assert (Functions(2, M=len, speeds=2).p, Functions(10_000, M=len).p) == (2, 10_000)
+    assert (EquationsOfMotion(2, M=len, speeds=2).p, EquationsOfMotion(10_000, M=len).p) == (
+        2,
+        10_000,
+    )
     with pytest.raises(UnknownNameError) as error:
-        functions_of(2, {"n": 3})
+        equations_from(2, {"n": 3})
     assert str(error.value) == f"unknown argument 'n'; known: {', '.join(OPTIONS)}"
 
 
@@ -88,20 +92,22 @@ def test_functions_are_called_by_their_name_and_what_is_given_in_the_order_of_th
 )
 def test_functions_that_cannot_be_are_refused_in_a_sentence(given, message):
     with pytest.raises(InputError) as error:
-        Functions(**{"n": 2} | given)
+        EquationsOfMotion(**{"n": 2} | given)
     assert str(error.value) == message
 
 
 def test_compared_functions_are_what_they_were_beside_what_they_are_compared_with():
-    own = Functions(3, M=len, qdot=abs, speeds=2, ranges=(0.0, 2.0), name="arm", derived=True)
-    made = ComparedFunctions.of(own, "a scene")
+    own = EquationsOfMotion(
+        3, M=len, qdot=abs, speeds=2, ranges=(0.0, 2.0), name="arm", derived=True
+    )
+    made = ComparedEquations.of(own, "a scene")
     assert made.against == "a scene" and made.given == own.given
     for name in ("n", *OPTIONS):
         assert getattr(made, name) is getattr(own, name), name
 
 
 def test_states_are_a_number_or_pairs_of_coordinates_and_velocities():
-    own = Functions(2, qdot=len, speeds=1)
+    own = EquationsOfMotion(2, qdot=len, speeds=1)
     assert checked_states(own, np.int64(7)) == 7
     assert checked_states(own, MOST_STATES) == MOST_STATES == 1_000_000
     (one, other) = checked_states(own, iter([([1, 2], [3]), (np.ones(2), np.zeros(1))]))  # type: ignore[misc]
@@ -291,7 +297,7 @@ def test_an_engine_gives_what_it_overrides_and_constraints_only_where_there_are_
 )
 def test_what_nothing_can_be_compared_with_is_refused_in_a_sentence(against, hint):
     with pytest.raises(InputError) as error:
-        reference_of(against)
+        reference_functions(against)
     assert str(error.value) == (
         f"against = {against!r}, expected a scene, an engine made for one, (engine, scene), or "
         f"Functions{hint}"
@@ -299,10 +305,10 @@ def test_what_nothing_can_be_compared_with_is_refused_in_a_sentence(against, hin
 
 
 def test_what_functions_are_compared_with_may_be_given_in_four_ways():
-    own, scene = Functions(2, M=len), Snake.coil(2)
-    assert reference_of(own) is own
-    assert reference_of(scene).name == "snake[2]"
-    assert reference_of(("casadi", scene)).name == "casadi of snake[2]"
+    own, scene = EquationsOfMotion(2, M=len), Snake.coil(2)
+    assert reference_functions(own) is own
+    assert reference_functions(scene).name == "snake[2]"
+    assert reference_functions(("casadi", scene)).name == "casadi of snake[2]"
     like: Any = SimpleNamespace(mass_matrix=len)
     with pytest.raises(InputError):
-        reference_of(like)
+        reference_functions(like)

@@ -10,21 +10,27 @@ from tests.testing.own import given, guide
 
 from eomcheck.errors import InputError
 from eomcheck.evaluation.tolerance import C
-from eomcheck.testing import FUNCTION_CLAIMS, Functions, check, check_functions
-from eomcheck.testing.equations_of_motion import Answers
-from eomcheck.testing.function_checks import RANKS, compared, decided, drawn, functions_at
-from eomcheck.testing.function_claim import Sides
-from eomcheck.testing.function_state import Point
-from eomcheck.testing.uncertain import Measured
+from eomcheck.testing import FUNCTION_CLAIMS, EquationsOfMotion, check, check_functions
+from eomcheck.testing.equations_of_motion import FunctionCaller
+from eomcheck.testing.function_checks import (
+    RANKS,
+    check_functions_at,
+    judge_entries,
+    judge_output,
+    sample_states,
+)
+from eomcheck.testing.function_claim import UncertainEquality
+from eomcheck.testing.function_state import FunctionState
+from eomcheck.testing.uncertain import UncertainArray
 
 CART = guide("cart")
 NAMES = ("x", "y"), ("a", "b", "c")
 EVEN = FUNCTION_CLAIMS["bias-even"]
 
 
-def measured(value: Any, error: Any, size: Any = 1.0) -> Measured:
+def measured(value: Any, error: Any, size: Any = 1.0) -> UncertainArray:
     value = np.asarray(value, float)
-    return Measured(
+    return UncertainArray(
         value, *(np.broadcast_to(np.asarray(x, float), value.shape) for x in (error, size))
     )
 
@@ -32,12 +38,12 @@ def measured(value: Any, error: Any, size: Any = 1.0) -> Measured:
 def test_each_entry_is_judged_by_the_errors_of_both_sides():
     found = measured([[1.0, 2.0, 0.0], [4.0, -5.0, 0.0]], [[1e-6, 0, 0], [0, 2e-5, 1e-7]])
     off = [[C * 1.4e-6, C * 0.9e-6, 0.0], [C * 0.9e-6, C * 1.9e-5, 0.0]]
-    expected = Measured(
+    expected = UncertainArray(
         found.value + off,
         np.array([[0.5e-6, 1e-6, 0.0], [0.8e-6, 0.0, 0.0]]),
         np.ones((2, 3)),
     )
-    judged = compared(EVEN, Sides("M", found, expected, NAMES))
+    judged = judge_entries(EVEN, UncertainEquality("M", found, expected, NAMES))
     verdicts = [[RANKS[int(x)] for x in row] for row in judged.verdicts]
     assert verdicts == [["passed", "passed", "passed"], ["failed", "passed", "passed"]]
     np.testing.assert_allclose(judged.allowed / C, [[1.5e-6, 1e-6, 0], [0.8e-6, 2e-5, 1e-7]])
@@ -73,15 +79,15 @@ def test_each_entry_is_judged_by_the_errors_of_both_sides():
     ],
 )
 def test_a_number_is_resolved_beside_the_larger_side(found, expected, verdict: str):
-    judged = compared(EVEN, Sides("M", found, expected, ()))
+    judged = judge_entries(EVEN, UncertainEquality("M", found, expected, ()))
     assert judged.told.verdict == verdict
     assert RANKS[int(judged.verdicts)] == verdict
 
 
 def test_what_is_not_known_does_not_hide_what_fails():
     found = measured([1.0, 2.0, np.inf], [np.inf, 1e-9, 0.0])
-    judged = compared(
-        EVEN, Sides("bias", found, measured([1.0, 2.5, 1.0], 0.0), (("a", "b", "c"),))
+    judged = judge_entries(
+        EVEN, UncertainEquality("bias", found, measured([1.0, 2.5, 1.0], 0.0), (("a", "b", "c"),))
     )
     assert [RANKS[int(x)] for x in judged.verdicts] == ["inconclusive", "failed", "inconclusive"]
     assert judged.told.detail == "bias, row b: 2, expected 2.5"
@@ -90,7 +96,9 @@ def test_what_is_not_known_does_not_hide_what_fails():
 
 def test_exact_numbers_that_differ_fail_before_all_others():
     found = measured([1.0, 2.0], [1e-9, 0.0])
-    judged = compared(EVEN, Sides("bias", found, measured([2.0, 2.5], 0.0), (("a", "b"),)))
+    judged = judge_entries(
+        EVEN, UncertainEquality("bias", found, measured([2.0, 2.5], 0.0), (("a", "b"),))
+    )
     assert "row b: 2, expected 2.5" in judged.told.detail
     assert (judged.told.observed, judged.told.allowed) == (0.5, 0.0)
 
@@ -98,7 +106,9 @@ def test_exact_numbers_that_differ_fail_before_all_others():
 def test_a_row_that_is_missing_or_too_much_is_resolved_as_wrong():
     found = measured([0.0, 1.0, 3.0, 0.0], 1e-9)
     expected = measured([2.0, 1.0, 0.0, 0.0], 0.0)
-    judged = compared(EVEN, Sides("bias", found, expected, (("a", "b", "c", "d"),)))
+    judged = judge_entries(
+        EVEN, UncertainEquality("bias", found, expected, (("a", "b", "c", "d"),))
+    )
     assert [RANKS[int(x)] for x in judged.verdicts] == ["failed", "passed", "failed", "passed"]
     assert judged.vanish.tolist() == [False, False, False, True]
     resolved, hidden = (np.unpackbits(np.frombuffer(x, np.uint8)) for x in judged.entries[1:])
@@ -107,7 +117,7 @@ def test_a_row_that_is_missing_or_too_much_is_resolved_as_wrong():
 
 def test_nothing_to_compare_passes():
     empty = measured(np.zeros((0, 3)), 0.0)
-    told = compared(EVEN, Sides("a", empty, empty, ((), ("x", "y", "z")))).told
+    told = judge_entries(EVEN, UncertainEquality("a", empty, empty, ((), ("x", "y", "z")))).told
     assert told == ("a", 0.0, 0.0, "passed", "")
 
 
@@ -115,7 +125,9 @@ def test_a_failure_names_the_function_where_its_claim_blames_none():
     one, two = measured(1.0, 1e-9), measured(3.0, 0.0)
     claim = FUNCTION_CLAIMS["same-answer"]
     for subject, words in (("qdd", "acceleration"), ("C v ~ B", "C v"), ("R ~ x", "dissipation f")):
-        assert compared(claim, Sides(subject, one, two, ())).told.detail.startswith(words)
+        assert judge_entries(
+            claim, UncertainEquality(subject, one, two, ())
+        ).told.detail.startswith(words)
 
 
 # ---- Of several states ---------------------------------------------------------------------------
@@ -129,7 +141,7 @@ STATES = [(np.array([x, 0.2 - x, 0.3]), np.zeros(3)) for x in (0.11, -0.52, 0.73
 def test_what_no_state_resolves_is_told_where_least_is_allowed():
     """Rows 0 and 1 are hidden everywhere, row 2 nowhere."""
     sizes = np.array([1e-12, 1e-10])
-    functions = Functions(
+    functions = EquationsOfMotion(
         3,
         U=lambda q: sizes @ np.sin(NOISE * q[:2]) + 1.5 * q[2] ** 2,
         gravity=lambda q: [*(-NOISE * sizes * np.cos(NOISE * q[:2])), 3.0 * q[2]],
@@ -140,8 +152,8 @@ def test_what_no_state_resolves_is_told_where_least_is_allowed():
     assert listed.detail == f"not resolved in any of 3 states: {rows}"
     assert (listed.subject, listed.verdict) == ("gravity", "inconclusive")
     assert (passed.verdict, passed.detail) == ("passed", "6 of 9 entries in 3 states not resolved")
-    points = [Point(Answers(functions), q, v, k) for k, (q, v) in enumerate(STATES)]
-    each = [decided(claim, next(claim.look(at))) for at in points]
+    points = [FunctionState(FunctionCaller(functions), q, v, k) for k, (q, v) in enumerate(STATES)]
+    each = [judge_output(claim, next(claim.look(at))) for at in points]
     allowed = np.array([one.allowed[:2] for one in each])
     k, i = np.unravel_index(np.argmin(allowed), allowed.shape)
     assert listed.allowed == allowed[k, i]
@@ -197,8 +209,8 @@ def test_a_matrix_that_cannot_be_inverted_is_told_as_not_computed():
 
 
 def test_states_are_those_of_the_seed_and_of_the_ranges_of_each():
-    functions = Functions(2, bias=lambda q, v: v, ranges=[(2, 3), (5, 9), (-4, -3), (0, 2)])
-    one, same, other = (drawn(functions, 400, seed) for seed in (3, 3, 4))
+    functions = EquationsOfMotion(2, bias=lambda q, v: v, ranges=[(2, 3), (5, 9), (-4, -3), (0, 2)])
+    one, same, other = (sample_states(functions, 400, seed) for seed in (3, 3, 4))
     table = np.array([[*x.q, *x.v] for x in one])
     assert table.tolist() == [[*x.q, *x.v] for x in same]
     assert not {x.q[0] for x in one} & {x.q[0] for x in other}
@@ -223,7 +235,7 @@ def test_a_difference_from_a_reference_beyond_the_default_ranges_is_told():
     def wrapped(q: Any) -> Any:
         return CART.M(np.where(np.abs(q) > 1.2, 2.4 - q, q))
 
-    against = Functions(3, M=CART.M, name="a book")
+    against = EquationsOfMotion(3, M=CART.M, name="a book")
     found = check_functions(3, M=wrapped, against=against, states=2, claims=["reference"])
     assert [x.verdict for x in found] == ["passed", "inconclusive"]
     assert "outside the ranges only" in found[1].detail
@@ -235,8 +247,8 @@ def test_a_difference_from_a_reference_beyond_the_default_ranges_is_told():
 def test_a_reference_of_other_speeds_is_refused(n: int, p: int):
     """As many coordinates and fewer velocities, or the other way."""
 
-    def made(n: int, p: int) -> Functions:
-        return Functions(n, M=lambda q: np.eye(p), qdot=lambda q, u: np.zeros(n), speeds=p)
+    def made(n: int, p: int) -> EquationsOfMotion:
+        return EquationsOfMotion(n, M=lambda q: np.eye(p), qdot=lambda q, u: np.zeros(n), speeds=p)
 
     with pytest.raises(InputError, match=f"against has {n} coordinates, expected 2 as"):
         check(made(2, 2), against=made(n, p), states=1)
@@ -249,11 +261,11 @@ def test_a_seed_below_zero_is_refused():
 
 def test_claims_at_one_state_are_those_that_are_asked_there():
     own = given("cart") | {"gravity": lambda q: CART.gravity(q) * (1.0 + (q[0] > 0.5))}
-    functions = Functions(**own)
+    functions = EquationsOfMotion(**own)
     ids = ["gravity-of-potential", "mass-matrix-symmetric"]
     for x, verdict in ((0.4, "passed"), (0.6, "failed")):
-        (state,) = (y for y in drawn(functions, 1, 0))
+        (state,) = (y for y in sample_states(functions, 1, 0))
         state = state._replace(q=np.array([x, 0.7, -0.4]))
-        found = functions_at(functions, state, ids)
+        found = check_functions_at(functions, state, ids)
         assert [(y.claim, y.verdict) for y in found] == [(ids[0], verdict), (ids[1], "passed")]
         assert all(y.state is not None and y.state.q[0] == x for y in found)

@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 from eomcheck.evaluation.tolerance import C
-from eomcheck.testing.uncertain import Measured, contract, exact, gradient, noise, partial, zero
+from eomcheck.testing.uncertain import (
+    UncertainArray,
+    contract,
+    exact,
+    gradient,
+    noise,
+    partial,
+    zero,
+)
 
 EPS = np.finfo(np.float64).eps
 
@@ -23,7 +31,7 @@ def slope(x):
 def measured(f, x):
     value = f(x)
     size = np.abs(value)
-    return Measured(value, noise(f, x, np.ones(len(x))) + EPS * size, size)
+    return UncertainArray(value, noise(f, x, np.ones(len(x))) + EPS * size, size)
 
 
 @pytest.mark.parametrize("seed", range(30))
@@ -64,7 +72,7 @@ def test_a_gradient_has_the_new_axis_first():
 def test_each_coordinate_has_steps_of_its_own_range():
     x, width = np.array([30.0, 0.007]), np.array([100.0, 0.01])
     value = np.sin(x / width)
-    here = Measured(value, EPS * np.ones(2), np.ones(2))
+    here = UncertainArray(value, EPS * np.ones(2), np.ones(2))
     found = gradient(lambda y: np.sin(y / width), x, width, here)
     away = np.abs(found.value - np.diag(np.cos(x / width) / width))
     assert (away <= C * found.error).all()
@@ -141,8 +149,8 @@ def test_errors_of_sums_and_products_hold_what_they_are_made_of():
     for _ in range(50):
         A, x = rng.uniform(-1, 1, (3, 3)), rng.uniform(-1, 1, 3)
         dA, dx = rng.uniform(-1, 1, (3, 3)) * 1e-6, rng.uniform(-1, 1, 3) * 1e-6
-        M = Measured(A, np.abs(dA), np.abs(A))
-        v = Measured(x, np.abs(dx), np.abs(x))
+        M = UncertainArray(A, np.abs(dA), np.abs(A))
+        v = UncertainArray(x, np.abs(dx), np.abs(x))
         product = M @ v
         moved = (A + dA) @ (x + dx)
         assert (np.abs(product.value - moved) <= 1.01 * product.error).all()

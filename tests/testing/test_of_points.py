@@ -14,49 +14,54 @@ from eomcheck.errors import InputError
 from eomcheck.evaluation.tolerance import C
 from eomcheck.numbers.pivots import EPS
 from eomcheck.scenes import SCENES
-from eomcheck.testing import Functions, check_functions, from_scene
+from eomcheck.testing import EquationsOfMotion, check_functions, from_scene
 from eomcheck.testing.claims_answers import NOISE
-from eomcheck.testing.equations_of_motion import Answers, BrokenError
-from eomcheck.testing.function_claim import Blind
+from eomcheck.testing.equations_of_motion import BrokenError, FunctionCaller
+from eomcheck.testing.function_claim import BlindSpot
 from eomcheck.testing.function_state import (
-    Point,
-    bias,
+    FunctionState,
     clock_rate,
     differences,
-    drift,
     inertia,
+    supplied_or_derived_bias,
+    supplied_or_derived_drift,
     why_no_bias,
 )
-from eomcheck.testing.suite import FunctionsTrial, read_expected_failures, result_of, without_hidden
+from eomcheck.testing.suite import (
+    EquationsTarget,
+    read_expected_failures,
+    result_or_failure,
+    without_unresolved,
+)
 from eomcheck.testing.uncertain import (
-    Measured,
+    UncertainArray,
     contract,
+    entry_sizes,
     exact,
     jumps,
     jumps_on,
-    opposite,
     partial,
-    size_of,
+    sign_patterns,
     zero,
 )
 
 CART = guide("cart")
 
 
-def at(q: Any = (0.3, 0.7), v: Any = (0.5, -0.8), **own: Any) -> Point:
+def at(q: Any = (0.3, 0.7), v: Any = (0.5, -0.8), **own: Any) -> FunctionState:
     """Return the point of functions of as many coordinates."""
     q, v = np.array(q, float), np.array(v, float)
-    return Point(Answers(Functions(len(q), **own)), q, v)
+    return FunctionState(FunctionCaller(EquationsOfMotion(len(q), **own)), q, v)
 
 
 # ---- Measured numbers ----------------------------------------------------------------------------
 
 
 def test_sums_and_products_carry_errors_and_sizes():
-    x = Measured(np.array([2.0, -3.0]), np.array([0.1, 0.2]), np.array([5.0, 4.0]))
-    y = Measured(np.array([1.0, 7.0]), np.array([0.01, 0.03]), np.array([1.5, 8.0]))
+    x = UncertainArray(np.array([2.0, -3.0]), np.array([0.1, 0.2]), np.array([5.0, 4.0]))
+    y = UncertainArray(np.array([1.0, 7.0]), np.array([0.01, 0.03]), np.array([1.5, 8.0]))
 
-    def parts(one: Measured) -> list[Any]:
+    def parts(one: UncertainArray) -> list[Any]:
         return [one.value.tolist(), *(pytest.approx(z.tolist()) for z in (one.error, one.size))]
 
     assert parts(x - y) == [[1.0, -10.0], [0.11, 0.23], [6.5, 12.0]]
@@ -69,7 +74,7 @@ def test_sums_and_products_carry_errors_and_sizes():
     assert float(dot.error) == pytest.approx(0.1 * 1.5 + 0.2 * 8.0 + 5.0 * 0.01 + 4.0 * 0.03)
     assert float((exact([3.0]) @ exact([0.5])).error) == 1.5 * EPS
     assert float((exact([3.0]) + exact([0.5])).error[0]) == 3.5 * EPS
-    table = Measured(np.arange(6.0).reshape(2, 3), np.ones((2, 3)), np.full((2, 3), 2.0))
+    table = UncertainArray(np.arange(6.0).reshape(2, 3), np.ones((2, 3)), np.full((2, 3), 2.0))
     assert (table.T.shape, (x @ table).shape, (table @ table.T).shape) == ((3, 2), (3,), (2, 2))
     assert (x @ table).value.tolist() == [-9.0, -10.0, -11.0]
     assert zero(x).error.tolist() == [5.0 * EPS, 4.0 * EPS]
@@ -99,7 +104,7 @@ def test_a_jump_is_thirty_times_the_median_change(values: list[float], jumps_the
 
 @pytest.mark.parametrize("count", range(1, 9))
 def test_any_two_entries_have_opposite_signs_in_some_row(count: int):
-    signs = opposite(count)
+    signs = sign_patterns(count)
     assert {*np.unique(signs)} <= {-1.0, 1.0}
     for i in range(count):
         for k in range(i):
@@ -107,14 +112,14 @@ def test_any_two_entries_have_opposite_signs_in_some_row(count: int):
 
 
 def test_sizes_of_a_square_matrix_are_those_of_its_diagonal_at_least():
-    found = size_of(np.array([[4.0, 0.0, -9.0], [1.0, -9.0, 2.0], [0.0, 0.0, 0.25]]))
+    found = entry_sizes(np.array([[4.0, 0.0, -9.0], [1.0, -9.0, 2.0], [0.0, 0.0, 0.25]]))
     assert found.tolist() == [[4.0, 6.0, 9.0], [6.0, 9.0, 2.0], [1.0, 1.5, 0.25]]
-    assert size_of(np.array([[4.0, 0.0], [-9.0, 1.0], [0.0, -2.0]])).tolist() == [
+    assert entry_sizes(np.array([[4.0, 0.0], [-9.0, 1.0], [0.0, -2.0]])).tolist() == [
         [4.0, 0.0],
         [9.0, 1.0],
         [0.0, 2.0],
     ]
-    assert size_of(np.array([-4.0, 0.0])).tolist() == [4.0, 0.0]
+    assert entry_sizes(np.array([-4.0, 0.0])).tolist() == [4.0, 0.0]
 
 
 @pytest.mark.parametrize(("away", "there"), [(0.9e-3, True), (-0.4e-3, True), (3e-3, False)])
@@ -290,20 +295,22 @@ def test_directions_that_constraints_leave_are_counted_by_rank(a: Any, free: int
 def test_speeds_are_turned_into_rates_and_forces_back():
     """q̇ = S u with S (3, 2): gravity along u is Sᵀ ∂U/∂q."""
     S = np.array([[1.0, 2.0], [0.0, -1.0], [3.0, 0.5]])
-    functions = Functions(
+    functions = EquationsOfMotion(
         3,
         qdot=lambda q, u: S @ u,
         speeds=2,
         U=lambda q: q @ [1.0, -2.0, 0.3],
         a=lambda q: np.array([[q[0] * q[2], 0.0]]),
     )
-    here = Point(Answers(functions), np.array([0.3, 0.7, 0.4]), np.array([0.5, -0.8]))
+    here = FunctionState(
+        FunctionCaller(functions), np.array([0.3, 0.7, 0.4]), np.array([0.5, -0.8])
+    )
     np.testing.assert_allclose(here.S().value, S)
     np.testing.assert_allclose(here.rates().value, S @ here.v)
     np.testing.assert_allclose(here.gravity().value, S.T @ [1.0, -2.0, 0.3], rtol=1e-12)
     rates = S @ here.v
     rate = (rates[0] * 0.4 + 0.3 * rates[2]) * 0.5
-    np.testing.assert_allclose(drift(here).value, [rate], rtol=1e-11)
+    np.testing.assert_allclose(supplied_or_derived_drift(here).value, [rate], rtol=1e-11)
     np.testing.assert_allclose(here.rate_of(here.raw("U")).value, rates @ [1.0, -2.0, 0.3])
 
 
@@ -329,35 +336,37 @@ def test_a_bias_follows_from_what_is_closest():
     right = CART.bias(q, v)
     given = {"M": CART.M, "T": CART.T}
     for own in (given, {"M": CART.M}, {"T": CART.T}):
-        found = bias(at(q, v, **own))
+        found = supplied_or_derived_bias(at(q, v, **own))
         assert found is not None
         np.testing.assert_allclose(found.value, right, rtol=1e-9, atol=1e-10)
         np.testing.assert_allclose(inertia(at(q, v, **own)).value, CART.M(q), atol=1e-12)
     C_ = {"C": lambda q, v: np.outer(CART.bias(q, v), v) / (v @ v)}
-    found = bias(at(q, v, **given, **C_, bias=lambda q, v: 2.0 * CART.bias(q, v)))
+    found = supplied_or_derived_bias(
+        at(q, v, **given, **C_, bias=lambda q, v: 2.0 * CART.bias(q, v))
+    )
     assert found is not None and found.value.tolist() == (2.0 * right).tolist()
     unknown = at(q, v, M=CART.M, holonomic=False)
-    assert bias(unknown) is None
+    assert supplied_or_derived_bias(unknown) is None
     assert why_no_bias(unknown).startswith("constraints may be built into M")
-    speeds = Functions(
+    speeds = EquationsOfMotion(
         3, T=lambda q, u: u @ u, qdot=lambda q, u: u[[0, 1, 0]], speeds=2, holonomic=True
     )
-    fewer = Point(Answers(speeds), q, v[:2])
-    assert bias(fewer) is None
+    fewer = FunctionState(FunctionCaller(speeds), q, v[:2])
+    assert supplied_or_derived_bias(fewer) is None
     assert why_no_bias(fewer).startswith("M or T tells B only where there are as many speeds")
 
 
 def test_the_bias_of_a_mass_matrix_in_speeds_is_lagranges():
     """A mass at (x, y) with u = (ẋ, ẏ) scaled by what depends on x: M = S², and B = S Ṡ u."""
     m = 2.0
-    functions = Functions(
+    functions = EquationsOfMotion(
         2,
         M=lambda q: m * np.diag([(1.0 + q[0] ** 2) ** 2, 1.0]),
         qdot=lambda q, u: np.array([(1.0 + q[0] ** 2) * u[0], u[1]]),
         holonomic=True,
     )
-    here = Point(Answers(functions), np.array([0.5, 0.2]), np.array([0.7, -0.4]))
-    found = bias(here)
+    here = FunctionState(FunctionCaller(functions), np.array([0.5, 0.2]), np.array([0.7, -0.4]))
+    found = supplied_or_derived_bias(here)
     assert found is not None
     S = 1.25
     expected = m * S * (2.0 * 0.5 * S * 0.7) * 0.7
@@ -387,7 +396,7 @@ def test_columns_and_numbers_in_arrays_are_read_and_nothing_else(
 ):
     own = {"a": lambda q: np.zeros((3, 2)), "gamma": lambda q, v: np.zeros(3), "U": lambda q: 0.0}
     own[name] = lambda q, *v: np.array(answer)
-    answers = Answers(Functions(2, **own))
+    answers = FunctionCaller(EquationsOfMotion(2, **own))
     q = v = np.array([0.1, 0.2])
     if name == "gamma":
         answers("a", q, v)
@@ -405,14 +414,18 @@ def test_columns_and_numbers_in_arrays_are_read_and_nothing_else(
     [(np.float16, "float16"), (np.float32, "float32"), (np.float64, ""), (np.int32, "")],
 )
 def test_types_of_less_than_doubles_are_kept_by_name(type_: Any, told: str):
-    answers = Answers(Functions(1, M=lambda q: np.ones((1, 1), type_), U=lambda q: 1.0))
+    answers = FunctionCaller(
+        EquationsOfMotion(1, M=lambda q: np.ones((1, 1), type_), U=lambda q: 1.0)
+    )
     answers("M", np.ones(1), np.ones(1))
     answers("U", np.ones(1), np.ones(1))
     assert answers.single == ({"M": told} if told else {})
 
 
 def test_the_first_entry_that_is_not_finite_is_named():
-    answers = Answers(Functions(2, M=lambda q: np.array([[1.0, 2.0], [np.inf, np.nan]])))
+    answers = FunctionCaller(
+        EquationsOfMotion(2, M=lambda q: np.array([[1.0, 2.0], [np.inf, np.nan]]))
+    )
     with pytest.raises(BrokenError, match=r"M\[1, 0\] = inf, expected a finite number"):
         answers("M", np.ones(2), np.ones(2))
 
@@ -428,21 +441,21 @@ def test_ranges_have_a_middle_and_a_half_width_each():
         ([(2, 3), (5, 9)], [2.5, 7.0, 0.0], [0.5, 2.0, 1.0]),
         ([(2, 3), (5, 9), (-4, -2)], [2.5, 7.0, -3.0], [0.5, 2.0, 1.0]),
     ]:
-        found = Functions(2, **own, ranges=ranges).half_ranges()
+        found = EquationsOfMotion(2, **own, ranges=ranges).half_ranges()
         assert [x.tolist() for x in found] == [middle, half]
     for wrong in ([(0, 1)], [(0, 1)] * 4, [0, 1, 2]):
         with pytest.raises(InputError, match="or 2 such pairs for the coordinates, or 3 with"):
-            Functions(2, **own, ranges=wrong)
+            EquationsOfMotion(2, **own, ranges=wrong)
 
 
 def test_rows_are_named_by_speeds_where_these_are_not_rates():
-    rates = Functions(2, M=len)
+    rates = EquationsOfMotion(2, M=len)
     assert (rates.p, rates.velocity_names, rates.of_lagrange) == (2, ("q[0]", "q[1]"), True)
-    speeds = Functions(2, M=len, qdot=len, speeds=3)
+    speeds = EquationsOfMotion(2, M=len, qdot=len, speeds=3)
     assert (speeds.p, speeds.velocity_names) == (3, ("u[0]", "u[1]", "u[2]"))
     assert (speeds.coordinate_names, speeds.of_lagrange) == (("q[0]", "q[1]"), False)
-    assert Functions(2, M=len, qdot=len, holonomic=True).of_lagrange
-    assert not Functions(2, M=len, holonomic=False).of_lagrange
+    assert EquationsOfMotion(2, M=len, qdot=len, holonomic=True).of_lagrange
+    assert not EquationsOfMotion(2, M=len, holonomic=False).of_lagrange
 
 
 @pytest.mark.parametrize(
@@ -458,15 +471,15 @@ def test_rows_are_named_by_speeds_where_these_are_not_rates():
 )
 def test_what_would_tell_is_what_is_missing(given: str, told_by: tuple[str, ...], text: str):
     own = dict.fromkeys((given or "R").split(), len)
-    here = Point(Answers(Functions(1, **own)), np.zeros(1), np.zeros(1))
-    assert Blind("bias", "x", told_by).would_tell(here).replace("bias or C", "bias|C") == text
+    here = FunctionState(FunctionCaller(EquationsOfMotion(1, **own)), np.zeros(1), np.zeros(1))
+    assert BlindSpot("bias", "x", told_by).would_tell(here).replace("bias or C", "bias|C") == text
 
 
 # ---- Results -------------------------------------------------------------------------------------
 
 
 def finding(verdict: Verdict, detail: str = "", claim: str = "bias-even") -> Finding:
-    return Finding(claim, "bias", Functions(1, M=len), None, 0.0, 1.0, verdict, "", detail)
+    return Finding(claim, "bias", EquationsOfMotion(1, M=len), None, 0.0, 1.0, verdict, "", detail)
 
 
 @pytest.mark.parametrize(
@@ -480,7 +493,9 @@ def finding(verdict: Verdict, detail: str = "", claim: str = "bias-even") -> Fin
     ],
 )
 def test_a_claim_came_to_the_first_of_its_verdicts(verdicts: str, came: str):
-    found = result_of([finding(x, f"{k}") for k, x in enumerate(verdicts.split())])
+    found = result_or_failure(
+        [finding(x.replace("-", " "), f"{k}") for k, x in enumerate(verdicts.split())]
+    )
     assert not isinstance(found, Finding)
     assert found.verdict == came
     if came == "skipped":
@@ -489,22 +504,22 @@ def test_a_claim_came_to_the_first_of_its_verdicts(verdicts: str, came: str):
 
 def test_the_first_failure_of_a_claim_is_shown():
     each = [finding(x, y) for x, y in (("passed", "a"), ("failed", "b"), ("failed", "c"))]
-    found = result_of(each)
+    found = result_or_failure(each)
     assert isinstance(found, Finding) and found.detail == "b"
 
 
 def test_what_is_hidden_takes_a_pass_away_and_nothing_else():
-    results = {x: result_of([finding(x, claim=x)]) for x in ("passed", "inconclusive")}
-    results |= {"other": result_of([finding("passed")])}
+    results = {x: result_or_failure([finding(x, claim=x)]) for x in ("passed", "inconclusive")}
+    results |= {"other": result_or_failure([finding("passed")])}
     listed = [finding("inconclusive", "not resolved in this state: row", x) for x in results]
-    found = without_hidden(results, listed[:2])  # type: ignore[arg-type]
+    found = without_unresolved(results, listed[:2])  # type: ignore[arg-type]
     assert [x.verdict for x in found.values()] == ["inconclusive", "inconclusive", "passed"]
     assert "not resolved in this state: row" in found["passed"].text
     assert found["inconclusive"] is results["inconclusive"]
 
 
 def test_why_a_claim_does_not_apply_names_what_is_missing_and_what_is_too_much():
-    trial = FunctionsTrial(Functions(1, R=len, b=len, qdd=len, name="own"))
+    trial = EquationsTarget(EquationsOfMotion(1, R=len, b=len, qdd=len, name="own"))
     assert trial.absent("motion") == "motion does not apply to own, without M or T"
     assert trial.absent("bias-power") == "bias-power does not apply to own, without M or T and bias"
     assert trial.absent("dissipation-positive") == (
@@ -535,9 +550,9 @@ def test_a_scene_as_functions_satisfies_its_equations(key: str):
     scene = SCENES[key].example()
     own = from_scene(scene)
     v = 0.5 - 0.3 * np.arange(scene.n)
-    here = Point(Answers(own), scene.initial_state()[0], v).consistent()
+    here = FunctionState(FunctionCaller(own), scene.initial_state()[0], v).consistent()
     assert here is not None
-    B = bias(here)
+    B = supplied_or_derived_bias(here)
     assert B is not None
     left = inertia(here) @ here.of("qdd") + B - here.forces()
     found = exact(here.free().T) @ left

@@ -17,7 +17,7 @@ import eomcheck
 from eomcheck import pytest_plugin, testing, validation
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.scenes import ChainPendulum, Snake
-from eomcheck.testing.suite import FunctionsTrial, SceneTrial, Suite, Trial, done_once
+from eomcheck.testing.suite import ClaimTarget, EquationsTarget, SceneTarget, Suite, compute_once
 
 pytest_plugins = ["pytester"]
 
@@ -390,17 +390,17 @@ def test_work_that_raises_is_not_kept(tmp_path):
         raise InputError("no")
 
     with pytest.raises(InputError):
-        done_once(tmp_path, "work", fail)
-    assert done_once(tmp_path, "work", lambda: 2) == 2
-    assert done_once(tmp_path, "work", lambda: 3) == 2
-    assert done_once(tmp_path, "another", lambda: 3) == 3
-    assert done_once(None, "work", lambda: 4) == 4
+        compute_once(tmp_path, "work", fail)
+    assert compute_once(tmp_path, "work", lambda: 2) == 2
+    assert compute_once(tmp_path, "work", lambda: 3) == 2
+    assert compute_once(tmp_path, "another", lambda: 3) == 3
+    assert compute_once(None, "work", lambda: 4) == 4
 
 
 def test_scenes_of_one_test_are_kept_apart_where_processes_share_the_work(tmp_path, monkeypatch):
     monkeypatch.setattr(pytest_plugin.OPTIONS, "shared", tmp_path)
-    trials: list[Trial] = [
-        FunctionsTrial(testing.Functions(1, M=lambda q, m=m: [[m]]), where=where)
+    trials: list[ClaimTarget] = [
+        EquationsTarget(testing.EquationsOfMotion(1, M=lambda q, m=m: [[m]]), where=where)
         for where, m in (("right", 2.0), ("wrong", -2.0))
     ]
     for _ in range(2):  # as another process does
@@ -446,7 +446,7 @@ def test_options_of_a_session_are_those_of_that_session_alone(session, pytester)
     assert set(vars(pytest_plugin.OPTIONS).values()) == {None}
 
 
-ONE = testing.Functions(1, bias=lambda q, v: 0 * q)
+ONE = testing.EquationsOfMotion(1, bias=lambda q, v: 0 * q)
 
 
 @pytest.mark.parametrize(
@@ -530,7 +530,7 @@ class Recording(eomcheck.Engine):
 def test_random_scenes_of_a_kind_are_those_of_the_seed():
     def drawn(seed):
         Recording.scenes.clear()
-        trial = SceneTrial("chain-pendulum", ChainPendulum, Recording)
+        trial = SceneTarget("chain-pendulum", ChainPendulum, Recording)
         trial.results(1, seed, known=trial.claims)  # no smaller failure is looked for
         return set(Recording.scenes) - {repr(ChainPendulum.example())}
 
@@ -552,7 +552,7 @@ def test_functions_are_looked_at_in_states_of_the_seed():
 
     def drawn(seed: int) -> set[tuple[float, ...]]:
         asked.clear()
-        FunctionsTrial(testing.Functions(2, M=M)).results(1, seed)
+        EquationsTarget(testing.EquationsOfMotion(2, M=M)).results(1, seed)
         return set(asked)
 
     assert drawn(7) == drawn(7)
@@ -661,9 +661,9 @@ def test_the_settings_allow_a_first_case_that_takes_long(session, pytester):
 
 
 def test_a_scene_of_its_own_is_judged_where_there_is_no_engine():
-    from eomcheck.testing.suite import SceneTrial
+    from eomcheck.testing.suite import SceneTarget
 
-    trial = SceneTrial("rods", ChainPendulum.rods(2), None)
+    trial = SceneTarget("rods", ChainPendulum.rods(2), None)
     verdicts = {id: one.verdict for id, one in trial.results(2, 0).items()}
     assert verdicts["kinetic-energy"] == verdicts["equivalence"] == "passed"
     assert "failed" not in verdicts.values()

@@ -10,12 +10,17 @@ import pytest
 from tests.testing.own import guide
 
 from eomcheck.claims.finding import Finding
-from eomcheck.testing import Functions, check_functions
+from eomcheck.testing import EquationsOfMotion, check_functions
 from eomcheck.testing.claims_terms import proportional
 from eomcheck.testing.equations_of_motion import INPUTS
-from eomcheck.testing.fault_localization import SETTLES, reads, settled_by
-from eomcheck.testing.polarization import SCALES, Degrees, coefficients, degrees_of
-from eomcheck.testing.uncertain import Measured, exact
+from eomcheck.testing.fault_localization import SETTLES, functions_read, settled_by
+from eomcheck.testing.polarization import (
+    SCALES,
+    VelocityDependence,
+    coefficients,
+    velocity_dependence,
+)
+from eomcheck.testing.uncertain import UncertainArray, exact
 
 CART = guide("cart")
 STATE = ([0.3, 0.7, -0.4], [0.5, -0.8, 0.9])
@@ -196,7 +201,7 @@ def test_coefficients_are_those_of_each_product():
     widths = np.array([2.0, 0.5, 3.0])
     table = {(0, 0): 1.5, (0, 1): -2.0, (1, 1): 0.3, (0, 2): 0.7, (1, 2): -0.1, (2, 2): 4.0}
 
-    def of(v: Any) -> Measured:
+    def of(v: Any) -> UncertainArray:
         return exact([sum(c * v[i] * v[j] for (i, j), c in table.items()), v[0] * v[2]])
 
     found = coefficients(of, widths)
@@ -213,16 +218,16 @@ def test_coefficients_are_those_of_each_product():
 def test_how_a_quantity_depends_on_v_is_told_apart(parts: tuple[bool, bool, bool]):
     constant, odd, even = parts
 
-    def at(scale: float) -> Measured:
+    def at(scale: float) -> UncertainArray:
         row = [0.3 * constant + 0.2 * odd * scale + 0.1 * even * scale**2, 0.0]
-        return Measured(np.array(row), np.full(2, 1e-12), np.ones(2))
+        return UncertainArray(np.array(row), np.full(2, 1e-12), np.ones(2))
 
-    assert degrees_of([at(x) for x in SCALES]) == Degrees(*parts)
+    assert velocity_dependence([at(x) for x in SCALES]) == VelocityDependence(*parts)
 
 
 def test_errors_hide_how_a_quantity_depends_on_v():
-    values = [Measured(np.array([x * 0.1]), np.array([0.01]), np.ones(1)) for x in SCALES]
-    assert degrees_of(values) == Degrees(False, False, False)
+    values = [UncertainArray(np.array([x * 0.1]), np.array([0.01]), np.ones(1)) for x in SCALES]
+    assert velocity_dependence(values) == VelocityDependence(False, False, False)
 
 
 # ---- What passes ---------------------------------------------------------------------------------
@@ -250,34 +255,34 @@ EVERY: dict[str, Any] = dict.fromkeys(INPUTS, len)
     ],
 )
 def test_a_claim_that_passes_clears_what_two_faults_alone_would_hide(claim: str, cleared: str):
-    passed = Finding(claim, "M", Functions(2, **EVERY), None, 0.0, 1.0, "passed", "")
+    passed = Finding(claim, "M", EquationsOfMotion(2, **EVERY), None, 0.0, 1.0, "passed", "")
     assert settled_by([passed]) == dict.fromkeys(cleared.split(), claim)
     assert {*cleared.split()} == {*SETTLES.get(claim, ())}
 
 
 def test_the_first_claim_that_passes_is_named_for_what_it_clears():
-    functions = Functions(2, **EVERY)
+    functions = EquationsOfMotion(2, **EVERY)
     ids = ["coriolis-bias", "bias-of-mass-matrix"]
     both = [Finding(x, "M", functions, None, 0.0, 1.0, "passed", "") for x in ids]
     assert settled_by(both) == {"bias": "coriolis-bias"}
 
 
 def test_what_a_constrained_claim_reads_has_the_constraint_in_it():
-    functions = Functions(2, **dict.fromkeys(("M", "bias", "qdd", "a", "c", "b"), len))
-    assert reads(functions, "motion") == {"M", "bias", "qdd", "a", "c", "b"}
-    assert reads(functions, "power-balance") == {"M", "qdd", "a", "c", "b"}
-    assert reads(functions, "mass-matrix-positive") == {"M"}
-    assert reads(functions, "answers", "c") == {"c"}
-    assert reads(functions, "answers", "arguments") == frozenset()
+    functions = EquationsOfMotion(2, **dict.fromkeys(("M", "bias", "qdd", "a", "c", "b"), len))
+    assert functions_read(functions, "motion") == {"M", "bias", "qdd", "a", "c", "b"}
+    assert functions_read(functions, "power-balance") == {"M", "qdd", "a", "c", "b"}
+    assert functions_read(functions, "mass-matrix-positive") == {"M"}
+    assert functions_read(functions, "answers", "c") == {"c"}
+    assert functions_read(functions, "answers", "arguments") == frozenset()
 
 
 def test_gravity_in_the_bias_is_read_with_it():
-    functions = Functions(2, M=len, bias=len, U=len, qdd=len, bias_has_gravity=True)
-    assert reads(functions, "gravity-of-potential") == {"bias", "U"}
-    assert reads(functions, "bias-even") == {"bias"}
-    both = Functions(2, M=len, bias=len, gravity=len, bias_has_gravity=True)
-    assert reads(both, "bias-even") == {"bias", "gravity"}
-    assert reads(both, "mass-matrix-positive") == {"M"}
+    functions = EquationsOfMotion(2, M=len, bias=len, U=len, qdd=len, bias_has_gravity=True)
+    assert functions_read(functions, "gravity-of-potential") == {"bias", "U"}
+    assert functions_read(functions, "bias-even") == {"bias"}
+    both = EquationsOfMotion(2, M=len, bias=len, gravity=len, bias_has_gravity=True)
+    assert functions_read(both, "bias-even") == {"bias", "gravity"}
+    assert functions_read(both, "mass-matrix-positive") == {"M"}
 
 
 @pytest.mark.parametrize(
@@ -293,11 +298,13 @@ def test_gravity_in_the_bias_is_read_with_it():
 )
 def test_a_quantity_that_is_compared_reads_what_gives_it(about: str, read: str):
     own = dict.fromkeys(("M", "bias", "C", "T", "U", "R", "Q", "a", "gamma", "qdd"), len)
-    assert reads(Functions(2, **own), "reference", f"{about} ~ x") == {*read.split()}
+    assert functions_read(EquationsOfMotion(2, **own), "reference", f"{about} ~ x") == {
+        *read.split()
+    }
     for name, follows in {"M": "T", "bias": "C", "gamma": "a"}.items():
         if name == about:
-            less = Functions(2, **{x: f for x, f in own.items() if x != name})
-            assert reads(less, "reference", f"{about} ~ x") == {follows}
+            less = EquationsOfMotion(2, **{x: f for x, f in own.items() if x != name})
+            assert functions_read(less, "reference", f"{about} ~ x") == {follows}
 
 
 # ---- Rows by name --------------------------------------------------------------------------------
@@ -355,7 +362,7 @@ def test_a_factory_may_make_functions_a_dict_or_an_object(as_: str):
         return 2.0 * CART.gravity(q)
 
     made = {
-        "functions": lambda: Functions(3, gravity=wrong),
+        "functions": lambda: EquationsOfMotion(3, gravity=wrong),
         "dict": lambda: {"gravity": wrong},
         "object": lambda: type("Model", (), {"gravity": staticmethod(wrong)}),
     }[as_]

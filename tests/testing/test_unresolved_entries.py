@@ -10,11 +10,11 @@ import pytest
 from tests.testing.own import given, guide
 
 from eomcheck.claims.finding import Finding
-from eomcheck.testing import FUNCTION_CLAIMS, Functions, check_functions
-from eomcheck.testing.function_checks import BY_NUMBER, RANKS, compared
-from eomcheck.testing.function_claim import Sides
-from eomcheck.testing.suite import FunctionsTrial
-from eomcheck.testing.uncertain import Measured, noise
+from eomcheck.testing import FUNCTION_CLAIMS, EquationsOfMotion, check_functions
+from eomcheck.testing.function_checks import BY_NUMBER, RANKS, judge_entries
+from eomcheck.testing.function_claim import UncertainEquality
+from eomcheck.testing.suite import EquationsTarget
+from eomcheck.testing.uncertain import UncertainArray, noise
 
 CART = guide("cart")
 WHEEL = [(-100.0, 100.0), (-1.0, 1.0), (-50.0, 50.0), (-1.0, 1.0)]
@@ -75,8 +75,8 @@ def test_one_finding_of_a_claim_lists_what_no_state_resolves():
 
 
 def test_a_test_of_a_claim_with_an_entry_that_no_state_resolves_does_not_pass():
-    functions = Functions(2, **spring(2.0, 1e12))
-    result = FunctionsTrial(functions).results(5, 0)["gravity-of-potential"]
+    functions = EquationsOfMotion(2, **spring(2.0, 1e12))
+    result = EquationsTarget(functions).results(5, 0)["gravity-of-potential"]
     assert result.verdict == "inconclusive"
     assert "row q[0]" in result.text
 
@@ -101,12 +101,12 @@ def test_an_entry_that_vanishes_where_it_is_not_hidden_is_not_resolved():
     assert "row q[0]" in of(found, "inconclusive")[claim]
 
 
-def sides(found: float, expected: float, error: float, size: float) -> Sides:
-    def one(value: float) -> Measured:
-        return Measured(np.array([value]), np.array([error]), np.array([size]))
+def sides(found: float, expected: float, error: float, size: float) -> UncertainEquality:
+    def one(value: float) -> UncertainArray:
+        return UncertainArray(np.array([value]), np.array([error]), np.array([size]))
 
-    return Sides(
-        "x", one(found), Measured(np.array([expected]), np.zeros(1), np.ones(1)), (("0",),)
+    return UncertainEquality(
+        "x", one(found), UncertainArray(np.array([expected]), np.zeros(1), np.ones(1)), (("0",),)
     )
 
 
@@ -126,7 +126,7 @@ def test_an_entry_that_would_pass_with_any_sign_is_not_resolved(
     found: float, error: float, verdict: str
 ):
     (claim,) = [FUNCTION_CLAIMS["bias-even"]]
-    judged = compared(claim, sides(found, 1.0, error, 1e6))
+    judged = judge_entries(claim, sides(found, 1.0, error, 1e6))
     assert RANKS[int(judged.verdicts[0])] == verdict
 
 
@@ -167,7 +167,7 @@ def test_a_value_that_stands_alone_is_no_noise_beside_other_states_and_reference
     def wrong(q: Any, v: Any) -> Any:
         return B(q, v) * (1.5 if abs(q[1]) <= near else 1.0)
 
-    right = Functions(2, M=M, bias=B, name="right")
+    right = EquationsOfMotion(2, M=M, bias=B, name="right")
     states = [([0.3, 0.0], [0.2, 0.7]), ([0.5, 0.4], [0.3, -0.6])]
     found = of(check_functions(2, M=M, bias=wrong, against=right, states=states), "failed")
     assert {"bias-of-mass-matrix", "bias-power", "reference"} <= found.keys()

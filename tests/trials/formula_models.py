@@ -12,8 +12,8 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 from tests.testing.own import given
 from tests.trials.library_models import Model
 
-from eomcheck.testing import Functions
-from eomcheck.testing.equations_of_motion import functions_of
+from eomcheck.testing import EquationsOfMotion
+from eomcheck.testing.equations_of_motion import equations_from
 
 Energies = Callable[[Any, Any, Callable[[float, float], float]], tuple[Any, ...]]
 """(q, v, draw) -> T, U and R where there is damping; `draw(low, high)` draws a parameter."""
@@ -22,7 +22,7 @@ Energies = Callable[[Any, Any, Callable[[float, float], float]], tuple[Any, ...]
 # ---- CasADi --------------------------------------------------------------------------------------
 
 
-def by_casadi(n: int, energies: Energies, seed: int = 0, **options: Any) -> Functions:
+def by_casadi(n: int, energies: Energies, seed: int = 0, **options: Any) -> EquationsOfMotion:
     """Return Lagrange's equations of energies, derived by CasADi."""
     rng = np.random.default_rng(seed)
     q, v = ca.SX.sym("q", n), ca.SX.sym("v", n)
@@ -49,7 +49,7 @@ def by_casadi(n: int, energies: Energies, seed: int = 0, **options: Any) -> Func
     }
     if ca.SX(R).n_dep() or not ca.SX(R).is_constant():
         found["R"] = _called("R", [q, v], ca.SX(R), number=True)
-    return functions_of(n, found | {"name": energies.__name__.strip("_")} | options)
+    return equations_from(n, found | {"name": energies.__name__.strip("_")} | options)
 
 
 def _called(name: str, inputs: Any, x: Any, flat: bool = False, number: bool = False) -> Any:
@@ -164,7 +164,7 @@ MECHANISMS: list[tuple[int, Energies]] = [
 # ---- Tables --------------------------------------------------------------------------------------
 
 
-def _table(kind: str, knots: int, seed: int) -> Functions:
+def _table(kind: str, knots: int, seed: int) -> EquationsOfMotion:
     """Return a mass whose force is a table of measured values; U is its exact integral."""
     rng = np.random.default_rng(seed)
     x = np.linspace(-1.2, 1.2, knots)
@@ -191,7 +191,7 @@ def _table(kind: str, knots: int, seed: int) -> Functions:
         def energy(s: float) -> float:
             return float(integral(s))
 
-    return Functions(
+    return EquationsOfMotion(
         1,
         M=lambda q: [[m]],
         gravity=lambda q: [force(q[0])],
@@ -223,7 +223,7 @@ FRICTIONS: dict[str, Callable[[Any, Any], Any]] = {
 }
 
 
-def _with_friction(name: str, seed: int) -> Functions:
+def _with_friction(name: str, seed: int) -> EquationsOfMotion:
     force, own = FRICTIONS[name], given("cart")
     M, bias, gravity = own["M"], own["bias"], own["gravity"]
 
@@ -234,10 +234,10 @@ def _with_friction(name: str, seed: int) -> Functions:
         return np.linalg.solve(M(q), Q(q, v) - bias(q, v) - gravity(q))
 
     kept = {key: own[key] for key in ("M", "bias", "gravity", "T", "U")}
-    return functions_of(3, kept | {"Q": Q, "qdd": qdd, "name": name})
+    return equations_from(3, kept | {"Q": Q, "qdd": qdd, "name": name})
 
 
-def _potential_with_stop(stiffness: float) -> Functions:
+def _potential_with_stop(stiffness: float) -> EquationsOfMotion:
     """Return a mass between springs that only push, each with its exact potential."""
 
     def over(q: Any) -> Any:
@@ -247,7 +247,7 @@ def _potential_with_stop(stiffness: float) -> Functions:
         above, below = over(q)
         return [stiffness * (above - below)]
 
-    return Functions(
+    return EquationsOfMotion(
         1,
         M=lambda q: [[2.0]],
         gravity=gravity,
@@ -261,18 +261,18 @@ def _potential_with_stop(stiffness: float) -> Functions:
 # ---- Wide ranges ---------------------------------------------------------------------------------
 
 
-def _wide(n: int, energies: Energies, ranges: Any, seed: int) -> Functions:
+def _wide(n: int, energies: Energies, ranges: Any, seed: int) -> EquationsOfMotion:
     return by_casadi(n, energies, seed, ranges=ranges)
 
 
-def _vibration(frequency: float) -> Functions:
+def _vibration(frequency: float) -> EquationsOfMotion:
     """Return two masses of which one stands in a field with a very short wave length."""
     amplitude = 1.0 / frequency
 
     def gravity(q: Any) -> Any:
         return [np.sin(frequency * q[0]), 3.0 * q[1]]
 
-    return Functions(
+    return EquationsOfMotion(
         2,
         M=lambda q: np.diag([1.0, 2.0]),
         bias=lambda q, v: np.zeros(2),
@@ -284,17 +284,17 @@ def _vibration(frequency: float) -> Functions:
     )
 
 
-def _tree_far_out(seed: int, far: float) -> Functions:
+def _tree_far_out(seed: int, far: float) -> EquationsOfMotion:
     from tests.testing.trees import random_tree
 
     own = random_tree(seed)
-    return functions_of(own.pop("n"), own | {"ranges": (-far, far)})
+    return equations_from(own.pop("n"), own | {"ranges": (-far, far)})
 
 
 # ---- float32 -------------------------------------------------------------------------------------
 
 
-def _single(n: int, energies: Energies, seed: int) -> Functions:
+def _single(n: int, energies: Energies, seed: int) -> EquationsOfMotion:
     """Return functions whose inputs and results are rounded to float32."""
     exact = by_casadi(n, energies, seed)
 
@@ -306,7 +306,7 @@ def _single(n: int, energies: Energies, seed: int) -> Functions:
         return one if f.__code__.co_argcount == 1 else two
 
     given_ = {name: rounded(exact.function(name)) for name in exact.given}
-    return functions_of(n, given_ | {"name": f"{exact.name} in float32"})
+    return equations_from(n, given_ | {"name": f"{exact.name} in float32"})
 
 
 # ---- All -----------------------------------------------------------------------------------------

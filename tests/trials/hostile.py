@@ -37,8 +37,8 @@ from eomcheck.console import progress
 from eomcheck.descriptions.robot_files import from_mjcf, from_urdf
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.errors import EomcheckError, message_of
-from eomcheck.lab.report.overview import Overview, read
-from eomcheck.lab.show.table import Sheet, print_sheets
+from eomcheck.lab.report.overview import Overview, read_records
+from eomcheck.lab.show.table import ResultTable, print_tables
 from eomcheck.lab.store.record_file import Record, Records
 from eomcheck.scenes import Sleigh
 from eomcheck.testing import check_functions
@@ -227,7 +227,7 @@ def engines(folder: Path, rng: random.Random) -> Iterator[Input]:
 
 def _checked(kind: type[Sleigh], engine: Any) -> object:
     scene = kind()
-    return eomcheck.check(scene, *scene.initial_state(), engines=[engine] if engine else [])
+    return eomcheck.check_state(scene, *scene.initial_state(), engines=[engine] if engine else [])
 
 
 def scenes(folder: Path, rng: random.Random) -> Iterator[Input]:
@@ -258,7 +258,7 @@ def databases(folder: Path, rng: random.Random) -> Iterator[Input]:
 
 def _read(path: Path) -> object:
     unread: list[str] = []
-    overview = Overview(read([path], unread), unread)
+    overview = Overview(read_records([path], unread), unread)
     return f"{overview.headline} {len(unread)} unread"
 
 
@@ -395,8 +395,8 @@ def main() -> int:
                 advance()
     columns = ["kind", "inputs", "code 0", "code 1", "code 2", "breaches"]
     rows = [[kind, *(str(of[x]) for x in columns[1:])] for kind, of in counts.items()]
-    sheet = Sheet("hostile", "Hostile inputs", columns, rows)
-    print_sheets([sheet])
+    sheet = ResultTable("hostile", "Hostile inputs", columns, rows)
+    print_tables([sheet])
     if options.markdown is not None:
         options.markdown.write_text(sheet.markdown(), encoding="utf-8")
     breaches = sum(of["breaches"] for of in counts.values())

@@ -14,9 +14,9 @@ from tests.testing.trees import functions_of_model, random_tree
 
 from eomcheck.descriptions.random_trees import urdf_text, urdf_tree
 from eomcheck.errors import required
-from eomcheck.mechanics.random_source import FromGenerator
-from eomcheck.testing import Functions, from_kane, from_lagrange
-from eomcheck.testing.equations_of_motion import functions_of
+from eomcheck.mechanics.random_source import GeneratorChoices
+from eomcheck.testing import EquationsOfMotion, from_kane, from_lagrange
+from eomcheck.testing.equations_of_motion import equations_from
 
 MOST_COORDINATES = 12
 """Larger models take minutes and try nothing else."""
@@ -34,7 +34,7 @@ class Model(NamedTuple):
 
     origin: str
     name: str
-    make: Callable[[], Functions | None]
+    make: Callable[[], EquationsOfMotion | None]
     single: bool = False
 
 
@@ -50,13 +50,13 @@ def files_of(package: str, *endings: str) -> list[Path]:
 # ---- Pinocchio -----------------------------------------------------------------------------------
 
 
-def _pinocchio_tree(seed: int) -> Functions:
+def _pinocchio_tree(seed: int) -> EquationsOfMotion:
     given = random_tree(seed)
     ranges = ((-1.0, 1.0), (-3.0, 3.0), (-10.0, 10.0))[seed % 3]
-    return functions_of(given.pop("n"), given | {"ranges": ranges})
+    return equations_from(given.pop("n"), given | {"ranges": ranges})
 
 
-def _pinocchio_file(path: Path) -> Functions | None:
+def _pinocchio_file(path: Path) -> EquationsOfMotion | None:
     try:
         model = pin.buildModelFromUrdf(str(path))
     except ValueError:  # a fragment, or what urdfdom does not read
@@ -67,13 +67,13 @@ def _pinocchio_file(path: Path) -> Functions | None:
     wide = high > low
     ranges = np.column_stack([np.where(wide, low, -1.0), np.where(wide, high, 1.0)])
     given = functions_of_model(model) | {"name": path.stem, "ranges": ranges}
-    return functions_of(given.pop("n"), given)
+    return equations_from(given.pop("n"), given)
 
 
 # ---- Drake ---------------------------------------------------------------------------------------
 
 
-def drake_functions(add: Callable[[Any], None]) -> Functions | None:
+def drake_functions(add: Callable[[Any], None]) -> EquationsOfMotion | None:
     """Return the functions of a plant; `add(parser)` adds a robot whose root is `ground`."""
     multibody = required("pydrake.multibody.plant", "drake")
     plant = multibody.MultibodyPlant(time_step=0.0)
@@ -100,7 +100,7 @@ def drake_functions(add: Callable[[Any], None]) -> Functions | None:
     def qdd(q: Any, v: Any) -> Any:
         return plant.get_generalized_acceleration_output_port().Eval(at(q, v)).copy()
 
-    return Functions(
+    return EquationsOfMotion(
         n,
         M=lambda q: plant.CalcMassMatrix(at(q)),
         bias=lambda q, v: plant.CalcBiasTerm(at(q, v)),
@@ -113,8 +113,8 @@ def drake_functions(add: Callable[[Any], None]) -> Functions | None:
     )
 
 
-def _drake_tree(seed: int) -> Functions | None:
-    choices = FromGenerator(np.random.default_rng(seed))
+def _drake_tree(seed: int) -> EquationsOfMotion | None:
+    choices = GeneratorChoices(np.random.default_rng(seed))
     text = urdf_text(urdf_tree(1 + seed % 5, choices, mimic=False, massless=False))
     return drake_functions(lambda parser: parser.AddModelsFromString(text, "urdf"))
 
@@ -122,7 +122,7 @@ def _drake_tree(seed: int) -> Functions | None:
 # ---- MuJoCo --------------------------------------------------------------------------------------
 
 
-def mujoco_functions(model: Any) -> Functions | None:
+def mujoco_functions(model: Any) -> EquationsOfMotion | None:
     """Return the functions of a MuJoCo model without contacts, limits and constraints."""
     mujoco = required("mujoco", "mujoco")
     n = model.nv
@@ -152,7 +152,7 @@ def mujoco_functions(model: Any) -> Functions | None:
         found = at(q, v)
         return found.qfrc_passive - found.qfrc_spring
 
-    return Functions(
+    return EquationsOfMotion(
         n,
         M=M,
         bias=lambda q, v: at(q, v).qfrc_bias.copy() - weight(q),
@@ -165,7 +165,7 @@ def mujoco_functions(model: Any) -> Functions | None:
     )
 
 
-def _mujoco_file(path: Path) -> Functions | None:
+def _mujoco_file(path: Path) -> EquationsOfMotion | None:
     mujoco = required("mujoco", "mujoco")
     try:
         return mujoco_functions(mujoco.MjModel.from_xml_path(str(path)))
@@ -186,7 +186,7 @@ def _numbers(expressions: Any, states: Any, seed: int) -> dict[Any, float]:
     return {symbol: float(rng.uniform(0.5, 3.0)) for symbol in symbols}
 
 
-def _chain_on_cart(links: int, seed: int) -> Functions:
+def _chain_on_cart(links: int, seed: int) -> EquationsOfMotion:
     from sympy.physics.mechanics.models import n_link_pendulum_on_cart
 
     kane = n_link_pendulum_on_cart(links, cart_force=False)
@@ -194,7 +194,7 @@ def _chain_on_cart(links: int, seed: int) -> Functions:
     return from_kane(kane, parameters, holonomic=True, name=f"{links} on a cart")
 
 
-def _masses_and_springs(masses: int, seed: int) -> Functions:
+def _masses_and_springs(masses: int, seed: int) -> EquationsOfMotion:
     from sympy.physics.mechanics.models import multi_mass_spring_damper
 
     kane = multi_mass_spring_damper(masses, apply_gravity=bool(seed % 2))
@@ -202,7 +202,7 @@ def _masses_and_springs(masses: int, seed: int) -> Functions:
     return from_kane(kane, parameters, holonomic=True, name=f"{masses} masses")
 
 
-def _lagrange(which: int, seed: int) -> Functions:
+def _lagrange(which: int, seed: int) -> EquationsOfMotion:
     """Return one of three classical examples, by `LagrangesMethod`."""
     import sympy as sp
     from sympy.physics.mechanics import LagrangesMethod, dynamicsymbols
@@ -236,7 +236,7 @@ def _lagrange(which: int, seed: int) -> Functions:
     return from_lagrange(method, numbers, name=name)
 
 
-def _rolling_disc(seed: int) -> Functions:
+def _rolling_disc(seed: int) -> EquationsOfMotion:
     """Return the upright-free rolling disc of SymPy's tests, in its own speeds."""
     import sympy as sp
     from sympy.physics import mechanics as me

@@ -20,7 +20,7 @@ from tests.trials.formula_models import formula_models
 from tests.trials.library_models import Model, library_models
 from tests.trials.progress import Progress, ignore_interrupts
 
-from eomcheck.lab.show.table import Sheet, print_sheets
+from eomcheck.lab.show.table import ResultTable, print_tables
 from eomcheck.testing import check
 
 LEAST = 200
@@ -64,12 +64,12 @@ def judgements(
         yield from pool.map(judged, indices, seeds)
 
 
-def table(rows: dict[str, list[int]]) -> Sheet:
+def table(rows: dict[str, list[int]]) -> ResultTable:
     """Return the numbers of models, Findings and false alarms of each origin."""
     cells = [[origin, *map(str, numbers)] for origin, numbers in rows.items()]
     total = ["all", *(str(sum(column)) for column in zip(*rows.values(), strict=True))]
     columns = ["origin", "models", "passed", "inconclusive", "skipped", "models with an alarm"]
-    return Sheet("right-models", "Right models", columns, [*cells, total])
+    return ResultTable("right-models", "Right models", columns, [*cells, total])
 
 
 def main() -> int:
@@ -96,7 +96,7 @@ def main() -> int:
             for alarm in alarms:
                 print(alarm, flush=True)
     sheet = table(rows)
-    print_sheets([sheet])
+    print_tables([sheet])
     if options.markdown is not None:
         options.markdown.write_text(sheet.markdown(), encoding="utf-8")
     checked, failed = (sum(row[k] for row in rows.values()) for k in (0, 4))

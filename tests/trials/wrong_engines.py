@@ -19,7 +19,7 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from eomcheck.lab.show.table import Sheet, print_sheets
+from eomcheck.lab.show.table import ResultTable, print_tables
 
 LEAST = 38
 """So many of the faults must be found, each by the name of its term."""
@@ -277,8 +277,8 @@ def main() -> int:
                         f"the right engine {base} ends with {right.code}:\n{right.output[-2000:]}"
                     )
     columns = ["fault", "method", "result", "exit code"]
-    sheet = Sheet("wrong-engines", "Faults in engines", columns, rows)
-    print_sheets([sheet])
+    sheet = ResultTable("wrong-engines", "Faults in engines", columns, rows)
+    print_tables([sheet])
     if options.markdown is not None:
         options.markdown.write_text(sheet.markdown(), encoding="utf-8")
     print(f"{good} of {len(chosen)} found and named; right engines that fail: {failed}")

@@ -27,11 +27,16 @@ from tests.trials.formula_models import _damped_chain, _furuta, _two_link_arm, b
 from tests.trials.progress import Progress, ignore_interrupts
 
 from eomcheck.claims.finding import Finding
-from eomcheck.lab.show.table import Sheet, print_sheets
+from eomcheck.lab.show.table import ResultTable, print_tables
 from eomcheck.testing import check
-from eomcheck.testing.equations_of_motion import INPUTS, Answers, Functions, functions_of
-from eomcheck.testing.function_checks import drawn
-from eomcheck.testing.function_state import Point
+from eomcheck.testing.equations_of_motion import (
+    INPUTS,
+    EquationsOfMotion,
+    FunctionCaller,
+    equations_from,
+)
+from eomcheck.testing.function_checks import sample_states
+from eomcheck.testing.function_state import FunctionState
 
 VISIBLE = 1e-6
 CAUGHT, CAUGHT_RARE, NAMED = 0.99, 0.90, 0.90
@@ -662,7 +667,7 @@ class Outcome(NamedTuple):
 
 
 def visible(
-    right: Any, wrong: Any, functions: Functions, seed: int, constant: bool = False
+    right: Any, wrong: Any, functions: EquationsOfMotion, seed: int, constant: bool = False
 ) -> bool:
     """Return whether a row changes by more than `VISIBLE` of itself in a state that is drawn.
 
@@ -676,8 +681,8 @@ def visible(
         constant: whether a change by a constant is none, as of a potential energy.
     """
     first = None
-    for state in drawn(functions, 20, seed):
-        at: Any = Point(Answers(functions), state.q, state.v)
+    for state in sample_states(functions, 20, seed):
+        at: Any = FunctionState(FunctionCaller(functions), state.q, state.v)
         if functions.qdd is not None and wrong is functions.qdd:
             at = at.consistent() or at
         arguments = (at.q, at.v)[: _arity(right)]
@@ -706,7 +711,7 @@ def tried(fault: Fault, seed: int = 0) -> Outcome | None:
         return None
     n = parts["n"]
     given_ = {name: parts[name] for name in names & set(parts)}
-    functions = functions_of(n, given_ | {kind.wrong: wrong, "name": fault.model})
+    functions = equations_from(n, given_ | {kind.wrong: wrong, "name": fault.model})
     calls_differ = kind.id.startswith("rare:") and "q[0]" not in kind.id
     try:
         shows = calls_differ or visible(
@@ -755,7 +760,7 @@ def outcomes(chosen: list[Fault], seed: int, jobs: int) -> Iterator[Outcome | No
         yield from pool.map(tried, chosen, seeds, chunksize=4)
 
 
-def table(found: list[Outcome]) -> Sheet:
+def table(found: list[Outcome]) -> ResultTable:
     """Return, for each kind, how many were planted, could be detected, were caught and named."""
     rows = []
     for k, kind in enumerate(KINDS):
@@ -776,7 +781,7 @@ def table(found: list[Outcome]) -> Sheet:
             )
     sums = [str(sum(int(row[k]) for row in rows)) for k in range(2, 7)]
     columns = ["fault", "detected by", "detectable", "caught", "named", "hidden", "hinted"]
-    return Sheet("wrong-functions", "Planted faults", columns, [*rows, ["all", "", *sums]])
+    return ResultTable("wrong-functions", "Planted faults", columns, [*rows, ["all", "", *sums]])
 
 
 def shares(found: list[Outcome]) -> dict[str, tuple[float, float]]:
@@ -825,7 +830,7 @@ def main() -> int:
             elif not one.told and not one.caught and not one.hinted:
                 print(f"NO WORD {what}", flush=True)
     sheet = table(found)
-    print_sheets([sheet])
+    print_tables([sheet])
     if options.markdown is not None:
         options.markdown.write_text(sheet.markdown(), encoding="utf-8")
     reached = shares(found)

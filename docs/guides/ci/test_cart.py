@@ -1,8 +1,8 @@
 import cart
 
-from eomcheck.testing import Functions, parametrize_with_claims
+from eomcheck.testing import EquationsOfMotion, parametrize_with_claims
 
-CART = Functions(
+CART = EquationsOfMotion(
     3,
     M=cart.M,
     bias=cart.bias,

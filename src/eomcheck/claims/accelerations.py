@@ -18,34 +18,44 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.claims.case import Case, answer, compared, size_of, unseen
+from eomcheck.claims.case import (
+    Case,
+    ask_engine,
+    cancelling_size,
+    compare_with_engine,
+    skipped_finding,
+)
 from eomcheck.claims.finding import Finding
 from eomcheck.claims.registry import (
-    Look,
-    Sides,
+    Equality,
+    EvaluationContext,
     Skipped,
-    check,
+    case_claim,
     claim,
     magnitude,
-    measured_where,
     numbered,
-    pairs,
-    size,
+    product_size,
+    sensitivity_where,
     speed_names,
+    unordered_pairs,
     vanishing,
 )
-from eomcheck.engines import Answers, Engine, EngineFault, is_on_trial
+from eomcheck.engines import Answers, Engine, EngineFault, is_under_test
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.evaluation.perturbed import acceleration_sensitivity, perturbed_copies, sensitivity_of
+from eomcheck.evaluation.perturbed import (
+    acceleration_sensitivity,
+    perturbed_samples,
+    sensitivity_of,
+)
 from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, allowed_error, can_overflow, larger, largest
 from eomcheck.formulations import FORMULATIONS, Formulation
 from eomcheck.motion.observables import as_integrated
 from eomcheck.motion.right_hand_side import acceleration_in_machine_code
 from eomcheck.numbers.dual import duals, rate, value
-from eomcheck.numbers.generic import Array, NotRationalError, each, map_record, objects
-from eomcheck.numbers.lanes import doubles, lanes_in, where
+from eomcheck.numbers.generic import Array, NotRationalError, as_objects, map_entries, map_record
+from eomcheck.numbers.lanes import as_float64, lanes_in, select
 from eomcheck.numbers.linear import least_squares, null_space, row_scale, singular_values
 from eomcheck.numbers.noise import NORMAL, SAMPLES, STEP
 
@@ -54,11 +64,11 @@ from eomcheck.numbers.noise import NORMAL, SAMPLES, STEP
 
 def _row_sum(matrix: Any) -> float:
     """Return the largest sum of magnitudes in a row."""
-    return size(matrix, np.ones(matrix.shape[1]))
+    return product_size(matrix, np.ones(matrix.shape[1]))
 
 
 @claim("equations-residual", "M q̈ - F - aᵀλ = 0", "(5)", "equations of motion")
-def equations_residual(at: Quantities, look: Look) -> Iterator[Sides]:
+def equations_residual(at: Quantities, look: EvaluationContext) -> Iterator[Equality]:
     """Each q̈ satisfies Eq. (5): with its own λ, or on every motion that the constraints allow."""
     M, _, _, a, _, _ = at.terms
     F_sensitivity = look.sensitivity(lambda e: e.F)
@@ -77,7 +87,7 @@ def equations_residual(at: Quantities, look: Look) -> Iterator[Sides]:
             terms = magnitude(motions.T, terms + cancelled)
             residual = motions.T @ residual
             names = speed_names(at) if look.exact else numbered("allowed motion ", residual.size)
-            sensitivity = where(told, sensitivity, np.inf)
+            sensitivity = select(told, sensitivity, np.inf)
         yield vanishing(f.key, residual, (names,), terms, sensitivity + largest(terms))
 
 
@@ -87,7 +97,7 @@ def _left(x: Any, e: Quantities) -> Array:
     return net if a is None or x.multipliers is None else net - a.T @ x.multipliers
 
 
-def _allowed_motions(at: Quantities, look: Look) -> tuple[Any, Any]:
+def _allowed_motions(at: Quantities, look: EvaluationContext) -> tuple[Any, Any]:
     """Return a basis (n, p) of all v with a v = 0, and whether rounding lets a tell them."""
     if look.exact:
         return at.speeds.W, True
@@ -111,7 +121,7 @@ def _constraint_forces(a: Any, net: Array) -> Array:
 
 
 @claim("constraint-acceleration", "a q̈ + ȧ q̇ + ḃ = 0", "(3)", "constraints at acceleration level")
-def constraint_acceleration(at: Quantities, look: Look) -> Iterator[Sides]:
+def constraint_acceleration(at: Quantities, look: EvaluationContext) -> Iterator[Equality]:
     """Each q̈ satisfies the constraints differentiated."""
     a, gamma, names = at.terms.a, at.terms.gamma, (at.scene.constraint_names,)
     if a is None:
@@ -124,28 +134,28 @@ def constraint_acceleration(at: Quantities, look: Look) -> Iterator[Sides]:
 
 
 @claim("equivalence", "q̈ of one formulation = q̈ of another", "(7)-(23)", "acceleration")
-def equivalence(at: Quantities, look: Look) -> Iterator[Sides]:
+def equivalence(at: Quantities, look: EvaluationContext) -> Iterator[Equality]:
     """All formulations give the same acceleration, pair by pair, whatever the partition."""
     names = (at.scene.coordinate_names,)
-    for (f, x), (g, y) in pairs(look.solutions):
+    for (f, x), (g, y) in unordered_pairs(look.solutions):
         sensitivity = look.vdot_sensitivity(f) + look.vdot_sensitivity(g)
-        yield Sides(f"{f.key} ~ {g.key}", x.vdot, y.vdot, names, sensitivity=sensitivity)
+        yield Equality(f"{f.key} ~ {g.key}", x.vdot, y.vdot, names, sensitivity=sensitivity)
     for f, x, y in look.others:
-        yield Sides(f"{f.key}, drawn", x.vdot, y.vdot, names)
+        yield Equality(f"{f.key}, drawn", x.vdot, y.vdot, names)
 
 
 @claim("multipliers", "λ of one formulation = λ of another", "(7), (9), (12)", "multipliers")
-def multipliers(at: Quantities, look: Look) -> Iterator[Sides]:
+def multipliers(at: Quantities, look: EvaluationContext) -> Iterator[Equality]:
     """All formulations that have multipliers have the same, pair by pair."""
     if at.terms.a is not None:
         for f, x in look.solutions:
             has, declared = int(x.multipliers is not None), int(f.multipliers)
-            yield Sides(f.key, has, declared, (), size=1.0, sensitivity=1.0)
+            yield Equality(f.key, has, declared, (), size=1.0, sensitivity=1.0)
     having = [(f, x) for f, x in look.solutions if x.multipliers is not None]
-    for (f, x), (g, y) in pairs(having):
+    for (f, x), (g, y) in unordered_pairs(having):
         sensitivity = look.multiplier_sensitivity(f) + look.multiplier_sensitivity(g)
         names = (at.scene.constraint_names,)
-        yield Sides(
+        yield Equality(
             f"{f.key} ~ {g.key}", x.multipliers, y.multipliers, names, sensitivity=sensitivity
         )
 
@@ -180,9 +190,9 @@ def _sensitivity(case: Case, engine: Engine | type[Engine], part: str) -> float:
         T = S if S.shape == (n, n) else T
     try:
         at.acceleration(like)
-        summed = size_of(case, engine, "bias")
+        summed = cancelling_size(case, engine, "bias")
         if engine.offers("forces"):  # it may take its own Q, not ours
-            summed += size_of(case, engine, "forces")
+            summed += cancelling_size(case, engine, "forces")
         by_force = _responses(at)[part == "multipliers"] * summed
         return sensitivity_of(at, partial(_part_in, like, T, part), coordinates=True) + by_force
     except (np.linalg.LinAlgError, RefusedError):
@@ -198,7 +208,7 @@ def _against_engines(case: Case, part: str, names: tuple[str, ...]) -> Iterator[
     handed = at.q, at.v, Q, at.terms.a, at.terms.gamma, at.t
     for engine in case.taking_part:
         theirs_by = cache(partial(_sensitivity, case, engine, part))
-        said = answer(
+        said = ask_engine(
             case,
             engine,
             *handed,
@@ -211,13 +221,13 @@ def _against_engines(case: Case, part: str, names: tuple[str, ...]) -> Iterator[
             continue
         theirs = getattr(said, part)
         if theirs is None and r > 0:
-            yield unseen(case, type(engine), "it does not tell λ")
+            yield skipped_finding(case, type(engine), "it does not tell λ")
         if theirs is None:
             continue
         like = FORMULATIONS[engine.solves_like]
         # Our formulations are compared with each other: one of them tells of an engine on trial.
         chosen = case.solutions
-        if is_on_trial(type(engine)):
+        if is_under_test(type(engine)):
             with suppress(RefusedError):
                 chosen = ((like, at.acceleration(like)),)
         for formulation, x in chosen:
@@ -228,7 +238,7 @@ def _against_engines(case: Case, part: str, names: tuple[str, ...]) -> Iterator[
                 break
             sensitivity = case.part_sensitivity(formulation, part, coordinates=True) + theirs_by()
             here = case, engine, f"{formulation.key} ~ {engine.key}", ours, theirs, sensitivity
-            finding = compared(*here, partial(_part_again, part, handed), names=(names,))
+            finding = compare_with_engine(*here, partial(_part_again, part, handed), names=(names,))
             yield _excused(case, engine, finding, Q) if part == "vdot" else finding
 
 
@@ -284,10 +294,10 @@ def _of_another_model(case: Case, engine: Engine, ours: Array, theirs: Array) ->
     scale = largest(ours)
     share = f"{largest(theirs - ours) / scale:.2g} of it" if scale > 0 else f"{largest(theirs):.2g}"
     why = f"its constraints are compliant: a difference of model, here {share}"
-    return unseen(case, type(engine), why)
+    return skipped_finding(case, type(engine), why)
 
 
-@check(
+@case_claim(
     "engine-acceleration",
     "q̈ = q̈ of the engine",
     "(5), (7)-(23)",
@@ -299,7 +309,7 @@ def engine_acceleration(case: Case) -> Iterator[Finding]:
     return _against_engines(case, "vdot", case.at.scene.coordinate_names)
 
 
-@check(
+@case_claim(
     "engine-multipliers",
     "λ = λ of the engine",
     "(5), (7), (9), (12)",
@@ -318,7 +328,7 @@ FEW = 5
 long as hundreds of states."""
 
 
-@check("machine-code", "q̈ in machine code = q̈ of the public path", "(7)-(23)", "machine code")
+@case_claim("machine-code", "q̈ in machine code = q̈ of the public path", "(7)-(23)", "machine code")
 def machine_code(case: Case) -> Iterator[Finding]:
     """Each formulation gives the same acceleration in machine code."""
     scene = case.at.scene
@@ -366,7 +376,7 @@ def _subnormal(a: Array | None) -> bool:
     "",
     "redundant constraints",
 )
-def redundant_rows(at: Quantities, look: Look) -> Iterator[Sides | Skipped]:
+def redundant_rows(at: Quantities, look: EvaluationContext) -> Iterator[Equality | Skipped]:
     """With one more row, a sum of the others, and any row left to follow from the rest.
 
     λ is smallest where it is perpendicular to all that aᵀ takes to 0: the new multiplier is that
@@ -388,13 +398,13 @@ def redundant_rows(at: Quantities, look: Look) -> Iterator[Sides | Skipped]:
             yield Skipped(f.key, str(refusal))
             continue
         names, force = (at.scene.coordinate_names,), a.T @ x.multipliers
-        told = measured_where(digits)
-        yield Sides(f"{f.key}, q̈", vdot, x.vdot, names, None, told, may_vanish=True)
-        scale = size(rows.T, lambda_)
+        told = sensitivity_where(digits)
+        yield Equality(f"{f.key}, q̈", vdot, x.vdot, names, None, told, may_vanish=True)
+        scale = product_size(rows.T, lambda_)
         forces = rows.T @ lambda_, force
-        yield Sides(f"{f.key}, aᵀλ", *forces, names, scale, told, may_vanish=True)
+        yield Equality(f"{f.key}, aᵀλ", *forces, names, scale, told, may_vanish=True)
         sides = lambda_[-1:], np.array([weights @ lambda_[:-1]], lambda_.dtype)
-        yield Sides(f"{f.key}, |λ|", *sides, (("the new row",),), size(lambda_), told)
+        yield Equality(f"{f.key}, |λ|", *sides, (("the new row",),), product_size(lambda_), told)
 
 
 # ---- Energy, and motions of the whole scene ------------------------------------------------------
@@ -414,23 +424,23 @@ def _power_of_q(energies: Callable, parameters: Any, still: Any, rates: Any, *st
 def _power_along(energies: Callable, *here: Any) -> Any:
     """Return the share of v in Ṫ + U̇ of (parameters, prepared, q, v, v̇)."""
     *still, v, vdot = here
-    return _energy_rate(energies, *objects(tuple(still)), duals(v, vdot))
+    return _energy_rate(energies, *as_objects(tuple(still)), duals(v, vdot))
 
 
 def _velocities_of_q(velocities: Callable, *here: Any) -> tuple[Array, Array]:
     """Return [V, ω] and the share of q in [V̇, ω̇]; see `_power_of_q`."""
     along_q = np.concatenate(velocities(*_while_q_changes(*here)), axis=1)
-    return each(value, along_q), rate(along_q)
+    return map_entries(value, along_q), rate(along_q)
 
 
 def _velocities_along(velocities: Callable, *here: Any) -> Any:
     """Return the share of v in [V̇, ω̇] of (parameters, prepared, q, v, v̇)."""
     *still, v, vdot = here
-    return rate(np.concatenate(velocities(*objects(tuple(still)), duals(v, vdot)), axis=1))
+    return rate(np.concatenate(velocities(*as_objects(tuple(still)), duals(v, vdot)), axis=1))
 
 
 def _while_q_changes(parameters: Any, still: Any, rates: Any, q: Array, v: Array) -> tuple:
-    return objects(parameters), map_record(duals, still, rates), duals(q, v), objects(v)
+    return as_objects(parameters), map_record(duals, still, rates), duals(q, v), as_objects(v)
 
 
 class _Rates:
@@ -467,7 +477,7 @@ class _Rates:
         along_v = self._along_v(_velocities_along, self._e.scene.velocities, vdot)
         parts = *self._velocities_of_q, along_v
         if lanes_in(parts):
-            return doubles(parts)
+            return as_float64(parts)
         return np.stack([np.asarray(x, np.float64) for x in parts], axis=-3)
 
 
@@ -492,7 +502,7 @@ def _power_of_inertia(at: Evaluation, rates: Callable[[Evaluation], Array]) -> t
         return pushing + (speed[:, d:, None] * turning).sum()
 
     with np.errstate(all="ignore"):
-        here, copies = rates(at), perturbed_copies(at)
+        here, copies = rates(at), perturbed_samples(at)
         try:
             if at.lanes:
                 changes = [np.abs(rates(copy) - here) for copy in copies[:SAMPLES]]
@@ -504,7 +514,7 @@ def _power_of_inertia(at: Evaluation, rates: Callable[[Evaluation], Array]) -> t
 
 
 @claim("power-balance", "d(T + U)/dt = -q̇ ∂R/∂q̇", "(25)-(26), (31)", "power balance", rate_of="all")
-def power_balance(at: Quantities, look: Look) -> Iterator[Sides]:
+def power_balance(at: Quantities, look: EvaluationContext) -> Iterator[Equality]:
     """Ideal constraints do no work: along each q̈ the energy loses what the dampers take."""
     rates_of, R = cache(_Rates), at.dissipation(duals(at.v, at.v))
     if not at.scene.conserves_energy and (R is None or at.terms.b is not None):
@@ -532,16 +542,16 @@ def _of_power(
         return terms, np.inf
     # Energies are summed over the bodies, which rounds as often.
     rounding = case.at.scene.n * (largest(shares) + summed_sensitivity) + _of_constraints(case, f)
-    return terms, where(told, case.sensitivity(power, together=True) + rounding, np.inf)
+    return terms, select(told, case.sensitivity(power, together=True) + rounding, np.inf)
 
 
 def _of_constraints(case: Any, f: Formulation) -> Any:
     """Return |λ|ᵀ |a| |v|, W: v is rounded, and λ does work on what it violates constraints by."""
     lambda_ = case.at.acceleration(f).multipliers
-    return 0.0 if lambda_ is None else size(lambda_, case.at.terms.a, case.at.v)
+    return 0.0 if lambda_ is None else product_size(lambda_, case.at.terms.a, case.at.v)
 
 
-@check("invariance", "q̈ moves with the scene", "(25)-(28)", "invariance")
+@case_claim("invariance", "q̈ moves with the scene", "(25)-(28)", "invariance")
 def invariance(case: Case) -> Iterator[Finding]:
     """Turning, shifting or mirroring the whole scene turns, shifts or mirrors q̈."""
     at = case.at

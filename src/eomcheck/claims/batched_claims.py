@@ -2,8 +2,8 @@
 
 A claim that yields both of its sides is evaluated in SIMD lanes, one state a lane, as it is
 written; the difference that its sides are allowed is measured as `Case` measures it. A state that
-looks bad is to be checked again by `eomcheck.check`, and so are claims that cannot be evaluated in
-lanes.
+looks bad is to be checked again by `eomcheck.check_state`, and so are claims that cannot be
+evaluated in lanes.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.claims.finding import FAILED, INCONCLUSIVE_, PASSED, judged
-from eomcheck.claims.registry import CLAIMS, AtDoubles, Claim, Sides
+from eomcheck.claims.finding import FAILED_CODE, INCONCLUSIVE_CODE, PASSED_CODE, verdict_codes
+from eomcheck.claims.registry import CLAIMS, Claim, Equality, FloatContext
 from eomcheck.errors import RefusedError, described_error
 from eomcheck.evaluation.batched_evaluation import (
     LaneEvaluation,
     acceleration_sensitivity_in_lanes,
     largest_in,
     sensitivity_in_lanes,
-    speeds_told_in_lanes,
+    speeds_resolved_in_lanes,
 )
 from eomcheck.evaluation.evaluation import SPEEDS, Acceleration
 from eomcheck.evaluation.tolerance import allowed_error, larger, largest
@@ -32,19 +32,19 @@ from eomcheck.formulations import Formulation
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
-from eomcheck.numbers.lanes import LaneArray, doubles, lanes_in
-from eomcheck.numbers.linear import watching
+from eomcheck.numbers.lanes import LaneArray, as_float64, lanes_in
+from eomcheck.numbers.linear import recording_solves
 from eomcheck.numbers.noise import SAMPLES
 
-NOT_LIFTED = (TypeError, ValueError, AttributeError, IndexError, np.linalg.LinAlgError)
+NOT_BATCHABLE = (TypeError, ValueError, AttributeError, IndexError, np.linalg.LinAlgError)
 """What a claim raises that asks of numbers what lanes cannot say."""
 
 
-class NotInLanesError(TypeError):
+class NotBatchableError(TypeError):
     """A claim asks for what each state has in its own way."""
 
 
-class Outcome(NamedTuple):
+class BatchResult(NamedTuple):
     """What a claim came to in lanes, about one subject.
 
     Attributes:
@@ -52,7 +52,8 @@ class Outcome(NamedTuple):
         subject: what it is about.
         observed: errors (L,).
         allowed: what rounding explains (L,).
-        verdict: `PASSED`, `FAILED` or `INCONCLUSIVE_` (L,), or `ABSENT` where there is nothing.
+        verdict: `PASSED_CODE`, `FAILED_CODE` or `INCONCLUSIVE_CODE` (L,), or `ABSENT` where there
+            is nothing.
     """
 
     claim: str
@@ -68,14 +69,14 @@ class Outcome(NamedTuple):
             found = self.observed / self.allowed
         found = np.where(self.allowed > 0, found, np.where(self.observed > 0, np.inf, 0.0))
         found = np.where(np.isnan(found), np.inf, found)
-        return np.where(np.isin(self.verdict, (PASSED, FAILED)), found, 0.0)
+        return np.where(np.isin(self.verdict, (PASSED_CODE, FAILED_CODE)), found, 0.0)
 
 
 ABSENT = 0
 
 
 @dataclass
-class LaneCase(AtDoubles):
+class BatchedCase(FloatContext):
     """States of scenes of one structure, with the formulations to look at; see `Case` and `Look`.
 
     Attributes:
@@ -94,7 +95,7 @@ class LaneCase(AtDoubles):
     @cached_property
     def speeds_told(self) -> LaneArray:
         """Where generalized speeds by a partition are more than rounding."""
-        return LaneArray(speeds_told_in_lanes(self.at))
+        return LaneArray(speeds_resolved_in_lanes(self.at))
 
     @property
     def directions(self) -> Array:
@@ -126,7 +127,7 @@ class LaneCase(AtDoubles):
     def sensitivity(self, quantity: Callable[[Any], Any], together: bool = False) -> LaneArray:
         """Return κ · scale of a quantity; 0 of a copy, of which sides count and nothing else.
 
-        In lanes each copy is asked for itself, whether or not they have it `together`.
+        In lanes each copy is asked for itself, whether or not they have it `merged_body`.
         """
         copied, at = self.at.copied, self.at
         return LaneArray(np.zeros(at.lanes) if copied else sensitivity_in_lanes(at, quantity))
@@ -150,55 +151,55 @@ class LaneCase(AtDoubles):
         Raises:
             NotInLanesError: always.
         """
-        raise NotInLanesError("which rows a further one depends on differs from state to state")
+        raise NotBatchableError("which rows a further one depends on differs from state to state")
 
     # ---- Looking ---------------------------------------------------------------------------------
 
-    def look(self, claims: Sequence[str]) -> list[Outcome]:
+    def look(self, claims: Sequence[str]) -> list[BatchResult]:
         """Return what claims come to; those that lanes cannot tell are added to `lost`."""
-        found: list[Outcome] = []
+        found: list[BatchResult] = []
         with np.errstate(all="ignore"):
             for one in claims:
                 try:
                     found += list(self._looked_at(CLAIMS[one]))
-                except NOT_LIFTED as error:
-                    said = isinstance(error, NotInLanesError)
+                except NOT_BATCHABLE as error:
+                    said = isinstance(error, NotBatchableError)
                     self.lost[one] = str(error) if said else described_error(error)
         return found
 
-    def _looked_at(self, claim: Claim) -> Iterator[Outcome]:
+    def _looked_at(self, claim: Claim) -> Iterator[BatchResult]:
         if claim.id == "invariance":
             return self._invariance()
         assert claim.sides is not None
         return self._compared(claim, claim.sides)
 
-    def _compared(self, claim: Claim, sides: Callable) -> Iterator[Outcome]:
+    def _compared(self, claim: Claim, sides: Callable) -> Iterator[BatchResult]:
         @cache
-        def perturbed(e: Any) -> dict[str, Sides]:
-            found: dict[str, Sides] = {}
-            here = LaneCase(e, self.formulations, self.has_speeds)
+        def perturbed(e: Any) -> dict[str, Equality]:
+            found: dict[str, Equality] = {}
+            here = BatchedCase(e, self.formulations, self.has_speeds)
             with e.computing("sides"), e.watched(), suppress(RefusedError):
                 for one in sides(e, here):
                     found[one.subject] = one
             return found
 
-        def measured(here: Sides, side: str) -> Array:
+        def measured(here: Equality, side: str) -> Array:
             def quantity(e: Any) -> Any:
                 one = here if e is self.at else perturbed(e).get(here.subject)
-                if not isinstance(one, Sides):
+                if not isinstance(one, Equality):
                     raise np.linalg.LinAlgError(f"{here.subject} does not exist nearby")
                 return getattr(one, side)
 
             return sensitivity_in_lanes(self.at, quantity)
 
         self._asked = False
-        with watching() as watch:
+        with recording_solves() as watch:
             here = list(sides(self.at, self))
         of_results = self._asked
         refused = self.at.refused.get(SPEEDS, np.zeros(self.at.lanes, bool))
         refused = np.any([refused, *watch.refused], axis=0)
         for one in here:
-            if not isinstance(one, Sides):
+            if not isinstance(one, Equality):
                 continue
             given = _of_lanes(one.sensitivity, self.at.lanes)
             size = 0.0 if one.size is None else _of_lanes(one.size, self.at.lanes)
@@ -221,23 +222,23 @@ class LaneCase(AtDoubles):
         return absent
 
     def compared(
-        self, claim: Claim, sides: Sides, sensitivity: Array, scale: Array | None, absent: Array
-    ) -> Outcome:
+        self, claim: Claim, sides: Equality, sensitivity: Array, scale: Array | None, absent: Array
+    ) -> BatchResult:
         """Return what found = expected comes to; see `Case.compare`."""
         lanes = self.at.lanes
-        found, expected = doubles(sides.found), doubles(sides.expected)
+        found, expected = as_float64(sides.found), as_float64(sides.expected)
         observed = largest_in(found - expected, lanes)
         size = largest_in(expected, lanes)
         scale = size if scale is None else np.broadcast_to(scale, (lanes,))
         allowed = allowed_error(1.0) * np.broadcast_to(sensitivity, (lanes,))
-        verdict = judged(observed, allowed, scale)
-        verdict = np.where(np.isfinite(size), verdict, INCONCLUSIVE_)
+        verdict = verdict_codes(observed, allowed, scale)
+        verdict = np.where(np.isfinite(size), verdict, INCONCLUSIVE_CODE)
         # What depends on a result that is refused is NaN; what needs none is told of results alone.
         told = np.isfinite(observed) & bool(lanes_in((sides.found, sides.expected)))
         verdict = np.where(absent & ~told, ABSENT, verdict)
-        return Outcome(claim.id, sides.subject, observed, allowed, verdict)
+        return BatchResult(claim.id, sides.subject, observed, allowed, verdict)
 
-    def _invariance(self) -> Iterator[Outcome]:
+    def _invariance(self) -> Iterator[BatchResult]:
         at, claim = self.at, CLAIMS["invariance"]
         moved: dict[str, list[Any]] = {}
         q, v = at.q.data.T, at.v.data.T  # type: ignore[attr-defined]
@@ -256,14 +257,14 @@ class LaneCase(AtDoubles):
             turn = 1.0 + largest(there.q - at.q) / larger(largest(at.q), 1.0)
             for f, x in self.solutions:
                 found = there.acceleration(f).vdot
-                sides = Sides(f"{name}: {f.key}", found, image @ x.vdot, ())
+                sides = Equality(f"{name}: {f.key}", found, image @ x.vdot, ())
                 absent = self.refused(f.key) | there.refused[f.key, False]
                 # More noise only allows more: what passes by the first passes by all.
                 for samples in (1, SAMPLES):
                     of_vdot = self._moved_sensitivity(f, samples)
                     sensitivity = (2 * size * turn * of_vdot).data
                     outcome = self.compared(claim, sides, sensitivity, None, absent)
-                    if np.isin(outcome.verdict, (PASSED, ABSENT)).all():
+                    if np.isin(outcome.verdict, (PASSED_CODE, ABSENT)).all():
                         break
                 yield outcome
 
@@ -284,7 +285,7 @@ def _of_lanes(x: Any, lanes: int) -> Any:
     return np.broadcast_to(x.data if lanes_in(x) else np.asarray(x, np.float64), (lanes,))
 
 
-def liftable(claims: Sequence[str]) -> tuple[str, ...]:
+def batchable_claims(claims: Sequence[str]) -> tuple[str, ...]:
     """Return those of `claims` that may be looked at in lanes: by sides, without an engine."""
     return tuple(
         one
@@ -293,9 +294,9 @@ def liftable(claims: Sequence[str]) -> tuple[str, ...]:
     )
 
 
-def lane_cases(
+def batched_cases(
     cases: Sequence[tuple[Scene, State]], formulations: Sequence[Formulation]
-) -> Iterator[tuple[Array, LaneCase]]:
+) -> Iterator[tuple[Array, BatchedCase]]:
     """Yield the places of cases that go side by side, and these.
 
     They have one structure, and generalized speeds in all of them or in none.
@@ -311,4 +312,4 @@ def lane_cases(
     for (_, _, has_speeds), places in groups.items():
         at = LaneEvaluation([cases[i][0] for i in places], [cases[i][1] for i in places])
         able = tuple(f for f in formulations if f.applies_to(at.scene))
-        yield np.array(places), LaneCase(at, able, has_speeds)
+        yield np.array(places), BatchedCase(at, able, has_speeds)

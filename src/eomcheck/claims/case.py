@@ -21,21 +21,29 @@ from eomcheck.claims.finding import (
     Finding,
     diagnose,
     entries_of,
+    format_distinct,
     judge,
     resembles,
-    told_apart,
     worst_entry,
     worst_of,
 )
-from eomcheck.claims.registry import CLAIMS, AtDoubles, Claim, Names, Sides, names_of_term, term_of
-from eomcheck.claims.user_scenes import broken_on_doubles, raised_in
+from eomcheck.claims.registry import (
+    CLAIMS,
+    Claim,
+    Equality,
+    FloatContext,
+    Names,
+    names_of_term,
+    term_of,
+)
+from eomcheck.claims.user_scenes import failing_function, scene_function_that_raised
 from eomcheck.engines import (
     Answers,
     Engine,
     EngineFault,
-    is_on_trial,
-    kind_of,
-    made,
+    engine_class_of,
+    is_under_test,
+    make_engine,
     version_of,
 )
 from eomcheck.engines.answers import drift_size, inertia_size, mass_size, overflows, weight_size
@@ -46,7 +54,7 @@ from eomcheck.evaluation.perturbed import (
     acceleration_sensitivity,
     entry_sensitivity_of,
     sensitivity_of,
-    speeds_told,
+    speeds_resolved,
 )
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, allowed_error, largest
 from eomcheck.formulations import Formulation, Partition
@@ -60,7 +68,7 @@ at and the first that is drawn, and elsewhere. Counts and what fills up over cal
 
 
 @dataclass
-class Case(AtDoubles):
+class Case(FloatContext):
     """One state of a scene, with the formulations and engines to look at.
 
     Attributes:
@@ -104,7 +112,7 @@ class Case(AtDoubles):
         return tuple(
             one
             for one in (*self.engines, *self.broken)
-            if one.offers(asks) or is_on_trial(kind_of(one))
+            if one.offers(asks) or is_under_test(engine_class_of(one))
         )
 
     @cached_property
@@ -147,7 +155,7 @@ class Case(AtDoubles):
     def speeds_told(self) -> bool:
         """Whether generalized speeds by a partition are more than rounding."""
         self.at.speeds  # noqa: B018  (what was solved for them is needed)
-        return speeds_told(self.at)
+        return speeds_resolved(self.at)
 
     @property
     def directions(self) -> Array:
@@ -183,7 +191,7 @@ class Case(AtDoubles):
     def sensitivity(self, quantity: Callable[[Evaluation], Any], together: bool = False) -> float:
         """Return κ · scale of a quantity; 0 of a copy, of which sides count and nothing else.
 
-        `together` tells that copies have it side by side, see `sensitivity_of`.
+        `merged_body` tells that copies have it side by side, see `sensitivity_of`.
         """
         copied = self.at.copied
         return 0.0 if copied else sensitivity_of(self.at, quantity, together=together)
@@ -230,8 +238,8 @@ class Case(AtDoubles):
         Raises:
             Exception: the error itself, where no function of the scene's own caused it.
         """
-        said = raised_in(self.at.scene, error)
-        broken = broken_on_doubles(self.at.scene, self.state)
+        said = scene_function_that_raised(self.at.scene, error)
+        broken = failing_function(self.at.scene, self.state)
         if not (said or broken):
             raise error
         if broken:
@@ -244,8 +252,8 @@ class Case(AtDoubles):
         """Yield the Findings of both sides being the same but for rounding."""
 
         @cache
-        def perturbed(e: Evaluation) -> dict[str, Sides]:
-            found: dict[str, Sides] = {}
+        def perturbed(e: Evaluation) -> dict[str, Equality]:
+            found: dict[str, Equality] = {}
             # What sides solve for themselves is perturbed like what formulations solve.
             with (
                 e.computing("sides"),
@@ -256,17 +264,17 @@ class Case(AtDoubles):
                     found[one.subject] = one
             return found
 
-        def measured(here: Sides, side: str) -> float:
+        def measured(here: Equality, side: str) -> float:
             def quantity(e: Evaluation) -> Array:
                 one = here if e is self.at else perturbed(e).get(here.subject)
-                if not isinstance(one, Sides):
+                if not isinstance(one, Equality):
                     raise np.linalg.LinAlgError(f"{here.subject} does not exist nearby")
                 return np.asarray(getattr(one, side), np.float64)
 
             return sensitivity_of(self.at, quantity)
 
         for one in sides(self.at, self):
-            if isinstance(one, Sides):
+            if isinstance(one, Equality):
                 sensitivity = one.sensitivity
                 if sensitivity is None:
                     sensitivity = (
@@ -290,7 +298,7 @@ class Case(AtDoubles):
         expected = 0.0 if absent else known
         state = (self.at.q, self.at.v, self.at.t)
         for engine in self.taking_part:
-            theirs = answer(self, engine, *state, expected=lambda: expected)
+            theirs = ask_engine(self, engine, *state, expected=lambda: expected)
             if isinstance(theirs, Finding) or isinstance(engine, type):
                 if not absent or theirs.verdict == "failed":
                     yield theirs
@@ -301,7 +309,7 @@ class Case(AtDoubles):
             if sensitivity is None:
                 sensitivity = sensitivity_of(self.at, quantity, coordinates=True)
             # A term of size 0 (B at rest) is compared all the same: it should vanish.
-            scale = sensitivity + size_of(self, engine, method)
+            scale = sensitivity + cancelling_size(self, engine, method)
             here = self, engine, engine.key, ours, theirs, scale
             again = partial(_asked_again, method, state)
             names = names_of_term(self.at.scene, term)
@@ -309,7 +317,7 @@ class Case(AtDoubles):
             roots = np.sqrt(np.abs(np.diagonal(np.atleast_2d(np.asarray(ours)))))
             sizes = np.outer(roots, roots) if term == "M" else None
             own = partial(entry_sensitivity_of, self.at, quantity)
-            yield compared(*here, again, names=names, scale=scale, sizes=sizes, own=own)
+            yield compare_with_engine(*here, again, names=names, scale=scale, sizes=sizes, own=own)
 
     def compare(
         self,
@@ -352,8 +360,8 @@ class Case(AtDoubles):
         if verdict == "failed":
             where = worst_entry(found - expected, names)
             what = diagnose(found, expected, allowed) if found.ndim else ""
-            if engine is not None and is_on_trial(engine):
-                what = said_on_trial(engine, found, expected, allowed)
+            if engine is not None and is_under_test(engine):
+                what = describe_engine_error(engine, found, expected, allowed)
             detail = f"{self.claim.term}, {where}" + (f": {what}" if what else "")
         outcome = subject, observed, allowed, verdict, evidence, detail
         made = self.finding(*outcome, engine=engine)
@@ -365,7 +373,7 @@ class Case(AtDoubles):
         if not names or not entrywise:
             return made  # what vanishes has no size of its own
         zero: Any = False
-        if engine is not None and is_on_trial(engine):
+        if engine is not None and is_under_test(engine):
             # Of the scene itself, what should be 0 is so but for the rounding of its own terms.
             zero = np.abs(expected) <= (0.0 if own is None else allowed_error(1.0) * own())
         entries = _resolved(found, expected, allowed, names, sizes, zero)
@@ -374,13 +382,13 @@ class Case(AtDoubles):
         return replace(made, entries=entries, detail=what if hidden else detail)
 
     def finding(self, subject: str, *outcome: Any, engine: type[Engine] | None = None) -> Finding:
-        """Return a Finding about this state; `outcome` from `observed` on.
+        """Return a Finding about this state; `outcome_of` from `observed` on.
 
         Of an engine it is told only where that is on trial, not where it is a reference.
         """
         assert self.claim is not None
         found = Finding(self.claim.id, subject, self.at.scene, self.state, *outcome)
-        tried = engine is not None and is_on_trial(engine)
+        tried = engine is not None and is_under_test(engine)
         return replace(found, engine=engine) if tried else found
 
 
@@ -421,10 +429,10 @@ FLOAT32 = 2.0**-19
 """A relative error below this, and above that of doubles, is one of single precision."""
 
 
-def size_of(case: Case, engine: Engine, method: str) -> float:
+def cancelling_size(case: Case, engine: Engine, method: str) -> float:
     """Return the size of the terms that an engine may sum to an answer, where it cancels."""
     if method == "bias":
-        own = 0.0 if is_on_trial(kind_of(engine)) else engine.bias_size(*case.state)
+        own = 0.0 if is_under_test(engine_class_of(engine)) else engine.bias_size(*case.state)
         return inertia_size(case.at) + own
     if method == "forces":
         return case.at.kept(weight_size)
@@ -439,7 +447,7 @@ def size_of(case: Case, engine: Engine, method: str) -> float:
         return 0.0
 
 
-def answer(
+def ask_engine(
     case: Case,
     engine: Engine | type[Engine],
     *arguments: Any,
@@ -460,24 +468,24 @@ def answer(
         excused: whether nothing could be judged here, whatever the answer.
     """
     assert case.claim is not None
-    method, kind = case.claim.asks, kind_of(engine)
+    method, kind = case.claim.asks, engine_class_of(engine)
     if not kind.offers(method):
-        return unseen(case, kind, f"it does not offer {method}")
-    if isinstance(engine, type) and not is_on_trial(engine):
-        return unseen(case, engine, f"not rational: {case.broken[engine]}")
+        return skipped_finding(case, kind, f"it does not offer {method}")
+    if isinstance(engine, type) and not is_under_test(engine):
+        return skipped_finding(case, engine, f"not rational: {case.broken[engine]}")
     try:
         if isinstance(engine, type):
             raise EngineFault(case.broken[engine])
         answers = Answers(engine)
-        if is_on_trial(kind):
+        if is_under_test(kind):
             answers.disturb(method, *arguments)
             found = _answered(answers, method, arguments, case.asked_again)
             known = expected()
             return _worst(found, part, part(found[0]) if known is None else known)
         return answers.ask(method, *arguments)
     except EngineFault as fault:
-        if isinstance(fault.__cause__, np.linalg.LinAlgError) and not is_on_trial(kind):
-            return unseen(case, kind, fault.what)
+        if isinstance(fault.__cause__, np.linalg.LinAlgError) and not is_under_test(kind):
+            return skipped_finding(case, kind, fault.what)
         open_here = overflows(case.at) or excused()
         verdict = "inconclusive" if open_here else "failed"
         outcome = np.inf, 0.0, verdict, evidence_of(kind), f"{kind.__name__}: {fault.what}"
@@ -515,7 +523,7 @@ def _worst(found: Sequence[Any], part: Callable[[Any], Any], expected: Any) -> A
     return worst
 
 
-def unseen(case: Case, kind: type[Engine], why: str) -> Finding:
+def skipped_finding(case: Case, kind: type[Engine], why: str) -> Finding:
     """Return the Finding of what an engine does not tell, or of what cannot be compared."""
     outcome = 0.0, 0.0, "skipped", evidence_of(kind), why
     return case.finding(kind.key, *outcome, engine=kind)
@@ -526,7 +534,7 @@ def evidence_of(kind: type[Engine]) -> str:
     return f"compared: {version_of(kind)}"
 
 
-def compared(
+def compare_with_engine(
     case: Case,
     engine: Engine,
     subject: str,
@@ -555,7 +563,7 @@ def compared(
         sizes: of the terms of which each entry is a sum, where they are known.
         own: gives κ · scale of each entry of the scene's.
     """
-    kind, tried = type(engine), is_on_trial(type(engine))
+    kind, tried = type(engine), is_under_test(type(engine))
     found, expected = (theirs, ours) if tried else (ours, theirs)
     here = subject, found, expected, sensitivity
     how: dict[str, Any] = {"names": tuple(names), "scale": scale, "sizes": sizes}
@@ -563,7 +571,7 @@ def compared(
     finding = case.compare(*here, **how, engine=kind)
     if finding.verdict == "failed" and tried:
         try:
-            fresh = again(Answers(made(kind, case.at.scene)))
+            fresh = again(Answers(make_engine(kind, case.at.scene)))
         except Exception:
             return finding
         if largest(np.asarray(fresh) - np.asarray(ours)) <= finding.allowed:
@@ -571,7 +579,7 @@ def compared(
     return finding
 
 
-def said_on_trial(kind: type[Engine], found: Array, expected: Array, allowed: float) -> str:
+def describe_engine_error(kind: type[Engine], found: Array, expected: Array, allowed: float) -> str:
     """Return what is wrong with the worst entry of an engine on trial: both numbers, and a name.
 
     Of a library that reads a robot's file itself, nobody is blamed: both numbers, and whose.
@@ -584,7 +592,7 @@ def said_on_trial(kind: type[Engine], found: Array, expected: Array, allowed: fl
     """
     worst = worst_of(found - expected)
     what = resembles(found, expected, allowed, worst)
-    x, y = told_apart(found[worst], expected[worst], 9)
+    x, y = format_distinct(found[worst], expected[worst], 9)
     numbers = f"found {x}, expected {y}"
     if kind.reads_file:
         what = ""

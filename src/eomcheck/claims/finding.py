@@ -15,7 +15,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from eomcheck.claims.reproducer import python_of
+from eomcheck.claims.reproducer import reproducer_code
 from eomcheck.engines import Engine
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, UNDERFLOW, allowed_error, largest
 from eomcheck.mechanics.records import State
@@ -57,7 +57,7 @@ class Finding:
     Attributes:
         claim: id of the claim, a key of `eomcheck.claims.CLAIMS`.
         subject: what it is about there, such as "au ~ kane" or "pinocchio".
-        scene: the `Scene`, or the `Subject` that is on trial in its place.
+        scene: the `Scene`, or the `SubjectUnderTest` that is on trial in its place.
         state: (q, v, t), or None where it holds for all states of all scenes of this structure.
         observed: largest error seen, in the units of the quantity; for a proof, the number of
             points at which the sides differ.
@@ -144,7 +144,9 @@ class Finding:
 
     def as_python(self) -> str:
         """Return Python code that shows the finding again."""
-        return python_of(self.scene, self.state, () if self.engine is None else (self.engine,))
+        return reproducer_code(
+            self.scene, self.state, () if self.engine is None else (self.engine,)
+        )
 
 
 def ratio(observed: float, allowed: float) -> float:
@@ -176,11 +178,11 @@ def judge(observed: float, sensitivity: float, scale: float) -> tuple[float, Ver
     return allowed, "passed" if observed <= allowed else "failed"
 
 
-PASSED, FAILED, INCONCLUSIVE_ = 1, 2, 3
+PASSED_CODE, FAILED_CODE, INCONCLUSIVE_CODE = 1, 2, 3
 """Verdicts by number."""
 
 
-def judged(observed: Array, allowed: Array, scale: Array) -> Array:
+def verdict_codes(observed: Array, allowed: Array, scale: Array) -> Array:
     """Return the verdicts (...,), by number, that `judge` comes to of errors (...,)."""
     untold = (allowed > INCONCLUSIVE * scale) & ~((observed == 0.0) & (allowed <= UNDERFLOW))
     return np.select(
@@ -190,8 +192,8 @@ def judged(observed: Array, allowed: Array, scale: Array) -> Array:
             ~np.isfinite(allowed) | untold | ((allowed < observed) & (observed <= UNDERFLOW)),
             observed <= allowed,
         ],
-        [INCONCLUSIVE_, FAILED, INCONCLUSIVE_, PASSED],
-        FAILED,
+        [INCONCLUSIVE_CODE, FAILED_CODE, INCONCLUSIVE_CODE, PASSED_CODE],
+        FAILED_CODE,
     )
 
 
@@ -204,11 +206,11 @@ def diagnose(
     """
     worst = worst_of(found - expected) if worst is None else worst
     what = resembles(found, expected, allowed, worst)
-    x, y = told_apart(found[worst], expected[worst])
+    x, y = format_distinct(found[worst], expected[worst])
     return what or f"{x}, expected {y}"
 
 
-def told_apart(x: float, y: float, digits: int = 6) -> tuple[str, str]:
+def format_distinct(x: float, y: float, digits: int = 6) -> tuple[str, str]:
     """Two numbers as texts, by so many digits or as many more as they need to differ."""
     texts = [(f"{x:.{count}g}", f"{y:.{count}g}") for count in range(digits, 18)]
     return next((each for each in texts if each[0] != each[1]), texts[0])
@@ -314,7 +316,7 @@ def merged(entries: Iterable[Entries]) -> list[Entries]:
     return [*by_names.values()]
 
 
-def left_of(entries: Iterable[Entries]) -> list[str]:
+def never_resolved(entries: Iterable[Entries]) -> list[str]:
     """Names of the entries of one subject that are hidden in some state and resolved in none.
 
     Entries of one name are the same one, whatever else a scene has: row θ_1 of a chain of two
@@ -339,24 +341,24 @@ def _named(flags: int, names: Names) -> Iterator[str]:
         yield entry_name(tuple(int(i) for i in np.unravel_index(k, shape)), names)
 
 
-def listing(names: Sequence[str], states: int) -> str:
+def unresolved_detail(names: Sequence[str], states: int) -> str:
     """Detail of the finding that lists what is resolved in none of so many states."""
     where = f"any of {states} states" if states > 1 else "this state"
-    return f"{UNRESOLVED}{where}: {shortened(names)}"
+    return f"{UNRESOLVED}{where}: {abbreviated_list(names)}"
 
 
-def shortened(items: Sequence[str]) -> str:
+def abbreviated_list(items: Sequence[str]) -> str:
     """List of the first `LISTED` items in words, and the number of others."""
     more = f" and {len(items) - LISTED} more" if len(items) > LISTED else ""
     return f"{'; '.join(items[:LISTED])}{more}"
 
 
-def lists(detail: str) -> bool:
-    """Whether a detail is one of `listing`."""
+def is_unresolved_detail(detail: str) -> bool:
+    """Whether a detail is one of `unresolved_detail`."""
     return detail.startswith(UNRESOLVED)
 
 
-class Left(NamedTuple):
+class Unresolved(NamedTuple):
     """Something that is compared in some states and resolved in none.
 
     Attributes:
@@ -377,7 +379,7 @@ class Left(NamedTuple):
         return f"{self.subject}, {self.entry}" if self.entry else self.subject
 
 
-def unresolved(findings: Iterable[Finding]) -> dict[str, list[Left]]:
+def unresolved_by_claim(findings: Iterable[Finding]) -> dict[str, list[Unresolved]]:
     """Claim -> what no state resolves of it; claims with nothing of the kind are left out.
 
     These are subjects that are decided in no state, and entries that are hidden in some state and
@@ -390,27 +392,27 @@ def unresolved(findings: Iterable[Finding]) -> dict[str, list[Left]]:
     for one in findings:
         if one.verdict != "skipped" and one.state is not None:
             by.setdefault(one.claim, {}).setdefault(one.subject, []).append(one)
-    left: dict[str, list[Left]] = {}
+    left: dict[str, list[Unresolved]] = {}
     for claim, subjects in by.items():
         states = max(map(len, subjects.values()))
         for subject, each in subjects.items():
             if all(one.verdict == "inconclusive" for one in each):
-                left.setdefault(claim, []).append(Left(subject, "", each[0], states))
+                left.setdefault(claim, []).append(Unresolved(subject, "", each[0], states))
                 continue
-            for name in left_of(one.entries for one in each if one.entries is not None):
+            for name in never_resolved(one.entries for one in each if one.entries is not None):
                 where = (one for one in each if one.entries and one.entries.hides(name))
                 largest = max(where, key=lambda one: one.scene.n)
-                left.setdefault(claim, []).append(Left(subject, name, largest, states))
+                left.setdefault(claim, []).append(Unresolved(subject, name, largest, states))
     return left
 
 
-def listed(left: Sequence[Left]) -> Finding:
+def unresolved_finding(left: Sequence[Unresolved]) -> Finding:
     """The inconclusive finding of one claim that lists what no state resolves of it."""
     about = list(dict.fromkeys(one.subject for one in left))
     return replace(
         left[0].finding,
         subject=", ".join(about) if len(about) <= LISTED else "all",
         verdict="inconclusive",
-        detail=listing([one.name for one in left], left[0].states),
+        detail=unresolved_detail([one.name for one in left], left[0].states),
         entries=None,
     )

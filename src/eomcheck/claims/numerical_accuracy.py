@@ -18,14 +18,14 @@ import numpy as np
 from scipy.linalg import null_space, solve_triangular
 
 from eomcheck.claims.case import Case
-from eomcheck.claims.finding import Finding, Verdict, shortened
-from eomcheck.claims.pairwise_design import strata_of
-from eomcheck.claims.registry import CLAIMS, Claim, check, pairs
-from eomcheck.claims.user_scenes import not_rational
+from eomcheck.claims.finding import Finding, Verdict, abbreviated_list
+from eomcheck.claims.pairwise_design import levels_of_case
+from eomcheck.claims.registry import CLAIMS, Claim, case_claim, unordered_pairs
+from eomcheck.claims.user_scenes import why_not_rational
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.certified import (
-    TRUE_DIGITS,
-    TRUTH_WITHOUT_SPEEDS,
+    REFERENCE_DIGITS,
+    REFERENCE_WITHOUT_SPEEDS,
     Enclosure,
     certify,
     enclose,
@@ -33,7 +33,7 @@ from eomcheck.evaluation.certified import (
     true_state,
 )
 from eomcheck.evaluation.constraint_rank import RANK
-from eomcheck.evaluation.dynamics import CONTRADICTION, explained, solution_of
+from eomcheck.evaluation.dynamics import CONTRADICTION, solution_of, with_redundancy_hint
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.evaluation.tolerance import UNDERFLOW, allowed_error, can_overflow, largest
@@ -43,12 +43,12 @@ from eomcheck.mechanics.records import Chain, State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
 from eomcheck.numbers.linear import column_scale
-from eomcheck.numbers.pivots import EPS, scale_of
+from eomcheck.numbers.pivots import EPS, power_of_two_scale
 from eomcheck.safe_output import counted
 
 # ---- Certified accelerations ---------------------------------------------------------------------
 
-EVIDENCE = f"enclosed: {TRUE_DIGITS} digits"
+EVIDENCE = f"enclosed: {REFERENCE_DIGITS} digits"
 
 
 def _enclosed(
@@ -56,7 +56,7 @@ def _enclosed(
 ) -> Enclosure | Finding:
     """Return the enclosure, or that there is none; see `enclosure` for `known`."""
     at = case.at
-    start, how = {"u": at.u}, (TRUE_DIGITS, at.partition_for(formulation, False))
+    start, how = {"u": at.u}, (REFERENCE_DIGITS, at.partition_for(formulation, False))
     try:
         return enclosure(at.scene, formulation, at.q, start, at.t, *how, known)
     except (RefusedError, TypeError) as error:
@@ -71,12 +71,12 @@ def _without_truth(case: Case, subject: str, error: Exception) -> Finding:
     return case.finding(subject, 0.0, 0.0, "skipped", EVIDENCE, why)
 
 
-@check("enclosures", "true q̈ of one formulation = of another", "(7)-(23)", "acceleration")
+@case_claim("enclosures", "true q̈ of one formulation = of another", "(7)-(23)", "acceleration")
 def enclosures(case: Case) -> Iterator[Finding]:
     """The enclosures by all formulations have a point in common, pair by pair."""
     if not case.has_speeds or not np.isfinite(case.at.u).all():
         return
-    if why := not_rational(case.at.scene):
+    if why := why_not_rational(case.at.scene):
         yield case.finding("all", 0.0, 0.0, "skipped", EVIDENCE, why)
         return
     found: list[tuple[Formulation, Enclosure]] = []
@@ -88,7 +88,7 @@ def enclosures(case: Case) -> Iterator[Finding]:
         else:
             found.append((f, x))
     kept = {f: case.at.partition_for(f, False).redundant is None for f, _ in found}
-    for (f, x), (g, y) in pairs(found):
+    for (f, x), (g, y) in unordered_pairs(found):
         if kept[f] != kept[g]:
             continue  # of fewer rows, which rounding cannot tell from all, another truth follows
         apart = np.flatnonzero(~x.overlaps(y))
@@ -99,21 +99,21 @@ def enclosures(case: Case) -> Iterator[Finding]:
         yield case.finding(f"{f.key} ~ {g.key}", *outcome)
 
 
-@check("true-error", "|q̈ - true q̈| ≤ its error bound", "(7)-(23)", "rounding error")
+@case_claim("true-error", "|q̈ - true q̈| ≤ its error bound", "(7)-(23)", "rounding error")
 def true_errors(case: Case) -> Iterator[Finding]:
     """The error in doubles, against the enclosed truth, is what rounding explains."""
     here = case.at
     if case.has_speeds and not np.isfinite(here.u).all():
         return
-    if why := not_rational(here.scene):
+    if why := why_not_rational(here.scene):
         yield case.finding("all", 0.0, 0.0, "skipped", EVIDENCE, why)
         return
     try:
         if case.has_speeds:
             truth, at = true_state(here.scene, here.q, here.u, here.t)
         else:
-            how = {"t": here.t, "digits": TRUE_DIGITS, "v": here.v}
-            truth, at = enclose(here.scene, TRUTH_WITHOUT_SPEEDS, here.q, **how), here
+            how = {"t": here.t, "digits": REFERENCE_DIGITS, "v": here.v}
+            truth, at = enclose(here.scene, REFERENCE_WITHOUT_SPEEDS, here.q, **how), here
     except (RefusedError, TypeError) as error:
         yield _without_truth(case, "all", error)
         return
@@ -164,7 +164,7 @@ def independent_rcond(formulation: Formulation, refusal: RefusedError, case: Cas
     if formulation.uses == "chain":
         rcond[-1] *= _evenness(at.chain)
     # Velocities are measured by the energy in them, and so have no units of their own.
-    scale = scale_of(np.sqrt(np.abs(np.diagonal(M))))
+    scale = power_of_two_scale(np.sqrt(np.abs(np.diagonal(M))))
     if a is not None and refusal.what == RANK:
         rcond.append(_rcond(_balanced(a * scale)))
     if a is not None and (formulation.partitioned or formulation.in_speeds):
@@ -280,7 +280,7 @@ def _rcond(matrix: Array, unsure: float = 0.0) -> float:
     return float(least / singular[0] / singular.size) if singular[0] > 0 else 0.0
 
 
-def judged(refusal: RefusedError, rcond: float) -> tuple[Verdict, str]:
+def judge_refusal(refusal: RefusedError, rcond: float) -> tuple[Verdict, str]:
     """Return the verdict on a refusal where the matrix has this rcond, and what is wrong with it.
 
     That of a matrix whose entries are rounded is known to C eps and no better: what is nearer to
@@ -293,7 +293,7 @@ def judged(refusal: RefusedError, rcond: float) -> tuple[Verdict, str]:
     return "failed", "refused in vain"
 
 
-@check("refusals", "refused: rcond is below the threshold", "(7)-(23)", "refusal")
+@case_claim("refusals", "refused: rcond is below the threshold", "(7)-(23)", "refusal")
 def refusals(case: Case) -> Iterator[Finding]:
     """Every refusal is justified by a reciprocal condition number computed independently."""
     for formulation in case.formulations:
@@ -301,11 +301,11 @@ def refusals(case: Case) -> Iterator[Finding]:
             solution_of(case.at, formulation)
         except RefusedError as refusal:
             rcond = independent_rcond(formulation, refusal, case)
-            verdict, why = judged(refusal, rcond)
+            verdict, why = judge_refusal(refusal, rcond)
             said = (
                 f"{formulation.key}, {refusal.what}: {why}"
                 if why
-                else str(explained(case.at, refusal))
+                else str(with_redundancy_hint(case.at, refusal))
             )
             outcome = rcond, refusal.threshold, verdict, "property-tested", said
             yield case.finding(formulation.key, *outcome)
@@ -326,7 +326,7 @@ ENOUGH = 20
 """Fewer states than this say nothing about a share of 5 %."""
 
 
-class Drawn(NamedTuple):
+class SampledState(NamedTuple):
     """A state that was drawn, and the formulations that refused it."""
 
     scene: Scene
@@ -334,7 +334,7 @@ class Drawn(NamedTuple):
     refused: tuple[str, ...]
 
 
-def coverage(drawn: list[Drawn]) -> Finding:
+def coverage(drawn: list[SampledState]) -> Finding:
     """Return the Finding on the share of drawn states that some formulation refused."""
     refused = [one for one in drawn if one.refused]
     example = (refused or drawn)[0]
@@ -356,15 +356,15 @@ def coverage(drawn: list[Drawn]) -> Finding:
         f"property-tested: {counted(len(drawn), 'state')}",
         f"{len(drawn) - len(refused)} of {len(drawn)} ordinary states solved by all formulations"
         + named
-        + (f"; {shortened(never)}" if never else ""),
+        + (f"; {abbreviated_list(never)}" if never else ""),
     )
 
 
-def _never_solved(drawn: list[Drawn]) -> list[str]:
+def _never_solved(drawn: list[SampledState]) -> list[str]:
     """Return which formulations refused every drawn state of a stratum."""
     refused: dict[tuple[str, str], list[set[str]]] = {}
     for one in drawn:
-        for stratum in strata_of(one.scene, one.state).items():
+        for stratum in levels_of_case(one.scene, one.state).items():
             refused.setdefault(stratum, []).append(set(one.refused))
     return [
         f"{key} refused every state of {name} {way} ({len(each)})"

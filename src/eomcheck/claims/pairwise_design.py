@@ -22,10 +22,10 @@ from typing import Any
 import numpy as np
 
 from eomcheck.errors import InputError, RefusedError, whole_number
-from eomcheck.evaluation.dynamics import closed_position, consistent_velocity
+from eomcheck.evaluation.dynamics import assembled_position, consistent_velocity
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import largest
-from eomcheck.mechanics.random_source import FromGenerator, Ways
+from eomcheck.mechanics.random_source import Factors, GeneratorChoices
 from eomcheck.mechanics.records import Range, State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
@@ -52,7 +52,7 @@ Row = dict[str, str]
 Pair = tuple[tuple[str, str], tuple[str, str]]
 
 
-def ways_of(one: Range) -> tuple[str, ...]:
+def levels_of_range(one: Range) -> tuple[str, ...]:
     """Return the ways in which a parameter of this range is drawn."""
     if 0 in one.shape:
         return (ABSENT,)
@@ -64,8 +64,8 @@ def ways_of(one: Range) -> tuple[str, ...]:
     return (ABSENT, *values) if one.optional else values
 
 
-def way_of(value: Any) -> str:
-    """Return in which way a parameter is there, see `ways_of`."""
+def level_of_value(value: Any) -> str:
+    """Return in which way a parameter is there, see `levels_of_range`."""
     if value is None or np.size(value) == 0:
         return ABSENT
     positive, negative = np.any(np.asarray(value) > 0), np.any(np.asarray(value) < 0)
@@ -74,56 +74,56 @@ def way_of(value: Any) -> str:
     return ZERO
 
 
-def strata(kind: type[Scene], links: int | None) -> list[Ways]:
+def factors(kind: type[Scene], links: int | None) -> list[Factors]:
     """Return the strata of scenes of a kind, those with one way only included.
 
     Where scenes of a kind hang together in many ways, not all of which go with each other, there
     are as many entries as `Scene.topologies` has. Where the clock drives a scene nothing is drawn
     at rest.
     """
-    found: Ways = {} if links is None else {LINKS: (str(links),)}
+    found: Factors = {} if links is None else {LINKS: (str(links),)}
     topologies = kind.topologies(links)
     # Of scenes that are drawn, each says for itself; whether the example is driven tells nothing.
     driven = kind.depends_on_time and not any(MOTION in ways for ways in topologies)
     found[MOTION] = (MOVING,) if driven else (MOVING, AT_REST)
-    found |= {name: ways_of(one) for name, one in kind.ranges(links).items()}
+    found |= {name: levels_of_range(one) for name, one in kind.ranges(links).items()}
     return [found | ways for ways in topologies]
 
 
-def strata_of(scene: Scene, state: State) -> Row:
+def levels_of_case(scene: Scene, state: State) -> Row:
     """Return the stratum of each name that a case is in, as measured on the case itself."""
-    links = links_of(scene)
+    links = link_count(scene)
     ranges = type(scene).ranges(links)
     found = {} if links is None else {LINKS: str(links)}
     found[MOTION] = MOVING if state.v.any() else AT_REST
     found |= scene.topology
     for name, one in ranges.items():
         if hasattr(scene, name):
-            way = way_of(getattr(scene, name))
-            found[name] = way if way in (ABSENT, *ways_of(one)) else PRESENT
+            way = level_of_value(getattr(scene, name))
+            found[name] = way if way in (ABSENT, *levels_of_range(one)) else PRESENT
     return found
 
 
-def measured(cases: Iterable[tuple[Scene, State]]) -> dict[str, dict[str, int]]:
+def count_levels(cases: Iterable[tuple[Scene, State]]) -> dict[str, dict[str, int]]:
     """Return the number of cases in each stratum, by its name and way.
 
     What none of the scenes looked at can be otherwise is left out.
     """
     counts: dict[str, dict[str, int]] = {}
     for scene, state in cases:
-        links = links_of(scene)
-        for name, ways in chain.from_iterable(x.items() for x in strata(type(scene), links)):
+        links = link_count(scene)
+        for name, ways in chain.from_iterable(x.items() for x in factors(type(scene), links)):
             of = counts.setdefault(name, {})
             for way in ways:
                 of.setdefault(way, 0)
-        for name, way in strata_of(scene, state).items():
+        for name, way in levels_of_case(scene, state).items():
             counts[name][way] = counts[name].get(way, 0) + 1
     if LINKS in counts:
         counts[LINKS] = dict(sorted(counts[LINKS].items(), key=lambda item: int(item[0])))
     return {name: of for name, of in counts.items() if len(of) > 1 or name in (LINKS, MOTION)}
 
 
-def links_of(scene: Scene) -> int | None:
+def link_count(scene: Scene) -> int | None:
     """Return the number of links of a scene, None if it has none to choose."""
     return getattr(scene, LINKS) if scene.has_links else None
 
@@ -140,7 +140,7 @@ def pairs_in(row: Row) -> set[Pair]:
     return set(combinations(sorted(row.items()), 2))
 
 
-def pairs(choices: Iterable[Ways]) -> set[Pair]:
+def level_pairs(choices: Iterable[Factors]) -> set[Pair]:
     """Return every pair of ways of two strata that one of `choices` has."""
     found: set[Pair] = set()
     for ways in choices:
@@ -149,13 +149,13 @@ def pairs(choices: Iterable[Ways]) -> set[Pair]:
     return found
 
 
-def covering(choices: list[Ways], random: np.random.Generator) -> list[Row]:
+def covering_array(choices: list[Factors], random: np.random.Generator) -> list[Row]:
     """Return rows in which every way and every pair of ways occurs, each row by one of `choices`.
 
     Greedy: a row begins with a pair that is missing, and takes on what brings most missing pairs.
     Nothing is at rest that need not be.
     """
-    missing = pairs(choices)
+    missing = level_pairs(choices)
 
     def first(pair: Pair) -> tuple:
         return (MOTION, AT_REST) not in pair, LINKS not in dict(pair), pair
@@ -177,13 +177,15 @@ def covering(choices: list[Ways], random: np.random.Generator) -> list[Row]:
     return rows + [{name: way} for ways in alone for name, of in ways.items() for way in of]
 
 
-def rows(choices: list[Ways], examples: int, random: np.random.Generator) -> Iterator[Row]:
+def design_rows(
+    choices: list[Factors], examples: int, random: np.random.Generator
+) -> Iterator[Row]:
     """Yield the strata of `examples` cases: those of a covering array, then any that move.
 
     The latter have no zeros, and the smaller half of the numbers of links: larger ones take longer
     and show less.
     """
-    covered = covering(choices, random)
+    covered = covering_array(choices, random)
     resting = [row for row in covered if row[MOTION] == AT_REST]
     moving = [row for row in covered if row[MOTION] != AT_REST]
     for left in (resting, moving):
@@ -221,8 +223,8 @@ def scene_cases(
     """
     random = _generator(examples, seed)
     numbers = range(links[0], links[1] + 1) if kind.has_links else (None,)
-    choices = list(chain.from_iterable(strata(kind, n) for n in numbers))
-    for row in rows(choices, examples, random):
+    choices = list(chain.from_iterable(factors(kind, n) for n in numbers))
+    for row in design_rows(choices, examples, random):
         yield _drawn(partial(_scene, kind, row, random), row[MOTION], random)
 
 
@@ -230,7 +232,7 @@ def state_cases(scene: Scene, examples: int, seed: int) -> Iterator[tuple[Scene,
     """Yield `scene` in random states; for arguments and errors see `scene_cases`."""
     random = _generator(examples, seed)
     ways = {MOTION: (MOVING,) if scene.depends_on_time else (MOVING, AT_REST)}
-    for row in rows([ways], examples, random):
+    for row in design_rows([ways], examples, random):
         yield _drawn(lambda: scene, row[MOTION], random)
 
 
@@ -261,13 +263,13 @@ def _drawn(
 
 def _scene(kind: type[Scene], row: Row, random: np.random.Generator) -> Scene:
     links = int(row[LINKS]) if LINKS in row else None
-    one = kind.of_topology(links, row, FromGenerator(random))
+    one = kind.of_topology(links, row, GeneratorChoices(random))
     ranges = one.ranges(links)
-    return one(**{name: value_of(of, row[name], random) for name, of in ranges.items()})
+    return one(**{name: sample_level(of, row[name], random) for name, of in ranges.items()})
 
 
-def value_of(one: Range, way: str, random: np.random.Generator) -> Any:
-    """Return a number or an array from a range, in one of its ways, see `ways_of`."""
+def sample_level(one: Range, way: str, random: np.random.Generator) -> Any:
+    """Return a number or an array from a range, in one of its ways, see `levels_of_range`."""
     if way == ABSENT:
         return None if one.optional else np.zeros(one.shape)
     if way == ZERO:
@@ -337,17 +339,19 @@ def wide_state(scene: Scene, state: State, number: int, random: np.random.Genera
     turned, decades = WAYS[number % len(WAYS)]
     q, v, t = state
     if turned:
-        q = q + 2 * math.pi * random.integers(-TURNS, TURNS + 1, scene.n) * turning(scene)
+        q = q + 2 * math.pi * random.integers(-TURNS, TURNS + 1, scene.n) * rotating_coordinates(
+            scene
+        )
     if decades is not None and v.any():
         v = v * (10 ** random.uniform(*decades) / largest(v))
     try:
-        q = closed_position(scene, q, t)
+        q = assembled_position(scene, q, t)
         return State(q, consistent_velocity(Evaluation(scene, q, np.zeros(scene.n), t), v), t)
     except RefusedError:
         return state
 
 
-def turning(scene: Scene) -> Array:
+def rotating_coordinates(scene: Scene) -> Array:
     """Return which coordinates turn something and move nothing along (n,)."""
     tree = scene.tree()
     if tree is None:

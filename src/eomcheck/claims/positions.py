@@ -15,7 +15,7 @@ import numpy as np
 
 from eomcheck.claims.case import Case
 from eomcheck.claims.finding import Finding
-from eomcheck.claims.registry import Look, Sides, check, claim
+from eomcheck.claims.registry import Equality, EvaluationContext, case_claim, claim
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.perturbed import sensitivity_of
 from eomcheck.evaluation.scene_quantities import Quantities
@@ -24,7 +24,7 @@ from eomcheck.mechanics import plane_symmetries
 from eomcheck.mechanics.records import Symmetry
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.dual import Dual, duals, rate, value
-from eomcheck.numbers.generic import Array, NotRationalError, each, map_record, objects
+from eomcheck.numbers.generic import Array, NotRationalError, as_objects, map_entries, map_record
 from eomcheck.numbers.lanes import lanes_in
 
 # ---- Velocities of bodies ------------------------------------------------------------------------
@@ -33,20 +33,20 @@ from eomcheck.numbers.lanes import lanes_in
 def _linear_along(velocities: Callable, *here: Any) -> Any:
     """Return the share of v in V (n_b, d), of (parameters, prepared, q, v, direction)."""
     *still, v, direction = here
-    return rate(velocities(*objects(tuple(still)), duals(v, direction))[0])
+    return rate(velocities(*as_objects(tuple(still)), duals(v, direction))[0])
 
 
 def _angular_along(velocities: Callable, *here: Any) -> Any:
     """Return the share of v in ω (n_b, e); see `_linear_along`."""
     *still, v, direction = here
-    return rate(velocities(*objects(tuple(still)), duals(v, direction))[1])
+    return rate(velocities(*as_objects(tuple(still)), duals(v, direction))[1])
 
 
 def _rate_along_q(
     positions: Callable, parameters: Any, still: Any, rates: Any, q: Array, qdot: Array
 ) -> Any:
     """Return how fast the positions (n_b, d) change, of what is prepared and its rates, q and q̇."""
-    return rate(positions(objects(parameters), map_record(duals, still, rates), duals(q, qdot)))
+    return rate(positions(as_objects(parameters), map_record(duals, still, rates), duals(q, qdot)))
 
 
 def _rate_of_height(
@@ -73,17 +73,17 @@ def _rate_of_height(
         qdot: their rates (n,).
         masses: changes of the masses (n_b,).
     """
-    parameters = objects(parameters)
-    mass = each(lambda m, change: Dual(Dual(m, change)), parameters.mass, masses)
+    parameters = as_objects(parameters)
+    mass = map_entries(lambda m, change: Dual(Dual(m, change)), parameters.mass, masses)
     along = np.array([int(i == axis) for i in range(len(parameters.gravity))], object)
-    gravity = each(lambda g, change: Dual(Dual(Dual(g, change))), parameters.gravity, along)
+    gravity = map_entries(lambda g, change: Dual(Dual(Dual(g, change))), parameters.gravity, along)
     weighed = parameters._replace(mass=mass, gravity=gravity)
     of_q = rate(potential(weighed, map_record(duals, still, rates), duals(q, qdot)))
     return np.array([rate(rate(of_q)), rate(value(of_q))], object)
 
 
 @cache
-def potential_of(energies: Callable) -> Callable:
+def potential_function(energies: Callable) -> Callable:
     """Return U as a function of (parameters, prepared, q), of a scene that writes its energies."""
 
     def potential(parameters: Any, prepared: Any, q: Array) -> Any:
@@ -116,7 +116,7 @@ class _Heights:
         """
         e, axes = self._e, range(self.components)
         scene = e.scene
-        U = scene.potential if "energies" in scene.composed else potential_of(scene.energies)
+        U = scene.potential if "energies" in scene.composed else potential_function(scene.energies)
         here = U, e.parameters, *moving, masses
         return [e.run(_rate_of_height, axis, *here) for axis in axes]
 
@@ -165,7 +165,7 @@ def _moving_along(look: Any, at: Quantities) -> tuple[Array, type]:
     "velocity of a centre of mass",
     rate_of="r",
 )
-def position_velocity(at: Quantities, look: Look) -> Iterator[Sides]:
+def position_velocity(at: Quantities, look: EvaluationContext) -> Iterator[Equality]:
     """Bodies move as fast as their positions change: those given, and those that U tells."""
     direction, literals = _moving_along(look, at)
     heights, positions = _Heights(at, literals), at.scene.positions
@@ -178,7 +178,7 @@ def position_velocity(at: Quantities, look: Look) -> Iterator[Sides]:
         here = at.parameters, *at.prepared_and_rates(direction, False), at.q, direction
         r = at.run(_rate_along_q, positions, *here)
         for k in range(len(V)):
-            yield Sides(f"body {k + 1}", _squared(V[k]), _squared(r[k]), SQUARE)
+            yield Equality(f"body {k + 1}", _squared(V[k]), _squared(r[k]), SQUARE)
     if not heights.components == V.shape[1] > 1:
         return
     judged = look.exact or not (
@@ -186,7 +186,7 @@ def position_velocity(at: Quantities, look: Look) -> Iterator[Sides]:
     )  # others only follow what is judged
     if not judged or _weighs_bodies_only(at, heights, direction, look.exact):
         for k, rates in enumerate(heights.of_each(direction)):
-            yield Sides(f"body {k + 1}, U", _squared(V[k]), _squared(rates), SQUARE)
+            yield Equality(f"body {k + 1}, U", _squared(V[k]), _squared(rates), SQUARE)
 
 
 SQUARE = (("V²",),)
@@ -213,7 +213,7 @@ def _moves(e: Evaluation) -> tuple[Array, Array]:
     return _along_each(e, _linear_along), h
 
 
-@check(
+@case_claim(
     "height-velocity",
     "|ḣ| ≤ |V| of each body",
     "(25), (26)",
@@ -266,7 +266,7 @@ ELSEWHERE = 0.7
 """How far the other coordinates are moved to see whether directions turn with them, rad or m."""
 
 
-def _places(scene: Scene) -> dict[str, list[int]]:
+def _cartesian_coordinates(scene: Scene) -> dict[str, list[int]]:
     """Return the coordinates called x, y and z, or x_1, y_1 and so on, by their direction.
 
     Empty where a place has an x and no y: it may be one along a rail.
@@ -313,7 +313,7 @@ def tried_motions(at: Evaluation) -> Iterator[Symmetry]:
     that turns; against a turn in the plane, lengths among the other coordinates, bodies that do not
     turn with the angles, and bodies that do not tell by which angles.
     """
-    scene, q, v, places = at.scene, at.q, at.v, _places(at.scene)
+    scene, q, v, places = at.scene, at.q, at.v, _cartesian_coordinates(at.scene)
     if not places:
         return
     V, omega = at.run(scene.velocities, at.parameters, at.prepared, q, np.zeros_like(v))
@@ -351,7 +351,7 @@ def _kinetic_energy(e: Evaluation) -> Any:
     return e.run(e.scene.energies, e.parameters, e.prepared, e.q, e.v)[0]
 
 
-@check("moved-energy", "T stays as the scene is moved", "(25)", "kinetic energy")
+@case_claim("moved-energy", "T stays as the scene is moved", "(25)", "kinetic energy")
 def moved_energy(case: Case) -> Iterator[Finding]:
     """T is the same for the scene turned, shifted or mirrored, unless there is a reason against."""
     at = case.at

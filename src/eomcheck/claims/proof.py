@@ -17,10 +17,18 @@ from pathlib import Path
 
 import numpy as np
 
-from eomcheck.claims.finding import DECIDED, Finding, Left, Proof, entry_name, listing, looks_like
-from eomcheck.claims.registry import CLAIMS, Claim, NoRateError, Point, Sides, Skipped
-from eomcheck.claims.speeds_and_chains import embedding
-from eomcheck.claims.user_scenes import check_shapes, raised_in
+from eomcheck.claims.finding import (
+    DECIDED,
+    Finding,
+    Proof,
+    Unresolved,
+    entry_name,
+    looks_like,
+    unresolved_detail,
+)
+from eomcheck.claims.registry import CLAIMS, Claim, Equality, GenericPoint, NoRateError, Skipped
+from eomcheck.claims.speeds_and_chains import embedding_null_space
+from eomcheck.claims.user_scenes import check_shapes, scene_function_that_raised
 from eomcheck.errors import (
     MOST_COUNTED,
     EomcheckError,
@@ -32,7 +40,7 @@ from eomcheck.errors import (
 from eomcheck.evaluation import scene_quantities as quantities
 from eomcheck.formulations import Formulation, Partition, formulations_for
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.degree import Bound, Degrees
+from eomcheck.numbers.degree import Bound, DegreeArithmetic
 from eomcheck.numbers.finite_field import (
     PRIME_COUNT,
     PRIMES,
@@ -55,7 +63,7 @@ REDRAWS = 3
 NO_RATE = "`prepare` uses more than angles, roots and the clock, and its rate is not known"
 
 
-def look_at(at: Point, *claims: Claim) -> Iterator[tuple[Key, Sides | Skipped]]:
+def identities_at(at: GenericPoint, *claims: Claim) -> Iterator[tuple[Key, Equality | Skipped]]:
     """Yield the sides of identities at a point, by default of all in the order of `CLAIMS`."""
     for claim in claims or CLAIMS.values():
         if claim.sides is None or not claim.provable:
@@ -68,7 +76,7 @@ def look_at(at: Point, *claims: Claim) -> Iterator[tuple[Key, Sides | Skipped]]:
 
 
 @dataclass
-class Outcome:
+class IdentityResult:
     """How one identity came out.
 
     Attributes:
@@ -84,7 +92,7 @@ class Outcome:
     skipped: str = ""
 
 
-class Draws:
+class IdentitySampler:
     """Random points of one structure.
 
     Attributes:
@@ -97,7 +105,7 @@ class Draws:
     def __init__(self, scene: Scene, formulations: tuple[Formulation, ...], source: random.Random):
         self.scene, self.formulations, self._source = scene, formulations, source
         self.count = 0
-        self.outcomes: dict[Key, Outcome] = {}
+        self.outcomes: dict[Key, IdentityResult] = {}
         self.refused: dict[str, str] = {}
         self.partition: Partition | None = None
 
@@ -110,8 +118,8 @@ class Draws:
                 operations.
         """
         at, prime = self._point()
-        for key, sides in look_at(at):
-            outcome = self.outcomes.setdefault(key, Outcome())
+        for key, sides in identities_at(at):
+            outcome = self.outcomes.setdefault(key, IdentityResult())
             if isinstance(sides, Skipped):
                 outcome.skipped = sides.reason
                 continue
@@ -120,7 +128,7 @@ class Draws:
                 outcome.differs += 1
                 outcome.detail = outcome.detail or self._detail(at, key, sides)
 
-    def _point(self) -> tuple[Point, int]:
+    def _point(self) -> tuple[GenericPoint, int]:
         """Draw until no formulation refuses, but for those that refuse every point."""
         always = {f.key for f in self.formulations}
         for attempt in range(REDRAWS):
@@ -128,7 +136,7 @@ class Draws:
             self.count += 1
             prime = random_prime(self._source)
             field = FiniteField(prime, self._source)
-            at = Point(self.scene, field, self.formulations, self.partition)
+            at = GenericPoint(self.scene, field, self.formulations, self.partition)
             try:
                 if self.partition is None:
                     self.partition = at.other_partition = self._drawn_partition(at)
@@ -145,7 +153,7 @@ class Draws:
                 return at, prime
         raise AssertionError("the last attempt returns or raises")
 
-    def _drawn_partition(self, at: Point) -> Partition | None:
+    def _drawn_partition(self, at: GenericPoint) -> Partition | None:
         n, r = self.scene.n, self.scene.r
         for _ in range(n if r > 0 else 0):
             order = np.array(self._source.sample(range(n), n), dtype=int)
@@ -154,21 +162,21 @@ class Draws:
             kept = np.setdiff1d(np.arange(r + 1), redundant)
             drawn = Partition(np.sort(order[:r]), np.sort(order[r:]), kept, redundant)
             try:
-                embedding(at, drawn)
+                embedding_null_space(at, drawn)
             except RefusedError:
                 continue
             return drawn
         return None
 
-    def _detail(self, at: Point, key: Key, sides: Sides) -> str:
+    def _detail(self, at: GenericPoint, key: Key, sides: Equality) -> str:
         if sides.names == (at.direction_names,):
             at.look_along_axes()
-            along_axes = dict(look_at(at, CLAIMS[key[0]]))[key]
-            sides = along_axes if isinstance(along_axes, Sides) else sides
-        return f"{CLAIMS[key[0]].term}, {describe(sides)}"
+            along_axes = dict(identities_at(at, CLAIMS[key[0]]))[key]
+            sides = along_axes if isinstance(along_axes, Equality) else sides
+        return f"{CLAIMS[key[0]].term}, {describe_difference(sides)}"
 
 
-def _both(sides: Sides) -> tuple[Array, Array]:
+def _both(sides: Equality) -> tuple[Array, Array]:
     return np.asarray(sides.found, object), np.asarray(sides.expected, object)
 
 
@@ -176,7 +184,7 @@ def _same(x: Array, y: Array) -> bool:
     return np.shape(x) == np.shape(y) and bool(np.all(x == y))
 
 
-def describe(sides: Sides) -> str:
+def describe_difference(sides: Equality) -> str:
     """Return where two sides differ first, and what the left one looks like beside the right."""
     found, expected = _both(sides)
     if found.shape != expected.shape:
@@ -274,17 +282,19 @@ def prove_structure(
             "satisfies them (eomcheck.with_constraints leaves those that are independent)"
         )
         return [_skipped(scene, ("finite-terms", "speeds"), why)]
-    draws = Draws(scene, formulations, random.Random(f"{seed} {scene.structure}"))
+    draws = IdentitySampler(scene, formulations, random.Random(f"{seed} {scene.structure}"))
     try:
         for _ in range(points):
             draws.look()
-        bounds = largest_bounds(Point(scene, Degrees(), formulations, draws.partition))
+        bounds = largest_bounds(
+            GenericPoint(scene, DegreeArithmetic(), formulations, draws.partition)
+        )
     except (TypeError, DomainError) as error:
         return [_not_rational(scene, error)]
     except (RefusedError, ZeroDivisionError) as error:
         return [_failed(scene, ("finite-terms", "speeds"), REDRAWS, f"defined nowhere: {error}")]
     except Exception as error:
-        if said := raised_in(scene, error):
+        if said := scene_function_that_raised(scene, error):
             return [_skipped(scene, ("finite-terms", "terms"), f"not rational: {said}")]
         raise
     findings = [
@@ -334,7 +344,7 @@ def _not_rational(scene: Scene, error: Exception) -> Finding:
     return _skipped(scene, ("finite-terms", "terms"), detail)
 
 
-def largest_bounds(at: Point) -> dict[Key, tuple[int, float]]:
+def largest_bounds(at: GenericPoint) -> dict[Key, tuple[int, float]]:
     """Return, per identity, bounds of the numerator of left - right.
 
     Returns:
@@ -342,7 +352,7 @@ def largest_bounds(at: Point) -> dict[Key, tuple[int, float]]:
         largest over all entries.
     """
     bounds: dict[Key, tuple[int, float]] = {}
-    for key, sides in look_at(at):
+    for key, sides in identities_at(at):
         if isinstance(sides, Skipped):
             continue
         found, expected = (np.asarray(x, object) for x in (sides.found, sides.expected))
@@ -379,9 +389,9 @@ MOST = 40
 longer than the states themselves."""
 
 
-def by_proof(
-    claim: Claim, left: Sequence[Left], known: dict[tuple, list[Finding]]
-) -> tuple[list[Finding], list[Left]]:
+def prove_unresolved(
+    claim: Claim, left: Sequence[Unresolved], known: dict[tuple, list[Finding]]
+) -> tuple[list[Finding], list[Unresolved]]:
     """Look at what rounding hides in all states in exact arithmetic, which hides nothing.
 
     Engines say their numbers in doubles: where one is on trial they stay hidden.
@@ -397,7 +407,7 @@ def by_proof(
     failed: dict[tuple, tuple[Finding, list[str]]] = {}
     proved: list[Finding] = []
     names: list[str] = []
-    rest: list[Left] = []
+    rest: list[Unresolved] = []
     for one in left:
         scene = one.finding.scene
         about: list[Finding] = []
@@ -427,7 +437,7 @@ def _chance(proved: Finding) -> float:
 
 def _beside(proof: Finding, names: Sequence[str], states: int) -> Finding:
     """Return a Finding in exact arithmetic that says what doubles do not show."""
-    why = f"in exact arithmetic; {listing(names, states)}"
+    why = f"in exact arithmetic; {unresolved_detail(names, states)}"
     return proof.because(why) if proof.detail else replace(proof, detail=why)
 
 

@@ -1,11 +1,12 @@
 """Claims, their registry, and the contexts in which they are evaluated.
 
-A claim is registered by both its sides (`claim`) or by a check in float64 alone (`check`). `Sides`
+A claim is registered by both its sides (`claim`) or by a check in float64 alone (`case_claim`).
+`Equality`
 are what a claim yields: two arrays, found = expected, with the names of their axes and the sizes of
-the terms that cancel in them. A context (`Look`) adds to the quantities of a state what a claim
-asks for beside them. `AtDoubles` is the part of it that one state in float64 and a batch of states
-share. `Point` is the generic context: every variable of a scene is free, in any exact kind of
-number.
+the terms that cancel in them. A context (`EvaluationContext`) adds to the quantities of a state
+what a claim asks for beside them. `FloatContext` is the part of it that one state in float64 and a
+batch of states share. `GenericPoint` is the generic context: every variable of a scene is free, in
+any exact kind of number.
 
 Sides are compared twice. In float64 (`eomcheck.claims.case`) they differ by no more than rounding
 explains; in a finite field (`eomcheck.claims.proof`) they are equal.
@@ -27,12 +28,12 @@ from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Arithmetic, Array
-from eomcheck.numbers.lanes import doubles, lanes_in, where
+from eomcheck.numbers.lanes import as_float64, lanes_in, select
 
 Names = tuple[tuple[str, ...], ...]
 
 
-class Sides(NamedTuple):
+class Equality(NamedTuple):
     """found = expected, about `subject`.
 
     Attributes:
@@ -64,7 +65,9 @@ class Skipped(NamedTuple):
     reason: str
 
 
-def vanishing(subject: str, found: Any, names: Names, terms: Any, sensitivity: Any = None) -> Sides:
+def vanishing(
+    subject: str, found: Any, names: Names, terms: Any, sensitivity: Any = None
+) -> Equality:
     """Return the sides of found = 0.
 
     Args:
@@ -72,38 +75,38 @@ def vanishing(subject: str, found: Any, names: Names, terms: Any, sensitivity: A
         found: what should vanish.
         names: names along each axis.
         terms: magnitudes of the terms that cancel, in each entry or the largest of all.
-        sensitivity: see `Sides`.
+        sensitivity: see `Equality`.
     """
     zero = np.zeros(np.shape(found), object)
-    sides = Sides(subject, found, zero, names, terms, sensitivity)
+    sides = Equality(subject, found, zero, names, terms, sensitivity)
     return sized(sides, terms) if np.ndim(terms) > 0 else sides
 
 
-def sized(sides: Sides, terms: Any) -> Sides:
+def sized(sides: Equality, terms: Any) -> Equality:
     """Sides with the magnitudes of the terms of which each entry is a sum, of their shape."""
     return sides._replace(size=largest(terms), sizes=terms)
 
 
-def measured_where(told: Any) -> Any:
+def sensitivity_where(told: Any) -> Any:
     """Return the sensitivity that is to be measured where sides are told, and infinite elsewhere.
 
-    See `Sides.sensitivity`.
+    See `Equality.sensitivity`.
     """
-    return where(told, np.nan, np.inf) if lanes_in(told) else None if told else np.inf
+    return select(told, np.nan, np.inf) if lanes_in(told) else None if told else np.inf
 
 
-def along(
-    look: Look, subject: str, sides: Callable[[Array], tuple[Any, Any] | None]
-) -> Iterator[Sides]:
+def along_directions(
+    look: EvaluationContext, subject: str, sides: Callable[[Array], tuple[Any, Any] | None]
+) -> Iterator[Equality]:
     """Yield what `sides` gives along all directions, if it gives anything."""
     each = [sides(direction) for direction in look.directions]
     both = [pair for pair in each if pair is not None]
     if both:
         found, expected = (np.array(side, object) for side in zip(*both, strict=True))
-        yield Sides(subject, found, expected, (look.direction_names,))
+        yield Equality(subject, found, expected, (look.direction_names,))
 
 
-class Look(Protocol):
+class EvaluationContext(Protocol):
     """What a way of looking adds to the quantities at a point.
 
     Attributes:
@@ -154,7 +157,7 @@ class NoRateError(Exception):
 
 @dataclass(frozen=True)
 class Claim:
-    """One statement that the suite checks: by `check`, or by `sides`, which can be proved too.
+    """One statement that the suite checks: by `case_claim`, or by `sides`, which can be proved too.
 
     A claim about a whole run has neither.
 
@@ -164,7 +167,7 @@ class Claim:
         equations: where the paper says so.
         term: what is to blame first when the claim fails.
         check: function of a `Case` that yields one Finding per subject.
-        sides: function of a point (`Quantities`) and of a `Look` that yields Sides.
+        sides: function of a point (`Quantities`) and of a `EvaluationContext` that yields Sides.
         rate_of: the subject of the sides that need a rate of what `prepare` makes.
         asks: the method of an engine that the claim asks.
         against: the field of `Terms` that engines say instead of the sides, in doubles.
@@ -176,7 +179,9 @@ class Claim:
     equations: str
     term: str
     check: Callable[[Any], Iterator[Finding]] | None = field(default=None, repr=False)
-    sides: Callable[[Any, Any], Iterator[Sides | Skipped]] | None = field(default=None, repr=False)
+    sides: Callable[[Any, Any], Iterator[Equality | Skipped]] | None = field(
+        default=None, repr=False
+    )
     rate_of: str = ""
     asks: str = ""
     against: str = ""
@@ -192,7 +197,7 @@ CLAIMS: dict[str, Claim] = {}
 """Id -> claim, single terms before whole accelerations: the first that fails is the closest."""
 
 
-def check(id: str, statement: str, equations: str, term: str, asks: str = "") -> Callable:
+def case_claim(id: str, statement: str, equations: str, term: str, asks: str = "") -> Callable:
     """Register the decorated check under `id`; it is called with the `Case`, bound to the claim."""
 
     def register(function: Callable[[Any], Iterator[Finding]]) -> Callable:
@@ -205,7 +210,7 @@ def check(id: str, statement: str, equations: str, term: str, asks: str = "") ->
 def claim(id: str, statement: str, equations: str, term: str, **options: Any) -> Callable:
     """Register the decorated function as the sides of a claim; `options`: fields of `Claim`."""
 
-    def register(sides: Callable[[Any, Any], Iterator[Sides | Skipped]]) -> Callable:
+    def register(sides: Callable[[Any, Any], Iterator[Equality | Skipped]]) -> Callable:
         CLAIMS[id] = Claim(id, statement, equations, term, sides=sides, **options)
         return sides
 
@@ -215,14 +220,14 @@ def claim(id: str, statement: str, equations: str, term: str, **options: Any) ->
 def magnitude(*factors: Any) -> Any:
     """Return |x| |y| ... of a product of arrays; 0 of exact numbers, and of what is absent."""
     if lanes_in(factors):
-        return reduce(np.matmul, (np.abs(doubles(x)) for x in factors))
+        return reduce(np.matmul, (np.abs(as_float64(x)) for x in factors))
     arrays = [np.asarray(x) for x in factors]
     if any(x.dtype == object for x in arrays):
         return 0.0
     return reduce(np.matmul, map(np.abs, arrays))
 
 
-def size(*factors: Any) -> Any:
+def product_size(*factors: Any) -> Any:
     """Return the largest entry of |x| |y| ...; 0 of exact numbers, and of what is absent."""
     return largest(magnitude(*factors))
 
@@ -256,7 +261,7 @@ def speed_names(at: Quantities) -> tuple[str, ...]:
     return numbered("u_", at.scene.p)
 
 
-def pairs(items: Sequence) -> Iterator[tuple]:
+def unordered_pairs(items: Sequence) -> Iterator[tuple]:
     """Yield every unordered pair."""
     for i, first in enumerate(items):
         for second in items[i + 1 :]:
@@ -266,7 +271,7 @@ def pairs(items: Sequence) -> Iterator[tuple]:
 # ---- Context of states in float64 ----------------------------------------------------------------
 
 
-class AtDoubles:
+class FloatContext:
     """States in doubles: `at` is the evaluation there."""
 
     at: Any
@@ -307,10 +312,10 @@ class Variables(Arithmetic, Protocol):
         ...
 
 
-class Point(Quantities):
+class GenericPoint(Quantities):
     """A scene with every parameter, angle and speed a variable; v = W u + offset.
 
-    It is looked at as it is: see `eomcheck.claims.registry.Look`.
+    It is looked at as it is: see `eomcheck.claims.registry.EvaluationContext`.
 
     Args:
         scene: decides sizes and what is absent; its numbers do not matter.

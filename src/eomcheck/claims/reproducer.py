@@ -28,8 +28,8 @@ INSTALLED = tuple(Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib
 """Folders from which any Python imports."""
 
 
-def python_of(
-    scene: Scene | Subject, state: State | None, engines: Iterable[type[Engine]] = ()
+def reproducer_code(
+    scene: Scene | SubjectUnderTest, state: State | None, engines: Iterable[type[Engine]] = ()
 ) -> str:
     """Return Python code that prints what fails in a state, or for all states where it is None.
 
@@ -41,7 +41,7 @@ def python_of(
     if not isinstance(scene, Scene):
         return scene.as_python(state)
     engines = tuple(engines)
-    text = beginning_of(scene, engines)
+    text = reproducer_header(scene, engines)
     if state is None:
         text += "for finding in eomcheck.prove(scene):\n"
     else:
@@ -50,14 +50,15 @@ def python_of(
         text += (
             f"q = {state.q.tolist()}\n"
             f"v = {state.v.tolist()}\n"
-            f"for finding in eomcheck.check(scene, q, v, t={state.t!r}, consistent=False{more}):\n"
+            "for finding in eomcheck.check_state("
+            f"scene, q, v, t={state.t!r}, consistent=False{more}):\n"
         )
     return text + '    if finding.verdict == "failed":\n        print(finding)\n'
 
 
-def beginning_of(scene: Scene, engines: Iterable[type[Engine]] = ()) -> str:
+def reproducer_header(scene: Scene, engines: Iterable[type[Engine]] = ()) -> str:
     """Return Python code that makes a scene, and the classes of engines known."""
-    places = [_place(type(scene)), *(_place(kind) for kind in engines)]
+    places = [_import_lines(type(scene)), *(_import_lines(kind) for kind in engines)]
     lines = [line for place in places for line in place.splitlines()]
     head = "\n".join(dict.fromkeys(["import eomcheck", *lines]))
     return f"{head}\n\nscene = {scene_code(scene)}\n"
@@ -66,7 +67,7 @@ def beginning_of(scene: Scene, engines: Iterable[type[Engine]] = ()) -> str:
 # ---- Classes -------------------------------------------------------------------------------------
 
 
-def _place(kind: type) -> str:
+def _import_lines(kind: type) -> str:
     """Return the lines that make a class known, or a comment where there is none."""
     if imported := getattr(getattr(kind, "made", None), "imported", ""):
         return imported
@@ -143,7 +144,7 @@ def _same(x: Any, y: Any) -> bool:
     return bool(x == y)
 
 
-class Subject(Protocol):
+class SubjectUnderTest(Protocol):
     """What is on trial where it is no scene."""
 
     @property
@@ -164,7 +165,7 @@ class Subject(Protocol):
 # ---- Functions -----------------------------------------------------------------------------------
 
 
-def python_of_functions(
+def functions_reproducer(
     functions: Any, inputs: Mapping[str, Any], fields: Iterable[Any], state: State | None
 ) -> str:
     """Return Python code that prints what fails, compared with the same reference.
@@ -181,17 +182,17 @@ def python_of_functions(
         if one.name == "n" or value is None or value is one.default:
             continue
         if one.name == "against":
-            code, written = of_reference(value)
+            code, written = reference_code(value)
             head.extend(code.splitlines())
             arguments.append(f"against={written}")
             continue
         if one.name not in inputs and not callable(value):
             arguments.append(f"{one.name}={value!r}")
             continue
-        where = place(value)
+        where = import_location(value)
         if where is None:
             arguments.append(f"{one.name}={one.name}")
-            head.append(f"# to be put in: {one.name} = {described(value)}")
+            head.append(f"# to be put in: {one.name} = {function_label(value)}")
         elif isinstance(where[0], Path):
             holder = paths.setdefault(where[0], f"file{len(paths) + 1}" if paths else "file")
             arguments.append(f"{one.name}={holder}[{where[1]!r}]")
@@ -215,24 +216,24 @@ def python_of_functions(
     )
 
 
-def of_reference(against: Any) -> tuple[str, str]:
+def reference_code(against: Any) -> tuple[str, str]:
     """Return (code that comes before, expression) of what functions are compared with.
 
     A scene, and an engine of a scene, are made again; anything else is left to be put in.
     """
     match against:
         case Scene():
-            return beginning_of(against), "scene"
+            return reproducer_header(against), "scene"
         case Engine(scene=Scene() as scene):
             kind = type(against)
         case (engine, Scene() as scene):
             kind = engine_of(engine)
         case _:
             return f"# to be put in: against = {one_line(repr(against))}", "against"
-    return beginning_of(scene, [kind]), f"({kind.__name__}, scene)"
+    return reproducer_header(scene, [kind]), f"({kind.__name__}, scene)"
 
 
-def place(function: Any) -> tuple[str | Path, str] | None:
+def import_location(function: Any) -> tuple[str | Path, str] | None:
     """Return (module or file, name) where a function is found again, or None where it is not.
 
     A module of one file is taken by its path: it may be importable from its own folder only.
@@ -249,7 +250,7 @@ def place(function: Any) -> tuple[str | Path, str] | None:
     return (path.resolve(), name) if known and path is not None and path.is_file() else None
 
 
-def described(function: Any) -> str:
+def function_label(function: Any) -> str:
     """Return what a function is called, and where it is written."""
     code = getattr(function, "__code__", None)
     name = getattr(function, "__qualname__", None) or repr(function)

@@ -1,8 +1,8 @@
 """A run of the claims: on one state, on random states of a scene, on random scenes.
 
-A `Selection` says which formulations, engines and claims take part; `Asked` is a scene with the
-engines made for it. Cases are drawn by pairwise design. When a claim fails, hypothesis shrinks it:
-the last Finding is then the smallest case found on which that same claim fails.
+A `RunSelection` says which formulations, engines and claims take part; `SceneEngines` is a scene
+with the engines made for it. Cases are drawn by pairwise design. When a claim fails, hypothesis
+shrinks it: the last Finding is then the smallest case found on which that same claim fails.
 
 Both derivations of a robot are made of one description, so that no claim sees a misread file. The
 library of the file takes part by default, and is a second reader, not one that is always right: a
@@ -28,17 +28,23 @@ from hypothesis.strategies import SearchStrategy
 
 from eomcheck import strategies
 from eomcheck.claims import CLAIMS, State
-from eomcheck.claims.case import OFTEN, ONCE, Case, unseen
-from eomcheck.claims.finding import DECIDED, Finding, listed, unresolved
-from eomcheck.claims.numerical_accuracy import Drawn, coverage
-from eomcheck.claims.pairwise_design import links_of, measured, scene_cases, state_cases, with_wide
-from eomcheck.claims.proof import by_proof
+from eomcheck.claims.case import OFTEN, ONCE, Case, skipped_finding
+from eomcheck.claims.finding import DECIDED, Finding, unresolved_by_claim, unresolved_finding
+from eomcheck.claims.numerical_accuracy import SampledState, coverage
+from eomcheck.claims.pairwise_design import (
+    count_levels,
+    link_count,
+    scene_cases,
+    state_cases,
+    with_wide,
+)
+from eomcheck.claims.proof import prove_unresolved
 from eomcheck.claims.registry import Claim
-from eomcheck.claims.user_scenes import broken_on_doubles, check_shapes, raised_in
-from eomcheck.engines import Engine, EngineFault, engines_among, made, represents
+from eomcheck.claims.user_scenes import check_shapes, failing_function, scene_function_that_raised
+from eomcheck.engines import Engine, EngineFault, engines_among, make_engine, represents
 from eomcheck.engines.files import FileEngine, default_reader
-from eomcheck.errors import EomcheckError, InputError, message_of, named, some
-from eomcheck.evaluation.dynamics import LETS_PASS, check_consistent
+from eomcheck.errors import EomcheckError, InputError, at_least_one, message_of, registered
+from eomcheck.evaluation.dynamics import CONSISTENT_HINT, check_consistent
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import Formulation, formulations_among
 from eomcheck.mechanics.scene import Scene, checked_scene
@@ -48,7 +54,7 @@ from eomcheck.scenes import Snake
 
 
 @dataclass(frozen=True)
-class Selection:
+class RunSelection:
     """What takes part in a run: all that is installed in any case, unless named."""
 
     formulations: tuple[Formulation, ...]
@@ -67,7 +73,7 @@ class Selection:
         claims: Iterable[str] | None = None,
         *,
         scenes: Sequence[Scene | type[Scene]] = (Snake,),
-    ) -> Selection:
+    ) -> RunSelection:
         """Look the names up; None stands for all that apply to any scene, an empty list for none.
 
         Engines that an extra installs take part when named; without names the library of a robot's
@@ -77,9 +83,9 @@ class Selection:
             InputError: a formulation applies to none of `scenes`, or `claims` names none.
             UnknownNameError: a name is not registered.
         """
-        ids = tuple(CLAIMS if claims is None else some("claims", claims))
+        ids = tuple(CLAIMS if claims is None else at_least_one("claims", claims))
         for one in ids:
-            named("claim", one, CLAIMS)
+            registered("claim", one, CLAIMS)
         chosen, reader = engines_among(engines), None
         if engines is None and len(scenes) == 1 and (reader := default_reader(scenes[0])):
             chosen = (*chosen, reader)
@@ -87,7 +93,7 @@ class Selection:
         return cls(formulations_among(scenes, formulations), chosen, ids, reader, named_ones)
 
 
-class Asked(NamedTuple):
+class SceneEngines(NamedTuple):
     """A scene, the engines made for it, and those that could not be made."""
 
     scene: Scene
@@ -99,7 +105,7 @@ class Asked(NamedTuple):
     """The library that should and cannot, and why."""
 
 
-def asked_of(scene: Scene, selection: Selection) -> Asked:
+def make_scene_engines(scene: Scene, selection: RunSelection) -> SceneEngines:
     """Return a scene with the engines of `selection` made for it.
 
     Raises:
@@ -111,7 +117,7 @@ def asked_of(scene: Scene, selection: Selection) -> Asked:
     for kind in selection.engines:
         if kind is not selection.reader and represents(kind, scene):
             try:
-                engines.append(made(kind, scene))
+                engines.append(make_engine(kind, scene))
             except EngineFault as fault:
                 broken[kind] = fault.what
     reader = unread = None
@@ -121,10 +127,12 @@ def asked_of(scene: Scene, selection: Selection) -> Asked:
             engines.append(reader)
         except Exception as error:  # whatever a library makes of a file it cannot read
             unread = selection.reader, message_of(error)
-    return Asked(scene, tuple(engines), broken, reader, unread)
+    return SceneEngines(scene, tuple(engines), broken, reader, unread)
 
 
-def case_of(asked: Asked, state: State, selection: Selection, asked_again: int = OFTEN) -> Case:
+def make_case(
+    asked: SceneEngines, state: State, selection: RunSelection, asked_again: int = OFTEN
+) -> Case:
     """Case of a state, for the claims about a scene whose engines are made.
 
     Args:
@@ -140,9 +148,9 @@ def case_of(asked: Asked, state: State, selection: Selection, asked_again: int =
     )
 
 
-def case_at(scene: Scene, state: State, selection: Selection) -> Case:
+def make_case_with_engines(scene: Scene, state: State, selection: RunSelection) -> Case:
     """Return what claims look at in a state; engines are made for it."""
-    return case_of(asked_of(scene, selection), state, selection)
+    return make_case(make_scene_engines(scene, selection), state, selection)
 
 
 # ---- Findings by the library of a robot's file ---------------------------------------------------
@@ -150,21 +158,21 @@ def case_at(scene: Scene, state: State, selection: Selection) -> Case:
 EITHER = "the file is read in two ways: either reading may be wrong"
 
 
-def of_file(asked: Asked, case: Case, claim: Claim) -> list[Finding]:
+def evaluate_claim(asked: SceneEngines, case: Case, claim: Claim) -> list[Finding]:
     """Return the Findings of one claim; those by the file's library name no one to blame."""
     findings = [_neutral(asked, case, claim, one) for one in case.look(claim)]
     if asked.unread is not None and claim.asks == "mass_matrix":
         kind, why = asked.unread
-        findings.append(unseen(case, kind, f"takes no part: {why}"))
+        findings.append(skipped_finding(case, kind, f"takes no part: {why}"))
     return findings
 
 
-def _neutral(asked: Asked, case: Case, claim: Claim, finding: Finding) -> Finding:
+def _neutral(asked: SceneEngines, case: Case, claim: Claim, finding: Finding) -> Finding:
     reader = asked.reader
     if reader is None or finding.engine is not type(reader) or finding.verdict != "failed":
         return finding
     if reason := reader.leaves_out(claim.asks):
-        skipped = unseen(case, type(reader), reason)
+        skipped = skipped_finding(case, type(reader), reason)
         return replace(skipped, subject=finding.subject)
     return finding.because(EITHER)
 
@@ -182,7 +190,7 @@ def no_larger(scene: Scene, links: tuple[int, int]) -> SearchStrategy[tuple[Scen
         scene: the scene.
         links: smallest and largest number of links, for a kind that has one.
     """
-    most = max(links[0], min(links[1], links_of(scene) or links[1]))
+    most = max(links[0], min(links[1], link_count(scene) or links[1]))
     return strategies.scene_states(strategies.scenes(type(scene), links[0], most))
 
 
@@ -200,7 +208,7 @@ class _Falsified(AssertionError):
 def smallest_failure(
     failed: Finding,
     cases: SearchStrategy[tuple[Scene, State]],
-    selection: Selection,
+    selection: RunSelection,
     seed: int,
 ) -> Finding:
     """Return the smallest failure of the same claim among `cases`, or the one there is.
@@ -213,9 +221,9 @@ def smallest_failure(
     """
 
     def examine(drawn: tuple[Scene, State]) -> None:
-        asked = asked_of(drawn[0], selection)
-        case = case_of(asked, drawn[1], selection, ONCE)
-        for finding in of_file(asked, case, CLAIMS[failed.claim]):
+        asked = make_scene_engines(drawn[0], selection)
+        case = make_case(asked, drawn[1], selection, ONCE)
+        for finding in evaluate_claim(asked, case, CLAIMS[failed.claim]):
             if finding.verdict == "failed":
                 raise _Falsified(finding)
 
@@ -240,7 +248,7 @@ def smallest_failure(
 # ---- Runs ----------------------------------------------------------------------------------------
 
 
-class Look(NamedTuple):
+class StateResult(NamedTuple):
     """What looking at one state gave.
 
     Attributes:
@@ -254,32 +262,34 @@ class Look(NamedTuple):
     refused: tuple[str, ...]
 
 
-def look(asked: Asked, state: State, selection: Selection, asked_again: int) -> Look:
-    """Look at one state of a scene whose engines are made; for arguments see `case_of`."""
-    case = case_of(asked, state, selection, asked_again)
+def evaluate_state(
+    asked: SceneEngines, state: State, selection: RunSelection, asked_again: int
+) -> StateResult:
+    """Look at one state of a scene whose engines are made; for arguments see `make_case`."""
+    case = make_case(asked, state, selection, asked_again)
     broken = case.broken_terms
     findings = [] if broken is None else [broken]
     seconds: dict[str, float] = {}
     for one in selection.claims:
         start = time.perf_counter()
         if broken is None and (case.finite or one == "finite-terms"):
-            findings += of_file(asked, case, CLAIMS[one])
+            findings += evaluate_claim(asked, case, CLAIMS[one])
         seconds[one] = time.perf_counter() - start
-    return Look(findings, seconds, _refused(case) if broken is None and case.finite else ())
+    return StateResult(findings, seconds, _refused(case) if broken is None and case.finite else ())
 
 
-def often_at(number: int) -> int:
+def repeats_at(number: int) -> int:
     """Return how often engines on trial are asked again at a drawn case: often at the first."""
     return ONCE if number else OFTEN
 
 
 Cases = Iterable[tuple[Scene, State]]
-Looked = Generator[tuple[Scene, State, Look], None, None]
+StateResults = Generator[tuple[Scene, State, StateResult], None, None]
 """Cases in their order, each with what was seen in it."""
 
 
 @dataclass
-class Run:
+class ValidationRun:
     """What a run has come to so far.
 
     Attributes:
@@ -294,10 +304,10 @@ class Run:
     findings: list[Finding] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=lambda: defaultdict(float))
     ends: list[int] = field(default_factory=list)
-    drawn: list[Drawn] = field(default_factory=list)
+    drawn: list[SampledState] = field(default_factory=list)
     refused: tuple[str, ...] = ()
     minimal: Finding | None = None
-    _asked: Asked | None = field(default=None, repr=False, compare=False)
+    _asked: SceneEngines | None = field(default=None, repr=False, compare=False)
     _told: set[tuple[str, str, str]] = field(default_factory=set, repr=False, compare=False)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -310,25 +320,29 @@ class Run:
 
     @property
     def strata(self) -> dict[str, dict[str, int]]:
-        """Number of drawn states by stratum, see `eomcheck.claims.pairwise_design.measured`."""
-        return measured((one.scene, one.state) for one in self.drawn)
+        """Number of drawn states by stratum, see `eomcheck.claims.pairwise_design.count_levels`."""
+        return count_levels((one.scene, one.state) for one in self.drawn)
 
-    def look_at(self, scene: Scene, state: State, selection: Selection) -> list[Finding]:
+    def look_at(self, scene: Scene, state: State, selection: RunSelection) -> list[Finding]:
         """Look at one state, add the Findings to `findings` and return them."""
         return self._take(
             self._look(scene, state, selection, OFTEN if len(self.ends) < 2 else ONCE)
         )
 
-    def _look(self, scene: Scene, state: State, selection: Selection, asked_again: int) -> Look:
+    def _look(
+        self, scene: Scene, state: State, selection: RunSelection, asked_again: int
+    ) -> StateResult:
         if self._asked is None or self._asked.scene is not scene:
-            self._asked = asked_of(scene, selection)  # engines are made once for each scene
-        return look(self._asked, state, selection, asked_again)
+            self._asked = make_scene_engines(
+                scene, selection
+            )  # engines are made once for each scene
+        return evaluate_state(self._asked, state, selection, asked_again)
 
-    def _one_after_another(self, cases: Cases, selection: Selection) -> Looked:
+    def _one_after_another(self, cases: Cases, selection: RunSelection) -> StateResults:
         for i, (scene, state) in enumerate(cases):
-            yield scene, state, self._look(scene, state, selection, often_at(i))
+            yield scene, state, self._look(scene, state, selection, repeats_at(i))
 
-    def _take(self, seen: Look) -> list[Finding]:
+    def _take(self, seen: StateResult) -> list[Finding]:
         new = list(filter(self._is_new, seen.findings))
         for claim, seconds in seen.seconds.items():
             self.seconds[claim] += seconds
@@ -350,11 +364,11 @@ class Run:
     def explore(
         self,
         cases: Cases,
-        selection: Selection,
+        selection: RunSelection,
         on_case: Callable[[], None] = lambda: None,
         smaller: Callable[[Scene], SearchStrategy[tuple[Scene, State]]] | None = None,
         seed: int = 0,
-        looks: Callable[[Cases, Selection], Looked] | None = None,
+        looks: Callable[[Cases, RunSelection], StateResults] | None = None,
     ) -> None:
         """Look at cases; stop at the first failure and look for the smallest.
 
@@ -370,7 +384,7 @@ class Run:
             for scene, state, seen in looked:
                 new = self._take(seen)
                 state = (new[0].state if new else None) or state
-                self.drawn.append(Drawn(scene, state, self.refused))
+                self.drawn.append(SampledState(scene, state, self.refused))
                 on_case()
                 self.minimal = next((one for one in new if one.verdict == "failed"), None)
                 if self.minimal is not None:
@@ -383,12 +397,12 @@ class Run:
     def look_at_kind(
         self,
         kind: type[Scene],
-        selection: Selection,
+        selection: RunSelection,
         links: tuple[int, int],
         examples: int,
         seed: int,
         on_case: Callable[[], None] = lambda: None,
-        looks: Callable[[Cases, Selection], Looked] | None = None,
+        looks: Callable[[Cases, RunSelection], StateResults] | None = None,
     ) -> None:
         """Look at the example of a kind, as it begins and moving, and at `examples` random scenes.
 
@@ -415,11 +429,11 @@ class Run:
     def look_at_scene(
         self,
         scene: Scene,
-        selection: Selection,
+        selection: RunSelection,
         examples: int,
         seed: int,
         on_case: Callable[[], None] = lambda: None,
-        looks: Callable[[Cases, Selection], Looked] | None = None,
+        looks: Callable[[Cases, RunSelection], StateResults] | None = None,
     ) -> None:
         """Look at a scene as it begins, and in random states.
 
@@ -448,16 +462,20 @@ class Run:
             yield
         except Exception as error:
             failed = any(one.verdict == "failed" for one in self.findings)
-            if isinstance(error, EomcheckError) or not failed or not raised_in(scene, error):
+            if (
+                isinstance(error, EomcheckError)
+                or not failed
+                or not scene_function_that_raised(scene, error)
+            ):
                 raise
 
-    def finish(self, selection: Selection) -> list[Finding]:
+    def finish(self, selection: RunSelection) -> list[Finding]:
         """Add what can be said of the run as a whole, and return every Finding."""
         if self.minimal is None:  # a run that ends at a failure says nothing of all states
             proofs: dict[tuple, list[Finding]] = {}
-            for claim, left in unresolved(self.findings).items():
-                exact, rest = by_proof(CLAIMS[claim], left, proofs)
-                self.findings += [*exact, *([listed(rest)] if rest else ())]
+            for claim, left in unresolved_by_claim(self.findings).items():
+                exact, rest = prove_unresolved(CLAIMS[claim], left, proofs)
+                self.findings += [*exact, *([unresolved_finding(rest)] if rest else ())]
         if "coverage" in selection.claims and self.drawn:
             self.findings.append(coverage(self.drawn))
         if self.minimal is not None:
@@ -480,10 +498,10 @@ def _refused(case: Case) -> tuple[str, ...]:
 
 def _is_of(scene: Scene, state: State, error: Exception) -> bool:
     """Whether a function of the scene's own raised an error, or returned what leads to it."""
-    return bool(raised_in(scene, error) or broken_on_doubles(scene, state))
+    return bool(scene_function_that_raised(scene, error) or failing_function(scene, state))
 
 
-def check(
+def check_state(
     scene: Scene,
     q,
     v,
@@ -515,18 +533,18 @@ def check(
         UnknownNameError: an unknown key or id.
         EngineError: an engine is not installed.
     """
-    selection = Selection.of(formulations, engines, claims, scenes=[checked_scene(scene)])
+    selection = RunSelection.of(formulations, engines, claims, scenes=[checked_scene(scene)])
     state = State(*scene.check_state(q, v, t), t)
     check_shapes(scene)
     try:
         if consistent:
-            check_consistent(Evaluation(scene, *state), LETS_PASS)
+            check_consistent(Evaluation(scene, *state), CONSISTENT_HINT)
     except EomcheckError:
         raise
     except Exception as error:
         if not _is_of(scene, state, error):  # else it is one of the Findings
             raise
-    return Run().look_at(scene, state, selection)
+    return ValidationRun().look_at(scene, state, selection)
 
 
 def validate(
@@ -559,8 +577,8 @@ def validate(
         UnknownNameError: an unknown key or id.
         EngineError: an engine is not installed.
     """
-    selection = Selection.of(formulations, engines, claims, scenes=[checked_scene(scene)])
-    run = Run()
+    selection = RunSelection.of(formulations, engines, claims, scenes=[checked_scene(scene)])
+    run = ValidationRun()
     run.look_at_scene(scene, selection, examples, seed)
     return run.finish(selection)
 

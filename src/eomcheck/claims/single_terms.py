@@ -9,14 +9,23 @@ import numpy as np
 
 from eomcheck.claims.case import Case
 from eomcheck.claims.finding import Finding
-from eomcheck.claims.registry import Look, Point, Sides, along, check, claim, names_of_term, size
+from eomcheck.claims.registry import (
+    Equality,
+    EvaluationContext,
+    GenericPoint,
+    along_directions,
+    case_claim,
+    claim,
+    names_of_term,
+    product_size,
+)
 from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.evaluation.tolerance import HUGE, largest
 from eomcheck.numbers.dual import constant, duals, rate
-from eomcheck.numbers.generic import Array, map_record, objects
+from eomcheck.numbers.generic import Array, as_objects, map_record
 
 
-@check("finite-terms", "M, Q, B, a, gamma are finite", "(2)-(5)", "term that is not finite")
+@case_claim("finite-terms", "M, Q, B, a, gamma are finite", "(2)-(5)", "term that is not finite")
 def finite_terms(case: Case) -> Iterator[Finding]:
     """Every term is a finite number, unless the state itself is so large that it overflows."""
     at = case.at
@@ -37,7 +46,7 @@ def finite_terms(case: Case) -> Iterator[Finding]:
     asks="mass_matrix",
     against="M",
 )
-def mass_matrix(at: Point, look: Look) -> Iterator[Sides]:
+def mass_matrix(at: GenericPoint, look: EvaluationContext) -> Iterator[Equality]:
     """M v is the rate of T along any change of v; M itself is symmetric."""
     M, v = at.terms.M, at.free.v
 
@@ -45,8 +54,8 @@ def mass_matrix(at: Point, look: Look) -> Iterator[Sides]:
         T, _ = at.scene.energies(at.parameters, at.prepared, at.q, duals(v, direction))
         return direction @ M @ v, rate(T)
 
-    yield from along(look, "M v", change)
-    yield Sides("M", M, M.T, (at.scene.coordinate_names,) * 2)
+    yield from along_directions(look, "M v", change)
+    yield Equality("M", M, M.T, (at.scene.coordinate_names,) * 2)
 
 
 @claim(
@@ -58,7 +67,7 @@ def mass_matrix(at: Point, look: Look) -> Iterator[Sides]:
     asks="bias",
     against="B",
 )
-def bias(at: Point, look: Look) -> Iterator[Sides]:
+def bias(at: GenericPoint, look: EvaluationContext) -> Iterator[Equality]:
     """B is what Lagrange's equations leave at q̈ = 0, along any virtual displacement."""
     v, B = at.free.v, at.free.terms.B
     prepared, q = at.moving(v)
@@ -69,7 +78,7 @@ def bias(at: Point, look: Look) -> Iterator[Sides]:
         T_aside, _ = at.scene.energies(at.parameters, *at.moving(direction, clock=False), v)
         return 0 if B is None else direction @ B, rate(rate(T)) - rate(T_aside)
 
-    return along(look, "B", work)
+    return along_directions(look, "B", work)
 
 
 @claim(
@@ -81,7 +90,7 @@ def bias(at: Point, look: Look) -> Iterator[Sides]:
     asks="forces",
     against="Q",
 )
-def generalized_forces(at: Point, look: Look) -> Iterator[Sides]:
+def generalized_forces(at: GenericPoint, look: EvaluationContext) -> Iterator[Equality]:
     """Q is minus the rates of U and, by the change of velocity, of R along any displacement."""
     Q = at.terms.Q
 
@@ -93,10 +102,10 @@ def generalized_forces(at: Point, look: Look) -> Iterator[Sides]:
         expected = (0 if U is None else -rate(U)) - (0 if R is None else rate(R))
         return 0 if Q is None else direction @ Q, expected
 
-    return along(look, "Q", work)
+    return along_directions(look, "Q", work)
 
 
-def _constraints(subject: str, at: Quantities) -> Iterator[Sides]:
+def _constraints(subject: str, at: Quantities) -> Iterator[Equality]:
     """Yield the sides of a v + b = c, where one of them is present."""
     v, a, b = at.v, at.terms.a, at.terms.b
     expected = at.call(at.scene.constraint, at.parameters, at.prepared, at.q, v)
@@ -105,8 +114,8 @@ def _constraints(subject: str, at: Quantities) -> Iterator[Sides]:
     zero = np.zeros(at.scene.r, object)
     found = zero if a is None else a @ v if b is None else a @ v + b
     expected = zero if expected is None else expected
-    terms = size(expected) if a is None else size(a, v) + size(b)
-    yield Sides(subject, found, expected, (at.scene.constraint_names,), terms)
+    terms = product_size(expected) if a is None else product_size(a, v) + product_size(b)
+    yield Equality(subject, found, expected, (at.scene.constraint_names,), terms)
 
 
 @claim(
@@ -117,7 +126,7 @@ def _constraints(subject: str, at: Quantities) -> Iterator[Sides]:
     asks="constraint_jacobian",
     against="a",
 )
-def constraint_jacobian(at: Quantities, look: Look) -> Iterator[Sides]:
+def constraint_jacobian(at: Quantities, look: EvaluationContext) -> Iterator[Equality]:
     """The constraints are a v + b for every v, and none is forgotten."""
     return _constraints("a", look.free)
 
@@ -129,7 +138,7 @@ def constraint_jacobian(at: Quantities, look: Look) -> Iterator[Sides]:
     "constraints at velocity level",
     provable=False,
 )
-def constraint_velocity(at: Quantities, look: Look) -> Iterator[Sides]:
+def constraint_velocity(at: Quantities, look: EvaluationContext) -> Iterator[Equality]:
     """Compare a and b with the constraints, without any engine."""
     return _constraints("c", look.free)
 
@@ -138,7 +147,7 @@ def _rate_of_positions(
     residual: Callable, parameters: Any, still: Any, rates: Any, q: Array, qdot: Array
 ) -> Array:
     """Return how fast residuals change, of what is prepared and its rates, q (n,) and q̇ (n,)."""
-    return rate(residual(objects(parameters), map_record(duals, still, rates), duals(q, qdot)))
+    return rate(residual(as_objects(parameters), map_record(duals, still, rates), duals(q, qdot)))
 
 
 @claim(
@@ -148,7 +157,7 @@ def _rate_of_positions(
     "rate of closed positions",
     rate_of="Φ",
 )
-def position_rate(at: Quantities, look: Look) -> Iterator[Sides]:
+def position_rate(at: Quantities, look: EvaluationContext) -> Iterator[Equality]:
     """Holonomic constraints are the rates of what vanishes at closed positions."""
     scene, rows = at.scene, at.scene.holonomic
     residual, names = scene.position_residual, scene.constraint_names[rows]
@@ -162,14 +171,14 @@ def position_rate(at: Quantities, look: Look) -> Iterator[Sides]:
     if look.exact:
         v = look.free.v
         expected = scene.constraint(at.parameters, at.prepared, at.q, v)[rows]
-        yield Sides("Φ", rates(v), expected, (names,))
+        yield Equality("Φ", rates(v), expected, (names,))
         return
     # At a consistent velocity every rate is 0, and would tell nothing.
     over_coordinates = np.array([rates(axis, False) for axis in look.directions]).T
-    yield Sides("∂Φ/∂q", over_coordinates, at.terms.a[rows], (names, scene.coordinate_names))
+    yield Equality("∂Φ/∂q", over_coordinates, at.terms.a[rows], (names, scene.coordinate_names))
     if scene.depends_on_time:
         b = (np.zeros(scene.r) if at.terms.b is None else at.terms.b)[rows]
-        yield Sides("∂Φ/∂t", rates(np.zeros(scene.n)), b, (names,), may_vanish=True)
+        yield Equality("∂Φ/∂t", rates(np.zeros(scene.n)), b, (names,), may_vanish=True)
 
 
 @claim(
@@ -181,19 +190,19 @@ def position_rate(at: Quantities, look: Look) -> Iterator[Sides]:
     asks="constraint_drift",
     against="gamma",
 )
-def constraint_drift(at: Point, look: Look) -> Iterator[Sides]:
+def constraint_drift(at: GenericPoint, look: EvaluationContext) -> Iterator[Equality]:
     """gamma is the rate of the constraints at v̇ = 0, for every v."""
     free = at.free
     if at.terms.a is None:
         return
     changing = at.scene.constraint(at.parameters, *at.moving(free.v), free.v)
-    yield Sides("gamma", free.terms.gamma, rate(changing), (at.scene.constraint_names,))
+    yield Equality("gamma", free.terms.gamma, rate(changing), (at.scene.constraint_names,))
 
 
 @claim("kinetic-energy", "½ q̇ᵀ M q̇ = T", "(5), (25)", "kinetic energy")
-def kinetic_energy(at: Quantities, look: Look) -> Iterator[Sides]:
+def kinetic_energy(at: Quantities, look: EvaluationContext) -> Iterator[Equality]:
     """vᵀ M v = 2 T for every v."""
     v = look.free.v
     momentum = at.terms.M @ v
     T, _ = at.call(at.scene.energies, at.parameters, at.prepared, at.q, v)
-    yield Sides("T", v @ momentum, 2 * T, (), size(v, momentum))
+    yield Equality("T", v @ momentum, 2 * T, (), product_size(v, momentum))

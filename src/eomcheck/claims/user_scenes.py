@@ -22,7 +22,7 @@ import numpy as np
 
 import eomcheck
 from eomcheck.calls import is_ours
-from eomcheck.claims.registry import Point
+from eomcheck.claims.registry import GenericPoint
 from eomcheck.errors import CallError, InputError, RefusedError, described_error, message_of, raised
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.scene_quantities import Quantities
@@ -36,7 +36,7 @@ from eomcheck.numbers.generic import FLOAT64, map_record
 HERE = Path(eomcheck.__file__).parent
 
 
-def raised_in(scene: Scene, error: BaseException) -> str:
+def scene_function_that_raised(scene: Scene, error: BaseException) -> str:
     """Return which function of the scene's own raised what, and where; "" where none did."""
     files = _files(type(scene))
     through = [x for x in traceback.extract_tb(error.__traceback__) if x.filename in files]
@@ -74,7 +74,7 @@ OF_CONSTRAINTS = frozenset({("terms", "a"), ("constraint", "c")})
 `constraints` may leave out a: where `terms` are written by hand nothing asks for it.
 """
 
-_looked_at: set[tuple[type[Scene], str]] = set()
+_shapes_checked: set[tuple[type[Scene], str]] = set()
 
 
 def check_shapes(scene: Scene) -> None:
@@ -86,17 +86,17 @@ def check_shapes(scene: Scene) -> None:
         InputError: an array has not the shape of the contract (`eomcheck.mechanics.scene`).
     """
     which = type(scene), scene.structure
-    if which in _looked_at:
+    if which in _shapes_checked:
         return
     try:
         compare_shapes(scene, _somewhere(scene))
     except InputError:
         raise
     except Exception as error:
-        if raised_in(scene, error):
+        if scene_function_that_raised(scene, error):
             return  # which is told of the state where it happens
         raise
-    _looked_at.add(which)
+    _shapes_checked.add(which)
 
 
 def compare_shapes(scene: Scene, at: Quantities) -> None:
@@ -112,7 +112,7 @@ def compare_shapes(scene: Scene, at: Quantities) -> None:
     except InputError:
         raise
     except Exception as error:
-        if is_ours(type(scene)) or raised_in(scene, error):
+        if is_ours(type(scene)) or scene_function_that_raised(scene, error):
             raise
         said = f"{described_error(error)}, of what its functions return"
         raise InputError(f"{type(scene).__name__}: {said}") from error
@@ -124,7 +124,7 @@ def _compare_shapes(scene: Scene, at: Quantities) -> None:
         if scene.natural_speeds:
             with suppress(RefusedError):
                 map_record(partial(_check_shared, scene), at.kinematics)
-        for function, name, found, shape in returned(scene, at):
+        for function, name, found, shape in function_results(scene, at):
             whose = f"{type(scene).__name__}.{function}: {name}"
             if found is None and name not in NEEDED and (function, name) not in needed:
                 continue
@@ -154,7 +154,7 @@ def _somewhere(scene: Scene) -> Quantities:
     return at
 
 
-def returned(scene: Scene, at: Quantities) -> Iterator[Returned]:
+def function_results(scene: Scene, at: Quantities) -> Iterator[Returned]:
     """Yield what the functions return at a point, those first that others are made of."""
     n, r, p = scene.n, scene.r, scene.p
     place = at.parameters, at.prepared, at.q
@@ -209,43 +209,43 @@ def _fields(function: str, record: Any, shapes: tuple[Shape, ...]) -> Iterator[R
 
 # ---- Float64 and exact numbers -------------------------------------------------------------------
 
-_known: dict[tuple[type[Scene], str], str] = {}
+_why_not_rational: dict[tuple[type[Scene], str], str] = {}
 
 
-def broken_on_doubles(scene: Scene, state: State) -> str:
+def failing_function(scene: Scene, state: State) -> str:
     """Which function of the scene raises on doubles or returns another shape there; or ""."""
     try:
         compare_shapes(scene, Evaluation(scene, *state))
     except Exception as error:
         misshapen = message_of(error) if isinstance(error, InputError) else ""
-        return raised_in(scene, error) or misshapen
+        return scene_function_that_raised(scene, error) or misshapen
     return ""
 
 
-def not_rational(scene: Scene) -> str:
+def why_not_rational(scene: Scene) -> str:
     """Return why a function of the scene does not run on exact numbers, "" where all do.
 
     It is asked once for each structure. Where one does not, digits could be lost on the way through
     balls as well, in a float of its own, and what is enclosed would not be true.
     """
     which = type(scene), scene.structure
-    if which not in _known:
+    if which not in _why_not_rational:
         source = random.Random(0)
         try:
-            _run_all(Point(scene, FiniteField(random_prime(source), source)))
-            _known[which] = ""
+            _run_all(GenericPoint(scene, FiniteField(random_prime(source), source)))
+            _why_not_rational[which] = ""
         except (TypeError, DomainError) as error:
-            _known[which] = f"not rational: {message_of(error)}"
+            _why_not_rational[which] = f"not rational: {message_of(error)}"
         except (RefusedError, ZeroDivisionError):
-            _known[which] = ""  # defined nowhere near, which `prove` is to tell
+            _why_not_rational[which] = ""  # defined nowhere near, which `prove` is to tell
         except Exception as error:
-            if not (said := raised_in(scene, error)):
+            if not (said := scene_function_that_raised(scene, error)):
                 raise
-            _known[which] = f"not rational: {said}"
-    return _known[which]
+            _why_not_rational[which] = f"not rational: {said}"
+    return _why_not_rational[which]
 
 
 def _run_all(at: Quantities) -> None:
     with np.errstate(all="ignore"):
-        for _ in returned(at.scene, at):
+        for _ in function_results(at.scene, at):
             pass

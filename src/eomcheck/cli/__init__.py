@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from eomcheck import calls, supervisor
-from eomcheck.class_lookup import looked_up_code, outside
+from eomcheck.class_lookup import has_run_user_code, outside_error
 from eomcheck.cli import (
     check_commands,
     compare_command,
@@ -26,9 +26,9 @@ from eomcheck.cli import (
 )
 from eomcheck.cli.app import app, help_width, usage_error
 from eomcheck.cli.study_commands import bench, draw, study
-from eomcheck.console import said_at_work
+from eomcheck.console import slow_work_notice
 from eomcheck.errors import DiedError, EomcheckError, WorkerError, described_error
-from eomcheck.safe_output import unfailing
+from eomcheck.safe_output import unfailing_output
 
 SUPERVISED = "validate", "fuzz"
 """Commands that ask outside libraries, Pinocchio and CasADi, unless told otherwise."""
@@ -43,20 +43,20 @@ def main() -> None:
     A command that runs code of a user's file or of an outside library runs in a process of its own,
     which `eomcheck.supervisor` watches.
     """
-    pipe = supervisor.serve()
+    pipe = supervisor.accept_supervision()
     if pipe is not None:
-        supervisor.give(pipe, code := _exit_code())
+        supervisor.report_exit_code(pipe, code := _exit_code())
         sys.exit(code)
-    if not supervisor.possible():
+    if not supervisor.can_supervise():
         _run()
     told = sys.argv[1:]
     if told[:1] not in [[x] for x in SUPERVISED] and not any(".py:" in word for word in told):
         try:
-            with calls.requiring():
+            with calls.supervision_required():
                 _run()
         except calls.UnsupervisedError:
             pass  # another way in which such code is named: a package's engine, a corpus
-    sys.exit(supervisor.command(told))
+    sys.exit(supervisor.run_supervised(told))
 
 
 def _exit_code() -> int:
@@ -84,9 +84,9 @@ def _run() -> NoReturn:
     # run. Libraries read this when they are loaded, which is after this line.
     for library in ("OPENBLAS", "MKL", "OMP"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
-    with unfailing():
+    with unfailing_output():
         try:
-            with said_at_work(" ".join(["starting", *sys.argv[1:2]])):
+            with slow_work_notice(" ".join(["starting", *sys.argv[1:2]])):
                 how = {"prog_name": "eomcheck", "terminal_width": help_width()}
                 code = app(**how, standalone_mode=False)
         except WorkerError as error:
@@ -99,13 +99,13 @@ def _run() -> NoReturn:
             if (said := usage_error(error)) is not None:
                 print(said, file=sys.stderr)
                 code = 2
-            elif said := outside(error):
+            elif said := outside_error(error):
                 code = _said(said, 1)
             elif isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
                 # Wherever a file is first asked for: not even whether it exists can be asked.
                 name = Path(error.filename or "").name
                 code = _said(f"{name[:40]!r}...: {len(name)} characters are no name of a file", 2)
-            elif isinstance(error, Exception) or not looked_up_code():
+            elif isinstance(error, Exception) or not has_run_user_code():
                 raise
             else:
                 # No command of ours ends so: code that is not ours wants the process to end.

@@ -23,14 +23,14 @@ EXIT_CODES = {
     130: "interrupted (Ctrl-C, SIGTERM); what was found is kept",
 }
 
-DOORS = {
+QUICK_START = {
     "functions of your own: M, bias and so on": "eomcheck.testing.check_functions(...)",
     "an engine of your own": "eomcheck validate --engine FILE:CLASS",
     "a scene: ours, yours, a URDF": "eomcheck validate --scene SCENE",
 }
 """What somebody has -> what to type."""
 
-MOST = 80
+MAX_WIDTH = 80
 """Help is no wider, however wide the terminal is."""
 
 
@@ -39,7 +39,7 @@ VALUES = {"int": "N", "float": "X", "str": "TEXT", "path": "FILE"}
 FOLDERS = ("--figures", "--folder", "--references", "--suite")
 
 
-def _told(name: str) -> str:
+def _option_label(name: str) -> str:
     """Return an option or argument as help shows it: `--links N`, not `--links <int>`."""
     found = re.fullmatch(r"(.+) <(.+)>", name)
     if found is None:
@@ -56,7 +56,9 @@ class Command(TyperCommand):
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Write the help."""
         write = formatter.write_dl
-        formatter.write_dl = lambda rows, **how: write([(_told(n), x) for n, x in rows], **how)
+        formatter.write_dl = lambda rows, **how: write(
+            [(_option_label(n), x) for n, x in rows], **how
+        )
         super().format_help(ctx, formatter)
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
@@ -74,7 +76,7 @@ class CommandLine(typer.Typer):
         return super().command(name, cls=Command, **how)
 
 
-class Group(TyperGroup):
+class CommandGroup(TyperGroup):
     """Commands, whose help says the first sentence of each, whole, in lines that fit."""
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
@@ -120,12 +122,12 @@ def usage_error(error: BaseException) -> str | None:
 
 def help_width() -> int:
     """Return the width of help: that of the terminal, or COLUMNS, less a margin."""
-    return min(get_terminal_size().columns, MOST) - 2
+    return min(get_terminal_size().columns, MAX_WIDTH) - 2
 
 
 app = CommandLine(
     name="eomcheck",
-    cls=Group,
+    cls=CommandGroup,
     help="gradcheck for equations of motion: are they right, how accurate are they, what do they "
     "cost?",
     invoke_without_command=True,
@@ -140,9 +142,9 @@ def _print_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-def _print_doors() -> None:
+def _print_quick_start() -> None:
     print(f"eomcheck {__version__}: are equations of\nmotion right, how exact, at what cost?\n")
-    for have, typed in DOORS.items():
+    for have, typed in QUICK_START.items():
         print(f"{have}\n  {typed}")
     print("\nall at once: eomcheck validate\nall commands: eomcheck --help")
 
@@ -156,4 +158,4 @@ def _options(
     ] = False,
 ) -> None:
     if context.invoked_subcommand is None:
-        _print_doors()
+        _print_quick_start()

@@ -1,4 +1,6 @@
-"""Commands that check and report: `validate`, `prove`, `list`, `report`, `export`, `reference`."""
+"""Commands that check and report: `validate_command`, `prove_command`, `list`, `report_command`,
+`export`, `reference_command`.
+"""
 
 from __future__ import annotations
 
@@ -15,38 +17,44 @@ from eomcheck.cli.shared_options import (
     REFERENCES,
     SUITE,
     Engines,
+    ExecutorOption,
     Formulations,
-    Given,
     Json,
-    Kept,
-    Kind,
     Patience,
+    RecordsOption,
+    SceneClassOption,
     Seed,
-    Where,
+    SetOption,
     check_folder,
     check_output,
     check_used,
-    completing,
-    engines_asked,
+    completer,
     raise_unread,
     records_or_none,
     records_to_report,
+    selected_engines,
 )
 from eomcheck.errors import InputError, UnknownNameError, UnwrittenError, WorkerError
-from eomcheck.lab.option_parsing import SCENE_HELP, check_count, interval, parameters, whole_numbers
+from eomcheck.lab.option_parsing import (
+    SCENE_HELP,
+    check_count,
+    parse_interval,
+    parse_parameters,
+    parse_whole_numbers,
+)
 
 REGISTRIES = ("formulations", "scenes", "engines", "claims")
 """What `eomcheck list` can list."""
 
 
-@app.command()
-def validate(
+@app.command("validate")
+def validate_command(
     scene: Annotated[
         str | None,
         typer.Option(
             metavar="SCENE",
             help=f"{SCENE_HELP} [snake; with an engine of your own all and random ones]",
-            autocompletion=completing("scene", "robot", more=["all"]),
+            autocompletion=completer("scene", "robot", more=["all"]),
         ),
     ] = None,
     links: Annotated[
@@ -55,7 +63,7 @@ def validate(
             metavar="N..M", help="Number of links of the random scenes, N or N..M. [1..12]"
         ),
     ] = None,
-    given: Given = None,
+    given: SetOption = None,
     examples: Annotated[
         int,
         typer.Option(
@@ -75,7 +83,7 @@ def validate(
         ),
     ] = None,
     json: Json = None,
-    records: Kept = None,
+    records: RecordsOption = None,
     report: Annotated[
         Path | None, typer.Option(help="Write the HTML page of `eomcheck report` to this file.")
     ] = None,
@@ -88,33 +96,44 @@ def validate(
 
     With --set, or for one snake, on that scene alone, in random states.
     """
-    bounds, known = interval("1..12" if links is None else links), parameters(given)
+    bounds, known = parse_interval("1..12" if links is None else links), parse_parameters(given)
     check_count(examples=examples)
     for path in (json, report):
         check_output(path, [records] if records else [])
 
     from eomcheck.claims import CLAIMS
-    from eomcheck.claims.pairwise_design import links_of
-    from eomcheck.claims.run import Run, Selection, check_compared
-    from eomcheck.console import console, progress, stoppable, undisturbed
+    from eomcheck.claims.pairwise_design import link_count
+    from eomcheck.claims.run import RunSelection, ValidationRun, check_compared
+    from eomcheck.console import console, deferring_interrupts, interruptible, progress
     from eomcheck.descriptions.random_mechanisms import RANDOM
-    from eomcheck.engines import engines_among, is_on_trial, version_of
+    from eomcheck.engines import engines_among, is_under_test, version_of
     from eomcheck.engines.answers import represented
-    from eomcheck.lab.report.finding_output import print_runs, write_json
-    from eomcheck.lab.store.executors import check_place
-    from eomcheck.lab.store.validation_runs import look_at_kind, look_at_kinds, ours, place_for
-    from eomcheck.scene_lookup import ALL, ROBOTS, kinds_of, left_out, scene_of
+    from eomcheck.lab.report.finding_output import print_runs, write_findings
+    from eomcheck.lab.store.executors import check_executor
+    from eomcheck.lab.store.validation_runs import (
+        all_built_in,
+        default_executor,
+        validate_kind,
+        validate_kinds,
+    )
+    from eomcheck.scene_lookup import (
+        ALL,
+        ROBOTS,
+        robot_file_warnings,
+        scene_classes_named,
+        scene_named,
+    )
 
-    engine = engines_asked(engine)
+    engine = selected_engines(engine)
     engines = engines_among(engine)
-    tried = tuple(filter(is_on_trial, engines))
+    tried = tuple(filter(is_under_test, engines))
     name, one = scene or (ALL if tried else "snake"), None
     if known or name in ROBOTS:
         if bounds[0] != bounds[1] and links is not None:
             raise InputError(f"links = {links!r}, expected one number: one scene is looked at")
-        one = scene_of(name, None if links is None else bounds[0], known)
-        bounds = (links_of(one) or 1, links_of(one) or 1)
-    kinds = kinds_of(name) if one is None else (type(one),)
+        one = scene_named(name, None if links is None else bounds[0], known)
+        bounds = (link_count(one) or 1, link_count(one) or 1)
+    kinds = scene_classes_named(name) if one is None else (type(one),)
     if scene is None and tried:
         kinds += tuple(RANDOM.values())
     if engine:
@@ -123,29 +142,29 @@ def validate(
         raise InputError(f"links = {links!r}: {kinds[0].key} has no number of links to choose")
     # With all our scenes an engine is on trial, and not they.
     claims = [one.id for one in CLAIMS.values() if one.asks] if scene is None and tried else None
-    selection = Selection.of(formulation, engine, claims, scenes=kinds)
+    selection = RunSelection.of(formulation, engine, claims, scenes=kinds)
     if len(kinds) == 1:
         if executor is None:
-            executor = place_for(examples, kinds, selection.engines)
-        elif not ours(*kinds, *selection.engines):
+            executor = default_executor(examples, kinds, selection.engines)
+        elif not all_built_in(*kinds, *selection.engines):
             own = "a scene or an engine of your own is looked at in one process"
             raise InputError(f"executor = {executor!r}: {own}")
-    check_place(executor)
+    check_executor(executor)
     for made in selection.engines:
         version_of(made)  # a missing library is bad input, said before anything is computed
-    runs = {kind.key: Run() for kind in kinds}
+    runs = {kind.key: ValidationRun() for kind in kinds}
     how = selection, bounds, examples, seed
     interrupted, lost, unwritten = False, None, None
     with (
-        stoppable(),
+        interruptible(),
         records_to_report(records, report) as kept,
         progress("checking {state}", (examples + (1 if one else 2)) * len(kinds)) as advance,
     ):
         try:
             if len(kinds) == 1:
-                look_at_kind(kinds[0], runs[kinds[0].key], *how, advance, kept, one, executor)
+                validate_kind(kinds[0], runs[kinds[0].key], *how, advance, kept, one, executor)
             else:
-                look_at_kinds(runs, *how, advance, kept, executor)
+                validate_kinds(runs, *how, advance, kept, executor)
         except KeyboardInterrupt:
             interrupted = True
         except WorkerError as error:
@@ -154,9 +173,9 @@ def validate(
             unwritten = error
         # Files first: whatever becomes of the printing, they are there.
         try:
-            with undisturbed():
+            with deferring_interrupts():
                 if json is not None:
-                    write_json(json, runs.values(), selection)
+                    write_findings(json, runs.values(), selection)
                 if report is not None and kept is not None and unwritten is None:
                     _write_page([kept.path], report)
         except KeyboardInterrupt:
@@ -165,7 +184,7 @@ def validate(
             unwritten = unwritten or error
     findings = [finding for run in runs.values() for finding in run.findings]
     print_runs(runs, selection, wide)
-    for said in left_out(kinds):
+    for said in robot_file_warnings(kinds):
         print(said)
     if interrupted:
         console.print("interrupted: the table holds what was checked until then")
@@ -183,8 +202,8 @@ def validate(
         check_compared(engines, findings)
 
 
-@app.command()
-def prove(
+@app.command("prove")
+def prove_command(
     links: Annotated[
         str | None,
         typer.Option(
@@ -196,26 +215,26 @@ def prove(
     seed: Annotated[
         int | None, typer.Option(help="Seed of the draws. Default: drawn by the operating system.")
     ] = None,
-    scene: Kind = "snake",
+    scene: SceneClassOption = "snake",
     formulation: Formulations = None,
-    executor: Where = "local",
+    executor: ExecutorOption = "local",
     json: Json = None,
-    records: Kept = None,
+    records: RecordsOption = None,
     patience: Patience = PATIENCE,
 ) -> None:
     """Prove the claims that are identities, for all parameters and states of a scene at once."""
-    numbers = None if links is None else whole_numbers(links)
+    numbers = None if links is None else parse_whole_numbers(links)
     check_writable(json)
 
-    from eomcheck.console import stoppable
+    from eomcheck.console import interruptible
     from eomcheck.lab.proofs import Proofs, proof_jobs
     from eomcheck.lab.report.finding_output import print_proofs
-    from eomcheck.lab.store.executors import check_place
-    from eomcheck.scene_lookup import kinds_of, left_out
+    from eomcheck.lab.store.executors import check_executor
+    from eomcheck.scene_lookup import robot_file_warnings, scene_classes_named
 
     jobs = proof_jobs(scene, numbers, points, seed, formulation)
-    check_place(executor)
-    with stoppable(), records_or_none(records) as kept:
+    check_executor(executor)
+    with interruptible(), records_or_none(records) as kept:
         proofs = Proofs(jobs, json, executor, kept)
         try:
             proofs.run()
@@ -234,7 +253,7 @@ def prove(
             except UnwrittenError as error:
                 unwritten = error
     print_proofs(proofs)
-    for said in left_out(kinds_of(scene)):
+    for said in robot_file_warnings(scene_classes_named(scene)):
         print(said)
     if unwritten is not None:
         raise unwritten
@@ -260,22 +279,22 @@ def list_registry(
     """List formulations, scenes, engines or claims."""
     if registry not in REGISTRIES:
         raise UnknownNameError("list", registry, REGISTRIES)
-    from eomcheck.lab.report.registries import registry_sheet
-    from eomcheck.lab.show.table import print_sheets
+    from eomcheck.lab.report.registries import registry_table
+    from eomcheck.lab.show.table import print_tables
 
-    print_sheets([registry_sheet(registry)])
+    print_tables([registry_table(registry)])
 
 
 def _write_page(records: list[Path], path: Path) -> None:
-    from eomcheck.lab.report.overview import Overview, read
+    from eomcheck.lab.report.overview import Overview, read_records
     from eomcheck.lab.report.report_formats import write_page
 
-    write_page(Overview(read(records)), path)
+    write_page(Overview(read_records(records)), path)
     print(f"written: {path}")
 
 
-@app.command()
-def report(
+@app.command("report")
+def report_command(
     records: Annotated[
         list[Path],
         typer.Argument(
@@ -308,12 +327,12 @@ def report(
     from functools import partial
 
     from eomcheck.lab.report.equivalences import write_equivalences
-    from eomcheck.lab.report.overview import Overview, read
+    from eomcheck.lab.report.overview import Overview, read_records
     from eomcheck.lab.report.report_formats import write_junit, write_markdown, write_page
     from eomcheck.lab.show.table import say
 
     unread: list[str] = []
-    overview = Overview(read(records, unread), unread)
+    overview = Overview(read_records(records, unread), unread)
     for path, write in (
         (html, write_page),
         (markdown, write_markdown),
@@ -341,12 +360,12 @@ def export_records(
 ) -> None:
     """Write the records of a study as a table: one line per cell, one column per value."""
     check_output(file, [records])
-    from eomcheck.lab.report.record_table import record_sheet
+    from eomcheck.lab.report.record_table import record_table
     from eomcheck.lab.store.record_file import Records
 
     unread: list[str] = []
     with Records(records, readonly=True, unread=unread) as opened:
-        text = record_sheet(opened.all()).csv()
+        text = record_table(opened.all()).csv()
     if file is None:
         sys.stdout.write(text)
         raise_unread(unread)
@@ -356,32 +375,32 @@ def export_records(
     raise_unread(unread)
 
 
-@app.command()
-def reference(
+@app.command("reference")
+def reference_command(
     names: Annotated[
         list[str] | None,
         typer.Argument(metavar="NAMES", help="References to compute. Default all."),
     ] = None,
     folder: Annotated[Path, typer.Option(help="Folder to write to.")] = REFERENCES,
-    executor: Where = "local",
+    executor: ExecutorOption = "local",
 ) -> None:
     """Compute reference solutions, each by two derivations, and write them."""
     check_folder(folder)
     from eomcheck.lab.references import (
-        CASES,
-        case_of,
+        REFERENCE_CASES,
         produce_all,
-        reference_sheet,
+        reference_case,
+        reference_table,
         write_reference,
     )
-    from eomcheck.lab.show.table import print_sheets
-    from eomcheck.lab.store.executors import check_place
+    from eomcheck.lab.show.table import print_tables
+    from eomcheck.lab.store.executors import check_executor
 
-    cases = {name: case_of(name) for name in names or CASES}
+    cases = {name: reference_case(name) for name in names or REFERENCE_CASES}
     for name in cases:
         check_writable(folder / f"{name}.json")
-    check_place(executor)
+    check_executor(executor)
     for made in produce_all(cases, executor):
         path = write_reference(made, folder)
-        print_sheets([reference_sheet([made])])
+        print_tables([reference_table([made])])
         print(f"written: {path}")

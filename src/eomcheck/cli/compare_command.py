@@ -7,15 +7,15 @@ from typing import Annotated
 import typer
 
 from eomcheck.atomic_write import check_writable
-from eomcheck.calls import PATIENCE, foreign
+from eomcheck.calls import PATIENCE, require_supervision
 from eomcheck.cli.app import app
-from eomcheck.cli.shared_options import Json, Patience, Seed, completing
+from eomcheck.cli.shared_options import Json, Patience, Seed, completer
 from eomcheck.errors import InputError
-from eomcheck.lab.option_parsing import check_count, listed
+from eomcheck.lab.option_parsing import check_count, split_list
 
 
-@app.command()
-def compare(
+@app.command("compare")
+def compare_command(
     robot: Annotated[
         str,
         typer.Argument(
@@ -28,8 +28,8 @@ def compare(
         typer.Option(
             metavar="KEY,KEY",
             help="Library to compare with, or several: a,b. Default all installed.",
-            callback=listed,
-            autocompletion=completing("engine"),
+            callback=split_list,
+            autocompletion=completer("engine"),
         ),
     ] = None,
     states: Annotated[int, typer.Option(help="Number of random states.")] = 20,
@@ -45,20 +45,20 @@ def compare(
     Exit code 1 if some differ by more than rounding, or one that is installed gives no answer; 2 if
     nothing was decided about any.
     """
-    foreign()
+    require_supervision()
     check_count(states=states)
     check_writable(json)
     from eomcheck.console import progress
     from eomcheck.descriptions.robot_files import is_robot
-    from eomcheck.lab.library_comparison import compare as compared
+    from eomcheck.lab.library_comparison import compare_libraries as compared
     from eomcheck.lab.report.comparison_tables import print_comparison, write_comparison
-    from eomcheck.scene_lookup import scene_of
+    from eomcheck.scene_lookup import scene_named
 
     if not is_robot(robot):
         raise InputError(
             f"robot = {robot!r}, expected robot.urdf, robot.urdf:floating or robot.xml"
         )
-    scene = scene_of(robot)
+    scene = scene_named(robot)
     with progress("comparing libraries at {state}", states) as advance:
         found = compared(scene, engine, states, seed, advance)
     if json is not None:

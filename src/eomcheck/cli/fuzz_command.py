@@ -14,30 +14,30 @@ from eomcheck.cli.app import app
 from eomcheck.cli.shared_options import (
     Engines,
     Formulations,
-    Kept,
     Patience,
+    RecordsOption,
     Seed,
     check_used,
-    completing,
-    engines_asked,
+    completer,
     records_or_none,
+    selected_engines,
 )
 from eomcheck.errors import InputError, UnwrittenError, WorkerError
-from eomcheck.lab.option_parsing import SCENE_HELP, check_count, interval, listed
+from eomcheck.lab.option_parsing import SCENE_HELP, check_count, parse_interval, split_list
 from eomcheck.safe_output import counted
 
 if TYPE_CHECKING:
-    from eomcheck.claims.run import Selection
+    from eomcheck.claims.run import RunSelection
     from eomcheck.lab.fuzzing.function_rounds import FunctionsPlan
     from eomcheck.lab.fuzzing.motion_rounds import MotionPlan
-    from eomcheck.lab.fuzzing.state_rounds import Plan
+    from eomcheck.lab.fuzzing.state_rounds import StatePlan
     from eomcheck.mechanics.scene import Scene
 
 
 UNITS = {"s": 1.0, "m": 60.0, "h": 3600.0}
 
 
-def seconds_of(text: str) -> float:
+def parse_duration(text: str) -> float:
     """Return the seconds that a text such as "20s", "10m" or "1.5h" says.
 
     Raises:
@@ -49,20 +49,20 @@ def seconds_of(text: str) -> float:
     return float(found[1]) * UNITS[found[2]]
 
 
-def _rations(text: str) -> list[int]:
+def _parse_check_frequency(text: str) -> list[int]:
     if re.fullmatch(r"\d+(,\d+){4}", text) is None:
         raise InputError(f"ration = {text!r}, expected five whole numbers such as 4,20,10,200,20")
     return [int(one) for one in text.split(",")]
 
 
-@app.command()
-def fuzz(
+@app.command("fuzz")
+def fuzz_command(
     scene: Annotated[
         str | None,
         typer.Option(
             metavar="SCENE",
             help=f"{SCENE_HELP} [snake] With --replay: whose code the file may import.",
-            autocompletion=completing("scene", "robot"),
+            autocompletion=completer("scene", "robot"),
         ),
     ] = None,
     links: Annotated[
@@ -75,7 +75,7 @@ def fuzz(
         typer.Option(
             metavar="KEY,KEY",
             help="Claim to look at, or several: a,b. Default all.",
-            callback=listed,
+            callback=split_list,
         ),
     ] = None,
     time: Annotated[
@@ -97,7 +97,7 @@ def fuzz(
         list[str] | None,
         typer.Option(
             metavar="KEY,KEY",
-            callback=listed,
+            callback=split_list,
             help="What is drawn, of ordinary, wide, special and fast: a,b. Default all; of motions "
             "the first and the third.",
         ),
@@ -118,7 +118,7 @@ def fuzz(
             help="Where to compute: local, local:PROCESSES or dask:ADDRESS. [here]",
         ),
     ] = None,
-    records: Kept = None,
+    records: RecordsOption = None,
     replay: Annotated[
         Path | None,
         typer.Option(
@@ -133,8 +133,8 @@ def fuzz(
 ) -> None:
     """Look for states at which a claim fails, by the thousand, and keep them.
 
-    States are screened side by side; whatever looks bad is judged by `eomcheck.check`, as are a few
-    of the others. With --motions, motions by all formulations are compared. A campaign with
+    States are screened side by side; whatever looks bad is judged by `eomcheck.check_state`, as are
+    a few of the others. With --motions, motions by all formulations are compared. A campaign with
     --records goes on where it stopped. Exit code 1 if there is a find, 2 if a kept one cannot be
     checked again, 130 if interrupted.
     """
@@ -149,35 +149,35 @@ def fuzz(
     scene = "snake" if scene is None else scene
     if time is not None and states is not None:
         raise InputError("--time and --states: expected one of them, not both")
-    most = None if states is not None else seconds_of("1m" if time is None else time)
+    most = None if states is not None else parse_duration("1m" if time is None else time)
     if states is not None:
         check_count(states=states)
 
-    from eomcheck.console import console, doing, stoppable, undisturbed
+    from eomcheck.console import activity, console, deferring_interrupts, interruptible
     from eomcheck.lab.fuzzing.campaign import Campaign
-    from eomcheck.lab.fuzzing.cases import Stratum, strata_of_any
-    from eomcheck.lab.fuzzing.failures import add_finds, functions_named, read_finds
-    from eomcheck.lab.report.campaign_tables import Teller, print_campaign
-    from eomcheck.lab.store.executors import check_place
+    from eomcheck.lab.fuzzing.cases import StructuralVariant, variants_of
+    from eomcheck.lab.fuzzing.failures import add_failures, functions_named, read_failures
+    from eomcheck.lab.report.campaign_tables import ProgressPrinter, print_campaign
+    from eomcheck.lab.store.executors import check_executor
 
     if keep is not None:
-        read_finds(keep)  # a damaged file is bad input, said before anything is computed
-    low, high = interval("1..12" if links is None else links)
+        read_failures(keep)  # a damaged file is bad input, said before anything is computed
+    low, high = parse_interval("1..12" if links is None else links)
     if executor is not None:
-        check_place(executor)
+        check_executor(executor)
     interrupted, lost, unwritten = False, None, None
-    with stoppable(), records_or_none(records) as kept:
+    with interruptible(), records_or_none(records) as kept:
         if functions_named(scene) is not None:
             unused = {"links": links, "engine": engine, "formulation": formulation}
             unused |= {"motions": motions, "ration": ration}
             check_used(f"of {scene}, which are functions", **unused)
             plan, name = _functions(scene, seed, claim, family, climb), scene
-            strata = [Stratum(None, ())]
+            strata = [StructuralVariant(None, ())]
         else:
             kind, name = _kind(scene)
             if links is not None and not kind.has_links:
                 raise InputError(f"links = {links!r}: {scene} has no number of links to choose")
-            strata = strata_of_any(kind, range(low, high + 1))
+            strata = variants_of(kind, range(low, high + 1))
             if motions:
                 check_used("with --motions", engine=engine, claim=claim, ration=ration)
                 plan = _motions(kind, formulation, seed, family, climb)
@@ -187,8 +187,8 @@ def fuzz(
                 plan = _plan(kind, selection, seed, family, climb, ration, wide)
         campaign = Campaign(plan, name, strata, kept)
         try:
-            with doing(f"fuzzing {name}"):
-                campaign.run(states, most, executor, Teller())
+            with activity(f"fuzzing {name}"):
+                campaign.run(states, most, executor, ProgressPrinter())
         except KeyboardInterrupt:
             interrupted = True
         except WorkerError as error:
@@ -197,8 +197,8 @@ def fuzz(
             unwritten = error
         if keep is not None and campaign.finds:
             try:
-                with undisturbed():
-                    add_finds(keep, campaign.finds.values())
+                with deferring_interrupts():
+                    add_failures(keep, campaign.finds.values())
             except KeyboardInterrupt:
                 interrupted = True
             except InputError as error:
@@ -219,14 +219,14 @@ def fuzz(
 
 
 def _kind(scene: str) -> tuple[type[Scene], str]:
-    from eomcheck.lab.fuzzing.failures import name_of
-    from eomcheck.scene_lookup import kinds_of
+    from eomcheck.lab.fuzzing.failures import lookup_name
+    from eomcheck.scene_lookup import scene_classes_named
 
-    kinds = kinds_of(scene)
+    kinds = scene_classes_named(scene)
     if len(kinds) > 1:
         raise InputError(f"scene = {scene!r}, expected one kind of scene")
     kind = next(iter(kinds))
-    return kind, name_of(kind, scene)
+    return kind, lookup_name(kind, scene)
 
 
 def _selection(
@@ -234,14 +234,14 @@ def _selection(
     engine: list[str] | None,
     formulation: list[str] | None,
     claim: list[str] | None,
-) -> Selection:
-    from eomcheck.claims.run import Selection
+) -> RunSelection:
+    from eomcheck.claims.run import RunSelection
     from eomcheck.engines import ALWAYS, version_of
     from eomcheck.engines.answers import represented
 
     # Random robots have other parameters than their files, whose library could say nothing.
-    engines = ALWAYS if engine is None else engines_asked(engine)
-    selection = Selection.of(formulation, engines, claim, scenes=[kind])
+    engines = ALWAYS if engine is None else selected_engines(engine)
+    selection = RunSelection.of(formulation, engines, claim, scenes=[kind])
     if engine and engines:
         represented(selection.engines, (kind,))
     for made in selection.engines:
@@ -251,51 +251,51 @@ def _selection(
 
 def _plan(
     kind: type[Scene],
-    selection: Selection,
+    selection: RunSelection,
     seed: int,
     family: list[str] | None,
     climb: bool,
     ration: str | None,
     wide: bool,
-) -> Plan:
-    from eomcheck.descriptions.random_mechanisms import Random
-    from eomcheck.lab.fuzzing.screening import ALONE, Ration, runs_in_lanes
-    from eomcheck.lab.fuzzing.state_rounds import BATCH, LANES, Plan, RandomPlan
+) -> StatePlan:
+    from eomcheck.descriptions.random_mechanisms import RandomScene
+    from eomcheck.lab.fuzzing.screening import ALONE, CheckFrequency, runs_in_lanes
+    from eomcheck.lab.fuzzing.state_rounds import BATCH, LANES, RandomStatePlan, StatePlan
 
     families = _families(family)
     claims = tuple(one for one in selection.claims if one != "coverage")
     formulations = tuple(f.key for f in selection.formulations)
-    counts = Ration() if ration is None else Ration(*_rations(ration))
+    counts = CheckFrequency() if ration is None else CheckFrequency(*_parse_check_frequency(ration))
     what = kind, seed, claims, formulations, selection.engines, families, climb, counts
-    if issubclass(kind, Random):
-        return RandomPlan(*what, LANES, wide)
-    return Plan(*what, BATCH if runs_in_lanes(kind) else ALONE, wide)
+    if issubclass(kind, RandomScene):
+        return RandomStatePlan(*what, LANES, wide)
+    return StatePlan(*what, BATCH if runs_in_lanes(kind) else ALONE, wide)
 
 
 def _functions(
     name: str, seed: int, claim: list[str] | None, family: list[str] | None, climb: bool
 ) -> FunctionsPlan:
-    from eomcheck.errors import distinct, named
+    from eomcheck.errors import distinct, registered
     from eomcheck.lab.fuzzing.cases import ORDINARY, SPECIAL
     from eomcheck.lab.fuzzing.function_rounds import FunctionsPlan
     from eomcheck.testing.function_checks import FUNCTION_CLAIMS
 
     claims = tuple(FUNCTION_CLAIMS if claim is None else distinct("claim", claim))
     for one in claims:
-        named("claim", one, FUNCTION_CLAIMS)
+        registered("claim", one, FUNCTION_CLAIMS)
     families = (ORDINARY, SPECIAL) if family is None else _families(family)
     for one in families:
-        named("family", one, dict.fromkeys((ORDINARY, SPECIAL)))
+        registered("family", one, dict.fromkeys((ORDINARY, SPECIAL)))
     return FunctionsPlan(name, seed, claims, families, climb)
 
 
 def _families(family: list[str] | None) -> tuple[str, ...]:
-    from eomcheck.errors import distinct, named
+    from eomcheck.errors import distinct, registered
     from eomcheck.lab.fuzzing.cases import FAMILIES
 
     families = FAMILIES if family is None else tuple(distinct("family", family))
     for one in families:
-        named("family", one, dict.fromkeys(FAMILIES))
+        registered("family", one, dict.fromkeys(FAMILIES))
     return families
 
 
@@ -322,22 +322,22 @@ def _replay(path: Path, formulation: list[str] | None, scene: str | None) -> Non
         typer.Exit: with 1, one still fails.
     """
     from eomcheck.console import progress
-    from eomcheck.errors import named
+    from eomcheck.errors import registered
     from eomcheck.formulations import FORMULATIONS
-    from eomcheck.lab.fuzzing.failures import read_finds
-    from eomcheck.lab.fuzzing.replay import replayed
+    from eomcheck.lab.fuzzing.failures import read_failures
+    from eomcheck.lab.fuzzing.replay import replay_failures
     from eomcheck.lab.report.campaign_tables import print_replayed
 
     for key in formulation or ():
-        named("formulation", key, FORMULATIONS)
+        registered("formulation", key, FORMULATIONS)
     if not path.is_file():
         raise InputError(f"{str(path)!r} is no file")
-    finds = read_finds(path)
+    finds = read_failures(path)
     if not finds:
         raise InputError(f"{str(path)!r} holds no finds: nothing is checked")
     allowed = () if scene is None else (scene,)
     with progress("checking {find} again", len(finds)) as advance:
-        results = replayed(finds, formulation or tuple(FORMULATIONS), advance, allowed)
+        results = replay_failures(finds, formulation or tuple(FORMULATIONS), advance, allowed)
     print_replayed(results)
     if any(one.outcome == "failed" for one in results):
         raise typer.Exit(1)

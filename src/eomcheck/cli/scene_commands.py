@@ -1,4 +1,6 @@
-"""Commands about one scene: `eomcheck simulate`, `acceleration` and `constraints`."""
+"""Commands about one scene: `eomcheck simulate`, `acceleration_command` and
+`constraints_command`.
+"""
 
 from __future__ import annotations
 
@@ -11,26 +13,26 @@ import typer
 from eomcheck.calls import PATIENCE
 from eomcheck.cli.app import app
 from eomcheck.cli.shared_options import (
-    ONE,
+    DEFAULT_SCENE,
     Formulations,
-    Given,
     Links,
-    One,
-    OneOrNot,
+    OptionalSceneOption,
     Patience,
+    SceneOption,
+    SetOption,
     check_figure,
     check_used,
-    completing,
-    scene_asked,
+    completer,
+    selected_scene,
 )
 from eomcheck.errors import InputError
-from eomcheck.lab.option_parsing import check_count, numbers
+from eomcheck.lab.option_parsing import check_count, parse_numbers
 
 if TYPE_CHECKING:
     from eomcheck.mechanics.scene import Scene
 
 
-Speeds = Annotated[
+SpeedsOption = Annotated[
     list[str] | None,
     typer.Option(
         metavar="X,X",
@@ -47,7 +49,7 @@ def _speeds(scene: Scene, texts: list[str] | None) -> list[float] | None:
     """
     if not texts:
         return None
-    found = numbers("speeds", texts)
+    found = parse_numbers("speeds", texts)
     if len(found) != scene.p:
         raise InputError(f"speeds = {found}: {scene.name} has {scene.p}, expected so many numbers")
     return found
@@ -70,7 +72,7 @@ def _many(
     import numpy as np
 
     import eomcheck
-    from eomcheck.evaluation.dynamics import closed_position
+    from eomcheck.evaluation.dynamics import assembled_position
     from eomcheck.lab.report.motion_tables import chart_of_many, print_many
     from eomcheck.lab.store import executors
 
@@ -85,16 +87,16 @@ def _many(
     q0 = q + scale * random.standard_normal((draws, scene.n))
     u0 = u + scale * random.standard_normal((draws, scene.p))
     if scene.position_residual is not None:
-        q0 = np.array([closed_position(scene, one) for one in q0])
+        q0 = np.array([assembled_position(scene, one) for one in q0])
     there = nullcontext() if executor is None else executors.executor(executor)
     with there as pool:
         found = eomcheck.simulate_many(scene, key, t_end, q0=q0, u0=u0, executor=pool, **options)
     print_many(found)
     finished = found.status == "finished"
     if plot is not None and finished.any():
-        from eomcheck.lab.show.chart_matplotlib import draw
+        from eomcheck.lab.show.chart_matplotlib import draw_charts
 
-        draw([chart_of_many(found)], plot)
+        draw_charts([chart_of_many(found)], plot)
         print(f"written: {plot}")
     return not finished.all()
 
@@ -113,20 +115,20 @@ def _scene_and_end(words: list[str], scene: str | None) -> tuple[str | None, flo
     return (names[0] if names else scene), t_end
 
 
-@app.command()
-def simulate(
+@app.command("simulate")
+def simulate_command(
     words: Annotated[
         list[str],
         typer.Argument(
             metavar="[SCENE] END",
             help="Scene, as --scene names it, and the end, s.",
-            autocompletion=completing("robot", "scene"),
+            autocompletion=completer("robot", "scene"),
         ),
     ],
-    scene: OneOrNot = None,
+    scene: OptionalSceneOption = None,
     links: Links = None,
-    given: Given = None,
-    speeds: Speeds = None,
+    given: SetOption = None,
+    speeds: SpeedsOption = None,
     formulation: Formulations = None,
     integrator: Annotated[str, typer.Option(metavar="KEY", help="Integrator.")] = "DOP853",
     tolerance: Annotated[float, typer.Option(help="rtol = atol.")] = 1e-9,
@@ -166,7 +168,7 @@ def simulate(
     from eomcheck.formulations import formulations_for
     from eomcheck.lab.report.motion_tables import print_trajectories
 
-    one = scene_asked(name or ONE, links, given)
+    one = selected_scene(name or DEFAULT_SCENE, links, given)
     u0 = _speeds(one, speeds)
     if draws is not None:
         if baumgarte is not None or projection is not None or integrator != "DOP853":
@@ -202,20 +204,20 @@ def simulate(
         raise typer.Exit(1)
 
 
-@app.command()
-def acceleration(
+@app.command("acceleration")
+def acceleration_command(
     name: Annotated[
         str | None,
         typer.Argument(
             metavar="[SCENE]",
             help="Scene, as --scene names it. Default the paper's robot.",
-            autocompletion=completing("robot", "scene"),
+            autocompletion=completer("robot", "scene"),
         ),
     ] = None,
-    scene: OneOrNot = None,
+    scene: OptionalSceneOption = None,
     links: Links = None,
-    given: Given = None,
-    speeds: Speeds = None,
+    given: SetOption = None,
+    speeds: SpeedsOption = None,
     formulation: Formulations = None,
     patience: Patience = PATIENCE,
 ) -> None:
@@ -227,14 +229,17 @@ def acceleration(
         raise InputError(f"two scenes are named, {name!r} and {scene!r}")
     from eomcheck.lab.report.motion_tables import print_accelerations
 
-    one = scene_asked(name or scene or ONE, links, given)
+    one = selected_scene(name or scene or DEFAULT_SCENE, links, given)
     if print_accelerations(one, _speeds(one, speeds), formulation):
         raise typer.Exit(1)
 
 
-@app.command()
-def constraints(
-    scene: One = ONE, links: Links = None, given: Given = None, patience: Patience = PATIENCE
+@app.command("constraints")
+def constraints_command(
+    scene: SceneOption = DEFAULT_SCENE,
+    links: Links = None,
+    given: SetOption = None,
+    patience: Patience = PATIENCE,
 ) -> None:
     """Tell which constraints of a scene are redundant at its start: which the others imply.
 
@@ -242,5 +247,5 @@ def constraints(
     """
     from eomcheck.lab.report.motion_tables import print_constraints
 
-    if print_constraints(scene_asked(scene, links, given)):
+    if print_constraints(selected_scene(scene, links, given)):
         raise typer.Exit(1)

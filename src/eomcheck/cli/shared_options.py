@@ -23,9 +23,9 @@ from eomcheck.lab.option_parsing import (
     ONE_HELP,
     SCENE_HELP,
     SET_HELP,
-    listed,
     no_more_than,
-    parameters,
+    parse_parameters,
+    split_list,
 )
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).parents[1]
 
-WRITTEN = {
+KEY_PATTERNS = {
     "scene": ("scenes", r'^    key = "([\w-]+)"'),
     "formulation": ("formulations", r'^    key="(\w+)",'),
     "engine": ("engines", r"^class (?!Tree|File)(\w+)Engine\(\w*Engine\):"),
@@ -46,9 +46,11 @@ WRITTEN = {
 """What is named -> the folder of its files, and how a file says the key."""
 
 
-def keys(word: str) -> list[str]:
-    """Return the keys of all that a word of `WRITTEN` names, and those that packages announce."""
-    folder, pattern = WRITTEN[word]
+def declared_keys(word: str) -> list[str]:
+    """Return the keys of all that a word of `KEY_PATTERNS` names, and those that packages
+    announce.
+    """
+    folder, pattern = KEY_PATTERNS[word]
     found = [
         key.lower()
         for file in sorted((ROOT / folder).glob("*.py"))
@@ -58,17 +60,17 @@ def keys(word: str) -> list[str]:
     return [*found, *announced]
 
 
-def completing(*words: str, more: Sequence[str] = ()) -> Callable[[str], list[str]]:
+def completer(*words: str, more: Sequence[str] = ()) -> Callable[[str], list[str]]:
     """Return what completes a key, or the last one of keys with commas between.
 
     Args:
-        words: of what, see `WRITTEN`.
+        words: of what, see `KEY_PATTERNS`.
         more: other names that can stand there.
     """
 
     def complete(incomplete: str) -> list[str]:
         before, comma, last = incomplete.rpartition(",")
-        known = [key for word in words for key in keys(word)]
+        known = [key for word in words for key in declared_keys(word)]
         names = (name for name in (*known, *more) if name.startswith(last))
         return [f"{before}{comma}{name}" for name in names]
 
@@ -80,25 +82,27 @@ def completing(*words: str, more: Sequence[str] = ()) -> Callable[[str], list[st
 SUITE = Path("validation")
 REFERENCES = SUITE / "references"
 
-_SCENES = completing("scene", more=["all"])
+_SCENES = completer("scene", more=["all"])
 
-Kind = Annotated[str, typer.Option(metavar="SCENE", help=SCENE_HELP, autocompletion=_SCENES)]
-ONE = "paper"
-"""The scene of commands that look at one, unless another is named."""
-One = Annotated[
-    str, typer.Option(metavar="SCENE", help=ONE_HELP, autocompletion=completing("scene", "robot"))
+SceneClassOption = Annotated[
+    str, typer.Option(metavar="SCENE", help=SCENE_HELP, autocompletion=_SCENES)
 ]
-OneOrNot = Annotated[
+DEFAULT_SCENE = "paper"
+"""The scene of commands that look at one, unless another is named."""
+SceneOption = Annotated[
+    str, typer.Option(metavar="SCENE", help=ONE_HELP, autocompletion=completer("scene", "robot"))
+]
+OptionalSceneOption = Annotated[
     str | None,
-    typer.Option(metavar="SCENE", help=ONE_HELP, autocompletion=completing("scene", "robot")),
+    typer.Option(metavar="SCENE", help=ONE_HELP, autocompletion=completer("scene", "robot")),
 ]
 Links = Annotated[int | None, typer.Option(help="Number of links, of scenes that have one.")]
-Given = Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help=SET_HELP)]
-Formulation = Annotated[
-    str, typer.Option(metavar="KEY", help="Formulation.", autocompletion=completing("formulation"))
+SetOption = Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help=SET_HELP)]
+FormulationOption = Annotated[
+    str, typer.Option(metavar="KEY", help="Formulation.", autocompletion=completer("formulation"))
 ]
 Seed = Annotated[int, typer.Option(help="Seed of the draws.")]
-Where = Annotated[
+ExecutorOption = Annotated[
     str,
     typer.Option(metavar="PLACE", help="Where to compute: local, local:PROCESSES or dask:ADDRESS."),
 ]
@@ -107,8 +111,8 @@ Formulations = Annotated[
     typer.Option(
         metavar="KEY,KEY",
         help="Formulation, or several: a,b. Default all.",
-        callback=listed,
-        autocompletion=completing("formulation"),
+        callback=split_list,
+        autocompletion=completer("formulation"),
     ),
 ]
 Engines = Annotated[
@@ -117,15 +121,17 @@ Engines = Annotated[
         metavar="KEY,KEY",
         help="Engine to compare with, several: a,b, or your own to check: FILE.py:CLASS. "
         "Default those that no extra installs; none for no engine.",
-        callback=listed,
-        autocompletion=completing("engine", more=["none"]),
+        callback=split_list,
+        autocompletion=completer("engine", more=["none"]),
     ),
 ]
 References = Annotated[Path, typer.Option(help="Folder of the reference solutions.")]
-Measured = Annotated[Path, typer.Argument(help="SQLite file of the results, made or continued.")]
+RecordsArgument = Annotated[
+    Path, typer.Argument(help="SQLite file of the results, made or continued.")
+]
 Fresh = Annotated[bool, typer.Option("--fresh", help="Measure everything anew.")]
 Json = Annotated[Path | None, typer.Option("--json", help="Write the results to this file.")]
-Kept = Annotated[
+RecordsOption = Annotated[
     Path | None,
     typer.Option("--records", help="Keep the results in this SQLite file, for `eomcheck report`."),
 ]
@@ -149,19 +155,19 @@ Patience = Annotated[
 ]
 
 
-def scene_asked(name: str, links: int | None, given: list[str] | None) -> Scene:
+def selected_scene(name: str, links: int | None, given: list[str] | None) -> Scene:
     """Return the one scene that `--scene`, `--links` and `--set` stand for.
 
     Raises:
-        InputError: there is none, see `eomcheck.scene_lookup.scene_of`.
+        InputError: there is none, see `eomcheck.scene_lookup.scene_named`.
     """
-    known = parameters(given)
-    from eomcheck.scene_lookup import scene_of
+    known = parse_parameters(given)
+    from eomcheck.scene_lookup import scene_named
 
-    return scene_of(name, no_more_than(links), known)
+    return scene_named(name, no_more_than(links), known)
 
 
-def engines_asked(names: list[str] | None) -> list[str] | None:
+def selected_engines(names: list[str] | None) -> list[str] | None:
     """Return the engines that `--engine` names; an empty list of "none", None if not given."""
     return [] if names == ["none"] else names
 

@@ -1,7 +1,7 @@
 """Commands `eomcheck study`, `bench` and `draw`: one for every study, and pictures of scenes.
 
-The command of a study is generated: its options are those of the study's cells and worker. `draw`
-also has `draw scene` and `draw structure`: pictures of mechanisms and of matrices.
+The command of a study is generated: its options are those of the study's cells and worker.
+`draw` also has `draw scene` and `draw structure`: pictures of mechanisms and of matrices.
 """
 
 from __future__ import annotations
@@ -14,25 +14,31 @@ import typer
 
 from eomcheck.atomic_write import check_writable
 from eomcheck.calls import PATIENCE
-from eomcheck.cli.app import Command, CommandLine, Group
+from eomcheck.cli.app import Command, CommandGroup, CommandLine
 from eomcheck.cli.shared_options import (
-    Formulation,
+    FormulationOption,
     Fresh,
-    Given,
     Json,
-    Kept,
     Links,
-    Measured,
-    One,
     Patience,
+    RecordsArgument,
+    RecordsOption,
+    SceneOption,
+    SetOption,
     check_figure,
     check_folder,
     check_used,
-    completing,
-    scene_asked,
+    completer,
+    selected_scene,
 )
 from eomcheck.errors import UnknownNameError, UnwrittenError
-from eomcheck.lab.option_parsing import listed, no_more_than, numbers, parameters, whole_numbers
+from eomcheck.lab.option_parsing import (
+    no_more_than,
+    parse_numbers,
+    parse_parameters,
+    parse_whole_numbers,
+    split_list,
+)
 from eomcheck.lab.studies import BENCHMARKS, DRAWN, STUDIES, study_of
 
 if TYPE_CHECKING:
@@ -46,7 +52,7 @@ Figures = Annotated[
 ]
 
 
-class _Studies(Group):
+class _Studies(CommandGroup):
     """The studies of a group; the command of one is made, its code imported, when it is run."""
 
     def list_commands(self, ctx: Any) -> list[str]:
@@ -98,7 +104,7 @@ def command_of(key: str, drawn: bool = False) -> Any:
         (_draw if drawn else _run)(one, **given)
 
     shared: dict[str, Any] = {"path": (Picture, Parameter.empty)} if drawn else {}
-    shared["records"] = (Kept, None) if one.small else (Measured, Parameter.empty)
+    shared["records"] = (RecordsOption, None) if one.small else (RecordsArgument, Parameter.empty)
     shared |= {"fresh": (Fresh, False), "patience": (Patience, PATIENCE)}
     if not drawn:
         shared |= {"json": (Json, None), "figures": (Figures, None)}
@@ -116,12 +122,12 @@ def command_of(key: str, drawn: bool = False) -> Any:
 
 
 COMPLETED = {
-    "scene": completing("scene", more=["all"]),
-    "formulation": completing("formulation"),
-    "engine": completing("engine"),
+    "scene": completer("scene", more=["all"]),
+    "formulation": completer("formulation"),
+    "engine": completer("engine"),
 }
 """Name of an option -> what completes its values."""
-SHAPES = {
+METAVARS = {
     **{"links": "N..M", "set": "NAME=VALUE", "executor": "PLACE", "scene": "SCENE"},
     **{"robot": "FILE,FILE", "free": "FILE,FILE"},
 }
@@ -138,12 +144,12 @@ def _option(name: str, annotation: Any) -> Any:
     lists = [get_args(one)[0] for one in (kind, *get_args(kind)) if get_origin(one) is list]
     if lists and name != "set":
         (of,) = lists
-        kinds = {str: listed, int: lambda texts: _whole(name, texts)}
-        read = kinds.get(of, lambda texts: numbers(name, texts, of) or None)
+        kinds = {str: split_list, int: lambda texts: _whole(name, texts)}
+        read = kinds.get(of, lambda texts: parse_numbers(name, texts, of) or None)
         kind = list[str] | None
     flag = [f"--{name}"] if kind is bool else []
     listed_as = "KEY,KEY" if str in lists else "X,X" if lists else None
-    shown = SHAPES.get(name, listed_as)
+    shown = METAVARS.get(name, listed_as)
     how = {"callback": read, "metavar": shown, "autocompletion": COMPLETED.get(name)}
     return Annotated[kind, typer.Option(*flag, help=said, **how)]
 
@@ -151,9 +157,12 @@ def _option(name: str, annotation: Any) -> Any:
 def _whole(name: str, texts: list[str] | None) -> list[int] | None:
     """Return whole numbers; those of links may be ranges, as in all commands."""
     if name != "links":
-        return numbers(name, texts, int) or None
+        return parse_numbers(name, texts, int) or None
     return (
-        list(dict.fromkeys(x for text in listed(texts) or [] for x in whole_numbers(text))) or None
+        list(
+            dict.fromkeys(x for text in split_list(texts) or [] for x in parse_whole_numbers(text))
+        )
+        or None
     )
 
 
@@ -168,9 +177,9 @@ def _run(
     check_folder(figures)
     check_writable(json)
     from eomcheck.lab.show.document_text import write_json
-    from eomcheck.lab.show.table import print_sheets, say
+    from eomcheck.lab.show.table import print_tables, say
 
-    found = _found(one, records, fresh, options)
+    found = _run_study(one, records, fresh, options)
     # Files first: whatever becomes of the printing, they are there.
     written, unwritten = [], None
     try:
@@ -180,7 +189,7 @@ def _run(
             written.append(json)
     except UnwrittenError as error:
         unwritten = error
-    print_sheets(one.sheets(found))
+    print_tables(one.sheets(found))
     for sentence in one.said(found):
         say(sentence)
     if unwritten is not None:
@@ -191,12 +200,14 @@ def _run(
         raise typer.Exit(1)
 
 
-def _found(one: Study, records: Path | None, fresh: bool, options: dict[str, Any]) -> list[Record]:
+def _run_study(
+    one: Study, records: Path | None, fresh: bool, options: dict[str, Any]
+) -> list[Record]:
     """Run a study; where it is interrupted, say where it goes on."""
-    from eomcheck.console import stoppable
+    from eomcheck.console import interruptible
 
     try:
-        with stoppable():
+        with interruptible():
             return one.run(records, fresh, **options)
     except KeyboardInterrupt:
         again = " without --fresh" if fresh else ""
@@ -211,10 +222,10 @@ def _found(one: Study, records: Path | None, fresh: bool, options: dict[str, Any
 
 def _draw(one: Study, path: Path, records: Path | None, fresh: bool, **options: Any) -> None:
     check_figure(path)
-    from eomcheck.lab.show.chart_matplotlib import draw
+    from eomcheck.lab.show.chart_matplotlib import draw_charts
 
-    chart = next(iter(one.charts(_found(one, records, fresh, options))))
-    draw(chart.files(), path)
+    chart = next(iter(one.charts(_run_study(one, records, fresh, options))))
+    draw_charts(chart.files(), path)
     print(f"written: {path}")
 
 
@@ -224,13 +235,13 @@ Dark = Annotated[bool, typer.Option("--dark", help="For a dark ground.")]
 
 
 @draw.command("scene")
-def draw_scene(
+def draw_scene_command(
     path: Annotated[
         Path, typer.Argument(help="File to write: .svg, .png, .pdf, or .gif, which moves.")
     ],
-    scene: One = "snake",
+    scene: SceneOption = "snake",
     links: Links = None,
-    given: Given = None,
+    given: SetOption = None,
     dark: Dark = False,
     end: Annotated[
         float | None, typer.Option(help="A .gif: time at which the motion ends, s. [2]")
@@ -241,7 +252,7 @@ def draw_scene(
         typer.Option(
             metavar="KEY",
             help="A .gif: by which it moves. [au]",
-            autocompletion=completing("formulation"),
+            autocompletion=completer("formulation"),
         ),
     ] = None,
 ) -> None:
@@ -253,33 +264,33 @@ def draw_scene(
     else:
         check_figure(path)
         check_used("in a picture that is no .gif", end=end, frames=frames, formulation=formulation)
-    known = parameters(given)
-    from eomcheck.lab.figure_data import posed, scene_to_draw, sketches_of_motion
+    known = parse_parameters(given)
+    from eomcheck.lab.figure_data import posed_sketch, scene_to_draw, sketches_of_motion
     from eomcheck.lab.show.pictures import draw_motion, draw_scene
 
     if moving:
-        one = scene_asked(scene, links, given)
+        one = selected_scene(scene, links, given)
         until, count = 2.0 if end is None else end, 40 if frames is None else frames
         how = "au" if formulation is None else formulation
         sketches, times, every = sketches_of_motion(one, how, until, count)
         draw_motion(sketches, times.tolist(), path, every)
     else:
-        draw_scene(*posed(*scene_to_draw(scene, no_more_than(links), known)), path, dark)
+        draw_scene(*posed_sketch(*scene_to_draw(scene, no_more_than(links), known)), path, dark)
     print(f"written: {path}")
 
 
 @draw.command("structure")
-def draw_structure(
+def draw_structure_command(
     path: Annotated[Path, typer.Argument(help="File to write, .svg, .png or .pdf.")],
-    formulation: Formulation = "au",
-    scene: One = "snake",
+    formulation: FormulationOption = "au",
+    scene: SceneOption = "snake",
     links: Links = None,
-    given: Given = None,
+    given: SetOption = None,
     dark: Dark = False,
 ) -> None:
     """Draw which entries of a formulation's matrices are not zero, with their blocks named."""
     check_figure(path)
-    known = parameters(given)
+    known = parse_parameters(given)
     from eomcheck.formulations import formulation_of
     from eomcheck.lab.figure_data import moving_state, scene_to_draw, structure_of
     from eomcheck.lab.show import pictures

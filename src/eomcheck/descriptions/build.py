@@ -24,10 +24,16 @@ from eomcheck.descriptions.elements import (
     Link,
     Triple,
 )
-from eomcheck.descriptions.joint_tree import Frames, Place, Rigid, check_positive, together
-from eomcheck.descriptions.mechanism_class import Made, Mechanism
-from eomcheck.descriptions.quaternions import rotation
-from eomcheck.descriptions.topology import ROLLING, Closure, Slot, Topology
+from eomcheck.descriptions.joint_tree import (
+    JointTree,
+    LinkFrame,
+    RigidBody,
+    check_positive,
+    merged_body,
+)
+from eomcheck.descriptions.mechanism_class import Mechanism, MechanismSource
+from eomcheck.descriptions.quaternions import rotation_matrix
+from eomcheck.descriptions.topology import ROLLING, ConstraintSpec, ScalarJoint, Topology
 from eomcheck.errors import InputError, distinct
 from eomcheck.mechanics.tree import PLANAR
 from eomcheck.numbers.generic import FLOAT64
@@ -52,7 +58,7 @@ LENGTHS = {"distance": "length", **dict.fromkeys(ROLLING, "radius")}
 """Kind of constraint -> what its number is, m."""
 
 
-def all_of(what: str, kind: type, things: Any) -> tuple[Any, ...]:
+def checked_elements(what: str, kind: type, things: Any) -> tuple[Any, ...]:
     """Return links, joints or constraints as a tuple.
 
     Raises:
@@ -70,7 +76,7 @@ def all_of(what: str, kind: type, things: Any) -> tuple[Any, ...]:
     return found
 
 
-def check_words(
+def validate_elements(
     links: Iterable[Link],
     joints: Iterable[Joint],
     constraints: tuple[Constraint, ...],
@@ -203,12 +209,14 @@ def mechanism(
         InputError: the description contradicts itself, has numbers that are none, or more than
             `MOST` coordinates.
     """
-    made = described(name, links, joints, constraints, gravity=gravity, first=first, pose=pose)
+    made = mechanism_source(
+        name, links, joints, constraints, gravity=gravity, first=first, pose=pose
+    )
     module = sys._getframe(1).f_globals.get("__name__", __name__)
     return made._replace(module=module).kind()
 
 
-def described(
+def mechanism_source(
     name: str,
     links: Iterable[Link],
     joints: Iterable[Joint],
@@ -217,30 +225,33 @@ def described(
     gravity: Triple | None = (0.0, 0.0, -9.81),
     first: Iterable[str] = (),
     pose: dict[str, float] | None = None,
-) -> Made:
+) -> MechanismSource:
     """Return what the kind of a description is made of; see `mechanism`."""
-    bodies, between = all_of("link", Link, links), all_of("joint", Joint, joints)
-    more = all_of("constraint", Constraint, constraints)
+    bodies, between = (
+        checked_elements("link", Link, links),
+        checked_elements("joint", Joint, joints),
+    )
+    more = checked_elements("constraint", Constraint, constraints)
     pose = {} if pose is None else pose
-    check_words(bodies, between, more, gravity, pose)
-    frames = Frames(bodies, between)
-    made = _made(name, frames, more, gravity, distinct("first", first), pose)
+    validate_elements(bodies, between, more, gravity, pose)
+    frames = JointTree(bodies, between)
+    made = _source_of(name, frames, more, gravity, distinct("first", first), pose)
     _check_regular(made)
     return made
 
 
-def _made(
+def _source_of(
     key: str,
-    frames: Frames,
+    frames: JointTree,
     constraints: tuple[Constraint, ...],
     gravity: Triple | None,
     first: tuple[str, ...],
     pose: dict[str, float],
-) -> Made:
-    slots = _sorted(frames, first)
+) -> MechanismSource:
+    slots = _joints_reordered(frames, first)
     for name in pose:
         _coordinate("pose", frames, name)
-    bodies = {k: together(frames.rigid[k]) for k in sorted(frames.rigid)}
+    bodies = {k: merged_body(frames.rigid[k]) for k in sorted(frames.rigid)}
     if not bodies and "armature" not in frames.numbers:
         raise InputError("nothing that moves has inertia")
     check_positive({slots[k].name: one for k, one in bodies.items()})
@@ -250,7 +261,7 @@ def _made(
     for one in bodies.values():
         _add_body(frames, one, planar)
     held = sorted(constraints, key=lambda one: not KINDS[one.kind].holonomic)  # stable
-    closures = tuple(_closure(frames, one, planar) for one in held)
+    closures = tuple(_constraint_spec(frames, one, planar) for one in held)
     numbers = {name: tuple(given) for name, given in frames.numbers.items()}
     if planar and "offset" in numbers:
         numbers["offset"] = tuple(one[:2] for one in numbers["offset"])
@@ -260,7 +271,7 @@ def _made(
         if len(COORDINATES[joint.kind]) > 1
         for part in COORDINATES[joint.kind]
     ]
-    return Made(
+    return MechanismSource(
         key,
         Topology(tuple(slots), tuple(frames.coordinates), planar, closures),
         (*numbers.items(), ("gravity", None if gravity is None else tuple(gravity)[:d])),
@@ -271,14 +282,14 @@ def _made(
     )
 
 
-def _coordinate(what: str, frames: Frames, name: str) -> int:
+def _coordinate(what: str, frames: JointTree, name: str) -> int:
     if name not in frames.place_of:
         known = ", ".join(frames.coordinates)
         raise InputError(f"{what} names {name!r}, expected one of: {known}")
     return frames.place_of[name]
 
 
-def _sorted(frames: Frames, first: tuple[str, ...]) -> list[Slot]:
+def _joints_reordered(frames: JointTree, first: tuple[str, ...]) -> list[ScalarJoint]:
     """Return the slots once those named have the first coordinates."""
     for name in first:
         _coordinate("first", frames, name)
@@ -291,7 +302,7 @@ def _sorted(frames: Frames, first: tuple[str, ...]) -> list[Slot]:
 
 
 def _is_planar(
-    frames: Frames, bodies: dict[int, Rigid], constraints: tuple[Constraint, ...]
+    frames: JointTree, bodies: dict[int, RigidBody], constraints: tuple[Constraint, ...]
 ) -> bool:
     """Return whether nothing leaves the plane z = 0."""
     flat = [one[2] for one in frames.numbers.get("offset", [])]
@@ -304,7 +315,7 @@ def _is_planar(
     )
 
 
-def _add_body(frames: Frames, body: Rigid, planar: bool) -> None:
+def _add_body(frames: JointTree, body: RigidBody, planar: bool) -> None:
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = body.inertia.tolist()
     frames.number("mass", float(body.mass))
     frames.number("center", tuple(body.center[: 2 if planar else 3].tolist()))
@@ -312,19 +323,19 @@ def _add_body(frames: Frames, body: Rigid, planar: bool) -> None:
     frames.number("products", None if planar else (xy, xz, yz))
 
 
-def _closure(frames: Frames, one: Constraint, planar: bool) -> Closure:
+def _constraint_spec(frames: JointTree, one: Constraint, planar: bool) -> ConstraintSpec:
     d, what = 2 if planar else 3, f"constraint {one.name!r}"
     if one.kind == "hinge" and planar:
         raise InputError(f"{what}: in the plane a hinge is a pin")
     directions = one.directions
     if one.kind == "weld":
-        directions = _welded(frames, one)[: 1 if planar else 3]
+        directions = _weld_directions(frames, one)[: 1 if planar else 3]
 
     def kept(name: str, link: str, at: Triple, shifted: bool) -> tuple[int, int]:
         if link not in frames.places:
             raise InputError(f"{what} is on the link {link!r}, no such link")
-        place: Place = frames.places[link]
-        there = rotation(place.turn) @ np.array(at) + shifted * place.offset
+        place: LinkFrame = frames.places[link]
+        there = rotation_matrix(place.turn) @ np.array(at) + shifted * place.offset
         if one.kind in ROLLING and name == "directions" and not there[:d].any():
             raise InputError(f"{what} has the direction {at!r}, and all stays in the plane z = 0")
         number: Any = keep(name, tuple(there[:d].tolist()))
@@ -338,19 +349,19 @@ def _closure(frames: Frames, one: Constraint, planar: bool) -> Closure:
     name = KINDS[one.kind].numbers
     number = keep(name, one.numbers) if name else None
     coordinates = tuple(_coordinate(what, frames, name) for name in one.joints)
-    return Closure(one.kind, one.name, points, turned, coordinates, number)
+    return ConstraintSpec(one.kind, one.name, points, turned, coordinates, number)
 
 
-def _welded(frames: Frames, one: Constraint) -> tuple[tuple[str, Triple], ...]:
+def _weld_directions(frames: JointTree, one: Constraint) -> tuple[tuple[str, Triple], ...]:
     """Return the directions of a link that are the axes of the slot on which the other link is."""
     (link, _), (other, _) = one.points
     axes = np.array([along for _, along in one.directions])
     if other in frames.places:
-        axes = rotation(frames.places[other].turn) @ axes
+        axes = rotation_matrix(frames.places[other].turn) @ axes
     return tuple((link, (x, y, z)) for x, y, z in axes.tolist())
 
 
-def _check_regular(made: Made) -> None:
+def _check_regular(made: MechanismSource) -> None:
     """Refuse a description in which something moves without any inertia."""
     scene, names = made.kind()(), made.topology.coordinates
     n = len(names)

@@ -1,8 +1,9 @@
 """Constraints by declaration: their kinds, their rows, and the functions a, b, gamma, c of a scene.
 
-A row is made of vectors that move: points of frames and directions that turn with them (`Moving`).
+A row is made of vectors that move: points of frames and directions that turn with them
+(`MovingVector`).
 Here it is written once how a row follows from their values, rates, columns and rests; each
-derivation (`First`, `Second`) brings its own vectors.
+derivation (`FirstDerivation`, `SecondDerivation`) brings its own vectors.
 
 - "pin": a point of one frame is a point of another: 2 rows in the plane, 3 in space
 - "weld": and they do not turn against each other: 1 row more in the plane, 3 in space
@@ -34,40 +35,40 @@ import numpy as np
 from eomcheck.descriptions import second_derivation
 from eomcheck.descriptions.first_derivation import (
     GROUND,
-    STILL,
-    columns,
-    moving,
-    placed,
-    point_of,
-    swung,
+    GROUND_RATES,
+    arm_and_position,
+    frame_rates,
+    joint_frames,
+    point_columns,
+    relative_acceleration,
     turning_columns,
 )
 from eomcheck.descriptions.optional_algebra import (
     AXES,
-    NOTHING,
+    ZERO_VECTOR,
     Vector,
-    added,
+    add_vectors,
+    as_vector,
     centripetal,
     cross,
     dot,
-    levelled,
+    from_local,
     minus,
     plus,
     put,
-    scaled,
-    subtracted,
+    scale_vector,
+    subtract_vectors,
     times,
-    vector,
 )
-from eomcheck.descriptions.second_derivation import level
-from eomcheck.descriptions.topology import Closure, Plan
+from eomcheck.descriptions.second_derivation import direction_in_ground
+from eomcheck.descriptions.topology import ConstraintSpec, TopologyPlan
 
 # ---- Vectors and rows ----------------------------------------------------------------------------
 
 Columns = dict[int, Vector]
 
 
-class Moving(NamedTuple):
+class MovingVector(NamedTuple):
     """A vector along the axes of the ground, and what a derivation knows of its motion."""
 
     value: Vector
@@ -78,7 +79,7 @@ class Moving(NamedTuple):
     """Second rate at v̇ = 0; nothing in the second derivation."""
 
 
-class Row(NamedTuple):
+class ConstraintRow(NamedTuple):
     """One constraint; what is absent is 0."""
 
     position: Any
@@ -94,19 +95,19 @@ class Row(NamedTuple):
 class Derivation(Protocol):
     """What a row is made of."""
 
-    def point(self, k: int, a: Vector) -> Moving:
+    def point(self, k: int, a: Vector) -> MovingVector:
         """Return the point a of frame k, -1 for the ground."""
         ...
 
-    def direction(self, k: int, a: Vector) -> Moving:
+    def direction(self, k: int, a: Vector) -> MovingVector:
         """Return the direction a of frame k."""
         ...
 
-    def turning(self, k: int) -> Moving:
+    def turning(self, k: int) -> MovingVector:
         """Return how frame k turns: the angular velocity as a rate, and nothing as its value."""
         ...
 
-    def rim(self, axis: Moving, normal: Moving) -> tuple[Vector, Vector]:
+    def rim(self, axis: MovingVector, normal: MovingVector) -> tuple[Vector, Vector]:
         """Return n × (e × n), of a disk's axis n and a normal e, and its rate, where known."""
         ...
 
@@ -116,14 +117,14 @@ class Derivation(Protocol):
     sines: Any
 
 
-class Read(NamedTuple):
+class ConstraintInputs(NamedTuple):
     """What the rows of a closure are made of."""
 
-    points: list[Moving]
-    directions: list[Moving]
+    points: list[MovingVector]
+    directions: list[MovingVector]
     frames: tuple[int, ...]
     """Those of the points."""
-    closure: Closure
+    closure: ConstraintSpec
     given: Any
     """Parameters."""
     at: Derivation
@@ -134,42 +135,44 @@ class Read(NamedTuple):
     """Of the angle between the axis of a disk and the normal of its plane."""
 
     @property
-    def second(self) -> list[Moving]:
+    def second(self) -> list[MovingVector]:
         """Axes of the second frame."""
         return [self.at.direction(self.frames[1], x) for x in AXES]
 
     @property
-    def turning(self) -> list[Moving]:
+    def turning(self) -> list[MovingVector]:
         """How the frames of the points turn."""
         return [self.at.turning(k) for k in self.frames]
 
     @property
-    def apart(self) -> Moving:
+    def apart(self) -> MovingVector:
         """The first point as seen from the second."""
-        return between(*self.points)
+        return relative_vector(*self.points)
 
 
-def between(a: Moving, b: Moving) -> Moving:
+def relative_vector(a: MovingVector, b: MovingVector) -> MovingVector:
     """Return the vector to a from b."""
-    return Moving(
-        subtracted(a.value, b.value),
-        subtracted(a.rate, b.rate),
+    return MovingVector(
+        subtract_vectors(a.value, b.value),
+        subtract_vectors(a.rate, b.rate),
         {
-            i: subtracted(a.columns.get(i, NOTHING), b.columns.get(i, NOTHING))
+            i: subtract_vectors(a.columns.get(i, ZERO_VECTOR), b.columns.get(i, ZERO_VECTOR))
             for i in {**a.columns, **b.columns}
         },
-        subtracted(a.rest, b.rest),
+        subtract_vectors(a.rest, b.rest),
     )
 
 
-def product(a: Moving, b: Moving) -> Row:
+def dot_row(a: MovingVector, b: MovingVector) -> ConstraintRow:
     """Return that a · b = 0."""
     columns = {
-        i: plus(dot(a.columns.get(i, NOTHING), b.value), dot(a.value, b.columns.get(i, NOTHING)))
+        i: plus(
+            dot(a.columns.get(i, ZERO_VECTOR), b.value), dot(a.value, b.columns.get(i, ZERO_VECTOR))
+        )
         for i in {**a.columns, **b.columns}
     }
     rest = plus(dot(a.rest, b.value), dot(a.value, b.rest))
-    return Row(
+    return ConstraintRow(
         dot(a.value, b.value),
         plus(dot(a.rate, b.value), dot(a.value, b.rate)),
         columns,
@@ -177,18 +180,18 @@ def product(a: Moving, b: Moving) -> Row:
     )
 
 
-def repeated(row: Row, factor: Any) -> Row:
+def scaled_row(row: ConstraintRow, factor: Any) -> ConstraintRow:
     """Return so many times a row."""
     columns = {i: times(factor, x) for i, x in row.columns.items()}
     numbers = (times(factor, x) for x in (row.position, row.rate, row.rest, row.b))
     position, rate, rest, b = numbers
-    return Row(position, rate, columns, rest, b)
+    return ConstraintRow(position, rate, columns, rest, b)
 
 
 # ---- Rolling on a plane --------------------------------------------------------------------------
 
 
-def with_sines(plan: Plan, prepare: Callable) -> Callable:
+def with_sines(plan: TopologyPlan, prepare: Callable) -> Callable:
     """Return a function that prepares too how far the axes of disks are from upright."""
     if not plan.disks:
         return prepare
@@ -198,7 +201,9 @@ def with_sines(plan: Plan, prepare: Callable) -> Callable:
         square = np.zeros(len(plan.disks), q.dtype)
         for i, pair in enumerate(plan.disks):
             axis, normal = (
-                level(plan, parameters, prepared, k, vector(parameters.directions[j]))
+                direction_in_ground(
+                    plan, parameters, prepared, k, as_vector(parameters.directions[j])
+                )
                 for k, j in pair
             )
             across = cross(normal, axis)  # 1 - (e · n)² has no digit left of a small sine
@@ -208,54 +213,54 @@ def with_sines(plan: Plan, prepare: Callable) -> Callable:
     return prepare_all
 
 
-def radius(read: Read) -> Any:
+def radius(read: ConstraintInputs) -> Any:
     """Return R, m."""
     return read.given.lengths[read.closure.number]
 
 
-def arm_of(read: Read) -> tuple[Vector, Vector]:
+def contact_arm(read: ConstraintInputs) -> tuple[Vector, Vector]:
     """Return from the centre to the point of contact, and the rate of that."""
     R, (_, *told) = radius(read), read.directions
     if len(told) == 1:
         (spoke,) = told
-        return scaled(-R, spoke.value), scaled(-R, spoke.rate)
+        return scale_vector(-R, spoke.value), scale_vector(-R, spoke.rate)
     axis, normal = told
-    upright, s = product(axis, normal), read.sine
+    upright, s = dot_row(axis, normal), read.sine
     share = -(R / s)
     spoke, moved = read.at.rim(axis, normal)
-    arm = scaled(share, spoke)
+    arm = scale_vector(share, spoke)
     shorter = times(times(upright.position, upright.rate), 1 / (s * s))
-    return arm, added(scaled(share, moved), scaled(shorter, arm))
+    return arm, add_vectors(scale_vector(share, moved), scale_vector(shorter, arm))
 
 
-def slipping(read: Read) -> Moving:
+def slip_velocity(read: ConstraintInputs) -> MovingVector:
     """Return how fast the point of contact moves against the plane that it touches."""
     (center, foot), (spin, turn) = read.points, read.turning
-    arm, wandering = arm_of(read)
-    reach = added(subtracted(center.value, foot.value), arm)
-    rim = added(center.rate, cross(spin.rate, arm))
-    floor = added(foot.rate, cross(turn.rate, reach))
+    arm, wandering = contact_arm(read)
+    reach = add_vectors(subtract_vectors(center.value, foot.value), arm)
+    rim = add_vectors(center.rate, cross(spin.rate, arm))
+    floor = add_vectors(foot.rate, cross(turn.rate, reach))
     columns = {}
     for i in {**center.columns, **spin.columns, **foot.columns, **turn.columns}:
-        V, omega, W, Omega = (x.columns.get(i, NOTHING) for x in (center, spin, foot, turn))
-        apart = added(subtracted(V, W), cross(reach, Omega))
-        columns[i] = subtracted(apart, cross(arm, omega))
-    going = added(subtracted(center.rate, foot.rate), wandering)
-    rolled = added(cross(spin.rest, arm), cross(spin.rate, wandering))
-    carried = added(cross(turn.rest, reach), cross(turn.rate, going))
-    rest = added(subtracted(center.rest, foot.rest), subtracted(rolled, carried))
-    return Moving(NOTHING, subtracted(rim, floor), columns, rest)
+        V, omega, W, Omega = (x.columns.get(i, ZERO_VECTOR) for x in (center, spin, foot, turn))
+        apart = add_vectors(subtract_vectors(V, W), cross(reach, Omega))
+        columns[i] = subtract_vectors(apart, cross(arm, omega))
+    going = add_vectors(subtract_vectors(center.rate, foot.rate), wandering)
+    rolled = add_vectors(cross(spin.rest, arm), cross(spin.rate, wandering))
+    carried = add_vectors(cross(turn.rest, reach), cross(turn.rate, going))
+    rest = add_vectors(subtract_vectors(center.rest, foot.rest), subtract_vectors(rolled, carried))
+    return MovingVector(ZERO_VECTOR, subtract_vectors(rim, floor), columns, rest)
 
 
-def rolling(read: Read) -> list[Row]:
+def rolling_rows(read: ConstraintInputs) -> list[ConstraintRow]:
     """Return that the point of contact does not slip along a direction."""
     _, *told = read.closure.directions
-    place = slipping, read.closure.points, tuple(told), read.closure.number
+    place = slip_velocity, read.closure.points, tuple(told), read.closure.number
     if place not in read.seen:
-        read.seen[place] = slipping(read)
+        read.seen[place] = slip_velocity(read)
     slip, along = read.seen[place], read.directions[0]
     return [
-        Row(
+        ConstraintRow(
             None,
             dot(slip.rate, along.value),
             {i: dot(x, along.value) for i, x in slip.columns.items()},
@@ -264,7 +269,7 @@ def rolling(read: Read) -> list[Row]:
     ]
 
 
-def touching(read: Read) -> list[Row]:
+def touching_rows(read: ConstraintInputs) -> list[ConstraintRow]:
     """Return that the point of contact is on the plane, whose normal is the first direction.
 
     Its height is found where it is, and its row from how the point of contact moves.
@@ -273,9 +278,9 @@ def touching(read: Read) -> list[Row]:
     if (
         read.closure.directions[1:] == read.closure.directions[:1]
     ):  # a ball: R below its centre, however the plane turns
-        row = product(read.apart, normal)
+        row = dot_row(read.apart, normal)
         return [row._replace(position=minus(row.position, R))]
-    (row,) = rolling(read)
+    (row,) = rolling_rows(read)
     centered = dot(read.apart.value, normal.value)
     rise = read.sine if len(told) == 2 else dot(told[0].value, normal.value)
     return [row._replace(position=minus(centered, times(R, rise)))]
@@ -284,38 +289,38 @@ def touching(read: Read) -> list[Row]:
 # ---- Kinds of constraints ------------------------------------------------------------------------
 
 
-def pin(read: Read) -> list[Row]:
+def pin_rows(read: ConstraintInputs) -> list[ConstraintRow]:
     """Return that two points are one."""
     a = read.apart
     return [
-        Row(a.value[i], a.rate[i], {j: x[i] for j, x in a.columns.items()}, a.rest[i])
+        ConstraintRow(a.value[i], a.rate[i], {j: x[i] for j, x in a.columns.items()}, a.rest[i])
         for i in range(2 if read.planar else 3)
     ]
 
 
-def weld(read: Read) -> list[Row]:
+def weld_rows(read: ConstraintInputs) -> list[ConstraintRow]:
     """Return that two frames are one."""
     x, *others = read.directions
     along_x, along_y, along_z = read.second
-    rows = [*pin(read), product(x, along_y)]
+    rows = [*pin_rows(read), dot_row(x, along_y)]
     if not read.planar:
         y, z = others
-        rows += [product(y, along_z), product(z, along_x)]
+        rows += [dot_row(y, along_z), dot_row(z, along_x)]
     return rows
 
 
-def hinge(read: Read) -> list[Row]:
+def hinge_rows(read: ConstraintInputs) -> list[ConstraintRow]:
     """Return that two points are one, and a direction across two others."""
     first, second, axis = read.directions
-    return [*pin(read), product(first, axis), product(second, axis)]
+    return [*pin_rows(read), dot_row(first, axis), dot_row(second, axis)]
 
 
-def distance(read: Read) -> list[Row]:
+def distance_rows(read: ConstraintInputs) -> list[ConstraintRow]:
     """Return that (d² - L²)/2 = 0."""
     apart, length = read.apart, read.given.lengths[read.closure.number]
     square = minus(dot(apart.value, apart.value), length * length)
     return [
-        Row(
+        ConstraintRow(
             None if square is None else square / 2,
             dot(apart.value, apart.rate),
             {i: dot(apart.value, x) for i, x in apart.columns.items()},
@@ -324,38 +329,38 @@ def distance(read: Read) -> list[Row]:
     ]
 
 
-def on_plane(read: Read) -> list[Row]:
+def on_plane_rows(read: ConstraintInputs) -> list[ConstraintRow]:
     """Return that a point is on the plane across a direction through another."""
-    return [product(read.apart, read.directions[0])]
+    return [dot_row(read.apart, read.directions[0])]
 
 
-def on_quadric(read: Read) -> list[Row]:
+def on_quadric_rows(read: ConstraintInputs) -> list[ConstraintRow]:
     """Return that Σ (k_i s_i²/2 + g_i s_i) - h = 0 of a point's places s along three directions."""
     numbers, apart = read.given.surfaces[read.closure.number], read.apart
     position = rate = rest = None
     columns: dict[int, Any] = {}
     for i, direction in enumerate(read.directions):
-        s, bend, slope = product(apart, direction), numbers[i], numbers[3 + i]
+        s, bend, slope = dot_row(apart, direction), numbers[i], numbers[3 + i]
         bent = times(bend, s.position)
         steep, mean = plus(bent, slope), plus(None if bent is None else bent / 2, slope)
         position = plus(position, times(s.position, mean))
         rate = plus(rate, times(steep, s.rate))
         columns |= {j: plus(columns.get(j), times(steep, x)) for j, x in s.columns.items()}
         rest = plus(rest, plus(times(steep, s.rest), times(bend, times(s.rate, s.rate))))
-    return [Row(minus(position, numbers[6]), rate, columns, rest)]
+    return [ConstraintRow(minus(position, numbers[6]), rate, columns, rest)]
 
 
-def square(read: Read) -> list[Row]:
+def perpendicular_rows(read: ConstraintInputs) -> list[ConstraintRow]:
     """Return that two directions are perpendicular."""
     a, b = read.directions
-    return [product(a, b)]
+    return [dot_row(a, b)]
 
 
-def edge(read: Read) -> list[Row]:
+def knife_edge_rows(read: ConstraintInputs) -> list[ConstraintRow]:
     """Return that a point has no velocity along a direction."""
     (point,), (along,) = read.points, read.directions
     return [
-        Row(
+        ConstraintRow(
             None,
             dot(point.rate, along.value),
             {i: dot(x, along.value) for i, x in point.columns.items()},
@@ -364,26 +369,26 @@ def edge(read: Read) -> list[Row]:
     ]
 
 
-def coupling(read: Read) -> list[Row]:
+def coupling_rows(read: ConstraintInputs) -> list[ConstraintRow]:
     """Return that one coordinate follows another."""
     (i, j), (ratio, shift) = read.closure.coordinates, read.given.couplings[read.closure.number]
     q, v = read.at.q, read.at.v
     rate = None if v is None else v[i] - ratio * v[j]
-    return [Row(q[i] - ratio * q[j] - shift, rate, {i: 1, j: -ratio}, None)]
+    return [ConstraintRow(q[i] - ratio * q[j] - shift, rate, {i: 1, j: -ratio}, None)]
 
 
-def drive(read: Read) -> list[Row]:
+def drive_rows(read: ConstraintInputs) -> list[ConstraintRow]:
     """Return that a coordinate follows a clock."""
     (i,) = read.closure.coordinates
     position, rate, acceleration = read.at.driven[:, read.closure.number]
     moved = None if read.at.v is None else read.at.v[i] - rate
-    return [Row(read.at.q[i] - position, moved, {i: 1}, -acceleration, -rate)]
+    return [ConstraintRow(read.at.q[i] - position, moved, {i: 1}, -acceleration, -rate)]
 
 
-class Closing(NamedTuple):
+class ConstraintKind(NamedTuple):
     """A kind of closure."""
 
-    rows: Callable[[Read], list[Row]]
+    rows: Callable[[ConstraintInputs], list[ConstraintRow]]
     planar: int
     """Number of rows in the plane."""
     spatial: int
@@ -394,35 +399,35 @@ class Closing(NamedTuple):
 
 
 KINDS = {
-    "pin": Closing(pin, 2, 3, 2),
-    "weld": Closing(weld, 3, 6, 2),
-    "hinge": Closing(hinge, 0, 5, 2),
-    "distance": Closing(distance, 1, 1, 2, "lengths"),
-    "on-plane": Closing(on_plane, 1, 1, 2),
-    "on-quadric": Closing(on_quadric, 1, 1, 2, "surfaces"),
-    "square": Closing(square, 1, 1),
-    "coupling": Closing(coupling, 1, 1, numbers="couplings"),
-    "drive": Closing(drive, 1, 1, numbers="drives"),
-    "edge": Closing(edge, 1, 1, 1, holonomic=False),
-    "touching": Closing(touching, 1, 1, 2, "lengths"),
-    "rolling": Closing(rolling, 1, 1, 2, "lengths", holonomic=False),
+    "pin": ConstraintKind(pin_rows, 2, 3, 2),
+    "weld": ConstraintKind(weld_rows, 3, 6, 2),
+    "hinge": ConstraintKind(hinge_rows, 0, 5, 2),
+    "distance": ConstraintKind(distance_rows, 1, 1, 2, "lengths"),
+    "on-plane": ConstraintKind(on_plane_rows, 1, 1, 2),
+    "on-quadric": ConstraintKind(on_quadric_rows, 1, 1, 2, "surfaces"),
+    "square": ConstraintKind(perpendicular_rows, 1, 1),
+    "coupling": ConstraintKind(coupling_rows, 1, 1, numbers="couplings"),
+    "drive": ConstraintKind(drive_rows, 1, 1, numbers="drives"),
+    "edge": ConstraintKind(knife_edge_rows, 1, 1, 1, holonomic=False),
+    "touching": ConstraintKind(touching_rows, 1, 1, 2, "lengths"),
+    "rolling": ConstraintKind(rolling_rows, 1, 1, 2, "lengths", holonomic=False),
 }
 
 
-def rows_of(closure: Closure, planar: bool) -> int:
+def row_count(closure: ConstraintSpec, planar: bool) -> int:
     """Return how many rows a closure has."""
     kind = KINDS[closure.kind]
     return kind.planar if planar else kind.spatial
 
 
-def rows(plan: Plan, given: Any, at: Derivation) -> list[Row]:
+def all_rows(plan: TopologyPlan, given: Any, at: Derivation) -> list[ConstraintRow]:
     """Return all rows, closure by closure."""
-    found: list[Row] = []
+    found: list[ConstraintRow] = []
     seen: dict[Any, Any] = {}  # many closures share a point, or a place where something rolls
 
-    def of(what: Callable, k: int, i: int, numbers: Any) -> Moving:
+    def of(what: Callable, k: int, i: int, numbers: Any) -> MovingVector:
         if (what, k, i) not in seen:
-            seen[what, k, i] = what(k, vector(numbers[i]))
+            seen[what, k, i] = what(k, as_vector(numbers[i]))
         return seen[what, k, i]
 
     for closure in plan.topology.closures:
@@ -432,10 +437,10 @@ def rows(plan: Plan, given: Any, at: Derivation) -> list[Row]:
         disk = plan.disk.get(closure.directions[1:])
         sine = None if disk is None else at.sines[disk]
         planar = plan.topology.planar
-        read = Read(points, directions, frames, closure, given, at, planar, seen, sine)
+        read = ConstraintInputs(points, directions, frames, closure, given, at, planar, seen, sine)
         some = KINDS[closure.kind].rows(read)
         if closure.factor is not None:
-            some = [repeated(row, given.factors[closure.factor]) for row in some]
+            some = [scaled_row(row, given.factors[closure.factor]) for row in some]
         found += some
     return found
 
@@ -443,109 +448,124 @@ def rows(plan: Plan, given: Any, at: Derivation) -> list[Row]:
 # ---- Two derivations, and the functions of a scene -----------------------------------------------
 
 
-class First:
+class FirstDerivation:
     """Vectors by columns and rests; without v only where they are and their columns."""
 
-    def __init__(self, plan: Plan, parameters: Any, prepared: Any, q: Any, v: Any = None):
+    def __init__(self, plan: TopologyPlan, parameters: Any, prepared: Any, q: Any, v: Any = None):
         self.plan, self.q, self.v = plan, q, v
         self.driven, self.sines = prepared.driven, prepared.sines
-        self.frames = placed(plan, parameters, prepared)
-        self.rates = None if v is None else moving(plan, parameters, self.frames, v)
+        self.frames = joint_frames(plan, parameters, prepared)
+        self.rates = None if v is None else frame_rates(plan, parameters, self.frames, v)
 
-    def point(self, k: int, a: Vector) -> Moving:
+    def point(self, k: int, a: Vector) -> MovingVector:
         """Return the point a of frame k."""
-        arm, at = point_of(self.frames, k, a)
-        found = columns(self.plan, self.frames, k, (arm, at))
+        arm, at = arm_and_position(self.frames, k, a)
+        found = point_columns(self.plan, self.frames, k, (arm, at))
         if self.rates is None or k < 0:
-            return Moving(at, NOTHING, found, NOTHING)
-        rest = added(self.rates[k].rest, swung(self.rates[k], arm))
-        return Moving(at, self._rate(found), found, rest)
+            return MovingVector(at, ZERO_VECTOR, found, ZERO_VECTOR)
+        rest = add_vectors(self.rates[k].rest, relative_acceleration(self.rates[k], arm))
+        return MovingVector(at, self._rate(found), found, rest)
 
-    def direction(self, k: int, a: Vector) -> Moving:
+    def direction(self, k: int, a: Vector) -> MovingVector:
         """Return the direction a of frame k."""
-        along = levelled((self.frames[k] if k >= 0 else GROUND).axes, a)
+        along = from_local((self.frames[k] if k >= 0 else GROUND).axes, a)
         turning = turning_columns(self.plan, self.frames, k)
         found = {i: cross(x, along) for i, x in turning.items()}
-        rates = STILL if self.rates is None or k < 0 else self.rates[k]
-        rest = added(cross(rates.alpha, along), centripetal(rates.omega, along))
-        return Moving(along, cross(rates.omega, along), found, rest)
+        rates = GROUND_RATES if self.rates is None or k < 0 else self.rates[k]
+        rest = add_vectors(cross(rates.alpha, along), centripetal(rates.omega, along))
+        return MovingVector(along, cross(rates.omega, along), found, rest)
 
-    def turning(self, k: int) -> Moving:
+    def turning(self, k: int) -> MovingVector:
         """Return how frame k turns."""
-        rates = STILL if self.rates is None or k < 0 else self.rates[k]
+        rates = GROUND_RATES if self.rates is None or k < 0 else self.rates[k]
         found = turning_columns(self.plan, self.frames, k)
-        return Moving(NOTHING, rates.omega, found, rates.alpha)
+        return MovingVector(ZERO_VECTOR, rates.omega, found, rates.alpha)
 
-    def rim(self, axis: Moving, normal: Moving) -> tuple[Vector, Vector]:
+    def rim(self, axis: MovingVector, normal: MovingVector) -> tuple[Vector, Vector]:
         """Return (n·n) e - (e·n) n and its rate."""
-        upright, square = product(axis, normal), dot(axis.value, axis.value)
-        along = scaled(upright.position, axis.value)
-        moved = added(scaled(upright.rate, axis.value), scaled(upright.position, axis.rate))
-        spoke, rate = (scaled(square, x) for x in (normal.value, normal.rate))
-        return subtracted(spoke, along), subtracted(rate, moved)
+        upright, square = dot_row(axis, normal), dot(axis.value, axis.value)
+        along = scale_vector(upright.position, axis.value)
+        moved = add_vectors(
+            scale_vector(upright.rate, axis.value), scale_vector(upright.position, axis.rate)
+        )
+        spoke, rate = (scale_vector(square, x) for x in (normal.value, normal.rate))
+        return subtract_vectors(spoke, along), subtract_vectors(rate, moved)
 
     def _rate(self, found: dict[int, Vector]) -> Vector:
-        rate = NOTHING
+        rate = ZERO_VECTOR
         for i, one in found.items():
-            rate = added(rate, tuple(None if x is None else x * self.v[i] for x in one))
+            rate = add_vectors(rate, tuple(None if x is None else x * self.v[i] for x in one))
         return rate
 
 
-class Second:
+class SecondDerivation:
     """Vectors by positions and velocities that are passed on; without v only where they are."""
 
-    def __init__(self, plan: Plan, parameters: Any, prepared: Any, q: Any, v: Any = None):
+    def __init__(self, plan: TopologyPlan, parameters: Any, prepared: Any, q: Any, v: Any = None):
         self.here, self.q, self.v = (plan, parameters, prepared), q, v
         self.driven, self.sines = prepared.driven, prepared.sines
         self.rates = (
-            None if v is None else second_derivation.passed_on(plan, parameters, prepared, v)
+            None if v is None else second_derivation.frame_velocities(plan, parameters, prepared, v)
         )
 
-    def point(self, k: int, a: Vector) -> Moving:
+    def point(self, k: int, a: Vector) -> MovingVector:
         """Return the point a of frame k."""
-        rate = NOTHING if self.rates is None else second_derivation.moved_point(self.rates, k, a)
-        at, moved = (
-            second_derivation.place(*self.here, k, a),
-            second_derivation.level(*self.here, k, rate),
+        rate = (
+            ZERO_VECTOR
+            if self.rates is None
+            else second_derivation.point_velocity(self.rates, k, a)
         )
-        return Moving(at, moved, {}, NOTHING)
+        at, moved = (
+            second_derivation.point_in_ground(*self.here, k, a),
+            second_derivation.direction_in_ground(*self.here, k, rate),
+        )
+        return MovingVector(at, moved, {}, ZERO_VECTOR)
 
-    def direction(self, k: int, a: Vector) -> Moving:
+    def direction(self, k: int, a: Vector) -> MovingVector:
         """Return the direction a of frame k."""
-        omega = NOTHING if self.rates is None or k < 0 else self.rates[k][1]
-        along, rate = (second_derivation.level(*self.here, k, x) for x in (a, cross(omega, a)))
-        return Moving(along, rate, {}, NOTHING)
+        omega = ZERO_VECTOR if self.rates is None or k < 0 else self.rates[k][1]
+        along, rate = (
+            second_derivation.direction_in_ground(*self.here, k, x) for x in (a, cross(omega, a))
+        )
+        return MovingVector(along, rate, {}, ZERO_VECTOR)
 
-    def turning(self, k: int) -> Moving:
+    def turning(self, k: int) -> MovingVector:
         """Return how frame k turns."""
-        omega = NOTHING if self.rates is None or k < 0 else self.rates[k][1]
-        return Moving(NOTHING, second_derivation.level(*self.here, k, omega), {}, NOTHING)
+        omega = ZERO_VECTOR if self.rates is None or k < 0 else self.rates[k][1]
+        return MovingVector(
+            ZERO_VECTOR,
+            second_derivation.direction_in_ground(*self.here, k, omega),
+            {},
+            ZERO_VECTOR,
+        )
 
-    def rim(self, axis: Moving, normal: Moving) -> tuple[Vector, Vector]:
+    def rim(self, axis: MovingVector, normal: MovingVector) -> tuple[Vector, Vector]:
         """Return n × (e × n)."""
-        return cross(axis.value, cross(normal.value, axis.value)), NOTHING
+        return cross(axis.value, cross(normal.value, axis.value)), ZERO_VECTOR
 
 
-def holonomic_rows(plan: Plan) -> list[int]:
+def holonomic_rows(plan: TopologyPlan) -> list[int]:
     """Return which rows are rates of positions."""
     planar, closures = plan.topology.planar, plan.topology.closures
-    each = [KINDS[one.kind].holonomic for one in closures for _ in range(rows_of(one, planar))]
+    each = [KINDS[one.kind].holonomic for one in closures for _ in range(row_count(one, planar))]
     return [i for i, one in enumerate(each) if one]
 
 
-def constraints_of(plan: Plan) -> dict[str, Any]:
+def make_constraint_functions(plan: TopologyPlan) -> dict[str, Any]:
     """Return the functions of a scene that are about its closures."""
     closures = plan.topology.closures
     if not closures:
         return {}
     planar = plan.topology.planar
-    r = sum(rows_of(one, planar) for one in closures)
+    r = sum(row_count(one, planar) for one in closures)
     held = holonomic_rows(plan)
     driven = any(one.kind == "drive" for one in closures)
 
     def constraints(parameters, prepared, q):
         a, b = np.zeros((r, plan.n), q.dtype), np.zeros(r, q.dtype)
-        for i, row in enumerate(rows(plan, parameters, First(plan, parameters, prepared, q))):
+        for i, row in enumerate(
+            all_rows(plan, parameters, FirstDerivation(plan, parameters, prepared, q))
+        ):
             for j, x in row.columns.items():
                 put(a, (i, j), x)
             put(b, i, row.b)
@@ -553,21 +573,21 @@ def constraints_of(plan: Plan) -> dict[str, Any]:
 
     def drift(parameters, prepared, q, v):
         gamma = np.zeros(r, v.dtype)
-        found = rows(plan, parameters, First(plan, parameters, prepared, q, v))
+        found = all_rows(plan, parameters, FirstDerivation(plan, parameters, prepared, q, v))
         for i, row in enumerate(found):
             put(gamma, i, row.rest)
         return gamma
 
     def constraint(parameters, prepared, q, v):
         c = np.zeros(r, v.dtype)
-        found = rows(plan, parameters, Second(plan, parameters, prepared, q, v))
+        found = all_rows(plan, parameters, SecondDerivation(plan, parameters, prepared, q, v))
         for i, row in enumerate(found):
             put(c, i, row.rate)
         return c
 
     def position_residual(parameters, prepared, q):
         residual = np.zeros(len(held), q.dtype)
-        found = rows(plan, parameters, Second(plan, parameters, prepared, q))
+        found = all_rows(plan, parameters, SecondDerivation(plan, parameters, prepared, q))
         for i, k in enumerate(held):
             put(residual, i, found[k].position)
         return residual

@@ -16,10 +16,10 @@ import numpy as np
 
 from eomcheck.descriptions.constraint_rows import KINDS
 from eomcheck.descriptions.elements import COORDINATES, Constraint, Joint, Link, Spring, Triple
-from eomcheck.descriptions.first_derivation import placed
-from eomcheck.descriptions.mechanism_class import doubles, planned, tree_by
-from eomcheck.descriptions.quaternions import ONE, Quaternion, rotation
-from eomcheck.descriptions.topology import Closure, Plan, Slot, Topology
+from eomcheck.descriptions.first_derivation import joint_frames
+from eomcheck.descriptions.mechanism_class import none_as_zero, plan_and_functions, tree_by
+from eomcheck.descriptions.quaternions import IDENTITY, Quaternion, rotation_matrix
+from eomcheck.descriptions.topology import ConstraintSpec, ScalarJoint, Topology, TopologyPlan
 from eomcheck.errors import InputError
 from eomcheck.mechanics.derived_functions import support_of
 from eomcheck.mechanics.parameters import Parametric
@@ -29,7 +29,7 @@ from eomcheck.numbers.generic import FLOAT64, Array, generic
 GROUND = "ground"
 """The link on which everything stands."""
 
-SLOTS = {
+SCALAR_KINDS = {
     "revolute": ("r",),
     "prismatic": ("p",),
     "planar": ("px", "py", "rz"),
@@ -57,7 +57,7 @@ class Description(NamedTuple):
     planar: bool = False
 
 
-class Numbers(NamedTuple):
+class DescriptionParameters(NamedTuple):
     """What the functions of a plan read."""
 
     mass: Any
@@ -78,19 +78,21 @@ class Numbers(NamedTuple):
     gravity: Any
 
 
-def absent(entries: Iterable[Any]) -> tuple[Any, ...]:
+def zeros_as_none(entries: Iterable[Any]) -> tuple[Any, ...]:
     """Return entries of which those that are literally 0 are None."""
     return tuple(None if type(x) in (int, float) and x == 0 else x for x in entries)
 
 
-class _Reading:
+class _DescriptionReader:
     """A description while it is read: slots and, in the order of their places, numbers."""
 
     def __init__(self, told: Description):
         self.told, self.slots = told, []
         self.links = {link.name: link for link in told.links}
-        self.bodies = [name for name, link in self.links.items() if any_of(absent((link.mass,)))]
-        self.numbers: dict[str, list[Any]] = {name: [] for name in Numbers._fields}
+        self.bodies = [
+            name for name, link in self.links.items() if any_present(zeros_as_none((link.mass,)))
+        ]
+        self.numbers: dict[str, list[Any]] = {name: [] for name in DescriptionParameters._fields}
         self.places: dict[Any, int] = {}
         joints = tuple(told.joints)
         names = [joint.name + part for joint in joints for part in COORDINATES[joint.kind]]
@@ -101,20 +103,20 @@ class _Reading:
             self._hang(joint, place)
 
     def _hang(self, joint: Joint, place: dict[str, int]) -> None:
-        kinds, parent = SLOTS[joint.kind], self.at[joint.parent]
-        offset = absent(joint.place)
+        kinds, parent = SCALAR_KINDS[joint.kind], self.at[joint.parent]
+        offset = zeros_as_none(joint.place)
         for i, (kind, part) in enumerate(zip(kinds, COORDINATES[joint.kind], strict=True)):
             axis, sense = _axis(joint.axis)
             first, last = i == 0, i == len(kinds) - 1
             link = joint.child if last and joint.child in self.bodies else None
             self.slots.append(
-                Slot(
+                ScalarJoint(
                     parent if first else len(self.slots) - 1,
                     kind if len(kind) == 2 else kind + axis,
                     place[joint.name + part],
                     sense if len(kinds) == 1 else 1,
                     turn=self.number("rotation", _seat(joint.turn)) if first else None,
-                    offset=self.number("offset", offset) if first and any_of(offset) else None,
+                    offset=self.number("offset", offset) if first and any_present(offset) else None,
                     body=None if link is None else self.bodies.index(link),
                     absolute=joint.absolute,
                     torque=self.number("torque", joint.torque),
@@ -144,12 +146,12 @@ class _Reading:
         """Keep a point or a direction, once for all who share it, and return its place."""
         if (name, id(x)) not in self.places:
             self.places[name, id(x)] = len(self.numbers[name])
-            self.numbers[name].append(absent(x))
+            self.numbers[name].append(zeros_as_none(x))
         return self.places[name, id(x)]
 
-    def closure(self, one: Constraint) -> Closure:
+    def closure(self, one: Constraint) -> ConstraintSpec:
         """Return a constraint by places."""
-        return Closure(
+        return ConstraintSpec(
             one.kind,
             one.name,
             tuple((self.at[link], self.vector("points", at)) for link, at in one.points),
@@ -158,11 +160,11 @@ class _Reading:
             factor=self.number("factors", one.factor),
         )
 
-    def spring(self, one: Spring) -> Closure:
+    def spring(self, one: Spring) -> ConstraintSpec:
         """Return a spring by places."""
         ends = (one.link, one.at), (one.other, one.at_other)
         points = tuple((self.at[link], self.vector("points", at)) for link, at in ends)
-        return Closure("spring", one.name, points, number=self.number("springs", one))
+        return ConstraintSpec("spring", one.name, points, number=self.number("springs", one))
 
     def topology(self) -> Topology:
         """Return what all such mechanisms have in common."""
@@ -171,11 +173,11 @@ class _Reading:
         springs = tuple(self.spring(one) for one in told.springs)
         for name in self.bodies:
             self.number("mass", self.links[name].mass)
-            self.number("center", absent(self.links[name].center))
+            self.number("center", zeros_as_none(self.links[name].center))
         return Topology(tuple(self.slots), self.coordinates, told.planar, closures, springs)
 
 
-def any_of(entries: tuple[Any, ...]) -> bool:
+def any_present(entries: tuple[Any, ...]) -> bool:
     """Return whether any entry is there."""
     return any(x is not None for x in entries)
 
@@ -189,50 +191,50 @@ def _axis(axis: Triple) -> tuple[str, int]:
 def _seat(turn: Any) -> Any:
     """Return the rotation of a seat, None where it is not turned."""
     if np.shape(turn) == (3, 3):
-        return np.array([absent(row) for row in turn], object)
+        return np.array([zeros_as_none(row) for row in turn], object)
     return _quarters(turn)
 
 
 @lru_cache(64)
 def _quarters(turn: Quaternion) -> Any:
     """Return the rotation of a seat as whole numbers, None where it is not turned."""
-    if turn == ONE:
+    if turn == IDENTITY:
         return None
-    whole = np.rint(rotation(turn)).astype(int)
-    if np.abs(whole - rotation(turn)).max() > 1e-12:
+    whole = np.rint(rotation_matrix(turn)).astype(int)
+    if np.abs(whole - rotation_matrix(turn)).max() > 1e-12:
         raise TypeError(f"turn = {turn}: seats of scenes are turned by quarters")
     return np.array([[int(x) or None for x in row] for row in whole], object)
 
 
-class Understood(NamedTuple):
+class ParsedDescription(NamedTuple):
     """A description that has been read."""
 
-    plan: Plan
+    plan: TopologyPlan
     functions: dict[str, Callable]
-    given: Numbers
+    given: DescriptionParameters
     slots: dict[str, int]
     """Those that move the links, by name; -1 for the ground."""
 
 
-REMEMBERED = 4
+CACHE_SIZE = 4
 """Readings in doubles that are remembered: of a state that is looked at there are hundreds."""
 
-_remembered: tuple[tuple[Callable, Any, Understood], ...] = ()
+_cache: tuple[tuple[Callable, Any, ParsedDescription], ...] = ()
 
 
-def read(description: Callable, parameters: Any) -> Understood:
+def parse_description(description: Callable, parameters: Any) -> ParsedDescription:
     """Return plan, functions and numbers of a description.
 
     The same doubles are read once. All other numbers are read anew: what is made of them is
     counted, or rounds in its own way.
     """
-    global _remembered
-    for by, of, understood in _remembered:
+    global _cache
+    for by, of, understood in _cache:
         if by is description and of is parameters:
             return understood
-    understood = _read(description, parameters)
+    understood = _parse(description, parameters)
     if all(map(_is_doubles, parameters)):
-        _remembered = ((description, parameters, understood), *_remembered[: REMEMBERED - 1])
+        _cache = ((description, parameters, understood), *_cache[: CACHE_SIZE - 1])
     return understood
 
 
@@ -244,14 +246,14 @@ def _is_doubles(x: Any) -> bool:
     )
 
 
-def _read(description: Callable, parameters: Any) -> Understood:
+def _parse(description: Callable, parameters: Any) -> ParsedDescription:
     told: Description = description(parameters)
-    reading = _Reading(told)
-    plan, functions = planned(reading.topology())
+    reading = _DescriptionReader(told)
+    plan, functions = plan_and_functions(reading.topology())
     inertia = _inertia(parameters, plan)
-    gravity = None if told.gravity is None else absent(told.gravity)
+    gravity = None if told.gravity is None else zeros_as_none(told.gravity)
     given = reading.numbers | {"inertia": inertia, "damping": None, "gravity": gravity}
-    return Understood(plan, functions, Numbers(**given), reading.at)
+    return ParsedDescription(plan, functions, DescriptionParameters(**given), reading.at)
 
 
 # ---- For a kind of scene -------------------------------------------------------------------------
@@ -262,7 +264,7 @@ HELD = ("position_residual",)
 DAMPED = ("dissipation",)
 
 
-def _inertia(parameters: Any, plan: Plan) -> Any:
+def _inertia(parameters: Any, plan: TopologyPlan) -> Any:
     """Return moments of inertia (n_b, e, e) out of a scene's parameters."""
     shape = plan.bodies, plan.e, plan.e
     told = getattr(parameters, "inertia", None)
@@ -277,7 +279,7 @@ def _inertia(parameters: Any, plan: Plan) -> Any:
 
 def _prepare(description: Callable) -> Callable:
     def prepare(arithmetic, parameters, q, t):
-        at = read(description, parameters)
+        at = parse_description(description, parameters)
         return _called(at, "prepare", arithmetic, at.given, q, t)
 
     return generic(prepare)
@@ -285,14 +287,14 @@ def _prepare(description: Callable) -> Callable:
 
 def _function(description: Callable, name: str) -> Callable:
     def function(parameters, *arguments):
-        at = read(description, parameters)
+        at = parse_description(description, parameters)
         return _called(at, name, at.given, *arguments)
 
     function.__name__ = function.__qualname__ = name
     return generic(function)
 
 
-def _called(at: Understood, name: str, *arguments: Any) -> Any:
+def _called(at: ParsedDescription, name: str, *arguments: Any) -> Any:
     try:
         return at.functions[name](*arguments)
     except TypeError as error:
@@ -346,21 +348,23 @@ class Described(Parametric):
     @property
     def support(self) -> Array | None:
         """Which generalized speeds can move each body, bool (n_b, p)."""
-        plan = read(type(self).description, self.parameters(FLOAT64)).plan
+        plan = parse_description(type(self).description, self.parameters(FLOAT64)).plan
         return support_of(self, plan.support)
 
     def tree(self) -> Tree | None:
         """Return its bodies, joint by joint."""
-        at = read(type(self).description, self.parameters(FLOAT64))
+        at = parse_description(type(self).description, self.parameters(FLOAT64))
         return tree_by(at.plan, at.given)
 
     def frames(self, q: Array, t: float = 0.0) -> dict[str, tuple[Array, Array]]:
         """Return origin (3,) and axes (3, 3), one a row, of each link in the pose q (n,)."""
-        plan, functions, given, slots = read(type(self).description, self.parameters(FLOAT64))
+        plan, functions, given, slots = parse_description(
+            type(self).description, self.parameters(FLOAT64)
+        )
         prepared = functions["prepare"](FLOAT64, given, np.asarray(q, np.float64), t)
-        here = placed(plan, given, prepared)
+        here = joint_frames(plan, given, prepared)
         return {
-            link: (doubles(here[k].origin), doubles(here[k].axes))
+            link: (none_as_zero(here[k].origin), none_as_zero(here[k].axes))
             for link, k in slots.items()
             if k >= 0
         }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from eomcheck.descriptions.quaternions import ONE, Quaternion, rotation, to_z
+from eomcheck.descriptions.quaternions import IDENTITY, Quaternion, rotation_matrix, to_z
 from eomcheck.errors import InputError
 
 Triple = tuple[float, float, float]
@@ -54,7 +54,7 @@ class Joint(NamedTuple):
     child: str
     place: Triple = ORIGIN
     """Of the child in the frame of the parent where all coordinates are 0, m."""
-    turn: Any = ONE
+    turn: Any = IDENTITY
     """Its orientation there, a quaternion of any length. In a `Description` a quarter turn, or a
     matrix (3, 3) whose columns are its axes."""
     axis: Triple = (0.0, 0.0, 1.0)
@@ -117,11 +117,13 @@ def pin(
 
 def weld(
     name: str, link: str, other: str, at: Triple = ORIGIN, at_other: Triple = ORIGIN,
-    turn: Quaternion = ONE,
+    turn: Quaternion = IDENTITY,
 ) -> Constraint:  # fmt: skip
-    """Return that two frames are one: the other's, and what `at` and `turn` make of the link's."""
+    """Return that two frames are one: the other's, and what `at` and `random_orientation` make of
+    the link's.
+    """
     _check_turns(name, turn)
-    axes = tuple((link, _triple(one)) for one in rotation(turn).T)
+    axes = tuple((link, _triple(one)) for one in rotation_matrix(turn).T)
     return Constraint("weld", name, ((link, at), (other, at_other)), axes)
 
 
@@ -131,7 +133,7 @@ def hinge(
 ) -> Constraint:  # fmt: skip
     """Return a pin about an axis of both."""
     _check_turns(name, axis)
-    across = rotation(to_z(axis)).T[:2]
+    across = rotation_matrix(to_z(axis)).T[:2]
     directions = tuple((link, _triple(one)) for one in across)
     points = (link, at), (other, at_other)
     return Constraint("hinge", name, points, (*directions, (other, axis_of_other)))
@@ -153,7 +155,7 @@ def on_plane(
 
 def on_quadric(
     name: str, link: str, other: str, bends: Triple, level: float, slopes: Triple = ORIGIN,
-    at: Triple = ORIGIN, at_other: Triple = ORIGIN, turn: Quaternion = ONE,
+    at: Triple = ORIGIN, at_other: Triple = ORIGIN, turn: Quaternion = IDENTITY,
 ) -> Constraint:  # fmt: skip
     """Return that a point of one link stays on a surface of the second order of another.
 
@@ -174,12 +176,14 @@ def on_quadric(
         turn: of the axes against those of the other link.
     """
     _check_turns(name, turn)
-    axes = tuple((other, _triple(one)) for one in rotation(turn).T)
+    axes = tuple((other, _triple(one)) for one in rotation_matrix(turn).T)
     points = (link, at), (other, at_other)
     return Constraint("on-quadric", name, points, axes, numbers=(*bends, *slopes, level))
 
 
-def square(name: str, link: str, along: Triple, other: str, along_other: Triple) -> Constraint:
+def perpendicular(
+    name: str, link: str, along: Triple, other: str, along_other: Triple
+) -> Constraint:
     """Return that two directions are perpendicular."""
     return Constraint("square", name, directions=((link, along), (other, along_other)))
 
@@ -309,7 +313,7 @@ def rolling_circle(
 
 def _axes_about(z: Triple) -> tuple[Triple, Triple, Triple]:
     """Return axes of length 1, the last along a direction of any length."""
-    x, y, along = rotation(to_z(z)).T
+    x, y, along = rotation_matrix(to_z(z)).T
     return _triple(x), _triple(y), _triple(along)
 
 

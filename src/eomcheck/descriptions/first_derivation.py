@@ -1,8 +1,9 @@
 """First derivation of the equations: frames along the axes of the ground, slot by slot.
 
 Positions: the `Frame` of each slot, seen from the ground. Velocities: columns a × arm, of which
-only those of joints on the way from the ground to a body are formed, and `Rates` at v̇ = 0. Angular
-velocities in `jacobians` are along the axes of the bodies, in which inertia keeps its value.
+only those of joints on the way from the ground to a body are formed, and `FrameRates` at v̇ = 0.
+Angular velocities in `jacobians` are along the axes of the bodies, in which inertia keeps its
+value.
 
 Lagrange's terms need no Jacobians: M by composite bodies, B by Newton and Euler, tip to ground.
 What hangs on a slot moves as one body where only joints before it move. So the momentum that the
@@ -21,33 +22,33 @@ import numpy as np
 
 from eomcheck.descriptions.optional_algebra import (
     AXES,
-    NOTHING,
+    ZERO_VECTOR,
     Vector,
-    added,
-    along,
+    add_vectors,
+    as_vector,
     centripetal,
     cross,
     dot,
-    levelled,
+    from_local,
     minus,
     plus,
     put,
     put_vector,
-    scaled,
-    subtracted,
+    rotate_back,
+    scale_vector,
+    subtract_vectors,
     times,
-    turned_back,
+    to_local,
     unit,
-    vector,
 )
-from eomcheck.descriptions.topology import Plan, Slot
+from eomcheck.descriptions.topology import ScalarJoint, TopologyPlan
 from eomcheck.mechanics.records import Jacobians, Terms
 from eomcheck.numbers.generic import generic
 
 # ---- Positions: frames ---------------------------------------------------------------------------
 
 
-class Prepared(NamedTuple):
+class PreparedMechanism(NamedTuple):
     """What is not rational in q and t, and the coordinates of the joints."""
 
     x: Any
@@ -73,18 +74,20 @@ class Frame(NamedTuple):
     """Direction in which, or about which, its coordinate moves it."""
 
 
-GROUND = Frame(AXES, NOTHING, NOTHING, NOTHING)
+GROUND = Frame(AXES, ZERO_VECTOR, ZERO_VECTOR, ZERO_VECTOR)
 
 
-def factor(slot: Slot, parameters: Any) -> Any:
+def factor(slot: ScalarJoint, parameters: Any) -> Any:
     """Return ∂x/∂q of a slot: a number, or 1 or -1."""
     if slot.follows is None:
         return slot.sense
     return times(slot.sense, parameters.ratio[slot.follows])
 
 
-def prepare_of(plan: Plan) -> Any:
-    """Return the function of a scene that prepares the `Prepared` at q (n,) and the time t."""
+def make_prepare(plan: TopologyPlan) -> Any:
+    """Return the function of a scene that prepares the `PreparedMechanism` at q (n,) and the time
+    t.
+    """
 
     def prepare(arithmetic, parameters, q, t):
         x = np.zeros(len(plan.slots), q.dtype)
@@ -94,7 +97,7 @@ def prepare_of(plan: Plan) -> Any:
                 own = parameters.ratio[slot.follows] * own + parameters.shift[slot.follows]
             x[k] = times(slot.sense, own)
         angles = arithmetic.angles(x[list(plan.hinges)]) if plan.hinges else None
-        return Prepared(x, angles, driven(parameters, q, t))
+        return PreparedMechanism(x, angles, driven(parameters, q, t))
 
     return prepare
 
@@ -111,33 +114,35 @@ def driven(parameters: Any, q: Any, t: Any) -> Any:
 
 
 @generic
-def placed(plan, parameters, prepared):
+def joint_frames(plan, parameters, prepared):
     """Return the `Frame` of each slot."""
     frames = []
     for k, slot in enumerate(plan.slots):
         before = frames[slot.parent] if slot.parent >= 0 else GROUND
-        frames.append(placed_on(before, plan, k, parameters, prepared))
+        frames.append(joint_frame(before, plan, k, parameters, prepared))
     return frames
 
 
-def placed_on(before: Frame, plan: Plan, k: int, parameters: Any, prepared: Prepared) -> Frame:
+def joint_frame(
+    before: Frame, plan: TopologyPlan, k: int, parameters: Any, prepared: PreparedMechanism
+) -> Frame:
     """Return the frame of slot k, which sits on the frame `before`."""
-    slot, axes, arm = plan.slots[k], before.axes, NOTHING
+    slot, axes, arm = plan.slots[k], before.axes, ZERO_VECTOR
     if slot.offset is not None:
-        arm = levelled(axes, vector(parameters.offset[slot.offset]))
+        arm = from_local(axes, as_vector(parameters.offset[slot.offset]))
     if slot.absolute:
         axes = AXES
     if slot.turn is not None:
         R = parameters.rotation[slot.turn]
-        first, second, third = (levelled(axes, vector(R[:, i])) for i in range(3))
+        first, second, third = (from_local(axes, as_vector(R[:, i])) for i in range(3))
         axes = first, second, third
-    axis = scaled(factor(slot, parameters), axes[slot.axis])
+    axis = scale_vector(factor(slot, parameters), axes[slot.axis])
     if slot.slides:
-        arm = added(arm, scaled(prepared.x[k], axes[slot.axis]))
+        arm = add_vectors(arm, scale_vector(prepared.x[k], axes[slot.axis]))
     elif not slot.symmetric:
         at = plan.hinge[k]
         axes = hinged(axes, slot.axis, prepared.angles.cos[at], prepared.angles.sin[at])
-    return Frame(axes, added(before.origin, arm), arm, axis)
+    return Frame(axes, add_vectors(before.origin, arm), arm, axis)
 
 
 @generic
@@ -145,16 +150,16 @@ def hinged(axes, axis, cos, sin):
     """Return axes turned about their `axis`-th."""
     i, j = (axis + 1) % 3, (axis + 2) % 3
     found = [axes[axis]] * 3
-    found[i] = added(scaled(cos, axes[i]), scaled(sin, axes[j]))
-    found[j] = subtracted(scaled(cos, axes[j]), scaled(sin, axes[i]))
+    found[i] = add_vectors(scale_vector(cos, axes[i]), scale_vector(sin, axes[j]))
+    found[j] = subtract_vectors(scale_vector(cos, axes[j]), scale_vector(sin, axes[i]))
     return tuple(found)
 
 
-def point_of(frames: list[Frame], k: int, a: Vector) -> tuple[Vector, Vector]:
+def arm_and_position(frames: list[Frame], k: int, a: Vector) -> tuple[Vector, Vector]:
     """Return a point a of frame k, -1 for the ground, as arm from its origin and as place."""
     frame = frames[k] if k >= 0 else GROUND
-    arm = levelled(frame.axes, a)
-    return arm, added(frame.origin, arm)
+    arm = from_local(frame.axes, a)
+    return arm, add_vectors(frame.origin, arm)
 
 
 def height(parameters: Any, at: Vector) -> Any:
@@ -171,7 +176,7 @@ Columns = dict[int, Vector]
 """Coordinate -> ∂(velocity)/∂v."""
 
 
-class Rates(NamedTuple):
+class FrameRates(NamedTuple):
     """How a frame moves, along the axes of the ground."""
 
     omega: Vector
@@ -181,84 +186,93 @@ class Rates(NamedTuple):
     """Acceleration of its origin at v̇ = 0."""
 
 
-STILL = Rates(NOTHING, NOTHING, NOTHING)
+GROUND_RATES = FrameRates(ZERO_VECTOR, ZERO_VECTOR, ZERO_VECTOR)
 
 
-def columns(plan: Plan, frames: list[Frame], k: int, point: tuple[Vector, Vector]) -> Columns:
+def point_columns(
+    plan: TopologyPlan, frames: list[Frame], k: int, point: tuple[Vector, Vector]
+) -> Columns:
     """Return how a point of frame k moves with v, given as arm from its origin and as place."""
     found: Columns = {}
     for i, runs in plan.movers[k] if k >= 0 else ():
-        axis, reach = frames[i].axis, NOTHING
+        axis, reach = frames[i].axis, ZERO_VECTOR
         for run in runs:
             arm, at = point if run.end is None else (frames[run.end].arm, frames[run.end].origin)
-            reach = added(reach, arm if run.arm else subtracted(at, frames[run.start].origin))
+            reach = add_vectors(
+                reach, arm if run.arm else subtract_vectors(at, frames[run.start].origin)
+            )
         moved = axis if plan.slots[i].slides else cross(axis, reach)
         j = plan.slots[i].coordinate
-        found[j] = added(found.get(j, NOTHING), moved)
+        found[j] = add_vectors(found.get(j, ZERO_VECTOR), moved)
     return found
 
 
-def turning_columns(plan: Plan, frames: list[Frame], k: int) -> Columns:
+def turning_columns(plan: TopologyPlan, frames: list[Frame], k: int) -> Columns:
     """Return how fast frame k turns with v, along the axes of the ground."""
     found: Columns = {}
     for i in plan.turned_by[k] if k >= 0 else ():
         slot = plan.slots[i]
         if not slot.slides:
-            before = found.get(slot.coordinate, NOTHING)
-            found[slot.coordinate] = added(before, frames[i].axis)
+            before = found.get(slot.coordinate, ZERO_VECTOR)
+            found[slot.coordinate] = add_vectors(before, frames[i].axis)
     return found
 
 
 @generic
-def spins(plan, parameters, prepared):
+def local_turning_columns(plan, parameters, prepared):
     """Return, slot by slot, how fast each frame turns with v, along its own axes (`Columns`)."""
     found: list[Columns] = []
     for k, slot in enumerate(plan.slots):
         here = dict(found[plan.seat(k)]) if plan.seat(k) >= 0 else {}
         if slot.turn is not None:
             R = parameters.rotation[slot.turn]
-            seat = tuple(vector(R[:, i]) for i in range(3))
-            here = {i: along(seat, one) for i, one in here.items()}
+            seat = tuple(as_vector(R[:, i]) for i in range(3))
+            here = {i: to_local(seat, one) for i, one in here.items()}
         if not slot.slides:
             at, axis, j = plan.hinge[k], slot.axis, slot.coordinate
             if not slot.symmetric:
                 cos, sin = prepared.angles.cos[at], prepared.angles.sin[at]
-                here = {i: turned_back(one, axis, cos, sin) for i, one in here.items()}
+                here = {i: rotate_back(one, axis, cos, sin) for i, one in here.items()}
             own = unit(axis, factor(slot, parameters))
-            here[j] = added(here.get(j, NOTHING), own)
+            here[j] = add_vectors(here.get(j, ZERO_VECTOR), own)
         found.append(here)
     return found
 
 
 @generic
-def moving(plan, parameters, frames, v):
-    """Return the `Rates` of each frame."""
+def frame_rates(plan, parameters, frames, v):
+    """Return the `FrameRates` of each frame."""
     found = []
     for k, slot in enumerate(plan.slots):
-        before, frame = found[slot.parent] if slot.parent >= 0 else STILL, frames[k]
-        omega, alpha, _ = found[plan.seat(k)] if plan.seat(k) >= 0 else STILL
-        rest = added(before.rest, swung(before, frame.arm))
-        rate = scaled(v[slot.coordinate], frame.axis)
+        before, frame = found[slot.parent] if slot.parent >= 0 else GROUND_RATES, frames[k]
+        omega, alpha, _ = found[plan.seat(k)] if plan.seat(k) >= 0 else GROUND_RATES
+        rest = add_vectors(before.rest, relative_acceleration(before, frame.arm))
+        rate = scale_vector(v[slot.coordinate], frame.axis)
         carried = cross(omega, rate)
         if slot.slides:
-            rest = added(rest, scaled(2, carried))
+            rest = add_vectors(rest, scale_vector(2, carried))
         else:
-            omega, alpha = added(omega, rate), added(alpha, carried)
-        found.append(Rates(omega, alpha, rest))
+            omega, alpha = add_vectors(omega, rate), add_vectors(alpha, carried)
+        found.append(FrameRates(omega, alpha, rest))
     return found
 
 
-def swung(rates: Rates, arm: Vector) -> Vector:
+def relative_acceleration(rates: FrameRates, arm: Vector) -> Vector:
     """Return the acceleration of the end of an arm against its other end, at v̇ = 0."""
-    return added(cross(rates.alpha, arm), centripetal(rates.omega, arm))
+    return add_vectors(cross(rates.alpha, arm), centripetal(rates.omega, arm))
 
 
-def centers(plan: Plan, parameters: Any, frames: list[Frame]) -> list[tuple[Vector, Vector]]:
+def centers(
+    plan: TopologyPlan, parameters: Any, frames: list[Frame]
+) -> list[tuple[Vector, Vector]]:
     """Return the arm to the centre of mass of each body, and its place."""
-    return [point_of(frames, k, vector(parameters.center[b])) for b, k in enumerate(plan.carriers)]
+    return [
+        arm_and_position(frames, k, as_vector(parameters.center[b]))
+        for b, k in enumerate(plan.carriers)
+    ]
 
 
-def jacobians_of(plan: Plan) -> Any:
+def make_jacobians(plan: TopologyPlan) -> Any:
     """Return the function `jacobians` of a scene: V along the ground's axes, ω along the bodies'.
 
     Bodies come first, then rotors, which only turn, each about its own joint.
@@ -267,22 +281,27 @@ def jacobians_of(plan: Plan) -> Any:
     kept = slice(3 - e, 3)
 
     def jacobians(parameters, prepared, q, v):
-        frames = placed(plan, parameters, prepared)
-        turning, rates = spins(plan, parameters, prepared), moving(plan, parameters, frames, v)
+        frames = joint_frames(plan, parameters, prepared)
+        turning, rates = (
+            local_turning_columns(plan, parameters, prepared),
+            frame_rates(plan, parameters, frames, v),
+        )
         linear = np.zeros((plan.bodies, d, plan.n), v.dtype)
         angular = np.zeros((plan.bodies, e, plan.n), v.dtype)
         rest, turned = np.zeros((plan.bodies, d), v.dtype), np.zeros((plan.bodies, e), v.dtype)
         gyroscopic = None if plan.topology.planar else np.zeros((plan.bodies, e), v.dtype)
         for b, (arm, at) in enumerate(centers(plan, parameters, frames)):
             k = carriers[b]
-            for i, one in columns(plan, frames, k, (arm, at)).items():
+            for i, one in point_columns(plan, frames, k, (arm, at)).items():
                 put_vector(linear, (b, None, i), one, d)
             for i, one in turning[k].items():
                 put_vector(angular, (b, None, i), one[kept], e)
-            put_vector(rest, (b, None), added(rates[k].rest, swung(rates[k], arm)), d)
-            put_vector(turned, (b, None), along(frames[k].axes, rates[k].alpha)[kept], e)
+            put_vector(
+                rest, (b, None), add_vectors(rates[k].rest, relative_acceleration(rates[k], arm)), d
+            )
+            put_vector(turned, (b, None), to_local(frames[k].axes, rates[k].alpha)[kept], e)
             if gyroscopic is not None:
-                omega = along(frames[k].axes, rates[k].omega)
+                omega = to_local(frames[k].axes, rates[k].omega)
                 moment = cross(omega, momentum(parameters.inertia[b], omega))
                 put_vector(gyroscopic, (b, None), moment)
         for b, k in enumerate(plan.rotors, len(carriers)):
@@ -295,7 +314,7 @@ def jacobians_of(plan: Plan) -> Any:
 @generic
 def momentum(inertia, omega):
     """Return I ω."""
-    return tuple(dot(vector(inertia[i]), omega) for i in range(3))
+    return tuple(dot(as_vector(inertia[i]), omega) for i in range(3))
 
 
 # ---- Lagrange's terms: composite bodies ----------------------------------------------------------
@@ -304,7 +323,7 @@ Symmetric = dict[tuple[int, int], Any]
 """Entries (i, j), i <= j, of a matrix (3, 3); in the plane (2, 2) alone."""
 
 
-class Heavy(NamedTuple):
+class CompositeBody(NamedTuple):
     """What hangs on a slot, as one body."""
 
     mass: Any
@@ -314,27 +333,29 @@ class Heavy(NamedTuple):
     """About the origin of the slot, kg m²."""
 
 
-def entries(plan: Plan) -> tuple[tuple[int, int], ...]:
+def inertia_entries(plan: TopologyPlan) -> tuple[tuple[int, int], ...]:
     """Return which entries of a moment of inertia count."""
     if plan.topology.planar:
         return ((2, 2),)
     return tuple((i, j) for i in range(3) for j in range(i, 3))
 
 
-def turned(inertia: Any, axes: tuple[Vector, Vector, Vector], plan: Plan) -> Symmetric:
+def inertia_along_ground(
+    inertia: Any, axes: tuple[Vector, Vector, Vector], plan: TopologyPlan
+) -> Symmetric:
     """Return a body's I, given along its axes (e, e), along those of the ground."""
     if plan.topology.planar:
         return {(2, 2): inertia[0, 0]}
-    halves = [levelled(axes, vector(inertia[:, k])) for k in range(3)]
+    halves = [from_local(axes, as_vector(inertia[:, k])) for k in range(3)]
     found: Symmetric = {}
-    for i, j in entries(plan):
+    for i, j in inertia_entries(plan):
         shares = (times(halves[k][i], axes[k][j]) for k in range(3))
         x, y, z = shares
         found[i, j] = plus(plus(x, y), z)
     return found
 
 
-def applied(inertia: Symmetric, a: Vector) -> Vector:
+def inertia_times(inertia: Symmetric, a: Vector) -> Vector:
     """Return I a."""
 
     def row(i: int) -> Any:
@@ -344,10 +365,10 @@ def applied(inertia: Symmetric, a: Vector) -> Vector:
     return row(0), row(1), row(2)
 
 
-def shifted(one: Heavy, away: Vector) -> Heavy:
+def shifted_body(one: CompositeBody, away: Vector) -> CompositeBody:
     """Return the same body about a point from which the origin is `away`."""
-    step = scaled(one.mass, away)
-    middle = added(one.first, tuple(None if x is None else x / 2 for x in step))
+    step = scale_vector(one.mass, away)
+    middle = add_vectors(one.first, tuple(None if x is None else x / 2 for x in step))
     products = {(i, j): times(middle[i], away[j]) for i in range(3) for j in range(3)}
     found: Symmetric = {}
     for i, j in one.inertia:
@@ -358,33 +379,38 @@ def shifted(one: Heavy, away: Vector) -> Heavy:
         else:
             both = plus(products[i, j], products[j, i])
             found[i, j] = minus(one.inertia[i, j], both)
-    return Heavy(one.mass, added(one.first, step), found)
+    return CompositeBody(one.mass, add_vectors(one.first, step), found)
 
 
-def weightless_turn(one: Heavy) -> Heavy:
+def as_point_mass(one: CompositeBody) -> CompositeBody:
     """Return what a slot carries for those before it that do not turn it: a point at its origin."""
-    return Heavy(one.mass, NOTHING, dict.fromkeys(one.inertia))
+    return CompositeBody(one.mass, ZERO_VECTOR, dict.fromkeys(one.inertia))
 
 
-def joined(one: Heavy | None, other: Heavy) -> Heavy:
+def combined_body(one: CompositeBody | None, other: CompositeBody) -> CompositeBody:
     """Return two bodies as one."""
     if one is None:
         return other
     inertia = {at: plus(x, other.inertia[at]) for at, x in one.inertia.items()}
-    return Heavy(plus(one.mass, other.mass), added(one.first, other.first), inertia)
+    return CompositeBody(plus(one.mass, other.mass), add_vectors(one.first, other.first), inertia)
 
 
 @generic
 def terms_of_bodies(plan, parameters, frames, rates, dtype):
     """Return (M (n, n), B (n,)) of the inertia forces."""
-    heavy: list[Heavy | None] = [None] * len(frames)
-    force, moment = [NOTHING] * len(frames), [NOTHING] * len(frames)
+    heavy: list[CompositeBody | None] = [None] * len(frames)
+    force, moment = [ZERO_VECTOR] * len(frames), [ZERO_VECTOR] * len(frames)
     for b, k in enumerate(plan.carriers):
-        arm = levelled(frames[k].axes, vector(parameters.center[b]))
-        mass, inertia = parameters.mass[b], turned(parameters.inertia[b], frames[k].axes, plan)
-        heavy[k] = shifted(Heavy(mass, NOTHING, inertia), arm)
-        force[k] = scaled(mass, added(rates[k].rest, swung(rates[k], arm)))
-        moment[k] = added(whirl(inertia, rates[k]), cross(arm, force[k]))
+        arm = from_local(frames[k].axes, as_vector(parameters.center[b]))
+        mass, inertia = (
+            parameters.mass[b],
+            inertia_along_ground(parameters.inertia[b], frames[k].axes, plan),
+        )
+        heavy[k] = shifted_body(CompositeBody(mass, ZERO_VECTOR, inertia), arm)
+        force[k] = scale_vector(
+            mass, add_vectors(rates[k].rest, relative_acceleration(rates[k], arm))
+        )
+        moment[k] = add_vectors(euler_moment(inertia, rates[k]), cross(arm, force[k]))
     M, B = np.zeros((plan.n, plan.n), dtype), np.zeros(plan.n, dtype)
     for k in reversed(range(len(frames))):
         slot, frame = plan.slots[k], frames[k]
@@ -393,12 +419,12 @@ def terms_of_bodies(plan, parameters, frames, rates, dtype):
             work = dot(frame.axis, force[k] if slot.slides else moment[k])
             B[slot.coordinate] = plus(work, B[slot.coordinate])
         if own is not None and slot.parent >= 0:
-            carried = weightless_turn(own) if slot.absolute else own
-            heavy[slot.parent] = joined(heavy[slot.parent], shifted(carried, frame.arm))
-            handed = NOTHING if slot.absolute else moment[k]
-            handed = added(handed, cross(frame.arm, force[k]))
-            force[slot.parent] = added(force[slot.parent], force[k])
-            moment[slot.parent] = added(moment[slot.parent], handed)
+            carried = as_point_mass(own) if slot.absolute else own
+            heavy[slot.parent] = combined_body(heavy[slot.parent], shifted_body(carried, frame.arm))
+            handed = ZERO_VECTOR if slot.absolute else moment[k]
+            handed = add_vectors(handed, cross(frame.arm, force[k]))
+            force[slot.parent] = add_vectors(force[slot.parent], force[k])
+            moment[slot.parent] = add_vectors(moment[slot.parent], handed)
     for b, k in enumerate(plan.rotors, len(plan.carriers)):
         i, last = plan.slots[k].coordinate, plan.e - 1
         grows = factor(plan.slots[k], parameters)
@@ -406,18 +432,20 @@ def terms_of_bodies(plan, parameters, frames, rates, dtype):
     return M, B
 
 
-def whirl(inertia: Symmetric, rates: Rates) -> Vector:
+def euler_moment(inertia: Symmetric, rates: FrameRates) -> Vector:
     """Return I ω̇ + ω × I ω at v̇ = 0."""
-    return added(applied(inertia, rates.alpha), cross(rates.omega, applied(inertia, rates.omega)))
+    return add_vectors(
+        inertia_times(inertia, rates.alpha), cross(rates.omega, inertia_times(inertia, rates.omega))
+    )
 
 
-def add_rows(plan: Plan, frames: list[Frame], k: int, one: Heavy, M: Any) -> None:
+def add_rows(plan: TopologyPlan, frames: list[Frame], k: int, one: CompositeBody, M: Any) -> None:
     """Add to M what the rate of slot k gives what hangs on it, along all slots before."""
     axis, i = frames[k].axis, plan.slots[k].coordinate
     if plan.slots[k].slides:
-        P, L = scaled(one.mass, axis), cross(one.first, axis)
+        P, L = scale_vector(one.mass, axis), cross(one.first, axis)
     else:
-        P, L = cross(axis, one.first), applied(one.inertia, axis)
+        P, L = cross(axis, one.first), inertia_times(one.inertia, axis)
     for at in reversed(plan.on_the_way(k)):
         slot, frame = plan.slots[at], frames[at]
         share = dot(frame.axis, P if slot.slides else L)
@@ -425,15 +453,15 @@ def add_rows(plan: Plan, frames: list[Frame], k: int, one: Heavy, M: Any) -> Non
             M[i, slot.coordinate] += share
             if at != k:
                 M[slot.coordinate, i] += share
-        L = added(NOTHING if slot.absolute else L, cross(frame.arm, P))
+        L = add_vectors(ZERO_VECTOR if slot.absolute else L, cross(frame.arm, P))
 
 
-def terms_of(plan: Plan, forces: Any, constraints: Any, drift: Any) -> Any:
+def make_terms(plan: TopologyPlan, forces: Any, constraints: Any, drift: Any) -> Any:
     """Return the function `terms` of a scene."""
 
     def terms(parameters, prepared, q, v):
-        frames = placed(plan, parameters, prepared)
-        rates = moving(plan, parameters, frames, v)
+        frames = joint_frames(plan, parameters, prepared)
+        rates = frame_rates(plan, parameters, frames, v)
         M, B = terms_of_bodies(plan, parameters, frames, rates, v.dtype)
         a, b = constraints(parameters, prepared, q)
         Q = forces(parameters, prepared, q, v)

@@ -11,25 +11,30 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.descriptions.constraint_rows import First, Moving, Second, between
-from eomcheck.descriptions.first_derivation import centers, factor, placed
+from eomcheck.descriptions.constraint_rows import (
+    FirstDerivation,
+    MovingVector,
+    SecondDerivation,
+    relative_vector,
+)
+from eomcheck.descriptions.first_derivation import centers, factor, joint_frames
 from eomcheck.descriptions.optional_algebra import (
-    NOTHING,
-    added,
+    ZERO_VECTOR,
+    add_vectors,
+    as_vector,
     cross,
     dot,
-    scaled,
-    subtracted,
+    scale_vector,
+    subtract_vectors,
     times,
-    vector,
 )
-from eomcheck.descriptions.second_derivation import place
-from eomcheck.descriptions.topology import Plan
+from eomcheck.descriptions.second_derivation import point_in_ground
+from eomcheck.descriptions.topology import TopologyPlan
 
 # ---- Springs and dampers between two points ------------------------------------------------------
 
 
-def with_lengths(plan: Plan, prepare: Callable) -> Callable:
+def with_lengths(plan: TopologyPlan, prepare: Callable) -> Callable:
     """Return a function that prepares the lengths of springs too."""
     if not plan.topology.springs:
         return prepare
@@ -39,29 +44,33 @@ def with_lengths(plan: Plan, prepare: Callable) -> Callable:
         square = np.zeros(len(plan.topology.springs), q.dtype)
         for i, spring in enumerate(plan.topology.springs):
             a, b = (
-                place(plan, parameters, prepared, k, vector(parameters.points[j]))
+                point_in_ground(plan, parameters, prepared, k, as_vector(parameters.points[j]))
                 for k, j in spring.points
             )
-            apart = subtracted(a, b)
+            apart = subtract_vectors(a, b)
             square[i] = dot(apart, apart)
         return prepared._replace(lengths=arithmetic.root(square))
 
     return prepare_all
 
 
-def _each(plan: Plan, parameters: Any, at: Any) -> Iterator[tuple[int, Any, Moving]]:
+def _spring_ends(
+    plan: TopologyPlan, parameters: Any, at: Any
+) -> Iterator[tuple[int, Any, MovingVector]]:
     """Yield the place of each spring, what it is, and how its ends are apart."""
     for i, spring in enumerate(plan.topology.springs):
-        a, b = (at.point(k, vector(parameters.points[j])) for k, j in spring.points)
-        yield i, parameters.springs[spring.number], between(a, b)
+        a, b = (at.point(k, as_vector(parameters.points[j])) for k, j in spring.points)
+        yield i, parameters.springs[spring.number], relative_vector(a, b)
 
 
-def pull(plan: Plan, parameters: Any, prepared: Any, q: Any, v: Any, Q: Any) -> None:
+def add_spring_forces(
+    plan: TopologyPlan, parameters: Any, prepared: Any, q: Any, v: Any, Q: Any
+) -> None:
     """Add what springs and dampers pull to Q (n,)."""
     if not plan.topology.springs:
         return
-    at = First(plan, parameters, prepared, q)
-    for i, spring, apart in _each(plan, parameters, at):
+    at = FirstDerivation(plan, parameters, prepared, q)
+    for i, spring, apart in _spring_ends(plan, parameters, at):
         # Their products with the distance are columns of its length, times the length.
         length = prepared.lengths[i]
         along = {j: dot(apart.value, x) for j, x in apart.columns.items()}
@@ -74,7 +83,7 @@ def pull(plan: Plan, parameters: Any, prepared: Any, q: Any, v: Any, Q: Any) -> 
             Q[j] -= share * x
 
 
-def stored(plan: Plan, parameters: Any, prepared: Any) -> Any:
+def spring_energy(plan: TopologyPlan, parameters: Any, prepared: Any) -> Any:
     """Return the energy of springs, J; None without any."""
     U = None
     for i, spring in enumerate(plan.topology.springs):
@@ -85,10 +94,12 @@ def stored(plan: Plan, parameters: Any, prepared: Any) -> Any:
     return U
 
 
-def taken(plan: Plan, parameters: Any, prepared: Any, q: Any, v: Any) -> Any:
+def spring_dissipation(plan: TopologyPlan, parameters: Any, prepared: Any, q: Any, v: Any) -> Any:
     """Return half the power that the dampers of springs take, W; None without any."""
     R = None
-    for i, spring, apart in _each(plan, parameters, Second(plan, parameters, prepared, q, v)):
+    for i, spring, apart in _spring_ends(
+        plan, parameters, SecondDerivation(plan, parameters, prepared, q, v)
+    ):
         if spring.damping is not None:
             rate = dot(apart.value, apart.rate) / prepared.lengths[i]
             one = spring.damping * rate * rate / 2
@@ -99,7 +110,7 @@ def taken(plan: Plan, parameters: Any, prepared: Any, q: Any, v: Any) -> Any:
 # ---- Generalized forces --------------------------------------------------------------------------
 
 
-def forces_of(plan: Plan) -> Any:
+def make_forces(plan: TopologyPlan) -> Any:
     """Return the function `forces` of a scene."""
     sprung = bool(plan.topology.springs) or any(
         slot.spring is not None or slot.torque is not None for slot in plan.slots
@@ -111,7 +122,7 @@ def forces_of(plan: Plan) -> Any:
             return None
         Q = np.zeros(plan.n, v.dtype)
         if parameters.gravity is not None:
-            weigh(plan, parameters, prepared, Q)
+            add_gravity_forces(plan, parameters, prepared, Q)
         for k, slot in enumerate(plan.slots):
             i, grows = slot.coordinate, factor(slot, parameters)
             if slot.spring is not None:
@@ -124,19 +135,19 @@ def forces_of(plan: Plan) -> Any:
                 Q[i] -= times(grows, damping[slot.damper] * rate)
             if slot.torque is not None:
                 Q[i] += times(grows, times(slot.sense, parameters.torque[slot.torque]))
-        pull(plan, parameters, prepared, q, v, Q)
+        add_spring_forces(plan, parameters, prepared, q, v, Q)
         return Q
 
     return forces
 
 
-def weigh(plan: Plan, parameters: Any, prepared: Any, Q: Any) -> None:
+def add_gravity_forces(plan: TopologyPlan, parameters: Any, prepared: Any, Q: Any) -> None:
     """Add what gravity does to Q (n,), its forces and moments passed on from tips to ground."""
-    frames, g = placed(plan, parameters, prepared), vector(parameters.gravity)
-    force, moment = [NOTHING] * len(frames), [NOTHING] * len(frames)
+    frames, g = joint_frames(plan, parameters, prepared), as_vector(parameters.gravity)
+    force, moment = [ZERO_VECTOR] * len(frames), [ZERO_VECTOR] * len(frames)
     for b, (arm, _) in enumerate(centers(plan, parameters, frames)):
         k = plan.carriers[b]
-        force[k] = scaled(parameters.mass[b], g)
+        force[k] = scale_vector(parameters.mass[b], g)
         moment[k] = cross(arm, force[k])
     for k in reversed(range(len(frames))):
         slot, frame = plan.slots[k], frames[k]
@@ -144,7 +155,7 @@ def weigh(plan: Plan, parameters: Any, prepared: Any, Q: Any) -> None:
         if work is not None:
             Q[slot.coordinate] += work
         if slot.parent >= 0:
-            passed = NOTHING if slot.absolute else moment[k]
-            passed = added(passed, cross(frame.arm, force[k]))
-            moment[slot.parent] = added(moment[slot.parent], passed)
-            force[slot.parent] = added(force[slot.parent], force[k])
+            passed = ZERO_VECTOR if slot.absolute else moment[k]
+            passed = add_vectors(passed, cross(frame.arm, force[k]))
+            moment[slot.parent] = add_vectors(moment[slot.parent], passed)
+            force[slot.parent] = add_vectors(force[slot.parent], force[k])

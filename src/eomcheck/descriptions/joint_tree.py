@@ -1,8 +1,8 @@
 """Tree of links and joints: ordered depth first, split into joints with one coordinate each.
 
-`hanging` orders the joints from the ground outwards, or refuses links that are no tree. `Frames`
-splits each joint into slots and places every link on one; bodies that are fixed to each other are
-joined to one `Rigid`.
+`depth_first_joints` orders the joints from the ground outwards, or refuses links that are no tree.
+`JointTree` splits each joint into slots and places every link on one; bodies that are fixed to each
+other are joined to one `RigidBody`.
 """
 
 from __future__ import annotations
@@ -14,8 +14,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.descriptions.elements import COORDINATES, Joint, Link
-from eomcheck.descriptions.quaternions import ONE, Quaternion, multiplied, rotation, to_z, turns
-from eomcheck.descriptions.topology import Slot
+from eomcheck.descriptions.quaternions import (
+    IDENTITY,
+    Quaternion,
+    is_turned,
+    multiply_quaternions,
+    rotation_matrix,
+    to_z,
+)
+from eomcheck.descriptions.topology import ScalarJoint
 from eomcheck.errors import InputError
 from eomcheck.numbers.generic import Array
 
@@ -27,7 +34,7 @@ TOUCHING = 1e-9
 """Relative: a plate's largest moment is the sum of the others, and files have few digits."""
 
 
-class Rigid(NamedTuple):
+class RigidBody(NamedTuple):
     """A body in the frame of its slot."""
 
     mass: float
@@ -36,7 +43,7 @@ class Rigid(NamedTuple):
     """About its centre of mass (3, 3), kg m²."""
 
 
-def together(bodies: list[Rigid]) -> Rigid:
+def merged_body(bodies: list[RigidBody]) -> RigidBody:
     """Return several bodies that are fixed to each other as one."""
     if len(bodies) == 1:
         return bodies[0]
@@ -47,19 +54,19 @@ def together(bodies: list[Rigid]) -> Rigid:
     for one in bodies:
         away = one.center - center
         inertia += one.inertia + one.mass * (away @ away * np.eye(3) - np.outer(away, away))
-    return Rigid(mass, center, inertia)
+    return RigidBody(mass, center, inertia)
 
 
-def rigid(link: Link, turn: Quaternion, offset: Array) -> Rigid | None:
+def rigid_body_of(link: Link, turn: Quaternion, offset: Array) -> RigidBody | None:
     """Return a link in the frame of the slot on which it sits; None where it has no inertia."""
     if not any((link.mass, *link.moments, *link.products)):
         return None
-    R, (xy, xz, yz) = rotation(turn), link.products
+    R, (xy, xz, yz) = rotation_matrix(turn), link.products
     inertia = np.diag(link.moments) + np.array([[0, xy, xz], [xy, 0, yz], [xz, yz, 0]])
-    return Rigid(link.mass, offset + R @ np.array(link.center), R @ inertia @ R.T)
+    return RigidBody(link.mass, offset + R @ np.array(link.center), R @ inertia @ R.T)
 
 
-def impossible(link: Link) -> bool:
+def has_impossible_inertia(link: Link) -> bool:
     """Return whether no body has the moments of inertia: one exceeds the sum of the others."""
     (x, y, z), (xy, xz, yz) = link.moments, link.products
     moments = np.linalg.eigvalsh([[x, xy, xz], [xy, y, yz], [xz, yz, z]])
@@ -67,15 +74,15 @@ def impossible(link: Link) -> bool:
     return bool(moments[2] > moments[:2].sum() * (1 + TOUCHING))
 
 
-def doubtful(links: Iterable[Link]) -> str:
+def inertia_warning(links: Iterable[Link]) -> str:
     """Return in one sentence which links have moments of inertia that no body has; "" of none."""
-    names = ", ".join(repr(link.name) for link in links if impossible(link))
+    names = ", ".join(repr(link.name) for link in links if has_impossible_inertia(link))
     if not names:
         return ""
     return f"No body has the moments of inertia of {names}: one exceeds the sum of the others."
 
 
-def check_positive(bodies: dict[str, Rigid]) -> None:
+def check_positive(bodies: dict[str, RigidBody]) -> None:
     """Refuse a moment of inertia below 0, but for rounding of the largest one.
 
     Args:
@@ -94,7 +101,7 @@ def check_positive(bodies: dict[str, Rigid]) -> None:
 # ---- Order of joints -----------------------------------------------------------------------------
 
 
-def hanging(links: dict[str, Link], joints: dict[str, Joint]) -> tuple[str, list[Joint]]:
+def depth_first_joints(links: dict[str, Link], joints: dict[str, Joint]) -> tuple[str, list[Joint]]:
     """Return the link that is the ground, and the joints from it outwards.
 
     What hangs on a joint follows it before anything else does.
@@ -120,7 +127,7 @@ def hanging(links: dict[str, Link], joints: dict[str, Joint]) -> tuple[str, list
     if not links:
         raise InputError("there is no link")
     if not roots:
-        around = _circle(next(iter(links)), joints, child_of)
+        around = _cycle(next(iter(links)), joints, child_of)
         raise InputError(f"every link is a joint's child: {around}")
     found, waiting = [], deque(children[roots[0]])
     while waiting:
@@ -130,11 +137,11 @@ def hanging(links: dict[str, Link], joints: dict[str, Joint]) -> tuple[str, list
     if len(found) < len(joints):
         reached = {roots[0], *(joint.child for joint in found)}
         left = next(name for name in links if name not in reached)
-        raise InputError(f"links go round in a circle: {_circle(left, joints, child_of)}")
+        raise InputError(f"links go round in a circle: {_cycle(left, joints, child_of)}")
     return roots[0], found
 
 
-def _circle(at: str, joints: dict[str, Joint], child_of: dict[str, str]) -> str:
+def _cycle(at: str, joints: dict[str, Joint], child_of: dict[str, str]) -> str:
     """Return the links in a circle that hang on each other, at most five of them."""
     seen: dict[str, None] = {}
     while at not in seen:
@@ -162,24 +169,25 @@ def by_name(what: str, things: tuple[Any, ...]) -> dict[str, Any]:
 
 # ---- Slots ---------------------------------------------------------------------------------------
 
-MOST = 200
+MAX_DESCRIBED_COORDINATES = 200
 """Coordinates that a description may have: identities of more are not proved in reasonable time."""
 
 
 def check_coordinates(coordinates: int) -> None:
-    """Check that a description has no more coordinates than `MOST`.
+    """Check that a description has no more coordinates than `MAX_DESCRIBED_COORDINATES`.
 
     Raises:
         InputError: it has.
     """
-    if coordinates > MOST:
+    if coordinates > MAX_DESCRIBED_COORDINATES:
         raise InputError(
-            f"{coordinates} coordinates, expected at most {MOST}: what is larger is "
+            f"{coordinates} coordinates, expected at most {MAX_DESCRIBED_COORDINATES}: "
+            "what is larger is "
             "not checked in reasonable time"
         )
 
 
-PRIMITIVE = {
+SCALAR_KINDS = {
     "revolute": ("r",),
     "prismatic": ("p",),
     "planar": ("px", "py", "rz"),
@@ -190,7 +198,7 @@ PRIMITIVE = {
 STRAIGHT = {(1.0, 0.0, 0.0): "x", (0.0, 1.0, 0.0): "y", (0.0, 0.0, 1.0): "z"}
 
 
-class Place(NamedTuple):
+class LinkFrame(NamedTuple):
     """Where a link is: on a slot (-1: the ground), displaced and turned."""
 
     slot: int
@@ -198,7 +206,7 @@ class Place(NamedTuple):
     offset: Array
 
 
-class Frames:
+class JointTree:
     """The slots of a tree of links, and the numbers that they are at.
 
     Raises:
@@ -212,11 +220,11 @@ class Frames:
         self.numbers: dict[str, list[Any]] = {}
         """Name of a parameter -> what there is of it, by place."""
         self._places: dict[Any, int | None] = {}
-        self.slots: list[Slot] = []
-        self.rigid: dict[int, list[Rigid]] = {}
+        self.slots: list[ScalarJoint] = []
+        self.rigid: dict[int, list[RigidBody]] = {}
         """Slot -> what is fixed to it."""
-        root, order = hanging(self.links, self.joints)
-        self.places = {root: Place(-1, ONE, np.zeros(3))}
+        root, order = depth_first_joints(self.links, self.joints)
+        self.places = {root: LinkFrame(-1, IDENTITY, np.zeros(3))}
         """Name of a link -> where it is."""
         for joint in order:
             self._hang(joint)
@@ -255,35 +263,35 @@ class Frames:
     def _hang(self, joint: Joint) -> None:
         """Place the child of a joint, on slots of its own where it moves."""
         before = self.places[joint.parent]
-        turn = multiplied(before.turn, joint.turn)
-        offset = before.offset + rotation(before.turn) @ np.array(joint.place)
+        turn = multiply_quaternions(before.turn, joint.turn)
+        offset = before.offset + rotation_matrix(before.turn) @ np.array(joint.place)
         if joint.kind == "fixed":
-            self.places[joint.child] = Place(before.slot, turn, offset)
+            self.places[joint.child] = LinkFrame(before.slot, turn, offset)
         else:
             # The frame of the slots has the axis along x, y or z, if need be a turned one's z.
             axis, sense, tilt = self._axis(joint)
-            turn = multiplied(turn, tilt)
+            turn = multiply_quaternions(turn, tilt)
             self._add_slots(joint, before.slot, turn, offset, axis, sense)
             back = tilt[0], -tilt[1], -tilt[2], -tilt[3]
-            self.places[joint.child] = Place(len(self.slots) - 1, back, np.zeros(3))
+            self.places[joint.child] = LinkFrame(len(self.slots) - 1, back, np.zeros(3))
         slot, turn, offset = self.places[joint.child]
-        if (body := rigid(self.links[joint.child], turn, offset)) is not None and slot >= 0:
+        if (body := rigid_body_of(self.links[joint.child], turn, offset)) is not None and slot >= 0:
             self.rigid.setdefault(slot, []).append(body)
 
     def _axis(self, joint: Joint) -> tuple[str, int, Quaternion]:
         if joint.kind in ("spherical", "floating"):
-            return "z", 1, ONE
+            return "z", 1, IDENTITY
         x, y, z = joint.axis
         if joint.kind != "planar":
             for sense in (1, -1):
                 if (found := STRAIGHT.get((sense * x, sense * y, sense * z))) is not None:
-                    return found, sense, ONE
+                    return found, sense, IDENTITY
         return "z", 1, to_z(joint.axis)
 
     def _add_slots(
         self, joint: Joint, parent: int, turn: Quaternion, offset: Array, axis: str, sense: int
     ) -> None:
-        kinds = PRIMITIVE[joint.kind]
+        kinds = SCALAR_KINDS[joint.kind]
         names = [joint.name + part for part in COORDINATES[joint.kind]]
         forces = joint.damping, joint.stiffness, joint.armature, joint.follows
         if len(kinds) > 1 and any(one is not None for one in forces):
@@ -294,11 +302,13 @@ class Frames:
         for place, (kind, name) in enumerate(zip(kinds, names, strict=True)):
             last = len(self.slots)
             self.slots.append(
-                Slot(
+                ScalarJoint(
                     parent if place == 0 else last - 1,
                     kind if len(kind) == 2 else kind + axis,
                     *self._coordinate(joint, name, sense),
-                    turn=self.number("orientation", turn) if place == 0 and turns(turn) else None,
+                    turn=self.number("orientation", turn)
+                    if place == 0 and is_turned(turn)
+                    else None,
                     offset=self.number("offset", tuple(offset.tolist())) if place == 0 else None,
                     damper=self.number("damping", joint.damping),
                     spring=self._spring(joint),

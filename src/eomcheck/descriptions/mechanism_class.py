@@ -1,6 +1,7 @@
 """Scene classes of descriptions: a `Mechanism` class for each topology, all numbers its parameters.
 
-`kind_of` makes the class from a `Made`, the record of all that it is made of. Before it stand the
+`scene_class_of` makes the class from a `MechanismSource`, the record of all that it is made of.
+Before it stand the
 parts of the class: its parameters, the state in which it starts (the pose, closed, as slow as its
 constraints allow), its `Tree` for engines that build models of their own, and its `Sketch`: links
 from joint to joint, axes, centres of mass.
@@ -19,28 +20,38 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 
 from eomcheck.descriptions import second_derivation
-from eomcheck.descriptions.constraint_rows import KINDS, constraints_of, rows_of, with_sines
-from eomcheck.descriptions.first_derivation import (
-    jacobians_of,
-    placed,
-    point_of,
-    prepare_of,
-    terms_of,
+from eomcheck.descriptions.constraint_rows import (
+    KINDS,
+    make_constraint_functions,
+    row_count,
+    with_sines,
 )
-from eomcheck.descriptions.forces import forces_of, stored, taken, with_lengths
-from eomcheck.descriptions.optional_algebra import plus, vector
-from eomcheck.descriptions.quaternions import rotations
-from eomcheck.descriptions.topology import Plan, Topology
+from eomcheck.descriptions.first_derivation import (
+    arm_and_position,
+    joint_frames,
+    make_jacobians,
+    make_prepare,
+    make_terms,
+)
+from eomcheck.descriptions.forces import (
+    make_forces,
+    spring_dissipation,
+    spring_energy,
+    with_lengths,
+)
+from eomcheck.descriptions.optional_algebra import as_vector, plus
+from eomcheck.descriptions.quaternions import rotation_matrices
+from eomcheck.descriptions.topology import Topology, TopologyPlan
 from eomcheck.mechanics.derived_functions import support_of
 from eomcheck.mechanics.parameters import Parametric, parameter
 from eomcheck.mechanics.records import ANY_ANGLE, Range, Symmetry
-from eomcheck.mechanics.scene import Scene, nothing_moving
+from eomcheck.mechanics.scene import Scene, no_velocity_term
 from eomcheck.mechanics.sketch import (
     Arrow,
     Body,
     Center,
-    Constraint,
-    Joint,
+    ConstraintMark,
+    JointMark,
     Part,
     Sketch,
     Trail,
@@ -86,7 +97,7 @@ NOT_READ = ("orientation", "moments", "products", "armature")
 OPTIONAL = frozenset({"gravity", "damping"})
 
 
-def fields_of(made: Made) -> dict[str, Any]:
+def fields_of(made: MechanismSource) -> dict[str, Any]:
     """Return the fields of the class of a description, its parameters."""
     found = {}
     for name, value in made.defaults:
@@ -125,12 +136,12 @@ STEPS = 30
 """Of Newton's method, which takes ten or does not arrive."""
 
 
-def numbers_of(scene: Mechanism) -> Any:
+def float64_parameters(scene: Mechanism) -> Any:
     """Return the parameters of a scene as the equations read them, in doubles."""
     return scene.parameters(FLOAT64)
 
 
-def started(scene: Mechanism) -> tuple[Array, Array]:
+def assembled_start(scene: Mechanism) -> tuple[Array, Array]:
     """Return the pose (n,) closed by Newton's method, and the least v (n,) with a v + b = 0.
 
     A pose that does not close nearby is returned as it is.
@@ -138,7 +149,7 @@ def started(scene: Mechanism) -> tuple[Array, Array]:
     pose = np.array(scene.made.pose, np.float64)
     if not scene.r:
         return pose, np.zeros(scene.n)
-    given, q = numbers_of(scene), pose
+    given, q = float64_parameters(scene), pose
     for _ in range(STEPS):
         a, _, residual = _held(scene, given, q)
         if residual is None:
@@ -167,16 +178,16 @@ def _held(scene: Mechanism, given: Any, q: Array) -> tuple[Array, Array | None, 
 
 def tree_of(scene: Mechanism) -> Tree:
     """Return the bodies of a mechanism, joint by joint."""
-    return tree_by(scene.plan, numbers_of(scene))
+    return tree_by(scene.plan, float64_parameters(scene))
 
 
-def doubles(entries: Any) -> Array:
+def none_as_zero(entries: Any) -> Array:
     """Return entries as doubles, what is absent as 0."""
     given = np.asarray(entries, object)
     return np.where(given == None, 0.0, given).astype(np.float64)  # noqa: E711
 
 
-def tree_by(plan: Plan, given: Any) -> Tree:
+def tree_by(plan: TopologyPlan, given: Any) -> Tree:
     """Return the bodies of a plan by its numbers; absolute joints must be in the plane."""
     slots, joints = plan.slots, len(plan.slots)
     rotation = np.tile(np.eye(3), (joints, 1, 1))
@@ -192,11 +203,11 @@ def tree_by(plan: Plan, given: Any) -> Tree:
             coordinates[k] *= given.ratio[slot.follows]
             shift[k] = slot.sense * given.shift[slot.follows]
         if slot.turn is not None:
-            rotation[k] = doubles(given.rotation[slot.turn])
+            rotation[k] = none_as_zero(given.rotation[slot.turn])
         if slot.offset is not None:
-            offset[k, : plan.d] = doubles(given.offset[slot.offset])[: plan.d]
+            offset[k, : plan.d] = none_as_zero(given.offset[slot.offset])[: plan.d]
     for b, k in enumerate(plan.carriers):
-        mass[k], center[k, : plan.d] = given.mass[b], doubles(given.center[b])[: plan.d]
+        mass[k], center[k, : plan.d] = given.mass[b], none_as_zero(given.center[b])[: plan.d]
         # In the plane one moment counts, and is given to all axes, so that such a body can be.
         inertia[k] = given.inertia[b] if plan.e == 3 else given.inertia[b, 0, 0] * np.eye(3)
     for b, k in enumerate(plan.rotors, len(plan.carriers)):
@@ -217,14 +228,14 @@ def _place(a: Any, d: int) -> Array:
     return np.array([0.0 if x is None else float(x) for x in a[:d]])
 
 
-def sketched(scene: Mechanism, q: Array, t: float = 0.0) -> Sketch:
+def mechanism_sketch(scene: Mechanism, q: Array, t: float = 0.0) -> Sketch:
     """Return the mechanism in the pose q (n,)."""
-    plan, given = scene.plan, numbers_of(scene)
+    plan, given = scene.plan, float64_parameters(scene)
     prepared = scene.prepare(FLOAT64, given, np.asarray(q, np.float64), t)
-    frames, d = placed(plan, given, prepared), plan.d
+    frames, d = joint_frames(plan, given, prepared), plan.d
     at = [_place(frame.origin, d) for frame in frames]
     centers = {
-        k: _place(point_of(frames, k, vector(given.center[b]))[1], d)
+        k: _place(arm_and_position(frames, k, as_vector(given.center[b]))[1], d)
         for b, k in enumerate(plan.carriers)
     }
     everything = np.array([np.zeros(d), *at, *centers.values()])
@@ -240,18 +251,18 @@ def sketched(scene: Mechanism, q: Array, t: float = 0.0) -> Sketch:
             along = 0.12 * size * axis / (np.linalg.norm(axis) or 1.0)
             parts.append(Arrow(name, at[k], along, frame=False))
         else:
-            parts.append(Joint(at[k], slot.parent < 0, name, None if d == 2 else axis))
+            parts.append(JointMark(at[k], slot.parent < 0, name, None if d == 2 else axis))
         if k in centers:
             parts.append(Center(centers[k]))
             if all(other.parent != k for other in plan.slots):
                 parts += [Body((at[k], centers[k])), Trail(centers[k])]
     row = 0
     for closure in plan.topology.closures:
-        rows = tuple(range(row, row := row + rows_of(closure, plan.topology.planar)))
+        rows = tuple(range(row, row := row + row_count(closure, plan.topology.planar)))
         if closure.points:
             k, i = closure.points[0]
-            held = point_of(frames, k, vector(given.points[i]))[1]
-            parts.append(Constraint(closure.name, _place(held, d), rows))
+            held = arm_and_position(frames, k, as_vector(given.points[i]))[1]
+            parts.append(ConstraintMark(closure.name, _place(held, d), rows))
             if k >= 0:
                 parts.append(Body((at[k], _place(held, d))))
     if given.gravity is not None and np.any(given.gravity):
@@ -266,7 +277,7 @@ SLIDING, AWAY = Range(-1.0, 1.0), Range(-1.2, 1.2)
 """m; rad, for a hinge between two others that it could bring in line."""
 
 
-class Made(NamedTuple):
+class MechanismSource(NamedTuple):
     """All that a kind of mechanism is made of, in numbers and names."""
 
     key: str
@@ -304,7 +315,7 @@ class Made(NamedTuple):
 
     def kind(self) -> type[Mechanism]:
         """Return the class of these scenes; the same one for the same description."""
-        return kind_of(self)
+        return scene_class_of(self)
 
 
 class _Kind(ABCMeta):
@@ -313,17 +324,19 @@ class _Kind(ABCMeta):
 
 def _reduced(kind: Any) -> Any:
     made = vars(kind).get("made")
-    return kind.__qualname__ if made is None else (kind_of, (made,))
+    return kind.__qualname__ if made is None else (scene_class_of, (made,))
 
 
 copyreg.pickle(_Kind, _reduced)
 
 
 class Mechanism(Parametric, metaclass=_Kind):
-    """A tree of rigid bodies with what closes it; `kind_of` makes the classes that have any."""
+    """A tree of rigid bodies with what closes it; `scene_class_of` makes the classes that have
+    any.
+    """
 
-    made: ClassVar[Made]
-    plan: ClassVar[Plan]
+    made: ClassVar[MechanismSource]
+    plan: ClassVar[TopologyPlan]
     conserves_energy = True
 
     def __post_init__(self):
@@ -363,7 +376,7 @@ class Mechanism(Parametric, metaclass=_Kind):
 
     def initial_state(self) -> tuple[Array, Array]:
         """Return the pose of the description, closed, and the slowest velocity there is."""
-        return started(self)
+        return assembled_start(self)
 
     @property
     def as_described(self) -> bool:
@@ -404,7 +417,7 @@ class Mechanism(Parametric, metaclass=_Kind):
 
     def sketch(self, q: Array, t: float = 0.0) -> Sketch:
         """Return links from joint to joint, joints with their axes, centres of mass."""
-        return sketched(self, q, t)
+        return mechanism_sketch(self, q, t)
 
     def __repr__(self) -> str:
         """Return the Python that makes it again: that of its kind, and what is changed."""
@@ -415,7 +428,7 @@ class Mechanism(Parametric, metaclass=_Kind):
         return made.code if arguments == ")" else f"{made.code}.changed({arguments}"
 
 
-def _ranges_of(made: Made, plan: Plan) -> tuple[Range, ...]:
+def _ranges_of(made: MechanismSource, plan: TopologyPlan) -> tuple[Range, ...]:
     slides = {slot.coordinate for slot in plan.slots if slot.slides and slot.follows is None}
     found = [SLIDING if i in slides else ANY_ANGLE for i in range(plan.n)]
     for i in made.away:
@@ -425,44 +438,44 @@ def _ranges_of(made: Made, plan: Plan) -> tuple[Range, ...]:
     return tuple(found)
 
 
-def functions_of(plan: Plan) -> dict[str, Callable]:
+def make_functions(plan: TopologyPlan) -> dict[str, Callable]:
     """Return the functions of a scene."""
     functions = {
-        "prepare": with_sines(plan, with_lengths(plan, prepare_of(plan))),
-        "jacobians": jacobians_of(plan),
-        "forces": forces_of(plan),
-        "velocities": second_derivation.velocities_of(plan),
-        "potential": potential_of(plan),
-        "dissipation": dissipation_of(plan),
-        **constraints_of(plan),
+        "prepare": with_sines(plan, with_lengths(plan, make_prepare(plan))),
+        "jacobians": make_jacobians(plan),
+        "forces": make_forces(plan),
+        "velocities": second_derivation.make_velocities(plan),
+        "potential": make_potential(plan),
+        "dissipation": make_dissipation(plan),
+        **make_constraint_functions(plan),
     }
     constraints = functions.get("constraints", _no_constraints)
-    drift = functions.get("drift", nothing_moving)
-    functions["terms"] = terms_of(plan, functions["forces"], constraints, drift)
+    drift = functions.get("drift", no_velocity_term)
+    functions["terms"] = make_terms(plan, functions["forces"], constraints, drift)
     return {name: generic(one) for name, one in functions.items() if one is not None}
 
 
-def potential_of(plan: Plan) -> Callable:
+def make_potential(plan: TopologyPlan) -> Callable:
     """Return the function `potential` of a scene."""
-    rest = second_derivation.potential_of(plan)
+    rest = second_derivation.make_joint_potential(plan)
     if not plan.topology.springs:
         return rest
 
     def potential(parameters, prepared, q):
-        return plus(rest(parameters, prepared, q), stored(plan, parameters, prepared))
+        return plus(rest(parameters, prepared, q), spring_energy(plan, parameters, prepared))
 
     return potential
 
 
-def dissipation_of(plan: Plan) -> Callable | None:
+def make_dissipation(plan: TopologyPlan) -> Callable | None:
     """Return the function `dissipation` of a scene, or None without dampers."""
-    rest = second_derivation.dissipation_of(plan)
+    rest = second_derivation.make_joint_dissipation(plan)
     if not plan.topology.springs:
         return rest
 
     def dissipation(parameters, prepared, q, v):
         R = None if rest is None else rest(parameters, prepared, q, v)
-        return plus(R, taken(plan, parameters, prepared, q, v))
+        return plus(R, spring_dissipation(plan, parameters, prepared, q, v))
 
     return dissipation
 
@@ -474,9 +487,9 @@ def _rotations_in(arithmetic: Arithmetic, orientation: Array) -> Array:
     quarter turn, rounding them would leave an error larger than the entry.
     """
     if arithmetic is not FLOAT64:
-        return rotations(orientation)
+        return rotation_matrices(orientation)
     exact = np.array([Fraction(x) for x in orientation.ravel()], object).reshape(orientation.shape)
-    return np.asarray(rotations(exact), np.float64)
+    return np.asarray(rotation_matrices(exact), np.float64)
 
 
 def _no_constraints(parameters, prepared, q):
@@ -484,23 +497,23 @@ def _no_constraints(parameters, prepared, q):
 
 
 @lru_cache(256)
-def planned(topology: Topology) -> tuple[Plan, dict[str, Callable]]:
+def plan_and_functions(topology: Topology) -> tuple[TopologyPlan, dict[str, Callable]]:
     """Return the plan of a topology and the functions of its scenes, made once."""
-    plan = Plan(topology)
-    return plan, functions_of(plan)
+    plan = TopologyPlan(topology)
+    return plan, make_functions(plan)
 
 
 @lru_cache(256)
-def kind_of(made: Made) -> type[Mechanism]:
+def scene_class_of(made: MechanismSource) -> type[Mechanism]:
     """Return the class of scenes of a description; the same one for the same description."""
-    plan, functions = planned(made.topology)
+    plan, functions = plan_and_functions(made.topology)
     planar, closures = made.topology.planar, made.topology.closures
     names = [
         name if count == 1 else f"{name} {i + 1}"
-        for name, count in ((one.name, rows_of(one, planar)) for one in closures)
+        for name, count in ((one.name, row_count(one, planar)) for one in closures)
         for i in range(count)
     ]
-    held = sum(rows_of(one, planar) for one in closures if KINDS[one.kind].holonomic)
+    held = sum(row_count(one, planar) for one in closures if KINDS[one.kind].holonomic)
     turned = sorted({slot.coordinate for slot in plan.slots if not slot.slides})
     body = {
         "__doc__": f"{made.key}, made of a description. {made.left_out}".strip(),

@@ -21,8 +21,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.linalg import qr
 
-from eomcheck.calls import call, foreign
-from eomcheck.descriptions.build import described
+from eomcheck.calls import call, require_supervision
+from eomcheck.descriptions.build import mechanism_source
 from eomcheck.descriptions.elements import (
     COORDINATES,
     Constraint,
@@ -37,22 +37,22 @@ from eomcheck.descriptions.elements import (
 from eomcheck.descriptions.joint_tree import check_coordinates
 from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.descriptions.quaternions import (
-    ONE,
+    IDENTITY,
     Quaternion,
-    multiplied,
+    multiply_quaternions,
     roll_pitch_yaw_of,
-    rotation,
+    rotation_matrix,
 )
 from eomcheck.descriptions.urdf_reader import (
-    MOST,
+    MAX_FILE_ELEMENTS,
     Element,
     Format,
     Unreadable,
-    decimal,
+    finite_number,
     gravity_of,
     identifier,
-    left_out,
-    number,
+    ignored_summary,
+    number_attribute,
     root_of,
 )
 from eomcheck.errors import InputError, message_of, required
@@ -96,7 +96,7 @@ MOST_FILES = 100
 """Files that may be included, this one among them."""
 
 
-def compiled(path: Path) -> tuple[Any, Counter[str]]:
+def compile_model(path: Path) -> tuple[Any, Counter[str]]:
     """Return MuJoCo's model of a file without what is left out, and how much of that there was.
 
     Raises:
@@ -108,7 +108,7 @@ def compiled(path: Path) -> tuple[Any, Counter[str]]:
         _check(root, path)
         joints += sum(len(body.findall(tag)) for body in root.iter("body") for tag in JOINTS)
     _check_coordinates(path, joints)  # at least a coordinate each
-    foreign()
+    require_supervision()
     library = required("mujoco", "mujoco")
     try:
         return call(f"MuJoCo, reading {path.name},", _compiled, library, path, slow=True)
@@ -164,19 +164,22 @@ def _check(root: Element, path: Path) -> None:
     if strange := sorted(NOT_UNDERSTOOD & counts.keys()):
         raise Unreadable(f"{str(path)!r} holds <{strange[0]}>, which is not understood here")
     for tag in ("body", "joint"):
-        if counts[tag] > MOST:
+        if counts[tag] > MAX_FILE_ELEMENTS:
             found = f"{counts[tag]} elements <{tag}>"
-            raise Unreadable(f"{str(path)!r} has {found}, expected at most {MOST}")
+            raise Unreadable(f"{str(path)!r} has {found}, expected at most {MAX_FILE_ELEMENTS}")
     where = repr(str(path))
     for mesh in root.iter("mesh"):
         for value in mesh.get("params", "").split():
-            if not abs(decimal(value, f"{where}: params of <mesh>")) <= FINEST:
+            if not abs(finite_number(value, f"{where}: params of <mesh>")) <= FINEST:
                 size = f"a parameter of <mesh> is {value}"
                 raise Unreadable(f"{where}: {size}, expected at most {FINEST}")
     for tag, beginnings in SIZES.items():
         for element in root.iter(tag):
             for name in element.attrib:
-                if name.startswith(beginnings) and number(element, name, where) > LARGEST_SIZE:
+                if (
+                    name.startswith(beginnings)
+                    and number_attribute(element, name, where) > LARGEST_SIZE
+                ):
                     size = f"{name} of <{tag}> is {element.get(name)}"
                     raise Unreadable(f"{str(path)!r}: {size}, expected at most {LARGEST_SIZE}")
 
@@ -238,7 +241,7 @@ SITE = 6
 """MuJoCo's number for that kind of object."""
 
 
-class Read(NamedTuple):
+class EqualityContext(NamedTuple):
     """What of a model has been read."""
 
     model: Any
@@ -253,7 +256,7 @@ class Read(NamedTuple):
     """Coordinate of joints that have one, where the file draws them."""
 
 
-def equality(read: Read, i: int) -> Constraint:
+def equality_constraint(read: EqualityContext, i: int) -> Constraint:
     """Return equality number i of a model.
 
     Raises:
@@ -268,10 +271,10 @@ def equality(read: Read, i: int) -> Constraint:
     if m.eq_objtype[i] == SITE:
         at, at_other = m.site_pos[first], m.site_pos[second]
         w, x, y, z = m.site_quat[second]
-        turn = multiplied(tuple(m.site_quat[first].tolist()), (w, -x, -y, -z))
+        turn = multiply_quaternions(tuple(m.site_quat[first].tolist()), (w, -x, -y, -z))
         first, second = int(m.site_bodyid[first]), int(m.site_bodyid[second])
     elif kind == CONNECT:
-        at, at_other, turn = data[:3], data[3:6], ONE
+        at, at_other, turn = data[:3], data[3:6], IDENTITY
     else:
         at, at_other, turn = data[3:6], data[:3], data[6:10]
     ends = read.bodies[first], read.bodies[second]
@@ -281,7 +284,9 @@ def equality(read: Read, i: int) -> Constraint:
     return weld(name, *ends, *points, quaternion_of(turn))
 
 
-def _coupled(read: Read, name: str, joint: str, other: str | None, data: Array) -> Constraint:
+def _coupled(
+    read: EqualityContext, name: str, joint: str, other: str | None, data: Array
+) -> Constraint:
     for one in (joint, other):
         if one is not None and one not in read.reference:
             several = f"joint {one!r}, which has several coordinates"
@@ -319,7 +324,7 @@ STEEPEST = 1.2
 """rad; a pose that is turned further about y is left at 0, near where such angles are singular."""
 
 
-class Model(NamedTuple):
+class MjcfModel(NamedTuple):
     """What a file says."""
 
     name: str
@@ -338,17 +343,17 @@ class Model(NamedTuple):
         return [one.name + part for one in self.joints for part in COORDINATES[one.kind]]
 
 
-def read_mjcf(path: Path) -> Model:
+def read_mjcf(path: Path) -> MjcfModel:
     """Return what an MJCF file says.
 
     Raises:
         InputError, EngineError: see `from_mjcf`.
     """
-    model, out = compiled(path)
-    return _Reading(path, model, out).model()
+    model, out = compile_model(path)
+    return _MjcfReader(path, model, out).model()
 
 
-class _Reading:
+class _MjcfReader:
     """A model of MuJoCo's while it is read."""
 
     def __init__(self, path: Path, model: Any, out: Counter[str]):
@@ -364,26 +369,28 @@ class _Reading:
         off = int(model.opt.disableflags)
         self.off = {name: bool(off & bit) for name, bit in DISABLED.items()}
 
-    def model(self) -> Model:
+    def model(self) -> MjcfModel:
         """Return all of it."""
         m = self.m
         self._refuse()
         for body in range(1, m.nbody):
             self._add_body(body)
         held = not (self.off["equality"] or self.off["constraint"])
-        read = Read(m, self.where, self.bodies, self.names, self.anchors, self.reference)
-        constraints = [equality(read, i) for i in range(m.neq) if held and m.eq_active0[i]]
+        read = EqualityContext(m, self.where, self.bodies, self.names, self.anchors, self.reference)
+        constraints = [
+            equality_constraint(read, i) for i in range(m.neq) if held and m.eq_active0[i]
+        ]
         self.out["limits of joints"] += int(np.count_nonzero(m.jnt_limited))
         self.out["friction of joints"] += int(np.count_nonzero(m.dof_frictionloss))
         x, y, z = m.opt.gravity.tolist()
-        return Model(
+        return MjcfModel(
             identifier(self.path.stem),
             tuple(self.links),
             tuple(self.joints),
             tuple(constraints),
             None if self.off["gravity"] or not any((x, y, z)) else (x, y, z),
             self.pose,
-            left_out(self.out),
+            ignored_summary(self.out),
             m,
         )
 
@@ -407,11 +414,11 @@ class _Reading:
             if not last:
                 self.links.append(Link(after))
             if m.jnt_type[joint] == FREE_JOINT:
-                place, turn = np.zeros(3), np.array(ONE)
+                place, turn = np.zeros(3), np.array(IDENTITY)
             step = m.jnt_pos[joint] - anchor
-            self._add_joint(joint, before, after, place + rotation(tuple(turn)) @ step, turn)
+            self._add_joint(joint, before, after, place + rotation_matrix(tuple(turn)) @ step, turn)
             before, anchor = after, m.jnt_pos[joint]
-            place, turn = np.zeros(3), np.array(ONE)
+            place, turn = np.zeros(3), np.array(IDENTITY)
         if not count:  # it is part of the body that it is on
             self.joints.append(
                 Joint(f"{name} fixed", "fixed", before, name, triple_of(place), quaternion_of(turn))
@@ -421,7 +428,7 @@ class _Reading:
 
     def _link(self, body: int, anchor: Array) -> Link:
         m = self.m
-        R = rotation(quaternion_of(m.body_iquat[body]))
+        R = rotation_matrix(quaternion_of(m.body_iquat[body]))
         I = R @ np.diag(m.body_inertia[body]) @ R.T  # noqa: E741
         center = triple_of(m.body_ipos[body] - anchor)
         moments, products = triple_of(np.diagonal(I)), (I[0, 1], I[0, 2], I[1, 2])
@@ -452,10 +459,12 @@ class _Reading:
         if rest:  # the coordinate is not 0 where the file draws the joint
             self.pose[name] = rest
             if kind == SLIDE:
-                place = place - rest * (rotation(quaternion_of(turn)) @ axis)
+                place = place - rest * (rotation_matrix(quaternion_of(turn)) @ axis)
             else:
                 back = np.cos(rest / 2), *(-np.sin(rest / 2) * axis)
-                turn = np.array(multiplied(quaternion_of(turn), quaternion_of(np.array(back))))
+                turn = np.array(
+                    multiply_quaternions(quaternion_of(turn), quaternion_of(np.array(back)))
+                )
         damping = 0.0 if self.off["damper"] else float(m.dof_damping[dof])
         self.joints.append(
             Joint(
@@ -478,7 +487,7 @@ class _Reading:
         if len(told) < 7:
             return
         self.pose |= {f"{name}_{axis}": float(x) for axis, x in zip("xyz", told, strict=False)}
-        turns = roll_pitch_yaw_of(rotation(quaternion_of(told[3:])))
+        turns = roll_pitch_yaw_of(rotation_matrix(quaternion_of(told[3:])))
         if abs(turns[1]) <= STEEPEST:
             names = "roll", "pitch", "yaw"
             self.pose |= {f"{name}_{n}": float(x) for n, x in zip(names, turns, strict=True)}
@@ -547,9 +556,9 @@ def mjcf_kind(
     try:
         words = model.name, model.links, model.joints, model.constraints
         more = {"gravity": pulls if changed else model.gravity, "pose": model.pose}
-        made = described(*words, **more)
+        made = mechanism_source(*words, **more)
         if model.constraints:
-            made = described(*words, **more, first=_determined(made.kind()()))
+            made = mechanism_source(*words, **more, first=_dependent_coordinates(made.kind()()))
         return made._replace(
             code=f"from_mjcf({str(path)!r}{f', gravity={pulls!r}' if changed else ''})",
             imported="from eomcheck.scenes import from_mjcf",
@@ -563,7 +572,7 @@ def mjcf_kind(
         raise Unreadable(f"{str(path)!r}: {error}") from None
 
 
-def _determined(scene: Mechanism) -> list[str]:
+def _dependent_coordinates(scene: Mechanism) -> list[str]:
     """Return names of as many coordinates as there are constraints, which these determine."""
     q = scene.initial_state()[0]
     # Beside the pose, which may be a singular one: many are drawn stretched.

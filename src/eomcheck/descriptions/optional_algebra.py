@@ -14,7 +14,7 @@ from eomcheck.numbers.generic import generic
 
 Vector = tuple[Any, Any, Any]
 
-NOTHING: Vector = (None, None, None)
+ZERO_VECTOR: Vector = (None, None, None)
 AXES: tuple[Vector, Vector, Vector] = ((1, None, None), (None, 1, None), (None, None, 1))
 """Those of the ground."""
 
@@ -77,19 +77,19 @@ def total(terms):
 
 
 @generic
-def added(a, b):
+def add_vectors(a, b):
     """Return a + b."""
     return plus(a[0], b[0]), plus(a[1], b[1]), plus(a[2], b[2])
 
 
 @generic
-def subtracted(a, b):
+def subtract_vectors(a, b):
     """Return a - b."""
     return minus(a[0], b[0]), minus(a[1], b[1]), minus(a[2], b[2])
 
 
 @generic
-def scaled(x, a):
+def scale_vector(x, a):
     """Return x a."""
     return times(x, a[0]), times(x, a[1]), times(x, a[2])
 
@@ -117,20 +117,22 @@ def centripetal(omega, arm):
 
 
 @generic
-def levelled(axes, a):
-    """Return a vector given along `axes` in the directions in which these are given."""
+def from_local(axes, a):
+    """Return a vector given along `axis_names` in the directions in which these are given."""
     x, y, z = axes
-    return added(added(scaled(a[0], x), scaled(a[1], y)), scaled(a[2], z))
+    return add_vectors(
+        add_vectors(scale_vector(a[0], x), scale_vector(a[1], y)), scale_vector(a[2], z)
+    )
 
 
 @generic
-def along(axes, a):
-    """Return the components of a vector along `axes`."""
+def to_local(axes, a):
+    """Return the components of a vector along `axis_names`."""
     return dot(axes[0], a), dot(axes[1], a), dot(axes[2], a)
 
 
 @generic
-def turned_back(a, axis, cos, sin):
+def rotate_back(a, axis, cos, sin):
     """Return a vector along axes that are turned about their `axis`-th, of which it is given."""
     i, j = (axis + 1) % 3, (axis + 2) % 3
     return _with(
@@ -143,15 +145,15 @@ def turned_back(a, axis, cos, sin):
 
 
 @generic
-def turned(a, axis, cos, sin):
+def rotate(a, axis, cos, sin):
     """Return a vector that is turned about the `axis`-th axis."""
-    return turned_back(a, axis, cos, negative(sin))
+    return rotate_back(a, axis, cos, negative(sin))
 
 
 @generic
 def unit(axis, x):
     """Return x times the `axis`-th axis."""
-    return _with(NOTHING, {axis: x})
+    return _with(ZERO_VECTOR, {axis: x})
 
 
 def _with(a: Vector, parts: dict[int, Any]) -> Vector:
@@ -159,7 +161,7 @@ def _with(a: Vector, parts: dict[int, Any]) -> Vector:
     return x, y, z
 
 
-def vector(entries: Iterable[Any]) -> Vector:
+def as_vector(entries: Iterable[Any]) -> Vector:
     """Return the vector of two or three numbers."""
     x, y, *rest = entries
     return x, y, (rest[0] if rest else None)

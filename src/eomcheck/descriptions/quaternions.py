@@ -10,10 +10,10 @@ from eomcheck.numbers.generic import Array, generic
 
 Quaternion = tuple[float, float, float, float]
 
-ONE: Quaternion = (1.0, 0.0, 0.0, 0.0)
+IDENTITY: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
 
-def multiplied(a: Quaternion, b: Quaternion) -> Quaternion:
+def multiply_quaternions(a: Quaternion, b: Quaternion) -> Quaternion:
     """Return the rotation b in the frame that a turns."""
     w, x, y, z = a
     p, i, j, k = b
@@ -32,13 +32,13 @@ def of_length_one(a: Quaternion) -> Quaternion:
     return w, x, y, z
 
 
-def turns(a: Quaternion) -> bool:
+def is_turned(a: Quaternion) -> bool:
     """Return whether it turns anything."""
     return any(a[1:])
 
 
 @generic
-def rotations(orientation):
+def rotation_matrices(orientation):
     """Return the rotations (k, 3, 3) that quaternions (k, 4) of any length stand for."""
     R = np.zeros((orientation.shape[0], 3, 3), orientation.dtype)
     for k in range(orientation.shape[0]):
@@ -53,15 +53,15 @@ def rotations(orientation):
     return R
 
 
-def rotation(a: Quaternion) -> Array:
+def rotation_matrix(a: Quaternion) -> Array:
     """Return the rotation matrix (3, 3)."""
-    return rotations(np.array([a], np.float64))[0]
+    return rotation_matrices(np.array([a], np.float64))[0]
 
 
-def about(axis: int, angle: float) -> Quaternion:
+def axis_rotation(axis: int, angle: float) -> Quaternion:
     """Return the turn by an angle, rad, about an axis of the frame."""
     if angle == 0:
-        return ONE
+        return IDENTITY
     parts = [math.cos(angle / 2), 0.0, 0.0, 0.0]
     parts[axis + 1] = math.sin(angle / 2)
     return parts[0], parts[1], parts[2], parts[3]
@@ -69,7 +69,9 @@ def about(axis: int, angle: float) -> Quaternion:
 
 def roll_pitch_yaw(roll: float, pitch: float, yaw: float) -> Quaternion:
     """Return turns about x, then y, then z of axes that stay, rad."""
-    return multiplied(multiplied(about(2, yaw), about(1, pitch)), about(0, roll))
+    return multiply_quaternions(
+        multiply_quaternions(axis_rotation(2, yaw), axis_rotation(1, pitch)), axis_rotation(0, roll)
+    )
 
 
 def roll_pitch_yaw_of(R: Array) -> tuple[float, float, float]:
@@ -86,5 +88,5 @@ def to_z(axis: tuple[float, float, float]) -> Quaternion:
     """Return a turn that brings z to a direction of any length."""
     x, y, z = axis
     if z < 0:  # half a turn first, for z and the axis are nearly opposite
-        return multiplied(to_z((-x, -y, -z)), (0.0, 1.0, 0.0, 0.0))
+        return multiply_quaternions(to_z((-x, -y, -z)), (0.0, 1.0, 0.0, 0.0))
     return of_length_one((math.hypot(x, y, z) + z, -y, x, 0.0))

@@ -25,15 +25,15 @@ from eomcheck.descriptions.elements import (
     knife_edge,
     on_plane,
     on_quadric,
+    perpendicular,
     pin,
     rolling_ball,
     rolling_circle,
     rolling_disk,
-    square,
     weld,
 )
-from eomcheck.descriptions.quaternions import multiplied
-from eomcheck.descriptions.random_elements import GROUND, Description, Pose, poses
+from eomcheck.descriptions.quaternions import multiply_quaternions
+from eomcheck.descriptions.random_elements import GROUND, Pose, RandomDescription, poses
 from eomcheck.descriptions.random_trees import TURNING
 from eomcheck.descriptions.topology import ROLLING
 from eomcheck.errors import RefusedError
@@ -53,14 +53,14 @@ UPRIGHT = 0.5
 along each other no point of the rim is the lowest."""
 
 
-def rows_of(kind: str, planar: bool) -> int:
+def row_count_with_contact(kind: str, planar: bool) -> int:
     """Return how many rows a constraint has; of what rolls, all those that let it roll."""
     if kind == "rolling":
         return 2 if planar else 3
     return KINDS[kind].planar if planar else KINDS[kind].spatial
 
 
-def posed(tree: Description, choices: Choices) -> Description:
+def with_random_pose(tree: RandomDescription, choices: Choices) -> RandomDescription:
     """Return a tree in a pose that is no special one."""
     slides = {f"{joint.name}{part}" for joint in tree.joints for part in _slides(joint.kind)}
     pose = [
@@ -76,7 +76,9 @@ def _slides(kind: str) -> tuple[str, ...]:
     )
 
 
-def closed(tree: Description, kind: str, planar: bool, choices: Choices) -> Description:
+def with_random_constraint(
+    tree: RandomDescription, kind: str, planar: bool, choices: Choices
+) -> RandomDescription:
     """Return a tree in a pose, with one more constraint of a kind; coordinates in good order.
 
     Raises:
@@ -101,7 +103,7 @@ def closed(tree: Description, kind: str, planar: bool, choices: Choices) -> Desc
     raise RefusedError("a", float(size), INDEPENDENT, said)
 
 
-def _jacobian(description: Description) -> Array:
+def _jacobian(description: RandomDescription) -> Array:
     """Return a (r, n) in the pose, columns in the order of the joints."""
     scene = description.made("Closed").kind()()
     given, q = scene.parameters(FLOAT64), np.array([x for _, x in description.pose])
@@ -112,7 +114,7 @@ def _jacobian(description: Description) -> Array:
 
 
 def _constraint(
-    tree: Description, kind: str, planar: bool, choices: Choices
+    tree: RandomDescription, kind: str, planar: bool, choices: Choices
 ) -> tuple[Constraint, ...] | None:
     """Return a constraint that is closed in the pose; None where no two links can have it.
 
@@ -123,13 +125,15 @@ def _constraint(
         found = _of_coordinates(tree, kind, name, choices)
         return None if found is None else (found,)
     pairs = (
-        _turning(tree) if kind == "square" else _pairs(tree, rows_of(kind, planar), kind == "edge")
+        _turning(tree)
+        if kind == "square"
+        else _pairs(tree, row_count_with_contact(kind, planar), kind == "edge")
     )
     if not pairs:
         return None
     link, other = choices.one_of(pairs)
     there = poses(tree)
-    at = random_elements.anywhere(choices, planar)
+    at = random_elements.random_triple(choices, planar)
     here = name, link, other, at, there[link], there[other], planar, choices
     if kind in ROLLING:
         up, *slips = _rolling(*here)
@@ -137,7 +141,7 @@ def _constraint(
     return (_FITTING[kind](*here),)
 
 
-def _pairs(tree: Description, rows: int, alone: bool) -> list[tuple[str, str]]:
+def _pairs(tree: RandomDescription, rows: int, alone: bool) -> list[tuple[str, str]]:
     """Return the pairs of links that `rows` coordinates at least move against each other."""
     before: dict[str, frozenset[str]] = {GROUND: frozenset()}
     for joint in tree.joints:
@@ -153,7 +157,7 @@ def _pairs(tree: Description, rows: int, alone: bool) -> list[tuple[str, str]]:
     ]
 
 
-def _turning(tree: Description) -> list[tuple[str, str]]:
+def _turning(tree: RandomDescription) -> list[tuple[str, str]]:
     """Return the pairs of links between which some joint turns."""
     before: dict[str, frozenset[str]] = {GROUND: frozenset()}
     for joint in tree.joints:
@@ -167,7 +171,9 @@ def _turning(tree: Description) -> list[tuple[str, str]]:
     ]
 
 
-def _of_coordinates(tree: Description, kind: str, name: str, choices: Choices) -> Constraint | None:
+def _of_coordinates(
+    tree: RandomDescription, kind: str, name: str, choices: Choices
+) -> Constraint | None:
     """Return a constraint of coordinates; not of hinges that have to stay away from a pose."""
     q = {one: x for one, x in tree.pose if not one.endswith("_pitch")}
     if len(q) < (1 if kind == "drive" else 2):
@@ -193,7 +199,7 @@ def _weld(
     name: str, link: str, other: str, at: Triple, here: Pose, there: Pose, *_: Any
 ) -> Constraint:
     w, x, y, z = here.turn
-    turn = multiplied((w, -x, -y, -z), there.turn)
+    turn = multiply_quaternions((w, -x, -y, -z), there.turn)
     return weld(name, link, other, at, there.own_point(here.point(at)), turn)
 
 
@@ -201,7 +207,7 @@ def _hinge(
     name: str, link: str, other: str, at: Triple, here: Pose, there: Pose, planar: bool,
     choices: Choices,
 ) -> Constraint:  # fmt: skip
-    axis = random_elements.direction(choices, planar=False)
+    axis = random_elements.random_direction(choices, planar=False)
     own = there.own_point(here.point(at)), axis, there.own_direction(here.direction(axis))
     return hinge(name, link, other, at, *own)
 
@@ -210,7 +216,7 @@ def _distance(
     name: str, link: str, other: str, at: Triple, here: Pose, there: Pose, planar: bool,
     choices: Choices,
 ) -> Constraint:  # fmt: skip
-    at_other = random_elements.anywhere(choices, planar)
+    at_other = random_elements.random_triple(choices, planar)
     rod = here.point(at) - there.point(at_other)
     if np.linalg.norm(rod) < 5 * random_elements.SMALLEST:
         rod = np.array([1.0, 0.0, 0.0])
@@ -222,8 +228,8 @@ def _on_plane(
     name: str, link: str, other: str, at: Triple, here: Pose, there: Pose, planar: bool,
     choices: Choices,
 ) -> Constraint:  # fmt: skip
-    across = random_elements.direction(choices, planar)
-    normal, away = np.asarray(across), np.asarray(random_elements.anywhere(choices, planar))
+    across = random_elements.random_direction(choices, planar)
+    normal, away = np.asarray(across), np.asarray(random_elements.random_triple(choices, planar))
     along = away - away @ normal / (normal @ normal) * normal
     x, y, z = (np.asarray(there.own_point(here.point(at))) - along).tolist()
     return on_plane(name, link, other, across, at, (x, y, z))
@@ -236,7 +242,7 @@ def _on_quadric(
     """Return that a point stays on a surface through where it is, which has a slope there."""
     bends, s = (np.array([choices.number(-1.0, 1.0) for _ in range(3)]) for _ in range(2))
     s[2] = 0.0 if planar else s[2]
-    along = np.asarray(random_elements.direction(choices, planar))
+    along = np.asarray(random_elements.random_direction(choices, planar))
     slopes = along / np.linalg.norm(along) - bends * s
     level = float((bends * s * s / 2 + slopes * s).sum())
     surface = _triple(bends), level, _triple(slopes)
@@ -253,18 +259,18 @@ def _square(
     name: str, link: str, other: str, at: Triple, here: Pose, there: Pose, planar: bool,
     choices: Choices,
 ) -> Constraint:  # fmt: skip
-    along, away = random_elements.direction(choices, planar), np.array([0.0, 0.0, 1.0])
+    along, away = random_elements.random_direction(choices, planar), np.array([0.0, 0.0, 1.0])
     if not planar:
-        away = np.asarray(random_elements.across(choices, along))
+        away = np.asarray(random_elements.random_transverse(choices, along))
     across = there.own_direction(here.direction(np.cross(along, away)))
-    return square(name, link, along, other, across)
+    return perpendicular(name, link, along, other, across)
 
 
 def _edge(
     name: str, link: str, other: str, at: Triple, here: Pose, there: Pose, planar: bool,
     choices: Choices,
 ) -> Constraint:  # fmt: skip
-    return knife_edge(name, link, random_elements.direction(choices, planar), at)
+    return knife_edge(name, link, random_elements.random_direction(choices, planar), at)
 
 
 def _rolling(
@@ -274,7 +280,7 @@ def _rolling(
     """Return that a ball, a disk or, in the plane, a circle rolls; the first is that it touches."""
     radius, across = (
         choices.number(0.2, 1.0),
-        np.asarray(random_elements.direction(choices, planar)),
+        np.asarray(random_elements.random_direction(choices, planar)),
     )
     normal = across / np.linalg.norm(across)
     is_disk = not planar and choices.one_of((False, True))
@@ -286,7 +292,7 @@ def _rolling(
         arm = -radius * rim / np.linalg.norm(rim)
     else:
         axis, arm = None, -radius * there.direction(normal)
-    aside = np.asarray(random_elements.anywhere(choices, planar))
+    aside = np.asarray(random_elements.random_triple(choices, planar))
     aside -= aside @ normal * normal
     x, y, z = (np.asarray(there.own_point(here.point(at) + arm)) + aside).tolist()
     given = name, link, other, radius
@@ -301,7 +307,7 @@ def _rolling(
 
 def _upright(choices: Choices, normal: Array) -> Triple:
     """Return an axis that is far from along a normal (3,) of length 1."""
-    axis = random_elements.direction(choices, planar=False)
+    axis = random_elements.random_direction(choices, planar=False)
     if np.linalg.norm(np.cross(normal, axis)) >= UPRIGHT * np.linalg.norm(axis):
         return axis
     x, y, z = np.eye(3)[np.argmin(np.abs(normal))].tolist()

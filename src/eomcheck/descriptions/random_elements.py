@@ -1,7 +1,7 @@
 """Random elements: places, directions, bodies; and a random description of them as data.
 
-Of all numbers that may be drawn the simplest comes first. A `Description` tells where its links are
-in a pose (`poses`), and writes the Python that makes its scene (`code`).
+Of all numbers that may be drawn the simplest comes first. A `RandomDescription` tells where its
+links are in a pose (`poses`), and writes the Python that makes its scene (`code`).
 """
 
 from __future__ import annotations
@@ -10,10 +10,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.descriptions.build import described
+from eomcheck.descriptions.build import mechanism_source
 from eomcheck.descriptions.elements import COORDINATES, ORIGIN, Constraint, Joint, Link, Triple
-from eomcheck.descriptions.mechanism_class import Made
-from eomcheck.descriptions.quaternions import ONE, Quaternion, about, multiplied, rotation, to_z
+from eomcheck.descriptions.mechanism_class import MechanismSource
+from eomcheck.descriptions.quaternions import (
+    IDENTITY,
+    Quaternion,
+    axis_rotation,
+    multiply_quaternions,
+    rotation_matrix,
+    to_z,
+)
 from eomcheck.mechanics.random_source import Choices
 from eomcheck.numbers.generic import Array
 
@@ -32,30 +39,30 @@ SMALLEST = 0.1
 """Shorter directions and arms than this are replaced, so that nothing is singular by accident."""
 
 
-def place(choices: Choices, planar: bool) -> Triple:
+def random_point(choices: Choices, planar: bool) -> Triple:
     """Return a position within 1 m along each axis, often the origin."""
     if choices.one_of((False, True, True, True)):
-        return anywhere(choices, planar)
+        return random_triple(choices, planar)
     return ORIGIN
 
 
-def anywhere(choices: Choices, planar: bool, most: float = 1.0) -> Triple:
+def random_triple(choices: Choices, planar: bool, most: float = 1.0) -> Triple:
     """Return three numbers, in the plane z = 0 where asked for."""
     x, y = (choices.number(-most, most) for _ in range(2))
     return x, y, 0.0 if planar else choices.number(-most, most)
 
 
-def direction(choices: Choices, planar: bool, most: float = 1.0) -> Triple:
+def random_direction(choices: Choices, planar: bool, most: float = 1.0) -> Triple:
     """Return a direction, of any length that is not small."""
-    x, y, z = anywhere(choices, planar, most)
+    x, y, z = random_triple(choices, planar, most)
     if max(abs(x), abs(y), abs(z)) < SMALLEST * most:
         return most, y, z
     return x, y, z
 
 
-def across(choices: Choices, along: Triple) -> Triple:
+def random_transverse(choices: Choices, along: Triple) -> Triple:
     """Return a direction that is not nearly along another."""
-    other = direction(choices, planar=False)
+    other = random_direction(choices, planar=False)
     sine = np.linalg.norm(np.cross(along, other)) / np.linalg.norm(along) / np.linalg.norm(other)
     if sine >= SMALLEST:
         return other
@@ -63,27 +70,27 @@ def across(choices: Choices, along: Triple) -> Triple:
     return x, y, z
 
 
-def turn(choices: Choices) -> Quaternion:
+def random_orientation(choices: Choices) -> Quaternion:
     """Return a rotation as a quaternion of any length, often none at all."""
     if not choices.one_of((False, True, True)):
-        return ONE
-    return choices.number(SMALLEST, 1.0), *anywhere(choices, planar=False)
+        return IDENTITY
+    return choices.number(SMALLEST, 1.0), *random_triple(choices, planar=False)
 
 
-def size(choices: Choices, low: float, high: float) -> float:
+def random_magnitude(choices: Choices, low: float, high: float) -> float:
     """Return 10 to the power of a number in [low, high]: all magnitudes alike."""
     return 10.0 ** choices.number(low, high)
 
 
-def body(choices: Choices, name: str, planar: bool) -> Link:
+def random_link(choices: Choices, name: str, planar: bool) -> Link:
     """Return a link with the inertia of some homogeneous block, turned anyhow."""
-    mass, center = size(choices, -1.0, 1.0), place(choices, planar)
-    x, y, z = (size(choices, -2.0, 0.0) for _ in range(3))
+    mass, center = random_magnitude(choices, -1.0, 1.0), random_point(choices, planar)
+    x, y, z = (random_magnitude(choices, -2.0, 0.0) for _ in range(3))
     moments = mass * np.array([y + z, x + z, x + y])
     if planar:
         a, b, c = moments.tolist()
         return Link(name, mass, center, (a, b, c))
-    R = rotation(turn(choices))
+    R = rotation_matrix(random_orientation(choices))
     I = (R * moments @ R.T).tolist()  # noqa: E741
     return Link(name, mass, center, (I[0][0], I[1][1], I[2][2]), (I[0][1], I[0][2], I[1][2]))
 
@@ -99,7 +106,7 @@ IMPORTED = (
 """What the Python of a description imports."""
 
 
-class Description(NamedTuple):
+class RandomDescription(NamedTuple):
     """What `mechanism` is handed."""
 
     links: tuple[Link, ...]
@@ -118,13 +125,13 @@ class Description(NamedTuple):
         own = (joint for joint in self.joints if joint.follows is None)
         return tuple(joint.name + part for joint in own for part in COORDINATES[joint.kind])
 
-    def made(self, name: str) -> Made:
+    def made(self, name: str) -> MechanismSource:
         """Return what the kind that it describes is made of.
 
         Raises:
             InputError: see `mechanism`.
         """
-        made = described(
+        made = mechanism_source(
             *(name, self.links, self.joints, self.constraints),
             gravity=self.gravity,
             first=self.first,
@@ -157,7 +164,7 @@ class Pose(NamedTuple):
 
     def direction(self, along: Any) -> Array:
         """Return a direction of the link, seen from the ground."""
-        return rotation(self.turn) @ np.asarray(along, np.float64)
+        return rotation_matrix(self.turn) @ np.asarray(along, np.float64)
 
     def own_point(self, at: Array) -> Triple:
         """Return a point of the ground as the link sees it."""
@@ -165,19 +172,19 @@ class Pose(NamedTuple):
 
     def own_direction(self, along: Array) -> Triple:
         """Return a direction of the ground as the link sees it."""
-        x, y, z = (rotation(self.turn).T @ along).tolist()
+        x, y, z = (rotation_matrix(self.turn).T @ along).tolist()
         return x, y, z
 
 
-def poses(description: Description) -> dict[str, Pose]:
+def poses(description: RandomDescription) -> dict[str, Pose]:
     """Return where all links are in the pose of a description, from its words alone."""
-    q, found = dict(description.pose), {GROUND: Pose(ONE, np.zeros(3))}
+    q, found = dict(description.pose), {GROUND: Pose(IDENTITY, np.zeros(3))}
     by_name = {joint.name: joint for joint in description.joints}
     for joint in description.joints:
         before = found[joint.parent]
-        seat = Pose(multiplied(before.turn, joint.turn), before.point(joint.place))
-        turn, moved = _moved(joint, _coordinates(joint, by_name, q))
-        found[joint.child] = Pose(multiplied(seat.turn, turn), seat.point(moved))
+        seat = Pose(multiply_quaternions(before.turn, joint.turn), before.point(joint.place))
+        turn, moved = _joint_displacement(joint, _coordinates(joint, by_name, q))
+        found[joint.child] = Pose(multiply_quaternions(seat.turn, turn), seat.point(moved))
     return found
 
 
@@ -188,24 +195,28 @@ def _coordinates(joint: Joint, by_name: dict[str, Joint], q: dict[str, float]) -
     return [ratio * x + shift for x in _coordinates(by_name[leader], by_name, q)]
 
 
-def _moved(joint: Joint, x: list[float]) -> tuple[Quaternion, Array]:
+def _joint_displacement(joint: Joint, x: list[float]) -> tuple[Quaternion, Array]:
     """Return how a joint turns and displaces its child, in the frame of its seat."""
     axis, still = np.asarray(joint.axis), np.zeros(3)
     if joint.kind == "prismatic":
-        return ONE, x[0] * axis / np.linalg.norm(axis)
+        return IDENTITY, x[0] * axis / np.linalg.norm(axis)
     if joint.kind == "revolute":
         return _about_z(to_z(joint.axis), x[0]), still
     if joint.kind == "planar":
         tilt = to_z(joint.axis)
-        return _about_z(tilt, x[2]), rotation(tilt) @ [x[0], x[1], 0.0]
+        return _about_z(tilt, x[2]), rotation_matrix(tilt) @ [x[0], x[1], 0.0]
     if joint.kind in ("spherical", "floating"):
-        yaw, pitch, roll = (about(axis, x[place - 3]) for axis, place in ((2, 0), (1, 1), (0, 2)))
+        yaw, pitch, roll = (
+            axis_rotation(axis, x[place - 3]) for axis, place in ((2, 0), (1, 1), (0, 2))
+        )
         slid = np.array(x[:3]) if joint.kind == "floating" else still
-        return multiplied(multiplied(yaw, pitch), roll), slid
-    return ONE, still
+        return multiply_quaternions(multiply_quaternions(yaw, pitch), roll), slid
+    return IDENTITY, still
 
 
 def _about_z(tilt: Quaternion, angle: float) -> Quaternion:
     """Return the turn about z of a frame that is tilted."""
     w, x, y, z = tilt
-    return multiplied(multiplied(tilt, about(2, angle)), (w, -x, -y, -z))
+    return multiply_quaternions(
+        multiply_quaternions(tilt, axis_rotation(2, angle)), (w, -x, -y, -z)
+    )

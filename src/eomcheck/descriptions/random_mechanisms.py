@@ -11,32 +11,44 @@ import numpy as np
 
 from eomcheck.descriptions.constraint_rows import KINDS
 from eomcheck.descriptions.mechanism_class import Mechanism
-from eomcheck.descriptions.random_constraints import closed, posed, rows_of
-from eomcheck.descriptions.random_elements import Description
-from eomcheck.descriptions.random_trees import PLANE, SPACE, Room, measured, rooms, tree, tree_ways
+from eomcheck.descriptions.random_constraints import (
+    row_count_with_contact,
+    with_random_constraint,
+    with_random_pose,
+)
+from eomcheck.descriptions.random_elements import RandomDescription
+from eomcheck.descriptions.random_trees import (
+    PLANE,
+    SPACE,
+    JointBudget,
+    joint_budgets,
+    levels_of,
+    random_tree,
+    tree_factors,
+)
 from eomcheck.errors import InputError, RefusedError, whole_number
-from eomcheck.mechanics.random_source import Choices, FromGenerator, Ways
+from eomcheck.mechanics.random_source import Choices, Factors, GeneratorChoices
 from eomcheck.mechanics.records import Range
 from eomcheck.mechanics.scene import Scene
 
 CONSTRAINTS, MOTION = "constraints", "motion"
 NOTHING = "nothing"
 
-MOST = 30
+MAX_RANDOM_LINKS = 30
 """Links that a random scene may have: a floating joint has six coordinates, and they have 200."""
 
 PROVED = 3
 """Scenes of each number of links that `structures` yields."""
 
 
-class Random(Mechanism):
+class RandomScene(Mechanism):
     """A mechanism that was drawn with its description; a class of its own for each.
 
     What is drawn is all in the description, so that its parameters have no ranges.
     """
 
     has_links = True
-    most_links = MOST
+    most_links = MAX_RANDOM_LINKS
 
     @property
     def links(self) -> int:
@@ -51,7 +63,7 @@ class Random(Mechanism):
     @property
     def structure(self) -> str:
         """The name, every joint and where it is, the constraints, what is there besides."""
-        given: Description = self.made.description
+        given: RandomDescription = self.made.description
         places = {link.name: str(i) for i, link in enumerate(given.links)}
         joints = " ".join(f"{one.kind}-{places[one.parent]}" for one in given.joints)
         there = self.topology
@@ -66,7 +78,7 @@ class Random(Mechanism):
     @property
     def topology(self) -> dict[str, str]:
         """The ways in which it is, as its description says; see `topologies`."""
-        return measured(self.made.description, self.made.topology.planar)
+        return levels_of(self.made.description, self.made.topology.planar)
 
     @classmethod
     def ranges(cls, links: int | None = None) -> dict[str, Range]:
@@ -88,7 +100,7 @@ class Random(Mechanism):
         links = checked_links(links)
         random = np.random.default_rng(links)
         known: set[str] = set()
-        choices = FromGenerator(random)
+        choices = GeneratorChoices(random)
         # Entries that have more kinds of constraints count more.
         entries = [x for x in cls.topologies(links) for _ in x.get(CONSTRAINTS, ("",))]
         while len(known) < PROVED:
@@ -102,32 +114,32 @@ class Random(Mechanism):
                 yield scene
 
     @classmethod
-    def described_so(cls, description: Description) -> type[Self]:
+    def described_so(cls, description: RandomDescription) -> type[Self]:
         """Return the kind of the scene of a description."""
         made = description.made(_class_name(cls.key))
         return made._replace(base=_base(cls), description=description).kind()  # type: ignore
 
 
-class RandomTree(Random):
+class RandomTree(RandomScene):
     """A random tree of rigid bodies."""
 
     key = "random-trees"
 
     @classmethod
-    def topologies(cls, links: int | None = None) -> Sequence[Ways]:
+    def topologies(cls, links: int | None = None) -> Sequence[Factors]:
         """Return in which ways trees of so many links may be."""
         links = checked_links(links)
-        return [tree_ways(room, links) for room in rooms(links)]
+        return [tree_factors(room, links) for room in joint_budgets(links)]
 
     @classmethod
     def of_topology(
         cls, links: int | None, ways: Mapping[str, str], choices: Choices
     ) -> type[Self]:
         """Return the kind of one tree."""
-        return cls.described_so(tree(ways, checked_links(links), choices))
+        return cls.described_so(random_tree(ways, checked_links(links), choices))
 
 
-class RandomMechanism(Random):
+class RandomMechanism(RandomScene):
     """A random tree with loops, wheels, couplings or drives, their rows independent."""
 
     key = "random-mechanisms"
@@ -139,15 +151,15 @@ class RandomMechanism(Random):
         return super().topology | {CONSTRAINTS: first[0].kind if first else NOTHING}
 
     @classmethod
-    def topologies(cls, links: int | None = None) -> Sequence[Ways]:
+    def topologies(cls, links: int | None = None) -> Sequence[Factors]:
         """Return in which ways mechanisms of so many links may be.
 
         What a clock drives is never at rest.
         """
         links = checked_links(links)
         found = []
-        for room in rooms(links):
-            ways, fitting = tree_ways(room, links), _fitting(room)
+        for room in joint_budgets(links):
+            ways, fitting = tree_factors(room, links), _fitting(room)
             still = tuple(kind for kind in fitting if kind != "drive")
             if still:
                 found.append(ways | {CONSTRAINTS: still})
@@ -165,29 +177,35 @@ class RandomMechanism(Random):
             RefusedError: no independent constraints are found.
         """
         kind, planar = ways[CONSTRAINTS], ways[SPACE] == PLANE
-        least = rows_of(kind, planar) + 1
+        least = row_count_with_contact(kind, planar) + 1
         turning = kind == "square"
-        grown = tree(ways, checked_links(links), choices, least, turning=turning)
-        grown = posed(grown, choices)
-        found = closed(grown, kind, planar, choices)
+        grown = random_tree(ways, checked_links(links), choices, least, turning=turning)
+        grown = with_random_pose(grown, choices)
+        found = with_random_constraint(grown, kind, planar, choices)
         if kind == "drive" or not choices.one_of((False, False, True)):
             return cls.described_so(found)
-        left = len(found.coordinates) - rows_of(kind, planar)
-        among = [one for one in _kinds(planar) if rows_of(one, planar) < left and one != "drive"]
+        left = len(found.coordinates) - row_count_with_contact(kind, planar)
+        among = [
+            one
+            for one in _kinds(planar)
+            if row_count_with_contact(one, planar) < left and one != "drive"
+        ]
         if among:
             with suppress(RefusedError):  # one constraint will do
-                found = closed(found, choices.one_of(among), planar, choices)
+                found = with_random_constraint(found, choices.one_of(among), planar, choices)
         return cls.described_so(found)
 
 
 def _kinds(planar: bool) -> list[str]:
-    return [kind for kind in KINDS if rows_of(kind, planar) > 0]
+    return [kind for kind in KINDS if row_count_with_contact(kind, planar) > 0]
 
 
-def _fitting(room: Room) -> tuple[str, ...]:
+def _fitting(room: JointBudget) -> tuple[str, ...]:
     """Return the kinds of constraints for which there is room, one motion left."""
     planar = room.space == PLANE
-    return tuple(kind for kind in _kinds(planar) if rows_of(kind, planar) < room.coordinates)
+    return tuple(
+        kind for kind in _kinds(planar) if row_count_with_contact(kind, planar) < room.coordinates
+    )
 
 
 def checked_links(links: object, name: str = "links") -> int:
@@ -197,8 +215,10 @@ def checked_links(links: object, name: str = "links") -> int:
         InputError: no random scene has so many.
     """
     number = whole_number(name, links)
-    if number > MOST:
-        raise InputError(f"{name} = {number}, expected at most {MOST} of a random scene")
+    if number > MAX_RANDOM_LINKS:
+        raise InputError(
+            f"{name} = {number}, expected at most {MAX_RANDOM_LINKS} of a random scene"
+        )
     return number
 
 
@@ -207,11 +227,11 @@ def _class_name(key: str) -> str:
 
 
 @cache
-def _example(kind: type[Random]) -> Scene:
+def _example(kind: type[RandomScene]) -> Scene:
     return next(kind.structures(3))
 
 
-def _base(kind: type[Random]) -> type[Random]:
+def _base(kind: type[RandomScene]) -> type[RandomScene]:
     """Return the class that all scenes of a random kind derive from."""
     return next(one for one in kind.__mro__ if "made" not in vars(one))
 

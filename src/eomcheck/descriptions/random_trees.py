@@ -15,9 +15,9 @@ import numpy as np
 
 from eomcheck.descriptions import random_elements
 from eomcheck.descriptions.elements import COORDINATES, Joint, Link, Triple
-from eomcheck.descriptions.quaternions import ONE, roll_pitch_yaw_of, rotation
-from eomcheck.descriptions.random_elements import GROUND, Description
-from eomcheck.mechanics.random_source import Choices, Ways
+from eomcheck.descriptions.quaternions import IDENTITY, roll_pitch_yaw_of, rotation_matrix
+from eomcheck.descriptions.random_elements import GROUND, RandomDescription
+from eomcheck.mechanics.random_source import Choices, Factors
 
 SPACE, ROOT, SHAPE, AXES, FIXED = "space", "root joint", "shape", "axes", "fixed links"
 CARRIERS, FOLLOWERS = "massless carriers", "mimic joints"
@@ -45,7 +45,7 @@ PROPERTIES = (SPRINGS, DAMPERS, ROTORS)
 """What only joints with one coordinate have."""
 
 
-class Room(NamedTuple):
+class JointBudget(NamedTuple):
     """How many joints there are, and of which kinds they have to be."""
 
     space: str
@@ -69,17 +69,17 @@ class Room(NamedTuple):
         return self.singles - int(self.root in SINGLE)
 
 
-def rooms(links: int, among: frozenset[str] = ALL) -> Iterator[Room]:
+def joint_budgets(links: int, among: frozenset[str] = ALL) -> Iterator[JointBudget]:
     """Yield what there is room for with so many links, on joints of these kinds."""
     for space, kinds in KINDS.items():
         for root in (kind for kind in kinds if kind in among):
             for fixed in (0, 1) if links > 1 and "fixed" in among else (0,):
                 others, own = links - 1 - fixed, int(root in SINGLE)
                 needed = min(2 - own, others)
-                yield Room(space, root, fixed, own + needed, others - needed)
+                yield JointBudget(space, root, fixed, own + needed, others - needed)
 
 
-def tree_ways(room: Room, links: int) -> Ways:
+def tree_factors(room: JointBudget, links: int) -> Factors:
     """Return the ways in which trees of so many links may be, with this room."""
     either = ABSENT, PRESENT
     single, pair = ((either if room.singles >= count else (ABSENT,)) for count in (1, 2))
@@ -97,7 +97,7 @@ def tree_ways(room: Room, links: int) -> Ways:
     }
 
 
-def measured(description: Description, planar: bool) -> dict[str, str]:
+def levels_of(description: RandomDescription, planar: bool) -> dict[str, str]:
     """Return the ways in which a description is, whatever was asked for."""
     joints, links = description.joints, {one.name: one for one in description.links}
     parents = [one.parent for one in joints]
@@ -125,18 +125,18 @@ def measured(description: Description, planar: bool) -> dict[str, str]:
 # ---- A tree --------------------------------------------------------------------------------------
 
 
-def tree(
+def random_tree(
     ways: Mapping[str, str],
     links: int,
     choices: Choices,
     least: int = 1,
     among: frozenset[str] = ALL,
     turning: bool = False,
-) -> Description:
+) -> RandomDescription:
     """Return a tree that is in all `ways`.
 
     Args:
-        ways: one of each property of an entry of `tree_ways`.
+        ways: one of each property of an entry of `tree_factors`.
         links: number of links, the ground not counted.
         choices: what chooses all else.
         least: number of coordinates that it has at least, if there is room for them.
@@ -184,7 +184,7 @@ class _Tree:
         singles = [kind for kind in SINGLE if kind in self.among]
         (room,) = (
             one
-            for one in rooms(self.links, self.among)
+            for one in joint_budgets(self.links, self.among)
             if (one.space, one.root, one.fixed) == (self.ways[SPACE], root, fixed)
         )
         no_axis = self.ways[AXES] == OBLIQUE and root not in (*SINGLE, "planar")
@@ -216,7 +216,7 @@ class _Tree:
         if self.turning and TURNING.isdisjoint(self.kinds):
             self.kinds[self._singles()[-1]] = "revolute"
 
-    def _free_kinds(self, free: int, room: Room, root: str, single: int) -> list[list[str]]:
+    def _free_kinds(self, free: int, room: JointBudget, root: str, single: int) -> list[list[str]]:
         """Return kinds of joints that may be any, with as many coordinates as are wanted."""
         kinds = [kind for kind in KINDS[room.space] if kind in self.among]
         among = (*kinds[:1] * 2, *kinds, *(("fixed",) if room.fixed else ()))
@@ -246,46 +246,47 @@ class _Tree:
 
     # ---- What they are in numbers ----------------------------------------------------------------
 
-    def description(self) -> Description:
+    def description(self) -> RandomDescription:
         """Return the description."""
         joints = tuple(map(self._joint, range(self.links)))
         links = tuple(map(self._link, range(self.links)))
         gravity = (
-            random_elements.direction(self.choices, self.planar, 10.0)
+            random_elements.random_direction(self.choices, self.planar, 10.0)
             if self._has(GRAVITY)
             else None
         )
-        return Description((Link(GROUND), *links), joints, gravity=gravity)
+        return RandomDescription((Link(GROUND), *links), joints, gravity=gravity)
 
     def _link(self, i: int) -> Link:
         frame = self.kinds[i] == "fixed" and self.choices.one_of((False, True))
         if i == self.carrier or frame:
             return Link(_link_name(i + 1))
-        return random_elements.body(self.choices, _link_name(i + 1), self.planar)
+        return random_elements.random_link(self.choices, _link_name(i + 1), self.planar)
 
     def _joint(self, i: int) -> Joint:
         kind, at, choices = (
             self.kinds[i],
-            random_elements.place(self.choices, self.planar),
+            random_elements.random_point(self.choices, self.planar),
             self.choices,
         )
         axis = self._axis(i)
         if self._is_carried(i):
             at = self._off_axis(at, i - 1)
         self.last_axis = axis
-        turn = ONE if self.planar else random_elements.turn(choices)
+        turn = IDENTITY if self.planar else random_elements.random_orientation(choices)
         between = _link_name(self.parents[i]), _link_name(i + 1)
         joint = Joint(f"j{i + 1}", kind, *between, at, turn, axis)
         if kind not in SINGLE:
             return joint
         if self._is_there(SPRINGS, i):
             joint = joint._replace(
-                stiffness=random_elements.size(choices, 0.0, 2.0), relaxed=choices.number(-1.0, 1.0)
+                stiffness=random_elements.random_magnitude(choices, 0.0, 2.0),
+                relaxed=choices.number(-1.0, 1.0),
             )
         if self._is_there(DAMPERS, i):
-            joint = joint._replace(damping=random_elements.size(choices, -1.0, 1.0))
+            joint = joint._replace(damping=random_elements.random_magnitude(choices, -1.0, 1.0))
         if self._is_there(ROTORS, i):
-            joint = joint._replace(armature=random_elements.size(choices, -2.0, 0.0))
+            joint = joint._replace(armature=random_elements.random_magnitude(choices, -2.0, 0.0))
         if i == self.follower:
             leader = choices.one_of([k for k in self._singles() if k != i])
             ratio = choices.one_of((1.0, -1.0)) * choices.number(0.2, 2.0)
@@ -310,7 +311,7 @@ class _Tree:
         first = min(k for k, one in enumerate(self.kinds) if one in (*SINGLE, "planar"))
         oblique = self.ways[AXES] == OBLIQUE
         if oblique and (i == first or choices.one_of((False, True))):
-            x, y, z = random_elements.direction(choices, planar=False)
+            x, y, z = random_elements.random_direction(choices, planar=False)
             # Never along an axis of the frame, also where the numbers are as simple as can be.
             return (x, y, z) if np.count_nonzero((x, y, z)) > 1 else (x, y + 0.5, z + 0.5)
         return choices.one_of(random_elements.STRAIGHT)
@@ -344,7 +345,7 @@ def urdf_tree(
     mimic: bool = True,
     massless: bool = True,
     dampers: bool = True,
-) -> Description:
+) -> RandomDescription:
     """Return a tree in space of which a URDF can tell everything, its joints in any order.
 
     Args:
@@ -356,15 +357,15 @@ def urdf_tree(
         dampers: whether some joints may have dampers.
     """
     among = frozenset(joints)
-    either = (room for room in rooms(links, among) if room.space == SOLID)
-    entry = choices.one_of([tree_ways(room, links) for room in either])
+    either = (room for room in joint_budgets(links, among) if room.space == SOLID)
+    entry = choices.one_of([tree_factors(room, links) for room in either])
     ways = {name: choices.one_of(of) for name, of in entry.items()}
     ways |= dict.fromkeys((*PROPERTIES, GRAVITY), ABSENT)
     if dampers and PRESENT in entry[DAMPERS]:
         ways[DAMPERS] = choices.one_of((ABSENT, PRESENT))
     ways |= {} if mimic else {FOLLOWERS: ABSENT}
     ways |= {} if massless else {CARRIERS: ABSENT}
-    found = tree(ways, links, choices, among=among)
+    found = random_tree(ways, links, choices, among=among)
     left, order = list(found.joints), []
     while left:
         order.append(left.pop(choices.whole(0, len(left) - 1)))
@@ -378,7 +379,7 @@ def _with_inertia(link: Link) -> Link:
     return link._replace(mass=0.1, moments=(0.01, 0.01, 0.01))
 
 
-def urdf_text(description: Description, name: str = "robot") -> str:
+def urdf_text(description: RandomDescription, name: str = "robot") -> str:
     """Return the URDF of a tree, every number with all its digits.
 
     What a URDF cannot tell is not in it: gravity, springs, rotors, constraints. Of a revolute joint
@@ -417,7 +418,7 @@ def _add_joint(robot: ElementTree.Element, joint: Joint) -> None:
         element,
         "origin",
         xyz=_text(joint.place),
-        rpy=_text(roll_pitch_yaw_of(rotation(joint.turn))),
+        rpy=_text(roll_pitch_yaw_of(rotation_matrix(joint.turn))),
     )
     if joint.kind not in ("fixed", "floating", "spherical"):
         size = math.hypot(*joint.axis)  # parsers do not all make it 1

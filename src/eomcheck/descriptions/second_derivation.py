@@ -11,107 +11,113 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.descriptions.first_derivation import Prepared, factor
+from eomcheck.descriptions.first_derivation import PreparedMechanism, factor
 from eomcheck.descriptions.optional_algebra import (
-    NOTHING,
+    ZERO_VECTOR,
     Vector,
-    added,
-    along,
+    add_vectors,
+    as_vector,
     cross,
     dot,
-    levelled,
+    from_local,
     put,
     put_vector,
+    rotate,
+    rotate_back,
     times,
-    turned,
-    turned_back,
+    to_local,
     unit,
-    vector,
 )
-from eomcheck.descriptions.topology import Plan
+from eomcheck.descriptions.topology import TopologyPlan
 from eomcheck.numbers.generic import generic
 
 
 def _seat(parameters: Any, turn: int) -> tuple[Vector, Vector, Vector]:
     """Return the columns of the rotation of a seat."""
     R = parameters.rotation[turn]
-    return vector(R[:, 0]), vector(R[:, 1]), vector(R[:, 2])
+    return as_vector(R[:, 0]), as_vector(R[:, 1]), as_vector(R[:, 2])
 
 
 @generic
-def passed_on(plan, parameters, prepared, v):
+def frame_velocities(plan, parameters, prepared, v):
     """Return (V of the origin, ω) of each frame, along its own axes."""
     found = []
     for k, slot in enumerate(plan.slots):
-        V, omega = found[slot.parent] if slot.parent >= 0 else (NOTHING, NOTHING)
+        V, omega = found[slot.parent] if slot.parent >= 0 else (ZERO_VECTOR, ZERO_VECTOR)
         if slot.offset is not None:
-            V = added(V, cross(omega, vector(parameters.offset[slot.offset])))
+            V = add_vectors(V, cross(omega, as_vector(parameters.offset[slot.offset])))
         if slot.absolute:
-            V, omega = level(plan, parameters, prepared, slot.parent, V), NOTHING
+            V, omega = direction_in_ground(plan, parameters, prepared, slot.parent, V), ZERO_VECTOR
         if slot.turn is not None:
             seat = _seat(parameters, slot.turn)
-            V, omega = along(seat, V), along(seat, omega)
+            V, omega = to_local(seat, V), to_local(seat, omega)
         own = unit(slot.axis, times(v[slot.coordinate], factor(slot, parameters)))
         if slot.slides:
-            V = added(added(V, own), cross(omega, unit(slot.axis, prepared.x[k])))
+            V = add_vectors(add_vectors(V, own), cross(omega, unit(slot.axis, prepared.x[k])))
         else:
             at, axis = plan.hinge[k], slot.axis
             cos, sin = prepared.angles.cos[at], prepared.angles.sin[at]
-            V, omega = turned_back(V, axis, cos, sin), turned_back(omega, axis, cos, sin)
-            omega = added(omega, own)
+            V, omega = rotate_back(V, axis, cos, sin), rotate_back(omega, axis, cos, sin)
+            omega = add_vectors(omega, own)
         found.append((V, omega))
     return found
 
 
-def level(plan: Plan, parameters: Any, prepared: Prepared, k: int, a: Vector) -> Vector:
+def direction_in_ground(
+    plan: TopologyPlan, parameters: Any, prepared: PreparedMechanism, k: int, a: Vector
+) -> Vector:
     """Return a vector given along the axes of frame k along those of the ground."""
     return _outwards(plan, parameters, prepared, k, a, False)
 
 
-def place(plan: Plan, parameters: Any, prepared: Prepared, k: int, a: Vector) -> Vector:
+def point_in_ground(
+    plan: TopologyPlan, parameters: Any, prepared: PreparedMechanism, k: int, a: Vector
+) -> Vector:
     """Return where a point a of frame k is, seen from the ground."""
     return _outwards(plan, parameters, prepared, k, a, True)
 
 
 def _outwards(
-    plan: Plan, parameters: Any, prepared: Prepared, k: int, a: Vector, point: bool
+    plan: TopologyPlan, parameters: Any, prepared: PreparedMechanism, k: int, a: Vector, point: bool
 ) -> Vector:
     while k >= 0:
         slot = plan.slots[k]
         if not slot.slides:
             at = plan.hinge[k]
-            a = turned(a, slot.axis, prepared.angles.cos[at], prepared.angles.sin[at])
+            a = rotate(a, slot.axis, prepared.angles.cos[at], prepared.angles.sin[at])
         elif point:
-            a = added(a, unit(slot.axis, prepared.x[k]))
+            a = add_vectors(a, unit(slot.axis, prepared.x[k]))
         if slot.turn is not None:
-            a = levelled(_seat(parameters, slot.turn), a)
+            a = from_local(_seat(parameters, slot.turn), a)
         if slot.absolute:
             if not point:
                 return a
-            seat = NOTHING if slot.offset is None else vector(parameters.offset[slot.offset])
-            return added(place(plan, parameters, prepared, slot.parent, seat), a)
+            seat = ZERO_VECTOR if slot.offset is None else as_vector(parameters.offset[slot.offset])
+            return add_vectors(point_in_ground(plan, parameters, prepared, slot.parent, seat), a)
         if point and slot.offset is not None:
-            a = added(a, vector(parameters.offset[slot.offset]))
+            a = add_vectors(a, as_vector(parameters.offset[slot.offset]))
         k = slot.parent
     return a
 
 
-def moved_point(rates: list[tuple[Vector, Vector]], k: int, a: Vector) -> Vector:
+def point_velocity(rates: list[tuple[Vector, Vector]], k: int, a: Vector) -> Vector:
     """Return the velocity of a point a of frame k, along its axes; -1 is the ground."""
-    V, omega = rates[k] if k >= 0 else (NOTHING, NOTHING)
-    return added(V, cross(omega, a))
+    V, omega = rates[k] if k >= 0 else (ZERO_VECTOR, ZERO_VECTOR)
+    return add_vectors(V, cross(omega, a))
 
 
-def velocities_of(plan: Plan) -> Any:
+def make_velocities(plan: TopologyPlan) -> Any:
     """Return the function `velocities` of a scene."""
 
     def velocities(parameters, prepared, q, v):
-        rates = passed_on(plan, parameters, prepared, v)
+        rates = frame_velocities(plan, parameters, prepared, v)
         V = np.zeros((plan.bodies, plan.d), v.dtype)
         omega = np.zeros((plan.bodies, plan.e), v.dtype)
         for b, k in enumerate(plan.carriers):
-            moved = moved_point(rates, k, vector(parameters.center[b]))
-            put_vector(V, (b, None), level(plan, parameters, prepared, k, moved), plan.d)
+            moved = point_velocity(rates, k, as_vector(parameters.center[b]))
+            put_vector(
+                V, (b, None), direction_in_ground(plan, parameters, prepared, k, moved), plan.d
+            )
             put_vector(omega, (b, None), rates[k][1][3 - plan.e :], plan.e)
         for b, k in enumerate(plan.rotors, len(plan.carriers)):
             slot = plan.slots[k]
@@ -125,7 +131,7 @@ def velocities_of(plan: Plan) -> Any:
 # ---- Forces and what they do ---------------------------------------------------------------------
 
 
-def potential_of(plan: Plan) -> Any:
+def make_joint_potential(plan: TopologyPlan) -> Any:
     """Return the function `potential` of a scene but for springs between points."""
     sprung = [k for k, slot in enumerate(plan.slots) if slot.spring is not None]
     driven = [k for k, slot in enumerate(plan.slots) if slot.torque is not None]
@@ -137,9 +143,9 @@ def potential_of(plan: Plan) -> Any:
     def potential(parameters, prepared, q):
         U = None
         if parameters.gravity is not None:
-            g = vector(parameters.gravity)
+            g = as_vector(parameters.gravity)
             for b, k in enumerate(plan.carriers):
-                at = place(plan, parameters, prepared, k, vector(parameters.center[b]))
+                at = point_in_ground(plan, parameters, prepared, k, as_vector(parameters.center[b]))
                 U = _less(U, times(parameters.mass[b], dot(g, at)))
         for k in sprung:
             i = plan.slots[k].spring
@@ -158,7 +164,7 @@ def _less(U: Any, x: Any) -> Any:
     return -x if U is None else U - x
 
 
-def dissipation_of(plan: Plan) -> Any:
+def make_joint_dissipation(plan: TopologyPlan) -> Any:
     """Return the function `dissipation` of a scene but for springs, or None without dampers."""
     damped = [k for k, slot in enumerate(plan.slots) if slot.damper is not None]
     if not damped:

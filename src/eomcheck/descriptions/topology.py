@@ -1,8 +1,8 @@
 """Topology of a mechanism, in whole numbers: slots and closures, the structure without parameters.
 
 A slot is a joint with one coordinate, and the frame that it moves; a closure is a constraint that
-names frames and parameters by index. A `Plan` holds what follows from a `Topology` alone: which
-slots are on the way to each frame, and which coordinates move each body.
+names frames and parameters by index. A `TopologyPlan` holds what follows from a `Topology` alone:
+which slots are on the way to each frame, and which coordinates move each body.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ ROLLING = frozenset({"touching", "rolling"})
 """Kinds of closures that are about what rolls on a plane."""
 
 
-class Slot(NamedTuple):
+class ScalarJoint(NamedTuple):
     """A joint with one coordinate, or one that follows another's: the frame that it moves.
 
     All numbers but those of `sense` and `kind` are places: of slots, coordinates, parameters.
@@ -61,7 +61,7 @@ class Slot(NamedTuple):
         return "xyz".index(self.kind[1])
 
 
-class Closure(NamedTuple):
+class ConstraintSpec(NamedTuple):
     """A constraint by declaration; what `kind` asks of the rest is said in `closures`."""
 
     kind: str
@@ -80,17 +80,17 @@ class Closure(NamedTuple):
 class Topology(NamedTuple):
     """What all mechanisms of a kind have in common."""
 
-    slots: tuple[Slot, ...]
+    slots: tuple[ScalarJoint, ...]
     coordinates: tuple[str, ...]
     """Their names."""
     planar: bool = False
     """Whether nothing leaves the plane z = 0: then no third component is there."""
-    closures: tuple[Closure, ...] = ()
-    springs: tuple[Closure, ...] = ()
+    closures: tuple[ConstraintSpec, ...] = ()
+    springs: tuple[ConstraintSpec, ...] = ()
     """Those between two points, each with a place among the `springs`."""
 
 
-class Run(NamedTuple):
+class RigidSegment(NamedTuple):
     """A part of the way from the ground to a point that turns as one."""
 
     start: int
@@ -101,7 +101,7 @@ class Run(NamedTuple):
     """Whether it is a single arm, from one origin to the next."""
 
 
-class Plan:
+class TopologyPlan:
     """What follows from a topology, found once."""
 
     def __init__(self, topology: Topology):
@@ -131,7 +131,9 @@ class Plan:
             before = self.turned_by[self.seat(k)] if self.seat(k) >= 0 else ()
             self.turned_by.append((*before, k))
         self.movers = tuple(tuple(self._movers(k)) for k in range(len(slots)))
-        """Per frame the slots that move a point of it, a hinge with the `Run`s that it turns."""
+        """Per frame the slots that move a point of it, a hinge with the `RigidSegment`s that it
+        turns.
+        """
         self.support = np.zeros((self.bodies, self.n), bool)
         """Which coordinates can move each body."""
         for b, k in enumerate(self.carriers):
@@ -143,7 +145,7 @@ class Plan:
         """Return the slot against whose frame slot k turns; -1 for the ground."""
         return -1 if self.slots[k].absolute else self.slots[k].parent
 
-    def _movers(self, k: int) -> Iterator[tuple[int, tuple[Run, ...]]]:
+    def _movers(self, k: int) -> Iterator[tuple[int, tuple[RigidSegment, ...]]]:
         way = self.from_ground[k]
         # The arm to the first slot stays; arm j > 0 turns with slot j - 1, the last is the point's.
         turning = [set(self.turned_by[i]) for i in way]
@@ -152,14 +154,14 @@ class Plan:
                 if i in way:
                     yield i, ()
                 continue
-            runs: list[Run] = []
+            runs: list[RigidSegment] = []
             for j, some in enumerate(turning):
                 if i in some:
                     end = way[j + 1] if j + 1 < len(way) else None
                     if runs and runs[-1].end == way[j]:
-                        runs[-1] = Run(runs[-1].start, end, False)
+                        runs[-1] = RigidSegment(runs[-1].start, end, False)
                     else:
-                        runs.append(Run(way[j], end, True))
+                        runs.append(RigidSegment(way[j], end, True))
             yield i, tuple(runs)
 
     @property

@@ -19,11 +19,17 @@ from xml.etree import ElementTree
 from xml.parsers import expat
 
 from eomcheck.atomic_write import check_regular
-from eomcheck.descriptions.build import described
+from eomcheck.descriptions.build import mechanism_source
 from eomcheck.descriptions.elements import ORIGIN, Joint, Link, Triple
-from eomcheck.descriptions.joint_tree import doubtful
+from eomcheck.descriptions.joint_tree import inertia_warning
 from eomcheck.descriptions.mechanism_class import Mechanism
-from eomcheck.descriptions.quaternions import ONE, Quaternion, multiplied, roll_pitch_yaw, rotation
+from eomcheck.descriptions.quaternions import (
+    IDENTITY,
+    Quaternion,
+    multiply_quaternions,
+    roll_pitch_yaw,
+    rotation_matrix,
+)
 from eomcheck.errors import InputError
 from eomcheck.mechanics.scene import finite_array
 
@@ -73,7 +79,7 @@ def root_of(path: Path, expected: Format = URDF) -> Element:
     if not data.strip():
         raise Unreadable(f"{str(path)!r} is empty")
     try:
-        _look_through(data, str(path), expected.deepest)
+        _check_xml(data, str(path), expected.deepest)
         root = ElementTree.fromstring(data)
     except (expat.ExpatError, ElementTree.ParseError, LookupError, ValueError) as error:
         if isinstance(error, InputError):
@@ -85,7 +91,7 @@ def root_of(path: Path, expected: Format = URDF) -> Element:
     return root
 
 
-def _look_through(data: bytes, name: str, deepest: int) -> None:
+def _check_xml(data: bytes, name: str, deepest: int) -> None:
     """Refuse what could grow while it is parsed, before it is."""
     parser, count, depth = expat.ParserCreate(), 0, 0
 
@@ -115,7 +121,7 @@ def _look_through(data: bytes, name: str, deepest: int) -> None:
 # ---- Attributes ----------------------------------------------------------------------------------
 
 
-def text(element: Element, name: str, where: str) -> str:
+def text_attribute(element: Element, name: str, where: str) -> str:
     """Return an attribute that has to be there."""
     value = element.get(name)
     if value is None or not value.strip():
@@ -123,14 +129,18 @@ def text(element: Element, name: str, where: str) -> str:
     return value.strip()
 
 
-def number(element: Element, name: str, where: str, default: float | None = None) -> float:
+def number_attribute(
+    element: Element, name: str, where: str, default: float | None = None
+) -> float:
     """Return an attribute as a number."""
     if default is not None and element.get(name) is None:
         return default
-    return decimal(text(element, name, where), f"{where}: {name} of <{element.tag}>")
+    return finite_number(
+        text_attribute(element, name, where), f"{where}: {name} of <{element.tag}>"
+    )
 
 
-def triple(
+def triple_attribute(
     element: Element, name: str, where: str, default: tuple[float, float, float]
 ) -> tuple[float, float, float]:
     """Return an attribute of three numbers."""
@@ -141,11 +151,11 @@ def triple(
     parts = value.split()
     if len(parts) != 3:
         raise Unreadable(f"{said} is {value!r}, expected three numbers")
-    x, y, z = (decimal(part, said) for part in parts)
+    x, y, z = (finite_number(part, said) for part in parts)
     return x, y, z
 
 
-def decimal(value: str, said: str) -> float:
+def finite_number(value: str, said: str) -> float:
     """A finite number of its text.
 
     Raises:
@@ -162,7 +172,7 @@ def decimal(value: str, said: str) -> float:
     return found
 
 
-def only(element: Element, tag: str, where: str) -> Element | None:
+def single_child(element: Element, tag: str, where: str) -> Element | None:
     """Return the one child of this tag, None without any."""
     found = element.findall(tag)
     if len(found) > 1:
@@ -170,7 +180,7 @@ def only(element: Element, tag: str, where: str) -> Element | None:
     return found[0] if found else None
 
 
-def others(element: Element, known: frozenset[str], where: str) -> Iterator[str]:
+def ignored_tags(element: Element, known: frozenset[str], where: str) -> Iterator[str]:
     """Yield the tags of children that are known to be left out.
 
     Raises:
@@ -194,7 +204,7 @@ KINDS = {
     "spherical": "spherical",
 }
 
-MOST = 5000
+MAX_FILE_ELEMENTS = 5000
 """Links or joints that a file may have, those that are fixed included."""
 
 READ = frozenset({"link", "joint"})
@@ -227,16 +237,18 @@ def read_urdf(path: Path) -> Robot:
     root, where = root_of(path), str(path)
     links, joints = root.findall("link"), root.findall("joint")
     for what, found in (("links", links), ("joints", joints)):
-        if len(found) > MOST:
-            raise Unreadable(f"{where!r} has {len(found)} {what}, expected at most {MOST}")
+        if len(found) > MAX_FILE_ELEMENTS:
+            raise Unreadable(
+                f"{where!r} has {len(found)} {what}, expected at most {MAX_FILE_ELEMENTS}"
+            )
     if not links:
         raise Unreadable(f"{where!r} has no link")
-    out = Counter(others(root, READ | OF_ROBOT, repr(where)))
+    out = Counter(ignored_tags(root, READ | OF_ROBOT, repr(where)))
     out = Counter({tag: count for tag, count in out.items() if tag in OF_ROBOT})
     name = identifier(root.get("name", "") or path.stem)
     read_links = tuple(_link(one, where, out) for one in links)
     read_joints = tuple(_joint(one, where, out) for one in joints)
-    return Robot(name, read_links, read_joints, left_out(out))
+    return Robot(name, read_links, read_joints, ignored_summary(out))
 
 
 def identifier(name: str) -> str:
@@ -245,7 +257,7 @@ def identifier(name: str) -> str:
     return name if name.isidentifier() else f"robot_{name}"
 
 
-def left_out(counts: Counter[str]) -> str:
+def ignored_summary(counts: Counter[str]) -> str:
     """Return in one sentence what of a file is left out, and how much of it; "" of nothing."""
     some = sorted((tag, count) for tag, count in counts.items() if count)
     said = ", ".join(f"{_PLURAL.get(tag, tag)} ({count})" for tag, count in some)
@@ -269,77 +281,83 @@ _PLURAL = {
 
 
 def _link(element: Element, file: str, out: Counter[str]) -> Link:
-    name = text(element, "name", repr(file))
+    name = text_attribute(element, "name", repr(file))
     where = f"{file!r}: link {name!r}"
-    out.update(tag for tag in others(element, OF_LINK | {"inertial"}, where) if tag != "inertial")
-    inertial = only(element, "inertial", where)
+    out.update(
+        tag for tag in ignored_tags(element, OF_LINK | {"inertial"}, where) if tag != "inertial"
+    )
+    inertial = single_child(element, "inertial", where)
     if inertial is None:
         return Link(name)
-    mass, inertia = (only(inertial, tag, where) for tag in ("mass", "inertia"))
+    mass, inertia = (single_child(inertial, tag, where) for tag in ("mass", "inertia"))
     if mass is None or inertia is None:
         missing = "mass" if mass is None else "inertia"
         raise Unreadable(f"{where}: <inertial> has no <{missing}>")
     center, turn = _origin(inertial, where)
-    heavy = number(mass, "value", where)
+    heavy = number_attribute(mass, "value", where)
     if heavy < 0:
         said = "expected a number that is not negative"
         raise Unreadable(f"{where}: mass = {heavy:g} kg, {said}")
     xx, yy, zz, xy, xz, yz = (
-        number(inertia, f"i{axes}", where) for axes in ("xx", "yy", "zz", "xy", "xz", "yz")
+        number_attribute(inertia, f"i{axes}", where)
+        for axes in ("xx", "yy", "zz", "xy", "xz", "yz")
     )
-    if turn != ONE:
-        R = rotation(turn)
+    if turn != IDENTITY:
+        R = rotation_matrix(turn)
         I = (R @ [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]] @ R.T).tolist()  # noqa: E741
         xx, yy, zz, xy, xz, yz = I[0][0], I[1][1], I[2][2], I[0][1], I[0][2], I[1][2]
     return Link(name, heavy, center, (xx, yy, zz), (xy, xz, yz))
 
 
 def _joint(element: Element, file: str, out: Counter[str]) -> Joint:
-    name = text(element, "name", repr(file))
+    name = text_attribute(element, "name", repr(file))
     where = f"{file!r}: joint {name!r}"
     known = frozenset({"parent", "child", "origin", "axis", "dynamics", "mimic"})
-    out.update(tag for tag in others(element, OF_JOINT | known, where) if tag not in known)
-    kind = text(element, "type", where)
+    out.update(tag for tag in ignored_tags(element, OF_JOINT | known, where) if tag not in known)
+    kind = text_attribute(element, "type", where)
     if kind not in KINDS:
         raise Unreadable(f"{where} has the type {kind!r}, expected one of: {', '.join(KINDS)}")
-    ends = [only(element, tag, where) for tag in ("parent", "child")]
+    ends = [single_child(element, tag, where) for tag in ("parent", "child")]
     for tag, end in zip(("parent", "child"), ends, strict=True):
         if end is None:
             raise Unreadable(f"{where} has no <{tag}>")
-    parent, child = (text(end, "link", where) for end in ends if end is not None)
+    parent, child = (text_attribute(end, "link", where) for end in ends if end is not None)
     place, turn = _origin(element, where)
-    axis = only(element, "axis", where)
+    axis = single_child(element, "axis", where)
     more: dict[str, Any] = {}
     if axis is not None:
-        more["axis"] = triple(axis, "xyz", where, (1.0, 0.0, 0.0))
+        more["axis"] = triple_attribute(axis, "xyz", where, (1.0, 0.0, 0.0))
     else:
         more["axis"] = (1.0, 0.0, 0.0)
-    dynamics, mimic = only(element, "dynamics", where), only(element, "mimic", where)
+    dynamics, mimic = (
+        single_child(element, "dynamics", where),
+        single_child(element, "mimic", where),
+    )
     if dynamics is not None and kind != "fixed":
-        damping = number(dynamics, "damping", where, 0.0)
+        damping = number_attribute(dynamics, "damping", where, 0.0)
         if damping < 0:
             raise Unreadable(f"{where}: damping = {damping:g}, expected a number not below 0")
         if kind in ("revolute", "continuous", "prismatic"):
             more["damping"] = damping or None
         elif damping:
             out["damping"] += 1
-        if number(dynamics, "friction", where, 0.0):
+        if number_attribute(dynamics, "friction", where, 0.0):
             out["friction"] += 1
     if mimic is not None and kind != "fixed":
         ratio, shift = (
-            number(mimic, what, where, default)
+            number_attribute(mimic, what, where, default)
             for what, default in (("multiplier", 1.0), ("offset", 0.0))
         )
-        more["follows"] = text(mimic, "joint", where), ratio, shift
+        more["follows"] = text_attribute(mimic, "joint", where), ratio, shift
     return Joint(name, KINDS[kind], parent, child, place, turn, **more)
 
 
 def _origin(element: Element, where: str) -> tuple[Triple, Quaternion]:
-    origin = only(element, "origin", where)
+    origin = single_child(element, "origin", where)
     if origin is None:
-        return ORIGIN, ONE
-    turn = roll_pitch_yaw(*triple(origin, "rpy", where, ORIGIN))
-    return triple(origin, "xyz", where, ORIGIN), multiplied(ONE, turn)
+        return ORIGIN, IDENTITY
+    turn = roll_pitch_yaw(*triple_attribute(origin, "rpy", where, ORIGIN))
+    return triple_attribute(origin, "xyz", where, ORIGIN), multiply_quaternions(IDENTITY, turn)
 
 
 # ---- Scene ---------------------------------------------------------------------------------------
@@ -394,12 +412,12 @@ def urdf_kind(
     links, joints = _floating(robot) if floating else (robot.links, robot.joints)
     name = f"{robot.name}_{FLOATING}" if floating else robot.name
     try:
-        made = described(name, links, joints, gravity=gravity)
+        made = mechanism_source(name, links, joints, gravity=gravity)
         return made._replace(
             code=f"from_urdf({str(path)!r}{options})",
             imported="from eomcheck.scenes import from_urdf",
             left_out=robot.left_out,
-            doubtful=doubtful(robot.links),
+            doubtful=inertia_warning(robot.links),
             source=str(file),
             format="urdf",
             floating=joints[0].name if floating else "",

@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from inspect import getattr_static
 
 from eomcheck import calls
-from eomcheck.class_lookup import Kind, looked_up
-from eomcheck.engines.answers import Answers, EngineFault, made, represents, version_of
+from eomcheck.class_lookup import LookupKind, class_named
+from eomcheck.engines.answers import Answers, EngineFault, make_engine, represents, version_of
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.engines.drake import DrakeEngine
 from eomcheck.engines.engine import OPTIONAL, Engine, EngineAcceleration, VelocityMap
@@ -38,15 +38,15 @@ ALWAYS = tuple(key for key, engine in ENGINES.items() if engine.extra is None)
 So a run does not depend on what else happens to be installed."""
 
 
-ENGINE: Kind[Engine] = Kind("engine", Engine, ENGINES)
+ENGINE: LookupKind[Engine] = LookupKind("engine", Engine, ENGINES)
 
 
 def engine_of(name: str | type[Engine]) -> type[Engine]:
     """Return the engine that `name` stands for.
 
     Args:
-        name: a key of `ENGINES`, another name as `eomcheck.class_lookup.looked_up` understands it,
-            or the class itself.
+        name: a key of `ENGINES`, another name as `eomcheck.class_lookup.class_named` understands
+            it, or the class itself.
 
     Raises:
         UnknownNameError: there is none.
@@ -57,8 +57,8 @@ def engine_of(name: str | type[Engine]) -> type[Engine]:
     if isinstance(name, type):
         if not issubclass(name, Engine):
             raise InputError(f"engine = {name.__name__}, expected a class that derives from Engine")
-        return checked(name)
-    return checked(looked_up(ENGINE, name))
+        return checked_engine(name)
+    return checked_engine(class_named(ENGINE, name))
 
 
 def engines_among(names: Iterable[str | type[Engine]] | None) -> tuple[type[Engine], ...]:
@@ -70,13 +70,13 @@ def engines_among(names: Iterable[str | type[Engine]] | None) -> tuple[type[Engi
     found: dict[str, type[Engine]] = {}
     for kind in map(engine_of, ALWAYS if names is None else distinct("engines", names)):
         if kind.extra is not None:
-            calls.foreign()  # a library that may crash
+            calls.require_supervision()  # a library that may crash
         if found.setdefault(kind.key, kind) is not kind:
             raise InputError(f"engines = {names!r}: two have the key {kind.key!r}")
     return tuple(found.values())
 
 
-def checked(kind: type[Engine]) -> type[Engine]:
+def checked_engine(kind: type[Engine]) -> type[Engine]:
     """Return an engine whose class says all that the contract asks of it.
 
     Raises:
@@ -111,17 +111,17 @@ __all__ = [
     "VelocityMap",
     "engine_of",
     "engines_among",
-    "made",
+    "make_engine",
     "represents",
     "version_of",
 ]
 
 
-def is_on_trial(kind: type[Engine]) -> bool:
+def is_under_test(kind: type[Engine]) -> bool:
     """Return whether an engine is not one of ours, so that it is the one to judge."""
     return kind not in ENGINES.values()
 
 
-def kind_of(engine: Engine | type[Engine]) -> type[Engine]:
+def engine_class_of(engine: Engine | type[Engine]) -> type[Engine]:
     """Return the class of an engine; of one that could not be made, that is all there is."""
     return engine if isinstance(engine, type) else type(engine)

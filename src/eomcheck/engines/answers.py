@@ -46,7 +46,7 @@ class EngineFault(Exception):
         super().__init__(what)
 
 
-def made(kind: type[Engine], scene: Scene) -> Engine:
+def make_engine(kind: type[Engine], scene: Scene) -> Engine:
     """Return the engine for `scene`.
 
     Raises:

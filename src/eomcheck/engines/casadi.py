@@ -20,7 +20,7 @@ from eomcheck.errors import required
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import FLOAT64, Array
-from eomcheck.numbers.symbolic import Symbols
+from eomcheck.numbers.symbolic import CasadiArithmetic
 
 (_gesvx,) = get_lapack_funcs(("gesvx",), dtype=np.float64)
 
@@ -181,7 +181,7 @@ def _symbolic_model(scene: Scene) -> dict[str, Any]:
         for value in like
     )
     parameters = type(like)(*fields)
-    prepared = scene.prepare(Symbols(), parameters, _scalars(q), t)
+    prepared = scene.prepare(CasadiArithmetic(), parameters, _scalars(q), t)
     state = (parameters, prepared, _scalars(q), _scalars(v))
 
     T, U = scene.energies(*state)

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from eomcheck.engines.engine import EngineAcceleration
-from eomcheck.engines.file_engine import Description, FileEngine
+from eomcheck.engines.file_engine import FileEngine, RobotDescription
 from eomcheck.engines.floating_base import BaseVelocity, FreeBase
-from eomcheck.engines.tree_engine import Link, TreeEngine
+from eomcheck.engines.tree_engine import TreeEngine, TreeLink
 from eomcheck.errors import EngineError, required
 from eomcheck.numbers.generic import Array
 
@@ -29,7 +29,7 @@ class DrakeEngine(TreeEngine):
         cls._library()
         return f"drake {metadata.version('drake')}"
 
-    def _build(self, library: Any, links: list[Link]) -> None:
+    def _build(self, library: Any, links: list[TreeLink]) -> None:
         parts, math = required("pydrake.multibody.tree"), required("pydrake.math")
         self.plant = plant = library.MultibodyPlant(time_step=0.0)
         plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
@@ -95,7 +95,7 @@ class DrakeEngine(TreeEngine):
         return EngineAcceleration(free + responses @ multipliers, multipliers)
 
 
-def _inertia(parts: Any, link: Link) -> Any:
+def _inertia(parts: Any, link: TreeLink) -> Any:
     if link.mass == 0:
         return parts.SpatialInertia.Zero()
     moments = parts.RotationalInertia(*link.inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
@@ -111,7 +111,7 @@ class DrakeFile(FileEngine, DrakeEngine):
     key = "drake_file"
     base_velocity = BaseVelocity("ground", "ground", turns_first=True)
 
-    def _read(self, library: Any, description: Description) -> None:
+    def _read(self, library: Any, description: RobotDescription) -> None:
         self.plant = plant = library.MultibodyPlant(time_step=0.0)
         parser = required("pydrake.multibody.parsing").Parser(plant)
         (robot,) = parser.AddModelsFromString(description.text, "urdf")

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from eomcheck.engines.engine import EngineAcceleration
-from eomcheck.engines.tree_engine import Link, TreeEngine
+from eomcheck.engines.tree_engine import TreeEngine, TreeLink
 from eomcheck.errors import required
 from eomcheck.numbers.generic import Array
 
@@ -17,7 +17,7 @@ class ExudynEngine(TreeEngine):
 
     module = extra = "exudyn"
 
-    def _build(self, library: Any, links: list[Link]) -> None:
+    def _build(self, library: Any, links: list[TreeLink]) -> None:
         items = required("exudyn.itemInterface")
         self._exu = library
         self._container = library.SystemContainer()

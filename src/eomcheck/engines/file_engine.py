@@ -1,8 +1,8 @@
 """`FileEngine`: an engine whose library reads the robot description of a scene by its own parser.
 
-It is a `TreeEngine` but for how the model is made. `Description` is a robot description for such
-libraries, with its irregularities. The output that a library writes to the terminal while it reads
-a file is captured, and reported where it explains a difference.
+It is a `TreeEngine` but for how the model is made. `RobotDescription` is a robot description for
+such libraries, with its irregularities. The output that a library writes to the terminal while it
+reads a file is captured, and reported where it explains a difference.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from eomcheck.descriptions.elements import Joint, Link
-from eomcheck.descriptions.joint_tree import impossible
+from eomcheck.descriptions.joint_tree import has_impossible_inertia
 from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.descriptions.urdf_reader import Element, read_urdf, root_of
 from eomcheck.engines.engine import EngineAcceleration, VelocityMap
@@ -37,7 +37,7 @@ OUTPUT, ERRORS = 1, 2
 
 
 @contextmanager
-def listening() -> Iterator[list[str]]:
+def capture_output() -> Iterator[list[str]]:
     """Yield a list that after the block has all lines that were written, each once."""
     lines: list[str] = []
     _flush()
@@ -68,7 +68,7 @@ def _flush() -> None:
 SHAPES = "visual", "collision"
 
 
-class Description(NamedTuple):
+class RobotDescription(NamedTuple):
     """A URDF without shapes: meshes are often not there, and no equation of motion needs them."""
 
     text: str
@@ -101,7 +101,7 @@ def is_free(scene: Scene) -> bool:
     return isinstance(scene, Mechanism) and bool(scene.made.floating)
 
 
-def described(path: Path) -> Description:
+def read_description(path: Path) -> RobotDescription:
     """Return what is in a URDF.
 
     Raises:
@@ -112,14 +112,14 @@ def described(path: Path) -> Description:
         for shape in [x for kind in SHAPES for x in link.findall(kind)]:
             link.remove(shape)
     children = {joint.child for joint in robot.joints}
-    return Description(
+    return RobotDescription(
         ElementTree.tostring(xml, encoding="unicode"),
         next(link.name for link in robot.links if link.name not in children),
         dict(_mimics(xml)),
         frozenset(joint.name for joint in robot.joints if _damped(joint)),
         tuple(link.name for link in robot.links if link.mass == 0 and any(link.moments)),
         tuple(one.name for one in robot.links if one.name in children and not _heavy(one)),
-        tuple(link.name for link in robot.links if impossible(link)),
+        tuple(link.name for link in robot.links if has_impossible_inertia(link)),
     )
 
 
@@ -176,12 +176,12 @@ class FileEngine(TreeEngine):
         file = file_of(scene)
         if file is None or not self.represents(scene):
             raise EngineError(f"{self.key} cannot represent {scene.name} by its file")
-        self.description, self.base = described(file), FREE if is_free(scene) else 0
+        self.description, self.base = read_description(file), FREE if is_free(scene) else 0
         self._gravity = np.zeros(3)
         if (gravity := getattr(scene, "gravity", None)) is not None:
             self._gravity[: len(gravity)] = gravity  # of what moves in a plane, its part there
         library = self._library()
-        with listening() as self.said:
+        with capture_output() as self.said:
             self._read(library, self.description)
         self.coordinates, self.shift = self._followed(self.joints())
         self._n, self._place = len(self.shift), np.arange(len(self.shift))
@@ -232,7 +232,7 @@ class FileEngine(TreeEngine):
         return f"while it read the file it wrote {dropped[0]!r}" if dropped else ""
 
     @abstractmethod
-    def _read(self, library: Any, description: Description) -> None:
+    def _read(self, library: Any, description: RobotDescription) -> None:
         """Make the library's model by its own parser, the base held unless `base` is not 0."""
 
     @abstractmethod

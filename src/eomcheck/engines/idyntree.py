@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.engines.file_engine import Description, FileEngine
+from eomcheck.engines.file_engine import FileEngine, RobotDescription
 from eomcheck.engines.floating_base import BaseVelocity, FreeBase
-from eomcheck.engines.tree_engine import Link, TreeEngine
+from eomcheck.engines.tree_engine import TreeEngine, TreeLink
 from eomcheck.errors import EngineError
 from eomcheck.numbers.generic import Array
 
@@ -39,7 +39,7 @@ class IdyntreeEngine(TreeEngine):
         cls._library()
         return f"idyntree {metadata.version('idyntree')}"
 
-    def _build(self, library: Any, links: list[Link]) -> None:
+    def _build(self, library: Any, links: list[TreeLink]) -> None:
         self._idt = idt = library
         model = idt.Model()
         ground = idt.Link()
@@ -83,7 +83,7 @@ class IdyntreeEngine(TreeEngine):
         return forces.jointTorques().toNumPy()[self._place]
 
 
-def _inertia(idt: Any, link: Link) -> Any:
+def _inertia(idt: Any, link: TreeLink) -> Any:
     if link.mass == 0:
         return idt.SpatialInertia.Zero()
     inertia = idt.SpatialInertia()
@@ -107,7 +107,7 @@ class IdyntreeFile(FileEngine, IdyntreeEngine):
     key = "idyntree_file"
     base_velocity = BaseVelocity("ground", "ground")
 
-    def _read(self, library: Any, description: Description) -> None:
+    def _read(self, library: Any, description: RobotDescription) -> None:
         self._idt = library
         loader = library.ModelLoader()
         if not loader.loadModelFromString(description.text, "urdf"):

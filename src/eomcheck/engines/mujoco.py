@@ -19,9 +19,9 @@ import numpy as np
 from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.descriptions.mjcf_reader import BALL_JOINT, FREE_JOINT, GROUND, read_mjcf
 from eomcheck.engines.engine import EngineAcceleration, VelocityMap
-from eomcheck.engines.file_engine import Description, FileEngine
+from eomcheck.engines.file_engine import FileEngine, RobotDescription
 from eomcheck.engines.floating_base import FREE, BaseVelocity, free_base
-from eomcheck.engines.tree_engine import Carried, Link, TreeEngine, bodies_with_mass
+from eomcheck.engines.tree_engine import BodyWithJoints, TreeEngine, TreeLink, bodies_with_mass
 from eomcheck.errors import EngineError
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
@@ -37,11 +37,11 @@ class MujocoEngine(TreeEngine):
     compliant = True
 
     @classmethod
-    def holds(cls, links: list[Link]) -> bool:
+    def holds(cls, links: list[TreeLink]) -> bool:
         """Return whether every link without mass carries exactly one other."""
         return super().holds(links) and bodies_with_mass(links) is not None
 
-    def _build(self, library: Any, links: list[Link]) -> None:
+    def _build(self, library: Any, links: list[TreeLink]) -> None:
         self._mj = library
         spec = library.MjSpec()
         carried = bodies_with_mass(links) or []
@@ -70,7 +70,7 @@ class MujocoEngine(TreeEngine):
         self._mj.mju_mat2Quat(quaternion, np.ascontiguousarray(rotation).ravel())
         return quaternion
 
-    def _add_body(self, parent: Any, one: Carried) -> Any:
+    def _add_body(self, parent: Any, one: BodyWithJoints) -> Any:
         kinds = self._mj.mjtJoint
         body = parent.add_body(name=one.body.name, pos=one.offset)
         body.quat = self._quaternion(one.rotation)
@@ -82,7 +82,7 @@ class MujocoEngine(TreeEngine):
             body.add_joint(name=joint.name, type=kind, pos=joint.position, axis=joint.axis)
         return body
 
-    def _add_constraint(self, spec: Any, name: str, links: list[Link]) -> None:
+    def _add_constraint(self, spec: Any, name: str, links: list[TreeLink]) -> None:
         """Add a linear combination of the joints that is to be 0, its coefficients still unknown.
 
         MuJoCo aims at the acceleration -k d r, d its impedance and k = stiffness / d². A stiffness
@@ -151,7 +151,7 @@ class MujocoFile(FileEngine, MujocoEngine):
     compliant = False
     base_velocity = BaseVelocity("ground", "base")
 
-    def _read(self, library: Any, description: Description) -> None:
+    def _read(self, library: Any, description: RobotDescription) -> None:
         self._mj = library
         spec = library.MjSpec.from_string(description.text)
         if self.base:
@@ -222,7 +222,7 @@ class MjcfFile(MujocoFile):
         self.coordinates, self.shift = np.eye(self._n)[self._in_file], np.zeros(self._n)
         damped = zip(read.coordinates, self.model.dof_damping, strict=True)
         names = frozenset(name for name, damping in damped if damping)
-        self.description = Description("", GROUND, {}, names, (), (), ())
+        self.description = RobotDescription("", GROUND, {}, names, (), (), ())
 
     @classmethod
     def version(cls) -> str:

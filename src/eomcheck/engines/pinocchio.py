@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from eomcheck.engines.engine import EngineAcceleration, VelocityMap
-from eomcheck.engines.file_engine import Description, FileEngine
+from eomcheck.engines.file_engine import FileEngine, RobotDescription
 from eomcheck.engines.floating_base import BaseVelocity, FreeBase
-from eomcheck.engines.tree_engine import Link, TreeEngine
+from eomcheck.engines.tree_engine import TreeEngine, TreeLink
 from eomcheck.numbers.generic import Array
 
 
@@ -24,11 +24,11 @@ class PinocchioEngine(TreeEngine):
     any_inertia = True
 
     @classmethod
-    def holds(cls, links: list[Link]) -> bool:
+    def holds(cls, links: list[TreeLink]) -> bool:
         """Return True: of every tree."""
         return True
 
-    def _build(self, library: Any, links: list[Link]) -> None:
+    def _build(self, library: Any, links: list[TreeLink]) -> None:
         self._pin = pin = library
         self.model = model = pin.Model()
         model.gravity.setZero()
@@ -81,7 +81,7 @@ class PinocchioFile(FileEngine, PinocchioEngine):
     base_velocity = BaseVelocity("base", "base")
     undamped = True
 
-    def _read(self, library: Any, description: Description) -> None:
+    def _read(self, library: Any, description: RobotDescription) -> None:
         self._pin = library
         base = (library.JointModelFreeFlyer(),) if self.base else ()
         self.model = library.buildModelFromXML(description.text, *base)

@@ -19,9 +19,9 @@ import numpy as np
 
 from eomcheck.atomic_write import write_text
 from eomcheck.descriptions.quaternions import roll_pitch_yaw_of
-from eomcheck.engines.file_engine import Description, FileEngine
+from eomcheck.engines.file_engine import FileEngine, RobotDescription
 from eomcheck.engines.floating_base import FREE, BaseVelocity, FreeBase, free_base
-from eomcheck.engines.tree_engine import Link, TreeEngine
+from eomcheck.engines.tree_engine import TreeEngine, TreeLink
 from eomcheck.numbers.generic import Array
 
 BASE = 7
@@ -40,12 +40,12 @@ class PybulletEngine(TreeEngine):
         return f"pybullet {metadata.version('pybullet')}"
 
     @classmethod
-    def takes(cls, link: Link) -> bool:
+    def takes(cls, link: TreeLink) -> bool:
         """Return whether a link is a point or extended: of a thin rod it takes none for all."""
         moments = link.principal[0]
         return super().takes(link) and bool(moments[0] > 0 or not moments.any())
 
-    def _build(self, library: Any, links: list[Link]) -> None:
+    def _build(self, library: Any, links: list[TreeLink]) -> None:
         self._bullet = library
         # There are only so many connections: one is given back with the engine.
         self._client = library.connect(library.DIRECT)
@@ -87,7 +87,7 @@ class PybulletEngine(TreeEngine):
         return self._unit * np.array(found)[self._place]
 
 
-def _unit_of_mass(links: list[Link]) -> float:
+def _unit_of_mass(links: list[TreeLink]) -> float:
     """Return a power of two, kg, in which the largest moment of inertia is below 1.
 
     Bullet turns inertias, and refuses what is not symmetric to 1e-15, however large it is.
@@ -96,7 +96,7 @@ def _unit_of_mass(links: list[Link]) -> float:
     return 2.0 ** np.ceil(np.log2(largest)) if largest > 0 else 1.0
 
 
-def _urdf(links: list[Link], unit: float) -> str:
+def _urdf(links: list[TreeLink], unit: float) -> str:
     """Return the links as a URDF, every number with all its digits; masses in a unit, kg."""
     robot = ElementTree.Element("robot", name="tree")
     _add_body(robot, "ground", 0.0, np.zeros(3), np.zeros(3), np.eye(3))
@@ -149,7 +149,7 @@ class PybulletFile(FileEngine, PybulletEngine):
     key = "pybullet_file"
     base_velocity = BaseVelocity("base", "base", turns_first=True)
 
-    def _read(self, library: Any, description: Description) -> None:
+    def _read(self, library: Any, description: RobotDescription) -> None:
         self._bullet = library
         self._client = library.connect(library.DIRECT)
         weakref.finalize(self, library.disconnect, self._client)

@@ -1,7 +1,7 @@
 """`TreeEngine`: an engine that builds its model from a scene's tree of bodies.
 
-It sees `Link`s, by one walk through the tree: a joint, where it sits on the link before, and the
-body that it moves. How a `Tree` encodes these is known here alone.
+It sees `TreeLink`s, by one walk through the tree: a joint, where it sits on the link before, and
+the body that it moves. How a `Tree` encodes these is known here alone.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from eomcheck.numbers.generic import Array
 # ---- Links ---------------------------------------------------------------------------------------
 
 
-class Link(NamedTuple):
+class TreeLink(NamedTuple):
     """A joint with one coordinate, and the body behind it.
 
     The joint's frame moves with the body; at coordinate 0 it coincides with the joint's seat.
@@ -71,10 +71,10 @@ class Link(NamedTuple):
         return moments, axes
 
 
-def links_of(tree: Tree) -> list[Link]:
+def tree_links(tree: Tree) -> list[TreeLink]:
     """Return the links of a tree, each after the one that it sits on."""
     return [
-        Link(
+        TreeLink(
             name=f"link_{j}",
             parent=tree.parent[j],
             kind=tree.joint[j],
@@ -89,7 +89,7 @@ def links_of(tree: Tree) -> list[Link]:
     ]
 
 
-class Mounted(NamedTuple):
+class MountedJoint(NamedTuple):
     """A joint as it sits on the body that it moves, while all joints are at 0."""
 
     name: str
@@ -100,20 +100,20 @@ class Mounted(NamedTuple):
     """In the body's frame (3,), of length 1."""
 
 
-class Carried(NamedTuple):
+class BodyWithJoints(NamedTuple):
     """A body with mass and all joints that move it: those of links without mass, then its own."""
 
-    body: Link
+    body: TreeLink
     parent: int
     """Position of the body that the first joint sits on, or -1: the ground."""
     rotation: Array
     """Orientation in the frame of the parent (3, 3) while all joints are at 0."""
     offset: Array
     """Position in the frame of the parent (3,) while all joints are at 0, m."""
-    joints: tuple[Mounted, ...]
+    joints: tuple[MountedJoint, ...]
 
 
-def bodies_with_mass(links: list[Link]) -> list[Carried] | None:
+def bodies_with_mass(links: list[TreeLink]) -> list[BodyWithJoints] | None:
     """Return the bodies that have mass, each with all joints between it and the body before.
 
     For libraries in which nothing moves that has no mass. None where a link without mass does not
@@ -122,7 +122,7 @@ def bodies_with_mass(links: list[Link]) -> list[Carried] | None:
     carries = [sum(other.parent == j for other in links) for j in range(len(links))]
     if any(link.mass == 0 and number != 1 for link, number in zip(links, carries, strict=True)):
         return None
-    bodies: list[Carried] = []
+    bodies: list[BodyWithJoints] = []
     places = {-1: -1}
     for j, link in enumerate(links):
         if link.mass > 0:
@@ -135,7 +135,7 @@ def bodies_with_mass(links: list[Link]) -> list[Carried] | None:
     return bodies
 
 
-def _carried(parent: int, chain: list[Link]) -> Carried:
+def _carried(parent: int, chain: list[TreeLink]) -> BodyWithJoints:
     """Return the body of the last link of `chain`, moved by the joints of all."""
     seats = [(chain[0].rotation, chain[0].offset)]
     for link in chain[1:]:
@@ -143,10 +143,12 @@ def _carried(parent: int, chain: list[Link]) -> Carried:
         seats.append((rotation @ link.rotation, offset + rotation @ link.offset))
     rotation, offset = seats[-1]
     joints = (
-        Mounted(link.name, link.slides, rotation.T @ (at - offset), rotation.T @ turned @ link.axis)
+        MountedJoint(
+            link.name, link.slides, rotation.T @ (at - offset), rotation.T @ turned @ link.axis
+        )
         for link, (turned, at) in zip(chain, seats, strict=True)
     )
-    return Carried(chain[-1], parent, rotation, offset, tuple(joints))
+    return BodyWithJoints(chain[-1], parent, rotation, offset, tuple(joints))
 
 
 # ---- Engines -------------------------------------------------------------------------------------
@@ -203,12 +205,12 @@ class TreeEngine(Engine):
         return cls.holds(links) and (cls.any_inertia or all(map(cls.takes, links)))
 
     @classmethod
-    def links(cls, tree: Tree) -> list[Link]:
+    def links(cls, tree: Tree) -> list[TreeLink]:
         """Return the links that the model is built from."""
-        return links_of(tree)
+        return tree_links(tree)
 
     @classmethod
-    def takes(cls, link: Link) -> bool:
+    def takes(cls, link: TreeLink) -> bool:
         """Return whether the moments of inertia of a link are those of some body.
 
         None is negative and none exceeds the sum of the others; many libraries refuse or replace
@@ -218,7 +220,7 @@ class TreeEngine(Engine):
         return bool(low >= -TOUCHING * high and low + middle >= high * (1 - TOUCHING))
 
     @classmethod
-    def holds(cls, links: list[Link]) -> bool:
+    def holds(cls, links: list[TreeLink]) -> bool:
         """Return whether the library can hold such a tree.
 
         By default none with rotors, nor with a link that has inertia but no mass.
@@ -226,7 +228,7 @@ class TreeEngine(Engine):
         return not any(link.armature or link.turns_without_mass for link in links)
 
     @abstractmethod
-    def _build(self, library: Any, links: list[Link]) -> None:
+    def _build(self, library: Any, links: list[TreeLink]) -> None:
         """Build the library's model, without gravity and forces."""
 
     def velocity_map(self, q: Array, v: Array) -> VelocityMap:

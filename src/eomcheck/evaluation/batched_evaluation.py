@@ -14,19 +14,19 @@ from typing import Any
 import numpy as np
 
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation.evaluation import MOVES, SPEEDS, Acceleration, Evaluation, Key
-from eomcheck.evaluation.perturbed import Moved, amplified
+from eomcheck.evaluation.evaluation import SPEEDS, TRACES, Acceleration, Evaluation, Key
+from eomcheck.evaluation.perturbed import PerturbedEvaluation, amplification
 from eomcheck.evaluation.scene_quantities import quantity
-from eomcheck.evaluation.tolerance import INCONCLUSIVE, allowed_error, conditioned, largest
+from eomcheck.evaluation.tolerance import INCONCLUSIVE, allowed_error, largest, well_conditioned
 from eomcheck.evaluation.violations import SLIP, allowed_violation
 from eomcheck.formulations import Formulation
-from eomcheck.kernels.perturbed_trace import preparation
+from eomcheck.kernels.perturbed_trace import traceable_prepare
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import FLOAT64, Array, map_record
-from eomcheck.numbers.lanes import IN_LANES, LaneArray, LaneNoise, doubles, lanes_in
-from eomcheck.numbers.linear import Watch, watching
-from eomcheck.numbers.noise import SAMPLES, STEP, STRETCH, Noisy
+from eomcheck.numbers.lanes import LANE_ARITHMETIC, LaneArray, LaneNoise, as_float64, lanes_in
+from eomcheck.numbers.linear import SolveRecorder, recording_solves
+from eomcheck.numbers.noise import SAMPLES, STEP, STRETCH, NoisyArithmetic
 
 
 def stacked(records: Sequence[Any]) -> Any:
@@ -37,7 +37,7 @@ def stacked(records: Sequence[Any]) -> Any:
     )
 
 
-def _of_states(each: Sequence[Any]) -> Any:
+def _states_in_lanes(each: Sequence[Any]) -> Any:
     return LaneArray(np.array(each).T.copy())
 
 
@@ -58,7 +58,7 @@ class LaneEvaluation(Evaluation):
     conditions = True
 
     def __init__(self, scenes: Sequence[Scene], states: Sequence[State]):
-        q, v = (_of_states([state[i] for state in states]) for i in (0, 1))
+        q, v = (_states_in_lanes([state[i] for state in states]) for i in (0, 1))
         t: Any = 0.0
         if scenes[0].depends_on_time:
             t = LaneArray(np.array([s.t for s in states]))
@@ -67,7 +67,7 @@ class LaneEvaluation(Evaluation):
 
     def _begin_lanes(self, scenes: Sequence[Scene], q: LaneArray, t: Any) -> None:
         self._begin(scenes[0], q, t)  # type: ignore[arg-type]
-        self.arithmetic, self.scenes, self.lanes = IN_LANES, scenes, len(scenes)
+        self.arithmetic, self.scenes, self.lanes = LANE_ARITHMETIC, scenes, len(scenes)
         self.refused: dict[Key, Array] = {}
 
     @quantity
@@ -81,20 +81,20 @@ class LaneEvaluation(Evaluation):
         Raises:
             TypeError: it does more than rational operations.
         """
-        return MOVES.in_lanes(None, function, *map_record(self._packed, arguments))
+        return TRACES.in_lanes(None, function, *map_record(self._packed, arguments))
 
-    def watched(self, key: Key | None = None) -> AbstractContextManager[Watch]:
+    def watched(self, key: Key | None = None) -> AbstractContextManager[SolveRecorder]:
         """Watch the matrices that are solved."""
-        return watching(conditions=self.conditions)
+        return recording_solves(conditions=self.conditions)
 
     def run(self, function: Callable, *arguments) -> Any:
         """Call a generic function, on lanes: see `call`."""
         return self.call(function, *arguments)
 
     def _packed(self, x: Any) -> Any:
-        return doubles(x) if isinstance(x, np.ndarray) and lanes_in(x) else x
+        return as_float64(x) if isinstance(x, np.ndarray) and lanes_in(x) else x
 
-    def speeds_solved(self, watch: Watch) -> None:
+    def speeds_solved(self, watch: SolveRecorder) -> None:
         """Note what was solved for generalized speeds by a partition; see `Evaluation`."""
         super().speeds_solved(watch)
         self.refused[SPEEDS] = np.any(watch.refused, axis=0)
@@ -112,7 +112,7 @@ class LaneEvaluation(Evaluation):
         self.refused[key] = np.zeros(self.lanes, bool)
         with self.computing(formulation.key), self.watched(key) as watch:
             vdot, multipliers = self.solution(formulation, self.partition)
-        found = map_record(doubles, (vdot, multipliers))
+        found = map_record(as_float64, (vdot, multipliers))
         for x in found:
             if x is not None:
                 self.refused[key] |= ~np.isfinite(x.data).reshape(-1, self.lanes).all(axis=0)
@@ -139,12 +139,12 @@ class LaneEvaluation(Evaluation):
         q, v = self.q.data[:, lane], self.v.data[:, lane]  # type: ignore[attr-defined]
         return State(q, v, float(t))
 
-    def perturbed(self, coordinates: bool = False) -> tuple[LaneCopy, ...]:
-        """Return copies with every number perturbed, see `perturbed_copies`."""
-        return self.kept(_copies_everywhere if coordinates else _copies)
+    def perturbed(self, coordinates: bool = False) -> tuple[PerturbedLaneEvaluation, ...]:
+        """Return copies with every number perturbed, see `perturbed_samples`."""
+        return self.kept(_samples_everywhere if coordinates else _samples)
 
 
-class LaneCopy(Moved, LaneEvaluation):
+class PerturbedLaneEvaluation(PerturbedEvaluation, LaneEvaluation):
     """A copy of an evaluation in lanes in which every number is perturbed.
 
     Args:
@@ -156,13 +156,13 @@ class LaneCopy(Moved, LaneEvaluation):
     def __init__(self, original: LaneEvaluation, noise: LaneNoise, coordinates: bool):
         with noise.stream("state"):
             q = noise.entries(original.q) if coordinates else original.q
-            v = original.v + _change_of_velocity(original, noise)
+            v = original.v + _velocity_perturbation(original, noise)
         self._begin_lanes(original.scenes, q, original.t)  # type: ignore[arg-type]
         self.v, self._original, self.noise = v, original, noise
 
     def call(self, function: Callable, *arguments) -> Any:
         """Call a generic function, each of its operations perturbed."""
-        return MOVES.in_lanes(self.noise, function, *map_record(self._packed, arguments))
+        return TRACES.in_lanes(self.noise, function, *map_record(self._packed, arguments))
 
     @quantity
     def parameters(self) -> Any:
@@ -173,31 +173,31 @@ class LaneCopy(Moved, LaneEvaluation):
         """Return what is prepared, every operation perturbed, and how; see `Quantities`."""
         with suppress(TypeError):
             here = self.parameters, self.q, self.time
-            prepared, made = self.call(preparation(self.scene.prepare), *here)
+            prepared, made = self.call(traceable_prepare(self.scene.prepare), *here)
             return map_record(self.noise.array, prepared), made
         return super().prepare()
 
     @property
     def preparing(self) -> Any:
         """What prepares where not all is rational besides: cosines, sines and roots are moved."""
-        lanes: Any = IN_LANES
-        return Noisy(lanes, self.noise)
+        lanes: Any = LANE_ARITHMETIC
+        return NoisyArithmetic(lanes, self.noise)
 
 
-def _copies(at: Any) -> tuple[LaneCopy, ...]:
-    return _perturbed(at, coordinates=False)
+def _samples(at: Any) -> tuple[PerturbedLaneEvaluation, ...]:
+    return _new_samples(at, coordinates=False)
 
 
-def _copies_everywhere(at: Any) -> tuple[LaneCopy, ...]:
-    return _perturbed(at, coordinates=True)
+def _samples_everywhere(at: Any) -> tuple[PerturbedLaneEvaluation, ...]:
+    return _new_samples(at, coordinates=True)
 
 
-def _perturbed(at: LaneEvaluation, coordinates: bool) -> tuple[LaneCopy, ...]:
+def _new_samples(at: LaneEvaluation, coordinates: bool) -> tuple[PerturbedLaneEvaluation, ...]:
     noises = (*(LaneNoise(seed) for seed in range(SAMPLES)), LaneNoise(0, STRETCH * STEP))
-    return tuple(LaneCopy(at, noise, coordinates) for noise in noises)
+    return tuple(PerturbedLaneEvaluation(at, noise, coordinates) for noise in noises)
 
 
-def _change_of_velocity(at: LaneEvaluation, noise: LaneNoise) -> LaneArray:
+def _velocity_perturbation(at: LaneEvaluation, noise: LaneNoise) -> LaneArray:
     change = noise.entries(at.v) - at.v
     if at.terms.a is None:
         return change
@@ -207,12 +207,12 @@ def _change_of_velocity(at: LaneEvaluation, noise: LaneNoise) -> LaneArray:
     with np.errstate(all="ignore"):
         usable: Any = np.isfinite(R).all(axis=(1, 2)) & np.diagonal(R, axis1=1, axis2=2).all(axis=1)
         R = np.where(usable[:, None, None], R, np.eye(R.shape[-1]))
-        slip = (Q @ substituted(R, residual.T)[..., None])[..., 0]
+        slip = (Q @ solve_transposed_triangle(R, residual.T)[..., None])[..., 0]
         usable &= np.isfinite(slip).all(axis=1)
     return change + LaneArray(np.where(usable[:, None], slip, 0.0).T)
 
 
-def substituted(R: Array, x: Array) -> Array:
+def solve_transposed_triangle(R: Array, x: Array) -> Array:
     """Return y (L, k) of Rᵀ y = x, for upper triangles R (L, k, k).
 
     Pivots could only harm: they are 0 where entries are far apart, and then all lanes are lost.
@@ -254,27 +254,27 @@ def sensitivity_in_lanes(
 
     With less than all `samples` of noise it is no larger.
     """
-    here = doubles(quantity(at))
+    here = as_float64(quantity(at))
     with np.errstate(all="ignore"):
         try:
             changes = []
             copies = at.perturbed(coordinates)
             for copy in (*copies[:samples], copies[-1]):
                 with copy.computing("quantity"):
-                    changes.append(largest_in(doubles(quantity(copy)) - here, at.lanes))
+                    changes.append(largest_in(as_float64(quantity(copy)) - here, at.lanes))
         except (RefusedError, np.linalg.LinAlgError):
             return np.full(at.lanes, np.inf)
-        return amplified(largest_in(here, at.lanes), np.array(changes), solved)
+        return amplification(largest_in(here, at.lanes), np.array(changes), solved)
 
 
-def speeds_told_in_lanes(at: LaneEvaluation) -> Array:
+def speeds_resolved_in_lanes(at: LaneEvaluation) -> Array:
     """Return where W of generalized speeds is more than rounding (L,), see `speeds_told`."""
     at.speeds  # noqa: B018  (what was solved for them is needed)
     rcond = at.speeds_rcond
     if not rcond:
         return np.ones(at.lanes, bool)
     of_W = sensitivity_in_lanes(at, lambda e: e.speeds.W, solved=True)
-    return conditioned(rcond) & np.isfinite(of_W)
+    return well_conditioned(rcond) & np.isfinite(of_W)
 
 
 def largest_in(x: Any, lanes: int) -> Array:
@@ -307,7 +307,7 @@ def acceleration_sensitivity_in_lanes(
     with np.errstate(all="ignore"):
         unsure = np.zeros(at.lanes, bool)
         if rcond:
-            unsure = ~conditioned(rcond)
+            unsure = ~well_conditioned(rcond)
         here = at.solves[formulation.key, False]
         for copy in at.perturbed(coordinates)[:samples]:
             copy.acceleration(formulation)

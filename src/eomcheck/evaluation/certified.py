@@ -20,7 +20,7 @@ from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.evaluation.tolerance import NOTICEABLE, allowed_error, largest
 from eomcheck.formulations import Formulation, Partition, formulation_for
 from eomcheck.mechanics.scene import Scene, checked_scene, finite_array
-from eomcheck.numbers.ball import Balls, as_doubles, ball, midpoints, precision
+from eomcheck.numbers.ball import Balls, ball, midpoints, midpoints_or_zero, precision
 from eomcheck.numbers.generic import Array
 from eomcheck.numbers.pivots import EPS
 
@@ -68,7 +68,7 @@ class Enclosure:
 
     def doubles(self) -> Array:
         """Return v̇ (n,), the midpoints rounded to doubles, 0 where it may vanish."""
-        return as_doubles(self.vdot)
+        return midpoints_or_zero(self.vdot)
 
     def overlaps(self, other: Enclosure) -> Array:
         """Return (n,), whether the balls of v̇ have a point in common, entry by entry."""
@@ -203,16 +203,16 @@ def _certain_digits(vdot: Array, v: Array) -> float:
 
 # ---- Certified digits ----------------------------------------------------------------------------
 
-TRUTH = "kane"
+REFERENCE = "kane"
 """The formulation whose enclosure is taken for the truth: O(N), and without large matrices."""
 
-TRUTH_WITHOUT_SPEEDS = "au"
+REFERENCE_WITHOUT_SPEEDS = "au"
 """And where there are no generalized speeds; of v as it is, which bounds allow for."""
 
-TRUE_DIGITS = 30
+REFERENCE_DIGITS = 30
 """Digits of the truth; twice those of doubles would do."""
 
-DIGITS_OF_DOUBLES = -math.log10(EPS / 2)
+FLOAT64_DIGITS = -math.log10(EPS / 2)
 
 
 @dataclass(frozen=True)
@@ -261,8 +261,8 @@ class Accuracy:
 def certified_digits(relative: float) -> float:
     """Return the decimal digits that a relative error leaves, at most those that doubles have."""
     if not relative > 0:
-        return DIGITS_OF_DOUBLES if relative == 0 else 0.0
-    return min(max(-math.log10(relative), 0.0), DIGITS_OF_DOUBLES)
+        return FLOAT64_DIGITS if relative == 0 else 0.0
+    return min(max(-math.log10(relative), 0.0), FLOAT64_DIGITS)
 
 
 def true_state(scene: Scene, q, u, t: float = 0.0) -> tuple[Enclosure, Evaluation]:
@@ -275,8 +275,8 @@ def true_state(scene: Scene, q, u, t: float = 0.0) -> tuple[Enclosure, Evaluatio
         InputError: wrong shapes or values that are not finite.
         RefusedError: the truth has no digits here, or the velocity overflows.
     """
-    truth = enclose(scene, TRUTH, q, u, t, TRUE_DIGITS)
-    at = Evaluation(scene, q, representable("v", as_doubles(truth.v)), t)
+    truth = enclose(scene, REFERENCE, q, u, t, REFERENCE_DIGITS)
+    at = Evaluation(scene, q, representable("v", midpoints_or_zero(truth.v)), t)
     at.u = np.array(u, dtype=np.float64)
     return truth, at
 
@@ -333,7 +333,7 @@ def accuracy(
     formulation = formulation_for(checked_scene(scene), key)
     if v is None:
         return certify(formulation, *true_state(scene, q, u, t), pivoted)
-    truth = enclose(scene, key, q, u, t, TRUE_DIGITS, v=v, pivoted=pivoted)
+    truth = enclose(scene, key, q, u, t, REFERENCE_DIGITS, v=v, pivoted=pivoted)
     return certify(formulation, truth, Evaluation(scene, q, v, t), pivoted)
 
 
@@ -362,7 +362,7 @@ def certify(
     """
     result = solution_of(at, formulation, pivoted)
     if formulation.redundant and at.independent_partition.redundant is not None:
-        how = {"v": at.v}, at.t, TRUE_DIGITS, at.independent_partition
+        how = {"v": at.v}, at.t, REFERENCE_DIGITS, at.independent_partition
         truth = enclosure(at.scene, formulation, at.q, *how)
     if sensitivity is None:
         sensitivity = acceleration_sensitivity(at, formulation, pivoted=pivoted)

@@ -24,15 +24,15 @@ from eomcheck.errors import RefusedError
 from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, UNDERFLOW, allowed_error, largest
 from eomcheck.formulations import Partition
-from eomcheck.kernels.perturbed_trace import preparation
+from eomcheck.kernels.perturbed_trace import traceable_prepare
 from eomcheck.numbers.generic import Array, map_record
 from eomcheck.numbers.linear import least_squares
 from eomcheck.numbers.noise import SAMPLES, STEP, Noise
-from eomcheck.numbers.pivots import scale_of
+from eomcheck.numbers.pivots import power_of_two_scale
 
 # ---- Positions that satisfy the constraints ------------------------------------------------------
 
-CLOSING_STEPS = 50
+ASSEMBLY_STEPS = 50
 """Newton steps after which the search for a closed position gives up."""
 
 
@@ -59,7 +59,7 @@ def newton(at: Quantities, q: Array, kept: Any = None) -> tuple[Array, float, bo
     rows = np.arange(at.scene.r)[at.scene.holonomic]
     places = np.flatnonzero(np.isin(rows, rows if kept is None else kept))
     step = np.inf
-    for _ in range(CLOSING_STEPS):
+    for _ in range(ASSEMBLY_STEPS):
         here = at.elsewhere(q)
         residual, rates = position_residual(here)[places], here.terms.a[rows[places]]
         last, correction = step, least_squares(rates, residual)
@@ -76,11 +76,11 @@ def newton(at: Quantities, q: Array, kept: Any = None) -> tuple[Array, float, bo
 RANK = "rank of a"
 """What refusals call it."""
 
-FIRST = 2.0**-20
+TIE_BREAK = 2.0**-20
 """By what share each row counts as smaller than the one before: the last of equals is redundant."""
 
 
-class Rank(NamedTuple):
+class RowRank(NamedTuple):
     """Which constraints are independent.
 
     Attributes:
@@ -96,7 +96,7 @@ class Rank(NamedTuple):
     unsure: Array
 
 
-def rank_of(at: Quantities) -> Rank:
+def rank_of(at: Quantities) -> RowRank:
     """Return which constraints are independent at `at`, which has some.
 
     Raises:
@@ -108,7 +108,7 @@ def rank_of(at: Quantities) -> Rank:
     return found
 
 
-def _rank(at: Quantities) -> Rank | RefusedError:
+def _rank(at: Quantities) -> RowRank | RefusedError:
     a, names = at.terms.a, at.scene.constraint_names
     r = len(a)
     a, unsure = _in_common_units(at, 1.0)
@@ -138,7 +138,7 @@ def _rank(at: Quantities) -> Rank | RefusedError:
             )
         # With angles that have the digits that they have.
         own = _in_common_units(at, 0.0)[1] if own is None else own
-        if _told_apart(R, rows[order], own[order], rank, k):
+        if _resolved_by_entry(R, rows[order], own[order], rank, k):
             return RefusedError(
                 RANK,
                 float(distance[k]),
@@ -147,7 +147,7 @@ def _rank(at: Quantities) -> Rank | RefusedError:
                 "rounding explains of what the others say, but for a small entry that is certain",
             )
     back = np.argsort(order)
-    return Rank(np.sort(order[:rank]), np.sort(order[rank:]), distance[back], allowed[back])
+    return RowRank(np.sort(order[:rank]), np.sort(order[rank:]), distance[back], allowed[back])
 
 
 def _in_common_units(at: Quantities, least: float) -> tuple[Array, Array]:
@@ -160,17 +160,19 @@ def _in_common_units(at: Quantities, least: float) -> tuple[Array, Array]:
     """
     a = at.terms.a
     with np.errstate(all="ignore"):
-        moved = np.max([np.abs(_moved(at, Noise(k), least) - a) for k in range(SAMPLES)], axis=0)
+        moved = np.max(
+            [np.abs(_perturbed_jacobian(at, Noise(k), least) - a) for k in range(SAMPLES)], axis=0
+        )
         unsure = allowed_error(1.0) * (np.abs(a) + moved / STEP)
-        columns = scale_of(np.sqrt(np.abs(np.diagonal(at.terms.M))))
+        columns = power_of_two_scale(np.sqrt(np.abs(np.diagonal(at.terms.M))))
         a, unsure = a * columns, unsure * columns
-        rows = scale_of(np.abs(a).max(axis=1))
-        size = np.linalg.norm(a * rows[:, None], axis=1) * (1.0 + FIRST * np.arange(len(a)))
+        rows = power_of_two_scale(np.abs(a).max(axis=1))
+        size = np.linalg.norm(a * rows[:, None], axis=1) * (1.0 + TIE_BREAK * np.arange(len(a)))
         rows /= np.where(size > 0, size, 1.0)
     return a * rows[:, None], unsure * rows[:, None]
 
 
-def _moved(at: Quantities, noise: Noise, least: float) -> Array:
+def _perturbed_jacobian(at: Quantities, noise: Noise, least: float) -> Array:
     """Return a of moved coordinates and parameters, an angle as if it were `least` at least."""
     with noise.stream("rank"):
         floor = np.zeros(at.scene.n)
@@ -179,15 +181,17 @@ def _moved(at: Quantities, noise: Noise, least: float) -> Array:
         q = at.q + size * noise.changes(size.shape)
         parameters = noise.record(at.parameters)
     given = map_record(np.asarray, parameters), q, at.v, np.full(1, at.t)
-    return at.run(_rows, at.scene.prepare, at.scene.terms, *given)
+    return at.run(_jacobian, at.scene.prepare, at.scene.terms, *given)
 
 
-def _rows(prepare: Callable, terms: Callable, parameters: Any, q: Array, v: Array, t: Array) -> Any:
-    prepared, _ = preparation(prepare)(parameters, q, t)
+def _jacobian(
+    prepare: Callable, terms: Callable, parameters: Any, q: Array, v: Array, t: Array
+) -> Any:
+    prepared, _ = traceable_prepare(prepare)(parameters, q, t)
     return terms(parameters, prepared, q, v).a
 
 
-def _shares(R: Array, rank: int, k: int) -> Array:
+def _coefficients(R: Array, rank: int, k: int) -> Array:
     """Return what row k has of the first `rank` rows (rank,)."""
     if not rank:
         return R[:0, k]
@@ -196,16 +200,16 @@ def _shares(R: Array, rank: int, k: int) -> Array:
 
 def _rounding(R: Array, unsure: Array, rank: int, k: int) -> float:
     """Return how far rounding alone moves row k from the span of the first `rank` rows."""
-    return float(np.linalg.norm(unsure[k] + np.abs(_shares(R, rank, k)) @ unsure[:rank]))
+    return float(np.linalg.norm(unsure[k] + np.abs(_coefficients(R, rank, k)) @ unsure[:rank]))
 
 
-def _told_apart(R: Array, a: Array, own: Array, rank: int, k: int) -> bool:
+def _resolved_by_entry(R: Array, a: Array, own: Array, rank: int, k: int) -> bool:
     """Return whether an entry tells row k from the span of the first `rank` rows.
 
     All in the order of R. It does where it is further away than what rounding makes of it alone,
     and of what the row has of the others: it may be small beside entries that say nothing.
     """
-    shares = _shares(R, rank, k)
+    shares = _coefficients(R, rank, k)
     inverse = solve_triangular(R[:rank, :rank], np.eye(rank), check_finite=False)
     lost = allowed_error(1.0) * np.abs(inverse).sum(axis=1)
     apart = np.abs(a[k] - shares @ a[:rank])
@@ -227,7 +231,7 @@ def _sizes(at: Quantities) -> Array:
     return sizes
 
 
-def check_redundant(at: Quantities, found: Rank) -> None:
+def check_redundant(at: Quantities, found: RowRank) -> None:
     """Check that redundant constraints are so in a position nearby too.
 
     One that the kept constraints allow, either way along a motion that all constraints allow.

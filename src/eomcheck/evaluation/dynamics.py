@@ -17,7 +17,11 @@ import numpy as np
 from eomcheck.errors import InconsistentVelocityError, RefusedError
 from eomcheck.evaluation.constraint_rank import RANK, newton, position_residual
 from eomcheck.evaluation.evaluation import Acceleration, Evaluation
-from eomcheck.evaluation.perturbed import acceleration_sensitivity, perturbed_copies, sensitivity_of
+from eomcheck.evaluation.perturbed import (
+    acceleration_sensitivity,
+    perturbed_samples,
+    sensitivity_of,
+)
 from eomcheck.evaluation.tolerance import NOTICEABLE, UNDERFLOW, allowed_error, largest
 from eomcheck.evaluation.violations import allowed_violation, violation
 from eomcheck.formulations import Formulation, formulation_for
@@ -32,7 +36,7 @@ CONTRADICTION = "gamma"
 """What refusals call it."""
 
 
-class Dependence(NamedTuple):
+class ConstraintRank(NamedTuple):
     """Names of constraints.
 
     Attributes:
@@ -44,7 +48,7 @@ class Dependence(NamedTuple):
     redundant: tuple[str, ...]
 
 
-def independent_constraints(scene: Scene, q, t: float = 0.0) -> Dependence:
+def independent_constraints(scene: Scene, q, t: float = 0.0) -> ConstraintRank:
     """Return which constraints are independent at (q, t), and which they imply.
 
     Those kept go to `eomcheck.with_constraints`, which gives formulations that cannot do with
@@ -63,10 +67,10 @@ def independent_constraints(scene: Scene, q, t: float = 0.0) -> Dependence:
     names = scene.constraint_names
     redundant = at.independent_partition.redundant
     without = () if redundant is None else tuple(names[i] for i in redundant)
-    return Dependence(tuple(name for name in names if name not in without), without)
+    return ConstraintRank(tuple(name for name in names if name not in without), without)
 
 
-def explained(at: Evaluation, refusal: RefusedError) -> RefusedError:
+def with_redundancy_hint(at: Evaluation, refusal: RefusedError) -> RefusedError:
     """Return a refusal that says which constraints are redundant, where some are.
 
     Args:
@@ -78,18 +82,18 @@ def explained(at: Evaluation, refusal: RefusedError) -> RefusedError:
     try:
         redundant = at.independent_partition.redundant
     except RefusedError as unclear:
-        return _saying(refusal, f"{refusal}; {unclear}")
+        return _with_message(refusal, f"{refusal}; {unclear}")
     if redundant is None:
         return refusal
     names = ", ".join(at.scene.constraint_names[i] for i in redundant)
-    return _saying(
+    return _with_message(
         refusal,
         f"{refusal}; redundant, for the other constraints imply it: {names} (uk solves it as it "
         "is, others what eomcheck.with_constraints leaves)",
     )
 
 
-def _saying(refusal: RefusedError, why: str) -> RefusedError:
+def _with_message(refusal: RefusedError, why: str) -> RefusedError:
     return RefusedError(refusal.what, refusal.rcond, refusal.threshold, why, refusal.matrix)
 
 
@@ -175,17 +179,17 @@ def acceleration(
     with suppress(RefusedError):  # later, for it is more than bad input
         at.partition_for(formulation, pivoted)
     if consistent:
-        check_consistent(at, LETS_PASS)
+        check_consistent(at, CONSISTENT_HINT)
     try:
         result = solution_of(at, formulation, pivoted)
     except RefusedError as refusal:
-        raise explained(at, refusal) from None
+        raise with_redundancy_hint(at, refusal) from None
     sensitivity = acceleration_sensitivity(at, formulation, pivoted=pivoted)
     # What underflows on the way is below what any change of the inputs can show.
     return replace(result, error_bound=max(allowed_error(sensitivity), UNDERFLOW))
 
 
-LETS_PASS = " (consistent=False lets it pass)"
+CONSISTENT_HINT = " (consistent=False lets it pass)"
 
 
 def check_consistent(at: Evaluation, hint: str = "") -> None:
@@ -257,7 +261,7 @@ def _excess(at: Evaluation, v: Array) -> tuple[Array, float]:
         return residual, np.max(np.abs(residual) / np.maximum(allowed, UNDERFLOW), initial=0.0)
 
 
-def closed_position(scene: Scene, q, t: float = 0.0) -> Array:
+def assembled_position(scene: Scene, q, t: float = 0.0) -> Array:
     """Return the coordinates (n,) near q that satisfy the holonomic constraints; q without any.
 
     Newton's method, with the smallest correction in each step.
@@ -272,13 +276,13 @@ def closed_position(scene: Scene, q, t: float = 0.0) -> Array:
     q, step, shrank = newton(Evaluation(scene, q, v, t), q)
     if shrank:
         # Steps also vanish where no direction closes the gap.
-        gap, allowed = closing_error(Evaluation(scene, q, v, t))
+        gap, allowed = assembly_error(Evaluation(scene, q, v, t))
         if gap <= allowed:
             return q
     raise RefusedError("position", step, 0.0, f"{scene.name}: no closed position is found near q")
 
 
-def closing_error(at: Evaluation) -> tuple[float, float]:
+def assembly_error(at: Evaluation) -> tuple[float, float]:
     """Return the largest gap of the holonomic constraints, and what rounding allows of it, m."""
     sensitivity = sensitivity_of(at, position_residual, coordinates=True)
     return largest(position_residual(at)), allowed_error(sensitivity)
@@ -297,7 +301,7 @@ def velocity(scene: Scene, q, u, t: float = 0.0) -> Array:
     """
     u = finite_array("u", u, (checked_scene(scene).p,))
     at = Evaluation(scene, q, np.zeros(scene.n), t)
-    for one in (at, *perturbed_copies(at)):
+    for one in (at, *perturbed_samples(at)):
         one.u = u
     v = representable("v", at.velocity)
     _check_digits("v", at, lambda e: e.velocity)
@@ -321,7 +325,7 @@ def speeds_of(scene: Scene, q, v, t: float = 0.0) -> Array:
             entry.
     """
     at = Evaluation(scene, q, v, t)
-    for one in perturbed_copies(at):
+    for one in perturbed_samples(at):
         one.v = at.v
     u = representable("u", at.u)
     _check_digits("u", at, lambda e: e.u)

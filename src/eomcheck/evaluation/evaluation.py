@@ -17,18 +17,18 @@ from scipy.linalg import qr
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluation.constraint_rank import independent_partition
 from eomcheck.evaluation.scene_quantities import Quantities, quantity, values_and_rates
-from eomcheck.evaluation.tolerance import conditioned
+from eomcheck.evaluation.tolerance import well_conditioned
 from eomcheck.formulations import Formulation, Partition
-from eomcheck.kernels.perturbed_trace import Moves
+from eomcheck.kernels.perturbed_trace import TraceRunner
 from eomcheck.mechanics.scene import Scene, checked_scene
-from eomcheck.numbers.dual import Dual, Replay, duals
+from eomcheck.numbers.dual import Dual, ReplayArithmetic, duals
 from eomcheck.numbers.generic import FLOAT64, Array, map_record
-from eomcheck.numbers.lanes import doubles, lanes_in
-from eomcheck.numbers.linear import Solve, Watch, watching
+from eomcheck.numbers.lanes import as_float64, lanes_in
+from eomcheck.numbers.linear import SolveRecord, SolveRecorder, recording_solves
 
 T = TypeVar("T")
 
-MOVES = Moves()
+TRACES = TraceRunner()
 """What has been listed of functions of scenes and formulations."""
 
 Key = tuple[str, bool]
@@ -56,12 +56,14 @@ class Acceleration:
     error_bound: float
 
 
-def _prepared_while(
+def _prepared_with_rates(
     prepare: Callable, clock: int, parameters: Any, made: tuple, *state: Array
 ) -> Any:
     """Return what is prepared, and how fast it changes, of angles and roots, q, q̇ and t (1,)."""
     q, qdot, t = state
-    return values_and_rates(prepare(Replay(made), parameters, duals(q, qdot), Dual(t[0], clock)))
+    return values_and_rates(
+        prepare(ReplayArithmetic(made), parameters, duals(q, qdot), Dual(t[0], clock))
+    )
 
 
 class Evaluation(Quantities):
@@ -97,7 +99,7 @@ class Evaluation(Quantities):
         self.speeds_rcond: dict[str, float] = {}
         self._solutions_in: dict[tuple[str, bytes], Acceleration] = {}
         self._solutions: dict[tuple[str, bool], Acceleration | RefusedError] = {}
-        self.solves: dict[Key, dict[str, Solve]] = {}
+        self.solves: dict[Key, dict[str, SolveRecord]] = {}
 
     def call(self, function: Callable, *arguments) -> Any:
         """Call a generic function on doubles."""
@@ -107,13 +109,15 @@ class Evaluation(Quantities):
     def run(self, function: Callable, *arguments) -> Any:
         """Call a generic function on doubles, in machine code where that is faster."""
         with np.errstate(all="ignore"):
-            return MOVES.unmoved(function, *arguments)
+            return TRACES.unmoved(function, *arguments)
 
     def prepared_and_rates(self, qdot: Array, clock: bool = True) -> tuple[Any, Any]:
         """Return what is prepared, and how fast it changes, in doubles; see `moving`."""
         self.prepared  # noqa: B018  (what it is made of is needed)
         here = self.parameters, tuple(self._made), self.q, qdot, self.time
-        return map_record(doubles, self.run(_prepared_while, self.scene.prepare, int(clock), *here))
+        return map_record(
+            as_float64, self.run(_prepared_with_rates, self.scene.prepare, int(clock), *here)
+        )
 
     @property
     def time(self) -> Array:
@@ -125,11 +129,11 @@ class Evaluation(Quantities):
         with self.watched((name, False)) as watch:
             found = self.call(function, *arguments)
         self.solves[name, False] = {solve.name: solve for solve in watch.solves}
-        return found, not watch.rcond or bool(conditioned(watch.rcond))
+        return found, not watch.rcond or bool(well_conditioned(watch.rcond))
 
-    def watched(self, key: Key | None = None) -> AbstractContextManager[Watch]:
+    def watched(self, key: Key | None = None) -> AbstractContextManager[SolveRecorder]:
         """Watch the matrices that are solved for what `solves` has under `key`."""
-        return watching()
+        return recording_solves()
 
     @quantity
     def kinematics(self) -> Any:
@@ -148,7 +152,7 @@ class Evaluation(Quantities):
         self.speeds_solved(watch)
         return found
 
-    def speeds_solved(self, watch: Watch) -> None:
+    def speeds_solved(self, watch: SolveRecorder) -> None:
         """Note what was solved for generalized speeds by a partition."""
         self.speeds_rcond = watch.rcond
         self.solves[SPEEDS] = {solve.name: solve for solve in watch.solves}

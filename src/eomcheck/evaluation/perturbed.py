@@ -19,38 +19,46 @@ from typing import Any
 import numpy as np
 
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation.evaluation import MOVES, Acceleration, Evaluation, Key
+from eomcheck.evaluation.evaluation import TRACES, Acceleration, Evaluation, Key
 from eomcheck.evaluation.scene_quantities import Solution, quantity
 from eomcheck.evaluation.tolerance import (
     INCONCLUSIVE,
     UNDERFLOW,
     allowed_error,
-    conditioned,
     largest,
     largest_of_each,
+    well_conditioned,
 )
-from eomcheck.evaluation.violations import change_of_velocity
+from eomcheck.evaluation.violations import velocity_perturbation
 from eomcheck.formulations import Formulation, Partition
-from eomcheck.kernels.perturbed_trace import preparation
+from eomcheck.kernels.perturbed_trace import traceable_prepare
 from eomcheck.mechanics.records import Terms
 from eomcheck.numbers.generic import FLOAT64, Arithmetic, Array, map_record
-from eomcheck.numbers.linear import Watch, one_by_one, watching
-from eomcheck.numbers.noise import SAMPLES, STEP, STRETCH, MovedArray, Noise, Noises, Noisy
+from eomcheck.numbers.linear import SolveRecorder, for_each_noise, recording_solves
+from eomcheck.numbers.noise import (
+    SAMPLES,
+    STEP,
+    STRETCH,
+    Noise,
+    NoiseBatch,
+    NoisyArithmetic,
+    PerturbedArray,
+)
 
 # ---- Perturbed samples ---------------------------------------------------------------------------
 
 
-def _called(noise: Noise, function: Callable, *arguments: Any) -> Any:
+def _call_perturbed(noise: Noise, function: Callable, *arguments: Any) -> Any:
     """Call a generic function, each of its operations perturbed.
 
     Raises:
         TypeError: it does more than rational operations.
     """
     with np.errstate(all="ignore"):
-        return MOVES.run(noise, function, *arguments)
+        return TRACES.run(noise, function, *arguments)
 
 
-class Moved(Evaluation):
+class PerturbedEvaluation(Evaluation):
     """What all copies have in common whose numbers are perturbed, in lanes or not.
 
     Attributes:
@@ -73,11 +81,11 @@ class Moved(Evaluation):
         """Call a generic function, each operation perturbed: see `call`."""
         return self.call(function, *arguments)
 
-    def watched(self, key: Key | None = None) -> AbstractContextManager[Watch]:
+    def watched(self, key: Key | None = None) -> AbstractContextManager[SolveRecorder]:
         """Watch the matrices that are solved, and perturb them; pivots stay the original's."""
-        return watching(self.noise, self._original.solves.get(key) if key else None)
+        return recording_solves(self.noise, self._original.solves.get(key) if key else None)
 
-    def speeds_solved(self, watch: Watch) -> None:
+    def speeds_solved(self, watch: SolveRecorder) -> None:
         """Note what was solved for generalized speeds; of moved matrices no condition is known."""
         super().speeds_solved(watch)
         self.speeds_rcond = {}
@@ -94,7 +102,7 @@ class Moved(Evaluation):
         return self.keep(self.call(scene.assemble, *here, jacobians))
 
 
-class _Copies(Moved):
+class _SampleOrBatch(PerturbedEvaluation):
     """What a copy and all copies together have in common."""
 
     @quantity
@@ -113,16 +121,16 @@ class _Copies(Moved):
         """Let everything pass: what is not finite makes a sensitivity infinite."""
 
 
-def _found_together(name: str) -> Any:
+def _batch_property(name: str) -> Any:
     """Return the property of a copy whose values all copies find together."""
 
-    def part(copy: Perturbed) -> Any:
+    def part(copy: PerturbedSample) -> Any:
         return copy.together.part(copy.place, getattr(copy.together, name))
 
     return cached_property(part)
 
 
-class Perturbed(_Copies):
+class PerturbedSample(_SampleOrBatch):
     """A copy of an evaluation in which every number is perturbed.
 
     Args:
@@ -135,25 +143,25 @@ class Perturbed(_Copies):
         place: which of them this is.
     """
 
-    together: Together
+    together: PerturbedBatch
     place: int
 
     def __init__(self, original: Evaluation, noise: Noise, coordinates: bool):
         with noise.stream("state"):
             q = noise.entries(original.q) if coordinates else original.q
-            v = original.v + change_of_velocity(original, noise)
+            v = original.v + velocity_perturbation(original, noise)
         super().__init__(original.scene, q, v, original.t)
         self._original, self.noise = original, noise
 
-    parameters = _found_together("parameters")
-    terms = _found_together("terms")
-    F = _found_together("F")
-    u = _found_together("u")
-    kinematics = _found_together("kinematics")
-    speeds = _found_together("speeds")
-    bodies = _found_together("bodies")
-    x = _found_together("x")
-    chain = _found_together("chain")
+    parameters = _batch_property("parameters")
+    terms = _batch_property("terms")
+    F = _batch_property("F")
+    u = _batch_property("u")
+    kinematics = _batch_property("kinematics")
+    speeds = _batch_property("speeds")
+    bodies = _batch_property("bodies")
+    x = _batch_property("x")
+    chain = _batch_property("chain")
 
     def call(self, function: Callable, *arguments) -> Any:
         """Call a generic function, each of its operations perturbed.
@@ -161,7 +169,7 @@ class Perturbed(_Copies):
         Where it does more than rational operations, only what it reads and returns is perturbed.
         """
         with suppress(TypeError):
-            return _called(self.noise, function, *arguments)
+            return _call_perturbed(self.noise, function, *arguments)
         return super().call(function, *arguments)
 
     def prepare(self) -> tuple[Any, Sequence[Any]]:
@@ -172,7 +180,7 @@ class Perturbed(_Copies):
     @property
     def preparing(self) -> Arithmetic:
         """What prepares where not all is rational besides: cosines, sines and roots are moved."""
-        return Noisy(FLOAT64, self.noise)
+        return NoisyArithmetic(FLOAT64, self.noise)
 
     def acceleration(self, formulation: Formulation, pivoted: bool = False) -> Acceleration:
         """Return the result of `formulation`; see `Evaluation`. Nothing is refused but speeds."""
@@ -198,7 +206,7 @@ class Perturbed(_Copies):
         return Acceleration(vdot, multipliers, found.rcond, float("inf"))
 
 
-class Together(_Copies):
+class PerturbedBatch(_SampleOrBatch):
     """All copies of an evaluation side by side: the first axis of every array is theirs.
 
     Each is moved as it would be alone.
@@ -208,10 +216,10 @@ class Together(_Copies):
         copies: its copies.
     """
 
-    def __init__(self, original: Evaluation, copies: Sequence[Perturbed]):
+    def __init__(self, original: Evaluation, copies: Sequence[PerturbedSample]):
         self._begin(original.scene, np.stack([copy.q for copy in copies]), original.t)
         self._original, self._copies = original, copies
-        self.noise = self._noises = Noises([copy.noise for copy in copies])
+        self.noise = self._noises = NoiseBatch([copy.noise for copy in copies])
         self._read: dict[Key, Solution] = {}
 
     def of_what_is_read(self, formulation: Formulation, pivoted: bool) -> Solution:
@@ -224,7 +232,7 @@ class Together(_Copies):
 
     def part(self, place: int, record: Any) -> Any:
         """Return what a record holds of the copy at `place`."""
-        return _part(record, place, self._copies[place].noise)
+        return _sample_part(record, place, self._copies[place].noise)
 
     def call(self, function: Callable, *arguments) -> Any:
         """Call a generic function, each of its operations perturbed.
@@ -232,9 +240,11 @@ class Together(_Copies):
         Where it does more than rational operations, only what it reads and returns is perturbed.
         """
         with suppress(TypeError):
-            return _called(self.noise, function, *arguments)
+            return _call_perturbed(self.noise, function, *arguments)
         with np.errstate(all="ignore"):
-            alone = one_by_one(self._noises, lambda i, one: function(*_part(arguments, i, one)))
+            alone = for_each_noise(
+                self._noises, lambda i, one: function(*_sample_part(arguments, i, one))
+            )
             return self._stacked(alone)
 
     def _stacked(self, records: Sequence[Any]) -> Any:
@@ -247,7 +257,7 @@ class Together(_Copies):
             isinstance(first, np.ndarray) and first.dtype == np.float64
         ):
             stack = np.stack([np.asarray(x) for x in records])
-            return self.noise.array(stack) if isinstance(first, MovedArray) else stack
+            return self.noise.array(stack) if isinstance(first, PerturbedArray) else stack
         return first
 
     # ---- What is read ----------------------------------------------------------------------------
@@ -263,7 +273,9 @@ class Together(_Copies):
         """What is prepared, and how, with every operation perturbed; None if not all is told."""
         with suppress(TypeError), self.computing("prepared"):
             here = self.parameters, self.q, self.time
-            prepared, made = _called(self.noise, preparation(self.scene.prepare), *here)
+            prepared, made = _call_perturbed(
+                self.noise, traceable_prepare(self.scene.prepare), *here
+            )
             return map_record(self.noise.array, prepared), made
         return None
 
@@ -320,38 +332,38 @@ class Together(_Copies):
         return (matrix @ x[..., None])[..., 0]
 
 
-def _part(record: Any, place: int, noise: Noise) -> Any:
+def _sample_part(record: Any, place: int, noise: Noise) -> Any:
     """Return what a record of all copies holds of the one at `place`, which `noise` moves."""
 
     def of_copy(x: Any) -> Any:
         if not (isinstance(x, np.ndarray) and x.dtype == np.float64):
             return x
         mine = x[(place, ...)]
-        if isinstance(mine, MovedArray):
+        if isinstance(mine, PerturbedArray):
             mine.noise = noise
         return mine
 
     return map_record(of_copy, record)
 
 
-def _copies(at: Evaluation) -> tuple[Perturbed, ...]:
-    return _perturbed(at, coordinates=False)
+def _samples(at: Evaluation) -> tuple[PerturbedSample, ...]:
+    return _new_samples(at, coordinates=False)
 
 
-def _copies_everywhere(at: Evaluation) -> tuple[Perturbed, ...]:
-    return _perturbed(at, coordinates=True)
+def _samples_everywhere(at: Evaluation) -> tuple[PerturbedSample, ...]:
+    return _new_samples(at, coordinates=True)
 
 
-def _perturbed(at: Evaluation, coordinates: bool) -> tuple[Perturbed, ...]:
+def _new_samples(at: Evaluation, coordinates: bool) -> tuple[PerturbedSample, ...]:
     noises = (*(Noise(seed) for seed in range(SAMPLES)), Noise(0, STRETCH * STEP))
-    copies = tuple(Perturbed(at, noise, coordinates) for noise in noises)
-    together = Together(at, copies)
+    copies = tuple(PerturbedSample(at, noise, coordinates) for noise in noises)
+    together = PerturbedBatch(at, copies)
     for place, copy in enumerate(copies):
         copy.together, copy.place = together, place
     return copies
 
 
-def perturbed_copies(at: Evaluation, coordinates: bool = False) -> tuple[Any, ...]:
+def perturbed_samples(at: Evaluation, coordinates: bool = False) -> tuple[Any, ...]:
     """Return copies of `at` with every number perturbed, on request the coordinates as well.
 
     There are `SAMPLES` by `STEP`, and the first once more by `STRETCH` times as much.
@@ -361,7 +373,7 @@ def perturbed_copies(at: Evaluation, coordinates: bool = False) -> tuple[Any, ..
     """
     if at.lanes:
         return at.perturbed(coordinates)  # type: ignore[attr-defined]
-    return at.kept(_copies_everywhere if coordinates else _copies)
+    return at.kept(_samples_everywhere if coordinates else _samples)
 
 
 # ---- Sensitivities -------------------------------------------------------------------------------
@@ -394,14 +406,18 @@ def sensitivity_of(
     size = largest(here)
     with np.errstate(all="ignore"):
         try:
-            copies = perturbed_copies(at, coordinates)
+            copies = perturbed_samples(at, coordinates)
             if together:
-                changes = largest_of_each(np.asarray(_of(copies[0].together, quantity)) - here)
+                changes = largest_of_each(
+                    np.asarray(_evaluated(copies[0].together, quantity)) - here
+                )
             else:
-                changes = [largest(np.asarray(_of(copy, quantity)) - here) for copy in copies]
+                changes = [
+                    largest(np.asarray(_evaluated(copy, quantity)) - here) for copy in copies
+                ]
         except (RefusedError, np.linalg.LinAlgError):
             return float("inf")
-    return float(amplified(size, np.array(changes), solved))
+    return float(amplification(size, np.array(changes), solved))
 
 
 def entry_sensitivity_of(at: Evaluation, quantity: Callable[[Evaluation], Any]) -> Array:
@@ -412,14 +428,14 @@ def entry_sensitivity_of(at: Evaluation, quantity: Callable[[Evaluation], Any]) 
     here = np.asarray(quantity(at))
     with np.errstate(all="ignore"):
         try:
-            copies = perturbed_copies(at, True)[:SAMPLES]
-            changes = [np.abs(np.asarray(_of(copy, quantity)) - here) for copy in copies]
+            copies = perturbed_samples(at, True)[:SAMPLES]
+            changes = [np.abs(np.asarray(_evaluated(copy, quantity)) - here) for copy in copies]
         except (RefusedError, np.linalg.LinAlgError):
             return np.abs(here)
         return np.abs(here) + np.max(changes, axis=0) / STEP
 
 
-def amplified(size: Any, changes: Any, solved: bool) -> Any:
+def amplification(size: Any, changes: Any, solved: bool) -> Any:
     """Return how strongly rounding can change what is of this size, of one state or of several.
 
     Args:
@@ -438,7 +454,7 @@ def amplified(size: Any, changes: Any, solved: bool) -> Any:
     return np.where(lost, np.inf, found)
 
 
-def _of(copy: Moved, quantity: Callable[[Evaluation], Any]) -> Any:
+def _evaluated(copy: PerturbedEvaluation, quantity: Callable[[Evaluation], Any]) -> Any:
     with copy.computing("quantity"):
         return quantity(copy)
 
@@ -461,7 +477,7 @@ def acceleration_sensitivity(
         RefusedError: as `Evaluation.acceleration`.
     """
     rcond = at.acceleration(formulation, pivoted).rcond
-    if rcond and not conditioned(rcond):
+    if rcond and not well_conditioned(rcond):
         return float("inf")
     found = sensitivity_of(
         at,
@@ -470,12 +486,12 @@ def acceleration_sensitivity(
         solved=True,
         together=True,
     )
-    if np.isinf(found) or not _determined(at, formulation, coordinates, pivoted):
+    if np.isinf(found) or not _matrices_resolved(at, formulation, coordinates, pivoted):
         return float("inf")
-    return max(found, _of_what_is_read(at, formulation, part, coordinates, pivoted))
+    return max(found, _input_sensitivity(at, formulation, part, coordinates, pivoted))
 
 
-def _of_what_is_read(
+def _input_sensitivity(
     at: Evaluation, formulation: Formulation, part: str, coordinates: bool, pivoted: bool
 ) -> float:
     """Return κ · scale of what rounding does to the numbers that `formulation` reads, by itself.
@@ -484,13 +500,13 @@ def _of_what_is_read(
     who climbs to a small error bound comes to where it has.
     """
     here = getattr(at.acceleration(formulation, pivoted), part)
-    together = perturbed_copies(at, coordinates)[0].together
+    together = perturbed_samples(at, coordinates)[0].together
     moved = getattr(together.of_what_is_read(formulation, pivoted), part)
     with np.errstate(all="ignore"):
         return largest(here) + largest(np.asarray(moved)[:SAMPLES] - here) / STEP
 
 
-def speeds_told(at: Evaluation) -> bool:
+def speeds_resolved(at: Evaluation) -> bool:
     """Return whether W of generalized speeds by a partition is more than rounding.
 
     Where a_1 is singular but for rounding, ẇ′ found in two ways is two different numbers, and
@@ -498,11 +514,14 @@ def speeds_told(at: Evaluation) -> bool:
     """
     rcond = at.speeds_rcond
     return not rcond or bool(
-        conditioned(rcond) and np.isfinite(sensitivity_of(at, lambda e: e.speeds.W, solved=True))
+        well_conditioned(rcond)
+        and np.isfinite(sensitivity_of(at, lambda e: e.speeds.W, solved=True))
     )
 
 
-def _determined(at: Evaluation, formulation: Formulation, coordinates: bool, pivoted: bool) -> bool:
+def _matrices_resolved(
+    at: Evaluation, formulation: Formulation, coordinates: bool, pivoted: bool
+) -> bool:
     """Return whether the matrices solved are more than the rounding of what made them.
 
     They are not where a determinant changes its sign, or jumps because other pivots were taken.
@@ -510,7 +529,7 @@ def _determined(at: Evaluation, formulation: Formulation, coordinates: bool, piv
     """
     key = (formulation.key, pivoted)
     here = at.solves[key]
-    for name, solve in perturbed_copies(at, coordinates)[0].together.solves[key].items():
+    for name, solve in perturbed_samples(at, coordinates)[0].together.solves[key].items():
         signs, logs = solve.sign[:SAMPLES], solve.log_determinant[:SAMPLES]
         changes = np.abs(logs - here[name].log_determinant) * np.log(2.0)
         told = (signs == here[name].sign) & (allowed_error(changes / STEP) <= INCONCLUSIVE)

@@ -16,10 +16,17 @@ import numpy as np
 
 from eomcheck.errors import RefusedError
 from eomcheck.formulations import Formulation, Partition
-from eomcheck.mechanics.records import Bodies, Chain, Speeds, Terms, velocity
+from eomcheck.mechanics.records import Bodies, Chain, Speeds, Terms, velocity_from_speeds
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.dual import Dual, Recorder, Replay, duals, rate, value
-from eomcheck.numbers.generic import Arithmetic, Array, NotRationalError, each, generic, map_record
+from eomcheck.numbers.dual import Dual, RecordingArithmetic, ReplayArithmetic, duals, rate, value
+from eomcheck.numbers.generic import (
+    Arithmetic,
+    Array,
+    NotRationalError,
+    generic,
+    map_entries,
+    map_record,
+)
 
 T = TypeVar("T")
 
@@ -65,10 +72,10 @@ def with_literals(record: Any, literal: Callable[[int], Any]) -> Any:
         if not isinstance(part, np.ndarray):
             return number(part)
         if part.dtype == object:
-            return each(number, part)
+            return map_entries(number, part)
         if (part != np.rint(part)).any():
             raise NotRationalError(f"an array of doubles, {part.ravel()[:3]} ...")
-        return each(lambda x: literal(int(x)), part)
+        return map_entries(lambda x: literal(int(x)), part)
 
     return map_record(numbers, record)
 
@@ -153,7 +160,7 @@ class Quantities:
 
     def prepare(self) -> tuple[Any, Sequence[Any]]:
         """Return what is not rational in q and t, and the angles and roots made on the way."""
-        recorder = Recorder(self.preparing)
+        recorder = RecordingArithmetic(self.preparing)
         return self.scene.prepare(recorder, self.parameters, self.q, self.t), recorder.made
 
     @property
@@ -170,7 +177,7 @@ class Quantities:
         """
         self.prepared  # noqa: B018  (what it is made of is needed)
         q, t = duals(self.q, qdot), Dual(self.t, int(clock))
-        replay = Replay(self._made)
+        replay = ReplayArithmetic(self._made)
         return self.in_numbers(self.scene.prepare(replay, self.parameters, q, t)), q
 
     def prepared_and_rates(self, qdot: Array, clock: bool = True) -> tuple[Any, Any]:
@@ -239,7 +246,7 @@ class Quantities:
     def velocity(self) -> Array:
         """W u + offset (n,): v again, if v is consistent."""
         with np.errstate(all="ignore"):
-            return velocity(self.u, self.speeds.W, self.speeds.offset)
+            return velocity_from_speeds(self.u, self.speeds.W, self.speeds.offset)
 
     @quantity
     def qdot(self) -> Array:
@@ -309,4 +316,6 @@ class Quantities:
 
 def values_and_rates(record: Any) -> tuple[Any, Any]:
     """Return the values of dual numbers in a record, and their derivatives."""
-    return map_record(partial(each, value), record), map_record(partial(each, rate), record)
+    return map_record(partial(map_entries, value), record), map_record(
+        partial(map_entries, rate), record
+    )

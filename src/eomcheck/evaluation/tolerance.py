@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from eomcheck.numbers.generic import Array
-from eomcheck.numbers.lanes import LaneArray, lanes_in, lanes_of
+from eomcheck.numbers.lanes import LaneArray, lane_data, lanes_in
 from eomcheck.numbers.pivots import EPS
 
 C = 32.0
@@ -46,7 +46,7 @@ def allowed_error(sensitivity: float) -> float:
     return C * EPS * sensitivity
 
 
-def conditioned(rcond: Mapping[str, Any]) -> Any:
+def well_conditioned(rcond: Mapping[str, Any]) -> Any:
     """Return whether C κ ε stays below `INCONCLUSIVE` for matrices solved; in lanes (L,).
 
     Args:
@@ -68,7 +68,7 @@ def largest(x: Any) -> Any:
     """
     if type(x) is not np.ndarray or x.dtype == object:
         if lanes := lanes_in(x):
-            data = np.abs(lanes_of(x, lanes)).reshape(-1, lanes).max(axis=0, initial=0.0)
+            data = np.abs(lane_data(x, lanes)).reshape(-1, lanes).max(axis=0, initial=0.0)
             return LaneArray(np.where(np.isfinite(data), data, np.inf))
         x = np.asarray(x, dtype=np.float64)
     # What the method `max` does, without its way through Python: this is asked for all the time.

@@ -29,7 +29,7 @@ def violation(at: Evaluation, v: Array) -> tuple[Array, Array]:
         return residual, allowed_error(1.0) * size
 
 
-def change_of_velocity(at: Evaluation, noise: Noise) -> Array:
+def velocity_perturbation(at: Evaluation, noise: Noise) -> Array:
     """Return changes of v: of its entries, and within what `check_consistent` lets pass."""
     change = noise.entries(at.v) - at.v
     if at.terms.a is None:

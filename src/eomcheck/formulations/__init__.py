@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from eomcheck.errors import InputError, distinct, named
+from eomcheck.errors import InputError, distinct, registered
 from eomcheck.formulations import au, banded, el, em, gw, im, kane, ml, uk
 from eomcheck.formulations.formulation import Formulation, Partition
 from eomcheck.mechanics.scene import Scene
@@ -32,7 +32,7 @@ def formulation_of(key: str) -> Formulation:
     Raises:
         UnknownNameError: there is none.
     """
-    return named("formulation", key, FORMULATIONS)
+    return registered("formulation", key, FORMULATIONS)
 
 
 def applicable(scene: Scene | type[Scene]) -> dict[str, Formulation]:

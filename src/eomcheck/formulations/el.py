@@ -6,7 +6,7 @@ import numpy as np
 
 from eomcheck.formulations.formulation import Formulation
 from eomcheck.numbers.generic import generic
-from eomcheck.numbers.linear import product, solve
+from eomcheck.numbers.linear import matrix_product, solve
 
 
 @generic
@@ -24,7 +24,7 @@ def system(M, F, a, gamma, partition):
     primed[:, :n] = M[first]
     primed[:, n] = F[first]
     eliminated = solve(np.ascontiguousarray(a[:, first].T), primed, "a'T")
-    reduced = product(np.ascontiguousarray(a[:, second].T), eliminated)
+    reduced = matrix_product(np.ascontiguousarray(a[:, second].T), eliminated)
     M_El = np.zeros((n, n), M.dtype)
     M_El[: n - r] = M[second] - reduced[:, :n]
     M_El[n - r :] = a

@@ -10,7 +10,7 @@ import numpy as np
 
 from eomcheck.formulations.formulation import Formulation
 from eomcheck.numbers.generic import generic
-from eomcheck.numbers.linear import product, solve
+from eomcheck.numbers.linear import matrix_product, solve
 
 
 @generic
@@ -26,13 +26,13 @@ def project(M, F, W, rest):
     columns = np.zeros((n, p + 1), M.dtype)
     columns[:, :p] = W
     columns[:, p] = rest
-    moved = product(M, columns)
+    moved = matrix_product(M, columns)
     Wt = np.ascontiguousarray(W.T)
     return Wt @ np.ascontiguousarray(moved[:, :p]), Wt @ (F - moved[:, p])
 
 
 @generic
-def embedding(a, gamma, partition):
+def partition_embedding(a, gamma, partition):
     """Return (w (n, n-r), rest (n,)) with v̇ = w v̇₂ + rest, v₂ the independent velocities.
 
     a₁ v̇₁ + a₂ v̇₂ = -gamma gives both at once: rest is ẇ v₂ + ẋ of Eq. (16), without ever forming
@@ -74,7 +74,7 @@ def solution(M, F, a, gamma, v, partition):
     """Return (v̇ (n,), None)."""
     if a is None:
         return solve(M, F, "M_Em"), None
-    w, rest = embedding(a, gamma, partition)
+    w, rest = partition_embedding(a, gamma, partition)
     M_Em, F_Em = project(M, F, w, rest)
     return w @ solve(M_Em, F_Em, "M_Em") + rest, None
 

@@ -6,14 +6,14 @@ import numpy as np
 
 from eomcheck.formulations.formulation import Formulation
 from eomcheck.numbers.generic import generic
-from eomcheck.numbers.linear import product, solve
+from eomcheck.numbers.linear import matrix_product, solve
 
 MOBILITY = "a M^-1 aT"
 """What refusals call the matrix of Eq. (12)."""
 
 
 @generic
-def multipliers(M, F, a, gamma):
+def greenwood_multipliers(M, F, a, gamma):
     """Return λ (r,) of Eq. (12), or None where there is no constraint."""
     if a is None:
         return None
@@ -22,7 +22,7 @@ def multipliers(M, F, a, gamma):
     columns = np.zeros((n, r + 1), M.dtype)
     columns[:, :r] = a.T
     columns[:, r] = F
-    mobility = product(a, solve(M, columns, "M"))
+    mobility = matrix_product(a, solve(M, columns, "M"))
     return -solve(np.ascontiguousarray(mobility[:, :r]), mobility[:, r] + gamma, MOBILITY)
 
 
@@ -37,7 +37,7 @@ def system(M, F, a, lambda_):
 @generic
 def solution(M, F, a, gamma, v, partition):
     """Return (v̇ (n,), λ (r,) or None)."""
-    lambda_ = multipliers(M, F, a, gamma)
+    lambda_ = greenwood_multipliers(M, F, a, gamma)
     M_GW, F_GW = system(M, F, a, lambda_)
     return solve(M_GW, F_GW, "M_GW"), lambda_
 

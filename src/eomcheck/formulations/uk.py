@@ -28,12 +28,12 @@ from eomcheck.formulations.formulation import Formulation
 from eomcheck.numbers.generic import generic
 from eomcheck.numbers.linear import solve
 
-HEAVY = 2**128
+FIT_WEIGHT = 2**128
 """What rows are multiplied by where M only counts for coordinates that they say nothing of."""
 
 
 @generic
-def shares(M, a, kept, redundant):
+def redundancy_coefficients(M, a, kept, redundant):
     """Return G (r-ρ, ρ): what the redundant rows have of those kept.
 
     A least-squares fit, K x = a_dᵀ - a_kᵀ Gᵀ and a_k x = 0, whose x is 0. Gᵀ comes first of the
@@ -46,7 +46,7 @@ def shares(M, a, kept, redundant):
         redundant: the other rows (r-ρ,).
     """
     n, rank = a.shape[1], kept.size
-    heavy = HEAVY * a
+    heavy = FIT_WEIGHT * a
     fit, right = (
         np.zeros((rank + n, rank + n), M.dtype),
         np.zeros((rank + n, redundant.size), M.dtype),
@@ -60,7 +60,7 @@ def shares(M, a, kept, redundant):
 
 
 @generic
-def smallest(mu, G, kept, redundant):
+def smallest_multipliers(mu, G, kept, redundant):
     """Return the smallest λ (r,) of those with λ_k + Gᵀ λ_d = μ."""
     square = G @ np.ascontiguousarray(G.T)
     for i in range(redundant.size):
@@ -72,27 +72,27 @@ def smallest(mu, G, kept, redundant):
 
 
 @generic
-def of_dependent(M, F, a, gamma, kept, redundant):
+def solution_with_redundant_rows(M, F, a, gamma, kept, redundant):
     """Return (v̇ (n,), λ (r,)) where some rows depend on those kept."""
     M_UK, F_UK = au.system(M, F, a[kept], gamma[kept])
     vdot, mu = au.split(solve(M_UK, F_UK, "M_UK"), a)
-    G = shares(M, a, kept, redundant)
-    return vdot, smallest(mu, G, kept, redundant)
+    G = redundancy_coefficients(M, a, kept, redundant)
+    return vdot, smallest_multipliers(mu, G, kept, redundant)
 
 
 @generic
-def of_rows(M, F, a, gamma, kept, redundant):
+def solution_of_rows(M, F, a, gamma, kept, redundant):
     """Return (v̇ (n,), λ (r,) or None); where no row depends on others, M_UK is M_Au."""
     if redundant is None:
         M_UK, F_UK = au.system(M, F, a, gamma)
         return au.split(solve(M_UK, F_UK, "M_UK"), a)
-    return of_dependent(M, F, a, gamma, kept, redundant)
+    return solution_with_redundant_rows(M, F, a, gamma, kept, redundant)
 
 
 @generic
 def solution(M, F, a, gamma, v, partition):
     """Return (v̇ (n,), λ (r,) or None)."""
-    return of_rows(M, F, a, gamma, partition.kept, partition.redundant)
+    return solution_of_rows(M, F, a, gamma, partition.kept, partition.redundant)
 
 
 UK = Formulation(

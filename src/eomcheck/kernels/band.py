@@ -4,8 +4,9 @@ The matrix is stored diagonal by diagonal, so that rows lie side by side in a ve
 scaled, and their residuals computed, eight at a time. Scales, pivots and refinement follow
 `eomcheck.numbers.pivots`; where these refuse, x is NaN.
 
-Elimination waits for one column after the other. So it works from both ends at once (`BothEnds`),
-the end as if it were the beginning, and what is left in the middle is solved in registers. From
+Elimination waits for one column after the other. So it works from both ends at once
+(`TwoEndedFactors`), the end as if it were the beginning, and what is left in the middle is solved
+in registers. From
 each end four rows have an entry in a column: they are stored column by column, four numbers to a
 vector, and a pivot row stays where it is and leaves its slot to the next one.
 
@@ -20,8 +21,8 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from eomcheck.kernels import jit
-from eomcheck.kernels.dense import Inline, scale_of
-from eomcheck.kernels.llvm_builder import LANES, Code
+from eomcheck.kernels.dense import InlineLU, emit_power_of_two_scale
+from eomcheck.kernels.llvm_builder import LANES, IRBuilder
 from eomcheck.numbers.pivots import (
     LEAST_STEPS,
     MOST_STEPS,
@@ -71,7 +72,7 @@ def factors_workspace(size: int) -> int:
     return steps * (ROW + ENDS * (OPEN + 1)) + -(-steps * ENDS // 8)
 
 
-class End(NamedTuple):
+class BandEnd(NamedTuple):
     """One of the ends: its number, its first row, and the way to the next."""
 
     number: int
@@ -82,12 +83,12 @@ class End(NamedTuple):
         """Return the diagonal of what is entry j of a row, seen from this end."""
         return j if self.way > 0 else WIDTH - 1 - j
 
-    def row(self, code: Code, i: str) -> str:
+    def row(self, code: IRBuilder, i: str) -> str:
         """Return the place of the row that is i rows from this end."""
         return code.integer("add" if self.way > 0 else "sub", self.first, i)
 
 
-class BothEnds:
+class TwoEndedFactors:
     """Factors of a band matrix of `size` rows.
 
     Args:
@@ -101,7 +102,7 @@ class BothEnds:
 
     def __init__(
         self,
-        code: Code,
+        code: IRBuilder,
         size: int,
         diagonals: Sequence[str],
         right: str,
@@ -111,7 +112,7 @@ class BothEnds:
         self.code, self.size, self.steps = code, size, steps_of(size)
         self.diagonals, self.right, self.residual = diagonals, right, residual
         self.open, self.pair = (code.wider(k) for k in (OPEN, ENDS))
-        self.ends = [End(0, 0, 1), End(1, size - 1, -1)]
+        self.ends = [BandEnd(0, 0, 1), BandEnd(1, size - 1, -1)]
         self.lanes = f"<{', '.join(f'i64 {i}' for i in range(OPEN))}>"
         self.middle = from_both_ends(size)[2 * self.steps :].tolist()
         counts = (0, ROW, ENDS * OPEN, ENDS)
@@ -194,7 +195,7 @@ class BothEnds:
         for i in self._between():
             A.append([self._entry(i, j) for j in self.middle])
             b.append(code.load(self.right, i))
-        self.dense = Inline(code, A, scaled=True)
+        self.dense = InlineLU(code, A, scaled=True)
         self.found = self.dense.solve(b)
 
     def _entry(self, i: int, j: int) -> str:
@@ -203,7 +204,7 @@ class BothEnds:
             return self.code.constant(0.0)
         return self.code.load(self.diagonals[HALF + j - i], i)
 
-    def _ahead(self, end: End) -> list[int]:
+    def _ahead(self, end: BandEnd) -> list[int]:
         """Return the columns that an end has reached and not eliminated."""
         return [end.first + end.way * (self.steps + j) for j in range(2 * HALF)]
 
@@ -212,13 +213,13 @@ class BothEnds:
         reached = self.steps + HALF if self.steps else 0
         return range(reached, self.size - reached)
 
-    def _first_rows(self, end: End, j: int) -> str:
+    def _first_rows(self, end: BandEnd, j: int) -> str:
         """Return what an end begins with in its column j: three rows."""
         rows = [end.first + end.way * i for i in range(HALF)]
         entries = [self._entry(i, end.first + end.way * j) for i in rows]
         return self.open.packed([*entries, self.code.constant(0.0)])
 
-    def _begun(self, end: End, numbers: str) -> str:
+    def _begun(self, end: BandEnd, numbers: str) -> str:
         """Return the numbers of the first three rows of an end."""
         first = [self.code.load(numbers, end.first + end.way * i) for i in range(HALF)]
         return self.open.packed([*first, self.code.constant(0.0)])
@@ -264,7 +265,7 @@ class BothEnds:
             for end in self.ends:
                 x, (which, inverse, factors) = windows[end.number][j], chosen[end.number]
                 pivot = self._picked(x, which)
-                handed[end.number].append(minus(wide, x, factors, pivot))
+                handed[end.number].append(multiply_subtract(wide, x, factors, pivot))
                 entry = code.mul(wide.lane(pivot, 0), wide.lane(inverse, 0))
                 if j < WIDTH:
                     place = code.integer("add", row, ENDS * (j - 1) + end.number)
@@ -337,7 +338,10 @@ class BothEnds:
                 factors = code.at(self.factors, code.integer("mul", at, OPEN))
                 entry = code.mul(wide.lane(pivot, 0), code.load(self.inverses, at))
                 code.store(entry, self.residual, end.row(code, i))
-                handed[end.number :: ENDS] = [minus(wide, x, wide.load(factors), pivot), which]
+                handed[end.number :: ENDS] = [
+                    multiply_subtract(wide, x, wide.load(factors), pivot),
+                    which,
+                ]
             return handed
 
         b = []
@@ -367,28 +371,28 @@ class BothEnds:
             # The unknown found just before comes last: the others need not wait for it.
             for j in range(2 * HALF, 0, -1):
                 entries = pair.load(code.at(self.upper, code.integer("add", at, ENDS * (j - 1))))
-                y = minus(pair, y, entries, turn.carried[j - 1])
+                y = multiply_subtract(pair, y, entries, turn.carried[j - 1])
             for end, place in zip(self.ends, places, strict=True):
                 keep(place, pair.lane(y, end.number))
             turn.handed = [y, *turn.carried[:-1]]
 
 
-def plus(code: Code, x: str, y: str, z: str) -> str:
+def multiply_add(code: IRBuilder, x: str, y: str, z: str) -> str:
     """Return x + y z, rounded once where the machine can."""
-    if jit.features()[2]:
+    if jit.cpu_features()[2]:
         return code.call("fma", y, z, x)
     return code.add(x, code.mul(y, z))
 
 
-def minus(code: Code, x: str, y: str, z: str) -> str:
+def multiply_subtract(code: IRBuilder, x: str, y: str, z: str) -> str:
     """Return x - y z, rounded once where the machine can."""
-    return plus(code, x, code.neg(y), z)
+    return multiply_add(code, x, code.neg(y), z)
 
 
 # ---- Scaling, solution and refinement ------------------------------------------------------------
 
 
-def room(size: int) -> int:
+def solve_workspace(size: int) -> int:
     """Return how many doubles the work of a solve takes."""
     return 10 * padded(size) + 2 * LANES + 2 + factors_workspace(size)
 
@@ -399,8 +403,8 @@ def band_text(name: str, size: int, stride: int) -> str:
     Entries of the diagonals (8, padded size), of which the last is the right-hand side, and those
     of x are `stride` doubles apart. Numbers of other rows are scaled where they stand.
     """
-    code = Code()
-    solve = _Solve(code, size, stride)
+    code = IRBuilder()
+    solve = _BandSolveCode(code, size, stride)
     solve.ends.eliminate(solve.scale)
     solve.found(new=True)
     for _ in range(LEAST_STEPS):
@@ -417,7 +421,7 @@ def band_text(name: str, size: int, stride: int) -> str:
     return code.function(f"define internal void @{name}({given}) nounwind")
 
 
-class _Solve:
+class _BandSolveCode:
     """The parts of a solve, and where its numbers stand.
 
     Attributes:
@@ -425,7 +429,7 @@ class _Solve:
         zero: address of what is added to x at last: NaN unless x is finite and good enough.
     """
 
-    def __init__(self, code: Code, size: int, stride: int):
+    def __init__(self, code: IRBuilder, size: int, stride: int):
         self.code, self.length = code, padded(size)
         self.rows = code.wider(LANES)
         at = 0
@@ -442,7 +446,7 @@ class _Solve:
         self.x = code.at(taken(self.length + 2 * LANES), LANES)
         self.beta, self.zero = taken(1), taken(1)
         place = taken(0)
-        self.ends = BothEnds(code, size, self.diagonals, self.right, self.residual, place)
+        self.ends = TwoEndedFactors(code, size, self.diagonals, self.right, self.residual, place)
         self.stride = stride
         for i in (-LANES, size):
             self.rows.store("zeroinitializer", code.at(self.x, i))
@@ -461,7 +465,7 @@ class _Solve:
         largest = rows.call("fabs", entries[0])
         for entry in entries[1:WIDTH]:
             largest = _larger(rows, rows.call("fabs", entry), largest)
-        scale = scale_of(rows, largest)
+        scale = emit_power_of_two_scale(rows, largest)
         for entry, to in zip(entries, [*self.diagonals, self.right], strict=True):
             rows.store(rows.mul(entry, scale), code.at(to, at))
 
@@ -527,9 +531,9 @@ class _Solve:
         for j in range(WIDTH):
             entry = rows.load(code.at(self.diagonals[j], at))
             x = rows.load(code.at(self.x, code.integer("add", at, j - HALF)))
-            left = minus(rows, left, entry, x)
+            left = multiply_subtract(rows, left, entry, x)
             if sizes:
-                whole = plus(rows, whole, *(rows.call("fabs", y) for y in (entry, x)))
+                whole = multiply_add(rows, whole, *(rows.call("fabs", y) for y in (entry, x)))
         return left, whole
 
     def backward_error(self) -> str:
@@ -574,6 +578,6 @@ class _Solve:
         return largest
 
 
-def _larger(code: Code, x: str, y: str) -> str:
+def _larger(code: IRBuilder, x: str, y: str) -> str:
     """Return the larger of two; y where one is NaN."""
     return code.choose(code.compare("ogt", x, y), x, y)

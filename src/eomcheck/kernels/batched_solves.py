@@ -2,8 +2,8 @@
 
 Scales, pivots, refusals and refinement are those of `eomcheck.numbers.linear` and
 `eomcheck.numbers.banded_solve`, whose functions are used; LAPACK, which they call matrix by matrix
-from Python, is called here in a loop of machine code (`each`). A lane that would be refused is NaN,
-and recorded as refused.
+from Python, is called here in a loop of machine code (`lapack_per_lane`). A lane that would be
+refused is NaN, and recorded as refused.
 """
 
 from __future__ import annotations
@@ -16,23 +16,23 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.kernels.dense import address_of
-from eomcheck.kernels.jit import Machine
-from eomcheck.kernels.llvm_builder import Code
-from eomcheck.kernels.perturbed_solves import DUST
+from eomcheck.kernels.jit import JitModule
+from eomcheck.kernels.llvm_builder import IRBuilder
+from eomcheck.kernels.perturbed_solves import NEGLIGIBLE
 from eomcheck.numbers import banded_solve, linear
 from eomcheck.numbers.banded_solve import BANDED_SOLVERS, REACH, TERMS, WIDTH
-from eomcheck.numbers.lanes import LaneArray, lanes_in, lanes_of, size_of
+from eomcheck.numbers.lanes import LaneArray, lane_data, lanes_in, perturbation_scale
 from eomcheck.numbers.linear import (
     ROUNDS,
     SOLVERS,
-    Factors,
+    FactorMagnitudes,
     Rounding,
-    Solve,
+    SolveRecord,
     column_scale,
     determinant,
-    order_of,
+    elimination_order,
+    scale_rows,
     singular_below,
-    times_rows,
 )
 from eomcheck.numbers.noise import NORMAL, Noise
 from eomcheck.numbers.pivots import (
@@ -50,7 +50,7 @@ from eomcheck.numbers.pivots import (
 @cache
 def _loop(arity: int) -> Callable[[int, int, int], None]:
     """Return what calls a function of `arity` addresses `count` times, each moved by its stride."""
-    code = Code()
+    code = IRBuilder()
     table = [
         (
             code.let(f"load i64, ptr {code.at('%table', 2 * i, 'i64')}"),
@@ -65,7 +65,7 @@ def _loop(arity: int) -> Callable[[int, int, int], None]:
             places.append(code.let(f"inttoptr i64 {place} to ptr"))
         code.do(f"call void %function({', '.join(f'ptr {place}' for place in places)})")
     name = f"each{arity}"
-    machine = Machine(
+    machine = JitModule(
         [code.function(f"define void @{name}(i64 %count, ptr %function, ptr %table)")]
     )
     kinds = ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p
@@ -74,7 +74,7 @@ def _loop(arity: int) -> Callable[[int, int, int], None]:
     return function
 
 
-def each(routine: str, *arguments: Any) -> None:
+def lapack_per_lane(routine: str, *arguments: Any) -> None:
     """Call a routine of LAPACK for each lane.
 
     Args:
@@ -104,27 +104,27 @@ def each(routine: str, *arguments: Any) -> None:
 # ---- Solvers -------------------------------------------------------------------------------------
 
 
-def _in_front(x: np.ndarray) -> np.ndarray:
+def _lanes_first(x: np.ndarray) -> np.ndarray:
     """Return (L, *shape), contiguous, of data (*shape, L)."""
     return np.ascontiguousarray(np.moveaxis(x, -1, 0))
 
 
-def _behind(x: np.ndarray) -> np.ndarray:
+def _lanes_last(x: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(np.moveaxis(x, 0, -1))
 
 
-def _moved(x: np.ndarray, noise: Noise) -> np.ndarray:
+def _perturbed(x: np.ndarray, noise: Noise) -> np.ndarray:
     """Return numbers (L, *shape), each moved by what is the same in all lanes."""
-    return x + noise.changes(x.shape[1:]) * size_of(x)
+    return x + noise.changes(x.shape[1:]) * perturbation_scale(x)
 
 
 def _conditions_wanted() -> bool:
-    watch = linear.watch_present()
+    watch = linear.active_recorder()
     return watch is None or watch.conditions
 
 
-def _note(found: Solve, refused: np.ndarray) -> None:
-    watch = linear.watch_present()
+def _record(found: SolveRecord, refused: np.ndarray) -> None:
+    watch = linear.active_recorder()
     if watch is not None:
         watch.solves.append(found)
         watch.refused.append(refused)
@@ -155,7 +155,7 @@ class LaneFactors(NamedTuple):
         count, size, _ = A.shape
         columns = np.ascontiguousarray(A.swapaxes(-1, -2))
         pivots, info = np.zeros((count, size), np.int32), [np.zeros(1, np.int32)]
-        each("dgetrf", size, size, columns, size, pivots, info)
+        lapack_per_lane("dgetrf", size, size, columns, size, pivots, info)
         if like is not None:
             other = np.flatnonzero((pivots != like).any(axis=1))
             if other.size:
@@ -168,7 +168,7 @@ class LaneFactors(NamedTuple):
         size, many = self.pivots.shape[1], 1 if b.ndim == 2 else b.shape[2]
         x = b.copy() if b.ndim == 2 else np.ascontiguousarray(b.swapaxes(-1, -2))
         info = [np.zeros(1, np.int32)]
-        each("dgetrs", "N", size, many, self.columns, size, self.pivots, x, size, info)
+        lapack_per_lane("dgetrs", "N", size, many, self.columns, size, self.pivots, x, size, info)
         return x if b.ndim == 2 else x.swapaxes(-1, -2)
 
     def inverse(self) -> np.ndarray:
@@ -176,13 +176,13 @@ class LaneFactors(NamedTuple):
         size, out = self.pivots.shape[1], self.columns.copy()
         work = [np.zeros(64 * size)]
         info = [np.zeros(1, np.int32)]
-        each("dgetri", size, out, size, self.pivots, work, 64 * size, info)
+        lapack_per_lane("dgetri", size, out, size, self.pivots, work, 64 * size, info)
         return out.swapaxes(-1, -2)
 
 
 def _eliminated(A: np.ndarray, pivots: np.ndarray) -> np.ndarray:
     """Return the factors of A (L, k, k), as `getrf` has them, with given pivots."""
-    lu = np.take_along_axis(A, order_of(pivots)[..., None], axis=1)
+    lu = np.take_along_axis(A, elimination_order(pivots)[..., None], axis=1)
     for i in range(A.shape[-1] - 1):
         lu[:, i + 1 :, i] /= lu[:, i, i, None]
         lu[:, i + 1 :, i + 1 :] -= lu[:, i + 1 :, i, None] * lu[:, i, None, i + 1 :]
@@ -192,19 +192,19 @@ def _eliminated(A: np.ndarray, pivots: np.ndarray) -> np.ndarray:
 def solve_in_lanes(A: Any, b: Any, name: str) -> LaneArray:
     """Solve A x = b in each lane; see `eomcheck.numbers.linear.solve`."""
     count = lanes_in(A) or lanes_in(b)
-    A, b = (_in_front(lanes_of(x, count)) for x in (A, b))
+    A, b = (_lanes_first(lane_data(x, count)) for x in (A, b))
     if A.shape[-1] == 0:
-        return LaneArray(_behind(b))
-    noise, like = linear.noise_present(), linear.like_present(name)
+        return LaneArray(_lanes_last(b))
+    noise, like = linear.active_noise(), linear.reference_solve(name)
     with np.errstate(all="ignore"):
         if noise is not None:
-            A, b = _moved(A, noise), _moved(b, noise)
-        A, b, scale, row_scale = linear.scaled(A, b)
+            A, b = _perturbed(A, noise), _perturbed(b, noise)
+        A, b, scale, row_scale = linear.equilibrate(A, b)
         if noise is not None:
-            A[np.abs(A) < DUST] = 0.0
+            A[np.abs(A) < NEGLIGIBLE] = 0.0
         factors = LaneFactors.of(A, None if noise is None or like is None else like.pivots)
         diagonal = np.diagonal(factors.columns, axis1=-2, axis2=-1)
-        sizes = Factors(factors.lu, factors.pivots - 1)
+        sizes = FactorMagnitudes(factors.lu, factors.pivots - 1)
         det = determinant(diagonal, factors.pivots - 1, scale, row_scale)
         rounding = Rounding(sizes, scale, row_scale)
         x = factors.solve(b)
@@ -214,18 +214,20 @@ def solve_in_lanes(A: Any, b: Any, name: str) -> LaneArray:
                 rcond = _reciprocal_conditions(factors, sizes)
             refused = ~(rcond > singular_below(A.shape[-1]))
             x[refused] = np.nan
-            _note(Solve(name, A.shape[-1], rcond, *det, 0, factors.pivots, rounding), refused)
-            return LaneArray(_behind(times_rows(x, scale)))
+            _record(
+                SolveRecord(name, A.shape[-1], rcond, *det, 0, factors.pivots, rounding), refused
+            )
+            return LaneArray(_lanes_last(scale_rows(x, scale)))
         rounded = sizes.times(np.abs(x))
         if like is not None and like.rounding is not None:
             rounded = np.maximum(rounded, like.rounding.of(np.abs(x), scale, row_scale))
         x = x + factors.solve(noise.changes(b.shape[1:]) * rounded)
         x[~diagonal.all(axis=-1)] = np.nan
-        _note(Solve(name, A.shape[-1], np.nan, *det), np.zeros(count, bool))
-        return LaneArray(_behind(_moved(times_rows(x, scale), noise)), noise)
+        _record(SolveRecord(name, A.shape[-1], np.nan, *det), np.zeros(count, bool))
+        return LaneArray(_lanes_last(_perturbed(scale_rows(x, scale), noise)), noise)
 
 
-def _reciprocal_conditions(factors: LaneFactors, sizes: Factors) -> np.ndarray:
+def _reciprocal_conditions(factors: LaneFactors, sizes: FactorMagnitudes) -> np.ndarray:
     """Return what `eomcheck.numbers.linear.reciprocal_condition` gives, for each lane (L,)."""
     count, size = factors.pivots.shape
     diagonal = np.diagonal(factors.columns, axis1=-2, axis2=-1)
@@ -248,19 +250,19 @@ def _reciprocal_conditions(factors: LaneFactors, sizes: Factors) -> np.ndarray:
 # ---- Bands ---------------------------------------------------------------------------------------
 
 
-class _Factored:
+class _BatchedBandFactors:
     """Banded matrices and their factors; see `eomcheck.numbers.banded_solve`."""
 
     def __init__(self, bands: np.ndarray, columns: np.ndarray, inside: np.ndarray):
         self.bands, self.columns, self.inside = bands, columns, inside
         count, size, _ = bands.shape
-        self.order, rows, places = banded_solve.storage(size)
+        self.order, rows, places = banded_solve.lapack_positions(size)
         # As LAPACK stores it, column by column.
         stored = np.zeros((count, size, 3 * REACH + 1))
         stored[:, places, rows] = bands[:, inside]
         self.lu, self.pivots = stored, np.zeros((count, size), np.int32)
         info, width = [np.zeros(1, np.int32)], 3 * REACH + 1
-        each("dgbtrf", size, size, REACH, REACH, self.lu, width, self.pivots, info)
+        lapack_per_lane("dgbtrf", size, size, REACH, REACH, self.lu, width, self.pivots, info)
         diagonal = self.lu[:, :, 2 * REACH]
         self.invertible = np.isfinite(self.lu).all(axis=(1, 2)) & diagonal.all(axis=1)
 
@@ -304,7 +306,7 @@ class _Factored:
         ordered, info = np.ascontiguousarray(ordered), [np.zeros(1, np.int32)]
         size = self.order.size
         given = "N", size, REACH, REACH, many, self.lu, width, self.pivots, ordered, size, info
-        each("dgbtrs", *given)
+        lapack_per_lane("dgbtrs", *given)
         x = np.empty(b.shape)
         x[:, self.order] = ordered if b.ndim == 2 else ordered.swapaxes(-1, -2)
         return x
@@ -321,14 +323,14 @@ class _Factored:
         """Return 1 / ρ(|A⁻¹||A|) (L,) as LAPACK estimates it; 0 where A is singular."""
         count, size, _ = self.bands.shape
         weights, rcond, open_ = np.ones((count, size)), np.zeros(count), self.invertible.copy()
-        signs = banded_solve.probes(size)
+        signs = banded_solve.random_signs(size)
         for _ in range(ROUNDS):
             open_ &= np.isfinite(weights).all(axis=1)
             if not open_.any():
                 break
             rows = self.size(weights)
             scaled = self.bands * weights[:, self.columns] / rows[..., None]
-            other, before = _Factored(scaled, self.columns, self.inside), rcond
+            other, before = _BatchedBandFactors(scaled, self.columns, self.inside), rcond
             rcond = np.where(open_, np.fmax(rcond, other.condition()), rcond)
             open_ &= ~(rcond < before / 0.9)
             weights = np.abs(self.eliminated(rows[..., None] * signs)).max(axis=2)
@@ -341,38 +343,38 @@ class _Factored:
         found, info = np.zeros((count, 1)), [np.zeros(1, np.int32)]
         work, whole, width = [np.zeros(3 * size)], [np.zeros(size, np.int32)], 3 * REACH + 1
         given = "I", size, REACH, REACH, self.lu, width, self.pivots, 1.0, found, work, whole, info
-        each("dgbcon", *given)
+        lapack_per_lane("dgbcon", *given)
         return found[:, 0]
 
 
 def solve_banded_in_lanes(bands: Any, b: Any, name: str) -> LaneArray:
     """Solve A x = b in each lane; see `eomcheck.numbers.banded_solve.solve_banded`."""
     count = lanes_in(bands) or lanes_in(b)
-    bands, b = (_in_front(lanes_of(x, count)) for x in (bands, b))
-    size, noise = b.shape[1], linear.noise_present()
-    columns, inside = banded_solve.columns_of(size)
+    bands, b = (_lanes_first(lane_data(x, count)) for x in (bands, b))
+    size, noise = b.shape[1], linear.active_noise()
+    columns, inside = banded_solve.band_columns(size)
     with np.errstate(all="ignore"):
         if noise is not None:
-            bands, b = _moved(bands, noise), _moved(b, noise)
+            bands, b = _perturbed(bands, noise), _perturbed(b, noise)
         row_scale = column_scale(bands.swapaxes(-1, -2))
         bands = np.where(inside, bands * row_scale[..., None], 0.0)
         by_column = np.zeros((count, WIDTH, size))
         rows = np.broadcast_to(np.arange(WIDTH)[::-1], inside.shape)
         by_column[:, rows[inside], columns[inside]] = bands[:, inside]
         scale = column_scale(by_column)
-        A = _Factored(bands * scale[:, columns], columns, inside)
+        A = _BatchedBandFactors(bands * scale[:, columns], columns, inside)
         det = determinant(A.lu[:, :, 2 * REACH], A.pivots - 1, scale, row_scale)
         x, error, steps = A.solve(b * row_scale)
         if noise is None:
             rcond = A.reciprocal_conditions() if _conditions_wanted() else np.ones(count)
             refused = ~(rcond > singular_below(TERMS)) | ((error > REFINED) & (error < np.inf))
-            _note(Solve(name, size, rcond, *det, steps), refused)
+            _record(SolveRecord(name, size, rcond, *det, steps), refused)
             x[refused] = np.nan
-            return LaneArray(_behind(x * scale))
+            return LaneArray(_lanes_last(x * scale))
         moved = A.moved(x, b * row_scale, noise) * scale
         moved[~(error <= REFINED)] = np.nan
-        _note(Solve(name, size, np.nan, *det, steps), np.zeros(count, bool))
-        return LaneArray(_behind(_moved(moved, noise)), noise)
+        _record(SolveRecord(name, size, np.nan, *det, steps), np.zeros(count, bool))
+        return LaneArray(_lanes_last(_perturbed(moved, noise)), noise)
 
 
 SOLVERS[LaneArray], BANDED_SOLVERS[LaneArray] = solve_in_lanes, solve_banded_in_lanes

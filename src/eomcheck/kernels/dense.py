@@ -10,15 +10,15 @@ from __future__ import annotations
 import ctypes
 from functools import cache, reduce
 
-from eomcheck.kernels.llvm_builder import FINITE_NOT_ZERO, LANES, Code
+from eomcheck.kernels.llvm_builder import FINITE_NOT_ZERO, LANES, IRBuilder
 from eomcheck.numbers.pivots import ABOVE_ONE, LARGEST_EXPONENT
 
 ONE, EXPONENT = 1023, 52
 """The exponent of 1 in the bits of a double, and where it stands."""
 
 
-def scale_of(code: Code, largest: str) -> str:
-    """Return the powers of two that `eomcheck.numbers.pivots.scale_of` gives."""
+def emit_power_of_two_scale(code: IRBuilder, largest: str) -> str:
+    """Return the powers of two that `eomcheck.numbers.pivots.power_of_two_scale` gives."""
     kind = code.like("i64")
 
     def whole(x: int) -> str:
@@ -37,7 +37,7 @@ def scale_of(code: Code, largest: str) -> str:
     return code.choose(code.both(above, below), scale, code.constant(0.5))
 
 
-def _exponent(code: Code, row: list[str]) -> str:
+def _exponent(code: IRBuilder, row: list[str]) -> str:
     """Return the bits of the power of two that is nearest below the largest entry of a row."""
     largest, *others = (code.call("fabs", x) for x in row)
     for x in others:  # whichever row a NaN is in, x is NaN
@@ -47,20 +47,20 @@ def _exponent(code: Code, row: list[str]) -> str:
     return code.let(f"and {code.like('i64')} {bits}, {mask}")
 
 
-def _bits(code: Code, x: str) -> str:
+def _bits(code: IRBuilder, x: str) -> str:
     return code.let(f"bitcast {code.real} {x} to {code.like('i64')}")
 
 
-def _scaled(code: Code, x: str, exponent: str) -> str:
+def _scaled(code: IRBuilder, x: str, exponent: str) -> str:
     """Return the bits of |x| in a row scaled: they are larger where the number is."""
     return code.let(f"sub {code.like('i64')} {_bits(code, code.call('fabs', x))}, {exponent}")
 
 
-def _larger(code: Code, one: str, other: str) -> str:
+def _larger(code: IRBuilder, one: str, other: str) -> str:
     return code.let(f"icmp sgt {code.like('i64')} {one}, {other}")
 
 
-class Inline:
+class InlineLU:
     """A matrix (k, k) of values, factored in registers.
 
     Rows are compared as scaled, and used as they are: powers of two round nothing. Of a matrix that
@@ -68,7 +68,7 @@ class Inline:
     what is done with them is left out.
     """
 
-    def __init__(self, code: Code, A: list[list[str]], *, scaled: bool = False):
+    def __init__(self, code: IRBuilder, A: list[list[str]], *, scaled: bool = False):
         self.code, self.zero = code, code.constant(0.0)
         one = code.splat_of("i64 0")
         self.exponents = [one if scaled else _exponent(code, row) for row in A]
@@ -183,18 +183,18 @@ def address_of(library: str, name: str) -> int:
     return get(capsule, api.PyCapsule_GetName(capsule))
 
 
-def _call(code: Code, library: str, name: str, *pointers: str) -> None:
+def _call(code: IRBuilder, library: str, name: str, *pointers: str) -> None:
     address = address_of(library, name)
     given = ", ".join(f"ptr {p}" for p in pointers)
     code.do(f"call void inttoptr (i64 {address} to ptr)({given})")
 
 
-def _whole(code: Code, value: int) -> str:
+def _whole(code: IRBuilder, value: int) -> str:
     """Return the address of a 32-bit integer, as LAPACK wants them."""
     return _stored(code, "i32", value)
 
 
-def _stored(code: Code, kind: str, value: object) -> str:
+def _stored(code: IRBuilder, kind: str, value: object) -> str:
     place = code.let(f"alloca {kind}")
     code.do(f"store {kind} {value}, ptr {place}")
     return place
@@ -205,7 +205,7 @@ def factor_text(name: str, size: int, stride: int) -> str:
 
     Its entries are `stride` doubles apart; factors, scales of rows and pivots are written to `to`.
     """
-    code = Code()
+    code = IRBuilder()
     order, info = _whole(code, size), _whole(code, 0)
     scales = code.at("%to", size * size)
     pivots = code.at("%to", size * size + size)
@@ -221,7 +221,7 @@ def factor_text(name: str, size: int, stride: int) -> str:
                 place = code.integer("add", at, code.integer("mul", column.i, size))
                 entry = wide.load(code.at(source, place))
                 column.handed[0] = wide.call("maxnum", column.carried[0], wide.call("fabs", entry))
-            scale = scale_of(wide, column.carried[0])
+            scale = emit_power_of_two_scale(wide, column.carried[0])
             wide.store(scale, code.at(scales, at))
             with code.loop(size) as column:
                 place = code.integer("add", at, code.integer("mul", column.i, size))
@@ -253,7 +253,7 @@ def solve_text(name: str, size: int, columns: int, stride: int) -> str:
 
     Entries of b and x are `stride` doubles apart; the room holds k m doubles.
     """
-    code = Code()
+    code = IRBuilder()
     order, many, info = _whole(code, size), _whole(code, columns), _whole(code, 0)
     plain = _stored(code, "i8", ord("N"))
     scales = code.at("%factors", size * size)
@@ -285,7 +285,7 @@ def product_text(name: str, rows: int, inner: int, columns: int, stride: int) ->
 
     All stand row by row, entries `stride` doubles apart.
     """
-    code = Code()
+    code = IRBuilder()
     n, k, m = (_whole(code, size) for size in (rows, inner, columns))
     plain = _stored(code, "i8", ord("N"))
     zero, one = (_stored(code, "double", code.constant(x)) for x in (0.0, 1.0))

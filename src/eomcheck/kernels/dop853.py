@@ -16,8 +16,8 @@ from typing import Any
 
 from scipy.integrate import DOP853
 
-from eomcheck.kernels.jit import Machine, features
-from eomcheck.kernels.llvm_builder import Code
+from eomcheck.kernels.jit import JitModule, cpu_features
+from eomcheck.kernels.llvm_builder import IRBuilder
 
 RUNNING, FINISHED, TOO_SMALL, TOO_MANY, NOT_FINITE = range(5)
 """Status of a lane: under way; at its end; no step is small enough; too many steps; the right-hand
@@ -50,7 +50,7 @@ def dop853(width: int) -> Any:
     rtol, atol, most steps, output times and infinity (k + 1,), s, outputs (k, size, lanes), room
     (ROWS, size, lanes).
     """
-    machine = Machine((_Writer(width).text(),))
+    machine = JitModule((_Writer(width).text(),))
     pointer, double = ctypes.c_size_t, ctypes.c_double
     kinds = *[pointer, pointer, ctypes.c_int64, pointer, pointer], *[double] * 4, *[pointer] * 3
     function: Any = ctypes.CFUNCTYPE(None, *kinds)(machine.address("dop853"))
@@ -62,7 +62,7 @@ class _Writer:
     """`code` holds what is one for all lanes, `wide` what each lane has of its own."""
 
     def __init__(self, width: int):
-        self.code = Code()
+        self.code = IRBuilder()
         self.wide = self.code.wider(width)
 
     def text(self) -> str:
@@ -110,7 +110,7 @@ class _Writer:
     def _fused(self, x: str, y: str, z: str) -> str:
         """Return x y + z, rounded once on machines that can."""
         wide = self.wide
-        return wide.call("fma", x, y, z) if features()[2] else wide.add(wide.mul(x, y), z)
+        return wide.call("fma", x, y, z) if cpu_features()[2] else wide.add(wide.mul(x, y), z)
 
     def _stage(self, h: str, factors: Iterable[float], c: float, y: int, rates: int) -> None:
         """Write the state at t + c h, and the rates there."""

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 from eomcheck.kernels import band, dense, sincos
 from eomcheck.kernels.jit import CACHE_LINE
-from eomcheck.kernels.llvm_builder import NOT_FINITE, Code
+from eomcheck.kernels.llvm_builder import NOT_FINITE, IRBuilder
 from eomcheck.kernels.program import FARTHEST, Program, Tree
 from eomcheck.numbers import tape as t
 
@@ -49,7 +49,7 @@ def layout_of(program: Program, parameters: Mapping[str, int]) -> Layout:
     """Return the layout for `parameters`, whose sizes are given by name."""
     sizes = {**parameters, **dict(program.arrays)}
     counts = [item[1] for item in program.items if item[0] == "loop"]
-    for loop, inner in sorted(results_of(program)[0]):
+    for loop, inner in sorted(loop_results(program)[0]):
         sizes[f"l{loop}.{inner}"] = counts[loop]
     places, at = {}, 0
     for name, size in sizes.items():
@@ -57,7 +57,7 @@ def layout_of(program: Program, parameters: Mapping[str, int]) -> Layout:
             at = aligned(at)
         places[name] = at
         at += size
-    return Layout(places, aligned(at), max((_room(item) for item in program.items), default=0))
+    return Layout(places, aligned(at), max((_workspace(item) for item in program.items), default=0))
 
 
 def aligned(count: int) -> int:
@@ -65,7 +65,7 @@ def aligned(count: int) -> int:
     return -(-count // CACHE_LINE) * CACHE_LINE
 
 
-def results_of(program: Program) -> tuple[set[tuple[int, int]], dict[tuple[int, int], int]]:
+def loop_results(program: Program) -> tuple[set[tuple[int, int]], dict[tuple[int, int], int]]:
     """Return what is read behind loops, as (loop, operation).
 
     Returns:
@@ -99,13 +99,13 @@ def reads_of(items: Tree) -> Iterator[Tree]:
                     yield from x[2]
 
 
-def _room(item: Tree) -> int:
+def _workspace(item: Tree) -> int:
     """Return the doubles of room that an item needs."""
     if item[0] != "group" or item[5]:
         return 0
     kind, shape = item[2], item[4]
     if kind == t.BAND:
-        return band.room(shape[0])
+        return band.solve_workspace(shape[0])
     if kind == t.SOLVE:
         return shape[0] * shape[1]
     if kind == t.PRODUCT:
@@ -137,13 +137,13 @@ class _Emitter:
         self, name: str, program: Program, layout: Layout, outputs: Mapping[str, int], width: int
     ):
         self.name, self.program, self.layout, self.outputs = name, program, layout, outputs
-        self.code = Code(width)
+        self.code = IRBuilder(width)
         self.values: list[str] = []
         self.parts: dict[str, list[str]] = {}
-        self.factored: dict[int, dense.Inline] = {}
+        self.factored: dict[int, dense.InlineLU] = {}
         self.known: dict[Tree, str] = {}
         self.loops = 0
-        self.last = results_of(program)[1]
+        self.last = loop_results(program)[1]
         self.single = width == 1
         # Outputs, or sums of them: a sum of all is not finite if one is not.
         self.sums: list[str] = []
@@ -313,7 +313,7 @@ class _Emitter:
             values = [self.value(x) for x in given]
             if kind == t.FACTORS:
                 rows = [values[i * shape[0] : (i + 1) * shape[0]] for i in range(shape[0])]
-                self.factored[number] = dense.Inline(self.code, rows)
+                self.factored[number] = dense.InlineLU(self.code, rows)
                 return
             made = self._solved(values, shape, by) if kind == t.SOLVE else self._angles(values)
             self.parts[f"x{number}"] = made
@@ -330,7 +330,7 @@ class _Emitter:
         }[kind](number, shape, by, given)
 
     def _angles(self, values: list[str]) -> list[str]:
-        return sincos.of_values(self.code, values)
+        return sincos.cos_and_sin(self.code, values)
 
     def _solved(self, b: list[str], shape: Tree, by: int) -> list[str]:
         size, columns = shape
@@ -340,7 +340,7 @@ class _Emitter:
     def _many_angles(self, number: int, shape: Tree, by: int, given: Tree) -> None:
         x = self.bases[f"r{number}"] if not given else self.code.at(self.bases[given[0]], given[1])
         cos = self.bases[f"x{number}"]
-        sincos.write(self.code, x, cos, self.code.at(cos, sincos.room(shape[0])), shape[0])
+        sincos.write(self.code, x, cos, self.code.at(cos, sincos.padded_count(shape[0])), shape[0])
 
     def _lanes(self, name: str, text: str, *arrays: tuple[str, int]) -> None:
         """Call a function for each lane; arrays are (address, doubles from lane to lane)."""
@@ -396,7 +396,7 @@ class _Emitter:
         self._lanes(name, text, *arrays)
 
 
-def _operated(code: Code, op: str, x: str, y: Any) -> str:
+def _operated(code: IRBuilder, op: str, x: str, y: Any) -> str:
     """Return x op y."""
     if op == t.NEG:
         return code.neg(x)

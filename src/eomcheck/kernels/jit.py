@@ -23,7 +23,7 @@ CACHE_LINE = 8
 """Doubles that a machine reads at once."""
 
 
-def memory(count: int, ahead: int = 0) -> np.ndarray:
+def aligned_zeros(count: int, ahead: int = 0) -> np.ndarray:
     """Return `count` doubles, 0, of which the one behind `ahead` others begins a line of cache."""
     whole = np.zeros(count + CACHE_LINE)
     first = -(whole.ctypes.data // whole.itemsize + ahead) % CACHE_LINE
@@ -36,7 +36,7 @@ LEAST_EFFORT = 0
 """For code that runs a few times: there four times as soon, several times as slow, same bits."""
 
 
-class Machine:
+class JitModule:
     """Functions in machine code; their addresses hold as long as this object lives.
 
     Args:
@@ -45,7 +45,7 @@ class Machine:
     """
 
     def __init__(self, functions: Iterable[str], effort: int = EFFORT):
-        machine = target(effort)
+        machine = target_machine(effort)
         module = llvm.parse_assembly("\n".join((*DECLARED, *dict.fromkeys(functions))))
         self._engine = llvm.create_mcjit_compiler(module, machine)
         self._engine.finalize_object()
@@ -56,7 +56,7 @@ class Machine:
 
 
 @cache
-def features() -> tuple[str, str, bool]:
+def cpu_features() -> tuple[str, str, bool]:
     """Return this machine's kind, what it can do, and whether it multiplies and adds at once."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
@@ -70,9 +70,9 @@ def _is_arm() -> bool:
     return llvm.get_process_triple().startswith(("aarch64", "arm64"))
 
 
-def target(effort: int) -> llvm.TargetMachine:
+def target_machine(effort: int) -> llvm.TargetMachine:
     """Return the machine that code is generated for, with this effort: this one."""
-    name, known, _ = features()
+    name, known, _ = cpu_features()
     _name_libm()
     return llvm.Target.from_default_triple().create_target_machine(
         cpu=name, features=known, opt=effort, reloc="default", codemodel="jitdefault", jit=True

@@ -1,7 +1,8 @@
 """A kernel: a program in machine code, with the memory block that it reads.
 
-It is called along rows of states by a loop in machine code (`along`), and so are the functions that
-are timed (`repeated`, `sines`): the measured time has no call from Python in it.
+It is called along rows of states by a loop in machine code (`call_along_rows`), and so are the
+functions that are timed (`timing_loop`, `sincos_timing_loop`): the measured time has no call from
+Python in it.
 """
 
 from __future__ import annotations
@@ -14,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from eomcheck.kernels.emit import FAILURE_TIME, HEADER, Layout, function_texts, layout_of
-from eomcheck.kernels.jit import EFFORT, Machine, memory
-from eomcheck.kernels.llvm_builder import Code
+from eomcheck.kernels.jit import EFFORT, JitModule, aligned_zeros
+from eomcheck.kernels.llvm_builder import IRBuilder
 from eomcheck.kernels.program import Program
 from eomcheck.kernels.sincos import library_call
 from eomcheck.numbers.generic import Array
@@ -24,15 +25,15 @@ from eomcheck.numbers.generic import Array
 
 
 @cache
-def _machine() -> Machine:
-    repeated, angles, rows = Code(), Code(), {}
+def _machine() -> JitModule:
+    repeated, angles, rows = IRBuilder(), IRBuilder(), {}
     with repeated.loop("%count"):
         repeated.do("call void %function(ptr %a, double %t, ptr %b, ptr %c, ptr %d)")
     with angles.loop("%count"), angles.loop("%size") as turn:
         x = angles.let(f"load double, ptr {angles.at('%x', turn.i)}")
         library_call(angles, x, angles.at("%cos", turn.i), angles.at("%sin", turn.i))
     for name in ("double", "ptr"):
-        rows[name] = code = Code()
+        rows[name] = code = IRBuilder()
         with code.loop("%count") as turn:
             out, t, y = (
                 code.at(f"%{x}", code.integer("mul", turn.i, f"%{x}_step"))
@@ -42,7 +43,7 @@ def _machine() -> Machine:
             code.do(f"call void %function(ptr {out}, {name} {t}, ptr {y}, ptr %last)")
     steps = ", ".join(f"ptr %{x}, i64 %{x}_step" for x in ("out", "t", "y"))
     given = "ptr %function, double %t, ptr %a, ptr %b, ptr %c, ptr %d"
-    return Machine(
+    return JitModule(
         (
             *(
                 code.function(
@@ -58,7 +59,7 @@ def _machine() -> Machine:
     )
 
 
-def repeated(address: int, *pointers: int) -> Callable[[int], None]:
+def timing_loop(address: int, *pointers: int) -> Callable[[int], None]:
     """Return what calls a C function of up to four pointers so many times.
 
     A double, 0, stands behind the first pointer; C functions without one do not see it.
@@ -69,7 +70,9 @@ def repeated(address: int, *pointers: int) -> Callable[[int], None]:
     return lambda count: function(count, address, 0.0, *given)
 
 
-def along(address: int, last: np.ndarray, t: np.ndarray, y: np.ndarray, out: np.ndarray) -> None:
+def call_along_rows(
+    address: int, last: np.ndarray, t: np.ndarray, y: np.ndarray, out: np.ndarray
+) -> None:
     """Call a kernel for each row of t, y and `out`, which it writes.
 
     Args:
@@ -87,7 +90,7 @@ def along(address: int, last: np.ndarray, t: np.ndarray, y: np.ndarray, out: np.
         function(address, last.ctypes.data, len(out), *(part for row in rows for part in row))
 
 
-def sines(x: np.ndarray) -> Callable[[int], None]:
+def sincos_timing_loop(x: np.ndarray) -> Callable[[int], None]:
     """Return what makes the sines and cosines of angles x (k >= 1,), rad, so many times."""
     kinds = ctypes.c_int64, ctypes.c_int64, *[ctypes.c_void_p] * 3
     function: Any = ctypes.CFUNCTYPE(None, *kinds)(_machine().address("angles"))
@@ -122,12 +125,12 @@ class Kernel:
         self.layout: Layout = layout_of(program, parameters)
         self.size = sum(self.outputs.values())
         texts = function_texts("kernel", program, self.layout, self.outputs, width)
-        self.machine = Machine(texts, effort)
+        self.machine = JitModule(texts, effort)
         self.address = self.machine.address("kernel")
 
     def block(self, parameters: Mapping[str, Array]) -> Array:
         """Return a block with these parameters, each (size,), or (size, lanes)."""
-        block = memory(self.layout.doubles(self.width), HEADER)
+        block = aligned_zeros(self.layout.doubles(self.width), HEADER)
         block[FAILURE_TIME] = np.nan
         for name, size in self.parameters.items():
             first = HEADER + self.layout.places[name] * self.width
@@ -149,6 +152,6 @@ class Kernel:
         """Return outputs (k, size, lanes) at times t (k, lanes) of states y (k, _, lanes)."""
         y, t = np.ascontiguousarray(y, float), np.ascontiguousarray(t, float)
         out = np.empty((len(y), self.size, self.width))
-        along(self.address, self.handed(block), t, y, out)
+        call_along_rows(self.address, self.handed(block), t, y, out)
         ends = np.cumsum(list(self.outputs.values()))[:-1]
         return dict(zip(self.outputs, np.split(out, ends, axis=1), strict=True))

@@ -1,7 +1,7 @@
 """A builder of LLVM IR, line by line: numbers, memory, loops and branches.
 
-A `Code` is the body of one function. Its numbers are float64, or vectors of float64 with one entry
-per lane; values are the names by which LLVM knows them. No flag allows reassociation or
+A `IRBuilder` is the body of one function. Its numbers are float64, or vectors of float64 with one
+entry per lane; values are the names by which LLVM knows them. No flag allows reassociation or
 contraction. LLVM itself is not imported here, see `eomcheck.kernels.jit`.
 """
 
@@ -25,14 +25,14 @@ FINITE_NOT_ZERO, NOT_FINITE = 0x198, 0x207
 """LLVM's classes of numbers: normal and subnormal ones; infinities and what is no number."""
 
 
-class Turn:
+class Iteration:
     """One iteration of a loop: its number i, what is carried into it, and what it hands on."""
 
     def __init__(self, i: str, carried: list[str]):
         self.i, self.carried, self.handed = i, carried, list(carried)
 
 
-class Code:
+class IRBuilder:
     """The body of one function, for `width` lanes."""
 
     def __init__(self, width: int = 1):
@@ -41,9 +41,9 @@ class Code:
         self.called: dict[str, None] = {}
         self.block, self._names, self._constants = "entry", 0, {}
 
-    def wider(self, width: int) -> Code:
+    def wider(self, width: int) -> IRBuilder:
         """Return code of another width that writes into the same function."""
-        other = Code(width)
+        other = IRBuilder(width)
         other.lines, other.fresh, other.labels = self.lines, self.fresh, self.labels
         return other
 
@@ -210,7 +210,7 @@ class Code:
         return [f"{stem}{self._names}" for stem in stems]
 
     @contextmanager
-    def loop(self, count: int | str, *carried: tuple[str, str]) -> Iterator[Turn]:
+    def loop(self, count: int | str, *carried: tuple[str, str]) -> Iterator[Iteration]:
         """Repeat what is written inside `count` times, at least once.
 
         Args:
@@ -222,7 +222,7 @@ class Code:
         before = self.block
         self.jump(head)
         self.enter(head)
-        turn = Turn(self.fresh(), [self.fresh() for _ in carried])
+        turn = Iteration(self.fresh(), [self.fresh() for _ in carried])
         place = len(self.lines)
         self.lines += [""] * (1 + len(carried))
         yield turn
@@ -241,13 +241,15 @@ class Code:
         turn.carried = list(turn.handed)
 
     @contextmanager
-    def repeat(self, *carried: tuple[str, str]) -> Iterator[Turn]:
-        """Repeat what is written inside while a condition, handed over as `turn.i`, holds."""
+    def repeat(self, *carried: tuple[str, str]) -> Iterator[Iteration]:
+        """Repeat what is written inside while a condition, handed over as `random_orientation.i`,
+        holds.
+        """
         (head,) = self.labels("while")
         before = self.block
         self.jump(head)
         self.enter(head)
-        turn = Turn("", [self.fresh() for _ in carried])
+        turn = Iteration("", [self.fresh() for _ in carried])
         place = len(self.lines)
         self.lines += [""] * len(carried)
         yield turn

@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.kernels.dense import EXPONENT, ONE, scale_of
-from eomcheck.kernels.llvm_builder import LANES, Code
-from eomcheck.numbers.linear import SOLVERS, Solve, like_present, noise_present, record
+from eomcheck.kernels.dense import EXPONENT, ONE, emit_power_of_two_scale
+from eomcheck.kernels.llvm_builder import LANES, IRBuilder
+from eomcheck.numbers.linear import SOLVERS, SolveRecord, active_noise, record, reference_solve
 from eomcheck.numbers.noise import NORMAL, Noise
 
 # ---- Rows of factors and right-hand sides --------------------------------------------------------
@@ -27,7 +27,7 @@ from eomcheck.numbers.noise import NORMAL, Noise
 class Rows:
     """Rows of doubles in memory, `stride` apart, each with room for a vector behind it."""
 
-    def __init__(self, code: Code, pointer: str, stride: str, columns: str):
+    def __init__(self, code: IRBuilder, pointer: str, stride: str, columns: str):
         self.code, self.pointer, self.stride, self.columns = code, pointer, stride, columns
 
     def place(self, i: str, j: int | str = 0) -> str:
@@ -40,14 +40,14 @@ class Rows:
         subtract(self.code, self.columns, self.place(i), factor, self.place(j))
 
 
-def subtract(code: Code, count: str, to: str, factor: str, row: str) -> None:
+def subtract(code: IRBuilder, count: str, to: str, factor: str, row: str) -> None:
     """Take `factor` times `count` doubles at `row` off those at `to`."""
     code.do(f"call void @subtract(i64 {count}, ptr {to}, double {factor}, ptr {row})")
 
 
 def _subtract_text() -> str:
     """Return what takes `factor` times a row off another, by whole vectors."""
-    code = Code()
+    code = IRBuilder()
     wide = code.wider(LANES)
     factor = wide.packed(["%factor"])
     vectors = code.integer("udiv", code.integer("add", "%count", LANES - 1), LANES)
@@ -59,7 +59,7 @@ def _subtract_text() -> str:
 
 
 @contextmanager
-def each_from(code: Code, first: int | str, last: str) -> Iterator[str]:
+def each_from(code: IRBuilder, first: int | str, last: str) -> Iterator[str]:
     """Do what is written inside for i = first, ..., last - 1, if there is any."""
     count = code.integer("sub", last, first)
     with code.when(code.let(f"icmp sgt i64 {count}, 0")), code.loop(count) as turn:
@@ -67,7 +67,7 @@ def each_from(code: Code, first: int | str, last: str) -> Iterator[str]:
 
 
 @contextmanager
-def downwards(code: Code, count: str) -> Iterator[str]:
+def downwards(code: IRBuilder, count: str) -> Iterator[str]:
     """Do what is written inside for i = count - 1, ..., 0; there is one at least."""
     with code.loop(count) as turn:
         yield code.integer("sub", code.integer("sub", count, 1), turn.i)
@@ -77,8 +77,8 @@ FACTORED = "i64 %size, i64 %many, ptr %factors, i64 %stride, ptr %x"
 """Factors of a matrix, row by row, and right-hand sides or solutions, rows as after elimination."""
 
 
-def _of_factors() -> tuple[Code, Rows, Rows]:
-    code = Code()
+def _of_factors() -> tuple[IRBuilder, Rows, Rows]:
+    code = IRBuilder()
     behind = code.integer("add", "%many", LANES)
     return (
         code,
@@ -134,12 +134,12 @@ def texts() -> tuple[str, ...]:
 
 # ---- LU factorization with perturbations ---------------------------------------------------------
 
-DUST = 2.0**-600
+NEGLIGIBLE = 2.0**-600
 """What is smaller beside the rest of its row and column is no part of a moved matrix: zeros that
 were moved are subnormal, with which machines calculate a hundred times more slowly."""
 
 
-class _Solve:
+class _PerturbedSolveCode:
     """The code that solves one moved system.
 
     `%x` has the right-hand sides and is given the solutions, `%matrix` is read, and `%changes` are
@@ -152,7 +152,7 @@ class _Solve:
     )
 
     def __init__(self):
-        code = self.code = Code()
+        code = self.code = IRBuilder()
         size, many = "%size", "%many"
         stride, behind = code.integer("add", size, LANES), code.integer("add", many, LANES)
         ends = iter(self._cut("%room", (size, stride), *(3 * [(size, behind)]), *(3 * [(size,)])))
@@ -225,7 +225,7 @@ class _Solve:
                 a = self._moved(code.load("%matrix", place), self.of_matrix, place)
                 code.store(a, self.A.place(i, turn.i))
                 turn.handed[0] = code.call("maxnum", turn.carried[0], code.call("fabs", a))
-            scale = scale_of(code, turn.carried[0])
+            scale = emit_power_of_two_scale(code, turn.carried[0])
             code.store(scale, self.row_scale, i)
             with each_from(code, 0, "%size") as j:
                 here = self.A.place(i, j)
@@ -238,7 +238,7 @@ class _Solve:
                 b = self._moved(code.load("%x", place), self.of_sides, place)
                 code.store(code.mul(b, scale), self.solution.place(i, k))
         with code.loop("%size", ("i64", "0")) as turn:
-            scale = scale_of(code, code.load(self.scale, turn.i))
+            scale = emit_power_of_two_scale(code, code.load(self.scale, turn.i))
             code.store(scale, self.scale, turn.i)
             whole = turn.carried[0]
             for factor in (scale, code.load(self.row_scale, turn.i)):
@@ -251,7 +251,7 @@ class _Solve:
         with each_from(code, 0, "%size") as i, each_from(code, 0, "%size") as j:
             here = self.A.place(i, j)
             a = code.mul(code.load(here), code.load(self.scale, j))
-            dust = code.compare("olt", code.call("fabs", a), code.constant(DUST))
+            dust = code.compare("olt", code.call("fabs", a), code.constant(NEGLIGIBLE))
             code.store(code.choose(dust, zero, a), here)
 
     def _eliminate(self) -> None:
@@ -353,7 +353,7 @@ class _Solve:
 
 def _all_text() -> str:
     """Return what solves all copies: `%work` has b, A, changes and what the original tells."""
-    code = Code()
+    code = IRBuilder()
     size, many = "%size", "%many"
     squared, sides = code.integer("mul", size, size), code.integer("mul", size, many)
     changes = code.integer("add", squared, code.integer("mul", sides, 3))
@@ -381,16 +381,16 @@ def _all_text() -> str:
 
 
 @cache
-def moved_elimination() -> Callable[..., None]:
+def compiled_perturbed_solve() -> Callable[..., None]:
     """Return what solves all copies, see `_all_text`.
 
     It takes the order, the number of right-hand sides and of copies, whether noise moves, whether
     the original tells what it rounded, and the addresses of work, of what is found and of room.
     """
     # Not before it is needed: LLVM takes longer to import than the package.
-    from eomcheck.kernels.jit import Machine
+    from eomcheck.kernels.jit import JitModule
 
-    machine = Machine([*texts(), _Solve().text(), _all_text()])
+    machine = JitModule([*texts(), _PerturbedSolveCode().text(), _all_text()])
     kinds = *[ctypes.c_int64] * 3, *[ctypes.c_bool] * 2, *[ctypes.c_void_p] * 3
     function: Any = ctypes.CFUNCTYPE(None, *kinds)(machine.address("solve_all"))
     function.machine = machine  # its address holds as long as this lives
@@ -400,7 +400,7 @@ def moved_elimination() -> Callable[..., None]:
 # ---- The solver ----------------------------------------------------------------------------------
 
 
-def moved_solve(A: np.ndarray, b: np.ndarray, name: str) -> np.ndarray:
+def perturbed_solve(A: np.ndarray, b: np.ndarray, name: str) -> np.ndarray:
     """Solve with A, b and x moved, and each right-hand side by the backward error of its own.
 
     Where solutions for several right-hand sides are summed and cancel, the latter shows. Nothing is
@@ -410,16 +410,16 @@ def moved_solve(A: np.ndarray, b: np.ndarray, name: str) -> np.ndarray:
     Args:
         A: matrix.
         b: right-hand sides.
-        name: what `eomcheck.numbers.linear.solve` is told, and `Watch.like` has.
+        name: what `eomcheck.numbers.linear.solve` is told, and `SolveRecorder.like` has.
     """
-    noise = noise_present()
+    noise = active_noise()
     assert noise is not None
     size, copies = A.shape[-1], A[..., 0, 0].size
     many = b[..., 0, :].size // copies if b.ndim == A.ndim else 1
     changes, like, pivots, factors = np.empty(0), None, np.full(size, -1.0), ()
     if noise.moves:
         changes = noise.changes((*noise.shape, size * (size + 3 * many)))
-        like = like_present(name)
+        like = reference_solve(name)
     if like is not None and like.pivots is not None and like.size == size:
         pivots, rounding = like.pivots, like.rounding
         if rounding is not None:
@@ -429,7 +429,7 @@ def moved_solve(A: np.ndarray, b: np.ndarray, name: str) -> np.ndarray:
     found = np.empty((copies, size + 2))
     room = np.zeros(size * (size + LANES) + 3 * size * (many + LANES) + 3 * size)
     addresses = (x.ctypes.data for x in (work, found, room))
-    moved_elimination()(size, many, copies, int(noise.moves), int(factors != ()), *addresses)
+    compiled_perturbed_solve()(size, many, copies, int(noise.moves), int(factors != ()), *addresses)
     x = work[: b.size].reshape(b.shape).copy()
     if noise.moves:
         sign, exponent, diagonal = found[:, 0], found[:, 1], found[:, 2:]
@@ -437,8 +437,8 @@ def moved_solve(A: np.ndarray, b: np.ndarray, name: str) -> np.ndarray:
             log = np.log2(np.abs(diagonal)).sum(axis=-1) - exponent
         if not noise.shape:
             sign, log = float(sign[0]), float(log[0])
-        record(Solve(name, size, np.nan, sign, log), A)
+        record(SolveRecord(name, size, np.nan, sign, log), A)
     return noise.array(x)
 
 
-SOLVERS[Noise] = moved_solve
+SOLVERS[Noise] = perturbed_solve

@@ -10,7 +10,8 @@ itself, and none is left out but those that round nothing: x + 0, 0 x and 1 x. P
 of matrices, sines, cosines and square roots are groups between stretches of the trace, computed as
 in float64.
 
-`preparation` traces the function by which a scene precomputes sines, cosines and square roots, so
+`traceable_prepare` traces the function by which a scene precomputes sines, cosines and square
+roots, so
 that the operations between them are perturbed: where 1 - cos² nearly cancels, the digits of its
 square root are lost before the root is taken.
 """
@@ -29,24 +30,24 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.kernels import perturbed_solves  # noqa: F401  (perturbed matrices are solved by it)
-from eomcheck.kernels.llvm_builder import LANES, Code
+from eomcheck.kernels.llvm_builder import LANES, IRBuilder
 from eomcheck.numbers.banded_solve import BANDED_SOLVERS, solve_banded
-from eomcheck.numbers.dual import Recorder
+from eomcheck.numbers.dual import RecordingArithmetic
 from eomcheck.numbers.generic import BRANCH, FLOAT64, Angles, Array, NotRationalError, map_record
-from eomcheck.numbers.lanes import LaneArray, lanes_in, lanes_of
-from eomcheck.numbers.linear import PRODUCTS, SOLVERS, product, solve
+from eomcheck.numbers.lanes import LaneArray, lane_data, lanes_in
+from eomcheck.numbers.linear import PRODUCTS, SOLVERS, matrix_product, solve
 from eomcheck.numbers.noise import NORMAL, Noise
 from eomcheck.numbers.pivots import SMALLEST_SIZE
 
 # ---- Trace keys ----------------------------------------------------------------------------------
 
 
-def holds_doubles(x: Any) -> bool:
+def holds_float64(x: Any) -> bool:
     """Return whether x is an array of doubles, or of lanes."""
     return isinstance(x, LaneArray) or (isinstance(x, np.ndarray) and x.dtype == np.float64)
 
 
-def gathered(x: Any, front: int, doubles: list[Array]) -> Hashable:
+def trace_key(x: Any, front: int, doubles: list[Array]) -> Hashable:
     """Return what a list of operations depends on; add arrays of doubles, in order, to `doubles`.
 
     Args:
@@ -54,13 +55,13 @@ def gathered(x: Any, front: int, doubles: list[Array]) -> Hashable:
         front: axes in front that do not belong to it, see `Noise.shape`.
         doubles: where to.
     """
-    if holds_doubles(x):
+    if holds_float64(x):
         doubles.append(x)
         return x.shape[front:]
     if isinstance(x, np.ndarray):
         return x.shape, x.tobytes()
     if isinstance(x, tuple):
-        return type(x), *[gathered(part, front, doubles) for part in x]
+        return type(x), *[trace_key(part, front, doubles) for part in x]
     return x
 
 
@@ -68,21 +69,21 @@ RECORDS = 64
 """Records that are remembered: of one state several functions read the same ones many times."""
 
 
-class Seen:
-    """Records of arrays that were gathered, with what `gathered` found in each."""
+class TraceKeyCache:
+    """Records of arrays that were gathered, with what `trace_key` found in each."""
 
     def __init__(self):
         self._found: dict[tuple[int, int], tuple[tuple, Hashable, list[Array]]] = {}
 
     def key(self, x: Any, front: int, doubles: list[Array]) -> Hashable:
-        """Return what a list of operations depends on, see `gathered`; a record is read once."""
+        """Return what a list of operations depends on, see `trace_key`; a record is read once."""
         if not isinstance(x, tuple):
-            return gathered(x, front, doubles)
+            return trace_key(x, front, doubles)
         place = id(x), front
         known = self._found.get(place)
         if known is None or known[0] is not x:
             mine: list[Array] = []
-            known = x, gathered(x, front, mine), mine
+            known = x, trace_key(x, front, mine), mine
             if len(self._found) >= RECORDS:
                 self._found.clear()
             self._found[place] = known
@@ -95,24 +96,24 @@ class Seen:
 ADD, SUB, MUL, DIV, NEG = range(5)
 
 
-MOST = 2**21
+LARGEST_TOTAL = 2**21
 """Places in all lists that are kept, but for the newest list."""
 
-FEW = 128
+FEWEST_COMPILED = 128
 """Operations that Python does in less time than it takes to have them done in machine code."""
 
 
-class _Still(Noise):
+class _NoNoise(Noise):
     """The noise that moves nothing."""
 
     def changes(self, shape: tuple[int, ...]) -> Array:
         return np.zeros(shape)
 
 
-STILL = _Still(0)
+NO_NOISE = _NoNoise(0)
 
 
-class Moves:
+class TraceRunner:
     """Runs generic functions on doubles with every operation moved.
 
     What was listed is kept for further runs, with arguments of the same shapes: functions without a
@@ -120,22 +121,23 @@ class Moves:
     """
 
     def __init__(self):
-        self._known: dict[Hashable, _List | None] = {}
+        self._known: dict[Hashable, _Trace | None] = {}
         self._places = 0
-        self._seen = Seen()
+        self._seen = TraceKeyCache()
         self._lock = Lock()
 
     def run(self, noise: Noise, function: Callable, *arguments: Any) -> Any:
         """Call a generic function of arrays of doubles, each of its operations moved.
 
-        Matrices that it solves are moved by the noise of `eomcheck.numbers.linear.watching`. Of
-        several noises the first axis of every array of doubles is theirs.
+        Matrices that it solves are moved by the noise of
+        `eomcheck.numbers.linear.recording_solves`. Of several noises the first axis of every array
+        of doubles is theirs.
 
         Raises:
             TypeError: the function does more than rational operations and solves.
         """
         listed, doubles = self._listed(function, arguments, len(noise.shape))
-        return _known(function, listed).run(noise, doubles)
+        return _require_traceable(function, listed).run(noise, doubles)
 
     def unmoved(self, function: Callable, *arguments: Any) -> Any:
         """Call a generic function of arrays of doubles as it is, with the bits that Python gives.
@@ -147,15 +149,15 @@ class Moves:
         listed, doubles = None, []
         with suppress(Exception):  # what raises there need not raise on doubles
             listed, doubles = self._listed(function, arguments, 0)
-        if listed is not None and len(listed.operations) >= FEW:
-            found = listed.run(STILL, doubles)
+        if listed is not None and len(listed.operations) >= FEWEST_COMPILED:
+            found = listed.run(NO_NOISE, doubles)
             if _is_finite(found):
                 return found
         return function(*arguments)
 
     def _listed(
         self, function: Callable, arguments: tuple, front: int
-    ) -> tuple[_List | None, list[Any]]:
+    ) -> tuple[_Trace | None, list[Any]]:
         """Return the list of a function, None if there is none, and the doubles that it reads."""
         doubles: list[Any] = []
         key = function, *(self._seen.key(x, front, doubles) for x in arguments)
@@ -164,16 +166,16 @@ class Moves:
         except KeyError:
             listed = None
             with suppress(TypeError):
-                listed = _List(function, arguments, front)
+                listed = _Trace(function, arguments, front)
             self._keep(key, listed)
         return listed, doubles
 
-    def _keep(self, key: Hashable, listed: _List | None) -> None:
+    def _keep(self, key: Hashable, listed: _Trace | None) -> None:
         with self._lock:
             before = self._known.pop(key, None)
             self._known[key] = listed
             self._places += (listed.places if listed else 0) - (before.places if before else 0)
-            while self._places > MOST and len(self._known) > 1:
+            while self._places > LARGEST_TOTAL and len(self._known) > 1:
                 forgotten = self._known.pop(next(iter(self._known)))
                 self._places -= forgotten.places if forgotten else 0
 
@@ -187,10 +189,10 @@ class Moves:
         from eomcheck.kernels import batched_solves  # noqa: F401
 
         listed, doubles = self._listed(function, arguments, 0)
-        return run_in_lanes(_known(function, listed), noise, doubles)
+        return replay_in_lanes(_require_traceable(function, listed), noise, doubles)
 
 
-def _known(function: Callable, listed: _List | None) -> _List:
+def _require_traceable(function: Callable, listed: _Trace | None) -> _Trace:
     if listed is None:
         raise TypeError(f"{function.__qualname__} does more than rational operations")
     return listed
@@ -202,7 +204,7 @@ def _is_finite(record: Any) -> bool:
     return record is None or bool(np.isfinite(record).all())
 
 
-class _Group(NamedTuple):
+class _TraceGroup(NamedTuple):
     """What is done with whole matrices: after how many operations, and where they stand."""
 
     after: int
@@ -211,7 +213,7 @@ class _Group(NamedTuple):
     found: Array
 
 
-class _List:
+class _Trace:
     """What a function does, operation by operation.
 
     Places are those of the doubles that it reads, then of literals and results as they come. An
@@ -220,7 +222,7 @@ class _List:
 
     def __init__(self, function: Callable, arguments: tuple, front: int):
         self._operations, self._next = array("q"), count().__next__
-        self.groups: list[_Group] = []
+        self.groups: list[_TraceGroup] = []
         self._literals: dict[float, int] = {}
         self.read = 0
         found = function(*map_record(lambda x: self._inputs(x, front), arguments))
@@ -230,7 +232,7 @@ class _List:
         self.start[list(self._literals.values())] = list(self._literals)
 
     def _inputs(self, x: Any, front: int) -> Any:
-        if not holds_doubles(x):
+        if not holds_float64(x):
             return x
         numbers = self._numbers(x.shape[front:])
         self.read += numbers.size
@@ -238,12 +240,12 @@ class _List:
 
     def _numbers(self, shape: tuple[int, ...]) -> Array:
         numbers = np.empty(shape, object)
-        numbers.ravel()[:] = [_Number(self._next(), self) for _ in range(numbers.size)]
+        numbers.ravel()[:] = [_TracedNumber(self._next(), self) for _ in range(numbers.size)]
         return numbers
 
     def _places(self, part: Any) -> Array:
         part = np.asarray(part, object)
-        places = [x.place if type(x) is _Number else self.literal(x) for x in part.ravel()]
+        places = [x.place if type(x) is _TracedNumber else self.literal(x) for x in part.ravel()]
         return np.array(places, np.intp).reshape(part.shape)
 
     def literal(self, x: float) -> int:
@@ -253,17 +255,17 @@ class _List:
             self._literals[x] = self._next()
         return self._literals[x]
 
-    def add(self, operation: int, x: int, y: int) -> _Number:
+    def add(self, operation: int, x: int, y: int) -> _TracedNumber:
         """Return the result of an operation on what is at these places."""
         place = self._next()
         self._operations.extend((operation, x, y, place))
-        return _Number(place, self)
+        return _TracedNumber(place, self)
 
     def group(self, function: Callable, shape: tuple[int, ...], *arrays: Array) -> Array:
         """Return the result, of this shape, of a function of arrays of doubles."""
         read, numbers = [self._places(x) for x in arrays], self._numbers(shape)
         after = len(self._operations) // 4
-        self.groups.append(_Group(after, function, read, self._places(numbers)))
+        self.groups.append(_TraceGroup(after, function, read, self._places(numbers)))
         return numbers
 
     @property
@@ -294,25 +296,25 @@ class _List:
             operations, _ = self._operations.buffer_info()
             operations += 4 * self._operations.itemsize * first
             changes = np.ascontiguousarray(noise.changes((*noise.shape, count)))
-            at, to, run = changes.ctypes.data, values.ctypes.data, _code()
+            at, to, run = changes.ctypes.data, values.ctypes.data, _replay_function()
             for i in range(values.size // self.places):
                 own, there = at + 8 * count * i, to + 8 * self.places * i
                 run(count, operations, own, there)
         return last
 
 
-class _Number:
+class _TracedNumber:
     """A double at a place of a list, to which its operations are added."""
 
     __slots__ = ("list", "place")
 
-    def __init__(self, place: int, list: _List):
+    def __init__(self, place: int, list: _Trace):
         self.place, self.list = place, list
 
     # An array must not be taken for a number: `NotImplemented` lets numpy go through its entries.
 
     def _with(self, operation: int, other: Any) -> Any:
-        if type(other) is _Number:
+        if type(other) is _TracedNumber:
             return self.list.add(operation, self.place, other.place)
         if type(other) is int:
             return self.list.add(operation, self.place, self.list.literal(other))
@@ -353,39 +355,44 @@ class _Number:
     __rmul__ = __mul__
 
 
-def list_of(*arrays: Array) -> _List | None:
+def trace_of(*arrays: Array) -> _Trace | None:
     """Return the list to which entries of arrays belong, None if none does to any."""
-    return next((x.list for x in chain(*(a.flat for a in arrays)) if type(x) is _Number), None)
+    return next(
+        (x.list for x in chain(*(a.flat for a in arrays)) if type(x) is _TracedNumber), None
+    )
 
 
-def _list_of(*arrays: Array) -> _List:
-    found = list_of(*arrays)
+def _require_trace(*arrays: Array) -> _Trace:
+    found = trace_of(*arrays)
     assert found is not None, "no entry is of a list"
     return found
 
 
-def _listed(solver: Callable) -> Callable:
+def _traced_solver(solver: Callable) -> Callable:
     def listed(A: Array, b: Array, name: str) -> Array:
-        return _list_of(A, b).group(partial(solver, name=name), b.shape, A, b)
+        return _require_trace(A, b).group(partial(solver, name=name), b.shape, A, b)
 
     return listed
 
 
-def _listed_product(A: Array, B: Array) -> Array:
-    return _list_of(A, B).group(product, (A.shape[0], B.shape[1]), A, B)
+def _traced_product(A: Array, B: Array) -> Array:
+    return _require_trace(A, B).group(matrix_product, (A.shape[0], B.shape[1]), A, B)
 
 
-SOLVERS[_Number], BANDED_SOLVERS[_Number] = _listed(solve), _listed(solve_banded)
-PRODUCTS[_Number] = _listed_product
+SOLVERS[_TracedNumber], BANDED_SOLVERS[_TracedNumber] = (
+    _traced_solver(solve),
+    _traced_solver(solve_banded),
+)
+PRODUCTS[_TracedNumber] = _traced_product
 
 
 @cache
-def _code() -> Callable[[int, int, int, int], None]:
+def _replay_function() -> Callable[[int, int, int, int], None]:
     """Return what goes through `count` operations with changes and values at these addresses."""
     # Not before it is needed: LLVM takes longer to import than the package.
-    from eomcheck.kernels.jit import Machine
+    from eomcheck.kernels.jit import JitModule
 
-    code = Code()
+    code = IRBuilder()
     with code.loop("%count") as turn:
         first = code.at("%operations", code.integer("mul", turn.i, 4), "i64")
         operation, *places, place = (
@@ -414,7 +421,7 @@ def _code() -> Callable[[int, int, int, int], None]:
             "%values",
             place,
         )
-    machine = Machine(
+    machine = JitModule(
         [
             code.function(
                 "define void @moved(i64 %count, ptr %operations, ptr %changes, ptr %values)"
@@ -430,7 +437,7 @@ def _code() -> Callable[[int, int, int, int], None]:
 # ---- Replay on a batch of states -----------------------------------------------------------------
 
 
-def run_in_lanes(listed: _List, noise: Noise | None, given: list[Any]) -> Any:
+def replay_in_lanes(listed: _Trace, noise: Noise | None, given: list[Any]) -> Any:
     """Return what a list comes to for arguments in lanes, its results without noise."""
     count = next(n for n in map(lanes_in, given) if n)
     width = -(-count // LANES) * LANES
@@ -438,38 +445,38 @@ def run_in_lanes(listed: _List, noise: Noise | None, given: list[Any]) -> Any:
     values[listed.read :] = listed.start[listed.read :, None]
     first = 0
     for x in given:
-        data = lanes_of(x, count).reshape(-1, count)
+        data = lane_data(x, count).reshape(-1, count)
         values[first : first + len(data), :count] = data
         first += len(data)
     done, last = 0, len(listed.operations)
     for after, function, read, found in listed.groups:
-        _through(listed, noise, values, done, after)
+        _replay(listed, noise, values, done, after)
         done = after
         result = function(*(LaneArray(values[places, :count], noise) for places in read))
-        values[found, :count] = lanes_of(result, count)
-    _through(listed, noise, values, done, last)
+        values[found, :count] = lane_data(result, count)
+    _replay(listed, noise, values, done, last)
     return map_record(lambda places: LaneArray(values[places, :count]), listed.found)
 
 
-def _through(listed: _List, noise: Noise | None, values: Array, first: int, last: int) -> None:
+def _replay(listed: _Trace, noise: Noise | None, values: Array, first: int, last: int) -> None:
     count = last - first
     if not count:
         return
     operations = np.ascontiguousarray(listed.operations[first:last])
     given = count, operations.ctypes.data, values.ctypes.data, values.shape[1] // LANES
     if noise is None:
-        _lane_code(moved=False)(*given, 0)
+        _lane_replay_function(moved=False)(*given, 0)
         return
     changes = np.ascontiguousarray(noise.changes((count,)))
-    _lane_code(moved=True)(*given, changes.ctypes.data)
+    _lane_replay_function(moved=True)(*given, changes.ctypes.data)
 
 
 @cache
-def _lane_code(moved: bool) -> Callable[[int, int, int, int, int], None]:
+def _lane_replay_function(moved: bool) -> Callable[[int, int, int, int, int], None]:
     """Return what goes through operations on values (places, lanes), `many` vectors of lanes."""
-    from eomcheck.kernels.jit import Machine
+    from eomcheck.kernels.jit import JitModule
 
-    code = Code()
+    code = IRBuilder()
     wide = code.wider(LANES)
     with code.loop("%count") as turn:
         first = code.at("%operations", code.integer("mul", turn.i, 4), "i64")
@@ -503,7 +510,7 @@ def _lane_code(moved: bool) -> Callable[[int, int, int, int, int], None]:
                 wide.store(result, to, vector.i)
     name = "moved_lanes" if moved else "lanes"
     head = "i64 %count, ptr %operations, ptr %values, i64 %many, ptr %changes"
-    machine = Machine([code.function(f"define void @{name}({head})")])
+    machine = JitModule([code.function(f"define void @{name}({head})")])
     kinds = ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p
     function: Any = ctypes.CFUNCTYPE(None, *kinds)(machine.address(name))
     function.machine = machine  # its address holds as long as this lives
@@ -514,20 +521,20 @@ def _lane_code(moved: bool) -> Callable[[int, int, int, int, int], None]:
 
 
 @lru_cache(256)
-def preparation(prepare: Callable) -> Callable[[Any, Array, Array], tuple[Any, tuple]]:
+def traceable_prepare(prepare: Callable) -> Callable[[Any, Array, Array], tuple[Any, tuple]]:
     """Return a function of (parameters, q, t), with t (1,), that can be listed.
 
     It returns what `prepare` does, and the angles and roots that were made on the way, in order.
     """
 
     def prepared(parameters: Any, q: Array, t: Array) -> tuple[Any, tuple]:
-        recorder = Recorder(_Listing())
+        recorder = RecordingArithmetic(_TracingArithmetic())
         return prepare(recorder, parameters, q, t[0]), tuple(recorder.made)
 
     return prepared
 
 
-class _Listing:
+class _TracingArithmetic:
     """The arithmetic of a list of operations (`eomcheck.numbers.generic.Arithmetic`)."""
 
     def numbers(self, x: Array) -> Array:
@@ -536,7 +543,7 @@ class _Listing:
 
     def angles(self, x: Array) -> Angles:
         """Return the angles x (k,), with cosines and sines that the list finds."""
-        listed = list_of(x)
+        listed = trace_of(x)
         if listed is None:
             return FLOAT64.angles(x)
         cos, sin = listed.group(_cos_and_sin, (2, *x.shape), x)
@@ -544,7 +551,7 @@ class _Listing:
 
     def root(self, x: Array) -> Array:
         """Return the positive square roots of x (k,), which the list finds."""
-        listed = list_of(x)
+        listed = trace_of(x)
         return (
             FLOAT64.root(FLOAT64.numbers(x)) if listed is None else listed.group(_root, x.shape, x)
         )

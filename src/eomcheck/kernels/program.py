@@ -36,9 +36,9 @@ import numpy as np
 
 from eomcheck.errors import EomcheckError
 from eomcheck.kernels.band import WIDTH, padded
-from eomcheck.kernels.sincos import room
+from eomcheck.kernels.sincos import padded_count
 from eomcheck.numbers import tape as t
-from eomcheck.numbers.tape import Tape, live
+from eomcheck.numbers.tape import Tape, live_entries
 
 # ---- Instructions --------------------------------------------------------------------------------
 
@@ -113,7 +113,7 @@ CYCLES = {t.ADD: 2, t.SUB: 2, t.MUL: 3, t.DIV: 14, t.NEG: 1, t.SQRT: 18, t.PART:
 """About what operations take until others can go on; inputs and constants wait for nothing."""
 
 
-def urgent(tape: Tape, places: Sequence[int]) -> list[int]:
+def by_urgency(tape: Tape, places: Sequence[int]) -> list[int]:
     """Return `places` in another order: first what most time passes after, up to an output.
 
     A processor looks ahead of what waits by some hundred operations, and finds others to do.
@@ -151,7 +151,7 @@ def instructions_of(
         if op is t.PART:
             kind, _, (size, *_), _, _ = tape.groups[x]
             if kind is t.ANGLES and y >= size > FEW_ANGLES:
-                y += room(size) - size
+                y += padded_count(size) - size
             return lines.class_of(("i", f"x{done[x]}")), y
         return 0, made[place]
 
@@ -181,7 +181,7 @@ def instructions_of(
         inline = kind is t.ANGLES and order <= FEW_ANGLES
         if kind in (t.FACTORS, t.SOLVE):
             inline = order <= INLINE
-        size = 2 * room(order) if kind is t.ANGLES else int(np.prod(shape))
+        size = 2 * padded_count(order) if kind is t.ANGLES else int(np.prod(shape))
         arrays[f"x{mine}"] = order * (order + 2) if kind is t.FACTORS else size
         given: Tree = ()
         if inline:
@@ -527,9 +527,9 @@ def program_of(tape: Tape, outputs: Mapping[str, Sequence[int]], short: int = SH
 
     With `short` entries or fewer it stays straight, in the order in which they are urgent.
     """
-    places, _ = live(tape, [p for roots in outputs.values() for p in roots])
+    places, _ = live_entries(tape, [p for roots in outputs.values() for p in roots])
     straight = len(places) <= short
-    lines, arrays = instructions_of(tape, urgent(tape, places) if straight else places, outputs)
+    lines, arrays = instructions_of(tape, by_urgency(tape, places) if straight else places, outputs)
     stretches = []
     if not straight:
         lines = fused(lines, stretches_of(lines))
@@ -540,29 +540,31 @@ def program_of(tape: Tape, outputs: Mapping[str, Sequence[int]], short: int = SH
 # ---- Programs of any size ------------------------------------------------------------------------
 
 
-def continued(programs: Callable[[int], Program], size: int, first: int, step: int) -> Program:
+def extrapolate_program(
+    programs: Callable[[int], Program], size: int, first: int, step: int
+) -> Program:
     """Return the program of `size` that those of first, first + step, first + 2 step continue.
 
     Raises:
         NotRegularError: they do not follow one pattern, in which every whole number is affine.
     """
     one, two, three = (programs(first + i * step) for i in range(3))
-    if _along(one, two, 2) != three:
+    if _extrapolate(one, two, 2) != three:
         raise NotRegularError(f"programs of {first}, {first + step}, ... differ irregularly")
     turns, left = divmod(size - first, step)
     if left:
         raise NotRegularError(f"{size} is not {first} plus a multiple of {step}")
-    return _along(one, two, turns)
+    return _extrapolate(one, two, turns)
 
 
-def _along(one: Any, two: Any, turns: int) -> Any:
+def _extrapolate(one: Any, two: Any, turns: int) -> Any:
     """Return one + turns (two - one), leaf by leaf."""
     if one is two:
         return one
     if isinstance(one, tuple):
         if not isinstance(two, tuple) or len(one) != len(two):
             raise NotRegularError("programs of different sizes have different shapes")
-        parts = [_along(x, y, turns) for x, y in zip(one, two, strict=True)]
+        parts = [_extrapolate(x, y, turns) for x, y in zip(one, two, strict=True)]
         return type(one)(*parts) if hasattr(one, "_fields") else tuple(parts)
     whole = isinstance(one, int) and not isinstance(one, bool) and isinstance(two, int)
     if whole:

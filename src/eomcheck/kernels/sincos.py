@@ -11,13 +11,13 @@ from __future__ import annotations
 
 import math
 
-from eomcheck.kernels.jit import features, has_sincos
-from eomcheck.kernels.llvm_builder import Code
+from eomcheck.kernels.jit import cpu_features, has_sincos
+from eomcheck.kernels.llvm_builder import IRBuilder
 
 REACH = 1e5
 """rad."""
 
-AT_ONCE = 4
+VECTOR_WIDTH = 4
 """Angles of one state in a vector: wider ones cost more than they bring before they are full."""
 
 PARTS = 1.5707963267341256e00, 6.0771005063039655e-11, 2.0222662487959506e-21
@@ -44,7 +44,7 @@ TO_WHOLE = 1.5 * 2.0**52
 """A number of moderate size plus this is rounded to a whole one, in the last bits of the sum."""
 
 
-def _called(flow: Code, code: Code, name: str, *x: str) -> tuple[str, str]:
+def _called(flow: IRBuilder, code: IRBuilder, name: str, *x: str) -> tuple[str, str]:
     """Return what a function of numbers `x` returns, cosines and sines."""
     both = f"{{ {code.real}, {code.real} }}"
     given = ", ".join(f"{code.real} {y}" for y in x)
@@ -53,7 +53,7 @@ def _called(flow: Code, code: Code, name: str, *x: str) -> tuple[str, str]:
     return cos, sin
 
 
-def _function(code: Code, name: str, cos: str, sin: str, *x: str) -> str:
+def _function(code: IRBuilder, name: str, cos: str, sin: str, *x: str) -> str:
     """Return the text of a function of numbers `x`, which returns cosines and sines."""
     both = f"{{ {code.real}, {code.real} }}"
     one = code.let(f"insertvalue {both} poison, {code.real} {cos}, 0")
@@ -63,19 +63,19 @@ def _function(code: Code, name: str, cos: str, sin: str, *x: str) -> str:
     return code.function(head, f"{both} {two}")
 
 
-def _by_function(flow: Code, code: Code, x: str) -> tuple[str, str]:
+def _by_function(flow: IRBuilder, code: IRBuilder, x: str) -> tuple[str, str]:
     """Return (cos x, sin x) by a function of this width."""
-    function = Code(code.width)
+    function = IRBuilder(code.width)
     text = _function(function, "sincos", *_inline(function, function, "%x"), "%x")
     flow.calls(*function.called, text)
     return _called(flow, code, "sincos", x)
 
 
-def _inline(flow: Code, code: Code, x: str) -> tuple[str, str]:
+def _inline(flow: IRBuilder, code: IRBuilder, x: str) -> tuple[str, str]:
     """Return (cos x, sin x); `flow` is the code that is written, `code` that of the width of x."""
-    library = Code(code.width)
+    library = IRBuilder(code.width)
     flow.calls(_by_library(library))
-    if not features()[2]:
+    if not cpu_features()[2]:
         return _called(flow, code, "library", x, x, x)
     fast = _reduced(code, x)
     yes, after = flow.labels("beyond", "after")
@@ -92,12 +92,12 @@ def _inline(flow: Code, code: Code, x: str) -> tuple[str, str]:
     return cos, sin
 
 
-def _beyond(code: Code, x: str) -> str:
+def _beyond(code: IRBuilder, x: str) -> str:
     """Return where x is too large for `_reduced`, or no number."""
     return code.compare("ugt", code.call("fabs", x), code.constant(REACH))
 
 
-def _reduced(code: Code, x: str) -> tuple[str, str]:
+def _reduced(code: IRBuilder, x: str) -> tuple[str, str]:
     """Return (cos x, sin x) of angles that are not too large."""
 
     def fma(x: str, y: str, z: str) -> str:
@@ -142,7 +142,7 @@ def _reduced(code: Code, x: str) -> tuple[str, str]:
     )
 
 
-def _by_library(code: Code) -> str:
+def _by_library(code: IRBuilder) -> str:
     """Return the function (x, cos x, sin x) that asks the C library where `_reduced` cannot tell.
 
     On a machine that cannot multiply and add at once that is everywhere.
@@ -150,7 +150,7 @@ def _by_library(code: Code) -> str:
     rooms = cos, sin = [code.let(f"alloca {code.real}") for _ in range(2)]
     for room, x in zip(rooms, ("%cos", "%sin"), strict=True):
         code.store(x, room)
-    where = _beyond(code, "%x") if features()[2] else code.splat_of("i1 true")
+    where = _beyond(code, "%x") if cpu_features()[2] else code.splat_of("i1 true")
     for lane in range(code.width):
         with code.when(code.lane_of_condition(where, lane)):
             places = (code.at(room, lane, "double") for room in (cos, sin))
@@ -158,7 +158,7 @@ def _by_library(code: Code) -> str:
     return _function(code, "library", *map(code.load, rooms), "%x", "%cos", "%sin")
 
 
-def library_call(code: Code, angle: str, cos: str, sin: str) -> None:
+def library_call(code: IRBuilder, angle: str, cos: str, sin: str) -> None:
     """Write the cosine and sine of an angle, by the C library, to two addresses."""
     if has_sincos():
         code.do(f"call void @sincos(double {angle}, ptr {sin}, ptr {cos})")
@@ -167,9 +167,9 @@ def library_call(code: Code, angle: str, cos: str, sin: str) -> None:
         code.do(f"store double {code.let(f'call double @{name}(double {angle})')}, ptr {place}")
 
 
-def of_values(code: Code, x: list[str]) -> list[str]:
+def cos_and_sin(code: IRBuilder, x: list[str]) -> list[str]:
     """Return the cosines, then the sines, of a few values."""
-    wide = code if code.width > 1 or len(x) == 1 else code.wider(AT_ONCE)
+    wide = code if code.width > 1 or len(x) == 1 else code.wider(VECTOR_WIDTH)
     step = wide.width // code.width
     made = _inline if len(x) <= step else _by_function
     found: list[list[str]] = [[], []]
@@ -181,7 +181,7 @@ def of_values(code: Code, x: list[str]) -> list[str]:
     return [*found[0], *found[1]]
 
 
-def _padded(wide: Code, doubles: list[str]) -> str:
+def _padded(wide: IRBuilder, doubles: list[str]) -> str:
     """Return doubles as a number of more lanes, which are 0."""
     out = "zeroinitializer"
     for i, x in enumerate(doubles):
@@ -189,14 +189,14 @@ def _padded(wide: Code, doubles: list[str]) -> str:
     return out
 
 
-def room(count: int) -> int:
+def padded_count(count: int) -> int:
     """Return how many numbers `write` writes for `count` angles: whole vectors."""
-    return -(-count // AT_ONCE) * AT_ONCE
+    return -(-count // VECTOR_WIDTH) * VECTOR_WIDTH
 
 
-def write(code: Code, x: str, cos: str, sin: str, count: int) -> None:
+def write(code: IRBuilder, x: str, cos: str, sin: str, count: int) -> None:
     """Write the cosines and sines of `count` numbers at x to the addresses `cos` and `sin`."""
-    wide = code if code.width > 1 else code.wider(AT_ONCE)
+    wide = code if code.width > 1 else code.wider(VECTOR_WIDTH)
     step = wide.width // code.width
     full, left = divmod(count, step)
 

@@ -1,9 +1,9 @@
 """Discrepancies between our numbers and a library's at one state, and their known explanations.
 
-A `Parting` holds M, bias, gravity, forces and q̈ of both sides at one state. Each reason is a
-function of it that yields a `Why` if the numbers show its pattern: damping left out, an armature on
-the diagonal of M, a multiple of our gravity, a joint axis reversed, another velocity of the free
-base, or bodies that a file describes in a way that libraries read differently.
+A `Discrepancy` holds M, bias, gravity, forces and q̈ of both sides at one state. Each reason is a
+function of it that yields a `Explanation` if the numbers show its pattern: damping left out, an
+armature on the diagonal of M, a multiple of our gravity, a joint axis reversed, another velocity of
+the free base, or bodies that a file describes in a way that libraries read differently.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eomcheck.engines.file_engine import Description, few
+from eomcheck.engines.file_engine import RobotDescription, few
 from eomcheck.engines.floating_base import AXES, FREE, BaseVelocity, FreeBase
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, largest
 from eomcheck.numbers.generic import Array
@@ -25,7 +25,7 @@ CLOSE, ROUNDED = 1e-8, 1e-13
 TERMS = "M", "bias", "gravity"
 
 
-def scale_of(entry: float, summed: float) -> float:
+def relative_scale(entry: float, summed: float) -> float:
     """Scale of relative differences: the largest entry, or the terms that cancelled.
 
     Args:
@@ -36,7 +36,7 @@ def scale_of(entry: float, summed: float) -> float:
     return summed if entry < INCONCLUSIVE * summed else entry
 
 
-class Parting(NamedTuple):
+class Discrepancy(NamedTuple):
     """What we and a library say at one state.
 
     Attributes:
@@ -50,7 +50,7 @@ class Parting(NamedTuple):
             is taken to tell it; None where the base is held.
     """
 
-    description: Description
+    description: RobotDescription
     joints: tuple[str, ...]
     v: Array
     ours: dict[str, Array]
@@ -64,7 +64,7 @@ class Parting(NamedTuple):
 
     def same(self, name: str, tolerance: float = CLOSE) -> bool:
         """Return whether they agree but for digits."""
-        scale = scale_of(largest(self.ours[name]), self.summed.get(name, 0.0))
+        scale = relative_scale(largest(self.ours[name]), self.summed.get(name, 0.0))
         return largest(self.error(name)) <= tolerance * max(scale, 1e-300)
 
     @property
@@ -93,7 +93,7 @@ class Parting(NamedTuple):
         return largest(others) <= close and bool(along.all())
 
 
-class Why(NamedTuple):
+class Explanation(NamedTuple):
     """What explains a difference.
 
     Attributes:
@@ -107,7 +107,7 @@ class Why(NamedTuple):
 
 # ---- Reasons -------------------------------------------------------------------------------------
 
-Reason = Callable[[Parting], Iterator[Why]]
+Reason = Callable[[Discrepancy], Iterator[Explanation]]
 _REASONS: list[Reason] = []
 
 
@@ -116,29 +116,29 @@ def _reason(function: Reason) -> Reason:
     return function
 
 
-def reasons(parting: Parting) -> list[Why]:
+def explain(parting: Discrepancy) -> list[Explanation]:
     """Return what explains a difference, as far as it is known."""
     return [said for one in _REASONS for said in one(parting)]
 
 
 @_reason
-def _digits(at: Parting) -> Iterator[Why]:
+def _digits(at: Discrepancy) -> Iterator[Explanation]:
     """Yield that terms agree to many digits."""
     if at.terms_agree and not all(at.same(name, ROUNDED) for name in TERMS):
         whole = all(at.same(name) for name in at.ours) or at.leaves_out_damping
         said = "the same but for digits: more than doubles round, less than 1e-8"
-        yield Why(said, "fewer digits" if whole else "")
+        yield Explanation(said, "fewer digits" if whole else "")
 
 
 @_reason
-def _damping(at: Parting) -> Iterator[Why]:
+def _damping(at: Discrepancy) -> Iterator[Explanation]:
     """Yield that it knows no damping."""
     if at.leaves_out_damping:
-        yield Why(f"leaves out the damping of {_joints(at, at.damped)}", "no damping")
+        yield Explanation(f"leaves out the damping of {_joints(at, at.damped)}", "no damping")
 
 
 @_reason
-def _armature(at: Parting) -> Iterator[Why]:
+def _armature(at: Discrepancy) -> Iterator[Explanation]:
     """Yield that M differs on its diagonal alone."""
     if at.same("M"):
         return
@@ -148,22 +148,24 @@ def _armature(at: Parting) -> Iterator[Why]:
         rounding = ROUNDED * largest(at.ours["M"])
         explained = np.maximum(rounding, CLOSE * np.abs(np.diagonal(at.ours["M"])))
         where = [int(i) for i in np.flatnonzero(np.abs(np.diagonal(error)) > explained)]
-        yield Why(f"adds to the diagonal of M alone, as an armature does: {_joints(at, where)}")
+        yield Explanation(
+            f"adds to the diagonal of M alone, as an armature does: {_joints(at, where)}"
+        )
 
 
 @_reason
-def _gravity(at: Parting) -> Iterator[Why]:
+def _gravity(at: Discrepancy) -> Iterator[Explanation]:
     """Yield that gravity is another number."""
     ours, theirs = at.ours["gravity"], at.theirs["gravity"]
     if at.same("gravity") or not ours.any():
         return
     factor = float(ours @ theirs / (ours @ ours))
     if largest(theirs - factor * ours) <= CLOSE * largest(ours):
-        yield Why(f"has {factor:.6g} times our gravity")
+        yield Explanation(f"has {factor:.6g} times our gravity")
 
 
 @_reason
-def _axes(at: Parting) -> Iterator[Why]:
+def _axes(at: Discrepancy) -> Iterator[Explanation]:
     """Yield that some joints turn the other way round.
 
     M is the same if all others do instead: gravity tells which, unless it vanishes.
@@ -181,11 +183,11 @@ def _axes(at: Parting) -> Iterator[Why]:
             fitting.append((largest(weight) > CLOSE * largest(at.ours["gravity"]), flipped))
     if fitting:
         _, flipped = min(fitting, key=lambda one: one[0])
-        yield Why(f"has the opposite axis: {_joints(at, list(flipped))}")
+        yield Explanation(f"has the opposite axis: {_joints(at, list(flipped))}")
 
 
 @_reason
-def _base_frame(at: Parting) -> Iterator[Why]:
+def _base_frame(at: Discrepancy) -> Iterator[Explanation]:
     """Yield that the velocity of a free base is along other axes than it is taken for."""
     if at.free is None or at.same("M"):
         return
@@ -199,28 +201,30 @@ def _base_frame(at: Parting) -> Iterator[Why]:
         if other != told and largest(at.theirs["M"] - M) <= CLOSE * largest(at.ours["M"]):
             found.append(other)
     if len(found) == 1:  # while the base is not turned, all axes are the same
-        yield Why(f"has another velocity of the base: {found[0]}, not {told}")
+        yield Explanation(f"has another velocity of the base: {found[0]}, not {told}")
 
 
 @_reason
-def _odd_bodies(at: Parting) -> Iterator[Why]:
+def _odd_bodies(at: Discrepancy) -> Iterator[Explanation]:
     """Yield what bodies the file has that libraries make something else of."""
     if at.same("M"):
         return
     if at.description.massless:
         names = few(at.description.massless)
-        yield Why(
+        yield Explanation(
             f"the file has moments of inertia without mass ({names}), which libraries may drop"
         )
     if at.description.impossible:
         names = few(at.description.impossible)
-        yield Why(
+        yield Explanation(
             f"the file has inertias that no body can have ({names}), which libraries may change"
         )
     if at.description.empty:
         names = few(at.description.empty)
-        yield Why(f"the file has links without inertia ({names}), to which libraries may give some")
+        yield Explanation(
+            f"the file has links without inertia ({names}), to which libraries may give some"
+        )
 
 
-def _joints(at: Parting, places: list[int]) -> str:
+def _joints(at: Discrepancy, places: list[int]) -> str:
     return few([at.joints[i] for i in places])

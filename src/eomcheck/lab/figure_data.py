@@ -17,7 +17,7 @@ import numpy as np
 from scipy.linalg import null_space
 
 from eomcheck.errors import InputError
-from eomcheck.evaluation.dynamics import closed_position, consistent_velocity
+from eomcheck.evaluation.dynamics import assembled_position, consistent_velocity
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import Formulation, em
 from eomcheck.mechanics.parameters import with_parameters
@@ -25,7 +25,7 @@ from eomcheck.mechanics.scene import Scene
 from eomcheck.mechanics.sketch import Sketch
 from eomcheck.numbers.generic import Array
 from eomcheck.numbers.linear import SOLVERS
-from eomcheck.scene_lookup import ROBOTS, kind_of, scene_of
+from eomcheck.scene_lookup import ROBOTS, scene_class_named, scene_named
 
 # ---- Poses and motions ---------------------------------------------------------------------------
 
@@ -44,12 +44,12 @@ def scene_to_draw(
         given: parameters that are other than usual.
 
     Raises:
-        UnknownNameError, InputError: see `eomcheck.scene_lookup.scene_of`.
+        UnknownNameError, InputError: see `eomcheck.scene_lookup.scene_named`.
     """
     if name in ROBOTS:
-        scene = scene_of(name, links, given)
+        scene = scene_named(name, links, given)
         return scene, scene.initial_state()[0]
-    scene, q = sketched(kind_of(name), links)
+    scene, q = scene_and_pose(scene_class_named(name), links)
     return with_parameters(scene, given or {}), q
 
 
@@ -65,7 +65,7 @@ def sketch_of(scene: Scene, q: np.ndarray, t: float = 0.0) -> Sketch:
     return sketch
 
 
-def sketched(kind: type[Scene], links: int | None = None) -> tuple[Scene, np.ndarray]:
+def scene_and_pose(kind: type[Scene], links: int | None = None) -> tuple[Scene, np.ndarray]:
     """Return the scene of a kind and the pose q (n,) that pictures show.
 
     Raises:
@@ -76,14 +76,14 @@ def sketched(kind: type[Scene], links: int | None = None) -> tuple[Scene, np.nda
     return kind.sketched(links)
 
 
-def posed(scene: Scene, q: np.ndarray) -> tuple[Sketch, tuple[str, ...]]:
+def posed_sketch(scene: Scene, q: np.ndarray) -> tuple[Sketch, tuple[str, ...]]:
     """Return the sketch of a scene in the closed pose next to q (n,), and its coordinates' names.
 
     Raises:
         InputError: it does not say what it looks like.
         RefusedError: there is no such pose.
     """
-    return sketch_of(scene, closed_position(scene, q)), scene.coordinate_names
+    return sketch_of(scene, assembled_position(scene, q)), scene.coordinate_names
 
 
 def sketches_of_motion(
@@ -119,7 +119,7 @@ def moving_state(
     In the closed pose next to q (n,); the components of v along a basis of what the constraints
     allow are 1, 1/2, 1/3 ..., so that no entry vanishes by chance of the state.
     """
-    q = closed_position(scene, q)
+    q = assembled_position(scene, q)
     at = Evaluation(scene, q, np.zeros(scene.n))
     if at.terms.a is None:
         return scene, formulation, q, 1 / np.arange(1.0, scene.n + 1)
@@ -170,7 +170,7 @@ class Structure(NamedTuple):
 # ---- Matrices as they are solved -----------------------------------------------------------------
 
 
-class Seen(float):
+class RecordingFloat(float):
     """A double that remains one in arrays of objects, so that `solve` asks here."""
 
 
@@ -179,13 +179,13 @@ def _staying(name: str) -> Callable:
 
     def operation(*numbers: Any) -> Any:
         found = of_floats(*map(float, numbers))
-        return Seen(found)
+        return RecordingFloat(found)
 
     return operation
 
 
 for _name in ("add", "radd", "sub", "rsub", "mul", "rmul", "truediv", "rtruediv", "neg"):
-    setattr(Seen, f"__{_name}__", _staying(f"__{_name}__"))
+    setattr(RecordingFloat, f"__{_name}__", _staying(f"__{_name}__"))
 
 _solved: ContextVar[list[tuple[str, Array]]] = ContextVar("solved")
 
@@ -193,20 +193,20 @@ _solved: ContextVar[list[tuple[str, Array]]] = ContextVar("solved")
 def _solve(A: Array, b: Array, name: str) -> Array:
     matrix = A.astype(float)
     _solved.get().append((name, matrix))
-    return _seen(np.linalg.solve(matrix, b.astype(float)))
+    return _as_recording(np.linalg.solve(matrix, b.astype(float)))
 
 
-SOLVERS[Seen] = _solve
+SOLVERS[RecordingFloat] = _solve
 
 
-def _seen(x: Any) -> Any:
+def _as_recording(x: Any) -> Any:
     """Return arrays of doubles as arrays of such numbers; all else, such as indices, as it is."""
     if isinstance(x, np.ndarray) and x.dtype == float:
-        return np.array([Seen(entry) for entry in x.flat], dtype=object).reshape(x.shape)
+        return np.array([RecordingFloat(entry) for entry in x.flat], dtype=object).reshape(x.shape)
     return x
 
 
-class _Watched(Evaluation):
+class _RecordingEvaluation(Evaluation):
     """Quantities in doubles; formulations run on numbers whose matrices are seen."""
 
     def solved_by(self, formulation: Formulation) -> list[tuple[str, Array]]:
@@ -222,7 +222,7 @@ class _Watched(Evaluation):
     def call(self, function: Callable, *arguments: Any) -> Any:
         if _solved.get(None) is None:
             return super().call(function, *arguments)
-        return function(*map(_seen, arguments))
+        return function(*map(_as_recording, arguments))
 
 
 # ---- Blocks --------------------------------------------------------------------------------------
@@ -243,7 +243,7 @@ def structure_of(scene: Scene, formulation: Formulation, q: Array, v: Array) -> 
     """
     if not formulation.applies_to(scene):
         raise InputError(f"{formulation.key} does not apply to {scene.name}")
-    at = _Watched(scene, q, v)
+    at = _RecordingEvaluation(scene, q, v)
     read = dict(_read(at, formulation))  # in doubles, before numbers change
     known = _known(at, formulation)
     found = at.solved_by(formulation)
@@ -280,7 +280,7 @@ def _known(at: Evaluation, formulation: Formulation) -> list[Known]:
         known += [("a", a), ("-a", -a), ("-aᵀ", -a.T), ("a M⁻¹ aᵀ", a @ np.linalg.solve(M, a.T))]
         known += [("a₁", a[:, first]), ("a′ᵀ", a[:, first].T)]
         if formulation.partitioned:
-            w, _ = em.embedding(a, gamma, at.partition)
+            w, _ = em.partition_embedding(a, gamma, at.partition)
             known += [("wᵀ M", w.T @ M), ("wᵀ M w", w.T @ M @ w)]
     if formulation.uses == "chain":
         chain = at.chain

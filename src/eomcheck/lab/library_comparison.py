@@ -1,9 +1,9 @@
 """Comparison of the libraries that read one robot description: differences and reasons.
 
-`compare` draws random states of a URDF or MJCF file and asks eomcheck and every library for M,
-bias, gravity, forces and q̈ at each. The claims judge each difference against the rounding error; a
-`Comparison` holds the largest difference of any two per quantity, the worst finding per library and
-claim, and the reasons of `eomcheck.lab.discrepancy`.
+`compare_libraries` draws random states of a URDF or MJCF file and asks eomcheck and every library
+for M, bias, gravity, forces and q̈ at each. The claims judge each difference against the rounding
+error; a `LibraryComparison` holds the largest difference of any two per quantity, the worst finding
+per library and claim, and the reasons of `eomcheck.lab.discrepancy`.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ import numpy as np
 from eomcheck import strategies
 from eomcheck.calls import call
 from eomcheck.claims import CLAIMS
-from eomcheck.claims.finding import DECIDED, Finding, Left, unresolved
-from eomcheck.claims.run import Run, Selection
+from eomcheck.claims.finding import DECIDED, Finding, Unresolved, unresolved_by_claim
+from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.engines import Answers, Engine, EngineFault, version_of
 from eomcheck.engines.answers import inertia_size, weight_size
@@ -27,8 +27,8 @@ from eomcheck.errors import EngineError, InputError, RefusedError, UnknownNameEr
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.discrepancy import Parting, Why, reasons, scale_of
-from eomcheck.lab.strategy_samples import draw
+from eomcheck.lab.discrepancy import Discrepancy, Explanation, explain, relative_scale
+from eomcheck.lab.strategy_samples import draw_samples
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
@@ -37,7 +37,7 @@ from eomcheck.numbers.generic import Array
 
 
 @dataclass
-class Comparison:
+class LibraryComparison:
     """What came of one robot.
 
     Attributes:
@@ -67,14 +67,14 @@ class Comparison:
     apart: dict[str, Array] = field(default_factory=dict)
     findings: dict[tuple[str, str], Finding] = field(default_factory=dict)
     faults: dict[tuple[str, str], str] = field(default_factory=dict)
-    why: dict[str, list[Why]] = field(default_factory=dict)
+    why: dict[str, list[Explanation]] = field(default_factory=dict)
     said: dict[str, list[str]] = field(default_factory=dict)
     decided: dict[str, bool] = field(default_factory=dict)
     unsure: Counter[tuple[str, str]] = field(default_factory=Counter)
     states: int = 0
     skipped: list[str] = field(default_factory=list)
     own: list[Finding] = field(default_factory=list)
-    hidden: dict[tuple[str, str], list[Left]] = field(default_factory=dict)
+    hidden: dict[tuple[str, str], list[Unresolved]] = field(default_factory=dict)
 
     @property
     def failed(self) -> list[Finding]:
@@ -148,7 +148,7 @@ QUANTITIES = {
 """What is compared -> what an engine is asked; gravity is what forces are at rest."""
 
 
-def ours_at(found: Comparison, at: Evaluation) -> dict[str, Array]:
+def reference_quantities(found: LibraryComparison, at: Evaluation) -> dict[str, Array]:
     """Return our quantities, without q̈ where it is refused; the reason is kept.
 
     Constraints that depend on each other, or a singular M, leave M, bias and forces to compare.
@@ -166,7 +166,7 @@ def ours_at(found: Comparison, at: Evaluation) -> dict[str, Array]:
     return ours
 
 
-def summed_at(at: Evaluation) -> dict[str, float]:
+def summand_sizes(at: Evaluation) -> dict[str, float]:
     """Return the size of the terms that a library may sum to each quantity.
 
     0 of M and of q̈, for which the entries themselves count.
@@ -175,8 +175,8 @@ def summed_at(at: Evaluation) -> dict[str, float]:
     return dict(zip(QUANTITIES, (0.0, B, Q, Q, 0.0), strict=True))
 
 
-def theirs_at(
-    found: Comparison, key: str, engine: FileEngine, at: Evaluation, names: Iterable[str]
+def library_quantities(
+    found: LibraryComparison, key: str, engine: FileEngine, at: Evaluation, names: Iterable[str]
 ) -> dict[str, Array]:
     """Answers of a library by quantity; its faults are kept in `found`."""
     answers, (q, v, t), zero = Answers(engine), (at.q, at.v, at.t), np.zeros(at.scene.n)
@@ -194,25 +194,25 @@ def theirs_at(
         except EngineFault as fault:
             if (key, name) not in found.faults:
                 found.faults[key, name] = fault.what
-                found.why[key].append(Why(f"gives no {name}: {fault.what}", f"no {name}"))
+                found.why[key].append(Explanation(f"gives no {name}: {fault.what}", f"no {name}"))
         else:
             told[name] = answer.vdot if name == "q̈" else answer
     return told
 
 
-def apart(x: Array | None, y: Array | None, summed: float = 0.0) -> float:
-    """Return the largest difference, relative; see `scale_of`. NaN where one is not known."""
+def relative_difference(x: Array | None, y: Array | None, summed: float = 0.0) -> float:
+    """Return the largest difference, relative; see `relative_scale`. NaN where one is not known."""
     if x is None or y is None:
         return np.nan
-    scale = scale_of(max(largest(x), largest(y)), summed)
+    scale = relative_scale(max(largest(x), largest(y)), summed)
     return largest(x - y) / scale if scale > 0 else 0.0
 
 
 # ---- Comparing -----------------------------------------------------------------------------------
 
-OURS = "eomcheck"
+REFERENCE_NAME = "eomcheck"
 
-OWN = "kinetic-energy", "power-balance"
+SELF_CHECKS = "kinetic-energy", "power-balance"
 """Claims by which our two derivations are compared where a library differs from them."""
 
 
@@ -232,13 +232,13 @@ def readers(scene: Scene, names: Iterable[str] | None) -> dict[str, type[FileEng
     return known if names is None else {name: known[name] for name in names}
 
 
-def compare(
+def compare_libraries(
     scene: Scene,
     engines: Iterable[str] | None = None,
     states: int = 20,
     seed: int = 0,
     advance: Callable[[], None] = lambda: None,
-) -> Comparison:
+) -> LibraryComparison:
     """Compare how libraries read the file of a scene, and their equations of motion.
 
     Args:
@@ -253,7 +253,7 @@ def compare(
         EngineError: a library that was named is not installed.
         UnknownNameError: there is none of a name.
     """
-    found, made = Comparison(scene), {}
+    found, made = LibraryComparison(scene), {}
     for key, kind in readers(scene, engines).items():
         try:
             found.versions[key] = version_of(kind)
@@ -270,16 +270,16 @@ def compare(
             found.refused[key] = message_of(error)
             del found.versions[key]
     if not made:
-        raise InputError(f"nothing to compare {scene.name} with: " + _told(found.refused))
+        raise InputError(f"nothing to compare {scene.name} with: " + _refusals_text(found.refused))
     asked = [one.id for one in CLAIMS.values() if one.asks in QUANTITIES.values()]
     kinds = [type(engine) for engine in made.values()]
-    run, selection = Run(), Selection.of(["gw"], kinds, asked, scenes=[scene])
-    for state in draw(strategies.states(scene), states, seed):
-        _look(found, made, state, run.look_at(scene, state, selection))
+    run, selection = ValidationRun(), RunSelection.of(["gw"], kinds, asked, scenes=[scene])
+    for state in draw_samples(strategies.states(scene), states, seed):
+        _compare_at(found, made, state, run.look_at(scene, state, selection))
         found.states += 1
         advance()
     keys: dict[type[Engine] | None, str] = {type(engine): key for key, engine in made.items()}
-    for claim, left in unresolved(run.findings).items():
+    for claim, left in unresolved_by_claim(run.findings).items():
         if len(found.skipped) == found.states and CLAIMS[claim].asks == "acceleration":
             continue  # it is said that q̈ is not compared, and why
         for one in left:
@@ -293,20 +293,20 @@ def _worse(one: Finding, other: Finding) -> bool:
     return (one.verdict == "failed", one.ratio) > (other.verdict == "failed", other.ratio)
 
 
-def _told(refused: dict[str, str]) -> str:
+def _refusals_text(refused: dict[str, str]) -> str:
     return "; ".join(f"{key}: {why}" for key, why in refused.items())
 
 
-def _look(
-    found: Comparison, made: dict[str, FileEngine], state: State, findings: Iterable[Finding]
+def _compare_at(
+    found: LibraryComparison, made: dict[str, FileEngine], state: State, findings: Iterable[Finding]
 ) -> None:
     """Compare at one state, at which claims have come to these findings."""
     scene = found.scene
     at = Evaluation(scene, *state)
     kinds: dict[type[Engine], str] = {type(engine): key for key, engine in made.items()}
     by_library = [(kinds[one.engine], one) for one in findings if one.engine in kinds]
-    ours, summed = ours_at(found, at), summed_at(at)
-    theirs = {key: theirs_at(found, key, engine, at, ours) for key, engine in made.items()}
+    ours, summed = reference_quantities(found, at), summand_sizes(at)
+    theirs = {key: library_quantities(found, key, engine, at, ours) for key, engine in made.items()}
     # Where rounding explains any difference there is no number to show.
     unsure = {
         (key, CLAIMS[one.claim].asks) for key, one in by_library if one.verdict == "inconclusive"
@@ -317,7 +317,7 @@ def _look(
     for name, method in QUANTITIES.items():
         said = [ours.get(name)]
         said += [None if (x, method) in unsure else told.get(name) for x, told in theirs.items()]
-        table = np.array([[apart(x, y, summed[name]) for y in said] for x in said])
+        table = np.array([[relative_difference(x, y, summed[name]) for y in said] for x in said])
         found.apart[name] = np.fmax(found.apart.get(name, table), table)
     bad = set()
     for key, one in by_library:
@@ -330,13 +330,13 @@ def _look(
             found.findings[key, one.claim] = one
     description = next(iter(made.values())).description
     if bad:
-        own = Selection.of(["gw"], [], OWN, scenes=[scene])
-        seen = Run().look_at(scene, state, own)
+        own = RunSelection.of(["gw"], [], SELF_CHECKS, scenes=[scene])
+        seen = ValidationRun().look_at(scene, state, own)
         found.own += [one for one in seen if one.verdict == "failed"]
     for key, told in theirs.items():
         if key not in bad or told.keys() != ours.keys():
             continue
-        parting = Parting(
+        parting = Discrepancy(
             description,
             scene.coordinate_names,
             state.v,
@@ -345,6 +345,6 @@ def _look(
             summed,
             made[key].free_base(*state[:2]),
         )
-        for why in reasons(parting):
+        for why in explain(parting):
             if why not in found.why[key]:
                 found.why[key].append(why)

@@ -33,7 +33,7 @@ Repeats = Annotated[int, "Timed runs; the median counts."]
 Seed = Annotated[int, "Seed of the draws."]
 
 
-def whole_numbers(text: str) -> list[int]:
+def parse_whole_numbers(text: str) -> list[int]:
     """Return the numbers of "3", "1..12" or "1..12,20,50".
 
     Raises:
@@ -41,12 +41,12 @@ def whole_numbers(text: str) -> list[int]:
     """
     numbers: set[int] = set()
     for part in text.split(","):
-        low, high = interval(part)
+        low, high = parse_interval(part)
         numbers |= set(range(low, high + 1))
     return sorted(numbers)
 
 
-def interval(text: str) -> tuple[int, int]:
+def parse_interval(text: str) -> tuple[int, int]:
     """Return (low, high) of "3" or "1..12".
 
     Raises:
@@ -63,7 +63,7 @@ def interval(text: str) -> tuple[int, int]:
     return low, high
 
 
-def listed(texts: Iterable[str] | None) -> list[str] | None:
+def split_list(texts: Iterable[str] | None) -> list[str] | None:
     """Return what was given as "a,b" or repeated as one list; None of nothing given.
 
     A name in a file (with a colon in it) is never taken apart.
@@ -83,7 +83,9 @@ def listed(texts: Iterable[str] | None) -> list[str] | None:
     return names
 
 
-def numbers(name: str, texts: Iterable[str] | None, kind: Callable[[str], T] = float) -> list[T]:
+def parse_numbers(
+    name: str, texts: Iterable[str] | None, kind: Callable[[str], T] = float
+) -> list[T]:
     """Return the numbers given as "1,0.5" or repeated, in order.
 
     Args:
@@ -95,7 +97,7 @@ def numbers(name: str, texts: Iterable[str] | None, kind: Callable[[str], T] = f
         InputError: one of them is none.
     """
     found = []
-    for text in listed(texts) or []:
+    for text in split_list(texts) or []:
         try:
             found.append(kind(text))
         except ValueError:
@@ -104,7 +106,7 @@ def numbers(name: str, texts: Iterable[str] | None, kind: Callable[[str], T] = f
     return found
 
 
-def parameters(texts: Iterable[str] | None) -> dict[str, list[float] | None]:
+def parse_parameters(texts: Iterable[str] | None) -> dict[str, list[float] | None]:
     """Return the parameters that were given as "name=1,0.5", None of "name=none".
 
     Raises:
@@ -119,7 +121,7 @@ def parameters(texts: Iterable[str] | None) -> dict[str, list[float] | None]:
             raise InputError(f"set: {name} is given twice, expected {name}=1,2,3 for a list")
         if not value.strip(", "):
             raise InputError(f"set = {text!r}, expected a number after {name}=")
-        found[name] = None if value == "none" else numbers(name, [value])
+        found[name] = None if value == "none" else parse_numbers(name, [value])
     return found
 
 

@@ -20,12 +20,18 @@ from eomcheck.console import progress
 from eomcheck.errors import MOST_COUNTED, InputError, whole_number
 from eomcheck.formulations import formulation_of, formulations_among
 from eomcheck.lab.show.document_text import write_json
-from eomcheck.lab.store.parallel_map import spread
+from eomcheck.lab.store.parallel_map import parallel_map
 from eomcheck.lab.store.provenance import sources
 from eomcheck.lab.store.record_file import Record, Records, group
-from eomcheck.lab.store.stored_findings import PROOFS, Kept, kept_in, kept_of, record_of
+from eomcheck.lab.store.stored_findings import (
+    PROOFS,
+    StoredFinding,
+    findings_record,
+    stored_findings,
+    stored_findings_in,
+)
 from eomcheck.mechanics.scene import Scene
-from eomcheck.scene_lookup import ALL, kinds_of
+from eomcheck.scene_lookup import ALL, scene_classes_named
 
 # ---- Jobs ----------------------------------------------------------------------------------------
 
@@ -60,7 +66,7 @@ def proof_jobs(
     """Return the jobs for the kinds of scenes that `scene` stands for.
 
     Args:
-        scene: a name, see `eomcheck.scene_lookup.kinds_of`.
+        scene: a name, see `eomcheck.scene_lookup.scene_classes_named`.
         links: numbers of links, for kinds that have one; by default `LINKS`.
         points: random points per identity.
         seed: of the draws, or None for one by the operating system.
@@ -70,7 +76,7 @@ def proof_jobs(
         InputError: `points` below 1, no such number of links, or a formulation that does not apply.
         UnknownNameError: no such scene or formulation.
     """
-    kinds = kinds_of(scene)
+    kinds = scene_classes_named(scene)
     points = whole_number("points", points, most=MOST_COUNTED)
     chosen = tuple(formulation.key for formulation in formulations_among(kinds, formulations))
     scenes = tuple(
@@ -106,12 +112,14 @@ WORTH_A_PROCESS = 40
 """Below this number of coordinates a proof takes less time than a process to start."""
 
 
-def _prove(scene: Scene, formulations: tuple[str, ...], points: int, seed: int) -> list[Kept]:
+def _prove(
+    scene: Scene, formulations: tuple[str, ...], points: int, seed: int
+) -> list[StoredFinding]:
     chosen = tuple(f for f in map(formulation_of, formulations) if f.applies_to(scene))
-    return kept_of(prove_structure(scene, chosen, points, seed), scene.key)
+    return stored_findings(prove_structure(scene, chosen, points, seed), scene.key)
 
 
-def _row(one: Kept) -> dict[str, Any]:
+def _row(one: StoredFinding) -> dict[str, Any]:
     """Return a Finding on a structure for JSON, as `Finding.as_dict` does."""
     names = ("claim", "subject", "structure", "observed", "allowed", "verdict", "evidence")
     row = {name: getattr(one, name) for name in (*names, "detail")}
@@ -145,7 +153,7 @@ class Proofs:
     ):
         self.jobs, self.path, self.where, self.records = jobs, path, where, records
         self.seed = new_seed() if jobs.seed is None else jobs.seed
-        self.findings: dict[str, list[Kept]] = {}
+        self.findings: dict[str, list[StoredFinding]] = {}
         self.taken_over = 0
         self.started_over = False
 
@@ -177,7 +185,7 @@ class Proofs:
                     self._keep(found, unfinished)
                     advance()
 
-    def _proved(self, scenes: list[Scene]) -> Iterator[tuple[str, list[Kept]]]:
+    def _proved(self, scenes: list[Scene]) -> Iterator[tuple[str, list[StoredFinding]]]:
         how = self.jobs.formulations, self.jobs.points, self.seed
         large = [scene for scene in scenes if scene.n >= WORTH_A_PROCESS]
         for scene in scenes:
@@ -187,7 +195,7 @@ class Proofs:
             return
         names = ("formulations", "points", "seed")
         prove = partial(_prove, **dict(zip(names, how, strict=True)))
-        for scene, found in spread(self.where, prove, large):
+        for scene, found in parallel_map(self.where, prove, large):
             yield scene.structure, found
 
     @property
@@ -219,7 +227,7 @@ class Proofs:
         if header and self.jobs.seed is None:
             self.seed = header[0].settings["seed"]
         if [one.settings for one in header] == [self._header()]:
-            found = group(kept_in(unfinished.all()), lambda one: one.structure)
+            found = group(stored_findings_in(unfinished.all()), lambda one: one.structure)
             wanted = [scene.structure for scene in self.jobs.scenes]
             self.findings = {key: found[key] for key in wanted if key in found}
             return
@@ -228,10 +236,10 @@ class Proofs:
             unfinished.forget(study, [one.settings for one in unfinished.all(study)])
         unfinished.add(Record(JOBS, self._header()))
 
-    def _keep(self, found: list[Kept], *more: Records) -> None:
+    def _keep(self, found: list[StoredFinding], *more: Records) -> None:
         for records in (*more, self.records):
             if records is not None:
-                records.add(record_of(found))
+                records.add(findings_record(found))
 
     def write(self) -> None:
         """Write everything to `path` and drop the unfinished file."""

@@ -17,16 +17,16 @@ import numpy as np
 
 from eomcheck import __version__
 from eomcheck.console import progress
-from eomcheck.errors import InputError, named
-from eomcheck.lab.show.table import Cell, Sheet
-from eomcheck.lab.store.parallel_map import spread
+from eomcheck.errors import InputError, registered
+from eomcheck.lab.show.table import Cell, ResultTable
+from eomcheck.lab.store.parallel_map import parallel_map
 from eomcheck.mechanics.scene import Scene
-from eomcheck.motion.reference import consistent_velocity, extended_reference, taylor_reference
+from eomcheck.motion.reference import extended_reference, extended_velocity, taylor_reference
 from eomcheck.motion.reference_io import (
     Reference,
     difference,
     load_reference,
-    reference_of,
+    reference_from_runs,
     save_reference,
 )
 from eomcheck.numbers.generic import Array
@@ -47,7 +47,7 @@ from eomcheck.scenes import (
 
 
 @dataclass(frozen=True)
-class Case:
+class ReferenceCase:
     """A motion to know well: `parts` equal intervals from 0 to `end`, from `initial_state().q`.
 
     It can be pickled, so `scene` is no lambda.
@@ -68,77 +68,83 @@ class Case:
         return np.arange(self.parts + 1) * self.end / self.parts
 
 
-CASES: dict[str, Case] = {
-    "paper-rest": Case("the paper's seven-link robot, released at rest", Snake.paper, minutes=4.0),
-    "paper-rolling": Case(
+REFERENCE_CASES: dict[str, ReferenceCase] = {
+    "paper-rest": ReferenceCase(
+        "the paper's seven-link robot, released at rest", Snake.paper, minutes=4.0
+    ),
+    "paper-rolling": ReferenceCase(
         "the paper's seven-link robot, started with u = (1 m/s, 0.5 rad/s)",
         Snake.paper,
         (1.0, 0.5),
         minutes=4.0,
     ),
-    "coil-2": Case(
+    "coil-2": ReferenceCase(
         "two links coiled by 308°, released at rest", partial(Snake.coil, 2), minutes=2.0
     ),
     # A second of it would take the second integration half an hour.
-    "coil-20": Case(
+    "coil-20": ReferenceCase(
         "twenty links coiled by 308°, released at rest, 0.25 s only: more would take long",
         partial(Snake.coil, 20),
         end=0.25,
         parts=5,
         minutes=10.0,
     ),
-    "free-3": Case(
+    "free-3": ReferenceCase(
         "three links without springs, started with u = (1 m/s, 0.5 rad/s), 10 s",
         partial(replace, Snake.coil(3), stiffness=None),
         (1.0, 0.5),
         end=10.0,
     ),
-    "pendulum-3": Case(
+    "pendulum-3": ReferenceCase(
         "three rods swung, 2 s", partial(ChainPendulum.rods, 3), (1.0, 0.5, -0.5), end=2.0
     ),
-    "sleigh": Case("Chaplygin's sleigh, pushed and turning, 5 s", Sleigh, (1.0, 2.0), end=5.0),
-    "disk": Case("a tilted disk that wobbles and rolls", RollingDisk, (0.3, 1.0, 4.0)),
-    "turntable": Case(
+    "sleigh": ReferenceCase(
+        "Chaplygin's sleigh, pushed and turning, 5 s", Sleigh, (1.0, 2.0), end=5.0
+    ),
+    "disk": ReferenceCase("a tilted disk that wobbles and rolls", RollingDisk, (0.3, 1.0, 4.0)),
+    "turntable": ReferenceCase(
         "a ball on a turntable whose spin swings, 2 s",
         partial(TurntableBall, swing=1.0, frequency=3.0),
         (1.0, 0.5, 2.0),
         end=2.0,
     ),
-    "four-bar-2": Case(
+    "four-bar-2": ReferenceCase(
         "two windows of the four-bar chain, 1 s",
         partial(replace, FourBarChain.rods(2), angle=1.0),
         (1.0,),
     ),
-    "andrews": Case(
+    "andrews": ReferenceCase(
         "Andrews' squeezing mechanism, released at rest, 0.03 s", Andrews, (0.0,), end=0.03
     ),
-    "governor": Case(
+    "governor": ReferenceCase(
         "the flyball governor, its springs and dampers as published, 0.1 s",
         FlyballGovernor,
         (0.0, 6.0, 0.0, 0.0),
         end=0.1,
     ),
-    "bricard": Case("Bricard's mechanism, released along a cube's edges, 1 s", Bricard, (0.0,)),
-    "bicycle": Case(
+    "bricard": ReferenceCase(
+        "Bricard's mechanism, released along a cube's edges, 1 s", Bricard, (0.0,)
+    ),
+    "bicycle": ReferenceCase(
         "the benchmark bicycle at 4.6 m/s, pushed to lean, 1 s", Bicycle, (0.5, 0.0, 4.6 / 0.3)
     ),
 }
 """Name -> case."""
 
 
-def case_of(name: str) -> Case:
+def reference_case(name: str) -> ReferenceCase:
     """Return the case called `name`.
 
     Raises:
         UnknownNameError: there is none.
     """
-    return named("reference", name, CASES)
+    return registered("reference", name, REFERENCE_CASES)
 
 
 # ---- Files and table -----------------------------------------------------------------------------
 
 
-def stored(name: str, folder: Path) -> Reference:
+def stored_reference(name: str, folder: Path) -> Reference:
     """Return the reference solution that a folder holds under this name.
 
     Raises:
@@ -149,8 +155,8 @@ def stored(name: str, folder: Path) -> Reference:
         made = (
             f"go to a checkout of eomcheck, say by --references FOLDER where it is, or make it: "
             f"eomcheck reference {name} --folder FOLDER"
-            if name in CASES
-            else f"references of eomcheck are: {', '.join(CASES)}"
+            if name in REFERENCE_CASES
+            else f"references of eomcheck are: {', '.join(REFERENCE_CASES)}"
         )
         raise InputError(f"the reference solution {str(path)!r} is missing; {made}")
     return load_reference(path)
@@ -181,7 +187,7 @@ COLUMNS = (
 )
 
 
-def reference_sheet(references: Iterable[Reference]) -> Sheet:
+def reference_table(references: Iterable[Reference]) -> ResultTable:
     """Return how well each reference is known, and what it took."""
     rows = [
         (
@@ -194,7 +200,7 @@ def reference_sheet(references: Iterable[Reference]) -> Sheet:
         )
         for one in references
     ]
-    return Sheet("references", "", COLUMNS, rows)
+    return ResultTable("references", "", COLUMNS, rows)
 
 
 # ---- Computing -----------------------------------------------------------------------------------
@@ -205,7 +211,9 @@ SHORTER = 3.0
 """The Taylor series runs again with steps shorter than its longest one by this factor."""
 
 
-def produce_all(cases: Mapping[str, Case], where: str | None = None) -> Iterator[Reference]:
+def produce_all(
+    cases: Mapping[str, ReferenceCase], where: str | None = None
+) -> Iterator[Reference]:
     """Yield the `Reference` of each case as it is known; several are spread over processes.
 
     Args:
@@ -215,7 +223,7 @@ def produce_all(cases: Mapping[str, Case], where: str | None = None) -> Iterator
     Raises:
         EngineError: heyoka is not installed.
         RefusedError: a motion cannot be followed to its end.
-        WorkerError, InputError: see `eomcheck.lab.store.parallel_map.spread`.
+        WorkerError, InputError: see `eomcheck.lab.store.parallel_map.parallel_map`.
     """
     if len(cases) < 2:
         for name, case in cases.items():
@@ -224,17 +232,18 @@ def produce_all(cases: Mapping[str, Case], where: str | None = None) -> Iterator
     # The longest first: begun last, it would be waited for alone.
     items = sorted(cases.items(), key=lambda item: -item[1].minutes)
     with progress("computing {reference}", len(items)) as advance:
-        for _, made in spread(where, _produce_quietly, items):
+        for _, made in parallel_map(where, _produce_quietly, items):
             advance()
             yield made
 
 
-def _produce_quietly(item: tuple[str, Case]) -> Reference:
+def _produce_quietly(item: tuple[str, ReferenceCase]) -> Reference:
     return produce(*item, shown=False)
 
 
-def produce(name: str, case: Case, shown: bool = True) -> Reference:
-    """Return the `Reference` of `case`, computed by both methods, under a progress bar if `shown`.
+def produce(name: str, case: ReferenceCase, shown: bool = True) -> Reference:
+    """Return the `Reference` of `case`, computed by both methods, under a progress bar if
+    `safe_repr`.
 
     Raises:
         EngineError: heyoka is not installed.
@@ -257,7 +266,7 @@ def produce(name: str, case: Case, shown: bool = True) -> Reference:
         first = taylor_reference(scene, q0, u0, times)
         limit = first.facts["longest_step"] / SHORTER
         again = taylor_reference(scene, q0, u0, times, longest_step=limit)
-        v0 = consistent_velocity(scene, q0, u0, times[0])
+        v0 = extended_velocity(scene, q0, u0, times[0])
         second = extended_reference(scene, q0, v0, times, watch=watch)
     check = {
         "longest_step": limit,
@@ -265,4 +274,4 @@ def produce(name: str, case: Case, shown: bool = True) -> Reference:
         "energy_drift": again.drift,
         "largest_difference": max(difference(first, again)),
     }
-    return reference_of(name, case.description, scene, q0, u0, (first, second), check)
+    return reference_from_runs(name, case.description, scene, q0, u0, (first, second), check)

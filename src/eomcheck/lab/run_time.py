@@ -25,7 +25,7 @@ from eomcheck.motion.simulate import Motion
 
 RUNS = 20
 FEWEST = 3
-DISTURBED = 1.05
+CONTENTION_RATIO = 1.05
 """A run whose CPU time is less than its run time by more than this factor was disturbed."""
 LONG = 2.0
 """Work that takes longer than this, in s, runs `FEWEST` times only."""
@@ -96,18 +96,18 @@ def held_on_a_core() -> Iterator[int | None]:
         os.sched_setaffinity(0, allowed)
 
 
-def ready(scene: Scene, key: str, *start: Any) -> tuple[Motion, float]:
+def prepare_motion(scene: Scene, key: str, *start: Any) -> tuple[Motion, float]:
     """Return the motion from a start, by default the scene's own, and the time to make it, s."""
     start, begin = start or scene.initial_state(), time.perf_counter()
     motion = Motion(scene, formulation_of(key), *start)
     return motion, time.perf_counter() - begin
 
 
-def disturbed(record: Record) -> bool:
+def was_contended(record: Record) -> bool:
     """Return whether another program had the core for a part of the best run."""
     if record.seconds is None or record.cpu_seconds is None:
         return False
-    return record.seconds > DISTURBED * record.cpu_seconds
+    return record.seconds > CONTENTION_RATIO * record.cpu_seconds
 
 
 def slope(points: Iterable[tuple[float, float]]) -> float:

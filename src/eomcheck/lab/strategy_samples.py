@@ -19,7 +19,7 @@ UNHURRIED = (
 """Large scenes are drawn all the same."""
 
 
-def draw(cases: SearchStrategy[T], count: int, seed: int) -> list[T]:
+def draw_samples(cases: SearchStrategy[T], count: int, seed: int) -> list[T]:
     """Return `count` draws from `cases`, the same for the same seed."""
     drawn: list[T] = []
     settings = hypothesis.settings(

@@ -20,10 +20,10 @@ from eomcheck.atomic_write import write_text
 from eomcheck.console import progress
 from eomcheck.errors import EomcheckError, InputError, RefusedError
 from eomcheck.lab.show.chart import Chart
-from eomcheck.lab.show.table import Sheet
-from eomcheck.lab.store.executors import check_place
-from eomcheck.lab.store.parallel_map import spread
-from eomcheck.lab.store.record_file import Record, Records, Settings, group, key_of, rows_of
+from eomcheck.lab.show.table import ResultTable
+from eomcheck.lab.store.executors import check_executor
+from eomcheck.lab.store.parallel_map import parallel_map
+from eomcheck.lab.store.record_file import Record, Records, Settings, group, key_of, rows_in
 
 # ---- Cells ---------------------------------------------------------------------------------------
 
@@ -52,7 +52,8 @@ def run_cells(
             becomes a Record: "refused" for a `RefusedError`, otherwise "failed".
         fresh: forget what is known of these cells first.
         label: of `progress`, by default the name of the study; "" for none.
-        where: where untimed cells are worked off, see `eomcheck.lab.store.parallel_map.spread`;
+        where: where untimed cells are worked off, see
+            `eomcheck.lab.store.parallel_map.parallel_map`;
             None: one after another, in this process.
         by: names of settings. Cells that share them go to one process together, in their order.
     """
@@ -63,7 +64,9 @@ def run_cells(
     missing = [settings for key, settings in wanted.items() if found[key] is None]
     together = group(missing, lambda one: key_of({name: one[name] for name in by or one}))
     do, batches = partial(_work_off, study, work), together.values()
-    finished = map(do, batches) if where is None else (x for _, x in spread(where, do, batches))
+    finished = (
+        map(do, batches) if where is None else (x for _, x in parallel_map(where, do, batches))
+    )
     with progress(study if label is None else label, len(together)) as advance:
         for made in finished:
             for record in made:
@@ -94,8 +97,8 @@ def _work_off_one(study: str, settings: Settings, work: Callable[[Settings], Rec
 
 # ---- Studies -------------------------------------------------------------------------------------
 
-Work = Callable[[Settings], Record]
-Found = Sequence[Record]
+CellWorker = Callable[[Settings], Record]
+StudyRecords = Sequence[Record]
 
 Quick = Annotated[bool, "A small part of it."]
 Formulations = Annotated[list[str] | None, "Formulation, or several: a,b. Default all."]
@@ -103,12 +106,12 @@ References = Annotated[Path, "Folder of the reference solutions."]
 REFERENCES = Path("validation/references")
 
 
-def nothing(found: Found) -> tuple:
+def nothing(found: StudyRecords) -> tuple:
     """Return nothing."""
     return ()
 
 
-def unfinished(found: Found) -> Iterator[str]:
+def unfinished(found: StudyRecords) -> Iterator[str]:
     """Yield of which cells nothing came, and why."""
     for record in found:
         if record.status != "done":
@@ -116,16 +119,16 @@ def unfinished(found: Found) -> Iterator[str]:
             yield f"{cell} {record.status}: {record.reason}"
 
 
-def failed(found: Found) -> bool:
+def failed(found: StudyRecords) -> bool:
     """Return whether some cell went wrong."""
     return any(record.status == "failed" for record in found)
 
 
-def document_of(name: str, kind: type) -> Callable[[Found], dict[str, Any]]:
+def document_of(name: str, kind: type) -> Callable[[StudyRecords], dict[str, Any]]:
     """Return a `document` of the rows in Records, where what is not finite is null."""
 
-    def document(found: Found) -> dict[str, Any]:
-        rows = map(asdict, rows_of(found, kind))
+    def document(found: StudyRecords) -> dict[str, Any]:
+        rows = map(asdict, rows_in(found, kind))
         return {name: [{x: _finite(y) for x, y in row.items()} for row in rows]}
 
     return document
@@ -160,15 +163,17 @@ class Study:
 
     key: str
     cells: Callable[..., Iterable[Settings]]
-    worker: Callable[..., Work]
-    sheets: Callable[[Found], Iterable[Sheet]]
-    charts: Callable[[Found], Iterable[Chart]] = nothing
-    said: Callable[[Found], Iterable[str]] = unfinished
+    worker: Callable[..., CellWorker]
+    sheets: Callable[[StudyRecords], Iterable[ResultTable]]
+    charts: Callable[[StudyRecords], Iterable[Chart]] = nothing
+    said: Callable[[StudyRecords], Iterable[str]] = unfinished
     label: str = "measuring {case}"
     before: tuple[Study, ...] = ()
-    alarm: Callable[[Found], bool] = lambda found: False
-    files: Callable[[Found, Path], Iterable[Path]] = lambda found, folder: ()
-    document: Callable[[Found], dict[str, Any]] = lambda found: {"records": [*map(asdict, found)]}
+    alarm: Callable[[StudyRecords], bool] = lambda found: False
+    files: Callable[[StudyRecords, Path], Iterable[Path]] = lambda found, folder: ()
+    document: Callable[[StudyRecords], dict[str, Any]] = lambda found: {
+        "records": [*map(asdict, found)]
+    }
     reading: str = ""
     small: bool = False
     spread_by: Sequence[str] = ()
@@ -217,16 +222,16 @@ class Study:
         with Records(file) as records:
             return self.measure(records, fresh, **options)
 
-    def write(self, found: Found, folder: Path) -> list[Path]:
+    def write(self, found: StudyRecords, folder: Path) -> list[Path]:
         """Draw all charts and write all tables (Markdown) into a folder; return the files."""
-        from eomcheck.lab.show.chart_matplotlib import draw
+        from eomcheck.lab.show.chart_matplotlib import draw_charts
 
         files = (file for one in self.charts(found) for file in one.files())
         drawn = group(files, lambda chart: chart.name)
         written = []
         for file, charts in drawn.items():
             written.append(folder / f"{file}.png")
-            draw(charts, written[-1])
+            draw_charts(charts, written[-1])
         for sheet in self.sheets(found):
             if sheet.rows and not sheet.detail:
                 written.append(folder / f"{sheet.name}.md")
@@ -243,7 +248,7 @@ def _at(
     *, executor: Annotated[str, "Where: local, local:PROCESSES or dask:ADDRESS."] = "local"
 ) -> str:
     """Return where cells are worked off, once it is known that they can be."""
-    check_place(executor)
+    check_executor(executor)
     return executor
 
 

@@ -1,7 +1,7 @@
 """Functions of a scene derived from its small contract: terms, speeds, bodies, energies.
 
-A scene writes `jacobians`, `forces`, `velocities` and so on (see `Scene`); `compose` gives it the
-others:
+A scene writes `jacobians`, `forces`, `velocities` and so on (see `Scene`); `derive_missing` gives
+it the others:
 
 - `prepare`: the angles, their cosines and sines
 - `terms`: M = Σ Jᵀ m J + Σ Jᵀ I J and what belongs to it, `constraints`, `drift` and `forces`
@@ -20,12 +20,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.mechanics.records import Bodies, Speeds, Terms, velocity
+from eomcheck.mechanics.records import Bodies, Speeds, Terms, velocity_from_speeds
 from eomcheck.numbers.generic import generic
 from eomcheck.numbers.linear import solve
 
 
-class Embedded(NamedTuple):
+class PartitionedSpeeds(NamedTuple):
     """Generalized speeds by a partition, and what they share with the bodies."""
 
     q: Any
@@ -88,7 +88,7 @@ def _terms(jacobians, assemble):
 
 
 @generic
-def embedding(a, b):
+def leading_embedding(a, b):
     """Return (W (n, p), offset (n,)) by the first r columns of a; None where there is neither."""
     if a is None:
         return None, None
@@ -128,10 +128,10 @@ def independent(a, v):
 def _kinematics(jacobians, constraints, drift):
     def kinematics(parameters, prepared, q, u):
         a, b = constraints(parameters, prepared, q)
-        W, offset = embedding(a, b)
-        v = velocity(u, W, offset)
+        W, offset = leading_embedding(a, b)
+        v = velocity_from_speeds(u, W, offset)
         rest = embedded_rest(a, drift(parameters, prepared, q, v))
-        return Embedded(q, v, W, rest, offset)
+        return PartitionedSpeeds(q, v, W, rest, offset)
 
     return kinematics
 
@@ -187,7 +187,7 @@ def remainders(J, J_rest, rest):
 
 
 @generic
-def projected(W, Q):
+def projected_forces(W, Q):
     """Return Wᵀ Q (p,), or None."""
     if Q is None:
         return None
@@ -208,7 +208,7 @@ def _bodies(jacobians, forces):
             parameters.mass,
             parameters.inertia.reshape(J.shape[0], J_w.shape[1], J_w.shape[1]),
             gyroscopic,
-            projected(W, forces(parameters, prepared, q, v)),
+            projected_forces(W, forces(parameters, prepared, q, v)),
         )
 
     return bodies
@@ -261,7 +261,7 @@ def _constraints(jacobians):
     return constraints
 
 
-_COMPOSERS: dict[str, Callable[..., Callable]] = {
+_DERIVATIONS: dict[str, Callable[..., Callable]] = {
     "prepare": _prepare,
     "constraints": _constraints,
     "assemble": _assemble,
@@ -275,13 +275,13 @@ _COMPOSERS: dict[str, Callable[..., Callable]] = {
 """Name of a scene's function -> what composes it from those that its arguments name."""
 
 
-def compose(kind: Any) -> None:
+def derive_missing(kind: Any) -> None:
     """Give a kind of scene the functions that it does not write itself, where it has their parts.
 
     `composed` then says which they are; those that it inherits are composed anew, of its own parts.
     """
     composed = set()
-    for name, composer in _COMPOSERS.items():
+    for name, composer in _DERIVATIONS.items():
         owner = next((base for base in kind.__mro__ if name in vars(base)), None)
         parts = [getattr(kind, part, None) for part in signature(composer).parameters]
         if (owner is None or name in vars(owner).get("composed", ())) and None not in parts:

@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Literal, NamedTuple, dataclass_transform
 
 import numpy as np
 
-from eomcheck.errors import InputError, named, whole_number
+from eomcheck.errors import InputError, registered, whole_number
 from eomcheck.mechanics.records import Range
 from eomcheck.mechanics.scene import Scene, finite_array
 from eomcheck.numbers.generic import FLOAT64, Arithmetic, generic
@@ -139,7 +139,7 @@ def with_parameters(scene: Any, given: Mapping[str, Sequence[float] | None]) -> 
     known = settable(scene)
     values = {}
     for name, numbers in given.items():
-        named(f"parameter of {scene.key}", name, known)
+        registered(f"parameter of {scene.key}", name, known)
         values[name] = numbers if numbers is None else _shaped(scene, name, numbers)
     return replace(scene, **values) if values else scene
 
@@ -224,7 +224,7 @@ class Parametric(Scene):
 
     def parameters(self, arithmetic: Arithmetic) -> NamedTuple:
         """Return what the equations read in the numbers of `arithmetic`, one number as (1,)."""
-        return _doubles_of(self) if arithmetic is FLOAT64 else self._numbers_in(arithmetic)
+        return _float64_parameters(self) if arithmetic is FLOAT64 else self._numbers_in(arithmetic)
 
     def _numbers_in(self, arithmetic: Arithmetic) -> NamedTuple:
         values = {name: getattr(self, name) for name, one in self.declared.items() if one.read}
@@ -247,7 +247,7 @@ class Parametric(Scene):
 
 
 @lru_cache(16)
-def _doubles_of(scene: Parametric) -> NamedTuple:
+def _float64_parameters(scene: Parametric) -> NamedTuple:
     """Return the parameters in doubles: the same record each time, so that who reads it knows."""
     return scene._numbers_in(FLOAT64)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 T = TypeVar("T")
 
-Ways = dict[str, tuple[str, ...]]
+Factors = dict[str, tuple[str, ...]]
 """Name of a property -> the ways there are."""
 
 
@@ -29,7 +29,7 @@ class Choices(Protocol):
         ...
 
 
-class FromGenerator:
+class GeneratorChoices:
     """Choices by a generator of NumPy's: all that there are equally often.
 
     Args:

@@ -63,7 +63,7 @@ class Speeds(NamedTuple):
 
 
 @generic
-def velocity(u, W, offset):
+def velocity_from_speeds(u, W, offset):
     """Return v = W u + offset (n,); u itself without W."""
     if W is None:
         return u

@@ -37,9 +37,9 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from eomcheck.calls import calling, is_ours
-from eomcheck.errors import InputError, shown
-from eomcheck.mechanics.derived_functions import compose
-from eomcheck.mechanics.random_source import Choices, Ways
+from eomcheck.errors import InputError, safe_repr
+from eomcheck.mechanics.derived_functions import derive_missing
+from eomcheck.mechanics.random_source import Choices, Factors
 from eomcheck.mechanics.records import Range, Symmetry
 from eomcheck.mechanics.sketch import Sketch
 from eomcheck.mechanics.tree import Tree
@@ -49,7 +49,7 @@ Functions = Mapping[str, Any] | tuple[ModuleType, ...]
 
 
 @generic
-def nothing_moving(parameters, prepared, q, v):
+def no_velocity_term(parameters, prepared, q, v):
     """Return what a scene has not that depends on v: drift, forces or constraints."""
     return
 
@@ -147,11 +147,11 @@ class Scene(ABC):
     prepare: ClassVar[Callable[..., Any]]
     jacobians: ClassVar[Callable[..., Any]]
     constraints: ClassVar[Callable[..., Any]]
-    drift: ClassVar[Callable[..., Any]] = staticmethod(nothing_moving)
-    forces: ClassVar[Callable[..., Any]] = staticmethod(nothing_moving)
+    drift: ClassVar[Callable[..., Any]] = staticmethod(no_velocity_term)
+    forces: ClassVar[Callable[..., Any]] = staticmethod(no_velocity_term)
     velocities: ClassVar[Callable[..., Any]]
     potential: ClassVar[Callable[..., Any]] = staticmethod(no_potential)
-    constraint: ClassVar[Callable[..., Any]] = staticmethod(nothing_moving)
+    constraint: ClassVar[Callable[..., Any]] = staticmethod(no_velocity_term)
 
     assemble: ClassVar[Callable[..., Any]]
     """`terms` of Jacobians that are known."""
@@ -191,8 +191,8 @@ class Scene(ABC):
                 if name in FUNCTIONS and name not in vars(cls):
                     setattr(cls, name, staticmethod(function))
         if not is_ours(cls):
-            _guard(cls)
-        compose(cls)
+            _wrap_user_functions(cls)
+        derive_missing(cls)
 
     @property
     def natural_speeds(self) -> bool:
@@ -284,7 +284,7 @@ class Scene(ABC):
         return {}
 
     @classmethod
-    def topologies(cls, links: int | None = None) -> Sequence[Ways]:
+    def topologies(cls, links: int | None = None) -> Sequence[Factors]:
         """Return in which ways scenes of this kind hang together, where that is drawn too.
 
         Each entry names properties and, of each, the ways that go with all others of the entry.
@@ -383,7 +383,7 @@ FUNCTIONS = {name for name, of in get_annotations(Scene).items() if "Callable[" 
 """Names under which scenes hold functions."""
 
 
-def _guard(kind: type[Scene]) -> None:
+def _wrap_user_functions(kind: type[Scene]) -> None:
     """Have what the body of a user's scene gives called by `eomcheck.calls.call`."""
     for name, value in list(vars(kind).items()):
         word = f"{kind.__name__}.{name}"
@@ -408,7 +408,7 @@ def _pair(word: str, function: Callable[..., Any]) -> Callable[..., Any]:
     def checked(*arguments: Any, **options: Any) -> Any:
         state = function(*arguments, **options)
         if not isinstance(state, tuple | list) or len(state) != 2:
-            raise InputError(f"{word} returned {shown(state)}, expected (q, v)")
+            raise InputError(f"{word} returned {safe_repr(state)}, expected (q, v)")
         return state
 
     return checked
@@ -422,15 +422,15 @@ def _inner(value: Any) -> Any:
 def checked_scene(scene: Any) -> Scene:
     """Return `scene`; raise `InputError` where it is none, or has no sensible number n."""
     if not isinstance(scene, Scene):
-        raise InputError(f"scene = {shown(scene)}, expected a scene such as Snake.paper()")
+        raise InputError(f"scene = {safe_repr(scene)}, expected a scene such as Snake.paper()")
     n = scene.n
-    if not isinstance(n, Integral) or not 0 <= n <= MOST:
-        what = f"{type(scene).__name__}.n = {shown(n)}"
-        raise InputError(f"{what}, expected a whole number from 0 to {MOST}")
+    if not isinstance(n, Integral) or not 0 <= n <= MAX_COORDINATES:
+        what = f"{type(scene).__name__}.n = {safe_repr(n)}"
+        raise InputError(f"{what}, expected a whole number from 0 to {MAX_COORDINATES}")
     return scene
 
 
-MOST = 20_000
+MAX_COORDINATES = 20_000
 """Coordinates of a scene: a matrix of n x n doubles takes 3.2 GB."""
 
 
@@ -446,7 +446,7 @@ def finite_array(name: str, value, shape: tuple[int, ...]) -> Array:
             raise TypeError
         array = np.array(given, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{name} = {shown(value)} is not an array of real numbers") from None
+        raise InputError(f"{name} = {safe_repr(value)} is not an array of real numbers") from None
     if array.shape != shape:
         raise InputError(f"{name} has shape {array.shape}, expected {shape}")
     if not np.isfinite(array).all():

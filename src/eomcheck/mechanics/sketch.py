@@ -34,7 +34,7 @@ class Disk(NamedTuple):
     """Whether it is round from all sides."""
 
 
-class Joint(NamedTuple):
+class JointMark(NamedTuple):
     """A revolute joint, on the `ground` or between bodies; in space along an axis."""
 
     at: Any
@@ -61,7 +61,7 @@ class Center(NamedTuple):
     name: str = ""
 
 
-class Spring(NamedTuple):
+class SpringMark(NamedTuple):
     """A spring between two points."""
 
     start: Any
@@ -102,7 +102,7 @@ class Arrow(NamedTuple):
     """Whether it is an axis of a frame; a given direction of force or motion otherwise."""
 
 
-class Constraint(NamedTuple):
+class ConstraintMark(NamedTuple):
     """What some rows of the constraints hold, and where."""
 
     name: str
@@ -125,14 +125,14 @@ class Plane(NamedTuple):
 Part = (
     Body
     | Disk
-    | Joint
+    | JointMark
     | Wheel
     | Center
-    | Spring
+    | SpringMark
     | Angle
     | Distance
     | Arrow
-    | Constraint
+    | ConstraintMark
     | Trail
     | Plane
 )
@@ -157,12 +157,14 @@ def direction(angle: float) -> Array:
     return np.array([np.cos(angle), np.sin(angle)])
 
 
-def turned_by(name: str, at: Any, angle: float, radius: float, start: float = 0.0) -> Angle:
+def plane_angle(name: str, at: Any, angle: float, radius: float, start: float = 0.0) -> Angle:
     """Return an angle in the plane, from the direction `start`, by default the x axis."""
     return Angle(name, at, direction(start), direction(start + np.pi / 2), angle, radius)
 
 
-def place(x: float, y: float, origin: tuple[float, float] = (0.0, 0.0)) -> tuple[Part, Part]:
+def position_dimensions(
+    x: float, y: float, origin: tuple[float, float] = (0.0, 0.0)
+) -> tuple[Part, Part]:
     """Return the coordinates x and y of a point in the plane."""
     return Distance("x", (origin[0], y), (x, y)), Distance("y", (x, origin[1]), (x, y))
 

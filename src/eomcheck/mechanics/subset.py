@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.errors import InputError, distinct, named
+from eomcheck.errors import InputError, distinct, registered
 from eomcheck.mechanics.records import Terms
 from eomcheck.mechanics.scene import Scene, checked_scene
 from eomcheck.numbers.generic import Array, generic
@@ -34,7 +34,7 @@ def with_constraints(scene: Scene, names: Iterable[str]) -> Scene:
         UnknownNameError: it has no such constraint.
     """
     known = {name: i for i, name in enumerate(checked_scene(scene).constraint_names)}
-    rows = sorted(named("constraint", name, known) for name in distinct("constraints", names))
+    rows = sorted(registered("constraint", name, known) for name in distinct("constraints", names))
     if not rows:
         raise InputError("constraints = (), expected the names of some")
     if len(rows) == scene.r:
@@ -47,14 +47,14 @@ def with_constraints(scene: Scene, names: Iterable[str]) -> Scene:
     closed = range(scene.r)[scene.holonomic] if scene.position_residual else ()
     # Those come first, so that they are a slice again.
     order = tuple(sorted(rows, key=lambda i: i not in closed))
-    other = object.__new__(_kind(type(scene), order, scene.r))
+    other = object.__new__(_scene_class_with_rows(type(scene), order, scene.r))
     vars(other).update(vars(scene))
     return other
 
 
-def _again(kind: type[Scene], rows: tuple[int, ...], of: int, state: dict[str, Any]) -> Scene:
+def _restored(kind: type[Scene], rows: tuple[int, ...], of: int, state: dict[str, Any]) -> Scene:
     """Return a scene with these rows; what pickles are read back by."""
-    scene: Any = object.__new__(_kind(kind, rows, of))
+    scene: Any = object.__new__(_scene_class_with_rows(kind, rows, of))
     if hasattr(scene, "__setstate__"):
         scene.__setstate__(state)
     else:
@@ -63,7 +63,7 @@ def _again(kind: type[Scene], rows: tuple[int, ...], of: int, state: dict[str, A
 
 
 @cache
-def _kind(kind: Any, rows: tuple[int, ...], of: int) -> type[Scene]:
+def _scene_class_with_rows(kind: Any, rows: tuple[int, ...], of: int) -> type[Scene]:
     """Return the kind of scenes with these rows (k,) of so many, the holonomic ones first."""
     closed = list(range(of)[kind.holonomic]) if kind.position_residual else []
     count = sum(i in closed for i in rows)
@@ -72,22 +72,24 @@ def _kind(kind: Any, rows: tuple[int, ...], of: int) -> type[Scene]:
 
     def terms(parameters, prepared, q, v):
         M, Q, B, a, gamma, b = all_terms(parameters, prepared, q, v)
-        return Terms(M, Q, B, chosen(a, rows), chosen(gamma, rows), chosen(b, rows))
+        return Terms(
+            M, Q, B, selected_rows(a, rows), selected_rows(gamma, rows), selected_rows(b, rows)
+        )
 
     def constraints(parameters, prepared, q):
         a, b = all_constraints(parameters, prepared, q)
-        return chosen(a, rows), chosen(b, rows)
+        return selected_rows(a, rows), selected_rows(b, rows)
 
     def drift(parameters, prepared, q, v):
-        return chosen(all_drift(parameters, prepared, q, v), rows)
+        return selected_rows(all_drift(parameters, prepared, q, v), rows)
 
     def constraint(parameters, prepared, q, v):
-        return chosen(every(parameters, prepared, q, v), rows)
+        return selected_rows(every(parameters, prepared, q, v), rows)
 
     places = tuple(closed.index(i) for i in rows[:count])
 
     def position_residual(parameters, prepared, q):
-        return chosen(all_closed(parameters, prepared, q), places)
+        return selected_rows(all_closed(parameters, prepared, q), places)
 
     functions = {"constraints": constraints, "drift": drift, "constraint": constraint}
     if "terms" not in kind.composed:
@@ -128,7 +130,7 @@ def _kind(kind: Any, rows: tuple[int, ...], of: int) -> type[Scene]:
         )
 
     def reduce(self):
-        return _again, (kind, rows, of, vars(self))
+        return _restored, (kind, rows, of, vars(self))
 
     body = {
         "holonomic": slice(0, count),
@@ -145,7 +147,7 @@ def _kind(kind: Any, rows: tuple[int, ...], of: int) -> type[Scene]:
 
 
 @generic
-def chosen(x, rows):
+def selected_rows(x, rows):
     """Return these rows (k,) of x; None of what is absent."""
     if x is None:
         return None

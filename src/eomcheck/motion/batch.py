@@ -20,19 +20,24 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.console import progress
-from eomcheck.errors import EomcheckError, InputError, RefusedError, named
+from eomcheck.errors import EomcheckError, InputError, RefusedError, registered
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.evaluation.tolerance import NOTICEABLE, allowed_error
 from eomcheck.formulations import Formulation, formulation_for
 from eomcheck.formulations.formulation import Choice
 from eomcheck.kernels import dop853
-from eomcheck.kernels.jit import memory
+from eomcheck.kernels.jit import aligned_zeros
 from eomcheck.kernels.kernel import Kernel
 from eomcheck.mechanics.parameters import settable
 from eomcheck.mechanics.scene import Scene, checked_scene, finite_array
 from eomcheck.motion.integrators import MOST_STEPS
-from eomcheck.motion.observables import crossed, crossing, observer_of, solves_partition
+from eomcheck.motion.observables import (
+    crossing_refusal,
+    observer_of,
+    singular_crossings,
+    solves_partition,
+)
 from eomcheck.motion.right_hand_side import (
     Traced,
     choice_for,
@@ -43,8 +48,14 @@ from eomcheck.motion.right_hand_side import (
     state_size,
     traced_kernel,
 )
-from eomcheck.motion.simulate import Motion, Trajectory, check_options, checked_times, initial
-from eomcheck.numbers.generic import FLOAT64, Array, each
+from eomcheck.motion.simulate import (
+    Motion,
+    Trajectory,
+    check_options,
+    checked_times,
+    initial_values,
+)
+from eomcheck.numbers.generic import FLOAT64, Array, map_entries
 from eomcheck.numbers.noise import SAMPLES, STEP, Noise
 from eomcheck.numbers.pivots import EPS
 from eomcheck.numbers.tape import Tape
@@ -75,7 +86,7 @@ def starts_of(scene: Scene, q0, v0, u0, parameters: dict[str, Any]) -> list[Star
         raise InputError("v0 and u0 are both given, expected at most one of them")
     known = settable(scene)
     for name in parameters:
-        named("parameter", name, known)
+        registered("parameter", name, known)
     given = {"q0": q0, "v0": v0, "u0": u0, **parameters}
     shapes = {name: _shape(name, x) for name, x in given.items() if x is not None}
     if not shapes:
@@ -118,7 +129,7 @@ def _scene(scene: Any, values: dict[str, Array], i: int) -> Scene:
     return other
 
 
-def starts_on(scene: Scene, formulation: Formulation, by_speeds: bool) -> Traced:
+def trace_starts(scene: Scene, formulation: Formulation, by_speeds: bool) -> Traced:
     """Put on a tape what follows from (q, u) `by_speeds`, or (q, v).
 
     Its outputs are `v` (n,), the `speeds` of the state vector, and, where there are constraints,
@@ -141,7 +152,7 @@ def starts_on(scene: Scene, formulation: Formulation, by_speeds: bool) -> Traced
         parts = [a * at.v] if b is None else [a * at.v, b[:, None]]
         terms = np.concatenate([tape.numbers(part) for part in parts], axis=1)
         found["residual"] = terms.sum(axis=1)
-        found["size"] = each(lambda x: (x * x).sqrt(), terms).sum(axis=1)
+        found["size"] = map_entries(lambda x: (x * x).sqrt(), terms).sum(axis=1)
         found["solved"] = a[:, _solved(at, formulation)].ravel()
     outputs = {name: [tape.number(x).place for x in values] for name, values in found.items()}
     return Traced(tape, at, y, outputs)
@@ -156,13 +167,13 @@ def _solved(at: Quantities, formulation: Formulation) -> Array:
     return np.arange(at.scene.n)
 
 
-def lanes_of(count: int, width: int) -> list[Array]:
+def lane_groups(count: int, width: int) -> list[Array]:
     """Return the numbers (width,) of motions, group by group; the last one fills its group."""
     groups = range(0, count, width)
     return [np.minimum(np.arange(first, first + width), count - 1) for first in groups]
 
 
-def in_lanes(scenes: Sequence[Scene]) -> dict[str, Array]:
+def lane_parameters(scenes: Sequence[Scene]) -> dict[str, Array]:
     """Return the parameters of scenes (size, lanes), by name; (size, 1) if all are one scene."""
     one = all(scene is scenes[0] for scene in scenes)
     arrays = [parameter_arrays(scene) for scene in (scenes[:1] if one else scenes)]
@@ -185,14 +196,14 @@ def state_vectors(
     if scene.r > 0:
         columns = len(_solved(Quantities(scene, FLOAT64, starts[0].q), formulation))
         outputs |= {"residual": scene.r, "size": scene.r, "solved": scene.r * columns}
-    kernel = traced_kernel(starts_on, scene, formulation, outputs, width, by_speeds=by_speeds)
+    kernel = traced_kernel(trace_starts, scene, formulation, outputs, width, by_speeds=by_speeds)
     out = np.zeros((len(starts), state_size(scene, formulation)))
     reasons = [""] * len(starts)
     given = np.array([np.concatenate((one.q, one.speeds)) for one in starts])
     out[:, : scene.n] = given[:, : scene.n]
-    for lanes in lanes_of(len(starts), width):
-        parameters = in_lanes([starts[i].scene for i in lanes])
-        speeds, sound = _examined(kernel, parameters, given[lanes].T, by_speeds)
+    for lanes in lane_groups(len(starts), width):
+        parameters = lane_parameters([starts[i].scene for i in lanes])
+        speeds, sound = _checked_speeds(kernel, parameters, given[lanes].T, by_speeds)
         for speed, fine, i in zip(speeds.T, sound, lanes, strict=True):
             scene, q, asked = starts[i]
             out[i, scene.n : scene.n + len(speed)] = speed
@@ -201,7 +212,7 @@ def state_vectors(
                     scene.refuse_speeds(q)
                 if not fine:
                     both = (None, asked) if by_speeds else (asked, None)
-                    motion = Motion(scene, formulation, *initial(scene, q, *both))
+                    motion = Motion(scene, formulation, *initial_values(scene, q, *both))
                     out[i] = motion.y0
                     if (here := motion.evaluation(motion.y0, 0.0)) is not None:
                         here.acceleration(formulation)
@@ -210,7 +221,7 @@ def state_vectors(
     return out, reasons
 
 
-def _examined(
+def _checked_speeds(
     kernel: Kernel, parameters: dict[str, Array], y: Array, by_speeds: bool
 ) -> tuple[Array, Array]:
     """Return the speeds (_, lanes) of state vectors, and which of them (lanes,) are in no doubt."""
@@ -435,9 +446,9 @@ def _integrated(options: _Options, starts: list[Start]) -> dict[str, Any]:
     records = np.zeros((m, dop853.FIELDS))
     good = np.array([i for i, why in enumerate(reasons) if not why], int)
     seconds, behind = 0.0, {}
-    for lanes, choice in _alike(good, choices, width):
+    for lanes, choice in _groups_by_choice(good, choices, width):
         kernel = kernel_of(scene, formulation, width=width, choice=choice)
-        parameters = in_lanes([starts[i].scene for i in lanes])
+        parameters = lane_parameters([starts[i].scene for i in lanes])
         before = time.perf_counter()
         out, record = _integrated_lanes(kernel, kernel.block(parameters), y0[lanes].T, options)
         seconds += time.perf_counter() - before
@@ -448,10 +459,10 @@ def _integrated(options: _Options, starts: list[Start]) -> dict[str, Any]:
             seen[name][lanes] = x.transpose(2, 0, 1)
         if solves_partition(scene, formulation):
             t, out = np.vstack((np.zeros(width), t)), np.concatenate((y0[lanes].T[None], out))
-            places = crossed(scene, formulation, parameters, t, out)
+            places = singular_crossings(scene, formulation, parameters, t, out)
             for lane, (i, place) in enumerate(zip(lanes, places, strict=True)):
                 if place is not None:
-                    behind[i] = place[1] - 1, str(crossing(*t[place, lane]))
+                    behind[i] = place[1] - 1, str(crossing_refusal(*t[place, lane]))
     for i, (place, why) in behind.items():
         reasons[i] = why
         for x in (y, *seen.values()):
@@ -500,13 +511,13 @@ def _choices(
     return found
 
 
-def _alike(
+def _groups_by_choice(
     motions: Array, choices: list[Choice | None], width: int
 ) -> Iterator[tuple[Array, Choice | None]]:
     """Yield groups (width,) of motions that keep the same constraints, and which."""
     for choice in dict.fromkeys(choices[i] for i in motions):
         same = np.array([i for i in motions if choices[i] == choice])
-        for group in lanes_of(same.size, width):
+        for group in lane_groups(same.size, width):
             yield same[group], choice
 
 
@@ -517,7 +528,7 @@ def _integrated_lanes(
     size, width = y0.shape
     count, times = len(options.times), np.append(options.times, np.inf)
     shapes = (size, width), (dop853.FIELDS, width), (dop853.ROWS, size, width)
-    y, record, room = (memory(int(np.prod(shape))).reshape(shape) for shape in shapes)
+    y, record, room = (aligned_zeros(int(np.prod(shape))).reshape(shape) for shape in shapes)
     out = np.full((count + 1, size, width), np.nan)
     y[:] = y0
     if times[0] == 0.0:

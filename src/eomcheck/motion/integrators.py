@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.errors import InputError, named
+from eomcheck.errors import InputError, registered
 from eomcheck.numbers.generic import Array
 
 # ---- CyRK's C functions --------------------------------------------------------------------------
@@ -51,7 +51,7 @@ _lock = Lock()
 
 
 @cache
-def library() -> Any:
+def load_cyrk() -> Any:
     """Return CyRK's functions by name, its `methods` and `MAX_SIZE`."""
     with _lock:
         names = "nb.numba_c_api", "cy.cysolver_api", "cy.common"
@@ -135,7 +135,7 @@ def integrator_of(key: str) -> Integrator:
     Raises:
         UnknownNameError: there is none.
     """
-    return named("integrator", key, INTEGRATORS)
+    return registered("integrator", key, INTEGRATORS)
 
 
 class Steps(NamedTuple):
@@ -190,7 +190,7 @@ def integrate(
     Raises:
         UnknownNameError: no such integrator.
     """
-    key, cyrk = integrator_of(integrator).key, library()
+    key, cyrk = integrator_of(integrator).key, load_cyrk()
     method = int(getattr(cyrk.methods, key.upper()))
     y0, arguments = (np.ascontiguousarray(x, np.float64) for x in (y0, arguments))
     times = np.empty(0) if output_times is None else np.ascontiguousarray(output_times, np.float64)

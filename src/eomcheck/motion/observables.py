@@ -4,7 +4,7 @@ They are compiled like the right-hand side, and read its parameters.
 
 A motion cannot cross a configuration in which the partition of its formulation is singular. No step
 need hit it, and one that goes over it divides by no zero: it comes out on the other side with some
-of its digits. `crossed` finds the states before and behind it.
+of its digits. `singular_crossings` finds the states before and behind it.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.right_hand_side import (
     Traced,
     block_of,
-    rates_on,
+    set_speeds,
     state_of,
     state_on_tape,
-    take_speeds,
+    trace_rates,
     traced_kernel,
 )
 from eomcheck.numbers.banded_solve import solve_banded
 from eomcheck.numbers.generic import Array
-from eomcheck.numbers.linear import Solve, solve, watching
-from eomcheck.numbers.tape import BAND, FACTORS, live
+from eomcheck.numbers.linear import SolveRecord, recording_solves, solve
+from eomcheck.numbers.tape import BAND, FACTORS, live_entries
 
 # ---- Observables ---------------------------------------------------------------------------------
 
 
-def observations_on(scene: Scene, formulation: Formulation) -> Traced:
+def trace_observables(scene: Scene, formulation: Formulation) -> Traced:
     """Put on a tape what is seen of a state vector of `formulation`.
 
     Its outputs are `v` (n,), `u` (p,), the `energy` T + U (1,), J, and, where there are
@@ -45,7 +45,7 @@ def observations_on(scene: Scene, formulation: Formulation) -> Traced:
     """
     tape, at, y, speeds = state_on_tape(scene, formulation)
     here = at.parameters, at.prepared, at.q
-    take_speeds(at, formulation, speeds)
+    set_speeds(at, formulation, speeds)
     if formulation.uses == "bodies":  # as its right-hand side does: others round differently
         at.v = at.qdot
     T, U = scene.energies(*here, at.v)
@@ -57,7 +57,7 @@ def observations_on(scene: Scene, formulation: Formulation) -> Traced:
 
 
 def observer_of(scene: Scene, formulation: Formulation, width: int = 1) -> Kernel:
-    """Return the kernel of `observations_on`, made once for scenes of this kind.
+    """Return the kernel of `trace_observables`, made once for scenes of this kind.
 
     Args:
         scene: the scene.
@@ -70,7 +70,7 @@ def observer_of(scene: Scene, formulation: Formulation, width: int = 1) -> Kerne
     outputs = {"v": scene.n, "u": scene.p, "energy": 1}
     if scene.r > 0:
         outputs["constraint"] = scene.r
-    return traced_kernel(observations_on, scene, formulation, outputs, width=width)
+    return traced_kernel(trace_observables, scene, formulation, outputs, width=width)
 
 
 def as_integrated(at: Evaluation, formulation: Formulation) -> tuple[Evaluation, Array]:
@@ -87,13 +87,13 @@ def as_integrated(at: Evaluation, formulation: Formulation) -> tuple[Evaluation,
     return (Evaluation(at.scene, at.q, v, at.t) if np.isfinite(v).all() else at), y
 
 
-def solves_on(scene: Scene, formulation: Formulation) -> Traced:
+def trace_solves(scene: Scene, formulation: Formulation) -> Traced:
     """Put a right-hand side on a tape; its outputs are the matrices that it solves, by name.
 
     A band matrix has its right-hand side behind it.
     """
-    tape, at, y, rates = rates_on(scene, formulation)
-    used = sorted(live(tape, rates["rates"])[1])
+    tape, at, y, rates = trace_rates(scene, formulation)
+    used = sorted(live_entries(tape, rates["rates"])[1])
     groups = ((number, tape.groups[number]) for number in used)
     matrices = {
         f"{number} {group.kind} {group.name}": list(group.reads)
@@ -103,7 +103,7 @@ def solves_on(scene: Scene, formulation: Formulation) -> Traced:
     return Traced(tape, at, y, matrices)
 
 
-def solves_of(scene: Scene, formulation: Formulation, t: float, y: Array) -> list[Solve]:
+def solves_of(scene: Scene, formulation: Formulation, t: float, y: Array) -> list[SolveRecord]:
     """Return what there is to know of each matrix that machine code solves at a state.
 
     Its reciprocal condition number, the sign and size of its determinant and the steps of
@@ -115,10 +115,10 @@ def solves_of(scene: Scene, formulation: Formulation, t: float, y: Array) -> lis
         t: time, s.
         y: state vector (k,).
     """
-    sizes = {name: len(reads) for name, reads in solves_on(scene, formulation).outputs.items()}
-    kernel = traced_kernel(solves_on, scene, formulation, sizes)
+    sizes = {name: len(reads) for name, reads in trace_solves(scene, formulation).outputs.items()}
+    kernel = traced_kernel(trace_solves, scene, formulation, sizes)
     found = kernel(block_of(kernel, scene), np.array([t]), y) if sizes else {}
-    with watching() as watch, np.errstate(all="ignore"):
+    with recording_solves() as watch, np.errstate(all="ignore"):
         for title, entries in found.items():
             _, kind, name = title.split(" ", 2)
             with suppress(RefusedError):
@@ -143,7 +143,7 @@ def solves_partition(scene: Scene, formulation: Formulation) -> bool:
     return scene.r > 0 and (formulation.partitioned or by_speeds)
 
 
-def partition_on(scene: Scene, formulation: Formulation) -> Traced:
+def trace_partition(scene: Scene, formulation: Formulation) -> Traced:
     """Put on a tape a_1 (r, r), the columns of a of the paper's dependent velocities."""
     tape, at, y, _ = state_on_tape(scene, formulation)
     a, _ = at.call(scene.constraints, at.parameters, at.prepared, at.q)
@@ -151,7 +151,7 @@ def partition_on(scene: Scene, formulation: Formulation) -> Traced:
     return Traced(tape, at, y, {"a_1": [tape.number(x).place for x in a_1]})
 
 
-def crossed(
+def singular_crossings(
     scene: Scene, formulation: Formulation, parameters: dict[str, Array], t: Array, y: Array
 ) -> list[tuple[int, int] | None]:
     """Return, of each motion, the states before and behind such a pose, or None.
@@ -167,7 +167,7 @@ def crossed(
         y: state vectors (k, size, motions).
     """
     r, motions = scene.r, t.shape[1]
-    kernel = traced_kernel(partition_on, scene, formulation, {"a_1": r * r}, motions)
+    kernel = traced_kernel(trace_partition, scene, formulation, {"a_1": r * r}, motions)
     block, piece = kernel.block(parameters), max(1, ENTRIES // (r * r * motions))
     found: list[tuple[int, int] | None] = [None] * motions
     known = [(np.empty(0, int), np.empty((0, r, r)))] * motions
@@ -210,7 +210,7 @@ def singular_between(A: Array) -> Array:
     return found
 
 
-def crossing(before: float, behind: float) -> RefusedError:
+def crossing_refusal(before: float, behind: float) -> RefusedError:
     """Return what is said of a motion that went over such a pose between two times, s."""
     return RefusedError(
         "a_1",

@@ -32,10 +32,10 @@ from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.scene import Scene, finite_array
-from eomcheck.motion.reference_io import DIGITS, Run, decimals
+from eomcheck.motion.reference_io import DIGITS, ReferenceRun, decimals
 from eomcheck.numbers.ball import Balls, ball, precision
 from eomcheck.numbers.generic import Array
-from eomcheck.numbers.symbolic import BITS, Expressions
+from eomcheck.numbers.symbolic import BITS, HeyokaArithmetic
 
 # ---- Extrapolation -------------------------------------------------------------------------------
 
@@ -59,13 +59,13 @@ class GaveUpError(EomcheckError, ArithmeticError):
     """The step became too small: the solution is not smooth, or f is not finite."""
 
 
-def as_it_is(y: Array) -> Array:
+def unchanged(y: Array) -> Array:
     """Return y."""
     return y
 
 
 @dataclass
-class Effort:
+class IntegrationCounts:
     """What an integration took."""
 
     steps: int = 0
@@ -92,8 +92,8 @@ class Extrapolation:
     f: Callable[[Array], Array]
     tolerance: float
     number: Callable[[Fraction], Any] = float
-    clean: Callable[[Array], Array] = as_it_is
-    effort: Effort = field(default_factory=Effort)
+    clean: Callable[[Array], Array] = unchanged
+    effort: IntegrationCounts = field(default_factory=IntegrationCounts)
 
     def midpoints(self, y: Array, slope: Array, step: Fraction, substeps: int) -> Array:
         """Return y after `step` by the explicit midpoint rule; `slope` is f(y)."""
@@ -189,30 +189,30 @@ class Extrapolation:
                     self.effort.steps += 1
                     self.effort.orders.add(2 * k)
                     self.effort.longest = max(self.effort.longest, float(step))
-                    allowed, target = chosen(steps)
+                    allowed, target = next_step_and_target(steps)
                     return self.clean(after), min(allowed, GROW * float(step)), target
                 # Each column divides the error by at least as much as the one before did.
                 if k > target or not error * (error / before) ** (target + 1 - k) <= 1.0:
                     break
             before = error
         self.effort.rejected += 1
-        best = min(range(2, len(steps) + 1), key=lambda k: cost(k) / steps[k - 1])
+        best = min(range(2, len(steps) + 1), key=lambda k: evaluations_for(k) / steps[k - 1])
         if best < len(steps):
             target = max(best, LEAST)
         return None, min(max(steps[best - 1], SHRINK * float(step)), float(step) / 2), target
 
 
-def cost(k: int) -> int:
+def evaluations_for(k: int) -> int:
     """Return the evaluations of f that k midpoint results take."""
     return 1 + k * k
 
 
-def chosen(steps: list[float]) -> tuple[float, int]:
+def next_step_and_target(steps: list[float]) -> tuple[float, int]:
     """Return (next step, next target) from the steps that each order, 2 to 2k, would allow."""
     k = len(steps)
-    work, before = cost(k) / steps[-1], cost(k - 1) / steps[-2]
+    work, before = evaluations_for(k) / steps[-1], evaluations_for(k - 1) / steps[-2]
     if work < 0.9 * before and k < MOST - 1:
-        return steps[-1] * cost(k + 1) / cost(k), k + 1
+        return steps[-1] * evaluations_for(k + 1) / evaluations_for(k), k + 1
     if before < 0.8 * work and k > LEAST:
         return steps[-2], k - 1
     return steps[-1], k
@@ -256,7 +256,7 @@ def taylor_reference(
     times: Sequence[float],
     *,
     longest_step: float | None = None,
-) -> Run:
+) -> ReferenceRun:
     """Return the motion of `scene` from (q0, u0) by Taylor series in quad precision.
 
     heyoka takes its steps from the last two Taylor coefficients. At rest, where the motion is the
@@ -281,7 +281,7 @@ def taylor_reference(
     u0 = finite_array("u0", u0, (scene.p,))
     scene.refuse_speeds(q0)
     began = perf_counter()
-    numbers = Expressions()
+    numbers = HeyokaArithmetic()
     integrator, outputs = _taylor_system(scene, numbers, np.concatenate((q0, u0)), times[0])
     built = perf_counter()
     states, every, steps = _taylor_steps(numbers, integrator, times, longest_step)
@@ -289,7 +289,7 @@ def taylor_reference(
         outputs(np.ascontiguousarray(np.array(x, dtype=numbers.quad).T)) for x in (states, every)
     )
     energies = energies[scene.n :]
-    return Run(
+    return ReferenceRun(
         times,
         _quad_decimals(np.array([state[: scene.n] for state in states])),
         _quad_decimals(values[: scene.n].T),
@@ -311,7 +311,9 @@ def taylor_reference(
     )
 
 
-def _taylor_system(scene: Scene, numbers: Expressions, start: Array, t0: float) -> tuple[Any, Any]:
+def _taylor_system(
+    scene: Scene, numbers: HeyokaArithmetic, start: Array, t0: float
+) -> tuple[Any, Any]:
     """Return (integrator of (q, u), compiled function (q, u) -> v and, where kept, energy)."""
     q, u = numbers.variables("q", scene.n), numbers.variables("u", scene.p)
     clock = numbers.variables("t", 1 if scene.depends_on_time else 0)
@@ -337,7 +339,7 @@ def _taylor_system(scene: Scene, numbers: Expressions, start: Array, t0: float) 
 
 
 def _taylor_steps(
-    numbers: Expressions, integrator: Any, times: list[float], longest_step: float | None
+    numbers: HeyokaArithmetic, integrator: Any, times: list[float], longest_step: float | None
 ) -> tuple[list[Array], list[Array], list[float]]:
     """Return the states at `times`, those after every step, and the steps, s."""
     outcomes = numbers.heyoka.taylor_outcome
@@ -366,7 +368,7 @@ def _quad_decimals(x: Array) -> Array:
 # ---- The second: Lagrange's terms, extrapolation in 160 bits -------------------------------------
 
 
-def consistent_velocity(scene: Scene, q0, u0, t0: float = 0.0) -> Array:
+def extended_velocity(scene: Scene, q0, u0, t0: float = 0.0) -> Array:
     """Velocity W u0 + offset (n,) in `flint.arb` numbers of `EXTENDED_BITS` without radius.
 
     Args:
@@ -397,7 +399,7 @@ def extended_reference(
     *,
     tolerance: float = TOLERANCE,
     watch: Callable[[float], None] = lambda t: None,
-) -> Run:
+) -> ReferenceRun:
     """Return the motion of `scene` from (q0, v0) by extrapolation in numbers of 160 bits.
 
     Balls serve as floating-point numbers here: their radii are taken off after each acceleration
@@ -407,7 +409,7 @@ def extended_reference(
     Args:
         scene: the scene.
         q0: coordinates at times[0] (n,), doubles.
-        v0: velocities at times[0] (n,): doubles or `flint.arb` numbers, see `consistent_velocity`.
+        v0: velocities at times[0] (n,): doubles or `flint.arb` numbers, see `extended_velocity`.
         times: output times, s, rising; the first is that of (q0, v0).
         tolerance: error allowed in each step, times 1 + |y| in each entry y of (q, v).
         watch: called with the time reached after every step.
@@ -450,7 +452,7 @@ def extended_reference(
         if not violation <= CONSISTENT:
             raise InconsistentVelocityError(
                 f"v0 violates the constraints by {violation:.2g} of its size, allowed is "
-                f"{CONSISTENT:.0g}: form it by `consistent_velocity`"
+                f"{CONSISTENT:.0g}: form it by `extended_velocity`"
             )
         energies = [energy(start)] if scene.conserves_energy else []
 
@@ -465,7 +467,7 @@ def extended_reference(
         except GaveUpError as error:
             raise RefusedError("v̇", 0.0, 0.0, f"the motion cannot be followed: {error}") from None
         effort = integrator.effort
-        return Run(
+        return ReferenceRun(
             times,
             _arb_decimals(states[:, : scene.n]),
             _arb_decimals(states[:, scene.n : last]),

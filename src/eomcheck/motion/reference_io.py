@@ -1,7 +1,7 @@
 """Reference solutions on disk: one JSON file each, with all digits of both integrations.
 
-A `Run` is the result of one integration, in more digits than float64 holds; a `Reference` is two of
-them, whose difference is its uncertainty.
+A `ReferenceRun` is the result of one integration, in more digits than float64 holds; a `Reference`
+is two of them, whose difference is its uncertainty.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ DIGITS = 36
 
 
 @dataclass(frozen=True)
-class Run:
-    """One integration; its numbers are of the type `decimal.Decimal`.
+class ReferenceRun:
+    """One integration; its numbers are of the type `finite_number.Decimal`.
 
     Attributes:
         times: output times (k,), s, doubles.
@@ -50,7 +50,7 @@ class Run:
 
 
 def decimals(x: Array) -> Array:
-    """Return the strings of digits x as finite `decimal.Decimal`s, same shape.
+    """Return the strings of digits x as finite `finite_number.Decimal`s, same shape.
 
     Raises:
         ValueError: one is no finite number.
@@ -66,7 +66,7 @@ def decimals(x: Array) -> Array:
     return out
 
 
-def difference(one: Run, other: Run) -> list[float]:
+def difference(one: ReferenceRun, other: ReferenceRun) -> list[float]:
     """Return the largest |difference| over q and v at each time, in their own units.
 
     Raises:
@@ -109,7 +109,7 @@ class Reference:
     q: Array
     v: Array
     differences: Array
-    runs: tuple[Run, Run]
+    runs: tuple[ReferenceRun, ReferenceRun]
     check: Mapping[str, Any]
 
     @property
@@ -123,8 +123,14 @@ class Reference:
         return float(max(np.spacing(np.abs(x)).max() for x in (self.q, self.v)) / 2)
 
 
-def reference_of(
-    name: str, description: str, scene: Scene, q0, u0, runs: tuple[Run, Run], check: dict
+def reference_from_runs(
+    name: str,
+    description: str,
+    scene: Scene,
+    q0,
+    u0,
+    runs: tuple[ReferenceRun, ReferenceRun],
+    check: dict,
 ) -> Reference:
     """Return the `Reference` that two integrations make.
 
@@ -217,7 +223,7 @@ def _reference(document: dict[str, Any]) -> Reference:
     if times.ndim != 1 or times.size < 2 or not (np.diff(times) > 0.0).all():
         raise ValueError(f"times = {times.tolist()!r}, expected at least two times that rise")
     first, second = (_run(run, times, scene) for run in document["runs"])
-    reference = reference_of(
+    reference = reference_from_runs(
         str(document["name"]),
         str(document["description"]),
         scene,
@@ -236,14 +242,14 @@ def _reference(document: dict[str, Any]) -> Reference:
     return reference
 
 
-def _run(stored: dict[str, Any], times: Array, scene: Scene) -> Run:
+def _run(stored: dict[str, Any], times: Array, scene: Scene) -> ReferenceRun:
     stored = dict(stored)
     shape = (times.size, scene.n)
     q, v = (_numbers(stored.pop(name), shape) for name in ("q", "v"))
     energy, drift = stored.pop("energy"), stored.pop("energy_drift")
     if energy is not None:
         energy, drift = _numbers(energy, shape[:1]), float(drift)
-    return Run(times.tolist(), q, v, energy, drift, stored)
+    return ReferenceRun(times.tolist(), q, v, energy, drift, stored)
 
 
 def _strings(x: Array) -> list:

@@ -33,7 +33,7 @@ from eomcheck.formulations.formulation import Choice
 from eomcheck.kernels.emit import CALLS, FAILED, FAILURE_TIME, TIME
 from eomcheck.kernels.jit import EFFORT, LEAST_EFFORT
 from eomcheck.kernels.kernel import Kernel
-from eomcheck.kernels.program import NotRegularError, Program, continued, program_of
+from eomcheck.kernels.program import NotRegularError, Program, extrapolate_program, program_of
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.stabilization import feed_back
 from eomcheck.numbers.generic import FLOAT64, Array
@@ -73,7 +73,7 @@ def state_vector(y: Array, size: int) -> Array:
     return np.ascontiguousarray(y, float)
 
 
-def take_speeds(at: Quantities, formulation: Formulation, speeds: Any) -> None:
+def set_speeds(at: Quantities, formulation: Formulation, speeds: Any) -> None:
     """Give `at` the velocities that the speeds of a state vector stand for, in any numbers.
 
     Args:
@@ -138,11 +138,11 @@ def quantities_on(tape: Tape, scene: Scene, q: Array) -> Quantities:
     """Return the scene on a tape; its parameters and the time are inputs."""
     at = Quantities(scene, tape, q, tape.inputs("t", (1,))[0])
     given = {name: tape.inputs(name, x.shape) for name, x in parameter_arrays(scene).items()}
-    at.parameters = record_of(scene, given)
+    at.parameters = parameter_record(scene, given)
     return at
 
 
-def record_of(scene: Scene, given: Mapping[str, Any]) -> Any:
+def parameter_record(scene: Scene, given: Mapping[str, Any]) -> Any:
     """Return the record of the scene's parameters with these values, by name; None for others."""
     record = scene.parameters(FLOAT64)
     return record._make(map(given.get, record._fields))
@@ -156,7 +156,7 @@ def state_on_tape(scene: Scene, formulation: Formulation) -> tuple[Tape, Quantit
     return tape, quantities_on(tape, scene, y[:n]), y, speeds
 
 
-KEPT = 128
+CACHED_KERNELS = 128
 """Kernels that a process keeps: of more than these the ones that were used last."""
 
 _kernels: dict[Any, Kernel] = {}
@@ -195,7 +195,7 @@ def traced_kernel(
         program = _program(lambda one: trace(one, formulation, **options), scene, along)
         kernel = Kernel(program, parameters, outputs, width, effort)
     _kernels[key] = kernel
-    if len(_kernels) > KEPT:
+    if len(_kernels) > CACHED_KERNELS:
         del _kernels[next(iter(_kernels))]
     return kernel
 
@@ -208,18 +208,18 @@ def _program(trace: Callable[[Scene], Traced], scene: Scene, along: bool) -> Pro
         first += (links - first) % step
 
         def shorter(count: int) -> Program:
-            traced = trace(_alike(scene, count))
+            traced = trace(_shorter_scene(scene, count))
             return program_of(traced.tape, traced.outputs, short=0)
 
         try:
-            return continued(shorter, links, first, step)
+            return extrapolate_program(shorter, links, first, step)
         except NotRegularError:
             pass  # what follows no pattern is traced as it is
     traced = trace(scene)
     return program_of(traced.tape, traced.outputs)
 
 
-def _alike(scene: Scene, links: int) -> Scene:
+def _shorter_scene(scene: Scene, links: int) -> Scene:
     """Return a scene of this kind, with the same terms, of so many links.
 
     Raises:
@@ -241,7 +241,7 @@ def block_of(kernel: Kernel, scene: Scene, **more: float) -> Array:
 # ---- Right-hand sides ----------------------------------------------------------------------------
 
 
-def rates_on(
+def trace_rates(
     scene: Scene,
     formulation: Formulation,
     stabilized: bool = False,
@@ -258,7 +258,7 @@ def rates_on(
         choice: of the partition, by default the paper's, with all constraints.
     """
     tape, at, y, speeds = state_on_tape(scene, formulation)
-    take_speeds(at, formulation, speeds)
+    set_speeds(at, formulation, speeds)
     if stabilized:
         feed_back(at, formulation, tape.inputs(FEEDBACK, (1,))[0])
     qdot = at.qdot if formulation.uses == "bodies" else at.v
@@ -306,9 +306,9 @@ def kernel_of(
         scene: the scene.
         formulation: the formulation.
         stabilized: whether it reads a rate of feedback.
-        also: a further output, as for `rates_on`.
+        also: a further output, as for `trace_rates`.
         width: lanes.
-        choice: of the partition, as for `rates_on`.
+        choice: of the partition, as for `trace_rates`.
         effort: LLVM's in generating code.
 
     Raises:
@@ -323,7 +323,7 @@ def kernel_of(
         if formulation.multipliers and scene.r > 0:
             outputs["multipliers"] = scene.r
     options = {"stabilized": stabilized, "also": also, "choice": choice}
-    return traced_kernel(rates_on, scene, formulation, outputs, width, effort, **options)
+    return traced_kernel(trace_rates, scene, formulation, outputs, width, effort, **options)
 
 
 class RightHandSide:
@@ -333,7 +333,7 @@ class RightHandSide:
         scene: the scene.
         formulation: the formulation.
         feedback: rate of Baumgarte's feedback, 1/s, or None without.
-        choice: of the partition, as for `rates_on`.
+        choice: of the partition, as for `trace_rates`.
 
     Attributes:
         address: of the C function (derivatives, t, state, arguments).
@@ -423,7 +423,7 @@ def exact_jacobian(
     """Return the function (t, y (k,)) -> ∂ẏ/∂y (k, k), differentiated on the tape.
 
     For implicit integrators that take one (SciPy's). Not for two threads at once. It raises
-    `InputError` for a y of another shape. `choice` of the partition is that of `rates_on`.
+    `InputError` for a y of another shape. `choice` of the partition is that of `trace_rates`.
     """
     kernel = kernel_of(scene, formulation, also=JACOBIAN, choice=choice)
     block, size = block_of(kernel, scene), state_size(scene, formulation)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from eomcheck.console import watched
+from eomcheck.console import polled_progress
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluation.constraint_rank import check_rank_kept
 from eomcheck.evaluation.dynamics import check_consistent, velocity
@@ -22,7 +22,12 @@ from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.formulations import Formulation, formulation_for
 from eomcheck.mechanics.scene import Scene, checked_scene, finite_array
 from eomcheck.motion.integrators import MOST_STEPS, Steps, integrate, integrator_of
-from eomcheck.motion.observables import crossed, crossing, observer_of, solves_partition
+from eomcheck.motion.observables import (
+    crossing_refusal,
+    observer_of,
+    singular_crossings,
+    solves_partition,
+)
 from eomcheck.motion.right_hand_side import (
     ACCELERATION,
     RightHandSide,
@@ -31,19 +36,19 @@ from eomcheck.motion.right_hand_side import (
     kernel_of,
     number_of_speeds,
     parameter_arrays,
+    set_speeds,
     state_of,
-    take_speeds,
 )
-from eomcheck.motion.stabilization import check_stabilization, in_pieces, projected
+from eomcheck.motion.stabilization import check_stabilization, integrate_in_pieces, project_speeds
 from eomcheck.numbers.generic import Array
 
 # ---- Compiled motions ----------------------------------------------------------------------------
 
-AT_ONCE = 2**20
+LARGEST_CHUNK = 2**20
 """Numbers that are seen at once, of as many states as that makes."""
 
-SEEN = "v", "energy", "constraint"
-"""What is kept of what `observations_on` shows."""
+OBSERVED = "v", "energy", "constraint"
+"""What is kept of what `trace_observables` shows."""
 
 
 class Motion:
@@ -96,7 +101,7 @@ class Motion:
         """
         self.rates.reset()
         label = f"integrating by {self.formulation.key}"
-        with watched(label, t_end, lambda: self.rates.time):
+        with polled_progress(label, t_end, lambda: self.rates.time):
             return self._solve(t_end, projection, **options)
 
     def every_step(
@@ -130,7 +135,9 @@ class Motion:
                 **options,
             )
 
-        return in_pieces(piece, self.project, self.y0, t_end, projection, first, times, most)
+        return integrate_in_pieces(
+            piece, self.project, self.y0, t_end, projection, first, times, most
+        )
 
     def project(self, t: float, y: Array) -> Array:
         """Return the state vector y with its speeds projected onto the constraints.
@@ -140,7 +147,7 @@ class Motion:
         """
         n, end = self.scene.n, self.scene.n + self.speeds
         here = self.scene, self.formulation, self.partition
-        speeds = projected(*here, t, y[:n], y[n:end])
+        speeds = project_speeds(*here, t, y[:n], y[n:end])
         return np.concatenate((y[:n], speeds, y[end:]))
 
     def split(self, y: Array, t: float = 0.0) -> tuple[Array, Array]:
@@ -150,7 +157,7 @@ class Motion:
             return np.full(n, np.nan), np.full(n, np.nan)
         at = Evaluation(self.scene, y[:n], np.zeros(n), t)
         del at.v
-        take_speeds(at, self.formulation, y[n : n + self.speeds])
+        set_speeds(at, self.formulation, y[n : n + self.speeds])
         return at.q, at.v
 
     def seen(self, t: Array, y: Array) -> dict[str, Array]:
@@ -163,16 +170,18 @@ class Motion:
         here = self.scene, self.formulation
         solving = kernel_of(*here, also=ACCELERATION, choice=self.choice)
         looks = []
-        for kernel, wanted in ((observer, SEEN), (solving, ("multipliers",))):
+        for kernel, wanted in ((observer, OBSERVED), (solving, ("multipliers",))):
             names = [name for name in wanted if name in kernel.outputs]
             if names:
                 looks.append((kernel, block_of(kernel, self.scene), names))
         found = {
             name: np.empty((len(t), k.outputs[name])) for k, _, names in looks for name in names
         }
-        rows = max(1, AT_ONCE // max(kernel.size for kernel, *_ in looks))
+        rows = max(1, LARGEST_CHUNK // max(kernel.size for kernel, *_ in looks))
         first = 0
-        with watched(f"looking at the states of {self.formulation.key}", len(t), lambda: first):
+        with polled_progress(
+            f"looking at the states of {self.formulation.key}", len(t), lambda: first
+        ):
             for first in range(0, len(t), rows):
                 some = slice(first, first + rows)
                 for kernel, block, names in looks:
@@ -189,7 +198,7 @@ class Motion:
         here = self.scene, self.formulation, parameters
         # From where it started, which need not be an output.
         t, y = np.concatenate(([0.0], t)), np.vstack((self.y0, y))
-        (place,) = crossed(*here, t[:, None], y[:, :, None])
+        (place,) = singular_crossings(*here, t[:, None], y[:, :, None])
         return None if place is None else (float(t[place[0]]), float(t[place[1]]))
 
     def evaluation(self, y: Array, t: float) -> Evaluation | None:
@@ -206,7 +215,7 @@ class Motion:
 
 # ---- Trajectories --------------------------------------------------------------------------------
 
-LOOKED_AT = 200
+MOST_CHECKED_STATES = 200
 """Most states of a trajectory at which the matrices solved are looked at."""
 
 
@@ -233,7 +242,7 @@ class Trajectory:
         seconds: time of the integration alone, s.
         refusal: what the formulation says to the state where it failed, if it refuses it.
         rcond: smallest reciprocal condition number of each matrix solved, by name, at the states
-            looked at: `LOOKED_AT` of them at most, first and last included.
+            looked at: `MOST_CHECKED_STATES` of them at most, first and last included.
         rate_error: bound on the relative error of v̇ that rounding alone makes, the largest of the
             first, the last and the worst conditioned of these states; infinite where none can be
             measured.
@@ -264,7 +273,7 @@ class Trajectory:
     projection: float | None = None
 
 
-def trajectory(
+def trajectory_of(
     motion: Motion,
     found: Steps,
     integrator: str,
@@ -278,7 +287,7 @@ def trajectory(
     Poses that it cannot cross are looked for in `every` step, see `Motion.every_step`.
     """
     scene, formulation = motion.scene, motion.formulation
-    course = _Course(motion, found, found if every is None else every)
+    course = _ObservedMotion(motion, found, found if every is None else every)
     reason, refusal = course.refused or ("", None)
     if not (reason or (found.success and course.whole)):
         reason, refusal = _reason(motion, found)
@@ -307,11 +316,11 @@ def trajectory(
     )
 
 
-class _Course:
+class _ObservedMotion:
     """What follows from the states of a motion, up to the first that fails.
 
-    Seen in machine code. At `LOOKED_AT` of the states, and where a multiplier is no number, the
-    public path looks at the matrices that are solved.
+    Seen in machine code. At `MOST_CHECKED_STATES` of the states, and where a multiplier is no
+    number, the public path looks at the matrices that are solved.
     """
 
     def __init__(self, motion: Motion, found: Steps, every: Steps):
@@ -329,16 +338,20 @@ class _Course:
         self._worst = math.inf
         between = motion.crossed(every.t, every.y)
         if between is not None:
-            refusal = crossing(*between)
+            refusal = crossing_refusal(*between)
             self.refused = str(refusal), refusal
             self.kept = min(self.kept, int(np.searchsorted(found.t, between[0], "right")))
-        places = set(np.linspace(0, count - 1, min(count, LOOKED_AT)).astype(int).tolist())
+        places = set(
+            np.linspace(0, count - 1, min(count, MOST_CHECKED_STATES)).astype(int).tolist()
+        )
         if "multipliers" in self.seen:
             without = np.isnan(self.seen["multipliers"]).any(axis=1)
-            places |= set(np.flatnonzero(without)[:LOOKED_AT].tolist())
+            places |= set(np.flatnonzero(without)[:MOST_CHECKED_STATES].tolist())
         looks = sorted(place for place in places if place < self.kept)
         place = 0
-        with watched(f"looking at matrices of {self.formulation.key}", count, lambda: place):
+        with polled_progress(
+            f"looking at matrices of {self.formulation.key}", count, lambda: place
+        ):
             for place in looks:
                 t = float(found.t[place])
                 try:
@@ -468,7 +481,7 @@ def simulate(
     if first_step is not None and not (_number(first_step) and 0 < first_step <= t_end):
         raise InputError(f"first_step = {first_step!r}, expected a number in (0, t_end]")
     times = None if output_times is None else checked_times(output_times, t_end)
-    motion = Motion(scene, formulation, *initial(scene, q0, v0, u0), baumgarte)
+    motion = Motion(scene, formulation, *initial_values(scene, q0, v0, u0), baumgarte)
     options = {
         "integrator": integrator,
         "rtol": rtol,
@@ -482,7 +495,7 @@ def simulate(
     start = time.perf_counter()
     found = motion.solve(t_end, projection, **options)
     seconds = time.perf_counter() - start
-    seen = trajectory(motion, found, integrator, rtol, atol, seconds, every)
+    seen = trajectory_of(motion, found, integrator, rtol, atol, seconds, every)
     return replace(seen, baumgarte=baumgarte, projection=projection)
 
 
@@ -512,7 +525,7 @@ def checked_times(output_times, t_end: float) -> Array:
     return times
 
 
-def initial(scene: Scene, q0, v0, u0) -> tuple[Array, Array, Array | None]:
+def initial_values(scene: Scene, q0, v0, u0) -> tuple[Array, Array, Array | None]:
     """Return (q0, v0, u0 or None) that a motion starts from; see `simulate`."""
     if v0 is not None and u0 is not None:
         raise InputError("v0 and u0 are both given, expected at most one of them")

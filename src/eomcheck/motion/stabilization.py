@@ -36,7 +36,7 @@ from eomcheck.numbers.generic import Array, generic
 
 
 @generic
-def fed_back(a, gamma, b, v, rate):
+def drift_with_feedback(a, gamma, b, v, rate):
     """Return gamma + rate (a v + b) (r,); gamma as it is without a rate, 1/s."""
     if rate is None:
         return gamma
@@ -46,7 +46,7 @@ def fed_back(a, gamma, b, v, rate):
 
 
 @generic
-def joints_fed_back(before, after, rest, x, rate):
+def joint_drift_with_feedback(before, after, rest, x, rate):
     """Return d_k + rate (A_k x_{k-1} + C_k x_k) (n_b-1, 2); d as it is without a rate, 1/s."""
     if rate is None:
         return rest
@@ -57,10 +57,12 @@ def feed_back(at: Quantities, formulation: Formulation, rate: Any) -> None:
     """Give `at` the constraint drift with feedback at this rate, 1/s, in any numbers."""
     if formulation.uses == "chain":
         before, after, rest = at.chain.before, at.chain.after, at.chain.rest
-        at.chain = at.chain._replace(rest=joints_fed_back(before, after, rest, at.x, rate))
+        at.chain = at.chain._replace(
+            rest=joint_drift_with_feedback(before, after, rest, at.x, rate)
+        )
     else:
         a, gamma, b = at.terms.a, at.terms.gamma, at.terms.b
-        at.terms = at.terms._replace(gamma=fed_back(a, gamma, b, at.v, rate))
+        at.terms = at.terms._replace(gamma=drift_with_feedback(a, gamma, b, at.v, rate))
 
 
 def check_stabilization(
@@ -88,7 +90,7 @@ def check_stabilization(
             raise InputError(f"{name} = {value!r} does not apply: {scene.name} has no constraint")
 
 
-def projected(
+def project_speeds(
     scene: Scene, formulation: Formulation, partition: Partition, t: float, q: Array, speeds: Array
 ) -> Array:
     """Return the nearest speeds, v (n,) or x (s,), that satisfy the constraints at q.
@@ -106,7 +108,7 @@ def projected(
         return speeds + formulation.solution(mass, None, before, after, gaps)[0]
     M, _, _, a, _, b = Evaluation(scene, q, speeds, t).terms
     zero = np.zeros(scene.n)
-    c = fed_back(a, np.zeros(scene.r), b, speeds, 1.0)
+    c = drift_with_feedback(a, np.zeros(scene.r), b, speeds, 1.0)
     return speeds + formulation.solution(M, zero, a, c, zero, partition)[0]
 
 
@@ -114,7 +116,7 @@ Piece = Callable[[float, float, Array, float, "Array | None", int], Steps]
 """(start, end, state, first step, output times, most steps) -> what an integrator found."""
 
 
-def in_pieces(
+def integrate_in_pieces(
     piece: Piece,
     project: Callable[[float, Array], Array],
     y: Array,

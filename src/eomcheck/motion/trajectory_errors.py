@@ -73,7 +73,7 @@ def drift_of(times: Array, errors: Array) -> Drift | None:
     return Drift(float(np.exp(at_end) / times[-1]), float(exponent))
 
 
-def constraint_drift(trajectory: Trajectory) -> Drift | None:
+def constraint_error_drift(trajectory: Trajectory) -> Drift | None:
     """Return how ‖c‖₂ grows, m/s per s; None where nothing lets the motion leave a v + b = 0.
 
     Formulations whose constraints enter at acceleration level drift: they know only that the rate
@@ -85,7 +85,7 @@ def constraint_drift(trajectory: Trajectory) -> Drift | None:
     return drift_of(trajectory.times, constraint_error(trajectory))
 
 
-def energy_drift(trajectory: Trajectory) -> Drift | None:
+def energy_error_drift(trajectory: Trajectory) -> Drift | None:
     """Return how |T + U - E_0| over the largest |T + U| grows, per s; None if it is not kept."""
     if not trajectory.scene.conserves_energy:
         return None

@@ -21,7 +21,7 @@ import numpy as np
 
 from eomcheck.errors import RefusedError
 from eomcheck.numbers.banded_solve import BANDED_SOLVERS, eliminate_banded
-from eomcheck.numbers.generic import Angles, Array, each
+from eomcheck.numbers.generic import Angles, Array, map_entries
 from eomcheck.numbers.linear import SOLVERS
 
 _computing = RLock()
@@ -39,7 +39,7 @@ class Balls:
 
     def numbers(self, x: Array) -> Array:
         """Return the doubles x as exact balls, same shape."""
-        return each(lambda y: flint.arb(float(y)), x)
+        return map_entries(lambda y: flint.arb(float(y)), x)
 
     def angles(self, x: Array) -> Angles:
         """Return the angles x (k,), doubles or balls, with their cosines and sines."""
@@ -50,7 +50,7 @@ class Balls:
 
     def root(self, x: Array) -> Array:
         """Return the positive square roots of the balls x (k,)."""
-        return each(lambda y: y.sqrt(), x)
+        return map_entries(lambda y: y.sqrt(), x)
 
     def literal(self, x: int) -> flint.arb:
         """Return the literal x as an exact ball."""
@@ -62,7 +62,7 @@ def midpoints(x: Array) -> Array:
     return np.array([float(ball(y).mid()) for y in np.ravel(x)]).reshape(np.shape(x))
 
 
-def as_doubles(x: Array) -> Array:
+def midpoints_or_zero(x: Array) -> Array:
     """Return the balls x as doubles, same shape: their midpoints, and 0 where that is in a ball.
 
     Of what vanishes exactly nothing but the width of a ball is left, and that is no number.

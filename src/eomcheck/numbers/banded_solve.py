@@ -26,15 +26,15 @@ from eomcheck.errors import RefusedError
 from eomcheck.numbers.linear import (
     ROUNDS,
     SOLVERS,
-    Solve,
+    SolveRecord,
+    active_noise,
     column_scale,
     determinant,
-    noise_present,
-    one_by_one,
+    for_each_noise,
     record,
     singular_below,
 )
-from eomcheck.numbers.noise import NORMAL, Noises
+from eomcheck.numbers.noise import NORMAL, NoiseBatch
 from eomcheck.numbers.pivots import (
     LEAST_STEPS,
     MOST_STEPS,
@@ -83,11 +83,11 @@ def solve_banded(bands, b, name):
         return _lapack_solve(bands, b, name)
     kind = type(next((x for x in chain(bands.flat, b.flat) if not isinstance(x, int)), 0))
     if kind not in BANDED_SOLVERS and kind in SOLVERS:
-        return SOLVERS[kind](full(bands), b, name)
+        return SOLVERS[kind](to_dense(bands), b, name)
     return BANDED_SOLVERS.get(kind, eliminate_banded)(bands, b, name)
 
 
-def full(bands: np.ndarray) -> np.ndarray:
+def to_dense(bands: np.ndarray) -> np.ndarray:
     """Return the matrix (m, m) with all its zeros."""
     size = len(bands)
     A = np.zeros((size, size), bands.dtype)
@@ -101,12 +101,12 @@ def full(bands: np.ndarray) -> np.ndarray:
 
 
 def _lapack_solve(bands, b, name):
-    bands, b, noise = np.asarray(bands), np.asarray(b), noise_present()
-    if isinstance(noise, Noises):
-        each = one_by_one(noise, lambda i, _: _lapack_solve(bands[i], b[i], name))
+    bands, b, noise = np.asarray(bands), np.asarray(b), active_noise()
+    if isinstance(noise, NoiseBatch):
+        each = for_each_noise(noise, lambda i, _: _lapack_solve(bands[i], b[i], name))
         return noise.array(np.stack(each))
     size = len(bands)
-    columns, inside = columns_of(size)
+    columns, inside = band_columns(size)
     with np.errstate(all="ignore"):
         if noise is not None:
             bands, b = noise.entries(bands), noise.entries(b)
@@ -114,11 +114,11 @@ def _lapack_solve(bands, b, name):
         row_scale = column_scale(bands.T)
         bands = np.where(inside, bands * row_scale[:, None], 0.0)
         scale = column_scale(_by_column(bands, columns, inside))
-        A = _Factored(bands * scale[columns], columns, inside)
+        A = _BandFactors(bands * scale[columns], columns, inside)
         sign, log = determinant(A.lu[2 * REACH], A.pivots, scale, row_scale)
         rcond = A.reciprocal_condition() if noise is None else np.nan
         x, error, steps = A.solve(b * row_scale)
-        record(Solve(name, size, rcond, float(sign), float(log), steps), A.bands, terms=TERMS)
+        record(SolveRecord(name, size, rcond, float(sign), float(log), steps), A.bands, terms=TERMS)
         if noise is None:
             # An error that is not finite is an overflow, and told as one.
             if REFINED < error < np.inf:
@@ -140,7 +140,7 @@ def _lapack_solve(bands, b, name):
 
 
 @lru_cache(64)
-def columns_of(size):
+def band_columns(size):
     """Return the columns (size, 7) of what is in bands, 0 where it is outside, and what is not."""
     columns = np.arange(size)[:, None] + np.arange(-HALF, HALF + 1)
     inside = (columns >= 0) & (columns < size)
@@ -152,25 +152,25 @@ PROBES = 8
 """Vectors of random signs with which the rows of |A⁻¹| are measured."""
 
 
-def probes(size):
+def random_signs(size):
     """Return them (size, PROBES)."""
     return np.random.default_rng(0).choice((-1.0, 1.0), (size, PROBES))
 
 
 @lru_cache(64)
-def storage(size):
+def lapack_positions(size):
     """Return the order of elimination, and where LAPACK stores what is inside: rows and columns.
 
     Entry (i, j) is at row 6 + i - j of column j, behind room for fill-in.
     """
-    columns, inside = columns_of(size)
+    columns, inside = band_columns(size)
     order = from_both_ends(size)
     place = np.argsort(order)
     i, j = (np.broadcast_to(x, columns.shape)[inside] for x in (place[:, None], place[columns]))
     return order, 2 * REACH + i - j, j
 
 
-class _Factored:
+class _BandFactors:
     """A banded matrix and its factors.
 
     Args:
@@ -182,7 +182,7 @@ class _Factored:
     def __init__(self, bands, columns, inside):
         self.bands, self.columns, self.inside = bands, columns, inside
         size = len(bands)
-        self.order, rows, places = storage(size)
+        self.order, rows, places = lapack_positions(size)
         A = np.zeros((3 * REACH + 1, size))
         A[rows, places] = bands[inside]
         self.lu, self.pivots, _ = _gbtrf(A, REACH, REACH)
@@ -242,13 +242,13 @@ class _Factored:
         best w are found as there, |A⁻¹| by random signs: everything is O(m).
         """
         weights, rcond = np.ones(len(self.bands)), 0.0
-        signs = probes(len(weights))
+        signs = random_signs(len(weights))
         for _ in range(ROUNDS):
             if not (self.invertible and np.isfinite(weights).all()):
                 break
             rows = self.size(weights)
             scaled = self.bands * weights[self.columns] / rows[:, None]
-            other = _Factored(scaled, self.columns, self.inside)
+            other = _BandFactors(scaled, self.columns, self.inside)
             before = rcond
             rcond = max(
                 rcond, float(_gbcon(REACH, REACH, other.lu, other.pivots, 1.0, norm="I")[0])

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from eomcheck.numbers.generic import Array
-from eomcheck.numbers.linear import PRODUCTS, kind_of, product
+from eomcheck.numbers.linear import PRODUCTS, matrix_product, scalar_type_of
 
 MANY = 8192
 """More multiplications than this are one product of matrices ..."""
@@ -43,13 +43,13 @@ def add_congruence(
     columns = [list(range(p))] * count
     if support is not None:
         columns = [np.flatnonzero(row).tolist() for row in support]
-    whole = _is_large(columns, size) and (J.dtype != object or kind_of(J) in PRODUCTS)
+    whole = _is_large(columns, size) and (J.dtype != object or scalar_type_of(J) in PRODUCTS)
     if whole:
         momenta = _weighted(J, weights, columns).reshape(-1, p)
         right = np.concatenate((J.reshape(-1, p), rest.reshape(-1, 1)), axis=1)
-        both += product(np.ascontiguousarray(momenta.T), right)
+        both += matrix_product(np.ascontiguousarray(momenta.T), right)
     for c in range(size):
-        for f in () if whole else _met(weights, c):
+        for f in () if whole else _nonzero_columns(weights, c):
             for k in range(count):
                 weight = weights[k] if weights.ndim == 1 else weights[k, c, f]
                 for place, i in enumerate(columns[k]):
@@ -63,7 +63,7 @@ def add_congruence(
                     both[i, p] += J[k, c, i] * more[k, c]
 
 
-def _met(weights: Array, c: int) -> Sequence[int]:
+def _nonzero_columns(weights: Array, c: int) -> Sequence[int]:
     """Return which columns of D are not 0 in its row c."""
     return (c,) if weights.ndim == 1 else range(weights.shape[1])
 
@@ -79,7 +79,7 @@ def _weighted(J: Array, weights: Array, columns: list[list[int]]) -> Array:
     found = np.zeros(J.shape, J.dtype)
     for k, here in enumerate(columns):
         for c in range(J.shape[1]):
-            for f in _met(weights, c):
+            for f in _nonzero_columns(weights, c):
                 weight = weights[k] if weights.ndim == 1 else weights[k, c, f]
                 for i in here:
                     found[k, c, i] += weight * J[k, f, i]

@@ -178,7 +178,7 @@ def _constant(value: int) -> Bound:
     return Bound(0, math.log2(abs(value)))
 
 
-class Degrees:
+class DegreeArithmetic:
     """The arithmetic of `Bound`: every number of the scene is a variable of its own."""
 
     def vector(self, size: int) -> Array:

@@ -18,7 +18,7 @@ from eomcheck.numbers.generic import (
     Arithmetic,
     Array,
     NotRationalError,
-    each,
+    map_entries,
     map_record,
     product_of,
 )
@@ -110,12 +110,12 @@ def _quotient(x, y):
 
 def duals(x: Array, rates: Array) -> Array:
     """Return x + ε rates, both of one shape, as an array of `Dual`."""
-    return each(Dual, x, rates)
+    return map_entries(Dual, x, rates)
 
 
 def constant(record: Any) -> Any:
     """Return the arrays of a record as duals that do not change; what is absent stays absent."""
-    return map_record(lambda part: each(Dual, part) if np.ndim(part) else Dual(part), record)
+    return map_record(lambda part: map_entries(Dual, part) if np.ndim(part) else Dual(part), record)
 
 
 def dual_angles(angles: Angles, rates: Array) -> Angles:
@@ -138,7 +138,7 @@ def rate(x) -> Any:
         return x.rate
     if np.ndim(x) == 0:
         return 0
-    return each(rate, x)
+    return map_entries(rate, x)
 
 
 def value(x: Any) -> Any:
@@ -148,12 +148,12 @@ def value(x: Any) -> Any:
 
 def _solve(A: Array, b: Array, name: str) -> Array:
     """Solve A x = b for x and, from A x′ = b′ - A′ x, for its derivative."""
-    values = _doubles(each(value, A))
-    x = solve(values, _doubles(each(value, b)), name)
-    return duals(x, solve(values, _doubles(rate(b) - rate(A) @ x), name))
+    values = _as_float64(map_entries(value, A))
+    x = solve(values, _as_float64(map_entries(value, b)), name)
+    return duals(x, solve(values, _as_float64(rate(b) - rate(A) @ x), name))
 
 
-def _doubles(x: Array) -> Array:
+def _as_float64(x: Array) -> Array:
     """Return objects that are doubles as such: they are solved with pivots, others exactly."""
     kinds = {type(entry) for entry in x.flat}
     return x.astype(np.float64) if kinds & {float, np.float64} and kinds <= PLAIN else x
@@ -166,7 +166,7 @@ SOLVERS[Dual] = _solve
 CARRIERS.add(Dual)
 
 
-class Recorder:
+class RecordingArithmetic:
     """An arithmetic that remembers the angles and roots it made."""
 
     def __init__(self, arithmetic: Arithmetic):
@@ -188,7 +188,7 @@ class Recorder:
         return self.made[-1]
 
 
-class Replay:
+class ReplayArithmetic:
     """An arithmetic that makes the same angles and roots again, in order, while they change."""
 
     def __init__(self, made: Sequence[Any]):

@@ -91,7 +91,7 @@ def product_of(x: Any, power: int) -> Any:
 # ---- Arrays of objects and records of arrays -----------------------------------------------------
 
 
-def each(function: Callable[..., Any], *arrays: Any) -> np.ndarray:
+def map_entries(function: Callable[..., Any], *arrays: Any) -> np.ndarray:
     """Return function(x, ...) of every entry of arrays of one shape, as an array of objects."""
     out = np.empty(np.shape(arrays[0]), object)
     flat = (np.ravel(array) for array in arrays)
@@ -115,7 +115,7 @@ def map_record(function: Callable[..., Any], record: Any, *others: Any) -> Any:
     return function(record, *others)
 
 
-def objects(record: Any) -> Any:
+def as_objects(record: Any) -> Any:
     """Return a record whose arrays hold objects, so that what is made like them can hold any."""
     return map_record(lambda part: np.asarray(part, object), record)
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from eomcheck.numbers.generic import BRANCH, Angles, NotRationalError
-from eomcheck.numbers.noise import EXACT, NORMAL, Noise
+from eomcheck.numbers.noise import EXACT_UFUNCS, NORMAL, Noise
 from eomcheck.numbers.pivots import SMALLEST_SIZE
 
 ARITHMETIC = (np.add, np.subtract, np.multiply, np.true_divide)
@@ -22,7 +22,7 @@ ARITHMETIC = (np.add, np.subtract, np.multiply, np.true_divide)
 class LaneArray:
     """An array with a double per lane in each entry.
 
-    What noise moves it as `MovedArray` does: the result of an operation on the whole array, an
+    What noise moves it as `PerturbedArray` does: the result of an operation on the whole array, an
     entry that is taken out no more.
 
     Args:
@@ -96,7 +96,7 @@ class LaneArray:
     def __array__(self, dtype: Any = None, copy: Any = None) -> np.ndarray:
         if dtype is not None and np.dtype(dtype) != object:
             raise TypeError("lanes are no array of doubles")
-        return entries(self)
+        return as_object_array(self)
 
     def copy(self) -> LaneArray:
         """Return a copy."""
@@ -112,11 +112,11 @@ class LaneArray:
 
     def sum(self, axis: int | None = None) -> LaneArray:
         """Return the sum along an axis, or of all entries."""
-        return LaneArray(self._flattened(axis).sum(axis=0 if axis is None else _front(axis)))
+        return LaneArray(self._flattened(axis).sum(axis=0 if axis is None else _data_axis(axis)))
 
     def max(self, axis: int | None = None) -> LaneArray:
         """Return the largest entries along an axis, or of all."""
-        return LaneArray(self._flattened(axis).max(axis=0 if axis is None else _front(axis)))
+        return LaneArray(self._flattened(axis).max(axis=0 if axis is None else _data_axis(axis)))
 
     def _flattened(self, axis: int | None) -> np.ndarray:
         return self.data.reshape(-1, self.lanes) if axis is None else self.data
@@ -131,7 +131,7 @@ class LaneArray:
             if noise is None and kind is LaneArray:
                 noise = other.noise
             first, second = (z.data if type(z) is LaneArray else z for z in (x, y))
-            return _moved(ufunc(first, second), noise)
+            return _perturbed(ufunc(first, second), noise)
         if isinstance(other, np.ndarray):
             return ufunc(x, y)
         return NotImplemented
@@ -190,14 +190,14 @@ class LaneArray:
         objects = any(isinstance(x, np.ndarray) and x.dtype == object for x in inputs)
         if ufunc is np.matmul:
             count = self.lanes
-            data = [lanes_of(x, count) for x in inputs]
+            data = [lane_data(x, count) for x in inputs]
             result = _product(*data)
             if noise is None:
                 return LaneArray(result)
             size = _product(*map(np.abs, data))
-            return LaneArray(result + _changes(noise, result) * size_of(size), noise)
+            return LaneArray(result + _changes(noise, result) * perturbation_scale(size), noise)
         if objects:
-            return ufunc(*(entries(x) if isinstance(x, LaneArray) else x for x in inputs))
+            return ufunc(*(as_object_array(x) if isinstance(x, LaneArray) else x for x in inputs))
         data = [
             x.data
             if isinstance(x, LaneArray)
@@ -207,7 +207,7 @@ class LaneArray:
             for x in inputs
         ]
         result = ufunc(*data, **options)
-        return LaneArray(result, noise) if ufunc in EXACT else _moved(result, noise)
+        return LaneArray(result, noise) if ufunc in EXACT_UFUNCS else _perturbed(result, noise)
 
     def __array_function__(self, function, types, arguments, options):
         mine = FUNCTIONS.get(function)
@@ -222,11 +222,11 @@ def _has_dots(where: Any) -> bool:
     return isinstance(where, tuple) and any(x is Ellipsis for x in where)
 
 
-def _front(axis: int) -> int:
+def _data_axis(axis: int) -> int:
     return axis if axis >= 0 else axis - 1
 
 
-def size_of(x: np.ndarray) -> np.ndarray:
+def perturbation_scale(x: np.ndarray) -> np.ndarray:
     """Return what noise moves x relative to: |x|, and `SMALLEST_SIZE` of what is no normal number.
 
     A zero then becomes no subnormal number, with which machines compute a hundred times as slowly.
@@ -240,10 +240,10 @@ def _changes(noise: Noise, x: np.ndarray) -> np.ndarray:
     return noise.changes(x.shape[:-1])[..., None]
 
 
-def _moved(result: np.ndarray, noise: Noise | None) -> LaneArray:
+def _perturbed(result: np.ndarray, noise: Noise | None) -> LaneArray:
     if noise is None or result.dtype != np.float64:
         return LaneArray(result)
-    change = _changes(noise, result) * size_of(result)
+    change = _changes(noise, result) * perturbation_scale(result)
     return LaneArray(result + change, noise)
 
 
@@ -258,7 +258,7 @@ def _product(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 # ---- To and from other arrays --------------------------------------------------------------------
 
 
-def entries(x: LaneArray) -> np.ndarray:
+def as_object_array(x: LaneArray) -> np.ndarray:
     """Return the entries of lanes as an array of objects, of x's shape."""
     out = np.empty(x.shape, object)
     flat = x.data.reshape(-1, x.lanes)
@@ -279,12 +279,12 @@ def lanes_in(x: Any) -> int:
     return 0
 
 
-def lanes_of(x: Any, count: int) -> np.ndarray:
+def lane_data(x: Any, count: int) -> np.ndarray:
     """Return the doubles (*shape, L) of an array of any kind, L = `count`."""
     if isinstance(x, LaneArray):
         return x.data
     if isinstance(x, list | tuple):
-        return np.stack([lanes_of(part, count) for part in x])
+        return np.stack([lane_data(part, count) for part in x])
     x = np.asarray(x)
     if x.dtype != object:
         return np.broadcast_to(np.asarray(x, np.float64)[..., None], (*x.shape, count))
@@ -295,15 +295,15 @@ def lanes_of(x: Any, count: int) -> np.ndarray:
     return out
 
 
-def doubles(x: Any) -> Any:
+def as_float64(x: Any) -> Any:
     """Return an array of doubles, or of lanes where x has any."""
     if isinstance(x, LaneArray):
         return x
     count = lanes_in(x)
-    return LaneArray(lanes_of(x, count)) if count else np.asarray(x, np.float64)
+    return LaneArray(lane_data(x, count)) if count else np.asarray(x, np.float64)
 
 
-def where(condition: Any, x: Any, y: Any) -> Any:
+def select(condition: Any, x: Any, y: Any) -> Any:
     """Return x where the condition holds, otherwise y, lane by lane; all are lanes or plain."""
     count = next((n for n in map(lanes_in, (condition, x, y)) if n), 0)
     if not count:
@@ -321,14 +321,14 @@ def everywhere(condition: Any) -> Any:
 
 def _concatenate(arrays: Any, axis: int = 0) -> Any:
     count = lanes_in(list(arrays))
-    return LaneArray(np.concatenate([lanes_of(x, count) for x in arrays], _front(axis)))
+    return LaneArray(np.concatenate([lane_data(x, count) for x in arrays], _data_axis(axis)))
 
 
 FUNCTIONS: dict[Any, Callable] = {
     np.shape: lambda x: x.shape,
     np.ndim: lambda x: x.ndim,
     np.size: lambda x: x.size,
-    np.ravel: lambda x: entries(x).reshape(-1),
+    np.ravel: lambda x: as_object_array(x).reshape(-1),
     np.sum: lambda x, axis=None: x.sum(axis),
     np.concatenate: _concatenate,
     np.zeros_like: lambda x: LaneArray(np.zeros_like(x.data)),
@@ -340,7 +340,7 @@ FUNCTIONS: dict[Any, Callable] = {
 # ---- Arithmetic and noise ------------------------------------------------------------------------
 
 
-class InLanes:
+class LaneArithmetic:
     """The arithmetic of lanes (`eomcheck.numbers.generic.Arithmetic`)."""
 
     def numbers(self, x: Any) -> Any:
@@ -349,28 +349,29 @@ class InLanes:
 
     def angles(self, x: Any) -> Angles:
         """Return the angles x (k,) with their cosines and sines."""
-        x = doubles(x)
+        x = as_float64(x)
         return Angles(x, LaneArray(np.cos(x.data)), LaneArray(np.sin(x.data)))
 
     def root(self, x: Any) -> LaneArray:
         """Return the positive square roots of x (k,)."""
-        return LaneArray(np.sqrt(doubles(x).data))
+        return LaneArray(np.sqrt(as_float64(x).data))
 
 
-IN_LANES = InLanes()
+LANE_ARITHMETIC = LaneArithmetic()
 
 
 class LaneNoise(Noise):
     """A source of changes that are the same in all lanes, as they are the same at all states.
 
-    What is no normal number is moved like the smallest of which residuals tell, see `size_of`.
+    What is no normal number is moved like the smallest of which residuals tell, see
+    `perturbation_scale`.
     """
 
     def entries(self, x: Any) -> Any:
         """Change each entry of x relative to itself."""
         data = x.data
         with np.errstate(all="ignore"):
-            return LaneArray(data + _changes(self, data) * size_of(data))
+            return LaneArray(data + _changes(self, data) * perturbation_scale(data))
 
     def record(self, x: Any) -> Any:
         """Change each entry of every array in a record; what is absent stays absent."""
@@ -379,7 +380,7 @@ class LaneNoise(Noise):
         if isinstance(x, tuple):
             parts = [self.record(part) for part in x]
             return type(x)(*parts) if hasattr(x, "_fields") else tuple(parts)
-        return x if x is None else self.array(self.entries(doubles(x)))
+        return x if x is None else self.array(self.entries(as_float64(x)))
 
     def array(self, x: Any) -> Any:
         """Return x with every operation of whole arrays on it moved."""

@@ -25,16 +25,16 @@ import scipy.linalg
 from scipy.linalg import get_lapack_funcs
 
 from eomcheck.errors import RefusedError
-from eomcheck.numbers.lanes import LaneArray, doubles, lanes_in, lanes_of
-from eomcheck.numbers.noise import NORMAL, Noise, Noises
-from eomcheck.numbers.pivots import EPS, scale_of
+from eomcheck.numbers.lanes import LaneArray, as_float64, lane_data, lanes_in
+from eomcheck.numbers.noise import NORMAL, Noise, NoiseBatch
+from eomcheck.numbers.pivots import EPS, power_of_two_scale
 
 # ---- LU factors ----------------------------------------------------------------------------------
 
 (_getri,) = get_lapack_funcs(("getri",), dtype=np.float64)
 
 
-class Factors:
+class FactorMagnitudes:
     """The magnitudes of the factors of a matrix: |L||U|, rows as in the matrix.
 
     eps times about this is what elimination, and substitution for each right-hand side, change it.
@@ -50,10 +50,10 @@ class Factors:
         size = np.abs(lu)
         self.L, self.U = np.where(upper, one, size), np.where(upper, size, 0.0)
         if pivots.ndim == 1:
-            self.place: Any = (..., order_of(pivots))
+            self.place: Any = (..., elimination_order(pivots))
             self.rows: Any = (*self.place, slice(None))
         else:
-            self.place = self.rows = np.arange(len(pivots))[:, None], order_of(pivots)
+            self.place = self.rows = np.arange(len(pivots))[:, None], elimination_order(pivots)
 
     def times(self, x: np.ndarray) -> np.ndarray:
         """Return |L||U| x, x (..., k) or (..., k, m); of one matrix, x may be several."""
@@ -68,15 +68,15 @@ class Factors:
 class Rounding(NamedTuple):
     """What elimination rounds of a matrix: |L| and |U|, and how it was scaled (..., k)."""
 
-    sizes: Factors
+    sizes: FactorMagnitudes
     scale: np.ndarray
     row_scale: np.ndarray
 
     def of(self, x: np.ndarray, scale: np.ndarray, row_scale: np.ndarray) -> np.ndarray:
         """Return |L||U| x for x >= 0 (..., k) or (..., k, m), both scaled as told (..., k)."""
-        size = times_rows(x, scale / self.scale)
+        size = scale_rows(x, scale / self.scale)
         rounded = self.sizes.times(size if x.ndim > scale.ndim else size[..., None])
-        return times_rows(rounded.reshape(x.shape), row_scale / self.row_scale)
+        return scale_rows(rounded.reshape(x.shape), row_scale / self.row_scale)
 
 
 @cache
@@ -89,7 +89,7 @@ ROUNDS = 20
 """Most rounds of the iteration for a spectral radius; three to five are common."""
 
 
-def reciprocal_condition(lu: np.ndarray, pivots: np.ndarray, sizes: Factors) -> float:
+def reciprocal_condition(lu: np.ndarray, pivots: np.ndarray, sizes: FactorMagnitudes) -> float:
     """Return 1 / ρ(|A⁻¹| |L||U|) of a factored matrix, or a little less; 0 where it is singular.
 
     |L||U| is the backward error of elimination. The spectral radius ρ is the norm of |A⁻¹| |L||U|
@@ -134,10 +134,10 @@ def column_scale(A: np.ndarray) -> np.ndarray:
     Elimination with partial pivoting does not notice a scaling of columns: pivots and digits are
     the same. It does notice one of rows, for which the same function is used on Aᵀ.
     """
-    return scale_of(np.abs(A).max(axis=-2))
+    return power_of_two_scale(np.abs(A).max(axis=-2))
 
 
-def order_of(pivots):
+def elimination_order(pivots):
     """Return the rows (..., k) in the order of their elimination, of pivots of this shape."""
     if pivots.ndim > 1:
         first, order = np.arange(len(pivots)), np.tile(np.arange(pivots.shape[1]), (len(pivots), 1))
@@ -150,7 +150,7 @@ def order_of(pivots):
     return np.array(order)
 
 
-def times_rows(x, scale):
+def scale_rows(x, scale):
     """Return x (..., k) or (..., k, m), each row times its scale (..., k)."""
     return x * (scale if x.ndim == scale.ndim else scale[..., None])
 
@@ -171,7 +171,7 @@ CARRIERS: set[type] = set()
 """Kinds of number that carry another kind, and stand beside it where they have nothing to add."""
 
 
-class Solve(NamedTuple):
+class SolveRecord(NamedTuple):
     """One matrix that was solved.
 
     Attributes:
@@ -195,12 +195,12 @@ class Solve(NamedTuple):
     rounding: Any = None
 
 
-class Watch:
+class SolveRecorder:
     """What `solve` reports to while doubles are evaluated.
 
     Attributes:
         noise: what matrices are moved by.
-        like: see `watching`.
+        like: see `recording_solves`.
         solves: every matrix solved.
         conditions: in lanes, whether condition numbers are wanted.
         refused: in lanes, where each of them is refused (L,).
@@ -209,11 +209,11 @@ class Watch:
     def __init__(
         self,
         noise: Noise | None = None,
-        like: Mapping[str, Solve] | None = None,
+        like: Mapping[str, SolveRecord] | None = None,
         conditions: bool = True,
     ):
         self.noise, self.like, self.conditions = noise, like or {}, conditions
-        self.solves: list[Solve] = []
+        self.solves: list[SolveRecord] = []
         self.refused: list[np.ndarray] = []
 
     @property
@@ -222,16 +222,16 @@ class Watch:
         return {solve.name: solve.rcond for solve in self.solves}
 
 
-_watch: ContextVar[Watch | None] = ContextVar("watch", default=None)
+_active_recorder: ContextVar[SolveRecorder | None] = ContextVar("watch", default=None)
 
 
 @contextmanager
-def watching(
+def recording_solves(
     noise: Noise | None = None,
-    like: Mapping[str, Solve] | None = None,
+    like: Mapping[str, SolveRecord] | None = None,
     conditions: bool = True,
-) -> Iterator[Watch]:
-    """Collect every `Solve` made inside the block.
+) -> Iterator[SolveRecorder]:
+    """Collect every `SolveRecord` made inside the block.
 
     Args:
         noise: what matrices are moved by.
@@ -240,43 +240,43 @@ def watching(
             nothing of the rounding of this one.
         conditions: in lanes, whether condition numbers are wanted.
     """
-    token = _watch.set(watch := Watch(noise, like, conditions))
+    token = _active_recorder.set(watch := SolveRecorder(noise, like, conditions))
     try:
         yield watch
     finally:
-        _watch.reset(token)
+        _active_recorder.reset(token)
 
 
-def watch_present() -> Watch | None:
+def active_recorder() -> SolveRecorder | None:
     """Return what `solve` reports to, if anything."""
-    return _watch.get()
+    return _active_recorder.get()
 
 
-def noise_present() -> Noise | None:
+def active_noise() -> Noise | None:
     """Return the noise by which matrices are to be moved, if any."""
-    watch = _watch.get()
+    watch = _active_recorder.get()
     return None if watch is None else watch.noise
 
 
-def one_by_one(noises: Noises, function: Callable[[int, Noise], T]) -> list[T]:
+def for_each_noise(noises: NoiseBatch, function: Callable[[int, Noise], T]) -> list[T]:
     """Return function(i, noise) for each of several noises, which alone moves what is solved there.
 
     What all solve is recorded as if they had solved it side by side.
     """
-    outer, found, solves = _watch.get(), [], []
+    outer, found, solves = _active_recorder.get(), [], []
     with noises.apart() as each:
         for i, noise in enumerate(each):
-            with nullcontext() if outer is None else watching(noise, outer.like) as watch:
+            with nullcontext() if outer is None else recording_solves(noise, outer.like) as watch:
                 found.append(function(i, noise))
             solves.append([] if watch is None else watch.solves)
     for same in zip(*solves, strict=True):
-        signs, logs = (np.array([getattr(x, of) for x in same]) for of in Solve._fields[3:5])
+        signs, logs = (np.array([getattr(x, of) for x in same]) for of in SolveRecord._fields[3:5])
         assert outer is not None
         outer.solves.append(same[0]._replace(sign=signs, log_determinant=logs))
     return found
 
 
-def record(found: Solve, matrix: np.ndarray, terms: int | None = None) -> None:
+def record(found: SolveRecord, matrix: np.ndarray, terms: int | None = None) -> None:
     """Record a matrix that was factored, and refuse it if it is singular, unless noise moves it.
 
     Args:
@@ -287,7 +287,7 @@ def record(found: Solve, matrix: np.ndarray, terms: int | None = None) -> None:
     Raises:
         RefusedError: it is singular to working precision.
     """
-    watch = _watch.get()
+    watch = _active_recorder.get()
     if watch is not None:
         watch.solves.append(found)
         if watch.noise is not None:
@@ -337,17 +337,17 @@ def solve(A, b, name):
         return _lapack_solve(np.asarray(A), np.asarray(b), name)
     if A.shape[0] == 0:
         return b.copy()
-    return SOLVERS.get(kind_of(A, b), eliminate)(A, b, name)
+    return SOLVERS.get(scalar_type_of(A, b), eliminate)(A, b, name)
 
 
-def product(A, B):
+def matrix_product(A, B):
     """Return A B (k, m) of matrices (k, l) and (l, m): `@` where they may be large."""
     if A.dtype != object:
         return A @ B
-    return PRODUCTS.get(kind_of(A, B), operator.matmul)(A, B)
+    return PRODUCTS.get(scalar_type_of(A, B), operator.matmul)(A, B)
 
 
-def kind_of(*arrays):
+def scalar_type_of(*arrays):
     """Return the kind of numbers in object arrays."""
     # Generic functions write literal zeros and ones among the numbers of the model.
     kinds = {type(x) for x in chain(*(a.flat for a in arrays)) if not isinstance(x, int)}
@@ -358,24 +358,24 @@ def _lapack_solve(A, b, name):
     size = A.shape[-1]
     if size == 0:
         return b.copy()
-    if noise_present() is not None:
+    if active_noise() is not None:
         return SOLVERS[Noise](A, b, name)
-    A, b, scale, row_scale = scaled(A, b)
+    A, b, scale, row_scale = equilibrate(A, b)
     lu, pivots, _ = _getrf(A)
     sign, log = determinant(np.diagonal(lu), pivots, scale, row_scale)
-    sizes = Factors(lu, pivots)
+    sizes = FactorMagnitudes(lu, pivots)
     rcond, rounding = reciprocal_condition(lu, pivots, sizes), Rounding(sizes, scale, row_scale)
-    record(Solve(name, size, rcond, float(sign), float(log), 0, pivots, rounding), A)
-    return times_rows(_getrs(lu, pivots, b)[0], scale)
+    record(SolveRecord(name, size, rcond, float(sign), float(log), 0, pivots, rounding), A)
+    return scale_rows(_getrs(lu, pivots, b)[0], scale)
 
 
-def like_present(name):
+def reference_solve(name):
     """Return how the matrix was solved as it is, if that is known."""
-    watch = _watch.get()
+    watch = _active_recorder.get()
     return None if watch is None else watch.like.get(name)
 
 
-def scaled(A, b):
+def equilibrate(A, b):
     """Return A (..., n, n), b and the scales (..., n) of columns and rows.
 
     The scale of rows decides which pivots are taken. First rows, as equations come: with columns
@@ -385,7 +385,7 @@ def scaled(A, b):
     row_scale = column_scale(A.swapaxes(-1, -2))
     A = A * row_scale[..., None]
     scale = column_scale(A)
-    return A * scale[..., None, :], times_rows(b, row_scale), scale, row_scale
+    return A * scale[..., None, :], scale_rows(b, row_scale), scale, row_scale
 
 
 def eliminate(A, b, name):
@@ -422,14 +422,14 @@ def null_space(a: Any) -> Any:
     if not lanes_in(a):
         return scipy.linalg.null_space(a)
     _, s, Vh = _svd(a)
-    return _lanes(Vh[:, s.shape[-1] :].swapaxes(-1, -2))
+    return _lanes_last(Vh[:, s.shape[-1] :].swapaxes(-1, -2))
 
 
 def singular_values(a: Any) -> Any:
     """Return the singular values of a, largest first."""
     if not lanes_in(a):
         return np.linalg.svd(a, compute_uv=False)
-    return _lanes(np.linalg.svd(_in_front(a), compute_uv=False))
+    return _lanes_last(np.linalg.svd(_lanes_first(a), compute_uv=False))
 
 
 def least_squares(a: Any, b: Any) -> Any:
@@ -445,32 +445,32 @@ def least_squares(a: Any, b: Any) -> Any:
     with np.errstate(all="ignore"):
         usable = s > EPS * max(a.shape) * s[:, :1]
         over = np.where(usable, 1.0 / s, 0.0)
-    right = np.moveaxis(lanes_of(doubles(b), lanes), -1, 0)
+    right = np.moveaxis(lane_data(as_float64(b), lanes), -1, 0)
     right = right[..., None] if right.ndim == 2 else right
     x = Vh[:, :k].swapaxes(-1, -2) @ (over[..., None] * (U[..., :k].swapaxes(-1, -2) @ right))
-    return _lanes(x[..., 0] if len(b.shape) == 1 else x)
+    return _lanes_last(x[..., 0] if len(b.shape) == 1 else x)
 
 
 def row_scale(a: Any) -> Any:
     """Return powers of two (r,) that bring the largest entry of each row of a (r, n) near 1."""
     if not lanes_in(a):
         return column_scale(a.T)
-    return _lanes(column_scale(_in_front(a).swapaxes(-1, -2)))
+    return _lanes_last(column_scale(_lanes_first(a).swapaxes(-1, -2)))
 
 
-def _in_front(a: Any) -> np.ndarray:
-    return np.moveaxis(lanes_of(a, lanes_in(a)), -1, 0)
+def _lanes_first(a: Any) -> np.ndarray:
+    return np.moveaxis(lane_data(a, lanes_in(a)), -1, 0)
 
 
-def _lanes(x: np.ndarray) -> LaneArray:
+def _lanes_last(x: np.ndarray) -> LaneArray:
     return LaneArray(np.ascontiguousarray(np.moveaxis(x, 0, -1)))
 
 
 def _svd(a: LaneArray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return (U, s, Vᵀ) of each lane, found once for a matrix and its transpose."""
-    a = doubles(a)
+    a = as_float64(a)
     if not a.known:
         plain = a.T if a.turned else a
-        a.known.append(np.linalg.svd(_in_front(plain)))
+        a.known.append(np.linalg.svd(_lanes_first(plain)))
     U, s, Vh = a.known[0]
     return (Vh.swapaxes(-1, -2), s, U.swapaxes(-1, -2)) if a.turned else (U, s, Vh)

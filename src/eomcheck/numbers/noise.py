@@ -42,7 +42,7 @@ STRETCH = 8.0
 """The first noise is also tried this many times larger: a change that does not grow is saturated,
 and says nothing about smaller noise."""
 
-LEAST, KEPT = 2**10, 2**14
+SMALLEST_DRAW, LARGEST_CACHED_DRAW = 2**10, 2**14
 """Changes are drawn so many at a time, or more; up to so many are kept for other states."""
 
 
@@ -55,13 +55,13 @@ def _draw(seed: int, stream: str, size: int) -> np.ndarray:
     return x
 
 
-_kept = lru_cache(256)(_draw)
+_cached_draw = lru_cache(256)(_draw)
 
 
 @lru_cache(64)
-def _side_by_side(sources: tuple[tuple[int, float], ...], stream: str, size: int) -> np.ndarray:
+def _stacked_draws(sources: tuple[tuple[int, float], ...], stream: str, size: int) -> np.ndarray:
     """Return the changes (k, size) that sources (seed, step) draw."""
-    x = np.stack([step * _kept(seed, stream, size) for seed, step in sources])
+    x = np.stack([step * _cached_draw(seed, stream, size) for seed, step in sources])
     x.setflags(write=False)
     return x
 
@@ -74,9 +74,9 @@ class Noise:
     """
 
     shape: tuple[int, ...] = ()
-    """Axes in front of every array that is changed, see `Noises`."""
+    """Axes in front of every array that is changed, see `NoiseBatch`."""
     moves = True
-    """Whether it changes anything, see `Noises.still`."""
+    """Whether it changes anything, see `NoiseBatch.still`."""
 
     def __init__(self, seed: int, step: float = STEP):
         self.seed, self.step = seed, step
@@ -97,8 +97,10 @@ class Noise:
         first = self._taken
         self._taken += math.prod(shape)
         if self._taken > len(self._drawn):
-            size = max(LEAST, 1 << (self._taken - 1).bit_length())
-            self._drawn = (_kept if size <= KEPT else _draw)(self.seed, self._stream, size)
+            size = max(SMALLEST_DRAW, 1 << (self._taken - 1).bit_length())
+            self._drawn = (_cached_draw if size <= LARGEST_CACHED_DRAW else _draw)(
+                self.seed, self._stream, size
+            )
         return self.step * self._drawn[first : self._taken].reshape(shape)
 
     def entries(self, x: np.ndarray) -> np.ndarray:
@@ -115,14 +117,14 @@ class Noise:
             return Angles(x.value, self.entries(x.cos), self.entries(x.sin))
         return map_record(lambda part: self.array(self.entries(np.asarray(part))), x)
 
-    def array(self, x: np.ndarray) -> MovedArray:
+    def array(self, x: np.ndarray) -> PerturbedArray:
         """Return x with every operation of whole arrays on it moved."""
-        moved = x.view(MovedArray)
+        moved = x.view(PerturbedArray)
         moved.noise = self
         return moved
 
 
-class Noises(Noise):
+class NoiseBatch(Noise):
     """Several noises side by side, each of which changes its own part of arrays as it would alone.
 
     The first axis of every array that is changed is that of the noises.
@@ -138,8 +140,8 @@ class Noises(Noise):
         first = self._taken
         self._taken += math.prod(shape[1:])
         if not self._drawn.size or self._taken > self._drawn.shape[-1]:
-            size = max(LEAST, 1 << (self._taken - 1).bit_length())
-            draw = _side_by_side if size <= KEPT else _side_by_side.__wrapped__
+            size = max(SMALLEST_DRAW, 1 << (self._taken - 1).bit_length())
+            draw = _stacked_draws if size <= LARGEST_CACHED_DRAW else _stacked_draws.__wrapped__
             self._drawn = draw(self._sources, self._stream, size)
         return self._drawn[:, first : self._taken].reshape(shape)
 
@@ -164,11 +166,11 @@ class Noises(Noise):
         self._taken = max(one._taken for one in noises)
 
 
-EXACT = (np.negative, np.absolute, np.positive, np.maximum)
+EXACT_UFUNCS = (np.negative, np.absolute, np.positive, np.maximum)
 """Operations of whole arrays that do not round."""
 
 
-class MovedArray(np.ndarray):
+class PerturbedArray(np.ndarray):
     """An array of doubles; the result of an operation on it is moved, as rounding would.
 
     A product of matrices moves by what rounding its terms does, and not by its own size: formed
@@ -181,13 +183,13 @@ class MovedArray(np.ndarray):
         self.noise = getattr(other, "noise", None)
 
     def __array_ufunc__(self, ufunc, method, *inputs, out=None, **options):
-        plain = [x.view(np.ndarray) if isinstance(x, MovedArray) else x for x in inputs]
+        plain = [x.view(np.ndarray) if isinstance(x, PerturbedArray) else x for x in inputs]
         if out is not None:
             options["out"] = tuple(x.view(np.ndarray) for x in out)
         result = getattr(ufunc, method)(*plain, **options)
-        noise = next((x.noise for x in inputs if isinstance(x, MovedArray)), None)
+        noise = next((x.noise for x in inputs if isinstance(x, PerturbedArray)), None)
         rounded = isinstance(result, np.ndarray | np.floating) and result.dtype == np.float64
-        if not rounded or noise is None or method != "__call__" or ufunc in EXACT:
+        if not rounded or noise is None or method != "__call__" or ufunc in EXACT_UFUNCS:
             return result
         size = np.abs(plain[0]) @ np.abs(plain[1]) if ufunc is np.matmul else np.abs(result)
         change = noise.changes(np.shape(result)) * np.maximum(size, NORMAL)
@@ -197,7 +199,7 @@ class MovedArray(np.ndarray):
         return noise.array(np.asarray(result + change))
 
 
-class Noisy:
+class NoisyArithmetic:
     """An arithmetic whose cosines, sines and roots are moved as well."""
 
     def __init__(self, arithmetic: Arithmetic, noise: Noise):

@@ -62,7 +62,7 @@ _SCALES = np.ldexp(
 """The scale of what has the exponent `i - _LEAST`, at place i."""
 
 
-def scale_of(largest: np.ndarray) -> np.ndarray:
+def power_of_two_scale(largest: np.ndarray) -> np.ndarray:
     """Return the powers of two (k,) that bring numbers `largest` (k,) to [0.5, 1).
 
     What is 0 or not finite is scaled like 1.

@@ -1,9 +1,9 @@
 """Symbolic expressions of CasADi and heyoka: a scene becomes an expression graph of the library.
 
-CasADi differentiates and evaluates the graph (`Symbols`); heyoka integrates it by Taylor series
-(`Expressions`). Either library is loaded when its arithmetic is first constructed, not when this
-module is imported. Expressions have no magnitude: elimination takes the first pivot that does not
-vanish identically.
+CasADi differentiates and evaluates the graph (`CasadiArithmetic`); heyoka integrates it by Taylor
+series (`HeyokaArithmetic`). Either library is loaded when its arithmetic is first constructed, not
+when this module is imported. Expressions have no magnitude: elimination takes the first pivot that
+does not vanish identically.
 
 For heyoka every constant enters in quad precision. heyoka folds constants in the precision that
 they have: of two float64 numbers, 0.1 * 0.3 would be float64 again, wrong in the 17th digit. Inputs
@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from eomcheck.errors import EngineError
-from eomcheck.numbers.generic import Angles, Array, each
+from eomcheck.numbers.generic import Angles, Array, map_entries
 from eomcheck.numbers.linear import SOLVERS
 
 # ---- Elimination of expressions ------------------------------------------------------------------
@@ -27,7 +27,7 @@ from eomcheck.numbers.linear import SOLVERS
 Solver = Callable[[Array, Array, str], Array]
 
 
-def eliminating(vanishes: Callable[[Any], bool]) -> Solver:
+def symbolic_elimination(vanishes: Callable[[Any], bool]) -> Solver:
     """Return a `solve` that takes the first pivot that does not vanish identically.
 
     Args:
@@ -61,7 +61,7 @@ def eliminating(vanishes: Callable[[Any], bool]) -> Solver:
 # ---- CasADi --------------------------------------------------------------------------------------
 
 
-class Symbols:
+class CasadiArithmetic:
     """The arithmetic of CasADi's SX expressions (`eomcheck.numbers.generic.Arithmetic`).
 
     Attributes:
@@ -70,11 +70,11 @@ class Symbols:
 
     def __init__(self):
         self.casadi: Any = importlib.import_module("casadi")
-        SOLVERS[self.casadi.SX] = eliminating(self._vanishes)
+        SOLVERS[self.casadi.SX] = symbolic_elimination(self._vanishes)
 
     def numbers(self, x: Array) -> Array:
         """Return the doubles x as constants, same shape."""
-        return each(lambda y: self.casadi.SX(float(y)), np.asarray(x, object))
+        return map_entries(lambda y: self.casadi.SX(float(y)), np.asarray(x, object))
 
     def variables(self, name: str, size: int) -> tuple[Any, Array]:
         """Return new variables as a CasADi column and, entry by entry, as an array (size,)."""
@@ -87,11 +87,13 @@ class Symbols:
     def angles(self, x: Array) -> Angles:
         """Return the angles x (k,), doubles or expressions, with their cosines and sines."""
         value = x if x.dtype == object else self.numbers(x)
-        return Angles(value, each(self.casadi.cos, value), each(self.casadi.sin, value))
+        return Angles(
+            value, map_entries(self.casadi.cos, value), map_entries(self.casadi.sin, value)
+        )
 
     def root(self, x: Array) -> Array:
         """Return the positive square roots of expressions x (k,)."""
-        return each(self.casadi.sqrt, x)
+        return map_entries(self.casadi.sqrt, x)
 
     def _vanishes(self, x: Any) -> bool:
         return self.casadi.SX(x).is_zero()
@@ -103,7 +105,7 @@ BITS = 113
 """Bits of the significand of quad precision (IEEE 754 binary128)."""
 
 
-def library() -> Any:
+def load_heyoka() -> Any:
     """Return the module heyoka.
 
     Raises:
@@ -117,7 +119,7 @@ def library() -> Any:
         ) from None
 
 
-class Expressions:
+class HeyokaArithmetic:
     """The arithmetic of heyoka expressions (`eomcheck.numbers.generic.Arithmetic`).
 
     Attributes:
@@ -129,9 +131,9 @@ class Expressions:
     """
 
     def __init__(self):
-        self.heyoka = library()
+        self.heyoka = load_heyoka()
         self.quad = getattr(self.heyoka, "real128", self.heyoka.real)
-        SOLVERS[self.heyoka.expression] = eliminating(_vanishes)
+        SOLVERS[self.heyoka.expression] = symbolic_elimination(_vanishes)
 
     @property
     def options(self) -> dict[str, Any]:
@@ -157,7 +159,7 @@ class Expressions:
 
     def numbers(self, x: Array) -> Array:
         """Return the doubles x as constants, same shape."""
-        return each(lambda y: self.expression(float(y)), x)
+        return map_entries(lambda y: self.expression(float(y)), x)
 
     def variables(self, name: str, size: int) -> Array:
         """Return the variables name_0, name_1, ... (size,)."""
@@ -174,7 +176,7 @@ class Expressions:
 
     def root(self, x: Array) -> Array:
         """Return the positive square roots of the expressions x (k,)."""
-        return each(lambda y: self.heyoka.sqrt(self.expression(y)), x)
+        return map_entries(lambda y: self.heyoka.sqrt(self.expression(y)), x)
 
 
 def _vanishes(x: Any) -> bool:

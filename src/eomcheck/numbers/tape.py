@@ -28,7 +28,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.numbers.banded_solve import BANDED_SOLVERS
-from eomcheck.numbers.generic import BRANCH, Angles, Array, NotRationalError, each, product_of
+from eomcheck.numbers.generic import (
+    BRANCH,
+    Angles,
+    Array,
+    NotRationalError,
+    map_entries,
+    product_of,
+)
 from eomcheck.numbers.linear import CARRIERS, PRODUCTS, SOLVERS
 
 # ---- Tapes ---------------------------------------------------------------------------------------
@@ -39,9 +46,9 @@ CONSTANT, INPUT, PART = "constant", "input", "part"
 ANGLES, FACTORS, SOLVE, BAND, PRODUCT = "angles", "factors", "solve", "band", "product"
 """Kinds of groups."""
 
-DOUBLES = {ADD: operator.add, SUB: operator.sub, MUL: operator.mul}
+FLOAT64_OPERATIONS = {ADD: operator.add, SUB: operator.sub, MUL: operator.mul}
 
-WRITTEN_OUT = 4096
+LARGEST_EXPANDED_PRODUCT = 4096
 """A product of matrices with more multiplications than this is one group."""
 
 
@@ -57,7 +64,7 @@ class Operation(NamedTuple):
     y: Any = None
 
 
-class Group(NamedTuple):
+class OperationGroup(NamedTuple):
     """Several results at once, made of the entries `reads`.
 
     - "angles": cosines, then sines, of k angles
@@ -84,9 +91,9 @@ class Tape:
 
     def __init__(self):
         self.operations: list[Operation] = []
-        self.groups: list[Group] = []
+        self.groups: list[OperationGroup] = []
         self._places: dict[Operation, int] = {}
-        self._known_groups: dict[Group, int] = {}
+        self._known_groups: dict[OperationGroup, int] = {}
 
     def place(self, operation: Operation) -> int:
         """Return the place of an operation, where equal ones are one."""
@@ -112,7 +119,7 @@ class Tape:
 
     def numbers(self, x: Array) -> Array:
         """Return x, same shape."""
-        return each(self.number, np.asarray(x, object))
+        return map_entries(self.number, np.asarray(x, object))
 
     def value(self, place: int) -> float | None:
         """Return the value of the entry at `place` if it is a constant."""
@@ -132,17 +139,17 @@ class Tape:
 
     def root(self, x: Array) -> Array:
         """Return the positive square roots of x (k,)."""
-        return each(lambda y: self.number(y).sqrt(), x)
+        return map_entries(lambda y: self.number(y).sqrt(), x)
 
     def group(
         self, kind: str, name: str, shape: tuple[int, ...], reads: tuple[int, ...], parts: int,
         by: int = -1,
     ) -> Array:  # fmt: skip
         """Return the results (parts,) of a group; equal ones are one."""
-        number = self.group_number(Group(kind, name, shape, reads, by))
+        number = self.group_number(OperationGroup(kind, name, shape, reads, by))
         return self._array((self.place(Operation(PART, number, i)) for i in range(parts)), (parts,))
 
-    def group_number(self, group: Group) -> int:
+    def group_number(self, group: OperationGroup) -> int:
         """Return the number of a group, where equal ones are one."""
         found = self._known_groups.get(group)
         if found is None:
@@ -161,7 +168,7 @@ class Tape:
     def solve(self, A: Array, b: Array, name: str) -> Array:
         """Return x with A x = b, in the shape of b (k,) or (k, m)."""
         size = len(A)
-        factors = self.group_number(Group(FACTORS, name, (size,), self._read(A)))
+        factors = self.group_number(OperationGroup(FACTORS, name, (size,), self._read(A)))
         shape = (size, b.size // size)
         x = self.group(SOLVE, name, shape, self._read(b), b.size, by=factors)
         return x.reshape(b.shape)
@@ -172,7 +179,7 @@ class Tape:
 
     def product(self, A: Array, B: Array) -> Array:
         """Return A B (k, m), B (l, m): one group unless it is small."""
-        if A.size * B.shape[1] <= WRITTEN_OUT:
+        if A.size * B.shape[1] <= LARGEST_EXPANDED_PRODUCT:
             return A @ B
         shape = (len(A), *B.shape)
         x = self.group(PRODUCT, "", shape, self._read(A, B), len(A) * B.shape[1])
@@ -263,7 +270,7 @@ def _operated(op: str, x: Any, y: Any) -> Any:
     a, b = tape.value(x.place), tape.value(y.place)
     if a is not None and b is not None:
         with np.errstate(all="ignore"):
-            return tape.constant(_quotient(a, b) if op is DIV else DOUBLES[op](a, b))
+            return tape.constant(_quotient(a, b) if op is DIV else FLOAT64_OPERATIONS[op](a, b))
     return _simplified(tape, op, x, y, a, b)
 
 
@@ -339,7 +346,7 @@ SOLVERS[Number], BANDED_SOLVERS[Number], PRODUCTS[Number] = _solve, _solve_bande
 CARRIERS.add(Number)
 
 
-def live(tape: Tape, roots: Sequence[int]) -> tuple[list[int], set[int]]:
+def live_entries(tape: Tape, roots: Sequence[int]) -> tuple[list[int], set[int]]:
     """Return the entries that `roots` are made of, in their order, and the groups among them."""
     needed, groups, stack = set(), set(), list(roots)
     while stack:
@@ -372,7 +379,7 @@ def jacobian(tape: Tape, outputs: Sequence[int], inputs: Sequence[int]) -> list[
     wanted = {place: i for i, place in enumerate(inputs)}
     rates: dict[int, Rates] = {}
     groups: dict[int, list[Rates]] = {}
-    for place in live(tape, outputs)[0]:
+    for place in live_entries(tape, outputs)[0]:
         rates[place] = {wanted[place]: 1} if place in wanted else _rates(tape, place, rates, groups)
     zero = tape.constant(0.0).place
     return [
@@ -421,7 +428,7 @@ def _group_rates(tape: Tape, number: int, rates: dict[int, Rates]) -> list[Rates
         rows, inner, columns = shape
         A, B = _numbers(tape, reads[: rows * inner]), _numbers(tape, reads[rows * inner :])
         A, B = A.reshape(rows, inner), B.reshape(inner, columns)
-        left, right = _moving(rates, reads[: A.size]), _moving(rates, reads[A.size :])
+        left, right = _entry_rates(rates, reads[: A.size]), _entry_rates(rates, reads[A.size :])
         return _collected(
             rows * columns,
             {
@@ -433,26 +440,26 @@ def _group_rates(tape: Tape, number: int, rates: dict[int, Rates]) -> list[Rates
         size = shape[0]
         x = _parts(tape, number, size)
         bands = _numbers(tape, reads[: 7 * size]).reshape(size, 7)
-        left, right = _moving(rates, reads[: 7 * size]), _moving(rates, reads[7 * size :])
+        left, right = _entry_rates(rates, reads[: 7 * size]), _entry_rates(rates, reads[7 * size :])
         behind = np.concatenate((np.zeros(3, object), x, np.zeros(3, object)))
         found = {}
         for i in sorted(left.keys() | right.keys()):
             change = _matrix(left, i, (size, 7))
             moved = [change[k] @ behind[k : k + 7] for k in range(size)]
             b = _matrix(right, i, (size,)) - np.array(moved, object)
-            found[i] = tape.solve_banded(bands, each(tape.number, b), name)
+            found[i] = tape.solve_banded(bands, map_entries(tape.number, b), name)
         return _collected(size, found)
     size, columns = shape
     x = _parts(tape, number, size * columns).reshape(size, columns)
     entries = tape.groups[by].reads
     A = _numbers(tape, entries).reshape(size, size)
-    left, right = _moving(rates, entries), _moving(rates, reads)
+    left, right = _entry_rates(rates, entries), _entry_rates(rates, reads)
     inputs = sorted(left.keys() | right.keys())
     if not inputs:
         return [{} for _ in range(size * columns)]
     # All right-hand sides at once, by the factors that there are.
     b = [_matrix(right, i, x.shape) - _matrix(left, i, A.shape) @ x for i in inputs]
-    solved = tape.solve(A, each(tape.number, np.hstack(b)), name).view(np.ndarray)
+    solved = tape.solve(A, map_entries(tape.number, np.hstack(b)), name).view(np.ndarray)
     parts = np.hsplit(solved, len(inputs))
     return _collected(size * columns, dict(zip(inputs, parts, strict=True)))
 
@@ -467,7 +474,7 @@ def _numbers(tape: Tape, places: Sequence[int]) -> np.ndarray:
     return out
 
 
-def _moving(rates: dict[int, Rates], places: Sequence[int]) -> dict[int, dict[int, Any]]:
+def _entry_rates(rates: dict[int, Rates], places: Sequence[int]) -> dict[int, dict[int, Any]]:
     """Return input -> (entry -> derivative) of the entries that move with it."""
     found: dict[int, dict[int, Any]] = defaultdict(dict)
     for entry, place in enumerate(places):

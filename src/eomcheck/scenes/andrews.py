@@ -126,7 +126,7 @@ class Andrews(Described, description=description, closed=True):
         """Return the bodies from joint to tip, by their centres of mass; angles to their x axes."""
         tip: dict[str, Any] = {}
         parts: list[Any] = [
-            draw.Joint(pin, True, name) for pin, name in zip(self.pins, "OBA", strict=True)
+            draw.JointMark(pin, True, name) for pin, name in zip(self.pins, "OBA", strict=True)
         ]
         turn = {GROUND: 0.0}
         for body, name in TURNS.items():
@@ -141,13 +141,13 @@ class Andrews(Described, description=description, closed=True):
                 hook = base + self.hook @ axes
                 corners = [base, hook, tip[body]]
                 parts += [
-                    draw.Spring(hook, self.anchor, "spring"),
-                    draw.Joint(self.anchor, True, "C"),
+                    draw.SpringMark(hook, self.anchor, "spring"),
+                    draw.JointMark(self.anchor, True, "C"),
                 ]
             parts += [draw.Body(corners, body, closed=body == "K3"), draw.Center(center)]
-            parts += [] if on == GROUND else [draw.Joint(base)]
-            parts += [draw.turned_by(name, base, angle, 0.0075, start=start)]
+            parts += [] if on == GROUND else [draw.JointMark(base)]
+            parts += [draw.plane_angle(name, base, angle, 0.0075, start=start)]
             parts += [draw.Arrow("", base, 0.0085 * axes[0])]
-        parts += [draw.Joint(tip["K2"], name="P"), draw.Trail(tip["K2"])]
-        parts += [draw.Constraint("P closes three loops", tip["K2"], tuple(range(6)))]
+        parts += [draw.JointMark(tip["K2"], name="P"), draw.Trail(tip["K2"])]
+        parts += [draw.ConstraintMark("P closes three loops", tip["K2"], tuple(range(6)))]
         return draw.Sketch(tuple(parts))

@@ -254,8 +254,8 @@ class Bicycle(Described, description=description, closed=True):
             draw.Disk(hub, g[2], float(self.radius[1])),
             draw.Body((rear, low, high, rider, rear), "rear frame"),
             draw.Body((hub, low + 0.05 * g[0], high + 0.12 * steering), "fork"),
-            draw.Joint(rear),
-            draw.Joint(hub),
+            draw.JointMark(rear),
+            draw.JointMark(hub),
             draw.Center(rider, "rider"),
             draw.Distance("", pivot, high + 0.3 * steering),
             *(draw.Distance("x", q[1] * north, foot), draw.Distance("y", q[0] * east, foot)),
@@ -270,7 +270,7 @@ class Bicycle(Described, description=description, closed=True):
             draw.Angle("ψ_f", high + 0.2 * steering, ahead, b[2], q[STEER], 0.3),
             draw.Angle("β_r", rear, b[0], b[1], 0.0, 0.8 * self.radius[0]),
             draw.Angle("β_f", hub, g[0], g[1], 0.0, 0.8 * self.radius[1]),
-            draw.Constraint("rear wheel rolls", touch, (0, 1, 2)),
-            draw.Constraint("front wheel rolls", front, (5, 3, 4)),
+            draw.ConstraintMark("rear wheel rolls", touch, (0, 1, 2)),
+            draw.ConstraintMark("front wheel rolls", front, (5, 3, 4)),
         )
         return draw.Sketch(parts, azimuth=-1.05, elevation=0.3)

@@ -42,7 +42,7 @@ ALONG, SENSE = SECOND, (1, -1, 1, -1, 1)
 X, Y, Z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
 
 
-def along(axis: int, x: Any) -> elements.Triple:
+def axis_vector(axis: int, x: Any) -> elements.Triple:
     """Return the vector x along an axis."""
     a, b, c = (x if i == axis else 0 for i in range(3))
     return a, b, c
@@ -55,15 +55,15 @@ def description(parameters):
     by nothing small all along the motion, also where it cannot choose (expressions).
     """
     mass, length = parameters.mass, parameters.length[0]
-    ends = [along(ALONG[k], SENSE[k] * length) for k in range(RODS)]
-    centers = [along(ALONG[k], SENSE[k] * length / 2) for k in range(RODS)]
+    ends = [axis_vector(ALONG[k], SENSE[k] * length) for k in range(RODS)]
+    centers = [axis_vector(ALONG[k], SENSE[k] * length / 2) for k in range(RODS)]
     names = [GROUND, *(f"rod {k + 1}" for k in range(RODS))]
     links = [elements.Link(names[k + 1], mass[k], centers[k]) for k in range(RODS)]
     joints = [
         elements.Joint(
             *(f"θ_{k + 1}", "revolute", names[k], names[k + 1]),
             place=ends[k - 1] if k else elements.ORIGIN,
-            axis=along(AXIS[k], 1),
+            axis=axis_vector(AXIS[k], 1),
         )
         for k in range(RODS)
     ]
@@ -75,11 +75,11 @@ def description(parameters):
         )
 
     closing = [
-        *(tip("tip along y", Y), elements.square("hinge along y", last, X, GROUND, Y)),
+        *(tip("tip along y", Y), elements.perpendicular("hinge along y", last, X, GROUND, Y)),
         *(tip("tip along z", Z), tip("tip along x", X)),
     ]
     if parameters.redundant is not None:
-        more = elements.square("hinge along z", last, X, GROUND, Z)
+        more = elements.perpendicular("hinge along z", last, X, GROUND, Z)
         closing += [more._replace(factor=parameters.redundant[0])]
     down = (0, -parameters.gravity[0], 0)
     return Description(links, joints, NAMES, closing, gravity=down)
@@ -168,13 +168,16 @@ class Bricard(Described, description=description, closed=True):
             axes = frames[f"rod {k + 1}"][1]
             end = at + SENSE[k] * length * axes[ALONG[k]]
             parts += [draw.Body((at, end), f"rod {k + 1}"), draw.Center((at + end) / 2)]
-            parts += [draw.Joint(at, k == 0, f"P_{k + 1}", axis=axes[AXIS[k]])]
+            parts += [draw.JointMark(at, k == 0, f"P_{k + 1}", axis=axes[AXIS[k]])]
             level, across = SENSE[k] * before[SECOND[k]], -SENSE[k] * before[FIRST[k]]
             turn = q[NAMES.index(f"θ_{k + 1}")]
             parts += [draw.Angle(f"θ_{k + 1}", at, level, across, turn, 0.4 * length)]
             at, before = end, axes
-        parts += [draw.Joint(at, True, "P_6", axis=np.array([1.0, 0.0, 0.0])), draw.Trail(at / 2)]
-        parts += [draw.Constraint("the ring closes", at, tuple(range(self.r)))]
+        parts += [
+            draw.JointMark(at, True, "P_6", axis=np.array([1.0, 0.0, 0.0])),
+            draw.Trail(at / 2),
+        ]
+        parts += [draw.ConstraintMark("the ring closes", at, tuple(range(self.r)))]
         corner = length * np.array([0.0, -0.75, 0.0])
         parts += [draw.Arrow("g", corner, np.array([0.0, -0.3 * length, 0.0]), frame=False)]
         return draw.Sketch(tuple(parts), azimuth=0.6, elevation=0.35, up=1)

@@ -82,12 +82,12 @@ class ChainPendulum(Described, OfLinks, description=description):
     def sketch(self, q: Array, t: float = 0.0) -> draw.Sketch:
         """Return the links from the pin on."""
         size, at = self.length.mean(), np.zeros(2)
-        parts = [*draw.fixed_axes(0.5 * size), draw.Joint(at, ground=True)]
+        parts = [*draw.fixed_axes(0.5 * size), draw.JointMark(at, ground=True)]
         for i, angle in enumerate(q):
             end = at + self.length[i] * draw.direction(angle)
             parts += [draw.Body((at, end), f"link {i + 1}"), draw.Center((at + end) / 2)]
-            parts += [draw.turned_by(f"θ_{i + 1}", at, angle, 0.3 * size)]
-            parts += [draw.Joint(at)] if i else []
+            parts += [draw.plane_angle(f"θ_{i + 1}", at, angle, 0.3 * size)]
+            parts += [draw.JointMark(at)] if i else []
             at = end
         if self.gravity is not None:
             parts += [draw.Arrow("g", (-0.6 * size, -0.3 * size), (0, -0.5 * size), frame=False)]

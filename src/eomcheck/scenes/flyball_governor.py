@@ -56,7 +56,7 @@ def description(parameters):
         elements.Joint("s", "prismatic", "shaft", "slider"),
     ]
     springs = []
-    for k, (side, turn) in enumerate(((out, elements.ONE), (-out, HALF_TURN)), 1):
+    for k, (side, turn) in enumerate(((out, elements.IDENTITY), (-out, HALF_TURN)), 1):
         arm, place = f"arm {k}", (side, 0, top)
         links += [elements.Link(arm, mass[k], (parameters.center[0], 0, 0))]
         joints += [elements.Joint(f"θ_{k}", "revolute", "shaft", arm, place, turn, (0, 1, 0))]
@@ -167,12 +167,12 @@ class FlyballGovernor(Described, description=description, damped=True):
             ball, hook = hinge + self.center * along, hinge + self.attachment * along
             parts += [
                 draw.Body((hinge, ball), f"arm {i + 1}"),
-                draw.Joint(hinge, axis=np.cross(level, up)),
+                draw.JointMark(hinge, axis=np.cross(level, up)),
             ]
             parts += [
                 draw.Disk(ball, np.cross(up, out), 0.09, f"ball {i + 1}", ball=True),
                 draw.Trail(ball),
             ]
-            parts += [draw.Spring(slider + self.hinge * level, hook, "spring" if i else "")]
+            parts += [draw.SpringMark(slider + self.hinge * level, hook, "spring" if i else "")]
             parts += [draw.Angle(f"θ_{i + 1}", hinge, level, -up, angle, 0.3)]
         return draw.Sketch(tuple(parts), azimuth=-0.95, elevation=0.3)

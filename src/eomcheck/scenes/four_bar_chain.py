@@ -166,16 +166,19 @@ class FourBarChain(Described, OfLinks, description=description, closed=True):
         tips = [feet[k] + length * draw.direction(q[k - 1]) for k in range(N + 1)]
         parts = [*draw.fixed_axes(0.4 * span)]
         for k in range(N + 1):
-            parts += [draw.Body((feet[k], tips[k]), f"rod {k}"), draw.Joint(feet[k], ground=True)]
-            parts += [draw.Center((feet[k] + tips[k]) / 2), draw.Joint(tips[k])]
-            parts += [draw.turned_by(f"θ_{k}", feet[k], q[k - 1], 0.28 * length)]
+            parts += [
+                draw.Body((feet[k], tips[k]), f"rod {k}"),
+                draw.JointMark(feet[k], ground=True),
+            ]
+            parts += [draw.Center((feet[k] + tips[k]) / 2), draw.JointMark(tips[k])]
+            parts += [draw.plane_angle(f"θ_{k}", feet[k], q[k - 1], 0.28 * length)]
         for k in range(1, N + 1):
             start, end = tips[k - 1], tips[k - 1] + span * draw.direction(q[N + k - 1])
             parts += [draw.Body((start, end), f"coupler {k}"), draw.Center((start + end) / 2)]
-            parts += [draw.turned_by(f"φ_{k}", start, q[N + k - 1], 0.35 * span)]
+            parts += [draw.plane_angle(f"φ_{k}", start, q[N + k - 1], 0.35 * span)]
             middle, rows = (feet[k - 1] + end) / 2, (2 * k - 2, 2 * k - 1)
             more = () if self.repeated is None or k < N else (2 * N,)
-            parts += [draw.Constraint(f"window {k}", middle, (*rows, *more))]
+            parts += [draw.ConstraintMark(f"window {k}", middle, (*rows, *more))]
         if self.gravity is not None:
             parts += [draw.Arrow("g", (-0.4 * span, 0.9 * length), (0, -0.4 * length), frame=False)]
         return draw.Sketch((*parts, draw.Trail(tips[0])))

@@ -64,7 +64,7 @@ def terms(parameters, angles, q, v):
 # ---- Natural generalized speeds ------------------------------------------------------------------
 
 
-class Rolling(NamedTuple):
+class DiskKinematics(NamedTuple):
     """Generalized speeds u (3,), and q̇ (5,)."""
 
     u: Any
@@ -72,12 +72,12 @@ class Rolling(NamedTuple):
 
 
 def kinematics(parameters, angles, q, u):
-    """Return the `Rolling`: V = R (u_2 e_1 - u_1 e_2), and the rates of Euler's angles."""
+    """Return the `DiskKinematics`: V = R (u_2 e_1 - u_1 e_2), and the rates of Euler's angles."""
     R, cos, sin = parameters.radius[0], angles.cos, angles.sin
     along, left = R * u[1], -R * u[0] * cos[1]
     turn = u[2] / cos[1]
     east, north = along * cos[0] - left * sin[0], along * sin[0] + left * cos[0]
-    return Rolling(u, np.array([east, north, turn, u[0], u[1] - turn * sin[1]], u.dtype))
+    return DiskKinematics(u, np.array([east, north, turn, u[0], u[1] - turn * sin[1]], u.dtype))
 
 
 def speeds(parameters, angles, rolling):
@@ -249,7 +249,11 @@ class RollingDisk(Parametric, functions=globals()):
         corners = [(-0.6, -0.6), (3.6, -0.6), (3.6, 3.6), (-0.6, 3.6)]
         parts = (
             draw.Plane([R * np.array([a, b, 0.0]) for a, b in corners]),
-            *(*draw.fixed_axes(0.8 * R, 3), draw.Disk(center, e2, R, "disk"), draw.Joint(center)),
+            *(
+                *draw.fixed_axes(0.8 * R, 3),
+                draw.Disk(center, e2, R, "disk"),
+                draw.JointMark(center),
+            ),
             *(draw.Distance("x", y * north, foot), draw.Distance("y", x * east, foot)),
             draw.Angle("ψ", contact, east, north, heading, 1.1 * R),
             draw.Arrow("", contact, 1.3 * R * e1),
@@ -259,6 +263,6 @@ class RollingDisk(Parametric, functions=globals()):
             draw.Body((center, center + R * rim)),
             *(draw.Arrow("e_1", center, 1.3 * R * e1), draw.Arrow("e_2", center, 0.9 * R * e2)),
             *(draw.Arrow("e_3", center, 1.35 * R * e3), draw.Trail(contact)),
-            draw.Constraint("no slip", contact, (0, 1)),
+            draw.ConstraintMark("no slip", contact, (0, 1)),
         )
         return draw.Sketch(parts, azimuth=-1.85, elevation=0.4)

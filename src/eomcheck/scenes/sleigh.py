@@ -140,11 +140,14 @@ class Sleigh(Parametric, functions=globals()):
         center, size = edge + self.offset * along, abs(float(self.offset))
         hull = ((-1.5, -0.45), (0.9, -0.45), (1.4, 0.0), (0.9, 0.45), (-1.5, 0.45))
         parts = (
-            *(*draw.fixed_axes(0.5 * size), *draw.place(*edge), draw.Trail(edge)),
+            *(*draw.fixed_axes(0.5 * size), *draw.position_dimensions(*edge), draw.Trail(edge)),
             draw.Body([center + size * (x * along + y * across) for x, y in hull], "sleigh", True),
             draw.Wheel(edge, along, 0.45 * size, edge=True),
             draw.Center(center, "centre of mass"),
-            *(draw.Constraint("edge", edge, (0,)), draw.turned_by("θ", edge, q[2], 0.8 * size)),
+            *(
+                draw.ConstraintMark("edge", edge, (0,)),
+                draw.plane_angle("θ", edge, q[2], 0.8 * size),
+            ),
             draw.Distance("ℓ", edge - 0.2 * size * across, center - 0.2 * size * across),
             draw.Arrow("t", edge + 1.45 * size * along, 0.6 * size * along),
             draw.Arrow("n", edge, 0.8 * size * across),

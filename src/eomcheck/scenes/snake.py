@@ -185,7 +185,7 @@ def terms(parameters, angles, q, v):
 # ---- Generalized speeds --------------------------------------------------------------------------
 
 
-class Rolling(NamedTuple):
+class SnakeKinematics(NamedTuple):
     """Rolling speed s_k and angular velocity ω_k of each link: s_k = s_u u, ṡ_k = s_u u̇ + s_rest.
 
     The centre of mass of link k moves with s_k t_k. The rate of t_k is normal to t_k, so only ṡ_k
@@ -266,7 +266,7 @@ def kinematics(parameters, angles, q, u):
             + before * sin_psi * omega_rest[k - 1, 0]
             + offset * rate
         )
-    return Rolling(s_u, omega_u, s_rest, omega_rest, u, v)
+    return SnakeKinematics(s_u, omega_u, s_rest, omega_rest, u, v)
 
 
 def speeds(parameters, angles, rolling):
@@ -405,7 +405,7 @@ def wheel_forces(torque, theta):
     return f
 
 
-def joints(length, cos_alpha, sin_alpha, cos, sin, x):
+def joint_equations(length, cos_alpha, sin_alpha, cos, sin, x):
     """Return (A, C, d) of s' t' + L'/2 ω' n' = s t - L/2 ω n (dashed: link k-1) and of its rate."""
     cos_phi, sin_phi = rolling_directions(cos_alpha, sin_alpha, cos, sin)
     links = length.size
@@ -435,7 +435,7 @@ def chain(parameters, angles, q, x):
     """Return the `Chain` of the snake."""
     cos_alpha, sin_alpha = parameters.cos_alpha, parameters.sin_alpha
     torque = torques_on(parameters.stiffness, parameters.damping, angles.value, x[1::2])
-    A, C, d = joints(parameters.length, cos_alpha, sin_alpha, angles.cos, angles.sin, x)
+    A, C, d = joint_equations(parameters.length, cos_alpha, sin_alpha, angles.cos, angles.sin, x)
     D = wheel_masses(parameters.mass, parameters.inertia)
     return Chain(D, wheel_forces(torque, angles.value), A, C, d)
 
@@ -461,7 +461,7 @@ def chain_multipliers(parameters, angles, chain, x, forces):
 # ---- The second derivation: positions and velocities only ----------------------------------------
 
 
-def passed_on(length, angles, x, y, omega):
+def link_velocities(length, angles, x, y, omega):
     """Return the velocities of links one behind the other, centres (N, 2) and rotation (N, 1).
 
     Passed on from joint to joint: the first moves with (x, y), link i turns at omega_i.
@@ -478,7 +478,7 @@ def passed_on(length, angles, x, y, omega):
 
 def velocities(parameters, angles, q, v):
     """Return the velocities of the centres of mass (N, 2) and of rotation (N, 1), Eq. (25)."""
-    return passed_on(parameters.length, angles, v[0], v[1], v[2:])
+    return link_velocities(parameters.length, angles, v[0], v[1], v[2:])
 
 
 def positions(parameters, angles, q):
@@ -709,19 +709,22 @@ class Snake(OfLinks, functions=globals()):
         """Return links from the free tip on, and a wheel across each axle."""
         x, y, *theta = q
         size = self.length.mean()
-        parts, at = [*draw.fixed_axes(0.5 * size), *draw.place(x, y), draw.Trail(q[:2])], q[:2]
+        parts, at = (
+            [*draw.fixed_axes(0.5 * size), *draw.position_dimensions(x, y), draw.Trail(q[:2])],
+            q[:2],
+        )
         for i, angle in enumerate(theta):
             end = at + self.length[i] * draw.direction(angle)
             wheel, middle = angle + self.wheel_angle[i], (at + end) / 2
             parts += [
                 draw.Body((at, end), f"link {i + 1}"),
-                draw.Joint(at) if i else draw.Joint(at, name="head"),
+                draw.JointMark(at) if i else draw.JointMark(at, name="head"),
             ]
             parts += [draw.Wheel(middle, draw.direction(wheel), 0.3 * size), draw.Center(middle)]
-            parts += [draw.Constraint(f"wheel {i + 1}", middle, (i,))]
-            parts += [draw.turned_by(f"θ_{i + 1}", at, angle, 0.32 * size)]
+            parts += [draw.ConstraintMark(f"wheel {i + 1}", middle, (i,))]
+            parts += [draw.plane_angle(f"θ_{i + 1}", at, angle, 0.32 * size)]
             if i == 0:
                 turn = self.wheel_angle[i]
-                parts += [draw.turned_by("α_1", middle, turn, 0.3 * size, start=angle)]
+                parts += [draw.plane_angle("α_1", middle, turn, 0.3 * size, start=angle)]
             at = end
         return draw.Sketch(tuple(parts))

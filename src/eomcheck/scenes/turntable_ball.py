@@ -26,7 +26,7 @@ from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Arithmetic, Array
 
 
-class Prepared(NamedTuple):
+class PreparedTable(NamedTuple):
     """What is not rational in q and t."""
 
     angles: Any
@@ -37,7 +37,7 @@ class Prepared(NamedTuple):
     """Ω̇ (1,), rad/s², or None."""
 
 
-def turning(arithmetic, rate, swing, frequency, t, dtype):
+def table_spin(arithmetic, rate, swing, frequency, t, dtype):
     """Return (Ω, Ω̇ or None), each (1,)."""
     if swing is None:
         return rate, None
@@ -48,10 +48,10 @@ def turning(arithmetic, rate, swing, frequency, t, dtype):
 
 
 def prepare(arithmetic, parameters, q, t):
-    """Return the `Prepared` at q (5,) and the time t."""
+    """Return the `PreparedTable` at q (5,) and the time t."""
     rate, swing, frequency = parameters.rate, parameters.swing, parameters.frequency
-    rate, acceleration = turning(arithmetic, rate, swing, frequency, t, q.dtype)
-    return Prepared(arithmetic.angles(q[2:]), rate, acceleration)
+    rate, acceleration = table_spin(arithmetic, rate, swing, frequency, t, q.dtype)
+    return PreparedTable(arithmetic.angles(q[2:]), rate, acceleration)
 
 
 # ---- Lagrange's terms ----------------------------------------------------------------------------
@@ -102,7 +102,7 @@ def terms(parameters, prepared, q, v):
 # ---- Natural generalized speeds ------------------------------------------------------------------
 
 
-class Rolling(NamedTuple):
+class BallKinematics(NamedTuple):
     """Coordinates q (5,), generalized speeds u (3,), and q̇ (5,)."""
 
     q: Any
@@ -111,7 +111,7 @@ class Rolling(NamedTuple):
 
 
 def kinematics(parameters, prepared, q, u):
-    """Return the `Rolling`: V = R ω × e_z + Ω e_z × r, and the rates of Euler's angles."""
+    """Return the `BallKinematics`: V = R ω × e_z + Ω e_z × r, and the rates of Euler's angles."""
     R, cos, sin = parameters.radius[0], prepared.angles.cos, prepared.angles.sin
     v = np.zeros(5, u.dtype)
     v[:2] = table_velocity(prepared.rate, q)
@@ -120,7 +120,7 @@ def kinematics(parameters, prepared, q, u):
     v[3] = u[0] * cos[0] + u[1] * sin[0]
     v[4] = (u[1] * cos[0] - u[0] * sin[0]) / cos[1]
     v[2] = u[2] - v[4] * sin[1]
-    return Rolling(q, u, v)
+    return BallKinematics(q, u, v)
 
 
 def speeds(parameters, prepared, rolling):
@@ -159,7 +159,7 @@ def bodies(parameters, prepared, rolling):
     return Bodies(partial, turning, remainder, still, mass, inertia, None, None)
 
 
-def rotation(angles, v):
+def angular_velocity(angles, v):
     """Return ω (3,) along x, y and the vertical."""
     cos, sin = angles.cos, angles.sin
     ahead, left = v[3], v[4] * cos[1]
@@ -169,7 +169,7 @@ def rotation(angles, v):
 
 def speeds_of(parameters, prepared, q, v):
     """Return u = ω (3,) of a velocity v."""
-    return rotation(prepared.angles, v)
+    return angular_velocity(prepared.angles, v)
 
 
 # ---- The second derivation: positions and velocities only ----------------------------------------
@@ -177,7 +177,7 @@ def speeds_of(parameters, prepared, q, v):
 
 def velocities(parameters, prepared, q, v):
     """Return the velocity of the centre (1, 2) and of rotation (1, 3)."""
-    return v[:2].reshape(1, 2), rotation(prepared.angles, v).reshape(1, 3)
+    return v[:2].reshape(1, 2), angular_velocity(prepared.angles, v).reshape(1, 3)
 
 
 def positions(parameters, prepared, q):
@@ -187,7 +187,7 @@ def positions(parameters, prepared, q):
 
 def constraint(parameters, prepared, q, v):
     """Return c (2,), m/s: where they touch, how the ball moves against the table."""
-    R, rate, omega = parameters.radius[0], prepared.rate[0], rotation(prepared.angles, v)
+    R, rate, omega = parameters.radius[0], prepared.rate[0], angular_velocity(prepared.angles, v)
     c = [v[0] - R * omega[1] + rate * q[1], v[1] + R * omega[0] - rate * q[0]]
     return np.array(c, v.dtype)
 
@@ -283,6 +283,6 @@ class TurntableBall(Parametric, functions=globals()):
             draw.Arrow("e_1", center, 1.8 * R * e1),
             *(draw.Arrow("e_2", center, 1.8 * R * e2), draw.Arrow("e_3", center, 1.8 * R * e3)),
             draw.Angle("Ω", 0.0 * up, east, north, 0.9, 3.5 * R),
-            *(draw.Trail(center), draw.Constraint("no slip", foot, (0, 1))),
+            *(draw.Trail(center), draw.ConstraintMark("no slip", foot, (0, 1))),
         )
         return draw.Sketch(parts, azimuth=-1.75, elevation=0.45)

@@ -57,12 +57,12 @@ def snakes(
     """
     links = links_between(min_links, max_links)
     smallest = np.nextafter(0.0, 1.0)
-    interval("mass", mass, smallest)
-    interval("length", length, smallest)
-    interval("inertia", inertia, 0.0)
-    interval("stiffness", stiffness, 0.0)
-    interval("damping", damping, 0.0)
-    interval("wheel_angle", (0.0, wheel_angle), 0.0)
+    bounded_floats("mass", mass, smallest)
+    bounded_floats("length", length, smallest)
+    bounded_floats("inertia", inertia, 0.0)
+    bounded_floats("stiffness", stiffness, 0.0)
+    bounded_floats("damping", damping, 0.0)
+    bounded_floats("wheel_angle", (0.0, wheel_angle), 0.0)
     bounds = {
         "mass": mass,
         "length": length,
@@ -105,7 +105,7 @@ def _number(low: float, high: float) -> SearchStrategy[float]:
     return entry_of(Range(low, high))
 
 
-class Choices:
+class HypothesisChoices:
     """Choices by hypothesis, which shrinks them."""
 
     def __init__(self, draw: Any):
@@ -127,7 +127,7 @@ class Choices:
 @st.composite
 def _topologies(draw: Any, kind: type[Scene], links: int | None) -> Any:
     """Return a strategy for kinds whose scenes hang together in one way each."""
-    choices = Choices(draw)
+    choices = HypothesisChoices(draw)
     entry = choices.one_of(kind.topologies(links))
     ways = {name: choices.one_of(of) for name, of in entry.items()}
     try:
@@ -203,7 +203,7 @@ def urdfs(
 
 @st.composite
 def _urdf(draw: Any, links: int, *options: Any) -> str:
-    return urdf_text(urdf_tree(links, Choices(draw), *options))
+    return urdf_text(urdf_tree(links, HypothesisChoices(draw), *options))
 
 
 def _bodies(min_bodies: int, max_bodies: int) -> SearchStrategy[int]:
@@ -224,7 +224,7 @@ NEGLIGIBLE = 1e-6
 """Ordinary angles and speeds below this are drawn as 0: products of smaller ones underflow."""
 
 
-def interval(name: str, bounds: tuple[float, float], lowest: float) -> SearchStrategy[float]:
+def bounded_floats(name: str, bounds: tuple[float, float], lowest: float) -> SearchStrategy[float]:
     """Return a strategy for numbers between bounds.
 
     Raises:
@@ -244,7 +244,7 @@ def without_tiny(x: float) -> float:
     return x if abs(x) >= NEGLIGIBLE else 0.0
 
 
-def vector(entries: SearchStrategy[float], size: int) -> SearchStrategy[list[float]]:
+def lists_of(entries: SearchStrategy[float], size: int) -> SearchStrategy[list[float]]:
     """Return a strategy for lists of `size` entries."""
     return st.lists(entries, min_size=size, max_size=size)
 
@@ -275,7 +275,7 @@ def parameter_of(one: Range) -> SearchStrategy:
     """Return a strategy for a number or nested lists of numbers; for None as well if optional."""
     values: SearchStrategy = entry_of(one)
     for size in reversed(one.shape):
-        values = vector(values, size)
+        values = lists_of(values, size)
     return st.none() | values | values if one.optional else values
 
 

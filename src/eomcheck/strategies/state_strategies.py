@@ -17,18 +17,18 @@ from hypothesis.strategies import SearchStrategy
 from scipy.linalg import null_space
 
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation.dynamics import closed_position, consistent_velocity
+from eomcheck.evaluation.dynamics import assembled_position, consistent_velocity
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.records import Range, State
 from eomcheck.mechanics.scene import Scene, checked_scene
 from eomcheck.scenes import Snake
 from eomcheck.strategies.scene_strategies import (
+    bounded_floats,
     entry_of,
-    interval,
     links_between,
+    lists_of,
     magnitudes,
     parameter_of,
-    vector,
 )
 
 CURVATURE = 0.4
@@ -62,10 +62,10 @@ def states(
     """
     checked_scene(scene)
     for name, bound in (("position", position), ("angle", angle), ("speed", speed), ("time", time)):
-        interval(name, (0.0, bound), 0.0)
+        bounded_floats(name, (0.0, bound), 0.0)
     coordinates, *rest = state_ranges(scene, position, angle, speed, time)
     among = st.tuples(*map(entry_of, coordinates)), *map(parameter_of, rest)
-    return st.tuples(*among).map(case_of(ordinary_state, scene))
+    return st.tuples(*among).map(state_or_reject(ordinary_state, scene))
 
 
 class StateRanges(NamedTuple):
@@ -132,7 +132,7 @@ def consistent_state(scene: Scene, q, components, t: float) -> State:
     Raises:
         RefusedError: no position near q is closed.
     """
-    q = closed_position(scene, q, t)
+    q = assembled_position(scene, q, t)
     components, at = np.array(components), Evaluation(scene, q, np.zeros(scene.n), t)
     if at.terms.a is None:
         return State(q, components, t)
@@ -140,7 +140,7 @@ def consistent_state(scene: Scene, q, components, t: float) -> State:
     return State(q, consistent_velocity(at, basis @ components[: basis.shape[1]]), t)
 
 
-def case_of(make: Callable[..., State], scene: Scene) -> Callable[[Sequence], State]:
+def state_or_reject(make: Callable[..., State], scene: Scene) -> Callable[[Sequence], State]:
     """Return what makes a state of numbers; of those near which none is closed, no case."""
 
     def made(numbers: Sequence) -> State:
@@ -181,12 +181,12 @@ def hostile_snakes(min_links: int = 1, max_links: int = 8) -> SearchStrategy[Sna
     def build(n: int) -> SearchStrategy[Snake]:
         return st.builds(
             Snake,
-            mass=vector(sizes, n),
-            length=vector(sizes, n),
-            inertia=vector(st.just(0.0) | sizes, n),
-            stiffness=st.none() | vector(st.just(0.0) | magnitudes(-8.0, 12.0), n - 1),
-            wheel_angle=vector(wheels, n),
-            damping=st.none() | vector(st.just(0.0) | magnitudes(-8.0, 12.0), n - 1),
+            mass=lists_of(sizes, n),
+            length=lists_of(sizes, n),
+            inertia=lists_of(st.just(0.0) | sizes, n),
+            stiffness=st.none() | lists_of(st.just(0.0) | magnitudes(-8.0, 12.0), n - 1),
+            wheel_angle=lists_of(wheels, n),
+            damping=st.none() | lists_of(st.just(0.0) | magnitudes(-8.0, 12.0), n - 1),
         )
 
     return links_between(min_links, max_links).flatmap(build)
@@ -197,12 +197,12 @@ def hostile_states(scene: Scene) -> SearchStrategy[State]:
 
     Stretched poses, many turns, and speeds from 1e-150 to 1e150.
     """
-    components = vector(
+    components = lists_of(
         st.just(0.0)
         | st.builds(lambda sign, x: sign * x, st.sampled_from((-1.0, 1.0)), magnitudes(-150, 150)),
         scene.p,
     )
     straight = st.floats(-math.pi, math.pi).map(lambda x: [x] * scene.n)
-    anywhere = vector(st.floats(-1e9, 1e9), scene.n)
+    anywhere = lists_of(st.floats(-1e9, 1e9), scene.n)
     numbers = st.tuples(straight | anywhere, components, st.just(0.0))
-    return numbers.map(case_of(consistent_state, scene))
+    return numbers.map(state_or_reject(consistent_state, scene))

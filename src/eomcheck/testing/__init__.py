@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from eomcheck.strategies import settings
     from eomcheck.testing.converters import from_engine, from_kane, from_lagrange, from_scene
-    from eomcheck.testing.equations_of_motion import Functions
+    from eomcheck.testing.equations_of_motion import EquationsOfMotion
     from eomcheck.testing.function_checks import check, check_functions
     from eomcheck.testing.function_claim import FUNCTION_CLAIMS
     from eomcheck.testing.suite import parametrize_with_claims
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 _HOME = {
     "FUNCTION_CLAIMS": "testing.function_checks",
-    "Functions": "testing.equations_of_motion",
+    "EquationsOfMotion": "testing.equations_of_motion",
     "check": "testing.function_checks",
     "check_functions": "testing.function_checks",
     "from_engine": "testing.converters",
@@ -40,7 +40,7 @@ def __dir__() -> list[str]:
 
 __all__ = [
     "FUNCTION_CLAIMS",
-    "Functions",
+    "EquationsOfMotion",
     "check",
     "check_functions",
     "from_engine",

@@ -11,14 +11,14 @@ from eomcheck.numbers.generic import Array
 from eomcheck.numbers.pivots import EPS
 from eomcheck.testing.equations_of_motion import (
     INPUTS,
-    Answers,
     BrokenError,
-    Functions,
-    functions_of,
+    EquationsOfMotion,
+    FunctionCaller,
+    equations_from,
 )
-from eomcheck.testing.function_claim import Sides, Told, claim
-from eomcheck.testing.function_state import Point
-from eomcheck.testing.uncertain import Measured
+from eomcheck.testing.function_claim import Decision, UncertainEquality, function_claim
+from eomcheck.testing.function_state import FunctionState
+from eomcheck.testing.uncertain import UncertainArray
 
 NOISE = 2.0**-32
 """Noise per size of a function, above which there may be single-precision numbers in it.
@@ -40,7 +40,7 @@ BESIDE = 2.0**-8
 """Distance, per half width of the ranges, at which the noise of a jump is not measured any more."""
 
 
-def working(at: Point) -> Iterator[str]:
+def working_functions(at: FunctionState) -> Iterator[str]:
     """Yield the names of the functions that answer here."""
     for name in at.functions.given:
         try:
@@ -50,7 +50,7 @@ def working(at: Point) -> Iterator[str]:
         yield name
 
 
-def axes(at: Point, name: str) -> tuple[tuple[str, ...], ...]:
+def axis_names(at: FunctionState, name: str) -> tuple[tuple[str, ...], ...]:
     """Return names along each axis of what a function answers."""
     f = at.functions
     rows = tuple(f"{i}" for i in range(at.answers.sizes.get("r", 0)))
@@ -58,38 +58,40 @@ def axes(at: Point, name: str) -> tuple[tuple[str, ...], ...]:
     return tuple(known[symbol] for symbol in INPUTS[name].shape)
 
 
-@claim("answers", "each function answers with finite numbers of the right shape", "")
-def answers(at: Point) -> Iterator[Told]:
+@function_claim("answers", "each function answers with finite numbers of the right shape", "")
+def answers(at: FunctionState) -> Iterator[Decision]:
     """No exception, no NaN, no wrong shape."""
     for name in at.functions.given:
         try:
             at.answers(name, at.q, at.v)
         except BrokenError as broken:
             at.answers.told.add(name)
-            yield Told(name, float("inf"), 0.0, "failed", f"{name}, {broken.why}")
+            yield Decision(name, float("inf"), 0.0, "failed", f"{name}, {broken.why}")
         else:
-            yield Told(name, 0.0, 0.0, "passed")
+            yield Decision(name, 0.0, 0.0, "passed")
 
 
-@claim("arguments-unchanged", "what a function is handed is the same afterwards", "arguments")
-def arguments_unchanged(at: Point) -> Iterator[Told]:
+@function_claim(
+    "arguments-unchanged", "what a function is handed is the same afterwards", "arguments"
+)
+def arguments_unchanged(at: FunctionState) -> Iterator[Decision]:
     """A function must not write into q or v, whether it answers or raises."""
-    works = set(working(at))
+    works = set(working_functions(at))
     for name in at.functions.given:
         if name in at.answers.changed:
-            yield Told(name, float("inf"), 0.0, "failed", f"{name} writes into its arguments")
+            yield Decision(name, float("inf"), 0.0, "failed", f"{name} writes into its arguments")
         elif name in works:
-            yield Told(name, 0.0, 0.0, "passed")
+            yield Decision(name, 0.0, 0.0, "passed")
 
 
-@claim("same-answer", "f(x) after f(y) is f(x)", "")
-def same_answer(at: Point) -> Iterator[Sides]:
+@function_claim("same-answer", "f(x) after f(y) is f(x)", "")
+def same_answer(at: FunctionState) -> Iterator[UncertainEquality]:
     """What one call leaves behind does not change what the next one answers."""
     # Each coordinate by another amount: a chain of links is the same turned as a whole.
     width_q, width_v = (x * np.linspace(1.0, 1.3, len(x)) for x in (at.width_q, at.width_v))
     # All of them before anything is asked elsewhere.
-    for name, first in [(name, at.of(name)) for name in working(at)]:
-        for other in working(at):
+    for name, first in [(name, at.of(name)) for name in working_functions(at)]:
+        for other in working_functions(at):
             # As in a simulation: every function at another state in between.
             at.raw(other)(at.q - 0.3 * width_q, at.v + 0.7 * width_v)
         again = at.answers(name, at.q, at.v)
@@ -115,8 +117,8 @@ CACHED_DOUBLES = (*CACHED, (2.0**-21, 2.0**-31, 2.0**-24))
 """The same of functions that are as exact as doubles, with a cache by seven or eight digits."""
 
 
-@claim("answers-repeat", "f(x) is the same in every call of a run", "")
-def answers_repeat(at: Point) -> Iterator[Sides | Told]:
+@function_claim("answers-repeat", "f(x) is the same in every call of a run", "")
+def answers_repeat(at: FunctionState) -> Iterator[UncertainEquality | Decision]:
     """Old states are asked again after all other claims, to a rounding, whatever the noise.
 
     Each call is at another state than the one before, whose answer would show; and no answer may be
@@ -130,7 +132,7 @@ def answers_repeat(at: Point) -> Iterator[Sides | Told]:
     # Each coordinate by another amount: a chain of links is the same turned as a whole.
     along = width * rng.uniform(0.5, 1.0, len(x)) * rng.choice((-1.0, 1.0), len(x))
     where = [x] + [x + (0.1 + 0.2 * k) * along for k in range(AWAY)]
-    for name in working(at):
+    for name in working_functions(at):
         f, first = at.raw(name), at.of(name)
         known = [first.value, *(f(y[:n], y[n:]) for y in where[1:])]
         worst, error = first.value, np.zeros(first.shape)
@@ -141,60 +143,64 @@ def answers_repeat(at: Point) -> Iterator[Sides | Told]:
                 error, worst = away, first.value + away
         at.answers.repeated.add(name)
         rounding = EPS * np.maximum(first.size, np.fmax.reduce(np.abs(known)))
-        kept = Measured(first.value, rounding, first.size)
+        kept = UncertainArray(first.value, rounding, first.size)
         double = name not in at.answers.single and _relative(first) <= NOISE
         unfelt = _unfelt(at, name, KEPT, COARSE_BY) if double else ""
         cached = name not in at.answers.single and _is_cached(at, name, double)
         if unfelt or cached:
             what = f"{name}, does not feel small changes of {unfelt or 'q'}: cached?"
-            yield Told(name, KEPT, 0.0, "failed", what)
+            yield Decision(name, KEPT, 0.0, "failed", what)
             continue
         yield _again(at, name, worst, kept)
 
 
-@claim("fresh-answer", "f(x) of a fresh instance is f(x)", "", ("factory",))
-def fresh_answer(at: Point) -> Iterator[Sides | Told]:
+@function_claim("fresh-answer", "f(x) of a fresh instance is f(x)", "", ("factory",))
+def fresh_answer(at: FunctionState) -> Iterator[UncertainEquality | Decision]:
     """What was called before does not change what is answered."""
-    fresh = Answers(made_anew(at.functions))
-    for name in working(at):
+    fresh = FunctionCaller(fresh_functions(at.functions))
+    for name in working_functions(at):
         if fresh.functions.function(name) is None:
-            yield Told(name, 0.0, 0.0, "skipped", f"the factory makes no {name}")
+            yield Decision(name, 0.0, 0.0, "skipped", f"the factory makes no {name}")
             continue
         first = at.of(name)
         try:
             anew = fresh(name, at.q, at.v)
         except BrokenError as broken:
-            yield Told(name, float("inf"), 0.0, "failed", f"{name} of the factory, {broken.why}")
+            yield Decision(
+                name, float("inf"), 0.0, "failed", f"{name} of the factory, {broken.why}"
+            )
             continue
         yield _again(at, name, anew, first)
 
 
-def _again(at: Point, name: str, again: Array, first: Measured) -> Sides:
+def _again(at: FunctionState, name: str, again: Array, first: UncertainArray) -> UncertainEquality:
     """Return the sides of an answer being the same as at first, to rounding at most."""
 
     def say(*_: object) -> str:
         return "another one after other calls: something is kept from an earlier call"
 
     error = np.where(again == first.value, 0.0, first.error)
-    found, none = Measured(again, error, first.size), np.zeros(first.shape)
-    return Sides(name, found, Measured(first.value, none, first.size), axes(at, name), say)
+    found, none = UncertainArray(again, error, first.size), np.zeros(first.shape)
+    return UncertainEquality(
+        name, found, UncertainArray(first.value, none, first.size), axis_names(at, name), say
+    )
 
 
-def made_anew(functions: Functions) -> Functions:
+def fresh_functions(functions: EquationsOfMotion) -> EquationsOfMotion:
     """Return the functions that the factory makes."""
     assert functions.factory is not None
     made = functions.factory()
-    if isinstance(made, Functions):
+    if isinstance(made, EquationsOfMotion):
         return made
     given = made if isinstance(made, dict) else {x: getattr(made, x, None) for x in INPUTS}
     options = {"speeds": functions.speeds, "qdot": functions.qdot, "array": functions.array}
-    return functions_of(functions.n, options | given)
+    return equations_from(functions.n, options | given)
 
 
-@claim("double-precision", "functions compute in doubles", "precision")
-def double_precision(at: Point) -> Iterator[Told]:
+@function_claim("double-precision", "functions compute in doubles", "precision")
+def double_precision(at: FunctionState) -> Iterator[Decision]:
     """Single precision somewhere inside shows, whatever type the answer has."""
-    for name in working(at):
+    for name in working_functions(at):
         found = at.of(name)
         blur = _relative(found)
         unfelt = _unfelt(at, name) if NOISE < blur < NOTHING else ""
@@ -211,15 +217,15 @@ def double_precision(at: Point) -> Iterator[Told]:
             what = f"noise of {share:.1g} of its size: float32 arithmetic, or terms that cancel"
             if max(_noise_beside(at, name)) <= NOISE:
                 what = "jumps or has a kink at this state: its noise is not measured there"
-            yield Told(name, share, NOISE, "inconclusive", f"{name}, {what}")
+            yield Decision(name, share, NOISE, "inconclusive", f"{name}, {what}")
             continue
         else:
-            yield Told(name, share if share <= NOISE else 0.0, NOISE, "passed")
+            yield Decision(name, share if share <= NOISE else 0.0, NOISE, "passed")
             continue
-        yield Told(name, max(blur, 2.0**-24), NOISE, "failed", f"{name}, {what}")
+        yield Decision(name, max(blur, 2.0**-24), NOISE, "failed", f"{name}, {what}")
 
 
-def _size_beside(at: Point, name: str) -> float:
+def _size_beside(at: FunctionState, name: str) -> float:
     """Size of a function half a width of the ranges away, on both sides of the state.
 
     A plain formula may vanish at the state, as 1 - cos q does: what rounds in it is of this size.
@@ -229,26 +235,26 @@ def _size_beside(at: Point, name: str) -> float:
     return largest(np.nan_to_num(values, nan=0.0, posinf=0.0, neginf=0.0))
 
 
-def _noise_beside(at: Point, name: str) -> list[float]:
+def _noise_beside(at: FunctionState, name: str) -> list[float]:
     """Noise per size of a function `BESIDE` away on both sides, where it is not that of a jump."""
     found = []
     for shift in (-BESIDE, BESIDE):
         q, v = at.q + shift * at.width_q, at.v + shift * at.width_v
         try:
-            side = Point(at.answers, q, v, at.seed)
+            side = FunctionState(at.answers, q, v, at.seed)
             found.append(_relative(side.of(name), _size_beside(side, name)))
         except BrokenError:
             found.append(np.inf)
     return found
 
 
-def _relative(found: Measured, beside: float = 0.0) -> float:
+def _relative(found: UncertainArray, beside: float = 0.0) -> float:
     """Return the largest error of an entry beside the largest size, `beside` or more."""
     size = max(largest(found.size), beside)
     return largest(found.error) / size if size > 0.0 and np.isfinite(size) else 0.0
 
 
-def _unfelt(at: Point, name: str, small: float = UNFELT, by: float = FELT_BY) -> str:
+def _unfelt(at: FunctionState, name: str, small: float = UNFELT, by: float = FELT_BY) -> str:
     """Return the first of q and v of which a function feels large changes only, "" for none.
 
     A smooth function that feels the large change by `by` of its size changes by a fixed part of
@@ -271,7 +277,7 @@ def _unfelt(at: Point, name: str, small: float = UNFELT, by: float = FELT_BY) ->
     return ""
 
 
-def _is_cached(at: Point, name: str, double: bool) -> bool:
+def _is_cached(at: FunctionState, name: str, double: bool) -> bool:
     """Whether a function feels long changes of all coordinates together and no short ones."""
     f, here = at.raw(name), at.of(name)
     if "q" not in at.answers.reads(name):

@@ -14,12 +14,25 @@ from eomcheck.errors import InputError
 from eomcheck.evaluation.tolerance import C
 from eomcheck.numbers.generic import Array
 from eomcheck.numbers.pivots import EPS
-from eomcheck.testing.claims_answers import axes
-from eomcheck.testing.claims_terms import kinetic_rate, proportional, rows, same
-from eomcheck.testing.equations_of_motion import Answers, BrokenError
-from eomcheck.testing.function_claim import Blind, Sides, Skipped, Told, claim, has_any
-from eomcheck.testing.function_state import Point, bias, drift, inertia, why_no_bias
-from eomcheck.testing.uncertain import Measured, exact
+from eomcheck.testing.claims_answers import axis_names
+from eomcheck.testing.claims_terms import kinetic_rate, proportional, row_names, within_allowed
+from eomcheck.testing.equations_of_motion import BrokenError, FunctionCaller
+from eomcheck.testing.function_claim import (
+    BlindSpot,
+    Decision,
+    Skipped,
+    UncertainEquality,
+    function_claim,
+    has_any,
+)
+from eomcheck.testing.function_state import (
+    FunctionState,
+    inertia,
+    supplied_or_derived_bias,
+    supplied_or_derived_drift,
+    why_no_bias,
+)
+from eomcheck.testing.uncertain import UncertainArray, exact
 
 # ---- Accelerations -------------------------------------------------------------------------------
 
@@ -35,72 +48,74 @@ DAMPER = "odd in v, and linear: a damper? R or Q would tell"
 DRAG = "odd in v, and not linear: drag and friction would be in R or Q"
 
 
-def seen(x: Measured) -> Array:
+def is_nonzero(x: UncertainArray) -> Array:
     """Whether each entry is certainly not 0."""
     return np.abs(x.value) > C * x.error
 
 
-@claim(
+@function_claim(
     "motion",
     "M q̈ + B + g + ∂R/∂v = Q + aᵀλ",
     "equations of motion",
     ("M|T", "qdd"),
     consistent=True,
     blind=(
-        Blind("qdd", "whether q̈ belongs to the terms", ("M|T", "against")),
-        Blind("R", "damping of wrong sign or size", ("qdd & M|T", "against")),
-        Blind("Q", "applied forces of wrong sign or size", ("qdd & M|T", "against")),
+        BlindSpot("qdd", "whether q̈ belongs to the terms", ("M|T", "against")),
+        BlindSpot("R", "damping of wrong sign or size", ("qdd & M|T", "against")),
+        BlindSpot("Q", "applied forces of wrong sign or size", ("qdd & M|T", "against")),
     ),
 )
-def motion(at: Point) -> Iterator[Sides | Told | Skipped]:
+def motion(at: FunctionState) -> Iterator[UncertainEquality | Decision | Skipped]:
     """Accelerations satisfy the equations of motion, in the directions the constraints leave.
 
     M and B as given, else as T, C or M say. Where no force is given at all, gravity and dampers may
     be in q̈: of M q̈ + B the part that is quadratic in v has to vanish, and the rest is said.
     """
-    subject, B = "M q̈ + B ~ forces", bias(at)
+    subject, B = "M q̈ + B ~ forces", supplied_or_derived_bias(at)
     if B is None:
         yield Skipped(subject, why_no_bias(at))
         return
     inertial, forces = inertia(at) @ at.of("qdd") + B, at.forces()
-    names, free = rows(at), exact(np.eye(len(at.v)))
+    names, free = row_names(at), exact(np.eye(len(at.v)))
     if at.has("a"):
         free = exact(at.free().T)
         names = tuple(f"free direction {i}" for i in range(free.shape[0]))
         inertial, forces = free @ inertial, free @ forces
-    if not at.parts() and seen(inertial).any():
+    if not at.parts() and is_nonzero(inertial).any():
         if at.has("b"):
             yield Skipped(subject, FORCES)
             return
         each = [at.moved(-at.v), at.moved(np.zeros(len(at.v)))]
-        biases = [bias(one) for one in each]
+        biases = [supplied_or_derived_bias(one) for one in each]
         back, rest = (
             free @ (inertia(one) @ one.of("qdd") + B)
             for one, B in zip(each, biases, strict=True)
             if B is not None
         )
         odd, along = inertial - back, exact(free.value @ at.v)
-        if not at.natural() and seen(odd).any() and not seen(along @ odd):
+        if not at.natural() and is_nonzero(odd).any() and not is_nonzero(along @ odd):
             # Dampers do work; terms of T that are linear in v do none.
-            yield Sides(subject, odd, exact(np.zeros(odd.shape)), (names,))
+            yield UncertainEquality(subject, odd, exact(np.zeros(odd.shape)), (names,))
             return
-        yield Sides(subject, inertial + back, 2.0 * rest, (names,))
+        yield UncertainEquality(subject, inertial + back, 2.0 * rest, (names,))
         worst = float(np.abs(inertial.value).max())
-        yield Told("forces", worst, 0.0, "inconclusive", f"M q̈ + B is not 0, and {FORCES}")
+        yield Decision("forces", worst, 0.0, "inconclusive", f"M q̈ + B is not 0, and {FORCES}")
         return
 
     def say(found: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
         for name, part in at.parts().items():
             of = free @ part
             for factor, what in HOW.items():
-                if same(found - expected, factor * of.value, allowed + abs(factor) * C * of.error):
+                if within_allowed(
+                    found - expected, factor * of.value, allowed + abs(factor) * C * of.error
+                ):
                     return f"off by {name}: {what}"
         return ""
 
-    yield Sides(subject, inertial, forces, (names,), say)
+    yield UncertainEquality(subject, inertial, forces, (names,), say)
 
 
-@claim(
+@function_claim(
     "power-balance",
     "d(T + U)/dt = v·Q - v·∂R/∂v",
     "power balance",
@@ -109,17 +124,21 @@ def motion(at: Point) -> Iterator[Sides | Told | Skipped]:
     consistent=True,
     natural=True,
 )
-def power_balance(at: Point) -> Iterator[Sides | Skipped]:
+def power_balance(at: FunctionState) -> Iterator[UncertainEquality | Skipped]:
     """Energy changes by what forces and dampers do; constraints do no work."""
     qdd, forces, v = at.of("qdd"), at.forces(), exact(at.v)
     found = kinetic_rate(at, qdd)
-    if not at.parts() and seen(found).any():
+    if not at.parts() and is_nonzero(found).any():
         yield Skipped("Ṫ ~ v·forces", FORCES)
         return
-    yield Sides("Ṫ ~ v·forces", found, v @ forces + of_violation(at, qdd, forces), ())
+    yield UncertainEquality(
+        "Ṫ ~ v·forces", found, v @ forces + violation_power(at, qdd, forces), ()
+    )
 
 
-def of_violation(at: Point, qdd: Measured, forces: Measured) -> Measured:
+def violation_power(
+    at: FunctionState, qdd: UncertainArray, forces: UncertainArray
+) -> UncertainArray:
     """Return what constraint forces do because v keeps the constraints to rounding only: 0, or so.
 
     v violates them by what is left of a v, and by what rounds in that.
@@ -130,10 +149,10 @@ def of_violation(at: Point, qdd: Measured, forces: Measured) -> Measured:
     left = np.abs(a @ at.v) + EPS * np.abs(a) @ speed
     violation = np.abs(np.linalg.pinv(a)) @ left + EPS * speed
     size = (inertia(at) @ qdd).size + forces.size
-    return Measured(np.zeros(()), np.asarray(size @ violation), np.zeros(()))
+    return UncertainArray(np.zeros(()), np.asarray(size @ violation), np.zeros(()))
 
 
-@claim(
+@function_claim(
     "acceleration-even",
     "q̈(q, -v) = q̈(q, v)",
     "acceleration",
@@ -142,13 +161,13 @@ def of_violation(at: Point, qdd: Measured, forces: Measured) -> Measured:
     natural=True,
     consistent=True,
 )
-def acceleration_even(at: Point) -> Iterator[Sides | Told]:
+def acceleration_even(at: FunctionState) -> Iterator[UncertainEquality | Decision]:
     """Without damping a motion can run backwards; what is linear in v may be a damper."""
     damped, odd = _damped(at), _odd(at)
     if damped.any():
-        rows_ = ", ".join(name for name, one in zip(rows(at), damped, strict=True) if one)
+        rows_ = ", ".join(name for name, one in zip(row_names(at), damped, strict=True) if one)
         largest = float(np.abs(odd.value[damped]).max())
-        yield Told(
+        yield Decision(
             "q̈ odd in v", largest, 0.0, "inconclusive", f"acceleration, row {rows_}: {DAMPER}"
         )
     if damped.all():
@@ -159,33 +178,33 @@ def acceleration_even(at: Point) -> Iterator[Sides | Told]:
 
     none = exact(np.zeros(len(at.v)))
     found = _where(damped, none, at.moved(-at.v).of("qdd"))
-    yield Sides("q̈", found, _where(damped, none, at.of("qdd")), (rows(at),), say)
+    yield UncertainEquality("q̈", found, _where(damped, none, at.of("qdd")), (row_names(at),), say)
 
 
-def _odd(at: Point) -> Measured:
+def _odd(at: FunctionState) -> UncertainArray:
     """Twice the part of q̈ (p,) that is odd in v."""
     return at.of("qdd") - at.moved(-at.v).of("qdd")
 
 
-def _damped(at: Point) -> Array:
+def _damped(at: FunctionState) -> Array:
     """Whether each row of q̈ (p,) has a part that is odd in v, and linear in it."""
 
     def damped() -> Array:
         once = _odd(at)
-        if not seen(once).any():
+        if not is_nonzero(once).any():
             return np.zeros(once.shape, bool)
-        return seen(once) & ~seen(_odd(at.moved(2.0 * at.v)) - 2.0 * once)
+        return is_nonzero(once) & ~is_nonzero(_odd(at.moved(2.0 * at.v)) - 2.0 * once)
 
     return at.kept("damped", damped)
 
 
-def _where(chosen: Array, x: Measured, y: Measured) -> Measured:
+def _where(chosen: Array, x: UncertainArray, y: UncertainArray) -> UncertainArray:
     """Entries of x where `chosen`, of y elsewhere."""
     pairs = (x.value, y.value), (x.error, y.error), (x.size, y.size)
-    return Measured(*(np.where(chosen, *pair) for pair in pairs))
+    return UncertainArray(*(np.where(chosen, *pair) for pair in pairs))
 
 
-@claim(
+@function_claim(
     "acceleration-quadratic",
     "q̈(2v) - q̈(0) = 4 (q̈(v) - q̈(0))",
     "acceleration",
@@ -194,7 +213,7 @@ def _where(chosen: Array, x: Measured, y: Measured) -> Measured:
     natural=True,
     consistent=True,
 )
-def acceleration_quadratic(at: Point) -> Iterator[Sides]:
+def acceleration_quadratic(at: FunctionState) -> Iterator[UncertainEquality]:
     """Without damping accelerations are those at rest and a quadratic part, with a linear damper in
     the mean of both directions of v."""
     rest = at.moved(np.zeros(len(at.v))).of("qdd")
@@ -203,7 +222,7 @@ def acceleration_quadratic(at: Point) -> Iterator[Sides]:
     if damped.any():
         here = _where(damped, here - 0.5 * _odd(at), here)
         far = _where(damped, far - 0.5 * _odd(twice), far)
-    yield Sides("q̈", far - rest, 4.0 * (here - rest), (rows(at),))
+    yield UncertainEquality("q̈", far - rest, 4.0 * (here - rest), (row_names(at),))
 
 
 # ---- Reference -----------------------------------------------------------------------------------
@@ -211,13 +230,13 @@ def acceleration_quadratic(at: Point) -> Iterator[Sides]:
 FORCE_TERMS = ("Q", "gravity", "U", "R")
 """What forces are summed from."""
 
-QUANTITIES: dict[str, tuple[str, Callable[[Point], Measured | None]]] = {
+QUANTITIES: dict[str, tuple[str, Callable[[FunctionState], UncertainArray | None]]] = {
     "M": ("M", inertia),
-    "bias": ("bias", bias),
+    "bias": ("bias", supplied_or_derived_bias),
     "forces": ("Q", lambda at: at.forces()),
     "T": ("T", lambda at: at.of("T")),
     "a": ("a", lambda at: at.of("a")),
-    "gamma": ("gamma", drift),
+    "gamma": ("gamma", supplied_or_derived_drift),
     "qdd": ("qdd", lambda at: at.of("qdd")),
 }
 """Name -> (what has its shape, how it is had). U is known up to a constant only: forces tell it."""
@@ -226,13 +245,13 @@ FOLLOWS = {"M": "T", "bias": "C|M|T", "gamma": "a"}
 """Name -> what it follows from where it is not given."""
 
 
-def _has(at: Point, name: str) -> bool:
+def _has(at: FunctionState, name: str) -> bool:
     if name == "forces":
         return any(at.has(one) for one in FORCE_TERMS)
     return at.has(name)
 
 
-def _shared(at: Point, theirs: Point, name: str) -> bool:
+def _shared(at: FunctionState, theirs: FunctionState, name: str) -> bool:
     """Return whether a quantity is given by both, or by one of them and follows in the other.
 
     Where both give what it follows from, that is compared, and this would say the same again.
@@ -246,13 +265,13 @@ def _shared(at: Point, theirs: Point, name: str) -> bool:
     return has_any(other, sources) and not both
 
 
-def _reference_at(at: Point) -> Point:
+def _reference_at(at: FunctionState) -> FunctionState:
     """Return the reference at the same state."""
     assert at.reference is not None
-    return Point(Answers(at.reference), at.q, at.v, at.seed)
+    return FunctionState(FunctionCaller(at.reference), at.q, at.v, at.seed)
 
 
-def check_reference(points: list[Point]) -> None:
+def check_reference(points: list[FunctionState]) -> None:
     """Raise InputError if the reference has no answer at all to what is compared.
 
     What it answers in some states, or of some quantities, is compared; the rest is told as not
@@ -276,19 +295,21 @@ def check_reference(points: list[Point]) -> None:
         raise InputError(f"{what}: {broken}")
 
 
-@claim(
+@function_claim(
     "reference",
     "each quantity is that of the reference",
     "",
     ("against",),
     blind=(
-        Blind("", "a number that all functions share, such as a mass, a length or g", ("against",)),
-        Blind(
+        BlindSpot(
+            "", "a number that all functions share, such as a mass, a length or g", ("against",)
+        ),
+        BlindSpot(
             "", "a velocity or a load of wrong sign in the derivation", ("against",), derived=True
         ),
     ),
 )
-def reference(at: Point) -> Iterator[Sides | Skipped]:
+def reference(at: FunctionState) -> Iterator[UncertainEquality | Skipped]:
     """Each quantity is what the scene or the engine says."""
     assert at.reference is not None
     for name, (shaped, of) in QUANTITIES.items():
@@ -303,7 +324,7 @@ def reference(at: Point) -> Iterator[Sides | Skipped]:
                 )
                 continue
             here = consistent
-            theirs = Point(theirs.answers, here.q, here.v, at.seed)
+            theirs = FunctionState(theirs.answers, here.q, here.v, at.seed)
         try:
             expected = of(theirs)
         except BrokenError as broken:
@@ -315,6 +336,6 @@ def reference(at: Point) -> Iterator[Sides | Skipped]:
                 f"{name} ~ {at.reference.name}", why_no_bias(here if found is None else theirs)
             )
             continue
-        yield Sides(
-            f"{name} ~ {at.reference.name}", found, expected, axes(at, shaped), proportional
+        yield UncertainEquality(
+            f"{name} ~ {at.reference.name}", found, expected, axis_names(at, shaped), proportional
         )

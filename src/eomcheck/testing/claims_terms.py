@@ -16,36 +16,42 @@ from eomcheck.evaluation.tolerance import INCONCLUSIVE, C, allowed_error
 from eomcheck.numbers.generic import Array
 from eomcheck.numbers.pivots import EPS
 from eomcheck.testing.equations_of_motion import BrokenError
-from eomcheck.testing.function_claim import Blind, Sides, Skipped, Told, claim
+from eomcheck.testing.function_claim import (
+    BlindSpot,
+    Decision,
+    Skipped,
+    UncertainEquality,
+    function_claim,
+)
 from eomcheck.testing.function_state import (
     BUILT_IN,
     REST_ENERGY,
-    Point,
+    FunctionState,
     bias_of_energy,
     bias_of_inertia,
     bias_of_mass_matrix,
     differences,
-    drift,
     drift_of_jacobian,
     inertia_rate,
-    of_matrix,
     second_differences,
+    supplied_or_derived_drift,
+    uses_mass_matrix,
     why_no_bias,
 )
-from eomcheck.testing.uncertain import Measured, contract, exact, zero
+from eomcheck.testing.uncertain import UncertainArray, contract, exact, zero
 
 # ---- M, bias, C and gravity ----------------------------------------------------------------------
 
 UNKNOWN = f"{BUILT_IN}: if none are, say holonomic=True"
 
 
-def rows(at: Point) -> tuple[str, ...]:
+def row_names(at: FunctionState) -> tuple[str, ...]:
     """Return the names of the rows of M and of forces."""
     return at.functions.velocity_names
 
 
-@claim("mass-matrix-symmetric", "M = Mᵀ", "mass matrix", ("M",))
-def mass_matrix_symmetric(at: Point) -> Iterator[Sides]:
+@function_claim("mass-matrix-symmetric", "M = Mᵀ", "mass matrix", ("M",))
+def mass_matrix_symmetric(at: FunctionState) -> Iterator[UncertainEquality]:
     """The mass matrix is symmetric."""
     M = at.of("M")
 
@@ -53,31 +59,31 @@ def mass_matrix_symmetric(at: Point) -> Iterator[Sides]:
         for part, name in ((np.tril(found, -1), "lower"), (np.triu(found, 1), "upper")):
             if not part.any():
                 return f"the {name} triangle is empty"
-        other = ", ".join(rows(at)[k] for k in reversed(worst))
+        other = ", ".join(row_names(at)[k] for k in reversed(worst))
         x, y = found[worst], expected[worst]
-        return f"{x:.6g}, and entry ({other}) is {y:.6g}{opposite(x, y, allowed)}"
+        return f"{x:.6g}, and entry ({other}) is {y:.6g}{sign_hint(x, y, allowed)}"
 
-    yield Sides("M", M, M.T, (rows(at), rows(at)), say)
+    yield UncertainEquality("M", M, M.T, (row_names(at), row_names(at)), say)
 
 
-def opposite(x: float, y: float, allowed: float) -> str:
+def sign_hint(x: float, y: float, allowed: float) -> str:
     """Say of two numbers that should be the same that one has the other sign, if that is so."""
     return ": opposite sign in one of them" if abs(x + y) <= allowed else ""
 
 
-@claim("mass-matrix-positive", "vᵀ M v > 0", "mass matrix", ("M",))
-def mass_matrix_positive(at: Point) -> Iterator[Told]:
+@function_claim("mass-matrix-positive", "vᵀ M v > 0", "mass matrix", ("M",))
+def mass_matrix_positive(at: FunctionState) -> Iterator[Decision]:
     """M is positive definite, in units in which its diagonal is 1."""
     M = at.of("M")
     diagonal = np.diagonal(M.value)
     if (diagonal < -allowed_error(1.0 / EPS) * np.diagonal(M.error)).any():
         k = int(np.argmin(diagonal))
-        yield Told(
+        yield Decision(
             "M",
             float(-diagonal[k]),
             0.0,
             "failed",
-            f"mass matrix, entry ({rows(at)[k]}, {rows(at)[k]}): negative",
+            f"mass matrix, entry ({row_names(at)[k]}, {row_names(at)[k]}): negative",
         )
         return
     scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
@@ -85,70 +91,72 @@ def mass_matrix_positive(at: Point) -> Iterator[Told]:
     allowed = C * float((M.error * np.outer(scale, scale)).sum() + EPS * len(scale))
     if least < -allowed:
         what = f"mass matrix, its least eigenvalue is {least:.3g} of its diagonal"
-        yield Told("M", -least, allowed, "failed", what)
+        yield Decision("M", -least, allowed, "failed", what)
     elif least > allowed:
-        yield Told("M", 0.0, allowed, "passed")
+        yield Decision("M", 0.0, allowed, "passed")
     else:
-        yield Told("M", abs(least), allowed, "inconclusive", "M is singular to rounding")
+        yield Decision("M", abs(least), allowed, "inconclusive", "M is singular to rounding")
 
 
-@claim("bias-at-rest", "B(q, 0) = 0", "bias", ("bias",), natural=True)
-def bias_at_rest(at: Point) -> Iterator[Sides]:
+@function_claim("bias-at-rest", "B(q, 0) = 0", "bias", ("bias",), natural=True)
+def bias_at_rest(at: FunctionState) -> Iterator[UncertainEquality]:
     """Nothing is left of the bias at rest; what is left often is gravity."""
     rest = at.moved(np.zeros(len(at.v)))
     if at.functions.bias_has_gravity:
         if at.functions.gravity is not None or at.has("U"):
             g = at.of("gravity") if at.functions.gravity is not None else at.U_q()
-            yield Sides("bias at rest ~ ∂U/∂q", rest.of("bias"), g, (rows(at),))
+            yield UncertainEquality("bias at rest ~ ∂U/∂q", rest.of("bias"), g, (row_names(at),))
         return
 
     def say(found: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
         known = at.gravity() if at.has("gravity") or at.has("U") else None
         for sign, name in ((1.0, "∂U/∂q"), (-1.0, "-∂U/∂q")):
-            if known is not None and same(found, sign * known.value, allowed + C * known.error):
+            if known is not None and within_allowed(
+                found, sign * known.value, allowed + C * known.error
+            ):
                 return f"it is {name}: gravity is in the bias (say bias_has_gravity=True)"
         potential = at.functions.qdot is None and _symmetric(_by_q(rest))
         return "should vanish, and has a potential: gravity in it?" if potential else ""
 
-    yield Sides("bias", rest.of("bias"), zero(at.of("bias")), (rows(at),), say)
+    yield UncertainEquality("bias", rest.of("bias"), zero(at.of("bias")), (row_names(at),), say)
 
 
-def _by_q(rest: Point) -> Measured:
+def _by_q(rest: FunctionState) -> UncertainArray:
     return rest.by_q(rest.raw("bias"))
 
 
-def same(found: Array, expected: Array, allowed: Array) -> bool:
+def within_allowed(found: Array, expected: Array, allowed: Array) -> bool:
     """Return whether two arrays are the same, each entry to what is allowed of it."""
     return bool((np.abs(found - expected) <= allowed).all())
 
 
-def _symmetric(jacobian: Measured) -> bool:
-    return same(jacobian.value, jacobian.value.T, C * (jacobian.error + jacobian.error.T))
+def _symmetric(jacobian: UncertainArray) -> bool:
+    return within_allowed(jacobian.value, jacobian.value.T, C * (jacobian.error + jacobian.error.T))
 
 
-@claim("bias-quadratic", "B(2v) = 4 B(v)", "bias", ("bias",), natural=True)
-def bias_quadratic(at: Point) -> Iterator[Sides]:
+@function_claim("bias-quadratic", "B(2v) = 4 B(v)", "bias", ("bias",), natural=True)
+def bias_quadratic(at: FunctionState) -> Iterator[UncertainEquality]:
     """The bias is quadratic in v."""
-    yield Sides("bias", at.moved(2.0 * at.v).B(), 4.0 * at.B(), (rows(at),))
+    yield UncertainEquality("bias", at.moved(2.0 * at.v).B(), 4.0 * at.B(), (row_names(at),))
 
 
-@claim("bias-even", "B(-v) = B(v)", "bias", ("bias",), natural=True)
-def bias_even(at: Point) -> Iterator[Sides]:
+@function_claim("bias-even", "B(-v) = B(v)", "bias", ("bias",), natural=True)
+def bias_even(at: FunctionState) -> Iterator[UncertainEquality]:
     """The bias does not change when the motion runs backwards; damping would."""
-    yield Sides("bias", at.moved(-at.v).B(), at.B(), (rows(at),))
+    yield UncertainEquality("bias", at.moved(-at.v).B(), at.B(), (row_names(at),))
 
 
-@claim(
+@function_claim(
     "bias-of-mass-matrix",
     "B = Ṁ v - ½ ∂(vᵀ M v)/∂q",
     "bias",
     ("M", "bias"),
     blind=(
-        Blind("bias", "whether the bias belongs to the mass matrix", ("M", "T", "against")),
-        Blind("M", "whether M depends on q as it should", ("bias", "C", "T", "qdd", "against")),
+        BlindSpot("bias", "whether the bias belongs to the mass matrix", ("M", "T", "against")),
+        BlindSpot("M", "whether M depends on q as it should", ("bias", "C", "T", "qdd", "against")),
     ),
 )
-def check_bias_of_mass_matrix(at: Point) -> Iterator[Sides | Skipped]:
+def check_bias_of_mass_matrix(at: FunctionState) -> Iterator[UncertainEquality | Skipped]:
     """B follows from the derivatives of M.
 
     Terms of T that are not quadratic in v, as where a clock drives the system, may add to B. So
@@ -159,10 +167,10 @@ def check_bias_of_mass_matrix(at: Point) -> Iterator[Sides | Skipped]:
         yield Skipped("bias", UNKNOWN)
         return
     allowed = C * (at.B().error + expected.error)
-    if not at.natural() and not same(at.B().value, expected.value, allowed):
+    if not at.natural() and not within_allowed(at.B().value, expected.value, allowed):
         yield Skipped("bias", at.why_not_natural())
         return
-    yield Sides("bias", at.B(), expected, (rows(at),), proportional)
+    yield UncertainEquality("bias", at.B(), expected, (row_names(at),), proportional)
 
 
 def proportional(found: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
@@ -194,87 +202,91 @@ def proportional(found: Array, expected: Array, allowed: float, worst: tuple[int
     return f"{sign}too {large} by {abs(beyond):.{known}e} of it{EVERY_ROW}"
 
 
-@claim("bias-power", "vᵀ B = ½ vᵀ Ṁ v", "bias", ("M|T", "bias"), natural=True)
-def bias_power(at: Point) -> Iterator[Sides]:
+@function_claim("bias-power", "vᵀ B = ½ vᵀ Ṁ v", "bias", ("M|T", "bias"), natural=True)
+def bias_power(at: FunctionState) -> Iterator[UncertainEquality]:
     """The bias takes no energy: it does the work that M says."""
     v = exact(at.v)
-    power = 0.5 * (v @ (inertia_rate(at) @ v)) if of_matrix(at) else at.rate_of(at.raw("T"))
-    yield Sides("bias", v @ at.B(), power, ())
+    power = 0.5 * (v @ (inertia_rate(at) @ v)) if uses_mass_matrix(at) else at.rate_of(at.raw("T"))
+    yield UncertainEquality("bias", v @ at.B(), power, ())
 
 
-@claim(
+@function_claim(
     "coriolis-bias",
     "C v = B",
     "Coriolis matrix",
     ("C", "bias|M|T"),
     natural=True,
-    blind=(Blind("C", "what C should be", ("bias", "M", "T")),),
+    blind=(BlindSpot("C", "what C should be", ("bias", "M", "T")),),
 )
-def coriolis_bias(at: Point) -> Iterator[Sides | Skipped]:
+def coriolis_bias(at: FunctionState) -> Iterator[UncertainEquality | Skipped]:
     """C v is the bias: as given, else as M or T says."""
     expected = at.B() if at.has("bias") else bias_of_inertia(at)
     if expected is None:
         yield Skipped("C v", why_no_bias(at))
         return
-    yield Sides("C v", at.of("C") @ exact(at.v), expected, (rows(at),), proportional)
+    yield UncertainEquality(
+        "C v", at.of("C") @ exact(at.v), expected, (row_names(at),), proportional
+    )
 
 
-@claim(
+@function_claim(
     "coriolis-skew",
     "Ṁ - 2 C is skew-symmetric",
     "Coriolis matrix",
     ("C", "M|T"),
     without=("qdot",),
     natural=True,
-    blind=(Blind("C", "whether Ṁ - 2 C is skew-symmetric", ("M", "T")),),
+    blind=(BlindSpot("C", "whether Ṁ - 2 C is skew-symmetric", ("M", "T")),),
 )
-def coriolis_skew(at: Point) -> Iterator[Sides]:
+def coriolis_skew(at: FunctionState) -> Iterator[UncertainEquality]:
     """C is made of Christoffel's symbols: Ṁ = C + Cᵀ."""
     found = at.of("C") + at.of("C").T
-    yield Sides("C + Cᵀ ~ Ṁ", found, inertia_rate(at), (rows(at), rows(at)))
+    yield UncertainEquality("C + Cᵀ ~ Ṁ", found, inertia_rate(at), (row_names(at), row_names(at)))
 
 
-@claim("gravity-potential", "∂g_i/∂q_k = ∂g_k/∂q_i", "gravity", ("gravity",), without=("qdot",))
-def gravity_potential(at: Point) -> Iterator[Sides]:
+@function_claim(
+    "gravity-potential", "∂g_i/∂q_k = ∂g_k/∂q_i", "gravity", ("gravity",), without=("qdot",)
+)
+def gravity_potential(at: FunctionState) -> Iterator[UncertainEquality]:
     """Gravity has a potential."""
     given = at.functions.gravity is not None
     rest = at.moved(np.zeros(len(at.v)))
     jacobian = at.by_q(at.raw("gravity")) if given else _by_q(rest)
 
     def say(found: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
-        k, i = (rows(at)[entry] for entry in worst)
+        k, i = (row_names(at)[entry] for entry in worst)
         x, y = found[worst], expected[worst]
         each = f"row {i} changes by {x:.6g} per {k}, and row {k} by {y:.6g} per {i}"
-        return each + opposite(x, y, allowed)
+        return each + sign_hint(x, y, allowed)
 
-    yield Sides("gravity", jacobian, jacobian.T, (rows(at), rows(at)), say)
+    yield UncertainEquality("gravity", jacobian, jacobian.T, (row_names(at), row_names(at)), say)
 
 
-@claim(
+@function_claim(
     "gravity-of-potential",
     "g = ∂U/∂q",
     "gravity",
     ("gravity", "U"),
     blind=(
-        Blind(
+        BlindSpot(
             "gravity",
             "a gravity that is too strong, too weak or upside down",
             ("U", "qdd & M|T", "against"),
         ),
-        Blind(
+        BlindSpot(
             "U",
             "a potential energy that is too large or too small",
             ("gravity", "qdd & M|T", "against"),
         ),
     ),
 )
-def gravity_of_potential(at: Point) -> Iterator[Sides]:
+def gravity_of_potential(at: FunctionState) -> Iterator[UncertainEquality]:
     """Gravity is the derivative of the potential energy."""
-    yield Sides("gravity", at.gravity(), at.U_q(), (rows(at),), proportional)
+    yield UncertainEquality("gravity", at.gravity(), at.U_q(), (row_names(at),), proportional)
 
 
-@claim("gravity-velocity", "g does not depend on v", "gravity", ("gravity",))
-def gravity_velocity(at: Point) -> Iterator[Sides]:
+@function_claim("gravity-velocity", "g does not depend on v", "gravity", ("gravity",))
+def gravity_velocity(at: FunctionState) -> Iterator[UncertainEquality]:
     """Gravity is the same at rest, also after something moved was looked at."""
     if at.functions.gravity is None:
         return  # it is the bias at rest
@@ -284,30 +296,32 @@ def gravity_velocity(at: Point) -> Iterator[Sides]:
         with suppress(BrokenError):
             moved.raw(name)(moved.q, moved.v)
     found = moved.answers("gravity", moved.q, moved.v)
-    yield Sides("gravity", Measured(found, here.error, here.size), here, (rows(at),))
+    yield UncertainEquality(
+        "gravity", UncertainArray(found, here.error, here.size), here, (row_names(at),)
+    )
 
 
 # ---- Energies ------------------------------------------------------------------------------------
 
 
-@claim("energy-quadratic", "T is at most quadratic in v", "kinetic energy", ("T",))
-def energy_quadratic(at: Point) -> Iterator[Sides | Skipped]:
+@function_claim("energy-quadratic", "T is at most quadratic in v", "kinetic energy", ("T",))
+def energy_quadratic(at: FunctionState) -> Iterator[UncertainEquality | Skipped]:
     """T(3v) - 3 T(2v) + 3 T(v) - T(0) = 0; T(q, 0) may change with q where a clock drives."""
     T = [at.moved(k * at.v).of("T") for k in range(4)]
-    yield Sides("T", T[3] + 3.0 * T[1], 3.0 * T[2] + T[0], ())
+    yield UncertainEquality("T", T[3] + 3.0 * T[1], 3.0 * T[2] + T[0], ())
     tells = [name for name in ("bias", "qdd", "against") if at.has(name)]
     if not tells and at.rest_energy_changes():
         yield Skipped("T at rest", f"{REST_ENERGY} bias, qdd or against would tell")
 
 
-@claim(
+@function_claim(
     "kinetic-energy",
     "M = ∂²T/∂v²",
     "mass matrix",
     ("M", "T"),
-    blind=(Blind("M", "a constant added to M", ("T", "qdd", "against")),),
+    blind=(BlindSpot("M", "a constant added to M", ("T", "qdd", "against")),),
 )
-def kinetic_energy(at: Point) -> Iterator[Sides]:
+def kinetic_energy(at: FunctionState) -> Iterator[UncertainEquality]:
     """T = ½ vᵀ M v and what is not quadratic in v: M entry by entry."""
 
     def say(found: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
@@ -321,24 +335,26 @@ def kinetic_energy(at: Point) -> Iterator[Sides]:
             return f"on the diagonal {said} {size}, nothing elsewhere{armature}"
         return proportional(found, expected, allowed, worst)
 
-    yield Sides("M ~ ∂²T/∂v²", at.of("M"), second_differences(at), (rows(at), rows(at)), say)
+    yield UncertainEquality(
+        "M ~ ∂²T/∂v²", at.of("M"), second_differences(at), (row_names(at), row_names(at)), say
+    )
 
 
-@claim(
+@function_claim(
     "bias-of-energy",
     "B = ∂²T/∂v∂q v - ∂T/∂q",
     "bias",
     ("T", "bias"),
     without=("qdot",),
 )
-def check_bias_of_energy(at: Point) -> Iterator[Sides]:
+def check_bias_of_energy(at: FunctionState) -> Iterator[UncertainEquality]:
     """B follows from T alone by Lagrange's equations, also where T has linear terms."""
     expected = bias_of_energy(at)
     assert expected is not None
-    yield Sides("bias ~ T", at.B(), expected, (rows(at),), proportional)
+    yield UncertainEquality("bias ~ T", at.B(), expected, (row_names(at),), proportional)
 
 
-@claim(
+@function_claim(
     "dissipation-positive",
     "R(q, v) + R(q, -v) ≥ 2 R(q, 0)",
     "dissipation function",
@@ -346,7 +362,7 @@ def check_bias_of_energy(at: Point) -> Iterator[Sides]:
     without=("b",),
     consistent=True,
 )
-def dissipation_positive(at: Point) -> Iterator[Told | Skipped]:
+def dissipation_positive(at: FunctionState) -> Iterator[Decision | Skipped]:
     """Dampers take energy, in both directions together: v·∂R/∂v of v and of -v is not negative.
 
     Asked along v, and along that velocity of which second differences of R are least. Terms odd in
@@ -369,15 +385,15 @@ def dissipation_positive(at: Point) -> Iterator[Told | Skipped]:
         where = ", ".join(f"{x:.3g}" for x in v)
         feeds = f"feeds energy at v = [{where}], where R is {-gain / 2.0:.3g} W less than at rest"
         what = f"dissipation function, value: {feeds}: wrong sign? Active drives belong into Q"
-        yield Told("R", -gain, allowed, "failed", what)
+        yield Decision("R", -gain, allowed, "failed", what)
     elif change == 0.0 or allowed <= INCONCLUSIVE * change:
-        yield Told("R", max(0.0, -gain), allowed, "passed")
+        yield Decision("R", max(0.0, -gain), allowed, "passed")
     else:
         what = "R changes with v by no more than its own rounding"
-        yield Told("R", max(0.0, -gain), allowed, "inconclusive", what)
+        yield Decision("R", max(0.0, -gain), allowed, "inconclusive", what)
 
 
-def _least_damped(at: Point, R: Callable[[Array, Array], Array]) -> tuple[Array, float]:
+def _least_damped(at: FunctionState, R: Callable[[Array, Array], Array]) -> tuple[Array, float]:
     """Velocity (p,) in the ranges of which second differences of R are least, and their size.
 
     In the directions that constraints leave, where constraints are given.
@@ -390,7 +406,7 @@ def _least_damped(at: Point, R: Callable[[Array, Array], Array]) -> tuple[Array,
     return least / np.abs(least / at.width_v).max(), len(values) * float(size.max())
 
 
-def kinetic_rate(at: Point, qdd: Measured) -> Measured:
+def kinetic_rate(at: FunctionState, qdd: UncertainArray) -> UncertainArray:
     """Return Ṫ along q̈, of T or else of ½ vᵀ M v."""
     v = exact(at.v)
     if at.has("T"):
@@ -402,62 +418,66 @@ def kinetic_rate(at: Point, qdd: Measured) -> Measured:
 # ---- Constraints ---------------------------------------------------------------------------------
 
 
-def constraints(at: Point) -> tuple[str, ...]:
+def constraint_row_names(at: FunctionState) -> tuple[str, ...]:
     """Return the names of the constraints."""
     return tuple(f"constraint {i}" for i in range(at.answers.sizes.get("r", 0)))
 
 
-@claim(
+@function_claim(
     "constraint-jacobian",
     "a = ∂c/∂v, or ∂c/∂q of c(q)",
     "constraint Jacobian",
     ("a", "c"),
-    blind=(Blind("a", "whether a belongs to the constraints", ("c", "against")),),
+    blind=(BlindSpot("a", "whether a belongs to the constraints", ("c", "against")),),
 )
-def constraint_jacobian(at: Point) -> Iterator[Sides]:
+def constraint_jacobian(at: FunctionState) -> Iterator[UncertainEquality]:
     """a is the derivative of the constraints."""
     c, a = at.raw("c"), at.of("a")
     if at.answers.reads("c") == "qv":
         expected = at.by_v(c).T
     else:
         expected = contract("nr,np->rp", at.by_q(c), at.S())
-    yield Sides("a", a, expected, (constraints(at), rows(at)))
+    yield UncertainEquality("a", a, expected, (constraint_row_names(at), row_names(at)))
 
 
-@claim("constraint-velocity", "c(q, v) = a v + b", "constraint velocity", ("a", "c"))
-def constraint_velocity(at: Point) -> Iterator[Sides]:
+@function_claim("constraint-velocity", "c(q, v) = a v + b", "constraint velocity", ("a", "c"))
+def constraint_velocity(at: FunctionState) -> Iterator[UncertainEquality]:
     """Constraints at velocity level are a v + b."""
     if at.answers.reads("c") != "qv":
         return
     found = at.of("a") @ exact(at.v)
     if at.has("b"):
         found = found + at.of("b")
-    yield Sides("a v + b", found, at.of("c"), (constraints(at),))
+    yield UncertainEquality("a v + b", found, at.of("c"), (constraint_row_names(at),))
 
 
-@claim(
+@function_claim(
     "constraint-drift",
     "γ = ȧ v + ḃ",
     "constraint drift",
     ("a", "gamma"),
     blind=(
-        Blind("gamma", "whether γ belongs to a", ("a", "against")),
-        Blind("a", "whether a depends on q as it should", ("c", "gamma", "qdd", "against")),
+        BlindSpot("gamma", "whether γ belongs to a", ("a", "against")),
+        BlindSpot("a", "whether a depends on q as it should", ("c", "gamma", "qdd", "against")),
     ),
 )
-def constraint_drift(at: Point) -> Iterator[Sides]:
+def constraint_drift(at: FunctionState) -> Iterator[UncertainEquality]:
     """γ is the rate of a v + b at v̇ = 0, for every v."""
-    yield Sides("γ", at.of("gamma"), drift_of_jacobian(at), (constraints(at),), proportional)
+    yield UncertainEquality(
+        "γ", at.of("gamma"), drift_of_jacobian(at), (constraint_row_names(at),), proportional
+    )
 
 
-@claim(
+@function_claim(
     "constraint-acceleration",
     "a q̈ + γ = 0",
     "acceleration",
     ("a", "qdd"),
     consistent=True,
 )
-def constraint_acceleration(at: Point) -> Iterator[Sides]:
+def constraint_acceleration(at: FunctionState) -> Iterator[UncertainEquality]:
     """Accelerations keep the constraints; γ as given, else as a and b say."""
     found = at.of("a") @ at.of("qdd")
-    yield Sides("a q̈ ~ -γ", found, -drift(at), (constraints(at),), proportional)
+    yield UncertainEquality(
+        "a q̈ ~ -γ", found, -supplied_or_derived_drift(at), (constraint_row_names(at),), proportional
+    )

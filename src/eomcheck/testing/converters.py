@@ -1,4 +1,4 @@
-"""Converters to `Functions`: of a scene, of an engine, of equations that SymPy derived.
+"""Converters to `EquationsOfMotion`: of a scene, of an engine, of equations that SymPy derived.
 
 A scene or an engine, as functions of the same kind, is what functions are compared with. SymPy's
 `KanesMethod` and `LagrangesMethod` become functions of arrays; SymPy is imported when one of them
@@ -12,18 +12,18 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.engines import Answers, Engine, EngineFault, engine_of, made, represents
+from eomcheck.engines import Answers, Engine, EngineFault, engine_of, make_engine, represents
 from eomcheck.errors import InputError, required
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS, formulations_among
 from eomcheck.mechanics.scene import Scene, checked_scene
 from eomcheck.numbers.generic import Array
-from eomcheck.testing.equations_of_motion import INPUTS, Functions
+from eomcheck.testing.equations_of_motion import INPUTS, EquationsOfMotion
 
 # ---- Scenes and engines --------------------------------------------------------------------------
 
 
-def from_scene(scene: Scene) -> Functions:
+def from_scene(scene: Scene) -> EquationsOfMotion:
     """Return the equations of a scene as functions of doubles, at t = 0 s.
 
     Forces all are in `Q` where the scene has no potential energy; where it has one, forces at rest
@@ -81,10 +81,10 @@ def from_scene(scene: Scene) -> Functions:
         given["c"] = constraint
         if example.terms.b is not None:
             given["b"] = lambda q, t: Evaluation(scene, q, zero, t).terms.b
-    return Functions(scene.n, name=scene.name, **given)
+    return EquationsOfMotion(scene.n, name=scene.name, **given)
 
 
-def from_engine(engine: Any) -> Functions:
+def from_engine(engine: Any) -> EquationsOfMotion:
     """Return what an engine says of its scene as functions of doubles, at t = 0 s.
 
     Args:
@@ -100,7 +100,7 @@ def from_engine(engine: Any) -> Functions:
             given[name] = getattr(says, method)
     if scene.r and _offers(engine, "constraint_jacobian"):
         given["a"] = lambda q: says.constraint_jacobian(q, zero)
-    return Functions(scene.n, name=f"{type(engine).key} of {scene.name}", **given)
+    return EquationsOfMotion(scene.n, name=f"{type(engine).key} of {scene.name}", **given)
 
 
 def _offers(engine: Any, method: str) -> bool:
@@ -109,11 +109,12 @@ def _offers(engine: Any, method: str) -> bool:
     return own is not None and own is not getattr(Engine, method, None)
 
 
-def reference_of(against: Any) -> Functions:
+def reference_functions(against: Any) -> EquationsOfMotion:
     """Return what functions are compared with.
 
     Args:
-        against: a scene, an engine made for one, (engine or its name, scene), or `Functions`.
+        against: a scene, an engine made for one, (engine or its name, scene), or
+            `EquationsOfMotion`.
 
     Raises:
         InputError: none of these, or the engine does not represent the scene.
@@ -121,7 +122,7 @@ def reference_of(against: Any) -> Functions:
         EngineError: the library of the engine is not installed.
     """
     match against:
-        case Functions():
+        case EquationsOfMotion():
             return against
         case Scene():
             return from_scene(against)
@@ -130,7 +131,7 @@ def reference_of(against: Any) -> Functions:
             if not represents(kind, scene):
                 raise InputError(f"against = {kind.key}, which does not represent {scene.name}")
             try:
-                return from_engine(made(kind, scene))
+                return from_engine(make_engine(kind, scene))
             except EngineFault as fault:
                 raise InputError(f"against = {kind.key}: {fault.what}") from fault
     if hasattr(against, "mass_matrix") and hasattr(against, "scene"):
@@ -227,7 +228,7 @@ def _only_options(maker: str, options: Mapping[str, Any]) -> None:
 
 def from_kane(
     kane: Any, parameters: Mapping[Any, float] | None = None, *, name: str = "kane", **options: Any
-) -> Functions:
+) -> EquationsOfMotion:
     """Return the equations of a SymPy `KanesMethod` as functions of q and its independent speeds.
 
     Its speeds need not be q̇: its kinematic equations are the `qdot`. Dependent speeds follow from
@@ -238,7 +239,7 @@ def from_kane(
         kane: after `kanes_equations` was called.
         parameters: symbol -> number, for all that are neither coordinates nor speeds.
         name: what reports call it.
-        options: `ranges` and others, see `eomcheck.testing.Functions`.
+        options: `ranges` and others, see `eomcheck.testing.EquationsOfMotion`.
 
     Raises:
         InputError: it is no such thing, its equations are not formed, a symbol has no number, a
@@ -295,7 +296,7 @@ def from_kane(
         full = W(q) @ u
         return np.linalg.solve(K(q, full), f(q, full)[:, 0])[:p]
 
-    return Functions(
+    return EquationsOfMotion(
         len(kane.q),
         M=lambda q: K(q, np.zeros(o))[:p] @ W(q),
         bias=bias,
@@ -316,7 +317,7 @@ def from_lagrange(
     *,
     name: str = "lagrange",
     **options: Any,
-) -> Functions:
+) -> EquationsOfMotion:
     """Return the equations of a SymPy `LagrangesMethod` as functions of q and q̇.
 
     Of its Lagrangian L, -L(q, 0) is the potential energy and the rest the kinetic energy. The bias
@@ -326,7 +327,7 @@ def from_lagrange(
         lagrange: after `form_lagranges_equations` was called.
         parameters: symbol -> number, for all that are not coordinates.
         name: what reports call it.
-        options: `ranges` and others, see `eomcheck.testing.Functions`.
+        options: `ranges` and others, see `eomcheck.testing.EquationsOfMotion`.
 
     Raises:
         InputError: it is no such thing, its equations are not formed, a symbol has no number, a
@@ -357,7 +358,7 @@ def from_lagrange(
         given["a"] = lambda q: a(q, still)
         given["c"] = lambda q, v: c(q, v)[:, 0]
         given["gamma"] = lambda q, v: -full_forcing(q, v)[2 * n :, 0]
-    return Functions(
+    return EquationsOfMotion(
         n,
         M=lambda q: M(q, still),
         bias=lambda q, v: (loads(q, v) - f(q, v))[:, 0],

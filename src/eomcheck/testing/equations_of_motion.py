@@ -1,9 +1,10 @@
-"""Equations of motion under test: user-supplied functions as `Functions`, and their answers.
+"""Equations of motion under test: user-supplied functions as `EquationsOfMotion`, and their
+answers.
 
     M q̈ + bias + gravity + ∂R/∂v = Q + aᵀλ,    a v + b = 0,    a q̈ + γ = 0
 
 A function that is not given stands for a term that is not there. Velocities v are q̇, unless `qdot`
-gives q̇; v then are generalized speeds u, and forces are those along u. `Answers` calls the
+gives q̇; v then are generalized speeds u, and forces are those along u. `FunctionCaller` calls the
 functions: each answer is checked, and a failure is named with its function (`BrokenError`).
 """
 
@@ -19,14 +20,14 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from eomcheck.calls import call
-from eomcheck.claims.reproducer import python_of_functions
+from eomcheck.claims.reproducer import functions_reproducer
 from eomcheck.engines import EngineFault
 from eomcheck.errors import (
     CallError,
     InputError,
     UnknownNameError,
     described_error,
-    shown,
+    safe_repr,
     whole_number,
 )
 from eomcheck.mechanics.records import State
@@ -79,7 +80,7 @@ MAY_READ_MORE = {"b": "qt", "c": "qv", "gravity": "qv"}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Functions:
+class EquationsOfMotion:
     """Somebody's equations of motion as functions of doubles, black boxes.
 
     Each is called with arrays of doubles of its own, of shape (n,) or (p,), and answers an array,
@@ -144,11 +145,11 @@ class Functions:
         whole_number("n", self.n, most=MOST_COORDINATES)
         for name in self.given:
             if not callable(self.function(name)):
-                raise InputError(f"{name} = {shown(self.function(name))}, expected a function")
+                raise InputError(f"{name} = {safe_repr(self.function(name))}, expected a function")
         for name in ("factory", "array"):
             made = getattr(self, name)
             if made is not None and not callable(made):
-                raise InputError(f"{name} = {shown(made)}, expected a function")
+                raise InputError(f"{name} = {safe_repr(made)}, expected a function")
         if not self.given:
             raise InputError(f"no function is given, expected at least one of {', '.join(INPUTS)}")
         if self.speeds is not None:
@@ -206,7 +207,7 @@ class Functions:
 
         Functions that have no name that can be imported, such as lambdas, are left to be put in.
         """
-        return python_of_functions(self, INPUTS, fields(self), state)
+        return functions_reproducer(self, INPUTS, fields(self), state)
 
     def half_ranges(self) -> tuple[Array, Array]:
         """Return middle and half width of the range of each coordinate and velocity (n + p,).
@@ -220,7 +221,7 @@ class Functions:
             given = _pairs(self.ranges)
             if given is None or (given.ndim == 2 and len(given) not in (self.n, size)):
                 raise InputError(
-                    f"ranges = {shown(self.ranges)}, expected (low, high) with low < high, or "
+                    f"ranges = {safe_repr(self.ranges)}, expected (low, high) with low < high, or "
                     f"{self.n} such pairs for the coordinates, or {size} with the velocities"
                 )
             if given.ndim == 1:
@@ -231,20 +232,22 @@ class Functions:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ComparedFunctions(Functions):
+class ComparedEquations(EquationsOfMotion):
     """Functions with what they are compared with, which Python code that checks them again names.
 
     Attributes:
-        against: a scene, an engine made for one, (engine or its name, scene), or `Functions`.
+        against: a scene, an engine made for one, (engine or its name, scene), or
+            `EquationsOfMotion`.
     """
 
     against: Any = None
 
     @classmethod
-    def of(cls, functions: Functions, against: Any) -> ComparedFunctions:
+    def of(cls, functions: EquationsOfMotion, against: Any) -> ComparedEquations:
         """Return `functions` with what they are compared with."""
         return cls(
-            **{x.name: getattr(functions, x.name) for x in fields(Functions)}, against=against
+            **{x.name: getattr(functions, x.name) for x in fields(EquationsOfMotion)},
+            against=against,
         )
 
 
@@ -261,24 +264,24 @@ def _pairs(ranges: Any) -> Array | None:
     return pairs
 
 
-OPTIONS = tuple(one.name for one in fields(Functions) if one.name != "n")
+OPTIONS = tuple(one.name for one in fields(EquationsOfMotion) if one.name != "n")
 """Names of what may be given beside n."""
 
 
-def functions_of(n: Any, given: Mapping[str, Any]) -> Functions:
-    """Return the `Functions` of n coordinates.
+def equations_from(n: Any, given: Mapping[str, Any]) -> EquationsOfMotion:
+    """Return the `EquationsOfMotion` of n coordinates.
 
     Raises:
         UnknownNameError: a name in `given` is none of `OPTIONS`.
-        InputError: see `Functions`.
+        InputError: see `EquationsOfMotion`.
     """
     for name in given:
         if name not in OPTIONS:
             raise UnknownNameError("argument", name, OPTIONS)
-    return Functions(n, **given)
+    return EquationsOfMotion(n, **given)
 
 
-def checked_states(functions: Functions, states: Any) -> Sequence[State] | int:
+def checked_states(functions: EquationsOfMotion, states: Any) -> Sequence[State] | int:
     """Return the states asked for, or their number.
 
     Raises:
@@ -297,7 +300,7 @@ def checked_states(functions: Functions, states: Any) -> Sequence[State] | int:
         found = []
     if not found:
         raise InputError(
-            f"states = {shown(states)}, expected a number of at least 1 or a list of "
+            f"states = {safe_repr(states)}, expected a number of at least 1 or a list of "
             f"(q, v) of {functions.n} and {functions.p} finite numbers"
         )
     return found
@@ -319,14 +322,14 @@ class BrokenError(Exception):
         super().__init__(f"{name}: {why}")
 
 
-class Answers:
+class FunctionCaller:
     """The functions, called with copies of what they read.
 
     Args:
         functions: the functions.
     """
 
-    def __init__(self, functions: Functions):
+    def __init__(self, functions: EquationsOfMotion):
         self.functions = functions
         self.sizes: dict[str, int] = {"n": functions.n, "p": functions.p}
         self.single: dict[str, str] = {}

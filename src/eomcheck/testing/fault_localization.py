@@ -18,11 +18,22 @@ import numpy as np
 from eomcheck.claims.finding import Finding
 from eomcheck.evaluation.tolerance import C
 from eomcheck.testing.claims_motions import FOLLOWS
-from eomcheck.testing.equations_of_motion import INPUTS, BrokenError, Functions
+from eomcheck.testing.equations_of_motion import INPUTS, BrokenError, EquationsOfMotion
 from eomcheck.testing.function_claim import FUNCTION_CLAIMS
-from eomcheck.testing.function_state import REST_ENERGY, Point, bias, inertia
-from eomcheck.testing.polarization import CONSTANT, SCALES, Degrees, degrees_of, wrong_terms
-from eomcheck.testing.uncertain import Measured, exact
+from eomcheck.testing.function_state import (
+    REST_ENERGY,
+    FunctionState,
+    inertia,
+    supplied_or_derived_bias,
+)
+from eomcheck.testing.polarization import (
+    CONSTANT,
+    SCALES,
+    VelocityDependence,
+    velocity_dependence,
+    wrong_terms,
+)
+from eomcheck.testing.uncertain import UncertainArray, exact
 
 READS: dict[str, tuple[str, ...]] = {
     "bias-of-mass-matrix": ("qdot",),
@@ -89,7 +100,9 @@ class Blame(NamedTuple):
     settled: tuple[str, ...]
 
 
-def concluded(functions: Functions, found: list[Finding], points: Sequence[Point]) -> list[Finding]:
+def localize_faults(
+    functions: EquationsOfMotion, found: list[Finding], points: Sequence[FunctionState]
+) -> list[Finding]:
     """Return the Findings with the conclusion in the first failure, the others folded under it.
 
     Verdicts, order and numbers stay. Nothing is computed where nothing failed.
@@ -112,7 +125,7 @@ def concluded(functions: Functions, found: list[Finding], points: Sequence[Point
         Conflict(
             one,
             suspects(functions, one, where.get(id(one))),
-            reads(functions, one.claim, one.subject),
+            functions_read(functions, one.claim, one.subject),
         )
         for one in failed
     ]
@@ -139,7 +152,7 @@ def concluded(functions: Functions, found: list[Finding], points: Sequence[Point
     return [changed.get(id(one), one) for one in found]
 
 
-def _terms_of(blame: Blame, failed: Finding, at: Point | None, polarized: str) -> str:
+def _terms_of(blame: Blame, failed: Finding, at: FunctionState | None, polarized: str) -> str:
     """Return the terms that are wrong, where a failure is about what is to blame; "" once known."""
     if at is None:
         return ""
@@ -154,7 +167,7 @@ def _terms_of(blame: Blame, failed: Finding, at: Point | None, polarized: str) -
 # ---- Suspects ------------------------------------------------------------------------------------
 
 
-def read_by(functions: Functions, names: Iterable[str]) -> frozenset[str]:
+def read_by(functions: EquationsOfMotion, names: Iterable[str]) -> frozenset[str]:
     """Return the given functions that are read for quantities, of "x|y" the first one."""
     found: set[str] = set()
     for name in names:
@@ -170,7 +183,7 @@ def read_by(functions: Functions, names: Iterable[str]) -> frozenset[str]:
     return frozenset(found)
 
 
-def reads(functions: Functions, claim: str, subject: str = "") -> frozenset[str]:
+def functions_read(functions: EquationsOfMotion, claim: str, subject: str = "") -> frozenset[str]:
     """Return the functions that a claim reads, about a subject.
 
     Args:
@@ -189,9 +202,11 @@ def reads(functions: Functions, claim: str, subject: str = "") -> frozenset[str]
     return read_by(functions, (*needs, *READS.get(claim, ()), *state))
 
 
-def suspects(functions: Functions, failed: Finding, at: Point | None) -> frozenset[str]:
+def suspects(
+    functions: EquationsOfMotion, failed: Finding, at: FunctionState | None
+) -> frozenset[str]:
     """Return the functions of which one is wrong where a claim fails, at a point if it is known."""
-    found = reads(functions, failed.claim, failed.subject)
+    found = functions_read(functions, failed.claim, failed.subject)
     if failed.claim != "motion" or at is None:
         return found
     if _in_motion(at):
@@ -203,16 +218,16 @@ def suspects(functions: Functions, failed: Finding, at: Point | None) -> frozens
         return found
 
 
-def residual(at: Point) -> Measured | None:
+def residual(at: FunctionState) -> UncertainArray | None:
     """M q̈ + B + g + ∂R/∂v - Q in the directions that constraints leave; None if B is unknown."""
-    B = bias(at)
+    B = supplied_or_derived_bias(at)
     if B is None:
         return None
     left = inertia(at) @ at.of("qdd") + B - at.forces()
     return exact(at.free().T) @ left if at.has("a") else left
 
 
-def _measured_residuals(at: Point) -> tuple[list[Point], list[Measured]]:
+def _measured_residuals(at: FunctionState) -> tuple[list[FunctionState], list[UncertainArray]]:
     """Return points at `SCALES` times v that keep the constraints, and the residual at each.
 
     None where v cannot be scaled, or no force is given.
@@ -225,47 +240,53 @@ def _measured_residuals(at: Point) -> tuple[list[Point], list[Measured]]:
     return (points, values) if len(values) == len(SCALES) else ([], [])
 
 
-def _of_motion(at: Point) -> str:
+def _of_motion(at: FunctionState) -> str:
     """Return how the residual of motion depends on v, in words; "" if in several ways."""
     try:
         with np.errstate(all="ignore"):
             _, values = _measured_residuals(at)
-            text = degrees_of(values).text if values else ""
+            text = velocity_dependence(values).text if values else ""
     except (BrokenError, np.linalg.LinAlgError):
         return ""
     return f"the difference is {text}" if text else ""
 
 
-def _of_residual(at: Point, found: frozenset[str]) -> frozenset[str]:
+def _of_residual(at: FunctionState, found: frozenset[str]) -> frozenset[str]:
     """Return those of the suspects that explain how the residual of motion depends on v."""
     points, values = _measured_residuals(at)
     if not values:
         return found
     here = points[1]
-    left, qdd = degrees_of(values), degrees_of([x.of("qdd") for x in points])
+    left, qdd = velocity_dependence(values), velocity_dependence([x.of("qdd") for x in points])
     free = exact(here.free().T) if here.has("a") else exact(np.eye(len(here.v)))
     parts = {name: [free @ x.parts()[name] for x in points] for name in here.parts()}
     only = [name for name, of in parts.items() if _in_proportion(values, of)]
-    damping = degrees_of(parts["damping"]) if "damping" in parts else Degrees(False, True, False)
-    loads = degrees_of(parts["Q"]) if "Q" in parts else Degrees(True, False, False)
+    damping = (
+        velocity_dependence(parts["damping"])
+        if "damping" in parts
+        else VelocityDependence(False, True, False)
+    )
+    loads = (
+        velocity_dependence(parts["Q"]) if "Q" in parts else VelocityDependence(True, False, False)
+    )
     rest = {"T"} if here.rest_energy_changes() else set()
     explains = {
-        "bias": Degrees(bool(rest), False, True),
-        "C": Degrees(False, False, True),
-        "gravity": Degrees(True, False, False),
-        "U": Degrees(True, False, False),
-        "R": Degrees(damping.constant, True, damping.even),
-        "Q": Degrees(True, loads.odd, loads.even),
+        "bias": VelocityDependence(bool(rest), False, True),
+        "C": VelocityDependence(False, False, True),
+        "gravity": VelocityDependence(True, False, False),
+        "U": VelocityDependence(True, False, False),
+        "R": VelocityDependence(damping.constant, True, damping.even),
+        "Q": VelocityDependence(True, loads.odd, loads.even),
     }
     kept = set()
     for name in found:
-        can = explains.get(name, Degrees(True, True, True))
+        can = explains.get(name, VelocityDependence(True, True, True))
         if name == "T" and "T" in rest:
             kept.add(name)
             continue
         if name in ("M", "T"):
             even = qdd.even or not (here.has("bias") or here.has("C"))
-            can = Degrees(qdd.constant, qdd.odd, even)
+            can = VelocityDependence(qdd.constant, qdd.odd, even)
             if (qdd.constant and not left.constant) or (qdd.odd and not left.odd):
                 continue
         if all(there <= able for there, able in zip(left, can, strict=True)):
@@ -276,13 +297,13 @@ def _of_residual(at: Point, found: frozenset[str]) -> frozenset[str]:
     return frozenset(kept)
 
 
-def _in_motion(at: Point) -> bool:
+def _in_motion(at: FunctionState) -> bool:
     """Whether the equations of motion have B of T, whose terms that are not quadratic M lacks."""
     given = at.functions.function
     return given("T") is not None and given("bias") is None and not _natural(at)
 
 
-def _natural(at: Point) -> bool:
+def _natural(at: FunctionState) -> bool:
     """Whether T is quadratic in v, as far as it answers."""
     try:
         with np.errstate(all="ignore"):
@@ -291,7 +312,7 @@ def _natural(at: Point) -> bool:
         return True
 
 
-def unsettled_by(points: Sequence[Point]) -> set[tuple[str, str]]:
+def unsettled_by(points: Sequence[FunctionState]) -> set[tuple[str, str]]:
     """Return claims that settle less where T is not quadratic in v, each with a function.
 
     M = ∂²T/∂v² tells nothing of other terms of T, which may be the potential energy; the bias that
@@ -305,7 +326,7 @@ def unsettled_by(points: Sequence[Point]) -> set[tuple[str, str]]:
     return found if even else found | {("bias-of-mass-matrix", "bias")}
 
 
-def rest_energy(at: Point | None) -> str:
+def rest_energy(at: FunctionState | None) -> str:
     """Reason why T is suspect at rest, "" for none."""
     if at is None or _natural(at):
         return ""
@@ -313,7 +334,7 @@ def rest_energy(at: Point | None) -> str:
         return REST_ENERGY if at.rest_energy_changes() else ""
 
 
-def _in_proportion(values: Sequence[Measured], part: Sequence[Measured]) -> bool:
+def _in_proportion(values: Sequence[UncertainArray], part: Sequence[UncertainArray]) -> bool:
     """Whether what is left is a multiple of a force, the same one at all velocities."""
     left, of = (np.concatenate([np.ravel(x.value) for x in y]) for y in (values, part))
     square = float(of @ of)
@@ -382,7 +403,7 @@ def settled_by(
         about = one.claim == "reference"
         if one.verdict != "passed" or (one.claim, about and one.subject) in failed:
             continue
-        names = reads(one.scene, one.claim, one.subject)
+        names = functions_read(one.scene, one.claim, one.subject)
         for name in names if about else names & {*SETTLES.get(one.claim, ())}:
             if (one.claim, name) in unsettled:
                 continue
@@ -390,7 +411,7 @@ def settled_by(
     return settled
 
 
-def sentence(functions: Functions, blame: Blame, at: Point) -> str:
+def sentence(functions: EquationsOfMotion, blame: Blame, at: FunctionState) -> str:
     """Return the conclusion in a sentence, "" where the first failure says all of it."""
     named = [
         INPUTS[x].what if INPUTS[x].what == x else f"{INPUTS[x].what} {x}" for x in blame.causes
@@ -402,7 +423,7 @@ def sentence(functions: Functions, blame: Blame, at: Point) -> str:
         text = f"{named[0]} is wrong: {_listed(failing, 'fail')}"
         text = f"{text}, {_listed(blame.settled, 'pass')}" if blame.settled else text
         return f"{text}{_nearest(blame)}"
-    tell = would_tell(functions, blame.causes, at)
+    tell = distinguishing_inputs(functions, blame.causes, at)
     said = f"{' or '.join(named)} is wrong"
     return f"{said}: {tell} would tell" if tell else said
 
@@ -436,7 +457,9 @@ CONSTRAINTS = "a", "b", "c", "gamma"
 INERTIA, SPEEDS = frozenset({"M", "T"}), frozenset({"bias", "C"})
 
 
-def would_tell(functions: Functions, causes: Sequence[str], at: Point) -> str:
+def distinguishing_inputs(
+    functions: EquationsOfMotion, causes: Sequence[str], at: FunctionState
+) -> str:
     """Return the inputs that are not given and tell the causes apart, in words."""
     constrained = any(functions.function(x) is not None for x in CONSTRAINTS)
     names = [
@@ -452,7 +475,7 @@ def would_tell(functions: Functions, causes: Sequence[str], at: Point) -> str:
     return f"{', '.join(names[:-1])} or {names[-1]}" if len(names) > 1 else "".join(names)
 
 
-def _tells(functions: Functions, name: str, causes: set[str]) -> bool:
+def _tells(functions: EquationsOfMotion, name: str, causes: set[str]) -> bool:
     """Whether a claim that needs one more function reads some of the causes and not all."""
     if name == "qdd" and causes & INERTIA and causes & SPEEDS:
         return True  # M leaves what q̈ has, the bias what is even in v
@@ -460,7 +483,7 @@ def _tells(functions: Functions, name: str, causes: set[str]) -> bool:
     for id, claim in FUNCTION_CLAIMS.items():
         if "against" in claim.needs:
             continue
-        read = reads(wider, id)
+        read = functions_read(wider, id)
         there = all(any(wider.function(x) for x in need.split("|")) for need in claim.needs)
         excluded = any(wider.function(x) for x in claim.without)
         if there and not excluded and name in read and 0 < len(read & causes) < len(causes):

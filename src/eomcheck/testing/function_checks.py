@@ -15,13 +15,13 @@ from eomcheck.claims.finding import (
     diagnose,
     entries_of,
     entry_name,
-    judged,
-    left_of,
-    listing,
+    never_resolved,
+    unresolved_detail,
+    verdict_codes,
     worst_entry,
 )
 from eomcheck.claims.registry import Names, Skipped
-from eomcheck.errors import InputError, named, some, whole_number
+from eomcheck.errors import InputError, at_least_one, registered, whole_number
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, C, allowed_error
 from eomcheck.mechanics.records import State
 from eomcheck.numbers.generic import Array
@@ -30,20 +30,26 @@ from eomcheck.safe_output import counted
 
 from eomcheck.testing import claims_answers, claims_terms  # isort: skip
 from eomcheck.testing import claims_motions  # isort: skip
-from eomcheck.testing.converters import reference_of
+from eomcheck.testing.converters import reference_functions
 from eomcheck.testing.equations_of_motion import (
     INPUTS,
-    Answers,
     BrokenError,
-    ComparedFunctions,
+    ComparedEquations,
+    EquationsOfMotion,
     Function,
-    Functions,
+    FunctionCaller,
     checked_states,
-    functions_of,
+    equations_from,
 )
-from eomcheck.testing.fault_localization import concluded
-from eomcheck.testing.function_claim import FUNCTION_CLAIMS, FunctionClaim, Outcome, Sides, Told
-from eomcheck.testing.function_state import NOT_QUADRATIC, Point
+from eomcheck.testing.fault_localization import localize_faults
+from eomcheck.testing.function_claim import (
+    FUNCTION_CLAIMS,
+    ClaimOutput,
+    Decision,
+    FunctionClaim,
+    UncertainEquality,
+)
+from eomcheck.testing.function_state import NOT_QUADRATIC, FunctionState
 from eomcheck.testing.uncertain import NEAR
 
 # In the order in which a failure is closest to its cause.
@@ -56,7 +62,9 @@ RANKS: tuple[Verdict, ...] = ("failed", "passed", "inconclusive", "skipped")
 entries that were not resolved are listed beside it."""
 
 BY_NUMBER = np.array([3, *(RANKS.index(x) for x in ("passed", "failed", "inconclusive"))])
-"""Index into `RANKS` of each verdict of `eomcheck.claims.finding.judged`, which count from 1."""
+"""Index into `RANKS` of each verdict of `eomcheck.claims.finding.verdict_codes`, which count from
+1.
+"""
 
 LAST = "answers-repeat", "arguments-unchanged"
 """Claims that are checked last, in this order: they are about all calls of a run."""
@@ -112,12 +120,12 @@ def check_functions(
         gamma: gamma(q, v) -> ȧ v + ḃ (r,).
         qdot: qdot(q, u) -> q̇ (n,), where all functions read generalized speeds u for v.
         against: what every quantity is compared with that both have: a scene, an engine made for
-            one, (engine or its name, scene), or other `Functions`.
+            one, (engine or its name, scene), or other `EquationsOfMotion`.
         states: number of random states, or a list of (q (n,), v (n,)).
         seed: of the draws.
         claims: ids of the claims to look at, keys of `FUNCTION_CLAIMS`; all by default.
         options: `bias_has_gravity`, `holonomic`, `ranges`, `speeds`, `name`, `factory`, `array`,
-            see `eomcheck.testing.Functions`.
+            see `eomcheck.testing.EquationsOfMotion`.
 
     Returns:
         One Finding per claim and subject, that of the state where it is worst, by the largest error
@@ -131,12 +139,12 @@ def check_functions(
         **{"M": M, "bias": bias, "gravity": gravity, "C": C, "qdd": qdd, "T": T, "U": U, "R": R},
         **{"Q": Q, "a": a, "b": b, "c": c, "gamma": gamma, "qdot": qdot},
     }
-    subject = functions_of(n, {**functions, **options})
+    subject = equations_from(n, {**functions, **options})
     return check(subject, states=states, seed=seed, against=against, claims=claims)
 
 
 def check(
-    functions: Functions,
+    functions: EquationsOfMotion,
     *,
     states: int | Iterable[Any] = 20,
     seed: int = 0,
@@ -149,10 +157,11 @@ def check(
     Args:
         functions: the functions.
         states, seed, against, claims: see `check_functions`.
-        holonomic: in place of what `functions` say of themselves, see `Functions.holonomic`.
+        holonomic: in place of what `functions` say of themselves, see
+            `EquationsOfMotion.holonomic`.
     """
-    ids = tuple(FUNCTION_CLAIMS if claims is None else some("claims", claims))
-    selected = [named("claim", one, FUNCTION_CLAIMS) for one in ids]
+    ids = tuple(FUNCTION_CLAIMS if claims is None else at_least_one("claims", claims))
+    selected = [registered("claim", one, FUNCTION_CLAIMS) for one in ids]
     given = (
         states
         if isinstance(states, int | np.integer)
@@ -161,7 +170,7 @@ def check(
         else states
     )
     wanted = checked_states(functions, given)
-    reference = None if against is None else reference_of(against)
+    reference = None if against is None else reference_functions(against)
     if reference is not None and (reference.n, reference.p) != (functions.n, functions.p):
         raise InputError(
             f"against has {reference.n} coordinates, expected {functions.n} as the functions have"
@@ -170,38 +179,42 @@ def check(
     if holonomic is not None:
         functions = replace(functions, holonomic=holonomic)
     if against is not None:
-        functions = ComparedFunctions.of(functions, against)
-    where = drawn(functions, wanted, seed) if isinstance(wanted, int) else list(wanted)
-    answers = Answers(functions)
+        functions = ComparedEquations.of(functions, against)
+    where = sample_states(functions, wanted, seed) if isinstance(wanted, int) else list(wanted)
+    answers = FunctionCaller(functions)
     points = [
-        Point(answers, state.q, state.v, seed + k, reference) for k, state in enumerate(where)
+        FunctionState(answers, state.q, state.v, seed + k, reference)
+        for k, state in enumerate(where)
     ]
     if reference is not None:
         claims_motions.check_reference(points)
     found = {
-        claim.id: [*worst(functions, claim, points), *untold(functions, claim, points[0])]
+        claim.id: [
+            *worst_findings(functions, claim, points),
+            *undetectable(functions, claim, points[0]),
+        ]
         for claim in selected
         if claim.id not in LAST
     }
     if isinstance(wanted, int) and functions.ranges is None:
-        for one in beyond(functions, answers, found, seed + wanted, reference):
+        for one in outside_default_ranges(functions, answers, found, seed + wanted, reference):
             found[one.claim].append(one)
     for claim in sorted(selected, key=lambda one: one.id in LAST and 1 + LAST.index(one.id)):
         if claim.id in LAST:
-            found[claim.id] = [*worst(functions, claim, points)]
+            found[claim.id] = [*worst_findings(functions, claim, points)]
     if claims is not None:
         for claim in selected:
-            found[claim.id] = found[claim.id] or [lacking(functions, claim)]
+            found[claim.id] = found[claim.id] or [inapplicable(functions, claim)]
     ordered = [one for claim in selected for one in found[claim.id]]
-    return concluded(functions, ordered, points)
+    return localize_faults(functions, ordered, points)
 
 
-def beyond(
-    functions: Functions,
-    answers: Answers,
+def outside_default_ranges(
+    functions: EquationsOfMotion,
+    answers: FunctionCaller,
     found: Mapping[str, list[Finding]],
     seed: int,
-    reference: Functions | None = None,
+    reference: EquationsOfMotion | None = None,
 ) -> Iterator[Finding]:
     """Yield what fails outside the default ranges only, and what the ranges are.
 
@@ -220,12 +233,12 @@ def beyond(
         middle, half = functions.half_ranges()
         half[: functions.n] = np.pi
         wide = [
-            Point(answers, state.q, state.v, seed + k, reference)
+            FunctionState(answers, state.q, state.v, seed + k, reference)
             for k, state in enumerate(_draws(functions, middle, half, WIDE, seed))
             if _finite(answers, state)
         ]
     for id in found:
-        for one in worst(functions, FUNCTION_CLAIMS[id], wide):
+        for one in worst_findings(functions, FUNCTION_CLAIMS[id], wide):
             if one.verdict == "failed":
                 detail = f"outside the ranges only, with q in [-π, π]: {one.detail}; say `ranges`"
                 yield replace(one, verdict="inconclusive", detail=detail)
@@ -234,7 +247,7 @@ def beyond(
         yield _within(functions, more)
 
 
-def _within(functions: Functions, more: str = "") -> Finding:
+def _within(functions: EquationsOfMotion, more: str = "") -> Finding:
     """Return the Finding that says which ranges were checked: the default ones, and `more`."""
     detail = f"checked q in [-1, 1], v in [-1, 1]{more}: `ranges` for more"
     skipped: Verdict = "skipped"
@@ -242,7 +255,7 @@ def _within(functions: Functions, more: str = "") -> Finding:
     return Finding(*about, 0.0, 0.0, skipped, skipped, detail)
 
 
-def _finite(answers: Answers, state: State) -> bool:
+def _finite(answers: FunctionCaller, state: State) -> bool:
     """Whether every function has a value at a state."""
     try:
         with np.errstate(all="ignore"):
@@ -253,18 +266,20 @@ def _finite(answers: Answers, state: State) -> bool:
     return True
 
 
-def drawn(functions: Functions, count: int, seed: int) -> list[State]:
+def sample_states(functions: EquationsOfMotion, count: int, seed: int) -> list[State]:
     """Return random states, evenly spread over the ranges."""
     return _draws(functions, *functions.half_ranges(), count, seed)
 
 
-def _draws(functions: Functions, middle: Array, half: Array, count: int, seed: int) -> list[State]:
+def _draws(
+    functions: EquationsOfMotion, middle: Array, half: Array, count: int, seed: int
+) -> list[State]:
     rng, n = np.random.default_rng(seed), functions.n
     draws = middle + half * rng.uniform(-1.0, 1.0, (count, len(half)))
     return [State(x[:n], x[n:]) for x in draws]
 
 
-class Judged(NamedTuple):
+class EntryVerdicts(NamedTuple):
     """Verdicts of a comparison at a state, entry by entry.
 
     Attributes:
@@ -277,7 +292,7 @@ class Judged(NamedTuple):
         names: names along each axis, None for what a claim decides by itself.
     """
 
-    told: Told
+    told: Decision
     verdicts: Array
     same: Array
     vanish: Array
@@ -294,15 +309,17 @@ class Judged(NamedTuple):
         return entries_of(self.names, resolved, hidden)
 
 
-class Compared(NamedTuple):
+class FindingAtState(NamedTuple):
     """A Finding at a state, with the verdict of each entry."""
 
     finding: Finding
-    judged: Judged
-    at: Point
+    judged: EntryVerdicts
+    at: FunctionState
 
 
-def worst(functions: Functions, claim: FunctionClaim, points: list[Point]) -> Iterator[Finding]:
+def worst_findings(
+    functions: EquationsOfMotion, claim: FunctionClaim, points: list[FunctionState]
+) -> Iterator[Finding]:
     """Yield the worst Finding of each subject of a claim, and one of all that is not resolved.
 
     An entry is resolved where a state shows whether it is right, other than by 0 = 0; one that is
@@ -310,11 +327,11 @@ def worst(functions: Functions, claim: FunctionClaim, points: list[Point]) -> It
     no state is listed by name in one Finding of the claim, with the verdict "inconclusive": it
     never hides behind those that are.
     """
-    by_subject: dict[str, list[Compared]] = {}
+    by_subject: dict[str, list[FindingAtState]] = {}
     for at in points:
         for one in _compared_at(functions, claim, at):
             by_subject.setdefault(one.finding.subject, []).append(one)
-    hidden: list[Hidden] = []
+    hidden: list[UnresolvedEntry] = []
     for subject, all_ in by_subject.items():
         chosen = min(all_, key=lambda x: (RANKS.index(x.finding.verdict), -x.finding.ratio))
         unresolved = [one for group in _same_shape(all_) for one in _unresolved(subject, group)]
@@ -332,7 +349,7 @@ def worst(functions: Functions, claim: FunctionClaim, points: list[Point]) -> It
         yield _listed(functions, claim, hidden)
 
 
-class Hidden(NamedTuple):
+class UnresolvedEntry(NamedTuple):
     """An entry that is resolved in no state.
 
     Attributes:
@@ -349,29 +366,29 @@ class Hidden(NamedTuple):
     states: int
     observed: float
     allowed: float
-    at: Point
+    at: FunctionState
 
 
-def _same_shape(all_: list[Compared]) -> list[list[Compared]]:
+def _same_shape(all_: list[FindingAtState]) -> list[list[FindingAtState]]:
     """Comparisons of named entries, in groups of one shape."""
-    groups: dict[tuple[int, ...], list[Compared]] = {}
+    groups: dict[tuple[int, ...], list[FindingAtState]] = {}
     for one in all_:
         if one.judged.names is not None:
             groups.setdefault(one.judged.verdicts.shape, []).append(one)
     return list(groups.values())
 
 
-def _unresolved(subject: str, group: list[Compared]) -> Iterator[Hidden]:
+def _unresolved(subject: str, group: list[FindingAtState]) -> Iterator[UnresolvedEntry]:
     """Yield the entries that none of the comparisons, of one shape, resolves."""
     names = group[0].judged.names
     assert names is not None
-    left = set(left_of(one.judged.entries for one in group))
+    left = set(never_resolved(one.judged.entries for one in group))
     for where in np.ndindex(group[0].judged.verdicts.shape) if left else ():
         if entry_name(where, names) not in left:
             continue
         least = min(group, key=lambda one: one.judged.allowed[where])
-        yield Hidden(
-            f"{words(subject)}, {entry_name(where, names)}",
+        yield UnresolvedEntry(
+            f"{input_description(subject)}, {entry_name(where, names)}",
             subject,
             len(group),
             float(least.judged.observed[where]),
@@ -380,7 +397,7 @@ def _unresolved(subject: str, group: list[Compared]) -> Iterator[Hidden]:
         )
 
 
-def _not_resolved(all_: list[Compared]) -> str:
+def _not_resolved(all_: list[FindingAtState]) -> str:
     """Return how many entries of a subject that passes were not resolved, "" for none."""
     compared_ = [one for one in all_ if one.finding.verdict != "skipped"]
     skipped = [one for one in all_ if one.finding.verdict == "skipped"]
@@ -397,7 +414,9 @@ def _not_resolved(all_: list[Compared]) -> str:
     return "; ".join(parts)
 
 
-def _listed(functions: Functions, claim: FunctionClaim, hidden: list[Hidden]) -> Finding:
+def _listed(
+    functions: EquationsOfMotion, claim: FunctionClaim, hidden: list[UnresolvedEntry]
+) -> Finding:
     """Return the one Finding of all entries of a claim that are resolved in no state."""
     first = min(hidden, key=lambda one: one.allowed)
     names = [one.name for one in hidden]
@@ -410,12 +429,12 @@ def _listed(functions: Functions, claim: FunctionClaim, hidden: list[Hidden]) ->
         first.allowed,
         "inconclusive",
         "property-tested",
-        listing(names, first.states),
+        unresolved_detail(names, first.states),
     )
     return _with_jump(claim, finding, first.at)
 
 
-def _with_jump(claim: FunctionClaim, finding: Finding, at: Point) -> Finding:
+def _with_jump(claim: FunctionClaim, finding: Finding, at: FunctionState) -> Finding:
     """Return the Finding with the names of the functions that jump beside the state."""
     about = {name for need in claim.needs for name in need.split("|")}
     about.add(finding.subject.split(" ~ ")[0])
@@ -426,8 +445,8 @@ def _with_jump(claim: FunctionClaim, finding: Finding, at: Point) -> Finding:
     return finding.because(f"{' and '.join(jump)} jumps within {NEAR:g} of this state")
 
 
-def functions_at(
-    functions: Functions, state: State, claims: Iterable[str], seed: int = 0
+def check_functions_at(
+    functions: EquationsOfMotion, state: State, claims: Iterable[str], seed: int = 0
 ) -> list[Finding]:
     """Return the Findings of some claims at one state; nothing of what cannot be told.
 
@@ -437,11 +456,13 @@ def functions_at(
         claims: ids, keys of `FUNCTION_CLAIMS`.
         seed: of the directions in which noise is measured.
     """
-    at = Point(Answers(functions), state.q, state.v, seed)
-    return [one for id in claims for one in at_point(functions, FUNCTION_CLAIMS[id], at)]
+    at = FunctionState(FunctionCaller(functions), state.q, state.v, seed)
+    return [one for id in claims for one in findings_at(functions, FUNCTION_CLAIMS[id], at)]
 
 
-def at_point(functions: Functions, claim: FunctionClaim, at: Point) -> Iterator[Finding]:
+def findings_at(
+    functions: EquationsOfMotion, claim: FunctionClaim, at: FunctionState
+) -> Iterator[Finding]:
     """Yield the Findings of a claim at a state."""
     for one in _compared_at(functions, claim, at):
         finding = one.finding
@@ -452,10 +473,12 @@ def at_point(functions: Functions, claim: FunctionClaim, at: Point) -> Iterator[
         yield finding
 
 
-def _compared_at(functions: Functions, claim: FunctionClaim, at: Point) -> Iterator[Compared]:
+def _compared_at(
+    functions: EquationsOfMotion, claim: FunctionClaim, at: FunctionState
+) -> Iterator[FindingAtState]:
     state = State(at.q, at.v)
-    for outcome in outcomes(claim, at):
-        judged = decided(claim, outcome)
+    for outcome in claim_outputs(claim, at):
+        judged = judge_output(claim, outcome)
         told = judged.told
         finding = Finding(
             claim.id,
@@ -468,10 +491,10 @@ def _compared_at(functions: Functions, claim: FunctionClaim, at: Point) -> Itera
             "property-tested" if told.verdict != "skipped" else "skipped",
             told.detail,
         )
-        yield Compared(finding, judged, at)
+        yield FindingAtState(finding, judged, at)
 
 
-def outcomes(claim: FunctionClaim, at: Point) -> Iterator[Outcome]:
+def claim_outputs(claim: FunctionClaim, at: FunctionState) -> Iterator[ClaimOutput]:
     """Yield what a claim says at a state; nothing where a function that it needs breaks."""
     if not claim.applies(at):
         return
@@ -496,20 +519,20 @@ def outcomes(claim: FunctionClaim, at: Point) -> Iterator[Outcome]:
         yield Skipped(claim.term, f"not computed here: {error}")
 
 
-def decided(claim: FunctionClaim, outcome: Outcome) -> Judged:
+def judge_output(claim: FunctionClaim, outcome: ClaimOutput) -> EntryVerdicts:
     """Return the verdicts of an outcome."""
-    if isinstance(outcome, Sides):
-        return compared(claim, outcome)
+    if isinstance(outcome, UncertainEquality):
+        return judge_entries(claim, outcome)
     told = (
-        Told(outcome.subject, 0.0, 0.0, "skipped", outcome.reason)
+        Decision(outcome.subject, 0.0, 0.0, "skipped", outcome.reason)
         if isinstance(outcome, Skipped)
         else outcome
     )
     verdict, none = np.asarray(RANKS.index(told.verdict)), np.zeros(())
-    return Judged(told, verdict, none, none, none, none, None)
+    return EntryVerdicts(told, verdict, none, none, none, none, None)
 
 
-def compared(claim: FunctionClaim, sides: Sides) -> Judged:
+def judge_entries(claim: FunctionClaim, sides: UncertainEquality) -> EntryVerdicts:
     """Return the verdicts of two sides, each entry judged by its own error.
 
     An entry is inconclusive also where one side is known not to be 0, and more than a thousandth of
@@ -518,8 +541,8 @@ def compared(claim: FunctionClaim, sides: Sides) -> Judged:
     found, expected = sides.found, sides.expected
     if found.value.size == 0:
         nothing = np.zeros(found.shape)
-        told = Told(sides.subject, 0.0, 0.0, "passed")
-        return Judged(told, nothing, nothing, nothing, nothing, nothing, sides.names)
+        told = Decision(sides.subject, 0.0, 0.0, "passed")
+        return EntryVerdicts(told, nothing, nothing, nothing, nothing, nothing, sides.names)
     error = found.error + expected.error
     with np.errstate(all="ignore"):
         observed = np.abs(found.value - expected.value)
@@ -529,7 +552,9 @@ def compared(claim: FunctionClaim, sides: Sides) -> Judged:
             np.abs(expected.value) > C * expected.error
         )
         blind = known & (expected.value != 0.0) & (allowed > INCONCLUSIVE * larger)
-        verdicts = BY_NUMBER[judged(observed, allowed, np.maximum(found.size, expected.size))]
+        verdicts = BY_NUMBER[
+            verdict_codes(observed, allowed, np.maximum(found.size, expected.size))
+        ]
         told_by = np.isfinite(error) & np.isfinite(observed)
         verdicts = np.where(blind & (verdicts == RANKS.index("passed")) | ~told_by, 2, verdicts)
         ratio = np.where(allowed > 0.0, observed / allowed, np.where(observed > 0.0, np.inf, 0.0))
@@ -540,31 +565,33 @@ def compared(claim: FunctionClaim, sides: Sides) -> Judged:
     index = tuple(int(i) for i in np.unravel_index(int(order[0]), observed.shape))
     verdict, detail = RANKS[int(verdicts[index])], ""
     if verdict == "failed":
-        detail = blamed(claim, sides, index, float(allowed[index]))
+        detail = failure_detail(claim, sides, index, float(allowed[index]))
     elif verdict == "inconclusive":
         detail = "the error of what is measured is as large as its value"
-    told = Told(sides.subject, float(observed[index]), float(allowed[index]), verdict, detail)
-    return Judged(told, verdicts, same, vanish, observed, allowed, sides.names)
+    told = Decision(sides.subject, float(observed[index]), float(allowed[index]), verdict, detail)
+    return EntryVerdicts(told, verdicts, same, vanish, observed, allowed, sides.names)
 
 
-def blamed(claim: FunctionClaim, sides: Sides, index: tuple[int, ...], allowed: float) -> str:
+def failure_detail(
+    claim: FunctionClaim, sides: UncertainEquality, index: tuple[int, ...], allowed: float
+) -> str:
     """Return the term to blame, the entry, and what is wrong with it."""
     found, expected = sides.found.value, sides.expected.value
     only: Array = np.zeros(found.shape)
     only[index] = 1.0
-    term = claim.term or words(sides.subject)
+    term = claim.term or input_description(sides.subject)
     where = worst_entry(only, sides.names) if found.ndim else "value"
     said = sides.say(found, expected, allowed, index) if sides.say is not None else ""
     return f"{term}, {where}: {said or diagnose(found, expected, allowed, index)}"
 
 
-def words(subject: str) -> str:
+def input_description(subject: str) -> str:
     """Return what a subject is about, in words where it is a function."""
     name = subject.split(" ~ ")[0]
     return INPUTS[name].what if name in INPUTS else name
 
 
-def caveats(functions: Functions, claims: Iterable[str]) -> list[Finding]:
+def caveats(functions: EquationsOfMotion, claims: Iterable[str]) -> list[Finding]:
     """Caveats of some claims about functions that hold in every state; no function is called.
 
     Args:
@@ -572,20 +599,20 @@ def caveats(functions: Functions, claims: Iterable[str]) -> list[Finding]:
         claims: ids, keys of `FUNCTION_CLAIMS`.
     """
     middle, _ = functions.half_ranges()
-    at = Point(Answers(functions), middle[: functions.n], middle[functions.n :])
+    at = FunctionState(FunctionCaller(functions), middle[: functions.n], middle[functions.n :])
     ids = tuple(claims)
     found: list[Finding] = []
     for claim in map(FUNCTION_CLAIMS.__getitem__, ids):
-        each = list(untold(functions, claim, at))
+        each = list(undetectable(functions, claim, at))
         if not (each or claim.applies(at) or len(ids) == len(FUNCTION_CLAIMS)):
-            each = [lacking(functions, claim)]
+            each = [inapplicable(functions, claim)]
         found += each
     if functions.ranges is None and {"answers", "reference"} <= {*ids}:
         found.append(_within(functions))
     return found
 
 
-def lacking(functions: Functions, claim: FunctionClaim) -> Finding:
+def inapplicable(functions: EquationsOfMotion, claim: FunctionClaim) -> Finding:
     """The Finding of a claim that was asked for and has nothing to look at."""
     either = [need.replace("|", " or ") for need in claim.needs]
     several = len(either) > 1
@@ -597,7 +624,9 @@ def lacking(functions: Functions, claim: FunctionClaim) -> Finding:
     return Finding(*about, 0.0, 0.0, "skipped", "skipped", detail)
 
 
-def untold(functions: Functions, claim: FunctionClaim, at: Point) -> Iterator[Finding]:
+def undetectable(
+    functions: EquationsOfMotion, claim: FunctionClaim, at: FunctionState
+) -> Iterator[Finding]:
     """Yield what cannot be told because an input is missing."""
     if claim.applies(at):
         return

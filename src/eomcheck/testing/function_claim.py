@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 from eomcheck.claims.finding import Verdict
 from eomcheck.claims.registry import Names, Skipped
 from eomcheck.numbers.generic import Array
-from eomcheck.testing.function_state import Point
-from eomcheck.testing.uncertain import Measured
+from eomcheck.testing.function_state import FunctionState
+from eomcheck.testing.uncertain import UncertainArray
 
 
-class Sides(NamedTuple):
+class UncertainEquality(NamedTuple):
     """found = expected, about `subject`.
 
     Attributes:
@@ -26,13 +26,13 @@ class Sides(NamedTuple):
     """
 
     subject: str
-    found: Measured
-    expected: Measured
+    found: UncertainArray
+    expected: UncertainArray
     names: Names
     say: Callable[[Array, Array, float, tuple[int, ...]], str] | None = None
 
 
-class Told(NamedTuple):
+class Decision(NamedTuple):
     """What a claim has decided by itself; see `eomcheck.Finding`."""
 
     subject: str
@@ -42,7 +42,7 @@ class Told(NamedTuple):
     detail: str = ""
 
 
-class Blind(NamedTuple):
+class BlindSpot(NamedTuple):
     """What cannot be told of an input.
 
     Attributes:
@@ -58,7 +58,7 @@ class Blind(NamedTuple):
     told_by: tuple[str, ...]
     derived: bool = False
 
-    def would_tell(self, at: Point) -> str:
+    def would_tell(self, at: FunctionState) -> str:
         """Inputs that are missing and would tell, in words; "" where nothing is missing."""
         alternatives: list[str] = []
         for one in self.told_by:
@@ -70,10 +70,10 @@ class Blind(NamedTuple):
         return f"{joined} or {alternatives[-1]}" if joined else alternatives[-1]
 
 
-Outcome = Sides | Told | Skipped
+ClaimOutput = UncertainEquality | Decision | Skipped
 
 
-def has_any(at: Point, names: str) -> bool:
+def has_any(at: FunctionState, names: str) -> bool:
     """Return whether one of the quantities "x|y" is there."""
     return any(at.has(one) for one in names.split("|"))
 
@@ -88,10 +88,11 @@ class FunctionClaim:
         term: what is to blame when it fails.
         needs: names of quantities without which it is skipped; "T|M" is either.
         without: names of inputs with which it does not hold.
-        natural: whether it holds only where T is quadratic in v, see `Point.natural`.
-        consistent: whether it is looked at where the constraints hold, see `Point.consistent`.
+        natural: whether it holds only where T is quadratic in v, see `FunctionState.natural`.
+        consistent: whether it is looked at where the constraints hold, see
+            `FunctionState.consistent`.
         blind: what cannot be told where what it needs is missing.
-        look: function of a `Point`.
+        look: function of a `FunctionState`.
     """
 
     id: str
@@ -101,10 +102,10 @@ class FunctionClaim:
     without: tuple[str, ...]
     natural: bool
     consistent: bool
-    blind: tuple[Blind, ...]
-    look: Callable[[Point], Iterator[Outcome]] = field(repr=False)
+    blind: tuple[BlindSpot, ...]
+    look: Callable[[FunctionState], Iterator[ClaimOutput]] = field(repr=False)
 
-    def applies(self, at: Point) -> bool:
+    def applies(self, at: FunctionState) -> bool:
         """Return whether what it needs is there, and nothing with which it does not hold."""
         there = all(has_any(at, name) for name in self.needs)
         return there and not any(at.has(name) for name in self.without)
@@ -114,7 +115,7 @@ FUNCTION_CLAIMS: dict[str, FunctionClaim] = {}
 """Id -> claim, single functions before what ties them together: the first that fails is closest."""
 
 
-def claim(
+def function_claim(
     id: str,
     statement: str,
     term: str,
@@ -123,11 +124,11 @@ def claim(
     without: tuple[str, ...] = (),
     natural: bool = False,
     consistent: bool = False,
-    blind: tuple[Blind, ...] = (),
+    blind: tuple[BlindSpot, ...] = (),
 ) -> Callable:
-    """Register the decorated function of a `Point`, which yields `Outcome`s."""
+    """Register the decorated function of a `FunctionState`, which yields `ClaimOutput`s."""
 
-    def register(look: Callable[[Any], Iterator[Outcome]]) -> Callable:
+    def register(look: Callable[[Any], Iterator[ClaimOutput]]) -> Callable:
         FUNCTION_CLAIMS[id] = FunctionClaim(
             id, statement, term, needs, without, natural, consistent, blind, look
         )

@@ -1,4 +1,4 @@
-"""The quantities at one state (`Point`) of user-supplied functions, each with its error.
+"""The quantities at one state (`FunctionState`) of user-supplied functions, each with its error.
 
 Those that a function gives come first, then those derived from several: the inertia, the bias, the
 drift of constraints.
@@ -15,17 +15,17 @@ import numpy as np
 from eomcheck.evaluation.tolerance import C
 from eomcheck.numbers.generic import Array
 from eomcheck.numbers.pivots import EPS
-from eomcheck.testing.equations_of_motion import Answers, BrokenError, Functions
+from eomcheck.testing.equations_of_motion import BrokenError, EquationsOfMotion, FunctionCaller
 from eomcheck.testing.uncertain import (
-    Measured,
+    UncertainArray,
     contract,
+    entry_sizes,
     exact,
     gradient,
     jumps,
     noise,
-    opposite,
     partial,
-    size_of,
+    sign_patterns,
 )
 
 FLIPS = 4
@@ -38,7 +38,7 @@ NOT_QUADRATIC = "T has terms that are not quadratic in v"
 REST_ENERGY = "T(q, 0) changes with q; is the potential energy in it?"
 
 
-class Point:
+class FunctionState:
     """Quantities at (q, v), each computed on first use.
 
     Args:
@@ -51,11 +51,11 @@ class Point:
 
     def __init__(
         self,
-        answers: Answers,
+        answers: FunctionCaller,
         q: Array,
         v: Array,
         seed: int = 0,
-        reference: Functions | None = None,
+        reference: EquationsOfMotion | None = None,
     ):
         self.answers, self.functions, self.reference = answers, answers.functions, reference
         self.q, self.v, self.seed = q, v, seed
@@ -89,10 +89,11 @@ class Point:
             return self.reference is not None
         return self.functions.function(name) is not None
 
-    def moved(self, v: Array) -> Point:
+    def moved(self, v: Array) -> FunctionState:
         """Return the same coordinates with another velocity."""
         return self.kept(
-            ("v", v.tobytes()), lambda: Point(self.answers, self.q, v, self.seed, self.reference)
+            ("v", v.tobytes()),
+            lambda: FunctionState(self.answers, self.q, v, self.seed, self.reference),
         )
 
     # ---- Black boxes ---------------------------------------------------------------------------
@@ -109,27 +110,27 @@ class Point:
 
         return quiet
 
-    def measure(self, f: Callable[[Array, Array], Array]) -> Measured:
+    def measure(self, f: Callable[[Array, Array], Array]) -> UncertainArray:
         """Return f(q, v) with the noise it shows, and the size of what cancels in it."""
         n = len(self.q)
         x, width = np.concatenate((self.q, self.v)), np.concatenate((self.width_q, self.width_v))
         value = f(self.q, self.v)
         spread = noise(lambda y: f(y[:n], y[n:]), x, width, self.seed)
-        flipped = [size_of(f(self.q, sign * self.v)) for sign in self._signs()]
-        size = np.fmax.reduce([size_of(value), *flipped])
-        return Measured(value, spread + np.finfo(np.float64).eps * size, size)
+        flipped = [entry_sizes(f(self.q, sign * self.v)) for sign in self._signs()]
+        size = np.fmax.reduce([entry_sizes(value), *flipped])
+        return UncertainArray(value, spread + np.finfo(np.float64).eps * size, size)
 
     def _signs(self) -> Array:
         """Signs of v (flips, p): any two velocities have opposite ones in one of them.
 
         So that terms in v_i v_j that cancel at v do not cancel in all.
         """
-        signs = opposite(len(self.v))
+        signs = sign_patterns(len(self.v))
         more = max(FLIPS - len(signs), 0), len(self.v)
         drawn = np.random.default_rng(self.seed).choice((-1.0, 1.0), more)
         return np.concatenate((signs, drawn))
 
-    def of(self, name: str) -> Measured:
+    def of(self, name: str) -> UncertainArray:
         """Return what the function `name` answers."""
 
         return self.kept(name, lambda: self.measure(self.raw(name)))
@@ -144,17 +145,17 @@ class Point:
             return False
         return jumps(lambda y: f(y[:n], y[n:]), x, width, self.seed)
 
-    def by_q(self, f: Callable[[Array, Array], Array]) -> Measured:
+    def by_q(self, f: Callable[[Array, Array], Array]) -> UncertainArray:
         """Return ∂f/∂q (n, ...)."""
         return gradient(lambda q: f(q, self.v), self.q, self.width_q, self.measure(f))
 
-    def by_v(self, f: Callable[[Array, Array], Array]) -> Measured:
+    def by_v(self, f: Callable[[Array, Array], Array]) -> UncertainArray:
         """Return ∂f/∂v (p, ...)."""
         return gradient(lambda v: f(self.q, v), self.v, self.width_v, self.measure(f))
 
     # ---- What follows --------------------------------------------------------------------------
 
-    def S(self) -> Measured:
+    def S(self) -> UncertainArray:
         """∂q̇/∂v (n, p)."""
 
         def columns(q: Array, v: Array) -> Array:
@@ -165,16 +166,16 @@ class Point:
             return exact(np.eye(len(self.q)))
         return self.kept("S", lambda: self.measure(columns))
 
-    def rates(self) -> Measured:
+    def rates(self) -> UncertainArray:
         """q̇ (n,)."""
         return self.S() @ exact(self.v)
 
-    def along(self, gradient_: Measured) -> Measured:
+    def along(self, gradient_: UncertainArray) -> UncertainArray:
         """Return the rate of what has the derivatives ∂/∂q (n, ...) while q moves."""
         axes = "abc"[: len(gradient_.shape) - 1]
         return contract(f"n{axes},n->{axes}", gradient_, self.rates())
 
-    def rate_of(self, f: Callable[[Array, Array], Array]) -> Measured:
+    def rate_of(self, f: Callable[[Array, Array], Array]) -> UncertainArray:
         """Return the rate of f while q moves as v says and v stays."""
         rates = self.rates().value
         longest = float(np.abs(rates / self.width_q).max(initial=0.0))
@@ -185,39 +186,41 @@ class Point:
         found = gradient(lambda s: f(self.q + s[0] * rates, self.v), np.zeros(1), width, here)
         return found[0]
 
-    def dM(self) -> Measured:
+    def dM(self) -> UncertainArray:
         """∂M/∂q (n, p, p)."""
         return self.kept("dM", lambda: self.by_q(self.raw("M")))
 
-    def B(self) -> Measured:
+    def B(self) -> UncertainArray:
         """Bias without gravity (p,)."""
         if not self.functions.bias_has_gravity:
             return self.of("bias")
         return self.of("bias") - self.gravity()
 
-    def gravity(self) -> Measured:
-        """∂U/∂q (p,), along v: as given, else as `bias` holds it, else differentiated from U."""
+    def gravity(self) -> UncertainArray:
+        """∂U/∂q (p,), along v: as given, else as `supplied_or_derived_bias` holds it, else
+        differentiated from U.
+        """
         if self.functions.gravity is not None:
             return self.of("gravity")
         if self.functions.bias_has_gravity:
             return self.moved(np.zeros(len(self.v))).of("bias")
         return self.U_q()
 
-    def U_q(self) -> Measured:
+    def U_q(self) -> UncertainArray:
         """∂U/∂q along v (p,)."""
         return self.kept("U_q", lambda: self.S().T @ self.by_q(self.raw("U")))
 
-    def R_v(self) -> Measured:
+    def R_v(self) -> UncertainArray:
         """∂R/∂v (p,)."""
         return self.kept("R_v", lambda: self.by_v(self.raw("R")))
 
-    def forces(self) -> Measured:
+    def forces(self) -> UncertainArray:
         """Return Q - gravity - ∂R/∂v (p,), of what there is."""
         return sum(self.parts().values(), exact(np.zeros(len(self.v))))
 
-    def parts(self) -> dict[str, Measured]:
+    def parts(self) -> dict[str, UncertainArray]:
         """Return what forces are summed from, by name."""
-        found: dict[str, Measured] = {}
+        found: dict[str, UncertainArray] = {}
         if self.has("Q"):
             found["Q"] = self.of("Q")
         if self.has("gravity") or self.has("U"):
@@ -260,7 +263,7 @@ class Point:
         """Reason why `natural` is False."""
         return REST_ENERGY if self.rest_energy_changes() else NOT_QUADRATIC
 
-    def consistent(self) -> Point | None:
+    def consistent(self) -> FunctionState | None:
         """Return the point that the constraints let pass: c(q) = 0 and a v + b = 0.
 
         None where none is found nearby, or c is given without its Jacobian a.
@@ -286,7 +289,7 @@ class Point:
         return rows[rank:].T
 
 
-def _consistent(at: Point) -> Point | None:
+def _consistent(at: FunctionState) -> FunctionState | None:
     """Return a consistent point nearby: Newton's method for q, least squares for v."""
     answers, q = at.answers, at.q
     try:
@@ -302,10 +305,10 @@ def _consistent(at: Point) -> Point | None:
             v = v - inverse @ (a @ v + b)
     except (BrokenError, np.linalg.LinAlgError):
         return None
-    return Point(answers, q, v, at.seed)
+    return FunctionState(answers, q, v, at.seed)
 
 
-def _closed(at: Point) -> Array | None:
+def _closed(at: FunctionState) -> Array | None:
     """Return q (n,) with c(q) = 0, to the last bit that steps of Newton's method still gain."""
     answers, q, left = at.answers, at.q, np.inf
     for _ in range(STEPS):
@@ -329,37 +332,37 @@ CLOCK = 0.25
 # ---- Mass matrix ---------------------------------------------------------------------------------
 
 
-def of_matrix(at: Point) -> bool:
+def uses_mass_matrix(at: FunctionState) -> bool:
     """Whether M tells the inertia: it is given, and T is not or M answers here."""
     return at.has("M") and (not at.has("T") or at.answering("M"))
 
 
-def inertia(at: Point) -> Measured:
+def inertia(at: FunctionState) -> UncertainArray:
     """Mass matrix (p, p): M if it is given and answers, else ∂²T/∂v²."""
-    return at.of("M") if of_matrix(at) else second_differences(at)
+    return at.of("M") if uses_mass_matrix(at) else second_differences(at)
 
 
-def inertia_rate(at: Point) -> Measured:
+def inertia_rate(at: FunctionState) -> UncertainArray:
     """Rate Ṁ (p, p) while q moves along v, of M or else of ∂²T/∂v²."""
-    if of_matrix(at):
+    if uses_mass_matrix(at):
         return at.along(at.dM())
     return at.kept("Ṁ of T", lambda: at.rate_of(_second_of(at)))
 
 
-def second_differences(at: Point) -> Measured:
+def second_differences(at: FunctionState) -> UncertainArray:
     """∂²T/∂v² (p, p): T is quadratic, so that steps may be as long as the ranges."""
 
-    def second() -> Measured:
+    def second() -> UncertainArray:
         value, size = differences(at.raw("T"), at.q, at.width_v)
         scale, here = np.outer(at.width_v, at.width_v), at.of("T")
         # Each entry is a sum of four, as noisy for their sizes as T is here.
         noisy = float(here.error / here.size) if here.size > 0.0 else EPS
-        return Measured(value / scale, noisy * size / scale, size / scale)
+        return UncertainArray(value / scale, noisy * size / scale, size / scale)
 
     return at.kept("∂²T/∂v²", second)
 
 
-def _second_of(at: Point) -> Callable[[Array, Array], Array]:
+def _second_of(at: FunctionState) -> Callable[[Array, Array], Array]:
     """Function (q, v) -> ∂²T/∂v² (p, p)."""
     T, scale = at.raw("T"), np.outer(at.width_v, at.width_v)
     return lambda q, v: differences(T, q, at.width_v)[0] / scale
@@ -384,7 +387,7 @@ def differences(f: Callable[[Array, Array], Array], q: Array, widths: Array) -> 
 # ---- Bias ----------------------------------------------------------------------------------------
 
 
-def bias(at: Point) -> Measured | None:
+def supplied_or_derived_bias(at: FunctionState) -> UncertainArray | None:
     """Bias without gravity (p,): as given, else C v, else of M, else of T; None if none tells."""
     if at.has("bias"):
         return at.B()
@@ -393,15 +396,15 @@ def bias(at: Point) -> Measured | None:
     return bias_of_inertia(at)
 
 
-def bias_of_inertia(at: Point) -> Measured | None:
+def bias_of_inertia(at: FunctionState) -> UncertainArray | None:
     """Bias (p,) of M or else of T; None where neither tells it."""
-    if of_matrix(at) and at.natural():
+    if uses_mass_matrix(at) and at.natural():
         return bias_of_mass_matrix(at)
     return bias_of_energy(at) if at.has("T") and at.functions.of_lagrange else None
 
 
-def why_no_bias(at: Point) -> str:
-    """Reason why `bias` is None."""
+def why_no_bias(at: FunctionState) -> str:
+    """Reason why `supplied_or_derived_bias` is None."""
     if not at.natural():
         return f"{NOT_QUADRATIC}: bias would tell B"
     if not at.functions.of_lagrange:
@@ -409,7 +412,7 @@ def why_no_bias(at: Point) -> str:
     return "M or T tells B only where there are as many speeds as coordinates: bias or C would"
 
 
-def bias_of_mass_matrix(at: Point) -> Measured | None:
+def bias_of_mass_matrix(at: FunctionState) -> UncertainArray | None:
     """Bias (p,) of M by Lagrange's equations; None where M does not tell it.
 
     With generalized speeds u, q̇ = S u, the mass matrix of q̇ is S⁻ᵀ M S⁻¹, whose bias b gives
@@ -422,17 +425,17 @@ def bias_of_mass_matrix(at: Point) -> Measured | None:
     return at.kept("B of M", lambda: _bias_along_speeds(at))
 
 
-def _christoffel(dM: Measured, v: Measured) -> Measured:
+def _christoffel(dM: UncertainArray, v: UncertainArray) -> UncertainArray:
     """Bias (p,) of the derivatives ∂M_ij/∂q_k, [k, i, j] (p, p, p), and of v (p,)."""
     return contract("kij,j,k->i", dM, v, v) - 0.5 * contract("ijk,j,k->i", dM, v, v)
 
 
-def bias_along(at: Point, v: Array) -> Measured:
+def bias_along(at: FunctionState, v: Array) -> UncertainArray:
     """Bias (p,) of M at another velocity v (p,), where velocities are q̇."""
     return _christoffel(at.dM(), exact(v))
 
 
-def _bias_along_speeds(at: Point) -> Measured:
+def _bias_along_speeds(at: FunctionState) -> UncertainArray:
     """Bias (p,) of M where velocities are generalized speeds; see `bias_of_mass_matrix`."""
     mass, S = at.raw("M"), at.S()
     qdot = at.raw("qdot")
@@ -450,7 +453,7 @@ def _bias_along_speeds(at: Point) -> Measured:
     return S.T @ (_christoffel(dM, rates) + M @ Su)
 
 
-def bias_of_energy(at: Point) -> Measured | None:
+def bias_of_energy(at: FunctionState) -> UncertainArray | None:
     """Bias (p,) of T by Lagrange's equations, also of terms linear in v; None with `qdot`."""
     if at.functions.qdot is not None:
         return None
@@ -469,22 +472,22 @@ def bias_of_energy(at: Point) -> Measured | None:
 # ---- Constraints ---------------------------------------------------------------------------------
 
 
-def drift(at: Point) -> Measured:
+def supplied_or_derived_drift(at: FunctionState) -> UncertainArray:
     """Constraint drift γ (r,): as given, else ȧ v + ḃ."""
     return at.of("gamma") if at.has("gamma") else drift_of_jacobian(at)
 
 
-def drift_of_jacobian(at: Point) -> Measured:
+def drift_of_jacobian(at: FunctionState) -> UncertainArray:
     """ȧ v + ḃ (r,), by finite differences of a and b."""
 
-    def rate() -> Measured:
+    def rate() -> UncertainArray:
         expected = at.rate_of(at.raw("a")) @ exact(at.v)
         return expected + clock_rate(at) if at.has("b") else expected
 
     return at.kept("ȧ v + ḃ", rate)
 
 
-def clock_rate(at: Point) -> Measured:
+def clock_rate(at: FunctionState) -> UncertainArray:
     """ḃ (r,) at t = 0 s."""
     here = at.of("b")
 

@@ -10,14 +10,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eomcheck.claims.finding import EVERY_ROW, Finding, told_apart
+from eomcheck.claims.finding import EVERY_ROW, Finding, format_distinct
 from eomcheck.evaluation.tolerance import C
 from eomcheck.numbers.generic import Array
-from eomcheck.testing.claims_motions import seen
-from eomcheck.testing.claims_terms import rows
+from eomcheck.testing.claims_motions import is_nonzero
+from eomcheck.testing.claims_terms import row_names
 from eomcheck.testing.equations_of_motion import BrokenError
-from eomcheck.testing.function_state import Point, bias_along, bias_of_energy, bias_of_inertia
-from eomcheck.testing.uncertain import Measured, exact
+from eomcheck.testing.function_state import (
+    FunctionState,
+    bias_along,
+    bias_of_energy,
+    bias_of_inertia,
+)
+from eomcheck.testing.uncertain import UncertainArray, exact
 
 LISTED = 3
 """Number of terms that are listed."""
@@ -27,7 +32,7 @@ SCALES = 0.0, 1.0, -1.0, 2.0
 """Multiples of v at which it is measured how a quantity depends on v."""
 
 
-OfV = Callable[[Array], Measured | None]
+OfV = Callable[[Array], UncertainArray | None]
 
 
 class Term(NamedTuple):
@@ -59,7 +64,7 @@ class Term(NamedTuple):
         return abs(self.got - self.expected) > self.allowed
 
 
-def wrong_terms(failed: Finding, at: Point) -> str:
+def wrong_terms(failed: Finding, at: FunctionState) -> str:
     """Return the terms that are wrong where a claim about the bias failed, "" for any other.
 
     Args:
@@ -81,12 +86,12 @@ def wrong_terms(failed: Finding, at: Point) -> str:
     except (BrokenError, np.linalg.LinAlgError):
         return ""
     wrong = sorted(filter(lambda x: x.is_wrong, terms), key=lambda x: -abs(x.got - x.expected))
-    texts = list(dict.fromkeys(_text(one, wrong, rows(at)) for one in wrong))
+    texts = list(dict.fromkeys(_text(one, wrong, row_names(at)) for one in wrong))
     more = f"; {len(texts) - LISTED} more terms" if len(texts) > LISTED else ""
     return "; ".join(texts[:LISTED]) + more
 
 
-def _sides(claim: str, at: Point) -> tuple[OfV, OfV] | None:
+def _sides(claim: str, at: FunctionState) -> tuple[OfV, OfV] | None:
     """Both sides of a claim as functions of v; None where they are not quadratic in v."""
     if at.functions.qdot is not None:
         return None
@@ -102,7 +107,7 @@ def _sides(claim: str, at: Point) -> tuple[OfV, OfV] | None:
     return None
 
 
-class Degrees(NamedTuple):
+class VelocityDependence(NamedTuple):
     """Whether a quantity has terms that are constant, odd and even in v, without the constant."""
 
     constant: bool
@@ -120,23 +125,27 @@ class Degrees(NamedTuple):
         return kinds.get((self.constant, self.odd, self.even), "")
 
 
-def degrees_of(values: Sequence[Measured]) -> Degrees:
+def velocity_dependence(values: Sequence[UncertainArray]) -> VelocityDependence:
     """Return the degrees of a quantity that is measured at `SCALES` times v."""
     rest, ahead, behind, _ = values
     odd, even = ahead - behind, ahead + behind - 2.0 * rest
-    return Degrees(*(bool(seen(x).any()) for x in (rest, odd, even)))
+    return VelocityDependence(*(bool(is_nonzero(x).any()) for x in (rest, odd, even)))
 
 
-def _degrees(of: OfV, v: Array) -> Degrees:
+def _degrees(of: OfV, v: Array) -> VelocityDependence:
     """Return the degrees of a function of v; even, as of a bias, where it has no value."""
     values = [x for x in (of(scale * v) for scale in SCALES) if x is not None]
-    return degrees_of(values) if len(values) == len(SCALES) else Degrees(False, False, True)
+    return (
+        velocity_dependence(values)
+        if len(values) == len(SCALES)
+        else VelocityDependence(False, False, True)
+    )
 
 
 def _difference(x: OfV, y: OfV) -> OfV:
     """x - y, None where one of them has no value."""
 
-    def difference(v: Array) -> Measured | None:
+    def difference(v: Array) -> UncertainArray | None:
         left, right = x(v), y(v)
         return None if left is None or right is None else left - right
 
@@ -146,7 +155,7 @@ def _difference(x: OfV, y: OfV) -> OfV:
 def _quadratic_part(of: OfV) -> OfV:
     """Part that is even in v, without the constant."""
 
-    def part(v: Array) -> Measured | None:
+    def part(v: Array) -> UncertainArray | None:
         ahead, back, rest = of(v), of(-v), of(0.0 * v)
         if ahead is None or back is None or rest is None:
             return None
@@ -155,7 +164,7 @@ def _quadratic_part(of: OfV) -> OfV:
     return part
 
 
-def coefficients(of: OfV, widths: Array) -> dict[tuple[int, int], Measured]:
+def coefficients(of: OfV, widths: Array) -> dict[tuple[int, int], UncertainArray]:
     """Return (i, j) -> coefficient of v_i v_j in each row (p,), i ≤ j; {} if there is no value.
 
     Args:
@@ -197,7 +206,7 @@ def _text(one: Term, wrong: list[Term], names: tuple[str, ...]) -> str:
         if abs(lost.got) <= lost.allowed < abs(lost.expected) and moved:
             what = f"missing, {extra.name} in its place"
             return f"row {names[lost.row]}, {lost.name}: {what}: {lost.expected:.6g}"
-    numbers = "got {}, expected {}".format(*told_apart(got, expected))
+    numbers = "got {}, expected {}".format(*format_distinct(got, expected))
     if abs(expected) <= near:
         return f"row {names[one.row]}, {one.name}: should vanish: got {got:.6g}"
     known = {-1.0: "wrong sign", 0.0: "missing", 0.5: "half", 2.0: "twice as large"}

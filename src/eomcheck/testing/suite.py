@@ -1,6 +1,6 @@
 """`parametrize_with_claims`: a pytest test for each claim about an engine, a scene or functions.
 
-A `Trial` is code under test in one place: an engine or a scene, checked on many states, or
+A `ClaimTarget` is code under test in one place: an engine or a scene, checked on many states, or
 functions. Its work is done when the first of its tests asks for it, once for all claims, and once
 for all processes of pytest-xdist: the first process computes, the others read its result. The file
 of expected failures has a line a test: its id, as in the brackets of the test, and then the reason.
@@ -23,11 +23,11 @@ from typing import Any, NamedTuple, NoReturn, Protocol, TypeVar
 
 from eomcheck.atomic_write import read_text
 from eomcheck.claims import CLAIMS, Finding, State
-from eomcheck.claims.finding import Verdict, lists
+from eomcheck.claims.finding import Verdict, is_unresolved_detail
 from eomcheck.claims.pairwise_design import scene_cases, state_cases, with_wide
 from eomcheck.claims.run import (
-    Run,
-    Selection,
+    RunSelection,
+    ValidationRun,
     check_compared,
     no_larger,
     smallest_failure,
@@ -37,9 +37,9 @@ from eomcheck.engines import Engine, engine_of, represents
 from eomcheck.engines.answers import represents_some
 from eomcheck.errors import EomcheckError, InputError, required, whole_number
 from eomcheck.mechanics.scene import Scene
-from eomcheck.scene_lookup import kinds_of
+from eomcheck.scene_lookup import scene_classes_named
 from eomcheck.scenes import SCENES
-from eomcheck.testing.equations_of_motion import Functions
+from eomcheck.testing.equations_of_motion import EquationsOfMotion
 from eomcheck.testing.function_checks import FUNCTION_CLAIMS, check
 
 # ---- File of expected failures -------------------------------------------------------------------
@@ -79,7 +79,7 @@ WAIT_SECONDS = 3600.0
 """How long a process waits for another that is at work."""
 
 
-def done_once(folder: Path | None, name: str, work: Callable[[], Any]) -> Any:
+def compute_once(folder: Path | None, name: str, work: Callable[[], Any]) -> Any:
     """Return what `work` returns, done once by all processes that share `folder`.
 
     SQLite is the lock: it goes with the process that holds it, however that ends. Where `work`
@@ -111,7 +111,7 @@ LINKS = 1, 5
 """Numbers of links of the random scenes of a kind: larger ones take longer and show less."""
 
 
-class Result(NamedTuple):
+class ClaimResult(NamedTuple):
     """What a claim came to on all states that were looked at.
 
     Attributes:
@@ -123,7 +123,7 @@ class Result(NamedTuple):
     text: str = ""
 
 
-class Trial(Protocol):
+class ClaimTarget(Protocol):
     """Something on trial in one place, and the claims that it is asked."""
 
     @property
@@ -136,7 +136,7 @@ class Trial(Protocol):
         """Ids of the claims, in the order in which a failure is closest to its cause."""
         ...
 
-    def results(self, examples: int, seed: int, known: Collection[str]) -> dict[str, Result]:
+    def results(self, examples: int, seed: int, known: Collection[str]) -> dict[str, ClaimResult]:
         """Return what each claim came to; one that is not there does not apply.
 
         Args:
@@ -151,12 +151,12 @@ class Trial(Protocol):
         ...
 
 
-def results_of(
+def claim_results(
     claims: Iterable[str],
     findings: Iterable[Finding],
     known: Collection[str],
     smallest: Callable[[Finding], Finding] = lambda failed: failed,
-) -> dict[str, Result]:
+) -> dict[str, ClaimResult]:
     """Return what the Findings of each claim come to.
 
     Args:
@@ -170,9 +170,9 @@ def results_of(
     by: dict[str, list[Finding]] = {}
     for finding in findings:
         by.setdefault(finding.claim, []).append(finding)
-    found: dict[str, Result] = {}
+    found: dict[str, ClaimResult] = {}
     for claim in filter(by.__contains__, claims):
-        worst = result_of(by[claim])
+        worst = result_or_failure(by[claim])
         if isinstance(worst, Finding):
             if claim not in known:
                 worst, smallest = smallest(worst), lambda failed: failed
@@ -182,7 +182,7 @@ def results_of(
     return found
 
 
-def result_of(findings: list[Finding]) -> Result | Finding:
+def result_or_failure(findings: list[Finding]) -> ClaimResult | Finding:
     """Return what the Findings of one claim come to; the first failure, if there is one."""
     by: dict[Verdict, Finding] = {}
     for finding in findings:
@@ -190,20 +190,22 @@ def result_of(findings: list[Finding]) -> Result | Finding:
     if "failed" in by:
         return by["failed"]
     if "passed" in by:
-        return Result("passed")
+        return ClaimResult("passed")
     if "inconclusive" in by:
-        return Result("inconclusive", str(by["inconclusive"]))
+        return ClaimResult("inconclusive", str(by["inconclusive"]))
     why = by["skipped"]
-    return Result("skipped", f"{why.subject}: {why.detail}")
+    return ClaimResult("skipped", f"{why.subject}: {why.detail}")
 
 
-def _folded(shown: Finding) -> Result:
+def _folded(shown: Finding) -> ClaimResult:
     """Return a failure that follows from another, without code that shows it again."""
     why = f"follows from {shown.cause}, see {shown.follows}"
-    return Result("failed", f"{why}\n{replace(shown, follows='')}")
+    return ClaimResult("failed", f"{why}\n{replace(shown, follows='')}")
 
 
-def without_hidden(results: dict[str, Result], hidden: Iterable[Finding]) -> dict[str, Result]:
+def without_unresolved(
+    results: dict[str, ClaimResult], hidden: Iterable[Finding]
+) -> dict[str, ClaimResult]:
     """Return the results without a pass where something is resolved in no state.
 
     Args:
@@ -212,29 +214,29 @@ def without_hidden(results: dict[str, Result], hidden: Iterable[Finding]) -> dic
     """
     listed = {one.claim: str(one) for one in hidden}
     return {
-        claim: Result("inconclusive", listed[claim])
+        claim: ClaimResult("inconclusive", listed[claim])
         if claim in listed and result.verdict == "passed"
         else result
         for claim, result in results.items()
     }
 
 
-def _failed(shown: Finding, findings: list[Finding]) -> Result:
+def _failed(shown: Finding, findings: list[Finding]) -> ClaimResult:
     failures = sum(one.verdict == "failed" for one in findings)
     count = f"failed in {failures} of {len(findings)} comparisons; " if len(findings) > 1 else ""
-    return Result("failed", f"{shown}\n{count}to see it again:\n\n{shown.as_python()}")
+    return ClaimResult("failed", f"{shown}\n{count}to see it again:\n\n{shown.as_python()}")
 
 
 # ---- Engines and scenes --------------------------------------------------------------------------
 
 
-def of_engines() -> tuple[str, ...]:
+def engine_claims() -> tuple[str, ...]:
     """Return the ids of the claims that engines are asked."""
     return tuple(id for id, claim in CLAIMS.items() if claim.asks)
 
 
 @dataclass(frozen=True)
-class SceneTrial:
+class SceneTarget:
     """An engine on trial on a scene, or the scene itself.
 
     Attributes:
@@ -251,7 +253,7 @@ class SceneTrial:
     def claims(self) -> tuple[str, ...]:
         """Those about engines, or all that are about a state."""
         if self.engine is not None:
-            return of_engines()
+            return engine_claims()
         return tuple(id for id, claim in CLAIMS.items() if id != "coverage")
 
     @property
@@ -268,14 +270,16 @@ class SceneTrial:
             return represents_some(self.engine, self.scene)
         return represents(self.engine, self.scene)
 
-    def results(self, examples: int, seed: int, known: Collection[str] = ()) -> dict[str, Result]:
-        """Return what each claim came to, as `Trial` says."""
+    def results(
+        self, examples: int, seed: int, known: Collection[str] = ()
+    ) -> dict[str, ClaimResult]:
+        """Return what each claim came to, as `ClaimTarget` says."""
         if not self.represented:
             return {}
         kind = type(self.example)
         engines = None if self.engine is None else [self.engine]
-        selection = Selection.of(None, engines, self.claims, scenes=[kind])
-        run = Run()
+        selection = RunSelection.of(None, engines, self.claims, scenes=[kind])
+        run = ValidationRun()
         cases = self._cases(examples, seed)
         for scene, state in with_wide(cases, seed) if selection.named else cases:
             run.look_at(scene, state, selection)
@@ -288,8 +292,10 @@ class SceneTrial:
             assert isinstance(failed.scene, Scene)
             return smallest_failure(failed, links(failed.scene), selection, seed)
 
-        results = results_of(self.claims, found, known, smallest)
-        return without_hidden(results, (one for one in found if lists(one.detail)))
+        results = claim_results(self.claims, found, known, smallest)
+        return without_unresolved(
+            results, (one for one in found if is_unresolved_detail(one.detail))
+        )
 
     def absent(self, claim: str) -> str:
         """Return why there is no result of a claim."""
@@ -307,7 +313,7 @@ class SceneTrial:
 
 
 @dataclass(frozen=True)
-class FunctionsTrial:
+class EquationsTarget:
     """Functions on trial.
 
     Attributes:
@@ -316,7 +322,7 @@ class FunctionsTrial:
         where: "", for there is no scene.
     """
 
-    functions: Functions
+    functions: EquationsOfMotion
     against: Any = None
     where: str = ""
 
@@ -325,12 +331,14 @@ class FunctionsTrial:
         """All that there are about functions."""
         return tuple(FUNCTION_CLAIMS)
 
-    def results(self, examples: int, seed: int, known: Collection[str] = ()) -> dict[str, Result]:
-        """Return what each claim came to, as `Trial` says."""
+    def results(
+        self, examples: int, seed: int, known: Collection[str] = ()
+    ) -> dict[str, ClaimResult]:
+        """Return what each claim came to, as `ClaimTarget` says."""
         found = check(self.functions, states=examples, seed=seed, against=self.against)
         # A Finding holds for all states here: what none of them resolves is no pass.
         hidden = (one for one in found if one.verdict == "inconclusive")
-        return without_hidden(results_of(self.claims, found, known), hidden)
+        return without_unresolved(claim_results(self.claims, found, known), hidden)
 
     def absent(self, claim: str) -> str:
         """Return why there is no result of a claim."""
@@ -346,7 +354,7 @@ Scenes = Iterable[Scene | type[Scene] | str] | Mapping[str, Scene | type[Scene] 
 """Scenes, kinds, or names as on the command line; with names of one's own where it is a mapping."""
 
 
-def scene_trials(engine: type[Engine] | None, scenes: Scenes | None) -> list[SceneTrial]:
+def scene_targets(engine: type[Engine] | None, scenes: Scenes | None) -> list[SceneTarget]:
     """Return a trial a scene.
 
     Args:
@@ -360,19 +368,19 @@ def scene_trials(engine: type[Engine] | None, scenes: Scenes | None) -> list[Sce
     named: list[tuple[str, Scene | type[Scene]]]
     if scenes is None:
         named = [(kind.key, kind) for kind in SCENES.values()]
-        named = [(key, kind) for key, kind in named if SceneTrial(key, kind, engine).represented]
+        named = [(key, kind) for key, kind in named if SceneTarget(key, kind, engine).represented]
     elif isinstance(scenes, Mapping):
         named = [(str(name), one) for name, given in scenes.items() for one in _scenes(given)]
     elif isinstance(scenes, str | Scene | type):
         raise InputError(f"scenes = {scenes!r}, expected a list of scenes")
     else:
         named = [(_name(one), one) for given in scenes for one in _scenes(given)]
-    trials: dict[str, SceneTrial] = {}
+    trials: dict[str, SceneTarget] = {}
     for name, scene in named:
         if name in trials:
             hint = "give them names: scenes={name: scene}"
             raise InputError(f"scenes: two of them are called {name!r}; {hint}")
-        trials[name] = SceneTrial(name, scene, engine)
+        trials[name] = SceneTarget(name, scene, engine)
     if not any(trial.represented for trial in trials.values()):
         if engine is None or (scenes is not None and not trials):
             raise InputError(f"scenes = {scenes!r}, expected at least one scene")
@@ -383,7 +391,7 @@ def scene_trials(engine: type[Engine] | None, scenes: Scenes | None) -> list[Sce
 
 def _scenes(given: Any) -> tuple[Scene | type[Scene], ...]:
     if isinstance(given, str):
-        return kinds_of(given)
+        return scene_classes_named(given)
     if isinstance(given, Scene) or (isinstance(given, type) and issubclass(given, Scene)):
         return (given,)
     raise InputError(f"scenes: {given!r} is neither a scene, a kind of scene nor the name of one")
@@ -408,7 +416,7 @@ EXAMPLES = 25
 
 
 def parametrize_with_claims(
-    subject: type[Engine] | Functions | str | None = None,
+    subject: type[Engine] | EquationsOfMotion | str | None = None,
     scenes: Scenes | None = None,
     *,
     against: Any = None,
@@ -429,8 +437,8 @@ def parametrize_with_claims(
     the claim does not apply, was only inconclusive or could not be looked at.
 
     Args:
-        subject: on trial: a class of engine or the name of one; `Functions`; None for the scenes
-            themselves.
+        subject: on trial: a class of engine or the name of one; `EquationsOfMotion`; None for the
+            scenes themselves.
         scenes: scenes, kinds of scenes of which random ones are drawn, or their names, in a list or
             by names of your own; by default all that the engine represents. Functions have none.
         against: what functions are compared with, as in `check_functions`.
@@ -448,7 +456,7 @@ def parametrize_with_claims(
     """
     pytest = required("pytest", "test")
     examples = whole_number("examples", examples)
-    seed = whole_number("seed", seed, 0 if isinstance(subject, Functions) else None)
+    seed = whole_number("seed", seed, 0 if isinstance(subject, EquationsOfMotion) else None)
     trials = _trials(subject, scenes, against)
 
     def decorate(function: F) -> F:
@@ -466,11 +474,11 @@ def parametrize_with_claims(
     return decorate
 
 
-def _trials(subject: Any, scenes: Scenes | None, against: Any) -> list[Trial]:
-    if isinstance(subject, Functions):
+def _trials(subject: Any, scenes: Scenes | None, against: Any) -> list[ClaimTarget]:
+    if isinstance(subject, EquationsOfMotion):
         if scenes is not None:
             raise InputError(f"scenes = {scenes!r}, but functions are no engine of scenes")
-        return [FunctionsTrial(subject, against)]
+        return [EquationsTarget(subject, against)]
     if against is not None:
         raise InputError(f"against = {against!r}, but only functions are compared with something")
     if callable(subject) and not isinstance(subject, type):
@@ -481,7 +489,7 @@ def _trials(subject: Any, scenes: Scenes | None, against: Any) -> list[Trial]:
         )
     if subject is None and scenes is None:
         raise InputError("subject = None, expected an engine, functions, or else scenes")
-    return [*scene_trials(None if subject is None else engine_of(subject), scenes)]
+    return [*scene_targets(None if subject is None else engine_of(subject), scenes)]
 
 
 def _option(name: str) -> Any:
@@ -508,18 +516,18 @@ class Suite:
     """
 
     name: str
-    trials: list[Trial]
+    trials: list[ClaimTarget]
     file: Path | None
     expected: dict[str, str]
     strict: bool
     examples: int
     seed: int
-    _done: dict[str, dict[str, Result]] = field(default_factory=dict)
+    _done: dict[str, dict[str, ClaimResult]] = field(default_factory=dict)
 
     @cached_property
-    def ids(self) -> dict[str, tuple[Trial, str]]:
+    def ids(self) -> dict[str, tuple[ClaimTarget, str]]:
         """Id -> trial and claim, one test each."""
-        found: dict[str, tuple[Trial, str]] = {}
+        found: dict[str, tuple[ClaimTarget, str]] = {}
         for trial in self.trials:
             for claim in trial.claims:
                 id = f"{claim}-{trial.where}" if trial.where else claim
@@ -533,7 +541,7 @@ class Suite:
         of_file = {} if self.file is None else {OF_THE_FILE: CheckOfFile(self)}
         return of_file | {id: Check(self, id) for id in self.ids}
 
-    def result(self, id: str) -> Result:
+    def result(self, id: str) -> ClaimResult:
         """Return what a test came to; the work is done here if it is not yet.
 
         Raises:
@@ -542,21 +550,21 @@ class Suite:
         trial, claim = self.ids[id]
         if trial.where not in self._done:
             work = partial(self._work, trial)
-            found = done_once(_option("shared"), f"{self.name}-{trial.where}", work)
-            self._done[trial.where] = {id: Result(*one) for id, one in found.items()}
+            found = compute_once(_option("shared"), f"{self.name}-{trial.where}", work)
+            self._done[trial.where] = {id: ClaimResult(*one) for id, one in found.items()}
         done = self._done[trial.where]
         if STOPPED in done:
             raise InputError(done[STOPPED].text)
-        return done[claim] if claim in done else Result("skipped", trial.absent(claim))
+        return done[claim] if claim in done else ClaimResult("skipped", trial.absent(claim))
 
-    def _work(self, trial: Trial) -> dict[str, Result]:
+    def _work(self, trial: ClaimTarget) -> dict[str, ClaimResult]:
         examples = _option("examples") or self.examples
         known = {of for id, (on, of) in self.ids.items() if on is trial and id in self.expected}
         try:
             return trial.results(examples, self.seed, known)
         except EomcheckError as error:
             # Kept like any other result: the next claim would end there as well.
-            return {STOPPED: Result("failed", str(error))}
+            return {STOPPED: ClaimResult("failed", str(error))}
 
 
 _suites: dict[str, Suite] = {}

@@ -1,8 +1,8 @@
-"""Uncertain arrays (`Measured`): numerical noise and finite differences of a black box.
+"""Uncertain arrays (`UncertainArray`): numerical noise and finite differences of a black box.
 
 A black box cannot be run on perturbed numbers as a scene can. So the error of its answers is
-measured from outside, and each sum and product of `Measured` arrays carries it along, to first
-order, and adds its own rounding.
+measured from outside, and each sum and product of `UncertainArray` arrays carries it along, to
+first order, and adds its own rounding.
 
 Numerical noise: over a few points on a line, so close that any smooth function is a polynomial of
 low degree to more digits than float64 has, high differences hold nothing but the rounding of the
@@ -33,7 +33,7 @@ from eomcheck.numbers.pivots import EPS
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class UncertainArray:
     """An array and how far each entry may be off.
 
     What is allowed is C times the error, see `eomcheck.evaluation.tolerance.C`.
@@ -55,45 +55,47 @@ class Measured:
         return self.value.shape
 
     @property
-    def T(self) -> Measured:
+    def T(self) -> UncertainArray:
         """Transposed."""
-        return Measured(self.value.T, self.error.T, self.size.T)
+        return UncertainArray(self.value.T, self.error.T, self.size.T)
 
-    def __getitem__(self, index: Any) -> Measured:
-        return Measured(*(np.asarray(x[index]) for x in (self.value, self.error, self.size)))
+    def __getitem__(self, index: Any) -> UncertainArray:
+        return UncertainArray(*(np.asarray(x[index]) for x in (self.value, self.error, self.size)))
 
-    def __neg__(self) -> Measured:
-        return Measured(-self.value, self.error, self.size)
+    def __neg__(self) -> UncertainArray:
+        return UncertainArray(-self.value, self.error, self.size)
 
-    def __add__(self, other: Measured) -> Measured:
+    def __add__(self, other: UncertainArray) -> UncertainArray:
         size = self.size + other.size
-        return Measured(self.value + other.value, self.error + other.error + EPS * size, size)
+        return UncertainArray(self.value + other.value, self.error + other.error + EPS * size, size)
 
-    def __sub__(self, other: Measured) -> Measured:
+    def __sub__(self, other: UncertainArray) -> UncertainArray:
         return self + -other
 
-    def __mul__(self, factor: float) -> Measured:
-        return Measured(self.value * factor, self.error * abs(factor), self.size * abs(factor))
+    def __mul__(self, factor: float) -> UncertainArray:
+        return UncertainArray(
+            self.value * factor, self.error * abs(factor), self.size * abs(factor)
+        )
 
     __rmul__ = __mul__
 
-    def __matmul__(self, other: Measured) -> Measured:
+    def __matmul__(self, other: UncertainArray) -> UncertainArray:
         left, right = "ij"[2 - len(self.shape) :], "jk"[: len(other.shape)]
         return contract(f"{left},{right}->{(left + right).replace('j', '')}", self, other)
 
 
-def exact(array: Any) -> Measured:
+def exact(array: Any) -> UncertainArray:
     """Return an array without error."""
     value = np.asarray(array, np.float64)
-    return Measured(value, np.zeros(value.shape), np.abs(value))
+    return UncertainArray(value, np.zeros(value.shape), np.abs(value))
 
 
-def zero(like: Measured) -> Measured:
+def zero(like: UncertainArray) -> UncertainArray:
     """Return what should vanish, to the rounding of terms of the size of `like`."""
-    return Measured(np.zeros(like.shape), EPS * like.size, like.size)
+    return UncertainArray(np.zeros(like.shape), EPS * like.size, like.size)
 
 
-def contract(subscripts: str, *factors: Measured) -> Measured:
+def contract(subscripts: str, *factors: UncertainArray) -> UncertainArray:
     """Return the sum of products that `np.einsum` makes of `subscripts`."""
 
     def summed(*arrays: Array) -> Array:
@@ -104,13 +106,13 @@ def contract(subscripts: str, *factors: Measured) -> Measured:
     error = EPS * size
     for k, factor in enumerate(factors):
         error = error + summed(*sizes[:k], factor.error, *sizes[k + 1 :])
-    return Measured(summed(*(factor.value for factor in factors)), error, size)
+    return UncertainArray(summed(*(factor.value for factor in factors)), error, size)
 
 
 # ---- Numerical noise -----------------------------------------------------------------------------
 
 
-class Line(NamedTuple):
+class SampleLine(NamedTuple):
     """Equally spaced points on a line, and the orders of the differences taken over them.
 
     Attributes:
@@ -127,15 +129,15 @@ class Line(NamedTuple):
     among: Callable[..., Array]
 
 
-SHORT = Line(9, 2.0**-26, (4, 5, 6), np.fmax.reduce)
+SHORT = SampleLine(9, 2.0**-26, (4, 5, 6), np.fmax.reduce)
 """Nothing smooth is left over on it up to ω = 5000."""
 
-LONG = Line(12, 2.0**-12, (6, 7, 8), np.fmin.reduce)
+LONG = SampleLine(12, 2.0**-12, (6, 7, 8), np.fmin.reduce)
 """A difference of much larger numbers has steps, and may be constant on the short line. Noise is
 the same in all orders; here the smallest estimate counts, as smooth functions leave less in higher
 orders, nothing up to ω = 100."""
 
-MIDDLE = Line(12, 2.0**-21, (6, 7, 8), np.fmin.reduce)
+MIDDLE = SampleLine(12, 2.0**-21, (6, 7, 8), np.fmin.reduce)
 """Steps show on it as on the long line; a vibration that the long line undersamples is smooth."""
 
 DISAGREE = 100.0
@@ -187,7 +189,7 @@ def noise(f: Callable[[Array], Array], x: Array, width: Array, seed: int = 0) ->
     return np.where(alone, np.fmin(found, _noise_on(LONG, rest)), found) if alone.any() else found
 
 
-def _alone(line: Line, values: Array) -> tuple[Array, Array]:
+def _alone(line: SampleLine, values: Array) -> tuple[Array, Array]:
     """Whether each entry at the center of a line is far from all others, and values without it.
 
     There (points, ...) have at their center what three values on each side interpolate.
@@ -210,13 +212,15 @@ def _vanishes_within_jump(near: Array, far: Array) -> Array:
     return (near == 0.0).all(axis=0) & (change.max(axis=0) > JUMP * least)
 
 
-def _values(f: Callable, x: Array, width: Array, line: Line, rng: np.random.Generator) -> Array:
+def _values(
+    f: Callable, x: Array, width: Array, line: SampleLine, rng: np.random.Generator
+) -> Array:
     direction = rng.uniform(0.5, 1.0, len(x)) * rng.choice((-1.0, 1.0), len(x)) * width
     steps = np.arange(line.points) - line.points // 2
     return np.array([f(x + step * line.spacing * direction) for step in steps])
 
 
-def _noise_on(line: Line, values: Array) -> Array:
+def _noise_on(line: SampleLine, values: Array) -> Array:
     estimates = []
     for order in line.orders:
         differences = np.diff(values, order, axis=0)
@@ -237,20 +241,21 @@ def jumps(f: Callable[[Array], Array], x: Array, width: Array, seed: int = 0) ->
 
     On one of the lines any two coordinates go opposite ways: their difference changes on it too.
     """
-    line, lines = Line(17, NEAR / 8.0, (), np.fmin.reduce), [width, *opposite(len(x)) * width]
+    line = SampleLine(17, NEAR / 8.0, (), np.fmin.reduce)
+    lines = [width, *sign_patterns(len(x)) * width]
     with np.errstate(all="ignore"):
         # The same directions each time, but for their signs.
         along = (_values(f, x, y, line, np.random.default_rng(seed)) for y in lines)
         return any(bool(jumps_on(values).any()) for values in along)
 
 
-def opposite(count: int) -> Array:
+def sign_patterns(count: int) -> Array:
     """Signs (rows, count): any two entries have opposite ones in one of the rows."""
     digits = np.arange(count) >> np.arange(max(count - 1, 1).bit_length())[:, None] & 1
     return 1.0 - 2.0 * digits
 
 
-def size_of(value: Array) -> Array:
+def entry_sizes(value: Array) -> Array:
     """Return the size of each entry, in a square matrix at least that of its diagonal.
 
     √|M_ii M_kk| has the units of M_ik, and what is summed to an entry is not larger: a sum that
@@ -295,7 +300,7 @@ def partial(
     noise: Array | float = 0.0,
     size: Array | float = 0.0,
     value: Array | None = None,
-) -> Measured:
+) -> UncertainArray:
     """Return ∂f/∂x_k with its error.
 
     The error is twice what an entry differs by from its two neighbours in the triangle, plus the
@@ -324,7 +329,7 @@ def partial(
     h, high, low, step = _central(f, x, k, width)
     if len(h) < CONFIRMED + 2:
         missing = np.full(value.shape, np.nan)
-        return Measured(missing, np.full(missing.shape, np.inf), missing)
+        return UncertainArray(missing, np.full(missing.shape, np.inf), missing)
     with np.errstate(all="ignore"):
         rounding = EPS * np.maximum(np.abs(high), np.abs(low)) / step
         blur = np.maximum(noise / step, rounding)
@@ -343,7 +348,7 @@ def partial(
     # A derivative much smaller than f over its range counts as 0, if nothing but noise hides it.
     noisy = error <= of(errors[1:-CONFIRMED])
     found = of(values[1:-CONFIRMED])
-    return Measured(
+    return UncertainArray(
         found, error, np.maximum(np.abs(found), np.where(noisy, np.asarray(size) / width, 0.0))
     )
 
@@ -439,7 +444,9 @@ def _kink(h: Array, bend: Array, blur: Array) -> Array:
     return np.minimum(np.minimum(left[:-2], left[1:-1]), left[2:]).max(axis=0)
 
 
-def gradient(f: Callable[[Array], Array], x: Array, width: Array, here: Measured) -> Measured:
+def gradient(
+    f: Callable[[Array], Array], x: Array, width: Array, here: UncertainArray
+) -> UncertainArray:
     """Return ∂f/∂x, the new axis of length m first.
 
     Args:
@@ -452,4 +459,4 @@ def gradient(f: Callable[[Array], Array], x: Array, width: Array, here: Measured
         partial(f, x, k, float(width[k]), here.error, here.size, here.value) for k in range(len(x))
     ]
     parts = zip(*((d.value, d.error, d.size) for d in each), strict=True)
-    return Measured(*(np.array(part) for part in parts))
+    return UncertainArray(*(np.array(part) for part in parts))

@@ -1,8 +1,8 @@
 """Campaign of rounds until the time is up, stored in a file and resumed from there.
 
-`Work` is the contract of a campaign's task, whether it checks states, functions or motions; it
-turns a `Round` into a `Result`. A `Population` holds the cases with the highest scores (observed /
-allowed) of each claim and formulation, from which the next rounds climb.
+`CampaignPlan` is the contract of a campaign's task, whether it checks states, functions or motions;
+it turns a `Round` into a `RoundResult`. A `Population` holds the cases with the highest scores
+(observed / allowed) of each claim and formulation, from which the next rounds climb.
 
 Rounds come in generations, one round a structure. A round climbs from the population of its
 structure in earlier generations, so that the number and order of workers make no difference. Only
@@ -24,10 +24,16 @@ from eomcheck.claims import Finding
 from eomcheck.claims.finding import Entries, merged
 from eomcheck.deprecated import current
 from eomcheck.errors import InputError
-from eomcheck.lab.fuzzing.cases import Case, Stratum
-from eomcheck.lab.fuzzing.failures import Find, case_of, cause_of, diagnosis_of, parameters_of
+from eomcheck.lab.fuzzing.cases import FuzzCase, StructuralVariant
+from eomcheck.lab.fuzzing.failures import (
+    FailureRecord,
+    cause_of,
+    diagnosis_of,
+    fuzz_case,
+    parameters_of,
+)
 from eomcheck.lab.fuzzing.screening import Key
-from eomcheck.lab.store.parallel_map import spread
+from eomcheck.lab.store.parallel_map import parallel_map
 from eomcheck.lab.store.record_file import Record, Records
 from eomcheck.mechanics.records import State
 from eomcheck.numbers.generic import Array
@@ -35,11 +41,11 @@ from eomcheck.safe_output import counted
 
 # ---- Tasks and rounds ----------------------------------------------------------------------------
 
-KEPT = 6
+CASES_PER_KEY = 6
 """Cases kept of each claim and formulation, to climb from."""
 
 
-class Work(Protocol):
+class CampaignPlan(Protocol):
     """What all rounds of a campaign have in common, whatever they look at."""
 
     @property
@@ -67,11 +73,13 @@ class Work(Protocol):
         """What decides what rounds come to, plain."""
         ...
 
-    def run(self, given: Round) -> Result:
+    def run(self, given: Round) -> RoundResult:
         """Return what a round comes to, the same wherever it is run."""
         ...
 
-    def find(self, failed: Finding, name: str, known: Sequence[Find] | None = None) -> Find:
+    def find(
+        self, failed: Finding, name: str, known: Sequence[FailureRecord] | None = None
+    ) -> FailureRecord:
         """Return a failure ready to be kept.
 
         Args:
@@ -82,14 +90,14 @@ class Work(Protocol):
         ...
 
 
-class Candidate(NamedTuple):
+class ScoredCase(NamedTuple):
     """A case to climb from, and how high it is."""
 
     height: float
-    case: Case
+    case: FuzzCase
 
 
-Population = dict[Key, list[Candidate]]
+Population = dict[Key, list[ScoredCase]]
 """By claim and formulation, the highest cases, highest first."""
 
 
@@ -97,7 +105,7 @@ class Round(NamedTuple):
     """What is to be done: a number, which with the seed decides all draws, and where to start."""
 
     number: int
-    stratum: Stratum
+    stratum: StructuralVariant
     population: Population
 
     @property
@@ -107,7 +115,7 @@ class Round(NamedTuple):
 
 
 @dataclass
-class Result:
+class RoundResult:
     """What a round came to.
 
     Attributes:
@@ -115,7 +123,7 @@ class Result:
         stratum: its structure.
         population: where to climb from next.
         counts: states by family, and by how they were looked at; verdicts in lanes.
-        failed: findings that failed, by `eomcheck.check`.
+        failed: findings that failed, by `eomcheck.check_state`.
         lost: claims that lanes could not look at, and why.
         open: claims and subjects of functions that were not decided at a state, and why.
         entries: of claims and subjects of functions, which entries were resolved and hidden.
@@ -124,7 +132,7 @@ class Result:
     """
 
     number: int
-    stratum: Stratum
+    stratum: StructuralVariant
     population: Population
     counts: Counter[str] = field(default_factory=Counter)
     failed: list[Finding] = field(default_factory=list)
@@ -141,7 +149,7 @@ class Result:
 
 
 @contextmanager
-def timed(result: Result) -> Iterator[Result]:
+def record_time(result: RoundResult) -> Iterator[RoundResult]:
     """Note how long a round takes."""
     start, cpu = time.perf_counter(), time.process_time()
     yield result
@@ -149,22 +157,24 @@ def timed(result: Result) -> Iterator[Result]:
     result.cpu_seconds = time.process_time() - cpu
 
 
-def generator(plan: Work, given: Round) -> np.random.Generator:
+def generator(plan: CampaignPlan, given: Round) -> np.random.Generator:
     """Return what a round draws from."""
     return np.random.default_rng([abs(plan.seed), int(plan.seed < 0), given.number])
 
 
-def raise_population(
+def update_population(
     population: Population, heights_of: dict[Key, Array], cases: Sequence[Any]
 ) -> None:
-    """Take the highest cases into a population, by their heights (L,); of a key `KEPT` are left."""
+    """Take the highest cases into a population, by their heights (L,); of a key `CASES_PER_KEY`
+    are left.
+    """
     for key, heights in heights_of.items():
         best = population.setdefault(key, [])
-        for i in np.argsort(-heights, kind="stable")[:KEPT]:
+        for i in np.argsort(-heights, kind="stable")[:CASES_PER_KEY]:
             if heights[i] > 0:
-                best.append(Candidate(float(heights[i]), cases[i]))
+                best.append(ScoredCase(float(heights[i]), cases[i]))
         best.sort(key=lambda one: -one.height)
-        del best[KEPT:]
+        del best[CASES_PER_KEY:]
         if not best:
             del population[key]
 
@@ -200,14 +210,14 @@ class Campaign:
         resumed: number of states that were looked at before.
     """
 
-    plan: Work
+    plan: CampaignPlan
     name: str
-    strata: Sequence[Stratum]
+    strata: Sequence[StructuralVariant]
     records: Records | None = None
     counts: Counter[str] = field(default_factory=Counter)
     by_stratum: Counter[str] = field(default_factory=Counter)
-    worst: dict[Key, Candidate] = field(default_factory=dict)
-    finds: dict[tuple[str, ...], Find] = field(default_factory=dict)
+    worst: dict[Key, ScoredCase] = field(default_factory=dict)
+    finds: dict[tuple[str, ...], FailureRecord] = field(default_factory=dict)
     failures: Counter[tuple[str, str]] = field(default_factory=Counter)
     lost: dict[str, str] = field(default_factory=dict)
     open: dict[str, str] = field(default_factory=dict)
@@ -216,7 +226,7 @@ class Campaign:
     cpu_seconds: float = 0.0
     rounds: int = 0
     resumed: int = 0
-    _populations: dict[Stratum, Population] = field(default_factory=dict)
+    _populations: dict[StructuralVariant, Population] = field(default_factory=dict)
     _done: set[int] = field(default_factory=set)
 
     def __post_init__(self):
@@ -275,12 +285,12 @@ class Campaign:
 
     def _results(
         self, rounds: list[Round], executor: str | None, over: Callable[[], bool]
-    ) -> Iterator[Result]:
+    ) -> Iterator[RoundResult]:
         work = self.plan.run
         if executor is None:
             yield from (work(one) for one in rounds if not over())
             return
-        for _, result in spread(executor, work, rounds):
+        for _, result in parallel_map(executor, work, rounds):
             yield result
 
     def _generation(self) -> list[Round]:
@@ -298,7 +308,7 @@ class Campaign:
 
     # ---- What rounds found -----------------------------------------------------------------------
 
-    def _take(self, result: Result, late: Callable[[], bool]) -> None:
+    def _take(self, result: RoundResult, late: Callable[[], bool]) -> None:
         self._done.add(result.number)
         self._populations[result.stratum] = result.population
         self._add(result.stratum.name, result.counts, result.seconds, result.cpu_seconds)
@@ -326,7 +336,7 @@ class Campaign:
         for about, each in entries.items():
             self.entries[about] = merged([*self.entries.get(about, ()), *each])
 
-    def _found(self, failed: Finding, late: Callable[[], bool]) -> Find | None:
+    def _found(self, failed: Finding, late: Callable[[], bool]) -> FailureRecord | None:
         """Return the find that a failure is, made small; None if one of this cause is known.
 
         When the time is up it is kept as it is: of a wrong scene everything fails.
@@ -351,7 +361,7 @@ class Campaign:
         strata = [one.name for one in self.strata]
         return {"scene": self.name, "strata": strata} | self.plan.settings
 
-    def _keep(self, records: Records, result: Result, new: Sequence[Find]) -> None:
+    def _keep(self, records: Records, result: RoundResult, new: Sequence[FailureRecord]) -> None:
         here = self.settings
         for find in new:
             told = here | {"cause": list(find.key)}
@@ -406,12 +416,12 @@ class Campaign:
         for record in records.all(POPULATION, **here):
             population: Population = {}
             for claim, f, height, parameters, q, v, t in record.series["best"]:
-                case = case_of(self.plan.kind, parameters, q, v, t)
-                population.setdefault((claim, f), []).append(Candidate(height, case))
+                case = fuzz_case(self.plan.kind, parameters, q, v, t)
+                population.setdefault((claim, f), []).append(ScoredCase(height, case))
             self._populations[by_name[record.settings["stratum"]]] = population
             self._raise(population)
         for record in records.all(FIND, **here):
-            find = Find(**record.series["find"][0])
+            find = FailureRecord(**record.series["find"][0])
             self.finds[find.key] = find
         self.resumed = self.states
 

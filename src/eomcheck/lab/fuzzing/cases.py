@@ -1,10 +1,10 @@
 """Cases (a scene and a state): drawn at random by structure and family, and changed.
 
-A `Stratum` is a structure of a scene class: its number of links and its optional terms; of random
-scene classes it is a `Topology`. A family is what numbers are drawn from: ordinary ranges, or
-hostile in one of several ways (magnitudes of 16 decades, numbers next to special ones, extreme
-speeds). Velocities are projected onto the constraints, a batch of states at once. Changed cases,
-for hill climbing, differ from others in a few numbers.
+A `StructuralVariant` is a structure of a scene class: its number of links and its optional terms;
+of random scene classes it is a `TopologyVariant`. A family is what numbers are drawn from: ordinary
+ranges, or hostile in one of several ways (magnitudes of 16 decades, numbers next to special ones,
+extreme speeds). Velocities are projected onto the constraints, a batch of states at once. Changed
+cases, for hill climbing, differ from others in a few numbers.
 
 Numbers come from NumPy's generator, so that a seed draws the same on any machine.
 """
@@ -20,15 +20,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.claims.pairwise_design import ABSENT, ATTEMPTS, value_of, ways_of
-from eomcheck.descriptions.random_mechanisms import CONSTRAINTS, Random
+from eomcheck.claims.pairwise_design import ABSENT, ATTEMPTS, levels_of_range, sample_level
+from eomcheck.descriptions.random_mechanisms import CONSTRAINTS, RandomScene
 from eomcheck.descriptions.random_trees import ROOT, SPACE
 from eomcheck.errors import EomcheckError, InputError, RefusedError
 from eomcheck.evaluation.batched_evaluation import LaneEvaluation
-from eomcheck.evaluation.dynamics import check_consistent, closed_position, consistent_velocity
+from eomcheck.evaluation.dynamics import assembled_position, check_consistent, consistent_velocity
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import allowed_error
-from eomcheck.mechanics.random_source import FromGenerator
+from eomcheck.mechanics.random_source import GeneratorChoices
 from eomcheck.mechanics.records import Range, State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
@@ -38,7 +38,7 @@ from eomcheck.strategies.state_strategies import CURVATURE, angles_of, state_ran
 
 # ---- Families ------------------------------------------------------------------------------------
 
-Case = tuple[Scene, State]
+FuzzCase = tuple[Scene, State]
 
 ORDINARY, WIDE, SPECIAL, FAST = "ordinary", "wide", "special", "fast"
 FAMILIES = ORDINARY, WIDE, SPECIAL, FAST
@@ -59,7 +59,7 @@ MOST_STRUCTURES = 16
 """Structures of one number of links at most: with all optional parameters there, or not."""
 
 
-class Stratum(NamedTuple):
+class StructuralVariant(NamedTuple):
     """A structure: what decides which terms there are, and of which size."""
 
     links: int | None
@@ -73,15 +73,15 @@ class Stratum(NamedTuple):
         return ", ".join(part for part in (size, without) if part) or "all terms"
 
 
-def strata_of(kind: type[Scene], links: Iterable[int]) -> list[Stratum]:
+def structural_variants(kind: type[Scene], links: Iterable[int]) -> list[StructuralVariant]:
     """Return the structures of a kind of scene with numbers of links, if it has such."""
-    found: list[Stratum] = []
+    found: list[StructuralVariant] = []
     for count in links if kind.has_links else (None,):
         ranges = kind.ranges(count)
         optional = [name for name, one in ranges.items() if one.optional and 0 not in one.shape]
         for there in list(product((True, False), repeat=len(optional)))[:MOST_STRUCTURES]:
             absent = (name for name, is_there in zip(optional, there, strict=True) if not is_there)
-            found.append(Stratum(count, tuple(absent)))
+            found.append(StructuralVariant(count, tuple(absent)))
     return found
 
 
@@ -94,7 +94,7 @@ TOGETHER = ("mass",), ("moments", "products"), ("stiffness",), ("damping",), ("a
 """Parameters that are of all magnitudes in `WIDE` cases; those of a group by one factor a body."""
 
 
-class Topology(NamedTuple):
+class TopologyVariant(NamedTuple):
     """In which ways scenes of a random kind hang together; a stratum of theirs.
 
     Attributes:
@@ -111,35 +111,35 @@ class Topology(NamedTuple):
         return ", ".join([f"{self.links} links", *(way for _, way in self.ways)])
 
 
-def strata_of_any(kind: type[Scene], links: Iterable[int]) -> list[Any]:
+def variants_of(kind: type[Scene], links: Iterable[int]) -> list[Any]:
     """Return the strata of a kind of scene; of a random one they are topologies.
 
     Trees are told apart by the space and the joint at the root, mechanisms by their constraint.
     """
-    if not issubclass(kind, Random):
-        return list(strata_of(kind, links))
-    found: dict[Topology, None] = {}
+    if not issubclass(kind, RandomScene):
+        return list(structural_variants(kind, links))
+    found: dict[TopologyVariant, None] = {}
     for count in links:
         for entry in kind.topologies(count):
             if CONSTRAINTS in entry:
                 each = [((CONSTRAINTS, way),) for way in entry[CONSTRAINTS]]
             else:
                 each = [((SPACE, entry[SPACE][0]), (ROOT, entry[ROOT][0]))]
-            found |= dict.fromkeys(Topology(count, ways) for ways in each)
+            found |= dict.fromkeys(TopologyVariant(count, ways) for ways in each)
     return list(found)
 
 
-def structure_drawn(
-    kind: type[Scene], stratum: Stratum | Topology, random: np.random.Generator
+def draw_structure_kind(
+    kind: type[Scene], stratum: StructuralVariant | TopologyVariant, random: np.random.Generator
 ) -> type[Scene]:
     """Return a kind whose scenes are of one structure of a stratum; itself where there is one.
 
     Raises:
         InputError: none of those that were tried fits together.
     """
-    if isinstance(stratum, Stratum):
+    if isinstance(stratum, StructuralVariant):
         return kind
-    choices, asked = FromGenerator(random), dict(stratum.ways)
+    choices, asked = GeneratorChoices(random), dict(stratum.ways)
     entries = [
         entry
         for entry in kind.topologies(stratum.links)
@@ -181,8 +181,8 @@ def varied(scene: Any, family: str, random: np.random.Generator) -> Any:
 ACROSS = math.pi / 2
 
 
-def drawn_scene(
-    kind: type[Scene], stratum: Stratum, family: str, random: np.random.Generator
+def draw_scene_of(
+    kind: type[Scene], stratum: StructuralVariant, family: str, random: np.random.Generator
 ) -> Scene:
     """Return a scene of a structure.
 
@@ -198,12 +198,12 @@ def drawn_scene(
 
 
 def _parameter(
-    name: str, one: Range, stratum: Stratum, family: str, random: np.random.Generator
+    name: str, one: Range, stratum: StructuralVariant, family: str, random: np.random.Generator
 ) -> Any:
     if name in stratum.absent:
         return None
-    ways = [way for way in ways_of(one) if way != ABSENT] or [ABSENT]
-    value = value_of(one, str(random.choice(ways)), random)
+    ways = [way for way in levels_of_range(one) if way != ABSENT] or [ABSENT]
+    value = sample_level(one, str(random.choice(ways)), random)
     if value is None or np.size(value) == 0 or family in (ORDINARY, FAST):
         return value
     if one.low >= 0 and (family == WIDE or (family == SPECIAL and random.random() < 0.5)):
@@ -250,7 +250,7 @@ SAFE = 1 / 4
 
 def consistent(
     scenes: Sequence[Scene], states: Sequence[State], velocities: Callable[[LaneEvaluation], Array]
-) -> tuple[list[Case], list[int]]:
+) -> tuple[list[FuzzCase], list[int]]:
     """Return cases with velocities that keep the constraints, and which they are of those given.
 
     Args:
@@ -357,7 +357,7 @@ def _mended(scene: Scene, state: State, v: Array) -> bool:
 # ---- Random cases --------------------------------------------------------------------------------
 
 
-def drawn_position(
+def draw_position(
     scene: Scene, family: str, random: np.random.Generator
 ) -> tuple[Array, Array, float]:
     """Return (q (n,), components of v (p,), t).
@@ -384,29 +384,29 @@ def drawn_position(
     elif random.random() < 1 / 16:
         c = np.zeros(c.shape)
     t = float(random.uniform(time.low, time.high))
-    return closed_position(scene, q, t), c, t
+    return assembled_position(scene, q, t), c, t
 
 
-def drawn(
+def draw_cases(
     kind: type[Scene],
-    stratum: Stratum,
+    stratum: StructuralVariant,
     families: Sequence[str],
     count: int,
     random: np.random.Generator,
-) -> tuple[list[Case], list[str]]:
+) -> tuple[list[FuzzCase], list[str]]:
     """Return up to `count` cases of a structure and the family of each, evenly of all families."""
-    return drawn_of(
-        lambda family: drawn_scene(kind, stratum, family, random), families, count, random
+    return draw_cases_with(
+        lambda family: draw_scene_of(kind, stratum, family, random), families, count, random
     )
 
 
-def drawn_of(
+def draw_cases_with(
     make: Callable[[str], Scene],
     families: Sequence[str],
     count: int,
     random: np.random.Generator,
-) -> tuple[list[Case], list[str]]:
-    """Return cases as `drawn` does, of scenes that `make` makes of the name of a family.
+) -> tuple[list[FuzzCase], list[str]]:
+    """Return cases as `draw_cases` does, of scenes that `make` makes of the name of a family.
 
     None where none of the first `ATTEMPTS` could be closed.
     """
@@ -416,7 +416,7 @@ def drawn_of(
         family = families[i % len(families)]
         try:
             scene = make(family)
-            q, c, t = drawn_position(scene, family, random)
+            q, c, t = draw_position(scene, family, random)
         except EomcheckError:
             if not scenes and i >= ATTEMPTS:
                 break
@@ -448,10 +448,10 @@ Changed = tuple[Scene, Array, Array]
 
 
 def mutated(
-    parents: Sequence[tuple[Case, Case]],
+    parents: Sequence[tuple[FuzzCase, FuzzCase]],
     random: np.random.Generator,
     tamed: Callable[[Changed], Changed] = lambda one: one,
-) -> tuple[list[Case], list[int]]:
+) -> tuple[list[FuzzCase], list[int]]:
     """Return cases near the first of each pair, all of one structure, and which they are.
 
     Args:
@@ -463,7 +463,7 @@ def mutated(
     for i, (case, other) in enumerate(parents):
         try:
             scene, q, v = tamed(_changed(case, other, random))
-            q = closed_position(scene, q, case[1].t)
+            q = assembled_position(scene, q, case[1].t)
         except EomcheckError:
             continue  # no such scene, or no such position
         scenes.append(scene)
@@ -474,7 +474,7 @@ def mutated(
     return cases, [places[i] for i in kept]
 
 
-def _changed(case: Case, other: Case, random: np.random.Generator) -> Changed:
+def _changed(case: FuzzCase, other: FuzzCase, random: np.random.Generator) -> Changed:
     scene, (q, v, _) = case
     ranges = type(scene).ranges(getattr(scene, "links", None) if scene.has_links else None)
     values = {name: getattr(scene, name) for name in ranges}

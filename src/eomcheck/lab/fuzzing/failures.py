@@ -1,6 +1,6 @@
 """Failing cases, shrunk, deduplicated by cause and stored for replay.
 
-A `Find` is a state at which a claim fails, as plain data: the scene's parameters, or the
+A `FailureRecord` is a state at which a claim fails, as plain data: the scene's parameters, or the
 description of a random scene; the state; the claim; and the part at fault. A file (the corpus)
 keeps one of each cause. A failure is shrunk by hypothesis, then each of its numbers is tried at 0,
 at 1 and with fewer digits.
@@ -20,32 +20,37 @@ import numpy as np
 from eomcheck.atomic_write import locked, read_text, write_text
 from eomcheck.claims import CLAIMS, Finding
 from eomcheck.claims.finding import EVERY_ROW
-from eomcheck.claims.reproducer import python_of
-from eomcheck.claims.run import Selection, no_larger, smallest_failure
-from eomcheck.class_lookup import value_of
+from eomcheck.claims.reproducer import reproducer_code
+from eomcheck.claims.run import RunSelection, no_larger, smallest_failure
+from eomcheck.class_lookup import object_named
 from eomcheck.descriptions.elements import Constraint, Joint, Link
-from eomcheck.descriptions.random_elements import Description
-from eomcheck.descriptions.random_mechanisms import Random
+from eomcheck.descriptions.random_elements import RandomDescription
+from eomcheck.descriptions.random_mechanisms import RandomScene
 from eomcheck.descriptions.robot_files import is_robot
 from eomcheck.errors import EomcheckError, InputError, message_of
 from eomcheck.evaluation.dynamics import consistent_velocity
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.fuzzing.cases import Case
+from eomcheck.lab.fuzzing.cases import FuzzCase
 from eomcheck.lab.fuzzing.motion_comparison import MotionFinding, python_of_motion
-from eomcheck.lab.fuzzing.triage import Fault, about, failures, fault_of
+from eomcheck.lab.fuzzing.triage import (
+    Diagnosis,
+    diagnose_failure,
+    failed_findings,
+    formulations_about,
+)
 from eomcheck.mechanics.parameters import settable
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene, finite_array
 from eomcheck.numbers.generic import Array
-from eomcheck.scene_lookup import kinds_of
+from eomcheck.scene_lookup import scene_classes_named
 from eomcheck.scenes import SCENES
-from eomcheck.testing.equations_of_motion import Functions
+from eomcheck.testing.equations_of_motion import EquationsOfMotion
 
 # ---- Scenes as plain data ------------------------------------------------------------------------
 
 
-def plain_random(scene: Random) -> dict[str, Any]:
+def plain_random(scene: RandomScene) -> dict[str, Any]:
     """Return the description of a random scene as lists, and the parameters that were changed."""
     usual: Any = type(scene)()
     found: dict[str, Any] = {"description": _listed(scene.made.description)}
@@ -56,7 +61,7 @@ def plain_random(scene: Random) -> dict[str, Any]:
     return found
 
 
-def random_of(kind: type[Random], plain: dict[str, Any]) -> Random:
+def random_of(kind: type[RandomScene], plain: dict[str, Any]) -> RandomScene:
     """Return the scene that `plain_random` wrote down.
 
     Raises:
@@ -65,7 +70,7 @@ def random_of(kind: type[Random], plain: dict[str, Any]) -> Random:
     given = dict(plain)
     try:
         links, joints, constraints, gravity, first, pose = _tupled(given.pop("description"))
-        description = Description(
+        description = RandomDescription(
             tuple(Link(*one) for one in links),
             tuple(Joint(*one) for one in joints),
             tuple(Constraint(*one) for one in constraints),
@@ -87,18 +92,18 @@ def _tupled(x: Any) -> Any:
     return tuple(_tupled(one) for one in x) if isinstance(x, list) else x
 
 
-def case_of(
+def fuzz_case(
     kind: Any, parameters: dict[str, Any], q: Sequence[float], v: Sequence[float], t: float
-) -> Case:
+) -> FuzzCase:
     """Return the scene that `parameters_of` is of, or functions, in a state.
 
     Raises:
         InputError: the scene has no such parameters or refuses them, or it has no such state.
     """
-    if isinstance(kind, Functions):
+    if isinstance(kind, EquationsOfMotion):
         scene: Any = kind
         return scene, State(finite_array("q", q, (kind.n,)), finite_array("v", v, (kind.p,)), t)
-    if issubclass(kind, Random):
+    if issubclass(kind, RandomScene):
         scene = random_of(kind, parameters)
     else:
         try:
@@ -112,8 +117,9 @@ def case_of(
 
 
 @lru_cache(16)
-def functions_named(name: str) -> Functions | None:
-    """Return the `eomcheck.testing.Functions` that a name stands for, None if it is a scene's.
+def functions_named(name: str) -> EquationsOfMotion | None:
+    """Return the `eomcheck.testing.EquationsOfMotion` that a name stands for, None if it is a
+    scene's.
 
     Args:
         name: path/to/file.py:NAME or package.module:NAME.
@@ -121,8 +127,8 @@ def functions_named(name: str) -> Functions | None:
     Raises:
         InputError: no such file or module, or it cannot be run.
     """
-    found = None if is_robot(name) else value_of(name)
-    return found if isinstance(found, Functions) else None
+    found = None if is_robot(name) else object_named(name)
+    return found if isinstance(found, EquationsOfMotion) else None
 
 
 def parameters_of(scene: Any) -> dict[str, Any]:
@@ -130,14 +136,14 @@ def parameters_of(scene: Any) -> dict[str, Any]:
 
     Of a random one that is its description, and what of it was changed.
     """
-    if isinstance(scene, Random):
+    if isinstance(scene, RandomScene):
         return plain_random(scene)
-    return {} if isinstance(scene, Functions) else numbers_of(scene)
+    return {} if isinstance(scene, EquationsOfMotion) else sampled_parameters(scene)
 
 
-def numbers_of(scene: Any) -> dict[str, Any]:
+def sampled_parameters(scene: Any) -> dict[str, Any]:
     """Return the arguments of a scene that are drawn, by name, plain; functions have none."""
-    if isinstance(scene, Functions):
+    if isinstance(scene, EquationsOfMotion):
         return {}
     links = getattr(scene, "links", None) if scene.has_links else None
     values = {name: getattr(scene, name) for name in type(scene).ranges(links)}
@@ -151,7 +157,7 @@ FUNCTIONS = "functions"
 
 
 @dataclass(frozen=True)
-class Find:
+class FailureRecord:
     """A state at which a claim fails, ready to be kept.
 
     Attributes:
@@ -192,29 +198,29 @@ class Find:
         return self.scene, self.claim, " ".join(cause_of(self)), self.whose, diagnosis_of(self)
 
     @property
-    def case(self) -> Case:
+    def case(self) -> FuzzCase:
         """The scene and its state.
 
         Raises:
             EomcheckError: there is no such scene.
         """
         functions = functions_named(self.scene)
-        kind = kinds_of(self.scene)[0] if functions is None else functions
-        return case_of(kind, self.parameters, self.q, self.v, self.t)
+        kind = scene_classes_named(self.scene)[0] if functions is None else functions
+        return fuzz_case(kind, self.parameters, self.q, self.v, self.t)
 
     @property
     def python(self) -> str:
         """Python code that shows it again."""
         if self.t_end:
             return python_of_motion(*self.case, self.t_end, self.subject)
-        return python_of(*self.case)
+        return reproducer_code(*self.case)
 
     def __str__(self) -> str:
         how = f"observed {self.observed:.3g}, allowed {self.allowed:.3g}"
         return f"{self.claim}, {self.subject}: {how}; {self.whose} ({self.evidence})"
 
 
-def cause_of(one: Find | Finding) -> list[str]:
+def cause_of(one: FailureRecord | Finding) -> list[str]:
     """Return the words of a subject that tell causes apart: formulations, or the engine alone."""
     words = one.subject.replace("~", " ").replace(":", " ").split()
     if one.claim in CLAIMS and CLAIMS[one.claim].asks:
@@ -222,25 +228,25 @@ def cause_of(one: Find | Finding) -> list[str]:
     return sorted(words)
 
 
-def diagnosis_of(one: Find | Finding) -> str:
+def diagnosis_of(one: FailureRecord | Finding) -> str:
     """Diagnosis in a detail that tells causes apart; "" if none, or if it holds numbers."""
     found = one.detail.rpartition(": ")[2] if ": " in one.detail else ""
     found = found.removesuffix(EVERY_ROW)  # in all that do not vanish in this state
     return "" if any(c.isdigit() for c in found) else found
 
 
-def find_of(finding: Finding, name: str, fault: Fault | None = None) -> Find:
+def failure_record(finding: Finding, name: str, fault: Diagnosis | None = None) -> FailureRecord:
     """Return what to keep of a failure.
 
     Args:
         finding: the failure.
         name: of the kind of scene.
-        fault: whose fault it is, by default what `fault_of` says.
+        fault: whose fault it is, by default what `diagnose_failure` says.
     """
     scene, state = finding.scene, finding.state
     assert state is not None
-    fault = fault_of(finding) if fault is None else fault
-    return Find(
+    fault = diagnose_failure(finding) if fault is None else fault
+    return FailureRecord(
         name,
         parameters_of(scene),
         state.q.tolist(),
@@ -257,7 +263,7 @@ def find_of(finding: Finding, name: str, fault: Fault | None = None) -> Find:
     )
 
 
-def name_of(kind: type[Scene], asked: str) -> str:
+def lookup_name(kind: type[Scene], asked: str) -> str:
     """Return the name under which a kind of scene is found again: its key, or what was asked."""
     return kind.key if SCENES.get(kind.key) is kind else asked
 
@@ -265,7 +271,7 @@ def name_of(kind: type[Scene], asked: str) -> str:
 # ---- The corpus file -----------------------------------------------------------------------------
 
 
-def read_finds(path: Path) -> list[Find]:
+def read_failures(path: Path) -> list[FailureRecord]:
     """Return the finds in a file.
 
     Raises:
@@ -283,10 +289,10 @@ def read_finds(path: Path) -> list[Find]:
 
 
 KINDS = {"float": (int, float), "str": str, "dict[str, Any]": dict, "list[float]": list}
-"""Annotation of a field of `Find` -> what it may be in JSON."""
+"""Annotation of a field of `FailureRecord` -> what it may be in JSON."""
 
 
-def _read(one: Any) -> Find:
+def _read(one: Any) -> FailureRecord:
     """A failure of its row.
 
     Raises:
@@ -294,13 +300,13 @@ def _read(one: Any) -> Find:
     """
     if not isinstance(one, dict):
         raise TypeError(f"{one!r}, expected names and values")
-    if unknown := set(one) - set(Find.__dataclass_fields__):
+    if unknown := set(one) - set(FailureRecord.__dataclass_fields__):
         raise ValueError(f"unknown: {', '.join(sorted(unknown))}")
     for name, value in one.items():
-        kind = KINDS[Find.__annotations__[name]]
+        kind = KINDS[FailureRecord.__annotations__[name]]
         if not isinstance(value, kind) or isinstance(value, bool):
-            raise TypeError(f"{name} = {value!r}, expected {Find.__annotations__[name]}")
-    find = Find(**one)
+            raise TypeError(f"{name} = {value!r}, expected {FailureRecord.__annotations__[name]}")
+    find = FailureRecord(**one)
     for name in ("q", "v"):
         finite_array(name, getattr(find, name), (len(getattr(find, name)),))
     for name in ("t", "t_end"):
@@ -310,16 +316,16 @@ def _read(one: Any) -> Find:
     return find
 
 
-def write_finds(path: Path, finds: Iterable[Find]) -> None:
+def write_failures(path: Path, finds: Iterable[FailureRecord]) -> None:
     """Write finds into a file, those of one cause once."""
     kept = [
         {k: x for k, x in asdict(one).items() if x != "" and not (k == "t_end" and x == 0.0)}
-        for one in told_apart(finds)
+        for one in first_of_each_cause(finds)
     ]
     write_text(path, "[\n" + ",\n".join(json.dumps(one) for one in kept) + "\n]\n")
 
 
-def add_finds(path: Path, finds: Iterable[Find]) -> None:
+def add_failures(path: Path, finds: Iterable[FailureRecord]) -> None:
     """Add finds to those in a file; two processes that do so at once lose none.
 
     Raises:
@@ -327,12 +333,12 @@ def add_finds(path: Path, finds: Iterable[Find]) -> None:
         UnwrittenError: it cannot be written.
     """
     with locked(path):
-        write_finds(path, [*read_finds(path), *finds])
+        write_failures(path, [*read_failures(path), *finds])
 
 
-def told_apart(finds: Iterable[Find]) -> list[Find]:
+def first_of_each_cause(finds: Iterable[FailureRecord]) -> list[FailureRecord]:
     """Return the first find of each cause."""
-    found: dict[Any, Find] = {}
+    found: dict[Any, FailureRecord] = {}
     for i, one in enumerate(finds):
         found.setdefault(one.key if one.claim else i, one)
     return list(found.values())
@@ -346,7 +352,9 @@ MOST_TRIES = 150
 F = TypeVar("F", bound=Finding)
 
 
-def rounded(finding: F, look: Callable[[Case], Sequence[F]], most: int = MOST_TRIES) -> F:
+def simplify_numbers(
+    finding: F, look: Callable[[FuzzCase], Sequence[F]], most: int = MOST_TRIES
+) -> F:
     """Return a failure about the same subject, with rounder numbers.
 
     Args:
@@ -390,12 +398,14 @@ class _Part:
 def _parts(finding: Finding) -> list[_Part]:
     scene, state = finding.scene, finding.state
     assert state is not None
-    found = [_Part(name, np.ravel(x)) for name, x in numbers_of(scene).items() if x is not None]
+    found = [
+        _Part(name, np.ravel(x)) for name, x in sampled_parameters(scene).items() if x is not None
+    ]
     return [*found, _Part("q", state.q), _Part("v", state.v)]
 
 
 def _tried(
-    finding: F, part: _Part, i: int, y: float, look: Callable[[Case], Sequence[F]]
+    finding: F, part: _Part, i: int, y: float, look: Callable[[FuzzCase], Sequence[F]]
 ) -> F | None:
     """Return the failure with one number replaced, None where it does not fail there."""
     scene, state = finding.scene, finding.state
@@ -406,7 +416,7 @@ def _tried(
         if part.name in ("q", "v"):
             state = state._replace(**{part.name: values})
         else:
-            given = numbers_of(scene)
+            given = sampled_parameters(scene)
             given[part.name] = values.reshape(np.shape(given[part.name])).tolist()
             scene = type(scene)(**given)
         if isinstance(scene, Scene):
@@ -422,7 +432,7 @@ def _tried(
 # ---- Shrinking -----------------------------------------------------------------------------------
 
 
-def shrunk(finding: Finding, formulations: Sequence[str], seed: int = 0) -> Finding:
+def shrink(finding: Finding, formulations: Sequence[str], seed: int = 0) -> Finding:
     """Return a failure of the same claim about the same formulations, smaller and rounder.
 
     Smaller ones are looked for by hypothesis, then each number is tried at 0, at 1 and with fewer
@@ -430,22 +440,22 @@ def shrunk(finding: Finding, formulations: Sequence[str], seed: int = 0) -> Find
     """
     scene = finding.scene
     assert isinstance(scene, Scene)
-    selection = Selection.of(formulations, [], [finding.claim], scenes=[type(scene)])
+    selection = RunSelection.of(formulations, [], [finding.claim], scenes=[type(scene)])
     if not CLAIMS[finding.claim].asks:
         links = (1, getattr(scene, "links", 1))
         smaller = smallest_failure(finding, no_larger(scene, links), selection, seed)
-        finding = smaller if about(smaller) == about(finding) else finding
+        finding = smaller if formulations_about(smaller) == formulations_about(finding) else finding
 
-        def look(case: Case) -> list[Finding]:
-            return failures(case, [finding.claim], formulations)
+        def look(case: FuzzCase) -> list[Finding]:
+            return failed_findings(case, [finding.claim], formulations)
 
-        finding = rounded(finding, look)
+        finding = simplify_numbers(finding, look)
     return finding
 
 
-def alike(failed: Finding, case: Case, formulations: Sequence[str]) -> list[Finding]:
+def alike(failed: Finding, case: FuzzCase, formulations: Sequence[str]) -> list[Finding]:
     """Return the failures at another case of the same claim, and of the same cause."""
     if CLAIMS[failed.claim].asks:
         return []
-    found = failures(case, [failed.claim], formulations)
+    found = failed_findings(case, [failed.claim], formulations)
     return [one for one in found if cause_of(one) == cause_of(failed)]

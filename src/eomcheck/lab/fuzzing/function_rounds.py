@@ -15,42 +15,48 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.claims import Finding
-from eomcheck.claims.finding import Entries, left_of, listing, merged
+from eomcheck.claims.finding import Entries, merged, never_resolved, unresolved_detail
 from eomcheck.lab.fuzzing.campaign import (
     Population,
-    Result,
     Round,
+    RoundResult,
     generator,
-    raise_population,
-    timed,
+    record_time,
+    update_population,
 )
 from eomcheck.lab.fuzzing.cases import (
     MOST_CHANGES,
     ORDINARY,
     SPECIAL,
-    Case,
+    FuzzCase,
     changed_entries,
     special_number,
 )
-from eomcheck.lab.fuzzing.failures import FUNCTIONS, Find, find_of, functions_named, rounded
+from eomcheck.lab.fuzzing.failures import (
+    FUNCTIONS,
+    FailureRecord,
+    failure_record,
+    functions_named,
+    simplify_numbers,
+)
 from eomcheck.lab.fuzzing.screening import DECIDED, OPEN
-from eomcheck.lab.fuzzing.triage import Fault
+from eomcheck.lab.fuzzing.triage import Diagnosis
 from eomcheck.mechanics.records import State
 from eomcheck.numbers.generic import Array
-from eomcheck.testing.equations_of_motion import Functions
-from eomcheck.testing.function_checks import caveats, functions_at
+from eomcheck.testing.equations_of_motion import EquationsOfMotion
+from eomcheck.testing.function_checks import caveats, check_functions_at
 
 # ---- States --------------------------------------------------------------------------------------
 
 
 @lru_cache(8)
-def limits(functions: Functions) -> tuple[Array, Array]:
+def limits(functions: EquationsOfMotion) -> tuple[Array, Array]:
     """Return the smallest and the largest coordinates and velocities (n + p,)."""
     middle, half = functions.half_ranges()
     return middle - half, middle + half
 
 
-def drawn_state(functions: Functions, family: str, random: np.random.Generator) -> State:
+def drawn_state(functions: EquationsOfMotion, family: str, random: np.random.Generator) -> State:
     """Return a state within the ranges: anywhere, or at or next to special numbers."""
     low, high = limits(functions)
     x, n = random.uniform(low, high), functions.n
@@ -62,8 +68,8 @@ def drawn_state(functions: Functions, family: str, random: np.random.Generator) 
     return _within(functions, x)
 
 
-def climbed_states(
-    functions: Functions, population: Population, count: int, random: np.random.Generator
+def hill_climbed_states(
+    functions: EquationsOfMotion, population: Population, count: int, random: np.random.Generator
 ) -> list[State]:
     """Return states near the highest: of a claim at random one of its states, changed a little."""
     keys, found = sorted(population), []
@@ -84,7 +90,7 @@ def climbed_states(
     return found
 
 
-def _within(functions: Functions, x: Array) -> State:
+def _within(functions: EquationsOfMotion, x: Array) -> State:
     x = np.clip(x, *limits(functions))
     return State(x[: functions.n], x[functions.n :])
 
@@ -122,7 +128,7 @@ class FunctionsPlan(NamedTuple):
     batch: int = STATES
 
     @property
-    def kind(self) -> Functions:
+    def kind(self) -> EquationsOfMotion:
         """The functions."""
         found = functions_named(self.name)
         assert found is not None
@@ -149,16 +155,16 @@ class FunctionsPlan(NamedTuple):
             "batch": self.batch,
         }
 
-    def run(self, given: Round) -> Result:
+    def run(self, given: Round) -> RoundResult:
         """Return what a round comes to."""
         random, functions = generator(self, given), self.kind
         population = {key: list(best) for key, best in given.population.items()}
         families = [self.families[i % len(self.families)] for i in range(self.batch)]
-        with timed(Result(given.number, given.stratum, population)) as result:
+        with record_time(RoundResult(given.number, given.stratum, population)) as result:
             result.counts.update(families)
             self._look(result, [drawn_state(functions, family, random) for family in families])
             if self.climbing and population:
-                higher = climbed_states(functions, population, self.batch, random)
+                higher = hill_climbed_states(functions, population, self.batch, random)
                 result.counts["climbed"] += len(higher)
                 self._look(result, higher)
         return result
@@ -185,17 +191,17 @@ class FunctionsPlan(NamedTuple):
         ]
         for about, each in entries.items():
             # A subject that no state decides has its line already.
-            if counts[DECIDED + about] and (left := left_of(each)):
+            if counts[DECIDED + about] and (left := never_resolved(each)):
                 compared = counts[DECIDED + about] + counts[OPEN + about]
-                lines.append(f"{about} {listing(left, compared)}")
+                lines.append(f"{about} {unresolved_detail(left, compared)}")
         return [*lines, *map(str, caveats(self.kind, self.claims))]
 
-    def _look(self, result: Result, states: Sequence[State]) -> None:
+    def _look(self, result: RoundResult, states: Sequence[State]) -> None:
         functions = self.kind
         heights: dict[tuple[str, str], Array] = {}
         result.counts["states"] += len(states)
         for i, state in enumerate(states):
-            for one in functions_at(functions, state, self.claims):
+            for one in check_functions_at(functions, state, self.claims):
                 result.counts[one.verdict] += 1
                 about = f"{one.claim} [{one.subject}]"
                 result.counts[f"{HOW[one.verdict]}{about}"] += 1
@@ -211,19 +217,21 @@ class FunctionsPlan(NamedTuple):
                     of = heights.setdefault((one.claim, one.subject), np.zeros(len(states)))
                     of[i] = max(of[i], one.ratio)
         cases: list[Any] = [(functions, state) for state in states]
-        raise_population(result.population, heights, cases)
+        update_population(result.population, heights, cases)
 
-    def find(self, failed: Finding, name: str, known: Sequence[Find] | None = None) -> Find:
+    def find(
+        self, failed: Finding, name: str, known: Sequence[FailureRecord] | None = None
+    ) -> FailureRecord:
         """Return a failure ready to be kept, with rounder numbers unless `known` is None."""
         functions, same = self.kind, (failed.claim, failed.subject)
         bounds = limits(functions)
 
-        def look(case: Case) -> list[Finding]:
+        def look(case: FuzzCase) -> list[Finding]:
             x = np.concatenate(case[1][:2])
             if not ((bounds[0] <= x) & (x <= bounds[1])).all():
                 return []
-            found = functions_at(functions, case[1], [failed.claim])
+            found = check_functions_at(functions, case[1], [failed.claim])
             return [x for x in found if x.verdict == "failed" and (x.claim, x.subject) == same]
 
-        small = failed if known is None else rounded(failed, look)
-        return find_of(small, name, Fault(FUNCTIONS, failed.evidence))
+        small = failed if known is None else simplify_numbers(failed, look)
+        return failure_record(small, name, Diagnosis(FUNCTIONS, failed.evidence))

@@ -16,13 +16,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.claims.finding import Finding, Verdict
-from eomcheck.claims.reproducer import beginning_of
+from eomcheck.claims.reproducer import reproducer_header
 from eomcheck.errors import EomcheckError
 from eomcheck.evaluation.batched_evaluation import LaneEvaluation
-from eomcheck.evaluation.dynamics import closed_position
+from eomcheck.evaluation.dynamics import assembled_position
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, C
 from eomcheck.formulations import FORMULATIONS, Formulation
-from eomcheck.lab.fuzzing.cases import Case, consistent
+from eomcheck.lab.fuzzing.cases import FuzzCase, consistent
 from eomcheck.mechanics.parameters import settable
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
@@ -47,7 +47,7 @@ MOST_STEPS = 1000
 """A motion that takes more is not gone on with, and counted."""
 
 
-class Moved(NamedTuple):
+class SimulatedBatch(NamedTuple):
     """Motions of m scenes of one structure, at k times, as one formulation says.
 
     Attributes:
@@ -63,9 +63,9 @@ class Moved(NamedTuple):
     reason: Array
 
 
-def moved(
-    cases: Sequence[Case], key: str, t_end: float, tolerance: float, most: int = MOST_STEPS
-) -> Moved | None:
+def simulate_batch(
+    cases: Sequence[FuzzCase], key: str, t_end: float, tolerance: float, most: int = MOST_STEPS
+) -> SimulatedBatch | None:
     """Return motions by one formulation; None where it refuses the scenes as such.
 
     Args:
@@ -94,10 +94,10 @@ def moved(
     except EomcheckError:
         return None
     y = np.concatenate((found.q, found.v), axis=2)
-    return Moved(y, found.energy, found.status, found.reason)
+    return SimulatedBatch(y, found.energy, found.status, found.reason)
 
 
-def moved_alone(case: Case, key: str, t_end: float, tolerance: float) -> Array | None:
+def simulate_single(case: FuzzCase, key: str, t_end: float, tolerance: float) -> Array | None:
     """Return a motion y (1, k, 2n) by `simulate` and `OTHER`; None where it cannot start."""
     scene, state = case
     times = np.linspace(0.0, t_end, TIMES)
@@ -121,7 +121,7 @@ def moved_alone(case: Case, key: str, t_end: float, tolerance: float) -> Array |
 # ---- Growth of errors ----------------------------------------------------------------------------
 
 
-def starts_nearby(cases: Sequence[Case]) -> tuple[list[Case], list[int]]:
+def perturbed_starts(cases: Sequence[FuzzCase]) -> tuple[list[FuzzCase], list[int]]:
     """Return the cases with states moved by `COARSE`, and which they are of those given.
 
     All are moved alike, so that what a start is moved by does not depend on those beside it.
@@ -132,7 +132,7 @@ def starts_nearby(cases: Sequence[Case]) -> tuple[list[Case], list[int]]:
     away = COARSE * random.choice((-1.0, 1.0), (2, n)) * random.uniform(0.5, 1.0, (2, n))
     for i, (scene, state) in enumerate(cases):
         try:
-            q = closed_position(scene, state.q + away[0] * (1.0 + np.abs(state.q)), 0.0)
+            q = assembled_position(scene, state.q + away[0] * (1.0 + np.abs(state.q)), 0.0)
         except EomcheckError:
             continue  # it cannot be closed there
         scenes.append(scene)
@@ -153,15 +153,18 @@ def grown(difference: Array, scale: Array) -> Array:
     return largest_so_far(np.abs(difference / scale).max(axis=2))
 
 
-def of_moved_starts(
-    cases: Sequence[Case], both: dict[str, tuple[Moved, Moved]], t_end: float, scale: Array
+def growth_from_perturbed_starts(
+    cases: Sequence[FuzzCase],
+    both: dict[str, tuple[SimulatedBatch, SimulatedBatch]],
+    t_end: float,
+    scale: Array,
 ) -> tuple[Array, Array]:
     """Return how far motions are apart (m, k) that begin a little apart, and their energies."""
     apart, energy = (np.full((len(cases), TIMES), np.nan) for _ in range(2))
-    nearby, places = starts_nearby(cases)
+    nearby, places = perturbed_starts(cases)
     # By the formulation that comes furthest: how a motion grows is not a matter of formulation.
     best = max(both, key=lambda key: np.isfinite(both[key][1].y).sum())
-    there = moved(nearby, best, t_end, TIGHT) if nearby else None
+    there = simulate_batch(nearby, best, t_end, TIGHT) if nearby else None
     if there is not None:
         here = both[best][1]
         apart[places] = grown(there.y - here.y[places], scale[places])
@@ -172,7 +175,7 @@ def of_moved_starts(
 # ---- Singular poses ------------------------------------------------------------------------------
 
 
-def crossings(cases: Sequence[Case], y: Array, t_end: float) -> Array:
+def crossings(cases: Sequence[FuzzCase], y: Array, t_end: float) -> Array:
     """Return the number of the first time (m,) behind a pose where a_1 is singular.
 
     The number of times for none. Such a pose was crossed where the sign of the determinant changes
@@ -196,7 +199,7 @@ def crossings(cases: Sequence[Case], y: Array, t_end: float) -> Array:
     return first
 
 
-def branchings(cases: Sequence[Case], y: Array, t_end: float) -> Array:
+def branchings(cases: Sequence[FuzzCase], y: Array, t_end: float) -> Array:
     """Return the number of the first time (m,) behind a pose where a loses rank.
 
     The number of times for none. There a motion has branches, as where all rods of a linkage are in
@@ -223,7 +226,7 @@ def branchings(cases: Sequence[Case], y: Array, t_end: float) -> Array:
     return first
 
 
-def jacobians(cases: Sequence[Case], y: Array, t_end: float) -> tuple[Array, tuple[int, ...]]:
+def jacobians(cases: Sequence[FuzzCase], y: Array, t_end: float) -> tuple[Array, tuple[int, ...]]:
     """Return a (m, k, r, n) on motions y (m, k, 2n), NaN where these are, and what depends."""
     scene, n = cases[0][0], cases[0][0].n
     out = np.full((*y.shape[:2], scene.r, n), np.nan)
@@ -244,7 +247,7 @@ def jacobians(cases: Sequence[Case], y: Array, t_end: float) -> tuple[Array, tup
 # ---- Findings ------------------------------------------------------------------------------------
 
 END_STATES, ENERGY, ALONE = "end-states", "motion-energy", "motion-alone"
-CLAIMS_OF_MOTIONS = {
+MOTION_CLAIMS = {
     END_STATES: "all formulations move a scene alike",
     ENERGY: "T + U stays what it was, where nothing takes or brings energy",
     ALONE: "a motion alone, by another integrator, is what it is beside others",
@@ -254,7 +257,7 @@ CLAIMS_OF_MOTIONS = {
 
 @dataclass(frozen=True)
 class MotionFinding(Finding):
-    """A `Finding` about a motion that starts in its state at t = 0; see `CLAIMS_OF_MOTIONS`.
+    """A `Finding` about a motion that starts in its state at t = 0; see `MOTION_CLAIMS`.
 
     Attributes:
         t_end: where the motion was to end, s.
@@ -277,7 +280,7 @@ class MotionFinding(Finding):
 def python_of_motion(scene: Scene, state: State, t_end: float, key: str) -> str:
     """Return Python code that prints how far motions are from that by the formulation `key`."""
     return (
-        f"from eomcheck.formulations import applicable\n{beginning_of(scene)}"
+        f"from eomcheck.formulations import applicable\n{reproducer_header(scene)}"
         f"options = dict(q0=[{state.q.tolist()}], v0=[{state.v.tolist()}])\n"
         f"options |= dict(rtol={TIGHT}, atol={TIGHT})\n"
         f"one = eomcheck.simulate_many(scene, {key!r}, {t_end!r}, **options)\n"
@@ -292,8 +295,8 @@ def python_of_motion(scene: Scene, state: State, t_end: float, key: str) -> str:
 # ---- Judging -------------------------------------------------------------------------------------
 
 
-def judged_motions(
-    cases: Sequence[Case],
+def judge_motions(
+    cases: Sequence[FuzzCase],
     keys: Sequence[str],
     t_end: float,
     alone: Sequence[tuple[int, str]] = (),
@@ -313,7 +316,8 @@ def judged_motions(
     """
     able = [key for key in keys if FORMULATIONS[key].applies_to(cases[0][0])]
     runs = {
-        key: (moved(cases, key, t_end, COARSE), moved(cases, key, t_end, TIGHT)) for key in able
+        key: (simulate_batch(cases, key, t_end, COARSE), simulate_batch(cases, key, t_end, TIGHT))
+        for key in able
     }
     both = {key: (a, b) for key, (a, b) in runs.items() if a is not None and b is not None}
     if not both:
@@ -322,21 +326,21 @@ def judged_motions(
         return _judged(cases, both, t_end, [one for one in alone if one[1] in both])
 
 
-def failures_of_motion(case: Case, keys: Sequence[str], t_end: float) -> list[MotionFinding]:
-    """Return what fails of one motion; see `judged_motions`."""
+def failures_of_motion(case: FuzzCase, keys: Sequence[str], t_end: float) -> list[MotionFinding]:
+    """Return what fails of one motion; see `judge_motions`."""
     return [one for one in findings_of_motion(case, keys, t_end) if one.verdict == "failed"]
 
 
-def findings_of_motion(case: Case, keys: Sequence[str], t_end: float) -> list[MotionFinding]:
-    """The findings about one motion, alone and beside others; see `judged_motions`."""
+def findings_of_motion(case: FuzzCase, keys: Sequence[str], t_end: float) -> list[MotionFinding]:
+    """The findings about one motion, alone and beside others; see `judge_motions`."""
     able = [key for key in keys if FORMULATIONS[key].applies_to(case[0])]
-    (findings,) = judged_motions([case], keys, t_end, [(0, key) for key in able])
+    (findings,) = judge_motions([case], keys, t_end, [(0, key) for key in able])
     return findings
 
 
 def _judged(
-    cases: Sequence[Case],
-    both: dict[str, tuple[Moved, Moved]],
+    cases: Sequence[FuzzCase],
+    both: dict[str, tuple[SimulatedBatch, SimulatedBatch]],
     t_end: float,
     alone: Sequence[tuple[int, str]],
 ) -> list[list[MotionFinding]]:
@@ -350,7 +354,7 @@ def _judged(
     ).T[:, None, :]
     changes = {key: grown(a.y - b.y, scale) for key, (a, b) in both.items()}
     usual = _median(np.array(list(changes.values())))
-    growth, of_energy = of_moved_starts(cases, both, t_end, scale)
+    growth, of_energy = growth_from_perturbed_starts(cases, both, t_end, scale)
     when = crossings(cases, truth, t_end)
     bounds = {key: C * (changes[key] + usual + growth) for key in both}
     apart = {key: np.abs((b.y - truth) / scale).max(axis=2) for key, (_, b) in both.items()}
@@ -374,20 +378,22 @@ def _judged(
         size = 1.0 + np.abs(b.energy)
         kept = cases[0][0].conserves_energy
         for i in range(m):
-            shown = _at(i, key, cases[i], b, when[i], t_end)
-            found[i].append(_found(END_STATES, shown, apart[key][i], allowed[i], np.ones(TIMES)))
+            shown = _motion_summary(i, key, cases[i], b, when[i], t_end)
+            found[i].append(
+                _worst_finding(END_STATES, shown, apart[key][i], allowed[i], np.ones(TIMES))
+            )
             if kept:
-                found[i].append(_found(ENERGY, shown, gained[i], of_gain[i], size[i]))
+                found[i].append(_worst_finding(ENERGY, shown, gained[i], of_gain[i], size[i]))
     for i, key in alone:
-        a, b = (moved_alone(cases[i], key, t_end, x) for x in (COARSE, TIGHT))
+        a, b = (simulate_single(cases[i], key, t_end, x) for x in (COARSE, TIGHT))
         if a is None or b is None:
             continue
         behind = (np.arange(TIMES) >= when[i]) & solves_for_some(FORMULATIONS[key])
         own = np.where(behind, 0.0, grown(a - b, scale[[i]])[0])
         allowed = np.minimum(unknown[i], C * (own + usual[i] + growth[i]))
         observed = np.abs((b - truth[[i]]) / scale[[i]]).max(axis=2)[0]
-        shown = _at(i, key, cases[i], both[key][1], when[i], t_end)
-        found[i].append(_found(ALONE, shown, observed, allowed, np.ones(TIMES)))
+        shown = _motion_summary(i, key, cases[i], both[key][1], when[i], t_end)
+        found[i].append(_worst_finding(ALONE, shown, observed, allowed, np.ones(TIMES)))
     return found
 
 
@@ -418,25 +424,27 @@ WRONG = {
 """Id of a claim -> what is wrong where it fails."""
 
 
-class _Shown(NamedTuple):
+class _MotionSummary(NamedTuple):
     key: str
-    case: Case
+    case: FuzzCase
     t_end: float
     crossed: float | None
     ended: str
     reached: bool
 
 
-def _at(i: int, key: str, case: Case, by: Moved, place: int, t_end: float) -> _Shown:
+def _motion_summary(
+    i: int, key: str, case: FuzzCase, by: SimulatedBatch, place: int, t_end: float
+) -> _MotionSummary:
     crossed = t_end * place / (TIMES - 1) if place < TIMES else None
     ended = "stopped" if by.status[i] == "failed" else str(by.status[i])
     ended = "too many steps" if "steps do not reach" in by.reason[i] else ended
     reached = place < TIMES and bool(np.isfinite(by.y[i, place]).all())
-    return _Shown(key, case, t_end, crossed, ended, reached)
+    return _MotionSummary(key, case, t_end, crossed, ended, reached)
 
 
-def _found(
-    claim: str, shown: _Shown, observed: Array, allowed: Array, scale: Array
+def _worst_finding(
+    claim: str, shown: _MotionSummary, observed: Array, allowed: Array, scale: Array
 ) -> MotionFinding:
     """Return the finding of errors (k,): the worst of the times at which they can be judged."""
     told = np.isfinite(observed) & np.isfinite(allowed) & (allowed <= INCONCLUSIVE * scale)

@@ -15,33 +15,39 @@ import numpy as np
 
 from eomcheck.claims import Finding
 from eomcheck.errors import EomcheckError
-from eomcheck.evaluation.dynamics import closed_position
-from eomcheck.lab.fuzzing.campaign import Result, Round, generator, raise_population, timed
+from eomcheck.evaluation.dynamics import assembled_position
+from eomcheck.lab.fuzzing.campaign import (
+    Round,
+    RoundResult,
+    generator,
+    record_time,
+    update_population,
+)
 from eomcheck.lab.fuzzing.cases import (
     ORDINARY,
     SPECIAL,
-    Case,
-    Stratum,
-    Topology,
+    FuzzCase,
+    StructuralVariant,
+    TopologyVariant,
     consistent,
-    drawn,
-    drawn_of,
-    structure_drawn,
+    draw_cases,
+    draw_cases_with,
+    draw_structure_kind,
 )
-from eomcheck.lab.fuzzing.failures import Find, find_of, rounded
+from eomcheck.lab.fuzzing.failures import FailureRecord, failure_record, simplify_numbers
 from eomcheck.lab.fuzzing.motion_comparison import (
     ALONE,
-    CLAIMS_OF_MOTIONS,
     COARSE,
     END_STATES,
+    MOTION_CLAIMS,
     TIMES,
     MotionFinding,
     failures_of_motion,
-    judged_motions,
-    moved,
+    judge_motions,
+    simulate_batch,
 )
-from eomcheck.lab.fuzzing.state_rounds import climbed
-from eomcheck.lab.fuzzing.triage import SILENT, UNKNOWN, Fault
+from eomcheck.lab.fuzzing.state_rounds import hill_climbed
+from eomcheck.lab.fuzzing.triage import SILENT, UNKNOWN, Diagnosis
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
@@ -49,24 +55,24 @@ from eomcheck.numbers.generic import Array
 # ---- Starts --------------------------------------------------------------------------------------
 
 
-def started(
+def draw_starts(
     kind: type[Scene],
-    stratum: Stratum | Topology,
+    stratum: StructuralVariant | TopologyVariant,
     families: Sequence[str],
     count: int,
     random: np.random.Generator,
-) -> tuple[list[Case], list[str]]:
+) -> tuple[list[FuzzCase], list[str]]:
     """Return up to `count` cases of a structure at t = 0, and the family of each."""
-    if isinstance(stratum, Stratum):
-        cases, of = drawn(kind, stratum, families, count, random)
+    if isinstance(stratum, StructuralVariant):
+        cases, of = draw_cases(kind, stratum, families, count, random)
     else:
-        scene = structure_drawn(kind, stratum, random)()
-        cases, of = drawn_of(lambda _: scene, families, count, random)
+        scene = draw_structure_kind(kind, stratum, random)()
+        cases, of = draw_cases_with(lambda _: scene, families, count, random)
     begun, places = at_start(cases)
     return begun, [of[place] for place in places]
 
 
-def at_start(cases: Sequence[Case]) -> tuple[list[Case], list[int]]:
+def at_start(cases: Sequence[FuzzCase]) -> tuple[list[FuzzCase], list[int]]:
     """Cases at t = 0, closed and consistent there, and which they are of those given.
 
     Those that cannot be are left out.
@@ -77,7 +83,7 @@ def at_start(cases: Sequence[Case]) -> tuple[list[Case], list[int]]:
     scenes, states, wished, closed = [], [], [], []
     for i, (scene, state) in enumerate(cases):
         with suppress(EomcheckError):
-            q = closed_position(scene, state.q, 0.0)
+            q = assembled_position(scene, state.q, 0.0)
             scenes.append(scene)
             states.append(State(q, np.zeros(scene.n), 0.0))
             wished.append(state.v)
@@ -95,14 +101,14 @@ AMONG = 4
 """Formulations that are asked while a find is made small, the one to blame among them."""
 
 
-def shrunk_motion(finding: MotionFinding, keys: Sequence[str]) -> MotionFinding:
+def shrink_motion(finding: MotionFinding, keys: Sequence[str]) -> MotionFinding:
     """Return a failure of the same claim by the same formulation: shorter, and rounder."""
     scene, state = finding.scene, finding.state
     assert state is not None
     able = [key for key in keys if key != finding.subject]
     among = [finding.subject, *able[: AMONG - 1]]
 
-    def failed(case: Case, t_end: float) -> list[MotionFinding]:
+    def failed(case: FuzzCase, t_end: float) -> list[MotionFinding]:
         found = failures_of_motion(case, among, t_end)
         same = finding.claim, finding.subject
         return [one for one in found if (one.claim, one.subject) == same]
@@ -110,7 +116,7 @@ def shrunk_motion(finding: MotionFinding, keys: Sequence[str]) -> MotionFinding:
     for shorter in (lambda t: t / 2, lambda t: t / 2, _digits(2), _digits(1)):
         if found := failed((scene, state), shorter(finding.t_end)):
             finding = found[0]
-    small = rounded(finding, lambda case: failed(case, finding.t_end), MOST_TRIES)
+    small = simplify_numbers(finding, lambda case: failed(case, finding.t_end), MOST_TRIES)
     # What fails among a few has to fail among all.
     assert small.state is not None
     all_of = failures_of_motion((small.scene, small.state), keys, small.t_end)
@@ -122,16 +128,16 @@ def _digits(count: int) -> Callable[[float], float]:
     return lambda t: float(f"{t:.{count - 1}e}")
 
 
-def fault_of_motion(finding: MotionFinding, keys: Sequence[str]) -> Fault:
+def diagnose_motion_failure(finding: MotionFinding, keys: Sequence[str]) -> Diagnosis:
     """Return whose fault a failure is: that of a formulation which most others contradict."""
     assert finding.state is not None
     alone = [(0, key) for key in keys] if finding.claim == ALONE else []
-    (found,) = judged_motions([(finding.scene, finding.state)], keys, finding.t_end, alone)
+    (found,) = judge_motions([(finding.scene, finding.state)], keys, finding.t_end, alone)
     others = [x for x in found if x.claim == finding.claim and x.subject != finding.subject]
     right = [x for x in others if x.verdict == "passed"]
     best = max((x.observed for x in right), default=0.0)
     said = f"{len(right)} of {len(others)} others agree to {best:.2g}"
-    return Fault(SILENT if len(right) > len(others) / 2 and len(right) > 1 else UNKNOWN, said)
+    return Diagnosis(SILENT if len(right) > len(others) / 2 and len(right) > 1 else UNKNOWN, said)
 
 
 # ---- Rounds --------------------------------------------------------------------------------------
@@ -181,60 +187,66 @@ class MotionPlan(NamedTuple):
         """What decides what rounds come to, plain."""
         return {
             "seed": self.seed,
-            "claims": list(CLAIMS_OF_MOTIONS),
+            "claims": list(MOTION_CLAIMS),
             "formulations": list(self.formulations),
             "families": list(self.families),
             "climbing": self.climbing,
             "batch": self.batch,
         }
 
-    def run(self, given: Round) -> Result:
+    def run(self, given: Round) -> RoundResult:
         """Return what a round comes to."""
         random = generator(self, given)
         population = {key: list(best) for key, best in given.population.items()}
-        result = Result(given.number, given.stratum, population)
-        with timed(result), np.errstate(all="ignore"):
-            cases, families = started(self.kind, given.stratum, self.families, self.batch, random)
+        result = RoundResult(given.number, given.stratum, population)
+        with record_time(result), np.errstate(all="ignore"):
+            cases, families = draw_starts(
+                self.kind, given.stratum, self.families, self.batch, random
+            )
             result.counts.update(families)
             self._look(result, cases, random)
             # Random scenes of one stratum are of several structures, which do not go together.
-            if self.climbing and population and isinstance(given.stratum, Stratum):
-                higher, _ = at_start(climbed(population, self.batch, random))
+            if self.climbing and population and isinstance(given.stratum, StructuralVariant):
+                higher, _ = at_start(hill_climbed(population, self.batch, random))
                 result.counts["climbed"] += len(higher)
                 self._look(result, higher, random)
         return result
 
-    def _look(self, result: Result, cases: list[Case], random: np.random.Generator) -> None:
+    def _look(
+        self, result: RoundResult, cases: list[FuzzCase], random: np.random.Generator
+    ) -> None:
         t_end = float(np.exp(random.uniform(np.log(SHORTEST), np.log(LONGEST))))
         if not cases:
             return
         t_end = min(t_end, informative(cases, self.formulations))
         one = int(random.integers(len(cases))), str(random.choice(self.formulations))
-        found = judged_motions(cases, self.formulations, t_end, [one])
+        found = judge_motions(cases, self.formulations, t_end, [one])
         result.counts["states"] += len(cases)
         heights: dict[tuple[str, str], Array] = {}
         for i, findings in enumerate(found):
             for one in findings:
                 result.counts[one.verdict] += 1
                 if one.claim == END_STATES:
-                    result.counts.update(told(one))
+                    result.counts.update(motion_counts(one))
                 if one.verdict == "passed":
                     of = heights.setdefault((one.claim, one.subject), np.zeros(len(cases)))
                     of[i] = one.ratio
             result.failed += [one for one in findings if one.verdict == "failed"]
-        raise_population(result.population, heights, cases)
+        update_population(result.population, heights, cases)
 
-    def find(self, failed: Finding, name: str, known: Sequence[Find] | None = None) -> Find:
+    def find(
+        self, failed: Finding, name: str, known: Sequence[FailureRecord] | None = None
+    ) -> FailureRecord:
         """Return a failure ready to be kept, made small unless `known` is None."""
         assert isinstance(failed, MotionFinding)
         small = failed
         with suppress(EomcheckError, np.linalg.LinAlgError):
             if known is not None:
-                small = shrunk_motion(failed, self.formulations)
-        return find_of(small, name, fault_of_motion(small, self.formulations))
+                small = shrink_motion(failed, self.formulations)
+        return failure_record(small, name, diagnose_motion_failure(small, self.formulations))
 
 
-def told(finding: MotionFinding) -> dict[str, int]:
+def motion_counts(finding: MotionFinding) -> dict[str, int]:
     """Return what is counted of a motion by one formulation, beside its verdict."""
     counts = {f"motions {finding.ended}": 1}
     if finding.crossed is not None:
@@ -246,11 +258,11 @@ CROSSED, STOPPED = "crossed: ", "not crossed: "
 """What counts of formulations begin with, of poses in which a_1 is singular."""
 
 
-def informative(cases: Sequence[Case], keys: Sequence[str]) -> float:
+def informative(cases: Sequence[FuzzCase], keys: Sequence[str]) -> float:
     """Return the time, s, that half of some motions come to in `PILOT_STEPS`."""
     times = np.linspace(0.0, LONGEST, TIMES)
     for key in keys:
-        found = moved(cases, key, LONGEST, COARSE, PILOT_STEPS)
+        found = simulate_batch(cases, key, LONGEST, COARSE, PILOT_STEPS)
         if found is None:
             continue
         counts = np.isfinite(found.y).all(axis=2).sum(axis=1)

@@ -13,17 +13,17 @@ from eomcheck.descriptions.robot_files import is_robot
 from eomcheck.engines import ALWAYS, ENGINES
 from eomcheck.errors import EomcheckError, described_error, message_of
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.fuzzing.failures import FUNCTIONS, Find, find_of
-from eomcheck.lab.fuzzing.motion_comparison import CLAIMS_OF_MOTIONS, findings_of_motion
-from eomcheck.lab.fuzzing.triage import Fault, checked, named_in
-from eomcheck.testing.equations_of_motion import Functions
-from eomcheck.testing.function_checks import functions_at
+from eomcheck.lab.fuzzing.failures import FUNCTIONS, FailureRecord, failure_record
+from eomcheck.lab.fuzzing.motion_comparison import MOTION_CLAIMS, findings_of_motion
+from eomcheck.lab.fuzzing.triage import Diagnosis, check_case, keys_in_subject
+from eomcheck.testing.equations_of_motion import EquationsOfMotion
+from eomcheck.testing.function_checks import check_functions_at
 from eomcheck.testing.function_claim import FUNCTION_CLAIMS
 
-Outcome = Literal["failed", "holds", "inconclusive", "not checked"]
+ReplayOutcome = Literal["failed", "holds", "inconclusive", "not checked"]
 
 
-class Replayed(NamedTuple):
+class ReplayResult(NamedTuple):
     """The outcome of a kept failure that is checked again.
 
     Attributes:
@@ -33,17 +33,17 @@ class Replayed(NamedTuple):
         reason: why it was not decided, "" where it was.
     """
 
-    find: Find
-    outcome: Outcome
+    find: FailureRecord
+    outcome: ReplayOutcome
     reason: str = ""
 
 
-def replayed(
-    finds: Iterable[Find],
+def replay_failures(
+    finds: Iterable[FailureRecord],
     formulations: Sequence[str],
     looked_at: Callable[[], None] = lambda: None,
     allowed: Collection[str] | None = None,
-) -> list[Replayed]:
+) -> list[ReplayResult]:
     """Check kept failures again, in their order.
 
     Args:
@@ -71,26 +71,28 @@ def runs_code(name: str) -> tuple[str, str] | None:
     return (str(Path(home).resolve()) if home.endswith(".py") else home), of
 
 
-def _replayed(one: Find, formulations: Sequence[str], allowed: Collection[str] | None) -> Replayed:
+def _replayed(
+    one: FailureRecord, formulations: Sequence[str], allowed: Collection[str] | None
+) -> ReplayResult:
     code = runs_code(one.scene)
     if allowed is not None and code is not None and code not in map(runs_code, allowed):
         reason = f"it runs code of {code[0]}, which is imported with --scene {one.scene} only"
-        return Replayed(one, "not checked", reason)
+        return ReplayResult(one, "not checked", reason)
     try:
         findings, wanted = _findings(one, formulations)
     except EomcheckError as error:
-        return Replayed(one, "not checked", message_of(error))
+        return ReplayResult(one, "not checked", message_of(error))
     except Exception as error:  # of code that the find names
-        return Replayed(one, "not checked", f"raises {described_error(error)}")
+        return ReplayResult(one, "not checked", f"raises {described_error(error)}")
     failed = [x for x in findings if x.verdict == "failed" and wanted(x)]
     if failed:
-        fault = Fault(one.whose, one.evidence) if one.t_end or one.whose == FUNCTIONS else None
-        return Replayed(find_of(failed[0], one.scene, fault), "failed")
+        fault = Diagnosis(one.whose, one.evidence) if one.t_end or one.whose == FUNCTIONS else None
+        return ReplayResult(failure_record(failed[0], one.scene, fault), "failed")
     return _undecided(one, findings, formulations)
 
 
 def _findings(
-    one: Find, formulations: Sequence[str]
+    one: FailureRecord, formulations: Sequence[str]
 ) -> tuple[Sequence[Finding], Callable[[Finding], bool]]:
     """The findings about a kept failure's state, and which of them it fails by."""
     scene, state = one.case
@@ -98,30 +100,32 @@ def _findings(
     def same(finding: Finding) -> bool:
         return finding.claim == one.claim and _sides(finding) == _sides(one)
 
-    if isinstance(scene, Functions):
+    if isinstance(scene, EquationsOfMotion):
         claims = _claims(one, FUNCTION_CLAIMS)
-        return functions_at(scene, state, claims), same if one.claim else lambda finding: True
+        return check_functions_at(scene, state, claims), same if one.claim else lambda finding: True
     if one.t_end:
-        _claims(one, CLAIMS_OF_MOTIONS)
+        _claims(one, MOTION_CLAIMS)
         return findings_of_motion((scene, state), formulations, one.t_end), same
     claims = _claims(one, CLAIMS)
-    engines = named_in(one.subject, ENGINES) if one.claim else ALWAYS
+    engines = keys_in_subject(one.subject, ENGINES) if one.claim else ALWAYS
     # Whatever fails of the claim counts: a fault may show in another subject now.
-    return checked((scene, state), claims, formulations, engines), lambda finding: True
+    return check_case((scene, state), claims, formulations, engines), lambda finding: True
 
 
-def _sides(one: Find | Finding) -> list[str]:
+def _sides(one: FailureRecord | Finding) -> list[str]:
     """The sides of a subject such as "au ~ im", whichever comes first."""
     return sorted(one.subject.split(" ~ "))
 
 
-def _claims(one: Find, known: Collection[str]) -> list[str]:
+def _claims(one: FailureRecord, known: Collection[str]) -> list[str]:
     if one.claim and one.claim not in known:
         raise EomcheckError(f"there is no claim {one.claim!r} about it")
     return [one.claim] if one.claim else list(known)
 
 
-def _undecided(one: Find, findings: Sequence[Finding], formulations: Sequence[str]) -> Replayed:
+def _undecided(
+    one: FailureRecord, findings: Sequence[Finding], formulations: Sequence[str]
+) -> ReplayResult:
     """The outcome where nothing fails: "holds" only where the very subject was decided."""
     about = [
         x
@@ -129,11 +133,11 @@ def _undecided(one: Find, findings: Sequence[Finding], formulations: Sequence[st
         if one.claim in ("", x.claim) and (not one.subject or _sides(x) == _sides(one))
     ]
     if not about:
-        absent = [x for x in named_in(one.subject, FORMULATIONS) if x not in formulations]
+        absent = [x for x in keys_in_subject(one.subject, FORMULATIONS) if x not in formulations]
         why = (
             f"{', '.join(absent)} takes no part" if absent else f"nothing is about {one.subject!r}"
         )
-        return Replayed(one, "not checked", why)
+        return ReplayResult(one, "not checked", why)
     by_verdict = {x.verdict: x for x in about}
     # All claims at once: some are undecided in any state. One claim holds if all of it is decided.
     order: tuple[Verdict, ...] = "inconclusive", "passed", "skipped"
@@ -141,8 +145,8 @@ def _undecided(one: Find, findings: Sequence[Finding], formulations: Sequence[st
         order = "passed", "inconclusive", "skipped"
     verdict = next(x for x in order if x in by_verdict)
     if verdict == "passed":
-        return Replayed(one, "holds")
+        return ReplayResult(one, "holds")
     undecided = by_verdict[verdict]
-    outcome: Outcome = "inconclusive" if verdict == "inconclusive" else "not checked"
+    outcome: ReplayOutcome = "inconclusive" if verdict == "inconclusive" else "not checked"
     sizes = f"observed {undecided.observed:.3g}, allowed {undecided.allowed:.3g}"
-    return Replayed(one, outcome, f"{undecided.subject}: {undecided.detail or sizes}")
+    return ReplayResult(one, outcome, f"{undecided.subject}: {undecided.detail or sizes}")

@@ -15,14 +15,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.claims.batched_claims import LaneCase, lane_cases, liftable
+from eomcheck.claims.batched_claims import BatchedCase, batchable_claims, batched_cases
 from eomcheck.claims.finding import DECIDED as VERDICTS
-from eomcheck.claims.finding import FAILED, INCONCLUSIVE_, PASSED
+from eomcheck.claims.finding import FAILED_CODE, INCONCLUSIVE_CODE, PASSED_CODE
 from eomcheck.errors import EomcheckError
 from eomcheck.evaluation.batched_evaluation import LaneEvaluation
 from eomcheck.evaluation.certified import (
-    TRUE_DIGITS,
-    TRUTH_WITHOUT_SPEEDS,
+    REFERENCE_DIGITS,
+    REFERENCE_WITHOUT_SPEEDS,
     Enclosure,
     enclose,
     true_error,
@@ -30,11 +30,11 @@ from eomcheck.evaluation.certified import (
 )
 from eomcheck.evaluation.tolerance import UNDERFLOW, allowed_error, largest
 from eomcheck.formulations import Formulation
-from eomcheck.lab.fuzzing.cases import Case
-from eomcheck.lab.fuzzing.triage import checked, named_in
+from eomcheck.lab.fuzzing.cases import FuzzCase
+from eomcheck.lab.fuzzing.triage import check_case, keys_in_subject
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.ball import as_doubles
+from eomcheck.numbers.ball import midpoints_or_zero
 from eomcheck.numbers.generic import Array
 from eomcheck.numbers.lanes import LaneArray
 
@@ -54,7 +54,7 @@ ENCLOSED_ABOVE = 0.3
 """Observed / allowed above which a state is always enclosed."""
 
 
-class Ration(NamedTuple):
+class CheckFrequency(NamedTuple):
     """How often what takes long is looked at: at one state in so many, 0 for never."""
 
     enclosures: int = 4
@@ -63,13 +63,13 @@ class Ration(NamedTuple):
     """All formulations in balls."""
     engines: int = 10
     checks: int = 200
-    """All claims by `eomcheck.check`, but engines."""
+    """All claims by `eomcheck.check_state`, but engines."""
     unlifted: int = 20
     """What lanes cannot look at."""
 
 
 @dataclass
-class Screened:
+class ScreeningResult:
     """What lanes say of cases.
 
     Attributes:
@@ -102,13 +102,13 @@ class Screened:
         return np.max([np.zeros(self.count), *self.heights.values()], axis=0)
 
 
-def screened(
-    cases: Sequence[Case],
+def screen(
+    cases: Sequence[FuzzCase],
     formulations: Sequence[Formulation],
     claims: Sequence[str],
     every: int,
     first: int = 0,
-) -> Screened:
+) -> ScreeningResult:
     """Return what lanes say of cases of any structures.
 
     Args:
@@ -118,8 +118,8 @@ def screened(
         every: one state in so many is enclosed whatever the lanes say, 0 for none.
         first: number of the first case, of which `every` counts.
     """
-    found, ids = Screened(len(cases)), liftable(claims)
-    for places, case in lane_cases(cases, formulations):
+    found, ids = ScreeningResult(len(cases)), batchable_claims(claims)
+    for places, case in batched_cases(cases, formulations):
         try:
             terms = case.at.terms
         except TypeError:  # functions that no lanes can run
@@ -134,47 +134,49 @@ def screened(
             places = places[finite]
             if not places.size:
                 continue
-            ((_, case),) = lane_cases([cases[i] for i in places], formulations)
+            ((_, case),) = batched_cases([cases[i] for i in places], formulations)
         _look(found, places, case, ids)
         _enclose(found, places, case, every, first)
     return found
 
 
-def _look(found: Screened, places: Array, case: LaneCase, ids: Sequence[str]) -> None:
+def _look(found: ScreeningResult, places: Array, case: BatchedCase, ids: Sequence[str]) -> None:
     keys = {f.key for f in case.formulations}
     for one in case.look(ids):
         for number, name in (
-            (PASSED, "passed"),
-            (FAILED, "failed"),
-            (INCONCLUSIVE_, "inconclusive"),
+            (PASSED_CODE, "passed"),
+            (FAILED_CODE, "failed"),
+            (INCONCLUSIVE_CODE, "inconclusive"),
         ):
             count = int(np.count_nonzero(one.verdict == number))
             found.verdicts[name] += count
             found.by_claim[OPEN if name == "inconclusive" else DECIDED, one.claim] += count
         ratio = np.where(one.allowed > UNDERFLOW, one.ratio, 0.0)  # what underflows shows no way
-        for key in named_in(one.subject, keys) or ("",):
+        for key in keys_in_subject(one.subject, keys) or ("",):
             heights = found.height((one.claim, key))
             heights[places] = np.maximum(heights[places], ratio)
-        for i in places[one.verdict == FAILED]:
+        for i in places[one.verdict == FAILED_CODE]:
             found.suspects.setdefault(int(i), set()).add(one.claim)
     found.lost |= case.lost
 
 
 def _look_alone(
-    found: Screened,
+    found: ScreeningResult,
     places: Array,
-    cases: Sequence[Case],
+    cases: Sequence[FuzzCase],
     formulations: Sequence[Formulation],
     ids: Sequence[str],
 ) -> None:
-    """Look at cases one by one, as `eomcheck.check` does: lanes take rational functions only."""
+    """Look at cases one by one, as `eomcheck.check_state` does: lanes take rational functions
+    only.
+    """
     keys = {f.key for f in formulations}
     for place, case in zip(places.tolist(), cases, strict=True):
-        told = [one for one in checked(case, ["finite-terms"], []) if one.verdict == "failed"]
+        told = [one for one in check_case(case, ["finite-terms"], []) if one.verdict == "failed"]
         if told:
             found.unseen.append(place)
             continue
-        for one in checked(case, ids, sorted(keys)):
+        for one in check_case(case, ids, sorted(keys)):
             found.verdicts[one.verdict] += 1
             if one.verdict != "skipped":
                 how = DECIDED if one.verdict in VERDICTS else OPEN
@@ -182,7 +184,7 @@ def _look_alone(
             if one.verdict == "failed":
                 found.suspects.setdefault(place, set()).add(one.claim)
             if one.verdict in ("passed", "failed"):
-                for key in named_in(one.subject, keys) or ("",):
+                for key in keys_in_subject(one.subject, keys) or ("",):
                     heights = found.height((one.claim, key))
                     heights[place] = max(heights[place], one.ratio)
 
@@ -196,7 +198,9 @@ def runs_in_lanes(kind: type[Scene]) -> bool:
     return False
 
 
-def _enclose(found: Screened, places: Array, case: LaneCase, every: int, first: int) -> None:
+def _enclose(
+    found: ScreeningResult, places: Array, case: BatchedCase, every: int, first: int
+) -> None:
     """Enclose the truth of what is near its bounds, and of some others, and judge all by it."""
     if every == 0:
         return
@@ -210,7 +214,7 @@ def _enclose(found: Screened, places: Array, case: LaneCase, every: int, first: 
         return
     found.enclosed += len(truths)
     lanes = list(truths)
-    there = LaneCase(_at_truth(case, truths), case.formulations, case.has_speeds)
+    there = BatchedCase(_at_truth(case, truths), case.formulations, case.has_speeds)
     for f, x in there.solutions:
         vdot: Any = x.vdot
         allowed = allowed_error(1.0) * there.vdot_sensitivity(f).data
@@ -224,7 +228,7 @@ def _enclose(found: Screened, places: Array, case: LaneCase, every: int, first: 
                 found.suspects.setdefault(place, set()).add("true-error")
 
 
-def _truth(case: LaneCase, lane: int) -> Enclosure:
+def _truth(case: BatchedCase, lane: int) -> Enclosure:
     """Return the true acceleration in one lane: of its generalized speeds, if there are any.
 
     Raises:
@@ -235,16 +239,18 @@ def _truth(case: LaneCase, lane: int) -> Enclosure:
     if case.has_speeds:
         u: Any = case.at.u
         return true_state(at.scene, at.q, u.data[:, lane], at.t)[0]
-    return enclose(at.scene, TRUTH_WITHOUT_SPEEDS, at.q, t=at.t, digits=TRUE_DIGITS, v=at.v)
+    return enclose(
+        at.scene, REFERENCE_WITHOUT_SPEEDS, at.q, t=at.t, digits=REFERENCE_DIGITS, v=at.v
+    )
 
 
-def _at_truth(case: LaneCase, truths: dict[int, Enclosure]) -> LaneEvaluation:
+def _at_truth(case: BatchedCase, truths: dict[int, Enclosure]) -> LaneEvaluation:
     """Return the lanes of which the truth is known, at its velocities, see `true_state`."""
     lanes = list(truths)
     states = []
     for lane, truth in truths.items():
         q, v, t = case.at.state_of(lane)
-        states.append(State(q, as_doubles(truth.v) if case.has_speeds else v, t))
+        states.append(State(q, midpoints_or_zero(truth.v) if case.has_speeds else v, t))
     there = LaneEvaluation([case.at.scenes[lane] for lane in lanes], states)
     if case.has_speeds:
         u: Any = case.at.u

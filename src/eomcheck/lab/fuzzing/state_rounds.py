@@ -1,6 +1,7 @@
 """Rounds of states: drawn and hill-climbed, screened in batches, suspects and a sample judged.
 
-A round of `Plan` is about one structure. One of `RandomPlan`, for random scene classes, draws
+A round of `StatePlan` is about one structure. One of `RandomStatePlan`, for random scene classes,
+draws
 several, with a batch for each, and climbs within one structure: first among the states of the same
 round, and once a round among those of the structure with the highest score in earlier ones.
 User-supplied engines are also asked at ordinary cases near those where their score was highest.
@@ -15,34 +16,34 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.claims import CLAIMS, Finding
-from eomcheck.claims.batched_claims import liftable
+from eomcheck.claims.batched_claims import batchable_claims
 from eomcheck.claims.pairwise_design import with_wide
-from eomcheck.engines import ENGINES, Engine, is_on_trial
+from eomcheck.engines import ENGINES, Engine, is_under_test
 from eomcheck.errors import EomcheckError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing.campaign import (
-    KEPT,
+    CASES_PER_KEY,
     Population,
-    Result,
     Round,
+    RoundResult,
     generator,
-    raise_population,
-    timed,
+    record_time,
+    update_population,
 )
 from eomcheck.lab.fuzzing.cases import (
     FAMILIES,
     ORDINARY,
-    Case,
     Changed,
-    drawn,
-    drawn_of,
+    FuzzCase,
+    draw_cases,
+    draw_cases_with,
+    draw_structure_kind,
     mutated,
-    structure_drawn,
     varied,
 )
-from eomcheck.lab.fuzzing.failures import Find, alike, find_of, shrunk
-from eomcheck.lab.fuzzing.screening import TRUTH, Key, Ration, Screened, screened
-from eomcheck.lab.fuzzing.triage import checked
+from eomcheck.lab.fuzzing.failures import FailureRecord, alike, failure_record, shrink
+from eomcheck.lab.fuzzing.screening import TRUTH, CheckFrequency, Key, ScreeningResult, screen
+from eomcheck.lab.fuzzing.triage import check_case
 from eomcheck.mechanics.records import Range
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
@@ -57,23 +58,23 @@ FAR = 10.0
 """Coordinates at most, m or rad, of scenes that say nothing of theirs."""
 
 
-def on_trial(engines: Iterable[str | type[Engine]]) -> tuple[type[Engine], ...]:
+def engines_under_test(engines: Iterable[str | type[Engine]]) -> tuple[type[Engine], ...]:
     """Return those engines that are somebody's own."""
     kinds = (ENGINES.get(one) if isinstance(one, str) else one for one in engines)
-    return tuple(kind for kind in kinds if kind is not None and is_on_trial(kind))
+    return tuple(kind for kind in kinds if kind is not None and is_under_test(kind))
 
 
-def heights_of(findings: Sequence[Finding]) -> dict[tuple[str, str], float]:
+def engine_scores(findings: Sequence[Finding]) -> dict[tuple[str, str], float]:
     """Return the largest observed / allowed of engines on trial, by claim and key of the engine."""
     found: dict[tuple[str, str], float] = {}
     for one in findings:
-        if one.verdict == "passed" and one.engine is not None and is_on_trial(one.engine):
+        if one.verdict == "passed" and one.engine is not None and is_under_test(one.engine):
             key = one.claim, one.engine.key
             found[key] = max(found.get(key, 0.0), one.ratio)
     return found
 
 
-def is_ordinary(case: Case) -> bool:
+def is_ordinary(case: FuzzCase) -> bool:
     """Return whether a case is within what ordinary ones are drawn from.
 
     Next to a singular state, and far away, an engine may lose digits in its own way.
@@ -89,7 +90,7 @@ def is_ordinary(case: Case) -> bool:
     return near and float(np.linalg.norm(v)) <= fastest and times.low <= t <= times.high
 
 
-def tamed(changed: Changed) -> Changed:
+def clamped_to_ranges(changed: Changed) -> Changed:
     """Return an ordinary case in place of one that left the ranges: at their ends."""
     scene, q, v = changed
     values = {}
@@ -144,7 +145,7 @@ ENCLOSED = {"true-error"}
 """Claims that lanes look at by enclosures."""
 
 
-class Plan(NamedTuple):
+class StatePlan(NamedTuple):
     """What all rounds of a campaign about states have in common; see `Work`.
 
     Attributes:
@@ -169,7 +170,7 @@ class Plan(NamedTuple):
     engines: tuple[str | type[Engine], ...] = ()
     families: tuple[str, ...] = FAMILIES
     climbing: bool = True
-    ration: Ration = Ration()
+    ration: CheckFrequency = CheckFrequency()
     batch: int = BATCH
     wide: bool = False
 
@@ -198,42 +199,44 @@ class Plan(NamedTuple):
             **({"wide": True} if self.wide else {}),
         }
 
-    def run(self, given: Round) -> Result:
+    def run(self, given: Round) -> RoundResult:
         """Return what a round comes to."""
         return run_round(self, given)
 
-    def find(self, failed: Finding, name: str, known: Sequence[Find] | None = None) -> Find:
+    def find(
+        self, failed: Finding, name: str, known: Sequence[FailureRecord] | None = None
+    ) -> FailureRecord:
         """Return a failure ready to be kept, see `Work`: a known find is small already."""
         small = failed
         with suppress(EomcheckError, np.linalg.LinAlgError):
             if known is not None:
                 small = self._small(failed, known[:MOST_TRIED])
-        return find_of(small, name)
+        return failure_record(small, name)
 
-    def _small(self, failed: Finding, known: Sequence[Find]) -> Finding:
+    def _small(self, failed: Finding, known: Sequence[FailureRecord]) -> Finding:
         for find in known:
             for one in alike(failed, find.case, self.formulations):
                 return one
-        return shrunk(failed, self.formulations, self.seed)
+        return shrink(failed, self.formulations, self.seed)
 
 
-def run_round(plan: Plan, given: Round) -> Result:
+def run_round(plan: StatePlan, given: Round) -> RoundResult:
     """Return what a round comes to: the same for the same plan and round, wherever it is run."""
     random = generator(plan, given)
     population = {key: list(best) for key, best in given.population.items()}
-    result = Result(given.number, given.stratum, population)
-    with timed(result), np.errstate(all="ignore"):
-        cases, families = drawn(plan.kind, given.stratum, plan.families, plan.batch, random)
+    result = RoundResult(given.number, given.stratum, population)
+    with record_time(result), np.errstate(all="ignore"):
+        cases, families = draw_cases(plan.kind, given.stratum, plan.families, plan.batch, random)
         result.counts.update(families)
-        look_at(plan, result, *for_engines(plan, cases, families, random))
+        screen_and_judge(plan, result, *for_engines(plan, cases, families, random))
         if plan.climbing and population:
             _climb(plan, result, random)
     return result
 
 
 def for_engines(
-    plan: Plan, cases: list[Case], families: Sequence[str], random: np.random.Generator
-) -> tuple[list[Case], set[int]]:
+    plan: StatePlan, cases: list[FuzzCase], families: Sequence[str], random: np.random.Generator
+) -> tuple[list[FuzzCase], set[int]]:
     """Return cases, some ordinary ones in wide states, and at which of them engines are asked.
 
     Args:
@@ -250,27 +253,27 @@ def for_engines(
     return cases, set(ordinary)
 
 
-def _climb(plan: Plan, result: Result, random: np.random.Generator) -> None:
+def _climb(plan: StatePlan, result: RoundResult, random: np.random.Generator) -> None:
     """Look near the highest, in lanes step by step, then at engines on trial."""
     population = result.population
-    tried = {kind.key for kind in on_trial(plan.engines)}
+    tried = {kind.key for kind in engines_under_test(plan.engines)}
     steps = min(STEPS, plan.batch)
     for _ in range(steps):
         of_lanes = {key: best for key, best in population.items() if key[1] not in tried}
-        higher = climbed(of_lanes or population, plan.batch // steps, random)
+        higher = hill_climbed(of_lanes or population, plan.batch // steps, random)
         result.counts["climbed"] += len(higher)
-        look_at(plan, result, higher, set(), -(-MOST_JUDGED // steps))
+        screen_and_judge(plan, result, higher, set(), -(-MOST_JUDGED // steps))
     of_engines = {key: best for key, best in population.items() if key[1] in tried}
     if of_engines:
         _climb_on_trial(plan, result, of_engines, random)
 
 
-def climbed(
+def hill_climbed(
     population: Population,
     count: int,
     random: np.random.Generator,
     tamed: Callable[[Changed], Changed] = lambda one: one,
-) -> list[Case]:
+) -> list[FuzzCase]:
     """Return cases near the highest: a claim and formulation, higher ones more often, and a case.
 
     What others are good at is taken over from any of them.
@@ -287,27 +290,27 @@ def climbed(
 
 
 def _climb_on_trial(
-    plan: Plan, result: Result, population: Population, random: np.random.Generator
+    plan: StatePlan, result: RoundResult, population: Population, random: np.random.Generator
 ) -> None:
     """Ask engines on trial near their highest cases, as often as they were asked in this round."""
     count = max(1, result.counts["engines"])
-    near = climbed(population, OVERSAMPLED * count, random, tamed)
+    near = hill_climbed(population, OVERSAMPLED * count, random, clamped_to_ranges)
     cases = [case for case in near if is_ordinary(case)][:count]
     heights: dict[Key, Array] = {}
     claims = [one for one in plan.claims if CLAIMS[one].asks]
     result.counts["engines, climbed"] += len(cases)
     for i, case in enumerate(cases):
-        judged = checked(case, claims, plan.formulations, on_trial(plan.engines))
+        judged = check_case(case, claims, plan.formulations, engines_under_test(plan.engines))
         result.failed += [one for one in judged if one.verdict == "failed"]
-        for key, height in heights_of(judged).items():
+        for key, height in engine_scores(judged).items():
             heights.setdefault(key, np.zeros(len(cases)))[i] = height
-    raise_population(result.population, heights, cases)
+    update_population(result.population, heights, cases)
 
 
-def look_at(
-    plan: Plan,
-    result: Result,
-    cases: Sequence[Case],
+def screen_and_judge(
+    plan: StatePlan,
+    result: RoundResult,
+    cases: Sequence[FuzzCase],
     ordinary: set[int],
     most: int | None = None,
 ) -> None:
@@ -320,7 +323,7 @@ def look_at(
         return
     first = result.number * 2 * plan.batch + result.states
     formulations = tuple(FORMULATIONS[key] for key in plan.formulations)
-    found = screened(cases, formulations, plan.claims, plan.ration.enclosures, first)
+    found = screen(cases, formulations, plan.claims, plan.ration.enclosures, first)
     result.counts["states"] += len(cases)
     result.counts["enclosed"] += found.enclosed
     result.counts["not finite"] += len(found.unseen)
@@ -336,19 +339,19 @@ def look_at(
         _judge(plan, result, found, cases[i], i, claims, "suspects judged")
     for i in suspects[most:]:
         _settle(found, i, {})  # nobody knows how high it is
-    _ration(plan, result, found, cases, first, ordinary)
-    raise_population(result.population, found.heights, cases)
+    _judge_sample(plan, result, found, cases, first, ordinary)
+    update_population(result.population, found.heights, cases)
 
 
-def _ration(
-    plan: Plan,
-    result: Result,
-    found: Screened,
-    cases: Sequence[Case],
+def _judge_sample(
+    plan: StatePlan,
+    result: RoundResult,
+    found: ScreeningResult,
+    cases: Sequence[FuzzCase],
     first: int,
     ordinary: set[int],
 ) -> None:
-    ration, lifted = plan.ration, set(liftable(plan.claims))
+    ration, lifted = plan.ration, set(batchable_claims(plan.claims))
     engines = {one for one in plan.claims if CLAIMS[one].asks}
     others = set(plan.claims) - lifted - engines - BALLS - ENCLOSED
     lost = others | set(found.lost) | (PIVOTED & set(plan.claims))
@@ -370,13 +373,19 @@ def _ration(
 
 
 def _judge(
-    plan: Plan, result: Result, found: Screened, case: Case, i: int, claims: set[str], how: str
+    plan: StatePlan,
+    result: RoundResult,
+    found: ScreeningResult,
+    case: FuzzCase,
+    i: int,
+    claims: set[str],
+    how: str,
 ) -> None:
     engines = plan.engines if any(CLAIMS[one].asks for one in claims) else ()
     result.counts[how] += 1
-    judged = checked(case, claims, plan.formulations, engines)
+    judged = check_case(case, claims, plan.formulations, engines)
     result.failed += [one for one in judged if one.verdict == "failed"]
-    for key, height in heights_of(judged).items():
+    for key, height in engine_scores(judged).items():
         found.height(key)[i] = height
     if how == "suspects judged":
         heights: dict[str, float] = dict.fromkeys(claims, 0.0)
@@ -386,7 +395,7 @@ def _judge(
         _settle(found, i, heights)
 
 
-def _settle(found: Screened, i: int, heights: dict[str, float]) -> None:
+def _settle(found: ScreeningResult, i: int, heights: dict[str, float]) -> None:
     """Replace what lanes said of a suspect by what it was judged to be."""
     for (claim, _), all_heights in found.heights.items():
         said = "true-error" if claim == TRUTH else claim
@@ -403,8 +412,8 @@ LANES = 128
 """States side by side: as many as pay for what one structure costs before its first state."""
 
 
-class RandomPlan(Plan):
-    """What all rounds of a campaign about a random kind have in common; see `Plan`.
+class RandomStatePlan(StatePlan):
+    """What all rounds of a campaign about a random kind have in common; see `StatePlan`.
 
     Its batch is the number of states of one structure that are drawn, and that are climbed to.
     """
@@ -414,48 +423,50 @@ class RandomPlan(Plan):
         """States that a round looks at, at most."""
         return (2 * STRUCTURES + 1) * self.batch
 
-    def run(self, given: Round) -> Result:
+    def run(self, given: Round) -> RoundResult:
         """Return what a round comes to."""
         random = generator(self, given)
-        result = Result(given.number, given.stratum, {})
+        result = RoundResult(given.number, given.stratum, {})
         best = {key: list(one) for key, one in given.population.items()}
-        with timed(result), np.errstate(all="ignore"):
+        with record_time(result), np.errstate(all="ignore"):
             for _ in range(STRUCTURES):
                 _look_at_one(self, result, random)
                 _merge(best, result.population)
             if self.climbing and given.population:
-                result.population = _of_the_highest(given.population, random)
+                result.population = _population_of_best_structure(given.population, random)
                 _climb_in_structure(self, result, random)
                 _merge(best, result.population)
         result.population = best
         return result
 
 
-def _look_at_one(plan: Plan, result: Result, random: np.random.Generator) -> None:
+def _look_at_one(plan: StatePlan, result: RoundResult, random: np.random.Generator) -> None:
     result.population = {}
     try:
-        one = structure_drawn(plan.kind, result.stratum, random)
+        one = draw_structure_kind(plan.kind, result.stratum, random)
         scene = one()
     except EomcheckError:
         result.counts["structures that do not fit together"] += 1
         return
     result.counts["structures"] += 1
-    cases, families = drawn_of(
+    cases, families = draw_cases_with(
         lambda family: varied(scene, family, random), plan.families, plan.batch, random
     )
     result.counts.update(families)
-    look_at(plan, result, *for_engines(plan, cases, families, random))
+    screen_and_judge(plan, result, *for_engines(plan, cases, families, random))
     if plan.climbing and result.population:
         _climb_in_structure(plan, result, random)
 
 
-def _climb_in_structure(plan: Plan, result: Result, random: np.random.Generator) -> None:
-    higher: list[Case] = climbed(result.population, plan.batch, random)
+def _climb_in_structure(plan: StatePlan, result: RoundResult, random: np.random.Generator) -> None:
+    higher: list[FuzzCase] = hill_climbed(result.population, plan.batch, random)
     result.counts["climbed"] += len(higher)
-    look_at(plan, result, higher, set())
+    screen_and_judge(plan, result, higher, set())
 
 
-def _of_the_highest(population: Population, random: np.random.Generator) -> Population:
+def _population_of_best_structure(
+    population: Population, random: np.random.Generator
+) -> Population:
     """Return those of a population that are of one structure: that of the highest of some claim."""
     keys = sorted(population)
     highest = population[keys[random.integers(len(keys))]][0]
@@ -469,4 +480,4 @@ def _merge(best: Population, more: Population) -> None:
         known = best.setdefault(key, [])
         known += [one for one in found if all(one is not x for x in known)]
         known.sort(key=lambda one: -one.height)
-        del known[KEPT:]
+        del known[CASES_PER_KEY:]

@@ -1,4 +1,4 @@
-"""Triage of suspects: judged by `eomcheck.check` alone, and the part at fault diagnosed.
+"""Triage of suspects: judged by `eomcheck.check_state` alone, and the part at fault diagnosed.
 
 The fault is a formulation's whose error exceeds its own bound (a silent error), the check's (a
 false alarm), an engine's, the scene's, or a refusal that should not be. Errors are measured against
@@ -15,14 +15,14 @@ from typing import NamedTuple
 
 from eomcheck.claims import CLAIMS, Finding
 from eomcheck.claims.proof import prove
-from eomcheck.claims.run import check
-from eomcheck.engines import Engine, is_on_trial
+from eomcheck.claims.run import check_state
+from eomcheck.engines import Engine, is_under_test
 from eomcheck.errors import EomcheckError, InputError
-from eomcheck.evaluation.certified import TRUE_DIGITS, enclose, true_error
+from eomcheck.evaluation.certified import REFERENCE_DIGITS, enclose, true_error
 from eomcheck.evaluation.dynamics import acceleration
 from eomcheck.evaluation.tolerance import NOTICEABLE, UNDERFLOW, largest
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.fuzzing.cases import Case
+from eomcheck.lab.fuzzing.cases import FuzzCase
 from eomcheck.mechanics.scene import Scene
 
 SILENT, ALARM, ENGINE, SCENE, REFUSAL, UNKNOWN = (
@@ -37,38 +37,38 @@ SILENT, ALARM, ENGINE, SCENE, REFUSAL, UNKNOWN = (
 allows too little; an engine's; the scene's; or a refusal that should not be."""
 
 
-class Fault(NamedTuple):
+class Diagnosis(NamedTuple):
     """Whose fault a find is, and how that is known."""
 
     whose: str
     evidence: str
 
 
-def failures(
-    case: Case,
+def failed_findings(
+    case: FuzzCase,
     claims: Iterable[str],
     formulations: Sequence[str],
     engines: Sequence[str | type[Engine]] = (),
 ) -> list[Finding]:
-    """Return the findings of `eomcheck.check` at one state that failed."""
-    found = checked(case, claims, formulations, engines)
+    """Return the findings of `eomcheck.check_state` at one state that failed."""
+    found = check_case(case, claims, formulations, engines)
     return [one for one in found if one.verdict == "failed"]
 
 
-def checked(
-    case: Case,
+def check_case(
+    case: FuzzCase,
     claims: Iterable[str],
     formulations: Sequence[str],
     engines: Sequence[str | type[Engine]] = (),
 ) -> list[Finding]:
-    """Return the findings of `eomcheck.check` at one state."""
+    """Return the findings of `eomcheck.check_state` at one state."""
     scene, (q, v, t) = case
     able = [key for key in formulations if FORMULATIONS[key].applies_to(scene)]
     here = {"formulations": able, "engines": list(engines), "claims": sorted(set(claims))}
-    return check(scene, q, v, t, consistent=False, **here)
+    return check_state(scene, q, v, t, consistent=False, **here)
 
 
-def fault_of(finding: Finding) -> Fault:
+def diagnose_failure(finding: Finding) -> Diagnosis:
     """Return whose fault a failure is.
 
     Truth is enclosed for every formulation that the finding is about; identities are looked at in a
@@ -76,14 +76,14 @@ def fault_of(finding: Finding) -> Fault:
     """
     claim = CLAIMS[finding.claim]
     if finding.claim == "refusals":
-        return Fault(REFUSAL, finding.detail)
+        return Diagnosis(REFUSAL, finding.detail)
     scene, state = finding.scene, finding.state
     assert isinstance(scene, Scene) and state is not None
     silent, told = [], []
-    for key in about(finding) or tuple(FORMULATIONS):
+    for key in formulations_about(finding) or tuple(FORMULATIONS):
         with suppress(EomcheckError, TypeError):
             answer = acceleration(scene, key, *state, consistent=False)
-            truth = enclose(scene, key, state.q, t=state.t, digits=TRUE_DIGITS, v=state.v)
+            truth = enclose(scene, key, state.q, t=state.t, digits=REFERENCE_DIGITS, v=state.v)
             error = largest(true_error(answer.vdot, truth))
             size = largest(truth.doubles())
             bound = max(answer.error_bound, UNDERFLOW)
@@ -92,25 +92,27 @@ def fault_of(finding: Finding) -> Fault:
             if error > bound:
                 silent.append(f"{said}{', noticeable' if error > NOTICEABLE * size else ''}")
     if silent:
-        return Fault(SILENT, f"enclosed: {'; '.join(silent)}")
-    tried = finding.engine is not None and is_on_trial(finding.engine)
+        return Diagnosis(SILENT, f"enclosed: {'; '.join(silent)}")
+    tried = finding.engine is not None and is_under_test(finding.engine)
     wrong = frozenset() if tried else unproved(scene)
     if wrong is None:
-        return Fault(UNKNOWN, "the scene's functions are not rational: nothing is proved")
+        return Diagnosis(UNKNOWN, "the scene's functions are not rational: nothing is proved")
     if claim.asks and not wrong:
         why = "; ".join(told[:2]) or "no formulation answers"
-        return Fault(ENGINE, f"{'the engine on trial' if tried else 'an engine'}; enclosed: {why}")
+        return Diagnosis(
+            ENGINE, f"{'the engine on trial' if tried else 'an engine'}; enclosed: {why}"
+        )
     if wrong:
-        return Fault(SCENE, f"not proved either: {', '.join(sorted(wrong))}")
-    return Fault(ALARM, f"identities proved; enclosed: {'; '.join(told) or 'no formulation'}")
+        return Diagnosis(SCENE, f"not proved either: {', '.join(sorted(wrong))}")
+    return Diagnosis(ALARM, f"identities proved; enclosed: {'; '.join(told) or 'no formulation'}")
 
 
-def about(finding: Finding) -> tuple[str, ...]:
+def formulations_about(finding: Finding) -> tuple[str, ...]:
     """Return the formulations that a finding is about."""
-    return named_in(finding.subject, FORMULATIONS)
+    return keys_in_subject(finding.subject, FORMULATIONS)
 
 
-def named_in(subject: str, keys: Container[str]) -> tuple[str, ...]:
+def keys_in_subject(subject: str, keys: Container[str]) -> tuple[str, ...]:
     """Return those of `keys` that a subject names."""
     words = subject.replace("~", " ").replace(",", " ").replace(":", " ").split()
     return tuple(word for word in words if word in keys)

@@ -13,16 +13,16 @@ from eomcheck.lab.fuzzing.campaign import Campaign
 from eomcheck.lab.fuzzing.cases import FAMILIES
 from eomcheck.lab.fuzzing.function_rounds import SKIPPED, FunctionsPlan
 from eomcheck.lab.fuzzing.motion_rounds import CROSSED, STOPPED
-from eomcheck.lab.fuzzing.replay import Replayed
+from eomcheck.lab.fuzzing.replay import ReplayResult
 from eomcheck.lab.fuzzing.screening import DECIDED, OPEN
-from eomcheck.lab.show.table import Cell, Sheet, print_sheets, say
+from eomcheck.lab.show.table import Cell, ResultTable, print_tables, say
 from eomcheck.safe_output import counted, printable
 
 EVERY = 10.0
 """Seconds between two lines of progress."""
 
 
-class Teller:
+class ProgressPrinter:
     """Prints a line of progress now and then: states, their rate, the worst ratio, finds."""
 
     def __init__(self) -> None:
@@ -50,7 +50,7 @@ def rate_of(campaign: Campaign) -> float:
     return campaign.states / campaign.cpu_seconds if campaign.cpu_seconds else 0.0
 
 
-def summary_sheet(campaign: Campaign) -> Sheet:
+def campaign_table(campaign: Campaign) -> ResultTable:
     """Return how many states or motions were looked at, and by what."""
     counts = campaign.counts
     rows = [
@@ -74,17 +74,17 @@ def summary_sheet(campaign: Campaign) -> Sheet:
         if counts[OPEN + claim] and not counts[DECIDED + claim]
     ]
     rows += [(f"not in lanes: {claim}", why) for claim, why in sorted(campaign.lost.items())]
-    return Sheet(
+    return ResultTable(
         "fuzzing", f"Fuzzing {campaign.name}, seed {campaign.plan.seed}", ("what", "how many"), rows
     )
 
 
-def strata_sheet(campaign: Campaign) -> Sheet:
+def variant_table(campaign: Campaign) -> ResultTable:
     """Return the number of states by structure."""
     of = campaign.by_stratum
     rows = [(_said(one.name), str(of[one.name])) for one in campaign.strata]
     noun = f"{campaign.plan.noun}s"
-    return Sheet("strata", f"{noun.capitalize()} by structure", ("structure", noun), rows)
+    return ResultTable("strata", f"{noun.capitalize()} by structure", ("structure", noun), rows)
 
 
 def _said(name: str) -> str:
@@ -92,35 +92,37 @@ def _said(name: str) -> str:
     return re.sub(r"^1 links\b", "1 link", name)
 
 
-def crossings_sheet(campaign: Campaign) -> Sheet | None:
+def crossing_table(campaign: Campaign) -> ResultTable | None:
     """Return how many motions went over poses in which a_1 is singular, by formulation."""
     counts = campaign.counts
     keys = [key for key in FORMULATIONS if counts[CROSSED + key] or counts[STOPPED + key]]
     rows = [(key, str(counts[CROSSED + key]), str(counts[STOPPED + key])) for key in keys]
     columns = "formulation", "crossed", "stopped before, or refused"
-    return Sheet("crossings", "Poses where a_1 is singular", columns, rows) if rows else None
+    return ResultTable("crossings", "Poses where a_1 is singular", columns, rows) if rows else None
 
 
-def worst_sheet(campaign: Campaign) -> Sheet:
+def highest_score_table(campaign: Campaign) -> ResultTable:
     """Return the largest observed / allowed of each claim, and of which formulation it is."""
     best: dict[str, tuple[float, str]] = defaultdict(lambda: (0.0, ""))
     for (claim, formulation), candidate in campaign.worst.items():
         best[claim] = max(best[claim], (candidate.height, formulation))
     rows = [(claim, f"{height:.2g}", f) for claim, (height, f) in sorted(best.items())]
-    return Sheet("worst", "Observed / allowed at most", ("claim", "ratio", "formulation"), rows)
+    return ResultTable(
+        "worst", "Observed / allowed at most", ("claim", "ratio", "formulation"), rows
+    )
 
 
-def finds_sheet(campaign: Campaign) -> Sheet:
+def failure_table(campaign: Campaign) -> ResultTable:
     """Return the finds, one a cause."""
     rows = [
         (Cell(one.claim, "failed"), one.subject, one.whose, one.detail, one.evidence)
         for one in campaign.finds.values()
     ]
     columns = "claim", "subject", "fault", "what", "evidence"
-    return Sheet("finds", "Finds", columns, rows, (10, 10, 8, 20, 30))
+    return ResultTable("finds", "Finds", columns, rows, (10, 10, 8, 20, 30))
 
 
-def print_replayed(results: Sequence[Replayed]) -> None:
+def print_replayed(results: Sequence[ReplayResult]) -> None:
     """Print how many kept failures hold now, and each other one with its reason or its code."""
     counts = Counter(one.outcome for one in results)
     inconclusive = f", {counts['inconclusive']} inconclusive" if counts["inconclusive"] else ""
@@ -140,11 +142,11 @@ def print_replayed(results: Sequence[Replayed]) -> None:
 
 def print_campaign(campaign: Campaign) -> None:
     """Print what a campaign came to: of each find the code that shows it; what was not told."""
-    sheets = [summary_sheet(campaign), strata_sheet(campaign), crossings_sheet(campaign)]
-    worst = worst_sheet(campaign)
-    print_sheets([*(sheet for sheet in sheets if sheet is not None), *[worst] * bool(worst.rows)])
+    sheets = [campaign_table(campaign), variant_table(campaign), crossing_table(campaign)]
+    worst = highest_score_table(campaign)
+    print_tables([*(sheet for sheet in sheets if sheet is not None), *[worst] * bool(worst.rows)])
     if campaign.finds:
-        print_sheets([finds_sheet(campaign)])
+        print_tables([failure_table(campaign)])
         for find in campaign.finds.values():
             print(f"# {find}\n{find.python}")
     elif campaign.states:

@@ -1,8 +1,8 @@
 """Summary of the findings on each claim, and the tables made of it.
 
-`Judged` is a set of findings on one claim: its worst finding, its verdict, its levels of evidence,
-and the findings by scene, formulation or engine. Tables show claims by formulation, by scene and by
-level of evidence, the certified digits, and the states drawn.
+`ClaimSummary` is a set of findings on one claim: its worst finding, its verdict, its levels of
+evidence, and the findings by scene, formulation or engine. Tables show claims by formulation, by
+scene and by level of evidence, the certified digits, and the states drawn.
 """
 
 from __future__ import annotations
@@ -15,37 +15,37 @@ from statistics import median
 from typing import Any
 
 from eomcheck.claims import CLAIMS, Claim
-from eomcheck.claims.finding import DECIDED, lists
+from eomcheck.claims.finding import DECIDED, is_unresolved_detail
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.show.document_text import number, ranges
-from eomcheck.lab.show.table import Cell, Sheet
+from eomcheck.lab.show.document_text import number_text, ranges
+from eomcheck.lab.show.table import Cell, ResultTable
 from eomcheck.lab.store.record_file import group
-from eomcheck.lab.store.stored_findings import Kept
+from eomcheck.lab.store.stored_findings import StoredFinding
 from eomcheck.safe_output import counted
 
 LEVELS = ("proved", "enclosed", "property-tested", "compared")
 """Levels of evidence, strongest first."""
 
 
-def parties(row: Kept) -> set[str]:
+def participants(row: StoredFinding) -> set[str]:
     """Return the formulations and engines that a Finding is about."""
     return set(re.findall(r"\w+", row.subject))
 
 
-def anchor(row: Kept) -> str:
+def anchor(row: StoredFinding) -> str:
     """Return the id of the state, or the structure, of a Finding in the page."""
     return "state-" + re.sub(r"\W+", "-", row.place).strip("-")
 
 
 @dataclass(frozen=True)
-class Judged:
+class ClaimSummary:
     """Findings, all of one claim, and what they come to together.
 
     Attributes:
         rows: the Findings.
     """
 
-    rows: tuple[Kept, ...]
+    rows: tuple[StoredFinding, ...]
 
     @property
     def claim(self) -> Claim:
@@ -54,7 +54,7 @@ class Judged:
         return CLAIMS.get(key) or Claim(key, "", "", "", None)
 
     @cached_property
-    def worst(self) -> Kept | None:
+    def worst(self) -> StoredFinding | None:
         """A failed Finding, else the one with the largest observed / allowed that counts."""
         rank = {"failed": 2, "passed": 1}
         # The last of equals.
@@ -110,14 +110,18 @@ class Judged:
         return "".join(f", {count} {verdict}" for verdict, count in counts.items() if count)
 
     @property
-    def unseen(self) -> list[Kept]:
+    def unseen(self) -> list[StoredFinding]:
         """Skipped Findings."""
         return [row for row in self.rows if row.verdict == "skipped"]
 
     @property
-    def unresolved(self) -> list[Kept]:
+    def unresolved(self) -> list[StoredFinding]:
         """Findings that list entries which no state resolves."""
-        return [row for row in self.rows if row.verdict == "inconclusive" and lists(row.detail)]
+        return [
+            row
+            for row in self.rows
+            if row.verdict == "inconclusive" and is_unresolved_detail(row.detail)
+        ]
 
     @property
     def links(self) -> str:
@@ -125,7 +129,7 @@ class Judged:
         return ranges(row.links for row in self.rows if row.links is not None)
 
     @property
-    def failed(self) -> list[Kept]:
+    def failed(self) -> list[StoredFinding]:
         """The first failure of each subject on each scene."""
         failures = [row for row in self.rows if row.verdict == "failed"]
         return [rows[0] for rows in group(failures, lambda r: (r.subject, r.scene)).values()]
@@ -136,29 +140,29 @@ class Judged:
         found = [row.proof.failure_probability for row in self.rows if row.proof is not None]
         return sum(found) if found else None
 
-    def by(self, key: Callable[[Kept], Any]) -> dict[Any, Judged]:
+    def by(self, key: Callable[[StoredFinding], Any]) -> dict[Any, ClaimSummary]:
         """Return those that are alike in `key`, in order."""
-        return {value: Judged(tuple(rows)) for value, rows in group(self.rows, key).items()}
+        return {value: ClaimSummary(tuple(rows)) for value, rows in group(self.rows, key).items()}
 
-    def of(self, name: str) -> Judged:
+    def of(self, name: str) -> ClaimSummary:
         """Return those about one formulation or engine."""
-        return Judged(tuple(row for row in self.rows if name in parties(row)))
+        return ClaimSummary(tuple(row for row in self.rows if name in participants(row)))
 
     @cached_property
-    def scenes(self) -> dict[str, Judged]:
+    def scenes(self) -> dict[str, ClaimSummary]:
         """Key of a scene -> those on it."""
         return self.by(lambda row: row.scene)
 
     @cached_property
-    def levels(self) -> dict[str, Judged]:
+    def levels(self) -> dict[str, ClaimSummary]:
         """Level of evidence -> those of that level, strongest first."""
         found = self.by(lambda row: row.level)
         return {level: found[level] for level in (*LEVELS, *found) if level in found}
 
 
-def by_claim(rows: Iterable[Kept]) -> list[Judged]:
+def by_claim(rows: Iterable[StoredFinding]) -> list[ClaimSummary]:
     """Return the Findings by claim, in the order of the registry, those not in it last."""
-    found = Judged(tuple(rows)).by(lambda row: row.claim)
+    found = ClaimSummary(tuple(rows)).by(lambda row: row.claim)
     return [found[key] for key in dict.fromkeys((*CLAIMS, *found)) if key in found]
 
 
@@ -175,14 +179,14 @@ WORST = (
 )
 
 
-def name_of(judged: Judged) -> Cell:
+def claim_link(judged: ClaimSummary) -> Cell:
     """Return the id of a claim, which leads to what it rests on."""
     return Cell(judged.claim.id, "name", f"#claim-{judged.claim.id}")
 
 
-def party_sheet(
-    claims: Iterable[Judged], names: Sequence[str], seconds: Mapping[str, float] | None = None
-) -> Sheet:
+def participant_table(
+    claims: Iterable[ClaimSummary], names: Sequence[str], seconds: Mapping[str, float] | None = None
+) -> ResultTable:
     """Return claims × formulations and engines; a cell is the worst observed / allowed.
 
     Args:
@@ -192,44 +196,46 @@ def party_sheet(
     """
     rows = []
     for one in claims:
-        cells = [name_of(one), one.cell, *(one.of(name).cell for name in names), one.evidence]
+        cells = [claim_link(one), one.cell, *(one.of(name).cell for name in names), one.evidence]
         time = [] if seconds is None else [f"{seconds.get(one.claim.id, 0.0):.1f} s"]
         rows.append(cells + time)
     columns = ["claim", "all", *names, "evidence, findings"]
-    return Sheet("claims", "", columns + ([] if seconds is None else ["time"]), rows, note=CELLS)
+    return ResultTable(
+        "claims", "", columns + ([] if seconds is None else ["time"]), rows, note=CELLS
+    )
 
 
-def worst_sheet(claims: Iterable[Judged]) -> Sheet:
+def worst_table(claims: Iterable[ClaimSummary]) -> ResultTable:
     """Return what is worst of each claim: observed / allowed, by whom, and where."""
     rows = []
     for one in claims:
         worst = one.worst if one.kind in DECIDED and one.text != "0" else None
-        by, on = ("·", "·") if worst is None else (worst.subject, where(worst))
-        rows.append([name_of(one), one.cell, by, on, f"{len(one.rows)}{one.undecided}"])
+        by, on = ("·", "·") if worst is None else (worst.subject, state_label(worst))
+        rows.append([claim_link(one), one.cell, by, on, f"{len(one.rows)}{one.undecided}"])
     columns = ["claim", "worst", "by", "on", "findings"]
-    return Sheet("worst", "", columns, rows, note=WORST)
+    return ResultTable("worst", "", columns, rows, note=WORST)
 
 
-def where(row: Kept) -> str:
+def state_label(row: StoredFinding) -> str:
     """Return the scene and the number of the state of a Finding, in short."""
     links = "" if row.links is None else f"[{row.links}]"
     return f"{row.scene}{links}" + ("" if row.case is None else f" #{row.case}")
 
 
-def scene_sheet(claims: Iterable[Judged], scenes: Iterable[str]) -> Sheet:
+def scene_table(claims: Iterable[ClaimSummary], scenes: Iterable[str]) -> ResultTable:
     """Return claims × scenes, with what a claim says; a cell is the worst observed / allowed."""
     scenes = list(scenes)
     rows = []
     for one in claims:
-        cells = (one.scenes.get(scene, Judged(())).cell for scene in scenes)
-        rows.append([name_of(one), one.claim.statement, ", ".join(one.levels), *cells])
-    return Sheet("claims", "", ["claim", "statement", "evidence", *scenes], rows, note=CELLS)
+        cells = (one.scenes.get(scene, ClaimSummary(())).cell for scene in scenes)
+        rows.append([claim_link(one), one.claim.statement, ", ".join(one.levels), *cells])
+    return ResultTable("claims", "", ["claim", "statement", "evidence", *scenes], rows, note=CELLS)
 
 
 # ---- Tables of states ----------------------------------------------------------------------------
 
 
-def digits_sheet(rows: Iterable[Kept]) -> Sheet:
+def digits_table(rows: Iterable[StoredFinding]) -> ResultTable:
     """Return the certified digits of v̇ of each formulation on each scene: fewest and median."""
     certified = group([row for row in rows if row.digits is not None], lambda row: row.subject)
     scenes = list(dict.fromkeys(row.scene for found in certified.values() for row in found))
@@ -239,14 +245,14 @@ def digits_sheet(rows: Iterable[Kept]) -> Sheet:
         cells = (_digits([row.digits or 0.0 for row in on.get(scene, [])]) for scene in scenes)
         made.append((key, str(len(certified[key])), *cells))
     title = "Decimal digits of q̈ in doubles that are right, against its true value: fewest (median)"
-    return Sheet("digits", title, ("formulation", "states solved", *scenes), made)
+    return ResultTable("digits", title, ("formulation", "states solved", *scenes), made)
 
 
 def _digits(digits: list[float]) -> str:
     return f"{min(digits):.1f} ({median(digits):.1f})" if digits else "·"
 
 
-def strata_sheet(strata: Mapping[str, Mapping[str, Mapping[str, int]]]) -> Sheet:
+def factor_table(strata: Mapping[str, Mapping[str, Mapping[str, int]]]) -> ResultTable:
     """Return the strata that were drawn from.
 
     Args:
@@ -257,7 +263,7 @@ def strata_sheet(strata: Mapping[str, Mapping[str, Mapping[str, int]]]) -> Sheet
         for scene, of in strata.items()
         for name, ways in of.items()
     ]
-    return Sheet("strata", "Drawn states by stratum", ("scene", "stratum", "states"), rows)
+    return ResultTable("strata", "Drawn states by stratum", ("scene", "stratum", "states"), rows)
 
 
 def _ways(ways: Mapping[str, int]) -> Iterator[str]:
@@ -269,7 +275,7 @@ def _ways(ways: Mapping[str, int]) -> Iterator[str]:
 # ---- Evidence of one claim -----------------------------------------------------------------------
 
 
-def evidence_sheet(judged: Judged) -> Sheet:
+def evidence_table(judged: ClaimSummary) -> ResultTable:
     """Return what a claim rests on: scenes × levels of evidence."""
     found = judged.by(lambda row: (row.scene, row.level))
     levels = dict.fromkeys((*LEVELS, *judged.levels))
@@ -280,20 +286,19 @@ def evidence_sheet(judged: Judged) -> Sheet:
         for level in levels
         if (scene, level) in found
     ]
-    sheet = Sheet("", "", [*columns, "ratio", "observed", "allowed", "where"], rows)
+    sheet = ResultTable("", "", [*columns, "ratio", "observed", "allowed", "where"], rows)
     return sheet if judged.unseen else sheet.without("skipped")
 
 
-def _evidence(one: Judged) -> list[str]:
+def _evidence(one: ClaimSummary) -> list[str]:
     worst, sure = one.worst, one.failure_probability
     assert worst is not None
     cells = [one.links, str(one.states or "all"), str(len(one.rows))]
     cells += [str(count or "") for count in (one.inconclusive, len(one.unseen))]
     if sure is not None:
-        told = (
-            f"{counted(len(one.rows), 'identity')}, wrong with a probability below {number(sure)}"
-        )
+        bound = number_text(sure)
+        told = f"{counted(len(one.rows), 'identity')}, wrong with a probability below {bound}"
         return [*cells, "", "", "", Cell(told, link=f"#{anchor(worst)}")]
     where = f"{worst.subject}, {f'state {worst.case}' if worst.case is not None else worst.place}"
     link = Cell(where if worst.ratio else "", link=f"#{anchor(worst)}")
-    return [*cells, one.cell, number(worst.observed), number(worst.allowed), link]
+    return [*cells, one.cell, number_text(worst.observed), number_text(worst.allowed), link]

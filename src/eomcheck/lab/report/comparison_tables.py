@@ -8,10 +8,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from eomcheck.atomic_write import write_text
-from eomcheck.claims.finding import listed
+from eomcheck.claims.finding import unresolved_finding
 from eomcheck.console import console
-from eomcheck.lab.library_comparison import OURS, QUANTITIES, Comparison
-from eomcheck.lab.show.table import Cell, Sheet, print_sheets, say
+from eomcheck.lab.library_comparison import QUANTITIES, REFERENCE_NAME, LibraryComparison
+from eomcheck.lab.show.table import Cell, ResultTable, print_tables, say
 from eomcheck.safe_output import counted
 
 NOBODY = (
@@ -23,7 +23,7 @@ MOST_LINES = 4
 """Of what a library says while it reads a file."""
 
 
-def library_sheet(found: Comparison) -> Sheet:
+def library_table(found: LibraryComparison) -> ResultTable:
     """Return the table of libraries: how far from us they are, where, and why."""
     rows = []
     for i, (key, version) in enumerate(found.versions.items()):
@@ -45,23 +45,23 @@ def library_sheet(found: Comparison) -> Sheet:
         "Largest difference from eomcheck, relative to the largest entry; where entries cancel to "
         "less than a thousandth of the terms that they are summed from, to these."
     )
-    return Sheet("libraries", title, heads, rows, note=note)
+    return ResultTable("libraries", title, heads, rows, note=note)
 
 
-def pair_sheets(found: Comparison) -> Iterator[Sheet]:
+def pair_tables(found: LibraryComparison) -> Iterator[ResultTable]:
     """Yield one table for each quantity: libraries by libraries, the largest difference of two."""
-    names = [OURS, *found.versions]
+    names = [REFERENCE_NAME, *found.versions]
     for quantity, table in found.apart.items():
         rows = [
             [Cell(name, "name"), *(_cell(x) if i != j else "" for j, x in enumerate(row))]
             for i, (name, row) in enumerate(zip(names, table, strict=True))
         ]
-        yield Sheet(
+        yield ResultTable(
             quantity, f"{quantity}, each library beside each other", ["library", *names], rows
         )
 
 
-def sentences(found: Comparison) -> Iterator[str]:
+def sentences(found: LibraryComparison) -> Iterator[str]:
     """Yield what is to be said of each library that differs or gave no answer."""
     for key, version in found.versions.items():
         if found.differs(key):
@@ -75,7 +75,7 @@ def sentences(found: Comparison) -> Iterator[str]:
                     f" (and {counted(more, 'line')} more)" if more > 0 else ""
                 )
     for (key, claim), left in found.hidden.items():
-        yield f"{found.versions[key]}: {claim} is {listed(left).detail}"
+        yield f"{found.versions[key]}: {claim} is {unresolved_finding(left).detail}"
     if found.own:
         worst = max(found.own, key=lambda one: one.ratio)
         yield f"The two derivations of eomcheck differ from each other: {worst.detail}"
@@ -99,9 +99,9 @@ def _cell(x: float) -> str:
     return "-" if math.isnan(x) else f"{x:.0e}" if x else "0"
 
 
-def print_comparison(found: Comparison, pairs: bool = False) -> None:
+def print_comparison(found: LibraryComparison, pairs: bool = False) -> None:
     """Print how far libraries are from us, and from each other if asked for."""
-    print_sheets([library_sheet(found), *(pair_sheets(found) if pairs else ())])
+    print_tables([library_table(found), *(pair_tables(found) if pairs else ())])
     for said in sentences(found):
         say(said)
     if found.agree:
@@ -112,7 +112,7 @@ def print_comparison(found: Comparison, pairs: bool = False) -> None:
         console.print(", ".join([f"{who} agree to rounding{where}", *said]))
 
 
-def write_comparison(found: Comparison, path: Path) -> None:
+def write_comparison(found: LibraryComparison, path: Path) -> None:
     """Write all that was found as JSON."""
     plain = {
         "scene": found.scene.name,
@@ -120,7 +120,7 @@ def write_comparison(found: Comparison, path: Path) -> None:
         "states": found.states,
         "versions": found.versions,
         "refused": found.refused,
-        "libraries": [OURS, *found.versions],
+        "libraries": [REFERENCE_NAME, *found.versions],
         "apart": {
             name: [[x if math.isfinite(x) else None for x in row] for row in table.tolist()]
             for name, table in found.apart.items()
@@ -130,7 +130,9 @@ def write_comparison(found: Comparison, path: Path) -> None:
         "findings": [one.as_dict() for one in found.findings.values()],
         "why": {key: [one.sentence for one in why] for key, why in found.why.items()},
         "said": found.said,
-        "hidden": [[*where, listed(left).detail] for where, left in found.hidden.items()],
+        "hidden": [
+            [*where, unresolved_finding(left).detail] for where, left in found.hidden.items()
+        ],
         "skipped": found.skipped,
         "own": [one.as_dict() for one in found.own],
     }

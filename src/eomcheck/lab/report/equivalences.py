@@ -18,11 +18,11 @@ import numpy as np
 from eomcheck import __version__
 from eomcheck.atomic_write import write_text
 from eomcheck.claims import CLAIMS
-from eomcheck.claims.pairwise_design import links_of
+from eomcheck.claims.pairwise_design import link_count
 from eomcheck.engines import ENGINES
 from eomcheck.errors import InputError
-from eomcheck.lab.report.claim_summary import LEVELS, Judged, evidence_sheet
-from eomcheck.lab.report.overview import Overview, made
+from eomcheck.lab.report.claim_summary import LEVELS, ClaimSummary, evidence_table
+from eomcheck.lab.report.overview import Overview, origin_of
 from eomcheck.lab.show.document_text import ranges, render
 from eomcheck.lab.store.record_file import group
 from eomcheck.lab.store.stored_findings import PROOFS, RUNS, STATES
@@ -71,7 +71,7 @@ def _claims_in(test: ast.FunctionDef) -> set[str]:
 # ---- Independent parameters ----------------------------------------------------------------------
 
 
-class OtherData(NamedTuple):
+class IndependentParameters(NamedTuple):
     """How the parameters of a kind of scene are seen to be the right ones in its equations."""
 
     scene: str
@@ -81,7 +81,7 @@ class OtherData(NamedTuple):
     """Those that both derivations take from `parameters()`."""
 
 
-def other_data(overview: Overview) -> Iterator[OtherData]:
+def independent_parameters(overview: Overview) -> Iterator[IndependentParameters]:
     """Yield, per scene validated, which of its parameters an engine has by another way.
 
     Those are the parameters that change the scene's `tree()`, if an engine that is built of the
@@ -91,14 +91,14 @@ def other_data(overview: Overview) -> Iterator[OtherData]:
         if (kind := SCENES.get(run.settings["scene"])) is None:
             continue
         scene: Any = kind.example()
-        names = list(kind.ranges(links_of(scene)))
+        names = list(kind.ranges(link_count(scene)))
         ours = [key for key in run.series["engines"] if key in ENGINES]
         by = [key for key in ours if not ENGINES[key].reads_parameters]
         seen = [name for name in names if by and _in_tree(scene, name)]
         common = ", ".join(name for name in names if name not in seen)
         covered = f"{', '.join(seen)} ({', '.join(by)}, from the tree)" if seen else "-"
         said = f"common mode not covered: {common}" if common else "-"
-        yield OtherData(kind.key, covered, said)
+        yield IndependentParameters(kind.key, covered, said)
 
 
 def _in_tree(scene: Any, name: str) -> bool:
@@ -136,13 +136,13 @@ def write_equivalences(overview: Overview, path: Path, suite: Path) -> None:
     text = render(
         "equivalences.md.j2",
         overview=overview,
-        entries=list(entries(overview, suite)),
-        evidence=evidence_sheet,
+        entries=list(claim_entries(overview, suite)),
+        evidence=evidence_table,
         version=__version__,
         heading=RUN,
-        other_data=list(other_data(overview)),
+        other_data=list(independent_parameters(overview)),
         commands=list(dict.fromkeys(commands(overview))),
-        provenance=list(dict.fromkeys(made(one) for one in of_run)),
+        provenance=list(dict.fromkeys(origin_of(one) for one in of_run)),
         versions={name: version for one in of_run for name, version in one.versions.items()},
     )
     write_text(path, text)
@@ -170,7 +170,9 @@ def _options(counts: dict[str, int]) -> dict[str, int | str]:
     return {"examples": counts["examples"], "links": links, "seed": counts["seed"]}
 
 
-def entries(overview: Overview, suite: Path) -> Iterator[tuple[Judged, tuple[str, ...]]]:
+def claim_entries(
+    overview: Overview, suite: Path
+) -> Iterator[tuple[ClaimSummary, tuple[str, ...]]]:
     """Yield every claim, with its evidence and its tests.
 
     Raises:
@@ -186,4 +188,4 @@ def entries(overview: Overview, suite: Path) -> Iterator[tuple[Judged, tuple[str
             shown += tests.get(PROVED, ())
         if not shown:
             raise InputError(f"claim {key!r} has no test in {str(suite)!r}")
-        yield Judged(tuple(looked_at)), shown
+        yield ClaimSummary(tuple(looked_at)), shown

@@ -12,30 +12,32 @@ from typing import Any
 
 from eomcheck import __version__
 from eomcheck.claims import CLAIMS
-from eomcheck.claims.run import Run, Selection
+from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.console import console
 from eomcheck.engines import Engine, represents, version_of
 from eomcheck.lab.proofs import Proofs
 from eomcheck.lab.report.claim_summary import (
-    Judged,
+    ClaimSummary,
     by_claim,
-    digits_sheet,
-    name_of,
-    party_sheet,
-    scene_sheet,
-    strata_sheet,
-    worst_sheet,
+    claim_link,
+    digits_table,
+    factor_table,
+    participant_table,
+    scene_table,
+    worst_table,
 )
 from eomcheck.lab.show.document_text import write_json as write_document
-from eomcheck.lab.show.table import Sheet, print_sheets, say
+from eomcheck.lab.show.table import ResultTable, print_tables, say
 from eomcheck.lab.store.record_file import group
-from eomcheck.lab.store.stored_findings import kept_of_runs
+from eomcheck.lab.store.stored_findings import stored_findings_of_runs
 from eomcheck.safe_output import counted
 
 # ---- Validation ----------------------------------------------------------------------------------
 
 
-def print_runs(runs: Mapping[str, Run], selection: Selection, wide: bool = False) -> None:
+def print_runs(
+    runs: Mapping[str, ValidationRun], selection: RunSelection, wide: bool = False
+) -> None:
     """Print the table, what it says, and the smallest failing state as Python.
 
     Args:
@@ -46,27 +48,27 @@ def print_runs(runs: Mapping[str, Run], selection: Selection, wide: bool = False
     engines = ", ".join(_called(one, selection) for one in selection.engines) or "no engine"
     states = sum(run.cases for run in runs.values())
     say(f"eomcheck {__version__}, {engines}, {counted(states, 'state')}")
-    rows = kept_of_runs(runs)
+    rows = stored_findings_of_runs(runs)
     claims = by_claim(rows)
     if len(runs) == 1:
         (run,) = runs.values()
         names = [one.key for one in (*selection.formulations, *selection.engines)]
-        table = party_sheet(claims, names, run.seconds) if wide else worst_sheet(claims)
-        print_sheets(sheet for sheet in (table, digits_sheet(rows)) if sheet.rows)
+        table = participant_table(claims, names, run.seconds) if wide else worst_table(claims)
+        print_tables(sheet for sheet in (table, digits_table(rows)) if sheet.rows)
         for row in rows:
             if row.claim == "coverage":
                 say(f"coverage: {row.detail}")
     else:
-        table = worst_sheet(claims)
+        table = worst_table(claims)
         if wide:
-            table = scene_sheet(claims, runs).without("statement", "evidence")
-        print_sheets([table, Sheet("runs", "What was looked at", *_totals(runs))])
+            table = scene_table(claims, runs).without("statement", "evidence")
+        print_tables([table, ResultTable("runs", "What was looked at", *_totals(runs))])
         if selection.named and any(CLAIMS[claim].asks for claim in selection.claims):
             print_unrepresented(runs, selection.engines)
     strata = {key: run.strata for key, run in runs.items() if run.drawn}
     if strata and (wide or len(runs) == 1):
-        print_sheets([strata_sheet(strata)])
-    print_unseen(claims)
+        print_tables([factor_table(strata)])
+    print_skipped(claims)
     print_unresolved(claims)
     smallest = [_smallest(run) for run in runs.values()]
     for finding in filter(None, smallest):
@@ -76,17 +78,17 @@ def print_runs(runs: Mapping[str, Run], selection: Selection, wide: bool = False
     if failed := sum(row.verdict == "failed" for row in rows):
         say(f"{failed} of {counted(len(rows), 'finding')} failed.", "bold red")
     else:
-        whole = Judged(tuple(rows))
+        whole = ClaimSummary(tuple(rows))
         passed = len(rows) - whole.open
         say(f"{counted(passed, 'finding')} passed{whole.undecided}, 0 failed.", "bold green")
 
 
-def _called(engine: type[Engine], selection: Selection) -> str:
+def _called(engine: type[Engine], selection: RunSelection) -> str:
     reads = " (reads the file itself)" if engine is selection.reader else ""
     return version_of(engine) + reads
 
 
-def _totals(runs: Mapping[str, Run]) -> tuple[list[str], list[list[str]]]:
+def _totals(runs: Mapping[str, ValidationRun]) -> tuple[list[str], list[list[str]]]:
     """Return what was looked at on each scene: headings and rows."""
     counts = {
         "states": lambda run: run.cases,
@@ -100,16 +102,16 @@ def _totals(runs: Mapping[str, Run]) -> tuple[list[str], list[list[str]]]:
     return ["scene", *counts], rows
 
 
-def _count(run: Run, verdict: str) -> int:
+def _count(run: ValidationRun, verdict: str) -> int:
     return sum(one.verdict == verdict for one in run.findings)
 
 
-def _smallest(run: Run) -> Any:
+def _smallest(run: ValidationRun) -> Any:
     failed = (one for one in run.findings if one.verdict == "failed" and one.claim != "coverage")
     return run.minimal or next(failed, None)
 
 
-def print_failures(claims: Iterable[Judged]) -> None:
+def print_failures(claims: Iterable[ClaimSummary]) -> None:
     """Print what fails: of each claim the worst Finding on a scene, and how many else there are."""
     for one in claims:
         for failed in group(one.failed, lambda row: row.scene).values():
@@ -118,7 +120,7 @@ def print_failures(claims: Iterable[Judged]) -> None:
             say(f"{row.claim} {row}{more}", "red")
 
 
-def print_unrepresented(runs: Mapping[str, Run], engines: Iterable[type[Engine]]) -> None:
+def print_unrepresented(runs: Mapping[str, ValidationRun], engines: Iterable[type[Engine]]) -> None:
     """Print of which scenes an engine represents none that was looked at: nothing was compared."""
     for key, run in runs.items():
         subjects = {word for one in run.findings for word in one.subject.split(" ~ ")}
@@ -129,14 +131,14 @@ def print_unrepresented(runs: Mapping[str, Run], engines: Iterable[type[Engine]]
             say(f"skipped: {key}, {states}: {engine.key} represents none of them")
 
 
-def print_unresolved(claims: Iterable[Judged]) -> None:
+def print_unresolved(claims: Iterable[ClaimSummary]) -> None:
     """Print the entries that no state resolves, which no table shows beside those that passed."""
     for one in claims:
         for row in one.unresolved:
             say(f"inconclusive: {one.claim.id} on {row.scene}: {row.detail}")
 
 
-def print_unseen(claims: Iterable[Judged]) -> None:
+def print_skipped(claims: Iterable[ClaimSummary]) -> None:
     """Print the skipped checks with their reasons."""
     for one in claims:
         for subject, (first, *_) in group(one.unseen, lambda row: row.subject).items():
@@ -146,7 +148,7 @@ def print_unseen(claims: Iterable[Judged]) -> None:
 # ---- Proofs --------------------------------------------------------------------------------------
 
 
-def proof_sheet(claims: Iterable[Judged]) -> Sheet:
+def proof_table(claims: Iterable[ClaimSummary]) -> ResultTable:
     """Return what was proved of each claim, and how surely."""
     counts = {"proved": "passed", "disproved": "failed", "skipped": "skipped"}
     bounds = "degree ≤", "height ≤", "failure probability <"
@@ -156,7 +158,7 @@ def proof_sheet(claims: Iterable[Judged]) -> Sheet:
         proofs = [row.proof for row in one.rows if row.proof is not None]
         rows.append(
             [
-                name_of(one),
+                claim_link(one),
                 one.claim.statement,
                 *(str(len(of[verdict])) if verdict in of else "" for verdict in counts.values()),
                 str(max((p.degree for p in proofs), default="")),
@@ -164,7 +166,7 @@ def proof_sheet(claims: Iterable[Judged]) -> Sheet:
                 f"{max(p.failure_probability for p in proofs):.1e}" if proofs else "",
             ]
         )
-    return Sheet("proofs", "", ["claim", "statement", *counts, *bounds], rows)
+    return ResultTable("proofs", "", ["claim", "statement", *counts, *bounds], rows)
 
 
 def print_proofs(proofs: Proofs) -> None:
@@ -174,8 +176,8 @@ def print_proofs(proofs: Proofs) -> None:
     if not claims:
         console.print("nothing was proved")
         return
-    print_sheets([proof_sheet(claims)])
-    print_unseen(claims)
+    print_tables([proof_table(claims)])
+    print_skipped(claims)
     if proofs.started_over:
         console.print("an unfinished file of other settings or sources was started over")
     of = group(rows, lambda row: row.verdict)
@@ -198,7 +200,7 @@ def print_proofs(proofs: Proofs) -> None:
 # ---- JSON ----------------------------------------------------------------------------------------
 
 
-def write_json(path: Path, runs: Iterable[Run], selection: Selection) -> None:
+def write_findings(path: Path, runs: Iterable[ValidationRun], selection: RunSelection) -> None:
     """Write every Finding of `runs`, each case once, to `path`."""
     runs = list(runs)
     minimal = [run.minimal.as_python() for run in runs if run.minimal is not None]

@@ -18,7 +18,7 @@ from eomcheck.evaluation.dynamics import acceleration, velocity
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import formulations_for
 from eomcheck.lab.show.chart import Axis, Band, Chart, Panel, in_rows
-from eomcheck.lab.show.table import Sheet, print_sheets, say
+from eomcheck.lab.show.table import ResultTable, print_tables, say
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.batch import Trajectories
 from eomcheck.motion.simulate import Trajectory
@@ -76,7 +76,7 @@ def print_accelerations(scene: Scene, u=None, keys: Iterable[str] | None = None)
         rows.append((key, *most, f"{found.error_bound:.2g}", f"{found.rcond[matrix]:.2g}", matrix))
     columns = ("formulation", "largest |q̈|", "of", "error bound", "smallest rcond", "matrix")
     title = f"{scene.name}: accelerations at its start"
-    print_sheets([Sheet("accelerations", title, columns, rows, note=NOTE if rows else "")])
+    print_tables([ResultTable("accelerations", title, columns, rows, note=NOTE if rows else "")])
     if any(row[-1] == "KKT" for row in rows):
         say(KKT)
     for said in (*refusals, _state(scene, q, v)):
@@ -122,7 +122,7 @@ def print_constraints(scene: Scene) -> int:
         for i, name in enumerate(scene.constraint_names)
     ]
     columns = ("constraint", "it is", "away from the others, of its size", "by rounding at most")
-    print_sheets([Sheet("constraints", "", columns, rows)])
+    print_tables([ResultTable("constraints", "", columns, rows)])
     say(f"{scene.structure}: n = {scene.n}, r = {scene.r}, rank {scene.r - len(without)}")
     return len(without)
 
@@ -152,7 +152,7 @@ def print_trajectories(trajectories: Iterable[Trajectory]) -> None:
     said = f"The energy is no error here: {scene.why_not_conserved}."
     note = "" if scene.conserves_energy else said
     title = f"{scene.name}: motions from its start"
-    print_sheets([Sheet("motions", title, columns, rows, note=note)])
+    print_tables([ResultTable("motions", title, columns, rows, note=note)])
     for one in found:
         if one.status != "finished":
             say(f"{one.key} {one.status}: {one.reason}")
@@ -182,7 +182,7 @@ def print_many(found: Trajectories) -> None:
     rows = list(_quantile_rows(found, good)) if good.any() else []
     counts = ", ".join(f"{count} {status}" for status, count in Counter(found.status).items())
     note = f"{counted(len(found), 'motion')}: {counts}; {found.seconds:.2g} s of integration"
-    print_sheets([Sheet("many", title, ("at the end", *QUANTILES), rows, note=note)])
+    print_tables([ResultTable("many", title, ("at the end", *QUANTILES), rows, note=note)])
     for i in np.flatnonzero(~good)[:3]:
         say(f"motion {i} {found.status[i]}: {found.reason[i]}")
 

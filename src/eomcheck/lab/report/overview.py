@@ -15,11 +15,17 @@ from eomcheck.claims.finding import DECIDED
 from eomcheck.engines import ENGINES
 from eomcheck.errors import EomcheckError, InputError, described_error
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.report.claim_summary import Judged, by_claim, digits_sheet, parties, strata_sheet
+from eomcheck.lab.report.claim_summary import (
+    ClaimSummary,
+    by_claim,
+    digits_table,
+    factor_table,
+    participants,
+)
 from eomcheck.lab.show.chart import Chart
-from eomcheck.lab.show.table import Sheet
+from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.record_file import Record, Records, key_of
-from eomcheck.lab.store.stored_findings import PROOFS, RUNS, fault_of, kept_in
+from eomcheck.lab.store.stored_findings import PROOFS, RUNS, stored_findings_in, why_unreadable
 from eomcheck.lab.studies import STUDIES, study_of
 from eomcheck.safe_output import counted
 from eomcheck.scenes import SCENES
@@ -27,7 +33,7 @@ from eomcheck.scenes import SCENES
 Verdict = Literal["failed", "not finished", "passed", "nothing checked"]
 
 
-def read(paths: Iterable[Path], unread: list[str] | None = None) -> list[Record]:
+def read_records(paths: Iterable[Path], unread: list[str] | None = None) -> list[Record]:
     """Return the Records of all files; of one cell that is in several, the last one given.
 
     Args:
@@ -64,9 +70,9 @@ class Overview:
     """
 
     def __init__(self, records: Sequence[Record], unread: Sequence[str] = ()):
-        faults = [(one, fault_of(one)) for one in records]
+        faults = [(one, why_unreadable(one)) for one in records]
         self.records = [one for one, fault in faults if fault is None]
-        self.rows = kept_in(self.records)
+        self.rows = stored_findings_in(self.records)
         self.unread = [
             *unread,
             *(f"a record of {one.study!r} cannot be read: {why}" for one, why in faults if why),
@@ -83,14 +89,14 @@ class Overview:
         return [runs[scene] for scene in _registered(runs)]
 
     @cached_property
-    def claims(self) -> list[Judged]:
+    def claims(self) -> list[ClaimSummary]:
         """Every claim on which something was found, in the order of the registry."""
         return by_claim(self.rows)
 
     @cached_property
     def columns(self) -> list[str]:
         """The formulations and engines that took part."""
-        seen = {name for row in self.rows for name in parties(row)}
+        seen = {name for row in self.rows for name in participants(row)}
         own = (key for run in self.runs for key in run.series["engines"])
         return [key for key in dict.fromkeys((*FORMULATIONS, *ENGINES, *own)) if key in seen]
 
@@ -112,15 +118,15 @@ class Overview:
     @property
     def open(self) -> int:
         """Number of Findings that say nothing."""
-        return Judged(tuple(self.rows)).open
+        return ClaimSummary(tuple(self.rows)).open
 
     @property
     def undecided(self) -> str:
         """Counts of undecided Findings: "3 inconclusive, 1 skipped", or ""."""
-        return Judged(tuple(self.rows)).undecided.removeprefix(", ")
+        return ClaimSummary(tuple(self.rows)).undecided.removeprefix(", ")
 
     @cached_property
-    def failed(self) -> list[Judged]:
+    def failed(self) -> list[ClaimSummary]:
         """The claims that fail somewhere."""
         return [judged for judged in self.claims if judged.kind == "failed"]
 
@@ -176,10 +182,10 @@ class Overview:
     @property
     def provenance(self) -> list[str]:
         """When, by which sources and where the Records were made, each once."""
-        return list(dict.fromkeys(map(made, sorted(self.records, key=lambda one: one.when))))
+        return list(dict.fromkeys(map(origin_of, sorted(self.records, key=lambda one: one.when))))
 
 
-def made(record: Record) -> str:
+def origin_of(record: Record) -> str:
     """Return where a Record comes from: day, version, commit or digest, machine."""
     versions, machine = record.versions, record.machine
     source = versions.get("commit") or f"sources {versions.get('sources', 'unknown')}"
@@ -210,7 +216,7 @@ class Section(NamedTuple):
     id: str
     title: str
     text: str
-    tables: Sequence[Sheet]
+    tables: Sequence[ResultTable]
     charts: Callable[[], Sequence[Chart]] = tuple
 
 
@@ -246,7 +252,7 @@ def _of_study(key: str, overview: Overview) -> Section | None:
 def _digits(overview: Overview) -> Section:
     """Return the certified digits of each formulation on each scene."""
     # Where an acceleration is nothing but rounding it has no digits to be right.
-    sheet = digits_sheet(row for row in overview.rows if row.verdict in DECIDED)
+    sheet = digits_table(row for row in overview.rows if row.verdict in DECIDED)
     return Section(
         "digits",
         "Certified digits",
@@ -270,5 +276,5 @@ def _strata(overview: Overview) -> Section:
         "States drawn",
         "How many of the states drawn at random are of which kind. Every pair of kinds is drawn at "
         "least once where there are draws enough; a scene class with no state was not checked.",
-        [strata_sheet(strata)],
+        [factor_table(strata)],
     )

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
 
-from eomcheck.lab.show.table import Sheet
+from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.record_file import Record
 
 GROUPS = ("settings", "counts", "errors", "series", "machine", "versions")
@@ -27,7 +27,7 @@ def _flat(record: Record) -> dict[str, Any]:
     return row
 
 
-def columns(records: Sequence[Record]) -> list[str]:
+def record_columns(records: Sequence[Record]) -> list[str]:
     """Return the columns of a table: in the order of Record's fields, names sorted in each."""
     order = [field.name for field in fields(Record)]
     names = dict.fromkeys(name for record in records for name in _flat(record))
@@ -51,8 +51,8 @@ def _cell(value: Any) -> str:
             return json.dumps(value, ensure_ascii=False)
 
 
-def record_sheet(records: Sequence[Record]) -> Sheet:
+def record_table(records: Sequence[Record]) -> ResultTable:
     """Return one line per Record; what a Record does not have is empty."""
-    names = columns(records)
+    names = record_columns(records)
     rows = [[_cell(row.get(name)) for name in names] for row in map(_flat, records)]
-    return Sheet("records", "", names, rows)
+    return ResultTable("records", "", names, rows)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eomcheck.errors import message_of
-from eomcheck.lab.show.table import Cell, Sheet
+from eomcheck.lab.show.table import Cell, ResultTable
 
 if TYPE_CHECKING:
     from eomcheck.evaluation.scene_quantities import Quantities
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 # ---- Scenes --------------------------------------------------------------------------------------
 
 
-def registered_scenes() -> Sheet:
+def registered_scenes() -> ResultTable:
     """Return the table of all registered scenes."""
     from eomcheck.engines import ENGINES
     from eomcheck.lab.studies.operations.measure import outline
@@ -43,7 +43,7 @@ def registered_scenes() -> Sheet:
             )
         )
     columns = ("key", "what it is", "terms", "speeds", "formulations", "engines", "invariants")
-    return Sheet("scenes", "", columns, rows, (15, 24, 18, 12, 12, 11, 24))
+    return ResultTable("scenes", "", columns, rows, (15, 24, 18, 12, 12, 11, 24))
 
 
 def _terms(at: Quantities) -> str:
@@ -84,7 +84,7 @@ SHOWN = 5
 """A default with more numbers is named, not shown."""
 
 
-def parameter_sheet(kind: type[Parametric]) -> Sheet:
+def parameter_table(kind: type[Parametric]) -> ResultTable:
     """Return what a scene of this kind is made of, and what random ones are drawn from."""
     rows = []
     for one in fields(kind):
@@ -97,7 +97,7 @@ def parameter_sheet(kind: type[Parametric]) -> Sheet:
         about = said.what, str(shape or "number"), said.unit, " ".join(filter(None, kept))
         rows.append((Cell(one.name, "name"), *about, _default(kind, one, said.made), drawn))
     about = ("name", "what it is", "shape", "SI unit", "value", "default", "drawn from")
-    return Sheet("parameters", "", about, rows)
+    return ResultTable("parameters", "", about, rows)
 
 
 def _default(kind: type, one: Field, made: object) -> str:
@@ -123,7 +123,7 @@ def in_paper(f: Formulation) -> str:
     return "not there" if f.multipliers_in_paper is None else yes(f.multipliers_in_paper)
 
 
-def _formulations() -> Sheet:
+def _formulations() -> ResultTable:
     from eomcheck.formulations import FORMULATIONS
 
     rows = [
@@ -140,10 +140,10 @@ def _formulations() -> Sheet:
         for f in FORMULATIONS.values()
     ]
     about = ("name", "equations", "order", "constraints at", "λ in paper", "λ here", "limits")
-    return Sheet("formulations", "", ("key", *about), rows, (6, 13, 10, 10, 13, 9, 6, 37))
+    return ResultTable("formulations", "", ("key", *about), rows, (6, 13, 10, 10, 13, 9, 6, 37))
 
 
-def function_claims_sheet() -> Sheet:
+def function_claim_table() -> ResultTable:
     """Return what is claimed of somebody's functions, and which of them a claim needs."""
     from eomcheck.testing import FUNCTION_CLAIMS
 
@@ -155,10 +155,10 @@ def function_claims_sheet() -> Sheet:
         )
         for one in FUNCTION_CLAIMS.values()
     ]
-    return Sheet("function-claims", "", ("claim", "statement", "needs"), rows)
+    return ResultTable("function-claims", "", ("claim", "statement", "needs"), rows)
 
 
-def _engines() -> Sheet:
+def _engines() -> ResultTable:
     from eomcheck.class_lookup import announced
     from eomcheck.engines import ENGINE, ENGINES, engine_of, version_of
     from eomcheck.errors import EngineError
@@ -182,14 +182,14 @@ def _engines() -> Sheet:
             row = "cannot be loaded", package, "", message_of(error)
         rows.append((Cell(name, "name"), *row))
     columns = ("key", "library", "installed by the extra", "own constraints", "what it is")
-    return Sheet("engines", "", columns, rows)
+    return ResultTable("engines", "", columns, rows)
 
 
-def _claims() -> Sheet:
+def _claims() -> ResultTable:
     from eomcheck.claims import CLAIMS
 
     rows = [(Cell(one.id, "name"), one.statement, one.equations) for one in CLAIMS.values()]
-    return Sheet("claims", "", ("id", "statement", "equations"), rows)
+    return ResultTable("claims", "", ("id", "statement", "equations"), rows)
 
 
 _SHEETS = {
@@ -200,6 +200,6 @@ _SHEETS = {
 }
 
 
-def registry_sheet(name: str) -> Sheet:
+def registry_table(name: str) -> ResultTable:
     """Return the table of one registry."""
     return _SHEETS[name]()

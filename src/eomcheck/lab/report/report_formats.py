@@ -15,16 +15,16 @@ from eomcheck.atomic_write import replacing, write_text
 from eomcheck.engines import ENGINES
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.report.claim_summary import (
-    Judged,
+    ClaimSummary,
     anchor,
-    evidence_sheet,
-    party_sheet,
-    scene_sheet,
+    evidence_table,
+    participant_table,
+    scene_table,
 )
 from eomcheck.lab.report.overview import Overview, sections_of
 from eomcheck.lab.show.chart import STYLES, Chart, keys_of
 from eomcheck.lab.show.document_text import environment, render
-from eomcheck.lab.store.stored_findings import Kept
+from eomcheck.lab.store.stored_findings import StoredFinding
 from eomcheck.safe_output import counted
 
 # ---- HTML ----------------------------------------------------------------------------------------
@@ -49,7 +49,7 @@ def write_page(overview: Overview, path: Path) -> None:
     Raises:
         EngineError: jinja2 or plotly is not installed.
     """
-    from eomcheck.lab.show.chart_plotly import json_of, plotly_js
+    from eomcheck.lab.show.chart_plotly import chart_json, plotly_js
 
     sections = [(one, one.charts()) for one in sections_of(overview)]
     charts = [chart for _, charts in sections for chart in charts]
@@ -59,11 +59,11 @@ def write_page(overview: Overview, path: Path) -> None:
         version=__version__,
         sections=sections,
         charts=charts,
-        json_of=json_of,
+        json_of=chart_json,
         states=_states(overview),
         anchor=anchor,
-        claims=party_sheet(overview.claims, overview.columns),
-        evidence=evidence_sheet,
+        claims=participant_table(overview.claims, overview.columns),
+        evidence=evidence_table,
         lit={*STYLES, *ENGINES, *overview.columns},
         formulations=[FORMULATIONS[key] for key in overview_formulations(overview, charts)],
         light={key: style.color for key, style in STYLES.items()},
@@ -79,7 +79,7 @@ def overview_formulations(overview: Overview, charts: list[Chart]) -> list[str]:
     return [key for key in FORMULATIONS if key in drawn or key in overview.columns]
 
 
-def _states(overview: Overview) -> list[Kept]:
+def _states(overview: Overview) -> list[StoredFinding]:
     """Return one Finding of each state that the page points at: failures, and the worst of all."""
     pointed = [row for judged in overview.claims for row in _pointed(judged)]
     # Failures first.
@@ -87,7 +87,7 @@ def _states(overview: Overview) -> list[Kept]:
     return list({anchor(row): row for row in reversed(pointed)}.values())[::-1]
 
 
-def _pointed(judged: Judged) -> list[Kept]:
+def _pointed(judged: ClaimSummary) -> list[StoredFinding]:
     found = judged.by(lambda row: (row.scene, row.level)).values()
     return [*judged.failed, *(one.worst for one in found if one.worst is not None)]
 
@@ -138,7 +138,7 @@ def write_markdown(overview: Overview, path: Path) -> None:
     Raises:
         EngineError: jinja2 is not installed.
     """
-    claims = scene_sheet(overview.claims, overview.scenes)
+    claims = scene_table(overview.claims, overview.scenes)
     sections = sections_of(overview)
     text = render("report.md.j2", overview=overview, claims=claims, sections=sections)
     write_text(path, text)
@@ -187,7 +187,7 @@ def _test_case(suite: ElementTree.Element, scene: str, name: str, seconds: float
     return ElementTree.SubElement(suite, "testcase", of)
 
 
-def _case(suite: ElementTree.Element, scene: str, judged: Judged, seconds: float) -> None:
+def _case(suite: ElementTree.Element, scene: str, judged: ClaimSummary, seconds: float) -> None:
     case = _test_case(suite, scene, judged.claim.id, seconds)
     if judged.kind == "open":
         ElementTree.SubElement(case, "skipped", message=_clean(_why_open(judged)))
@@ -203,7 +203,7 @@ def _case(suite: ElementTree.Element, scene: str, judged: Judged, seconds: float
     out.text = _clean("\n".join([said, *(row.detail for row in judged.unresolved)]))
 
 
-def _why_open(judged: Judged) -> str:
+def _why_open(judged: ClaimSummary) -> str:
     """Return why nothing could be checked."""
     for row in judged.rows:
         if row.verdict == "skipped":

@@ -1,9 +1,9 @@
 """Charts drawn by matplotlib into figure files.
 
-`draw` puts charts into one figure. Each chart is a block of panels; panels in one row or column
-whose axes are equal share their limits and labels, narrow blocks stand side by side, and one legend
-stands above all panels. Ticks are chosen last, when the limits are known, so that the numbers of
-narrow panels do not overlap.
+`draw_charts` puts charts into one figure. Each chart is a block of panels; panels in one row or
+column whose axes are equal share their limits and labels, narrow blocks stand side by side, and one
+legend stands above all panels. Ticks are chosen last, when the limits are known, so that the
+numbers of narrow panels do not overlap.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ WIDEST = 13.0
 """Width up to which blocks of panels stand side by side, in."""
 
 
-def draw(charts: Sequence[Chart], path: Path) -> None:
+def draw_charts(charts: Sequence[Chart], path: Path) -> None:
     """Draw charts into one figure, each a block of panels; axes that are alike are shared."""
     rows = [chart.rows() for chart in charts]
     sizes = [
@@ -63,7 +63,7 @@ def draw(charts: Sequence[Chart], path: Path) -> None:
     above = [axes for axes in drawn if axes.get_legend() is None]
     title = fill(charts[0].title, int(13 * size[0])) if len(charts) == 1 else ""
     legend_above(figure, above, max(3, int(0.875 * size[0])), charts[0].hollow, title)
-    save(figure, path)
+    save_chart(figure, path)
 
 
 def _draw_block(block: SubFigure, rows: Sequence[Sequence[Panel | Heat]]) -> list[Axes]:
@@ -150,7 +150,7 @@ def draw_panel(axes: Axes, panel: Panel) -> None:
         )
 
 
-LOOKS: dict[str, dict[str, Any]] = {
+LINE_APPEARANCES: dict[str, dict[str, Any]] = {
     "line": {},
     "thin": {"marker": "", "lw": 0.6, "alpha": 0.5},
     "dotted": {"marker": "", "ls": ":", "color": "0.35", "lw": 1.6},
@@ -169,7 +169,7 @@ def draw_line(axes: Axes, line: Line) -> None:
         "ls": dashes if line.joined else "",
         "ms": 4,
         "lw": style.width,
-    } | LOOKS[line.look]
+    } | LINE_APPEARANCES[line.look]
     axes.plot(line.x, line.y, markevery=line.every, label=line.label or line.key, **look)
     empty = {"marker": look["marker"], "ms": look["ms"], "mfc": "white", "mec": style.color}
     for x, y in ((x, y) for x, y, flag in zip(line.x, line.y, line.hollow, strict=False) if flag):
@@ -265,7 +265,7 @@ HOLLOW = "hollow"
 """Mark of points that are drawn hollow."""
 
 
-def save(figure: Figure, path: Path, dpi: int = 150) -> None:
+def save_chart(figure: Figure, path: Path, dpi: int = 150) -> None:
     """Write a figure that is finished; a PNG with a palette, which is half the size."""
     with replacing(path) as beside:
         figure.savefig(beside, dpi=dpi)

@@ -28,7 +28,7 @@ except ImportError as error:
     raise EngineError(f"the library 'plotly' is not installed ({error}); {EXTRA}") from None
 
 
-def json_of(chart: Chart) -> str:
+def chart_json(chart: Chart) -> str:
     """Return the figures as JSON that can stand in a page: the choices, one a line, as keys."""
     figures = {
         "\n".join(chosen): json.loads(figure_of(panel).to_json() or "{}")

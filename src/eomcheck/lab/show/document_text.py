@@ -1,7 +1,7 @@
 """Text of documents: numbers with units, JSON files, and filled-in jinja2 templates.
 
 The templates are those of `eomcheck.lab.report`; HTML is escaped, Markdown is not. jinja2 comes
-with the extra `report` and is imported when a template is first filled in.
+with the extra `report_command` and is imported when a template is first filled in.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from eomcheck import __version__
 from eomcheck.atomic_write import write_text
 from eomcheck.errors import required
 from eomcheck.lab.show.table import escaped
-from eomcheck.safe_output import harmless
+from eomcheck.safe_output import without_control_characters
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -56,7 +56,7 @@ def write_json(path: Path, document: Mapping[str, Any]) -> None:
 
 # ---- Templates -----------------------------------------------------------------------------------
 
-EXTRA = "it comes with the extra `report`"
+EXTRA = "it comes with the extra `report_command`"
 
 
 def environment() -> Environment:
@@ -73,9 +73,9 @@ def environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
-        finalize=lambda value: harmless(value) if type(value) is str else value,
+        finalize=lambda value: without_control_characters(value) if type(value) is str else value,
     )
-    made.filters["number"] = number
+    made.filters["number"] = number_text
     made.filters["md"] = escaped
     return made
 
@@ -85,6 +85,6 @@ def render(template: str, **values: Any) -> str:
     return environment().get_template(template).render(**values)
 
 
-def number(value: float) -> str:
+def number_text(value: float) -> str:
     """Return a number with two digits, such as "3.1e-14"."""
     return "0" if value == 0 else f"{value:.1e}" if abs(value) < 0.01 else f"{value:.3g}"

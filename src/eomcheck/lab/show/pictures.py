@@ -69,7 +69,7 @@ def paint(axes: Any, drawing: Drawing) -> None:
         axes.plot(*at, "o", color=color, ms=size, mfc=fill, mew=1.5)
 
 
-def save(figure: Any, path: Path) -> None:
+def save_picture(figure: Any, path: Path) -> None:
     """Write a figure, an SVG without a ground and with the same bytes every time."""
     with replacing(path) as beside, plt.rc_context({"svg.hashsalt": "eomcheck"}):
         svg = {"transparent": True, "metadata": {"Date": None}} if path.suffix == ".svg" else {}
@@ -85,7 +85,7 @@ LEGEND = {"coordinate": "coordinate", "constraint": "constraint", "axis": "axis 
 def draw_scene(sketch: s.Sketch, coordinates: Collection[str], path: Path, dark: bool) -> None:
     """Draw a sketch with all names into a file, .svg (transparent), .png or .pdf."""
     figure = scene_figure(sketch, coordinates, dark)[0]
-    save(figure, path)
+    save_picture(figure, path)
 
 
 def scene_figure(
@@ -154,7 +154,7 @@ BESIDE = 38
 
 def draw_structure(structure: Structure, path: Path, dark: bool) -> None:
     """Draw the matrices of a formulation into a file: what it reads left, what it solves right."""
-    save(structure_figure(structure, dark), path)
+    save_picture(structure_figure(structure, dark), path)
 
 
 def structure_figure(structure: Structure, dark: bool = False) -> Any:

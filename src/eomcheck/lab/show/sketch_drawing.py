@@ -101,7 +101,7 @@ class Drawing:
         points = [p for part in sketch.parts for p in _points_of(part)]
         seen = np.vstack([self.see(p) for p in points])
         self.size = float(np.ptp(seen, axis=0).max())
-        ranks = [s.Plane, s.Disk, s.Spring, s.Body, s.Wheel, s.Distance, s.Arrow, s.Angle]
+        ranks = [s.Plane, s.Disk, s.SpringMark, s.Body, s.Wheel, s.Distance, s.Arrow, s.Angle]
         ranked = {kind: rank for rank, kind in enumerate(ranks)}
         for part in sorted(sketch.parts, key=lambda part: ranked.get(type(part), len(ranks))):
             getattr(self, f"_{type(part).__name__.lower()}")(part)
@@ -148,7 +148,7 @@ class Drawing:
         low = rim[int(np.argmin(rim @ np.array([1.0, 0.6])))]
         self._label(one.name, low, self.colors.ink, low - rim.mean(axis=0))
 
-    def _joint(self, one: s.Joint) -> None:
+    def _joint(self, one: s.JointMark) -> None:
         at = self.see(one.at)[0]
         if one.axis is not None:
             along = 0.05 * self.size * np.asarray(one.axis)
@@ -183,7 +183,7 @@ class Drawing:
             self.kinds.add("center")
         self._label(one.name, at, self.colors.ink)
 
-    def _spring(self, one: s.Spring) -> None:
+    def _spring(self, one: s.SpringMark) -> None:
         start, end = (np.asarray(p, dtype=float) for p in (one.start, one.end))
         seen = self.see((start, end))
         along = seen[1] - seen[0]
@@ -236,7 +236,7 @@ class Drawing:
         self._label(one.name.removesuffix(" axis"), seen[1], color, seen[1] - seen[0])
         self.kinds.add("axis" if one.frame else "")
 
-    def _constraint(self, one: s.Constraint) -> None:
+    def _constraint(self, one: s.ConstraintMark) -> None:
         self._label(one.name, self.see(one.at)[0], self.colors.constraint)
         self.kinds.add("constraint")
 
@@ -399,7 +399,7 @@ def _sampled(points: np.ndarray) -> np.ndarray:
 # ---- Joints of a snake ---------------------------------------------------------------------------
 
 
-def joints(length: np.ndarray, q: np.ndarray) -> np.ndarray:
+def link_ends(length: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Return the ends of the links of a snake (N + 1, 2), m, the head first."""
     theta = q[2:]
     steps = length[:, None] * np.column_stack((np.cos(theta), np.sin(theta)))

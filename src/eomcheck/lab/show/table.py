@@ -1,10 +1,10 @@
 """Tables as data, and their text for a terminal, Markdown and CSV.
 
-A `Sheet` is a table: headings and rows of cells, no layout. A `Cell` is a string that also carries
-its kind ("name", or the verdict "passed", "failed", "open", "none"), a link and a tooltip, for
-those outputs that can show them (HTML pages are filled in from the same data). In Markdown no text
-is read as markup that is not meant to be. On a terminal, columns that do not fit wrap; where they
-cannot, each row becomes a list of its cells.
+A `ResultTable` is a table: headings and rows of cells, no layout. A `Cell` is a string that also
+carries its kind ("name", or the verdict "passed", "failed", "open", "none"), a link and a tooltip,
+for those outputs that can show them (HTML pages are filled in from the same data). In Markdown no
+text is read as markup that is not meant to be. On a terminal, columns that do not fit wrap; where
+they cannot, each row becomes a list of its cells.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from eomcheck.console import WIDTH_KNOWN, console
-from eomcheck.safe_output import harmless, printable
+from eomcheck.safe_output import printable, without_control_characters
 
 # ---- Cells ---------------------------------------------------------------------------------------
 
@@ -49,13 +49,16 @@ class Cell(str):
         return made
 
 
-LOOKS = {"failed": "bold red", "open": "yellow", "passed": "green", "none": "dim"}
+CELL_STYLES = {"failed": "bold red", "open": "yellow", "passed": "green", "none": "dim"}
 """Kind of a cell -> how a terminal shows it."""
 
 
 def styled(cell: str) -> Text:
     """Return a cell as a terminal shows it."""
-    return Text(harmless(cell), LOOKS.get(cell.kind, "") if isinstance(cell, Cell) else "")
+    return Text(
+        without_control_characters(cell),
+        CELL_STYLES.get(cell.kind, "") if isinstance(cell, Cell) else "",
+    )
 
 
 # ---- Tables --------------------------------------------------------------------------------------
@@ -67,7 +70,7 @@ MANY = 4
 """Short cells of more columns than this are listed side by side, not one a line."""
 
 
-class Sheet(NamedTuple):
+class ResultTable(NamedTuple):
     """A table.
 
     Attributes:
@@ -88,7 +91,7 @@ class Sheet(NamedTuple):
     note: str = ""
     detail: bool = False
 
-    def without(self, *columns: str) -> Sheet:
+    def without(self, *columns: str) -> ResultTable:
         """Return the table without some of its columns."""
         kept = [i for i, head in enumerate(self.columns) if head not in columns]
         rows = [[row[i] for i in kept] for row in self.rows]
@@ -167,7 +170,7 @@ class Sheet(NamedTuple):
         first, *heads = self.columns
         lines: list[RenderableType] = []
         for name, *cells in self.rows:
-            lines.append(Text(harmless(f"{first} {name}").strip(), style="bold"))
+            lines.append(Text(without_control_characters(f"{first} {name}").strip(), style="bold"))
             told = [(h, c) for h, c in zip(heads, cells, strict=True) if c not in ("", "·")]
             texts = [Text.assemble(f"{h}: " if h else "", styled(c)) for h, c in told]
             if len(self.columns) > MANY and not self.widths:
@@ -221,11 +224,11 @@ def markdown_table(
 # ---- Terminal ------------------------------------------------------------------------------------
 
 
-def print_sheets(sheets: Iterable[Sheet]) -> None:
+def print_tables(sheets: Iterable[ResultTable]) -> None:
     """Print tables below each other, with their titles and notes."""
     for sheet in sheets:
         if sheet.title:
-            console.print(f"\n[bold]{escape(harmless(sheet.title))}[/]")
+            console.print(f"\n[bold]{escape(without_control_characters(sheet.title))}[/]")
         if sheet.rows:
             console.print(sheet.text(console.width))
         if sheet.note:
@@ -237,4 +240,6 @@ def say(text: str, style: str = "") -> None:
 
     Elsewhere, and of text that has lines of its own, such as code, lines are as long as they are.
     """
-    console.print(Text(harmless(text), style), soft_wrap=not WIDTH_KNOWN or "\n" in text)
+    console.print(
+        Text(without_control_characters(text), style), soft_wrap=not WIDTH_KNOWN or "\n" in text
+    )

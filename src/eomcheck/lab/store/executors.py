@@ -1,8 +1,8 @@
 """Executors for parallel work: processes on this machine, or workers of a dask scheduler.
 
-A text names a `Place`: "local", "local:4" or "dask:tcp://host:8786" (extra `cluster`); its `open`
-provides a `concurrent.futures.Executor`. Local processes do not receive Ctrl-C, and none outlives
-its parent.
+A text names a `ExecutorBackend`: "local", "local:4" or "dask:tcp://host:8786" (extra `cluster`);
+its `open` provides a `concurrent.futures.Executor`. Local processes do not receive Ctrl-C, and none
+outlives its parent.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from eomcheck.lab.store.provenance import THREADS, sources
 # ---- Contract ------------------------------------------------------------------------------------
 
 
-class Place(ABC):
+class ExecutorBackend(ABC):
     """Where work is done."""
 
     width: int
@@ -60,7 +60,7 @@ class Place(ABC):
 # ---- Processes on this machine -------------------------------------------------------------------
 
 
-class Local(Place):
+class Local(ExecutorBackend):
     """A pool of processes."""
 
     def __init__(self, workers: int, ahead: int = 1):
@@ -98,7 +98,7 @@ def _bar_last_call(process: multiprocessing.context.SpawnProcess) -> None:
     folder, status = calls.boards(), process.exitcode
     if folder is None or status in (None, -signal.SIGTERM):
         return
-    last = calls.read(folder / str(process.pid))
+    last = calls.read_board(folder / str(process.pid))
     if last is not None:
         calls.bar(last.name, 0, supervisor.why_died(folder, process.pid, status))
 
@@ -205,7 +205,7 @@ def _quiet() -> Iterator[None]:
             logging.getLogger(name).setLevel(level)
 
 
-class Dask(Place):
+class Dask(ExecutorBackend):
     """The workers of a dask scheduler; it gives the work of a lost worker to another itself."""
 
     width = 1024
@@ -297,7 +297,7 @@ def guarded(digest: str, work: bytes, patient: float) -> Any:
 # ---- By name -------------------------------------------------------------------------------------
 
 
-def place_of(where: str | None) -> Place:
+def backend_of(where: str | None) -> ExecutorBackend:
     """Return the place that a text such as "local:4" or "dask:tcp://host:8786" names.
 
     Raises:
@@ -312,7 +312,7 @@ def place_of(where: str | None) -> Place:
     raise InputError(f"executor = {where!r}, expected local, local:NUMBER or dask:ADDRESS")
 
 
-def check_place(where: str | None) -> None:
+def check_executor(where: str | None) -> None:
     """Say at once if work cannot go there: connect to a scheduler, and leave.
 
     Raises:
@@ -331,4 +331,4 @@ def executor(where: str | None = None) -> AbstractContextManager[Executor]:
         InputError: no such place, or no scheduler with a worker answers there.
         EngineError: the library that it needs is not installed.
     """
-    return place_of(where).open()
+    return backend_of(where).open()

@@ -1,8 +1,8 @@
 """Parallel map over processes and machines that survives the death of workers.
 
-`spread` yields (item, function(item)) as items finish. The work of a worker that dies is given to
-another; an item that kills every worker it is given to, the last time alone, is reported after all
-the others. It is for untimed work, run by any `concurrent.futures.Executor` of
+`parallel_map` yields (item, function(item)) as items finish. The work of a worker that dies is
+given to another; an item that kills every worker it is given to, the last time alone, is reported
+after all the others. It is for untimed work, run by any `concurrent.futures.Executor` of
 `eomcheck.lab.store.executors`.
 """
 
@@ -24,7 +24,7 @@ from itertools import islice
 from typing import Any, TypeVar
 
 from eomcheck.errors import DiedError, WorkerError
-from eomcheck.lab.store.executors import Local, Place, place_of
+from eomcheck.lab.store.executors import ExecutorBackend, Local, backend_of
 from eomcheck.safe_output import counted
 
 Item = TypeVar("Item")
@@ -34,7 +34,7 @@ DEATHS_TOGETHER = 2
 """So often a worker may die while it has an item in hand; after that the item is tried alone."""
 
 
-def spread(
+def parallel_map(
     where: str | None, function: Callable[[Item], Result], items: Iterable[Item]
 ) -> Iterator[tuple[Item, Result]]:
     """Yield (item, function(item)), in the order in which they finish.
@@ -53,7 +53,7 @@ def spread(
         WorkerError: workers die as they start.
         InputError, EngineError: see `eomcheck.lab.store.executors.executor`.
     """
-    place = place_of(where)
+    place = backend_of(where)
     source = map(_Task, items)
     queue: deque[_Task] = deque()
     alone: deque[_Task] = deque()
@@ -97,7 +97,11 @@ class _Killed:
 
 
 def _work_off(
-    pool: Executor, place: Place, function: Callable, queue: deque[_Task], more: Iterator[_Task]
+    pool: Executor,
+    place: ExecutorBackend,
+    function: Callable,
+    queue: deque[_Task],
+    more: Iterator[_Task],
 ) -> Iterator[tuple[_Task, Any]]:
     """Yield (task, result) until queue and `more` are empty, or the pool broken.
 

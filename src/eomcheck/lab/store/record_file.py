@@ -178,7 +178,7 @@ def record_of_rows(study: str, settings: Settings, rows: Iterable[Any]) -> Recor
     return Record(study, settings, series={"rows": [asdict(row) for row in rows]})
 
 
-def rows_of(records: Iterable[Record], kind: type[Row]) -> list[Row]:
+def rows_in(records: Iterable[Record], kind: type[Row]) -> list[Row]:
     """Return what `record_of_rows` was given, in order; of Records that are not done, nothing."""
     return [kind(**row) for record in records for row in record.series.get("rows", ())]
 

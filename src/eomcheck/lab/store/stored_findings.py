@@ -14,9 +14,9 @@ from operator import attrgetter
 from typing import Any, get_args, get_type_hints
 
 from eomcheck.claims.finding import Finding, Proof, Verdict, ratio
-from eomcheck.claims.pairwise_design import links_of
-from eomcheck.claims.reproducer import python_of
-from eomcheck.claims.run import Run
+from eomcheck.claims.pairwise_design import link_count
+from eomcheck.claims.reproducer import reproducer_code
+from eomcheck.claims.run import ValidationRun
 from eomcheck.deprecated import current
 from eomcheck.errors import described_error
 from eomcheck.lab.store.record_file import Record
@@ -28,7 +28,7 @@ COLUMNS = (
 
 
 @dataclass(frozen=True)
-class Kept:
+class StoredFinding:
     """A Finding as it is kept and shown: plain data, with the place where it was found.
 
     Attributes:
@@ -57,7 +57,7 @@ class Kept:
     python: str
 
     @classmethod
-    def read(cls, row: dict[str, Any]) -> Kept:
+    def read(cls, row: dict[str, Any]) -> StoredFinding:
         """Return what `dataclasses.asdict` and then JSON made of one."""
         row = dict(row) | {name: current(row[name]) for name in ("verdict", "evidence")}
         if row["proof"] is not None:
@@ -98,10 +98,12 @@ RUNS = "validation run"
 PROOFS = "proof"
 
 
-_columns = attrgetter(*COLUMNS)  # which `Kept` has first, in this order
+_columns = attrgetter(*COLUMNS)  # which `StoredFinding` has first, in this order
 
 
-def kept_of(findings: Sequence[Finding], key: str, case: int | None = None) -> list[Kept]:
+def stored_findings(
+    findings: Sequence[Finding], key: str, case: int | None = None
+) -> list[StoredFinding]:
     """Return the Findings of one state, or those of one structure, as they are kept.
 
     Args:
@@ -113,15 +115,15 @@ def kept_of(findings: Sequence[Finding], key: str, case: int | None = None) -> l
     engines = dict.fromkeys(one.engine for one in findings if one.engine is not None)
     where = {
         "scene": key,
-        "links": links_of(scene),
+        "links": link_count(scene),
         "case": case,
         "structure": scene.structure if case is None else "",
-        "python": python_of(scene, state, engines),
+        "python": reproducer_code(scene, state, engines),
     }
-    return [Kept(*_columns(one), **where) for one in findings]
+    return [StoredFinding(*_columns(one), **where) for one in findings]
 
 
-def cases_of(run: Run, begin: int = 0) -> Iterator[list[Finding]]:
+def cases_of(run: ValidationRun, begin: int = 0) -> Iterator[list[Finding]]:
     """Yield the Findings of each state of a run that is done, those from `begin` on."""
     for end in run.ends[bisect_right(run.ends, begin) :]:
         if end > begin:
@@ -129,17 +131,19 @@ def cases_of(run: Run, begin: int = 0) -> Iterator[list[Finding]]:
         begin = end
 
 
-def kept_of_runs(runs: Mapping[str, Run]) -> list[Kept]:
+def stored_findings_of_runs(runs: Mapping[str, ValidationRun]) -> list[StoredFinding]:
     """Return every Finding of runs that are over, as it is kept; by the keys of the kinds."""
-    found: list[Kept] = []
+    found: list[StoredFinding] = []
     for key, run in runs.items():
         last = run.ends[-1] if run.ends else 0
         cases = [*cases_of(run), *([one] for one in run.findings[last:])]
-        found += [kept for case, one in enumerate(cases) for kept in kept_of(one, key, case)]
+        found += [
+            kept for case, one in enumerate(cases) for kept in stored_findings(one, key, case)
+        ]
     return found
 
 
-def record_of(kept: Sequence[Kept]) -> Record:
+def findings_record(kept: Sequence[StoredFinding]) -> Record:
     """Return the Record of what one state or structure gave."""
     series = {name: [getattr(one, name) for one in kept] for name in COLUMNS}
     series["proof"] = [None if proof is None else asdict(proof) for proof in series["proof"]]
@@ -150,24 +154,24 @@ def record_of(kept: Sequence[Kept]) -> Record:
     return Record(study, settings, series=series | {"python": [one.python]})
 
 
-def kept_in(records: Iterable[Record]) -> list[Kept]:
+def stored_findings_in(records: Iterable[Record]) -> list[StoredFinding]:
     """Return every Finding in these Records."""
     return [kept for one in records if one.study in (STATES, PROOFS) for kept in _kept(one)]
 
 
-FOUND = {
+FIELD_TYPES = {
     name: kind | int if kind in (float, float | None) else kind
-    for name, kind in get_type_hints(Kept).items()
+    for name, kind in get_type_hints(StoredFinding).items()
 }
-"""Attribute of `Kept` -> what it is; what is written as 0 may be a float."""
+"""Attribute of `StoredFinding` -> what it is; what is written as 0 may be a float."""
 
 
-def fault_of(record: Record) -> str | None:
+def why_unreadable(record: Record) -> str | None:
     """Return why a Record of a validation or of proofs cannot be read, or None."""
     try:
         if record.study in (STATES, PROOFS):
             for one in _kept(record):
-                for name, kind in FOUND.items():
+                for name, kind in FIELD_TYPES.items():
                     if not isinstance(getattr(one, name), kind):
                         raise TypeError(f"{name} = {getattr(one, name)!r}")
                 if one.verdict not in get_args(Verdict):
@@ -182,7 +186,7 @@ def fault_of(record: Record) -> str | None:
     return None
 
 
-def _kept(record: Record) -> Iterator[Kept]:
+def _kept(record: Record) -> Iterator[StoredFinding]:
     where = {"case": None, "structure": "", "python": record.series["python"][0]} | record.settings
     for values in zip(*(record.series[name] for name in COLUMNS), strict=True):
-        yield Kept.read(dict(zip(COLUMNS, values, strict=True)) | where)
+        yield StoredFinding.read(dict(zip(COLUMNS, values, strict=True)) | where)

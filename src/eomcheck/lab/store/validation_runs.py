@@ -1,8 +1,8 @@
 """Validation runs of scene classes: in this process or in several, stored as findings come.
 
 Several classes are run in parallel class by class, one class state by state; the findings do not
-depend on how many processes there are. `Keeper` writes them to the file of Records, in place of an
-earlier run of the class.
+depend on how many processes there are. `ValidationWriter` writes them to the file of Records, in
+place of an earlier run of the class.
 """
 
 from __future__ import annotations
@@ -15,22 +15,38 @@ from typing import NamedTuple
 
 from eomcheck.calls import is_ours
 from eomcheck.claims.finding import Finding
-from eomcheck.claims.run import Asked, Cases, Look, Looked, Run, Selection, asked_of, look, often_at
+from eomcheck.claims.run import (
+    Cases,
+    RunSelection,
+    SceneEngines,
+    StateResult,
+    StateResults,
+    ValidationRun,
+    evaluate_state,
+    make_scene_engines,
+    repeats_at,
+)
 from eomcheck.engines import Engine, version_of
 from eomcheck.errors import UnwrittenError
-from eomcheck.lab.store.parallel_map import spread
+from eomcheck.lab.store.parallel_map import parallel_map
 from eomcheck.lab.store.record_file import Record, Records
-from eomcheck.lab.store.stored_findings import RUNS, STATES, cases_of, kept_of, record_of
+from eomcheck.lab.store.stored_findings import (
+    RUNS,
+    STATES,
+    cases_of,
+    findings_record,
+    stored_findings,
+)
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
-from eomcheck.scene_lookup import kinds_of
+from eomcheck.scene_lookup import scene_classes_named
 
 # ---- Writing -------------------------------------------------------------------------------------
 
 UNFINISHED = "not finished"
 
 
-class Keeper:
+class ValidationWriter:
     """Keeps the validation of one kind of scene in `records`, in place of an earlier one.
 
     Where the file can no longer be written, on a full disk, the validation goes on, and `finish`
@@ -50,8 +66,8 @@ class Keeper:
         self,
         records: Records | None,
         kind: type[Scene],
-        run: Run,
-        selection: Selection,
+        run: ValidationRun,
+        selection: RunSelection,
         links: tuple[int, int],
         examples: int,
         seed: int,
@@ -96,7 +112,7 @@ class Keeper:
 
     def _save(self, findings: list[Finding]) -> None:
         if self._records is not None:
-            self._add(record_of(kept_of(findings, self._kind.key, self._cases)))
+            self._add(findings_record(stored_findings(findings, self._kind.key, self._cases)))
         self._saved += len(findings)
         self._cases += 1
 
@@ -122,11 +138,11 @@ class Keeper:
 
 # ---- States of one class in parallel -------------------------------------------------------------
 
-STATES_OF_ONE = 30
+STATES_PER_PROCESS = 30
 """A process is started for so many states: its start takes as long as some ten of them."""
 
 
-def place_for(
+def default_executor(
     examples: int, kinds: Sequence[type[Scene]], engines: Sequence[type[Engine]]
 ) -> str | None:
     """Return where so many states are looked at if nobody says: in more processes than this?
@@ -134,16 +150,16 @@ def place_for(
     Processes can import what is ours; a scene or an engine in somebody's file may be known here
     only.
     """
-    processes = min(os.cpu_count() or 1, examples // STATES_OF_ONE)
-    return f"local:{processes}" if processes > 1 and ours(*kinds, *engines) else None
+    processes = min(os.cpu_count() or 1, examples // STATES_PER_PROCESS)
+    return f"local:{processes}" if processes > 1 and all_built_in(*kinds, *engines) else None
 
 
-def ours(*classes: type) -> bool:
+def all_built_in(*classes: type) -> bool:
     """Return whether all of these are of this package."""
     return all(map(is_ours, classes))
 
 
-def looked_at(where: str | None, cases: Cases, selection: Selection) -> Looked:
+def check_in_parallel(where: str | None, cases: Cases, selection: RunSelection) -> StateResults:
     """Look at cases in the processes that `where` names, and yield them in their order.
 
     Args:
@@ -152,10 +168,10 @@ def looked_at(where: str | None, cases: Cases, selection: Selection) -> Looked:
         selection: what takes part.
 
     Raises:
-        WorkerError, InputError, EngineError: see `eomcheck.lab.store.parallel_map.spread`.
+        WorkerError, InputError, EngineError: see `eomcheck.lab.store.parallel_map.parallel_map`.
     """
     handed: dict[int, tuple[Scene, State]] = {}
-    early: dict[int, Look] = {}
+    early: dict[int, StateResult] = {}
     following = 0
 
     def items() -> Iterator[_Item]:
@@ -163,7 +179,7 @@ def looked_at(where: str | None, cases: Cases, selection: Selection) -> Looked:
             handed[i] = scene, state
             yield _Item(i, pickle.dumps(scene), state, f"{scene.structure} in {state}")
 
-    for item, seen in spread(where, partial(_look, selection=selection), items()):
+    for item, seen in parallel_map(where, partial(_look, selection=selection), items()):
         early[item.number] = seen
         while following in early:
             yield *handed.pop(following), early.pop(following)
@@ -178,22 +194,24 @@ class _Item(NamedTuple):
     """What is said of it where it kills its process."""
 
 
-def _look(item: _Item, selection: Selection) -> Look:
-    return look(_asked(item.scene, selection), item.state, selection, often_at(item.number))
+def _look(item: _Item, selection: RunSelection) -> StateResult:
+    return evaluate_state(
+        _asked(item.scene, selection), item.state, selection, repeats_at(item.number)
+    )
 
 
 @lru_cache(1)
-def _asked(scene: bytes, selection: Selection) -> Asked:
+def _asked(scene: bytes, selection: RunSelection) -> SceneEngines:
     """Return a scene with its engines, which states that follow each other may share."""
-    return asked_of(pickle.loads(scene), selection)
+    return make_scene_engines(pickle.loads(scene), selection)
 
 
 # ---- Runs ----------------------------------------------------------------------------------------
 
 
-def look_at_kinds(
-    runs: dict[str, Run],
-    selection: Selection,
+def validate_kinds(
+    runs: dict[str, ValidationRun],
+    selection: RunSelection,
     links: tuple[int, int],
     examples: int,
     seed: int,
@@ -217,21 +235,21 @@ def look_at_kinds(
         where: see `eomcheck.lab.store.executors.executor`.
 
     Raises:
-        WorkerError, InputError, EngineError: see `eomcheck.lab.store.parallel_map.spread`.
+        WorkerError, InputError, EngineError: see `eomcheck.lab.store.parallel_map.parallel_map`.
         UnwrittenError: `records` could not be written to the end; all kinds are in `runs`.
     """
     how = selection, links, examples, seed
     unwritten: UnwrittenError | None = None
-    kinds = {key: kinds_of(key)[0] for key in runs}
+    kinds = {key: scene_classes_named(key)[0] for key in runs}
     for key, run in runs.items():
-        Keeper(records, kinds[key], run, *how)  # says that it is not finished
+        ValidationWriter(records, kinds[key], run, *how)  # says that it is not finished
     # What takes longest is to begin first.
     unknowns = {key: kind.example().n + kind.example().r for key, kind in kinds.items()}
     order = sorted(runs, key=unknowns.__getitem__, reverse=True)
-    for key, run in spread(where, partial(_run_of, how=how), order):
+    for key, run in parallel_map(where, partial(_run_of, how=how), order):
         runs[key] = run
         try:
-            Keeper(records, kinds[key], run, *how).finish()
+            ValidationWriter(records, kinds[key], run, *how).finish()
         except UnwrittenError as error:
             unwritten = error
         for _ in range(run.cases):
@@ -240,16 +258,16 @@ def look_at_kinds(
         raise unwritten
 
 
-def _run_of(key: str, how: tuple[Selection, tuple[int, int], int, int]) -> Run:
-    run = Run()
-    look_at_kind(kinds_of(key)[0], run, *how, lambda: None)
+def _run_of(key: str, how: tuple[RunSelection, tuple[int, int], int, int]) -> ValidationRun:
+    run = ValidationRun()
+    validate_kind(scene_classes_named(key)[0], run, *how, lambda: None)
     return run
 
 
-def look_at_kind(
+def validate_kind(
     kind: type[Scene],
-    run: Run,
-    selection: Selection,
+    run: ValidationRun,
+    selection: RunSelection,
     links: tuple[int, int],
     examples: int,
     seed: int,
@@ -260,21 +278,21 @@ def look_at_kind(
 ) -> None:
     """Run the claims on one kind of scene to the end; keep what is found in `records`, if given.
 
-    See `Run.look_at_kind`, and `Run.look_at_scene` for `one` scene of the kind in place of random
-    ones. What was found until an interruption stays in `run` and `records`. States are looked at in
-    this process, or in those that `where` names, see `eomcheck.lab.store.executors.executor`;
-    what is found is the same.
+    See `ValidationRun.look_at_kind`, and `ValidationRun.look_at_scene` for `one` scene of the kind
+    in place of random ones. What was found until an interruption stays in `run` and `records`.
+    States are looked at in this process, or in those that `where` names, see
+    `eomcheck.lab.store.executors.executor`; what is found is the same.
 
     Raises:
         UnwrittenError: `records` could not be written to the end; all that was found is in `run`.
     """
-    keeper = Keeper(records, kind, run, selection, links, examples, seed)
+    keeper = ValidationWriter(records, kind, run, selection, links, examples, seed)
 
     def after_case() -> None:
         keeper.save()
         on_case()
 
-    looks = None if where is None else partial(looked_at, where)
+    looks = None if where is None else partial(check_in_parallel, where)
     try:
         if one is None:
             run.look_at_kind(kind, selection, links, examples, seed, after_case, looks)

@@ -25,11 +25,11 @@ from eomcheck.evaluation.dynamics import speeds_of
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import UNDERFLOW, C, largest
 from eomcheck.formulations import FORMULATIONS, Formulation, applicable
-from eomcheck.lab.option_parsing import Examples, Links, Seed, check_count, interval
+from eomcheck.lab.option_parsing import Examples, Links, Seed, check_count, parse_interval
 from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
-from eomcheck.lab.show.table import Sheet
-from eomcheck.lab.store.record_file import Record, Settings, record_of_rows, rows_of
-from eomcheck.lab.strategy_samples import draw
+from eomcheck.lab.show.table import ResultTable
+from eomcheck.lab.store.record_file import Record, Settings, record_of_rows, rows_in
+from eomcheck.lab.strategy_samples import draw_samples
 from eomcheck.lab.study import Study, document_of, failed, unfinished
 from eomcheck.motion.observables import as_integrated
 from eomcheck.motion.right_hand_side import acceleration_in_machine_code
@@ -85,7 +85,7 @@ def cells(
     Raises:
         InputError: no such numbers of links, or no examples.
     """
-    drawn = {"links": interval(links), "examples": examples, "seed": seed, "hostile": hostile}
+    drawn = {"links": parse_interval(links), "examples": examples, "seed": seed, "hostile": hostile}
     check_count(examples=examples)
     for place in range(examples):
         yield drawn | {"state": place}
@@ -98,7 +98,7 @@ def _states(low: int, high: int, examples: int, seed: int, hostile: bool) -> lis
         drawn = strategies.scene_states(snakes, strategies.hostile_states)
     else:
         drawn = strategies.scene_states(strategies.snakes(low, high))
-    return draw(drawn, examples, seed)
+    return draw_samples(drawn, examples, seed)
 
 
 def _certified(settings: Settings) -> Record:
@@ -162,7 +162,7 @@ def _of_machine_code(formulation: Formulation, found: Accuracy, at: Evaluation) 
 
 def _known(found: Sequence[Record]) -> tuple[list[Delivered], list[Delivered]]:
     """Return everything, and of it what is not exact, as results at rest without forces are."""
-    rows = rows_of(found, Delivered)
+    rows = rows_in(found, Delivered)
     return rows, [one for one in rows if one.refused is not None or one.relative != 0.0]
 
 
@@ -182,7 +182,7 @@ ERRORS = (
 """Columns of the tables: heading, and what is done with which field of the states solved."""
 
 
-def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
+def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
     """Yield, per formulation, what doubles delivered, and what the constant C rests on."""
     digits, errors = [], []
     rows, moving = _known(found)
@@ -200,16 +200,18 @@ def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
         silent = len(solved) - len(_numbers(solved, "machine_of_bound"))
         errors.append((key, *cells(ERRORS), str(silent)))
     columns = ("formulation", "solved", "refused", "κ infinite", *(head for head, *_ in DIGITS))
-    yield Sheet("digits", "What doubles deliver, against the enclosed truth", columns, digits)
+    yield ResultTable("digits", "What doubles deliver, against the enclosed truth", columns, digits)
     columns = ("formulation", *(head for head, *_ in ERRORS), "no number")
-    yield Sheet("errors", "Errors beside what is foreseen, and beside bounds", columns, errors)
+    yield ResultTable(
+        "errors", "Errors beside what is foreseen, and beside bounds", columns, errors
+    )
 
 
 def _numbers(rows: Iterable[Delivered], name: str) -> list[float]:
     return [x for one in rows if not math.isnan(x := getattr(one, name))]
 
 
-def said(found: Sequence[Record]) -> Iterator[str]:
+def remarks(found: Sequence[Record]) -> Iterator[str]:
     """Yield what the tables rest on, the largest ratio of all, and states beyond their bound."""
     yield from unfinished(found)
     rows, moving = _known(found)
@@ -227,12 +229,12 @@ def said(found: Sequence[Record]) -> Iterator[str]:
 
 def alarm(found: Sequence[Record]) -> bool:
     """Return whether a result was off by more than its error bound."""
-    return failed(found) or any(one.state for one in rows_of(found, Delivered))
+    return failed(found) or any(one.state for one in rows_in(found, Delivered))
 
 
 def charts(found: Sequence[Record]) -> Iterator[Chart]:
     """Yield certified digits over the number of links, and what the constant C rests on."""
-    solved = [one for one in rows_of(found, Delivered) if one.refused is None]
+    solved = [one for one in rows_in(found, Delivered) if one.refused is None]
     digits, shares = [], []
     for key, aside in zip(FORMULATIONS, np.linspace(-0.3, 0.3, len(FORMULATIONS)), strict=True):
         mine = [one for one in solved if one.key == key]
@@ -265,10 +267,10 @@ STUDY = Study(
     cells=cells,
     label="certifying {state}",
     worker=lambda known: _certified,
-    sheets=sheets,
+    sheets=tables,
     charts=charts,
     alarm=alarm,
-    said=said,
+    said=remarks,
     document=document_of("accuracy", Delivered),
     reading="Beside the public path, which states a bound of its error, machine code is held "
     "against it.",

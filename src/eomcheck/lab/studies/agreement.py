@@ -16,12 +16,12 @@ from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.perturbed import acceleration_sensitivity
 from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.formulations import FORMULATIONS, applicable
-from eomcheck.lab.option_parsing import Links, Seed, check_count, interval
+from eomcheck.lab.option_parsing import Links, Seed, check_count, parse_interval
 from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
-from eomcheck.lab.show.sketch_drawing import joints
-from eomcheck.lab.show.table import Sheet
-from eomcheck.lab.store.record_file import Record, Settings, group, record_of_rows, rows_of
-from eomcheck.lab.strategy_samples import draw
+from eomcheck.lab.show.sketch_drawing import link_ends
+from eomcheck.lab.show.table import ResultTable
+from eomcheck.lab.store.record_file import Record, Settings, group, record_of_rows, rows_in
+from eomcheck.lab.strategy_samples import draw_samples
 from eomcheck.lab.study import Study, failed
 from eomcheck.scenes import Snake
 
@@ -58,7 +58,7 @@ def cells(
     Raises:
         InputError: no such numbers of links, or no snakes.
     """
-    low, high = interval(links)
+    low, high = parse_interval(links)
     check_count(**{"per-size": per_size})
     for size in range(low, high + 1):
         yield {"links": size, "per size": per_size, "seed": seed}
@@ -68,7 +68,7 @@ def _compared(settings: Settings) -> Record:
     """Compare the formulations on random snakes of one size."""
     links, per_size, seed = (settings[name] for name in ("links", "per size", "seed"))
     drawn = strategies.scene_states(strategies.snakes(links, links))
-    some = draw(drawn, SPARE * per_size, seed)
+    some = draw_samples(drawn, SPARE * per_size, seed)
     # Of snakes that stay at rest, and the simplest are, nothing can be said relative to q̈.
     told = (_compare(Evaluation(scene, *state)) for scene, state in some)
     rows = chain.from_iterable(islice(filter(None, told), per_size))
@@ -104,7 +104,7 @@ def _compare(at: Evaluation) -> list[Agreement]:
 # ---- What it comes to ----------------------------------------------------------------------------
 
 
-def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
+def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
     """Yield how far each formulation is from the reference at most."""
     rows = [
         (
@@ -114,20 +114,20 @@ def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
             f"{max(one.observed / one.allowed for one in mine):.1%}",
             f"{median(one.faulty / one.allowed for one in mine):.1e}",
         )
-        for key, mine in group(rows_of(found, Agreement), lambda one: one.key).items()
+        for key, mine in group(rows_in(found, Agreement), lambda one: one.key).items()
     ]
     columns = ("formulation", "states", "largest distance", "of what is allowed", "fault: median")
     note = (
         f"Distances of q̈ from that of {REFERENCE}, relative to max |q̈|; last, that of one flipped "
         "sign over what is allowed."
     )
-    yield Sheet("agreement", "All formulations on random snakes", columns, rows, note=note)
+    yield ResultTable("agreement", "All formulations on random snakes", columns, rows, note=note)
 
 
 def snake_panel(scene: Snake) -> Panel:
     """Return the links, the head (hollow) and the wheels of a snake in its initial pose."""
     q, _ = scene.initial_state()
-    ends = joints(scene.length, q)
+    ends = link_ends(scene.length, q)
     centres = (ends[:-1] + ends[1:]) / 2
     phi = q[2:] + scene.wheel_angle
     half = 0.22 * np.column_stack((np.cos(phi), np.sin(phi)))
@@ -140,7 +140,7 @@ def snake_panel(scene: Snake) -> Panel:
 
 def charts(found: Sequence[Record]) -> Iterator[Chart]:
     """Yield how far each formulation is from the reference, beside the allowed and a fault."""
-    rows = rows_of(found, Agreement)
+    rows = rows_in(found, Agreement)
 
     def points(key: str, value: Callable[[Agreement], float], some: list[Agreement]) -> Line:
         said = [(f"{key}, N = {one.links}", f"{value(one):.1e}") for one in some]
@@ -171,14 +171,14 @@ def charts(found: Sequence[Record]) -> Iterator[Chart]:
 
 def alarm(found: Sequence[Record]) -> bool:
     """Return whether a formulation is farther from the reference than rounding allows."""
-    return failed(found) or any(one.observed > one.allowed for one in rows_of(found, Agreement))
+    return failed(found) or any(one.observed > one.allowed for one in rows_in(found, Agreement))
 
 
 STUDY = Study(
     key="agreement",
     cells=cells,
     worker=lambda known: _compared,
-    sheets=sheets,
+    sheets=tables,
     charts=charts,
     alarm=alarm,
     label="comparing formulations on snakes of {size}",

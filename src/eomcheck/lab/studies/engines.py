@@ -12,15 +12,15 @@ import numpy as np
 from eomcheck.claims import CLAIMS
 from eomcheck.claims.finding import DECIDED
 from eomcheck.claims.pairwise_design import scene_cases
-from eomcheck.claims.run import Run, Selection
+from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.engines import ENGINES, Answers, Engine, engine_of
 from eomcheck.errors import EngineError, RefusedError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.option_parsing import Seed, check_count, interval
-from eomcheck.lab.show.table import Cell, Sheet
-from eomcheck.lab.store.record_file import Record, Settings, record_of_rows, rows_of
+from eomcheck.lab.option_parsing import Seed, check_count, parse_interval
+from eomcheck.lab.show.table import Cell, ResultTable
+from eomcheck.lab.store.record_file import Record, Settings, record_of_rows, rows_in
 from eomcheck.lab.study import Study, failed, unfinished
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
@@ -47,7 +47,7 @@ REFERENCE = "au"
 
 
 @dataclass(frozen=True)
-class Compared:
+class EngineDifference:
     """One quantity of an engine at all states of a kind of scenes.
 
     `relative` is the largest difference from the scene's own, divided by its largest entry, or by
@@ -81,7 +81,7 @@ def cells(
         InputError, UnknownNameError: no such engine, no such numbers of links, or no states.
     """
     check_count(states=states)
-    numbers = interval(links)
+    numbers = parse_interval(links)
     for key in ENGINES if engine is None else engine:
         kind = engine_of(key)
         for scene in SCENES.values():
@@ -97,8 +97,8 @@ def _compare(settings: Settings) -> Record:
         version = engine_of(key).version()
     except EngineError as missing:
         return Record(STUDY.key, settings, "refused", str(missing))
-    selection = Selection.of([REFERENCE], [key], list(QUANTITIES), scenes=[kind])
-    run, differences, states, held = Run(), dict[str, float](), 0, False
+    selection = RunSelection.of([REFERENCE], [key], list(QUANTITIES), scenes=[kind])
+    run, differences, states, held = ValidationRun(), dict[str, float](), 0, False
     for scene, state in scene_cases(kind, *(settings[x] for x in ("links", "states", "seed"))):
         if not engine_of(key).represents(scene):
             continue  # some libraries take no body but such as can be, and draws are of all
@@ -116,14 +116,16 @@ def _compare(settings: Settings) -> Record:
             failures = sum(one.verdict == "failed" for one in mine)
             share, gives_way = max(ratios, default=None), compliant and claim in CONSTRAINED
             who = key, version, kind.key, claim, states
-            rows.append(Compared(*who, failures, differences.get(claim), share, gives_way))
+            rows.append(EngineDifference(*who, failures, differences.get(claim), share, gives_way))
     if not rows:
         return Record(STUDY.key, settings, "refused", f"{key} takes no {kind.key} that is drawn")
     return record_of_rows(STUDY.key, settings, rows)
 
 
 def _differences(engine: Engine, scene: Scene, state: State) -> Iterator[tuple[str, float, float]]:
-    """Yield claim, largest difference, and the size that it is relative to in `Compared`."""
+    """Yield claim, largest difference, and the size that it is relative to in
+    `EngineDifference`.
+    """
     at, answers = Evaluation(scene, *state), Answers(engine)
     turned = [Evaluation(scene, at.q, at.v * sign, at.t) for sign in 1 - 2 * np.eye(scene.n)]
     sizes = {
@@ -158,9 +160,9 @@ def _differences(engine: Engine, scene: Scene, state: State) -> Iterator[tuple[s
 # ---- What it comes to ----------------------------------------------------------------------------
 
 
-def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
+def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
     """Yield what each engine can say, how far it is from ours, and the same by scenes."""
-    rows = rows_of(found, Compared)
+    rows = rows_in(found, EngineDifference)
     engines = dict.fromkeys(one.engine for one in rows)
     says, by_scene = [], []
     for key in engines:
@@ -180,12 +182,12 @@ def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
             by_scene.append((Cell(key, "name"), scene, *cells))
     shown = [QUANTITIES[claim] for claim in SHOWN]
     columns = ("engine", "scenes", "states", "failures", *shown, "also says")
-    yield Sheet("engines", "Largest relative difference from the scene's own", columns, says)
+    yield ResultTable("engines", "Largest relative difference from the scene's own", columns, says)
     columns = ("engine", "scene", *shown)
-    yield Sheet("engines-by-scene", "The same, scene by scene", columns, by_scene)
+    yield ResultTable("engines-by-scene", "The same, scene by scene", columns, by_scene)
 
 
-def _cell(rows: Sequence[Compared]) -> Cell:
+def _cell(rows: Sequence[EngineDifference]) -> Cell:
     known = [one.relative for one in rows if one.relative is not None]
     if any(one.failed for one in rows):
         # What fails where it is too small to be relative to has no number.
@@ -200,12 +202,12 @@ def _cell(rows: Sequence[Compared]) -> Cell:
     return Cell(", ".join(f"{max(those):.0e}{kind}" for kind, those in of_kinds.items() if those))
 
 
-def said(found: Sequence[Record]) -> Iterator[str]:
+def remarks(found: Sequence[Record]) -> Iterator[str]:
     """Yield what was not installed, and how much of what rounding allows was used."""
     missing = {record.reason: None for record in found if record.status == "refused"}
     yield from missing
     yield from unfinished([record for record in found if record.status != "refused"])
-    rows = rows_of(found, Compared)
+    rows = rows_in(found, EngineDifference)
     shares = [one.share for one in rows if one.share is not None]
     if shares:
         yield (
@@ -218,15 +220,15 @@ def said(found: Sequence[Record]) -> Iterator[str]:
 
 def alarm(found: Sequence[Record]) -> bool:
     """Return whether an engine and a scene differ by more than rounding."""
-    return failed(found) or any(one.failed for one in rows_of(found, Compared))
+    return failed(found) or any(one.failed for one in rows_in(found, EngineDifference))
 
 
 STUDY = Study(
     key="engines",
     cells=cells,
     worker=lambda known: _compare,
-    sheets=sheets,
-    said=said,
+    sheets=tables,
+    said=remarks,
     label="comparing {pair} of engine and scene",
     alarm=alarm,
     reading="A dash: the engine does not say it, or no scene of the kind has it.",

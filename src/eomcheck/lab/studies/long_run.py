@@ -19,7 +19,7 @@ from eomcheck.errors import InputError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS, formulations_for
 from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
-from eomcheck.lab.show.table import Sheet
+from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.record_file import Record, Settings
 from eomcheck.lab.study import Formulations, Study
 from eomcheck.mechanics.scene import Scene
@@ -139,13 +139,13 @@ def _start_energy(scene: Scene) -> float:
     return float(T if U is None else T + U)
 
 
-def record_of(records: Iterable[Record], key: str, remedy: str) -> Record | None:
+def find_run(records: Iterable[Record], key: str, remedy: str) -> Record | None:
     """Return the Record of one formulation and remedy, or None."""
     wanted = {"formulation": key, "remedy": remedy}
     return next((r for r in records if wanted.items() <= r.settings.items()), None)
 
 
-def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
+def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
     """Yield the growth law and the end of both errors of every run."""
     rows = []
     for r in found:
@@ -156,10 +156,10 @@ def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
         rows.append((*where, *told, f"{r.counts.get('right-hand sides', 0):,}", cpu))
     heads = (x for name in ERRORS for x in (f"{name} at the end", "exponent", "rate per s"))
     columns = ("formulation", "remedy", *heads, "right-hand sides", "CPU s")
-    yield Sheet("long-run", "Laws of growth: rate · T (t/T)^exponent", columns, rows)
+    yield ResultTable("long-run", "Laws of growth: rate · T (t/T)^exponent", columns, rows)
 
 
-def said(found: Sequence[Record]) -> Iterator[str]:
+def remarks(found: Sequence[Record]) -> Iterator[str]:
     """Yield why runs failed."""
     for r in found:
         if r.status != "done":
@@ -178,7 +178,7 @@ def charts(found: Sequence[Record]) -> Iterator[Chart]:
                 every=(3 * place, 30),
             )
             for place, key in enumerate(FORMULATIONS)
-            for r in [record_of(found, key, remedy)]
+            for r in [find_run(found, key, remedy)]
             if r is not None and r.series
         ]
         panels[label, remedy] = Panel(
@@ -191,8 +191,8 @@ STUDY = Study(
     key="long-run",
     cells=cells,
     worker=lambda known: _long_run,
-    sheets=sheets,
+    sheets=tables,
     charts=charts,
-    said=said,
+    said=remarks,
     label="integrating {motion}",
 )

@@ -15,11 +15,11 @@ from eomcheck.formulations import FORMULATIONS, formulations_for
 from eomcheck.lab.option_parsing import One
 from eomcheck.lab.run_time import run_time
 from eomcheck.lab.show.document_text import seconds_text
-from eomcheck.lab.show.table import Sheet
-from eomcheck.lab.store.record_file import Record, Settings, record_of_rows, rows_of
+from eomcheck.lab.show.table import ResultTable
+from eomcheck.lab.store.record_file import Record, Settings, record_of_rows, rows_in
 from eomcheck.lab.study import Formulations, Study, document_of, failed
 from eomcheck.motion.simulate import Motion
-from eomcheck.scene_lookup import scene_of
+from eomcheck.scene_lookup import scene_named
 
 PAPER = "paper"
 END = 1.0
@@ -56,14 +56,14 @@ def cells(*, scene: One = PAPER, formulation: Formulations = None) -> Iterator[S
         InputError: a formulation does not apply to the scene.
         UnknownNameError: no such scene or formulation.
     """
-    keys = [one.key for one in formulations_for(scene_of(scene), formulation)]
+    keys = [one.key for one in formulations_for(scene_named(scene), formulation)]
     how = {"formulations": keys, "end": END, "tolerance": TOLERANCE}
     yield how if scene == PAPER else how | {"scene": scene}
 
 
-def timed(settings: Settings) -> Record:
+def time_motion(settings: Settings) -> Record:
     """Time the motion of a scene from its start by some formulations."""
-    keys, scene = settings["formulations"], scene_of(settings.get("scene", PAPER))
+    keys, scene = settings["formulations"], scene_named(settings.get("scene", PAPER))
     found: dict[str, MotionTime] = {}
     motions = []
     with progress("making code and timing it in {step}", (1 + ROUNDS) * len(keys)) as advance:
@@ -102,9 +102,9 @@ def _by_scipy(motion: Motion) -> None:
     solve_ivp(motion.rates, (0.0, END), motion.y0, **options)
 
 
-def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
+def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
     """Yield the time of a motion by CyRK and by SciPy, and their ratio."""
-    known = rows_of(found, MotionTime)
+    known = rows_in(found, MotionTime)
     rows = [
         (
             one.formulation,
@@ -126,14 +126,14 @@ def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
         "with the same right-hand side in machine code."
         + (f" Do not reach the end: {', '.join(failed)}." if failed else "")
     )
-    yield Sheet("motion", "Time of a motion", columns, rows, note=note)
+    yield ResultTable("motion", "Time of a motion", columns, rows, note=note)
 
 
 STUDY = Study(
     key="motion",
     cells=cells,
-    worker=lambda known: timed,
-    sheets=sheets,
+    worker=lambda known: time_motion,
+    sheets=tables,
     label="",
     alarm=failed,
     document=document_of("motions", MotionTime),

@@ -32,28 +32,28 @@ from eomcheck.evaluation.dynamics import speeds_of, velocity
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.formulations import FORMULATIONS, Formulation, formulations_for
-from eomcheck.kernels.kernel import repeated, sines
-from eomcheck.lab.option_parsing import Kind, Repeats, Set, check_count, parameters
+from eomcheck.kernels.kernel import sincos_timing_loop, timing_loop
+from eomcheck.lab.option_parsing import Kind, Repeats, Set, check_count, parse_parameters
 from eomcheck.lab.run_time import slope
 from eomcheck.lab.show.document_text import seconds_text
-from eomcheck.lab.show.table import Sheet
-from eomcheck.lab.store.record_file import Record, Settings, group, record_of_rows, rows_of
-from eomcheck.lab.strategy_samples import draw
+from eomcheck.lab.show.table import ResultTable
+from eomcheck.lab.store.record_file import Record, Settings, group, record_of_rows, rows_in
+from eomcheck.lab.strategy_samples import draw_samples
 from eomcheck.lab.study import Formulations, Study, document_of, failed
 from eomcheck.mechanics.parameters import with_parameters
 from eomcheck.mechanics.scene import Scene
-from eomcheck.motion.batch import in_lanes
+from eomcheck.motion.batch import lane_parameters
 from eomcheck.motion.right_hand_side import (
     RightHandSide,
     kernel_of,
     parameter_arrays,
-    record_of,
+    parameter_record,
     state_of,
 )
-from eomcheck.numbers.dual import Recorder
+from eomcheck.numbers.dual import RecordingArithmetic
 from eomcheck.numbers.generic import FLOAT64, Angles, Array
-from eomcheck.numbers.symbolic import Symbols
-from eomcheck.scene_lookup import kinds_of
+from eomcheck.numbers.symbolic import CasadiArithmetic
+from eomcheck.scene_lookup import scene_classes_named
 from eomcheck.scenes import Snake
 
 LINKS = (7, 20, 100, 1000, 10000)
@@ -99,7 +99,7 @@ def bench_state(
     if kind is not Snake:
         scene = kind.example() if links is None else next(kind.structures(links))
         scene = with_parameters(scene, given)
-        ((state,),) = draw(strategies.states(scene).map(lambda state: (state,)), 1, 0)
+        ((state,),) = draw_samples(strategies.states(scene).map(lambda state: (state,)), 1, 0)
         return scene, state.q, speeds_of(scene, state.q, state.v)
     assert links is not None
     one, k = np.ones(links), np.arange(links)
@@ -170,14 +170,14 @@ def rate_call(at: Evaluation, formulation: Formulation) -> Call:
     rates, y = RightHandSide(at.scene, formulation), state_of(at, formulation)
     out = np.empty_like(y)
     pointers = (x.ctypes.data for x in (out, y, rates.arguments))
-    call = repeated(rates.address, *pointers)
+    call = timing_loop(rates.address, *pointers)
     alive = out, y, rates
     return lambda count: (call(count), alive)[0]
 
 
 def _angles(scene: Scene, q: Array) -> Array:
     """Return the angles (k,), rad, whose sines and cosines the scene asks for."""
-    recorder = Recorder(FLOAT64)
+    recorder = RecordingArithmetic(FLOAT64)
     scene.prepare(recorder, scene.parameters(FLOAT64), q, 0.0)
     made = [one.value for one in recorder.made if isinstance(one, Angles)]
     return np.concatenate([np.empty(0), *made])
@@ -188,8 +188,8 @@ def _lanes_call(formulation: Formulation, scene: Scene, q: Array, u: Array) -> C
     kernel = kernel_of(scene, formulation, width=LANES)
     y = np.ascontiguousarray(np.tile(np.concatenate((q, u))[:, None], LANES))
     t, out = np.zeros(LANES), np.empty((kernel.size, LANES))
-    last = kernel.handed(kernel.block(in_lanes([scene] * LANES)))
-    call = repeated(kernel.address, *(x.ctypes.data for x in (out, t, y, last)))
+    last = kernel.handed(kernel.block(lane_parameters([scene] * LANES)))
+    call = timing_loop(kernel.address, *(x.ctypes.data for x in (out, t, y, last)))
     alive = kernel, y, t, out, last
     return lambda count: (call(-(-count // LANES)), alive)[0]
 
@@ -199,7 +199,7 @@ def _casadi_call(scene: Scene, q: Array, u: Array) -> Call | None:
     compiler = shutil.which("gcc") or shutil.which("cc")
     if compiler is None:
         return None
-    symbols, names = Symbols(), parameter_arrays(scene)
+    symbols, names = CasadiArithmetic(), parameter_arrays(scene)
     columns, given = [], {}
     for name, x in names.items():
         column, entries = symbols.variables(name, x.size)
@@ -208,7 +208,7 @@ def _casadi_call(scene: Scene, q: Array, u: Array) -> Call | None:
     column, y = symbols.variables("y", scene.n + scene.p)
     time_now = symbols.casadi.SX.sym("t")
     at = Quantities(scene, symbols, y[: scene.n], time_now)
-    at.parameters = record_of(scene, given)
+    at.parameters = parameter_record(scene, given)
     at.u = y[scene.n :]
     rates = symbols.casadi.vertcat(*at.qdot, *at.rates(FORMULATIONS[KANE]).vdot)
     function = symbols.casadi.Function("kane", [column, time_now, *columns], [rates])
@@ -228,7 +228,7 @@ def _casadi_call(scene: Scene, q: Array, u: Array) -> Call | None:
     address = ctypes.cast(library.kane, ctypes.c_void_p).value
     assert address is not None
     pointers = (x.ctypes.data for x in (arguments, outputs, whole, work))
-    call = repeated(address, *pointers)
+    call = timing_loop(address, *pointers)
     alive = library, inputs, work, whole, out, outputs, arguments
     return lambda count: (call(count), alive)[0]
 
@@ -279,7 +279,7 @@ def cells(
             that are none.
         UnknownNameError: no such scene or formulation.
     """
-    for kind in kinds_of(scene):
+    for kind in scene_classes_named(scene):
         formulations_for(kind, formulation)
         if links and not kind.has_links:
             raise InputError(f"links = {links}: {kind.key} has no number of links to choose")
@@ -288,7 +288,7 @@ def cells(
             check_count(links=value)
         default = (LINKS if kind is Snake else (3,)) if kind.has_links else (None,)
         for value in (links or default) if set else ():
-            bench_state(kind, value, parameters(set))  # refuses what the scene does not know
+            bench_state(kind, value, parse_parameters(set))  # refuses what the scene does not know
         yield {
             "scene": kind.key,
             "links": links or default,
@@ -299,7 +299,7 @@ def cells(
 
 def worker(known: Sequence[Record], *, scene: Kind = "snake") -> Callable[[Settings], Record]:
     """Return what times everything in a kind of scene."""
-    kinds = {kind.key: kind for kind in kinds_of(scene)}
+    kinds = {kind.key: kind for kind in scene_classes_named(scene)}
 
     def timed(settings: Settings) -> Record:
         kind, chosen, keys = kinds[settings["scene"]], settings["links"], settings["formulations"]
@@ -307,10 +307,10 @@ def worker(known: Sequence[Record], *, scene: Kind = "snake") -> Callable[[Setti
 
         def jobs() -> Iterator[Job]:
             for n in chosen:
-                scene, q, u = bench_state(kind, n, parameters(settings.get("set")))
+                scene, q, u = bench_state(kind, n, parse_parameters(settings.get("set")))
                 size = n or 0
                 if (angles := _angles(scene, q)).size:
-                    yield TRIGONOMETRY, size, sines(angles)
+                    yield TRIGONOMETRY, size, sincos_timing_loop(angles)
                 for f in formulations:
                     if f.linear or keys is not None or size <= DENSE_LIMIT:
                         yield f.key, size, _formulation_call(f, scene, q, u)
@@ -331,9 +331,9 @@ def worker(known: Sequence[Record], *, scene: Kind = "snake") -> Callable[[Setti
     return timed
 
 
-def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
+def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
     """Yield, for each scene, medians, their ratio to sines alone, the slope of log t over log N."""
-    for key, rows in group(rows_of(found, Timing), lambda one: one.scene).items():
+    for key, rows in group(rows_in(found, Timing), lambda one: one.scene).items():
         at = {(one.what, one.links): one for one in rows}
         links = sorted({one.links for one in rows})
         table = []
@@ -349,7 +349,7 @@ def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
         title = f"Median time of one right-hand side, {key}"
         note = "In brackets the ratio to the sines and cosines of the N angles alone."
         note = note if any(what == TRIGONOMETRY for what, _ in at) else ""
-        sheet = Sheet(f"rhs-{key}", title, columns, table, note=note)
+        sheet = ResultTable(f"rhs-{key}", title, columns, table, note=note)
         known = any(row[-2] for row in table)
         yield sheet if known else sheet.without("slope, N >= 100")
 
@@ -364,7 +364,7 @@ STUDY = Study(
     key="rhs",
     cells=cells,
     worker=worker,
-    sheets=sheets,
+    sheets=tables,
     label="",
     alarm=failed,
     document=document_of("timings", Timing),

@@ -15,10 +15,10 @@ from eomcheck.descriptions.robot_files import robot_named
 from eomcheck.descriptions.urdf_reader import FLOATING
 from eomcheck.errors import EngineError, InputError
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.library_comparison import QUANTITIES, compare
+from eomcheck.lab.library_comparison import QUANTITIES, compare_libraries
 from eomcheck.lab.option_parsing import Seed, check_count
-from eomcheck.lab.show.table import Cell, Sheet
-from eomcheck.lab.store.record_file import Record, Settings, rows_of
+from eomcheck.lab.show.table import Cell, ResultTable
+from eomcheck.lab.store.record_file import Record, Settings, rows_in
 from eomcheck.lab.study import Study, failed, unfinished
 
 ROBOTS = {
@@ -48,7 +48,7 @@ WALKING = "solo12", "anymal"
 
 
 @dataclass(frozen=True)
-class Read:
+class LibraryReading:
     """What one library makes of one robot: largest differences from us, relative."""
 
     robot: str
@@ -58,7 +58,7 @@ class Read:
     why: str
 
 
-def located(robot: str) -> Path:
+def robot_path(robot: str) -> Path:
     """Return the file of a robot of `ROBOTS`, or the path that `robot` is.
 
     Raises:
@@ -99,7 +99,7 @@ def cells(
         robot, free = [*ROBOTS], [*WALKING]
     for name, floating in [*((x, False) for x in robot or ()), *((x, True) for x in free or ())]:
         if name not in ROBOTS:
-            located(name)
+            robot_path(name)
         yield {"robot": name, "free": floating, "states": states, "seed": seed}
 
 
@@ -108,7 +108,7 @@ def _look(settings: Settings) -> Record:
     name, states, seed = (settings[x] for x in ("robot", "states", "seed"))
     called = _called(settings)
     try:
-        file = str(located(name))
+        file = str(robot_path(name))
         scene = robot_named(f"{file}:{FLOATING}" if settings["free"] else file)()
     except EngineError as missing:
         return Record(STUDY.key, settings, "refused", str(missing))
@@ -126,13 +126,16 @@ def _look(settings: Settings) -> Record:
         "disproved": proved.count("failed"),
     }
     seconds = {"checks, s": validated - start, "proof, s": done - validated}
-    found = compare(scene, None, states, seed)
+    found = compare_libraries(scene, None, states, seed)
     rows = []
     for i, (key, version) in enumerate(found.versions.items()):
         apart = {name: float(table[0, i + 1]) for name, table in found.apart.items()}
         why = "; ".join(one.sentence for one in found.why[key])
-        rows.append(Read(called, version, found.verdict(key), apart, why))
-    rows += [Read(called, key, found.verdict(key), {}, why) for key, why in found.refused.items()]
+        rows.append(LibraryReading(called, version, found.verdict(key), apart, why))
+    rows += [
+        LibraryReading(called, key, found.verdict(key), {}, why)
+        for key, why in found.refused.items()
+    ]
     series = {"rows": [vars(row) for row in rows], "left out": [scene.made.left_out]}
     return Record(STUDY.key, settings, counts=counts, errors=seconds, series=series)
 
@@ -144,7 +147,7 @@ def _called(settings: Settings) -> str:
 # ---- What it comes to ----------------------------------------------------------------------------
 
 
-def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
+def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
     """Yield what came of our own equations, and what each library makes of each robot."""
     done = [record for record in found if record.status == "done"]
     names = ("coordinates", "passed", "failed", "proved", "disproved")
@@ -157,8 +160,10 @@ def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
         for record in done
     ]
     heads = ("robot", "coordinates", "checks passed", "failed", "identities proved", "disproved")
-    yield Sheet("robots", "Our equations of each robot", (*heads, "checks, s", "proof, s"), rows)
-    reads = rows_of(done, Read)
+    yield ResultTable(
+        "robots", "Our equations of each robot", (*heads, "checks, s", "proof, s"), rows
+    )
+    reads = rows_in(done, LibraryReading)
     libraries = list(dict.fromkeys(_key(one) for one in reads))
     rows = []
     for record in done:
@@ -166,18 +171,18 @@ def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
         mine = {_key(one): one for one in reads if one.robot == name}
         rows.append((Cell(name, "name"), *(_cell(mine.get(key)) for key in libraries)))
     title = "The same file by others: largest difference of M from ours, and what they differ in"
-    yield Sheet("robots-by-library", title, ("robot", *libraries), rows)
+    yield ResultTable("robots-by-library", title, ("robot", *libraries), rows)
 
 
 _LOOKS = {"agrees where decided": "passed", "inconclusive": "open", "nothing compared": "open"}
 """Verdict of a library that differs nowhere -> how its cell looks."""
 
 
-def _key(one: Read) -> str:
+def _key(one: LibraryReading) -> str:
     return one.library.partition(" ")[0]
 
 
-def _cell(one: Read | None) -> Cell:
+def _cell(one: LibraryReading | None) -> Cell:
     if one is None:
         return Cell("-", "none")
     if not one.apart:
@@ -188,10 +193,10 @@ def _cell(one: Read | None) -> Cell:
     return Cell(f"{number} {one.verdict}", _LOOKS.get(one.verdict, "failed"))
 
 
-def said(found: Sequence[Record]) -> Iterator[str]:
+def remarks(found: Sequence[Record]) -> Iterator[str]:
     """Yield why libraries differ or gave no answer."""
     yield from unfinished(found)
-    for one in rows_of(found, Read):
+    for one in rows_in(found, LibraryReading):
         if one.verdict not in ("agrees", "agrees where decided", "no damping"):
             apart = ", ".join(f"{name} {one.apart[name]:.0e}" for name in QUANTITIES if one.apart)
             yield f"{one.robot}, {one.library}: {', '.join(filter(None, (apart, one.why)))}"
@@ -207,8 +212,8 @@ STUDY = Study(
     key="robots",
     cells=cells,
     worker=lambda known: _look,
-    sheets=sheets,
-    said=said,
+    sheets=tables,
+    said=remarks,
     label="looking at {robot}",
     alarm=alarm,
     reading="`no damping`: the library's algorithms leave out the dampers of the file.",

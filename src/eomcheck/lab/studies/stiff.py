@@ -29,12 +29,12 @@ from scipy.integrate import solve_ivp
 
 from eomcheck.errors import EomcheckError, InputError
 from eomcheck.formulations import formulation_of, formulations_for
-from eomcheck.lab.references import stored
-from eomcheck.lab.run_time import disturbed, ready, run_time
+from eomcheck.lab.references import stored_reference
+from eomcheck.lab.run_time import prepare_motion, run_time, was_contended
 from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
-from eomcheck.lab.show.table import Sheet
+from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.record_file import Record, Settings, group, select, values
-from eomcheck.lab.study import REFERENCES, Quick, References, Study, Work
+from eomcheck.lab.study import REFERENCES, CellWorker, Quick, References, Study
 from eomcheck.motion.integrators import INTEGRATORS
 from eomcheck.motion.right_hand_side import exact_jacobian
 from eomcheck.motion.simulate import Motion
@@ -104,7 +104,7 @@ def cells(
         InputError: a stiffness that is not positive, or the true undamped motion is not stored.
         UnknownNameError: no such formulation.
     """
-    stored(REFERENCE, references)  # before hours are spent on what needs it
+    stored_reference(REFERENCE, references)  # before hours are spent on what needs it
     keys = [f.key for f in formulations_for(Snake, formulation or ["kane"])]
     _, tolerances, in_scipy = QUICK if quick else (DECADES, TOLERANCES, IN_SCIPY_AT)
     for problem, key, k in product(PROBLEMS, keys, stiffnesses_of(quick, stiffness)):
@@ -117,7 +117,7 @@ def cells(
                 yield shared | how
 
 
-def scene_of(problem: str, stiffness: float) -> Snake:
+def stiff_robot(problem: str, stiffness: float) -> Snake:
     """Return the paper's robot with joints of this stiffness, damped or not."""
     joints = np.full(6, stiffness)
     damping = RETARDATION * joints if problem == "damped" else None
@@ -152,7 +152,7 @@ class Truth:
 
 def damped_truth(settings: dict[str, Any]) -> Record:
     """Return the end of a damped motion, integrated twice."""
-    scene = scene_of("damped", settings["stiffness"])
+    scene = stiff_robot("damped", settings["stiffness"])
     first = _end_state(scene, "banded", "Radau", 1e-12)
     explicit = settings["stiffness"] <= EXPLICIT_UP_TO
     second = _end_state(scene, "kane", *(("DOP853", 1e-13) if explicit else ("Radau", 1e-11)))
@@ -177,7 +177,7 @@ def _end_state(scene: Snake, key: str, integrator: str, tolerance: float) -> Arr
 
 def scaled_truth(folder: Path) -> Truth:
     """Return the true end of every undamped motion, in units of its own time."""
-    reference = stored(REFERENCE, folder)
+    reference = stored_reference(REFERENCE, folder)
     q, v = reference.q[-1], reference.v[-1]
     state = np.concatenate((q, v))
     # √(5000/k) is rounded twice, and with it the end.
@@ -189,10 +189,10 @@ def scaled_truth(folder: Path) -> Truth:
 # ---- One cell ------------------------------------------------------------------------------------
 
 
-def worker(truths: Sequence[Record], *, references: References = REFERENCES) -> Work:
+def worker(truths: Sequence[Record], *, references: References = REFERENCES) -> CellWorker:
     """Return what integrates a motion and compares its end with the truth; `truths` are damped."""
     damped = {r.settings["stiffness"]: r for r in truths}
-    prepared = cache(lambda problem, k, key: ready(scene_of(problem, k), key))
+    prepared = cache(lambda problem, k, key: prepare_motion(stiff_robot(problem, k), key))
     scaled = cache(scaled_truth)
 
     def truth_of(problem: str, stiffness: float) -> Truth:
@@ -298,10 +298,10 @@ def cheapest(
         for r in select(records, KEY, jacobian=None)
         if r.settings["integrator"] in integrators and r.errors["final"] <= target
     ]
-    return min(good, key=lambda r: cost(r, what), default=None)
+    return min(good, key=lambda r: run_cost(r, what), default=None)
 
 
-def cost(record: Record, what: str = "seconds") -> float:
+def run_cost(record: Record, what: str = "seconds") -> float:
     """Return what a run took: CPU time of the best run, s, or a count.
 
     CPU time is compared, not run time, for it does not tell what else ran on the machine.
@@ -325,7 +325,9 @@ def crossover(
         explicit, implicit = (cheapest(here, target, kind, what) for kind in (EXPLICIT, IMPLICIT))
         if implicit is None:
             continue
-        ratio = math.inf if explicit is None else cost(explicit, what) / cost(implicit, what)
+        ratio = (
+            math.inf if explicit is None else run_cost(explicit, what) / run_cost(implicit, what)
+        )
         ratios.append((k, ratio))
     for place, (k, ratio) in enumerate(ratios):
         if ratio > 1 and all(later > 1 for _, later in ratios[place:]):
@@ -340,7 +342,7 @@ def crossover(
 # ---- Tables --------------------------------------------------------------------------------------
 
 
-def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
+def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
     """Yield how well the truth is known, costs, crossovers, and what Jacobians save."""
     yield _truths(found)
     for problem, key, target in product(PROBLEMS, values(found, "formulation"), TARGETS):
@@ -350,13 +352,13 @@ def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
     yield _failures(found)
 
 
-def said(found: Sequence[Record]) -> Iterator[str]:
+def remarks(found: Sequence[Record]) -> Iterator[str]:
     """Yield how many runs were disturbed."""
-    shared = sum(map(disturbed, found))
+    shared = sum(map(was_contended, found))
     yield f"{shared} of {counted(len(select(found, KEY)), 'best run')} had to share a core."
 
 
-def _truths(found: Sequence[Record]) -> Sheet:
+def _truths(found: Sequence[Record]) -> ResultTable:
     rows = [
         (
             f"{r.settings['stiffness']:.0e}",
@@ -366,10 +368,10 @@ def _truths(found: Sequence[Record]) -> Sheet:
         if r.study == TRUTH
     ]
     title = "How well the damped motions are known, relative"
-    return Sheet("stiff-truth", title, ("k / (N m/rad)", "uncertainty"), rows)
+    return ResultTable("stiff-truth", title, ("k / (N m/rad)", "uncertainty"), rows)
 
 
-def _costs(found: Sequence[Record], problem: str, key: str, target: float) -> Sheet:
+def _costs(found: Sequence[Record], problem: str, key: str, target: float) -> ResultTable:
     stiffnesses = values(found, "stiffness")
     rows = []
     for integrator in COMPILED:
@@ -381,9 +383,11 @@ def _costs(found: Sequence[Record], problem: str, key: str, target: float) -> Sh
             )
             for k in stiffnesses
         )
-        cells = ("" if b is None else f"{1e3 * cost(b):.3g}  {cost(b, RATES):.0f}" for b in best)
+        cells = (
+            "" if b is None else f"{1e3 * run_cost(b):.3g}  {run_cost(b, RATES):.0f}" for b in best
+        )
         rows.append((integrator, *cells))
-    return Sheet(
+    return ResultTable(
         f"stiff-cost-{problem}-{key}-{target:.0e}",
         f"{problem}, {key}: CPU time in ms, and right-hand sides, to an error of {target:.0e}",
         ("integrator", *(f"{k:.0e}" for k in stiffnesses)),
@@ -391,13 +395,13 @@ def _costs(found: Sequence[Record], problem: str, key: str, target: float) -> Sh
     )
 
 
-def _crossovers(found: Sequence[Record]) -> Sheet:
+def _crossovers(found: Sequence[Record]) -> ResultTable:
     rows = []
     for problem, target, key in product(PROBLEMS, TARGETS, values(found, "formulation")):
         places = (crossover(found, target, problem, key, what) for what in ("seconds", RATES))
         cells = ("never" if k is None else f"{k:.1e}" for k in places)
         rows.append((problem, f"{target:.0e}", key, *cells))
-    return Sheet(
+    return ResultTable(
         "stiff-crossover",
         "Implicit integrators are the cheaper ones from this k on, N m/rad",
         ("joints", "error", "formulation", "by CPU time", "by right-hand sides"),
@@ -405,16 +409,16 @@ def _crossovers(found: Sequence[Record]) -> Sheet:
     )
 
 
-def _jacobians(found: Sequence[Record]) -> Sheet:
+def _jacobians(found: Sequence[Record]) -> ResultTable:
     rows = []
     for integrator, tolerance, k, pair in _pairs(found):
         cells = []
         for what, factor in ((RATES, 1.0), ("seconds", 1e3)):
-            plain, exact = (factor * cost(r, what) for r in pair)
+            plain, exact = (factor * run_cost(r, what) for r in pair)
             cells += [f"{plain:.4g}", f"{exact:.4g}", f"{1 - exact / plain:.0%}"]
         errors = (f"{r.errors['final']:.0e}" for r in pair)
         rows.append((integrator, f"{tolerance:.0e}", f"{k:.0e}", *cells, *errors))
-    return Sheet(
+    return ResultTable(
         "stiff-jacobians",
         "SciPy, kane, damped: exact Jacobian beside finite differences",
         (
@@ -435,7 +439,7 @@ def _pairs(found: Sequence[Record]) -> Iterator[tuple[str, float, float, list[Re
                 yield integrator, tolerance, k, pair
 
 
-def _failures(found: Sequence[Record]) -> Sheet:
+def _failures(found: Sequence[Record]) -> ResultTable:
     what = "problem", "formulation", "integrator"
     failed = (r for r in found if r.study == KEY and r.status != "done")
     alike = group(failed, lambda r: (*(r.settings[name] for name in what), r.reason))
@@ -445,7 +449,7 @@ def _failures(found: Sequence[Record]) -> Sheet:
     ]
     columns = ("joints", "formulation", "integrator", "reason", "k at rtol")
     title = "Runs that failed" if rows else "No run failed."
-    return Sheet("stiff-failed", title, columns, rows, widths=(2, 2, 2, 6, 6))
+    return ResultTable("stiff-failed", title, columns, rows, widths=(2, 2, 2, 6, 6))
 
 
 # ---- Charts --------------------------------------------------------------------------------------
@@ -470,7 +474,7 @@ def _work_precision(found: Sequence[Record]) -> Chart:
         lines = [
             Line(
                 integrator,
-                [cost(r) for r in line],
+                [run_cost(r) for r in line],
                 [max(r.errors["final"], r.errors["floor"]) for r in line],
                 [_told(r) for r in line],
             )
@@ -494,7 +498,10 @@ def _work_precision(found: Sequence[Record]) -> Chart:
 
 def _told(record: Record) -> list[str]:
     how = "{integrator}, tolerance {tolerance:.0e}".format(**record.settings)
-    return [how, f"{1e3 * cost(record):.3g} ms, {counted(record.counts[RATES], 'right-hand side')}"]
+    return [
+        how,
+        f"{1e3 * run_cost(record):.3g} ms, {counted(record.counts[RATES], 'right-hand side')}",
+    ]
 
 
 def _cost_over_stiffness(found: Sequence[Record]) -> Chart:
@@ -504,7 +511,7 @@ def _cost_over_stiffness(found: Sequence[Record]) -> Chart:
         lines = []
         for integrator in COMPILED:
             points = [
-                (k, cost(best, what))
+                (k, run_cost(best, what))
                 for k in values(found, "stiffness")
                 if (best := _cheapest_at(found, problem, k, target, integrator, what))
             ]
@@ -537,7 +544,7 @@ def _saved(found: Sequence[Record]) -> Chart:
             Line(
                 integrator,
                 [k for _, _, k, _ in line],
-                [cost(exact, what) / cost(plain, what) for *_, (plain, exact) in line],
+                [run_cost(exact, what) / run_cost(plain, what) for *_, (plain, exact) in line],
                 label=f"{integrator}, rtol {tolerance:.0e}",
                 dashed=tolerance == max(t for _, t in pairs),
             )
@@ -561,8 +568,8 @@ STUDY = Study(
     before=(TRUTHS,),
     cells=cells,
     worker=worker,
-    sheets=sheets,
+    sheets=tables,
     charts=charts,
-    said=said,
+    said=remarks,
     label="integrating {motion}",
 )

@@ -11,16 +11,16 @@ from typing import Annotated
 from eomcheck.claims import CLAIMS
 from eomcheck.claims.finding import DECIDED
 from eomcheck.claims.pairwise_design import scene_cases
-from eomcheck.claims.run import Run, Selection
+from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.console import progress
 from eomcheck.errors import InputError
 from eomcheck.evaluation.tolerance import C
-from eomcheck.lab.option_parsing import Examples, Kind, Seed, check_count, interval
-from eomcheck.lab.show.table import Sheet
+from eomcheck.lab.option_parsing import Examples, Kind, Seed, check_count, parse_interval
+from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.record_file import Record, Settings
 from eomcheck.lab.study import Study, failed, unfinished
 from eomcheck.mechanics.scene import Scene
-from eomcheck.scene_lookup import kinds_of
+from eomcheck.scene_lookup import scene_classes_named
 from eomcheck.scenes import Snake
 
 
@@ -38,23 +38,23 @@ def cells(
         UnknownNameError: no such scene.
     """
     check_count(examples=examples)
-    for kind in kinds_of(scene):
+    for kind in scene_classes_named(scene):
         if links is not None and not kind.has_links:
             raise InputError(f"links = {links!r}: {kind.key} has no number of links to choose")
-        sizes = interval("1..40" if links is None else links)
+        sizes = parse_interval("1..40" if links is None else links)
         drawn = {"links": sizes, "examples": examples, "seed": seed}
         yield drawn if kind is Snake else drawn | {"scene": kind.key}
 
 
 def worker(known: Sequence[Record], *, scene: Kind = "snake") -> Callable[[Settings], Record]:
     """Return what finds the ratios of a kind of scene."""
-    kinds = {kind.key: kind for kind in kinds_of(scene)}
+    kinds = {kind.key: kind for kind in scene_classes_named(scene)}
     return lambda settings: _ratios(kinds[settings.get("scene", Snake.key)], settings)
 
 
 def _ratios(kind: type[Scene], settings: Settings) -> Record:
     """Find, per claim, observed / (κ ε scale) of every conclusive Finding."""
-    run, selection, examples = Run(), Selection.of(scenes=[kind]), settings["examples"]
+    run, selection, examples = ValidationRun(), RunSelection.of(scenes=[kind]), settings["examples"]
     links, seed = settings["links"], settings["seed"]
     with progress("measuring errors at {state}", examples) as advance:
         run.explore(scene_cases(kind, links, examples, seed), selection, advance)
@@ -65,7 +65,7 @@ def _ratios(kind: type[Scene], settings: Settings) -> Record:
     return Record(STUDY.key, settings, series=dict(ratios))
 
 
-def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
+def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
     """Yield the median and the largest ratio of each claim."""
     several = len(found) > 1
     rows = [
@@ -79,10 +79,10 @@ def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
     ]
     title = "observed / (κ ε scale) of each claim"
     columns = ("claim", "findings", "median", "largest")
-    yield Sheet("tolerance", title, ("scene", *columns) if several else columns, rows)
+    yield ResultTable("tolerance", title, ("scene", *columns) if several else columns, rows)
 
 
-def said(found: Sequence[Record]) -> Iterator[str]:
+def remarks(found: Sequence[Record]) -> Iterator[str]:
     """Yield the largest ratio of all, beside C."""
     yield from unfinished(found)
     top = max(chain.from_iterable(x for r in found for x in r.series.values()), default=0.0)
@@ -99,8 +99,8 @@ STUDY = Study(
     key="tolerance",
     cells=cells,
     worker=worker,
-    sheets=sheets,
-    said=said,
+    sheets=tables,
+    said=remarks,
     label="",
     alarm=alarm,
     small=True,

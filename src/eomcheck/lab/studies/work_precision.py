@@ -16,17 +16,17 @@ from typing import Annotated
 from eomcheck.errors import InputError
 from eomcheck.evaluation.dynamics import velocity
 from eomcheck.formulations import formulations_for
-from eomcheck.lab.references import CASES, stored
-from eomcheck.lab.run_time import RUNS, disturbed, ready, run_time
+from eomcheck.lab.references import REFERENCE_CASES, stored_reference
+from eomcheck.lab.run_time import RUNS, prepare_motion, run_time, was_contended
 from eomcheck.lab.show.chart import Axis, Chart, File, Line, Panel
 from eomcheck.lab.show.document_text import seconds_text
-from eomcheck.lab.show.table import Sheet
+from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.record_file import Record, Settings, by_setting, group, select, values
-from eomcheck.lab.study import REFERENCES, Formulations, References, Study, Work
+from eomcheck.lab.study import REFERENCES, CellWorker, Formulations, References, Study
 from eomcheck.motion.integrators import INTEGRATORS, integrator_of
 from eomcheck.motion.reference_io import Reference
 from eomcheck.motion.simulate import Motion, Trajectory, simulate
-from eomcheck.motion.trajectory_errors import constraint_drift, energy_drift, errors_of
+from eomcheck.motion.trajectory_errors import constraint_error_drift, energy_error_drift, errors_of
 from eomcheck.safe_output import counted
 
 TOLERANCES = tuple(10.0**-k for k in range(3, 14, 2))
@@ -72,20 +72,20 @@ def cells(
             raise InputError(f"tolerance = {one!r}, expected a number between 0 and 1")
     # Tolerances innermost: the code made for the first one serves the others.
     for name in reference or ("paper-rest",):
-        scene = stored(name, references).scene
+        scene = stored_reference(name, references).scene
         keys = [f.key for f in formulations_for(scene, formulation or None)]
         for key, how, rtol in product(keys, integrators, tolerance or TOLERANCES):
             yield {"reference": name, "formulation": key, "integrator": how, "tolerance": rtol}
 
 
-def worker(known: Sequence[Record], *, references: References = REFERENCES) -> Work:
+def worker(known: Sequence[Record], *, references: References = REFERENCES) -> CellWorker:
     """Return what integrates a motion, compares it with its reference, and takes its time."""
 
     @cache
     def prepared(name: str, key: str) -> tuple[Reference, Motion, float]:
-        reference = stored(name, references)
+        reference = stored_reference(name, references)
         scene, q0, u0 = reference.scene, reference.q0, reference.u0
-        return reference, *ready(scene, key, q0, velocity(scene, q0, u0), u0)
+        return reference, *prepare_motion(scene, key, q0, velocity(scene, q0, u0), u0)
 
     def work(settings: Settings) -> Record:
         key, tolerance = settings["formulation"], settings["tolerance"]
@@ -111,7 +111,7 @@ def worker(known: Sequence[Record], *, references: References = REFERENCES) -> W
 
 
 def _drifts(found: Trajectory) -> dict[str, float]:
-    drifts = {"constraint": constraint_drift(found), "energy": energy_drift(found)}
+    drifts = {"constraint": constraint_error_drift(found), "energy": energy_error_drift(found)}
     errors: dict[str, float] = {}
     for name, drift in drifts.items():
         if drift is not None:
@@ -183,7 +183,7 @@ def summary(records: Sequence[Record]) -> str:
 # ---- Tables --------------------------------------------------------------------------------------
 
 
-def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
+def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
     """Yield times to reach an error, the Pareto front and drift of each scene, and failures."""
     for name, mine in by_setting(found, "reference").items():
         yield _targets(name, mine)
@@ -193,10 +193,10 @@ def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
     rows = [(r.settings["reference"], *_run(r), r.status, r.reason) for r in failed]
     columns = ("reference", "formulation", "integrator", "tolerance", "status", "reason")
     title = "Runs that did not finish" if rows else "All runs finished."
-    yield Sheet("work-precision-unfinished", title, columns, rows)
+    yield ResultTable("work-precision-unfinished", title, columns, rows)
 
 
-def said(found: Sequence[Record]) -> Iterator[str]:
+def remarks(found: Sequence[Record]) -> Iterator[str]:
     """Yield a paragraph on each scene."""
     for name, mine in by_setting(found, "reference").items():
         yield f"{name}: {summary(mine)}"
@@ -208,7 +208,7 @@ def _run(record: Record) -> tuple[str, ...]:
     return settings["formulation"], settings["integrator"], f"{settings['tolerance']:.0e}"
 
 
-def _targets(name: str, records: Sequence[Record]) -> Sheet:
+def _targets(name: str, records: Sequence[Record]) -> ResultTable:
     found = {target: _best(records, target) for target in TARGETS}
     rows = []
     for key in values(records, "formulation"):
@@ -223,12 +223,12 @@ def _targets(name: str, records: Sequence[Record]) -> Sheet:
         rows.append((key, *cells))
     heads = (head for target in TARGETS for head in (f"{target:.0e}", "with", "ratio"))
     title = f"{name}: best time of a run whose end state is right to ..."
-    return Sheet(f"work-precision-targets-{name}", title, ("formulation", *heads), rows)
+    return ResultTable(f"work-precision-targets-{name}", title, ("formulation", *heads), rows)
 
 
-def _front(name: str, records: Sequence[Record]) -> Sheet:
-    shared = "; ".join(", ".join(_run(r)) for r in records if disturbed(r))
-    return Sheet(
+def _front(name: str, records: Sequence[Record]) -> ResultTable:
+    shared = "; ".join(", ".join(_run(r)) for r in records if was_contended(r))
+    return ResultTable(
         f"work-precision-front-{name}",
         f"{name}: no run is both faster and more accurate than these",
         ("formulation", "integrator", "tolerance", "run time", "error of the end state"),
@@ -240,7 +240,7 @@ def _front(name: str, records: Sequence[Record]) -> Sheet:
     )
 
 
-def _drift_laws(name: str, records: Sequence[Record]) -> Sheet:
+def _drift_laws(name: str, records: Sequence[Record]) -> ResultTable:
     laws = {
         f"{kind}_{law}": how
         for kind in ("constraint", "energy")
@@ -251,7 +251,7 @@ def _drift_laws(name: str, records: Sequence[Record]) -> Sheet:
         for r in most_accurate(records).values()
     ]
     heads = ("constraints, m/s per s", "t^", "energy, relative, per s", "t^")
-    return Sheet(
+    return ResultTable(
         f"work-precision-drift-{name}",
         f"{name}: drift in the most accurate run of each, and the power of time it goes with",
         ("formulation", "integrator", "tolerance", *heads),
@@ -273,7 +273,7 @@ def errors_shown(records: Sequence[Record]) -> dict[str, str]:
 
 def _absent(name: str, errors: Iterable[str]) -> str:
     """Return why there is no panel for an error, if so."""
-    case = CASES.get(name)
+    case = REFERENCE_CASES.get(name)
     reason = case.scene().why_not_conserved if case else ""
     missing = []
     if "energy" not in errors:
@@ -333,7 +333,7 @@ def _lines(records: Sequence[Record], error: str, against: str) -> list[Line]:
                 [_seconds(r) if timed else r.counts[against] for r in mine],
                 [max(r.errors[error], NOTHING) for r in mine],
                 [_told(r) for r in mine],
-                hollow=[timed and disturbed(r) for r in mine],
+                hollow=[timed and was_contended(r) for r in mine],
             )
         )
     return lines
@@ -342,7 +342,7 @@ def _lines(records: Sequence[Record], error: str, against: str) -> list[Line]:
 def _told(record: Record) -> list[str]:
     key, integrator, tolerance = _run(record)
     counts = record.counts
-    status = "disturbed: shared its core" if disturbed(record) else record.status
+    status = "disturbed: shared its core" if was_contended(record) else record.status
     return [
         f"{key}, {integrator}",
         f"tolerance {tolerance}",
@@ -357,8 +357,8 @@ STUDY = Study(
     cells=cells,
     label="integrating {motion}",
     worker=worker,
-    sheets=sheets,
+    sheets=tables,
     charts=charts,
-    said=said,
+    said=remarks,
     reading="Error against run time over all tolerances; lower and further left is better.",
 )

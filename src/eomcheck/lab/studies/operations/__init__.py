@@ -7,11 +7,11 @@ from typing import Annotated
 
 from eomcheck.errors import InputError
 from eomcheck.formulations import FORMULATIONS, formulation_of
-from eomcheck.lab.option_parsing import interval
+from eomcheck.lab.option_parsing import parse_interval
 from eomcheck.lab.store.record_file import Record, Settings, record_of_rows
 from eomcheck.lab.studies.operations import measure, show
 from eomcheck.lab.study import Formulations, Study, failed
-from eomcheck.scene_lookup import kinds_of
+from eomcheck.scene_lookup import scene_classes_named
 from eomcheck.scenes import Snake
 
 Absent = Annotated[str | None, "Show what absent terms save instead, on a kind of scene or all."]
@@ -32,9 +32,9 @@ def cells(
         InputError: no such numbers of links, or what `absent.cells` raises.
         UnknownNameError: no such formulation or scene.
     """
-    low, high = interval(links if links is not None else "2..100" if scene is None else "3")
+    low, high = parse_interval(links if links is not None else "2..100" if scene is None else "3")
     if scene is not None:
-        kinds = kinds_of(scene)
+        kinds = scene_classes_named(scene)
         if links is not None and not any(kind.has_links for kind in kinds):
             raise InputError(f"links = {links!r}: {scene} has no number of links to choose")
         yield from measure.cells(kinds, high, formulation, 15 if repeats is None else repeats)
@@ -51,7 +51,7 @@ def cells(
 
 def worker(known: Sequence[Record], *, scene: Absent = None) -> Callable[[Settings], Record]:
     """Return what counts a cell."""
-    kinds = {} if scene is None else {kind.key: kind for kind in kinds_of(scene)}
+    kinds = {} if scene is None else {kind.key: kind for kind in scene_classes_named(scene)}
 
     def work(settings: Settings) -> Record:
         if scene is not None:
@@ -62,7 +62,7 @@ def worker(known: Sequence[Record], *, scene: Absent = None) -> Callable[[Settin
         if "springs" in settings:
             rows = [measure.compare_springs(coil, formulation)]
             return record_of_rows(STUDY.key, settings, rows)
-        return measure.record_of(measure.count(coil, formulation))
+        return measure.count_record(measure.count(coil, formulation))
 
     return work
 
@@ -71,9 +71,9 @@ STUDY = Study(
     key=measure.STUDY,
     cells=cells,
     worker=worker,
-    sheets=show.sheets,
+    sheets=show.tables,
     charts=show.charts,
-    said=show.said,
+    said=show.remarks,
     label="counting operations in {case}",
     alarm=failed,
     document=show.document,

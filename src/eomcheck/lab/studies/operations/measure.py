@@ -27,7 +27,7 @@ from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.scene_quantities import Quantities, net_force
 from eomcheck.formulations import FORMULATIONS, Formulation, formulations_among, kane
 from eomcheck.lab.store.record_file import Record, Settings
-from eomcheck.lab.strategy_samples import draw
+from eomcheck.lab.strategy_samples import draw_samples
 from eomcheck.lab.studies.rhs import rate_call, time_calls
 from eomcheck.mechanics.records import Bodies, Speeds, State, Terms
 from eomcheck.mechanics.scene import Scene
@@ -71,7 +71,7 @@ STUDY = "operations"
 """Key of the study."""
 
 
-def record_of(counted: Operations) -> Record:
+def count_record(counted: Operations) -> Record:
     """Return the Record of one count."""
     counts = {
         field.name: getattr(counted, field.name)
@@ -348,7 +348,7 @@ def absent_terms(scene: Scene) -> tuple[str, ...]:
 
 def _moving(scene: Scene) -> State:
     """Return an ordinary state."""
-    ((state,),) = draw(strategies.states(scene).map(lambda state: (state,)), 1, 0)
+    ((state,),) = draw_samples(strategies.states(scene).map(lambda state: (state,)), 1, 0)
     return state
 
 

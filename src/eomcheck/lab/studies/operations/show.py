@@ -16,8 +16,8 @@ from flint import fmpq_poly
 from eomcheck.formulations import Formulation, formulation_of
 from eomcheck.lab.show.chart import LINKS, Axis, Chart, Line, Panel
 from eomcheck.lab.show.document_text import grouped
-from eomcheck.lab.show.table import Sheet
-from eomcheck.lab.store.record_file import Record, group, rows_of
+from eomcheck.lab.show.table import ResultTable
+from eomcheck.lab.store.record_file import Record, group, rows_in
 from eomcheck.lab.studies.operations.measure import Operations, Saving, Springs, operations_of
 from eomcheck.lab.study import unfinished
 from eomcheck.numbers.counting import System
@@ -179,18 +179,18 @@ def counted_in(found: Sequence[Record]) -> list[Operations]:
 
 def springs_in(found: Sequence[Record]) -> list[Springs]:
     """Return what was counted with springs and without."""
-    return rows_of((one for one in found if "springs" in one.settings), Springs)
+    return rows_in((one for one in found if "springs" in one.settings), Springs)
 
 
 def savings_in(found: Sequence[Record]) -> list[Saving]:
     """Return what leaving out saves."""
-    return rows_of((one for one in found if "scene" in one.settings), Saving)
+    return rows_in((one for one in found if "scene" in one.settings), Saving)
 
 
 def signed_sum(terms: list[tuple[str, str]], between: str = " ") -> str:
     """Return the sum of terms (factor, symbol), such as "9/2 N² - 3"; "" stands for no symbol.
 
-    `between` stands between a factor and its symbol.
+    `relative_vector` stands between a factor and its symbol.
     """
     text = ""
     for factor, symbol in terms:
@@ -238,7 +238,7 @@ def table_i_text(system: SolvedSystem) -> str:
     return f"{order}: the same at every N"
 
 
-def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
+def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
     """Yield counts, polynomials, systems beside Table I, what springs cost, what absence saves."""
     counted = counted_in(found)
     if counted:
@@ -247,7 +247,7 @@ def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
     yield from _savings(savings_in(found))
 
 
-def _springs(springs: list[Springs]) -> Iterator[Sheet]:
+def _springs(springs: list[Springs]) -> Iterator[ResultTable]:
     for links, mine in sorted(group(springs, lambda one: one.links).items()):
         rows = []
         for one in mine:
@@ -256,13 +256,13 @@ def _springs(springs: list[Springs]) -> Iterator[Sheet]:
             rows.append((one.formulation, *(", ".join(map(grouped, x)) for x in counts), equal))
         heads = ("with", "without", "difference", "spring terms by themselves", "equal")
         title = f"Springs at N = {links}: additions, multiplications, divisions"
-        yield Sheet(f"springs-{links}", title, ("formulation", *heads), rows)
+        yield ResultTable(f"springs-{links}", title, ("formulation", *heads), rows)
 
 
-def _over_links(counted: list[Operations]) -> Iterator[Sheet]:
+def _over_links(counted: list[Operations]) -> Iterator[ResultTable]:
     rows, fits = by_formulation(counted), fit(counted)
     at = {(one.links, one.formulation): one for one in counted}
-    yield Sheet(
+    yield ResultTable(
         "counts",
         "Additions, multiplications and divisions of one right-hand side, outside of solves",
         ("N", *rows),
@@ -285,7 +285,7 @@ def _over_links(counted: list[Operations]) -> Iterator[Sheet]:
     ):
         texts = ((f, (polynomial_text(f.polynomials[kind]) for kind in kinds)) for f in fits)
         lines = [(f.formulation, *cells) for f, cells in texts]
-        yield Sheet(name, title, ("formulation", *kinds), lines)
+        yield ResultTable(name, title, ("formulation", *kinds), lines)
     columns = ("formulation", "matrix", "order", "right-hand sides", "order in Table I")
     lines = [
         (s.formulation, s.smallest.name, order_text(s), columns_text(s), table_i_text(s))
@@ -293,10 +293,10 @@ def _over_links(counted: list[Operations]) -> Iterator[Sheet]:
     ]
     title = "Systems solved, in their order, beside the paper's Table I"
     chain = any(s.formulation == "banded" for s in solved_systems(counted))
-    yield Sheet("systems", title, columns, lines, note=OF_CHAIN if chain else "")
+    yield ResultTable("systems", title, columns, lines, note=OF_CHAIN if chain else "")
 
 
-def _savings(savings: list[Saving]) -> Iterator[Sheet]:
+def _savings(savings: list[Saving]) -> Iterator[ResultTable]:
     for structure, mine in group(savings, lambda one: one.structure).items():
         rows = []
         for one in mine:
@@ -307,10 +307,10 @@ def _savings(savings: list[Saving]) -> Iterator[Sheet]:
         name = re.sub(r"\W+", "-", structure).strip("-")
         title = f"{structure}, without {', '.join(mine[0].absent)}"
         columns = ("formulation", "left out", "zeros", "saved", *timed)
-        yield Sheet(f"absent-{name}", title, columns, rows)
+        yield ResultTable(f"absent-{name}", title, columns, rows)
 
 
-def said(found: Sequence[Record]) -> Iterator[str]:
+def remarks(found: Sequence[Record]) -> Iterator[str]:
     """Yield why cells are not done, what is not fitted, and what savings are."""
     yield from unfinished(found)
     if any(p is None for one in fit(counted_in(found)) for p in one.polynomials.values()):

@@ -22,13 +22,13 @@ from eomcheck.evaluation.dynamics import acceleration, velocity
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.violations import violation
 from eomcheck.formulations import FORMULATIONS, formulation_of
-from eomcheck.lab.run_time import ready, run_time, slope
+from eomcheck.lab.run_time import prepare_motion, run_time, slope
 from eomcheck.lab.store.record_file import Record, Settings
-from eomcheck.lab.study import Work
+from eomcheck.lab.study import CellWorker
 from eomcheck.motion.integrators import Steps
-from eomcheck.motion.simulate import Motion, trajectory
+from eomcheck.motion.simulate import Motion, trajectory_of
 from eomcheck.motion.trajectory_errors import constraint_error, energy_error, error_norm
-from eomcheck.numbers.linear import watching
+from eomcheck.numbers.linear import recording_solves
 from eomcheck.scenes import Snake
 
 STUDY = "paper"
@@ -58,7 +58,7 @@ class Solver(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Plan:
+class StudyPlan:
     """What a run of the study covers.
 
     Attributes:
@@ -74,14 +74,14 @@ class Plan:
     runs: int = 10
 
 
-FULL = Plan(
+FULL = StudyPlan(
     (2, 3, 4, 5, 6, 7, 10, 14, 20, 25, 30, 35, 40, 45, 50, 60, 70, 80, 90, 100),
     (Solver("RK45", 1e-3), Solver("RK45", 1e-6), Solver("DOP853", 1e-9)),
 )
-QUICK = Plan((2, 7, 20, 40), (Solver("RK45", 1e-6),), runs=3)
+QUICK = StudyPlan((2, 7, 20, 40), (Solver("RK45", 1e-6),), runs=3)
 
 
-def scene_of(links: int) -> Snake:
+def coil_of(links: int) -> Snake:
     """Return the coil of N links; at N = 7 the paper's digits."""
     return Snake.paper() if links == PAPER_LINKS else Snake.coil(links)
 
@@ -102,16 +102,16 @@ def cells(*, quick: Quick = False) -> Iterator[Settings]:
         yield motion | solver._asdict() | {"end": END, "outputs": OUTPUTS}
 
 
-def worker(known: Sequence[Record], *, quick: Quick = False) -> Work:
+def worker(known: Sequence[Record], *, quick: Quick = False) -> CellWorker:
     """Return what works off a cell."""
     runs = (QUICK if quick else FULL).runs
-    prepared = cache(lambda links, key: ready(scene_of(links), key))
+    prepared = cache(lambda links, key: prepare_motion(coil_of(links), key))
 
     def work(settings: Settings) -> Record:
         if settings["cell"] == "equations":
             return _equations(settings)
         motion = prepared(settings["links"], settings["formulation"])
-        return _moved(settings, *motion, runs)
+        return _simulate(settings, *motion, runs)
 
     return work
 
@@ -125,7 +125,7 @@ def _equations(settings: Settings) -> Record:
     Raises:
         RefusedError: the formulation cannot.
     """
-    scene, wheel = scene_of(settings["links"]), settings["across"]
+    scene, wheel = coil_of(settings["links"]), settings["across"]
     q, v = scene.initial_state()
     if wheel:
         angle = scene.wheel_angle.copy()
@@ -135,7 +135,7 @@ def _equations(settings: Settings) -> Record:
         v = velocity(scene, q, ROLLING)
     formulation = formulation_of(settings["formulation"])
     at = Evaluation(scene, q, v)
-    with watching() as watch:
+    with recording_solves() as watch:
         multipliers = at.solution(formulation).multipliers
     found = acceleration(scene, formulation.key, q, v)
     counts = {
@@ -157,7 +157,7 @@ def _equations(settings: Settings) -> Record:
 # ---- One motion ----------------------------------------------------------------------------------
 
 
-def _moved(settings: Settings, motion: Motion, compile_seconds: float, runs: int) -> Record:
+def _simulate(settings: Settings, motion: Motion, compile_seconds: float, runs: int) -> Record:
     end, tolerance = settings["end"], settings["tolerance"]
     options = {
         "output_times": np.linspace(0.0, end, settings["outputs"]),
@@ -169,7 +169,7 @@ def _moved(settings: Settings, motion: Motion, compile_seconds: float, runs: int
     steps: list[Steps] = []
     taken = run_time(lambda: steps.append(motion.solve(end, **options)), runs, 2, LONG)
     solver = settings["integrator"], tolerance, tolerance
-    found = trajectory(motion, steps[-1], *solver, taken.seconds, every)
+    found = trajectory_of(motion, steps[-1], *solver, taken.seconds, every)
     counts = {
         "right-hand sides": found.right_hand_sides,
         "steps": found.steps,
@@ -209,7 +209,7 @@ QUANTITIES = {
 """Norms of the errors over the output times (Eq. (33)), m/s and J; time of the integration, s."""
 
 
-class Found:
+class PaperRecords:
     """The Records of the study, by what they are about.
 
     Attributes:
@@ -267,7 +267,7 @@ LARGE = 20
 """The growth with N is fitted from here on."""
 
 
-def growth(found: Found, key: str) -> list[float]:
+def growth(found: PaperRecords, key: str) -> list[float]:
     """Return the slope of log(CPU time) over log(N) of a formulation, for each solver."""
     slopes = []
     for solver in found.solvers:

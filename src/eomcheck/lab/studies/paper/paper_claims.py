@@ -21,7 +21,14 @@ import numpy as np
 from eomcheck.formulations import FORMULATIONS, kane, ml
 from eomcheck.lab.show.document_text import ranges
 from eomcheck.lab.store.record_file import Record, group
-from eomcheck.lab.studies.paper.measure import LARGE, PAPER_LINKS, QUANTITIES, Found, Solver, growth
+from eomcheck.lab.studies.paper.measure import (
+    LARGE,
+    PAPER_LINKS,
+    QUANTITIES,
+    PaperRecords,
+    Solver,
+    growth,
+)
 
 # ---- Claims and judgements -----------------------------------------------------------------------
 
@@ -56,7 +63,7 @@ class PaperClaim:
 
     place: str
     says: str
-    look: Callable[[Found], Evidence]
+    look: Callable[[PaperRecords], Evidence]
     true: str
     false: str
 
@@ -83,7 +90,7 @@ def verdict_of(evidence: Evidence) -> Verdict:
     return "holds partly" if 2 * evidence.good >= evidence.of else "does not hold here"
 
 
-def judge(claim: PaperClaim, found: Found) -> Judgement:
+def judge_paper_claim(claim: PaperClaim, found: PaperRecords) -> Judgement:
     """Return what the Records say to one claim."""
     evidence = claim.look(found)
     verdict = verdict_of(evidence)
@@ -93,14 +100,14 @@ def judge(claim: PaperClaim, found: Found) -> Judgement:
 
 def judgements(records: Iterable[Record]) -> list[Judgement]:
     """Return what the Records say to every claim."""
-    found = Found(records)
-    return [judge(claim, found) for claim in PAPER_CLAIMS]
+    found = PaperRecords(records)
+    return [judge_paper_claim(claim, found) for claim in PAPER_CLAIMS]
 
 
-def claim(place: str, says: str, true: str = UNFORESEEN, false: str = UNFORESEEN) -> Callable:
+def paper_claim(place: str, says: str, true: str = UNFORESEEN, false: str = UNFORESEEN) -> Callable:
     """Register the decorated function as the `look` of a claim."""
 
-    def register(look: Callable[[Found], Evidence]) -> Callable:
+    def register(look: Callable[[PaperRecords], Evidence]) -> Callable:
         PAPER_CLAIMS.append(PaperClaim(place, says, look, true, false))
         return look
 
@@ -121,23 +128,23 @@ class Ratio(NamedTuple):
         return f"{self.times:.3g} ({self.where}, {self.solver})"
 
 
-def at_level(found: Found, level: str) -> list[str]:
+def at_level(found: PaperRecords, level: str) -> list[str]:
     """Return the formulations of a level."""
     return [key for key in found.formulations if FORMULATIONS[key].level == level]
 
 
-def others(found: Found) -> list[str]:
+def other_formulations(found: PaperRecords) -> list[str]:
     """Return all formulations but Kane's."""
     return [key for key in found.formulations if key != KANE]
 
 
-def points_of(found: Found) -> list[tuple[int, Solver]]:
+def points_of(found: PaperRecords) -> list[tuple[int, Solver]]:
     """Return every number of links with every solver."""
     return list(product(found.links, found.solvers))
 
 
 def ratios_of(
-    found: Found,
+    found: PaperRecords,
     quantity: str,
     large: Iterable[str],
     small: Iterable[str],
@@ -180,7 +187,7 @@ def share(good: Iterable[bool]) -> tuple[int, int]:
 # ---- Equations: Table I, Secs. 1 to 10 -----------------------------------------------------------
 
 
-@claim(
+@paper_claim(
     "Sec. 1",
     "The equations are singular where a wheel i ≥ 2 stands across its link (α_i = ±π/2); wheel 1 "
     "may.",
@@ -188,7 +195,7 @@ def share(good: Iterable[bool]) -> tuple[int, int]:
     "of el and em makes a_1 singular for i ≤ N - 2 instead, wheel 1 included. im, au and gw need "
     "neither: it is not the robot that is singular.",
 )
-def _across(found: Found) -> Evidence:
+def _across(found: PaperRecords) -> Evidence:
     refused: dict[str, list[int]] = {key: [] for _, key in found.across}
     for (wheel, key), record in found.across.items():
         if record.status == "refused":
@@ -199,13 +206,13 @@ def _across(found: Found) -> Evidence:
     return Evidence(*share(good), f"Wheels refused at N = {PAPER_LINKS}: {said}.")
 
 
-@claim(
+@paper_claim(
     "Eqs. (6), (8), (14), (19)",
     "Numbers integrated: im 2n + r; au, el and gw n + r; em, ml and kane 2n - r.",
     false="Eq. (8) leaves out q̇, without which the state cannot be integrated; el and gw need no "
     "μ, since no multiplier is left among their unknowns.",
 )
-def _states(found: Found) -> Evidence:
+def _states(found: PaperRecords) -> Evidence:
     printed = {"im": (2, 1), "au": (1, 1), "el": (1, 1), "gw": (1, 1)}
     printed |= dict.fromkeys(("em", "ml", "kane"), (2, -1))
     sizes = {
@@ -221,13 +228,13 @@ def _states(found: Found) -> Evidence:
     return Evidence(count, of, f"As printed in {count} of {of} cases. At N = {largest}: {said}.")
 
 
-@claim(
+@paper_claim(
     "Table I, Eqs. (7)-(23)",
     "The equations solved are 2n + r, n + r, n, n, n - r, n - r, n - r.",
     true="It counts the final system. el and em solve one of order r before it, gw one of order n "
     "and one of order r, which the table does not count.",
 )
-def _orders(found: Found) -> Evidence:
+def _orders(found: PaperRecords) -> Evidence:
     good, of = share(
         record.counts["final system"]
         == FORMULATIONS[key].unknowns(record.counts["n"], record.counts["r"])
@@ -246,14 +253,14 @@ def _orders(found: Found) -> Evidence:
     )
 
 
-@claim(
+@paper_claim(
     "Table I",
     "im, au, el and gw use the constraints at acceleration level; em, ml and kane at velocity "
     "level, so that these cannot leave them.",
     true="v = W u + offset satisfies the constraints by construction, whatever u is; at "
     "acceleration level each step adds its own error.",
 )
-def _levels(found: Found) -> Evidence:
+def _levels(found: PaperRecords) -> Evidence:
     kept: dict[str, list[float]] = {"acceleration": [], "velocity": []}
     for (_, key, _), record in found.motions.items():
         if record.status == "done":
@@ -270,27 +277,27 @@ def _levels(found: Found) -> Evidence:
     )
 
 
-@claim(
+@paper_claim(
     "Table I",
     "The multipliers come out directly with im and au only.",
     true="The other formulations eliminate them.",
     false="gw computes them by Eq. (12) before it needs the accelerations; they come out as well.",
 )
-def _multipliers(found: Found) -> Evidence:
+def _multipliers(found: PaperRecords) -> Evidence:
     given = {key: record.counts["multipliers"] > 0 for (_, key), record in found.solved.items()}
     good = (here == FORMULATIONS[key].multipliers_in_paper for key, here in given.items())
     with_them = [key for key, here in given.items() if here]
     return Evidence(*share(good), f"They come out with {', '.join(with_them) or 'none'}.")
 
 
-@claim(
+@paper_claim(
     "Sec. 3",
     "The order of the system solved is a useful criterion for the time that a method takes.",
     true="Solving the final system takes most of the time.",
     false="Much of the time goes elsewhere: el, gw and em solve other systems before the final "
     "one, and on the way to a system of order n - r em spends O(N³), ml O(N²) and kane O(N).",
 )
-def _order_tells_time(found: Found) -> Evidence:
+def _order_tells_time(found: PaperRecords) -> Evidence:
     orders = {key: FORMULATIONS[key].order for key in found.formulations}
     pairs = [(x, y) for x, y in product(orders, orders) if x != y]
     size = {key: FORMULATIONS[key].unknowns(102, 100) for key in orders}
@@ -319,13 +326,13 @@ def _order_tells_time(found: Found) -> Evidence:
     )
 
 
-@claim(
+@paper_claim(
     "Sec. 9",
     "With the same generalized speeds kane and ml have the same equations of motion.",
     true="They are the same rational functions (`eomcheck prove` proves it for all parameters); "
     "only the rounding differs.",
 )
-def _kane_is_ml(found: Found) -> Evidence:
+def _kane_is_ml(found: PaperRecords) -> Evidence:
     shares = []
     for links in found.links:
         one, other = (found.solved.get((links, key)) for key in (KANE, ML))
@@ -343,8 +350,10 @@ def _kane_is_ml(found: Found) -> Evidence:
     )
 
 
-@claim("Sec. 10", "The snake has two degrees of freedom, whatever N.", true="a has full rank N.")
-def _degrees_of_freedom(found: Found) -> Evidence:
+@paper_claim(
+    "Sec. 10", "The snake has two degrees of freedom, whatever N.", true="a has full rank N."
+)
+def _degrees_of_freedom(found: PaperRecords) -> Evidence:
     counted = {
         links: record.counts["degrees of freedom"] for (links, _), record in found.solved.items()
     }
@@ -356,7 +365,7 @@ def _degrees_of_freedom(found: Found) -> Evidence:
 # ---- Errors: Figs. 3 to 6 ------------------------------------------------------------------------
 
 
-@claim(
+@paper_claim(
     "Sec. 1",
     "Constraints at acceleration level make errors accumulate.",
     true="ȧv + a v̇ = 0 holds at every step but for its error, and nothing brings a v back to 0.",
@@ -364,7 +373,7 @@ def _degrees_of_freedom(found: Found) -> Evidence:
     "interpolation has an error of its own there, which comes and goes and is seen at a tight "
     "tolerance; and most error is made early, while the motion is fast.",
 )
-def _accumulates(found: Found) -> Evidence:
+def _accumulates(found: PaperRecords) -> Evidence:
     ratios = []
     for key, (links, solver) in product(at_level(found, "acceleration"), points_of(found)):
         record = found.finished(links, key, solver)
@@ -379,22 +388,22 @@ def _accumulates(found: Found) -> Evidence:
 CONSTRUCTION = "By construction: v = W u + offset satisfies the constraints up to rounding."
 
 
-@claim(
+@paper_claim(
     "Fig. 3",
     f"N = {PAPER_LINKS}: kane, em and ml have a smaller constraint error than the others.",
     true=CONSTRUCTION,
 )
-def _fig_3(found: Found) -> Evidence:
+def _fig_3(found: PaperRecords) -> Evidence:
     return _levels_compared(found, "constraint", _robot(found))
 
 
-@claim(
+@paper_claim(
     "Fig. 3(b)",
     f"N = {PAPER_LINKS}: the constraint error of kane is much smaller than those of em and ml.",
     false="All three are rounding and nothing else: no formulation can be better. A difference at "
     "this level is one of how v is formed from u, not of the method.",
 )
-def _fig_3b(found: Found) -> Evidence:
+def _fig_3b(found: PaperRecords) -> Evidence:
     same_level = [key for key in at_level(found, "velocity") if key != KANE]
     ratios = ratios_of(found, "constraint", same_level, [KANE], _robot(found))
     return clearly_larger("Error over that of kane", ratios)
@@ -408,31 +417,31 @@ STEPS_DECIDE = (
 )
 
 
-@claim(
+@paper_claim(
     "Fig. 4",
     f"N = {PAPER_LINKS}: kane, em and ml, with fewer equations, have a smaller energy error than "
     "the others.",
     false=STEPS_DECIDE,
 )
-def _fig_4(found: Found) -> Evidence:
+def _fig_4(found: PaperRecords) -> Evidence:
     return _levels_compared(found, "energy", _robot(found))
 
 
-@claim(
+@paper_claim(
     "Fig. 5",
     "N = 2 to 100: the norm of the constraint error is smaller with kane, em and ml.",
     true=CONSTRUCTION,
 )
-def _fig_5(found: Found) -> Evidence:
+def _fig_5(found: PaperRecords) -> Evidence:
     return _levels_compared(found, "constraint", points_of(found))
 
 
-@claim(
+@paper_claim(
     "Fig. 6",
     "N = 2 to 100: the norm of the energy error is smaller with kane, em and ml.",
     false=STEPS_DECIDE,
 )
-def _fig_6(found: Found) -> Evidence:
+def _fig_6(found: PaperRecords) -> Evidence:
     good, of, said = _levels_compared(found, "energy", points_of(found))
     if len(found.solvers) > 1 and of:
         values = {
@@ -448,11 +457,13 @@ def _fig_6(found: Found) -> Evidence:
     return Evidence(good, of, said)
 
 
-def _robot(found: Found) -> list[tuple[int, Solver]]:
+def _robot(found: PaperRecords) -> list[tuple[int, Solver]]:
     return [(links, solver) for links, solver in points_of(found) if links == PAPER_LINKS]
 
 
-def _levels_compared(found: Found, quantity: str, points: Iterable[tuple[int, Solver]]) -> Evidence:
+def _levels_compared(
+    found: PaperRecords, quantity: str, points: Iterable[tuple[int, Solver]]
+) -> Evidence:
     theirs, ours = (at_level(found, level) for level in ("acceleration", "velocity"))
     return clearly_larger(
         f"Error of {', '.join(theirs)} over that of {', '.join(ours)}",
@@ -463,28 +474,28 @@ def _levels_compared(found: Found, quantity: str, points: Iterable[tuple[int, So
 # ---- CPU time: Fig. 7 and the conclusion ---------------------------------------------------------
 
 
-@claim(
+@paper_claim(
     "Fig. 7",
     "N = 2 to 100: kane takes significantly less CPU time than every other method.",
     true="It costs O(N) a right-hand side and forms no matrix of order n.",
     false="The factor of two is missing where ml, with the same recursion, only adds M in O(N²), "
     "and at small N, where the integrator, sines and cosines take the same time for all.",
 )
-def _fig_7(found: Found) -> Evidence:
+def _fig_7(found: PaperRecords) -> Evidence:
     return clearly_larger(
-        "Time over that of kane", ratios_of(found, "cpu_seconds", others(found), [KANE])
+        "Time over that of kane", ratios_of(found, "cpu_seconds", other_formulations(found), [KANE])
     )
 
 
-@claim(
+@paper_claim(
     "Fig. 7, Sec. 12",
     "The advantage of kane in CPU time grows with the number of links.",
     true="kane costs O(N) a right-hand side, ml O(N²), the others O(N³).",
     false="ml has the same recursion, and its O(N²) for M is still small beside it at N = 100.",
 )
-def _grows(found: Found) -> Evidence:
+def _grows(found: PaperRecords) -> Evidence:
     ratios, many = [], max(found.links, default=0)
-    for key, solver in product(others(found), found.solvers):
+    for key, solver in product(other_formulations(found), found.solvers):
         pair = (key, solver), (KANE, solver)
         both = [n for n in found.links if all(found.finished(n, *one) for one in pair)]
         if len(both) > 1 and both[-1] == many:
@@ -504,7 +515,7 @@ def _grows(found: Found) -> Evidence:
     return Evidence(good, of, said)
 
 
-@claim(
+@paper_claim(
     "Sec. 12",
     "Methods based on Lagrange's equations take about 10 times the CPU time of kane.",
     true="Within a factor of two of 10 throughout.",
@@ -512,15 +523,17 @@ def _grows(found: Found) -> Evidence:
     "method. What the paper measured also depends on how its right-hand sides were programmed, "
     "which it does not say.",
 )
-def _ten_times(found: Found) -> Evidence:
-    ratios = ratios_of(found, "cpu_seconds", others(found), [KANE])
+def _ten_times(found: PaperRecords) -> Evidence:
+    ratios = ratios_of(found, "cpu_seconds", other_formulations(found), [KANE])
     if not ratios:
         return Evidence(0, 0, NOTHING)
     good, of = share(10 / CLEAR <= ratio.times <= 10 * CLEAR for ratio in ratios)
     passes = []
     for solver in found.solvers:
         for links in found.links:
-            here = ratios_of(found, "cpu_seconds", others(found), [KANE], [(links, solver)])
+            here = ratios_of(
+                found, "cpu_seconds", other_formulations(found), [KANE], [(links, solver)]
+            )
             if here and mean(ratio.times for ratio in here) > 10:
                 passes.append(f"N = {links} ({solver})")
                 break
@@ -533,7 +546,7 @@ def _ten_times(found: Found) -> Evidence:
     )
 
 
-@claim(
+@paper_claim(
     "Abstract, Sec. 12",
     "kane is superior to the other methods: in constraint error, energy error and CPU time no "
     "other is clearly better.",
@@ -541,11 +554,11 @@ def _ten_times(found: Found) -> Evidence:
     false="It keeps the constraints and costs O(N) a right-hand side, but has no smaller energy "
     "error than others: see Fig. 6.",
 )
-def _superior(found: Found) -> Evidence:
+def _superior(found: PaperRecords) -> Evidence:
     good: dict[str, list[bool]] = {quantity: [] for quantity in QUANTITIES}
     for quantity, (links, solver) in product(QUANTITIES, points_of(found)):
         ours = found.value(quantity, links, KANE, solver)
-        theirs = [found.value(quantity, links, key, solver) for key in others(found)]
+        theirs = [found.value(quantity, links, key, solver) for key in other_formulations(found)]
         done = [value for value in theirs if value is not None]
         if ours is None or not done:
             continue

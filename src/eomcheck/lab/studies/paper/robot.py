@@ -10,11 +10,11 @@ from matplotlib.animation import PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from eomcheck.lab.show.chart_matplotlib import save
+from eomcheck.lab.show.chart_matplotlib import save_chart
 from eomcheck.lab.show.pyplot import plt
-from eomcheck.lab.show.sketch_drawing import joints
+from eomcheck.lab.show.sketch_drawing import link_ends
 from eomcheck.lab.store.record_file import Record
-from eomcheck.lab.studies.paper.measure import PAPER_LINKS, Found, scene_of
+from eomcheck.lab.studies.paper.measure import PAPER_LINKS, PaperRecords, coil_of
 from eomcheck.lab.studies.paper.show import POSES, robot
 
 FRAMES_PER_SECOND = 10
@@ -26,7 +26,7 @@ GREYS = ("0.78", "0.62", "0.46", "0.3", "0.0")
 
 def write_robot(records: Iterable[Record], folder: Path) -> list[Path]:
     """Draw the poses and the animation, if the motion is among the Records; return the files."""
-    record = robot(Found(records))
+    record = robot(PaperRecords(records))
     if record is None:
         return []
     poses, moving = folder / "paper-fig2.png", folder / "paper-fig2.gif"
@@ -37,8 +37,8 @@ def write_robot(records: Iterable[Record], folder: Path) -> list[Path]:
 
 def _links(record: Record) -> np.ndarray:
     """Return the ends of the links at all output times (k, N + 1, 2), m."""
-    length = scene_of(PAPER_LINKS).length
-    return np.array([joints(length, np.array(q)) for q in record.series["q"]])
+    length = coil_of(PAPER_LINKS).length
+    return np.array([link_ends(length, np.array(q)) for q in record.series["q"]])
 
 
 def _snake(axes: Axes, ends: np.ndarray, color: str) -> list[Line2D]:
@@ -65,7 +65,7 @@ def _draw_poses(record: Record, path: Path) -> None:
     axes.plot(*ends[:, 0].T, "--", color="#D55E00", lw=1.4, label="path of the head")
     _label_plane(axes)
     figure.legend(loc="outside right upper", frameon=False)
-    save(figure, path, dpi=110)
+    save_chart(figure, path, dpi=110)
 
 
 def _animate(record: Record, path: Path) -> None:

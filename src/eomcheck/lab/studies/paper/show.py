@@ -8,10 +8,17 @@ from itertools import product
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.show.chart import Axis, Chart, File, Line, Panel
 from eomcheck.lab.show.document_text import seconds_text
-from eomcheck.lab.show.table import Sheet
+from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.record_file import Record
 from eomcheck.lab.studies.operations.show import fit_order, signed_sum
-from eomcheck.lab.studies.paper.measure import LARGE, PAPER_LINKS, QUANTITIES, Found, Solver, growth
+from eomcheck.lab.studies.paper.measure import (
+    LARGE,
+    PAPER_LINKS,
+    QUANTITIES,
+    PaperRecords,
+    Solver,
+    growth,
+)
 from eomcheck.lab.studies.paper.paper_claims import KANE, judgements
 from eomcheck.safe_output import counted
 
@@ -23,10 +30,10 @@ HEIGHT = 1 / 20
 """Share of the axis by which the cross of what was not finished is above what was measured."""
 
 
-def sheets(records: Iterable[Record]) -> list[Sheet]:
+def tables(records: Iterable[Record]) -> list[ResultTable]:
     """Return every table of the study."""
     records = list(records)
-    found = Found(records)
+    found = PaperRecords(records)
     made = [_table_i(found), _fig_2(found), _figs_3_and_4(found)]
     for figure, quantity, unit in ((5, "constraint", "m/s"), (6, "energy", "J")):
         what = f"Fig. {figure}: norm of the {QUANTITIES[quantity]} (Eqs. (32)-(33)), {unit}"
@@ -35,12 +42,12 @@ def sheets(records: Iterable[Record]) -> list[Sheet]:
     return [sheet for sheet in made if sheet.rows]
 
 
-def said(records: Iterable[Record]) -> Iterator[str]:
+def remarks(records: Iterable[Record]) -> Iterator[str]:
     """Yield on which machines it was measured, and what could not be."""
     records = list(records)
     for machine in dict.fromkeys(map(_machine, records)):
         yield f"Measured on {machine}."
-    for record in Found(records).unfinished:
+    for record in PaperRecords(records).unfinished:
         yield f"{record.status}: {', '.join(_what(record))}: {record.reason}"
 
 
@@ -63,7 +70,7 @@ def _what(record: Record) -> list[str]:
 # ---- Table I, and the robot of Figs. 2 to 4 ------------------------------------------------------
 
 
-def _table_i(found: Found) -> Sheet:
+def _table_i(found: PaperRecords) -> ResultTable:
     rows = []
     for key in found.formulations:
         f = FORMULATIONS[key]
@@ -84,7 +91,7 @@ def _table_i(found: Found) -> Sheet:
         *(f"last one at N = {largest}", "constraints at"),
         *("multipliers (paper)", "multipliers (here)"),
     )
-    return Sheet("paper-table1", "Table I, with the systems really solved", columns, rows)
+    return ResultTable("paper-table1", "Table I, with the systems really solved", columns, rows)
 
 
 def _order(counts: Iterable[dict[str, int]], name: str) -> str:
@@ -96,7 +103,7 @@ def _order(counts: Iterable[dict[str, int]], name: str) -> str:
     return signed_sum([(str(factor), of) for factor, of in zip(fitted, "nr", strict=True)], "")
 
 
-def _fig_2(found: Found) -> Sheet:
+def _fig_2(found: PaperRecords) -> ResultTable:
     record = robot(found)
     rows = []
     if record is not None:
@@ -105,7 +112,7 @@ def _fig_2(found: Found) -> Sheet:
             q = record.series["q"][_nearest(times, pose)]
             rows.append((f"{pose:g}", *(f"{x:.6f}" for x in q)))
     angles = [f"θ_{i + 1} / rad" for i in range(PAPER_LINKS)]
-    return Sheet(
+    return ResultTable(
         "paper-fig2",
         f"Fig. 2: five poses of the robot, by {KANE}",
         ("t / s", "x / m", "y / m", *angles),
@@ -113,7 +120,7 @@ def _fig_2(found: Found) -> Sheet:
     )
 
 
-def robot(found: Found) -> Record | None:
+def robot(found: PaperRecords) -> Record | None:
     """Return the motion of Fig. 2: the paper's robot by Kane's method and the last solver."""
     motions = (found.finished(PAPER_LINKS, KANE, solver) for solver in reversed(found.solvers))
     return next(filter(None, motions), None)
@@ -123,7 +130,7 @@ def _nearest(times: Sequence[float], time: float) -> int:
     return min(range(len(times)), key=lambda i: abs(times[i] - time))
 
 
-def _figs_3_and_4(found: Found) -> Sheet:
+def _figs_3_and_4(found: PaperRecords) -> ResultTable:
     rows = []
     for solver, key in product(found.solvers, found.formulations):
         if record := found.finished(PAPER_LINKS, key, solver):
@@ -133,20 +140,20 @@ def _figs_3_and_4(found: Found) -> Sheet:
             rows.append((str(solver), key, *(f"{number:.2e}" for number in numbers)))
     heads = ("constraint error, largest, m/s", "norm, m/s", "energy error, largest, J", "norm, J")
     title = f"Figs. 3 and 4: errors of the robot of {PAPER_LINKS} links"
-    return Sheet("paper-fig3-4", title, ("solver", "formulation", *heads), rows)
+    return ResultTable("paper-fig3-4", title, ("solver", "formulation", *heads), rows)
 
 
 # ---- Figs. 5 to 7, and the claims ----------------------------------------------------------------
 
 
 def _over_links(
-    found: Found,
+    found: PaperRecords,
     name: str,
     title: str,
     quantity: str,
     text: Callable[[float], str],
     over: str | None = None,
-) -> Sheet:
+) -> ResultTable:
     """Return a quantity by solver, N and formulation; beside it the ratio to that of `over`."""
     rows = []
     for solver, links in product(found.solvers, found.links):
@@ -157,10 +164,10 @@ def _over_links(
             ratio = f" ({_short(value / ours)})" if value and ours and key != over else ""
             cells.append("-" if value is None else f"{text(value)}{ratio}")
         rows.append((str(solver), str(links), *cells))
-    return Sheet(name, title, ("solver", "N", *found.formulations), rows)
+    return ResultTable(name, title, ("solver", "N", *found.formulations), rows)
 
 
-def _fig_7(found: Found) -> Sheet:
+def _fig_7(found: PaperRecords) -> ResultTable:
     title = f"Fig. 7: CPU time (its ratio to that of {KANE}); it grows as N^p from N = {LARGE} on"
     sheet = _over_links(found, "paper-fig7", title, "cpu_seconds", seconds_text, KANE)
     slopes = [growth(found, key) for key in found.formulations]
@@ -175,8 +182,8 @@ def _short(ratio: float) -> str:
     return f"{ratio:.1f}" if ratio < 99.95 else f"{ratio:.0f}"
 
 
-def _claims(records: Iterable[Record]) -> Sheet:
-    return Sheet(
+def _claims(records: Iterable[Record]) -> ResultTable:
+    return ResultTable(
         "paper-claims",
         "The paper's claims",
         ("where", "what the paper says", "measured here", "verdict", "why"),
@@ -212,7 +219,7 @@ PARTS = "all formulations", "velocity level, enlarged"
 
 def charts(records: Iterable[Record]) -> Iterator[Chart]:
     """Yield Figs. 5 to 7, and Figs. 3 and 4 where the paper's robot is among the motions."""
-    found = Found(records)
+    found = PaperRecords(records)
     solvers = [*map(str, found.solvers)]
     if not solvers:
         return
@@ -241,7 +248,7 @@ def charts(records: Iterable[Record]) -> Iterator[Chart]:
         yield _over_time(found, solvers, width)
 
 
-def _norms(found: Found, quantity: str, solver: Solver) -> Iterator[Line]:
+def _norms(found: PaperRecords, quantity: str, solver: Solver) -> Iterator[Line]:
     """Yield a line a formulation; one of CPU times tells how they grow."""
     for key in found.formulations:
         done = [r for links in found.links if (r := found.finished(links, key, solver))]
@@ -257,7 +264,7 @@ def _norms(found: Found, quantity: str, solver: Solver) -> Iterator[Line]:
         )
 
 
-def _unfinished(found: Found, quantity: str, solver: Solver) -> Iterator[Line]:
+def _unfinished(found: PaperRecords, quantity: str, solver: Solver) -> Iterator[Line]:
     """Yield crosses for motions that were not finished, each above all of as many links."""
     points = product(found.links, found.formulations, found.solvers)
     known = {at: max(x, NOTHING) for at in points if (x := found.value(quantity, *at)) is not None}
@@ -294,7 +301,7 @@ def _told(record: Record) -> list[str]:
     ]
 
 
-def _over_time(found: Found, solvers: Sequence[str], width: float) -> Chart:
+def _over_time(found: PaperRecords, solvers: Sequence[str], width: float) -> Chart:
     """Return the errors of the robot, of all formulations and enlarged those at velocity level."""
     panels = {}
     for (error, axes), solver in product(OVER_TIME.items(), found.solvers):

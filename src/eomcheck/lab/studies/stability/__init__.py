@@ -11,9 +11,9 @@ STUDY = Study(
     label="measuring formulations at {state}",
     worker=lambda known: measure.measure,
     spread_by=measure.STATE,
-    sheets=show.sheets,
+    sheets=show.tables,
     charts=show.charts,
-    said=show.said,
+    said=show.remarks,
     alarm=show.alarm,
     reading=show.READING,
 )

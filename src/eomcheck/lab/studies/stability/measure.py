@@ -14,10 +14,10 @@ from enum import IntEnum
 from functools import lru_cache
 from typing import Annotated, NamedTuple
 
-from eomcheck.errors import EomcheckError, InputError, RefusedError, named, some
+from eomcheck.errors import EomcheckError, InputError, RefusedError, at_least_one, registered
 from eomcheck.evaluation.certified import (
-    DIGITS_OF_DOUBLES,
-    TRUE_DIGITS,
+    FLOAT64_DIGITS,
+    REFERENCE_DIGITS,
     Enclosure,
     certified_digits,
     certify,
@@ -34,7 +34,7 @@ from eomcheck.lab.studies.stability.scene_families import Family, Posed
 from eomcheck.lab.study import Formulations
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.pivots import EPS
-from eomcheck.scene_lookup import kinds_of
+from eomcheck.scene_lookup import scene_classes_named
 from eomcheck.scenes import SCENES, Snake
 
 # ---- All families --------------------------------------------------------------------------------
@@ -114,14 +114,14 @@ def cells(
     """
     if scene is not None and family is not None:
         raise InputError("scene and family are both given: a family has its own scene")
-    kinds = kinds_of(scene or "snake")
+    kinds = scene_classes_named(scene or "snake")
     about = [one.key for one in families_about(kinds)]
     if not about:
         keys = ", ".join(kind.key for kind in kinds)
         raise InputError(f"scene = {keys}: the atlas has no families of states for it")
-    keys = some("family", about if family is None else family)
-    families = [named("family", key, FAMILIES) for key in keys]
-    keys = some("formulation", FORMULATIONS if formulation is None else formulation)
+    keys = at_least_one("family", about if family is None else family)
+    families = [registered("family", key, FAMILIES) for key in keys]
+    keys = at_least_one("formulation", FORMULATIONS if formulation is None else formulation)
     methods = list(methods_of(keys))
     for one in families:
         apply = applicable(one.scene)
@@ -157,7 +157,7 @@ def _state(family: str, variant: str, severity: float) -> State:
 
 def _own_truth(posed: Posed, method: Method) -> Enclosure:
     key, pivoted = method
-    return enclose(posed.scene, key, posed.q, digits=TRUE_DIGITS, v=posed.v, pivoted=pivoted)
+    return enclose(posed.scene, key, posed.q, digits=REFERENCE_DIGITS, v=posed.v, pivoted=pivoted)
 
 
 def measure(settings: Settings) -> Record:
@@ -193,7 +193,7 @@ def _unsolved(settings: Settings, error: EomcheckError) -> Record:
 # ---- What follows from the Records ---------------------------------------------------------------
 
 
-class Outcome(IntEnum):
+class CellOutcome(IntEnum):
     """What a cell came to, from good to bad."""
 
     GOOD = 0
@@ -206,14 +206,14 @@ class Outcome(IntEnum):
     """It is larger, and nothing says so."""
 
 
-def outcome(record: Record) -> Outcome:
+def outcome_of(record: Record) -> CellOutcome:
     """Return what one cell came to; a cell that failed counts as refused."""
     if record.status != "done":
-        return Outcome.REFUSED
+        return CellOutcome.REFUSED
     if record.errors["relative"] <= NOTICEABLE:
-        return Outcome.GOOD
+        return CellOutcome.GOOD
     told = record.errors["relative"] <= record.errors["bound"]
-    return Outcome.TOLD if told else Outcome.SILENT
+    return CellOutcome.TOLD if told else CellOutcome.SILENT
 
 
 def method_of(record: Record) -> Method:
@@ -223,7 +223,7 @@ def method_of(record: Record) -> Method:
 
 def digits_lost(relative: float) -> float:
     """Return the decimal digits, of those that doubles have, that a relative error takes."""
-    return DIGITS_OF_DOUBLES - certified_digits(relative)
+    return FLOAT64_DIGITS - certified_digits(relative)
 
 
 class Step(NamedTuple):
@@ -238,9 +238,9 @@ class Step(NamedTuple):
         return [record for record in self.records if record.status == "done"]
 
     @property
-    def worst(self) -> Outcome:
+    def worst(self) -> CellOutcome:
         """The worst outcome."""
-        return max(map(outcome, self.records))
+        return max(map(outcome_of, self.records))
 
     @property
     def lost(self) -> float:
@@ -289,7 +289,7 @@ class Break(NamedTuple):
     """Where a method first fails to give a good result."""
 
     severity: float
-    outcome: Outcome
+    outcome: CellOutcome
     record: Record
     """The worst cell there."""
     lost: float
@@ -304,7 +304,7 @@ def lost_in(steps: Iterable[Step]) -> float:
 def break_of(steps: Sequence[Step]) -> Break | None:
     """Return where a method breaks in a family, or None: it gives good results throughout."""
     for place, step in enumerate(steps):
-        if step.worst is not Outcome.GOOD:
-            worst = max(step.records, key=outcome)
+        if step.worst is not CellOutcome.GOOD:
+            worst = max(step.records, key=outcome_of)
             return Break(step.severity, step.worst, worst, lost_in(steps[:place]))
     return None

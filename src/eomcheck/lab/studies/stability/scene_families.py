@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck import scenes
-from eomcheck.evaluation.dynamics import closed_position, velocity
+from eomcheck.evaluation.dynamics import assembled_position, velocity
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
@@ -104,7 +104,7 @@ def ordinary(scene: Scene) -> tuple[Array, Array]:
     ranges = scene.coordinate_ranges()
     bounds = [ANYWHERE] * scene.n if ranges is None else [(one.low, one.high) for one in ranges]
     drawn = np.array([random.uniform(low, high) for low, high in bounds])
-    return closed_position(scene, drawn), 1.0 / np.arange(1, scene.p + 1)
+    return assembled_position(scene, drawn), 1.0 / np.arange(1, scene.p + 1)
 
 
 def _mass(kind: type[Scene], variant: str, ratio: float) -> Posed:

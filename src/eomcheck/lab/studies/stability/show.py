@@ -6,35 +6,35 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 
-from eomcheck.evaluation.certified import DIGITS_OF_DOUBLES
+from eomcheck.evaluation.certified import FLOAT64_DIGITS
 from eomcheck.evaluation.tolerance import NOTICEABLE
 from eomcheck.lab.show.chart import Axis, Box, Chart, File, Heat, Line, Panel, in_rows
-from eomcheck.lab.show.table import Sheet
+from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.record_file import Record
 from eomcheck.lab.studies.stability.measure import (
     FAMILIES,
     Atlas,
+    CellOutcome,
     Method,
-    Outcome,
     Step,
     atlas_of,
     break_of,
     digits_lost,
     lost_in,
     method_of,
-    outcome,
+    outcome_of,
 )
 from eomcheck.safe_output import counted
 from eomcheck.scenes import Snake
 
 WORDS = {
-    Outcome.REFUSED: "refused",
-    Outcome.TOLD: "bound tells",
-    Outcome.SILENT: "SILENT",
+    CellOutcome.REFUSED: "refused",
+    CellOutcome.TOLD: "bound tells",
+    CellOutcome.SILENT: "SILENT",
 }
 LIMIT = digits_lost(NOTICEABLE)
 """Digits lost at which a result is no longer good."""
-CROSSES, STEP = DIGITS_OF_DOUBLES + 1.0, 0.4
+CROSSES, STEP = FLOAT64_DIGITS + 1.0, 0.4
 """Where refusals are drawn, one row a method."""
 ALL = "all"
 READING = (
@@ -55,7 +55,7 @@ def methods_in(atlas: Atlas) -> list[Method]:
 
 def wrong(record: Record) -> bool:
     """Return whether a cell failed, or is wrong and nothing says so."""
-    return record.status == "failed" or outcome(record) is Outcome.SILENT
+    return record.status == "failed" or outcome_of(record) is CellOutcome.SILENT
 
 
 def alarm(found: Sequence[Record]) -> bool:
@@ -80,7 +80,7 @@ def parts(atlas: Atlas) -> Iterator[tuple[str, Atlas]]:
 # ---- Tables --------------------------------------------------------------------------------------
 
 
-def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
+def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
     """Yield where each method breaks in each family and why, all of that in short, what is wrong.
 
     Of several scenes, which have many families, a family is a line; of one it is a column.
@@ -88,7 +88,7 @@ def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
     atlas = atlas_of(found)
     for family, methods in atlas.items():
         facts = FAMILIES[family]
-        yield Sheet(
+        yield ResultTable(
             f"stability-{family}",
             f"{facts.title}: {facts.severity}",
             ("method", "breaks at", "", "digits lost before", "why"),
@@ -105,9 +105,9 @@ def sheets(found: Sequence[Record]) -> Iterator[Sheet]:
             lines = [list(column) for column in zip(*lines, strict=True)]
         title = "Severity at which a method first fails to give a good result"
         note = "Empty: it never does; –: it does not apply."
-        yield Sheet(f"{name}-breaks", title, lines[0], lines[1:], note=note)
+        yield ResultTable(f"{name}-breaks", title, lines[0], lines[1:], note=note)
     if any(map(wrong, found)):
-        yield Sheet(
+        yield ResultTable(
             "stability-wrong",
             "What failed, or is wrong and nothing says so",
             ("method", "outcome", "family", "variant", "severity", "what"),
@@ -142,7 +142,7 @@ def _short(mine: Sequence[Step] | None) -> str:
     found = break_of(mine)
     if found is None:
         return ""
-    told = found.outcome is Outcome.TOLD
+    told = found.outcome is CellOutcome.TOLD
     return f"{found.severity:.3g}" if told else f"{found.severity:.3g} {WORDS[found.outcome]}"
 
 
@@ -153,13 +153,14 @@ def _wrong(record: Record) -> tuple[str, ...]:
     return method_of(record).name, record.status if record.reason else "SILENT", *where, what
 
 
-def said(found: Sequence[Record]) -> Iterator[str]:
+def remarks(found: Sequence[Record]) -> Iterator[str]:
     """Yield how many cells came to which outcome."""
-    counts = Counter(outcome(r) for r in found if r.settings["family"] in FAMILIES)
+    counts = Counter(outcome_of(r) for r in found if r.settings["family"] in FAMILIES)
     yield (
-        f"{counted(counts.total(), 'cell')}: {counts[Outcome.GOOD]} good (true relative error at "
-        f"most {NOTICEABLE:g}), {counts[Outcome.REFUSED]} refused, {counts[Outcome.TOLD]} worse as "
-        f"their error bound tells, {counts[Outcome.SILENT]} silently wrong."
+        f"{counted(counts.total(), 'cell')}: {counts[CellOutcome.GOOD]} good "
+        f"(true relative error at most {NOTICEABLE:g}), {counts[CellOutcome.REFUSED]} refused, "
+        f"{counts[CellOutcome.TOLD]} worse as their error bound tells, "
+        f"{counts[CellOutcome.SILENT]} silently wrong."
     )
 
 
@@ -212,7 +213,7 @@ def _heat_map(name: str, part: Atlas) -> Chart:
         panels[(scene,)] = Heat(
             {FAMILIES[key].name: len(order[key]) for key in here},
             rows,
-            Axis("digits lost, worst variant", range=(0.0, DIGITS_OF_DOUBLES)),
+            Axis("digits lost, worst variant", range=(0.0, FLOAT64_DIGITS)),
             LIMIT,
             "refused",
             "silently wrong",
@@ -239,7 +240,7 @@ def _severities(family: str, methods: dict[Method, list[Step]]) -> list[float]:
 def _box(method: Method, step: Step | None) -> Box | None:
     if step is None:
         return None
-    wrong = step.worst is Outcome.SILENT
+    wrong = step.worst is CellOutcome.SILENT
     return Box(step.lost, step.refused > 0, wrong, _said(method, step))
 
 
@@ -256,7 +257,7 @@ def _panel(family: str, methods: dict[Method, list[Step]], title: str = "") -> P
     lines = []
     for row, (method, mine) in enumerate(methods.items()):
         lines += _lines(method, mine, CROSSES + STEP * row, alone=bool(title))
-    return Panel(x, y, lines, title, bad=(LIMIT, DIGITS_OF_DOUBLES))
+    return Panel(x, y, lines, title, bad=(LIMIT, FLOAT64_DIGITS))
 
 
 def _lines(method: Method, mine: list[Step], height: float, alone: bool) -> Iterator[Line]:
@@ -274,7 +275,7 @@ def _lines(method: Method, mine: list[Step], height: float, alone: bool) -> Iter
         for variant in dict.fromkeys(r.settings["variant"] for step in mine for r in step.records):
             y = [_lost_by(variant, step) for step in mine]
             yield Line(key, x, y, label="each variant", look="thin")
-        if wrong := [step for step in mine if step.worst is Outcome.SILENT]:
+        if wrong := [step for step in mine if step.worst is CellOutcome.SILENT]:
             at, y = [_at(step.severity) for step in wrong], [step.lost for step in wrong]
             yield Line(key, at, y, label="silently wrong", look="rings")
     partly = [step.refused > 0 for step in mine]
