@@ -126,7 +126,7 @@ def operations_tables() -> dict[str, str]:
                 for row in sheet.rows
             ],
         )
-        for sheet in study.sheets(study.run(links=COUNTED))
+        for sheet in study.tables(study.run(links=COUNTED))
         if sheet.name in ("operations", "totals", "systems")
     }
 

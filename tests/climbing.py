@@ -36,7 +36,7 @@ from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
 from eomcheck.scenes import Snake
 
 KEY = "banded"
-RATION = CheckFrequency(enclosures=1, balls=0, engines=0, checks=0, unlifted=0)
+RATION = CheckFrequency(enclosures=1, balls=0, engines=0, checks=0, scalar_only=0)
 WITHOUT, AS_IT_IS = "without the mend", "as it is"
 WAYS = {False: "drawn at random", True: "climbed to"}
 MINUTES = 5
@@ -64,7 +64,7 @@ def search(seed: int, climbing: bool, states: int, links: str, batch: int) -> Se
     low, high = parse_interval(links)
     batch = batch if climbing else 2 * batch  # as many states a round
     plan = StatePlan(
-        Snake, seed, ("true-error",), (KEY,), climbing=climbing, ration=RATION, batch=batch
+        Snake, seed, ("true-error",), (KEY,), climbing=climbing, check_frequency=RATION, batch=batch
     )
     campaign = Campaigned(plan, Snake.key, structural_variants(Snake, range(low, high + 1)))
     found = Search(seed, climbing, [], [])
@@ -72,9 +72,9 @@ def search(seed: int, climbing: bool, states: int, links: str, batch: int) -> Se
     def told(campaign: Campaign) -> None:
         worst = campaign.worst.get((TRUTH, KEY))
         found.states.append(campaign.states)
-        found.best.append(0.0 if worst is None else worst.height)
+        found.best.append(0.0 if worst is None else worst.score)
 
-    campaign.run(states, told=told)
+    campaign.run(states, on_round=told)
     return found
 
 
@@ -152,7 +152,7 @@ def _lines(found: Sequence[Search]) -> Iterator[Line]:
     for climbing, key in WAYS.items():
         of = [one for one in found if one.climbing == climbing]
         for one in of:
-            yield Line(key, one.states, one.best, look="thin")
+            yield Line(key, one.states, one.best, appearance="thin")
         count = min(len(one.states) for one in of)
         at = np.median([one.states[:count] for one in of], axis=0)
         best = np.median([one.best[:count] for one in of], axis=0)

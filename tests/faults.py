@@ -413,12 +413,17 @@ FAULTS = [
         *DRIFTING,
         Andrews,
     ),
-    Fault(CLOSURES, "put(gamma, i, row.rest)", "put(gamma, i, row.rate)", *DRIFTING),
+    Fault(CLOSURES, "put(gamma, i, row.drift)", "put(gamma, i, row.rate)", *DRIFTING),
     Fault(CLOSURES, "put(a, (i, j), x)", "put(a, (i, j), -x)", *CLOSING),
     Fault(CLOSURES, "put(c, i, row.rate)", "put(c, i, row.position)", *CLOSING),
     Fault(CLOSURES, "put(residual, i, found[k]", "put(residual, 0, found[k]", *RATE),
     Fault(CLOSURES, "x[i] for j, x in", "x[0] for j, x in", *CLOSING),
-    Fault(CLOSURES, "a.columns.items()}, a.rest[i]", "a.columns.items()}, a.rest[0]", *DRIFTING),
+    Fault(
+        CLOSURES,
+        "a.columns.items()}, a.acceleration[i]",
+        "a.columns.items()}, a.acceleration[0]",
+        *DRIFTING,
+    ),
     Fault(FORCES, "Q[j] -= share", "Q[j] += share", "generalized-forces", "row γ", Andrews),
     Fault(FORCES, "longer * longer / 2", "longer * longer", "generalized-forces", "row γ", Andrews),
     Fault(FORCES, "force / length", "force", "generalized-forces", "row γ", Andrews),
@@ -500,7 +505,13 @@ FAULTS = [
     Fault(
         CLOSURES, "subtracted(apart, cross(arm", "subtracted(apart, cross(reach", *SLIPS, Bicycle
     ),
-    Fault(CLOSURES, "cross(spin.rest, arm), cross(spin", "NOTHING, cross(spin", *WANDERS, Bicycle),
+    Fault(
+        CLOSURES,
+        "cross(spin.acceleration, arm), cross(spin",
+        "NOTHING, cross(spin",
+        *WANDERS,
+        Bicycle,
+    ),
     Fault(CLOSURES, "times(R, rise)", "rise", *RATE, Bicycle),
     Fault(
         CLOSURES,

@@ -56,7 +56,7 @@ class MachineCode:
         self._found = function(*rebuilt(arguments, made))
         self._shapes = [np.shape(x) for x in leaves(self._found)]
         roots = {
-            f"o{i}": [self.tape.number(y).place for y in np.ravel(np.asarray(x, object))]
+            f"o{i}": [self.tape.number(y).index for y in np.ravel(np.asarray(x, object))]
             for i, x in enumerate(leaves(self._found))
         }
         sizes = {name: math.prod(x.shape) for name, x in zip(names, given, strict=True)}
@@ -80,7 +80,7 @@ class MachineCode:
     def of_last(self, *arguments: Any) -> Callable[[Array], Any]:
         """Return the function of its last argument alone, an array, at those that are before it."""
         block, (name, size) = self.block(*arguments), list(self.kernel.parameters.items())[-1]
-        first = HEADER + self.kernel.layout.places[name]
+        first = HEADER + self.kernel.layout.offsets[name]
         place = block[first : first + size]
 
         def run(x: Array) -> Any:

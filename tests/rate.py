@@ -41,11 +41,11 @@ def main() -> None:
         random = np.random.default_rng([options.seed, links])
         stratum = structural_variants(Snake, (links,))[0]
         warm, _ = draw_cases(Snake, stratum, (ORDINARY,), options.batch, random)
-        screen(warm, formulations, claims, every=0)
+        screen(warm, formulations, claims, enclosed_every=0)
         start = time.process_time()
         cases, _ = draw_cases(Snake, stratum, (ORDINARY,), options.batch, random)
         middle = time.process_time()
-        screen(cases, formulations, claims, every=0)
+        screen(cases, formulations, claims, enclosed_every=0)
         end = time.process_time()
         check_case(cases[0], claims, keys)
         before = time.process_time()

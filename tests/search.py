@@ -21,7 +21,10 @@ from eomcheck.lab.option_parsing import parse_interval
 from eomcheck.lab.report.campaign_tables import ProgressPrinter, print_campaign
 from eomcheck.scenes import Snake
 
-ACCURACY = ("true-error",), CheckFrequency(enclosures=1, balls=0, engines=0, checks=0, unlifted=0)
+ACCURACY = (
+    ("true-error",),
+    CheckFrequency(enclosures=1, balls=0, engines=0, checks=0, scalar_only=0),
+)
 CHECKS = tuple(one for one in CLAIMS if one != "coverage"), CheckFrequency(enclosures=0, engines=0)
 """Claims that take part, and how often what takes long is looked at."""
 
@@ -38,11 +41,13 @@ def main() -> int:
     finds = 0
     for (claims, ration), states in ((ACCURACY, options.accuracy), (CHECKS, options.checks)):
         if states:
-            plan = StatePlan(Snake, options.seed, claims, tuple(FORMULATIONS), ration=ration)
+            plan = StatePlan(
+                Snake, options.seed, claims, tuple(FORMULATIONS), check_frequency=ration
+            )
             campaign = Campaign(plan, Snake.key, structural_variants(Snake, range(low, high + 1)))
-            campaign.run(states, told=ProgressPrinter())
+            campaign.run(states, on_round=ProgressPrinter())
             print_campaign(campaign)
-            finds += len(campaign.finds)
+            finds += len(campaign.failure_records)
     return 1 if finds else 0
 
 

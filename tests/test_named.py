@@ -89,9 +89,9 @@ def test_what_is_left_out_of_files_is_told_before_what_is_doubtful_and_of_each_f
         return SimpleNamespace(made=SimpleNamespace(**usual | made))
 
     kinds = [
-        kind(left_out="a mesh", doubtful="a mass"),
+        kind(ignored="a mesh", warnings="a mass"),
         Sleigh,
-        kind(source="leg.urdf", doubtful="a name"),
+        kind(file="leg.urdf", warnings="a name"),
         kind(),
     ]
     assert [*robot_file_warnings(kinds)] == [

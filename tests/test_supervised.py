@@ -26,7 +26,7 @@ CHILD = """
 import collections, itertools, os, signal, sys, time
 from eomcheck import calls, supervisor
 from eomcheck.errors import CallError
-pipe = supervisor.serve()
+pipe = supervisor.accept_supervision()
 def run():
     {body}
 for k in range({times}):
@@ -34,7 +34,7 @@ for k in range({times}):
         calls.call("own.f", (lambda: None) if k < {times} - 1 else run{more})
     except CallError as error:
         print("caught:", error, flush=True)
-supervisor.give(pipe, {code})
+supervisor.report_exit_code(pipe, {code})
 """
 UNINTERRUPTED = "collections.deque(itertools.repeat(0, 10**9), 0)"
 """A call of C that takes seconds, in which Python hears no signal."""
@@ -380,7 +380,7 @@ def test_many_quick_calls_are_no_long_one(tmp_path: Path, monkeypatch):
     def lasting(seconds: float) -> None:
         for _ in range(round(seconds / supervisor.POLL)):
             clock[0] += supervisor.POLL
-            watch.look()
+            watch.poll()
 
     for _ in range(30):
         board.call("own.f", lasting, (0.1,), False)
@@ -406,7 +406,7 @@ def test_a_call_over_its_limit_is_interrupted_once_and_killed_after_its_grace(
             if len(sent) == count:
                 return i
             clock[0] += 0.0625
-            watch.look()
+            watch.poll()
         return 100
 
     # It was there at the first look already, and its limit is 1 s: 16 looks, and more than that.
@@ -414,7 +414,7 @@ def test_a_call_over_its_limit_is_interrupted_once_and_killed_after_its_grace(
     assert not (tmp_path / "17.why").exists()
     # While this process was stopped, nothing is counted but four polls, of 0.02 s each here.
     clock[0] += 1000.0
-    watch.look()
+    watch.poll()
     assert looks_until(2) == 4 and sent[1:] == [(17, signal.SIGKILL)]
     assert (tmp_path / "17.why").read_text() == "gave no answer in 1 s"
     board[0] = board[0]._replace(began=2.0)

@@ -14,11 +14,11 @@ FourBar = mechanism(
     [Link("ground"), rod("crank", 0.8), rod("coupler", 1.2), rod("rocker", 1.0)],
     [
         Joint("α", "revolute", "ground", "crank"),
-        Joint("β", "revolute", "crank", "coupler", place=(0.8, 0, 0)),
-        Joint("γ", "revolute", "coupler", "rocker", place=(1.2, 0, 0), damping=0.2),
+        Joint("β", "revolute", "crank", "coupler", origin=(0.8, 0, 0)),
+        Joint("γ", "revolute", "coupler", "rocker", origin=(1.2, 0, 0), damping=0.2),
     ],
     [pin("window", "rocker", "ground", at=(1.0, 0, 0), at_other=(1.5, 0, 0))],
     gravity=(0, -9.81, 0),
-    first=("β", "γ"),
+    dependent=("β", "γ"),
     pose={"α": 1.3, "β": -1.0, "γ": -1.6},
 )

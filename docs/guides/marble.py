@@ -15,6 +15,6 @@ Marble = mechanism(
     ],
     [Joint("α", "revolute", "ground", "table"), Joint("m", "floating", "ground", "marble")],
     [drive("clock", "α", rate=7.0), *rolling_ball("rolls", "marble", "table", RADIUS)],
-    first=("α", "m_z", "m_x", "m_y"),
+    dependent=("α", "m_z", "m_x", "m_y"),
     pose={"m_x": 0.1, "m_z": RADIUS},
 )

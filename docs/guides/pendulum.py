@@ -91,9 +91,9 @@ class Pendulum(Parametric, functions=globals()):
 
     key, conserves_energy = "pendulum", True
     named_coordinates, named_constraints = ("x", "y"), ("rod",)
-    drawn_coordinates = Range(-2.0, 2.0), Range(-2.0, 2.0)
+    coordinate_sample_ranges = Range(-2.0, 2.0), Range(-2.0, 2.0)
     holonomic = slice(None)  # every row, which is the default
-    pictured = 0.6, -0.9  # the pose q of its picture
+    display_pose = 0.6, -0.9  # the pose q of its picture
 
     def initial_state(self):
         return np.array([float(self.length), 0.0]), np.zeros(2)

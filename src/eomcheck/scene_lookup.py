@@ -40,9 +40,9 @@ def _paper(links: int | None) -> Snake:
 def robot_file_warnings(kinds: Iterable[type[Scene]]) -> Iterator[str]:
     """Yield, a sentence each, what is left out of files of robots, and what in them is doubtful."""
     for kind in kinds:
-        made = getattr(kind, "made", None)
+        made = getattr(kind, "source", None)
         if made is not None:
-            yield from (f"{made.source}: {x}" for x in (made.left_out, made.doubtful) if x)
+            yield from (f"{made.file}: {x}" for x in (made.ignored, made.warnings) if x)
 
 
 def scene_classes_named(name: str) -> tuple[type[Scene], ...]:

@@ -74,7 +74,7 @@ class _Watch:
         self._interrupted: dict[int, tuple[Call, float]] = {}
         self._last = time.monotonic()
 
-    def look(self) -> None:
+    def poll(self) -> None:
         """Read the boards; interrupt calls over their limits, and kill what does not come back."""
         now = time.monotonic()
         # Of time in which this process was stopped nobody says what the others did.
@@ -142,7 +142,7 @@ def supervise(
                 text += got
                 if text.endswith(b"\n") or (process.poll() is not None and not ready):
                     break
-                watch.look()
+                watch.poll()
             with suppress(subprocess.TimeoutExpired):
                 process.wait(GRACE)
             _kill_group(process)

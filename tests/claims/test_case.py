@@ -9,7 +9,7 @@ from tests.evaluation.test_acceleration import stretched
 
 import eomcheck
 from eomcheck.claims import Case
-from eomcheck.claims.registry import CLAIMS, Claim, Equality
+from eomcheck.claims.registry import CLAIMS, Claim, Comparison
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.scenes import Snake
@@ -61,10 +61,10 @@ def test_measured_sides_are_allowed_no_more_than_their_rounding():
     """Numbers that are read: each side moves by its size once, and once more by the step."""
 
     def sides(at, look):
-        yield Equality("mass", at.parameters.mass, at.parameters.mass, (("1", "2", "3"),))
+        yield Comparison("mass", at.parameters.mass, at.parameters.mass, (("1", "2", "3"),))
 
     claim = Claim("own", "m = m", "", "mass", sides=sides)
-    (finding,) = Case(Evaluation(SNAKE, Q, V), (), ()).look(claim)
+    (finding,) = Case(Evaluation(SNAKE, Q, V), (), ()).evaluate(claim)
     size = largest(SNAKE.mass)
     assert 2 * allowed_error(size) < finding.allowed <= 4.01 * allowed_error(size)
 

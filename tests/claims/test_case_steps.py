@@ -13,7 +13,7 @@ from tests.claims.test_checks import SNAKE, Q, V
 
 from eomcheck.claims import CLAIMS, Case, Finding, case
 from eomcheck.claims import case as trial
-from eomcheck.claims.registry import Claim, Equality, Skipped
+from eomcheck.claims.registry import Claim, Comparison, Skipped
 from eomcheck.engines import CasadiEngine, PinocchioEngine
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.evaluation import Evaluation
@@ -112,7 +112,7 @@ def test_nothing_that_should_vanish_has_a_size_of_its_own():
 
 def judged(*them: Any) -> dict[str, Finding]:
     claim = Claim("own", "one = the other", "", "it", sides=lambda at, look: iter(them))
-    return {one.subject: one for one in of().look(claim)}
+    return {one.subject: one for one in of().evaluate(claim)}
 
 
 ROWS = (("1", "2", "3"),)
@@ -122,12 +122,12 @@ MASS, FIXED = SNAKE.mass, np.array([10.0, 0.0, -4.0])
 def test_both_sides_and_what_cancels_in_them_are_allowed_their_rounding():
     def sides(at: Any, look: Any) -> Any:
         mass = at.parameters.mass
-        yield Equality("found", mass, FIXED, ROWS)
-        yield Equality("expected", FIXED, mass, ROWS)
-        yield Equality("cancels", FIXED, mass, ROWS, size=100.0)
-        yield Equality("given", FIXED, mass, ROWS, size=100.0, sensitivity=7.0)
+        yield Comparison("found", mass, FIXED, ROWS)
+        yield Comparison("expected", FIXED, mass, ROWS)
+        yield Comparison("cancels", FIXED, mass, ROWS, size=100.0)
+        yield Comparison("given", FIXED, mass, ROWS, size=100.0, sensitivity=7.0)
 
-    found = of().look(Claim("own", "one = the other", "", "it", sides=sides))
+    found = of().evaluate(Claim("own", "one = the other", "", "it", sides=sides))
     allowed = {one.subject: one.allowed / allowed_error(1.0) for one in found}
     assert 10 + 2 + 1 < allowed["found"] <= 10 + 2 + 2.01
     assert allowed["expected"] == allowed["found"]
@@ -147,17 +147,19 @@ def test_both_sides_and_what_cancels_in_them_are_allowed_their_rounding():
     ],
 )
 def test_sides_that_vanish_are_judged_by_what_cancels_in_them(how, verdict, entries):
-    (one,) = judged(Equality("it", np.zeros(3), np.zeros(3), ROWS, sensitivity=1.0, **how)).values()
+    (one,) = judged(
+        Comparison("it", np.zeros(3), np.zeros(3), ROWS, sensitivity=1.0, **how)
+    ).values()
     assert (one.verdict, flags(one)) == (verdict, entries)
 
 
 def test_entries_beside_which_other_terms_cancel_have_no_sizes_of_their_own():
     both = np.array([1.0, 2.0, 3.0]), np.array([1.0, 2.0, 3.0])
     found = judged(
-        Equality("plain", *both, ROWS, sensitivity=1.0),
-        Equality("cancels", *both, ROWS, size=9.0, sensitivity=1.0),
+        Comparison("plain", *both, ROWS, sensitivity=1.0),
+        Comparison("cancels", *both, ROWS, size=9.0, sensitivity=1.0),
         Skipped("skipped", "why"),
-        Equality("sized", *both, ROWS, size=9.0, sensitivity=1.0, sizes=both[0]),
+        Comparison("sized", *both, ROWS, size=9.0, sensitivity=1.0, sizes=both[0]),
     )
     assert {key: flags(one) for key, one in found.items()} == {
         "plain": ("111", "000"),
@@ -169,13 +171,13 @@ def test_entries_beside_which_other_terms_cancel_have_no_sizes_of_their_own():
 @pytest.mark.parametrize("refused", [False, True])
 def test_sides_that_do_not_exist_nearby_are_not_judged(refused: bool):
     def sides(at: Any, look: Any) -> Any:
-        yield Equality("always", MASS, MASS, ROWS)
-        if at.copied and refused:
+        yield Comparison("always", MASS, MASS, ROWS)
+        if at.is_perturbed and refused:
             raise RefusedError("it", 0.0, 1.0, "no")
-        if not at.copied:
-            yield Equality("here", MASS, MASS, ROWS)
+        if not at.is_perturbed:
+            yield Comparison("here", MASS, MASS, ROWS)
 
-    found = of().look(Claim("own", "one = the other", "", "it", sides=sides))
+    found = of().evaluate(Claim("own", "one = the other", "", "it", sides=sides))
     assert [(x.subject, x.verdict) for x in found] == [
         ("always", "passed"),
         ("here", "inconclusive"),
@@ -203,8 +205,8 @@ def against(monkeypatch: Any, claim: str, answers: dict[Any, Any], scene: Any = 
         trial, "cancelling_size", lambda case, engine, method: {"bias": 64.0}.get(method, 0)
     )
     monkeypatch.setattr(trial, "compare_with_engine", lambda *them, **more: (*them[2:6], more))
-    monkeypatch.setattr(Case, "taking_part", property(lambda self: tuple(answers)))
-    found = here.look(CLAIMS[claim])
+    monkeypatch.setattr(Case, "claim_engines", property(lambda self: tuple(answers)))
+    found = here.evaluate(CLAIMS[claim])
     assert all(np.array_equal(x, expected[0]) for x in expected)
     return [expected[0], *found]
 
@@ -288,12 +290,12 @@ def test_engines_are_asked_what_they_offer_and_those_on_trial_everything():
     kinds: Any = CasadiEngine, PinocchioEngine, Forceless
     casadi, pinocchio, tried = (object.__new__(kind) for kind in kinds)
     broken = {Tried: "it broke", PinocchioEngine: "it is not there", CasadiEngine: "no"}
-    here = of("generalized-forces", broken=broken)
+    here = of("generalized-forces", unavailable=broken)
     here = replace(here, engines=(pinocchio, casadi, tried))
     assert not Forceless.offers("forces") and not PinocchioEngine.offers("forces")
-    assert here.taking_part == (casadi, tried, Tried, CasadiEngine)
+    assert here.claim_engines == (casadi, tried, Tried, CasadiEngine)
     here.claim = CLAIMS["bias"]
-    assert here.taking_part == (pinocchio, casadi, tried, Tried, PinocchioEngine, CasadiEngine)
+    assert here.claim_engines == (pinocchio, casadi, tried, Tried, PinocchioEngine, CasadiEngine)
 
 
 # ---- What a scene cannot answer ------------------------------------------------------------------
@@ -318,16 +320,16 @@ def test_what_a_function_raises_is_a_finding_beside_those_before_it(monkeypatch,
         raise ValueError("it")
 
     here = of()
-    first, found = here.look(Claim("own", "", "", "it", check))
+    first, found = here.evaluate(Claim("own", "", "", "it", check))
     assert (first.subject, found.claim, found.subject) == ("first", "own", "functions")
     assert (found.observed, found.allowed, found.verdict, found.evidence, found.detail) == outcome
     ((scene, state),) = asked
     assert scene is SNAKE and np.array_equal(state.q, Q)
     if broken:
-        assert here.unable(ValueError("")).detail == broken
+        assert here.error_finding(ValueError("")).detail == broken
         return
     with pytest.raises(ValueError, match=r"^$"):
-        here.unable(ValueError(""))
+        here.error_finding(ValueError(""))
 
 
 def test_terms_that_cannot_be_computed_are_no_finite_terms(monkeypatch):
@@ -339,11 +341,11 @@ def test_terms_that_cannot_be_computed_are_no_finite_terms(monkeypatch):
     monkeypatch.setattr(case, "scene_function_that_raised", lambda scene, error: "it said so")
     monkeypatch.setattr(case, "failing_function", lambda *_: "terms broke")
     here = replace(of("bias"), at=Raising(SNAKE, Q, V))
-    found = here.broken_terms
+    found = here.terms_failure
     assert found is not None
     assert (found.claim, found.verdict, found.detail) == ("finite-terms", "failed", "terms broke")
     assert here.claim is CLAIMS["bias"]
-    assert of().broken_terms is None
+    assert of().terms_failure is None
 
 
 # ---- Formulations and partitions -----------------------------------------------------------------
@@ -408,8 +410,8 @@ def test_a_copy_has_no_sensitivity_of_its_own(monkeypatch):
     )
     here, quantity = of(), partial(max, 1)
     assert here.sensitivity(quantity) == 3.5
-    assert here.sensitivity(quantity, together=True) == 3.5
-    here.at.copied = True
+    assert here.sensitivity(quantity, batched=True) == 3.5
+    here.at.is_perturbed = True
     assert here.sensitivity(quantity) == 0.0
     both = (here.at, quantity)
     assert asked == [(both, {"together": False}), (both, {"together": True})]

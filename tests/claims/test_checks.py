@@ -170,7 +170,7 @@ def test_a_run_stops_at_a_failure_and_shrinks_it():
 
     cases = st.builds(build, st.integers(1, 4), st.floats(0.5, 2.0))
     run, selection = ValidationRun(), RunSelection.of(engines=["casadi"])
-    run.explore([build(3, 1.0)], selection, smaller=lambda failed: cases)
+    run.explore([build(3, 1.0)], selection, shrink_among=lambda failed: cases)
     assert run.minimal is not None
     assert run.minimal.claim == "bias"
     assert "bias, row" in run.minimal.detail and "sign" in run.minimal.detail

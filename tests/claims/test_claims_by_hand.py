@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from eomcheck.claims import CLAIMS, Finding, State, accelerations, run, user_scenes
 from eomcheck.claims.accelerations import redundant_rows
 from eomcheck.claims.case import ONCE
-from eomcheck.claims.registry import Equality, Skipped
+from eomcheck.claims.registry import Comparison, Skipped
 from eomcheck.claims.run import TRIES, evaluate_claim, no_larger, smallest_failure, states_of
 from eomcheck.claims.user_scenes import scene_function_that_raised
 from eomcheck.errors import CallError, RefusedError
@@ -250,13 +250,13 @@ def test_a_row_that_follows_from_others_changes_neither_motion_nor_forces(monkey
     forces = rows.T @ multipliers
     largest = np.max(np.abs(rows.T) @ np.abs(multipliers))
     expected = [
-        Equality("uk, q̈", vdot, x.vdot, (("x", "y", "θ"),), None, told_where, may_vanish=True),
-        Equality(
+        Comparison("uk, q̈", vdot, x.vdot, (("x", "y", "θ"),), None, told_where, may_vanish=True),
+        Comparison(
             *("uk, aᵀλ", forces, a.T @ x.multipliers, (("x", "y", "θ"),), largest, told_where),
             may_vanish=True,
         ),
         # The new multiplier is 2 · 10 - 20 of the others.
-        Equality(
+        Comparison(
             "uk, |λ|", np.array([30.0]), np.array([0.0]), (("the new row",),), 30.0, told_where
         ),
     ]

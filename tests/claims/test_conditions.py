@@ -167,7 +167,7 @@ def test_a_refusal_is_told_with_its_own_threshold_and_an_independent_number(thre
 
     au = FORMULATIONS["au"]
     case = Case(Refusing(SNAKE, Q, V), (au,), ())
-    (found,) = case.look(CLAIMS["refusals"])
+    (found,) = case.evaluate(CLAIMS["refusals"])
     own = independent_rcond(au, RefusedError("M_Au", 0.25, threshold, ""), case)
     assert (found.observed, found.allowed, found.verdict) == (own, threshold, verdict)
     said = {"passed": "it is so", "failed": "au, M_Au: refused in vain"}

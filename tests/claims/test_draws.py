@@ -19,7 +19,7 @@ from eomcheck.claims.proof import (
     new_seed,
     prove_structure,
 )
-from eomcheck.claims.registry import Equality, GenericPoint
+from eomcheck.claims.registry import Comparison, GenericPoint
 from eomcheck.formulations import FORMULATIONS, Partition
 from eomcheck.numbers.degree import DegreeArithmetic
 from eomcheck.numbers.finite_field import FiniteField, random_prime
@@ -50,8 +50,8 @@ def test_the_prime_stated_is_the_prime_of_the_numbers():
         at, prime = draws._point()
         numbers = (*at.q, *at.u, *at.parameters.mass, *at.directions[0], *at.free.v)
         assert {x.modulus() for x in numbers} == {prime}
-    draws.look()
-    assert all(set(one.primes) for one in draws.outcomes.values())
+    draws.sample()
+    assert all(set(one.primes) for one in draws.results.values())
 
 
 def test_the_partition_drawn_is_hardly_ever_the_paper_s():
@@ -106,7 +106,7 @@ def test_points_that_were_drawn_again_are_charged_to_the_probability():
 def test_the_bound_of_an_identity_is_that_of_its_worst_entry(monkeypatch: pytest.MonkeyPatch):
     x, y = DegreeArithmetic().vector(2)
     found = objects(x, x * x * y, 5 * y)
-    sides = Equality("s", found, np.zeros(3, object), (("1", "2", "3"),))
+    sides = Comparison("s", found, np.zeros(3, object), (("1", "2", "3"),))
     monkeypatch.setattr(proof, "identities_at", lambda at: [(("c", "s"), sides)])
     (degree, height) = largest_bounds(point())["c", "s"]
     assert degree == 3

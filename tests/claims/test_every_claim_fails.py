@@ -51,7 +51,7 @@ from eomcheck.claims.numerical_accuracy import (
     independent_rcond,
 )
 from eomcheck.claims.proof import identities_at, prove_structure
-from eomcheck.claims.registry import Claim, Equality, GenericPoint, Skipped, names_of_term
+from eomcheck.claims.registry import Claim, Comparison, GenericPoint, Skipped, names_of_term
 from eomcheck.engines import ALWAYS, ENGINES, Engine
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.evaluation import Evaluation
@@ -246,7 +246,7 @@ def findings(claim: str, key: str, part: Part, entry: Entry, k: int) -> list[Fin
                 changed = wrong_result(engine.acceleration, part, entry, k)
                 stack.enter_context(patch.object(engine, "acceleration", changed))
         formulations = tuple(f for f in FORMULATIONS.values() if f.applies_to(scene))
-        return Case(Evaluation(scene, *state), formulations, engines).look(CLAIMS[claim])
+        return Case(Evaluation(scene, *state), formulations, engines).evaluate(CLAIMS[claim])
 
 
 def worst(found: list[Finding]) -> Finding:
@@ -318,11 +318,11 @@ class Shifted(Case):
     by = 0.0
     judged: list[tuple[str, Finding]]
 
-    def compare(self, subject: str, found: Any, expected: Any, sensitivity: float, **options: Any):
-        found = np.asarray(found, np.float64)
-        right = super().compare(subject, found, expected, sensitivity, **options)
-        for entry in np.ndindex(found.shape):
-            wrong = found.copy()
+    def compare(self, subject: str, actual: Any, expected: Any, sensitivity: float, **options: Any):
+        actual = np.asarray(actual, np.float64)
+        right = super().compare(subject, actual, expected, sensitivity, **options)
+        for entry in np.ndindex(actual.shape):
+            wrong = actual.copy()
             wrong[entry] = np.asarray(expected, np.float64)[entry] + self.by * right.allowed
             name = entry_name(entry, options["names"])
             finding = super().compare(subject, wrong, expected, sensitivity, **options)
@@ -340,7 +340,7 @@ def shifted(claim: str, key: str, by: float) -> list[tuple[str, Finding]]:
     with patch.object(
         numerical_accuracy, "Case", lambda *arguments: take_over(Shifted(*arguments), case)
     ):
-        case.look(CLAIMS[claim])
+        case.evaluate(CLAIMS[claim])
     return case.judged
 
 
@@ -411,12 +411,12 @@ def test_an_identity_is_disproved_by_any_row_of_its_sides_and_named_by_that_row(
     sides = [
         found
         for key, found in identities_at(point(scene), right)
-        if key[0] == claim and isinstance(found, Equality)
+        if key[0] == claim and isinstance(found, Comparison)
     ]
     assert sides
     for one in sides:
         axes = tuple(map(len, one.names))
-        assert axes == np.shape(one.found) == np.shape(one.expected)
+        assert axes == np.shape(one.actual) == np.shape(one.expected)
         for entry in list(np.ndindex(axes))[:MANY]:
             with patch.dict(CLAIMS, {claim: replace(right, sides=off_by_one(right, one, entry))}):
                 found = prove_structure(scene, formulations, 1, 0)
@@ -435,16 +435,16 @@ def point(scene: Scene) -> GenericPoint:
     return GenericPoint(scene, field, formulations)
 
 
-def off_by_one(claim: Claim, which: Equality, entry: Entry) -> Callable:
+def off_by_one(claim: Claim, which: Comparison, entry: Entry) -> Callable:
     """Return the sides of a claim, one number of one of them too large by 1."""
 
     assert claim.sides is not None
     right = claim.sides
 
-    def changed(at: Any, look: Any) -> Iterator[Equality | Skipped]:
+    def changed(at: Any, look: Any) -> Iterator[Comparison | Skipped]:
         for one in right(at, look):
-            if isinstance(one, Equality) and one.subject == which.subject:
-                one = one._replace(found=with_entry(one.found, entry, lambda x: x + 1))
+            if isinstance(one, Comparison) and one.subject == which.subject:
+                one = one._replace(actual=with_entry(one.actual, entry, lambda x: x + 1))
             yield one
 
     return changed
@@ -458,7 +458,7 @@ def test_a_term_with_an_entry_that_is_not_finite_is_named(part: Part):
     for entry in part.each_entry(shape_of("snake", part)):
         at = moving()
         at.terms = part.put(at.terms, with_entry(part.take(at.terms), entry, lambda _: np.nan))
-        found = Case(at, (), ()).look(CLAIMS["finite-terms"])
+        found = Case(at, (), ()).evaluate(CLAIMS["finite-terms"])
         (failure,) = [f for f in found if f.verdict == "failed"]
         assert failure.subject == part.name
         place = entry_name(entry, names_of_term(SNAKE, str(part.name)))
@@ -468,7 +468,7 @@ def test_a_term_with_an_entry_that_is_not_finite_is_named(part: Part):
 def test_what_overflows_in_a_huge_state_is_no_term_that_is_not_finite():
     at = Evaluation(SNAKE, Q, 1e200 * MOVING.v)
     assert not np.isfinite(at.terms.B).all()
-    found = Case(at, (), ()).look(CLAIMS["finite-terms"])
+    found = Case(at, (), ()).evaluate(CLAIMS["finite-terms"])
     assert {f.verdict for f in found} == {"passed"}
 
 
@@ -476,7 +476,7 @@ def test_what_overflows_in_a_huge_state_is_no_term_that_is_not_finite():
 def test_enclosures_that_are_wrong_in_the_tenth_digit_are_disjoint(part: Part):
     wrong = wrong_formulation(part, (0,), share(1e-10), where=is_ball)
     formulations = tuple((FORMULATIONS | {part.of: wrong}).values())
-    found = Case(moving(), formulations, ()).look(CLAIMS["enclosures"])
+    found = Case(moving(), formulations, ()).evaluate(CLAIMS["enclosures"])
     assert len(found) == math.comb(len(FORMULATIONS), 2)
     apart = {f.subject for f in found if f.verdict == "failed"}
     assert apart == {f.subject for f in found if part.of in f.subject.split(" ~ ")}
@@ -495,7 +495,7 @@ def test_enclosures_ten_radii_apart_are_disjoint_and_a_tenth_of_a_radius_they_ar
 
     formulations = FORMULATIONS["au"], FORMULATIONS["kane"]
     with patch.object(numerical_accuracy, "_enclosed", of_au):
-        found = Case(moving(), formulations, ()).look(CLAIMS["enclosures"])
+        found = Case(moving(), formulations, ()).evaluate(CLAIMS["enclosures"])
     (finding,) = found
     assert finding.verdict == verdict
     assert ("row y" in finding.detail) == (verdict == "failed")
@@ -510,7 +510,7 @@ def test_a_refusal_is_justified_below_its_threshold_only(key: str, times: float,
     assert 1e-6 < rcond < 1
     refusal = RefusedError("M", 0.0, rcond / times, "refused")
     at._solutions[key, False] = refusal
-    (finding,) = Case(at, (f,), ()).look(CLAIMS["refusals"])
+    (finding,) = Case(at, (f,), ()).evaluate(CLAIMS["refusals"])
     assert (finding.verdict, finding.subject) == (verdict, key)
     assert finding.observed == pytest.approx(times * finding.allowed)
 

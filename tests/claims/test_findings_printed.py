@@ -265,7 +265,7 @@ def test_sides_along_directions_are_rows_by_coordinates():
     look: Any = type("At", (), {"directions": np.eye(3), "direction_names": ("x", "y", "z")})()
     given = iter([(1, 2), None, (3, 5)])
     (one,) = registry.along_directions(look, "B", lambda direction: next(given))
-    assert (one.found.tolist(), one.expected.tolist()) == ([1, 3], [2, 5])
+    assert (one.actual.tolist(), one.expected.tolist()) == ([1, 3], [2, 5])
     assert (one.subject, one.names) == ("B", (("x", "y", "z"),))
     assert not list(registry.along_directions(look, "B", lambda direction: None))
 

@@ -91,7 +91,7 @@ def test_nothing_is_judged_beside_a_term_that_is_not_finite(key: str, value: flo
         at.terms = at.terms._replace(**{name: bad})
         case = Case(at, tuple(FORMULATIONS.values()), ())
         assert not case.finite, name
-        failed = [f for f in case.look(CLAIMS["finite-terms"]) if f.verdict == "failed"]
+        failed = [f for f in case.evaluate(CLAIMS["finite-terms"]) if f.verdict == "failed"]
         assert [f.subject for f in failed] == [name]
 
 
@@ -128,7 +128,7 @@ def test_the_truth_of_a_driven_scene_is_that_of_the_time_at_hand():
     differ = np.abs(at_start.acceleration(formulations[0]).vdot - at.acceleration(f).vdot)
     assert differ.max() > 1e-3, "the time makes a difference"
     for claim in ("enclosures", "true-error"):
-        found = here.look(CLAIMS[claim])
+        found = here.evaluate(CLAIMS[claim])
         assert {one.verdict for one in found} == {"passed"}
 
 
@@ -140,7 +140,7 @@ def test_true_errors_are_those_of_the_time_at_hand(monkeypatch):
         return right(scene, q, u, t)
 
     monkeypatch.setattr(numerical_accuracy, "true_state", recorded)
-    Case(driven()[1], (FORMULATIONS["au"],), ()).look(CLAIMS["true-error"])
+    Case(driven()[1], (FORMULATIONS["au"],), ()).evaluate(CLAIMS["true-error"])
     assert times == [0.7]
 
 
@@ -148,7 +148,7 @@ def test_a_truth_without_speeds_is_that_of_the_time_at_hand():
     _, at = driven()
     case = Case(at, (FORMULATIONS["au"],), ())
     case.has_speeds = False
-    (found,) = case.look(CLAIMS["true-error"])
+    (found,) = case.evaluate(CLAIMS["true-error"])
     assert found.verdict == "passed", str(found)
 
 
@@ -163,5 +163,5 @@ def test_a_true_error_of_three_times_what_rounding_explains_fails():
         return vdot, multipliers
 
     case = Case(moving(), (replace(right, solution=wrong),), ())
-    (found,) = case.look(CLAIMS["true-error"])
+    (found,) = case.evaluate(CLAIMS["true-error"])
     assert found.verdict == "failed", str(found)

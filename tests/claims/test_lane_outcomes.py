@@ -16,7 +16,7 @@ from eomcheck.claims.batched_claims import (
     batched_cases,
 )
 from eomcheck.claims.finding import FAILED_CODE, INCONCLUSIVE_CODE, PASSED_CODE
-from eomcheck.claims.registry import CLAIMS, Equality
+from eomcheck.claims.registry import CLAIMS, Comparison
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, allowed_error
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.numbers.lanes import LaneArray
@@ -56,9 +56,9 @@ def lanes() -> BatchedCase:
 def compared(
     found: Any, expected: Any, absent: Any, scale: Any = None, each: Any = 1.0
 ) -> BatchResult:
-    sides = Equality("au ~ kane", found, expected, (("a", "b"),))
+    sides = Comparison("au ~ kane", found, expected, (("a", "b"),))
     sensitivity = np.array([1.0, 10.0, 0.1]) * each / allowed_error(1.0)
-    return lanes().compared(CLAIMS["bias"], sides, sensitivity, scale, np.array(absent))
+    return lanes().compare(CLAIMS["bias"], sides, sensitivity, scale, np.array(absent))
 
 
 NO = [False] * 3

@@ -54,7 +54,7 @@ def alone(cases: Sequence[tuple[Scene, State]]) -> Verdicts:
         able = tuple(f for f in ALL if f.applies_to(scene))
         case = Case(Evaluation(scene, *state), able, ())
         for claim in LIFTED:
-            for one in case.look(CLAIMS[claim]):
+            for one in case.evaluate(CLAIMS[claim]):
                 found[i, claim, one.subject] = one.verdict, one.observed, one.allowed
         for f in able:
             found[i, "refused", f.key] = str(f.key in case.refused), 0.0, 0.0
@@ -65,7 +65,7 @@ def in_lanes(cases: Sequence[tuple[Scene, State]]) -> Verdicts:
     """Return the same, found in lanes."""
     found: Verdicts = {}
     for places, case in batched_cases(cases, ALL):
-        for one in case.look(LIFTED):
+        for one in case.evaluate(LIFTED):
             for lane, i in enumerate(places):
                 verdict = NAMES[one.verdict[lane]], one.observed[lane], one.allowed[lane]
                 if one.verdict[lane] != ABSENT:
@@ -73,8 +73,8 @@ def in_lanes(cases: Sequence[tuple[Scene, State]]) -> Verdicts:
         for f in case.formulations:
             for lane, i in enumerate(places):
                 found[int(i), "refused", f.key] = str(bool(case.refused(f.key)[lane])), 0.0, 0.0
-        assert case.lost.keys() <= UNLIFTED
-        assert not any("Error" in why for why in case.lost.values()), "a sentence"
+        assert case.not_batched.keys() <= UNLIFTED
+        assert not any("Error" in why for why in case.not_batched.values()), "a sentence"
     return found
 
 
@@ -122,7 +122,7 @@ def test_where_a_lane_has_no_speeds_what_needs_none_is_judged():
         (scene, State(np.array(q), np.array([-q[1], q[0]]), 0.0)) for q in ([0.6, 0.8], [0.0, -1.0])
     ]
     ((_, case),) = batched_cases(cases, ALL)
-    for one in case.look(["constraint-acceleration"]):
+    for one in case.evaluate(["constraint-acceleration"]):
         residual[one.subject] = [NAMES[verdict] for verdict in one.verdict]
     refusing = {"el", "em", "ml", "kane"}
     assert residual == {
@@ -218,7 +218,7 @@ def test_velocities_that_are_not_finite_fail_in_lanes_and_are_not_taken_for_refu
         for scene, state in scene_cases(Snake, (2, 2), 2, seed=1)
     ]
     for places, case in batched_cases(cases, ALL):
-        found = {one.subject: one for one in case.look(["speeds-velocity"])}["q̇"]
+        found = {one.subject: one for one in case.evaluate(["speeds-velocity"])}["q̇"]
         assert [NAMES[verdict] for verdict in found.verdict] == ["failed"] * len(places)
 
 
@@ -274,10 +274,10 @@ def test_a_claim_fails_in_lanes_where_it_fails_alone(claim: str, key: str, part:
     with patch.dict(FORMULATIONS, formulations):
         keys = dict.fromkeys(("au", "im", "kane", *({part.of} & FORMULATIONS.keys())))
         able = tuple(FORMULATIONS[key] for key in keys if FORMULATIONS[key].applies_to(scene))
-        there = Case(Evaluation(scene, *state), able, ()).look(CLAIMS[claim])
+        there = Case(Evaluation(scene, *state), able, ()).evaluate(CLAIMS[claim])
         ((_, case),) = batched_cases([(scene, state), (scene, state)], able)
-        found = {one.subject: one for one in case.look([claim])}
-    assert not case.lost
+        found = {one.subject: one for one in case.evaluate([claim])}
+    assert not case.not_batched
     judged_alone = {one.subject: one for one in there if not one.subject.endswith("pivoted")}
     assert "failed" in {one.verdict for one in judged_alone.values()}
     for subject, one in judged_alone.items():

@@ -18,7 +18,7 @@ from eomcheck.scenes import SCENES, Snake
 def test_energies_and_bodies_of_all_copies_change_as_those_of_each(key: str):
     scene, state = next(iter(state_cases(SCENES[key].example(), 1, 0)))
     copies = perturbed_samples(Evaluation(scene, *state))
-    together, im = copies[0].together, FORMULATIONS["im"]
+    together, im = copies[0].batch, FORMULATIONS["im"]
 
     def found(e):
         rates, vdot = _Rates(e), e.acceleration(im).vdot

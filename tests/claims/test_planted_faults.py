@@ -86,7 +86,7 @@ def first_failure(scene: type[Scene], formulations: dict) -> Finding | None:
         made = scene(**{name: getattr(right, name) for name in scene.ranges(1)})
         case = make_case_with_engines(made, state, selection)
         for claim in selection.claims if case.finite else ("finite-terms",):
-            for finding in case.look(CLAIMS[claim]):
+            for finding in case.evaluate(CLAIMS[claim]):
                 if finding.verdict == "failed":
                     return finding
     return None
@@ -109,7 +109,7 @@ def kind_in(module: ModuleType, file: str, other: type[Scene] | None = None) -> 
             scene = with_shared(caller, module, kind)
         if file == COMPOSED:
             if other is not None:  # of its Jacobians, as of who writes no terms
-                scene.composed = scene.composed | {"terms"}
+                scene.derived_functions = scene.derived_functions | {"terms"}
             module.compose(scene)
     return scene
 

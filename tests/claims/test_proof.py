@@ -15,7 +15,7 @@ from tests.scenes.test_own_scene import Free, MarkedFree, free_terms
 from eomcheck.claims import CLAIMS, Finding, proof
 from eomcheck.claims import proof as draws
 from eomcheck.claims.proof import failure_probability, identities_at, prove, prove_structure
-from eomcheck.claims.registry import Equality, GenericPoint
+from eomcheck.claims.registry import Comparison, GenericPoint
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.formulations.au import split
@@ -157,7 +157,7 @@ def test_the_degree_and_height_of_a_proof_are_the_largest_of_all_entries(monkeyp
         x, y, z = at.q[:3]
         numbers = {1: x, 2: 4 * x * y, 3: 3 * x * y * z}
         found = np.array([numbers[i] for i in order], object)
-        yield Equality("test", found, np.array([numbers[i] for i in order], object), (("",) * 3,))
+        yield Comparison("test", found, np.array([numbers[i] for i in order], object), (("",) * 3,))
 
     claim = replace(CLAIMS["bias"], id="test", sides=sides, against=None)
     monkeypatch.setitem(CLAIMS, "test", claim)

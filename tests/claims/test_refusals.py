@@ -30,7 +30,7 @@ def judged(
             raise RefusedError("M_Au", rcond, threshold, "no")
 
     case = Case(Refusing(scene, *state), (FORMULATIONS[key],), (), CLAIMS["refusals"])
-    (finding,) = case.look(CLAIMS["refusals"])
+    (finding,) = case.evaluate(CLAIMS["refusals"])
     return finding
 
 

@@ -27,7 +27,7 @@ def moving(scene) -> State:
 
 def test_a_failure_of_the_initial_state_is_among_the_findings():
     scene, run = Heavy(), ValidationRun()
-    new = run.look_at(scene, moving(scene), RunSelection.of(**KINETIC, scenes=[scene]))
+    new = run.check_state(scene, moving(scene), RunSelection.of(**KINETIC, scenes=[scene]))
     assert "failed" in {finding.verdict for finding in new}
     assert run.findings == new
 
@@ -39,7 +39,7 @@ def test_the_time_of_a_claim_is_that_of_all_states(monkeypatch):
     clock = itertools.count()
     monkeypatch.setattr("eomcheck.claims.run.time.perf_counter", lambda: float(next(clock)))
     for _ in range(3):
-        run.look_at(scene, moving(scene), selection)
+        run.check_state(scene, moving(scene), selection)
     assert run.seconds == dict.fromkeys(asked["claims"], 3.0)
 
 
@@ -51,7 +51,7 @@ def test_the_smallest_failing_case_is_the_last_finding():
 
     run, selection = ValidationRun(), RunSelection.of(**KINETIC, scenes=[Sleigh, Heavy])
     run.explore(
-        map(build, (3, 99, 50)), selection, smaller=lambda _: st.integers(0, 999).map(build)
+        map(build, (3, 99, 50)), selection, shrink_among=lambda _: st.integers(0, 999).map(build)
     )
     assert run.cases == 2
     assert run.minimal is not None and run.minimal.state is not None
@@ -66,7 +66,7 @@ def test_terms_that_are_no_numbers_fail():
             return terms._replace(M=terms.M * np.nan)
 
     scene, run = Broken(), ValidationRun()
-    run.look_at(scene, moving(scene), RunSelection.of(engines=[], scenes=[scene]))
+    run.check_state(scene, moving(scene), RunSelection.of(engines=[], scenes=[scene]))
     failed = [finding for finding in run.findings if finding.verdict == "failed"]
     assert [finding.claim for finding in failed] == ["finite-terms"]
 
@@ -84,23 +84,23 @@ def test_another_seed_draws_other_states_and_the_same_seed_the_same():
 def test_another_seed_moves_the_example_of_a_kind_otherwise():
     runs = ValidationRun(), ValidationRun()
     for seed, run in enumerate(runs):
-        run.look_at_kind(Sleigh, RunSelection.of(**KINETIC, scenes=[Sleigh]), (1, 1), 1, seed)
-    one, other = (run.drawn[0] for run in runs)
+        run.validate_kind(Sleigh, RunSelection.of(**KINETIC, scenes=[Sleigh]), (1, 1), 1, seed)
+    one, other = (run.sampled[0] for run in runs)
     assert repr(one.scene) == repr(other.scene) == repr(Sleigh.example())
     assert not np.array_equal(one.state.v, other.state.v)
 
 
 def test_scenes_of_all_numbers_of_links_are_drawn():
     run, selection = ValidationRun(), RunSelection.of(**KINETIC)
-    run.look_at_kind(Snake, selection, (1, 3), 30, 0)
-    assert {one.scene.n - 2 for one in run.drawn[1:]} == {1, 2, 3}
+    run.validate_kind(Snake, selection, (1, 3), 30, 0)
+    assert {one.scene.n - 2 for one in run.sampled[1:]} == {1, 2, 3}
 
 
 @pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_example_of_a_kind_is_looked_at_as_it_starts_and_moving(kind: type[Scene], seed: int):
     run, selection = ValidationRun(), RunSelection.of(**KINETIC, scenes=[kind])
-    run.look_at_kind(kind, selection, (1, 2), 1, seed)
+    run.validate_kind(kind, selection, (1, 2), 1, seed)
     assert run.cases == 3
     start, moving, _ = (run.findings[end - 1] for end in run.ends)
     assert repr(start.scene) == repr(moving.scene) == repr(kind.example())
@@ -112,10 +112,10 @@ def test_the_example_of_a_kind_is_looked_at_as_it_starts_and_moving(kind: type[S
 def test_a_run_counts_who_refused():
     scene = Snake([1, 1], [1, 1], [0.1, 0.1], [1], [0, 0])
     run = ValidationRun()
-    run.look_at(scene, State(*scene.initial_state()), RunSelection.of(engines=[]))
+    run.check_state(scene, State(*scene.initial_state()), RunSelection.of(engines=[]))
     assert run.refused == ("el", "em")
     turned = scene.initial_state()[0] + np.array([0, 0, 0.3, 0.8])
-    run.look_at(scene, State(turned, np.zeros(4)), RunSelection.of(engines=[]))
+    run.check_state(scene, State(turned, np.zeros(4)), RunSelection.of(engines=[]))
     assert run.refused == ()
 
 
@@ -126,7 +126,7 @@ def test_a_state_that_is_refused_is_counted_once():
     run = ValidationRun()
     cases = [(scene, one) for one in (turned, State(q, v), turned)]
     run.explore(cases, RunSelection.of(engines=[], claims=["refusals"]))
-    assert [one.refused for one in run.drawn] == [(), ("el", "em"), ()]
+    assert [one.refused for one in run.sampled] == [(), ("el", "em"), ()]
 
 
 @pytest.mark.parametrize(

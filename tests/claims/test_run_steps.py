@@ -47,7 +47,7 @@ def selected(**more: Any) -> RunSelection:
     ],
 )
 def test_claims_are_asked_of_numbers_alone(monkeypatch, broken, finite, asked, refused):
-    case = SimpleNamespace(broken_terms=broken, finite=finite, refused=("em",))
+    case = SimpleNamespace(terms_failure=broken, finite=finite, refused=("em",))
     given: list[Any] = []
     monkeypatch.setattr(run, "make_case", lambda *them: given.append(them) or case)
     monkeypatch.setattr(run, "evaluate_claim", lambda asked, case, claim: [said(claim.id)] * 2)
@@ -76,7 +76,7 @@ def test_engines_are_made_once_for_each_scene(monkeypatch):
     heavy, one = Sleigh(mass=7.0), ValidationRun()
     cases = [(SCENE, state(1)), (SCENE, state(2)), (heavy, state(3)), (SCENE, state(4))]
     for scene, at in cases:
-        one.look_at(scene, at, selected())
+        one.check_state(scene, at, selected())
     assert [x is y for x, y in zip(made, [SCENE, heavy, SCENE], strict=True)] == [True] * 3
     assert [x[:2] for x in looked] == cases
     assert [x[2] for x in looked] == [run.OFTEN, run.OFTEN, run.ONCE, run.ONCE]
@@ -105,8 +105,8 @@ def test_what_cannot_be_told_is_told_once(again: Finding, told: bool):
         said("equivalence", "skipped", "mine", "refused"),
         said("equivalence", "skipped", "mine", "not rational: it"),
     ]
-    assert one._take(StateResult(first, {"bias": 2.0}, ("au",))) == first
-    assert one._take(StateResult([again, *first[:1]], {"bias": 0.5}, ())) == (
+    assert one._add_result(StateResult(first, {"bias": 2.0}, ("au",))) == first
+    assert one._add_result(StateResult([again, *first[:1]], {"bias": 0.5}, ())) == (
         [again] if told else []
     )
     assert (one.ends, one.cases) == ([3, 3 + told], 2)
@@ -136,16 +136,16 @@ def test_drawing_ends_at_the_first_failure_and_that_is_made_smaller(monkeypatch)
 
     one, chosen, cases = ValidationRun(), selected(), [(SCENE, state(1.0))]
     how = {"on_case": lambda: count.append(one.cases), "seed": 11, "looks": looking}
-    one.explore(cases, chosen, smaller=lambda scene: ("smaller", scene), **how)
+    one.explore(cases, chosen, shrink_among=lambda scene: ("smaller", scene), **how)
     assert calls == [(cases, chosen)]
     assert count == [1, 2]
-    assert [x.refused for x in one.drawn] == [("em",), ("el", "em")]
-    assert [x.state.q[0] for x in one.drawn] == [1.0, 2.0]
+    assert [x.refused for x in one.sampled] == [("em",), ("el", "em")]
+    assert [x.state.q[0] for x in one.sampled] == [1.0, 2.0]
     assert handed == [(failing[1], ("smaller", heavy), chosen, 11)]
     assert one.minimal is minimal and one.ends == [1, 4]
 
     again = ValidationRun()
-    again.explore(cases, chosen, looks=looking)
+    again.explore(cases, chosen, runner=looking)
     assert again.minimal is failing[1], "nobody says what is smaller"
     right = ValidationRun()
     how = {"smaller": lambda scene: 1 / 0, "looks": lambda *_: (one for one in looks[::2])}
@@ -174,21 +174,21 @@ def test_the_states_of_a_run_are_drawn_as_asked(monkeypatch, named: bool, kind: 
     monkeypatch.setattr(run, "with_wide", wide)
 
     class Recording(ValidationRun):
-        def look_at(self, scene, state, selection):
+        def check_state(self, scene, state, selection):
             calls.append(("start", repr(scene), state.q.tolist(), state.v.tolist(), state.t))
             return []
 
-        def explore(self, cases, selection, on_case, smaller, seed, looks):
-            calls.append(("explore", list(cases), on_case, seed, looks))
-            smaller("scene")
+        def explore(self, cases, selection, on_case, shrink_among, seed, runner):
+            calls.append(("explore", list(cases), on_case, seed, runner))
+            shrink_among("scene")
 
     chosen, count, scene = selected(named=named), [], Snake.coil(2)
     on_case, looks = lambda: count.append(1), object()
     if kind:
-        Recording().look_at_kind(Snake, chosen, (2, 5), 9, 4, on_case, looks)
+        Recording().validate_kind(Snake, chosen, (2, 5), 9, 4, on_case, looks)
         scene = Snake.example()
     else:
-        Recording().look_at_scene(scene, chosen, 9, 4, on_case, looks)
+        Recording().validate_scene(scene, chosen, 9, 4, on_case, looks)
     assert count == [1], "the state that it begins with"
     begin = [call for call in calls if call[0] == "start"]
     q, v = scene.initial_state()
@@ -232,7 +232,7 @@ def test_a_run_ends_with_what_holds_of_all_its_states(monkeypatch, failed, cover
         findings=[hidden("mass-matrix", 1.0), hidden("bias", 2.0), said("kinetic-energy")]
     )
     one.minimal = said("bias", "failed") if failed else None
-    one.drawn = [run.SampledState(SCENE, state(1.0), ())] * 3 if drawn else []
+    one.sampled = [run.SampledState(SCENE, state(1.0), ())] * 3 if drawn else []
     chosen = selected(claims=("mass-matrix", *(["coverage"] * covers)))
     found = one.finish(chosen)
     assert found is one.findings
@@ -287,9 +287,9 @@ def test_a_validation_asks_for_what_it_was_told(monkeypatch):
         return right(cls, *them, **more)
 
     monkeypatch.setattr(RunSelection, "of", classmethod(of))
-    monkeypatch.setattr(ValidationRun, "look_at_scene", lambda self, *them: calls.append(them))
+    monkeypatch.setattr(ValidationRun, "validate_scene", lambda self, *them: calls.append(them))
     monkeypatch.setattr(
-        ValidationRun, "look_at", lambda self, *them: calls.append(them) or ["found"]
+        ValidationRun, "check_state", lambda self, *them: calls.append(them) or ["found"]
     )
     monkeypatch.setattr(
         ValidationRun, "finish", lambda self, chosen: calls.append(chosen) or ["finished"]

@@ -10,7 +10,7 @@ from tests.claims.test_checks import SNAKE, Q, V
 
 import eomcheck
 from eomcheck.claims import CLAIMS, Case
-from eomcheck.claims.registry import Equality
+from eomcheck.claims.registry import Comparison
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.scenes import SCENES
@@ -23,7 +23,7 @@ def case() -> Case:
     return Case(Evaluation(SNAKE, Q, V), tuple(FORMULATIONS[key] for key in KEYS), ())
 
 
-def sides_of(case: Case, claim: str) -> dict[str, Equality]:
+def sides_of(case: Case, claim: str) -> dict[str, Comparison]:
     sides: Any = CLAIMS[claim].sides
     return {one.subject: one for one in sides(case.at, case)}
 
@@ -32,7 +32,7 @@ def row_sum(matrix: np.ndarray) -> float:
     return float(np.abs(matrix).sum(axis=1).max())
 
 
-def assert_sized(one: Equality, terms: np.ndarray) -> None:
+def assert_sized(one: Comparison, terms: np.ndarray) -> None:
     assert one.sizes == pytest.approx(terms, rel=1e-9)
     assert one.size == pytest.approx(np.max(terms), rel=1e-9)
 
@@ -63,9 +63,9 @@ def test_forces_have_the_sizes_of_what_is_projected_and_of_what_is_subtracted(ca
     bent = Case(Evaluation(SNAKE, q, eomcheck.velocity(SNAKE, q, [0.5, 0.7])), (), ())
     terms = np.abs(bent.at.speeds.W).T @ np.abs(bent.at.terms.Q)
     assert_sized(sides_of(bent, "active-forces")["kane"], terms)
-    assert active.found is force
+    assert active.actual is force
     (one,) = sides_of(case, "kane-ml-force").values()
-    remainder = force - one.found
+    remainder = force - one.actual
     assert_sized(one, np.abs(remainder) + np.abs(force))
 
 
@@ -77,7 +77,7 @@ def test_constraints_and_energies_have_the_size_of_their_largest_row(case: Case)
         assert one.names == (SNAKE.constraint_names,)
     (energy,) = sides_of(case, "kinetic-energy").values()
     assert energy.size == pytest.approx(np.abs(V) @ np.abs(at.terms.M @ V))
-    assert energy.found == pytest.approx(V @ at.terms.M @ V)
+    assert energy.actual == pytest.approx(V @ at.terms.M @ V)
 
 
 def test_accelerations_are_allowed_the_rounding_of_both(case: Case):
@@ -97,7 +97,7 @@ def test_multipliers_are_allowed_the_rounding_of_both_and_are_there_where_declar
     for subject, one in pairs.items():
         f, g = subject.split(" ~ ")
         assert one.sensitivity == own[f] + own[g], subject
-    assert {key: found[key].found for key in KEYS} == {key: int(key in own) for key in KEYS}
+    assert {key: found[key].actual for key in KEYS} == {key: int(key in own) for key in KEYS}
 
 
 def test_constraints_at_acceleration_level_are_allowed_what_q_and_gamma_round(case: Case):
@@ -109,7 +109,7 @@ def test_constraints_at_acceleration_level_are_allowed_what_q_and_gamma_round(ca
         assert_sized(one, terms)
         allowed = row_sum(a) * case.vdot_sensitivity(f) + of_gamma + terms.max()
         assert one.sensitivity == pytest.approx(allowed)
-        assert one.found == pytest.approx(a @ x.vdot + gamma, abs=1e-15)
+        assert one.actual == pytest.approx(a @ x.vdot + gamma, abs=1e-15)
 
 
 def test_equations_of_motion_have_the_sizes_of_inertia_forces_and_multipliers(case: Case):
@@ -117,7 +117,7 @@ def test_equations_of_motion_have_the_sizes_of_inertia_forces_and_multipliers(ca
     found = sides_of(case, "equations-residual")
     for f, x in case.solutions:
         if x.multipliers is None:
-            assert found[f.key].found.shape == (SNAKE.n - SNAKE.r,)
+            assert found[f.key].actual.shape == (SNAKE.n - SNAKE.r,)
             assert found[f.key].names[0][0] == "allowed motion 1"
             continue
         terms = np.abs(M) @ np.abs(x.vdot) + np.abs(F) + np.abs(a.T) @ np.abs(x.multipliers)

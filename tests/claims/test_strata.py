@@ -232,7 +232,7 @@ def test_symmetries_move_what_is_drawn(kind):
 
 def first_failure(kind, selection: RunSelection):
     run = ValidationRun()
-    run.look_at_kind(kind, selection, (LEAST, MOST), EXAMPLES, 0)
+    run.validate_kind(kind, selection, (LEAST, MOST), EXAMPLES, 0)
     return run.minimal
 
 

@@ -212,9 +212,9 @@ def test_a_draw_that_is_refused_is_no_case_and_the_ways_are_those_of_one_entry(m
             return [{"way": (f"{links} a", f"{links} b")}]
 
         @classmethod
-        def of_topology(cls, links: Any, ways: Any, choices: Any) -> Any:
-            asked.append((links, ways["way"]))
-            if ways["way"].endswith("b"):
+        def of_topology(cls, links: Any, levels: Any, choices: Any) -> Any:
+            asked.append((links, levels["way"]))
+            if levels["way"].endswith("b"):
                 raise RefusedError("a", 0.0, 1.0, "no")
             assert choices.whole(3, 3) == 3 and choices.number(0.5, 0.5) == 0.5
             return ChainPendulum

@@ -91,9 +91,9 @@ def test_another_seed_draws_other_states():
 
 
 def test_wide_states_are_for_engines_that_are_named():
-    assert not RunSelection.of(scenes=[Bricard]).named
-    assert not RunSelection.of(engines=[], scenes=[Bricard]).named
-    assert RunSelection.of(engines=["casadi"], scenes=[Bricard]).named
+    assert not RunSelection.of(scenes=[Bricard]).engines_named
+    assert not RunSelection.of(engines=[], scenes=[Bricard]).engines_named
+    assert RunSelection.of(engines=["casadi"], scenes=[Bricard]).engines_named
     claims, far = ["mass-matrix"], []
     for engines in (["casadi"], None):
         found = eomcheck.validate(Snake.paper(), examples=8, engines=engines, claims=claims)
@@ -108,8 +108,8 @@ def test_random_scenes_of_a_kind_are_in_wide_states_for_an_engine_that_is_named(
         ValidationRun(),
         RunSelection.of(None, engines, ["mass-matrix"], scenes=[ChainPendulum]),
     )
-    run.look_at_kind(ChainPendulum, selection, (1, 2), 8, 0)
-    far = [np.abs(one.state.q).max() for one in run.drawn]
+    run.validate_kind(ChainPendulum, selection, (1, 2), 8, 0)
+    far = [np.abs(one.state.q).max() for one in run.sampled]
     assert (max(far) > TURN + 1) == bool(engines)
 
 
@@ -117,10 +117,10 @@ def test_tests_of_an_engine_are_asked_at_wide_states_and_tests_of_a_scene_are_no
     far: dict[bool, list[float]] = {True: [], False: []}
 
     def looked_at(self, scene, state, selection):
-        far[selection.named].append(np.abs(state.q).max())
+        far[selection.engines_named].append(np.abs(state.q).max())
         return []
 
-    monkeypatch.setattr(ValidationRun, "look_at", looked_at)
+    monkeypatch.setattr(ValidationRun, "check_state", looked_at)
     monkeypatch.setattr("eomcheck.testing.suite.check_compared", lambda *_: None)
     for engine in (CasadiEngine, None):
         SceneTarget("rods", ChainPendulum.rods(2), engine).results(8, 0)

@@ -302,7 +302,7 @@ def test_a_validation_of_all_scenes_that_ends_early_keeps_the_scenes_that_are_do
         yield items[0], function(items[0])
         raise ended
 
-    monkeypatch.setattr("eomcheck.lab.store.validation_runs.spread", spread)
+    monkeypatch.setattr("eomcheck.lab.store.validation_runs.parallel_map", spread)
     files = {name: str(tmp_path / name) for name in ("json", "records")}
     options = [word for name, file in files.items() for word in (f"--{name}", file)]
     arguments = ["validate", "--scene", "all", "--examples", "2", "--links", "2", *options]

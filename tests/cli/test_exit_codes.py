@@ -119,8 +119,8 @@ def test_a_supervised_command_gives_the_code_it_ends_with_and_1_after_a_tracebac
 
     given = []
     monkeypatch.setattr(cli, "_run", run)
-    monkeypatch.setattr(cli.supervisor, "serve", lambda: 7)
-    monkeypatch.setattr(cli.supervisor, "give", lambda *told: given.append(told))
+    monkeypatch.setattr(cli.supervisor, "accept_supervision", lambda: 7)
+    monkeypatch.setattr(cli.supervisor, "report_exit_code", lambda *told: given.append(told))
     assert code_of(monkeypatch, "validate") == code
     assert given == [(7, code)]
     assert ("by hand" in capsys.readouterr().err) == (code == 1)
@@ -165,7 +165,7 @@ def test_a_campaign_with_a_find_is_1(finds, error, code, monkeypatch):
         if error is not None:
             raise error
 
-    made = SimpleNamespace(finds=finds, run=run)
+    made = SimpleNamespace(failure_records=finds, run=run)
     monkeypatch.setattr(campaigns, "Campaign", lambda *how: made)
     monkeypatch.setattr("eomcheck.lab.report.campaign_tables.print_campaign", lambda campaign: None)
     assert code_of(monkeypatch, "fuzz", "--scene", "sleigh", "--states", "1") == code
@@ -231,12 +231,12 @@ def test_refusals_and_redundant_constraints_are_1(command, count, code, monkeypa
 )
 def test_a_library_that_differs_or_gives_no_answer_is_1(change, code, monkeypatch):
     made = LibraryComparison(
-        SLEIGH, {"mujoco": "MuJoCo 3"}, why={"mujoco": []}, said={"mujoco": []}
+        SLEIGH, {"mujoco": "MuJoCo 3"}, explanations={"mujoco": []}, messages={"mujoco": []}
     )
     made.decided = {"mujoco": True}
     for name, value in change.items():
         setattr(made, name, value)
-    made.apart = {"M": np.zeros((2, 2))}
+    made.differences = {"M": np.zeros((2, 2))}
     monkeypatch.setattr(library_comparison, "compare_libraries", lambda *how: made)
     monkeypatch.setattr("eomcheck.scene_lookup.scene_named", lambda name: SLEIGH)
     assert code_of(monkeypatch, "compare", "robot.urdf") == code
@@ -261,7 +261,7 @@ def told(
         return records
 
     monkeypatch.setattr(type(study), "run", run)
-    for name in ("charts", "sheets", "said"):
+    for name in ("charts", "tables", "remarks"):
         monkeypatch.setitem(study.__dict__, name, lambda found: [])
     return study
 

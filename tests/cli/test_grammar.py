@@ -234,7 +234,7 @@ def test_a_hint_is_given_where_one_name_is_near_and_else_none():
 def test_functions_where_a_scene_is_expected_are_told_where_to_go(
     command, monkeypatch, capsys, tmp_path
 ):
-    text = "from eomcheck.testing import Functions\ngood, other = Functions(2, T=max), 3\n"
+    text = "from eomcheck.testing import EquationsOfMotion as E\ngood, other = E(2, T=max), 3\n"
     (tmp_path / f"fun_{command}.py").write_text(text)
     monkeypatch.chdir(tmp_path)
     name = f"fun_{command}.py:good"

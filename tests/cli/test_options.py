@@ -166,7 +166,7 @@ MANY, GIF, REPLAY = "0.1 --draws 2", "a.gif", "--replay f.json"
 FUNCTIONS = "--scene of_options.py:own --states 1"
 """Other words to begin with, for options that say nothing otherwise."""
 
-OWN = "from eomcheck.testing import Functions\nown = Functions(1, M=lambda q: [[1.0]])\n"
+OWN = "from eomcheck.testing import EquationsOfMotion as E\nown = E(1, M=lambda q: [[1.0]])\n"
 """A file with functions."""
 
 Case = tuple[str, Seen] | tuple[str, Seen, str]
@@ -265,7 +265,7 @@ CASES: dict[str, dict[str, Case]] = {
         "ration": (
             "--ration 1,2,3,4,5",
             {
-                "plan.ration.enclosures": 1,
+                "plan.check_frequency.enclosures": 1,
                 "plan.ration.balls": 2,
                 "plan.ration.engines": 3,
                 "plan.ration.checks": 4,
@@ -543,7 +543,7 @@ def test_every_option_of_every_study_is_handed_on(group, key, here, monkeypatch)
     how = {"charts": lambda found: [chart], "sheets": lambda found: [], "said": lambda found: []}
     for name, value in (how | {"alarm": lambda found: False}).items():
         monkeypatch.setitem(study.__dict__, name, value)
-    command = command_of(key, drawn=group == "draw")
+    command = command_of(key, figure_only=group == "draw")
     options = study.options()
     shared = {"records", "fresh", "patience"}
     shared |= {"path"} if group == "draw" else {"json", "figures"}

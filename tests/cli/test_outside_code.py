@@ -196,8 +196,8 @@ def test_a_scene_that_raises_whatever_it_is_asked_is_a_failure(tmp_path: Path):
     kind = in_file(*trailer(tmp_path, "raises", "raise ValueError('no axle')").rsplit(":", 1))
     selection = RunSelection.of(engines=[], claims=["finite-terms"], scenes=[kind])
     for look in (
-        lambda run: run.look_at_kind(kind, selection, (1, 1), 3, 0),
-        lambda run: run.look_at_scene(kind.example(), selection, 3, 0),
+        lambda run: run.validate_kind(kind, selection, (1, 1), 3, 0),
+        lambda run: run.validate_scene(kind.example(), selection, 3, 0),
     ):
         run = ValidationRun()
         look(run)
@@ -213,7 +213,7 @@ def test_a_scene_that_raises_while_states_are_drawn_and_did_not_fail_before_is_a
 
     run = ValidationRun()
     with pytest.raises(ZeroDivisionError):
-        run.look_at_scene(Late(), RunSelection.of(engines=[], claims=["finite-terms"]), 3, 0)
+        run.validate_scene(Late(), RunSelection.of(engines=[], claims=["finite-terms"]), 3, 0)
 
 
 def test_an_exception_is_reported_of_the_function_of_the_file_that_raised_it(tmp_path: Path):

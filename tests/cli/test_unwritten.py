@@ -45,7 +45,7 @@ def campaign(monkeypatch: pytest.MonkeyPatch) -> list[object]:
 
     def of_one_find(campaign: campaigns.Campaign, *how: object) -> None:
         ran.append(how)
-        campaign.finds[FIND.key] = FIND
+        campaign.failure_records[FIND.key] = FIND
 
     monkeypatch.setattr(campaigns.Campaign, "run", of_one_find)
     return ran

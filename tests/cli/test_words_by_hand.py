@@ -512,7 +512,7 @@ def test_a_study_writes_prints_says_and_exits_by_its_alarm(alarm, monkeypatch, c
         run=lambda records, fresh, **options: (order.append((records, fresh, options)), found)[1],
         write=noting("write", [tmp_path / "b.md"]),
         document=noting("document", {"a": 1}),
-        sheets=noting("sheets", []),
+        tables=noting("sheets", []),
         said=noting("said", ["First.", "Second."]),
         alarm=noting("alarm", alarm),
     )

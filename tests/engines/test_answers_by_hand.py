@@ -303,7 +303,7 @@ def test_elsewhere_is_one_state_for_each_number_and_nothing_of_it_counts():
         ([1.0, -3.75], [0.0, -5.0], 2.5),
     ]
     asked.clear()
-    answers.disturb("bias", Q, V, 2.5)
+    answers.provoke_stale_answers("bias", Q, V, 2.5)
     near = 2.0**-26
     assert asked == [
         ([0.75, -3.375], [-0.25, -4.5], 2.5),

@@ -63,8 +63,8 @@ class HauledBob(Parametric, functions=globals()):
     mass: Any = parameter("m", "kg", "> 0", (0.5, 5.0), (1,), default=(2.0,))
     inertia: Any = parameter("I", "kg m²", ">= 0", (0.1, 1.0), (1,), default=(0.3,))
     length: Any = parameter("ℓ_0", "m", "> 0", (1.0, 3.0), default=1.5)
-    haul: Any = parameter("ℓ_1", "m", drawn=(-0.5, 0.5), default=0.4)
-    frequency: Any = parameter("κ", "rad/s", drawn=(0.5, 5.0), default=1.7)
+    haul: Any = parameter("ℓ_1", "m", sample_range=(-0.5, 0.5), default=0.4)
+    frequency: Any = parameter("κ", "rad/s", sample_range=(0.5, 5.0), default=1.7)
 
     key = "hauled-bob"
     named_coordinates = "x", "θ"

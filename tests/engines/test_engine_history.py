@@ -163,7 +163,7 @@ def test_an_engine_that_is_wrong_now_and_then_while_it_moves_fails_at_the_first_
     first = ValidationRun()
     selection = RunSelection.of(engines=[Now], claims=["bias"], scenes=[SCENE])
     for v, verdict in ((0 * V, "passed"), (V, "failed")):
-        (found,) = first.look_at(SCENE, State(Q, v), selection)
+        (found,) = first.check_state(SCENE, State(Q, v), selection)
         assert found.verdict == verdict
 
 
@@ -249,7 +249,7 @@ def test_before_each_answer_an_engine_is_asked_elsewhere_and_in_the_eighth_digit
             return super().bias(q, v, t)
 
     kind: Any = Asked
-    Answers(kind(SCENE)).disturb("bias", 30 * Q, V, 0.0)
+    Answers(kind(SCENE)).provoke_stale_answers("bias", 30 * Q, V, 0.0)
     # The map of coordinates takes the first angle off the second.
     apart = [np.linalg.solve(np.kron(np.eye(2), [[1, 0], [-1, 1]]), one) for one in asked]
     far, _, near, speed = (one - np.hstack((30 * Q, V)) for one in apart)

@@ -172,7 +172,7 @@ class Ball(
     mechanism(
         "Ball",
         [Link("ground"), Link("ball", 1.0, (0.0, 0.0, 0.0), (0.4, 0.4, 0.4))],
-        [Joint("f", "floating", "ground", "ball", place=(0.0, 0.0, 1.0))],
+        [Joint("f", "floating", "ground", "ball", origin=(0.0, 0.0, 1.0))],
         constraints=rolling_ball("r", "ball", "ground", 1.0),
     )
 ):

@@ -220,7 +220,7 @@ def test_joints_of_a_free_base_come_first_and_its_frame_is_the_librarys(tmp_path
     base = free_base(q[:6], v[:6])
     S, rest = base.velocity(told, v[:6])
     x, whole, more = one.velocity_map(q, v)
-    assert x.tolist() == [*base.place, *base.quaternion, q[8], q[6], q[7]]
+    assert x.tolist() == [*base.position, *base.quaternion, q[8], q[6], q[7]]
     assert whole[:6, :6].tolist() == S.tolist() and not whole[:6, 6:].any()
     assert whole[6:].tolist() == one.coordinates[6:].tolist()
     assert more.tolist() == [*rest, 0.0, 0.0, 0.0]
@@ -281,7 +281,7 @@ def test_a_base_is_turned_about_z_then_y_then_x_and_its_velocities_are_by_hand()
     v = np.array([0.1, 0.2, 0.3, 2.0, 3.0, 5.0])
     base = free_base(q, v, np.array([1.0, 0.0, 0.0]), np.diag([1.0, -1.0, -1.0]))
     near: Any = lambda x: pytest.approx(np.array(x, float), abs=1e-15)  # noqa: E731
-    assert base.place == near([1, 3, 3])
+    assert base.position == near([1, 3, 3])
     assert near([[0, 1, 0], [1, 0, 0], [0, 0, -1]]) == base.R
     # A quarter turn about z: y points to -x, x to y.
     assert base.angular == near(np.column_stack([np.zeros((3, 3)), [0, 0, 1], [-1, 0, 0],
@@ -296,7 +296,7 @@ def test_a_base_is_turned_about_z_then_y_then_x_and_its_velocities_are_by_hand()
     alpha = np.array([-10.0, -6.0, -15.0])
     assert base.linear_rest == near(np.cross(alpha, arm_) + np.cross(omega, np.cross(omega, arm_)))
     plain = free_base(q, v)
-    assert plain.place.tolist() == [1, 2, 3] and not plain.linear[:, 3:].any()
+    assert plain.position.tolist() == [1, 2, 3] and not plain.linear[:, 3:].any()
     assert near([[0, -1, 0], [1, 0, 0], [0, 0, 1]]) == plain.R
 
 
@@ -417,7 +417,7 @@ def test_mujoco_has_our_terms_of_balls_and_free_bodies_in_coordinates_of_its_own
     x, S, rest = engine.velocity_map(q, v)
     ball = free_base(np.array([0, 0, 0, *q[1:4]]), np.array([0, 0, 0, *v[1:4]]))
     free = free_base(q[5:], v[5:])
-    assert x.tolist() == [q[0], *ball.quaternion, q[4], *free.place, *free.quaternion]
+    assert x.tolist() == [q[0], *ball.quaternion, q[4], *free.position, *free.quaternion]
     whole, more = np.eye(11), np.zeros(11)
     whole[1:4, 1:4], more[1:4] = (
         part[3:] if part.ndim == 1 else part[3:, 3:]

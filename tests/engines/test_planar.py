@@ -32,12 +32,12 @@ def crank(closed: bool = False, **last) -> Scene:
     """
     body = {"mass": 1.3, "center": (0.4, 0.1, 0.0), "moments": (0.2, 0.3, 0.25)}
     names = ["a", "b", "c", "d"]
-    follow = {"kind": "revolute", "turn": TURNED, "follows": ("p", -1.5, 0.3)} | last
+    follow = {"kind": "revolute", "orientation": TURNED, "mimics": ("p", -1.5, 0.3)} | last
     joints = [
         Joint("p", "revolute", "ground", "a", (0.2, 0.1, 0.0), armature=0.7),
         Joint("s", "prismatic", "a", "b", (0.7, 0.1, 0.0), axis=(1.0, 0.0, 0.0)),
-        Joint("r", "revolute", "b", "c", (0.5, -0.2, 0.0), turn=TURNED),
-        Joint("f", parent="b", child="d", place=(0.1, 0.3, 0.0), **follow),
+        Joint("r", "revolute", "b", "c", (0.5, -0.2, 0.0), orientation=TURNED),
+        Joint("f", parent="b", child="d", origin=(0.1, 0.3, 0.0), **follow),
     ]
     ends = [distance("rod", "c", "ground", 1.1, (0.3, 0, 0), (0.2, 1.2, 0))] if closed else []
     links = [Link("ground"), *(Link(name, **body) for name in names)]
@@ -96,11 +96,11 @@ def test_the_guide_lists_every_field_of_a_tree_with_its_shape_in_the_order_of_th
 
 
 def test_the_engine_of_the_guide_refuses_what_leaves_the_plane():
-    tilted = crank(turn=(0.8, 0.6, 0.0, 0.0), follows=None)
+    tilted = crank(orientation=(0.8, 0.6, 0.0, 0.0), mimics=None)
     tree = tilted.tree()
     assert tree is not None and set(tree.joint) <= {"px", "py", "rz"}
-    over = crank(turn=(0.0, 1.0, 0.0, 0.0), follows=None)  # upside down
-    along_z = crank(kind="prismatic", follows=None)
+    over = crank(orientation=(0.0, 1.0, 0.0, 0.0), mimics=None)  # upside down
+    along_z = crank(kind="prismatic", mimics=None)
     for scene in (tilted, over, along_z):
         assert not planar().represents(scene)
     assert planar().represents(crank())
@@ -112,7 +112,7 @@ def looked_at(key: str, examples: int, seed: int) -> ValidationRun:
     kind = RANDOM[key]
     selection = RunSelection.of(None, [planar()], ASKING, scenes=[kind])
     run = ValidationRun()
-    run.look_at_kind(kind, selection, (1, 12), examples, seed)
+    run.validate_kind(kind, selection, (1, 12), examples, seed)
     run.finish(selection)
     return run
 

@@ -61,7 +61,7 @@ def represented(kind: type[Engine], scene: Scene) -> type[Engine]:
 def look(scene: Scene, state: State, engine: Engine, *claims: str):
     formulations = tuple(f for f in FORMULATIONS.values() if f.applies_to(scene))
     case = Case(Evaluation(scene, *state), formulations, (engine,))
-    found = [one for claim in claims for one in case.look(CLAIMS[claim])]
+    found = [one for claim in claims for one in case.evaluate(CLAIMS[claim])]
     return [one for one in found if one.subject.split(" ~ ")[-1] == engine.key]
 
 
@@ -270,8 +270,8 @@ def linked(place: float, closed: bool, axis=(1, 0, 1)):
     names = ["a", "b", "c"]
     joints = [
         Joint("p", "revolute", "ground", "a", axis=(0.0, 0.6, 0.8)),
-        Joint("s", "prismatic", "a", "b", place=(0.7, 0.1, 0.0), axis=(1.0, 0.0, 0.0)),
-        Joint("r", "revolute", "b", "c", (0.5, 0, 0.1), follows=("p", -1.5, place), axis=axis),
+        Joint("s", "prismatic", "a", "b", origin=(0.7, 0.1, 0.0), axis=(1.0, 0.0, 0.0)),
+        Joint("r", "revolute", "b", "c", (0.5, 0, 0.1), mimics=("p", -1.5, place), axis=axis),
     ]
     ends = [distance("rod", "c", "ground", 1.1, (0.3, 0, 0), (0.2, 1.2, 0))] if closed else []
     links = [elements.Link("ground"), *(elements.Link(name, **rod) for name in names)]

@@ -403,7 +403,7 @@ def test_a_lane_is_refused_by_any_of_its_matrices_its_speeds_or_what_overflows(m
     )
     vdot = np.ones((3, 6))
     vdot[2, 3] = np.inf
-    monkeypatch.setattr(at, "watched", lambda key: nullcontext(watch), raising=False)
+    monkeypatch.setattr(at, "recording_solves", lambda key: nullcontext(watch), raising=False)
     monkeypatch.setattr(
         at, "solution", lambda *given: Solution(LaneArray(vdot.copy()), None), raising=False
     )
@@ -446,8 +446,12 @@ def around(
     return at, asked
 
 
-GROWN = constraint_rank.RowRank(np.array([0, 1, 2]), np.array([3]), FOUND.distance, FOUND.unsure)
-OTHERS = constraint_rank.RowRank(np.array([1, 2]), np.array([0, 3]), FOUND.distance, FOUND.unsure)
+GROWN = constraint_rank.RowRank(
+    np.array([0, 1, 2]), np.array([3]), FOUND.distance, FOUND.uncertainty
+)
+OTHERS = constraint_rank.RowRank(
+    np.array([1, 2]), np.array([0, 3]), FOUND.distance, FOUND.uncertainty
+)
 
 
 @pytest.mark.parametrize(

@@ -84,12 +84,12 @@ def test_bodies_have_these_inertia_forces_and_this_energy():
 
 def test_a_body_is_moved_by_all_speeds_where_a_dependent_velocity_moves_it():
     moved = np.array([[True, False, False, True], [False, False, True, False], [False] * 4])
-    scene = SimpleNamespace(r=1, composed={"kinematics", "bodies", "terms"})
+    scene = SimpleNamespace(r=1, derived_functions={"kinematics", "bodies", "terms"})
     expected = [[True] * 3, [False, True, False], [False] * 3]
     assert derived_functions.support_of(scene, moved).tolist() == expected
     scene.r = 0
     assert (derived_functions.support_of(scene, moved) == moved).all()
-    scene.composed = {"bodies"}
+    scene.derived_functions = {"bodies"}
     assert derived_functions.support_of(scene, moved) is None
 
 
@@ -235,7 +235,7 @@ def test_what_a_state_keeps_is_found_once_and_a_refusal_is_raised_again():
     def other(where: Evaluation) -> int:
         return 7
 
-    assert [at.kept(found), at.kept(other), at.kept(found)] == [1, 7, 1]
+    assert [at.cached(found), at.cached(other), at.cached(found)] == [1, 7, 1]
     assert asked == [at]
     with pytest.raises(InputError, match="pivoted = True: au has no partition to choose"):
         at.partition_for(FORMULATIONS["au"], pivoted=True)

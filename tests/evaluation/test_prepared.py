@@ -60,14 +60,14 @@ def parts(record) -> list[np.ndarray]:
 def test_cosines_and_sines_move_by_a_step(kind):
     at = at_rest(kind(*MASSES), [0.4, -0.2, 0.3, 1.1])
     copies = perturbed_samples(at)
-    assert (copies[0].together.listed is None) == (kind is Scaled)
+    assert (copies[0].batch.traced_preparation is None) == (kind is Scaled)
     for copy in copies[:-1]:
         for name in ("cos", "sin"):
             still, moved = (np.asarray(getattr(e.prepared, name)) for e in (at, copy))
             steps = np.abs(moved - still) / np.abs(still) / STEP
             assert ((steps > 0.4) & (steps < 1.6)).all()
-            of_all = getattr(copy.together.prepared, name)
-            assert (np.asarray(of_all)[copy.place] == moved).all()
+            of_all = getattr(copy.batch.prepared, name)
+            assert (np.asarray(of_all)[copy.index] == moved).all()
     first = [np.asarray(copy.prepared.cos) for copy in copies]
     assert len({x.tobytes() for x in first}) == len(copies)
 
@@ -119,7 +119,7 @@ def test_rates_of_what_is_prepared_are_those_of_moved_angles():
     scene = Bicycle()
     q, v = scene.initial_state()
     at = Evaluation(scene, q, v, 0.0)
-    still = at.moving(v)[0].sines[0].rate
+    still = at.prepared_duals(v)[0].sines[0].rate
     moved = [copy.moving(v)[0].sines[0].rate for copy in perturbed_samples(at)[:-1]]
     assert all(abs(one - still) < allowed_error(1.0) / EPS * STEP for one in moved)
     assert len({float(one) for one in moved}) > 1

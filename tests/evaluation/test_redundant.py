@@ -196,12 +196,12 @@ def test_what_a_claim_solves_by_itself_is_kept_for_its_copies():
     uk = FORMULATIONS["uk"]
     M, _, _, a, gamma, _ = at.terms
     given = M, at.F, a, gamma, at.v, at.partition_for(uk, pivoted=False)
-    _, digits = at.solved("as a claim does", uk.solution, *given)
+    _, digits = at.call_solving("as a claim does", uk.solution, *given)
     kept = at.solves["as a claim does", False]
     assert digits and set(kept) == {"M_UK", "a_k fit", "1 + G GT"}
     (copy,) = perturbed_samples(at)[:1]
-    with copy.watched(("as a claim does", False)) as watch:
-        assert watch.like.keys() == kept.keys()
+    with copy.recording_solves(("as a claim does", False)) as watch:
+        assert watch.references.keys() == kept.keys()
 
 
 def test_a_mass_matrix_may_be_singular_where_constraints_hold_the_rest():
@@ -264,7 +264,7 @@ def test_the_rows_taken_are_those_that_pivoted_qr_takes_first():
     q, _ = RING.closed(1.0, 0.0)
     assert independent_constraints(RING, q).redundant == ("hinge along z",)
     found = rank_of(Evaluation(RING, q, np.zeros(5)))
-    assert found.distance[4] <= found.unsure[4] < 1e-12
+    assert found.distance[4] <= found.uncertainty[4] < 1e-12
     assert found.distance[:4].min() > 0.1
     assert independent_constraints(RING, RING.closed(0.2, 0.0)[0]).redundant == ("hinge along y",)
 
@@ -353,7 +353,7 @@ def test_after_many_turns_the_rank_is_as_clear_as_the_angles_are():
     turned = q + 2 * np.pi * 1e5 * np.array([1, -1, 1, 1, -1])
     assert len(independent_constraints(RING, turned).kept) == 4
     at = Evaluation(RING, turned, np.zeros(5))
-    assert 1e-12 < np.linalg.svd(at.terms.a, compute_uv=False)[-1] < rank_of(at).unsure.max()
+    assert 1e-12 < np.linalg.svd(at.terms.a, compute_uv=False)[-1] < rank_of(at).uncertainty.max()
 
 
 def test_a_changed_rank_is_refused():

@@ -58,7 +58,7 @@ def test_every_number_that_is_read_is_moved(at: Evaluation):
 
 def test_what_is_returned_is_moved_as_what_is_read(at: Evaluation):
     record = at.parameters
-    assert (np.asarray(perturbed_samples(at)[0].keep(record).mass) != record.mass).all()
+    assert (np.asarray(perturbed_samples(at)[0].finished(record).mass) != record.mass).all()
 
 
 def test_copies_are_moved_independently(at: Evaluation):
@@ -75,7 +75,7 @@ def test_the_last_copy_is_the_first_stretched(at: Evaluation):
 
 
 def test_cosines_sines_and_roots_are_moved(at: Evaluation):
-    arithmetic, x = perturbed_samples(at)[0].preparing, np.array([0.3, 2.0])
+    arithmetic, x = perturbed_samples(at)[0].prepare_arithmetic, np.array([0.3, 2.0])
     angles = arithmetic.angles(x)
     for moved, exact in (
         (angles.cos, np.cos(x)),
@@ -98,7 +98,7 @@ def test_jacobians_that_terms_are_made_of_are_moved():
     q, v = scene.initial_state()
     at = Evaluation(scene, q + 0.3, v)
     copies, given = perturbed_samples(at), []
-    together = copies[0].together
+    together = copies[0].batch
     calling = together.call
 
     def recording(function, *arguments):
@@ -154,7 +154,7 @@ def test_what_copies_run_is_moved_alone_and_side_by_side(at: Evaluation):
         found = copy.run(function, x)
         assert (found != 1.0).all()
         assert np.abs(found - 1.0).max() < 1e4 * STEP
-    together = copies[0].together.run(function, np.stack([x] * len(copies)))
+    together = copies[0].batch.run(function, np.stack([x] * len(copies)))
     assert (together != 1.0).all()
     assert len(np.unique(together[:, 0])) == len(copies)
 
@@ -167,13 +167,13 @@ def test_what_is_not_listed_is_done_copy_by_copy(at: Evaluation):
 
     copies = perturbed_samples(at)
     A, b = np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([1.0, 2.0])
-    together = copies[0].together
-    with together.computing("it"), together.watched() as watch:
+    together = copies[0].batch
+    with together.computing("it"), together.recording_solves() as watch:
         found = together.call(function, np.stack([A] * len(copies)), np.stack([b] * len(copies)))
     (one,) = watch.solves
     assert len(np.unique(found[:, 0])) == len(copies)
     for i, copy in enumerate(copies):
-        with copy.computing("it"), copy.watched() as alone:
+        with copy.computing("it"), copy.recording_solves() as alone:
             assert np.array_equal(copy.call(function, A, b), found[i])
         assert alone.solves[0].log_determinant == one.log_determinant[i]
         assert alone.solves[0].sign == one.sign[i] == -1
@@ -190,7 +190,7 @@ def change_of_entries(v: np.ndarray, seed: int) -> np.ndarray:
     """Return by how much the copy of this seed changes v, entry by entry."""
     noise = Noise(seed)
     with noise.stream("state"):
-        return noise.entries(v) - v
+        return noise.perturb(v) - v
 
 
 def test_the_velocity_is_moved_by_as_much_as_is_let_pass():
@@ -269,14 +269,14 @@ def test_a_cancellation_is_hardly_ever_missed():
 
 def test_equal_contributions_do_not_cancel():
     noise = Noise(0)
-    apart = noise.entries(np.ones(200)) - noise.entries(np.ones(200))
+    apart = noise.perturb(np.ones(200)) - noise.perturb(np.ones(200))
     assert np.count_nonzero(apart) > 190
 
 
 def test_sums_and_differences_of_whole_arrays_move():
     x, y = np.full(50, 3.0), np.full(50, 0.7)
-    moved = Noise(0).array(x.copy())
-    changed = Noise(1).array(x.copy())
+    moved = Noise(0).as_perturbed(x.copy())
+    changed = Noise(1).as_perturbed(x.copy())
     changed += y
     for found, exact in ((moved + y, x + y), (moved - y, x - y), (changed, x + y)):
         steps = np.abs(np.asarray(found) - exact) / exact / STEP

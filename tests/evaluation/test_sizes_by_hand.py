@@ -80,7 +80,7 @@ def test_what_is_read_counts_by_its_size_and_the_change_of_the_copy_that_moves_m
 
     def perturbed(at: Any, coordinates: bool) -> Any:
         asked.append(coordinates)
-        return [SimpleNamespace(together=SimpleNamespace(of_what_is_read=read))]
+        return [SimpleNamespace(together=SimpleNamespace(solution_without_noise=read))]
 
     monkeypatch.setattr(sensitivity, "perturbed_samples", perturbed)
     at: Any = SimpleNamespace(acceleration=lambda f, pivoted: SimpleNamespace(vdot=here))
@@ -323,7 +323,9 @@ def test_rows_are_kept_by_the_largest_that_is_left(monkeypatch):
     assert (found.kept.tolist(), found.redundant.tolist()) == ([0, 2, 3], [1])
     assert found.distance == pytest.approx([1.2, 0.0, 5.0, 1e-9], abs=1e-14)
     wide = np.sqrt(3.0) * 1e-14
-    assert found.unsure == pytest.approx([1.32 * wide, 2 * wide, wide, wide], rel=1e-6, abs=0.0)
+    assert found.inconclusive_counts == pytest.approx(
+        [1.32 * wide, 2 * wide, wide, wide], rel=1e-6, abs=0.0
+    )
 
 
 @pytest.mark.parametrize(

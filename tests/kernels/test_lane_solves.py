@@ -82,7 +82,7 @@ def test_moved_lanes_are_near_those_that_are_not():
     b = [np.ones(SIZE)] * len(A)
     exact, told, _ = together(solve_in_lanes, A, b)
     for like in (None, {"A": told}):
-        found, moved, refused = together(solve_in_lanes, A, b, noise=LaneNoise(3), like=like)
+        found, moved, refused = together(solve_in_lanes, A, b, noise=LaneNoise(3), references=like)
         assert not refused.any() and np.isnan(found[5]).all()
         change = np.abs(found - exact).max(axis=1) / np.abs(exact).max(axis=1)
         for i in (0, 1):
@@ -196,8 +196,8 @@ def test_lanes_are_moved_by_the_rounding_of_the_matrix_as_it_is_where_that_has_m
         lu = told.rounding.sizes.lu * factor
         larger = told.rounding._replace(sizes=type(told.rounding.sizes)(lu, told.pivots - 1))
         like = {"A": told._replace(rounding=larger)}
-        still = together(solve_in_lanes, A, b, noise=Told(-1, 1e-9), like=like)[0]
-        moved = together(solve_in_lanes, A, b, noise=Told(6, 1e-9), like=like)[0]
+        still = together(solve_in_lanes, A, b, noise=Told(-1, 1e-9), references=like)[0]
+        moved = together(solve_in_lanes, A, b, noise=Told(6, 1e-9), references=like)[0]
         row = A[0] @ (moved[0] - still[0]) / 1e-9
         # |L||U||x| = 1 for x = (1, 0), each factor by itself; |L| keeps its ones.
         assert row[0] == pytest.approx(max(factor, 1.0), rel=1e-2)

@@ -135,18 +135,18 @@ def test_arrays_of_a_block_begin_lines_of_cache_and_only_what_is_read_behind_loo
     assert [x for x in reads_of(items) if x[0] == "s"] == [("s", 0)]
     assert ("c", 1.0) in [*reads_of(items)] and ("i", "q", 2, 0) in [*reads_of(items)]
     found = layout_of(program, {"p": 11, "q": 3})
-    assert dict(found.places) == {"p": 0, "q": 11, "x0": 16, "r0": 24, "l0.0": 40, "l0.1": 56}
-    assert (found.size, found.room) == (72, 0)
-    assert (found.doubles(1), found.doubles(4)) == (HEADER + 72, HEADER + 4 * 72)
-    assert Layout({}, 8, 5).doubles(2) == HEADER + 16 + 5
+    assert dict(found.offsets) == {"p": 0, "q": 11, "x0": 16, "r0": 24, "l0.0": 40, "l0.1": 56}
+    assert (found.size, found.workspace) == (72, 0)
+    assert (found.float64_count(1), found.float64_count(4)) == (HEADER + 72, HEADER + 4 * 72)
+    assert Layout({}, 8, 5).float64_count(2) == HEADER + 16 + 5
     groups = [
         ("group", 0, kind, "A", shape, inline, -1, ())
         for kind, shape, inline in (("solve", (3, 2), False), ("product", (2, 3, 4), False))
     ]
-    assert layout_of(Program(tuple(groups), ()), {}).room == 2 * 3 + 3 * 4 + 2 * 4
-    assert layout_of(Program((groups[0],), ()), {}).room == 6
+    assert layout_of(Program(tuple(groups), ()), {}).workspace == 2 * 3 + 3 * 4 + 2 * 4
+    assert layout_of(Program((groups[0],), ()), {}).workspace == 6
     inline = (*groups[0][:5], True, -1, ())
-    assert layout_of(Program((inline,), ()), {}).room == 0
+    assert layout_of(Program((inline,), ()), {}).workspace == 0
 
 
 # ---- Rows and calls ------------------------------------------------------------------------------
@@ -331,14 +331,14 @@ def test_what_has_few_operations_or_is_not_finite_is_done_by_python(monkeypatch)
     monkeypatch.setattr(perturbed_trace, "_Trace", Counted)
     for size in (FEWEST_COMPILED - 1, FEWEST_COMPILED):
         x = np.arange(1.0, size + 1)
-        assert TraceRunner().unmoved(lambda x: x * x, x).tolist() == (x * x).tolist()
+        assert TraceRunner().run_exact(lambda x: x * x, x).tolist() == (x * x).tolist()
     assert runs == [FEWEST_COMPILED]
     x = np.zeros(FEWEST_COMPILED)
     x[1:] = 1.0
     with np.errstate(divide="ignore"):
-        found = TraceRunner().unmoved(lambda x: (1 / x, (x, None)), x)
+        found = TraceRunner().run_exact(lambda x: (1 / x, (x, None)), x)
     assert found[0].tolist() == [np.inf, *[1.0] * (FEWEST_COMPILED - 1)] and found[1][1] is None
-    assert TraceRunner().unmoved(lambda x: x if x[0] > 0 else -x, -np.ones(2)).tolist() == [1, 1]
+    assert TraceRunner().run_exact(lambda x: x if x[0] > 0 else -x, -np.ones(2)).tolist() == [1, 1]
 
 
 def test_a_record_is_gathered_once_and_its_arrays_are_handed_on_in_order(monkeypatch):

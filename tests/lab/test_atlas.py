@@ -74,7 +74,7 @@ def test_boxes_of_the_heat_map_are_the_worst_variant_at_each_severity_looked_at(
     assert told["el, pivoted"] == [None, (lost[3], False, True), (lost[2], False, False), None]
     assert told["au"][0] == (0.0, False, False) and told["au"][1] is None
     assert told["au"][3] == (lost[5], False, False)
-    said = [list(x.said) for x in heat.rows["el"][1] if x is not None]
+    said = [list(x.hover_text) for x in heat.rows["el"][1] if x is not None]
     assert said[1] == [
         "el, severity 0.0001",
         "1 of 2 variants solved",
@@ -92,7 +92,7 @@ def test_digits_lost_are_drawn_of_all_methods_and_of_one_by_its_variants():
     panel = chart.panels["Straight snake", "all"]
     assert isinstance(panel, Panel)
     assert panel.bad == pytest.approx((DOUBLES - 6, DOUBLES))
-    lines = [(x.key, list(x.x), x.look, x.dashed, list(x.hollow)) for x in panel.lines]
+    lines = [(x.key, list(x.x), x.appearance, x.dashed, list(x.hollow)) for x in panel.lines]
     assert lines == [
         ("el", ["0.1", "0.0001", "1e-08"], "line", False, [False, True, True]),
         ("el", ["0.0001", "1e-08"], "crosses", False, [True, False]),
@@ -100,13 +100,13 @@ def test_digits_lost_are_drawn_of_all_methods_and_of_one_by_its_variants():
         ("au", ["0.1", "1e-08"], "line", False, [False, True]),
         ("au", ["1e-08"], "crosses", False, [False]),
     ]
-    heights = [set(x.y) for x in panel.lines if x.look == "crosses"]
+    heights = [set(x.y) for x in panel.lines if x.appearance == "crosses"]
     assert heights == [{DOUBLES + 1}, {DOUBLES + 1 + 2 * 0.4}]
     alone = chart.panels["Straight snake", "el"]
     assert isinstance(alone, Panel)
-    assert {x.look for x in alone.lines} == {"dotted", "thin", "line", "crosses"}
+    assert {x.appearance for x in alone.lines} == {"dotted", "thin", "line", "crosses"}
     ys = [
-        (x.look, [None if math.isnan(y) else round(DOUBLES - y, 1) for y in x.y])
+        (x.appearance, [None if math.isnan(y) else round(DOUBLES - y, 1) for y in x.y])
         for x in alone.lines
     ]
     assert ys[:4] == [
@@ -117,7 +117,7 @@ def test_digits_lost_are_drawn_of_all_methods_and_of_one_by_its_variants():
     ]
     rings = chart.panels["Straight snake", "el, pivoted"]
     assert isinstance(rings, Panel)
-    assert [list(x.x) for x in rings.lines if x.look == "rings"] == [["0.0001"]]
+    assert [list(x.x) for x in rings.lines if x.appearance == "rings"] == [["0.0001"]]
     assert [one.name for one in chart.parts] == ["stability-straight", "stability-dependent"]
     assert chart.parts[0].grid == [
         [("Straight snake", "el"), ("Straight snake", "el, pivoted")],
@@ -126,7 +126,7 @@ def test_digits_lost_are_drawn_of_all_methods_and_of_one_by_its_variants():
 
 
 def test_where_methods_break_is_told_with_the_digits_lost_before_and_why():
-    tables = {sheet.name: [tuple(row) for row in sheet.rows] for sheet in ATLAS.sheets(FOUND)}
+    tables = {sheet.name: [tuple(row) for row in sheet.rows] for sheet in ATLAS.tables(FOUND)}
     large = "true error 1e-03; condition number of a_1 4e+07"
     assert tables["stability-straight"] == [
         ("el", "0.0001", "refused", f"{DOUBLES - 13:.1f}", "a'T is singular"),
@@ -146,7 +146,7 @@ def test_where_methods_break_is_told_with_the_digits_lost_before_and_why():
         ),
         ("au", "failed", "straight", "3 links", "1e-08", "no state"),
     ]
-    (text,) = ATLAS.said(FOUND)
+    (text,) = ATLAS.remarks(FOUND)
     counts = "4 refused, 2 worse as their error bound tells, 1 silently wrong."
     assert text.startswith("11 cells: 4 good") and text.endswith(counts)
 
@@ -157,7 +157,7 @@ def test_scenes_beside_the_snake_share_a_table_a_line_each_family():
         cell(EL, 1.0, "heavier", 1e-2, 1e-1, 1e-3, family="sleigh-mass"),
         cell(AU, 1.0, "fast", "refused", "M is singular", family="rolling-disk-speed"),
     ]
-    tables = {sheet.name: sheet for sheet in ATLAS.sheets([*FOUND, *others])}
+    tables = {sheet.name: sheet for sheet in ATLAS.tables([*FOUND, *others])}
     assert {"stability-breaks", "stability-scenes-breaks"} <= set(tables)
     shared = tables["stability-scenes-breaks"]
     assert list(shared.columns) == ["family", "au", "el"]
@@ -167,9 +167,9 @@ def test_scenes_beside_the_snake_share_a_table_a_line_each_family():
     }
     charts = [chart.name for chart in ATLAS.charts([*FOUND, *others])]
     assert charts == ["stability", "stability-scenes", "stability-families"]
-    alone = {sheet.name for sheet in ATLAS.sheets(others[:2])}
+    alone = {sheet.name for sheet in ATLAS.tables(others[:2])}
     assert "stability-sleigh-breaks" in alone
-    together = {sheet.name for sheet in ATLAS.sheets(others) if sheet.name.endswith("-breaks")}
+    together = {sheet.name for sheet in ATLAS.tables(others) if sheet.name.endswith("-breaks")}
     assert together == {"stability-scenes-breaks"}
 
 

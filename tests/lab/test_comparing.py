@@ -64,8 +64,8 @@ def test_a_library_that_reads_the_file_agrees_to_rounding(key, more, floating, t
     assert ("base_pitch" in scene.coordinate_names) == floating
     found = compare_libraries(scene, [key], states=5)
     assert found.verdict(key) in ("agrees", "fewer digits")
-    assert set(found.apart) == set(QUANTITIES)
-    assert all(table.max() < 1e-9 for table in found.apart.values())
+    assert set(found.differences) == set(QUANTITIES)
+    assert all(table.max() < 1e-9 for table in found.differences.values())
     assert len(found.findings) == 4
     assert found.states == 5
 
@@ -95,7 +95,7 @@ def test_a_base_moves_as_differences_of_its_places_say(linear, angular, first):
     q, v = np.array([0.3, -0.2, 0.5, 2.1, -0.7, 1.3]), np.array([0.4, 0.2, -0.6, 0.9, -1.1, 0.8])
     at, turn = np.array([0.2, -0.5, 0.3]), rotation_matrix((0.9, 0.1, -0.3, 0.2))
     before, here, after = (free_base(q + x * v, v, at, turn) for x in (-h, 0, h))
-    place = (after.place - before.place) / (2 * h)
+    place = (after.position - before.position) / (2 * h)
     spin = (after.R - before.R) @ here.R.T / (2 * h)
     omega = np.array([spin[2, 1], spin[0, 2], spin[1, 0]])
     parts = [
@@ -164,10 +164,10 @@ def compared(monkeypatch, kind: type[PinocchioFile], path: Path, **options) -> L
 )
 def test_what_a_library_reads_otherwise_is_named(monkeypatch, tmp_path, kind, claim, why):
     found = compared(monkeypatch, kind, tmp_path / "arm.urdf")
-    assert claim in {one.claim for one in found.of(kind.key)}
-    assert [one.sentence for one in found.why[kind.key]] == [why]
+    assert claim in {one.claim for one in found.failures_of(kind.key)}
+    assert [one.sentence for one in found.explanations[kind.key]] == [why]
     assert found.verdict(kind.key) == "differs"
-    assert max(table[0, 1] for table in found.apart.values()) > 1e-4
+    assert max(table[0, 1] for table in found.differences.values()) > 1e-4
 
 
 def test_fewer_digits_are_told_apart_from_other_equations(monkeypatch, tmp_path):
@@ -181,7 +181,9 @@ def test_a_library_without_damping_says_so_and_nothing_else(tmp_path: Path):
         from_urdf(arm(tmp_path / "arm.urdf", damping="0.3")), ["pinocchio"], states=3
     )
     assert found.verdict("pinocchio") == "no damping"
-    assert [one.sentence for one in found.why["pinocchio"]] == ["leaves out the damping of slide"]
+    assert [one.sentence for one in found.explanations["pinocchio"]] == [
+        "leaves out the damping of slide"
+    ]
     assert {one.claim for one in found.failed} == {"engine-acceleration"}
 
 
@@ -194,7 +196,7 @@ def test_a_larger_damping_than_the_file_s_is_not_one_that_is_left_out(monkeypatc
             return super().free_acceleration(q, v) - np.linalg.solve(self.mass_matrix(q), twice)
 
     found = compared(monkeypatch, Reversed, tmp_path / "arm.urdf", damping="0.3")
-    assert found.why["reversed_file"] == []
+    assert found.explanations["reversed_file"] == []
     assert found.verdict("reversed_file") == "differs"
 
 
@@ -203,8 +205,8 @@ def opposite(path: Path, wrong: list[str]) -> Discrepancy:
     at = parting(path)
     damped = frozenset({"shoulder", "slide"})
     missing = np.array([-1.0 if name in wrong else name in damped for name in at.joints])
-    theirs = at.ours | {"q̈": at.ours["q̈"] + missing}
-    return at._replace(description=at.description._replace(damped=damped), theirs=theirs)
+    theirs = at.reference | {"q̈": at.reference["q̈"] + missing}
+    return at._replace(description=at.description._replace(damped=damped), library=theirs)
 
 
 @pytest.mark.parametrize("wrong", [[], ["shoulder"], ["slide"], ["shoulder", "slide"], ["wrist"]])
@@ -239,7 +241,7 @@ def test_a_base_whose_velocity_is_another_than_taken_is_named(monkeypatch, tmp_p
     monkeypatch.setitem(library_comparison.BY_FORMAT["urdf"], "taken_file", Taken)
     scene = from_urdf(free(tmp_path / "arm.urdf"), floating=True)
     found = compare_libraries(scene, ["taken_file"], states=3)
-    ((why, _),) = found.why["taken_file"]
+    ((why, _),) = found.explanations["taken_file"]
     assert why.startswith("has another velocity of the base: ")
     assert told in why
     assert why.endswith(f"not {taken}")
@@ -287,12 +289,12 @@ def test_joints_with_the_opposite_axis_are_named_though_others_have_the_same_M(
         read_description(arm(tmp_path / "arm.urdf")), names, np.ones(n), ours | rest, {}, {}
     )
     said = ", ".join(names[i] for i in turned)
-    assert explain(at._replace(theirs=theirs | rest)) == [
+    assert explain(at._replace(library=theirs | rest)) == [
         Explanation(f"has the opposite axis: {said}")
     ]
     # Where nothing weighs, fewest joints.
     free = {"gravity": np.zeros(n)} | rest
-    (said,) = explain(at._replace(ours=ours | free, theirs=theirs | free))
+    (said,) = explain(at._replace(reference=ours | free, library=theirs | free))
     assert said.sentence.count(",") + 1 == min(len(turned), n - len(turned))
 
 
@@ -345,7 +347,7 @@ def test_forces_that_cancel_to_rounding_are_no_difference(key: str, tmp_path: Pa
     installed(key)
     found = compare_libraries(from_urdf(wheel(tmp_path / "wheel.urdf")), [key], states=6)
     assert (found.verdict(key), found.agree) == ("agrees", True)
-    assert all(table.max() < 1e-13 for name, table in found.apart.items() if name != "q̈")
+    assert all(table.max() < 1e-13 for name, table in found.differences.items() if name != "q̈")
 
 
 def test_a_thousandth_of_what_cancels_is_the_least_that_differences_are_relative_to():
@@ -368,10 +370,10 @@ def test_states_are_those_of_the_seed(tmp_path: Path):
 
 def test_what_cancels_to_rounding_agrees_but_for_digits(tmp_path: Path):
     at = parting(tmp_path / "arm.urdf")
-    at.ours["bias"], at.theirs["bias"] = np.zeros(3), np.full(3, 1e-16)
-    assert not at.same("bias")
-    assert at._replace(summed={"bias": 1.0}).same("bias")
-    assert not at._replace(summed={"bias": 1e-9}).same("bias")
+    at.reference["bias"], at.library["bias"] = np.zeros(3), np.full(3, 1e-16)
+    assert not at.agrees_on("bias")
+    assert at._replace(summed={"bias": 1.0}).agrees_on("bias")
+    assert not at._replace(summed={"bias": 1e-9}).agrees_on("bias")
 
 
 def test_moments_of_weights_are_as_large_as_the_whole_weight_at_the_end_of_the_arm(tmp_path: Path):
@@ -395,7 +397,7 @@ def test_fast_motion_takes_no_digits_from_forces_by_mujoco(tmp_path: Path):
 
 def test_of_a_file_that_is_read_in_two_ways_nobody_is_blamed(monkeypatch, tmp_path, capsys):
     found = compared(monkeypatch, Heavy, tmp_path / "arm.urdf")
-    assert (found.own, found.agree) == ([], False)
+    assert (found.self_failures, found.agree) == ([], False)
     assert all(" by the library, " in one.detail for one in found.failed)
     assert not any("expected" in one.detail for one in found.failed)
     print_comparison(found)
@@ -413,7 +415,7 @@ def test_derivations_of_ours_that_differ_from_each_other_are_said(monkeypatch, t
     monkeypatch.setitem(library_comparison.BY_FORMAT["urdf"], Heavy.key, Heavy)
     monkeypatch.setattr(type(scene), "energies", staticmethod(twice))
     found = compare_libraries(scene, [Heavy.key], states=3)
-    assert {one.claim for one in found.own} >= {"kinetic-energy"}
+    assert {one.claim for one in found.self_failures} >= {"kinetic-energy"}
     print_comparison(found)
     printed = " ".join(capsys.readouterr().out.split())
     assert "The two derivations of eomcheck differ from each other: kinetic energy" in printed
@@ -434,7 +436,7 @@ def test_derivations_of_ours_are_compared_in_no_state_in_which_all_libraries_agr
     states = [State(np.array([0.3, x, -0.7]), np.ones(3)) for x in (-0.4, 0.6, -0.8, 1.2)]
     monkeypatch.setattr(library_comparison, "draw_samples", lambda cases, count, seed: states)
     found = compare_libraries(scene, [HeavyAbove.key], states=4)
-    assert {one.state.q[1] for one in found.own if one.state is not None} == {0.6, 1.2}
+    assert {one.state.q[1] for one in found.self_failures if one.state is not None} == {0.6, 1.2}
 
 
 def test_redundant_equalities_leave_all_but_the_acceleration_to_compare(tmp_path, capsys):
@@ -448,9 +450,9 @@ def test_redundant_equalities_leave_all_but_the_acceleration_to_compare(tmp_path
         "bias",
         "generalized-forces",
     }
-    assert not found.unsure
-    assert np.isnan(found.apart["q̈"]).all()
-    assert all(table.max() < 1e-13 for name, table in found.apart.items() if name != "q̈")
+    assert not found.inconclusive_counts
+    assert np.isnan(found.differences["q̈"]).all()
+    assert all(table.max() < 1e-13 for name, table in found.differences.items() if name != "q̈")
     print_comparison(found)
     printed = " ".join(capsys.readouterr().out.split())
     assert "q̈ is not compared in 2 of 2 states: the 3 x 3 matrix" in printed
@@ -467,10 +469,10 @@ def test_a_number_that_rounding_explains_away_is_not_shown(tmp_path, capsys):
     found = compare_libraries(
         from_urdf(arm(tmp_path / "arm.urdf", last=hand)), ["pinocchio"], states=2
     )
-    assert dict(found.unsure) == {("pinocchio", "acceleration"): 2}
-    assert np.isnan(found.apart["q̈"][0, 1])
+    assert dict(found.inconclusive_counts) == {("pinocchio", "acceleration"): 2}
+    assert np.isnan(found.differences["q̈"][0, 1])
     assert found.verdict("pinocchio") == "agrees where decided"
-    assert found.undecided("pinocchio") == ["engine-acceleration"]
+    assert found.undecided_claims("pinocchio") == ["engine-acceleration"]
     print_comparison(found)
     printed = " ".join(capsys.readouterr().out.split())
     assert "engine-acceleration is not resolved in any of 2 states: gw ~ pinocchio" in printed
@@ -484,7 +486,7 @@ def test_a_number_that_rounding_explains_away_is_not_shown(tmp_path, capsys):
 def test_a_quantity_unsure_in_one_state_has_the_difference_of_the_others(
     monkeypatch, tmp_path, unsure
 ):
-    right, seen = ValidationRun.look_at, []
+    right, seen = ValidationRun.check_state, []
 
     def blind(self, *how):
         found = right(self, *how)
@@ -493,11 +495,11 @@ def test_a_quantity_unsure_in_one_state_has_the_difference_of_the_others(
             return found
         return [replace(one, verdict="inconclusive") for one in found]
 
-    monkeypatch.setattr(ValidationRun, "look_at", blind)
+    monkeypatch.setattr(ValidationRun, "check_state", blind)
     scene = from_urdf(arm(tmp_path / "arm.urdf"))
     found = compare_libraries(scene, ["pinocchio"], states=2)
-    assert len(seen) == 2 and set(found.unsure.values()) == {1}
-    assert all(0 <= table[0, 1] < 1e-9 for table in found.apart.values())
+    assert len(seen) == 2 and set(found.inconclusive_counts.values()) == {1}
+    assert all(0 <= table[0, 1] < 1e-9 for table in found.differences.values())
 
 
 def test_a_failure_counts_in_place_of_what_is_inconclusive_by_more():
@@ -513,15 +515,15 @@ def test_a_failure_counts_in_place_of_what_is_inconclusive_by_more():
 def test_nothing_decided_about_any_library_is_never_agreement(
     monkeypatch, tmp_path, capsys, verdict
 ):
-    right = ValidationRun.look_at
+    right = ValidationRun.check_state
 
     def undecided(self, *how):
         return [replace(one, verdict=verdict) for one in right(self, *how)]
 
-    monkeypatch.setattr(ValidationRun, "look_at", undecided)
+    monkeypatch.setattr(ValidationRun, "check_state", undecided)
     scene = from_urdf(arm(tmp_path / "arm.urdf"))
     found = compare_libraries(scene, ["pinocchio"], states=2)
-    assert (found.agree, found.disagree, found.open) == (False, False, ["pinocchio"])
+    assert (found.agree, found.disagree, found.undecided_libraries) == (False, False, ["pinocchio"])
     where = {"inconclusive": "inconclusive", "skipped": "nothing compared"}[verdict]
     assert found.verdict("pinocchio") == where
     print_comparison(found)
@@ -578,7 +580,7 @@ def test_a_library_that_does_not_answer_is_told_by_quantity(
     assert all(said.startswith(what) for said in found.faults.values())
     assert not found.agree
     assert found.verdict(kind.key) == ", ".join(f"no {name}" for name in quantities)
-    agreed = [table for name, table in found.apart.items() if name not in quantities]
+    agreed = [table for name, table in found.differences.items() if name not in quantities]
     assert np.max(agreed) < 1e-12
     print_comparison(found)
     shown = " ".join(capsys.readouterr().out.split())

@@ -114,7 +114,7 @@ def test_the_record_of_a_state_has_a_row_for_each_finding_and_one_code_for_all()
     where = {"scene": "snake", "links": 2, "structure": SNAKE.structure}
     assert (structure.study, structure.settings) == (PROOFS, where)
     (again,) = stored_findings_in([structure])
-    assert (again.case, again.structure, again.place) == (None, SNAKE.structure, SNAKE.structure)
+    assert (again.case, again.structure, again.location) == (None, SNAKE.structure, SNAKE.structure)
 
 
 @pytest.mark.parametrize(

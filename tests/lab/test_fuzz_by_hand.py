@@ -113,7 +113,7 @@ def test_a_random_scene_is_kept_as_its_description_and_what_was_changed_of_it():
     scene = next(kind.structures(3))
     usual = plain_random(scene)
     assert list(usual) == ["description"]
-    assert usual["description"][3] == list(scene.made.description.gravity)
+    assert usual["description"][3] == list(scene.source.description.gravity)
     mass = (2.0 * scene.mass).tolist()
     changed = scene.changed(mass=2.0 * scene.mass, gravity=None)
     kept = plain_random(changed)

@@ -331,7 +331,7 @@ def test_rounds_of_functions_count_keep_the_highest_and_tell_the_first_reason(mo
     monkeypatch.setattr(fuzzed, "check_functions_at", judged)
     plan = FunctionsPlan("x", 0, ("a", "b"), batch=3, climbing=False)
     result = plan.run(Round(0, StructuralVariant(None, ()), {}))
-    assert seen == [("a", "b")] * 3 and (result.states, plan.most) == (3, 6)
+    assert seen == [("a", "b")] * 3 and (result.states, plan.max_states) == (3, 6)
     assert result.counts == {
         "ordinary": 2,
         "special": 1,
@@ -345,11 +345,11 @@ def test_rounds_of_functions_count_keep_the_highest_and_tell_the_first_reason(mo
         "skipped: b [M]": 3,
         "decided: b [M]": 3,
     }
-    assert result.open == {
+    assert result.undecided == {
         "a [qdd]": "inconclusive in all states: blind 1",
         "b [M]": "skipped in every state: none 1",
     }
-    heights = {key: [x.height for x in best] for key, best in result.population.items()}
+    heights = {key: [x.score for x in best] for key, best in result.population.items()}
     assert heights == {
         ("a", "M"): pytest.approx([0.6, 0.4, 0.2]),
         ("b", "M"): pytest.approx([0.04, 0.04]),

@@ -388,7 +388,7 @@ def test_a_round_of_motions_keeps_what_passed_counts_verdicts_and_asks_one_alone
         "motions finished": 2,
         "motions stopped": 1,
     }
-    heights = {key: [(x.height, x.case) for x in best] for key, best in one.population.items()}
+    heights = {key: [(x.score, x.case) for x in best] for key, best in one.population.items()}
     assert heights == {
         (END_STATES, "em"): [(0.6, CASES[1]), (0.3, CASES[0])],
         (ENERGY, "em"): [(0.1, CASES[1])],
@@ -404,7 +404,7 @@ def test_a_round_of_motions_keeps_what_passed_counts_verdicts_and_asks_one_alone
     for number in range(5):
         plan.run(Round(number, StructuralVariant(None, ()), {}))
     assert max(t for t, _ in asked) == 0.25
-    assert (plan.most, plan._replace(batch=5).most, plan.noun) == (32, 10, "motion")
+    assert (plan.max_states, plan._replace(batch=5).max_states, plan.noun) == (32, 10, "motion")
 
 
 # ---- Whose fault ---------------------------------------------------------------------------------

@@ -173,7 +173,7 @@ def test_engines_on_trial_are_asked_as_often_near_their_highest_as_in_the_round(
     state_rounds._climb_on_trial(here, result, {("bias", "mine"): []}, np.random.default_rng(0))
     assert asked == [("climbed", 6, clamped_to_ranges)] + [(("bias", "mass-matrix"), (Mine,))] * 3
     assert result.counts["engines, climbed"] == 3 and len(result.failed) == 3
-    assert [x.height for x in result.population["bias", "mine"]] == pytest.approx([0.8, 0.6, 0.4])
+    assert [x.score for x in result.population["bias", "mine"]] == pytest.approx([0.8, 0.6, 0.4])
 
 
 # ---- Which states are asked what -----------------------------------------------------------------
@@ -224,7 +224,7 @@ def test_rations_go_on_counting_where_the_states_before_ended(monkeypatch, ratio
     monkeypatch.setattr(state_rounds, "update_population", lambda *how: None)
     result = RoundResult(3, STRATUM, {}, Counter({"states": 7}))
     claims = (*ENGINES, "power-balance", "enclosures", "true-error")
-    here = plan(claims=claims, ration=ration, engines=("pinocchio",) if named else ())
+    here = plan(claims=claims, check_frequency=ration, engines=("pinocchio",) if named else ())
     # States 103 to 106: the second and the fourth are even, the third is a multiple of 5 and 7.
     state_rounds.screen_and_judge(here, result, range(4), {1, 2})  # type: ignore[arg-type]
     assert judged == expected
@@ -249,8 +249,8 @@ def test_a_suspect_of_the_truth_is_as_high_as_its_true_error_is_judged_to_be(mon
     monkeypatch.setattr(state_rounds, "screen", lambda *how: found)
     result = RoundResult(0, STRATUM, {})
     state_rounds.screen_and_judge(plan(), result, range(2), set())  # type: ignore[arg-type]
-    assert found.heights[TRUTH, "kane"].tolist() == [0.8, 9.0]
-    assert found.heights["bias", ""].tolist() == [8.0, 0.1]  # it is not suspect by that
+    assert found.scores[TRUTH, "kane"].tolist() == [0.8, 9.0]
+    assert found.scores["bias", ""].tolist() == [8.0, 0.1]  # it is not suspect by that
 
 
 def test_what_engines_on_trial_come_to_is_the_largest_that_passed():
@@ -311,10 +311,10 @@ def test_ordinary_states_of_what_the_clock_drives_are_within_its_time():
 
 def test_what_no_lanes_can_run_is_judged_state_by_state_with_its_place():
     assert runs_in_lanes(Snake) and not runs_in_lanes(Rough) and runs_in_lanes(Sleigh)
-    found = screen(ordinary(RoughAndWrong, 1), FEW[:1], ("power-balance",), every=1)
-    assert (found.unseen, found.suspects) == ([], {0: {"power-balance"}})
+    found = screen(ordinary(RoughAndWrong, 1), FEW[:1], ("power-balance",), enclosed_every=1)
+    assert (found.non_finite, found.suspects) == ([], {0: {"power-balance"}})
     assert found.enclosed == 0  # no balls can run them either
-    assert found.worst[0] > 1.0 and found.verdicts["failed"] == 1
+    assert found.max_scores[0] > 1.0 and found.verdicts["failed"] == 1
 
 
 def test_of_what_no_lanes_can_run_every_verdict_counts_once_and_the_highest_is_told(monkeypatch):
@@ -335,10 +335,10 @@ def test_of_what_no_lanes_can_run_every_verdict_counts_once_and_the_highest_is_t
     monkeypatch.setattr(screening, "check_case", checked)
     found, cases = ScreeningResult(3), ["case", "lost", "case"]
     screening._look_alone(found, np.array([2, 1, 0]), cases, FEW, ("equivalence",))  # type: ignore[arg-type]
-    assert found.unseen == [1]
-    assert found.heights["equivalence", "au"].tolist() == [0.8, 0.0, 0.8]
-    assert found.heights["equivalence", "kane"].tolist() == [4.0, 0.0, 4.0]
-    assert set(found.heights) == {("equivalence", "au"), ("equivalence", "kane")}
+    assert found.non_finite == [1]
+    assert found.scores["equivalence", "au"].tolist() == [0.8, 0.0, 0.8]
+    assert found.scores["equivalence", "kane"].tolist() == [4.0, 0.0, 4.0]
+    assert set(found.scores) == {("equivalence", "au"), ("equivalence", "kane")}
     assert found.suspects == {2: {"equivalence"}, 0: {"equivalence"}}
     assert found.verdicts == {"passed": 4, "failed": 2, "inconclusive": 4, "skipped": 2}
     assert found.by_claim == {
@@ -346,20 +346,20 @@ def test_of_what_no_lanes_can_run_every_verdict_counts_once_and_the_highest_is_t
         (screening.OPEN, "equivalence"): 2,
         (screening.OPEN, "power-balance"): 2,
     }
-    assert found.worst.tolist() == [4.0, 0.0, 4.0]
+    assert found.max_scores.tolist() == [4.0, 0.0, 4.0]
 
 
 def test_differences_that_underflow_show_no_way_up(monkeypatch):
-    right = BatchedCase.look
+    right = BatchedCase.evaluate
 
     def look(self, claims):
         for one in right(self, claims):
             tiny = np.array([1e-310, 1e-3])
             yield one._replace(observed=np.array([0.0, 5e-4]) + tiny / 2, allowed=tiny)
 
-    monkeypatch.setattr(BatchedCase, "look", look)
-    found = screen(ordinary(Snake, 2), FEW[:1], ("kinetic-energy",), every=0)
-    assert found.worst.tolist() == pytest.approx([0.0, 1.0])
+    monkeypatch.setattr(BatchedCase, "evaluate", look)
+    found = screen(ordinary(Snake, 2), FEW[:1], ("kinetic-energy",), enclosed_every=0)
+    assert found.max_scores.tolist() == pytest.approx([0.0, 1.0])
 
 
 def test_a_formulation_that_refuses_is_not_held_against_the_truth(monkeypatch):
@@ -368,8 +368,8 @@ def test_a_formulation_that_refuses_is_not_held_against_the_truth(monkeypatch):
         BatchedCase, "refused", lambda self, key: right(self, key) | (key == "kane")
     )
     monkeypatch.setattr(screening, "true_error", lambda vdot, truth: np.full(len(vdot), 1.0))
-    found = screen(ordinary(Snake, 1), FEW, ("true-error",), every=1)
-    heights = {key: x.tolist() for (claim, key), x in found.heights.items() if claim == TRUTH}
+    found = screen(ordinary(Snake, 1), FEW, ("true-error",), enclosed_every=1)
+    heights = {key: x.tolist() for (claim, key), x in found.scores.items() if claim == TRUTH}
     assert heights.pop("au")[0] > 1.0 and heights in ({}, {"kane": [0.0]})
 
 
@@ -416,12 +416,16 @@ def test_a_failure_is_looked_for_at_the_first_finds_and_else_made_small_by_its_s
     monkeypatch.setattr(state_rounds, "failure_record", lambda one, name: (one.subject, name))
     known: Any = [SimpleNamespace(case=case) for case in "abcd"]
     plans = plan(seed=7, formulations=("au", "kane"))
-    assert plans.find(failed, "x", known) == ("small", "x")
+    assert plans.record_failure(failed, "x", known) == ("small", "x")
     assert asked == ["a", "b", "c", (("au", "kane"), 7)]
     asked.clear()
-    assert plans.find(failed, "x", known[1:]) == ("here", "x") and asked == ["b", "c", "d"]
+    assert plans.record_failure(failed, "x", known[1:]) == ("here", "x") and asked == [
+        "b",
+        "c",
+        "d",
+    ]
     asked.clear()
-    assert plans.find(failed, "x") == ("failed", "x") and asked == []
+    assert plans.record_failure(failed, "x") == ("failed", "x") and asked == []
 
 
 def test_failures_alike_are_of_one_claim_and_cause(monkeypatch):
@@ -458,16 +462,16 @@ class Worked:
         self.rounds.append(given)
         assert len(self.rounds) < 50
         population: Any = dict(given.population)
-        key = "bias", given.stratum.name
+        key = "bias", given.variant.name
         height = {0: 0.5, 1: 0.75}.get(given.number, 0.25)
         population[key] = [ScoredCase(height, f"case {given.number}"), *population.get(key, ())]
         return RoundResult(
             given.number,
-            given.stratum,
+            given.variant,
             population,
             Counter({"states": self.each, "ordinary": 3}),
             list(self.failing),
-            open={"bias": f"why {given.number}"},
+            undecided={"bias": f"why {given.number}"},
             seconds=2.0,
             cpu_seconds=0.5,
         )
@@ -487,27 +491,27 @@ def campaign(work: Worked) -> Campaign:
 def test_every_generation_has_every_structure_and_climbs_from_its_own():
     work = Worked()
     one, told = campaign(work), []
-    one.run(states=45, told=lambda here: told.append((here.rounds, here.states)))
+    one.run(states=45, on_round=lambda here: told.append((here.rounds, here.states)))
     assert told == [(i, 5 * i) for i in range(1, 10)]
     assert [given.number for given in work.rounds] == [*range(9)]
     for i in range(0, 9, 3):
-        assert {given.stratum for given in work.rounds[i : i + 3]} == set(STRATA)
+        assert {given.variant for given in work.rounds[i : i + 3]} == set(STRATA)
     for given in work.rounds:
         (best,) = given.population.values() or ([],)
         earlier = [
             f"case {x.number}"
             for x in work.rounds
-            if x.stratum == given.stratum and x.number < given.number
+            if x.variant == given.variant and x.number < given.number
         ]
         assert [x.case for x in best] == earlier[::-1]
     assert one.counts == {"states": 45, "ordinary": 27}
-    assert one.by_stratum == {x.name: 15 for x in STRATA}
+    assert one.by_variant == {x.name: 15 for x in STRATA}
     assert (one.seconds, one.cpu_seconds, one.resumed) == (18.0, 4.5, 0)
-    names = {given.number: given.stratum.name for given in work.rounds}
-    assert one.worst["bias", names[1]].height == 0.75
-    assert {x.height for key, x in one.worst.items() if key[1] != names[1]} == {0.5, 0.25}
+    names = {given.number: given.variant.name for given in work.rounds}
+    assert one.worst["bias", names[1]].score == 0.75
+    assert {x.score for key, x in one.worst.items() if key[1] != names[1]} == {0.5, 0.25}
     # Why nothing was decided is told by the first round.
-    assert one.open == {"bias": "why 0"}
+    assert one.undecided == {"bias": "why 0"}
     orders = [[names[i + k] for k in range(3)] for i in (0, 3, 6)]
     assert len({tuple(x) for x in orders}) > 1
 
@@ -544,15 +548,15 @@ def test_a_new_cause_is_made_small_while_there_is_time_and_a_known_one_only_coun
     for late, evidence in ((False, ["by hand, of 0", "by hand, of 1"]), (True, ["by hand"] * 2)):
         one = campaign(Worked(failing=failed))
         one._take(one.plan.run(Round(0, STRATA[0], {})), lambda late=late: late)
-        assert [find.evidence for find in one.finds.values()] == evidence
-        assert one.failures == {("equivalence", "kane"): 4, ("equivalence", "au"): 1}
+        assert [find.evidence for find in one.failure_records.values()] == evidence
+        assert one.failure_counts == {("equivalence", "kane"): 4, ("equivalence", "au"): 1}
 
 
 def test_a_plan_looks_at_no_more_states_than_it_says():
     here = plan(batch=6, climbing=True)
-    assert here.most == 12 and here._replace(batch=7).most == 14
+    assert here.max_states == 12 and here._replace(batch=7).max_states == 14
     random = RandomStatePlan(**plan(batch=6)._asdict())
-    assert random.most == 6 * (2 * state_rounds.STRUCTURES + 1)
+    assert random.max_states == 6 * (2 * state_rounds.STRUCTURES + 1)
 
 
 # ---- Random kinds --------------------------------------------------------------------------------

@@ -15,7 +15,7 @@ from eomcheck import strategies, velocity
 from eomcheck.claims import CLAIMS, Case, Finding
 from eomcheck.claims.batched_claims import NotBatchableError
 from eomcheck.claims.pairwise_design import levels_of_case as measured_strata
-from eomcheck.claims.registry import Equality
+from eomcheck.claims.registry import Comparison
 from eomcheck.errors import InputError
 from eomcheck.evaluation.batched_evaluation import LaneEvaluation
 from eomcheck.evaluation.dynamics import check_consistent
@@ -62,7 +62,7 @@ STRATUM = StructuralVariant(2, ("damping",))
 def plan(**options) -> StatePlan:
     """Return a plan of small batches, in lanes only."""
     usual = {"kind": Snake, "seed": 3, "claims": ALL, "formulations": KEYS, "batch": 16}
-    return StatePlan(**(usual | {"ration": LANES_ONLY} | options))
+    return StatePlan(**(usual | {"check_frequency": LANES_ONLY} | options))
 
 
 class Wrong(Snake, functions=()):
@@ -162,7 +162,7 @@ def test_a_round_is_the_same_each_time_and_another_with_another_number():
     one, again = (run_round(plan(), Round(4, STRATUM, {})) for _ in range(2))
     other = run_round(plan(), Round(5, STRATUM, {}))
     heights = [
-        {key: [x.height for x in best] for key, best in result.population.items()}
+        {key: [x.score for x in best] for key, best in result.population.items()}
         for result in (one, again, other)
     ]
     assert heights[0] == heights[1] != heights[2]
@@ -190,7 +190,7 @@ def test_climbing_comes_deeper_into_a_hole_than_drawing(monkeypatch):
             here = plan(kind=Hole, claims=claims, climbing=climbing, batch=batch)
             here = here._replace(families=(ORDINARY,))
             population = run_round(here, Round(number, STRATUM, population)).population
-        return max(best[0].height for best in population.values())
+        return max(best[0].score for best in population.values())
 
     assert deepest(True) > 10 * deepest(False) > 0
 
@@ -215,12 +215,14 @@ def test_a_claim_that_lanes_cannot_evaluate_is_checked_state_by_state(monkeypatc
         if isinstance(at, LaneEvaluation):
             raise error
         for one in right(at, look):
-            yield one._replace(expected=2 * one.expected) if isinstance(one, Equality) else one
+            yield one._replace(expected=2 * one.expected) if isinstance(one, Comparison) else one
 
     monkeypatch.setitem(CLAIMS, "kinetic-energy", replace(claim, sides=wrong))
     here = {"claims": ("kinetic-energy",), "formulations": ("kane",), "batch": 4}
-    found = run_round(plan(**here, ration=CheckFrequency(0, 0, 0, 0, 2)), Round(0, STRATUM, {}))
-    assert found.lost == {"kinetic-energy": why}
+    found = run_round(
+        plan(**here, check_frequency=CheckFrequency(0, 0, 0, 0, 2)), Round(0, STRATUM, {})
+    )
+    assert found.not_batched == {"kinetic-energy": why}
     assert found.counts["unlifted"] == found.states / 2
     assert {one.claim for one in found.failed} == {"kinetic-energy"}
 
@@ -232,7 +234,7 @@ def test_a_campaign_goes_on_where_it_stopped_and_comes_to_the_same(tmp_path: Pat
 
     def populations(campaign: Campaign) -> dict:
         return {
-            (stratum.name, key): [one.height for one in best]
+            (stratum.name, key): [one.score for one in best]
             for stratum, population in campaign._populations.items()
             for key, best in population.items()
         }
@@ -249,7 +251,7 @@ def test_a_campaign_goes_on_where_it_stopped_and_comes_to_the_same(tmp_path: Pat
         second.run(states=7 * 32)
     assert second.states == whole.states and second.counts == whole.counts
     assert populations(second) == populations(whole)
-    assert second.by_stratum == whole.by_stratum
+    assert second.by_variant == whole.by_variant
 
 
 def test_a_campaign_goes_on_with_its_failures_and_with_what_no_lane_could_look_at(
@@ -257,7 +259,7 @@ def test_a_campaign_goes_on_with_its_failures_and_with_what_no_lane_could_look_a
 ):
     fault = triage.Diagnosis(triage.SCENE, "by hand")
     kept = lambda self, failed, name, known=None: failure_record(failed, name, fault)  # noqa: E731
-    monkeypatch.setattr(StatePlan, "find", kept)
+    monkeypatch.setattr(StatePlan, "record_failure", kept)
     scene = Snake.paper()
     of = scene, State(*scene.initial_state(), 0.0), 1.0, 0.5, "failed", "compared: x"
     failed = [Finding("equivalence", "kane", *of), Finding("equivalence", "au ~ kane", *of)]
@@ -282,20 +284,20 @@ def test_a_campaign_goes_on_with_its_failures_and_with_what_no_lane_could_look_a
             first._take(result(number, why), lambda: True)
     with Records(tmp_path / "r.db") as records:
         second = Campaign(plan(), "snake", (STRATUM,), records)
-    assert second.lost == first.lost == {"motion": "no lanes", "bias": "a loop"}
+    assert second.not_batched == first.not_batched == {"motion": "no lanes", "bias": "a loop"}
     assert (
-        second.failures
-        == first.failures
+        second.failure_counts
+        == first.failure_counts
         == {
             ("equivalence", "kane"): 6,
             ("equivalence", "au kane"): 3,
         }
     )
-    assert second.resumed == 3 and second.finds == first.finds
+    assert second.resumed == 3 and second.failure_records == first.failure_records
     assert [(one.seconds, one.cpu_seconds, one.rounds) for one in (first, second)] == [
         (12.0, 3.0, 3)
     ] * 2
-    heights = [{key: best.height for key, best in one.worst.items()} for one in (first, second)]
+    heights = [{key: best.score for key, best in one.worst.items()} for one in (first, second)]
     assert heights == [{("equivalence", "kane"): 0.75}] * 2
 
 
@@ -307,7 +309,7 @@ def test_another_cause_of_the_same_claim_and_subject_is_found_after_many_of_one(
         made.append(failed.detail)
         return failure_record(failed, name, fault)
 
-    monkeypatch.setattr(StatePlan, "find", kept)
+    monkeypatch.setattr(StatePlan, "record_failure", kept)
     scene = Snake.paper()
     case = scene, State(*scene.initial_state(), 0.0)
     details = ["v̇: wrong sign", *5 * ["v̇: half"], "v̇: wrong sign", "v̇: 3 times", "v̇: 4 times"]
@@ -315,7 +317,7 @@ def test_another_cause_of_the_same_claim_and_subject_is_found_after_many_of_one(
     failed = [Finding("bias", "kane", *of, detail=one) for one in details]
     campaign = Campaign(plan(), "snake", (STRATUM,))
     campaign._take(RoundResult(0, STRATUM, {}, Counter({"states": 9}), failed), lambda: True)
-    assert [one.detail for one in campaign.finds.values()] == [
+    assert [one.detail for one in campaign.failure_records.values()] == [
         "v̇: wrong sign",
         "v̇: half",
         "v̇: 3 times",
@@ -333,7 +335,7 @@ def test_another_cause_of_the_same_claim_and_subject_is_found_after_many_of_one(
         {"engines": ("mujoco",)},
         {"families": (ORDINARY,)},
         {"climbing": False},
-        {"ration": CheckFrequency()},
+        {"check_frequency": CheckFrequency()},
         {"batch": 8},
         {"wide": True},
         {},
@@ -343,7 +345,7 @@ def test_a_campaign_does_not_go_on_with_another(tmp_path: Path, monkeypatch, oth
     """Neither with its states nor with what it found; the last is another scene's."""
     fault = triage.Diagnosis(triage.SCENE, "by hand")
     kept = lambda self, failed, name, known=None: failure_record(failed, name, fault)  # noqa: E731
-    monkeypatch.setattr(StatePlan, "find", kept)
+    monkeypatch.setattr(StatePlan, "record_failure", kept)
     here = plan(engines=("pinocchio",))
     scene = Snake.paper()
     case = scene, State(*scene.initial_state(), 0.0)
@@ -352,7 +354,12 @@ def test_a_campaign_does_not_go_on_with_another(tmp_path: Path, monkeypatch, oth
     found = RoundResult(0, STRATUM, best, Counter({"states": 5}), failed, {"bias": "a loop"})
 
     def known(campaign: Campaign) -> list[int]:
-        told = campaign.finds, campaign.failures, campaign.worst, campaign.lost
+        told = (
+            campaign.failure_records,
+            campaign.failure_counts,
+            campaign.worst,
+            campaign.not_batched,
+        )
         return [campaign.resumed, *map(len, (*told, campaign._populations))]
 
     with Records(tmp_path / "r.db") as records:
@@ -371,7 +378,7 @@ def test_rounds_go_through_all_structures_before_any_comes_again():
     campaign.run(states=1)
     assert campaign.rounds == 1
     campaign.run(states=campaign.states + 3 * 8 + 1)
-    assert len(campaign.by_stratum) == campaign.rounds == 5
+    assert len(campaign.by_variant) == campaign.rounds == 5
 
 
 # ---- What fails ----------------------------------------------------------------------------------
@@ -382,7 +389,7 @@ def test_a_wrong_scene_is_a_find_and_the_scene_is_to_blame():
     result = run_round(wrong, Round(0, STRATUM, {}))
     assert result.failed and {one.claim for one in result.failed} <= set(wrong.claims)
     fault = diagnose_failure(next(one for one in result.failed if one.claim == "power-balance"))
-    assert fault.whose == triage.SCENE
+    assert fault.at_fault == triage.SCENE
 
 
 def test_a_bound_that_is_too_small_is_a_silent_error(monkeypatch):
@@ -391,23 +398,23 @@ def test_a_bound_that_is_too_small_is_a_silent_error(monkeypatch):
         monkeypatch.setattr(f"{module}.acceleration_sensitivity", lambda *_, **__: 1e-9)
     (finding, *_) = failed_findings(case, ["equivalence"], KEYS)
     fault = diagnose_failure(finding)
-    assert fault.whose == triage.SILENT and "true error" in fault.evidence
+    assert fault.at_fault == triage.SILENT and "true error" in fault.evidence
 
 
 def test_what_is_allowed_too_little_for_is_a_false_alarm(monkeypatch):
     (case,), _ = draw_cases(Snake, STRATUM, (ORDINARY,), 1, np.random.default_rng(2))
     monkeypatch.setattr("eomcheck.claims.case.sensitivity_of", lambda *_, **__: 1e-9)
     found = failed_findings(case, ["kane-ml-mass", "chain-energy", "speeds-velocity"], KEYS)
-    assert found and diagnose_failure(found[0]).whose == triage.ALARM
+    assert found and diagnose_failure(found[0]).at_fault == triage.ALARM
 
 
 def test_screening_finds_a_wrong_truth(monkeypatch):
     cases, _ = draw_cases(Snake, STRATUM, (ORDINARY,), 8, np.random.default_rng(2))
-    right = screen(cases, tuple(FORMULATIONS.values()), ("true-error",), every=2)
+    right = screen(cases, tuple(FORMULATIONS.values()), ("true-error",), enclosed_every=2)
     assert right.enclosed == len([i for i in range(len(cases)) if i % 2 == 0])
-    assert not right.suspects and 0 < right.heights[TRUTH, "kane"].max() < 1
+    assert not right.suspects and 0 < right.scores[TRUTH, "kane"].max() < 1
     monkeypatch.setattr("eomcheck.lab.fuzzing.screening.true_error", lambda x, _: np.abs(x))
-    wrong = screen(cases, tuple(FORMULATIONS.values()), ("true-error",), every=2)
+    wrong = screen(cases, tuple(FORMULATIONS.values()), ("true-error",), enclosed_every=2)
     assert any("true-error" in claims for claims in wrong.suspects.values())
 
 
@@ -424,7 +431,7 @@ def test_suspects_are_judged_by_check_alone(monkeypatch):
     assert judged and not result.failed
     assert result.counts["suspects judged"] == len(judged) <= 2 * state_rounds.MOST_JUDGED
     # What was not confirmed is nothing to climb to.
-    assert all(best[0].height <= 1.0 for best in result.population.values())
+    assert all(best[0].score <= 1.0 for best in result.population.values())
 
 
 @pytest.mark.night
@@ -439,7 +446,7 @@ def test_what_fails_is_looked_for_at_finds_before_it_is_made_small_itself(monkey
     claims = ("power-balance", "equivalence", "constraint-acceleration")
     wrong = Campaign(plan(kind=Wrong, claims=claims, families=(ORDINARY,)), "wrong", (STRATUM,))
     wrong.run(states=1)
-    assert 0 < len(made_small) < len(wrong.finds)
+    assert 0 < len(made_small) < len(wrong.failure_records)
 
 
 def test_a_scene_of_which_no_state_can_be_drawn_is_refused(monkeypatch):

@@ -162,7 +162,7 @@ def test_a_formulation_that_steps_over_a_singular_pose_is_a_find(monkeypatch, tm
     assert {x.subject for x in failed} == {"em"}
     first = failed[0]
     assert "singular" in first.detail and 0.2 < first.crossed < 0.35
-    find = plan(Sleigh).find(first, "sleigh", [])
+    find = plan(Sleigh).record_failure(first, "sleigh", [])
     assert find.whose == triage.SILENT and find.t_end < 5.0
     assert len(repr(find.parameters)) < len("{'mass': 1.3, 'inertia': 0.21, 'offset': 0.37}") + 40
     file = tmp_path / "found.json"
@@ -410,7 +410,7 @@ def test_a_formulation_is_to_blame_only_where_most_others_and_two_at_least_pass(
     of_energy = [finding(ENERGY, i, "passed") for i in range(len(KEYS))]
     monkeypatch.setattr(motion_rounds, "judge_motions", lambda *_: [[failed, *others, *of_energy]])
     fault = diagnose_motion_failure(failed, KEYS)
-    assert fault.whose == whose
+    assert fault.at_fault == whose
     best = 0.12 if "passed" in verdicts else 0
     agree = verdicts.count("passed")
     assert fault.evidence == f"{agree} of {len(verdicts)} others agree to {best}"
@@ -432,7 +432,7 @@ def test_a_campaign_of_motions_goes_on_where_it_stopped(tmp_path: Path):
         assert again.resumed > 0
         again.run(states=20)
     assert again.counts == whole.counts and whole.counts["climbed"] > 0
-    heights = [{key: x.height for key, x in one.worst.items()} for one in (whole, again)]
+    heights = [{key: x.score for key, x in one.worst.items()} for one in (whole, again)]
     assert heights[0] == heights[1]
 
 

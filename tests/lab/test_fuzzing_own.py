@@ -44,7 +44,7 @@ import sys
 sys.path.insert(0, {guides!r})
 import cart
 import numpy as np
-from eomcheck.testing import Functions
+from eomcheck.testing import EquationsOfMotion
 
 given = dict(M=cart.M, gravity=cart.gravity, qdd=cart.qdd, T=cart.T, U=cart.U, R=cart.R)
 
@@ -52,8 +52,8 @@ def close(q, v):
     B = cart.bias(q, v)
     return B if abs(q[1] - q[2]) > 3e-3 else B * np.array([1.0, 0.5, 0.5])
 
-right = Functions(3, bias=cart.bias, name="cart", **given)
-wrong = Functions(3, bias=close, name="cart", **given)
+right = EquationsOfMotion(3, bias=cart.bias, name="cart", **given)
+wrong = EquationsOfMotion(3, bias=close, name="cart", **given)
 """
 
 
@@ -115,7 +115,7 @@ import sys
 sys.path.insert(0, {guides!r})
 import cart
 import numpy as np
-from eomcheck.testing import Functions
+from eomcheck.testing import EquationsOfMotion
 
 def T(q, v):
     return cart.T(q, v) - cart.U(q)
@@ -125,9 +125,9 @@ def half(q):
         raise ValueError("no value")
     return cart.M(q)
 
-few = Functions(3, M=cart.M, bias=cart.bias, qdd=cart.qdd, name="few")
-energies = Functions(3, T=T, U=cart.U, name="energies", ranges=(-1, 1))
-partly = Functions(3, M=half, ranges=(-1, 1))
+few = EquationsOfMotion(3, M=cart.M, bias=cart.bias, qdd=cart.qdd, name="few")
+energies = EquationsOfMotion(3, T=T, U=cart.U, name="energies", ranges=(-1, 1))
+partly = EquationsOfMotion(3, M=half, ranges=(-1, 1))
 """
 
 
@@ -166,20 +166,20 @@ def test_what_is_told_in_some_states_is_no_caveat_and_the_others_are_kept(mine, 
     campaign = Campaign(symmetric, "mine", [ALL])
     campaign.run(states=16)
     skipped = "mass-matrix-symmetric [M]"
-    assert campaign.open == {skipped: "skipped in every state: M breaks: ValueError: no value"}
-    assert symmetric.caveats(campaign.counts, campaign.open, campaign.entries) == []
+    assert campaign.undecided == {skipped: "skipped in every state: M breaks: ValueError: no value"}
+    assert symmetric.caveats(campaign.counts, campaign.undecided, campaign.entries) == []
     open_ = FunctionsPlan(f"{mine}:few", 0, ("motion",), climbing=False, batch=2)
     with Records(tmp_path / "r.db") as records:
         Campaign(open_, "mine", [ALL], records).run(states=2)
     with Records(tmp_path / "r.db") as records:
         again = Campaign(open_, "mine", [ALL], records)
-    (said,) = open_.caveats(again.counts, again.open, again.entries)
+    (said,) = open_.caveats(again.counts, again.undecided, again.entries)
     assert said.startswith("motion [forces] inconclusive in all states: ")
 
 
 FIELD = """
 import numpy as np
-from eomcheck.testing import Functions
+from eomcheck.testing import EquationsOfMotion
 
 def gravity(q):
     return np.array([2.0 * np.sin(1e12 * q[0]), 3.0 * q[1]])
@@ -187,7 +187,8 @@ def gravity(q):
 def U(q):
     return -np.cos(1e12 * q[0]) / 1e12 + 1.5 * q[1] ** 2
 
-short = Functions(2, M=lambda q: np.eye(2), gravity=gravity, U=U, name="short", ranges=(-1, 1))
+given = {"M": lambda q: np.eye(2), "gravity": gravity, "U": U, "ranges": (-1, 1)}
+short = EquationsOfMotion(2, name="short", **given)
 """
 """A field of short wavelength, of which no finite difference knows the force in row q[0]."""
 
@@ -226,7 +227,7 @@ def test_an_entry_is_compared_in_the_states_in_which_its_subject_was(mine):
 
 ONCE = """
 import numpy as np
-from eomcheck.testing import Functions
+from eomcheck.testing import EquationsOfMotion
 
 def gravity(q):
     return np.array([2.0 * np.sin(1e12 * q[0]) if q[0] > 0.9 else 2.0 * q[0], 3.0 * q[1]])
@@ -234,7 +235,8 @@ def gravity(q):
 def U(q):
     return (-np.cos(1e12 * q[0]) / 1e12 if q[0] > 0.9 else q[0] ** 2) + 1.5 * q[1] ** 2
 
-once = Functions(2, M=lambda q: np.eye(2), gravity=gravity, U=U, name="once", ranges=(-1, 1))
+given = {"M": lambda q: np.eye(2), "gravity": gravity, "U": U, "ranges": (-1, 1)}
+once = EquationsOfMotion(2, name="once", **given)
 """
 """A field of short wavelength in a twentieth of the range."""
 
@@ -278,7 +280,7 @@ def test_what_is_made_round_stays_within_the_ranges(monkeypatch):
     monkeypatch.setattr(fuzzed, "functions_named", lambda _: leaning)
     here = FunctionsPlan("", 0, ("mass-matrix-symmetric",), (ORDINARY,), False, 1)
     (failed,) = here.run(Round(0, ALL, {})).failed
-    small = here.find(failed, "leaning", [])
+    small = here.record_failure(failed, "leaning", [])
     low, high = limits(leaning)
     assert all(low <= [*small.q, *small.v]) and all([*small.q, *small.v] <= high)
     assert small.q[1] in (-3.0, -2.0) and small.q[0] == 1.0 and small.v[0] == 0.0
@@ -317,8 +319,8 @@ def test_a_campaign_about_functions_goes_on_where_it_stopped(mine, tmp_path: Pat
         assert 0 < again.resumed < 24
         again.run(states=24)
     assert again.counts == whole.counts
-    assert {k: x.height for k, x in again.worst.items()} == {
-        k: x.height for k, x in whole.worst.items()
+    assert {k: x.score for k, x in again.worst.items()} == {
+        k: x.score for k, x in whole.worst.items()
     }
 
 
@@ -359,7 +361,11 @@ def of_engine(engine: type, **options) -> StatePlan:
     """Return a plan that asks an engine alone."""
     claims = tuple(one for one in CLAIMS if CLAIMS[one].asks == "mass_matrix")
     usual = {"kind": Snake, "seed": 0, "claims": claims, "formulations": tuple(FORMULATIONS)}
-    usual |= {"families": (ORDINARY,), "batch": 16, "ration": CheckFrequency(0, 0, 2, 0, 0)}
+    usual |= {
+        "families": (ORDINARY,),
+        "batch": 16,
+        "check_frequency": CheckFrequency(0, 0, 2, 0, 0),
+    }
     return StatePlan(**(usual | {"engines": (engine,)} | options))
 
 
@@ -409,7 +415,9 @@ class Far(planar.Planar):
 def test_an_engine_that_is_named_is_asked_at_wide_states_too():
     here, found = Round(0, StructuralVariant(2, ("damping",)), {}), {}
     for wide in (False, True):
-        plan = of_engine(Far, wide=wide, climbing=False, ration=CheckFrequency(0, 0, 1, 0, 0))
+        plan = of_engine(
+            Far, wide=wide, climbing=False, check_frequency=CheckFrequency(0, 0, 1, 0, 0)
+        )
         found[wide] = len(run_round(plan, here).failed)
         assert plan.settings.get("wide", False) == wide
     assert found[False] == 0 and 2 <= found[True] <= plan.batch // 2
@@ -469,12 +477,12 @@ def test_functions_that_no_lanes_can_run_are_looked_at_one_by_one():
     assert runs_in_lanes(Snake) and not runs_in_lanes(Rough)
     right, wrong = campaign_of(Rough), campaign_of(RoughAndWrong)
     right.run(states=16)
-    assert right.counts["states"] >= 16 and not right.finds
+    assert right.counts["states"] >= 16 and not right.failure_records
     assert right.counts["passed in lanes"] > 0 and right.counts["climbed"] > 0
     assert {claim for claim, _ in right.worst} == {"power-balance", "equivalence"}
     wrong.run(states=1)
-    assert "power-balance" in {find.claim for find in wrong.finds.values()}
-    assert {find.whose for find in wrong.finds.values()} == {triage.UNKNOWN}
+    assert "power-balance" in {find.claim for find in wrong.failure_records.values()}
+    assert {find.whose for find in wrong.failure_records.values()} == {triage.UNKNOWN}
 
 
 def test_terms_that_are_no_numbers_end_a_campaign_with_a_sentence():

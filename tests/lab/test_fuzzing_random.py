@@ -50,7 +50,7 @@ def plan(kind, **options) -> RandomStatePlan:
     """Return a plan of small batches, in lanes only."""
     usual = {"kind": kind, "seed": 3, "claims": ALL, "formulations": tuple(FORMULATIONS)}
     return RandomStatePlan(
-        **(usual | {"batch": 4, "ration": CheckFrequency(0, 0, 0, 0, 0)} | options)
+        **(usual | {"batch": 4, "check_frequency": CheckFrequency(0, 0, 0, 0, 0)} | options)
     )
 
 
@@ -101,8 +101,8 @@ def test_rounds_look_at_several_structures_find_nothing_and_can_be_repeated(kind
     one, again = (plan(kind).run(Round(1, stratum, {})) for _ in range(2))
     assert not one.failed and one.counts["structures"] == STRUCTURES
     assert one.counts == again.counts and one.counts["climbed"] > 0
-    assert one.states <= plan(kind).most
-    heights = [{k: [x.height for x in b] for k, b in r.population.items()} for r in (one, again)]
+    assert one.states <= plan(kind).max_states
+    heights = [{k: [x.score for x in b] for k, b in r.population.items()} for r in (one, again)]
     assert heights[0] == heights[1]
     # The next one goes on with a structure of this one besides.
     after = plan(kind).run(Round(2, stratum, one.population))
@@ -131,11 +131,11 @@ def test_a_wrong_sum_of_terms_is_found_in_random_trees(monkeypatch):
         one.cache_clear()
     try:
         stratum = next(x for x in variants_of(TREES, (3,)) if "spherical" in x.name)
-        result = plan(TREES, families=(ORDINARY,), ration=CheckFrequency(0, 0, 0, 0, 0)).run(
-            Round(0, stratum, {})
-        )
+        result = plan(
+            TREES, families=(ORDINARY,), check_frequency=CheckFrequency(0, 0, 0, 0, 0)
+        ).run(Round(0, stratum, {}))
         assert {"bias-symbols", "power-balance", "kane-ml-force"} & {x.claim for x in result.failed}
-        find = plan(TREES).find(result.failed[0], TREES.key, [])
+        find = plan(TREES).record_failure(result.failed[0], TREES.key, [])
         assert find.whose == SCENE and "description" in find.parameters
     finally:
         for one in caches:
@@ -192,8 +192,8 @@ def test_a_campaign_of_random_scenes_goes_on_where_it_stopped(kind, tmp_path: Pa
         assert 0 < again.resumed < 40
         again.run(states=40)
     assert again.counts == whole.counts and again.rounds == whole.rounds >= 2
-    assert {k: x.height for k, x in again.worst.items()} == {
-        k: x.height for k, x in whole.worst.items()
+    assert {k: x.score for k, x in again.worst.items()} == {
+        k: x.score for k, x in whole.worst.items()
     }
 
 
@@ -235,5 +235,5 @@ def test_fuzzing_and_hypothesis_draw_structures_and_numbers_from_the_same_ranges
 
 def test_a_plan_for_random_kinds_is_a_plan():
     one = plan(TREES)
-    assert isinstance(one, StatePlan) and one._replace(batch=9).most > one.most
+    assert isinstance(one, StatePlan) and one._replace(batch=9).max_states > one.max_states
     assert isinstance(one._replace(batch=9), RandomStatePlan)

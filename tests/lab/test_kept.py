@@ -38,7 +38,7 @@ def kept_run() -> ValidationRun:
     made.findings.append(finding(states[0], claim="coverage", subject="all"))
     made.findings.append(finding(states[1], claim="bias", subject="unresolved"))
     made.seconds |= {"bias": 0.5, "mass-matrix": 2.0, "motion": 9.0}
-    made.drawn = [SampledState(SLEIGH, states[1], ())]
+    made.sampled = [SampledState(SLEIGH, states[1], ())]
     return made
 
 
@@ -61,7 +61,7 @@ def test_a_run_is_kept_with_all_that_was_asked_for_and_found():
     assert (begun.status, begun.reason, run.status) == ("failed", "not finished", "done")
     asked = {"examples": 7, "seed": 3, "first links": 2, "last links": 5, "states": 2}
     assert run.counts == asked and run.settings == {"scene": "sleigh"}
-    strata = [(x, *one) for x, of in made.strata.items() for one in of.items()]
+    strata = [(x, *one) for x, of in made.level_counts.items() for one in of.items()]
     assert run.series == {
         "formulations": [x.key for x in selection.formulations],
         "engines": ["casadi"],
@@ -179,7 +179,7 @@ def test_cells_that_share_settings_are_handed_over_together_and_come_back_in_the
 
     with Records(None) as records, pytest.MonkeyPatch.context() as patched:
         patched.setattr("eomcheck.lab.study.spread", spread)
-        how: dict[str, Any] = {"where": "local:2", "by": ("key", "m")}
+        how: dict[str, Any] = {"executor": "local:2", "by": ("key", "m")}
         found = run_cells(records, "s", cells, lambda one: Record("s", one), **how)
         assert [one.settings for one in found] == cells
     assert batches == [[("a", 2)], [("b", 2)], [("a", 3), ("a", 1)], [("b", 3), ("b", 1)]]
@@ -297,15 +297,15 @@ def test_robots_are_counted_by_what_checks_and_proofs_came_to(monkeypatch, tmp_p
         return [SimpleNamespace(verdict=x) for x, n in words.items() for _ in range(n)]
 
     asked = []
-    made = SimpleNamespace(left_out="a mesh")
+    made = SimpleNamespace(ignored="a mesh")
     scene = type("Arm", (Sleigh,), {"made": made, "key": "arm"})
     checked = verdicts(passed=5, failed=1, inconclusive=2, not_looked_at=3)
     proved = verdicts(passed=7, failed=4, not_looked_at=2)
     found = LibraryComparison(
         SLEIGH, {"one": "One 1", "two": "Two 2"}, {"three": "cannot"}, states=9
     )
-    found.apart = {"M": np.array([[0.0, 1e-3, 2e-5], [1e-3, 0.0, 4e-7], [2e-5, 4e-7, 0.0]])}
-    found.why, found.decided = (
+    found.differences = {"M": np.array([[0.0, 1e-3, 2e-5], [1e-3, 0.0, 4e-7], [2e-5, 4e-7, 0.0]])}
+    found.explanations, found.decided = (
         {"one": [Explanation("x"), Explanation("y")], "two": []},
         {"one": True, "two": True},
     )
@@ -380,7 +380,7 @@ def test_an_engine_is_as_far_off_as_in_its_worst_state(monkeypatch):
     monkeypatch.setattr(engines, "engine_of", lambda key: Own)
     monkeypatch.setattr(engines, "scene_cases", lambda *how: [(scene, x) for x in states])
     monkeypatch.setattr(engines, "_differences", differences)
-    monkeypatch.setattr(ValidationRun, "look_at", look)
+    monkeypatch.setattr(ValidationRun, "check_state", look)
     monkeypatch.setattr(
         engines.RunSelection, "of", lambda *how, **more: SimpleNamespace(how=how, more=more)
     )

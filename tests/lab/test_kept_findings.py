@@ -67,9 +67,9 @@ def test_findings_of_states_and_proofs_are_read_and_nothing_else():
 
 def test_the_place_of_a_finding_is_scene_links_and_state():
     (kept,) = stored_findings_in([findings_record(stored_findings([PASSED], "snake", 7))])
-    assert kept.place == "snake, N = 2, state 7"
-    assert replace(kept, links=None).place == "snake, state 7"
-    assert stored_findings([PASSED], "snake")[0].place == SNAKE.structure
+    assert kept.location == "snake, N = 2, state 7"
+    assert replace(kept, links=None).location == "snake, state 7"
+    assert stored_findings([PASSED], "snake")[0].location == SNAKE.structure
 
 
 def test_of_cells_that_cannot_all_be_forgotten_none_is(tmp_path: Path):

@@ -56,8 +56,8 @@ def test_remedies_stop_the_drift_and_are_told_with_their_laws(tmp_path, capsys):
     assert np.isfinite(plain.errors["constraint_exponent"])
     assert abs(bound.errors["constraint_largest"]) < 1e-10
     assert all(r.errors["energy_largest"] < 1e-4 for r in found)
-    print_tables(STUDY.sheets(found))
-    check_sheets_fit(STUDY.sheets(found))
+    print_tables(STUDY.tables(found))
+    check_sheets_fit(STUDY.tables(found))
     said = capsys.readouterr().out
     assert "feedback" in said and "exponent" in said
     STUDY.write(found, tmp_path)

@@ -62,7 +62,7 @@ def test_the_very_functions_that_machine_code_is_made_of_have_these_counts(
             return self.numbers(np.zeros(shape))
 
         def number(self, x):
-            return SimpleNamespace(place=0)
+            return SimpleNamespace(index=0)
 
     counting, scene = CountingTape(), Snake.coil(links)
     monkeypatch.setattr(trace, "Tape", lambda: counting)

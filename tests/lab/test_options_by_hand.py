@@ -136,16 +136,16 @@ def first_worker(known: Any, *, free: bool = False) -> Any:
 
 def of(**more: Any) -> Study:
     """Return a study."""
-    usual = {"key": "x", "cells": cells, "worker": worker, "sheets": lambda found: ()}
+    usual = {"key": "x", "cells": cells, "worker": worker, "tables": lambda found: ()}
     return Study(**usual | more)
 
 
-FIRST = Study(key="first", cells=lambda: [{"a": 1}], worker=first_worker, sheets=lambda found: ())
+FIRST = Study(key="first", cells=lambda: [{"a": 1}], worker=first_worker, tables=lambda found: ())
 
 
 def test_a_study_has_the_options_of_its_cells_its_worker_and_of_those_before_it():
     assert [*of().options()] == ["links", "seed"]
-    found = of(before=(FIRST,), spread_by=("case",)).options()
+    found = of(before=(FIRST,), parallel_by=("case",)).options()
     assert [*found] == ["free", "links", "seed", "executor"]
     assert found["executor"].default == "local" and found["links"].default == 2
 
@@ -184,12 +184,12 @@ def test_cells_that_are_spread_go_where_they_are_to_by_their_settings_and_under_
     monkeypatch.setattr(module, "check_executor", places.append)
     records: Any = None
     of().measure(records)
-    spread = of(spread_by=("case",), label="looking")
+    spread = of(parallel_by=("case",), label="looking")
     spread.measure(records, True, executor="local:3")
     spread.measure(records)
     usual = {"key": "x", "cells": cells()}
     assert asked == [
-        usual | {"fresh": False, "label": "measuring {case}", "where": None, "by": ()},
+        usual | {"fresh": False, "label": "measuring {case}", "executor": None, "by": ()},
         usual | {"fresh": True, "label": "looking", "where": "local:3", "by": ("case",)},
         usual | {"fresh": False, "label": "looking", "where": "local", "by": ("case",)},
     ]
@@ -214,7 +214,7 @@ def test_charts_of_one_file_are_drawn_together_and_tables_with_rows_are_written(
     monkeypatch.setitem(sys.modules, "eomcheck.lab.show.chart_matplotlib", stub)  # slow to import
     study = of(
         charts=lambda found: [chart("a", "b"), chart("a")],
-        sheets=lambda found: [sheet("one"), sheet("none", 0), sheet("more", 1, True)],
+        tables=lambda found: [sheet("one"), sheet("none", 0), sheet("more", 1, True)],
         files=lambda found, folder: [folder / f"{len(found)}.json"],
     )
     written = study.write([Record("x", {})], tmp_path)
@@ -227,7 +227,7 @@ def test_charts_of_one_file_are_drawn_together_and_tables_with_rows_are_written(
 def test_what_a_study_does_not_say_is_nothing_but_why_cells_are_not_done():
     made = of()
     done, lost = Record("x", {"n": 1}), Record("x", {"n": 2}, "refused", "too large")
-    assert [*made.said([done, lost])] == ["n 2 refused: too large"]
+    assert [*made.remarks([done, lost])] == ["n 2 refused: too large"]
     assert made.alarm([lost]) is False and made.files([], Path()) == made.charts([]) == ()
     assert [x["settings"] for x in made.document([done, lost])["records"]] == [{"n": 1}, {"n": 2}]
     assert (made.small, made.reading, made.label) == (False, "", "measuring {case}")

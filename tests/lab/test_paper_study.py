@@ -320,8 +320,8 @@ def test_crosses_of_motions_not_finished_stand_apart_above_what_was_measured():
     chart = next(iter(PAPER_STUDY.charts(doctored(not_finished("el", "em", links=(7,))))))
     for panel in chart.panels.values():
         assert isinstance(panel, Panel)
-        crosses = {line.key: line.y for line in panel.lines if line.look == "crosses"}
-        drawn = [line for line in panel.lines if line.look == "line"]
+        crosses = {line.key: line.y for line in panel.lines if line.appearance == "crosses"}
+        drawn = [line for line in panel.lines if line.appearance == "line"]
         at_7 = max(line.y[list(line.x).index(7)] for line in drawn if 7 in line.x)
         assert at_7 < crosses["el"][0] < crosses["em"][0]
         assert crosses["em"][0] / crosses["el"][0] == pytest.approx(crosses["el"][0] / at_7)

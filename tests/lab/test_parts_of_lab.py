@@ -64,10 +64,10 @@ def comparison() -> LibraryComparison:
         ("blind", "bias"): finding("passed"),
     }
     found.faults = {("mute", "M"): "returned nan"}
-    found.why = {key: [] for key in found.versions}
+    found.explanations = {key: [] for key in found.versions}
     found.decided = dict.fromkeys(("right", "wrong", "mute", "blind"), True) | {"open": False}
     left: Any = [SimpleNamespace(entry=""), SimpleNamespace(entry="M[0, 1]")]
-    found.hidden = {("blind", "mass-matrix"): left, ("right", "bias"): left[1:]}
+    found.unresolved_entries = {("blind", "mass-matrix"): left, ("right", "bias"): left[1:]}
     return found
 
 
@@ -84,9 +84,13 @@ def test_each_library_is_told_by_what_came_of_it_alone():
         "broken": "no answer",
     }
     assert [key for key in found.versions if found.differs(key)] == ["wrong", "mute"]
-    assert [one.claim for one in found.of("wrong")] == ["mass-matrix"] and not found.of("mute")
-    assert found.open == ["open", "never"] and found.unanswered == ["broken"]
-    assert found.undecided("blind") == ["mass-matrix"] and not found.undecided("right")
+    assert [one.claim for one in found.failures_of("wrong")] == [
+        "mass-matrix"
+    ] and not found.failures_of("mute")
+    assert found.undecided_libraries == ["open", "never"] and found.unanswered == ["broken"]
+    assert found.undecided_claims("blind") == ["mass-matrix"] and not found.undecided_claims(
+        "right"
+    )
     assert (found.disagree, found.agree) == (True, False)
 
 
@@ -107,7 +111,7 @@ def test_nothing_is_an_error_beside_a_disagreement():
 )
 def test_a_difference_has_a_name_where_all_of_it_is_explained(labels, verdict):
     found = comparison()
-    found.why["wrong"] = [Explanation("a sentence", label) for label in labels]
+    found.explanations["wrong"] = [Explanation("a sentence", label) for label in labels]
     assert found.verdict("wrong") == verdict
 
 
@@ -118,9 +122,9 @@ def test_one_kind_of_disagreement_is_enough_and_nothing_decided_is_an_error():
     found.faults.clear()
     assert (found.disagree, found.agree) == (False, True)
     found.check_decided()
-    found.own = [finding("failed")]
+    found.self_failures = [finding("failed")]
     assert (found.disagree, found.agree) == (True, False)
-    found.own, found.decided = [], {"open": False}
+    found.self_failures, found.decided = [], {"open": False}
     assert (found.disagree, found.agree) == (False, False)
     with pytest.raises(InputError, match=r"^arm: nothing was decided about right, open, wrong, "):
         found.check_decided()
@@ -144,7 +148,7 @@ def test_a_library_that_is_not_installed_is_left_out_unless_it_was_named(monkeyp
     found = compare_libraries(scene, states=2, advance=lambda: told.append(1))
     assert (found.missing, found.refused) == (["gone"], {"gone": "gone is not installed"})
     assert (found.versions, found.states, len(told)) == ({"here": "1.2"}, 2, 2)
-    assert list(found.said) == list(found.why) == ["here"]
+    assert list(found.messages) == list(found.explanations) == ["here"]
     with pytest.raises(EngineError, match="gone is not installed"):
         compare_libraries(scene, ["gone", "here"], states=1)
     assert list(readers(scene, ["here"])) == ["here"] and len(readers(scene, None)) == 2
@@ -159,11 +163,11 @@ def test_what_no_state_resolves_is_kept_by_library_and_why_is_told_once(monkeypa
     monkeypatch.setattr(library_comparison, "unresolved_by_claim", lambda findings: left)
     monkeypatch.setitem(library_comparison.BY_FORMAT, "urdf", {"a": Heavy, "b": PinocchioFile})
     found = compare_libraries(from_urdf(arm(tmp_path / "arm.urdf")), states=3)
-    assert found.hidden == {("b", "mass-matrix"): left["mass-matrix"]}
-    assert [one.label for one in found.why["a"]] == [""] and found.why["b"] == []
+    assert found.unresolved_entries == {("b", "mass-matrix"): left["mass-matrix"]}
+    assert [one.label for one in found.explanations["a"]] == [""] and found.explanations["b"] == []
     assert (found.verdict("a"), found.verdict("b")) == ("differs", "agrees where decided")
     assert {key for key, _ in found.findings} == {"a", "b"}
-    gravity = found.apart["gravity"]
+    gravity = found.differences["gravity"]
     assert gravity.shape == (3, 3) and gravity[0, 1] == gravity[1, 0] > 1e-4 > gravity[0, 2]
     assert gravity[1, 2] > 1e-4 and not gravity.diagonal().any()
 
@@ -186,7 +190,7 @@ def test_the_largest_difference_of_all_states_is_kept_for_each_quantity(monkeypa
     monkeypatch.setitem(library_comparison.BY_FORMAT, "urdf", {"a": Drifting})
     scene = from_urdf(arm(tmp_path / "arm.urdf"))
     found = compare_libraries(scene, states=3, advance=advance)
-    assert found.apart["M"][0, 1] == pytest.approx(3e-3 / 1.003, rel=1e-6)
+    assert found.differences["M"][0, 1] == pytest.approx(3e-3 / 1.003, rel=1e-6)
     worst = found.findings["a", "mass-matrix"]
     assert worst.verdict == "failed" and found.decided == {"a": True}
 
@@ -205,7 +209,7 @@ def test_quantities_are_taken_moving_and_at_rest_and_sized_by_what_they_are_summ
     summed = summand_sizes(at)
     assert summed["M"] == summed["q̈"] == 0.0 < summed["bias"]
     assert summed["gravity"] == summed["forces"] != summed["bias"]
-    found.why["pin"] = []
+    found.explanations["pin"] = []
     engine: Any = PinocchioFile(scene)
     told = library_quantities(found, "pin", engine, at, ours)
     assert np.allclose(told["M"], ours["M"]) and np.allclose(told["gravity"], ours["gravity"])
@@ -225,7 +229,7 @@ def test_the_first_fault_of_a_quantity_is_kept_and_said_once(tmp_path):
             raise RuntimeError(f"time {len(asked)}")
 
     found = LibraryComparison(scene)
-    found.why["x"] = []
+    found.explanations["x"] = []
     at = Evaluation(scene, np.zeros(3), np.zeros(3), 0.0)
     engine: Any = Failing(scene)
     for _ in range(2):
@@ -233,7 +237,9 @@ def test_the_first_fault_of_a_quantity_is_kept_and_said_once(tmp_path):
         assert list(told) == ["bias"]
     ((key, said),) = found.faults.items()
     assert key == ("x", "M") and "time 1" in said
-    assert [(one.label, "time 1" in one.sentence) for one in found.why["x"]] == [("no M", True)]
+    assert [(one.label, "time 1" in one.sentence) for one in found.explanations["x"]] == [
+        ("no M", True)
+    ]
 
 
 # ---- Why -----------------------------------------------------------------------------------------
@@ -253,9 +259,9 @@ def at_of(tmp_path: Path, **theirs: Any) -> Discrepancy:
 
 
 def changed(at: Discrepancy, name: str, share: float, place: int = 1) -> Discrepancy:
-    theirs = at.theirs[name].copy()
-    theirs[place] += share * np.abs(at.ours[name]).max()
-    return at._replace(theirs=at.theirs | {name: theirs})
+    theirs = at.library[name].copy()
+    theirs[place] += share * np.abs(at.reference[name]).max()
+    return at._replace(library=at.library | {name: theirs})
 
 
 @pytest.mark.parametrize("name", ["M", "bias", "gravity"])
@@ -269,7 +275,7 @@ def test_fewer_digits_are_between_rounding_and_eight_digits_of_any_term(
     at = changed(at_of(tmp_path), name, share)
     said = [one.label for one in explain(at) if one.sentence.startswith("the same but for digits")]
     assert said == ([] if label is None else [label])
-    assert at.terms_agree == (share < 1e-8) and at.same(name, 1.2 * share)
+    assert at.terms_agree == (share < 1e-8) and at.agrees_on(name, 1.2 * share)
     other = changed(at, "q̈", 1e-3)
     said = [one.label for one in explain(other) if one.sentence.startswith("the same but for")]
     assert said == ([] if label is None else [""])
@@ -277,25 +283,25 @@ def test_fewer_digits_are_between_rounding_and_eight_digits_of_any_term(
 
 def test_another_gravity_is_a_factor_of_the_whole_vector(tmp_path):
     at = at_of(tmp_path)
-    ours = at.ours["gravity"]
-    half = at._replace(theirs=at.theirs | {"gravity": -0.5 * ours})
+    ours = at.reference["gravity"]
+    half = at._replace(library=at.library | {"gravity": -0.5 * ours})
     assert Explanation("has -0.5 times our gravity") in explain(half)
     assert not [x for x in explain(changed(half, "gravity", 1e-7)) if "gravity" in x.sentence]
     assert [x for x in explain(changed(half, "gravity", 1e-9)) if "gravity" in x.sentence]
-    still = at._replace(ours=at.ours | {"gravity": 0 * ours})
+    still = at._replace(reference=at.reference | {"gravity": 0 * ours})
     assert not [x for x in explain(still) if "gravity" in x.sentence]
 
 
 def test_an_armature_is_told_only_where_nothing_beside_the_diagonal_and_no_bias_differs(tmp_path):
     at = at_of(tmp_path)
-    M = at.ours["M"] + np.diag([0.5, 0.0, 0.25])
-    armature = at._replace(theirs=at.theirs | {"M": M})
+    M = at.reference["M"] + np.diag([0.5, 0.0, 0.25])
+    armature = at._replace(library=at.library | {"M": M})
     said = "adds to the diagonal of M alone, as an armature does: shoulder, wrist"
     assert [one.sentence for one in explain(armature)] == [said]
     beside = M.copy()
     beside[0, 1] = beside[1, 0] = 0.25 + 1e-6
     for other in (
-        armature._replace(theirs=armature.theirs | {"M": beside}),
+        armature._replace(library=armature.library | {"M": beside}),
         changed(armature, "bias", 1e-6),
     ):
         assert not [x for x in explain(other) if "armature" in x.sentence]
@@ -305,17 +311,17 @@ def test_what_is_left_out_by_dampers_is_measured_by_what_the_largest_takes(tmp_p
     of = read_description(arm(tmp_path / "arm.urdf", damping="0.5"))
     at = at_of(tmp_path)._replace(description=of)
     assert at.damped == [1]
-    taken = at.ours["forces"] - at.ours["gravity"]  # -0.5 times a velocity of 1 m/s
-    theirs = at.ours["q̈"] - np.linalg.solve(at.ours["M"], taken * [0, -1, 0] * [0, -1, 0])
+    taken = at.reference["forces"] - at.reference["gravity"]  # -0.5 times a velocity of 1 m/s
+    theirs = at.reference["q̈"] - np.linalg.solve(at.reference["M"], taken * [0, -1, 0] * [0, -1, 0])
     for share, told in ((0.0, True), (0.3e-8, True), (1e-6, False)):
-        missing = np.linalg.solve(at.ours["M"], np.array([0.0, 0.0, share]))
-        one = at._replace(v=np.array([0.5, 1.0, 2.0]), theirs=at.theirs | {"q̈": theirs + missing})
+        missing = np.linalg.solve(at.reference["M"], np.array([0.0, 0.0, share]))
+        one = at._replace(v=np.array([0.5, 1.0, 2.0]), library=at.library | {"q̈": theirs + missing})
         assert one.leaves_out_damping == told, share
         assert [x.label for x in explain(one)] == (["no damping"] if told else [])
         assert not changed(one, "bias", 1e-6).leaves_out_damping
         assert not one._replace(v=-one.v).leaves_out_damping
     assert not at.leaves_out_damping  # nothing differs
-    assert not at_of(tmp_path)._replace(theirs=at.theirs | {"q̈": theirs}).leaves_out_damping
+    assert not at_of(tmp_path)._replace(theirs=at.library | {"q̈": theirs}).leaves_out_damping
 
 
 def test_differences_are_relative_to_what_cancelled_where_it_is_a_thousand_times_as_large():
@@ -381,7 +387,7 @@ def chains(monkeypatch) -> tuple[list, list]:
 def test_large_scenes_are_spread_where_there_are_several_and_all_others_proved_here(chains):
     scenes, asked = chains
     keywords = {"formulations": ("au",), "points": 2, "seed": 7}
-    run = Proofs(ProofJobs(tuple(scenes), ("au",), 2, 7), where="local:2")
+    run = Proofs(ProofJobs(tuple(scenes), ("au",), 2, 7), executor="local:2")
     run.run()
     assert asked == [
         ("here", "chain[3]", ("au",), 2, 7),
@@ -391,7 +397,7 @@ def test_large_scenes_are_spread_where_there_are_several_and_all_others_proved_h
     ]
     assert set(run.findings) == {one.structure for one in scenes} and run.taken_over == 0
     asked.clear()
-    Proofs(ProofJobs(tuple(scenes[:3]), ("au",), 2, 7), where="local:2").run()
+    Proofs(ProofJobs(tuple(scenes[:3]), ("au",), 2, 7), executor="local:2").run()
     assert [(one[0], one[1]) for one in asked] == [
         ("here", "chain[3]"),
         ("here", "chain[40]"),
@@ -494,14 +500,14 @@ def study(key: str, asked: list, **more: Any) -> Study:
 
         return work
 
-    usual = {"cells": cells, "worker": worker, "sheets": lambda found: [], "label": ""}
+    usual = {"cells": cells, "worker": worker, "tables": lambda found: [], "label": ""}
     return Study(key=key, **(usual | more))
 
 
 def test_a_study_hands_its_options_on_and_works_those_before_it_first():
     asked: list = []
     first = study("first", asked)
-    second = study("second", asked, before=(first,), spread_by=())
+    second = study("second", asked, before=(first,), parallel_by=())
     found = second.run(number=2, scale=3.0, quick=True)
     assert asked == [
         ("first", 0, 3.0, 0),
@@ -517,7 +523,7 @@ def test_a_study_hands_its_options_on_and_works_those_before_it_first():
     ]
     assert all(one.settings["quick"] for one in found)
     assert list(second.options()) == ["number", "quick", "scale"]
-    assert list(study("x", asked, spread_by=("case",)).options()) == [
+    assert list(study("x", asked, parallel_by=("case",)).options()) == [
         "number",
         "quick",
         "scale",
@@ -541,7 +547,7 @@ def test_options_that_make_no_sense_leave_no_file_of_the_study_or_of_those_befor
     with pytest.raises(InputError, match="number = -1"):
         second.run(tmp_path / "r.db", number=-1)
     with pytest.raises(InputError):
-        study("x", asked, spread_by=("case",)).run(tmp_path / "r.db", executor="nowhere")
+        study("x", asked, parallel_by=("case",)).run(tmp_path / "r.db", executor="nowhere")
     assert not asked and not [*tmp_path.iterdir()]
 
 

@@ -88,7 +88,7 @@ def test_the_smallest_failing_state_is_that_of_the_run_and_never_that_of_coverag
         finding(states[1], "failed", claim="coverage", subject="all", detail="2 of 3 refused"),
         finding(states[2], "failed"),
     ]
-    run = ValidationRun(rows, ends=[1, 2, 3], drawn=[SampledState(SLEIGH, states[0], ())])
+    run = ValidationRun(rows, ends=[1, 2, 3], sampled=[SampledState(SLEIGH, states[0], ())])
     said = said_of(capsys, {"sleigh": run})
     assert " ".join(rows[2].as_python().split()) in said
     assert " ".join(rows[1].as_python().split()) not in said
@@ -102,7 +102,7 @@ def test_coverage_is_said_of_one_scene_whatever_its_verdict(capsys):
     state = at(SLEIGH, 0)
     of = {"claim": "coverage", "subject": "all", "detail": "1 of 9 drawn states was refused"}
     run = ValidationRun([finding(state), finding(state, **of)], ends=[1])
-    run.drawn = [SampledState(SLEIGH, state, ())]
+    run.sampled = [SampledState(SLEIGH, state, ())]
     said = said_of(capsys, {"sleigh": run})
     assert "coverage: 1 of 9 drawn states was refused" in said
     assert "Drawn states by stratum" in said
@@ -141,7 +141,7 @@ def test_what_was_found_is_told_as_observed_and_allowed():
     assert str(one) == (
         f"[au ~ el] failed on snake, N = 3, state 7 (property-tested: doubles): {numbers}; row x"
     )
-    assert ClaimSummary((one,)).cell.said == f"{one}; 1 finding"
+    assert ClaimSummary((one,)).cell.hover_text == f"{one}; 1 finding"
     # The last of equals is the worst one, and a state without an error has no place.
     same = [kept(case=1), kept(case=2), kept("motion", observed=0.0)]
     cells = [tuple(map(str, row)) for row in worst_table(by_claim(same)).rows]
@@ -381,7 +381,7 @@ def test_a_document_has_each_state_once_and_each_finding_with_the_number_of_its_
         [finding(first), finding(second, "failed"), finding(first, subject="el")], ends=[3]
     )
     two = ValidationRun(
-        [finding(third, scene=CHAIN)], ends=[1], drawn=[SampledState(CHAIN, third, ())]
+        [finding(third, scene=CHAIN)], ends=[1], sampled=[SampledState(CHAIN, third, ())]
     )
     small = finding(at(CHAIN, 9), "failed", CHAIN)
     two.minimal = small
@@ -445,22 +445,26 @@ def compared() -> LibraryComparison:
     """Return a comparison in which everything is different from everything else."""
     versions = {"one": "One 1.0", "two": "Two 2.0"}
     found = LibraryComparison(SLEIGH, versions, {"three": "cannot"}, states=5)
-    found.apart = {"M": np.array([[0.0, 1e-3, np.nan], [1e-3, 0.0, 4e-7], [np.nan, 4e-7, 0.0]])}
+    found.differences = {
+        "M": np.array([[0.0, 1e-3, np.nan], [1e-3, 0.0, 4e-7], [np.nan, 4e-7, 0.0]])
+    }
     state = at(SLEIGH, 1)
     found.findings = {
         ("one", "mass-matrix"): finding(state, "failed", detail="row x is 2 times"),
         ("one", "bias"): finding(state, "failed", claim="bias", detail="row y has a sign"),
         ("two", "bias"): finding(state, claim="bias"),
     }
-    found.why = {
+    found.explanations = {
         "one": [Explanation("leaves out the damping"), Explanation("has an armature")],
         "two": [],
     }
-    found.said = {"one": [f"line {k}" for k in range(7)], "two": ["only this"]}
+    found.messages = {"one": [f"line {k}" for k in range(7)], "two": ["only this"]}
     found.decided = {"one": True}
     found.skipped = ["singular", "singular", "at rest"]
-    found.unsure = Counter({("two", "acceleration"): 4, ("one", "acceleration"): 4})
-    found.hidden = {("two", "bias"): [Unresolved("two", "row x", finding(state, claim="bias"), 5)]}
+    found.inconclusive_counts = Counter({("two", "acceleration"): 4, ("one", "acceleration"): 4})
+    found.unresolved_entries = {
+        ("two", "bias"): [Unresolved("two", "row x", finding(state, claim="bias"), 5)]
+    }
     return found
 
 
@@ -477,12 +481,12 @@ def test_what_is_said_of_libraries_has_every_reason_count_and_name():
         "three gave no answer: cannot",
     ]
     state = at(SLEIGH, 2)
-    found.own = [
+    found.self_failures = [
         finding(state, "failed", observed=2.0, detail="little"),
         finding(state, "failed", observed=9.0, detail="most"),
         finding(state, "failed", observed=4.0, detail="more"),
     ]
-    found.said["one"] = found.said["one"][:4]
+    found.messages["one"] = found.messages["one"][:4]
     said = list(comparison_tables.sentences(found))
     assert said[1].endswith("line 3")
     assert said[3] == "The two derivations of eomcheck differ from each other: most"
@@ -491,7 +495,7 @@ def test_what_is_said_of_libraries_has_every_reason_count_and_name():
 def test_a_comparison_is_written_with_all_that_was_found(tmp_path):
     found = compared()
     found.faults = {("two", "M"): "raises"}
-    found.own = [finding(at(SLEIGH, 2), "failed", detail="ours")]
+    found.self_failures = [finding(at(SLEIGH, 2), "failed", detail="ours")]
     comparison_tables.write_comparison(found, tmp_path / "a.json")
     told = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))
     assert told["findings"] == json.loads(
@@ -510,7 +514,7 @@ def test_a_comparison_is_written_with_all_that_was_found(tmp_path):
         "decided": {"one": True, "two": False},
         "faults": [["two", "M", "raises"]],
         "why": {"one": ["leaves out the damping", "has an armature"], "two": []},
-        "said": found.said,
+        "said": found.messages,
         "hidden": [["two", "bias", "not resolved in any of 5 states: two, row x"]],
         "skipped": found.skipped,
     }

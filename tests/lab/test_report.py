@@ -83,7 +83,7 @@ def test_findings_are_saved_state_by_state(tmp_path: Path):
 
     selection = reports.Selection.of(["au"], [], ["kinetic-energy"], scenes=[reports.Sleigh])
     with Records(tmp_path / "r.db") as records, pytest.raises(KeyboardInterrupt):
-        reports.look_at_kind(reports.Sleigh, reports.Run(), selection, (1, 1), 5, 0, look, records)
+        reports.validate_kind(reports.Sleigh, reports.Run(), selection, (1, 1), 5, 0, look, records)
     assert seen == [(1, "failed"), (2, "failed")]
     assert Overview(read_records([tmp_path / "r.db"])).verdict == "not finished"
 

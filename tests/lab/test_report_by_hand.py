@@ -306,8 +306,8 @@ def study(monkeypatch, **change: Any) -> list[Record]:
         yield ResultTable("c", "", ["x"], [])
         yield ResultTable("d", "", ["x"], rows)
 
-    usual: dict[str, Any] = {"cells": lambda: [], "worker": lambda found: None, "sheets": sheets}
-    usual |= {"said": lambda found: ["First.", "Second."], "reading": "How to read."}
+    usual: dict[str, Any] = {"cells": lambda: [], "worker": lambda found: None, "tables": sheets}
+    usual |= {"remarks": lambda found: ["First.", "Second."], "reading": "How to read."}
     usual |= {"charts": lambda found: [f"chart of {len(found)}"]}
     made = Study(key="own-study", **(usual | change))
     monkeypatch.setattr(sections, "STUDIES", {"own-study": "What it is.", "empty": ""})
@@ -358,7 +358,7 @@ def test_records_that_a_study_cannot_show_are_said_and_leave_no_section(monkeypa
 
 
 def test_a_fault_of_a_study_that_is_no_matter_of_its_records_is_raised(monkeypatch):
-    study(monkeypatch, sheets=raising(RuntimeError("a bug")))
+    study(monkeypatch, tables=raising(RuntimeError("a bug")))
     with pytest.raises(RuntimeError, match="a bug"):
         sections.sections_of(Overview([record("own-study", {})]))
 

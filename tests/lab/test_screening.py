@@ -46,7 +46,7 @@ def ordinary(kind: Any, count: int) -> list:
 def test_every_claim_of_a_campaign_is_looked_at_in_lanes_or_by_check(monkeypatch):
     """With a ration of one in one, also what differs from lane to lane: pivoted partitions."""
     asked, subjects, in_lanes = set(), set(), set()
-    right, look = triage.check_case, BatchedCase.look
+    right, look = triage.check_case, BatchedCase.evaluate
 
     def recorded(case, claims, *how):
         found = right(case, claims, *how)
@@ -60,9 +60,9 @@ def test_every_claim_of_a_campaign_is_looked_at_in_lanes_or_by_check(monkeypatch
         return found
 
     monkeypatch.setattr(state_rounds, "check_case", recorded)
-    monkeypatch.setattr(BatchedCase, "look", looked)
+    monkeypatch.setattr(BatchedCase, "evaluate", looked)
     here = plan(batch=2, families=(ORDINARY,), climbing=False, engines=("pinocchio",))
-    run_round(here._replace(ration=CheckFrequency(1, 1, 1, 0, 1)), Round(0, STRATUM, {}))
+    run_round(here._replace(check_frequency=CheckFrequency(1, 1, 1, 0, 1)), Round(0, STRATUM, {}))
     assert in_lanes >= set(batchable_claims(ALL)) - NOT_ON_A_SNAKE
     assert asked | in_lanes >= set(ALL) - NOT_ON_A_SNAKE - {"true-error"}
     assert "em, pivoted" in subjects and "invariance" in in_lanes
@@ -83,7 +83,7 @@ def test_what_is_wrong_only_when_the_scene_is_moved_is_suspect_for_that():
             pull[0] = pull[0] + parameters.mass[0]
             return found._replace(Q=pull if found.Q is None else found.Q + pull)
 
-    found = screen(ordinary(Pulled, 4), FORMULAE, ("invariance",), every=0)
+    found = screen(ordinary(Pulled, 4), FORMULAE, ("invariance",), enclosed_every=0)
     assert all("invariance" in claims for claims in found.suspects.values())
     assert len(found.suspects) == 4
 
@@ -114,7 +114,7 @@ def test_a_true_error_a_little_above_its_bound_is_suspect(monkeypatch, error, su
     """An error that is a number, rad/s², where the bound is 9e-13."""
     cases = ordinary(Snake, 1)
     monkeypatch.setattr(screening, "true_error", lambda vdot, truth: np.full(len(vdot), error))
-    found = screen(cases, FORMULAE[:1], ("true-error",), every=1)
+    found = screen(cases, FORMULAE[:1], ("true-error",), enclosed_every=1)
     assert bool(found.suspects) == suspect
 
 
@@ -127,8 +127,8 @@ def test_a_true_error_is_told_of_the_state_at_which_it_was_found(monkeypatch):
         return np.full(len(vdot), 1.0 if len(vdot) == 5 else 0.0)
 
     monkeypatch.setattr(screening, "true_error", wrong_of_three)
-    found = screen(cases, FORMULAE[:1], ("true-error",), every=2, first=1)
-    ((key, heights),) = found.heights.items()
+    found = screen(cases, FORMULAE[:1], ("true-error",), enclosed_every=2, first=1)
+    ((key, heights),) = found.scores.items()
     assert key == (TRUTH, FORMULAE[0].key) and found.enclosed == 3
     assert found.suspects == {3: {"true-error"}, 5: {"true-error"}}
     assert np.flatnonzero(heights > 1.0).tolist() == [3, 5]
@@ -136,43 +136,45 @@ def test_a_true_error_is_told_of_the_state_at_which_it_was_found(monkeypatch):
 
 @pytest.mark.parametrize("shares", [(0.5, 0.75, 0.25), (0.75, 0.25, 0.5), (0.25, 0.5, 0.75)])
 def test_of_the_subjects_of_a_claim_and_formulation_the_highest_counts(monkeypatch, shares):
-    right = BatchedCase.look
+    right = BatchedCase.evaluate
 
     def look(self, claims):
         for one in right(self, claims):
             for share in shares:
                 yield one._replace(observed=np.array([share, 0.125]) * one.allowed)
 
-    monkeypatch.setattr(BatchedCase, "look", look)
-    found = screen(ordinary(Snake, 2), FORMULAE[:1], ("kinetic-energy",), every=0)
-    assert found.worst.tolist() == pytest.approx([0.75, 0.125])
+    monkeypatch.setattr(BatchedCase, "evaluate", look)
+    found = screen(ordinary(Snake, 2), FORMULAE[:1], ("kinetic-energy",), enclosed_every=0)
+    assert found.max_scores.tolist() == pytest.approx([0.75, 0.125])
 
 
 @pytest.mark.parametrize(("ratio", "enclosed"), [(0.35, 1), (0.25, 0)])
 def test_a_state_near_its_bound_is_enclosed_whatever_the_ration_says(monkeypatch, ratio, enclosed):
-    right = BatchedCase.look
+    right = BatchedCase.evaluate
 
     def look(self, claims):
         for one in right(self, claims):
             yield one._replace(observed=ratio * one.allowed)
 
-    monkeypatch.setattr(BatchedCase, "look", look)
-    found = screen(ordinary(Snake, 1), FORMULAE[:1], ("kinetic-energy",), every=100, first=1)
+    monkeypatch.setattr(BatchedCase, "evaluate", look)
+    found = screen(
+        ordinary(Snake, 1), FORMULAE[:1], ("kinetic-energy",), enclosed_every=100, first=1
+    )
     assert found.enclosed == enclosed
 
 
 def test_a_claim_that_no_lane_decides_is_counted_beside_those_that_are(monkeypatch):
     """Where rounding explains everything, of what one claim says."""
-    right = BatchedCase.look
+    right = BatchedCase.evaluate
 
     def look(self, claims):
         for one in right(self, claims):
             blind = one.claim == "kinetic-energy"
             yield one._replace(verdict=np.full_like(one.verdict, 3)) if blind else one
 
-    monkeypatch.setattr(BatchedCase, "look", look)
+    monkeypatch.setattr(BatchedCase, "evaluate", look)
     found = screen(
-        ordinary(Snake, 3), FORMULAE[:1], ("kinetic-energy", "equations-residual"), every=0
+        ordinary(Snake, 3), FORMULAE[:1], ("kinetic-energy", "equations-residual"), enclosed_every=0
     )
     assert found.by_claim[OPEN, "kinetic-energy"] == found.verdicts["inconclusive"] == 3
     assert found.by_claim[DECIDED, "kinetic-energy"] == 0
@@ -208,16 +210,16 @@ def test_a_state_with_a_term_that_is_not_finite_is_told_of_as_such(name: str):
             (Bad(**{x: getattr(scene, x) for x in Snake.declared}), state)
             for scene, state in ordinary(Snake, 2)
         ]
-    found = screen(cases, FORMULAE, ALL, every=0)
-    assert found.unseen == list(range(len(cases)))
+    found = screen(cases, FORMULAE, ALL, enclosed_every=0)
+    assert found.non_finite == list(range(len(cases)))
 
 
 def test_of_several_structures_the_states_that_are_not_finite_are_those_told_of():
     slow = [(scene, State(*scene.initial_state(), 0.0)) for scene in map(Snake.coil, (2, 3))]
     fast = [(scene, state._replace(v=state.v + 1e200)) for scene, state in slow]
     cases = [slow[0], slow[1], fast[1], slow[0], slow[1], fast[0], fast[1]]
-    found = screen(cases, FORMULAE, ("kinetic-energy",), every=0)
-    assert sorted(found.unseen) == [2, 5, 6]
+    found = screen(cases, FORMULAE, ("kinetic-energy",), enclosed_every=0)
+    assert sorted(found.non_finite) == [2, 5, 6]
     assert found.verdicts["passed"] == 4
 
 
@@ -239,9 +241,9 @@ def test_a_driven_scene_is_enclosed_at_its_time_in_lanes(speeds: bool, monkeypat
         monkeypatch.setattr(
             type(case[0]), "refuse_speeds", lambda self, q: (_ for _ in ()).throw(_refused())
         )
-    found = screen([case], able, ("true-error",), every=1)
+    found = screen([case], able, ("true-error",), enclosed_every=1)
     assert found.enclosed == 1 and not found.suspects
-    assert {key for claim, key in found.heights if claim == TRUTH} == {f.key for f in able}
+    assert {key for claim, key in found.scores if claim == TRUTH} == {f.key for f in able}
 
 
 def _refused() -> Exception:
@@ -253,7 +255,7 @@ def test_whose_fault_a_failure_is_is_told_by_the_truth_at_its_time():
     scene, state = driven_case()
     failed = Finding("power-balance", "au", scene, state, 1.0, 0.1, "failed", "made up")
     fault = diagnose_failure(failed)
-    assert fault.whose == triage.ALARM
+    assert fault.at_fault == triage.ALARM
     kept = failure_record(failed, "turntable-ball", fault)
     assert kept.t == kept.case[1].t == 0.7 and "t=0.7" in kept.python
 
@@ -275,7 +277,7 @@ def test_of_a_pair_either_formulation_is_held_against_the_truth(wrong: str, monk
 
     monkeypatch.setattr(triage, "acceleration", answer)
     fault = diagnose_failure(finding)
-    assert fault.whose == triage.SILENT and f"{wrong}: true error" in fault.evidence
+    assert fault.at_fault == triage.SILENT and f"{wrong}: true error" in fault.evidence
 
 
 @pytest.mark.parametrize(("share", "whose"), [(1.5, triage.SILENT), (0.5, triage.ALARM)])
@@ -289,7 +291,7 @@ def test_an_error_a_little_above_its_bound_is_a_silent_one(share, whose, monkeyp
         return replace(found, vdot=found.vdot + share * found.error_bound)
 
     monkeypatch.setattr(triage, "acceleration", answer)
-    assert diagnose_failure(finding).whose == whose
+    assert diagnose_failure(finding).at_fault == whose
 
 
 class OnTrial(CasadiEngine):
@@ -313,9 +315,9 @@ def test_an_engine_of_ours_is_blamed_only_where_the_scene_is_proved(
     monkeypatch.setattr(triage, "unproved", lambda scene: wrong)
     own = Finding("kinetic-energy", "scene", scene, state, 1.0, 0.1, "failed", "made up")
     finding = replace(own, claim="mass-matrix", subject="casadi", engine=engine)
-    assert diagnose_failure(finding).whose == whose
+    assert diagnose_failure(finding).at_fault == whose
     others = {None: triage.UNKNOWN, False: triage.ALARM, True: triage.SCENE}
-    assert diagnose_failure(own).whose == others[wrong if wrong is None else bool(wrong)]
+    assert diagnose_failure(own).at_fault == others[wrong if wrong is None else bool(wrong)]
 
 
 class Overdamped(Snake, functions=()):

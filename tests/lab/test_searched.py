@@ -403,16 +403,16 @@ def test_only_formulations_that_apply_are_judged_and_claims_once_each(monkeypatc
 class Plan:
     """What rounds have in common: each looks at so many states."""
 
-    noun, kind, seed, most, settings = "state", Sleigh, 0, 10, {}
+    noun, kind, seed, max_states, settings = "state", Sleigh, 0, 10, {}
 
     def __init__(self, states: int = 10):
         self.states = states
 
-    def run(self, given):
+    def run(self, round_):
         counts = Counter({"states": self.states} if self.states else {})
-        return RoundResult(given.number, given.stratum, {}, counts, seconds=2.0, cpu_seconds=1.5)
+        return RoundResult(round_.number, round_.variant, {}, counts, seconds=2.0, cpu_seconds=1.5)
 
-    def find(self, failed, name, known=None):
+    def record_failure(self, failed, name, known=None):
         raise AssertionError("nothing failed")
 
 
@@ -435,12 +435,12 @@ def spread_over(monkeypatch) -> list[tuple[str, list[int]]]:
 def test_rounds_are_handed_to_the_executor_no_more_than_are_needed(spread_over):
     one = Campaign(cast(Any, Plan()), "sleigh", STRATA)
     told: list[int] = []
-    one.run(states=65, executor="local:2", told=lambda now: told.append(now.states))
+    one.run(states=65, executor="local:2", on_round=lambda now: told.append(now.states))
     assert [where for where, _ in spread_over] == ["local:2"] * 2
     assert [numbers for _, numbers in spread_over] == [[0, 1, 2, 3], [4, 5, 6]]
     assert told == [10, 20, 30, 40, 50, 60, 70]
     assert (one.rounds, one.seconds, one.cpu_seconds) == (7, 14.0, 10.5)
-    assert sum(one.by_stratum.values()) == 70 and max(one.by_stratum.values()) == 20
+    assert sum(one.by_variant.values()) == 70 and max(one.by_variant.values()) == 20
 
 
 def test_results_of_an_executor_are_taken_until_the_time_is_up(spread_over, monkeypatch):

@@ -277,9 +277,9 @@ RECORDS = [
         (record(0.1, 0.0), CellOutcome.GOOD),
         (record(0.1, 1e-6), CellOutcome.GOOD),
         (record(0.1, 1e-6, 0.0), CellOutcome.GOOD),
-        (record(0.1, 2e-6, 2e-6), CellOutcome.TOLD),
+        (record(0.1, 2e-6, 2e-6), CellOutcome.REPORTED),
         (record(0.1, 2e-6, 1e-6), CellOutcome.SILENT),
-        (record(0.1, math.inf, math.inf), CellOutcome.TOLD),
+        (record(0.1, math.inf, math.inf), CellOutcome.REPORTED),
         (record(0.1, math.inf, 1.0), CellOutcome.SILENT),
         (record(0.1, None), CellOutcome.REFUSED),
     ],
@@ -298,12 +298,12 @@ def test_steps_go_from_mild_to_severe_and_keep_the_worst_variant():
     assert [step.worst for step in found] == [
         CellOutcome.GOOD,
         CellOutcome.GOOD,
-        CellOutcome.TOLD,
+        CellOutcome.REPORTED,
         CellOutcome.REFUSED,
     ]
     assert [step.refused for step in found] == [0.0, 0.0, 0.5, 1.0]
     assert found[1].lost == pytest.approx(FLOAT64_DIGITS - 9)
-    assert found[1].foreseen == pytest.approx(FLOAT64_DIGITS - 9 + math.log10(2))
+    assert found[1].predicted == pytest.approx(FLOAT64_DIGITS - 9 + math.log10(2))
     assert math.isnan(found[3].lost)
     assert list(atlas_of(RECORDS)["straight"]) == [Method("el")]
 
@@ -311,13 +311,13 @@ def test_steps_go_from_mild_to_severe_and_keep_the_worst_variant():
 def test_a_method_breaks_where_some_variant_first_fails():
     found = break_of(steps(RECORDS))
     assert found is not None
-    assert (found.severity, found.outcome) == (1e-8, CellOutcome.TOLD)
+    assert (found.severity, found.outcome) == (1e-8, CellOutcome.REPORTED)
     assert break_of(steps(RECORDS[:4])) is None
 
 
 def printed(records, capsys) -> str:
-    print_tables(ATLAS.sheets(records))
-    return "\n".join((capsys.readouterr().out, *ATLAS.said(records)))
+    print_tables(ATLAS.tables(records))
+    return "\n".join((capsys.readouterr().out, *ATLAS.remarks(records)))
 
 
 def test_records_that_say_otherwise_change_where_it_breaks_and_what_is_printed(capsys):
@@ -334,9 +334,9 @@ def test_records_that_say_otherwise_change_where_it_breaks_and_what_is_printed(c
     assert (found.severity, found.outcome) == (1e-4, CellOutcome.SILENT)
     after = printed(doctored, capsys)
     assert "0.0001" in after and "2 silently wrong" in after
-    (wrong,) = (sheet for sheet in ATLAS.sheets(doctored) if sheet.name == "stability-wrong")
+    (wrong,) = (sheet for sheet in ATLAS.tables(doctored) if sheet.name == "stability-wrong")
     assert [row[:2] for row in wrong.rows] == [("el", "SILENT")] * 2
-    assert "stability-wrong" not in {sheet.name for sheet in ATLAS.sheets(RECORDS)}
+    assert "stability-wrong" not in {sheet.name for sheet in ATLAS.tables(RECORDS)}
     assert ATLAS.alarm(doctored) and not ATLAS.alarm(RECORDS)
 
 
@@ -348,7 +348,7 @@ def test_digits_lost_count_from_those_that_doubles_have():
 
 def test_the_atlas_and_a_figure_a_family_are_drawn_and_fit_into_the_documentation(tmp_path: Path):
     silent = record(1e-4, 1e-3, 1e-9, "20 links")
-    check_sheets_fit(ATLAS.sheets([*RECORDS, silent, *_cheap()]))
+    check_sheets_fit(ATLAS.tables([*RECORDS, silent, *_cheap()]))
     paths = ATLAS.write([*RECORDS, silent, *_cheap()], tmp_path)
     assert [path.name for path in paths] == [
         "stability.png",

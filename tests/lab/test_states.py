@@ -44,10 +44,10 @@ def looked(
     run = ValidationRun()
     how = SELECTION, (1, 1), 12, 0, on_case
     if path is None:
-        validate_kind(kind, run, *how, where=where)
+        validate_kind(kind, run, *how, executor=where)
     else:
         with Records(path) as records:
-            validate_kind(kind, run, *how, records, where=where)
+            validate_kind(kind, run, *how, records, executor=where)
     return run
 
 
@@ -63,7 +63,7 @@ def test_two_processes_find_and_keep_what_one_does(tmp_path: Path):
     one, two = runs
     assert [f.as_dict() for f in one.findings] == [f.as_dict() for f in two.findings]
     assert one.ends == two.ends and len(cases) == one.cases + two.cases == 2 * 14
-    assert one.strata == two.strata and one.seconds.keys() == two.seconds.keys()
+    assert one.variants == two.variants and one.seconds.keys() == two.seconds.keys()
     assert [drawn.refused for drawn in one.drawn] == [drawn.refused for drawn in two.drawn]
     assert kept[0] == kept[1] and len(kept[0]) == len(one.findings)
 
@@ -89,7 +89,7 @@ def test_an_interruption_keeps_what_was_found_and_ends_the_processes():
 
     run = ValidationRun()
     with pytest.raises(KeyboardInterrupt):
-        validate_kind(Sleigh, run, SELECTION, (1, 1), 12, 0, interrupted, where="local:2")
+        validate_kind(Sleigh, run, SELECTION, (1, 1), 12, 0, interrupted, executor="local:2")
     assert run.cases == 4 and run.findings
     assert not multiprocessing.active_children()
 
@@ -129,7 +129,7 @@ def test_an_engine_on_trial_is_asked_as_often_in_several_processes_as_in_one(
     for where in (None, "local:2"):
         calls.clear()
         validate_kind(
-            ChainPendulum, ValidationRun(), selection, (1, 1), 2, 0, lambda: None, where=where
+            ChainPendulum, ValidationRun(), selection, (1, 1), 2, 0, lambda: None, executor=where
         )
         asked.append(len(calls))
     assert asked[0] == asked[1] > 0

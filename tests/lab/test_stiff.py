@@ -184,8 +184,8 @@ def test_a_study_is_whole_resumes_and_shows_what_jacobians_save(tmp_path, capsys
     for r in found:
         if r.settings.get("tolerance") == 1e-6:
             assert r.errors["floor"] < r.errors["final"] < 1e-2
-    print_tables(STUDY.sheets(found))
-    check_sheets_fit(STUDY.sheets(found))
+    print_tables(STUDY.tables(found))
+    check_sheets_fit(STUDY.tables(found))
     said = capsys.readouterr().out
     assert "No run failed" in said and "cheaper ones from this k on" in said
     written = STUDY.write(found, tmp_path)

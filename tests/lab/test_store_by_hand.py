@@ -152,9 +152,9 @@ def test_a_place_has_as_many_processes_as_its_text_says_and_else_one_a_core(monk
         (17, 18), (17, 18), (1, 2), (203, 204),
     ]  # fmt: skip
     monkeypatch.setattr("os.cpu_count", lambda: None)
-    assert backend_of(None).width == 2 and Local(3, ahead=0).width == 3
+    assert backend_of(None).max_pending == 2 and Local(3, ahead=0).max_pending == 3
     dask: Any = backend_of("dask:tcp://here:8786")
-    assert (dask.address, dask.width, dask.killed, dask.every) == (
+    assert (dask.address, dask.width, dask.killed_error, dask.every) == (
         *("tcp://here:8786", 1024, "KilledWorker", 1.0),
     )
 
@@ -280,7 +280,7 @@ class Scripted(ExecutorBackend):
     """A place where each item comes to what `outcome_of` says of it at once."""
 
     def __init__(self, outcome: Any, width: int = 2, killed: str = ""):
-        self.outcome, self.width, self.killed = outcome, width, killed
+        self.outcome, self.max_pending, self.killed_error = outcome, width, killed
         self.pools: list[list[Any]] = []
         self.pending: list[Future] = []
 
@@ -365,7 +365,7 @@ def test_what_a_place_names_as_killed_is_left_out_and_other_errors_end_all(monke
 
 def test_a_place_is_asked_whether_it_is_still_there_while_nothing_comes(monkeypatch):
     class Waiting(Scripted):
-        every = 0.01
+        check_seconds = 0.01
 
         def check(self) -> None:
             raise DiedError("nobody is left")

@@ -71,7 +71,7 @@ def test_a_study_is_worked_once_then_read_told_drawn_and_reported(key: str, tmp_
         (r.settings, r.series, r.counts, r.when) for r in found
     ]
     assert not study.alarm(found) and not list(unfinished(found))
-    sheets = list(study.sheets(found))
+    sheets = list(study.tables(found))
     assert sheets and all(sheet.rows for sheet in sheets)
     assert all(len(row) == len(sheet.columns) for sheet in sheets for row in sheet.rows)
     check_sheets_fit(sheets)
@@ -102,7 +102,9 @@ def test_machine_code_beyond_the_bound_is_named_and_an_alarm(monkeypatch):
         )
         found = study.run(None, links="2", examples=3)
         assert study.alarm(found) == beyond
-        assert any(one.startswith("beyond its bound: kane") for one in study.said(found)) == beyond
+        assert (
+            any(one.startswith("beyond its bound: kane") for one in study.remarks(found)) == beyond
+        )
 
 
 def test_accuracy_draws_the_same_states_one_a_cell_whatever_is_known(tmp_path: Path):
@@ -140,17 +142,17 @@ def test_rounding_of_the_reference_and_of_the_formulation_is_allowed(monkeypatch
 
 
 def test_snakes_at_rest_leave_no_table_of_agreement_empty():
-    (sheet,) = study_of("agreement").sheets(study_of("agreement").run(links="2", per_size=1))
+    (sheet,) = study_of("agreement").tables(study_of("agreement").run(links="2", per_size=1))
     assert len(sheet.rows) > 3 and {row[1] for row in sheet.rows} == {"1"}
 
 
 def test_motions_and_tolerances_are_measured_of_other_scenes_too():
     study = study_of("motion")
-    (sheet,) = study.sheets(study.run(scene="sleigh", formulation=["kane", "au"]))
+    (sheet,) = study.tables(study.run(scene="sleigh", formulation=["kane", "au"]))
     assert {row[0] for row in sheet.rows} == {"kane", "au"} and "of sleigh by" in sheet.note
     assert "scene" not in next(iter(study.cells()))  # what was kept of the paper's robot is known
     study = study_of("tolerance")
-    (sheet,) = study.sheets(study.run(scene="sleigh", examples=2))
+    (sheet,) = study.tables(study.run(scene="sleigh", examples=2))
     assert {"mass-matrix", "equivalence"} <= {row[0] for row in sheet.rows}
     assert "scene" not in next(iter(study.cells()))
     with pytest.raises(InputError, match="sleigh has no number of links"):
@@ -179,13 +181,13 @@ def test_tolerance_keeps_errors_over_rounding_and_not_over_what_is_allowed(
 def test_a_motion_that_does_not_reach_its_end_has_no_time(monkeypatch):
     study = study_of("motion")
     monkeypatch.setattr(motion, "END", 1.0)
-    (sheet,) = study.sheets(study.run(scene="sleigh", formulation=["kane", "el"]))
+    (sheet,) = study.tables(study.run(scene="sleigh", formulation=["kane", "el"]))
     assert [row[0] for row in sheet.rows] == ["kane"] and "Do not reach the end: el." in sheet.note
 
 
 def test_benchmarks_of_a_scene_without_links_are_told_by_its_name():
     study = study_of("rhs")
-    (sheet,) = study.sheets(study.run(**SMALL["rhs"]))
+    (sheet,) = study.tables(study.run(**SMALL["rhs"]))
     assert sheet.columns[1] == "sleigh"
     assert {row[0] for row in sheet.rows} >= {TRIGONOMETRY, "kane"}
     with pytest.raises(InputError, match="sleigh has no number of links"):
@@ -233,15 +235,15 @@ def test_an_engine_is_soft_by_its_own_word_and_only_where_it_is_constrained(comp
     held, free = (work(of | {"scene": key}) for key in ("sleigh", "chain-pendulum"))
     soft = {one.claim for one in rows_in([held, free], engines.EngineDifference) if one.gives_way}
     assert soft == (set(engines.CONSTRAINED) if compliant else set())
-    printed = "".join(sheet.markdown() for sheet in study_of("engines").sheets([held]))
+    printed = "".join(sheet.markdown() for sheet in study_of("engines").tables([held]))
     assert ("soft" in printed) is compliant
-    assert "soft" not in "".join(sheet.markdown() for sheet in study_of("engines").sheets([free]))
+    assert "soft" not in "".join(sheet.markdown() for sheet in study_of("engines").tables([free]))
 
 
 def test_what_could_not_be_judged_of_an_engine_is_inconclusive_and_not_soft():
     who = "pinocchio", "pinocchio 4", "sleigh", "engine-acceleration", 1, 0, 0.5
     settings = {"engine": "pinocchio", "scene": "sleigh"}
     record = record_of_rows("engines", settings, [engines.EngineDifference(*who, None, False)])
-    sheet, _ = study_of("engines").sheets([record])
+    sheet, _ = study_of("engines").tables([record])
     assert "5e-01 inconclusive" in sheet.rows[0] and "soft" not in sheet.markdown()
-    assert any("nothing was decided" in said for said in study_of("engines").said([record]))
+    assert any("nothing was decided" in said for said in study_of("engines").remarks([record]))

@@ -53,7 +53,7 @@ def test_operations_are_drawn_over_the_links_without_those_that_are_none():
     }
     panel = chart.panels["solves, by LU",]
     assert isinstance(panel, Panel)
-    assert [line.said[0] for line in panel.lines] == [
+    assert [line.hover_text[0] for line in panel.lines] == [
         [
             *("au, N = 3", "1 100 additions", "70 multiplications", "5 divisions"),
             *("3 pairs of sin and cos", "118 in solves"),
@@ -98,7 +98,7 @@ def test_springs_are_told_beside_what_their_terms_take_alone():
         Springs("au", 3, (5, 5, 5), (5, 5, 5), (0, 0, 0)),
     ]
     found = record_of_rows("operations", {"springs": "present, absent, alone"}, rows)
-    three, seven = study_of("operations").sheets([found])
+    three, seven = study_of("operations").tables([found])
     assert (three.name, seven.name) == ("springs-3", "springs-7")
     assert [tuple(row) for row in seven.rows] == [
         ("au", "1 010, 20, 3", "4, 12, 3", "1 006, 8, 0", "1 006, 8, 0", "yes"),
@@ -110,20 +110,20 @@ def test_springs_are_told_beside_what_their_terms_take_alone():
 @pytest.mark.parametrize(("banded", "note"), [(True, "s: number"), (False, "")])
 def test_what_s_is_stands_below_the_systems_of_chains_alone(banded, note):
     rows = [*COUNTS, *([counted("banded", 3, 1, 1, 1, 1, 2)] if banded else [])]
-    (systems,) = (x for x in study_of("operations").sheets(rows) if x.name == "systems")
+    (systems,) = (x for x in study_of("operations").tables(rows) if x.name == "systems")
     assert (note in systems.note) and bool(systems.note) == banded
 
 
 def test_what_is_not_fitted_and_what_savings_are_is_said_where_there_are_such():
-    few = [*study_of("operations").said(COUNTS)]
+    few = [*study_of("operations").remarks(COUNTS)]
     assert [line.split(":")[0] for line in few] == ["no fit"] and "degree 4 or less" in few[0]
     partly = [counted("em", n, n, n, 2**n, n, n) for n in range(2, 9)]
-    assert [*study_of("operations").said(partly)] == few
+    assert [*study_of("operations").remarks(partly)] == few
     whole = [counted("em", n, n, n, n, n, n) for n in range(2, 9)]
-    assert [*study_of("operations").said(whole)] == []
+    assert [*study_of("operations").remarks(whole)] == []
     saving = Saving("a trailer", ("Q",), "kane", (12, 15), None)
     saved = record_of_rows("operations", {"scene": "trailer"}, [saving])
-    (line,) = study_of("operations").said([*whole, saved])
+    (line,) = study_of("operations").remarks([*whole, saved])
     assert line.startswith("One right-hand side, outside of solves")
 
 
@@ -436,7 +436,7 @@ def test_work_and_precision_of_stiff_joints_are_drawn_down_to_what_is_known():
         ("DOP853", [1e-5, 2e-3, 1e-3], [5e-3, 5e-4, 2e-5]),
         ("Radau", [4e-3], [9e-4]),
     ]
-    assert soft.lines[0].said[1] == ["DOP853, tolerance 1e-03", "2 ms, 100 right-hand sides"]
+    assert soft.lines[0].hover_text[1] == ["DOP853, tolerance 1e-03", "2 ms, 100 right-hand sides"]
     assert (soft.unknown, soft.title) == (2e-5, "k = 1e+04 N m/rad")
     assert [len(line.x) for line in drawn["damped", "1e+06"].lines] == [1, 1]
 
@@ -474,5 +474,5 @@ def test_what_exact_jacobians_leave_is_their_cost_over_that_of_differences():
 
 def test_runs_of_stiff_joints_that_shared_their_core_are_counted():
     quiet = replace(STIFF[0], seconds=STIFF[0].cpu_seconds)
-    (line,) = study_of("stiff").said([quiet, *STIFF[:3]])
+    (line,) = study_of("stiff").remarks([quiet, *STIFF[:3]])
     assert line == "3 of 4 best runs had to share a core."

@@ -207,7 +207,7 @@ EVIDENCE = (
 @pytest.mark.parametrize("place", range(len(EVIDENCE)))
 def test_each_claim_of_the_paper_counts_and_tells_its_comparisons(place: int, records):
     claim = PAPER_CLAIMS[place]
-    assert (claim.place, *claim.look(PaperRecords(records))) == EVIDENCE[place]
+    assert (claim.place, *claim.measure(PaperRecords(records))) == EVIDENCE[place]
     made = judge_paper_claim(claim, PaperRecords(records))
     right = {"holds": claim.true}.get(made.verdict, claim.false)
     assert (made.measured, made.why) == (EVIDENCE[place][3], right)
@@ -233,7 +233,7 @@ def test_figures_5_to_7_draw_each_norm_over_the_links_of_each_solver(records):
     ]
     for (name, by), panel in drawn.items():
         of = {"constraint error": "constraint", "energy error": "energy"}.get(name)
-        lines = {line.key: line for line in panel.lines if line.look == "line"}
+        lines = {line.key: line for line in panel.lines if line.appearance == "line"}
         assert [*lines] == [*KEYS] and panel.x.log and panel.y.log
         assert (panel.title, panel.legend) == (by, name == "CPU time")
         for key, line in lines.items():
@@ -247,12 +247,14 @@ def test_figures_5_to_7_draw_each_norm_over_the_links_of_each_solver(records):
             assert line.x == [one.settings["links"] for one in mine]
             values = [one.cpu_seconds if of is None else one.errors[of] for one in mine]
             assert line.y == values and line.label == key
-            assert line.said[0][0] == f"{key}, N = {line.x[0]}"
-        crosses = [(line.key, line.x, line.label) for line in panel.lines if line.look != "line"]
+            assert line.hover_text[0][0] == f"{key}, N = {line.x[0]}"
+        crosses = [
+            (line.key, line.x, line.label) for line in panel.lines if line.appearance != "line"
+        ]
         assert crosses == ([("ml", [2], "not finished")] if by == str(SECOND) else [])
     ms, name = 1e3, ("CPU time", str(FIRST))
     assert [ms * y for y in drawn[name].lines[1].y] == pytest.approx(MILLISECONDS["el"])
-    told = drawn["energy error", str(FIRST)].lines[0].said[2]
+    told = drawn["energy error", str(FIRST)].lines[0].hover_text[2]
     assert told == [
         "im, N = 20",
         "RK45, tolerance 1e-03, done",

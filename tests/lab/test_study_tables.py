@@ -27,13 +27,13 @@ from eomcheck.numbers.counting import System
 
 def tables(key: str, *found: Record) -> list[list[tuple[str, ...]]]:
     """Return the rows of each table of a study."""
-    sheets = list(study_of(key).sheets(found))
+    sheets = list(study_of(key).tables(found))
     assert all(len(row) == len(sheet.columns) for sheet in sheets for row in sheet.rows)
     return [[tuple(map(str, row)) for row in sheet.rows] for sheet in sheets]
 
 
 def said(key: str, *found: Record) -> list[str]:
-    return list(study_of(key).said(found))
+    return list(study_of(key).remarks(found))
 
 
 def test_accuracy_tells_fewest_digits_medians_and_the_largest_errors():
@@ -90,7 +90,7 @@ def test_a_motion_is_timed_by_both_integrators_and_their_ratio():
     assert (key, calls, ratio) == ("kane", "1,000", "4")
     assert [x.split()[0] for x in (cyrk, each, scipy)] == ["2", "2", "8"]
     assert len({cyrk, each, scipy}) == 3
-    (sheet,) = study_of("motion").sheets([record_of_rows("motion", {}, rows)])
+    (sheet,) = study_of("motion").tables([record_of_rows("motion", {}, rows)])
     assert "Do not reach the end: el." in sheet.note
 
 
@@ -142,7 +142,7 @@ def test_robots_tell_counts_times_and_each_library_in_its_column():
     assert ours == [("arm", "3", "40", "1", "12", "2", "1.2", "0.5")]
     words = ("2e-16", "3e-04 differs", "no answer", "3e-04 agrees where decided")
     assert theirs == [("arm", *words, "3e-04 inconclusive")]
-    (row,) = list(study_of("robots").sheets([done]))[1].rows
+    (row,) = list(study_of("robots").tables([done]))[1].rows
     looks = [cell.kind for cell in row[1:] if isinstance(cell, Cell)]
     assert looks == ["passed", "failed", "open", "passed", "open"]
     lines = said("robots", done, missing)
@@ -266,7 +266,7 @@ def test_stiff_joints_tell_costs_crossovers_what_jacobians_save_and_failures():
     )
     truth, *costs, crossover, jacobians, failures = tables("stiff", *found)
     assert truth == [("1e+04", "3.0e-11"), ("1e+08", "no truth")]
-    titles = [sheet.title for sheet in study_of("stiff").sheets(found)][1:5]
+    titles = [sheet.title for sheet in study_of("stiff").tables(found)][1:5]
     rough = costs[2]
     assert titles[2].startswith("damped, kane") and titles[2].endswith("1e-03")
     assert ("DOP853", "1  100", "8  800") in rough and ("Radau", "4  900", "2  600") in rough
@@ -336,7 +336,7 @@ def test_the_paper_over_again_tells_systems_poses_errors_times_and_claims():
         *(paper_motion("kane", n, 5e-5 * n, error=0.1) for n in (7, 20, 40)),
         *(paper_motion("kane", n, cpu, 1e-9) for n, cpu in ((7, None), (20, 1e-3), (40, 8e-3))),
     )
-    sheets = list(study_of("paper").sheets(found))
+    sheets = list(study_of("paper").tables(found))
     systems, poses, robot, constraint, energy, times, claims = tables("paper", *found)
     assert sheets[0].columns[3] == "last one at N = 40"
     assert systems == [

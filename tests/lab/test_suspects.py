@@ -29,11 +29,11 @@ def cases(kind: type[Snake], count: int = 2) -> list[FuzzCase]:
 
 def test_what_fails_by_check_is_suspect_in_lanes_by_the_same_claims():
     wrong = cases(Wrong)
-    found = screen(wrong, FORMULATED, ALL, every=0)
+    found = screen(wrong, FORMULATED, ALL, enclosed_every=0)
     for i, case in enumerate(wrong):
         judged = check_case(case, batchable_claims(ALL), FEW)
         failed = {one.claim for one in judged if one.verdict == "failed"}
-        assert failed and found.suspects[i] == failed - set(found.lost)
+        assert failed and found.suspects[i] == failed - set(found.not_batched)
 
 
 @pytest.fixture
@@ -62,11 +62,11 @@ def looked_at(monkeypatch, found: ScreeningResult, **options) -> RoundResult:
 def test_of_many_suspects_the_most_suspect_are_judged(judged, monkeypatch):
     found = ScreeningResult(6, {("bias", ""): np.array([2.0, 9.0, 3.0, 0.5, 8.0, 7.0])})
     found.suspects = {i: {"bias"} for i in (0, 1, 2, 4, 5)}
-    result = looked_at(monkeypatch, found, most=2)
+    result = looked_at(monkeypatch, found, max_states=2)
     assert judged == [(1, frozenset({"bias"})), (4, frozenset({"bias"}))]
     assert (result.counts["suspect"], result.counts["suspects judged"]) == (5, 2)
     # Of the others nobody knows how high they are.
-    assert found.heights["bias", ""].tolist() == [0.0, 0.0, 0.0, 0.5, 0.0, 0.0]
+    assert found.scores["bias", ""].tolist() == [0.0, 0.0, 0.0, 0.5, 0.0, 0.0]
 
 
 @pytest.mark.parametrize(
@@ -77,8 +77,8 @@ def test_a_suspect_is_as_high_as_it_is_judged_to_be(monkeypatch, verdict, height
     said = Finding("bias", "casadi", *case, 1.5, 0.5, verdict, "made up")
     monkeypatch.setattr(state_rounds, "check_case", lambda *_: [said])
     found = ScreeningResult(1, {("bias", ""): np.array([9.0])}, {0: {"bias"}})
-    looked_at(monkeypatch, found, most=1)
-    assert found.heights["bias", ""].tolist() == [height]
+    looked_at(monkeypatch, found, max_states=1)
+    assert found.scores["bias", ""].tolist() == [height]
 
 
 @pytest.mark.parametrize(
@@ -96,8 +96,8 @@ def test_what_lanes_cannot_tell_is_judged_at_one_state_in_so_many(
     ration, expected, judged, monkeypatch
 ):
     claims = ("bias", "null-space-embedding", "enclosures")
-    found = ScreeningResult(4, lost={"bias": "branches"})
-    looked_at(monkeypatch, found, ration=ration, claims=claims)
+    found = ScreeningResult(4, not_batched={"bias": "branches"})
+    looked_at(monkeypatch, found, check_frequency=ration, claims=claims)
     names = {"lost": "bias"}
     told = {i: frozenset(names.get(x, x) for x in of) for i, of in expected.items()}
     assert dict(judged) == told and len(judged) == len(told)
@@ -105,7 +105,9 @@ def test_what_lanes_cannot_tell_is_judged_at_one_state_in_so_many(
 
 def test_states_that_are_not_finite_are_judged_by_their_terms_alone(judged, monkeypatch):
     result = looked_at(
-        monkeypatch, ScreeningResult(5, unseen=[1, 3, 4]), ration=CheckFrequency(0, 0, 0, 0, 2)
+        monkeypatch,
+        ScreeningResult(5, non_finite=[1, 3, 4]),
+        check_frequency=CheckFrequency(0, 0, 0, 0, 2),
     )
     terms = [case for case, claims in judged if claims == {"finite-terms"}]
     assert terms == [1, 4] and result.counts["not finite"] == 3

@@ -237,11 +237,11 @@ def test_of_a_scene_of_which_an_engine_represents_nothing_that_is_said(capsys):
 
     state = State(*SLEIGH.initial_state(), 0.0)
     empty = ValidationRun(
-        drawn=[SampledState(FourBarChain.example(), state, ())] * 2, ends=[0, 0, 0]
+        sampled=[SampledState(FourBarChain.example(), state, ())] * 2, ends=[0, 0, 0]
     )
-    skipped = ValidationRun(drawn=[SampledState(SLEIGH, state, ())], ends=[0])
+    skipped = ValidationRun(sampled=[SampledState(SLEIGH, state, ())], ends=[0])
     found = Finding("bias", "au ~ shy", SLEIGH, state, 0.5, 1.0, "passed", "compared")
-    asked = ValidationRun(findings=[found], ends=[1], drawn=empty.drawn)
+    asked = ValidationRun(findings=[found], ends=[1], sampled=empty.sampled)
     runs = {"four-bar-chain": empty, "sleigh": skipped, "snake": asked}
 
     def said(**how: Any) -> list[str]:
@@ -285,7 +285,7 @@ def test_one_run_that_did_not_end_is_no_passed_report(statuses):
     assert made.headline == "The run did not come to its end; until then none of 1 claim failed."
     made = Overview([run_of("sleigh", "done"), run_of("snake", "done")])
     made.rows = [kept(), kept(verdict="inconclusive")]
-    assert (made.verdict, made.open, made.states) == ("passed", 1, 8)
+    assert (made.verdict, made.undecided_count, made.states) == ("passed", 1, 8)
     assert made.headline == "All 1 claim hold."
     assert made.basis == "2 findings, 8 states, on snake; 1 inconclusive."
     made.rows.append(kept(verdict="skipped"))
@@ -345,8 +345,8 @@ def campaign() -> Campaign:
     made = Campaign(plan, "snake", [StructuralVariant(1, ()), StructuralVariant(2, ())])
     made.counts.update({"states": 240, "ordinary": 200, "climbed": 40, "passed": 99, "nought": 0})
     made.counts.update({CROSSED + "im": 3, STOPPED + "im": 5, STOPPED + "kane": 2})
-    made.by_stratum.update(
-        {stratum.name: x for stratum, x in zip(made.strata, (11, 22), strict=True)}
+    made.by_variant.update(
+        {stratum.name: x for stratum, x in zip(made.variants, (11, 22), strict=True)}
     )
     made.worst = {
         ("bias", "el"): ScoredCase(0.75, None),  # type: ignore[arg-type]
@@ -355,12 +355,12 @@ def campaign() -> Campaign:
     }
     made.counts.update({OPEN + "motion": 4, OPEN + "bias": 2, DECIDED + "bias": 1})
     made.counts.update({OPEN + "drift": 0})
-    made.lost = {"energy-rate": "branches"}
+    made.not_batched = {"energy-rate": "branches"}
     made.rounds, made.cpu_seconds, made.seconds = 6, 12.0, 48.0
     find = FailureRecord(
         "snake", {}, [], [], 0.0, "bias", "au ~ el", 2.0, 1.0, "scene", "known by", "row"
     )
-    made.finds = {find.key: find}
+    made.failure_records = {find.key: find}
     return made
 
 
@@ -417,7 +417,7 @@ def test_a_campaign_prints_its_finds_or_that_there_are_none(
     campaign_tables.print_campaign(campaign)
     said = capsys.readouterr().out
     assert "the code" in said and "no find" not in said
-    campaign.finds = {}
+    campaign.failure_records = {}
     campaign_tables.print_campaign(campaign)
     assert "no find" in capsys.readouterr().out
 
@@ -449,12 +449,12 @@ def test_a_comparison_shows_the_difference_from_us_and_the_pairs_each_other():
     )
     made.refused["four"], made.missing = "not there", ["four"]
     nothing = np.nan
-    made.apart = {
+    made.differences = {
         "M": np.array([[0.0, 1e-3, 2e-5], [1e-3, 0.0, 4e-7], [2e-5, 4e-7, 0.0]]),
         "bias": np.array([[0.0, 0.0, nothing], [0.0, 0.0, nothing], [nothing, nothing, nothing]]),
     }
-    made.why = {"one": [], "two": []}
-    made.said = {"one": [], "two": []}
+    made.explanations = {"one": [], "two": []}
+    made.messages = {"one": [], "two": []}
     made.decided = {"one": True, "two": True}
     made.faults = {("two", "bias"): "raises"}
     sheet = comparison_tables.library_table(made)
@@ -487,7 +487,7 @@ def test_a_comparison_shows_the_difference_from_us_and_the_pairs_each_other():
         ([known, unknown], "differs"),
         ([unknown, known], "differs"),
     ):
-        made.why["two"] = whys
+        made.explanations["two"] = whys
         assert made.verdict("two") == word
     made.faults = {}
     assert made.agree
@@ -531,7 +531,7 @@ def test_libraries_about_which_nothing_is_decided_are_not_said_to_agree(
     comparison_tables.print_comparison(made)
     last = capsys.readouterr().out.splitlines()[-1]
     assert last == said if said else "agree to" not in last
-    assert made.open == [key for key in made.versions if not decided.get(key)]
+    assert made.undecided_libraries == [key for key in made.versions if not decided.get(key)]
 
 
 # ---- Motions -------------------------------------------------------------------------------------

@@ -46,10 +46,10 @@ Arm = mechanism(
     [GROUND, bent("a"), bent("b"), bent("c")],
     [
         turning("α", "ground", "a", axis=(0.0, 0.0, -1.0)),
-        turning("β", "a", "b", (1.0, 0.0, 0.1), turn=(1.0, 1.0, 0.0, 0.0), axis=(1.0, 1.0, 0.0),
-                damping=0.3),
+        turning("β", "a", "b", (1.0, 0.0, 0.1), orientation=(1.0, 1.0, 0.0, 0.0),
+                axis=(1.0, 1.0, 0.0), damping=0.3),
         Joint("γ", "prismatic", "b", "c", (1.0, 0.0, 0.1), axis=(0.0, 1.0, 0.0), stiffness=3.0,
-              relaxed=0.1, armature=0.4),
+              rest_position=0.1, armature=0.4),
     ],
 )  # fmt: skip
 
@@ -79,10 +79,10 @@ Following = mechanism(
     [GROUND, rod("a"), rod("b"), rod("c")],
     [
         turning("α", "ground", "a", axis=(0.0, -1.0, 0.0)),
-        turning("β", "a", "b", (1.0, 0.0, 0.0), axis=(0.0, 0.0, -1.0), follows=("α", -0.7, 0.3),
+        turning("β", "a", "b", (1.0, 0.0, 0.0), axis=(0.0, 0.0, -1.0), mimics=("α", -0.7, 0.3),
                 stiffness=2.0, damping=0.1),
         Joint("γ", "prismatic", "b", "c", (1.0, 0.0, 0.0), axis=(1.0, 1.0, 0.0),
-              follows=("β", 2.0, 0.1), damping=0.2),
+              mimics=("β", 2.0, 0.1), damping=0.2),
     ],
 )  # fmt: skip
 
@@ -92,7 +92,7 @@ FourBar = mechanism(
     [turning("α", "ground", "a"), turning("β", "a", "b", (0.8, 0.0, 0.0)),
      turning("γ", "b", "c", (1.2, 0.0, 0.0))],
     [pin("window", "c", "ground", (1.0, 0.0, 0.0), (1.5, 0.0, 0.0))],
-    first=("β", "γ"),
+    dependent=("β", "γ"),
     pose={"α": 1.3, "β": -1.0, "γ": -1.6},
     **PLANE,
 )  # fmt: skip
@@ -102,7 +102,7 @@ def beside(name: str, kind: str, constraint: Any, first: tuple[str, ...] = ()) -
     """Return an arm and a second body on a joint of its own, held to it."""
     joints = [turning("α", "ground", "a", axis=(0.0, 1.0, 0.0)),
               Joint("β", kind, "ground", "b", (2.0, 0.0, 0.0))]  # fmt: skip
-    return mechanism(name, [GROUND, bent("a"), bent("b")], joints, [constraint], first=first)
+    return mechanism(name, [GROUND, bent("a"), bent("b")], joints, [constraint], dependent=first)
 
 
 AT = (1.0, 0.2, 0.0)
@@ -130,14 +130,15 @@ Geared = beside("Geared", "revolute", coupling("gear", "α", "β", 0.5, 0.2))
 Driven = beside("Driven", "revolute", drive("motor", "α", 0.1, 2.0, 0.3))
 
 Skate = mechanism("Skate", [GROUND, rod("a")], [Joint("p", "planar", "ground", "a")],
-    [knife_edge("blade", "a", (0.0, 1.0, 0.0), (0.2, 0.0, 0.0))], first=("p_turn",), gravity=None,
+    [knife_edge("blade", "a", (0.0, 1.0, 0.0), (0.2, 0.0, 0.0))],
+    dependent=("p_turn",), gravity=None,
 )  # fmt: skip
 
 Lifted = mechanism("Lifted", [GROUND, bent("a"), bent("b")],
     [Joint("p", "floating", "ground", "a"),
      turning("β", "a", "b", (1.0, 0.0, 0.0), axis=(1.0, 2.0, 0.0), armature=0.3, damping=0.1)],
     [knife_edge("blade", "a", (0.0, 1.0, 0.0), (0.2, 0.0, 0.0)), drive("lift", "p_z", 0.0, 0.5)],
-    first=("p_z", "p_y"),
+    dependent=("p_z", "p_y"),
 )  # fmt: skip
 
 FREE = tuple(f"b_{part}" for part in ("x", "y", "z", "yaw", "pitch", "roll"))
@@ -145,17 +146,17 @@ TABLE = turning("α", "ground", "table", axis=(0.1, 0.2, 1.0)), Joint("b", "floa
 ABOVE = (0.1, 0.0, 0.0), (0.0, 0.0, 0.2)
 
 Marble = mechanism("Marble", [GROUND, bent("table"), bent("b")], TABLE,
-    rolling_ball("ball", "b", "table", 0.5, *ABOVE, (0.1, 0.2, 1.0)), first=FREE[:3],
+    rolling_ball("ball", "b", "table", 0.5, *ABOVE, (0.1, 0.2, 1.0)), dependent=FREE[:3],
     pose={"b_z": 0.5, "b_roll": 1.3},
 )  # fmt: skip
 
 Coin = mechanism("Coin", [GROUND, bent("table"), bent("b")], TABLE,
     rolling_disk("rim", "b", "table", 0.5, *ABOVE, (1.0, 0.2, 0.1), (0.1, 0.2, 1.0)),
-    first=FREE[:3], pose={"b_z": 0.5, "b_roll": 0.3},
+    dependent=FREE[:3], pose={"b_z": 0.5, "b_roll": 0.3},
 )  # fmt: skip
 
 Hoop = mechanism("Hoop", [GROUND, rod("a")], [Joint("p", "planar", "ground", "a")],
-    rolling_circle("hoop", "a", "ground", 0.5, (1.0, 0.3, 0.0)), first=("p_x", "p_y"),
+    rolling_circle("hoop", "a", "ground", 0.5, (1.0, 0.3, 0.0)), dependent=("p_x", "p_y"),
     pose={"p_y": 0.5}, **PLANE,
 )  # fmt: skip
 
@@ -163,7 +164,7 @@ Bead = mechanism("Bead", [GROUND, bent("a"), bent("b")],
     [turning("α", "ground", "a", axis=(0.0, 1.0, 0.0)), Joint("b", "floating", "ground", "b")],
     [*on_line("wire", "b", "a", (0.1, 0.2, 1.0), AT, (0.0, 0.1, 0.0)),
      perpendicular("upright", "b", (1.0, 0.0, 0.2), "a", (0.0, 1.0, 0.3))],
-    first=("b_x", "b_y", "b_yaw"),
+    dependent=("b_x", "b_y", "b_yaw"),
 )  # fmt: skip
 
 TREES = {kind.key: kind for kind in (Arm, Branched, Free, Ball, Following)}

@@ -205,7 +205,7 @@ def test_a_mistake_in_one_derivation_is_disproved_and_named(
 
 def test_what_stays_in_the_plane_has_no_third_component():
     scene = FourBar()
-    assert scene.made.topology.planar
+    assert scene.source.topology.planar
     at = Evaluation(scene, *scene.initial_state())
     jacobians = scene.jacobians(at.parameters, at.prepared, at.q, at.v)
     assert jacobians.linear.shape == (3, 2, 3)
@@ -235,10 +235,10 @@ def test_a_picture_shows_its_joints_by_their_names(kind: type[Mechanism]):
     scene = kind()
     sketch = scene.sketch(scene.initial_state()[0])
     told = {part.name for part in sketch.parts if isinstance(part, JointMark | Arrow)}
-    assert {slot.name.replace("_", " ") for slot in kind.plan.slots} <= told
+    assert {slot.name.replace("_", " ") for slot in kind.plan.joints} <= told
     rows = [i for part in sketch.parts if isinstance(part, ConstraintMark) for i in part.rows]
     assert len(set(rows)) == len(rows) <= scene.r
-    d = 2 if kind.made.topology.planar else 3
+    d = 2 if kind.source.topology.planar else 3
     assert all(np.shape(part.at) == (d,) for part in sketch.parts if isinstance(part, Center))
 
 
@@ -247,12 +247,12 @@ def test_a_picture_shows_its_joints_by_their_names(kind: type[Mechanism]):
 def test_random_mechanisms_of_a_topology_pass_every_claim(key: str):
     kind, run = ALL[key], ValidationRun()
     selection = RunSelection.of(scenes=[kind])
-    run.look_at_kind(kind, selection, (1, 1), 4, 0)
+    run.validate_kind(kind, selection, (1, 1), 4, 0)
     assert [str(f) for f in run.findings if f.verdict == "failed"] == []
     assert run.cases == 6
-    drawn = [one.scene for one in run.drawn[1:]]
+    drawn = [one.scene for one in run.sampled[1:]]
     assert len({repr(one) for one in drawn}) == 4
-    if kind in CLOSED.values() and kind.made.closed:
+    if kind in CLOSED.values() and kind.source.fixed_geometry:
         assert all((one.offset == kind().offset).all() for one in drawn)
 
 
@@ -362,12 +362,10 @@ AXES_OF_JOINTS = [
 @pytest.mark.parametrize("axis", AXES_OF_JOINTS)
 def test_a_spring_rests_where_its_joint_says_along_any_axis(kind, axis):
     """By hand, and of a joint that follows: -k (q - rest), times the ratio."""
-    along = {"axis": axis, "stiffness": 3.0, "relaxed": 0.4, "damping": 0.2}
+    along = {"axis": axis, "stiffness": 3.0, "rest_position": 0.4, "damping": 0.2}
     joints = [
         elements.Joint("leader", kind, "ground", "a", **along),
-        elements.Joint(
-            "f", kind, "a", "b", (1.0, 0.3, 0.2), follows=("leader", -1.5, 0.7), **along
-        ),
+        elements.Joint("f", kind, "a", "b", (1.0, 0.3, 0.2), mimics=("leader", -1.5, 0.7), **along),
     ]
     scene = mechanism("Sprung", [GROUND, rod("a"), rod("b")], joints, gravity=None)()
     at = Evaluation(scene, np.array([0.9]), np.array([0.5]))
@@ -384,7 +382,7 @@ class Motor(Described, description=lambda parameters: _motor(parameters), closed
 
     mass: Any = parameter("m", "kg", "> 0", (0.1, 10.0), (1,))
     inertia: Any = parameter("I, central", "kg m²", ">= 0", (0.01, 10.0), (1,))
-    torque: Any = parameter("motor", "N m", drawn=(-1.0, 1.0))
+    torque: Any = parameter("motor", "N m", sample_range=(-1.0, 1.0))
 
     key, conserves_energy = "motor", True
     named_coordinates = ("turn",)
@@ -451,7 +449,7 @@ BETA = turning("β", "a", "b")
         ({"links": []}, "joint 'α' has the parent 'ground', no such link"),
         ({"links": [], "joints": []}, "there is no link"),
         ({"joints": [BETA, turning("β", "ground", "a")]}, "two joints have the name 'β'"),
-        ({"first": ["γ"]}, "first names 'γ', expected one of: α, β"),
+        ({"dependent": ["γ"]}, "dependent names 'γ', expected one of: α, β"),
         ({"pose": {"γ": 1.0}}, "pose names 'γ', expected one of: α, β"),
         ({"constraints": [pin("p", "a", "c")]}, "constraint 'p' is on the link 'c', no such link"),
         ({"constraints": [coupling("p", "α", "γ", 1.0)]}, "constraint 'p' names 'γ', expected"),
@@ -462,10 +460,10 @@ BETA = turning("β", "a", "b")
         ({"constraints": [pin("p", "a", "a")]}, "'p' is between 'a' and itself"),
         ({"constraints": [coupling("p", "α", "α", 1.0)]}, "'p' is between 'α' and itself"),
         ({"joints": [BETA._replace(axis=(0.0, 0.0, 0.0))]}, "'β' has the axis .0, 0, 0."),
-        ({"joints": [BETA._replace(turn=(0.0,) * 4)]}, "joint 'β' has the turn"),
+        ({"joints": [BETA._replace(orientation=(0.0,) * 4)]}, "joint 'β' has the orientation"),
         ({"joints": [BETA._replace(kind="ball")]}, "joint 'β' has the kind 'ball', expected one"),
         ({"joints": [BETA._replace(kind="planar", damping=1.0)]}, "are for joints with one coord"),
-        ({"joints": [BETA._replace(follows=("β", 1.0, 0.0))]}, "joint 'β' follows itself"),
+        ({"joints": [BETA._replace(mimics=("β", 1.0, 0.0))]}, "joint 'β' follows itself"),
         ({"joints": [BETA._replace(name="α_x"), turning("α", "ground", "a")._replace(
             kind="planar")]}, "two coordinates have the name 'α_x'"),
         ({"links": [GROUND, Link("a"), Link("b")]}, "nothing that moves has inertia"),

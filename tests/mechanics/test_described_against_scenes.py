@@ -60,7 +60,7 @@ def test_a_chain_by_description_has_the_terms_of_the_scene_by_hand(links: int, h
     theirs = Quantities(scene, field, field.vector(scene.n))
     theirs.v = field.vector(scene.n)
     given, mechanism = theirs.parameters, kind()
-    assert mechanism.made.topology.planar
+    assert mechanism.source.topology.planar
     center, offset = np.zeros((2, links, 2), object)
     center[:, 0], offset[1:, 0] = given.length / field.literal(2), given.length[:-1]
     T = np.array(scene.tree().coordinates, int)
@@ -113,8 +113,8 @@ def test_in_the_plane_a_description_costs_hardly_more_than_equations_by_hand(
 
 def test_space_costs_more_than_the_plane_and_what_is_absent_nothing():
     plane, space = chain(4)(), chain(4, away=0.1)()
-    assert plane.made.topology.planar
-    assert not space.made.topology.planar
+    assert plane.source.topology.planar
+    assert not space.source.topology.planar
     assert cost(plane) < 0.6 * cost(space)
     weightless = chain(4, gravity=None)()
     assert cost(weightless) < cost(plane)

@@ -181,8 +181,8 @@ EVERY = mechanism(
     "Every",
     [GROUND, FLAT._replace(name="a"), rod("b"), rod("c"), rod("d")],
     [
-        turning("α", "ground", "a", turn=QUARTER, damping=0.1, stiffness=2.0, armature=0.3),
-        turning("β", "a", "b", axis=(1.0, 1.0, 0.0), follows=("α", 2.0, 0.1)),
+        turning("α", "ground", "a", orientation=QUARTER, damping=0.1, stiffness=2.0, armature=0.3),
+        turning("β", "a", "b", axis=(1.0, 1.0, 0.0), mimics=("α", 2.0, 0.1)),
         Joint("f", "planar", "ground", "c"),
         turning("δ", "ground", "d"),
     ],
@@ -231,7 +231,7 @@ def test_a_closed_mechanism_keeps_all_of_its_geometry():
     made = mechanism(
         "Closed",
         [GROUND, FLAT._replace(name="a"), rod("b")],
-        [turning("α", "ground", "a", turn=QUARTER), Joint("f", "floating", "ground", "b")],
+        [turning("α", "ground", "a", orientation=QUARTER), Joint("f", "floating", "ground", "b")],
         [distance("d", "b", "a", 1.0), coupling("c", "f_x", "α", 2.0),
          on_quadric("q", "b", "a", (1.0, 1.0, 1.0), 0.5)],
     )  # fmt: skip
@@ -257,11 +257,11 @@ def test_a_tree_in_the_plane_has_these_numbers():
         [GROUND, FLAT._replace(name="a"), FLAT._replace(mass=2.0), FLAT._replace(name="c")],
         [
             turning("α", "ground", "a", (1.0, 2.0, 0.0), axis=(0.0, 0.0, -1.0)),
-            turning("β", "a", "b", axis=(0, 0, -1), follows=("α", -0.5, 0.25), armature=0.4),
-            slide._replace(follows=("β", 2.0, 0.1)),
+            turning("β", "a", "b", axis=(0, 0, -1), mimics=("α", -0.5, 0.25), armature=0.4),
+            slide._replace(mimics=("β", 2.0, 0.1)),
         ],
     )
-    assert made.made.topology.planar
+    assert made.source.topology.planar
     assert_tree(
         made().tree(),
         parent=(-1, 0, 1),
@@ -283,7 +283,9 @@ def test_a_tree_in_space_has_these_numbers():
     links = [GROUND, Link("a", 3.0, (0.1, 0.2, 0.3), (0.7, 0.8, 0.9), (0.01, 0.02, -0.03)),
              Link("b", 2.0, (0.0, 0.0, 5.0), (1.0, 1.0, 1.0))]  # fmt: skip
     made = mechanism(
-        "Solid", links, [turning("α", "ground", "a", axis=(-1.0, 0.0, 0.0), turn=QUARTER), tilted]
+        "Solid",
+        links,
+        [turning("α", "ground", "a", axis=(-1.0, 0.0, 0.0), orientation=QUARTER), tilted],
     )
     assert_tree(
         made().tree(),
@@ -342,21 +344,21 @@ def test_a_picture_in_the_plane_has_these_parts():
     assert [written(part) for part in sketch.parts] == [
         "Arrow: name x axis, at [0.0, 0.0], along [0.15, 0.0], frame True",
         "Arrow: name y axis, at [0.0, 0.0], along [0.0, 0.15], frame True",
-        "Joint: at [1.0, 0.0], ground True, name left turn",
+        "JointMark: at [1.0, 0.0], ground True, name left turn",
         "Center: at [1.0, 0.5]",
         "Body: points [[1.0, 0.0], [0.5, 0.75]]",
         "Arrow: name slide, at [0.5, 0.75], along [0.0, -0.12]",
         "Center: at [0.5, 1.0]",
-        "Joint: at [0.5, 0.75], name wrist",
+        "JointMark: at [0.5, 0.75], name wrist",
         "Center: at [0.0, 0.75]",
         "Body: points [[0.5, 0.75], [0.0, 0.75]]",
         "Trail: at [0.0, 0.75]",
-        "Joint: at [0.0, 0.25], ground True, name right turn",
+        "JointMark: at [0.0, 0.25], ground True, name right turn",
         "Center: at [0.25, 0.25]",
         "Body: points [[0.0, 0.25], [0.25, 0.25]]",
         "Trail: at [0.25, 0.25]",
-        "Constraint: name rod, at [2.0, 0.0], rows [0.0]",
-        "Constraint: name tip, at [0.5, 0.25], rows [2.0, 3.0]",
+        "ConstraintMark: name rod, at [2.0, 0.0], rows [0.0]",
+        "ConstraintMark: name tip, at [0.5, 0.25], rows [2.0, 3.0]",
         "Body: points [[0.5, 0.75], [0.5, 0.25]]",
         "Arrow: name g, at [-0.2, 0.0], along [0.0, -0.2]",
     ]
@@ -365,7 +367,7 @@ def test_a_picture_in_the_plane_has_these_parts():
 
 def test_a_picture_in_space_has_these_parts():
     out = Joint("out", "prismatic", "a", "b", (0.0, 0.0, 4.0), axis=(0.0, 3.0, 4.0))
-    far = Joint("far", "prismatic", "ground", "c", (0, 0, 1), axis=X, follows=("out", 2.0, 0.0))
+    far = Joint("far", "prismatic", "ground", "c", (0, 0, 1), axis=X, mimics=("out", 2.0, 0.0))
     made = mechanism(
         "Space",
         [GROUND, rod("a", (0.0, 0.0, 2.0)), rod("b", (0.0, 0.0, 1.0)), rod("c", (0.0, 0.0, 0.5))],
@@ -378,7 +380,7 @@ def test_a_picture_in_space_has_these_parts():
         "Arrow: name x axis, at [0.0, 0.0, 0.0], along [0.78, 0.0, 0.0], frame True",
         "Arrow: name y axis, at [0.0, 0.0, 0.0], along [0.0, 0.78, 0.0], frame True",
         "Arrow: name z axis, at [0.0, 0.0, 0.0], along [0.0, 0.0, 0.78], frame True",
-        "Joint: at [0.0, 0.0, 0.0], ground True, name up, axis [0.0, 0.0, -1.0]",
+        "JointMark: at [0.0, 0.0, 0.0], ground True, name up, axis [0.0, 0.0, -1.0]",
         "Center: at [0.0, 0.0, 2.0]",
         "Body: points [[0.0, 0.0, 0.0], [0.15, 0.0, 4.2]]",
         "Arrow: name out, at [0.15, 0.0, 4.2], along [0.3744, 0.0, 0.4992]",
@@ -389,7 +391,7 @@ def test_a_picture_in_space_has_these_parts():
         "Center: at [0.5, 0.0, 1.5]",
         "Body: points [[0.5, 0.0, 1.0], [0.5, 0.0, 1.5]]",
         "Trail: at [0.5, 0.0, 1.5]",
-        "Constraint: name edge, at [0.15, 0.0, 6.2], rows [0.0]",
+        "ConstraintMark: name edge, at [0.15, 0.0, 6.2], rows [0.0]",
         "Body: points [[0.15, 0.0, 4.2], [0.15, 0.0, 6.2]]",
         "Arrow: name g, at [-1.04, 0.0, 0.0], along [0.0, 0.0, -1.04]",
     ]
@@ -425,7 +427,7 @@ def test_what_is_as_described_is_printed_by_its_name_alone():
     heavier = FourBar().changed(mass=[1.0, 2.0, 3.0], gravity=None)
     assert repr(heavier) == "FourBar(mass=[1.0, 2.0, 3.0], gravity=None)"
     assert not heavier.as_described
-    named: Any = FourBar.made._replace(code="robot('four.urdf')").kind()
+    named: Any = FourBar.source._replace(code="robot('four.urdf')").scene_class()
     assert repr(named()) == "robot('four.urdf')"
     changed = named().changed(mass=[1.0, 2.0, 3.0], gravity=None)
     assert repr(changed) == "robot('four.urdf').changed(mass=[1.0, 2.0, 3.0], gravity=None)"

@@ -133,13 +133,13 @@ def leaning(disk: RollingDisk) -> Any:
     R, half = float(disk.radius), (0.8, 0.3, -0.2, 0.1)
     across, axial = float(disk.across), float(disk.axial)
     body = Link("body", float(disk.mass), moments=(across, axial, across))
-    tilted = [free()[0]._replace(turn=half), *free()[1:]]
+    tilted = [free()[0]._replace(orientation=half), *free()[1:]]
     up = rotation_matrix(half) @ (0.0, 0.0, 1.0)
     closing = elements.rolling_disk("rim", "body", "ground", R, axis=(0, 2, 0), across=up.tolist())
     return mechanism(
         *("Leaning", [GROUND, *(Link(x.child) for x in tilted[:-1]), body], tilted, closing),
         gravity=tuple((-float(disk.gravity) * up).tolist()),
-        first=("z", "x", "y"),
+        dependent=("z", "x", "y"),
         pose={"z": R * 0.9, "θ": 0.4},
     )()
 
@@ -176,7 +176,7 @@ def on_table(ball: TurntableBall, turning: bool, R: float, rates: tuple[float, f
         Joint("α", "revolute", "ground", "table", axis=Z),
         *(x for x in free() if x.name != "z"),
     ]
-    joints[3] = joints[3]._replace(parent="aside", place=(0.0, 0.0, R))
+    joints[3] = joints[3]._replace(parent="aside", origin=(0.0, 0.0, R))
     links = [GROUND, Link("table", 1.0, moments=(1.0, 1.0, 1.0))]
     links += [Link(x.child) for x in joints[1:-1]] + [body]
     normal = (("table" if turning else "ground", Z),)
@@ -186,7 +186,7 @@ def on_table(ball: TurntableBall, turning: bool, R: float, rates: tuple[float, f
     rolls = [contact.rolling(f"along {x}", ("ground", along)) for x, along in (("x", X), ("y", Y))]
     clock = elements.drive("clock", "α", 0.4, *rates)
     first = ("α", "x", "y")
-    return mechanism("OnTable", links, joints, [*rolls, clock], gravity=None, first=first)()
+    return mechanism("OnTable", links, joints, [*rolls, clock], gravity=None, dependent=first)()
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -54,13 +54,13 @@ def in_plane(link: Link = FLAT, constraint: Constraint | None = None, **more: An
         ({"axis": (0.0, 0.0, -1.0)}, True),
         ({"kind": "prismatic", "axis": (0.0, -1.0, 0.0)}, True),
         ({"kind": "planar"}, True),
-        ({"place": (0.4, 0.2, 0.0)}, True),
+        ({"origin": (0.4, 0.2, 0.0)}, True),
         ({"constraint": A_PIN}, True),
         ({"axis": (0.0, 1.0, 0.0)}, False),
         ({"kind": "prismatic", "axis": (0.0, 0.0, 1.0)}, False),
         ({"kind": "spherical"}, False),
-        ({"place": (0.0, 0.0, 0.1)}, False),
-        ({"turn": (1.0, 0.2, 0.0, 0.0)}, False),
+        ({"origin": (0.0, 0.0, 0.1)}, False),
+        ({"orientation": (1.0, 0.2, 0.0, 0.0)}, False),
         ({"link": FLAT._replace(center=(0.5, 0.1, -0.2))}, False),
         ({"constraint": A_PIN._replace(points=(A_PIN.points[0], ("a", (0.0, 0.0, 0.1))))}, False),
         ({"constraint": A_PIN._replace(points=(("b", (0.0, 0.0, 0.1)), A_PIN.points[1]))}, False),
@@ -91,10 +91,10 @@ PI = float(np.pi)
         (kind([SLIDE, FREE._replace(kind="planar")]), [(-1.0, 1.0)] * 3 + [(-PI, PI)]),
         (kind([FREE._replace(kind="spherical", parent="ground")]),
          [(-PI, PI), (-1.2, 1.2), (-PI, PI)]),
-        (kind([TURNS[0], turning("γ", "a", "b", follows=("α", 2.0, 0.1))]), [(-PI, PI)]),
-        (kind([TURNS[0], SLIDE._replace(parent="a", child="b", follows=("α", 2.0, 0.1))]),
+        (kind([TURNS[0], turning("γ", "a", "b", mimics=("α", 2.0, 0.1))]), [(-PI, PI)]),
+        (kind([TURNS[0], SLIDE._replace(parent="a", child="b", mimics=("α", 2.0, 0.1))]),
          [(-PI, PI)]),
-        (kind([SLIDE, TURNS[1]], first=["β"]), [(-PI, PI), (-1.0, 1.0)]),
+        (kind([SLIDE, TURNS[1]], dependent=["β"]), [(-PI, PI), (-1.0, 1.0)]),
         (kind(TURNS, [drive("d", "α", 0.4)]), [(-PI, PI)] * 2),
         (kind(TURNS, [distance("d", "b", "ground", 1.0, (1.0, 0.0, 0.0))],
               pose={"β": 2.0, "α": -0.5}), [(-0.8, -0.2), (1.7, 2.3)]),
@@ -115,7 +115,7 @@ THIRD = turning("γ", "b", "c")
         (kind([*TURNS, THIRD]), [1, 1, 1]),
         (kind([SLIDE, *[TURNS[1], THIRD]]), [0, 1, 1]),
         (kind([TURNS[0], SPRUNG, THIRD]), [1, 0, 1]),
-        (kind([TURNS[0], TURNS[1], THIRD._replace(follows=("β", 0.5, 0.1))]), [1, 0]),
+        (kind([TURNS[0], TURNS[1], THIRD._replace(mimics=("β", 0.5, 0.1))]), [1, 0]),
         (kind([*TURNS, THIRD], [coupling("c", "γ", "α", 0.5)]), [0, 1, 0]),
         (kind([*TURNS, THIRD], [drive("d", "β", 0.4)]), [1, 0, 1]),
         (kind([SLIDE]), None),
@@ -180,10 +180,10 @@ def test_links_are_where_the_scene_has_them_behind_every_kind_of_joint():
         Joint("x", "fixed", "l4", "l5", (0.2, 0.3, 0.5), tilted),
         Joint("o", "floating", "l1", "l6", (0.2, -0.7, 0.1), tilted),
         Joint(
-            "m", "revolute", "l6", "l7", (0.4, 0.1, 0.2), tilted, oblique, follows=("p", -2.0, 0.3)
+            "m", "revolute", "l6", "l7", (0.4, 0.1, 0.2), tilted, oblique, mimics=("p", -2.0, 0.3)
         ),
         Joint(
-            "n", "prismatic", "l7", "l8", (0.1, 0.4, 0.2), tilted, oblique, follows=("m", 0.5, -0.4)
+            "n", "prismatic", "l7", "l8", (0.1, 0.4, 0.2), tilted, oblique, mimics=("m", 0.5, -0.4)
         ),
     ]
     links = [Link("ground"), *(rod(f"l{i}", (0.3, -0.1 * i, 0.2)) for i in range(1, 9))]
@@ -191,13 +191,13 @@ def test_links_are_where_the_scene_has_them_behind_every_kind_of_joint():
     given = RandomDescription(tuple(links), tuple(joints), tuple(pins))
     q = np.linspace(-1.1, 0.9, len(given.coordinates))
     there = poses(given._replace(pose=tuple(zip(given.coordinates, q.tolist(), strict=True))))
-    scene = given.made("Posed").kind()()
+    scene = given.source("Posed").scene_class()()
     at = Evaluation(scene, q, np.zeros(scene.n))
     centers = at.call(scene.position_residual, at.parameters, at.prepared, at.q).reshape(8, 3)
     for link, center in zip(links[1:], centers, strict=True):
         np.testing.assert_allclose(there[link.name].point(link.center), center, atol=1e-14)
     for name in ("l3", "l5"):
-        back = there[name].point(there[name].own_point(np.array([0.1, -2.0, 0.3])))
+        back = there[name].point(there[name].local_point(np.array([0.1, -2.0, 0.3])))
         np.testing.assert_allclose(back, [0.1, -2.0, 0.3], atol=1e-14)
 
 
@@ -238,16 +238,16 @@ B = TURNS[1]
          "link 'b': moments = .1, 1., expected three numbers"),
         ({"links": [GROUND, FLAT._replace(name="a", moments=(1, 1, -0.25)), FLAT]},
          "behind joint 'α' has the principal moment of inertia -0.25 kg m², expected none below 0"),
-        ({"joints": [B._replace(turn=(1.0, 0.0, 0.0))]}, "the turn .1.0, 0.0, 0.0., expected fou"),
-        ({"joints": [B._replace(place=(1.0, np.inf, 0.0))]}, "'β': place = .1.0, inf, 0.0., exp"),
+        ({"joints": [B._replace(orientation=(1.0, 0.0, 0.0))]}, "orientation .1.0, 0.0, 0.0., exp"),
+        ({"joints": [B._replace(origin=(1.0, np.inf, 0.0))]}, "'β': origin = .1.0, inf, 0.0., exp"),
         ({"joints": [B._replace(kind="prismatic", axis=(0, 0, 0))]}, "'β' has the axis .0, 0, 0"),
         ({"joints": [B._replace(damping=-0.5)]}, "'β': damping = -0.5, expected a number"),
         ({"joints": [B._replace(stiffness=-1.0)]}, "'β': stiffness = -1, expected a number"),
         ({"joints": [B._replace(armature=-1.0)]}, "'β': armature = -1, expected a number"),
-        ({"joints": [B._replace(stiffness=1.0, relaxed=np.nan)]}, "'β': relaxed = nan, expected"),
-        ({"joints": [B._replace(follows=("α", 1.0))]}, "expected a joint, a ratio and a shift"),
-        ({"joints": [B._replace(follows=("α", 1.0, np.nan))]}, "follows = .1.0, nan., expected fi"),
-        ({"joints": [B._replace(kind="planar", follows=("α", 1.0, 0.0))]}, "joints with one coord"),
+        ({"joints": [B._replace(stiffness=1.0, rest_position=np.nan)]}, "position = nan, expected"),
+        ({"joints": [B._replace(mimics=("α", 1.0))]}, "expected a joint, a ratio and a shift"),
+        ({"joints": [B._replace(mimics=("α", 1.0, np.nan))]}, "mimics = .1.0, nan., expected fi"),
+        ({"joints": [B._replace(kind="planar", mimics=("α", 1.0, 0.0))]}, "joints with one coord"),
         ({"gravity": (0.0, -9.81)}, "gravity = .0.0, -9.81., expected three numbers"),
         ({"pose": [0.0, 1.0]}, "pose = .0.0, 1.0., expected coordinates by name"),
         ({"pose": {"β": np.nan}}, "pose: β = nan, expected a finite number"),

@@ -31,21 +31,21 @@ def states(key: str, count: int) -> tuple[Motion, np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("key", ["kane", "au"])
 def test_states_are_seen_alike_a_few_at_a_time(key: str, monkeypatch):
     m, t, y = states(key, 23)
-    whole = m.seen(t, y)
+    whole = m.observables(t, y)
     assert set(whole) == {"v", "energy", "constraint"} | ({"multipliers"} if key == "au" else set())
     monkeypatch.setattr(module, "LARGEST_CHUNK", 150)  # five states, or fewer
-    parts = m.seen(t, y)
+    parts = m.observables(t, y)
     assert all(np.array_equal(parts[name], x) for name, x in whole.items())
-    assert all(len(x) == 0 for x in m.seen(t[:0], y[:0]).values())
+    assert all(len(x) == 0 for x in m.observables(t[:0], y[:0]).values())
 
 
 @pytest.mark.parametrize("key", ["kane", "au"])
 def test_seeing_states_takes_the_memory_of_what_is_seen(key: str, monkeypatch):
     m, t, y = states(key, 20_000)
     monkeypatch.setattr(module, "LARGEST_CHUNK", 2**12)
-    m.seen(t[:2], y[:2])
+    m.observables(t[:2], y[:2])
     tracemalloc.start()
-    found = m.seen(t, y)
+    found = m.observables(t, y)
     _, most = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert most < 1.1 * sum(x.nbytes for x in found.values())

@@ -511,7 +511,7 @@ def test_a_velocity_in_doubles_off_the_constraints_is_refused():
     scene = Snake.coil(2)
     q0, _ = scene.initial_state()
     v0 = extended_velocity(scene, q0, [1.0, 0.5])
-    with pytest.raises(InconsistentVelocityError, match="consistent_velocity"):
+    with pytest.raises(InconsistentVelocityError, match="extended_velocity"):
         extended_reference(scene, q0, v0.astype(float), TIMES)
 
 

@@ -195,14 +195,14 @@ def test_a_motion_is_kept_up_to_the_first_state_that_is_refused():
     both = np.zeros((COUNT, 2))
     looked = set(np.linspace(0, COUNT - 1, simulate.MOST_CHECKED_STATES).astype(int).tolist())
     whole = course(both, set())
-    assert (whole.kept, whole.whole, whole.refused) == (COUNT, True, None)
+    assert (whole.valid_count, whole.whole, whole.refused) == (COUNT, True, None)
     assert whole.rcond == {"M": 1.0 / COUNT}
     odd = next(i for i in range(500, 510) if i not in looked)
     assert course(both, {odd}).whole  # which nobody looks at
     unknown = both.copy()
     unknown[odd, 1] = unknown[odd + 400, 0] = np.nan
     found = course(unknown, {odd, odd + 400, max(looked)})
-    assert (found.kept, found.whole) == (odd, False)
+    assert (found.valid_count, found.whole) == (odd, False)
     assert found.refused is not None
     assert found.refused[0] == f"the state at t = {odd / 10:.9g} s is refused: state {odd}"
     rows = found.rows("multipliers")
@@ -214,7 +214,7 @@ def test_of_a_pose_that_is_crossed_and_a_state_refused_the_earlier_ends_a_motion
     for refused, kept, says in ((999, 301, "between t = 30 s and 30.1 s"), (0, 0, "state 0")):
         found = course(both, {refused}, (30.0, 30.1))
         assert found.refused is not None
-        assert found.kept == kept and says in found.refused[0]
+        assert found.valid_count == kept and says in found.refused[0]
 
 
 # ---- Poses that are crossed ----------------------------------------------------------------------

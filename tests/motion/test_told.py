@@ -52,7 +52,7 @@ def test_right_hand_sides_that_are_not_finite_are_counted_where_code_has_loops(k
 def test_a_loop_that_writes_outputs_counts_those_that_are_not_finite(sign: int):
     tape, size = Tape(), 200
     y = tape.inputs("y", (size,))
-    rates = [tape.number(sign * x * x + x).place for x in y]
+    rates = [tape.number(sign * x * x + x).index for x in y]
     program = program_of(tape, {"rates": rates}, short=0)
     assert len(program.items) == 1  # a loop
     kernel = Kernel(program, {}, {"rates": size})
@@ -159,14 +159,14 @@ def test_a_start_that_violates_any_constraint_is_refused(row: int):
 
 def test_the_worst_state_looked_at_is_kept_wherever_it_is():
     course: Any = object.__new__(trajectory._ObservedMotion)
-    course.formulation, course.rcond, course._looked, course._worst = None, {}, {}, np.inf
+    course.formulation, course.rcond, course._checked, course._worst = None, {}, {}, np.inf
     for rcond in (0.5, 0.125, 0.25):
         at = SimpleNamespace(acceleration=lambda f, x=rcond: SimpleNamespace(rcond={"M": x}))
         at.told = rcond
         motion: Any = SimpleNamespace(evaluation=lambda y, t, at=at: at, choice=None)
         course._look(motion, 0.0, np.zeros(1))
     assert course.rcond == {"M": 0.125}
-    assert {name: at.told for name, at in course._looked.items()} == {
+    assert {name: at.told for name, at in course._checked.items()} == {
         **{"first": 0.5, "last": 0.25, "worst": 0.125}
     }
 
@@ -188,7 +188,7 @@ def test_a_rate_error_that_cannot_be_measured_at_one_state_is_infinite(monkeypat
     monkeypatch.setattr(trajectory, "acceleration_sensitivity", lambda at, f: at.sensitivity)
     course: Any = object.__new__(trajectory._ObservedMotion)
     course.formulation = None
-    course._looked = {
+    course._checked = {
         name: SimpleNamespace(
             sensitivity=sensitivity,
             acceleration=lambda f, x=vdot: SimpleNamespace(vdot=np.array([x])),

@@ -32,7 +32,7 @@ def test_after_noises_apart_all_go_on_behind_the_one_that_took_most():
     noises, alone = NoiseBatch([Noise(0), Noise(5), Noise(7)]), [Noise(0), Noise(5), Noise(7)]
     with noises.stream("x"):
         noises.changes((3, 4))
-        with noises.apart() as each:
+        with noises.split() as each:
             taken = [one.changes((count,)) for one, count in zip(each, (2, 6, 1), strict=True)]
         after = noises.changes((3, 3))
     for i, one in enumerate(alone):
@@ -46,15 +46,15 @@ def test_noises_that_were_still_move_as_before():
     noises, others = (NoiseBatch([Noise(0), Noise(5)]) for _ in range(2))
     with noises.stream("x"), others.stream("x"):
         assert (noises.changes((2, 3)) == others.changes((2, 3))).all()
-        with noises.still():
-            assert not noises.moves
+        with noises.disabled():
+            assert not noises.enabled
             assert not noises.changes((2, 5)).any()
-        assert noises.moves
+        assert noises.enabled
         assert (noises.changes((2, 2)) == others.changes((2, 2))).all()
 
 
 def test_a_difference_that_vanishes_moves_as_the_smallest_normal_number():
-    x = Noise(3).array(np.array([1.0, -2.0]))
+    x = Noise(3).as_perturbed(np.array([1.0, -2.0]))
     for nothing in (x - np.array([1.0, -2.0]), x * 0.0):
         size = np.abs(nothing.view(np.ndarray)) / NORMAL
         assert (size >= 0.49 * STEP).all() and (size <= 1.01 * STEP).all()
@@ -85,8 +85,8 @@ def test_a_product_of_matrices_in_lanes_moves_by_the_size_of_its_terms():
     y = np.array([[[1.0, 1.0]], [[-1.0, 1.0]]])
     noise = LaneNoise(1)
     for moved in (
-        (noise.array(LaneArray(x)), LaneArray(y)),
-        (LaneArray(x), noise.array(LaneArray(y))),
+        (noise.as_perturbed(LaneArray(x)), LaneArray(y)),
+        (LaneArray(x), noise.as_perturbed(LaneArray(y))),
     ):
         found = np.matmul(*moved)
         change = np.abs(found.data[0, 0] - [0.0, 2.0]) / [2e6, 2.0]

@@ -171,7 +171,7 @@ def test_a_singular_matrix_of_fractions_is_refused_by_its_name():
 
 def functions_at(at: GenericPoint, qdot: np.ndarray, v: np.ndarray):
     """Return (terms, velocities, energies, constraint) while q changes at `qdot`."""
-    prepared, q = at.moving(qdot)
+    prepared, q = at.prepared_duals(qdot)
     return [
         function(at.parameters, prepared, q, v)
         for function in (
@@ -203,7 +203,7 @@ def test_speeds_span_the_null_space_of_the_constraints_and_solve_their_rate(
 @seeds
 def test_the_rest_is_the_rate_of_the_velocity_at_constant_speeds(scene: Scene, seed: int):
     at = exact(scene, seed)
-    prepared, q = at.moving(at.v)
+    prepared, q = at.prepared_duals(at.v)
     kinematics = scene.kinematics(at.parameters, prepared, q, duals(at.u, 0 * at.u))
     W = scene.speeds(at.parameters, prepared, kinematics).W
     assert equal(rate(W) @ at.u, at.speeds.rest)
@@ -284,7 +284,7 @@ def test_bodies_move_as_the_velocities_of_the_second_derivation(scene: Scene, se
     at = exact(scene, seed)
     velocities, (W, rest, _) = scene.velocities, at.speeds
     partial = [velocities(at.parameters, at.prepared, at.q, W[:, i]) for i in range(scene.p)]
-    prepared, q = at.moving(at.v)
+    prepared, q = at.prepared_duals(at.v)
     accelerations = velocities(at.parameters, prepared, q, duals(at.v, rest))
     mass, inertia = at.parameters.mass, at.parameters.inertia
 

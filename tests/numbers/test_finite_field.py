@@ -223,6 +223,6 @@ def test_a_root_keeps_its_value_while_it_changes_and_its_square_changes_as_what_
     recorder = RecordingArithmetic(one)
     x, rates = one.vector(5), one.vector(5)
     roots = recorder.root(x)
-    moving = ReplayArithmetic(recorder.made).root(duals(x, rates))
+    moving = ReplayArithmetic(recorder.recorded).root(duals(x, rates))
     assert ([value(y) for y in moving] == roots).all()
     assert (rate(moving * moving) == rates).all()

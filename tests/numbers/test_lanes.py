@@ -62,7 +62,7 @@ def test_each_lane_is_computed_as_it_is_alone(operation: str):
 @pytest.mark.parametrize("operation", OPERATIONS)
 def test_the_result_of_each_operation_on_arrays_is_perturbed_alike_in_all_lanes(operation: str):
     function, noise = OPERATIONS[operation], LaneNoise(3)
-    x, y = noise.array(LaneArray(X.copy())), noise.array(LaneArray(Y.copy()))
+    x, y = noise.as_perturbed(LaneArray(X.copy())), noise.as_perturbed(LaneArray(Y.copy()))
     exact = function(LaneArray(X.copy()), LaneArray(Y.copy())).data
     change = (function(x, y).data - exact) / exact
     assert (np.abs(change) >= 0.49 * STEP).all() and (np.abs(change) <= 1.01 * STEP).all()
@@ -74,7 +74,7 @@ def test_one_perturbed_side_is_enough_for_a_result_to_be_perturbed(operation: st
     function, noise = OPERATIONS[operation], LaneNoise(3)
     x, y = LaneArray(X.copy()), LaneArray(Y.copy())
     exact = function(x, y).data
-    for found in (function(x, noise.array(y)), function(noise.array(x), y)):
+    for found in (function(x, noise.as_perturbed(y)), function(noise.as_perturbed(x), y)):
         assert (found.data != exact).all() and found.noise is noise
 
 
@@ -83,7 +83,7 @@ def test_angles_in_lanes_have_their_cosines_and_sines_and_both_are_perturbed():
     assert np.array_equal(exact.value.data, X[:, 0])
     assert np.array_equal(exact.cos.data, np.cos(X[:, 0]))
     assert np.array_equal(exact.sin.data, np.sin(X[:, 0]))
-    found = LaneNoise(3).record(exact)
+    found = LaneNoise(3).perturb_record(exact)
     assert isinstance(found, Angles) and np.array_equal(found.value.data, X[:, 0])
     for part, of in ((found.cos, exact.cos), (found.sin, exact.sin)):
         change = np.abs(part.data / of.data - 1.0)
@@ -92,7 +92,7 @@ def test_angles_in_lanes_have_their_cosines_and_sines_and_both_are_perturbed():
 
 
 def test_a_record_in_lanes_is_perturbed_in_each_of_its_parts_and_what_is_absent_stays():
-    x, (y, none) = LaneNoise(3).record((LaneArray(X.copy()), (LaneArray(Y.copy()), None)))
+    x, (y, none) = LaneNoise(3).perturb_record((LaneArray(X.copy()), (LaneArray(Y.copy()), None)))
     assert (x.data != X).all() and (y.data != Y).all() and none is None
     assert x.noise is y.noise is not None
 

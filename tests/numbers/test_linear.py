@@ -416,7 +416,7 @@ def test_machine_code_changes_neither_the_matrix_nor_the_right_hand_side(size, c
     code = MachineCode(solved, A, b, short=MANY)
     block = code.block(A, b)
     before, first = block.copy(), code.run(block)
-    places = code.kernel.layout.places
+    places = code.kernel.layout.offsets
     for name, x in (("a0", A), ("a1", b)):
         where = slice(HEADER + places[name], HEADER + places[name] + x.size)
         assert np.array_equal(before[where], x.ravel())

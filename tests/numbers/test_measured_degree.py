@@ -53,7 +53,7 @@ def other_partition(scene: Scene) -> Partition:
 def entries(scene: Scene, arithmetic: Any) -> Iterator[tuple[Key, Any]]:
     """Yield every entry of each side of each identity, and of their difference."""
     for key, sides in identities_at(GenericPoint(scene, arithmetic, ALL, other_partition(scene))):
-        found, expected = (np.asarray(x, object) for x in (sides.found, sides.expected))
+        found, expected = (np.asarray(x, object) for x in (sides.actual, sides.expected))
         for array in (found, expected, found - expected):
             yield from ((key, x) for x in np.ravel(np.asarray(array, object)))
 

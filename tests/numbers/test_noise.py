@@ -43,7 +43,7 @@ def relative_steps(x, moved) -> np.ndarray:
 @seeds
 def test_every_entry_moves_by_half_to_a_whole_step_of_its_own_size(seed):
     x = np.random.default_rng(seed).uniform(-1, 1, (7, 9)) * 10.0 ** np.arange(-4, 5)
-    steps = relative_steps(x, Noise(seed).entries(x))
+    steps = relative_steps(x, Noise(seed).perturb(x))
     assert (steps >= 0.5 - ROUNDING / STEP).all()
     assert (steps <= 1.0 + ROUNDING / STEP).all()
 
@@ -64,13 +64,13 @@ def test_the_step_of_the_noise_can_be_chosen():
 @seeds
 def test_the_same_seed_makes_the_same_noise_and_another_seed_another(seed):
     x = np.ones(20)
-    assert np.array_equal(Noise(seed).entries(x), Noise(seed).entries(x))
-    assert not np.array_equal(Noise(seed).entries(x), Noise(seed + 1).entries(x))
+    assert np.array_equal(Noise(seed).perturb(x), Noise(seed).perturb(x))
+    assert not np.array_equal(Noise(seed).perturb(x), Noise(seed + 1).perturb(x))
 
 
 def test_noise_that_is_drawn_twice_is_not_the_same():
     noise = Noise(0)
-    assert not np.array_equal(noise.entries(np.ones(20)), noise.entries(np.ones(20)))
+    assert not np.array_equal(noise.perturb(np.ones(20)), noise.perturb(np.ones(20)))
 
 
 def test_a_change_is_a_function_of_seed_stream_and_number():
@@ -96,26 +96,26 @@ def test_noises_side_by_side_are_each_what_it_is_alone():
     x = np.arange(1.0, 4000.0)
     for name, size in (("a", 7), ("b", 3000), ("a", 3999)):
         with noises.stream(name):
-            parts = [noises.entries(np.tile(x[:k], (3, 1))) for k in (size, 5)]
-            with noises.apart() as apart:
-                parts.append(np.stack([one.entries(x[:4]) for one in apart]))
-            parts.append(noises.entries(np.tile(x[:6], (3, 1))))
+            parts = [noises.perturb(np.tile(x[:k], (3, 1))) for k in (size, 5)]
+            with noises.split() as apart:
+                parts.append(np.stack([one.perturb(x[:4]) for one in apart]))
+            parts.append(noises.perturb(np.tile(x[:6], (3, 1))))
         for i, alone in enumerate(each):
             with alone.stream(name):
                 for found in parts:
-                    assert np.array_equal(found[i], alone.entries(x[: found.shape[1]]))
+                    assert np.array_equal(found[i], alone.perturb(x[: found.shape[1]]))
 
 
 @pytest.mark.parametrize("size", [0.0, 5e-324, 1e-310, NORMAL])
 def test_below_the_smallest_normal_number_entries_move_as_those_at_it(size):
-    moved = Noise(0).entries(np.full(50, size)) - size
+    moved = Noise(0).perturb(np.full(50, size)) - size
     assert np.abs(moved).min() > 0.4 * STEP * NORMAL
     assert np.abs(moved).max() < 1.1 * STEP * NORMAL
 
 
 def test_of_angles_only_cosines_and_sines_move():
     x = np.array([0.3, -2.0])
-    moved = Noise(0).record(Angles(x, np.cos(x), np.sin(x)))
+    moved = Noise(0).perturb_record(Angles(x, np.cos(x), np.sin(x)))
     assert np.array_equal(moved.value, x)
     for part, exact in ((moved.cos, np.cos(x)), (moved.sin, np.sin(x))):
         assert (relative_steps(exact, part) > 0.4).all()
@@ -172,10 +172,10 @@ def test_a_product_of_matrices_moves_by_the_size_of_its_terms(seed):
     random = np.random.default_rng(seed)
     A, B = random.uniform(-1, 1, (4, 50)), random.uniform(-1, 1, (50, 3))
     noise = Noise(seed)
-    steps = np.abs(np.asarray(noise.array(A) @ B) - A @ B) / (np.abs(A) @ np.abs(B)) / STEP
+    steps = np.abs(np.asarray(noise.as_perturbed(A) @ B) - A @ B) / (np.abs(A) @ np.abs(B)) / STEP
     assert (steps >= 0.5 - 1e-2).all()
     assert (steps <= 1.0 + 1e-2).all()
-    assert not np.array_equal(noise.array(A) @ B, noise.array(A) @ B)
+    assert not np.array_equal(noise.as_perturbed(A) @ B, noise.as_perturbed(A) @ B)
 
 
 @pytest.mark.parametrize(
@@ -186,14 +186,14 @@ def test_a_product_of_matrices_moves_by_the_size_of_its_terms(seed):
 def test_the_result_of_each_operation_on_whole_arrays_is_perturbed(operation, seed):
     x, y = np.full(100, 3.0), np.full(100, 0.7)
     noise = Noise(seed)
-    steps = relative_steps(operation(x, y), operation(noise.array(x), y))
+    steps = relative_steps(operation(x, y), operation(noise.as_perturbed(x), y))
     assert (steps >= 0.5 - ROUNDING / STEP).all() and np.unique(steps).size > 10
-    steps = relative_steps(operation(x, y), operation(x, noise.array(y)))
+    steps = relative_steps(operation(x, y), operation(x, noise.as_perturbed(y)))
     assert (steps >= 0.5 - ROUNDING / STEP).all() and np.unique(steps).size > 10
 
 
 def test_slices_of_moved_arrays_and_what_is_made_of_them_are_moved_too():
-    A = Noise(0).array(np.eye(3))
+    A = Noise(0).as_perturbed(np.eye(3))
     for part in (A[1:], A.T, A[:, 0], A + 1.0, 1.0 - A, A @ np.ones(3), np.ones(3) @ A):
         assert isinstance(part, PerturbedArray)
         assert part.noise is A.noise
@@ -204,7 +204,7 @@ def test_slices_of_moved_arrays_and_what_is_made_of_them_are_moved_too():
 
 @pytest.mark.parametrize("shape", [(0,), (0, 0), (0, 3)])
 def test_noise_leaves_empty_arrays_empty(shape):
-    assert Noise(0).entries(np.zeros(shape)).shape == shape
+    assert Noise(0).perturb(np.zeros(shape)).shape == shape
 
 
 @pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)
@@ -252,7 +252,7 @@ def test_what_is_listed_and_not_moved_has_the_bits_that_python_gives():
 
     x, y, rates = np.random.default_rng(0).uniform(1, 2, (3, 30))
     for mine, exact in zip(
-        TraceRunner().unmoved(function, x, y, rates),
+        TraceRunner().run_exact(function, x, y, rates),
         function(*as_objects((x, y, rates))),
         strict=True,
     ):
@@ -268,7 +268,7 @@ def test_few_operations_are_done_by_python_and_many_by_their_list(size, calls):
         return x * 3
 
     for _ in range(2):
-        assert np.array_equal(moves.unmoved(function, np.ones(size)), np.full(size, 3.0))
+        assert np.array_equal(moves.run_exact(function, np.ones(size)), np.full(size, 3.0))
     assert len(seen) == calls, "it is run once to be listed"
 
 
@@ -294,24 +294,24 @@ def test_lists_are_forgotten_by_the_places_that_all_of_them_have():
     functions = [lambda x, i=i: x * i + x for i in range(2, 7)]
     for function in functions:
         moves.run(still, function, np.ones(3))
-    each = [one.places for one in moves._known.values() if one]
+    each = [one.size for one in moves._known.values() if one]
     assert moves._places == sum(each)
     with patch("eomcheck.kernels.perturbed_trace.LARGEST_TOTAL", sum(each)):
         moves.run(still, functions[0], np.ones(4))
-    assert moves._places == sum(one.places for one in moves._known.values() if one) <= sum(each)
+    assert moves._places == sum(one.size for one in moves._known.values() if one) <= sum(each)
     assert [key[0] for key in moves._known] == [*functions[2:], functions[0]]
 
 
 def test_what_is_not_finite_unmoved_is_what_python_finds():
     with np.errstate(divide="ignore"):
-        found = TraceRunner().unmoved(
+        found = TraceRunner().run_exact(
             lambda x, y: x / y, np.ones(2 * FEWEST_COMPILED), np.zeros(2 * FEWEST_COMPILED)
         )
     assert np.isposinf(found).all()
 
 
 def test_what_cannot_be_listed_is_run_unmoved_by_python():
-    assert np.array_equal(TraceRunner().unmoved(np.sin, np.ones(3)), np.sin(np.ones(3)))
+    assert np.array_equal(TraceRunner().run_exact(np.sin, np.ones(3)), np.sin(np.ones(3)))
 
 
 @pytest.mark.parametrize("branch", [lambda x: x if x[0] == 0 else -x, lambda x: x if x[0] else -x])
@@ -323,7 +323,7 @@ def test_a_function_that_branches_is_not_listed(branch):
 
 def test_what_is_handed_in_does_not_move():
     x = np.ones(4)
-    Noise(0).entries(x)
+    Noise(0).perturb(x)
     TraceRunner().run(Noise(0), lambda x: x * x, x)
     assert (x == 1).all()
 
@@ -523,7 +523,7 @@ def test_every_operation_of_every_formulation_is_moved(kind, key, monkeypatch):
     monkeypatch.setattr(at, "call", tallied)
     at.solution(formulation)
     (copy, *_) = perturbed_samples(Evaluation(scene, q, v))
-    together = copy.together
+    together = copy.batch
     taken, inside = [], together.call
 
     def taking(function, *arguments):
@@ -573,7 +573,7 @@ def test_the_spread_of_a_solution_grows_with_the_condition_number(at, exponent):
     kappa = np.linalg.cond(A, np.inf)
 
     def solution(e: Evaluation):
-        with e.watched():
+        with e.recording_solves():
             return solve(A, np.array([1.0, 2.0]), "A")
 
     x = solution(at)
@@ -611,7 +611,7 @@ def test_a_determinant_that_jumps_in_a_moved_evaluation_makes_the_spread_infinit
 ):
     au = FORMULATIONS["au"]
     assert acceleration_sensitivity(at, au) < np.inf
-    getattr(perturbed_samples(at)[0].together.solves[au.key, False]["M_Au"], name)[which] = there
+    getattr(perturbed_samples(at)[0].batch.solves[au.key, False]["M_Au"], name)[which] = there
     assert acceleration_sensitivity(at, au) == np.inf
 
 

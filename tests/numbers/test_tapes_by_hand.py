@@ -29,7 +29,7 @@ def test_a_tape_lists_what_was_done_in_its_order():
         "input q 0", "input q 1", "* 0 1", "constant 3.0", "- 2 3", "/ 4 1", "sqrt 0", "+ 5 6",
         "neg 0", "* 0 0", "neg 9", "* 9 0", "neg 11", "+ 7 11",
     ]  # fmt: skip
-    assert result.place == 13
+    assert result.index == 13
 
 
 MORE = {
@@ -55,7 +55,7 @@ def test_signs_move_outwards_and_constants_are_folded(name):
     tape = Tape()
     x, y = tape.inputs("q", (2,))
     one, other = (function(x, y) for function in MORE[name])
-    assert one.place == other.place
+    assert one.index == other.index
 
 
 @pytest.mark.parametrize(
@@ -66,24 +66,24 @@ def test_signs_move_outwards_and_constants_are_folded(name):
 def test_only_powers_of_two_whose_inverse_is_safe_become_factors(divisor, op):
     tape = Tape()
     (x,) = tape.inputs("q", (1,))
-    operation = tape.operations[(x / divisor).place]
-    assert operation.op is op and operation.x == x.place
+    operation = tape.operations[(x / divisor).index]
+    assert operation.op is op and operation.x == x.index
     assert tape.value(operation.y) == (1 / divisor if op is tapes.MUL else divisor)
 
 
 def test_differences_and_quotients_are_not_turned_around():
     tape = Tape()
     x, y = tape.inputs("q", (2,))
-    assert (x - y).place != (y - x).place and (x / y).place != (y / x).place
+    assert (x - y).index != (y - x).index and (x / y).index != (y / x).index
     with pytest.raises(TypeError):
         x + "1"
     with pytest.raises(TypeError):
         [] * x
-    assert [one.place for one in x * np.array([1.0, 0.0])] == [x.place, (0 * x).place]
+    assert [one.index for one in x * np.array([1.0, 0.0])] == [x.index, (0 * x).index]
 
 
 def places(array: Any) -> list[int]:
-    return [x.place for x in np.ravel(array)]
+    return [x.index for x in np.ravel(array)]
 
 
 def test_groups_name_what_they_read_row_by_row():
@@ -104,14 +104,14 @@ def test_groups_name_what_they_read_row_by_row():
         OperationGroup("factors", "N", (2,), read),
         OperationGroup("solve", "N", (2, 1), first, 3),
         OperationGroup("band", "band", (2,), (*places(bands), *second)),
-        OperationGroup("angles", "", (2,), (tape.constant(0.5).place, b[0, 0].place)),
+        OperationGroup("angles", "", (2,), (tape.constant(0.5).index, b[0, 0].index)),
     ]
-    assert [tape.operations[y.place][1:] for y in x] == [(5, 0), (5, 1)]
-    parts = [tape.operations[y.place][1:] for y in (*angles.cos, *angles.sin)]
+    assert [tape.operations[y.index][1:] for y in x] == [(5, 0), (5, 1)]
+    parts = [tape.operations[y.index][1:] for y in (*angles.cos, *angles.sin)]
     assert parts == [(6, 0), (6, 1), (6, 2), (6, 3)]
-    assert places(angles.value) == [tape.constant(0.5).place, b[0, 0].place]
+    assert places(angles.value) == [tape.constant(0.5).index, b[0, 0].index]
     known = tape.angles(np.array([0.5, 0.25]))
-    values = [tape.value(y.place) for y in (*known.value, *known.cos, *known.sin)]
+    values = [tape.value(y.index) for y in (*known.value, *known.cos, *known.sin)]
     assert values == [0.5, 0.25, np.cos(0.5), np.cos(0.25), np.sin(0.5), np.sin(0.25)]
     assert len(tape.groups) == 7
 
@@ -124,7 +124,7 @@ def test_a_product_of_more_than_4096_multiplications_is_one_group():
     large = matrix_product(A, B)
     assert tape.groups == [OperationGroup("product", "", (16, 16, 17), (*places(A), *places(B)))]
     assert large.shape == (16, 17)
-    assert tape.operations[large[1, 0].place] == (tapes.PART, 0, 17)
+    assert tape.operations[large[1, 0].index] == (tapes.PART, 0, 17)
 
 
 def test_what_results_are_made_of_is_alive_and_nothing_else():
@@ -134,16 +134,16 @@ def test_what_results_are_made_of_is_alive_and_nothing_else():
     x = solve(A, b, "A")
     tape.angles(b)
     result = -(x[1] * A[1, 0])
-    entries, groups = live_entries(tape, [result.place])
+    entries, groups = live_entries(tape, [result.index])
     assert groups == {0, 1}
-    made = [x[1].place, (x[1] * A[1, 0]).place, result.place]
+    made = [x[1].index, (x[1] * A[1, 0]).index, result.index]
     assert entries == sorted([*places(A), *places(b), *made])
-    assert live_entries(tape, [unused.place])[1] == set()
+    assert live_entries(tape, [unused.index])[1] == set()
     twice = 2 * b[1]
-    assert live_entries(tape, [twice.place])[0] == [
-        b[1].place,
-        tape.constant(2.0).place,
-        twice.place,
+    assert live_entries(tape, [twice.index])[0] == [
+        b[1].index,
+        tape.constant(2.0).index,
+        twice.index,
     ]
 
 

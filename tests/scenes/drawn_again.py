@@ -34,7 +34,7 @@ def drawn_again(examples: int, seed: int = 0) -> tuple[Counter, Counter]:
         cases = list(
             pairwise_design.scene_cases(RANDOM["random-mechanisms"], (1, 12), examples, seed)
         )
-    return why, Counter(scene.made.description.constraints[0].kind for scene, _ in cases)
+    return why, Counter(scene.source.description.constraints[0].kind for scene, _ in cases)
 
 
 if __name__ == "__main__":

@@ -57,7 +57,7 @@ def written(x: Any) -> str:
 def lines(description: RandomDescription) -> list[str]:
     """Return a line for each link, joint and constraint, and one for all else."""
     parts = (*description.links, *description.joints, *description.constraints)
-    rest = description.gravity, description.first, description.pose
+    rest = description.gravity, description.dependent, description.pose
     return [*map(written, parts), written(rest)]
 
 

@@ -63,7 +63,7 @@ def test_no_library_reads_what_is_no_file_or_has_other_parameters(tmp_path: Path
     assert RunSelection.of(scenes=[Snake]).reader is None
     assert RunSelection.of(engines=["casadi"], scenes=[kind]).reader is None
     run = ValidationRun()
-    run.look_at_kind(kind, RunSelection.of(["gw"], None, TERMS, scenes=[kind]), (1, 1), 4, 0)
+    run.validate_kind(kind, RunSelection.of(["gw"], None, TERMS, scenes=[kind]), (1, 1), 4, 0)
     subjects = [one for one in run.findings if one.subject == "pinocchio_file"]
     assert {one.verdict for one in subjects} == {"passed"}
     assert all(one.scene.as_described for one in subjects)
@@ -74,12 +74,12 @@ def test_a_file_that_is_misread_fails_by_its_library_alone_and_nobody_is_blamed(
     tmp_path: Path, change: str
 ):
     scene = from_urdf(arm(tmp_path / "arm.urdf"))
-    text = Path(scene.made.source).read_text(encoding="utf-8")
+    text = Path(scene.source.file).read_text(encoding="utf-8")
     old, new = {
         "mass": ('mass value="2.5"', 'mass value="2.75"'),
         "axis": ("0.6 0 0.8", "-0.6 0 0.8"),
     }[change]
-    Path(scene.made.source).write_text(text.replace(old, new), encoding="utf-8")
+    Path(scene.source.file).write_text(text.replace(old, new), encoding="utf-8")
     found = validate(scene, examples=3, formulations=["gw"])
     failed = [one for one in found if one.verdict == "failed"]
     assert {one.engine for one in failed} == {PinocchioFile}

@@ -34,7 +34,7 @@ class SleighInWords(Described, description=in_words, closed=True, held=False):
 
     mass: Any = parameter("m", "kg", "> 0", (0.1, 10.0), (1,))
     inertia: Any = parameter("I, central", "kg m²", ">= 0", (0.01, 10.0), (1,))
-    offset: Any = parameter("from edge to centre of mass", "m", drawn=(-5.0, 5.0))
+    offset: Any = parameter("from edge to centre of mass", "m", sample_range=(-5.0, 5.0))
 
     key, conserves_energy, angle_coordinates = "sleigh-in-words", True, slice(2, None)
     named_coordinates, named_constraints = ("x", "y", "θ"), ("edge",)

@@ -76,7 +76,7 @@ def test_a_robot_agrees_with_mujoco_s_own_model_to_rounding(tmp_path: Path, free
     assert {(one.claim, one.verdict) for one in found} == {(name, "passed") for name in claims}
     found = compare_libraries(scene, states=5)
     assert found.verdict("mujoco") == "agrees"
-    assert all(table.max() < 1e-12 for table in found.apart.values())
+    assert all(table.max() < 1e-12 for table in found.differences.values())
 
 
 def test_it_starts_where_the_file_draws_it(tmp_path: Path):
@@ -89,7 +89,7 @@ def test_it_starts_where_the_file_draws_it(tmp_path: Path):
 
 def test_what_is_left_out_is_said_in_one_sentence(tmp_path: Path):
     scene = from_mjcf(limb(tmp_path / "limb.xml"))
-    assert scene.made.left_out == (
+    assert scene.source.ignored == (
         "Left out: actuators (1), friction of joints (1), limits of joints (1), sensors (1), "
         "shapes to collide (6)."
     )
@@ -103,7 +103,7 @@ def test_a_shape_collides_if_either_of_its_masks_is_set(tmp_path: Path, contype,
     body = f'<body><joint/><geom size="0.1" {masks}/></body>'
     path.write_text(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
     collides = "Left out: shapes to collide (1)."
-    assert from_mjcf(path).made.left_out == (collides if contype or conaffinity else "")
+    assert from_mjcf(path).source.ignored == (collides if contype or conaffinity else "")
 
 
 @pytest.mark.parametrize("fluid", ["", 'density="1.2"', 'viscosity="1e-5"'])
@@ -111,7 +111,7 @@ def test_the_drag_of_a_fluid_is_left_out_whether_dense_or_viscous(tmp_path: Path
     body = '<body><joint/><geom size="0.1" contype="0" conaffinity="0"/></body>'
     path = tmp_path / "wet.xml"
     path.write_text(f"<mujoco><option {fluid}/><worldbody>{body}</worldbody></mujoco>")
-    said = from_mjcf(path).made.left_out
+    said = from_mjcf(path).source.ignored
     assert said == ("Left out: drag of a fluid (1)." if fluid else "")
 
 
@@ -202,7 +202,7 @@ def test_what_is_held_is_compared_as_it_is_held():
     found = compare_libraries(scene, states=5)
     assert found.verdict("mujoco") == "agrees"
     assert list(found.versions.values()) == [f"mujoco {mujoco.__version__}"]
-    assert all(table.max() < 1e-12 for table in found.apart.values())
+    assert all(table.max() < 1e-12 for table in found.differences.values())
     assert {one.verdict for one in prove(scene, points=1)} == {"passed"}
 
 
@@ -253,10 +253,10 @@ def test_as_many_constraints_as_coordinates_or_more_are_validated(tmp_path: Path
     scene = four_bar(tmp_path / "bar.xml", pins)
     assert (scene.n, scene.r) == (3, 3 * pins)
     run, selection = ValidationRun(), RunSelection.of(scenes=[scene])
-    run.look_at_scene(scene, selection, 1, 0)
+    run.validate_scene(scene, selection, 1, 0)
     assert {one.verdict for one in run.findings} >= {"passed"}
     assert [str(one) for one in run.findings if one.verdict == "failed"] == []
-    assert all(one.state.v.any() for one in run.drawn)  # it still moves
+    assert all(one.state.v.any() for one in run.sampled)  # it still moves
     by_uk = {one.verdict for one in run.findings if one.claim == "equations-residual"}
     assert by_uk == {"passed"}
     embedded = {one.subject for one in run.findings if one.claim == "null-space-embedding"}

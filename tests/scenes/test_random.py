@@ -120,7 +120,7 @@ def signs(values) -> set[float]:
 
 
 def test_joints_are_of_all_kinds_at_the_root_and_elsewhere(cases):
-    descriptions = [scene.made.description for scene, _ in cases]
+    descriptions = [scene.source.description for scene, _ in cases]
     elsewhere = {one.kind for d in descriptions for one in d.joints[1:]}
     assert elsewhere == set(COORDINATES)
     assert {d.joints[0].kind for d in descriptions} == set(COORDINATES) - {"fixed"}
@@ -128,7 +128,7 @@ def test_joints_are_of_all_kinds_at_the_root_and_elsewhere(cases):
 
 
 def test_no_number_of_a_description_is_constant_and_all_have_their_signs(cases):
-    descriptions = [scene.made.description for scene, _ in cases]
+    descriptions = [scene.source.description for scene, _ in cases]
     joints = [one for d in descriptions for one in d.joints]
     bodies = [one for d in descriptions for one in d.links if one.mass > 0]
     solid = [one for one in bodies if any(one.products)]
@@ -168,7 +168,7 @@ def can_exist(link: Link) -> bool:
 
 
 def test_bodies_are_some_that_can_exist(cases):
-    links = [link for scene, _ in cases for link in scene.made.description.links]
+    links = [link for scene, _ in cases for link in scene.source.description.links]
     assert all(map(can_exist, links))
 
 
@@ -181,8 +181,8 @@ def test_every_body_that_is_drawn_can_exist(planar: bool):
 
 
 def test_a_chosen_axis_points_to_both_sides_along_every_axis_and_anywhere(cases):
-    solid = [scene for scene, _ in cases if not scene.made.topology.planar]
-    axes = {one.axis for scene in solid for one in scene.made.description.joints}
+    solid = [scene for scene, _ in cases if not scene.source.topology.planar]
+    axes = {one.axis for scene in solid for one in scene.source.description.joints}
     straight = {tuple(sign * row) for sign in (1.0, -1.0) for row in np.eye(3)}
     assert straight <= axes
     assert any(np.count_nonzero(axis) == 3 for axis in axes)
@@ -199,7 +199,7 @@ def mechanisms() -> list:
 
 
 def test_constraints_are_of_all_kinds_alone_and_with_others(mechanisms):
-    each = [[one.kind for one in scene.made.description.constraints] for scene, _ in mechanisms]
+    each = [[one.kind for one in scene.source.description.constraints] for scene, _ in mechanisms]
     assert {kinds[0] for kinds in each} == set(KINDS)
     assert {kinds[1] for kinds in each if len(kinds) > 1} >= {"pin", "distance", "edge", "weld"}
 
@@ -208,10 +208,10 @@ def test_balls_disks_and_circles_roll_on_planes_that_stand_and_that_move(mechani
     seen = set()
     for scene, _ in mechanisms:
         groups: dict[str, list] = {}
-        for one in scene.made.description.constraints:
+        for one in scene.source.description.constraints:
             if one.kind in ROLLING:
                 groups.setdefault(one.name.partition(",")[0], []).append(one)
-        planar = scene.made.topology.planar
+        planar = scene.source.topology.planar
         for rows in groups.values():
             # What rolls does so along all of the plane, and touches it.
             kinds = sorted(one.kind for one in rows)
@@ -220,7 +220,7 @@ def test_balls_disks_and_circles_roll_on_planes_that_stand_and_that_move(mechani
             assert link != on
             what = "disk" if len(rows[-1].directions) == 3 else "ball"
             if what == "disk":
-                there = poses(scene.made.description)
+                there = poses(scene.source.description)
                 n, e = (there[link].direction(x) for link, x in rows[-1].directions[1:])
                 assert np.linalg.norm(np.cross(n, e)) > UPRIGHT - 1e-12
             seen.add(("circle" if planar else what, len(rows) > 1, on == "ground"))
@@ -241,8 +241,8 @@ def test_wherever_there_is_room_a_joint_turns_what_shall_stay_square():
             for _ in range(20 if entry[ROOT] == ("prismatic",) else 2):
                 ways = {name: choices.one_of(of) for name, of in entry.items()}
                 scene = kind.of_topology(links, ways | {CONSTRAINTS: "square"}, choices)()
-                (first, *_) = scene.made.description.constraints
-                turned = turned_by(scene.made.description)
+                (first, *_) = scene.source.description.constraints
+                turned = turned_by(scene.source.description)
                 (one, _), (other, _) = first.directions
                 assert first.kind == "square"
                 assert turned[one] != turned[other]
@@ -267,7 +267,7 @@ def test_no_kind_of_constraint_is_drawn_much_more_often_than_others(mechanisms):
 def test_a_pose_closes_by_another_derivation_of_places(mechanisms):
     # Where the links are was found from the words alone, the gaps by the scene's own recursion.
     for scene, _ in mechanisms:
-        pose = dict(scene.made.description.pose)
+        pose = dict(scene.source.description.pose)
         q = np.array([pose[name] for name in scene.coordinate_names])
         at = Evaluation(scene, q, np.zeros(scene.n), 0.0)
         assert np.abs(position_residual(at)).max(initial=0.0) < 1e-13
@@ -312,8 +312,8 @@ def test_states_are_closed_and_consistent_and_rows_independent(mechanisms):
         check_consistent(at)
         rows = at.terms.a / np.linalg.norm(at.terms.a, axis=1, keepdims=True)
         assert np.linalg.svd(rows, compute_uv=False)[-1] > INDEPENDENT / 50
-        planar = scene.made.topology.planar
-        kinds = [KINDS[one.kind] for one in scene.made.description.constraints]
+        planar = scene.source.topology.planar
+        kinds = [KINDS[one.kind] for one in scene.source.description.constraints]
         rows = [kind.planar if planar else kind.spatial for kind in kinds]
         assert scene.r == sum(rows) < scene.n
 
@@ -364,7 +364,7 @@ def scene_of(links, joints, constraints=(), **more):
 
 def failures(scene, state) -> list[str]:
     case = make_case_with_engines(scene, state, RunSelection.of(claims=SEEN, scenes=[scene]))
-    findings = [one for claim in SEEN for one in case.look(CLAIMS[claim])]
+    findings = [one for claim in SEEN for one in case.evaluate(CLAIMS[claim])]
     return [str(one) for one in findings if one.verdict == "failed"]
 
 
@@ -378,7 +378,7 @@ def test_what_cannot_move_is_still_and_not_nearly_so():
     turn = (0.9395, 0.0, 0.0, -0.3425)
     closed = weld("weld", "b", "a", (-0.3193, 0.7912, 0.0), (-1.2402, 1.6043, 0.0), turn)
     first = ("free_turn", "free_y", "free_x")
-    scene = scene_of([ground, *links], [slide, free], [closed], first=first)
+    scene = scene_of([ground, *links], [slide, free], [closed], dependent=first)
     for seed in range(6):
         for state in draw_samples(strategies.states(scene), 4, seed):
             assert state.v[:2].tolist() == [0.0, 0.0]
@@ -393,7 +393,7 @@ def test_a_weld_holds_a_link_that_is_turned_on_its_joint_as_it_was_said():
              Link("b", 1.0, moments=(1.0, 1.0, 1.0))]  # fmt: skip
     joints = [
         Joint("hinge", "revolute", "ground", "a", axis=(0.3, 0.4, 0.5)),
-        Joint("fixed", "fixed", "a", "frame", turn=tilted),
+        Joint("fixed", "fixed", "a", "frame", orientation=tilted),
         Joint("free", "floating", "ground", "b"),
     ]
     for turn in ((1.0, 0.0, 0.0, 0.0), (0.7, 0.0, 0.0, 0.2)):
@@ -414,7 +414,7 @@ def test_a_body_on_its_own_axis_has_no_remainder_but_rounding():
     joints = [
         Joint("slide", "prismatic", "ground", "carrier", axis=(0.0, 1.0, 0.0)),
         Joint("turn", "revolute", "carrier", "body", (0.7, -0.45, 0.0),
-              follows=("slide", -1.5772, -0.7129)),
+              mimics=("slide", -1.5772, -0.7129)),
     ]  # fmt: skip
     scene = scene_of(links, joints)
     for q in np.linspace(-1.0, 1.0, 25):
@@ -459,15 +459,15 @@ def found(strategy, condition):
 
 def test_draws_shrink_to_the_simplest_that_there_are():
     smallest = found(trees(), lambda scene: True)
-    (joint,), (_, link) = smallest.made.description.joints, smallest.made.description.links
-    assert (joint.kind, joint.place, joint.damping) == ("revolute", (0.0, 0.0, 0.0), None)
+    (joint,), (_, link) = smallest.source.description.joints, smallest.source.description.links
+    assert (joint.kind, joint.origin, joint.damping) == ("revolute", (0.0, 0.0, 0.0), None)
     assert (link.mass, link.center, smallest.gravity) == (1.0, (0.0, 0.0, 0.0), None)
 
 
 @pytest.mark.night
 def test_a_draw_with_a_mimic_joint_shrinks_to_two_links():
     def follows(scene) -> bool:
-        return any(one.follows is not None for one in scene.made.description.joints)
+        return any(one.follows is not None for one in scene.source.description.joints)
 
     assert found(trees(), follows).links == 2
 
@@ -513,7 +513,7 @@ def test_a_written_urdf_is_read_as_the_tree_that_it_is_of(tmp_path: Path):
     for number in range(60):
         tree = urdf_tree(1 + number % 12, choices, every)
         path.write_text(urdf_text(tree), encoding="utf-8")
-        read, scene = from_urdf(path, gravity=None), tree.made("Tree").kind()()
+        read, scene = from_urdf(path, gravity=None), tree.source("Tree").scene_class()()
         assert read.coordinate_names == scene.coordinate_names
         q, v = random.uniform(-1, 1, (2, scene.n))
         ours, theirs = (Evaluation(x, q, v, 0.0).terms for x in (scene, read))

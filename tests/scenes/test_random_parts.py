@@ -137,9 +137,9 @@ def grown(kinds: tuple[str, ...], choices: Any, **more: Any) -> Any:
     """Return a tree with joints of these kinds, whose numbers are still to be drawn."""
     one = object.__new__(_Tree)
     usual = {"kinds": [*kinds], "choices": choices, "links": len(kinds), "carrier": None}
-    ways = {"axes": "oblique", "shape": "branched"}
+    levels = {"axes": "oblique", "shape": "branched"}
     one.__dict__.update(
-        usual | {"planar": False, "last_axis": (0.0, 0.0, 1.0), "ways": ways} | more
+        usual | {"planar": False, "last_axis": (0.0, 0.0, 1.0), "levels": levels} | more
     )
     return one
 
@@ -179,7 +179,7 @@ def test_an_oblique_axis_is_along_none_of_its_frame(drawn, axis):
     # Later ones may be straight, and in the plane all are.
     assert grown(("revolute", "revolute"), Chosen(first=True))._axis(1) == (0.0, 0.0, 1.0)
     straight = {"axes": "straight"}
-    assert grown(("planar",), Chosen(), ways=straight)._axis(0) == (0.0, -1.0, 0.0)
+    assert grown(("planar",), Chosen(), levels=straight)._axis(0) == (0.0, -1.0, 0.0)
     for kind in ("fixed", "spherical", "floating"):
         assert grown((kind,), Chosen())._axis(0) == (0.0, 0.0, 1.0)
     flat = {"prismatic": (0.0, -1.0, 0.0), "revolute": (0.0, 0.0, -1.0), "planar": (0.0, 0.0, 1.0)}
@@ -208,7 +208,7 @@ def test_a_chain_that_should_branch_does_so_as_far_out_as_it_can(count, carrier,
     tree = grown(("revolute",) * count, Highest(), carrier=carrier)
     tree._choose_parents()
     assert tree.parents == parents
-    chain = grown(("revolute",) * count, Highest(), ways={"shape": "chain"})
+    chain = grown(("revolute",) * count, Highest(), levels={"shape": "chain"})
     chain._choose_parents()
     assert chain.parents == list(range(count))
     low = grown(("revolute",) * count, Chosen(), carrier=carrier)

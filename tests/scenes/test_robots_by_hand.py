@@ -267,7 +267,7 @@ def test_all_that_no_equation_needs_is_taken_out_and_what_a_motion_would_notice_
     assert not model.body_gravcomp.any()
     # Shapes stay only where inertia follows from them.
     assert (model.ngeom, model.njnt, model.nbody) == (2, 2, 3)
-    said = read_mjcf(path).left_out
+    said = read_mjcf(path).ignored
     assert "friction of joints (1)" in said and "limits of joints (1)" in said
 
 
@@ -304,13 +304,23 @@ def test_joints_in_a_row_turn_about_points_of_their_own_and_begin_where_they_are
     ]
     near: Any = lambda x: pytest.approx(x, abs=1e-15)  # noqa: E731
     # A quarter turn about z, and back a quarter about x: what is drawn is at ref.
-    assert roll.place == near((1.0, 2.1, 3.0))
-    assert roll.turn == near((0.5, -0.5, -0.5, 0.5))
-    assert (roll.axis, roll.damping, roll.stiffness, roll.relaxed) == ((1, 0, 0), 0.3, 2.0, 0.4)
-    assert push.place == near((-0.1, 0.0, -0.25)) and push.turn == (1, 0, 0, 0)
-    assert (push.axis, push.armature, push.stiffness, push.relaxed) == ((0, 0, 1), 0.1, None, 0.0)
-    assert yaw.place == near((0.0, 0.0, 0.5)) and (yaw.damping, yaw.armature) == (None, None)
-    assert foot.place == near((0.0, 0.0, -1.5))
+    assert roll.origin == near((1.0, 2.1, 3.0))
+    assert roll.orientation == near((0.5, -0.5, -0.5, 0.5))
+    assert (roll.axis, roll.damping, roll.stiffness, roll.rest_position) == (
+        (1, 0, 0),
+        0.3,
+        2.0,
+        0.4,
+    )
+    assert push.origin == near((-0.1, 0.0, -0.25)) and push.orientation == (1, 0, 0, 0)
+    assert (push.axis, push.armature, push.stiffness, push.rest_position) == (
+        (0, 0, 1),
+        0.1,
+        None,
+        0.0,
+    )
+    assert yaw.origin == near((0.0, 0.0, 0.5)) and (yaw.damping, yaw.armature) == (None, None)
+    assert foot.origin == near((0.0, 0.0, -1.5))
     leg, last = found.links[3:]
     assert (leg.mass, leg.moments) == (2.0, near((0.2, 0.3, 0.4)))
     assert leg.center == near((0.1, 0.2, -0.2))
@@ -341,8 +351,8 @@ def test_names_that_a_file_lacks_are_numbers_that_no_other_has():
 def test_a_robot_knows_the_file_that_it_is_of_and_the_code_that_makes_it(tmp_path: Path):
     pytest.importorskip("mujoco")
     path = limb(tmp_path / "limb.xml")
-    made = from_mjcf(path, gravity=(1, 2, 3)).made
-    assert (made.code, made.imported, made.source, made.format) == (
+    made = from_mjcf(path, gravity=(1, 2, 3)).source
+    assert (made.code, made.imports, made.file, made.format) == (
         f"from_mjcf({str(path)!r}, gravity=(1.0, 2.0, 3.0))",
         "from eomcheck.scenes import from_mjcf",
         str(path),
@@ -373,10 +383,10 @@ def test_a_robot_knows_the_file_that_it_is_of_and_the_code_that_makes_it(tmp_pat
          "two_floating", "a"),
     ):  # fmt: skip
         scene = from_urdf(urdf, **options)  # type: ignore
-        made = scene.made
+        made = scene.source
         assert (made.code, scene.key, made.floating) == (f"from_urdf({str(urdf)!r}{code})", key,
                                                          floating)  # fmt: skip
-        assert (made.imported, made.source, made.format, made.doubtful) == (
+        assert (made.imports, made.file, made.format, made.warnings) == (
             "from eomcheck.scenes import from_urdf", str(urdf), "urdf", "",
         )  # fmt: skip
     with pytest.raises(InputError) as error:

@@ -453,7 +453,7 @@ def test_a_scene_is_turned_shifted_and_mirrored_as_said():
     assert shifted.q.tolist() == [4.0, 0.0, 0.3, 0.5, -0.7]
     assert shifted.v.tolist() == v.tolist()
     assert (shifted.image == np.eye(5)).all()
-    mirrored = plane_symmetries.mirror(disk, q, v, kept=(0, 3))
+    mirrored = plane_symmetries.mirror(disk, q, v, unflipped=(0, 3))
     assert mirrored.q.tolist() == [1.0, -2.0, -0.3, 0.5, 0.7]
     assert mirrored.v.tolist() == [-3.0, -5.0, -7.0, 11.0, -13.0]
     assert (mirrored.image == np.diag([1.0, -1, -1, 1, -1])).all()

@@ -90,7 +90,7 @@ def test_coordinates_are_the_joints_in_the_order_of_the_file():
 
 
 def test_what_is_left_out_is_said():
-    said = robot("arm").made.left_out
+    said = robot("arm").source.ignored
     for part in ("limits of joints (3)", "friction of joints (1)", "transmissions (1)", "Gazebo"):
         assert part in said
     assert said.startswith("Left out: ")
@@ -110,7 +110,7 @@ def test_dampers_and_friction_of_joints_with_several_coordinates_are_said_to_be_
                 '<joint name="k" type="revolute"><parent link="link"/><child link="tip"/></joint>'
             )
             path.write_text(f"<robot>{text}</robot>", encoding="utf-8")
-            said[kind, damping] = from_urdf(path).made.left_out
+            said[kind, damping] = from_urdf(path).source.ignored
     friction = "friction of joints (1)"
     dampers = f"Left out: dampers of joints with several coordinates (1), {friction}."
     for kind in ("planar", "floating", "spherical"):
@@ -127,9 +127,9 @@ def test_moments_of_inertia_that_no_body_has_are_taken_and_said(tmp_path: Path):
         assert text.count(moments) == 1
         file.write_text(text.replace(f'{moments}"0.02"', f'{moments}"{last}"'), "utf-8")
         scene = from_urdf(file)
-        assert (said in scene.made.doubtful) if said else scene.made.doubtful == ""
+        assert (said in scene.source.warnings) if said else scene.source.warnings == ""
         told = [*robot_file_warnings([type(scene)])]
-        assert (told[-1] == f"{file}: {scene.made.doubtful}") == bool(said)
+        assert (told[-1] == f"{file}: {scene.source.warnings}") == bool(said)
         assert scene.mass.tolist() == robot("arm").mass.tolist()
 
 
@@ -166,9 +166,9 @@ def test_a_file_is_a_kind_of_scene_wherever_a_name_is():
 def test_random_robots_of_a_file_without_gravity_have_some_or_none():
     kind = urdf_kind(ROBOTS / "arm.urdf", gravity=None)
     run, claims = ValidationRun(), ["finite-terms", "generalized-forces"]
-    run.look_at_kind(kind, RunSelection.of(["gw"], [], claims, scenes=[kind]), (1, 1), 8, 0)
+    run.validate_kind(kind, RunSelection.of(["gw"], [], claims, scenes=[kind]), (1, 1), 8, 0)
     assert {one.verdict for one in run.findings} == {"passed"}
-    drawn = [one.scene.gravity for one in run.drawn[1:]]  # type: ignore[attr-defined]
+    drawn = [one.scene.gravity for one in run.sampled[1:]]  # type: ignore[attr-defined]
     assert {None if x is None else x.shape for x in drawn} == {None, (3,)}
 
 

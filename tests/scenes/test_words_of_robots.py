@@ -88,12 +88,12 @@ def test_every_number_of_a_urdf_is_where_it_belongs(tmp_path: Path):
     assert found.joints == (
         Joint("turn", "revolute", "base", "l1", (1.0, 2.0, 3.0), axis=x, damping=0.25),
         Joint("slide", "prismatic", "l1", "l2", axis=(0.0, -2.0, 0.0)),
-        Joint("geared", "revolute", "l2", "l3", axis=x, follows=("turn", -2.0, 0.5)),
-        Joint("alike", "revolute", "l3", "l4", axis=x, follows=("slide", 1.0, 0.0)),
-        Joint("still", "fixed", "l4", "l5", turn=still.turn, axis=x),
+        Joint("geared", "revolute", "l2", "l3", axis=x, mimics=("turn", -2.0, 0.5)),
+        Joint("alike", "revolute", "l3", "l4", axis=x, mimics=("slide", 1.0, 0.0)),
+        Joint("still", "fixed", "l4", "l5", orientation=still.orientation, axis=x),
     )
-    assert still.turn == pytest.approx((0.0, 0.0, 0.0, 1.0), abs=1e-15)
-    assert found.left_out == (
+    assert still.orientation == pytest.approx((0.0, 0.0, 0.0, 1.0), abs=1e-15)
+    assert found.ignored == (
         "Left out: shapes to collide (1), friction of joints (2), settings of Gazebo (2), "
         "limits of joints (2), transmissions (1), shapes to be seen (3)."
     )
@@ -108,7 +108,7 @@ def test_a_robot_that_is_named_is_free_if_its_name_says_so(tmp_path: Path):
     path.write_text(text, encoding="utf-8")
     assert len(robot_named(str(path)).plan.topology.coordinates) == 2
     free = robot_named(f"{path}:floating")
-    assert len(free.plan.topology.coordinates) == 8 and free.made.floating == "base"
+    assert len(free.plan.topology.coordinates) == 8 and free.source.floating == "base"
     with pytest.raises(InputError, match=r"expected .*ARM.URDF or .*ARM.URDF:floating"):
         robot_named(f"{path}:")
 
@@ -142,14 +142,14 @@ def test_every_number_of_an_mjcf_is_where_it_belongs(tmp_path: Path):
         Joint("lift", "prismatic", "world", "body2", axis=(0.0, 0.0, 1.0), damping=0.3,
               armature=0.2),
         Joint("joint1", "revolute", "body2", "body2_", (1.0, 2.0, 3.0), axis=(0.0, 1.0, 0.0),
-              stiffness=4.0, relaxed=0.7),
+              stiffness=4.0, rest_position=0.7),
         Joint("body3 fixed", "fixed", "body2", "body3", (3.0, 2.0, 1.0)),
     )  # fmt: skip
     one = found.links[2]
     assert (one.mass, one.center) == (3.0, (0.1, 0.2, 0.3))
     np.testing.assert_allclose(one.moments, (0.4, 0.5, 0.6), rtol=1e-12)
     np.testing.assert_allclose(one.products, (0.01, 0.02, 0.03), rtol=1e-11)
-    assert found.left_out == (
+    assert found.ignored == (
         "Left out: compensation of gravity (2), friction of joints (2), keyframes (3), "
         "limits of joints (1)."
     )
@@ -199,7 +199,7 @@ def test_springs_are_off_where_the_file_says_so_and_dampers_stay(tmp_path: Path)
     flag = '<option><flag spring="disable"/></option><worldbody>'
     path.write_text(BODIES.replace("<worldbody>", flag), encoding="utf-8")
     lift, turn, _ = read_mjcf(path).joints
-    assert (lift.damping, turn.stiffness, turn.relaxed) == (0.3, None, 0.0)
+    assert (lift.damping, turn.stiffness, turn.rest_position) == (0.3, None, 0.0)
 
 
 LAST = '<include file="p99.xml"/>'

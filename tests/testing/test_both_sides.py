@@ -15,7 +15,7 @@ from eomcheck.testing.claims_motions import FORCES, check_reference, is_nonzero,
 from eomcheck.testing.claims_terms import proportional
 from eomcheck.testing.equations_of_motion import FunctionCaller
 from eomcheck.testing.function_checks import claim_outputs
-from eomcheck.testing.function_claim import ClaimOutput, Decision, Skipped, UncertainEquality
+from eomcheck.testing.function_claim import ClaimOutput, Decision, Skipped, UncertainComparison
 from eomcheck.testing.function_state import FunctionState
 from eomcheck.testing.uncertain import UncertainArray
 
@@ -67,14 +67,14 @@ def at(
 
 def says(claim: str, here: FunctionState) -> list[ClaimOutput]:
     """Return what a claim says at a point."""
-    return list(FUNCTION_CLAIMS[claim].look(here))
+    return list(FUNCTION_CLAIMS[claim].evaluate(here))
 
 
 def holds(one: ClaimOutput, subject: str, found: Any, expected: Any, names: Any) -> None:
     """Assert what both sides of a comparison are, to 1e-9."""
-    assert isinstance(one, UncertainEquality), one
+    assert isinstance(one, UncertainComparison), one
     assert (one.subject, one.names) == (subject, names)
-    for side, value in ((one.found, found), (one.expected, expected)):
+    for side, value in ((one.actual, found), (one.expected, expected)):
         np.testing.assert_allclose(side.value, value, rtol=1e-9, atol=1e-9)
         assert side.shape == np.shape(value) == side.error.shape == side.size.shape
         assert (side.error <= 1e-8).all()
@@ -176,12 +176,12 @@ def test_a_force_by_which_motion_is_off_is_named_with_what_that_looks_like(
     own: dict[str, Any] = {"a": lambda q: np.array([[1.0, -2.0, 0.5]])} if constrained else {}
     here = at(**TERMS, **FORCED, **own)
     (one,) = says("motion", here)
-    assert isinstance(one, UncertainEquality) and one.say is not None
+    assert isinstance(one, UncertainComparison) and one.explain is not None
     free = here.free().T
     found = free @ (EXPECTED + factor * of)
-    said = one.say(found, free @ EXPECTED, 1e-9, (0,))
+    said = one.explain(found, free @ EXPECTED, 1e-9, (0,))
     assert said == (f"off by {part}: {how}" if how else "")
-    assert one.say(found + 1e-6, free @ EXPECTED, 1e-9, (0,)) == ""
+    assert one.explain(found + 1e-6, free @ EXPECTED, 1e-9, (0,)) == ""
 
 
 def test_motion_without_forces_is_held_where_v_is_turned_round_and_the_rest_is_told():
@@ -236,13 +236,13 @@ def test_what_constraint_forces_do_is_what_is_left_of_the_constraint():
     here = at(**TERMS, a=lambda q: a)
     parts = [np.array([1.0, 2.0, -3.0]), np.array([0.1, 0.2, 0.3]), np.array([2.0, 2.0, 3.0])]
     forces = UncertainArray(*parts)
-    found = violation_power(here, here.of("qdd"), forces)
+    found = violation_power(here, here.quantity("qdd"), forces)
     left = np.abs(a @ V) + EPS * np.abs(a) @ np.abs(V)
     violation = np.abs(np.linalg.pinv(a)) @ left
-    size = here.of("M").size @ here.of("qdd").size + forces.size
+    size = here.quantity("M").size @ here.quantity("qdd").size + forces.size
     np.testing.assert_allclose(found.error, size @ violation, rtol=1e-9)
     assert (float(found.value), float(found.size)) == (0.0, 0.0)
-    none = violation_power(at(**TERMS), here.of("qdd"), forces)
+    none = violation_power(at(**TERMS), here.quantity("qdd"), forces)
     assert (float(none.value), float(none.error)) == (0.0, 0.0)
 
 
@@ -260,8 +260,8 @@ def test_rows_with_a_linear_damper_are_told_and_the_others_judged():
     )
     row = 2.0 * 0.8**3
     holds(one, "q̈", [0.0, 0.1 + row, 0.0], [0.0, 0.1 - row, 0.0], (ROWS,))
-    assert isinstance(one, UncertainEquality) and one.say is not None
-    said = one.say(one.found.value, one.expected.value, 0.0, (1,))
+    assert isinstance(one, UncertainComparison) and one.explain is not None
+    said = one.explain(one.actual.value, one.expected.value, 0.0, (1,))
     assert said == "odd in v, and not linear: drag and friction would be in R or Q"
 
 
@@ -300,7 +300,7 @@ def held(**own: Any) -> FunctionState:
     """Return the point of functions with two speeds of three coordinates, and two constraints."""
     here = at(3, Q, U_, **SPEEDS, **own)
     for name in {"a", "gamma", "c", "b"} & {*own}:
-        here.answers(name, here.q, here.v)
+        here.caller(name, here.q, here.v)
     return here
 
 
@@ -331,7 +331,7 @@ def test_the_drift_is_the_rate_of_a_v_and_b_with_speeds_held():
     own = {"a": a, "gamma": lambda q, v: np.array([v[0] ** 2, 3.0])}
     (one,) = says("constraint-drift", held(**own))
     holds(one, "γ", [U_[0] ** 2, 3.0], drift, TWO)
-    assert isinstance(one, UncertainEquality) and one.say is proportional
+    assert isinstance(one, UncertainComparison) and one.explain is proportional
     clock = {"b": lambda q, t: np.array([2.0 * t * q[0], q[1] ** 2 - 5.0 * t])}
     (one,) = says("constraint-drift", held(**own, **clock))
     clocked = drift + np.array([2.0 * Q[0], 2.0 * Q[1] * rates[1] - 5.0])
@@ -348,7 +348,7 @@ def test_accelerations_keep_the_constraints_by_the_drift_that_is_given_or_follow
     given = held(a=a, qdd=udot, gamma=lambda q, v: np.array([0.3, -0.7]))
     (one,) = says("constraint-acceleration", given)
     holds(one, "a q̈ ~ -γ", a(Q) @ udot(Q, U_), [-0.3, 0.7], TWO)
-    assert isinstance(one, UncertainEquality) and one.say is proportional
+    assert isinstance(one, UncertainComparison) and one.explain is proportional
 
 
 # ---- References ----------------------------------------------------------------------------------
@@ -374,7 +374,7 @@ def test_each_quantity_is_held_against_that_of_the_reference_at_the_same_state()
     line = {"a": lambda q: np.array([[0.5, 1.0, q[0]]]), "gamma": lambda q, v: v[:1] ** 2}
     energy = {"T": lambda q, v: 0.5 * v @ M(q) @ v}
     here = at(**TERMS, **FORCED, **line, **energy, against=book())
-    here.answers("a", here.q, here.v)
+    here.caller("a", here.q, here.v)
     each = {one.subject.removesuffix(" ~ a book"): one for one in says("reference", here)}
     assert [*each] == ["M", "bias", "forces", "T", "a", "gamma", "qdd"]
     theirs = {name: f(Q, V) if name not in "MaU" else f(Q) for name, f in BOOK.items()}
@@ -389,7 +389,7 @@ def test_each_quantity_is_held_against_that_of_the_reference_at_the_same_state()
         ("gamma", V[:1] ** 2, theirs["gamma"], (axis,)),
     ]:
         holds(each[name], f"{name} ~ a book", found, expected, names)
-        assert each[name].say is proportional  # type: ignore[union-attr]
+        assert each[name].explain is proportional  # type: ignore[union-attr]
     # Accelerations where v keeps the constraints of the functions.
     row = line["a"](Q)[0]
     v = V - row * (row @ V) / (row @ row)
@@ -403,7 +403,7 @@ def test_what_a_reference_cannot_tell_is_skipped_with_the_reason():
     here = at(**TERMS, against=book("qdd", M=broken, bias=lambda q, v: v))
     first, *others = says("reference", here)
     assert first == Skipped("M ~ a book", "the reference breaks: M: ValueError: no licence")
-    assert [type(one) for one in others] == [UncertainEquality, UncertainEquality]
+    assert [type(one) for one in others] == [UncertainComparison, UncertainComparison]
     closed = {"a": lambda q: np.array([[1.0, 0.0, 0.0]]), "c": lambda q: np.array([q[0] ** 2 + 1])}
     (one,) = says("reference", at(qdd=qdd, **closed, against=book("qdd")))
     assert one == Skipped("qdd ~ a book", "no consistent state is found nearby")

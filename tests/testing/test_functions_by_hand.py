@@ -180,7 +180,7 @@ def test_every_claim_needs_and_is_broken_by_what_there_is():
     for one in FUNCTION_CLAIMS.values():
         for names in (*one.needs, *one.without):
             assert {*names.split("|")} <= known, (one.id, names)
-        assert all(x.about in {*INPUTS, ""} for x in one.blind), one.id
+        assert all(x.about in {*INPUTS, ""} for x in one.blind_spots), one.id
 
 
 # ---- What they are compared with -----------------------------------------------------------------

@@ -19,7 +19,7 @@ from eomcheck.testing.function_checks import (
     judge_output,
     sample_states,
 )
-from eomcheck.testing.function_claim import UncertainEquality
+from eomcheck.testing.function_claim import UncertainComparison
 from eomcheck.testing.function_state import FunctionState
 from eomcheck.testing.uncertain import UncertainArray
 
@@ -43,15 +43,15 @@ def test_each_entry_is_judged_by_the_errors_of_both_sides():
         np.array([[0.5e-6, 1e-6, 0.0], [0.8e-6, 0.0, 0.0]]),
         np.ones((2, 3)),
     )
-    judged = judge_entries(EVEN, UncertainEquality("M", found, expected, NAMES))
+    judged = judge_entries(EVEN, UncertainComparison("M", found, expected, NAMES))
     verdicts = [[RANKS[int(x)] for x in row] for row in judged.verdicts]
     assert verdicts == [["passed", "passed", "passed"], ["failed", "passed", "passed"]]
     np.testing.assert_allclose(judged.allowed / C, [[1.5e-6, 1e-6, 0], [0.8e-6, 2e-5, 1e-7]])
     np.testing.assert_allclose(judged.observed, np.abs(off), rtol=1e-6)
-    assert judged.told.verdict == "failed"
-    assert judged.told.detail.startswith("bias, entry (y, a): ")
-    assert judged.told.observed == pytest.approx(C * 0.9e-6)
-    assert judged.told.allowed == pytest.approx(C * 0.8e-6)
+    assert judged.decision.verdict == "failed"
+    assert judged.decision.detail.startswith("bias, entry (y, a): ")
+    assert judged.decision.observed == pytest.approx(C * 0.9e-6)
+    assert judged.decision.allowed == pytest.approx(C * 0.8e-6)
     assert judged.same.tolist() == [[False, False, True], [False, False, True]]
     assert judged.vanish.tolist() == [[False, False, True], [False, False, True]]
     resolved, hidden = (
@@ -79,35 +79,35 @@ def test_each_entry_is_judged_by_the_errors_of_both_sides():
     ],
 )
 def test_a_number_is_resolved_beside_the_larger_side(found, expected, verdict: str):
-    judged = judge_entries(EVEN, UncertainEquality("M", found, expected, ()))
-    assert judged.told.verdict == verdict
+    judged = judge_entries(EVEN, UncertainComparison("M", found, expected, ()))
+    assert judged.decision.verdict == verdict
     assert RANKS[int(judged.verdicts)] == verdict
 
 
 def test_what_is_not_known_does_not_hide_what_fails():
     found = measured([1.0, 2.0, np.inf], [np.inf, 1e-9, 0.0])
     judged = judge_entries(
-        EVEN, UncertainEquality("bias", found, measured([1.0, 2.5, 1.0], 0.0), (("a", "b", "c"),))
+        EVEN, UncertainComparison("bias", found, measured([1.0, 2.5, 1.0], 0.0), (("a", "b", "c"),))
     )
     assert [RANKS[int(x)] for x in judged.verdicts] == ["inconclusive", "failed", "inconclusive"]
-    assert judged.told.detail == "bias, row b: 2, expected 2.5"
+    assert judged.decision.detail == "bias, row b: 2, expected 2.5"
     assert judged.allowed.tolist() == [np.inf, pytest.approx(C * 1e-9), np.inf]
 
 
 def test_exact_numbers_that_differ_fail_before_all_others():
     found = measured([1.0, 2.0], [1e-9, 0.0])
     judged = judge_entries(
-        EVEN, UncertainEquality("bias", found, measured([2.0, 2.5], 0.0), (("a", "b"),))
+        EVEN, UncertainComparison("bias", found, measured([2.0, 2.5], 0.0), (("a", "b"),))
     )
-    assert "row b: 2, expected 2.5" in judged.told.detail
-    assert (judged.told.observed, judged.told.allowed) == (0.5, 0.0)
+    assert "row b: 2, expected 2.5" in judged.decision.detail
+    assert (judged.decision.observed, judged.decision.allowed) == (0.5, 0.0)
 
 
 def test_a_row_that_is_missing_or_too_much_is_resolved_as_wrong():
     found = measured([0.0, 1.0, 3.0, 0.0], 1e-9)
     expected = measured([2.0, 1.0, 0.0, 0.0], 0.0)
     judged = judge_entries(
-        EVEN, UncertainEquality("bias", found, expected, (("a", "b", "c", "d"),))
+        EVEN, UncertainComparison("bias", found, expected, (("a", "b", "c", "d"),))
     )
     assert [RANKS[int(x)] for x in judged.verdicts] == ["failed", "passed", "failed", "passed"]
     assert judged.vanish.tolist() == [False, False, False, True]
@@ -117,7 +117,9 @@ def test_a_row_that_is_missing_or_too_much_is_resolved_as_wrong():
 
 def test_nothing_to_compare_passes():
     empty = measured(np.zeros((0, 3)), 0.0)
-    told = judge_entries(EVEN, UncertainEquality("a", empty, empty, ((), ("x", "y", "z")))).told
+    told = judge_entries(
+        EVEN, UncertainComparison("a", empty, empty, ((), ("x", "y", "z")))
+    ).decision
     assert told == ("a", 0.0, 0.0, "passed", "")
 
 
@@ -126,8 +128,8 @@ def test_a_failure_names_the_function_where_its_claim_blames_none():
     claim = FUNCTION_CLAIMS["same-answer"]
     for subject, words in (("qdd", "acceleration"), ("C v ~ B", "C v"), ("R ~ x", "dissipation f")):
         assert judge_entries(
-            claim, UncertainEquality(subject, one, two, ())
-        ).told.detail.startswith(words)
+            claim, UncertainComparison(subject, one, two, ())
+        ).decision.detail.startswith(words)
 
 
 # ---- Of several states ---------------------------------------------------------------------------
@@ -153,7 +155,7 @@ def test_what_no_state_resolves_is_told_where_least_is_allowed():
     assert (listed.subject, listed.verdict) == ("gravity", "inconclusive")
     assert (passed.verdict, passed.detail) == ("passed", "6 of 9 entries in 3 states not resolved")
     points = [FunctionState(FunctionCaller(functions), q, v, k) for k, (q, v) in enumerate(STATES)]
-    each = [judge_output(claim, next(claim.look(at))) for at in points]
+    each = [judge_output(claim, next(claim.evaluate(at))) for at in points]
     allowed = np.array([one.allowed[:2] for one in each])
     k, i = np.unravel_index(np.argmin(allowed), allowed.shape)
     assert listed.allowed == allowed[k, i]

@@ -419,7 +419,7 @@ def test_types_of_less_than_doubles_are_kept_by_name(type_: Any, told: str):
     )
     answers("M", np.ones(1), np.ones(1))
     answers("U", np.ones(1), np.ones(1))
-    assert answers.single == ({"M": told} if told else {})
+    assert answers.single_precision == ({"M": told} if told else {})
 
 
 def test_the_first_entry_that_is_not_finite_is_named():
@@ -472,7 +472,10 @@ def test_rows_are_named_by_speeds_where_these_are_not_rates():
 def test_what_would_tell_is_what_is_missing(given: str, told_by: tuple[str, ...], text: str):
     own = dict.fromkeys((given or "R").split(), len)
     here = FunctionState(FunctionCaller(EquationsOfMotion(1, **own)), np.zeros(1), np.zeros(1))
-    assert BlindSpot("bias", "x", told_by).would_tell(here).replace("bias or C", "bias|C") == text
+    assert (
+        BlindSpot("bias", "x", told_by).revealing_inputs(here).replace("bias or C", "bias|C")
+        == text
+    )
 
 
 # ---- Results -------------------------------------------------------------------------------------
@@ -493,9 +496,7 @@ def finding(verdict: Verdict, detail: str = "", claim: str = "bias-even") -> Fin
     ],
 )
 def test_a_claim_came_to_the_first_of_its_verdicts(verdicts: str, came: str):
-    found = result_or_failure(
-        [finding(x.replace("-", " "), f"{k}") for k, x in enumerate(verdicts.split())]
-    )
+    found = result_or_failure([finding(x, f"{k}") for k, x in enumerate(verdicts.split())])
     assert not isinstance(found, Finding)
     assert found.verdict == came
     if came == "skipped":
@@ -554,7 +555,7 @@ def test_a_scene_as_functions_satisfies_its_equations(key: str):
     assert here is not None
     B = supplied_or_derived_bias(here)
     assert B is not None
-    left = inertia(here) @ here.of("qdd") + B - here.forces()
+    left = inertia(here) @ here.quantity("qdd") + B - here.forces()
     found = exact(here.free().T) @ left
     assert (np.abs(found.value) <= C * found.error).all()
     assert own.name == scene.name

@@ -585,10 +585,10 @@ def test_a_mistake_in_a_function_fails_by_name(session, pytester):
 def test_functions_are_compared_with_a_scene(session, pytester):
     code = """
     from eomcheck.scenes import ChainPendulum
-    from eomcheck.testing import Functions, parametrize_with_claims
+    from eomcheck.testing import EquationsOfMotion, parametrize_with_claims
     import numpy as np
 
-    ROD = Functions(1, M=lambda q: [[WHAT]], bias=lambda q, v: [0.0])
+    ROD = EquationsOfMotion(1, M=lambda q: [[WHAT]], bias=lambda q, v: [0.0])
 
     @parametrize_with_claims(ROD, against=ChainPendulum.rods(1))
     def test_rod(check):

@@ -12,7 +12,7 @@ from tests.testing.own import given, guide
 from eomcheck.claims.finding import Finding
 from eomcheck.testing import FUNCTION_CLAIMS, EquationsOfMotion, check_functions
 from eomcheck.testing.function_checks import BY_NUMBER, RANKS, judge_entries
-from eomcheck.testing.function_claim import UncertainEquality
+from eomcheck.testing.function_claim import UncertainComparison
 from eomcheck.testing.suite import EquationsTarget
 from eomcheck.testing.uncertain import UncertainArray, noise
 
@@ -101,11 +101,11 @@ def test_an_entry_that_vanishes_where_it_is_not_hidden_is_not_resolved():
     assert "row q[0]" in of(found, "inconclusive")[claim]
 
 
-def sides(found: float, expected: float, error: float, size: float) -> UncertainEquality:
+def sides(found: float, expected: float, error: float, size: float) -> UncertainComparison:
     def one(value: float) -> UncertainArray:
         return UncertainArray(np.array([value]), np.array([error]), np.array([size]))
 
-    return UncertainEquality(
+    return UncertainComparison(
         "x", one(found), UncertainArray(np.array([expected]), np.zeros(1), np.ones(1)), (("0",),)
     )
 

@@ -27,7 +27,7 @@ from eomcheck.claims.case import (
 )
 from eomcheck.claims.finding import Finding
 from eomcheck.claims.registry import (
-    Equality,
+    Comparison,
     EvaluationContext,
     Skipped,
     case_claim,
@@ -68,7 +68,7 @@ def _row_sum(matrix: Any) -> float:
 
 
 @claim("equations-residual", "M q̈ - F - aᵀλ = 0", "(5)", "equations of motion")
-def equations_residual(at: Quantities, look: EvaluationContext) -> Iterator[Equality]:
+def equations_residual(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
     """Each q̈ satisfies Eq. (5): with its own λ, or on every motion that the constraints allow."""
     M, _, _, a, _, _ = at.terms
     F_sensitivity = look.sensitivity(lambda e: e.F)
@@ -121,7 +121,7 @@ def _constraint_forces(a: Any, net: Array) -> Array:
 
 
 @claim("constraint-acceleration", "a q̈ + ȧ q̇ + ḃ = 0", "(3)", "constraints at acceleration level")
-def constraint_acceleration(at: Quantities, look: EvaluationContext) -> Iterator[Equality]:
+def constraint_acceleration(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
     """Each q̈ satisfies the constraints differentiated."""
     a, gamma, names = at.terms.a, at.terms.gamma, (at.scene.constraint_names,)
     if a is None:
@@ -134,28 +134,28 @@ def constraint_acceleration(at: Quantities, look: EvaluationContext) -> Iterator
 
 
 @claim("equivalence", "q̈ of one formulation = q̈ of another", "(7)-(23)", "acceleration")
-def equivalence(at: Quantities, look: EvaluationContext) -> Iterator[Equality]:
+def equivalence(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
     """All formulations give the same acceleration, pair by pair, whatever the partition."""
     names = (at.scene.coordinate_names,)
     for (f, x), (g, y) in unordered_pairs(look.solutions):
         sensitivity = look.vdot_sensitivity(f) + look.vdot_sensitivity(g)
-        yield Equality(f"{f.key} ~ {g.key}", x.vdot, y.vdot, names, sensitivity=sensitivity)
+        yield Comparison(f"{f.key} ~ {g.key}", x.vdot, y.vdot, names, sensitivity=sensitivity)
     for f, x, y in look.others:
-        yield Equality(f"{f.key}, drawn", x.vdot, y.vdot, names)
+        yield Comparison(f"{f.key}, drawn", x.vdot, y.vdot, names)
 
 
 @claim("multipliers", "λ of one formulation = λ of another", "(7), (9), (12)", "multipliers")
-def multipliers(at: Quantities, look: EvaluationContext) -> Iterator[Equality]:
+def multipliers(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
     """All formulations that have multipliers have the same, pair by pair."""
     if at.terms.a is not None:
         for f, x in look.solutions:
             has, declared = int(x.multipliers is not None), int(f.multipliers)
-            yield Equality(f.key, has, declared, (), size=1.0, sensitivity=1.0)
+            yield Comparison(f.key, has, declared, (), size=1.0, sensitivity=1.0)
     having = [(f, x) for f, x in look.solutions if x.multipliers is not None]
     for (f, x), (g, y) in unordered_pairs(having):
         sensitivity = look.multiplier_sensitivity(f) + look.multiplier_sensitivity(g)
         names = (at.scene.constraint_names,)
-        yield Equality(
+        yield Comparison(
             f"{f.key} ~ {g.key}", x.multipliers, y.multipliers, names, sensitivity=sensitivity
         )
 
@@ -206,7 +206,7 @@ def _against_engines(case: Case, part: str, names: tuple[str, ...]) -> Iterator[
         return
     Q = np.zeros(at.scene.n) if at.terms.Q is None else at.terms.Q
     handed = at.q, at.v, Q, at.terms.a, at.terms.gamma, at.t
-    for engine in case.taking_part:
+    for engine in case.claim_engines:
         theirs_by = cache(partial(_sensitivity, case, engine, part))
         said = ask_engine(
             case,
@@ -376,7 +376,7 @@ def _subnormal(a: Array | None) -> bool:
     "",
     "redundant constraints",
 )
-def redundant_rows(at: Quantities, look: EvaluationContext) -> Iterator[Equality | Skipped]:
+def redundant_rows(at: Quantities, look: EvaluationContext) -> Iterator[Comparison | Skipped]:
     """With one more row, a sum of the others, and any row left to follow from the rest.
 
     λ is smallest where it is perpendicular to all that aᵀ takes to 0: the new multiplier is that
@@ -393,18 +393,18 @@ def redundant_rows(at: Quantities, look: EvaluationContext) -> Iterator[Equality
         drift = np.concatenate((gamma, np.array([weights @ gamma], gamma.dtype)))
         try:
             given = M, at.F, rows, drift, at.v, partition
-            (vdot, lambda_), digits = at.solved("redundant rows", f.solution, *given)
+            (vdot, lambda_), digits = at.call_solving("redundant rows", f.solution, *given)
         except RefusedError as refusal:
             yield Skipped(f.key, str(refusal))
             continue
         names, force = (at.scene.coordinate_names,), a.T @ x.multipliers
         told = sensitivity_where(digits)
-        yield Equality(f"{f.key}, q̈", vdot, x.vdot, names, None, told, may_vanish=True)
+        yield Comparison(f"{f.key}, q̈", vdot, x.vdot, names, None, told, may_vanish=True)
         scale = product_size(rows.T, lambda_)
         forces = rows.T @ lambda_, force
-        yield Equality(f"{f.key}, aᵀλ", *forces, names, scale, told, may_vanish=True)
+        yield Comparison(f"{f.key}, aᵀλ", *forces, names, scale, told, may_vanish=True)
         sides = lambda_[-1:], np.array([weights @ lambda_[:-1]], lambda_.dtype)
-        yield Equality(f"{f.key}, |λ|", *sides, (("the new row",),), product_size(lambda_), told)
+        yield Comparison(f"{f.key}, |λ|", *sides, (("the new row",),), product_size(lambda_), told)
 
 
 # ---- Energy, and motions of the whole scene ------------------------------------------------------
@@ -507,14 +507,14 @@ def _power_of_inertia(at: Evaluation, rates: Callable[[Evaluation], Array]) -> t
             if at.lanes:
                 changes = [np.abs(rates(copy) - here) for copy in copies[:SAMPLES]]
             else:
-                changes = np.abs(rates(copies[0].together)[:SAMPLES] - here)
+                changes = np.abs(rates(copies[0].batch)[:SAMPLES] - here)
         except RefusedError:
             return power(np.abs(here)), np.inf
         return power(np.abs(here)), power(np.abs(here) + reduce(np.maximum, changes) / STEP)
 
 
 @claim("power-balance", "d(T + U)/dt = -q̇ ∂R/∂q̇", "(25)-(26), (31)", "power balance", rate_of="all")
-def power_balance(at: Quantities, look: EvaluationContext) -> Iterator[Equality]:
+def power_balance(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
     """Ideal constraints do no work: along each q̈ the energy loses what the dampers take."""
     rates_of, R = cache(_Rates), at.dissipation(duals(at.v, at.v))
     if not at.scene.conserves_energy and (R is None or at.terms.b is not None):
@@ -542,7 +542,7 @@ def _of_power(
         return terms, np.inf
     # Energies are summed over the bodies, which rounds as often.
     rounding = case.at.scene.n * (largest(shares) + summed_sensitivity) + _of_constraints(case, f)
-    return terms, select(told, case.sensitivity(power, together=True) + rounding, np.inf)
+    return terms, select(told, case.sensitivity(power, batched=True) + rounding, np.inf)
 
 
 def _of_constraints(case: Any, f: Formulation) -> Any:

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.claims.finding import FAILED_CODE, INCONCLUSIVE_CODE, PASSED_CODE, verdict_codes
-from eomcheck.claims.registry import CLAIMS, Claim, Equality, FloatContext
+from eomcheck.claims.registry import CLAIMS, Claim, Comparison, FloatContext
 from eomcheck.errors import RefusedError, described_error
 from eomcheck.evaluation.batched_evaluation import (
     LaneEvaluation,
@@ -83,17 +83,17 @@ class BatchedCase(FloatContext):
         at: the evaluation in lanes.
         formulations: those that take part.
         has_speeds: whether generalized speeds exist: in all lanes, or in none.
-        lost: claims that cannot be told in lanes here, and why.
+        not_batched: claims that cannot be told in lanes here, and why.
     """
 
     at: LaneEvaluation
     formulations: tuple[Formulation, ...]
     has_speeds: bool
-    lost: dict[str, str] = field(default_factory=dict)
-    _asked: bool = field(default=False, repr=False)
+    not_batched: dict[str, str] = field(default_factory=dict)
+    _solutions_used: bool = field(default=False, repr=False)
 
     @cached_property
-    def speeds_told(self) -> LaneArray:
+    def speeds_resolved(self) -> LaneArray:
         """Where generalized speeds by a partition are more than rounding."""
         return LaneArray(speeds_resolved_in_lanes(self.at))
 
@@ -110,7 +110,7 @@ class BatchedCase(FloatContext):
     @property
     def solutions(self) -> tuple[tuple[Formulation, Acceleration], ...]:
         """What the formulations say; NaN in lanes that are refused."""
-        self._asked = True
+        self._solutions_used = True
         return self._solutions
 
     @cached_property
@@ -124,12 +124,12 @@ class BatchedCase(FloatContext):
             return self.at.refused[key, False]
         return np.ones(self.at.lanes, bool)
 
-    def sensitivity(self, quantity: Callable[[Any], Any], together: bool = False) -> LaneArray:
+    def sensitivity(self, quantity: Callable[[Any], Any], batched: bool = False) -> LaneArray:
         """Return κ · scale of a quantity; 0 of a copy, of which sides count and nothing else.
 
         In lanes each copy is asked for itself, whether or not they have it `merged_body`.
         """
-        copied, at = self.at.copied, self.at
+        copied, at = self.at.is_perturbed, self.at
         return LaneArray(np.zeros(at.lanes) if copied else sensitivity_in_lanes(at, quantity))
 
     def part_sensitivity(self, formulation: Formulation, part: str) -> LaneArray:
@@ -155,62 +155,62 @@ class BatchedCase(FloatContext):
 
     # ---- Looking ---------------------------------------------------------------------------------
 
-    def look(self, claims: Sequence[str]) -> list[BatchResult]:
-        """Return what claims come to; those that lanes cannot tell are added to `lost`."""
+    def evaluate(self, claims: Sequence[str]) -> list[BatchResult]:
+        """Return what claims come to; those that lanes cannot tell are added to `not_batched`."""
         found: list[BatchResult] = []
         with np.errstate(all="ignore"):
             for one in claims:
                 try:
-                    found += list(self._looked_at(CLAIMS[one]))
+                    found += list(self._evaluate(CLAIMS[one]))
                 except NOT_BATCHABLE as error:
                     said = isinstance(error, NotBatchableError)
-                    self.lost[one] = str(error) if said else described_error(error)
+                    self.not_batched[one] = str(error) if said else described_error(error)
         return found
 
-    def _looked_at(self, claim: Claim) -> Iterator[BatchResult]:
+    def _evaluate(self, claim: Claim) -> Iterator[BatchResult]:
         if claim.id == "invariance":
             return self._invariance()
         assert claim.sides is not None
-        return self._compared(claim, claim.sides)
+        return self._compare_sides(claim, claim.sides)
 
-    def _compared(self, claim: Claim, sides: Callable) -> Iterator[BatchResult]:
+    def _compare_sides(self, claim: Claim, sides: Callable) -> Iterator[BatchResult]:
         @cache
-        def perturbed(e: Any) -> dict[str, Equality]:
-            found: dict[str, Equality] = {}
+        def perturbed(e: Any) -> dict[str, Comparison]:
+            found: dict[str, Comparison] = {}
             here = BatchedCase(e, self.formulations, self.has_speeds)
-            with e.computing("sides"), e.watched(), suppress(RefusedError):
+            with e.computing("sides"), e.recording_solves(), suppress(RefusedError):
                 for one in sides(e, here):
                     found[one.subject] = one
             return found
 
-        def measured(here: Equality, side: str) -> Array:
+        def measured(here: Comparison, side: str) -> Array:
             def quantity(e: Any) -> Any:
                 one = here if e is self.at else perturbed(e).get(here.subject)
-                if not isinstance(one, Equality):
+                if not isinstance(one, Comparison):
                     raise np.linalg.LinAlgError(f"{here.subject} does not exist nearby")
                 return getattr(one, side)
 
             return sensitivity_in_lanes(self.at, quantity)
 
-        self._asked = False
+        self._solutions_used = False
         with recording_solves() as watch:
             here = list(sides(self.at, self))
-        of_results = self._asked
+        of_results = self._solutions_used
         refused = self.at.refused.get(SPEEDS, np.zeros(self.at.lanes, bool))
         refused = np.any([refused, *watch.refused], axis=0)
         for one in here:
-            if not isinstance(one, Equality):
+            if not isinstance(one, Comparison):
                 continue
             given = _of_lanes(one.sensitivity, self.at.lanes)
             size = 0.0 if one.size is None else _of_lanes(one.size, self.at.lanes)
             if given is None or np.isnan(given).any():
-                sensitivity = measured(one, "found") + measured(one, "expected") + size
+                sensitivity = measured(one, "actual") + measured(one, "expected") + size
                 given = (
                     sensitivity if given is None else np.where(np.isnan(given), sensitivity, given)
                 )
             scale: Any = given if one.may_vanish else None if one.size is None else size
             absent = refused | self._refused_in(one.subject) if of_results else refused
-            yield self.compared(claim, one, given, scale, absent)
+            yield self.compare(claim, one, given, scale, absent)
 
     def _refused_in(self, subject: str) -> Array:
         """Return where a subject is about a formulation that refuses (L,)."""
@@ -221,12 +221,17 @@ class BatchedCase(FloatContext):
                 absent |= self.refused(f.key)
         return absent
 
-    def compared(
-        self, claim: Claim, sides: Equality, sensitivity: Array, scale: Array | None, absent: Array
+    def compare(
+        self,
+        claim: Claim,
+        sides: Comparison,
+        sensitivity: Array,
+        scale: Array | None,
+        absent: Array,
     ) -> BatchResult:
         """Return what found = expected comes to; see `Case.compare`."""
         lanes = self.at.lanes
-        found, expected = as_float64(sides.found), as_float64(sides.expected)
+        found, expected = as_float64(sides.actual), as_float64(sides.expected)
         observed = largest_in(found - expected, lanes)
         size = largest_in(expected, lanes)
         scale = size if scale is None else np.broadcast_to(scale, (lanes,))
@@ -234,7 +239,7 @@ class BatchedCase(FloatContext):
         verdict = verdict_codes(observed, allowed, scale)
         verdict = np.where(np.isfinite(size), verdict, INCONCLUSIVE_CODE)
         # What depends on a result that is refused is NaN; what needs none is told of results alone.
-        told = np.isfinite(observed) & bool(lanes_in((sides.found, sides.expected)))
+        told = np.isfinite(observed) & bool(lanes_in((sides.actual, sides.expected)))
         verdict = np.where(absent & ~told, ABSENT, verdict)
         return BatchResult(claim.id, sides.subject, observed, allowed, verdict)
 
@@ -257,13 +262,13 @@ class BatchedCase(FloatContext):
             turn = 1.0 + largest(there.q - at.q) / larger(largest(at.q), 1.0)
             for f, x in self.solutions:
                 found = there.acceleration(f).vdot
-                sides = Equality(f"{name}: {f.key}", found, image @ x.vdot, ())
+                sides = Comparison(f"{name}: {f.key}", found, image @ x.vdot, ())
                 absent = self.refused(f.key) | there.refused[f.key, False]
                 # More noise only allows more: what passes by the first passes by all.
                 for samples in (1, SAMPLES):
                     of_vdot = self._moved_sensitivity(f, samples)
                     sensitivity = (2 * size * turn * of_vdot).data
-                    outcome = self.compared(claim, sides, sensitivity, None, absent)
+                    outcome = self.compare(claim, sides, sensitivity, None, absent)
                     if np.isin(outcome.verdict, (PASSED_CODE, ABSENT)).all():
                         break
                 yield outcome

@@ -30,7 +30,7 @@ from eomcheck.claims.finding import (
 from eomcheck.claims.registry import (
     CLAIMS,
     Claim,
-    Equality,
+    Comparison,
     FloatContext,
     Names,
     names_of_term,
@@ -76,16 +76,16 @@ class Case(FloatContext):
         formulations: the formulations taking part.
         engines: engines made for this very scene.
         claim: the claim being looked at.
-        broken: engines that could not be made, and why.
-        asked_again: how often engines on trial are asked again for each answer.
+        unavailable: engines that could not be made, and why.
+        repeats: how often engines on trial are asked again for each answer.
     """
 
     at: Evaluation
     formulations: tuple[Formulation, ...]
     engines: tuple[Engine, ...]
     claim: Claim | None = None
-    broken: dict[type[Engine], str] = field(default_factory=dict)
-    asked_again: int = OFTEN
+    unavailable: dict[type[Engine], str] = field(default_factory=dict)
+    repeats: int = OFTEN
 
     @property
     def state(self) -> State:
@@ -93,16 +93,16 @@ class Case(FloatContext):
         return State(self.at.q, self.at.v, self.at.t)
 
     @cached_property
-    def broken_terms(self) -> Finding | None:
+    def terms_failure(self) -> Finding | None:
         """The Finding where the scene's terms cannot even be computed here, else None."""
         try:
             self.at.terms  # noqa: B018
         except Exception as error:
-            return replace(self, claim=CLAIMS["finite-terms"]).unable(error)
+            return replace(self, claim=CLAIMS["finite-terms"]).error_finding(error)
         return None
 
     @property
-    def taking_part(self) -> tuple[Engine | type[Engine], ...]:
+    def claim_engines(self) -> tuple[Engine | type[Engine], ...]:
         """The engines to ask for what the claim is about, and classes that could not be made.
 
         Engines on trial are asked for everything: what they do not offer is to be told.
@@ -111,7 +111,7 @@ class Case(FloatContext):
         asks = self.claim.asks
         return tuple(
             one
-            for one in (*self.engines, *self.broken)
+            for one in (*self.engines, *self.unavailable)
             if one.offers(asks) or is_under_test(engine_class_of(one))
         )
 
@@ -152,7 +152,7 @@ class Case(FloatContext):
         return False
 
     @cached_property
-    def speeds_told(self) -> bool:
+    def speeds_resolved(self) -> bool:
         """Whether generalized speeds by a partition are more than rounding."""
         self.at.speeds  # noqa: B018  (what was solved for them is needed)
         return speeds_resolved(self.at)
@@ -188,13 +188,13 @@ class Case(FloatContext):
         results = ((f, self.result(f)) for f in self.formulations)
         return tuple((f, x) for f, x in results if x is not None)
 
-    def sensitivity(self, quantity: Callable[[Evaluation], Any], together: bool = False) -> float:
+    def sensitivity(self, quantity: Callable[[Evaluation], Any], batched: bool = False) -> float:
         """Return κ · scale of a quantity; 0 of a copy, of which sides count and nothing else.
 
         `merged_body` tells that copies have it side by side, see `sensitivity_of`.
         """
-        copied = self.at.copied
-        return 0.0 if copied else sensitivity_of(self.at, quantity, together=together)
+        copied = self.at.is_perturbed
+        return 0.0 if copied else sensitivity_of(self.at, quantity, batched=batched)
 
     def part_sensitivity(
         self, formulation: Formulation, part: str, *, coordinates: bool = False
@@ -212,25 +212,25 @@ class Case(FloatContext):
 
     # ---- Judging ---------------------------------------------------------------------------------
 
-    def look(self, claim: Claim) -> list[Finding]:
+    def evaluate(self, claim: Claim) -> list[Finding]:
         """Return the Findings of one claim."""
         self.claim = claim
         found: list[Finding] = []
         with np.errstate(all="ignore"):
             try:
-                found.extend(self._looked_at(claim))
+                found.extend(self._evaluate(claim))
             except Exception as error:
-                found.append(self.unable(error))
+                found.append(self.error_finding(error))
         return found
 
-    def _looked_at(self, claim: Claim) -> Iterator[Finding]:
+    def _evaluate(self, claim: Claim) -> Iterator[Finding]:
         if claim.check is not None:
             return claim.check(self)
         if claim.against:
             return self._against_engines(claim.against, claim.asks)
-        return iter(()) if claim.sides is None else self._judged(claim.sides)
+        return iter(()) if claim.sides is None else self._compare_sides(claim.sides)
 
-    def unable(self, error: Exception) -> Finding:
+    def error_finding(self, error: Exception) -> Finding:
         """Return the Finding on what a function of the scene raised, or returned in another shape.
 
         It fails where the function does not run on doubles; other numbers it need not know.
@@ -248,40 +248,40 @@ class Case(FloatContext):
             outcome = 0.0, 0.0, "skipped", "property-tested", f"not rational: {said}"
         return self.finding("functions", *outcome)
 
-    def _judged(self, sides: Callable) -> Iterator[Finding]:
+    def _compare_sides(self, sides: Callable) -> Iterator[Finding]:
         """Yield the Findings of both sides being the same but for rounding."""
 
         @cache
-        def perturbed(e: Evaluation) -> dict[str, Equality]:
-            found: dict[str, Equality] = {}
+        def perturbed(e: Evaluation) -> dict[str, Comparison]:
+            found: dict[str, Comparison] = {}
             # What sides solve for themselves is perturbed like what formulations solve.
             with (
                 e.computing("sides"),
-                e.watched(),
+                e.recording_solves(),
                 suppress(RefusedError, np.linalg.LinAlgError),
             ):
                 for one in sides(e, Case(e, self.formulations, ())):
                     found[one.subject] = one
             return found
 
-        def measured(here: Equality, side: str) -> float:
+        def measured(here: Comparison, side: str) -> float:
             def quantity(e: Evaluation) -> Array:
                 one = here if e is self.at else perturbed(e).get(here.subject)
-                if not isinstance(one, Equality):
+                if not isinstance(one, Comparison):
                     raise np.linalg.LinAlgError(f"{here.subject} does not exist nearby")
                 return np.asarray(getattr(one, side), np.float64)
 
             return sensitivity_of(self.at, quantity)
 
         for one in sides(self.at, self):
-            if isinstance(one, Equality):
+            if isinstance(one, Comparison):
                 sensitivity = one.sensitivity
                 if sensitivity is None:
                     sensitivity = (
-                        measured(one, "found") + measured(one, "expected") + (one.size or 0.0)
+                        measured(one, "actual") + measured(one, "expected") + (one.size or 0.0)
                     )
                 scale: Any = sensitivity if one.may_vanish else one.size
-                here: tuple[Any, ...] = one.subject, one.found, one.expected, sensitivity
+                here: tuple[Any, ...] = one.subject, one.actual, one.expected, sensitivity
                 told = one.size is None or one.sizes is not None
                 how = {"scale": scale, "sizes": one.sizes, "entrywise": told}
                 yield self.compare(*here, names=one.names, **how)
@@ -297,7 +297,7 @@ class Case(FloatContext):
         absent = known is None
         expected = 0.0 if absent else known
         state = (self.at.q, self.at.v, self.at.t)
-        for engine in self.taking_part:
+        for engine in self.claim_engines:
             theirs = ask_engine(self, engine, *state, expected=lambda: expected)
             if isinstance(theirs, Finding) or isinstance(engine, type):
                 if not absent or theirs.verdict == "failed":
@@ -322,7 +322,7 @@ class Case(FloatContext):
     def compare(
         self,
         subject: str,
-        found: Any,
+        actual: Any,
         expected: Any,
         sensitivity: float,
         *,
@@ -338,7 +338,7 @@ class Case(FloatContext):
 
         Args:
             subject: what is compared.
-            found: ours.
+            actual: ours.
             expected: what it should be, same shape.
             sensitivity: κ · scale of both computations together.
             names: names along each axis.
@@ -350,25 +350,25 @@ class Case(FloatContext):
             engine: the engine that is compared with, if any.
         """
         assert self.claim is not None
-        found, expected = np.asarray(found, np.float64), np.asarray(expected, np.float64)
-        observed = largest(found - expected)
+        actual, expected = np.asarray(actual, np.float64), np.asarray(expected, np.float64)
+        observed = largest(actual - expected)
         scale = largest(expected) if scale is None else scale
         allowed, verdict = judge(observed, sensitivity, scale)
         if not np.isfinite(expected).all():
             verdict = "inconclusive"  # nothing to compare with
         detail = ""
         if verdict == "failed":
-            where = worst_entry(found - expected, names)
-            what = diagnose(found, expected, allowed) if found.ndim else ""
+            where = worst_entry(actual - expected, names)
+            what = diagnose(actual, expected, allowed) if actual.ndim else ""
             if engine is not None and is_under_test(engine):
-                what = describe_engine_error(engine, found, expected, allowed)
+                what = describe_engine_error(engine, actual, expected, allowed)
             detail = f"{self.claim.term}, {where}" + (f": {what}" if what else "")
         outcome = subject, observed, allowed, verdict, evidence, detail
         made = self.finding(*outcome, engine=engine)
         entrywise = entrywise and (sizes is not None or bool(np.any(expected)))
         if verdict == "failed" and names:
             # What is wrong is resolved; of what else is hidden the failure says nothing.
-            wrong = ~(np.abs(found - expected) <= allowed)
+            wrong = ~(np.abs(actual - expected) <= allowed)
             return replace(made, entries=entries_of(names, wrong, np.zeros_like(wrong)))
         if not names or not entrywise:
             return made  # what vanishes has no size of its own
@@ -376,9 +376,9 @@ class Case(FloatContext):
         if engine is not None and is_under_test(engine):
             # Of the scene itself, what should be 0 is so but for the rounding of its own terms.
             zero = np.abs(expected) <= (0.0 if own is None else allowed_error(1.0) * own())
-        entries = _resolved(found, expected, allowed, names, sizes, zero)
+        entries = _resolved(actual, expected, allowed, names, sizes, zero)
         hidden = entries.count_hidden if verdict == "passed" else 0
-        what = f"{hidden} of {found.size} entries not resolved"
+        what = f"{hidden} of {actual.size} entries not resolved"
         return replace(made, entries=entries, detail=what if hidden else detail)
 
     def finding(self, subject: str, *outcome: Any, engine: type[Engine] | None = None) -> Finding:
@@ -435,7 +435,7 @@ def cancelling_size(case: Case, engine: Engine, method: str) -> float:
         own = 0.0 if is_under_test(engine_class_of(engine)) else engine.bias_size(*case.state)
         return inertia_size(case.at) + own
     if method == "forces":
-        return case.at.kept(weight_size)
+        return case.at.cached(weight_size)
     if method == "constraint_drift":
         return drift_size(case.at)
     if method != "mass_matrix" or not engine.offers("velocity_map"):
@@ -472,14 +472,14 @@ def ask_engine(
     if not kind.offers(method):
         return skipped_finding(case, kind, f"it does not offer {method}")
     if isinstance(engine, type) and not is_under_test(engine):
-        return skipped_finding(case, engine, f"not rational: {case.broken[engine]}")
+        return skipped_finding(case, engine, f"not rational: {case.unavailable[engine]}")
     try:
         if isinstance(engine, type):
-            raise EngineFault(case.broken[engine])
+            raise EngineFault(case.unavailable[engine])
         answers = Answers(engine)
         if is_under_test(kind):
-            answers.disturb(method, *arguments)
-            found = _answered(answers, method, arguments, case.asked_again)
+            answers.provoke_stale_answers(method, *arguments)
+            found = _answered(answers, method, arguments, case.repeats)
             known = expected()
             return _worst(found, part, part(found[0]) if known is None else known)
         return answers.ask(method, *arguments)

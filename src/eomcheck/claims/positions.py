@@ -15,7 +15,7 @@ import numpy as np
 
 from eomcheck.claims.case import Case
 from eomcheck.claims.finding import Finding
-from eomcheck.claims.registry import Equality, EvaluationContext, case_claim, claim
+from eomcheck.claims.registry import Comparison, EvaluationContext, case_claim, claim
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.perturbed import sensitivity_of
 from eomcheck.evaluation.scene_quantities import Quantities
@@ -116,7 +116,11 @@ class _Heights:
         """
         e, axes = self._e, range(self.components)
         scene = e.scene
-        U = scene.potential if "energies" in scene.composed else potential_function(scene.energies)
+        U = (
+            scene.potential
+            if "energies" in scene.derived_functions
+            else potential_function(scene.energies)
+        )
         here = U, e.parameters, *moving, masses
         return [e.run(_rate_of_height, axis, *here) for axis in axes]
 
@@ -165,7 +169,7 @@ def _moving_along(look: Any, at: Quantities) -> tuple[Array, type]:
     "velocity of a centre of mass",
     rate_of="r",
 )
-def position_velocity(at: Quantities, look: EvaluationContext) -> Iterator[Equality]:
+def position_velocity(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
     """Bodies move as fast as their positions change: those given, and those that U tells."""
     direction, literals = _moving_along(look, at)
     heights, positions = _Heights(at, literals), at.scene.positions
@@ -178,15 +182,15 @@ def position_velocity(at: Quantities, look: EvaluationContext) -> Iterator[Equal
         here = at.parameters, *at.prepared_and_rates(direction, False), at.q, direction
         r = at.run(_rate_along_q, positions, *here)
         for k in range(len(V)):
-            yield Equality(f"body {k + 1}", _squared(V[k]), _squared(r[k]), SQUARE)
+            yield Comparison(f"body {k + 1}", _squared(V[k]), _squared(r[k]), SQUARE)
     if not heights.components == V.shape[1] > 1:
         return
     judged = look.exact or not (
-        getattr(at, "copied", False) or lanes_in(at.q)
+        getattr(at, "is_perturbed", False) or lanes_in(at.q)
     )  # others only follow what is judged
     if not judged or _weighs_bodies_only(at, heights, direction, look.exact):
         for k, rates in enumerate(heights.of_each(direction)):
-            yield Equality(f"body {k + 1}, U", _squared(V[k]), _squared(rates), SQUARE)
+            yield Comparison(f"body {k + 1}, U", _squared(V[k]), _squared(rates), SQUARE)
 
 
 SQUARE = (("V²",),)
@@ -231,7 +235,7 @@ def height_velocity(case: Case) -> Iterator[Finding]:
     direction, _ = _moving_along(case, at)
     if not _weighs_bodies_only(at, heights, direction, exact=False):
         return
-    J, h = at.kept(_moves)
+    J, h = at.cached(_moves)
     if not (np.isfinite(J).all() and np.isfinite(h).all()):
         return
     for k in range(heights.bodies):
@@ -239,7 +243,7 @@ def height_velocity(case: Case) -> Iterator[Finding]:
         scale = np.divide(1.0, sizes, out=np.zeros_like(sizes), where=sizes > 0)
 
         def left(e: Evaluation, k: int = k, scale: Array = scale) -> Array:
-            J, h = (x[k] * scale for x in e.kept(_moves))
+            J, h = (x[k] * scale for x in e.cached(_moves))
             return J.T @ J - h.T @ h
 
         worst = np.linalg.eigh(left(at))[1][:, 0] * scale

@@ -26,7 +26,7 @@ from eomcheck.claims.finding import (
     looks_like,
     unresolved_detail,
 )
-from eomcheck.claims.registry import CLAIMS, Claim, Equality, GenericPoint, NoRateError, Skipped
+from eomcheck.claims.registry import CLAIMS, Claim, Comparison, GenericPoint, NoRateError, Skipped
 from eomcheck.claims.speeds_and_chains import embedding_null_space
 from eomcheck.claims.user_scenes import check_shapes, scene_function_that_raised
 from eomcheck.errors import (
@@ -63,7 +63,7 @@ REDRAWS = 3
 NO_RATE = "`prepare` uses more than angles, roots and the clock, and its rate is not known"
 
 
-def identities_at(at: GenericPoint, *claims: Claim) -> Iterator[tuple[Key, Equality | Skipped]]:
+def identities_at(at: GenericPoint, *claims: Claim) -> Iterator[tuple[Key, Comparison | Skipped]]:
     """Yield the sides of identities at a point, by default of all in the order of `CLAIMS`."""
     for claim in claims or CLAIMS.values():
         if claim.sides is None or not claim.provable:
@@ -97,7 +97,7 @@ class IdentitySampler:
 
     Attributes:
         count: points drawn, those not used included.
-        outcomes: what every identity came to.
+        results: what every identity came to.
         refused: the formulations that refuse every point, and the matrix that is singular.
         partition: a choice of dependent coordinates drawn at random, beside the paper's.
     """
@@ -105,11 +105,11 @@ class IdentitySampler:
     def __init__(self, scene: Scene, formulations: tuple[Formulation, ...], source: random.Random):
         self.scene, self.formulations, self._source = scene, formulations, source
         self.count = 0
-        self.outcomes: dict[Key, IdentityResult] = {}
+        self.results: dict[Key, IdentityResult] = {}
         self.refused: dict[str, str] = {}
         self.partition: Partition | None = None
 
-    def look(self) -> None:
+    def sample(self) -> None:
         """Look at one more point.
 
         Raises:
@@ -119,7 +119,7 @@ class IdentitySampler:
         """
         at, prime = self._point()
         for key, sides in identities_at(at):
-            outcome = self.outcomes.setdefault(key, IdentityResult())
+            outcome = self.results.setdefault(key, IdentityResult())
             if isinstance(sides, Skipped):
                 outcome.skipped = sides.reason
                 continue
@@ -168,23 +168,23 @@ class IdentitySampler:
             return drawn
         return None
 
-    def _detail(self, at: GenericPoint, key: Key, sides: Equality) -> str:
+    def _detail(self, at: GenericPoint, key: Key, sides: Comparison) -> str:
         if sides.names == (at.direction_names,):
-            at.look_along_axes()
+            at.use_axis_directions()
             along_axes = dict(identities_at(at, CLAIMS[key[0]]))[key]
-            sides = along_axes if isinstance(along_axes, Equality) else sides
+            sides = along_axes if isinstance(along_axes, Comparison) else sides
         return f"{CLAIMS[key[0]].term}, {describe_difference(sides)}"
 
 
-def _both(sides: Equality) -> tuple[Array, Array]:
-    return np.asarray(sides.found, object), np.asarray(sides.expected, object)
+def _both(sides: Comparison) -> tuple[Array, Array]:
+    return np.asarray(sides.actual, object), np.asarray(sides.expected, object)
 
 
 def _same(x: Array, y: Array) -> bool:
     return np.shape(x) == np.shape(y) and bool(np.all(x == y))
 
 
-def describe_difference(sides: Equality) -> str:
+def describe_difference(sides: Comparison) -> str:
     """Return where two sides differ first, and what the left one looks like beside the right."""
     found, expected = _both(sides)
     if found.shape != expected.shape:
@@ -285,7 +285,7 @@ def prove_structure(
     draws = IdentitySampler(scene, formulations, random.Random(f"{seed} {scene.structure}"))
     try:
         for _ in range(points):
-            draws.look()
+            draws.sample()
         bounds = largest_bounds(
             GenericPoint(scene, DegreeArithmetic(), formulations, draws.partition)
         )
@@ -301,7 +301,7 @@ def prove_structure(
         _failed(scene, ("equivalence", key), REDRAWS, f"{what} is singular at every state")
         for key, what in draws.refused.items()
     ]
-    for key, outcome in draws.outcomes.items():
+    for key, outcome in draws.results.items():
         if not outcome.primes:
             findings.append(_skipped(scene, key, outcome.skipped))
             continue
@@ -355,7 +355,7 @@ def largest_bounds(at: GenericPoint) -> dict[Key, tuple[int, float]]:
     for key, sides in identities_at(at):
         if isinstance(sides, Skipped):
             continue
-        found, expected = (np.asarray(x, object) for x in (sides.found, sides.expected))
+        found, expected = (np.asarray(x, object) for x in (sides.actual, sides.expected))
         if found.shape != expected.shape:
             continue  # sides that cannot be equal need no bound
         entries = [x for x in np.ravel(found - expected) if isinstance(x, Bound)]

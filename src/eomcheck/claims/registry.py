@@ -1,7 +1,7 @@
 """Claims, their registry, and the contexts in which they are evaluated.
 
 A claim is registered by both its sides (`claim`) or by a check in float64 alone (`case_claim`).
-`Equality`
+`Comparison`
 are what a claim yields: two arrays, found = expected, with the names of their axes and the sizes of
 the terms that cancel in them. A context (`EvaluationContext`) adds to the quantities of a state
 what a claim asks for beside them. `FloatContext` is the part of it that one state in float64 and a
@@ -33,12 +33,12 @@ from eomcheck.numbers.lanes import as_float64, lanes_in, select
 Names = tuple[tuple[str, ...], ...]
 
 
-class Equality(NamedTuple):
+class Comparison(NamedTuple):
     """found = expected, about `subject`.
 
     Attributes:
         subject: what is compared.
-        found: ours.
+        actual: ours.
         expected: what it should be, same shape.
         names: names along each axis.
         size: of the terms that cancel in a side, which then are to be seen beside its entries.
@@ -49,7 +49,7 @@ class Equality(NamedTuple):
     """
 
     subject: str
-    found: Any
+    actual: Any
     expected: Any
     names: Names
     size: Any = None
@@ -67,7 +67,7 @@ class Skipped(NamedTuple):
 
 def vanishing(
     subject: str, found: Any, names: Names, terms: Any, sensitivity: Any = None
-) -> Equality:
+) -> Comparison:
     """Return the sides of found = 0.
 
     Args:
@@ -75,35 +75,35 @@ def vanishing(
         found: what should vanish.
         names: names along each axis.
         terms: magnitudes of the terms that cancel, in each entry or the largest of all.
-        sensitivity: see `Equality`.
+        sensitivity: see `Comparison`.
     """
     zero = np.zeros(np.shape(found), object)
-    sides = Equality(subject, found, zero, names, terms, sensitivity)
+    sides = Comparison(subject, found, zero, names, terms, sensitivity)
     return sized(sides, terms) if np.ndim(terms) > 0 else sides
 
 
-def sized(sides: Equality, terms: Any) -> Equality:
+def sized(sides: Comparison, terms: Any) -> Comparison:
     """Sides with the magnitudes of the terms of which each entry is a sum, of their shape."""
     return sides._replace(size=largest(terms), sizes=terms)
 
 
-def sensitivity_where(told: Any) -> Any:
+def sensitivity_where(resolved: Any) -> Any:
     """Return the sensitivity that is to be measured where sides are told, and infinite elsewhere.
 
-    See `Equality.sensitivity`.
+    See `Comparison.sensitivity`.
     """
-    return select(told, np.nan, np.inf) if lanes_in(told) else None if told else np.inf
+    return select(resolved, np.nan, np.inf) if lanes_in(resolved) else None if resolved else np.inf
 
 
 def along_directions(
     look: EvaluationContext, subject: str, sides: Callable[[Array], tuple[Any, Any] | None]
-) -> Iterator[Equality]:
+) -> Iterator[Comparison]:
     """Yield what `sides` gives along all directions, if it gives anything."""
     each = [sides(direction) for direction in look.directions]
     both = [pair for pair in each if pair is not None]
     if both:
         found, expected = (np.array(side, object) for side in zip(*both, strict=True))
-        yield Equality(subject, found, expected, (look.direction_names,))
+        yield Comparison(subject, found, expected, (look.direction_names,))
 
 
 class EvaluationContext(Protocol):
@@ -112,7 +112,7 @@ class EvaluationContext(Protocol):
     Attributes:
         exact: whether nothing is rounded, v follows from u, and every variable is free.
         has_speeds: whether generalized speeds exist here.
-        speeds_told: whether these, by a partition, are more than rounding; in lanes, of each.
+        speeds_resolved: whether these, by a partition, are more than rounding; in lanes, of each.
         free: the same point with a velocity that need not satisfy the constraints, if there is any.
         directions: virtual displacements (n,) that together stand for all.
         direction_names: their names.
@@ -125,7 +125,7 @@ class EvaluationContext(Protocol):
 
     exact: bool
     has_speeds: bool
-    speeds_told: Any
+    speeds_resolved: Any
     free: Quantities
     directions: Sequence[Array]
     direction_names: tuple[str, ...]
@@ -179,7 +179,7 @@ class Claim:
     equations: str
     term: str
     check: Callable[[Any], Iterator[Finding]] | None = field(default=None, repr=False)
-    sides: Callable[[Any, Any], Iterator[Equality | Skipped]] | None = field(
+    sides: Callable[[Any, Any], Iterator[Comparison | Skipped]] | None = field(
         default=None, repr=False
     )
     rate_of: str = ""
@@ -210,7 +210,7 @@ def case_claim(id: str, statement: str, equations: str, term: str, asks: str = "
 def claim(id: str, statement: str, equations: str, term: str, **options: Any) -> Callable:
     """Register the decorated function as the sides of a claim; `options`: fields of `Claim`."""
 
-    def register(sides: Callable[[Any, Any], Iterator[Equality | Skipped]]) -> Callable:
+    def register(sides: Callable[[Any, Any], Iterator[Comparison | Skipped]]) -> Callable:
         CLAIMS[id] = Claim(id, statement, equations, term, sides=sides, **options)
         return sides
 
@@ -326,7 +326,7 @@ class GenericPoint(Quantities):
 
     exact: ClassVar[bool] = True
     has_speeds: ClassVar[bool] = True
-    speeds_told: ClassVar[bool] = True
+    speeds_resolved: ClassVar[bool] = True
 
     def __init__(
         self,
@@ -350,7 +350,7 @@ class GenericPoint(Quantities):
         free.parameters, free.prepared, free.v = self.parameters, self.prepared, self._free_velocity
         return free
 
-    def look_along_axes(self) -> None:
+    def use_axis_directions(self) -> None:
         """Replace the direction of a virtual displacement by each coordinate in turn."""
         # Not of literals: half a literal 1 would be no element of a field.
         n, zero = self.scene.n, 0 * self.q[0]
@@ -419,13 +419,13 @@ class GenericPoint(Quantities):
 
     vdot_sensitivity = multiplier_sensitivity = sensitivity
 
-    def moving(self, qdot: Array, clock: bool = True) -> tuple[Any, Array]:
+    def prepared_duals(self, qdot: Array, clock: bool = True) -> tuple[Any, Array]:
         """Return (prepared, q) while q changes at `qdot`, see `Quantities`.
 
         Raises:
             NoRateError: more is prepared than angles and roots, and cannot be differentiated.
         """
         try:
-            return super().moving(qdot, clock)
+            return super().prepared_duals(qdot, clock)
         except (TypeError, AttributeError, NotImplementedError) as error:
             raise NoRateError from error

@@ -69,7 +69,7 @@ def reproducer_header(scene: Scene, engines: Iterable[type[Engine]] = ()) -> str
 
 def _import_lines(kind: type) -> str:
     """Return the lines that make a class known, or a comment where there is none."""
-    if imported := getattr(getattr(kind, "made", None), "imported", ""):
+    if imported := getattr(getattr(kind, "source", None), "imports", ""):
         return imported
     name, module = kind.__name__, kind.__module__
     if module.startswith("eomcheck."):

@@ -62,7 +62,7 @@ class RunSelection:
     claims: tuple[str, ...]
     reader: type[FileEngine] | None = None
     """The library among `engines` that reads a robot's file itself, where none were named."""
-    named: bool = False
+    engines_named: bool = False
     """Whether engines were named: they are asked at states beyond the ordinary ones too."""
 
     @classmethod
@@ -98,10 +98,10 @@ class SceneEngines(NamedTuple):
 
     scene: Scene
     engines: tuple[Engine, ...]
-    broken: dict[type[Engine], str]
+    unavailable: dict[type[Engine], str]
     reader: FileEngine | None = None
     """The one among them that reads the file of the scene because none were named."""
-    unread: tuple[type[FileEngine], str] | None = None
+    failed_reader: tuple[type[FileEngine], str] | None = None
     """The library that should and cannot, and why."""
 
 
@@ -131,7 +131,7 @@ def make_scene_engines(scene: Scene, selection: RunSelection) -> SceneEngines:
 
 
 def make_case(
-    asked: SceneEngines, state: State, selection: RunSelection, asked_again: int = OFTEN
+    asked: SceneEngines, state: State, selection: RunSelection, repeats: int = OFTEN
 ) -> Case:
     """Case of a state, for the claims about a scene whose engines are made.
 
@@ -139,12 +139,12 @@ def make_case(
         asked: the scene and its engines.
         state: (q, v, t).
         selection: what takes part.
-        asked_again: how often engines on trial are asked again for each answer.
+        repeats: how often engines on trial are asked again for each answer.
     """
     formulations = tuple(f for f in selection.formulations if f.applies_to(asked.scene))
     evaluation = Evaluation(asked.scene, *state)
     return Case(
-        evaluation, formulations, asked.engines, broken=asked.broken, asked_again=asked_again
+        evaluation, formulations, asked.engines, unavailable=asked.unavailable, repeats=repeats
     )
 
 
@@ -160,9 +160,9 @@ EITHER = "the file is read in two ways: either reading may be wrong"
 
 def evaluate_claim(asked: SceneEngines, case: Case, claim: Claim) -> list[Finding]:
     """Return the Findings of one claim; those by the file's library name no one to blame."""
-    findings = [_neutral(asked, case, claim, one) for one in case.look(claim)]
-    if asked.unread is not None and claim.asks == "mass_matrix":
-        kind, why = asked.unread
+    findings = [_neutral(asked, case, claim, one) for one in case.evaluate(claim)]
+    if asked.failed_reader is not None and claim.asks == "mass_matrix":
+        kind, why = asked.failed_reader
         findings.append(skipped_finding(case, kind, f"takes no part: {why}"))
     return findings
 
@@ -263,11 +263,11 @@ class StateResult(NamedTuple):
 
 
 def evaluate_state(
-    asked: SceneEngines, state: State, selection: RunSelection, asked_again: int
+    asked: SceneEngines, state: State, selection: RunSelection, repeats: int
 ) -> StateResult:
     """Look at one state of a scene whose engines are made; for arguments see `make_case`."""
-    case = make_case(asked, state, selection, asked_again)
-    broken = case.broken_terms
+    case = make_case(asked, state, selection, repeats)
+    broken = case.terms_failure
     findings = [] if broken is None else [broken]
     seconds: dict[str, float] = {}
     for one in selection.claims:
@@ -296,7 +296,7 @@ class ValidationRun:
         findings: every Finding, in the order made.
         seconds: time spent per claim.
         ends: number of findings there were after each state looked at.
-        drawn: the states drawn, and who refused them.
+        sampled: the states drawn, and who refused them.
         refused: keys of the formulations that refused the last state looked at.
         minimal: the smallest failing case, if a claim failed.
     """
@@ -304,14 +304,16 @@ class ValidationRun:
     findings: list[Finding] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=lambda: defaultdict(float))
     ends: list[int] = field(default_factory=list)
-    drawn: list[SampledState] = field(default_factory=list)
+    sampled: list[SampledState] = field(default_factory=list)
     refused: tuple[str, ...] = ()
     minimal: Finding | None = None
-    _asked: SceneEngines | None = field(default=None, repr=False, compare=False)
-    _told: set[tuple[str, str, str]] = field(default_factory=set, repr=False, compare=False)
+    _engines_for: SceneEngines | None = field(default=None, repr=False, compare=False)
+    _reported: set[tuple[str, str, str]] = field(default_factory=set, repr=False, compare=False)
 
     def __getstate__(self) -> dict[str, Any]:
-        return vars(self) | {"_asked": None}  # engines hold what no process can hand to another
+        return vars(self) | {
+            "_engines_for": None
+        }  # engines hold what no process can hand to another
 
     @property
     def cases(self) -> int:
@@ -319,30 +321,30 @@ class ValidationRun:
         return len(self.ends)
 
     @property
-    def strata(self) -> dict[str, dict[str, int]]:
+    def level_counts(self) -> dict[str, dict[str, int]]:
         """Number of drawn states by stratum, see `eomcheck.claims.pairwise_design.count_levels`."""
-        return count_levels((one.scene, one.state) for one in self.drawn)
+        return count_levels((one.scene, one.state) for one in self.sampled)
 
-    def look_at(self, scene: Scene, state: State, selection: RunSelection) -> list[Finding]:
+    def check_state(self, scene: Scene, state: State, selection: RunSelection) -> list[Finding]:
         """Look at one state, add the Findings to `findings` and return them."""
-        return self._take(
-            self._look(scene, state, selection, OFTEN if len(self.ends) < 2 else ONCE)
+        return self._add_result(
+            self._evaluate_state(scene, state, selection, OFTEN if len(self.ends) < 2 else ONCE)
         )
 
-    def _look(
+    def _evaluate_state(
         self, scene: Scene, state: State, selection: RunSelection, asked_again: int
     ) -> StateResult:
-        if self._asked is None or self._asked.scene is not scene:
-            self._asked = make_scene_engines(
+        if self._engines_for is None or self._engines_for.scene is not scene:
+            self._engines_for = make_scene_engines(
                 scene, selection
             )  # engines are made once for each scene
-        return evaluate_state(self._asked, state, selection, asked_again)
+        return evaluate_state(self._engines_for, state, selection, asked_again)
 
     def _one_after_another(self, cases: Cases, selection: RunSelection) -> StateResults:
         for i, (scene, state) in enumerate(cases):
-            yield scene, state, self._look(scene, state, selection, repeats_at(i))
+            yield scene, state, self._evaluate_state(scene, state, selection, repeats_at(i))
 
-    def _take(self, seen: StateResult) -> list[Finding]:
+    def _add_result(self, seen: StateResult) -> list[Finding]:
         new = list(filter(self._is_new, seen.findings))
         for claim, seconds in seen.seconds.items():
             self.seconds[claim] += seconds
@@ -357,8 +359,8 @@ class ValidationRun:
         if finding.verdict != "skipped" or not lacks:
             return True
         said = finding.claim, finding.subject, finding.detail
-        new = said not in self._told
-        self._told.add(said)
+        new = said not in self._reported
+        self._reported.add(said)
         return new
 
     def explore(
@@ -366,9 +368,9 @@ class ValidationRun:
         cases: Cases,
         selection: RunSelection,
         on_case: Callable[[], None] = lambda: None,
-        smaller: Callable[[Scene], SearchStrategy[tuple[Scene, State]]] | None = None,
+        shrink_among: Callable[[Scene], SearchStrategy[tuple[Scene, State]]] | None = None,
         seed: int = 0,
-        looks: Callable[[Cases, RunSelection], StateResults] | None = None,
+        runner: Callable[[Cases, RunSelection], StateResults] | None = None,
     ) -> None:
         """Look at cases; stop at the first failure and look for the smallest.
 
@@ -376,25 +378,26 @@ class ValidationRun:
             cases: drawn cases.
             selection: what takes part.
             on_case: called after each case.
-            smaller: the cases among which a smaller one is looked for, given a scene that fails.
+            shrink_among: the cases among which a smaller one is looked for, given a scene that
+                fails.
             seed: of that search.
-            looks: who looks at the cases, by default this process.
+            runner: who looks at the cases, by default this process.
         """
-        with closing((looks or self._one_after_another)(cases, selection)) as looked:
+        with closing((runner or self._one_after_another)(cases, selection)) as looked:
             for scene, state, seen in looked:
-                new = self._take(seen)
+                new = self._add_result(seen)
                 state = (new[0].state if new else None) or state
-                self.drawn.append(SampledState(scene, state, self.refused))
+                self.sampled.append(SampledState(scene, state, self.refused))
                 on_case()
                 self.minimal = next((one for one in new if one.verdict == "failed"), None)
                 if self.minimal is not None:
                     break
-        if self.minimal is not None and smaller is not None:
+        if self.minimal is not None and shrink_among is not None:
             self.minimal = smallest_failure(
-                self.minimal, smaller(self.minimal.scene), selection, seed
+                self.minimal, shrink_among(self.minimal.scene), selection, seed
             )
 
-    def look_at_kind(
+    def validate_kind(
         self,
         kind: type[Scene],
         selection: RunSelection,
@@ -402,7 +405,7 @@ class ValidationRun:
         examples: int,
         seed: int,
         on_case: Callable[[], None] = lambda: None,
-        looks: Callable[[Cases, RunSelection], StateResults] | None = None,
+        runner: Callable[[Cases, RunSelection], StateResults] | None = None,
     ) -> None:
         """Look at the example of a kind, as it begins and moving, and at `examples` random scenes.
 
@@ -413,27 +416,27 @@ class ValidationRun:
             examples: number of random scenes, each in one state.
             seed: of the draws.
             on_case: called after each case.
-            looks: who looks at the random cases, by default this process.
+            runner: who looks at the random cases, by default this process.
 
         Raises:
             InputError: see `eomcheck.claims.pairwise_design.scene_cases`.
         """
         example = kind.example()
-        self.look_at(example, State(*example.initial_state()), selection)
+        self.check_state(example, State(*example.initial_state()), selection)
         on_case()
         drawn = chain(state_cases(example, 1, seed), scene_cases(kind, links, examples, seed))
-        drawn = with_wide(drawn, seed) if selection.named else drawn
+        drawn = with_wide(drawn, seed) if selection.engines_named else drawn
         with self._failing(example):
-            self.explore(drawn, selection, on_case, partial(no_larger, links=links), seed, looks)
+            self.explore(drawn, selection, on_case, partial(no_larger, links=links), seed, runner)
 
-    def look_at_scene(
+    def validate_scene(
         self,
         scene: Scene,
         selection: RunSelection,
         examples: int,
         seed: int,
         on_case: Callable[[], None] = lambda: None,
-        looks: Callable[[Cases, RunSelection], StateResults] | None = None,
+        runner: Callable[[Cases, RunSelection], StateResults] | None = None,
     ) -> None:
         """Look at a scene as it begins, and in random states.
 
@@ -443,17 +446,17 @@ class ValidationRun:
             examples: number of random states.
             seed: of the draws.
             on_case: called after each case.
-            looks: who looks at the random cases, by default this process.
+            runner: who looks at the random cases, by default this process.
 
         Raises:
             InputError: see `eomcheck.claims.pairwise_design.state_cases`.
         """
         drawn = state_cases(scene, examples, seed)
-        drawn = with_wide(drawn, seed) if selection.named else drawn
-        self.look_at(scene, State(*scene.initial_state()), selection)
+        drawn = with_wide(drawn, seed) if selection.engines_named else drawn
+        self.check_state(scene, State(*scene.initial_state()), selection)
         on_case()
         with self._failing(scene):
-            self.explore(drawn, selection, on_case, states_of, seed, looks)
+            self.explore(drawn, selection, on_case, states_of, seed, runner)
 
     @contextmanager
     def _failing(self, scene: Scene) -> Iterator[None]:
@@ -476,8 +479,8 @@ class ValidationRun:
             for claim, left in unresolved_by_claim(self.findings).items():
                 exact, rest = prove_unresolved(CLAIMS[claim], left, proofs)
                 self.findings += [*exact, *([unresolved_finding(rest)] if rest else ())]
-        if "coverage" in selection.claims and self.drawn:
-            self.findings.append(coverage(self.drawn))
+        if "coverage" in selection.claims and self.sampled:
+            self.findings.append(coverage(self.sampled))
         if self.minimal is not None:
             self.findings.append(self.minimal)
         return self.findings
@@ -544,7 +547,7 @@ def check_state(
     except Exception as error:
         if not _is_of(scene, state, error):  # else it is one of the Findings
             raise
-    return ValidationRun().look_at(scene, state, selection)
+    return ValidationRun().check_state(scene, state, selection)
 
 
 def validate(
@@ -579,7 +582,7 @@ def validate(
     """
     selection = RunSelection.of(formulations, engines, claims, scenes=[checked_scene(scene)])
     run = ValidationRun()
-    run.look_at_scene(scene, selection, examples, seed)
+    run.validate_scene(scene, selection, examples, seed)
     return run.finish(selection)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from eomcheck.claims.case import Case
 from eomcheck.claims.finding import Finding
 from eomcheck.claims.registry import (
-    Equality,
+    Comparison,
     EvaluationContext,
     GenericPoint,
     along_directions,
@@ -46,7 +46,7 @@ def finite_terms(case: Case) -> Iterator[Finding]:
     asks="mass_matrix",
     against="M",
 )
-def mass_matrix(at: GenericPoint, look: EvaluationContext) -> Iterator[Equality]:
+def mass_matrix(at: GenericPoint, look: EvaluationContext) -> Iterator[Comparison]:
     """M v is the rate of T along any change of v; M itself is symmetric."""
     M, v = at.terms.M, at.free.v
 
@@ -55,7 +55,7 @@ def mass_matrix(at: GenericPoint, look: EvaluationContext) -> Iterator[Equality]
         return direction @ M @ v, rate(T)
 
     yield from along_directions(look, "M v", change)
-    yield Equality("M", M, M.T, (at.scene.coordinate_names,) * 2)
+    yield Comparison("M", M, M.T, (at.scene.coordinate_names,) * 2)
 
 
 @claim(
@@ -67,15 +67,15 @@ def mass_matrix(at: GenericPoint, look: EvaluationContext) -> Iterator[Equality]
     asks="bias",
     against="B",
 )
-def bias(at: GenericPoint, look: EvaluationContext) -> Iterator[Equality]:
+def bias(at: GenericPoint, look: EvaluationContext) -> Iterator[Comparison]:
     """B is what Lagrange's equations leave at q̈ = 0, along any virtual displacement."""
     v, B = at.free.v, at.free.terms.B
-    prepared, q = at.moving(v)
+    prepared, q = at.prepared_duals(v)
     steady = constant(prepared), constant(q)
 
     def work(direction: Array) -> tuple[Any, Any]:
         T, _ = at.scene.energies(at.parameters, *steady, duals(v, direction))
-        T_aside, _ = at.scene.energies(at.parameters, *at.moving(direction, clock=False), v)
+        T_aside, _ = at.scene.energies(at.parameters, *at.prepared_duals(direction, clock=False), v)
         return 0 if B is None else direction @ B, rate(rate(T)) - rate(T_aside)
 
     return along_directions(look, "B", work)
@@ -90,12 +90,12 @@ def bias(at: GenericPoint, look: EvaluationContext) -> Iterator[Equality]:
     asks="forces",
     against="Q",
 )
-def generalized_forces(at: GenericPoint, look: EvaluationContext) -> Iterator[Equality]:
+def generalized_forces(at: GenericPoint, look: EvaluationContext) -> Iterator[Comparison]:
     """Q is minus the rates of U and, by the change of velocity, of R along any displacement."""
     Q = at.terms.Q
 
     def work(direction: Array) -> tuple[Any, Any] | None:
-        _, U = at.scene.energies(at.parameters, *at.moving(direction, clock=False), at.v)
+        _, U = at.scene.energies(at.parameters, *at.prepared_duals(direction, clock=False), at.v)
         R = at.dissipation(duals(at.v, direction))
         if U is None and R is None and Q is None:
             return None
@@ -105,7 +105,7 @@ def generalized_forces(at: GenericPoint, look: EvaluationContext) -> Iterator[Eq
     return along_directions(look, "Q", work)
 
 
-def _constraints(subject: str, at: Quantities) -> Iterator[Equality]:
+def _constraints(subject: str, at: Quantities) -> Iterator[Comparison]:
     """Yield the sides of a v + b = c, where one of them is present."""
     v, a, b = at.v, at.terms.a, at.terms.b
     expected = at.call(at.scene.constraint, at.parameters, at.prepared, at.q, v)
@@ -115,7 +115,7 @@ def _constraints(subject: str, at: Quantities) -> Iterator[Equality]:
     found = zero if a is None else a @ v if b is None else a @ v + b
     expected = zero if expected is None else expected
     terms = product_size(expected) if a is None else product_size(a, v) + product_size(b)
-    yield Equality(subject, found, expected, (at.scene.constraint_names,), terms)
+    yield Comparison(subject, found, expected, (at.scene.constraint_names,), terms)
 
 
 @claim(
@@ -126,7 +126,7 @@ def _constraints(subject: str, at: Quantities) -> Iterator[Equality]:
     asks="constraint_jacobian",
     against="a",
 )
-def constraint_jacobian(at: Quantities, look: EvaluationContext) -> Iterator[Equality]:
+def constraint_jacobian(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
     """The constraints are a v + b for every v, and none is forgotten."""
     return _constraints("a", look.free)
 
@@ -138,7 +138,7 @@ def constraint_jacobian(at: Quantities, look: EvaluationContext) -> Iterator[Equ
     "constraints at velocity level",
     provable=False,
 )
-def constraint_velocity(at: Quantities, look: EvaluationContext) -> Iterator[Equality]:
+def constraint_velocity(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
     """Compare a and b with the constraints, without any engine."""
     return _constraints("c", look.free)
 
@@ -157,7 +157,7 @@ def _rate_of_positions(
     "rate of closed positions",
     rate_of="Φ",
 )
-def position_rate(at: Quantities, look: EvaluationContext) -> Iterator[Equality]:
+def position_rate(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
     """Holonomic constraints are the rates of what vanishes at closed positions."""
     scene, rows = at.scene, at.scene.holonomic
     residual, names = scene.position_residual, scene.constraint_names[rows]
@@ -171,14 +171,14 @@ def position_rate(at: Quantities, look: EvaluationContext) -> Iterator[Equality]
     if look.exact:
         v = look.free.v
         expected = scene.constraint(at.parameters, at.prepared, at.q, v)[rows]
-        yield Equality("Φ", rates(v), expected, (names,))
+        yield Comparison("Φ", rates(v), expected, (names,))
         return
     # At a consistent velocity every rate is 0, and would tell nothing.
     over_coordinates = np.array([rates(axis, False) for axis in look.directions]).T
-    yield Equality("∂Φ/∂q", over_coordinates, at.terms.a[rows], (names, scene.coordinate_names))
+    yield Comparison("∂Φ/∂q", over_coordinates, at.terms.a[rows], (names, scene.coordinate_names))
     if scene.depends_on_time:
         b = (np.zeros(scene.r) if at.terms.b is None else at.terms.b)[rows]
-        yield Equality("∂Φ/∂t", rates(np.zeros(scene.n)), b, (names,), may_vanish=True)
+        yield Comparison("∂Φ/∂t", rates(np.zeros(scene.n)), b, (names,), may_vanish=True)
 
 
 @claim(
@@ -190,19 +190,19 @@ def position_rate(at: Quantities, look: EvaluationContext) -> Iterator[Equality]
     asks="constraint_drift",
     against="gamma",
 )
-def constraint_drift(at: GenericPoint, look: EvaluationContext) -> Iterator[Equality]:
+def constraint_drift(at: GenericPoint, look: EvaluationContext) -> Iterator[Comparison]:
     """gamma is the rate of the constraints at v̇ = 0, for every v."""
     free = at.free
     if at.terms.a is None:
         return
-    changing = at.scene.constraint(at.parameters, *at.moving(free.v), free.v)
-    yield Equality("gamma", free.terms.gamma, rate(changing), (at.scene.constraint_names,))
+    changing = at.scene.constraint(at.parameters, *at.prepared_duals(free.v), free.v)
+    yield Comparison("gamma", free.terms.gamma, rate(changing), (at.scene.constraint_names,))
 
 
 @claim("kinetic-energy", "½ q̇ᵀ M q̇ = T", "(5), (25)", "kinetic energy")
-def kinetic_energy(at: Quantities, look: EvaluationContext) -> Iterator[Equality]:
+def kinetic_energy(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
     """vᵀ M v = 2 T for every v."""
     v = look.free.v
     momentum = at.terms.M @ v
     T, _ = at.call(at.scene.energies, at.parameters, at.prepared, at.q, v)
-    yield Equality("T", v @ momentum, 2 * T, (), product_size(v, momentum))
+    yield Comparison("T", v @ momentum, 2 * T, (), product_size(v, momentum))

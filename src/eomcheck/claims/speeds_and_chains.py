@@ -15,7 +15,7 @@ import numpy as np
 from eomcheck.claims.case import Case, ask_engine, compare_with_engine
 from eomcheck.claims.finding import Finding
 from eomcheck.claims.registry import (
-    Equality,
+    Comparison,
     EvaluationContext,
     Names,
     Skipped,
@@ -57,7 +57,7 @@ def embedding_null_space(e: Quantities, partition: Partition) -> Array:
 
 
 @claim("null-space-embedding", "a w = 0", "(15), (A1)", "w of the embedding method")
-def null_space_embedding(at: Quantities, look: EvaluationContext) -> Iterator[Equality | Skipped]:
+def null_space_embedding(at: Quantities, look: EvaluationContext) -> Iterator[Comparison | Skipped]:
     """The w of the embedding method spans the null space of a, for both partitions."""
     names = (at.scene.constraint_names, numbered("v_2,", at.scene.p))
     for subject, partition in () if at.terms.a is None else look.partitions:
@@ -78,7 +78,7 @@ def _has_digits(look: EvaluationContext, w: Array, partition: Partition) -> Any:
 
 
 @claim("null-space-speeds", "a w′ = 0", "(20), (B1)-(B3)", "w′ of the generalized speeds")
-def null_space_speeds(at: Quantities, look: EvaluationContext) -> Iterator[Equality]:
+def null_space_speeds(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
     """The w′ of the generalized speeds spans the null space of a."""
     if at.terms.a is not None and look.has_speeds:
         a, W = at.terms.a, at.speeds.W
@@ -87,18 +87,18 @@ def null_space_speeds(at: Quantities, look: EvaluationContext) -> Iterator[Equal
 
 
 @claim("speeds-velocity", "w′ u + x′ = q̇", "(20), (29)", "generalized speeds")
-def speeds_velocity(at: Quantities, look: EvaluationContext) -> Iterator[Equality]:
+def speeds_velocity(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
     """The generalized speeds of a consistent velocity give it back, and it them."""
     if not look.has_speeds:
         return
     names = (at.scene.coordinate_names,)
     u = at.call(at.scene.speeds_of, at.parameters, at.prepared, at.q, at.velocity)
-    yield Equality("u", u, at.u, (speed_names(at),))
+    yield Comparison("u", u, at.u, (speed_names(at),))
     if not look.exact:
         # v may violate what nearly dependent constraints amplify, and u leaves out.
-        yield Equality("ml, kane", at.velocity, at.v, names)
+        yield Comparison("ml, kane", at.velocity, at.v, names)
     if at.scene.qdot is not None:
-        yield Equality("q̇", at.qdot, at.v, names)
+        yield Comparison("q̇", at.qdot, at.v, names)
     a, b = at.terms.a, at.terms.b
     # Without b and x′ this is a w′ = 0.
     if look.exact and a is not None and not (b is None and at.speeds.offset is None):
@@ -135,18 +135,18 @@ def _differentiated(
     "remainder ẇ′u + ẋ′",
     rate_of="rest",
 )
-def speeds_remainder(at: Quantities, look: EvaluationContext) -> Iterator[Equality | Skipped]:
+def speeds_remainder(at: Quantities, look: EvaluationContext) -> Iterator[Comparison | Skipped]:
     """The part of q̈ left at u̇ = 0 is ẇ′u + ẋ′ and satisfies the constraints differentiated."""
     if not look.has_speeds:
         return
     a, gamma, rest = at.terms.a, at.terms.gamma, at.speeds.rest
-    told = sensitivity_where(look.speeds_told)
+    told = sensitivity_where(look.speeds_resolved)
     if at.speeds.W is not None:
         here = at.parameters, *at.prepared_and_rates(at.v), at.q, at.v, at.u
         expected = at.call(_differentiated, at.scene.kinematics, at.scene.speeds, *here)
         # Where nothing moves both are 0, and rightly so. Either is a solve of its own.
         names = (at.scene.coordinate_names,)
-        yield Equality("rest", rest, expected, names, sensitivity=told, may_vanish=True)
+        yield Comparison("rest", rest, expected, names, sensitivity=told, may_vanish=True)
     if a is not None:
         names, terms = (at.scene.constraint_names,), magnitude(a, rest) + magnitude(gamma)
         sides = vanishing("ml, kane", a @ rest + gamma, names, terms, told)
@@ -155,7 +155,7 @@ def speeds_remainder(at: Quantities, look: EvaluationContext) -> Iterator[Equali
 
 
 @claim("active-forces", "F_Kane = w′ᵀ Q", "(23), (C1)-(C4), (D1)-(D2)", "generalized active forces")
-def active_forces(at: Quantities, look: EvaluationContext) -> Iterator[Equality]:
+def active_forces(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
     """Kane's active forces, from the bodies, are Lagrange's, projected."""
     if not look.has_speeds:
         return
@@ -168,7 +168,7 @@ def active_forces(at: Quantities, look: EvaluationContext) -> Iterator[Equality]
         projected = Q if W is None else W.T @ Q
         terms = magnitude(Q) if W is None else magnitude(W.T, Q)
     found = np.zeros(at.scene.p, object) if force is None else force
-    yield sized(Equality("kane", found, projected, (speed_names(at),)), terms)
+    yield sized(Comparison("kane", found, projected, (speed_names(at),)), terms)
 
 
 def ml_system(e: Quantities) -> tuple[Array, Array]:
@@ -182,14 +182,14 @@ def kane_system(e: Quantities) -> tuple[Array, Array]:
 
 
 @claim("kane-ml-mass", "M_Kane = M_ML", "(21), (23)", "M_Kane against M_ML")
-def kane_ml_mass(at: Quantities, look: EvaluationContext) -> Iterator[Equality]:
+def kane_ml_mass(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
     """Kane's and the modified Lagrange method have the same mass matrix, element by element."""
     if look.has_speeds:
-        yield Equality("kane ~ ml", kane_system(at)[0], ml_system(at)[0], (speed_names(at),) * 2)
+        yield Comparison("kane ~ ml", kane_system(at)[0], ml_system(at)[0], (speed_names(at),) * 2)
 
 
 @claim("kane-ml-force", "F_Kane - N q̇ - G = F_ML", "(21)-(23)", "F_Kane - N q̇ - G against F_ML")
-def kane_ml_force(at: Quantities, look: EvaluationContext) -> Iterator[Equality]:
+def kane_ml_force(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
     """Kane's and the modified Lagrange method have the same right-hand side."""
     if not look.has_speeds:
         return
@@ -197,7 +197,7 @@ def kane_ml_force(at: Quantities, look: EvaluationContext) -> Iterator[Equality]
     terms = magnitude(remainder) + magnitude(force)
     # It is written over where it stands.
     found, expected = kane.right_hand_side(force, remainder), ml_system(at)[1]
-    yield sized(Equality("kane ~ ml", found, expected, (speed_names(at),)), terms)
+    yield sized(Comparison("kane ~ ml", found, expected, (speed_names(at),)), terms)
 
 
 @case_claim(
@@ -219,7 +219,7 @@ def kane_n_matrix(case: Case) -> Iterator[Finding]:
     W = case.at.speeds.W
     in_speeds = inertia_size(case.at) * (1.0 if W is None else largest(np.abs(W).sum(axis=0)))
     ours = cache(partial(remainder, case.at))
-    for engine in case.taking_part:
+    for engine in case.claim_engines:
         said = ask_engine(case, engine, *case.state, expected=ours, part=lambda said: said[0])
         if isinstance(said, Finding) or isinstance(engine, type):
             yield said
@@ -254,7 +254,7 @@ def _has_joints(at: Quantities) -> bool:
 
 
 @claim("chain-velocity", "q̇ of x, x of q̇", "(2), (28)", "velocity of a chain")
-def chain_velocity(at: Quantities, look: EvaluationContext) -> Iterator[Equality]:
+def chain_velocity(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
     """The quasi-velocities of a consistent velocity give it back."""
     if _is_chain(at):
         v = at.call(at.scene.chain_velocity, at.parameters, at.prepared, at.q, at.x)
@@ -262,15 +262,15 @@ def chain_velocity(at: Quantities, look: EvaluationContext) -> Iterator[Equality
 
 
 @claim("chain-energy", "xᵀ D x = 2 T", "(25)", "mass of a chain")
-def chain_energy(at: Quantities, look: EvaluationContext) -> Iterator[Equality]:
+def chain_energy(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
     """The mass is diagonal in the quasi-velocities of a consistent velocity."""
     if _is_chain(at):
         T, _ = at.call(at.scene.energies, at.parameters, at.prepared, at.q, at.v)
-        yield Equality("D", (at.chain.mass * at.x * at.x).sum(), 2 * T, ())
+        yield Comparison("D", (at.chain.mass * at.x * at.x).sum(), 2 * T, ())
 
 
 @claim("chain-forces", "fᵀ ∂x/∂q̇ = Q", "(26)-(27), (D2)", "forces of a chain")
-def chain_forces(at: Quantities, look: EvaluationContext) -> Iterator[Equality]:
+def chain_forces(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
     """The active forces along the chain do the work that Q does, on any virtual displacement."""
     f, Q = (at.chain.force, at.terms.Q) if _is_chain(at) else (None, None)
     if f is None and Q is None:
@@ -299,7 +299,7 @@ def _size_in_joints(at: Quantities) -> float:
 
 
 @claim("chain-coupling", "A_k x_{k-1} + C_k x_k = 0", "(2), (28)", "coupling of a chain")
-def chain_coupling(at: Quantities, look: EvaluationContext) -> Iterator[Equality]:
+def chain_coupling(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
     """Quasi-velocities of a consistent velocity hold the joints together."""
     if _has_joints(at):
         gaps = joint_gaps(at.chain.before, at.chain.after, at.x)
@@ -313,12 +313,12 @@ def chain_coupling(at: Quantities, look: EvaluationContext) -> Iterator[Equality
     "remainder of a chain",
     rate_of="d",
 )
-def chain_remainder(at: Quantities, look: EvaluationContext) -> Iterator[Equality]:
+def chain_remainder(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
     """What the joints leave at ẋ = 0 is the rate of the coupling at constant x."""
     if not _has_joints(at):
         return
     x, rest = as_objects(at.x), at.chain.rest
-    turning = at.scene.chain(as_objects(at.parameters), *at.moving(at.v), x)
+    turning = at.scene.chain(as_objects(at.parameters), *at.prepared_duals(at.v), x)
     gaps = joint_gaps(turning.before, turning.after, x)
     terms = product_size(rest) + _size_in_joints(at) * product_size(at.v)
     yield vanishing("d", rest - rate(gaps), _joint_names(len(rest)), terms)
@@ -328,7 +328,7 @@ def chain_remainder(at: Quantities, look: EvaluationContext) -> Iterator[Equalit
 
 
 @claim("chain-acceleration", "q̈ of ẋ, ẋ of q̈", "(3), (28)", "acceleration of a chain", rate_of="q̈")
-def chain_acceleration(at: Quantities, look: EvaluationContext) -> Iterator[Equality]:
+def chain_acceleration(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
     """The rates of the quasi-velocities give the acceleration back that they were found from."""
     if not _is_chain(at):
         return
@@ -336,7 +336,7 @@ def chain_acceleration(at: Quantities, look: EvaluationContext) -> Iterator[Equa
         vdot, allowed = at.speeds.W @ look.free.v[: at.scene.p] + at.speeds.rest, True
     else:
         vdot, allowed = _allowed_acceleration(at)
-    here = as_objects(at.parameters), *at.moving(at.v), duals(at.v, vdot)
+    here = as_objects(at.parameters), *at.prepared_duals(at.v), duals(at.v, vdot)
     xdot = rate(at.scene.quasi_velocities(*here))
     xdot = xdot if look.exact else as_float64(xdot)
     found = at.call(at.scene.chain_acceleration, at.parameters, at.prepared, at.x, xdot)

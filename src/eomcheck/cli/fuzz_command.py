@@ -179,7 +179,7 @@ def fuzz_command(
                 raise InputError(f"links = {links!r}: {scene} has no number of links to choose")
             strata = variants_of(kind, range(low, high + 1))
             if motions:
-                check_used("with --motions", engine=engine, claim=claim, ration=ration)
+                check_used("with --motions", engine=engine, claim=claim, check_frequency=ration)
                 plan = _motions(kind, formulation, seed, family, climb)
             else:
                 selection = _selection(kind, engine, formulation, claim)
@@ -195,10 +195,10 @@ def fuzz_command(
             lost = error
         except UnwrittenError as error:
             unwritten = error
-        if keep is not None and campaign.finds:
+        if keep is not None and campaign.failure_records:
             try:
                 with deferring_interrupts():
-                    add_failures(keep, campaign.finds.values())
+                    add_failures(keep, campaign.failure_records.values())
             except KeyboardInterrupt:
                 interrupted = True
             except InputError as error:
@@ -208,13 +208,13 @@ def fuzz_command(
         console.print("interrupted: the tables hold what was looked at until then")
     if unwritten is not None:
         raise unwritten  # what it was to hold is printed
-    if keep is not None and campaign.finds:
+    if keep is not None and campaign.failure_records:
         print(f"written: {keep}")
     if interrupted:
         raise typer.Exit(130)
     if lost is not None:
         raise lost
-    if campaign.finds:
+    if campaign.failure_records:
         raise typer.Exit(1)
 
 

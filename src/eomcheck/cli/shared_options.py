@@ -172,16 +172,16 @@ def selected_engines(names: list[str] | None) -> list[str] | None:
     return [] if names == ["none"] else names
 
 
-def check_used(where: str, **options: object) -> None:
+def check_used(condition: str, **options: object) -> None:
     """Raise InputError if an option was given that says nothing here.
 
     Args:
-        where: what it would need, such as "without --draws".
+        condition: what it would need, such as "without --draws".
         options: name -> value, None or False where it was not given.
     """
     for name, value in options.items():
         if value is not None and value is not False:
-            raise InputError(f"--{name.replace('_', '-')} says nothing {where}")
+            raise InputError(f"--{name.replace('_', '-')} says nothing {condition}")
 
 
 def records_or_none(path: Path | None) -> AbstractContextManager[Records | None]:

@@ -69,7 +69,7 @@ class _Studies(CommandGroup):
             raise UnknownNameError(f"command of {self.name}", args[0], known)
         name, command, rest = super().resolve_command(ctx, args)
         if name in GROUPS[self.name or ""]:
-            command = command_of(str(name), drawn=self.name == "draw")
+            command = command_of(str(name), figure_only=self.name == "draw")
         return name, command, rest
 
 
@@ -90,23 +90,23 @@ study, bench, draw = (
 )
 
 
-def command_of(key: str, drawn: bool = False) -> Any:
+def command_of(key: str, figure_only: bool = False) -> Any:
     """Return the command of a study: the file of its Records, its own options, and those of all.
 
     Args:
         key: the study.
-        drawn: whether the command draws the first chart into a file and does nothing else.
+        figure_only: whether the command draws the first chart into a file and does nothing else.
     """
     one = study_of(key)
 
     def command(**given: Any) -> None:
         del given["patience"]
-        (_draw if drawn else _run)(one, **given)
+        (_draw if figure_only else _run)(one, **given)
 
-    shared: dict[str, Any] = {"path": (Picture, Parameter.empty)} if drawn else {}
+    shared: dict[str, Any] = {"path": (Picture, Parameter.empty)} if figure_only else {}
     shared["records"] = (RecordsOption, None) if one.small else (RecordsArgument, Parameter.empty)
     shared |= {"fresh": (Fresh, False), "patience": (Patience, PATIENCE)}
-    if not drawn:
+    if not figure_only:
         shared |= {"json": (Json, None), "figures": (Figures, None)}
     parameters = {
         name: Parameter(name, Parameter.KEYWORD_ONLY, annotation=kind, default=default)
@@ -189,8 +189,8 @@ def _run(
             written.append(json)
     except UnwrittenError as error:
         unwritten = error
-    print_tables(one.sheets(found))
-    for sentence in one.said(found):
+    print_tables(one.tables(found))
+    for sentence in one.remarks(found):
         say(sentence)
     if unwritten is not None:
         raise unwritten  # what it was to hold is printed

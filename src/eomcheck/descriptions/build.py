@@ -117,8 +117,8 @@ def _check_link(link: Link) -> None:
 
 def _check_joint(joint: Joint) -> None:
     said = f"joint {joint.name!r}"
-    _check_numbers(f"{said}: place", joint.place, 3)
-    _check_length(f"{said} has the turn", joint.turn, 4)
+    _check_numbers(f"{said}: origin", joint.origin, 3)
+    _check_length(f"{said} has the orientation", joint.orientation, 4)
     if joint.kind in ("revolute", "prismatic", "planar"):
         _check_length(f"{said} has the axis", joint.axis, 3)
     for name in ("damping", "stiffness", "armature"):
@@ -127,12 +127,12 @@ def _check_joint(joint: Joint) -> None:
             _check_numbers(f"{said}: {name}", value)
             if value < 0:
                 raise InputError(f"{said}: {name} = {value:g}, {NOT_NEGATIVE}")
-    _check_numbers(f"{said}: relaxed", joint.relaxed)
-    if joint.follows is not None:
-        if not isinstance(joint.follows, tuple | list) or len(joint.follows) != 3:
+    _check_numbers(f"{said}: rest_position", joint.rest_position)
+    if joint.mimics is not None:
+        if not isinstance(joint.mimics, tuple | list) or len(joint.mimics) != 3:
             wanted = "expected a joint, a ratio and a shift"
-            raise InputError(f"{said}: follows = {joint.follows!r}, {wanted}")
-        _check_numbers(f"{said}: follows", joint.follows[1:], 2)
+            raise InputError(f"{said}: mimics = {joint.mimics!r}, {wanted}")
+        _check_numbers(f"{said}: mimics", joint.mimics[1:], 2)
 
 
 def _check_constraint(one: Constraint) -> None:
@@ -191,7 +191,7 @@ def mechanism(
     constraints: Iterable[Constraint] = (),
     *,
     gravity: Triple | None = (0.0, 0.0, -9.81),
-    first: Iterable[str] = (),
+    dependent: Iterable[str] = (),
     pose: dict[str, float] | None = None,
 ) -> type[Mechanism]:
     """Return the kind of scene that a description describes; its parameters are those given.
@@ -202,7 +202,8 @@ def mechanism(
         joints: in the order of their coordinates.
         constraints: what else holds; holonomic ones come first in the scene.
         gravity: acceleration, m/s², or None.
-        first: names of the coordinates that come first, those that constraints always determine.
+        dependent: names of the coordinates that come first, those that constraints always
+            determine.
         pose: coordinates at t = 0 that are not 0, by name.
 
     Raises:
@@ -210,10 +211,10 @@ def mechanism(
             `MOST` coordinates.
     """
     made = mechanism_source(
-        name, links, joints, constraints, gravity=gravity, first=first, pose=pose
+        name, links, joints, constraints, gravity=gravity, dependent=dependent, pose=pose
     )
     module = sys._getframe(1).f_globals.get("__name__", __name__)
-    return made._replace(module=module).kind()
+    return made._replace(module=module).scene_class()
 
 
 def mechanism_source(
@@ -223,7 +224,7 @@ def mechanism_source(
     constraints: Iterable[Constraint] = (),
     *,
     gravity: Triple | None = (0.0, 0.0, -9.81),
-    first: Iterable[str] = (),
+    dependent: Iterable[str] = (),
     pose: dict[str, float] | None = None,
 ) -> MechanismSource:
     """Return what the kind of a description is made of; see `mechanism`."""
@@ -235,7 +236,7 @@ def mechanism_source(
     pose = {} if pose is None else pose
     validate_elements(bodies, between, more, gravity, pose)
     frames = JointTree(bodies, between)
-    made = _source_of(name, frames, more, gravity, distinct("first", first), pose)
+    made = _source_of(name, frames, more, gravity, distinct("dependent", dependent), pose)
     _check_regular(made)
     return made
 
@@ -251,7 +252,7 @@ def _source_of(
     slots = _joints_reordered(frames, first)
     for name in pose:
         _coordinate("pose", frames, name)
-    bodies = {k: merged_body(frames.rigid[k]) for k in sorted(frames.rigid)}
+    bodies = {k: merged_body(frames.bodies[k]) for k in sorted(frames.bodies)}
     if not bodies and "armature" not in frames.numbers:
         raise InputError("nothing that moves has inertia")
     check_positive({slots[k].name: one for k, one in bodies.items()})
@@ -276,28 +277,31 @@ def _source_of(
         Topology(tuple(slots), tuple(frames.coordinates), planar, closures),
         (*numbers.items(), ("gravity", None if gravity is None else tuple(gravity)[:d])),
         tuple(float(pose.get(name, 0.0)) for name in frames.coordinates),
-        several=tuple(several),
-        away=tuple(frames.place_of[name] for name in several if name.endswith("_pitch")),
-        closed=any(KINDS[one.kind].holonomic and one.points for one in closures),
+        compound_coordinates=tuple(several),
+        pitch_coordinates=tuple(
+            frames.coordinate_index[name] for name in several if name.endswith("_pitch")
+        ),
+        fixed_geometry=any(KINDS[one.kind].holonomic and one.points for one in closures),
     )
 
 
 def _coordinate(what: str, frames: JointTree, name: str) -> int:
-    if name not in frames.place_of:
+    if name not in frames.coordinate_index:
         known = ", ".join(frames.coordinates)
         raise InputError(f"{what} names {name!r}, expected one of: {known}")
-    return frames.place_of[name]
+    return frames.coordinate_index[name]
 
 
 def _joints_reordered(frames: JointTree, first: tuple[str, ...]) -> list[ScalarJoint]:
     """Return the slots once those named have the first coordinates."""
     for name in first:
-        _coordinate("first", frames, name)
+        _coordinate("dependent", frames, name)
     before = frames.coordinates
     frames.coordinates = [*first, *(name for name in before if name not in first)]
-    frames.place_of = {name: i for i, name in enumerate(frames.coordinates)}
+    frames.coordinate_index = {name: i for i, name in enumerate(frames.coordinates)}
     return [
-        slot._replace(coordinate=frames.place_of[before[slot.coordinate]]) for slot in frames.slots
+        slot._replace(coordinate=frames.coordinate_index[before[slot.coordinate]])
+        for slot in frames.scalar_joints
     ]
 
 
@@ -309,18 +313,18 @@ def _is_planar(
     flat += [one.center[2] for one in bodies.values()]
     flat += [at[2] for one in constraints for _, at in one.points]
     return (
-        all(slot.kind in PLANAR and slot.turn is None for slot in frames.slots)
-        and all(place.turn[1:3] == (0, 0) for place in frames.places.values())
+        all(slot.kind in PLANAR and slot.orientation is None for slot in frames.scalar_joints)
+        and all(place.orientation[1:3] == (0, 0) for place in frames.link_frames.values())
         and not any(flat)
     )
 
 
 def _add_body(frames: JointTree, body: RigidBody, planar: bool) -> None:
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = body.inertia.tolist()
-    frames.number("mass", float(body.mass))
-    frames.number("center", tuple(body.center[: 2 if planar else 3].tolist()))
-    frames.number("moments", zz if planar else (xx, yy, zz))
-    frames.number("products", None if planar else (xy, xz, yz))
+    frames.add_parameter("mass", float(body.mass))
+    frames.add_parameter("center", tuple(body.center[: 2 if planar else 3].tolist()))
+    frames.add_parameter("moments", zz if planar else (xx, yy, zz))
+    frames.add_parameter("products", None if planar else (xy, xz, yz))
 
 
 def _constraint_spec(frames: JointTree, one: Constraint, planar: bool) -> ConstraintSpec:
@@ -332,17 +336,17 @@ def _constraint_spec(frames: JointTree, one: Constraint, planar: bool) -> Constr
         directions = _weld_directions(frames, one)[: 1 if planar else 3]
 
     def kept(name: str, link: str, at: Triple, shifted: bool) -> tuple[int, int]:
-        if link not in frames.places:
+        if link not in frames.link_frames:
             raise InputError(f"{what} is on the link {link!r}, no such link")
-        place: LinkFrame = frames.places[link]
-        there = rotation_matrix(place.turn) @ np.array(at) + shifted * place.offset
+        place: LinkFrame = frames.link_frames[link]
+        there = rotation_matrix(place.orientation) @ np.array(at) + shifted * place.offset
         if one.kind in ROLLING and name == "directions" and not there[:d].any():
             raise InputError(f"{what} has the direction {at!r}, and all stays in the plane z = 0")
         number: Any = keep(name, tuple(there[:d].tolist()))
-        return place.slot, number
+        return place.joint, number
 
     # All rows of what rolls are about one contact.
-    keep = frames.shared if one.kind in ROLLING else frames.number
+    keep = frames.add_shared_parameter if one.kind in ROLLING else frames.add_parameter
 
     points = tuple(kept("points", *point, True) for point in one.points)
     turned = tuple(kept("directions", *direction, False) for direction in directions)
@@ -356,14 +360,14 @@ def _weld_directions(frames: JointTree, one: Constraint) -> tuple[tuple[str, Tri
     """Return the directions of a link that are the axes of the slot on which the other link is."""
     (link, _), (other, _) = one.points
     axes = np.array([along for _, along in one.directions])
-    if other in frames.places:
-        axes = rotation_matrix(frames.places[other].turn) @ axes
+    if other in frames.link_frames:
+        axes = rotation_matrix(frames.link_frames[other].orientation) @ axes
     return tuple((link, (x, y, z)) for x, y, z in axes.tolist())
 
 
 def _check_regular(made: MechanismSource) -> None:
     """Refuse a description in which something moves without any inertia."""
-    scene, names = made.kind()(), made.topology.coordinates
+    scene, names = made.scene_class()(), made.topology.coordinates
     n = len(names)
     # Anywhere: where M is singular for want of inertia, it is so everywhere near.
     q = 0.3 + 0.7 * np.sin(1.0 + np.arange(n))

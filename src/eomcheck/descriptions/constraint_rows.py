@@ -75,7 +75,7 @@ class MovingVector(NamedTuple):
     rate: Vector
     columns: Columns
     """∂(rate)/∂v by coordinate; none in the second derivation."""
-    rest: Vector
+    acceleration: Vector
     """Second rate at v̇ = 0; nothing in the second derivation."""
 
 
@@ -87,7 +87,7 @@ class ConstraintRow(NamedTuple):
     """c, the rate of the position."""
     columns: dict[int, Any]
     """Its row of a."""
-    rest: Any
+    drift: Any
     """gamma."""
     b: Any = None
 
@@ -103,7 +103,7 @@ class Derivation(Protocol):
         """Return the direction a of frame k."""
         ...
 
-    def turning(self, k: int) -> MovingVector:
+    def rotation(self, k: int) -> MovingVector:
         """Return how frame k turns: the angular velocity as a rate, and nothing as its value."""
         ...
 
@@ -124,28 +124,28 @@ class ConstraintInputs(NamedTuple):
     directions: list[MovingVector]
     frames: tuple[int, ...]
     """Those of the points."""
-    closure: ConstraintSpec
-    given: Any
+    spec: ConstraintSpec
+    parameters: Any
     """Parameters."""
-    at: Derivation
+    derivation: Derivation
     planar: bool
-    seen: dict[Any, Any]
+    cache: dict[Any, Any]
     """What closures share, kept by whoever found it first."""
     sine: Any = None
     """Of the angle between the axis of a disk and the normal of its plane."""
 
     @property
-    def second(self) -> list[MovingVector]:
+    def second_axes(self) -> list[MovingVector]:
         """Axes of the second frame."""
-        return [self.at.direction(self.frames[1], x) for x in AXES]
+        return [self.derivation.direction(self.frames[1], x) for x in AXES]
 
     @property
-    def turning(self) -> list[MovingVector]:
+    def rotations(self) -> list[MovingVector]:
         """How the frames of the points turn."""
-        return [self.at.turning(k) for k in self.frames]
+        return [self.derivation.rotation(k) for k in self.frames]
 
     @property
-    def apart(self) -> MovingVector:
+    def separation(self) -> MovingVector:
         """The first point as seen from the second."""
         return relative_vector(*self.points)
 
@@ -159,7 +159,7 @@ def relative_vector(a: MovingVector, b: MovingVector) -> MovingVector:
             i: subtract_vectors(a.columns.get(i, ZERO_VECTOR), b.columns.get(i, ZERO_VECTOR))
             for i in {**a.columns, **b.columns}
         },
-        subtract_vectors(a.rest, b.rest),
+        subtract_vectors(a.acceleration, b.acceleration),
     )
 
 
@@ -171,7 +171,7 @@ def dot_row(a: MovingVector, b: MovingVector) -> ConstraintRow:
         )
         for i in {**a.columns, **b.columns}
     }
-    rest = plus(dot(a.rest, b.value), dot(a.value, b.rest))
+    rest = plus(dot(a.acceleration, b.value), dot(a.value, b.acceleration))
     return ConstraintRow(
         dot(a.value, b.value),
         plus(dot(a.rate, b.value), dot(a.value, b.rate)),
@@ -183,7 +183,7 @@ def dot_row(a: MovingVector, b: MovingVector) -> ConstraintRow:
 def scaled_row(row: ConstraintRow, factor: Any) -> ConstraintRow:
     """Return so many times a row."""
     columns = {i: times(factor, x) for i, x in row.columns.items()}
-    numbers = (times(factor, x) for x in (row.position, row.rate, row.rest, row.b))
+    numbers = (times(factor, x) for x in (row.position, row.rate, row.drift, row.b))
     position, rate, rest, b = numbers
     return ConstraintRow(position, rate, columns, rest, b)
 
@@ -215,7 +215,7 @@ def with_sines(plan: TopologyPlan, prepare: Callable) -> Callable:
 
 def radius(read: ConstraintInputs) -> Any:
     """Return R, m."""
-    return read.given.lengths[read.closure.number]
+    return read.parameters.lengths[read.spec.number]
 
 
 def contact_arm(read: ConstraintInputs) -> tuple[Vector, Vector]:
@@ -227,7 +227,7 @@ def contact_arm(read: ConstraintInputs) -> tuple[Vector, Vector]:
     axis, normal = told
     upright, s = dot_row(axis, normal), read.sine
     share = -(R / s)
-    spoke, moved = read.at.rim(axis, normal)
+    spoke, moved = read.derivation.rim(axis, normal)
     arm = scale_vector(share, spoke)
     shorter = times(times(upright.position, upright.rate), 1 / (s * s))
     return arm, add_vectors(scale_vector(share, moved), scale_vector(shorter, arm))
@@ -235,7 +235,7 @@ def contact_arm(read: ConstraintInputs) -> tuple[Vector, Vector]:
 
 def slip_velocity(read: ConstraintInputs) -> MovingVector:
     """Return how fast the point of contact moves against the plane that it touches."""
-    (center, foot), (spin, turn) = read.points, read.turning
+    (center, foot), (spin, turn) = read.points, read.rotations
     arm, wandering = contact_arm(read)
     reach = add_vectors(subtract_vectors(center.value, foot.value), arm)
     rim = add_vectors(center.rate, cross(spin.rate, arm))
@@ -246,25 +246,27 @@ def slip_velocity(read: ConstraintInputs) -> MovingVector:
         apart = add_vectors(subtract_vectors(V, W), cross(reach, Omega))
         columns[i] = subtract_vectors(apart, cross(arm, omega))
     going = add_vectors(subtract_vectors(center.rate, foot.rate), wandering)
-    rolled = add_vectors(cross(spin.rest, arm), cross(spin.rate, wandering))
-    carried = add_vectors(cross(turn.rest, reach), cross(turn.rate, going))
-    rest = add_vectors(subtract_vectors(center.rest, foot.rest), subtract_vectors(rolled, carried))
+    rolled = add_vectors(cross(spin.acceleration, arm), cross(spin.rate, wandering))
+    carried = add_vectors(cross(turn.acceleration, reach), cross(turn.rate, going))
+    rest = add_vectors(
+        subtract_vectors(center.acceleration, foot.acceleration), subtract_vectors(rolled, carried)
+    )
     return MovingVector(ZERO_VECTOR, subtract_vectors(rim, floor), columns, rest)
 
 
 def rolling_rows(read: ConstraintInputs) -> list[ConstraintRow]:
     """Return that the point of contact does not slip along a direction."""
-    _, *told = read.closure.directions
-    place = slip_velocity, read.closure.points, tuple(told), read.closure.number
-    if place not in read.seen:
-        read.seen[place] = slip_velocity(read)
-    slip, along = read.seen[place], read.directions[0]
+    _, *told = read.spec.directions
+    place = slip_velocity, read.spec.points, tuple(told), read.spec.number
+    if place not in read.cache:
+        read.cache[place] = slip_velocity(read)
+    slip, along = read.cache[place], read.directions[0]
     return [
         ConstraintRow(
             None,
             dot(slip.rate, along.value),
             {i: dot(x, along.value) for i, x in slip.columns.items()},
-            plus(dot(slip.rest, along.value), dot(slip.rate, along.rate)),
+            plus(dot(slip.acceleration, along.value), dot(slip.rate, along.rate)),
         )
     ]
 
@@ -276,12 +278,12 @@ def touching_rows(read: ConstraintInputs) -> list[ConstraintRow]:
     """
     R, (normal, *told) = radius(read), read.directions
     if (
-        read.closure.directions[1:] == read.closure.directions[:1]
+        read.spec.directions[1:] == read.spec.directions[:1]
     ):  # a ball: R below its centre, however the plane turns
-        row = dot_row(read.apart, normal)
+        row = dot_row(read.separation, normal)
         return [row._replace(position=minus(row.position, R))]
     (row,) = rolling_rows(read)
-    centered = dot(read.apart.value, normal.value)
+    centered = dot(read.separation.value, normal.value)
     rise = read.sine if len(told) == 2 else dot(told[0].value, normal.value)
     return [row._replace(position=minus(centered, times(R, rise)))]
 
@@ -291,9 +293,11 @@ def touching_rows(read: ConstraintInputs) -> list[ConstraintRow]:
 
 def pin_rows(read: ConstraintInputs) -> list[ConstraintRow]:
     """Return that two points are one."""
-    a = read.apart
+    a = read.separation
     return [
-        ConstraintRow(a.value[i], a.rate[i], {j: x[i] for j, x in a.columns.items()}, a.rest[i])
+        ConstraintRow(
+            a.value[i], a.rate[i], {j: x[i] for j, x in a.columns.items()}, a.acceleration[i]
+        )
         for i in range(2 if read.planar else 3)
     ]
 
@@ -301,7 +305,7 @@ def pin_rows(read: ConstraintInputs) -> list[ConstraintRow]:
 def weld_rows(read: ConstraintInputs) -> list[ConstraintRow]:
     """Return that two frames are one."""
     x, *others = read.directions
-    along_x, along_y, along_z = read.second
+    along_x, along_y, along_z = read.second_axes
     rows = [*pin_rows(read), dot_row(x, along_y)]
     if not read.planar:
         y, z = others
@@ -317,26 +321,26 @@ def hinge_rows(read: ConstraintInputs) -> list[ConstraintRow]:
 
 def distance_rows(read: ConstraintInputs) -> list[ConstraintRow]:
     """Return that (d² - L²)/2 = 0."""
-    apart, length = read.apart, read.given.lengths[read.closure.number]
+    apart, length = read.separation, read.parameters.lengths[read.spec.number]
     square = minus(dot(apart.value, apart.value), length * length)
     return [
         ConstraintRow(
             None if square is None else square / 2,
             dot(apart.value, apart.rate),
             {i: dot(apart.value, x) for i, x in apart.columns.items()},
-            plus(dot(apart.value, apart.rest), dot(apart.rate, apart.rate)),
+            plus(dot(apart.value, apart.acceleration), dot(apart.rate, apart.rate)),
         )
     ]
 
 
 def on_plane_rows(read: ConstraintInputs) -> list[ConstraintRow]:
     """Return that a point is on the plane across a direction through another."""
-    return [dot_row(read.apart, read.directions[0])]
+    return [dot_row(read.separation, read.directions[0])]
 
 
 def on_quadric_rows(read: ConstraintInputs) -> list[ConstraintRow]:
     """Return that Σ (k_i s_i²/2 + g_i s_i) - h = 0 of a point's places s along three directions."""
-    numbers, apart = read.given.surfaces[read.closure.number], read.apart
+    numbers, apart = read.parameters.surfaces[read.spec.number], read.separation
     position = rate = rest = None
     columns: dict[int, Any] = {}
     for i, direction in enumerate(read.directions):
@@ -346,7 +350,7 @@ def on_quadric_rows(read: ConstraintInputs) -> list[ConstraintRow]:
         position = plus(position, times(s.position, mean))
         rate = plus(rate, times(steep, s.rate))
         columns |= {j: plus(columns.get(j), times(steep, x)) for j, x in s.columns.items()}
-        rest = plus(rest, plus(times(steep, s.rest), times(bend, times(s.rate, s.rate))))
+        rest = plus(rest, plus(times(steep, s.drift), times(bend, times(s.rate, s.rate))))
     return [ConstraintRow(minus(position, numbers[6]), rate, columns, rest)]
 
 
@@ -364,25 +368,25 @@ def knife_edge_rows(read: ConstraintInputs) -> list[ConstraintRow]:
             None,
             dot(point.rate, along.value),
             {i: dot(x, along.value) for i, x in point.columns.items()},
-            plus(dot(point.rest, along.value), dot(point.rate, along.rate)),
+            plus(dot(point.acceleration, along.value), dot(point.rate, along.rate)),
         )
     ]
 
 
 def coupling_rows(read: ConstraintInputs) -> list[ConstraintRow]:
     """Return that one coordinate follows another."""
-    (i, j), (ratio, shift) = read.closure.coordinates, read.given.couplings[read.closure.number]
-    q, v = read.at.q, read.at.v
+    (i, j), (ratio, shift) = read.spec.coordinates, read.parameters.couplings[read.spec.number]
+    q, v = read.derivation.q, read.derivation.v
     rate = None if v is None else v[i] - ratio * v[j]
     return [ConstraintRow(q[i] - ratio * q[j] - shift, rate, {i: 1, j: -ratio}, None)]
 
 
 def drive_rows(read: ConstraintInputs) -> list[ConstraintRow]:
     """Return that a coordinate follows a clock."""
-    (i,) = read.closure.coordinates
-    position, rate, acceleration = read.at.driven[:, read.closure.number]
-    moved = None if read.at.v is None else read.at.v[i] - rate
-    return [ConstraintRow(read.at.q[i] - position, moved, {i: 1}, -acceleration, -rate)]
+    (i,) = read.spec.coordinates
+    position, rate, acceleration = read.derivation.driven[:, read.spec.number]
+    moved = None if read.derivation.v is None else read.derivation.v[i] - rate
+    return [ConstraintRow(read.derivation.q[i] - position, moved, {i: 1}, -acceleration, -rate)]
 
 
 class ConstraintKind(NamedTuple):
@@ -430,11 +434,11 @@ def all_rows(plan: TopologyPlan, given: Any, at: Derivation) -> list[ConstraintR
             seen[what, k, i] = what(k, as_vector(numbers[i]))
         return seen[what, k, i]
 
-    for closure in plan.topology.closures:
+    for closure in plan.topology.constraints:
         points = [of(at.point, k, i, given.points) for k, i in closure.points]
         directions = [of(at.direction, k, i, given.directions) for k, i in closure.directions]
         frames = tuple(k for k, _ in closure.points)
-        disk = plan.disk.get(closure.directions[1:])
+        disk = plan.disk_index.get(closure.directions[1:])
         sine = None if disk is None else at.sines[disk]
         planar = plan.topology.planar
         read = ConstraintInputs(points, directions, frames, closure, given, at, planar, seen, sine)
@@ -463,7 +467,7 @@ class FirstDerivation:
         found = point_columns(self.plan, self.frames, k, (arm, at))
         if self.rates is None or k < 0:
             return MovingVector(at, ZERO_VECTOR, found, ZERO_VECTOR)
-        rest = add_vectors(self.rates[k].rest, relative_acceleration(self.rates[k], arm))
+        rest = add_vectors(self.rates[k].acceleration, relative_acceleration(self.rates[k], arm))
         return MovingVector(at, self._rate(found), found, rest)
 
     def direction(self, k: int, a: Vector) -> MovingVector:
@@ -475,7 +479,7 @@ class FirstDerivation:
         rest = add_vectors(cross(rates.alpha, along), centripetal(rates.omega, along))
         return MovingVector(along, cross(rates.omega, along), found, rest)
 
-    def turning(self, k: int) -> MovingVector:
+    def rotation(self, k: int) -> MovingVector:
         """Return how frame k turns."""
         rates = GROUND_RATES if self.rates is None or k < 0 else self.rates[k]
         found = turning_columns(self.plan, self.frames, k)
@@ -529,7 +533,7 @@ class SecondDerivation:
         )
         return MovingVector(along, rate, {}, ZERO_VECTOR)
 
-    def turning(self, k: int) -> MovingVector:
+    def rotation(self, k: int) -> MovingVector:
         """Return how frame k turns."""
         omega = ZERO_VECTOR if self.rates is None or k < 0 else self.rates[k][1]
         return MovingVector(
@@ -546,14 +550,14 @@ class SecondDerivation:
 
 def holonomic_rows(plan: TopologyPlan) -> list[int]:
     """Return which rows are rates of positions."""
-    planar, closures = plan.topology.planar, plan.topology.closures
+    planar, closures = plan.topology.planar, plan.topology.constraints
     each = [KINDS[one.kind].holonomic for one in closures for _ in range(row_count(one, planar))]
     return [i for i, one in enumerate(each) if one]
 
 
 def make_constraint_functions(plan: TopologyPlan) -> dict[str, Any]:
     """Return the functions of a scene that are about its closures."""
-    closures = plan.topology.closures
+    closures = plan.topology.constraints
     if not closures:
         return {}
     planar = plan.topology.planar
@@ -575,7 +579,7 @@ def make_constraint_functions(plan: TopologyPlan) -> dict[str, Any]:
         gamma = np.zeros(r, v.dtype)
         found = all_rows(plan, parameters, FirstDerivation(plan, parameters, prepared, q, v))
         for i, row in enumerate(found):
-            put(gamma, i, row.rest)
+            put(gamma, i, row.drift)
         return gamma
 
     def constraint(parameters, prepared, q, v):

@@ -87,7 +87,7 @@ class _DescriptionReader:
     """A description while it is read: slots and, in the order of their places, numbers."""
 
     def __init__(self, told: Description):
-        self.told, self.slots = told, []
+        self.description, self.slots = told, []
         self.links = {link.name: link for link in told.links}
         self.bodies = [
             name for name, link in self.links.items() if any_present(zeros_as_none((link.mass,)))
@@ -98,13 +98,13 @@ class _DescriptionReader:
         names = [joint.name + part for joint in joints for part in COORDINATES[joint.kind]]
         self.coordinates = told.coordinates or tuple(names)
         place = {name: i for i, name in enumerate(self.coordinates)}
-        self.at = {GROUND: -1}
+        self.link_joints = {GROUND: -1}
         for joint in joints:
-            self._hang(joint, place)
+            self._attach(joint, place)
 
-    def _hang(self, joint: Joint, place: dict[str, int]) -> None:
-        kinds, parent = SCALAR_KINDS[joint.kind], self.at[joint.parent]
-        offset = zeros_as_none(joint.place)
+    def _attach(self, joint: Joint, place: dict[str, int]) -> None:
+        kinds, parent = SCALAR_KINDS[joint.kind], self.link_joints[joint.parent]
+        offset = zeros_as_none(joint.origin)
         for i, (kind, part) in enumerate(zip(kinds, COORDINATES[joint.kind], strict=True)):
             axis, sense = _axis(joint.axis)
             first, last = i == 0, i == len(kinds) - 1
@@ -115,25 +115,29 @@ class _DescriptionReader:
                     kind if len(kind) == 2 else kind + axis,
                     place[joint.name + part],
                     sense if len(kinds) == 1 else 1,
-                    turn=self.number("rotation", _seat(joint.turn)) if first else None,
-                    offset=self.number("offset", offset) if first and any_present(offset) else None,
+                    orientation=self.add_parameter("rotation", _seat(joint.orientation))
+                    if first
+                    else None,
+                    offset=self.add_parameter("offset", offset)
+                    if first and any_present(offset)
+                    else None,
                     body=None if link is None else self.bodies.index(link),
                     absolute=joint.absolute,
-                    torque=self.number("torque", joint.torque),
+                    torque=self.add_parameter("torque", joint.torque),
                     symmetric=joint.symmetric,
                     name=joint.name + part,
                 )
             )
-        self.at[joint.child] = len(self.slots) - 1
+        self.link_joints[joint.child] = len(self.slots) - 1
 
-    def number(self, name: str, x: Any) -> int | None:
+    def add_parameter(self, name: str, x: Any) -> int | None:
         """Keep a number and return its place; None where there is none."""
         if x is None:
             return None
         self.numbers[name].append(x)
         return len(self.numbers[name]) - 1
 
-    def shared(self, name: str, x: Any) -> int | None:
+    def add_shared_parameter(self, name: str, x: Any) -> int | None:
         """Keep a number, once for all who share it, and return its place."""
         if x is None:
             return None
@@ -142,38 +146,43 @@ class _DescriptionReader:
             self.numbers[name].append(x)
         return self.places[name, id(x)]
 
-    def vector(self, name: str, x: Triple) -> int:
+    def add_vector(self, name: str, x: Triple) -> int:
         """Keep a point or a direction, once for all who share it, and return its place."""
         if (name, id(x)) not in self.places:
             self.places[name, id(x)] = len(self.numbers[name])
             self.numbers[name].append(zeros_as_none(x))
         return self.places[name, id(x)]
 
-    def closure(self, one: Constraint) -> ConstraintSpec:
+    def constraint_spec(self, one: Constraint) -> ConstraintSpec:
         """Return a constraint by places."""
         return ConstraintSpec(
             one.kind,
             one.name,
-            tuple((self.at[link], self.vector("points", at)) for link, at in one.points),
-            tuple((self.at[link], self.vector("directions", x)) for link, x in one.directions),
-            number=self.shared(KINDS[one.kind].numbers, one.numbers),
-            factor=self.number("factors", one.factor),
+            tuple(
+                (self.link_joints[link], self.add_vector("points", at)) for link, at in one.points
+            ),
+            tuple(
+                (self.link_joints[link], self.add_vector("directions", x))
+                for link, x in one.directions
+            ),
+            number=self.add_shared_parameter(KINDS[one.kind].numbers, one.numbers),
+            factor=self.add_parameter("factors", one.factor),
         )
 
-    def spring(self, one: Spring) -> ConstraintSpec:
+    def spring_spec(self, one: Spring) -> ConstraintSpec:
         """Return a spring by places."""
         ends = (one.link, one.at), (one.other, one.at_other)
-        points = tuple((self.at[link], self.vector("points", at)) for link, at in ends)
-        return ConstraintSpec("spring", one.name, points, number=self.number("springs", one))
+        points = tuple((self.link_joints[link], self.add_vector("points", at)) for link, at in ends)
+        return ConstraintSpec("spring", one.name, points, number=self.add_parameter("springs", one))
 
     def topology(self) -> Topology:
         """Return what all such mechanisms have in common."""
-        told = self.told
-        closures = tuple(self.closure(one) for one in told.constraints)
-        springs = tuple(self.spring(one) for one in told.springs)
+        told = self.description
+        closures = tuple(self.constraint_spec(one) for one in told.constraints)
+        springs = tuple(self.spring_spec(one) for one in told.springs)
         for name in self.bodies:
-            self.number("mass", self.links[name].mass)
-            self.number("center", zeros_as_none(self.links[name].center))
+            self.add_parameter("mass", self.links[name].mass)
+            self.add_parameter("center", zeros_as_none(self.links[name].center))
         return Topology(tuple(self.slots), self.coordinates, told.planar, closures, springs)
 
 
@@ -211,8 +220,8 @@ class ParsedDescription(NamedTuple):
 
     plan: TopologyPlan
     functions: dict[str, Callable]
-    given: DescriptionParameters
-    slots: dict[str, int]
+    parameters: DescriptionParameters
+    link_joints: dict[str, int]
     """Those that move the links, by name; -1 for the ground."""
 
 
@@ -253,7 +262,7 @@ def _parse(description: Callable, parameters: Any) -> ParsedDescription:
     inertia = _inertia(parameters, plan)
     gravity = None if told.gravity is None else zeros_as_none(told.gravity)
     given = reading.numbers | {"inertia": inertia, "damping": None, "gravity": gravity}
-    return ParsedDescription(plan, functions, DescriptionParameters(**given), reading.at)
+    return ParsedDescription(plan, functions, DescriptionParameters(**given), reading.link_joints)
 
 
 # ---- For a kind of scene -------------------------------------------------------------------------
@@ -280,7 +289,7 @@ def _inertia(parameters: Any, plan: TopologyPlan) -> Any:
 def _prepare(description: Callable) -> Callable:
     def prepare(arithmetic, parameters, q, t):
         at = parse_description(description, parameters)
-        return _called(at, "prepare", arithmetic, at.given, q, t)
+        return _called(at, "prepare", arithmetic, at.parameters, q, t)
 
     return generic(prepare)
 
@@ -288,7 +297,7 @@ def _prepare(description: Callable) -> Callable:
 def _function(description: Callable, name: str) -> Callable:
     def function(parameters, *arguments):
         at = parse_description(description, parameters)
-        return _called(at, name, at.given, *arguments)
+        return _called(at, name, at.parameters, *arguments)
 
     function.__name__ = function.__qualname__ = name
     return generic(function)
@@ -299,7 +308,7 @@ def _called(at: ParsedDescription, name: str, *arguments: Any) -> Any:
         return at.functions[name](*arguments)
     except TypeError as error:
         # Exact numbers take whole ones beside them, and no doubles.
-        written = [x for x in _flat(at.given) if type(x) is float and not x.is_integer()]
+        written = [x for x in _flat(at.parameters) if type(x) is float and not x.is_integer()]
         if not written:
             raise
         what = f"{written[0]!r} in a description is no whole number: make it a parameter"
@@ -354,7 +363,7 @@ class Described(Parametric):
     def tree(self) -> Tree | None:
         """Return its bodies, joint by joint."""
         at = parse_description(type(self).description, self.parameters(FLOAT64))
-        return tree_by(at.plan, at.given)
+        return tree_by(at.plan, at.parameters)
 
     def frames(self, q: Array, t: float = 0.0) -> dict[str, tuple[Array, Array]]:
         """Return origin (3,) and axes (3, 3), one a row, of each link in the pose q (n,)."""

@@ -52,9 +52,9 @@ class Joint(NamedTuple):
     kind: str
     parent: str
     child: str
-    place: Triple = ORIGIN
+    origin: Triple = ORIGIN
     """Of the child in the frame of the parent where all coordinates are 0, m."""
-    turn: Any = IDENTITY
+    orientation: Any = IDENTITY
     """Its orientation there, a quaternion of any length. In a `Description` a quarter turn, or a
     matrix (3, 3) whose columns are its axes."""
     axis: Triple = (0.0, 0.0, 1.0)
@@ -63,11 +63,11 @@ class Joint(NamedTuple):
     """N m s/rad or N s/m; None without a damper."""
     stiffness: float | None = None
     """N m/rad or N/m; None without a spring."""
-    relaxed: float = 0.0
+    rest_position: float = 0.0
     """Where the spring rests, rad or m."""
     armature: float | None = None
     """Inertia of a rotor that turns with the coordinate, kg m² or kg; None without."""
-    follows: tuple[str, float, float] | None = None
+    mimics: tuple[str, float, float] | None = None
     """Another joint, ratio and shift; its coordinate is ratio times the other's, plus shift."""
     absolute: bool = False
     """Whether a hinge's coordinate is the angle to the axes of the ground, not of the parent."""
@@ -232,7 +232,7 @@ class Contact(NamedTuple):
     """Another, which may move, and a point of its plane, m."""
     radius: float
     """m."""
-    told: tuple[tuple[str, Triple], ...]
+    directions: tuple[tuple[str, Triple], ...]
     """Links and directions. Of a ball one, the plane's normal. Of a disk its axis and then the
     normal; or, where some link has it, only the direction from the point of contact to the centre:
     then no root is needed."""
@@ -240,12 +240,12 @@ class Contact(NamedTuple):
     def touching(self, name: str, across: tuple[str, Triple]) -> Constraint:
         """Return that the height above the plane is 0, by the plane's normal."""
         points, numbers = (self.center, self.floor), self.radius
-        return Constraint("touching", name, points, (across, *self.told), numbers=numbers)
+        return Constraint("touching", name, points, (across, *self.directions), numbers=numbers)
 
     def rolling(self, name: str, along: tuple[str, Triple]) -> Constraint:
         """Return that nothing slips along a direction of some link."""
         points, numbers = (self.center, self.floor), self.radius
-        return Constraint("rolling", name, points, (along, *self.told), numbers=numbers)
+        return Constraint("rolling", name, points, (along, *self.directions), numbers=numbers)
 
     def rows(self, name: str, across: Triple, *along: Triple) -> tuple[Constraint, ...]:
         """Return that it touches the plane and does not slip along directions of the plane."""

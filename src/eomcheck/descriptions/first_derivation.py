@@ -79,9 +79,9 @@ GROUND = Frame(AXES, ZERO_VECTOR, ZERO_VECTOR, ZERO_VECTOR)
 
 def factor(slot: ScalarJoint, parameters: Any) -> Any:
     """Return ∂x/∂q of a slot: a number, or 1 or -1."""
-    if slot.follows is None:
+    if slot.mimics is None:
         return slot.sense
-    return times(slot.sense, parameters.ratio[slot.follows])
+    return times(slot.sense, parameters.ratio[slot.mimics])
 
 
 def make_prepare(plan: TopologyPlan) -> Any:
@@ -90,11 +90,11 @@ def make_prepare(plan: TopologyPlan) -> Any:
     """
 
     def prepare(arithmetic, parameters, q, t):
-        x = np.zeros(len(plan.slots), q.dtype)
-        for k, slot in enumerate(plan.slots):
+        x = np.zeros(len(plan.joints), q.dtype)
+        for k, slot in enumerate(plan.joints):
             own = q[slot.coordinate]
-            if slot.follows is not None:
-                own = parameters.ratio[slot.follows] * own + parameters.shift[slot.follows]
+            if slot.mimics is not None:
+                own = parameters.ratio[slot.mimics] * own + parameters.shift[slot.mimics]
             x[k] = times(slot.sense, own)
         angles = arithmetic.angles(x[list(plan.hinges)]) if plan.hinges else None
         return PreparedMechanism(x, angles, driven(parameters, q, t))
@@ -117,7 +117,7 @@ def driven(parameters: Any, q: Any, t: Any) -> Any:
 def joint_frames(plan, parameters, prepared):
     """Return the `Frame` of each slot."""
     frames = []
-    for k, slot in enumerate(plan.slots):
+    for k, slot in enumerate(plan.joints):
         before = frames[slot.parent] if slot.parent >= 0 else GROUND
         frames.append(joint_frame(before, plan, k, parameters, prepared))
     return frames
@@ -127,20 +127,20 @@ def joint_frame(
     before: Frame, plan: TopologyPlan, k: int, parameters: Any, prepared: PreparedMechanism
 ) -> Frame:
     """Return the frame of slot k, which sits on the frame `before`."""
-    slot, axes, arm = plan.slots[k], before.axes, ZERO_VECTOR
+    slot, axes, arm = plan.joints[k], before.axes, ZERO_VECTOR
     if slot.offset is not None:
         arm = from_local(axes, as_vector(parameters.offset[slot.offset]))
     if slot.absolute:
         axes = AXES
-    if slot.turn is not None:
-        R = parameters.rotation[slot.turn]
+    if slot.orientation is not None:
+        R = parameters.rotation[slot.orientation]
         first, second, third = (from_local(axes, as_vector(R[:, i])) for i in range(3))
         axes = first, second, third
     axis = scale_vector(factor(slot, parameters), axes[slot.axis])
     if slot.slides:
         arm = add_vectors(arm, scale_vector(prepared.x[k], axes[slot.axis]))
     elif not slot.symmetric:
-        at = plan.hinge[k]
+        at = plan.hinge_index[k]
         axes = hinged(axes, slot.axis, prepared.angles.cos[at], prepared.angles.sin[at])
     return Frame(axes, add_vectors(before.origin, arm), arm, axis)
 
@@ -182,7 +182,7 @@ class FrameRates(NamedTuple):
     omega: Vector
     alpha: Vector
     """ω̇ at v̇ = 0."""
-    rest: Vector
+    acceleration: Vector
     """Acceleration of its origin at v̇ = 0."""
 
 
@@ -201,8 +201,8 @@ def point_columns(
             reach = add_vectors(
                 reach, arm if run.arm else subtract_vectors(at, frames[run.start].origin)
             )
-        moved = axis if plan.slots[i].slides else cross(axis, reach)
-        j = plan.slots[i].coordinate
+        moved = axis if plan.joints[i].slides else cross(axis, reach)
+        j = plan.joints[i].coordinate
         found[j] = add_vectors(found.get(j, ZERO_VECTOR), moved)
     return found
 
@@ -211,7 +211,7 @@ def turning_columns(plan: TopologyPlan, frames: list[Frame], k: int) -> Columns:
     """Return how fast frame k turns with v, along the axes of the ground."""
     found: Columns = {}
     for i in plan.turned_by[k] if k >= 0 else ():
-        slot = plan.slots[i]
+        slot = plan.joints[i]
         if not slot.slides:
             before = found.get(slot.coordinate, ZERO_VECTOR)
             found[slot.coordinate] = add_vectors(before, frames[i].axis)
@@ -222,14 +222,14 @@ def turning_columns(plan: TopologyPlan, frames: list[Frame], k: int) -> Columns:
 def local_turning_columns(plan, parameters, prepared):
     """Return, slot by slot, how fast each frame turns with v, along its own axes (`Columns`)."""
     found: list[Columns] = []
-    for k, slot in enumerate(plan.slots):
-        here = dict(found[plan.seat(k)]) if plan.seat(k) >= 0 else {}
-        if slot.turn is not None:
-            R = parameters.rotation[slot.turn]
+    for k, slot in enumerate(plan.joints):
+        here = dict(found[plan.orientation_parent(k)]) if plan.orientation_parent(k) >= 0 else {}
+        if slot.orientation is not None:
+            R = parameters.rotation[slot.orientation]
             seat = tuple(as_vector(R[:, i]) for i in range(3))
             here = {i: to_local(seat, one) for i, one in here.items()}
         if not slot.slides:
-            at, axis, j = plan.hinge[k], slot.axis, slot.coordinate
+            at, axis, j = plan.hinge_index[k], slot.axis, slot.coordinate
             if not slot.symmetric:
                 cos, sin = prepared.angles.cos[at], prepared.angles.sin[at]
                 here = {i: rotate_back(one, axis, cos, sin) for i, one in here.items()}
@@ -243,10 +243,12 @@ def local_turning_columns(plan, parameters, prepared):
 def frame_rates(plan, parameters, frames, v):
     """Return the `FrameRates` of each frame."""
     found = []
-    for k, slot in enumerate(plan.slots):
+    for k, slot in enumerate(plan.joints):
         before, frame = found[slot.parent] if slot.parent >= 0 else GROUND_RATES, frames[k]
-        omega, alpha, _ = found[plan.seat(k)] if plan.seat(k) >= 0 else GROUND_RATES
-        rest = add_vectors(before.rest, relative_acceleration(before, frame.arm))
+        omega, alpha, _ = (
+            found[plan.orientation_parent(k)] if plan.orientation_parent(k) >= 0 else GROUND_RATES
+        )
+        rest = add_vectors(before.acceleration, relative_acceleration(before, frame.arm))
         rate = scale_vector(v[slot.coordinate], frame.axis)
         carried = cross(omega, rate)
         if slot.slides:
@@ -297,7 +299,10 @@ def make_jacobians(plan: TopologyPlan) -> Any:
             for i, one in turning[k].items():
                 put_vector(angular, (b, None, i), one[kept], e)
             put_vector(
-                rest, (b, None), add_vectors(rates[k].rest, relative_acceleration(rates[k], arm)), d
+                rest,
+                (b, None),
+                add_vectors(rates[k].acceleration, relative_acceleration(rates[k], arm)),
+                d,
             )
             put_vector(turned, (b, None), to_local(frames[k].axes, rates[k].alpha)[kept], e)
             if gyroscopic is not None:
@@ -305,7 +310,7 @@ def make_jacobians(plan: TopologyPlan) -> Any:
                 moment = cross(omega, momentum(parameters.inertia[b], omega))
                 put_vector(gyroscopic, (b, None), moment)
         for b, k in enumerate(plan.rotors, len(carriers)):
-            put(angular, (b, e - 1, plan.slots[k].coordinate), factor(plan.slots[k], parameters))
+            put(angular, (b, e - 1, plan.joints[k].coordinate), factor(plan.joints[k], parameters))
         return Jacobians(linear, angular, rest, turned, gyroscopic)
 
     return jacobians
@@ -327,7 +332,7 @@ class CompositeBody(NamedTuple):
     """What hangs on a slot, as one body."""
 
     mass: Any
-    first: Vector
+    first_moment: Vector
     """Σ m r from the origin of the slot, kg m."""
     inertia: Symmetric
     """About the origin of the slot, kg m²."""
@@ -368,7 +373,7 @@ def inertia_times(inertia: Symmetric, a: Vector) -> Vector:
 def shifted_body(one: CompositeBody, away: Vector) -> CompositeBody:
     """Return the same body about a point from which the origin is `away`."""
     step = scale_vector(one.mass, away)
-    middle = add_vectors(one.first, tuple(None if x is None else x / 2 for x in step))
+    middle = add_vectors(one.first_moment, tuple(None if x is None else x / 2 for x in step))
     products = {(i, j): times(middle[i], away[j]) for i in range(3) for j in range(3)}
     found: Symmetric = {}
     for i, j in one.inertia:
@@ -379,7 +384,7 @@ def shifted_body(one: CompositeBody, away: Vector) -> CompositeBody:
         else:
             both = plus(products[i, j], products[j, i])
             found[i, j] = minus(one.inertia[i, j], both)
-    return CompositeBody(one.mass, add_vectors(one.first, step), found)
+    return CompositeBody(one.mass, add_vectors(one.first_moment, step), found)
 
 
 def as_point_mass(one: CompositeBody) -> CompositeBody:
@@ -392,7 +397,9 @@ def combined_body(one: CompositeBody | None, other: CompositeBody) -> CompositeB
     if one is None:
         return other
     inertia = {at: plus(x, other.inertia[at]) for at, x in one.inertia.items()}
-    return CompositeBody(plus(one.mass, other.mass), add_vectors(one.first, other.first), inertia)
+    return CompositeBody(
+        plus(one.mass, other.mass), add_vectors(one.first_moment, other.first_moment), inertia
+    )
 
 
 @generic
@@ -408,12 +415,12 @@ def terms_of_bodies(plan, parameters, frames, rates, dtype):
         )
         heavy[k] = shifted_body(CompositeBody(mass, ZERO_VECTOR, inertia), arm)
         force[k] = scale_vector(
-            mass, add_vectors(rates[k].rest, relative_acceleration(rates[k], arm))
+            mass, add_vectors(rates[k].acceleration, relative_acceleration(rates[k], arm))
         )
         moment[k] = add_vectors(euler_moment(inertia, rates[k]), cross(arm, force[k]))
     M, B = np.zeros((plan.n, plan.n), dtype), np.zeros(plan.n, dtype)
     for k in reversed(range(len(frames))):
-        slot, frame = plan.slots[k], frames[k]
+        slot, frame = plan.joints[k], frames[k]
         if (own := heavy[k]) is not None:
             add_rows(plan, frames, k, own, M)
             work = dot(frame.axis, force[k] if slot.slides else moment[k])
@@ -426,8 +433,8 @@ def terms_of_bodies(plan, parameters, frames, rates, dtype):
             force[slot.parent] = add_vectors(force[slot.parent], force[k])
             moment[slot.parent] = add_vectors(moment[slot.parent], handed)
     for b, k in enumerate(plan.rotors, len(plan.carriers)):
-        i, last = plan.slots[k].coordinate, plan.e - 1
-        grows = factor(plan.slots[k], parameters)
+        i, last = plan.joints[k].coordinate, plan.e - 1
+        grows = factor(plan.joints[k], parameters)
         M[i, i] = plus(M[i, i], times(grows, times(grows, parameters.inertia[b, last, last])))
     return M, B
 
@@ -441,13 +448,13 @@ def euler_moment(inertia: Symmetric, rates: FrameRates) -> Vector:
 
 def add_rows(plan: TopologyPlan, frames: list[Frame], k: int, one: CompositeBody, M: Any) -> None:
     """Add to M what the rate of slot k gives what hangs on it, along all slots before."""
-    axis, i = frames[k].axis, plan.slots[k].coordinate
-    if plan.slots[k].slides:
-        P, L = scale_vector(one.mass, axis), cross(one.first, axis)
+    axis, i = frames[k].axis, plan.joints[k].coordinate
+    if plan.joints[k].slides:
+        P, L = scale_vector(one.mass, axis), cross(one.first_moment, axis)
     else:
-        P, L = cross(axis, one.first), inertia_times(one.inertia, axis)
-    for at in reversed(plan.on_the_way(k)):
-        slot, frame = plan.slots[at], frames[at]
+        P, L = cross(axis, one.first_moment), inertia_times(one.inertia, axis)
+    for at in reversed(plan.path_to(k)):
+        slot, frame = plan.joints[at], frames[at]
         share = dot(frame.axis, P if slot.slides else L)
         if share is not None:
             M[i, slot.coordinate] += share

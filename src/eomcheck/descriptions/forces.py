@@ -113,7 +113,7 @@ def spring_dissipation(plan: TopologyPlan, parameters: Any, prepared: Any, q: An
 def make_forces(plan: TopologyPlan) -> Any:
     """Return the function `forces` of a scene."""
     sprung = bool(plan.topology.springs) or any(
-        slot.spring is not None or slot.torque is not None for slot in plan.slots
+        slot.spring is not None or slot.torque is not None for slot in plan.joints
     )
 
     def forces(parameters, prepared, q, v):
@@ -123,7 +123,7 @@ def make_forces(plan: TopologyPlan) -> Any:
         Q = np.zeros(plan.n, v.dtype)
         if parameters.gravity is not None:
             add_gravity_forces(plan, parameters, prepared, Q)
-        for k, slot in enumerate(plan.slots):
+        for k, slot in enumerate(plan.joints):
             i, grows = slot.coordinate, factor(slot, parameters)
             if slot.spring is not None:
                 # Along its axis; where that is negative it is -1 times the joint's coordinate.
@@ -150,7 +150,7 @@ def add_gravity_forces(plan: TopologyPlan, parameters: Any, prepared: Any, Q: An
         force[k] = scale_vector(parameters.mass[b], g)
         moment[k] = cross(arm, force[k])
     for k in reversed(range(len(frames))):
-        slot, frame = plan.slots[k], frames[k]
+        slot, frame = plan.joints[k], frames[k]
         work = dot(frame.axis, force[k] if slot.slides else moment[k])
         if work is not None:
             Q[slot.coordinate] += work

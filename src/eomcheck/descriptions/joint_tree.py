@@ -201,8 +201,8 @@ STRAIGHT = {(1.0, 0.0, 0.0): "x", (0.0, 1.0, 0.0): "y", (0.0, 0.0, 1.0): "z"}
 class LinkFrame(NamedTuple):
     """Where a link is: on a slot (-1: the ground), displaced and turned."""
 
-    slot: int
-    turn: Quaternion
+    joint: int
+    orientation: Quaternion
     offset: Array
 
 
@@ -216,22 +216,22 @@ class JointTree:
     def __init__(self, links: tuple[Link, ...], joints: tuple[Joint, ...]):
         self.links, self.joints = by_name("link", links), by_name("joint", joints)
         self.coordinates = self._coordinates()
-        self.place_of = {name: i for i, name in enumerate(self.coordinates)}
+        self.coordinate_index = {name: i for i, name in enumerate(self.coordinates)}
         self.numbers: dict[str, list[Any]] = {}
         """Name of a parameter -> what there is of it, by place."""
-        self._places: dict[Any, int | None] = {}
-        self.slots: list[ScalarJoint] = []
-        self.rigid: dict[int, list[RigidBody]] = {}
+        self._shared_index: dict[Any, int | None] = {}
+        self.scalar_joints: list[ScalarJoint] = []
+        self.bodies: dict[int, list[RigidBody]] = {}
         """Slot -> what is fixed to it."""
         root, order = depth_first_joints(self.links, self.joints)
-        self.places = {root: LinkFrame(-1, IDENTITY, np.zeros(3))}
+        self.link_frames = {root: LinkFrame(-1, IDENTITY, np.zeros(3))}
         """Name of a link -> where it is."""
         for joint in order:
-            self._hang(joint)
+            self._attach(joint)
         if not self.coordinates:
             raise InputError("no joint of it moves: there are no coordinates")
 
-    def number(self, name: str, value: Any) -> int | None:
+    def add_parameter(self, name: str, value: Any) -> int | None:
         """Keep a parameter and return its place; None where there is none."""
         if value is None:
             return None
@@ -239,11 +239,11 @@ class JointTree:
         kept.append(value)
         return len(kept) - 1
 
-    def shared(self, name: str, value: Any) -> int | None:
+    def add_shared_parameter(self, name: str, value: Any) -> int | None:
         """Keep a parameter, once for all that share it, and return its place."""
-        if (name, value) not in self._places:
-            self._places[name, value] = self.number(name, value)
-        return self._places[name, value]
+        if (name, value) not in self._shared_index:
+            self._shared_index[name, value] = self.add_parameter(name, value)
+        return self._shared_index[name, value]
 
     def _coordinates(self) -> list[str]:
         found: list[str] = []
@@ -252,7 +252,7 @@ class JointTree:
                 kinds = ", ".join(COORDINATES)
                 said = f"joint {joint.name!r} has the kind {joint.kind!r}, expected one of: {kinds}"
                 raise InputError(said)
-            if joint.follows is None:
+            if joint.mimics is None:
                 found += [joint.name + part for part in COORDINATES[joint.kind]]
         check_coordinates(len(found))
         for name in found:
@@ -260,23 +260,25 @@ class JointTree:
                 raise InputError(f"two coordinates have the name {name!r}")
         return found
 
-    def _hang(self, joint: Joint) -> None:
+    def _attach(self, joint: Joint) -> None:
         """Place the child of a joint, on slots of its own where it moves."""
-        before = self.places[joint.parent]
-        turn = multiply_quaternions(before.turn, joint.turn)
-        offset = before.offset + rotation_matrix(before.turn) @ np.array(joint.place)
+        before = self.link_frames[joint.parent]
+        turn = multiply_quaternions(before.orientation, joint.orientation)
+        offset = before.offset + rotation_matrix(before.orientation) @ np.array(joint.origin)
         if joint.kind == "fixed":
-            self.places[joint.child] = LinkFrame(before.slot, turn, offset)
+            self.link_frames[joint.child] = LinkFrame(before.joint, turn, offset)
         else:
             # The frame of the slots has the axis along x, y or z, if need be a turned one's z.
             axis, sense, tilt = self._axis(joint)
             turn = multiply_quaternions(turn, tilt)
-            self._add_slots(joint, before.slot, turn, offset, axis, sense)
+            self._add_slots(joint, before.joint, turn, offset, axis, sense)
             back = tilt[0], -tilt[1], -tilt[2], -tilt[3]
-            self.places[joint.child] = LinkFrame(len(self.slots) - 1, back, np.zeros(3))
-        slot, turn, offset = self.places[joint.child]
+            self.link_frames[joint.child] = LinkFrame(
+                len(self.scalar_joints) - 1, back, np.zeros(3)
+            )
+        slot, turn, offset = self.link_frames[joint.child]
         if (body := rigid_body_of(self.links[joint.child], turn, offset)) is not None and slot >= 0:
-            self.rigid.setdefault(slot, []).append(body)
+            self.bodies.setdefault(slot, []).append(body)
 
     def _axis(self, joint: Joint) -> tuple[str, int, Quaternion]:
         if joint.kind in ("spherical", "floating"):
@@ -293,36 +295,38 @@ class JointTree:
     ) -> None:
         kinds = SCALAR_KINDS[joint.kind]
         names = [joint.name + part for part in COORDINATES[joint.kind]]
-        forces = joint.damping, joint.stiffness, joint.armature, joint.follows
+        forces = joint.damping, joint.stiffness, joint.armature, joint.mimics
         if len(kinds) > 1 and any(one is not None for one in forces):
             raise InputError(
                 f"joint {joint.name!r} is {joint.kind}: damping, stiffness, armature and a joint "
                 "that it follows are for joints with one coordinate"
             )
         for place, (kind, name) in enumerate(zip(kinds, names, strict=True)):
-            last = len(self.slots)
-            self.slots.append(
+            last = len(self.scalar_joints)
+            self.scalar_joints.append(
                 ScalarJoint(
                     parent if place == 0 else last - 1,
                     kind if len(kind) == 2 else kind + axis,
                     *self._coordinate(joint, name, sense),
-                    turn=self.number("orientation", turn)
+                    orientation=self.add_parameter("orientation", turn)
                     if place == 0 and is_turned(turn)
                     else None,
-                    offset=self.number("offset", tuple(offset.tolist())) if place == 0 else None,
-                    damper=self.number("damping", joint.damping),
+                    offset=self.add_parameter("offset", tuple(offset.tolist()))
+                    if place == 0
+                    else None,
+                    damper=self.add_parameter("damping", joint.damping),
                     spring=self._spring(joint),
-                    rotor=self.number("armature", joint.armature),
+                    rotor=self.add_parameter("armature", joint.armature),
                     name=name,
                 )
             )
 
     def _coordinate(self, joint: Joint, name: str, sense: int) -> tuple[int, int, int | None]:
-        if joint.follows is None:
-            return self.place_of[name], sense, None
+        if joint.mimics is None:
+            return self.coordinate_index[name], sense, None
         seen, ratio, shift, at = {joint.name}, 1.0, 0.0, joint
-        while at.follows is not None:
-            other, factor, more = at.follows
+        while at.mimics is not None:
+            other, factor, more = at.mimics
             ratio, shift = ratio * factor, shift + ratio * more
             if other not in self.joints:
                 raise InputError(f"joint {at.name!r} follows {other!r}, no such joint")
@@ -332,12 +336,12 @@ class JointTree:
             at = self.joints[other]
         if len(COORDINATES[at.kind]) != 1:
             raise InputError(f"joint {joint.name!r} follows {at.name!r}, which is {at.kind}")
-        follows = self.number("ratio", ratio)
-        self.number("shift", shift)
-        return self.place_of[at.name], sense, follows
+        follows = self.add_parameter("ratio", ratio)
+        self.add_parameter("shift", shift)
+        return self.coordinate_index[at.name], sense, follows
 
     def _spring(self, joint: Joint) -> int | None:
         if joint.stiffness is None:
             return None
-        self.number("relaxed", joint.relaxed)
-        return self.number("stiffness", joint.stiffness)
+        self.add_parameter("relaxed", joint.rest_position)
+        return self.add_parameter("stiffness", joint.stiffness)

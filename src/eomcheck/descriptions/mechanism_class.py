@@ -102,7 +102,7 @@ def fields_of(made: MechanismSource) -> dict[str, Any]:
     found = {}
     for name, value in made.defaults:
         what, unit, sign, drawn = DRAWN[name]
-        among = None if made.closed and name in GEOMETRY else drawn
+        among = None if made.fixed_geometry and name in GEOMETRY else drawn
         shape = (2 if made.topology.planar else 3,) if name == "gravity" else np.shape(value)
         found[name] = parameter(
             *(what, unit, sign, among, shape),
@@ -146,7 +146,7 @@ def assembled_start(scene: Mechanism) -> tuple[Array, Array]:
 
     A pose that does not close nearby is returned as it is.
     """
-    pose = np.array(scene.made.pose, np.float64)
+    pose = np.array(scene.source.pose, np.float64)
     if not scene.r:
         return pose, np.zeros(scene.n)
     given, q = float64_parameters(scene), pose
@@ -189,7 +189,7 @@ def none_as_zero(entries: Any) -> Array:
 
 def tree_by(plan: TopologyPlan, given: Any) -> Tree:
     """Return the bodies of a plan by its numbers; absolute joints must be in the plane."""
-    slots, joints = plan.slots, len(plan.slots)
+    slots, joints = plan.joints, len(plan.joints)
     rotation = np.tile(np.eye(3), (joints, 1, 1))
     offset, center, inertia = (np.zeros((joints, *shape)) for shape in ((3,), (3,), (3, 3)))
     mass, shift, armature = np.zeros((3, joints))
@@ -197,13 +197,13 @@ def tree_by(plan: TopologyPlan, given: Any) -> Tree:
     for k, slot in enumerate(slots):
         coordinates[k, slot.coordinate] = slot.sense
         if slot.absolute:  # a joint's own coordinate is that less all turns before
-            for before in plan.on_the_way(slot.parent):
+            for before in plan.path_to(slot.parent):
                 coordinates[k] -= coordinates[before] if not slots[before].slides else 0.0
-        if slot.follows is not None:
-            coordinates[k] *= given.ratio[slot.follows]
-            shift[k] = slot.sense * given.shift[slot.follows]
-        if slot.turn is not None:
-            rotation[k] = none_as_zero(given.rotation[slot.turn])
+        if slot.mimics is not None:
+            coordinates[k] *= given.ratio[slot.mimics]
+            shift[k] = slot.sense * given.shift[slot.mimics]
+        if slot.orientation is not None:
+            rotation[k] = none_as_zero(given.rotation[slot.orientation])
         if slot.offset is not None:
             offset[k, : plan.d] = none_as_zero(given.offset[slot.offset])[: plan.d]
     for b, k in enumerate(plan.carriers):
@@ -241,7 +241,7 @@ def mechanism_sketch(scene: Mechanism, q: Array, t: float = 0.0) -> Sketch:
     everything = np.array([np.zeros(d), *at, *centers.values()])
     size = float(np.ptp(everything, axis=0).max()) or 1.0
     parts: list[Part] = [*fixed_axes(0.15 * size, d)]
-    for k, slot in enumerate(plan.slots):
+    for k, slot in enumerate(plan.joints):
         # From joint to joint, which is a line of the body before, or of the ground.
         start = at[slot.parent] if slot.parent >= 0 else np.zeros(d)
         if slot.parent >= 0 and np.abs(at[k] - start).max() > NEAR * size:
@@ -254,10 +254,10 @@ def mechanism_sketch(scene: Mechanism, q: Array, t: float = 0.0) -> Sketch:
             parts.append(JointMark(at[k], slot.parent < 0, name, None if d == 2 else axis))
         if k in centers:
             parts.append(Center(centers[k]))
-            if all(other.parent != k for other in plan.slots):
+            if all(other.parent != k for other in plan.joints):
                 parts += [Body((at[k], centers[k])), Trail(centers[k])]
     row = 0
-    for closure in plan.topology.closures:
+    for closure in plan.topology.constraints:
         rows = tuple(range(row, row := row + row_count(closure, plan.topology.planar)))
         if closure.points:
             k, i = closure.points[0]
@@ -287,22 +287,22 @@ class MechanismSource(NamedTuple):
     """Parameters, by name."""
     pose: tuple[float, ...]
     """q at t = 0."""
-    several: tuple[str, ...] = ()
+    compound_coordinates: tuple[str, ...] = ()
     """Coordinates of joints that have more than one."""
-    away: tuple[int, ...] = ()
+    pitch_coordinates: tuple[int, ...] = ()
     """Coordinates of hinges that ordinary states keep away from their singularity."""
-    closed: bool = False
+    fixed_geometry: bool = False
     """Whether geometry keeps its numbers, because others might not close."""
     code: str = ""
     """Python that makes the scene; by default the name of the class, called."""
-    imported: str = ""
+    imports: str = ""
     """What that Python imports."""
     module: str = __name__
-    left_out: str = ""
+    ignored: str = ""
     """What of its source is not in it, in one sentence."""
-    doubtful: str = ""
+    warnings: str = ""
     """What of its numbers no body has, in one sentence."""
-    source: str = ""
+    file: str = ""
     """The file that it was read from."""
     format: str = ""
     """Of that file: "urdf" or "mjcf"."""
@@ -313,7 +313,7 @@ class MechanismSource(NamedTuple):
     description: Any = None
     """What it was made of, where that is kept."""
 
-    def kind(self) -> type[Mechanism]:
+    def scene_class(self) -> type[Mechanism]:
         """Return the class of these scenes; the same one for the same description."""
         return scene_class_of(self)
 
@@ -323,7 +323,7 @@ class _Kind(ABCMeta):
 
 
 def _reduced(kind: Any) -> Any:
-    made = vars(kind).get("made")
+    made = vars(kind).get("source")
     return kind.__qualname__ if made is None else (scene_class_of, (made,))
 
 
@@ -335,7 +335,7 @@ class Mechanism(Parametric, metaclass=_Kind):
     any.
     """
 
-    made: ClassVar[MechanismSource]
+    source: ClassVar[MechanismSource]
     plan: ClassVar[TopologyPlan]
     conserves_energy = True
 
@@ -349,7 +349,7 @@ class Mechanism(Parametric, metaclass=_Kind):
     @property
     def coordinate_names(self) -> tuple[str, ...]:
         """Those of the joints."""
-        return self.made.topology.coordinates
+        return self.source.topology.coordinates
 
     def coordinate_ranges(self) -> tuple[Range, ...]:
         """Return any angle, but for hinges that have to stay away; 1 m to either side."""
@@ -389,10 +389,10 @@ class Mechanism(Parametric, metaclass=_Kind):
 
     def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
         """Yield one turn by 2π about every hinge that has no spring and is followed by none."""
-        told = {slot.coordinate for slot in self.plan.slots if slot.slides}
-        told |= {slot.coordinate for slot in self.plan.slots if slot.spring is not None}
-        told |= {slot.coordinate for slot in self.plan.slots if slot.follows is not None}
-        for closure in self.made.topology.closures:
+        told = {slot.coordinate for slot in self.plan.joints if slot.slides}
+        told |= {slot.coordinate for slot in self.plan.joints if slot.spring is not None}
+        told |= {slot.coordinate for slot in self.plan.joints if slot.mimics is not None}
+        for closure in self.source.topology.constraints:
             told |= set(closure.coordinates)
         turns = np.array([i not in told for i in range(self.n)])
         if turns.any():
@@ -421,7 +421,7 @@ class Mechanism(Parametric, metaclass=_Kind):
 
     def __repr__(self) -> str:
         """Return the Python that makes it again: that of its kind, and what is changed."""
-        made, plain = self.made, Parametric.__repr__(self)
+        made, plain = self.source, Parametric.__repr__(self)
         if not made.code:
             return plain
         arguments = plain.partition("(")[2]
@@ -429,11 +429,11 @@ class Mechanism(Parametric, metaclass=_Kind):
 
 
 def _ranges_of(made: MechanismSource, plan: TopologyPlan) -> tuple[Range, ...]:
-    slides = {slot.coordinate for slot in plan.slots if slot.slides and slot.follows is None}
+    slides = {slot.coordinate for slot in plan.joints if slot.slides and slot.mimics is None}
     found = [SLIDING if i in slides else ANY_ANGLE for i in range(plan.n)]
-    for i in made.away:
+    for i in made.pitch_coordinates:
         found[i] = AWAY
-    if made.closed:
+    if made.fixed_geometry:
         found = [Range(x - 0.3, x + 0.3) for x in made.pose]
     return tuple(found)
 
@@ -507,18 +507,18 @@ def plan_and_functions(topology: Topology) -> tuple[TopologyPlan, dict[str, Call
 def scene_class_of(made: MechanismSource) -> type[Mechanism]:
     """Return the class of scenes of a description; the same one for the same description."""
     plan, functions = plan_and_functions(made.topology)
-    planar, closures = made.topology.planar, made.topology.closures
+    planar, closures = made.topology.planar, made.topology.constraints
     names = [
         name if count == 1 else f"{name} {i + 1}"
         for name, count in ((one.name, row_count(one, planar)) for one in closures)
         for i in range(count)
     ]
     held = sum(row_count(one, planar) for one in closures if KINDS[one.kind].holonomic)
-    turned = sorted({slot.coordinate for slot in plan.slots if not slot.slides})
+    turned = sorted({slot.coordinate for slot in plan.joints if not slot.slides})
     body = {
-        "__doc__": f"{made.key}, made of a description. {made.left_out}".strip(),
+        "__doc__": f"{made.key}, made of a description. {made.ignored}".strip(),
         "__module__": made.module,
-        "made": made,
+        "source": made,
         "plan": plan,
         **({"key": made.key} if made.base is None else {}),
         "named_constraints": tuple(names),

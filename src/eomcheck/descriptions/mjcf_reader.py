@@ -333,7 +333,7 @@ class MjcfModel(NamedTuple):
     constraints: tuple[Constraint, ...]
     gravity: Triple | None
     pose: dict[str, float]
-    left_out: str
+    ignored: str
     compiled: Any
     """MuJoCo's own model."""
 
@@ -477,7 +477,7 @@ class _MjcfReader:
                 triple_of(axis),
                 damping=damping or None,
                 stiffness=stiffness or None,
-                relaxed=float(m.qpos_spring[at]) if stiffness else 0.0,
+                rest_position=float(m.qpos_spring[at]) if stiffness else 0.0,
                 armature=float(m.dof_armature[dof]) or None,
             )
         )
@@ -527,7 +527,7 @@ def from_mjcf(path: str | os.PathLike[str], *, gravity: Triple | str | None = FI
     Its coordinates are those of the file's joints, in their order, but for those that constraints
     determine, which come first; a free joint has three slides
     along axes of the ground, then turns about z, y and x, a ball joint such turns. Equalities
-    between bodies, sites and joints are constraints that hold exactly. Its `made.left_out` says
+    between bodies, sites and joints are constraints that hold exactly. Its `made.ignored` says
     what of the file is left out.
 
     Args:
@@ -558,14 +558,16 @@ def mjcf_kind(
         more = {"gravity": pulls if changed else model.gravity, "pose": model.pose}
         made = mechanism_source(*words, **more)
         if model.constraints:
-            made = mechanism_source(*words, **more, first=_dependent_coordinates(made.kind()()))
+            made = mechanism_source(
+                *words, **more, dependent=_dependent_coordinates(made.scene_class()())
+            )
         return made._replace(
             code=f"from_mjcf({str(path)!r}{f', gravity={pulls!r}' if changed else ''})",
-            imported="from eomcheck.scenes import from_mjcf",
-            left_out=model.left_out,
-            source=str(file),
+            imports="from eomcheck.scenes import from_mjcf",
+            ignored=model.ignored,
+            file=str(file),
             format="mjcf",
-        ).kind()
+        ).scene_class()
     except Unreadable:
         raise
     except InputError as error:

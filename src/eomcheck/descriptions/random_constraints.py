@@ -89,7 +89,7 @@ def with_random_constraint(
         more = _constraint(tree, kind, planar, choices)
         if more is None:
             continue
-        found = tree._replace(constraints=(*tree.constraints, *more), first=())
+        found = tree._replace(constraints=(*tree.constraints, *more), dependent=())
         a = _jacobian(found)
         rows = np.linalg.norm(a, axis=1, keepdims=True)
         if not rows.all():
@@ -98,14 +98,14 @@ def with_random_constraint(
         if size >= INDEPENDENT:
             *_, order = qr(a / rows, mode="r", pivoting=True)
             first = (found.coordinates[i] for i in order[: len(a)])
-            return found._replace(first=tuple(first))
+            return found._replace(dependent=tuple(first))
     said = f"no independent {kind} is found among {ATTEMPTS}"
     raise RefusedError("a", float(size), INDEPENDENT, said)
 
 
 def _jacobian(description: RandomDescription) -> Array:
     """Return a (r, n) in the pose, columns in the order of the joints."""
-    scene = description.made("Closed").kind()()
+    scene = description.source("Closed").scene_class()()
     given, q = scene.parameters(FLOAT64), np.array([x for _, x in description.pose])
     return scene.constraints(given, scene.prepare(FLOAT64, given, q, 0.0), q)[0]
 
@@ -145,7 +145,7 @@ def _pairs(tree: RandomDescription, rows: int, alone: bool) -> list[tuple[str, s
     """Return the pairs of links that `rows` coordinates at least move against each other."""
     before: dict[str, frozenset[str]] = {GROUND: frozenset()}
     for joint in tree.joints:
-        own = joint.name if joint.follows is None else joint.follows[0]
+        own = joint.name if joint.mimics is None else joint.mimics[0]
         here = {own + part for part in COORDINATES[joint.kind]}
         before[joint.child] = before[joint.parent] ^ here
     names = list(before)
@@ -192,15 +192,15 @@ Fitting = Callable[..., Constraint]
 def _pin(
     name: str, link: str, other: str, at: Triple, here: Pose, there: Pose, *_: Any
 ) -> Constraint:
-    return pin(name, link, other, at, there.own_point(here.point(at)))
+    return pin(name, link, other, at, there.local_point(here.point(at)))
 
 
 def _weld(
     name: str, link: str, other: str, at: Triple, here: Pose, there: Pose, *_: Any
 ) -> Constraint:
-    w, x, y, z = here.turn
-    turn = multiply_quaternions((w, -x, -y, -z), there.turn)
-    return weld(name, link, other, at, there.own_point(here.point(at)), turn)
+    w, x, y, z = here.orientation
+    turn = multiply_quaternions((w, -x, -y, -z), there.orientation)
+    return weld(name, link, other, at, there.local_point(here.point(at)), turn)
 
 
 def _hinge(
@@ -208,7 +208,7 @@ def _hinge(
     choices: Choices,
 ) -> Constraint:  # fmt: skip
     axis = random_elements.random_direction(choices, planar=False)
-    own = there.own_point(here.point(at)), axis, there.own_direction(here.direction(axis))
+    own = there.local_point(here.point(at)), axis, there.local_direction(here.direction(axis))
     return hinge(name, link, other, at, *own)
 
 
@@ -220,7 +220,7 @@ def _distance(
     rod = here.point(at) - there.point(at_other)
     if np.linalg.norm(rod) < 5 * random_elements.SMALLEST:
         rod = np.array([1.0, 0.0, 0.0])
-        at_other = there.own_point(here.point(at) - rod)
+        at_other = there.local_point(here.point(at) - rod)
     return distance(name, link, other, float(np.linalg.norm(rod)), at, at_other)
 
 
@@ -231,7 +231,7 @@ def _on_plane(
     across = random_elements.random_direction(choices, planar)
     normal, away = np.asarray(across), np.asarray(random_elements.random_triple(choices, planar))
     along = away - away @ normal / (normal @ normal) * normal
-    x, y, z = (np.asarray(there.own_point(here.point(at))) - along).tolist()
+    x, y, z = (np.asarray(there.local_point(here.point(at))) - along).tolist()
     return on_plane(name, link, other, across, at, (x, y, z))
 
 
@@ -246,7 +246,7 @@ def _on_quadric(
     slopes = along / np.linalg.norm(along) - bends * s
     level = float((bends * s * s / 2 + slopes * s).sum())
     surface = _triple(bends), level, _triple(slopes)
-    at_other = _triple(np.asarray(there.own_point(here.point(at))) - s)
+    at_other = _triple(np.asarray(there.local_point(here.point(at))) - s)
     return on_quadric(name, link, other, *surface, at, at_other)
 
 
@@ -262,7 +262,7 @@ def _square(
     along, away = random_elements.random_direction(choices, planar), np.array([0.0, 0.0, 1.0])
     if not planar:
         away = np.asarray(random_elements.random_transverse(choices, along))
-    across = there.own_direction(here.direction(np.cross(along, away)))
+    across = there.local_direction(here.direction(np.cross(along, away)))
     return perpendicular(name, link, along, other, across)
 
 
@@ -285,7 +285,7 @@ def _rolling(
     normal = across / np.linalg.norm(across)
     is_disk = not planar and choices.one_of((False, True))
     if is_disk:
-        axis = _upright(choices, np.asarray(here.own_direction(there.direction(normal))))
+        axis = _upright(choices, np.asarray(here.local_direction(there.direction(normal))))
         n = here.direction(axis) / np.linalg.norm(axis)
         up = there.direction(normal)
         rim = up - up @ n * n
@@ -294,7 +294,7 @@ def _rolling(
         axis, arm = None, -radius * there.direction(normal)
     aside = np.asarray(random_elements.random_triple(choices, planar))
     aside -= aside @ normal * normal
-    x, y, z = (np.asarray(there.own_point(here.point(at) + arm)) + aside).tolist()
+    x, y, z = (np.asarray(there.local_point(here.point(at) + arm)) + aside).tolist()
     given = name, link, other, radius
     if planar:
         left_x, left_y, _ = normal.tolist()

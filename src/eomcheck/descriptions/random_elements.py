@@ -115,17 +115,17 @@ class RandomDescription(NamedTuple):
     """Each after the joints that carry it."""
     constraints: tuple[Constraint, ...] = ()
     gravity: Triple | None = None
-    first: tuple[str, ...] = ()
+    dependent: tuple[str, ...] = ()
     pose: tuple[tuple[str, float], ...] = ()
     """q at t = 0, by name."""
 
     @property
     def coordinates(self) -> tuple[str, ...]:
         """Names of the coordinates, in the order of the joints."""
-        own = (joint for joint in self.joints if joint.follows is None)
+        own = (joint for joint in self.joints if joint.mimics is None)
         return tuple(joint.name + part for joint in own for part in COORDINATES[joint.kind])
 
-    def made(self, name: str) -> MechanismSource:
+    def source(self, name: str) -> MechanismSource:
         """Return what the kind that it describes is made of.
 
         Raises:
@@ -134,16 +134,16 @@ class RandomDescription(NamedTuple):
         made = mechanism_source(
             *(name, self.links, self.joints, self.constraints),
             gravity=self.gravity,
-            first=self.first,
+            dependent=self.dependent,
             pose=dict(self.pose),
         )
-        return made._replace(code=self.code(name), imported=IMPORTED, module=__name__)
+        return made._replace(code=self.code(name), imports=IMPORTED, module=__name__)
 
     def code(self, name: str) -> str:
         """Return Python that makes the scene."""
         return (
             f"mechanism({name!r}, {list(self.links)!r}, {list(self.joints)!r}, "
-            f"{list(self.constraints)!r}, gravity={self.gravity!r}, first={self.first!r}, "
+            f"{list(self.constraints)!r}, gravity={self.gravity!r}, dependent={self.dependent!r}, "
             f"pose={dict(self.pose)!r})()"
         )
 
@@ -154,7 +154,7 @@ class RandomDescription(NamedTuple):
 class Pose(NamedTuple):
     """Where a link is."""
 
-    turn: Quaternion
+    orientation: Quaternion
     origin: Array
     """(3,), m."""
 
@@ -164,15 +164,15 @@ class Pose(NamedTuple):
 
     def direction(self, along: Any) -> Array:
         """Return a direction of the link, seen from the ground."""
-        return rotation_matrix(self.turn) @ np.asarray(along, np.float64)
+        return rotation_matrix(self.orientation) @ np.asarray(along, np.float64)
 
-    def own_point(self, at: Array) -> Triple:
+    def local_point(self, at: Array) -> Triple:
         """Return a point of the ground as the link sees it."""
-        return self.own_direction(at - self.origin)
+        return self.local_direction(at - self.origin)
 
-    def own_direction(self, along: Array) -> Triple:
+    def local_direction(self, along: Array) -> Triple:
         """Return a direction of the ground as the link sees it."""
-        x, y, z = (rotation_matrix(self.turn).T @ along).tolist()
+        x, y, z = (rotation_matrix(self.orientation).T @ along).tolist()
         return x, y, z
 
 
@@ -182,16 +182,18 @@ def poses(description: RandomDescription) -> dict[str, Pose]:
     by_name = {joint.name: joint for joint in description.joints}
     for joint in description.joints:
         before = found[joint.parent]
-        seat = Pose(multiply_quaternions(before.turn, joint.turn), before.point(joint.place))
+        seat = Pose(
+            multiply_quaternions(before.orientation, joint.orientation), before.point(joint.origin)
+        )
         turn, moved = _joint_displacement(joint, _coordinates(joint, by_name, q))
-        found[joint.child] = Pose(multiply_quaternions(seat.turn, turn), seat.point(moved))
+        found[joint.child] = Pose(multiply_quaternions(seat.orientation, turn), seat.point(moved))
     return found
 
 
 def _coordinates(joint: Joint, by_name: dict[str, Joint], q: dict[str, float]) -> list[float]:
-    if joint.follows is None:
+    if joint.mimics is None:
         return [q.get(joint.name + part, 0.0) for part in COORDINATES[joint.kind]]
-    leader, ratio, shift = joint.follows
+    leader, ratio, shift = joint.mimics
     return [ratio * x + shift for x in _coordinates(by_name[leader], by_name, q)]
 
 

@@ -53,7 +53,7 @@ class RandomScene(Mechanism):
     @property
     def links(self) -> int:
         """N, the ground not counted."""
-        return len(self.made.description.joints)
+        return len(self.source.description.joints)
 
     @property
     def name(self) -> str:
@@ -63,7 +63,7 @@ class RandomScene(Mechanism):
     @property
     def structure(self) -> str:
         """The name, every joint and where it is, the constraints, what is there besides."""
-        given: RandomDescription = self.made.description
+        given: RandomDescription = self.source.description
         places = {link.name: str(i) for i, link in enumerate(given.links)}
         joints = " ".join(f"{one.kind}-{places[one.parent]}" for one in given.joints)
         there = self.topology
@@ -78,7 +78,7 @@ class RandomScene(Mechanism):
     @property
     def topology(self) -> dict[str, str]:
         """The ways in which it is, as its description says; see `topologies`."""
-        return levels_of(self.made.description, self.made.topology.planar)
+        return levels_of(self.source.description, self.source.topology.planar)
 
     @classmethod
     def ranges(cls, links: int | None = None) -> dict[str, Range]:
@@ -114,10 +114,10 @@ class RandomScene(Mechanism):
                 yield scene
 
     @classmethod
-    def described_so(cls, description: RandomDescription) -> type[Self]:
+    def of_description(cls, description: RandomDescription) -> type[Self]:
         """Return the kind of the scene of a description."""
-        made = description.made(_class_name(cls.key))
-        return made._replace(base=_base(cls), description=description).kind()  # type: ignore
+        made = description.source(_class_name(cls.key))
+        return made._replace(base=_base(cls), description=description).scene_class()  # type: ignore
 
 
 class RandomTree(RandomScene):
@@ -133,10 +133,10 @@ class RandomTree(RandomScene):
 
     @classmethod
     def of_topology(
-        cls, links: int | None, ways: Mapping[str, str], choices: Choices
+        cls, links: int | None, levels: Mapping[str, str], choices: Choices
     ) -> type[Self]:
         """Return the kind of one tree."""
-        return cls.described_so(random_tree(ways, checked_links(links), choices))
+        return cls.of_description(random_tree(levels, checked_links(links), choices))
 
 
 class RandomMechanism(RandomScene):
@@ -147,7 +147,7 @@ class RandomMechanism(RandomScene):
     @property
     def topology(self) -> dict[str, str]:
         """The ways in which it is, the kind of its first constraint among them."""
-        first = self.made.description.constraints[:1]
+        first = self.source.description.constraints[:1]
         return super().topology | {CONSTRAINTS: first[0].kind if first else NOTHING}
 
     @classmethod
@@ -169,21 +169,21 @@ class RandomMechanism(RandomScene):
 
     @classmethod
     def of_topology(
-        cls, links: int | None, ways: Mapping[str, str], choices: Choices
+        cls, links: int | None, levels: Mapping[str, str], choices: Choices
     ) -> type[Self]:
         """Return the kind of one mechanism.
 
         Raises:
             RefusedError: no independent constraints are found.
         """
-        kind, planar = ways[CONSTRAINTS], ways[SPACE] == PLANE
+        kind, planar = levels[CONSTRAINTS], levels[SPACE] == PLANE
         least = row_count_with_contact(kind, planar) + 1
         turning = kind == "square"
-        grown = random_tree(ways, checked_links(links), choices, least, turning=turning)
+        grown = random_tree(levels, checked_links(links), choices, least, turning=turning)
         grown = with_random_pose(grown, choices)
         found = with_random_constraint(grown, kind, planar, choices)
         if kind == "drive" or not choices.one_of((False, False, True)):
-            return cls.described_so(found)
+            return cls.of_description(found)
         left = len(found.coordinates) - row_count_with_contact(kind, planar)
         among = [
             one
@@ -193,7 +193,7 @@ class RandomMechanism(RandomScene):
         if among:
             with suppress(RefusedError):  # one constraint will do
                 found = with_random_constraint(found, choices.one_of(among), planar, choices)
-        return cls.described_so(found)
+        return cls.of_description(found)
 
 
 def _kinds(planar: bool) -> list[str]:
@@ -233,7 +233,7 @@ def _example(kind: type[RandomScene]) -> Scene:
 
 def _base(kind: type[RandomScene]) -> type[RandomScene]:
     """Return the class that all scenes of a random kind derive from."""
-    return next(one for one in kind.__mro__ if "made" not in vars(one))
+    return next(one for one in kind.__mro__ if "source" not in vars(one))
 
 
 RANDOM: dict[str, type[Scene]] = {

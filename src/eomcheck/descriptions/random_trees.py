@@ -114,7 +114,7 @@ def levels_of(description: RandomDescription, planar: bool) -> dict[str, str]:
         SHAPE: BRANCHED if len(set(parents)) < len(parents) else CHAIN,
         AXES: STRAIGHT if all(one in random_elements.STRAIGHT for one in axes) else OBLIQUE,
         CARRIERS: there(*(links[name].mass == 0 for name in moving)),
-        FOLLOWERS: there(*(one.follows is not None for one in joints)),
+        FOLLOWERS: there(*(one.mimics is not None for one in joints)),
         SPRINGS: there(*(one.stiffness is not None for one in joints)),
         DAMPERS: there(*(one.damping is not None for one in joints)),
         ROTORS: there(*(one.armature is not None for one in joints)),
@@ -126,31 +126,31 @@ def levels_of(description: RandomDescription, planar: bool) -> dict[str, str]:
 
 
 def random_tree(
-    ways: Mapping[str, str],
+    levels: Mapping[str, str],
     links: int,
     choices: Choices,
     least: int = 1,
     among: frozenset[str] = ALL,
     turning: bool = False,
 ) -> RandomDescription:
-    """Return a tree that is in all `ways`.
+    """Return a tree that is in all `levels`.
 
     Args:
-        ways: one of each property of an entry of `tree_factors`.
+        levels: one of each property of an entry of `tree_factors`.
         links: number of links, the ground not counted.
         choices: what chooses all else.
         least: number of coordinates that it has at least, if there is room for them.
         among: kinds of joints that there may be, one with one coordinate among them.
         turning: whether some joint has to turn; there is a second one that moves, or the root does.
     """
-    return _Tree(ways, links, choices, least, among, turning).description()
+    return _Tree(levels, links, choices, least, among, turning).description()
 
 
 @dataclass
 class _Tree:
     """A tree while it grows. Links are numbered as their joints are, from 1; the ground is 0."""
 
-    ways: Mapping[str, str]
+    levels: Mapping[str, str]
     links: int
     choices: Choices
     least: int
@@ -165,14 +165,14 @@ class _Tree:
     """Of the joint before."""
 
     def __post_init__(self):
-        self.planar = self.ways[SPACE] == PLANE
+        self.planar = self.levels[SPACE] == PLANE
         self._choose_kinds()
         self._choose_parents()
         if self._has(FOLLOWERS):
             self.follower = self.choices.one_of(self._singles()[1:])
 
     def _has(self, name: str) -> bool:
-        return self.ways[name] == PRESENT
+        return self.levels[name] == PRESENT
 
     def _singles(self) -> list[int]:
         return [i for i, kind in enumerate(self.kinds) if kind in SINGLE]
@@ -180,14 +180,14 @@ class _Tree:
     # ---- Kinds of joints, and how they hang together ---------------------------------------------
 
     def _choose_kinds(self) -> None:
-        root, fixed = self.ways[ROOT], int(self._has(FIXED))
+        root, fixed = self.levels[ROOT], int(self._has(FIXED))
         singles = [kind for kind in SINGLE if kind in self.among]
         (room,) = (
             one
             for one in joint_budgets(self.links, self.among)
-            if (one.space, one.root, one.fixed) == (self.ways[SPACE], root, fixed)
+            if (one.space, one.root, one.fixed) == (self.levels[SPACE], root, fixed)
         )
-        no_axis = self.ways[AXES] == OBLIQUE and root not in (*SINGLE, "planar")
+        no_axis = self.levels[AXES] == OBLIQUE and root not in (*SINGLE, "planar")
         wanted = no_axis or any(map(self._has, PROPERTIES))
         pair = self._has(CARRIERS) or self._has(FOLLOWERS)
         # Joints with one coordinate that are needed beside the root.
@@ -230,7 +230,7 @@ class _Tree:
         return [[kind] for kind in found]
 
     def _choose_parents(self) -> None:
-        branched = self.ways[SHAPE] == BRANCHED
+        branched = self.levels[SHAPE] == BRANCHED
         self.parents = list(range(self.links))
         if not branched:
             return
@@ -281,7 +281,7 @@ class _Tree:
         if self._is_there(SPRINGS, i):
             joint = joint._replace(
                 stiffness=random_elements.random_magnitude(choices, 0.0, 2.0),
-                relaxed=choices.number(-1.0, 1.0),
+                rest_position=choices.number(-1.0, 1.0),
             )
         if self._is_there(DAMPERS, i):
             joint = joint._replace(damping=random_elements.random_magnitude(choices, -1.0, 1.0))
@@ -290,7 +290,7 @@ class _Tree:
         if i == self.follower:
             leader = choices.one_of([k for k in self._singles() if k != i])
             ratio = choices.one_of((1.0, -1.0)) * choices.number(0.2, 2.0)
-            return joint._replace(follows=(f"j{leader + 1}", ratio, choices.number(-1.0, 1.0)))
+            return joint._replace(mimics=(f"j{leader + 1}", ratio, choices.number(-1.0, 1.0)))
         return joint
 
     def _is_there(self, name: str, i: int) -> bool:
@@ -309,7 +309,7 @@ class _Tree:
                 )
             )
         first = min(k for k, one in enumerate(self.kinds) if one in (*SINGLE, "planar"))
-        oblique = self.ways[AXES] == OBLIQUE
+        oblique = self.levels[AXES] == OBLIQUE
         if oblique and (i == first or choices.one_of((False, True))):
             x, y, z = random_elements.random_direction(choices, planar=False)
             # Never along an axis of the frame, also where the numbers are as simple as can be.
@@ -417,8 +417,8 @@ def _add_joint(robot: ElementTree.Element, joint: Joint) -> None:
     _child(
         element,
         "origin",
-        xyz=_text(joint.place),
-        rpy=_text(roll_pitch_yaw_of(rotation_matrix(joint.turn))),
+        xyz=_text(joint.origin),
+        rpy=_text(roll_pitch_yaw_of(rotation_matrix(joint.orientation))),
     )
     if joint.kind not in ("fixed", "floating", "spherical"):
         size = math.hypot(*joint.axis)  # parsers do not all make it 1
@@ -427,8 +427,8 @@ def _add_joint(robot: ElementTree.Element, joint: Joint) -> None:
         _child(element, "limit", lower="-10", upper="10", effort="1e3", velocity="1e3")
     if joint.damping is not None:
         _child(element, "dynamics", damping=repr(float(joint.damping)), friction="0")
-    if joint.follows is not None:
-        leader, ratio, shift = joint.follows
+    if joint.mimics is not None:
+        leader, ratio, shift = joint.mimics
         _child(
             element, "mimic", joint=leader, multiplier=repr(float(ratio)), offset=repr(float(shift))
         )

@@ -42,20 +42,20 @@ def _seat(parameters: Any, turn: int) -> tuple[Vector, Vector, Vector]:
 def frame_velocities(plan, parameters, prepared, v):
     """Return (V of the origin, ω) of each frame, along its own axes."""
     found = []
-    for k, slot in enumerate(plan.slots):
+    for k, slot in enumerate(plan.joints):
         V, omega = found[slot.parent] if slot.parent >= 0 else (ZERO_VECTOR, ZERO_VECTOR)
         if slot.offset is not None:
             V = add_vectors(V, cross(omega, as_vector(parameters.offset[slot.offset])))
         if slot.absolute:
             V, omega = direction_in_ground(plan, parameters, prepared, slot.parent, V), ZERO_VECTOR
-        if slot.turn is not None:
-            seat = _seat(parameters, slot.turn)
+        if slot.orientation is not None:
+            seat = _seat(parameters, slot.orientation)
             V, omega = to_local(seat, V), to_local(seat, omega)
         own = unit(slot.axis, times(v[slot.coordinate], factor(slot, parameters)))
         if slot.slides:
             V = add_vectors(add_vectors(V, own), cross(omega, unit(slot.axis, prepared.x[k])))
         else:
-            at, axis = plan.hinge[k], slot.axis
+            at, axis = plan.hinge_index[k], slot.axis
             cos, sin = prepared.angles.cos[at], prepared.angles.sin[at]
             V, omega = rotate_back(V, axis, cos, sin), rotate_back(omega, axis, cos, sin)
             omega = add_vectors(omega, own)
@@ -81,14 +81,14 @@ def _outwards(
     plan: TopologyPlan, parameters: Any, prepared: PreparedMechanism, k: int, a: Vector, point: bool
 ) -> Vector:
     while k >= 0:
-        slot = plan.slots[k]
+        slot = plan.joints[k]
         if not slot.slides:
-            at = plan.hinge[k]
+            at = plan.hinge_index[k]
             a = rotate(a, slot.axis, prepared.angles.cos[at], prepared.angles.sin[at])
         elif point:
             a = add_vectors(a, unit(slot.axis, prepared.x[k]))
-        if slot.turn is not None:
-            a = from_local(_seat(parameters, slot.turn), a)
+        if slot.orientation is not None:
+            a = from_local(_seat(parameters, slot.orientation), a)
         if slot.absolute:
             if not point:
                 return a
@@ -120,7 +120,7 @@ def make_velocities(plan: TopologyPlan) -> Any:
             )
             put_vector(omega, (b, None), rates[k][1][3 - plan.e :], plan.e)
         for b, k in enumerate(plan.rotors, len(plan.carriers)):
-            slot = plan.slots[k]
+            slot = plan.joints[k]
             rate = times(v[slot.coordinate], factor(slot, parameters))
             put(omega, (b, plan.e - 1), rate)
         return V, omega
@@ -133,12 +133,12 @@ def make_velocities(plan: TopologyPlan) -> Any:
 
 def make_joint_potential(plan: TopologyPlan) -> Any:
     """Return the function `potential` of a scene but for springs between points."""
-    sprung = [k for k, slot in enumerate(plan.slots) if slot.spring is not None]
-    driven = [k for k, slot in enumerate(plan.slots) if slot.torque is not None]
+    sprung = [k for k, slot in enumerate(plan.joints) if slot.spring is not None]
+    driven = [k for k, slot in enumerate(plan.joints) if slot.torque is not None]
 
     def own(k, prepared):
         # The coordinate of a joint, which turns or slides against its slot on a negative axis.
-        return times(plan.slots[k].sense, prepared.x[k])
+        return times(plan.joints[k].sense, prepared.x[k])
 
     def potential(parameters, prepared, q):
         U = None
@@ -148,11 +148,11 @@ def make_joint_potential(plan: TopologyPlan) -> Any:
                 at = point_in_ground(plan, parameters, prepared, k, as_vector(parameters.center[b]))
                 U = _less(U, times(parameters.mass[b], dot(g, at)))
         for k in sprung:
-            i = plan.slots[k].spring
+            i = plan.joints[k].spring
             stretch = own(k, prepared) - parameters.relaxed[i]
             U = _less(U, -(parameters.stiffness[i] * stretch * stretch) / 2)
         for k in driven:
-            U = _less(U, parameters.torque[plan.slots[k].torque] * own(k, prepared))
+            U = _less(U, parameters.torque[plan.joints[k].torque] * own(k, prepared))
         return U
 
     return potential
@@ -166,7 +166,7 @@ def _less(U: Any, x: Any) -> Any:
 
 def make_joint_dissipation(plan: TopologyPlan) -> Any:
     """Return the function `dissipation` of a scene but for springs, or None without dampers."""
-    damped = [k for k, slot in enumerate(plan.slots) if slot.damper is not None]
+    damped = [k for k, slot in enumerate(plan.joints) if slot.damper is not None]
     if not damped:
         return None
 
@@ -175,7 +175,7 @@ def make_joint_dissipation(plan: TopologyPlan) -> Any:
             return None
         R = 0
         for k in damped:
-            slot = plan.slots[k]
+            slot = plan.joints[k]
             rate = times(v[slot.coordinate], factor(slot, parameters))
             R += parameters.damping[slot.damper] * rate * rate
         return R / 2

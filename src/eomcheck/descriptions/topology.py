@@ -29,9 +29,9 @@ class ScalarJoint(NamedTuple):
     coordinate: int
     sense: int = 1
     """1 or -1: along its axis it is so many times the joint's coordinate."""
-    follows: int | None = None
+    mimics: int | None = None
     """Place of the `ratio` and `shift` by which the joint's follows from it; None if it is that."""
-    turn: int | None = None
+    orientation: int | None = None
     """Orientation of its seat; None where it is that of the frame before."""
     offset: int | None = None
     """Position of its seat; None at the origin of the frame before."""
@@ -80,12 +80,12 @@ class ConstraintSpec(NamedTuple):
 class Topology(NamedTuple):
     """What all mechanisms of a kind have in common."""
 
-    slots: tuple[ScalarJoint, ...]
+    joints: tuple[ScalarJoint, ...]
     coordinates: tuple[str, ...]
     """Their names."""
     planar: bool = False
     """Whether nothing leaves the plane z = 0: then no third component is there."""
-    closures: tuple[ConstraintSpec, ...] = ()
+    constraints: tuple[ConstraintSpec, ...] = ()
     springs: tuple[ConstraintSpec, ...] = ()
     """Those between two points, each with a place among the `springs`."""
 
@@ -106,7 +106,7 @@ class TopologyPlan:
 
     def __init__(self, topology: Topology):
         self.topology = topology
-        self.slots = slots = topology.slots
+        self.joints = slots = topology.joints
         self.n = len(topology.coordinates)
         self.d, self.e = (2, 1) if topology.planar else (3, 3)
         carriers = (k for k, slot in enumerate(slots) if slot.body is not None)
@@ -114,12 +114,12 @@ class TopologyPlan:
         """The slots of the bodies, in their order."""
         self.rotors = tuple(k for k, slot in enumerate(slots) if slot.rotor is not None)
         self.hinges = tuple(k for k, slot in enumerate(slots) if not slot.slides)
-        self.hinge = {k: place for place, k in enumerate(self.hinges)}
+        self.hinge_index = {k: place for place, k in enumerate(self.hinges)}
         """Slot -> place among the hinges."""
-        rolling = (one for one in topology.closures if one.kind in ROLLING)
+        rolling = (one for one in topology.constraints if one.kind in ROLLING)
         self.disks = tuple(dict.fromkeys(x for one in rolling if len(x := one.directions[1:]) == 2))
         """Pairs of an axis and a normal, each a frame and a place among the `directions`."""
-        self.disk: dict[Any, int] = {pair: place for place, pair in enumerate(self.disks)}
+        self.disk_index: dict[Any, int] = {pair: place for place, pair in enumerate(self.disks)}
         self.from_ground: list[tuple[int, ...]] = []
         """Slots on the way to each from the ground, itself the last."""
         for k, slot in enumerate(slots):
@@ -128,7 +128,11 @@ class TopologyPlan:
         self.turned_by: list[tuple[int, ...]] = []
         """Slots whose axes turn each of the frames, itself the last."""
         for k in range(len(slots)):
-            before = self.turned_by[self.seat(k)] if self.seat(k) >= 0 else ()
+            before = (
+                self.turned_by[self.orientation_parent(k)]
+                if self.orientation_parent(k) >= 0
+                else ()
+            )
             self.turned_by.append((*before, k))
         self.movers = tuple(tuple(self._movers(k)) for k in range(len(slots)))
         """Per frame the slots that move a point of it, a hinge with the `RigidSegment`s that it
@@ -141,16 +145,16 @@ class TopologyPlan:
         for b, k in enumerate(self.rotors, len(self.carriers)):
             self.support[b, slots[k].coordinate] = True
 
-    def seat(self, k: int) -> int:
+    def orientation_parent(self, k: int) -> int:
         """Return the slot against whose frame slot k turns; -1 for the ground."""
-        return -1 if self.slots[k].absolute else self.slots[k].parent
+        return -1 if self.joints[k].absolute else self.joints[k].parent
 
     def _movers(self, k: int) -> Iterator[tuple[int, tuple[RigidSegment, ...]]]:
         way = self.from_ground[k]
         # The arm to the first slot stays; arm j > 0 turns with slot j - 1, the last is the point's.
         turning = [set(self.turned_by[i]) for i in way]
         for i in sorted({*way, *(i for some in turning for i in some)}):
-            if self.slots[i].slides:
+            if self.joints[i].slides:
                 if i in way:
                     yield i, ()
                 continue
@@ -169,6 +173,6 @@ class TopologyPlan:
         """Number of bodies, rotors among them: they come last."""
         return len(self.carriers) + len(self.rotors)
 
-    def on_the_way(self, k: int) -> tuple[int, ...]:
+    def path_to(self, k: int) -> tuple[int, ...]:
         """Return the slots between the ground and slot k, itself the last; none for -1."""
         return self.from_ground[k] if k >= 0 else ()

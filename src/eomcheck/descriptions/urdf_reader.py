@@ -224,7 +224,7 @@ class Robot(NamedTuple):
     name: str
     links: tuple[Link, ...]
     joints: tuple[Joint, ...]
-    left_out: str
+    ignored: str
     """What of the file is not in it, in one sentence; "" if all is."""
 
 
@@ -348,7 +348,7 @@ def _joint(element: Element, file: str, out: Counter[str]) -> Joint:
             number_attribute(mimic, what, where, default)
             for what, default in (("multiplier", 1.0), ("offset", 0.0))
         )
-        more["follows"] = text_attribute(mimic, "joint", where), ratio, shift
+        more["mimics"] = text_attribute(mimic, "joint", where), ratio, shift
     return Joint(name, KINDS[kind], parent, child, place, turn, **more)
 
 
@@ -374,7 +374,7 @@ def from_urdf(
     """Return the robot in a URDF file, with the parameters of the file.
 
     Its coordinates are those of the file's joints, in their order; fixed joints have none, nor have
-    joints that mimic others. Its `made.left_out` says what of the file is left out, `made.doubtful`
+    joints that mimic others. Its `made.ignored` says what of the file is left out, `made.warnings`
     which of its numbers no body has: they are taken as they are.
 
     Args:
@@ -415,13 +415,13 @@ def urdf_kind(
         made = mechanism_source(name, links, joints, gravity=gravity)
         return made._replace(
             code=f"from_urdf({str(path)!r}{options})",
-            imported="from eomcheck.scenes import from_urdf",
-            left_out=robot.left_out,
-            doubtful=inertia_warning(robot.links),
-            source=str(file),
+            imports="from eomcheck.scenes import from_urdf",
+            ignored=robot.ignored,
+            warnings=inertia_warning(robot.links),
+            file=str(file),
             format="urdf",
             floating=joints[0].name if floating else "",
-        ).kind()
+        ).scene_class()
     except Unreadable:
         raise
     except InputError as error:

@@ -27,7 +27,7 @@ from eomcheck.safe_output import printable
 
 ELSEWHERE = 0.25
 """How far off the states are at which an engine is asked before, per size above 1, see
-`Answers.disturb`."""
+`Answers.provoke_stale_answers`."""
 NEAR = 2.0**-26
 """How far off those are that a cache by rounded numbers takes for the same, per size above 1."""
 
@@ -112,7 +112,7 @@ class Answers:
         self.engine = engine
         self._maps = engine.offers("velocity_map")
 
-    def disturb(self, method: str, *arguments: Any) -> None:
+    def provoke_stale_answers(self, method: str, *arguments: Any) -> None:
         """Ask at other states, so that an answer that is kept where it should not be shows.
 
         Of our own engines a test says that nothing is.
@@ -136,7 +136,9 @@ class Answers:
                 self.ask(method, there, speed, *arguments[2:])
 
     def ask_elsewhere(self, method: str, arguments: Sequence[Any], number: int) -> None:
-        """Ask at another state, of which there is one for each number; see `disturb`."""
+        """Ask at another state, of which there is one for each number; see
+        `provoke_stale_answers`.
+        """
         q, v, *rest = arguments
         by = ELSEWHERE * number
         with suppress(Exception):

@@ -139,7 +139,7 @@ class DrakeFile(FileEngine, DrakeEngine):
 
     def pose(self, base: FreeBase) -> Array:
         """Return orientation and place."""
-        return np.concatenate([base.quaternion, base.place])
+        return np.concatenate([base.quaternion, base.position])
 
     def forces(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return Q (m,): gravity, and the damping of its joints."""

@@ -88,17 +88,17 @@ class RobotDescription(NamedTuple):
 
 def file_of(scene: Scene) -> Path | None:
     """Return the URDF of a robot that has the parameters of its file; None of any other scene."""
-    if not (isinstance(scene, Mechanism) and scene.made.format == "urdf" and scene.as_described):
+    if not (isinstance(scene, Mechanism) and scene.source.format == "urdf" and scene.as_described):
         return None
     first = FREE if is_free(scene) else 0
     # What has more coordinates has names of its own for them.
-    named = {slot.name for slot in scene.plan.slots[:first]}
-    return Path(scene.made.source) if set(scene.made.several) <= named else None
+    named = {slot.name for slot in scene.plan.joints[:first]}
+    return Path(scene.source.file) if set(scene.source.compound_coordinates) <= named else None
 
 
 def is_free(scene: Scene) -> bool:
     """Return whether a robot's base is free because that was asked for."""
-    return isinstance(scene, Mechanism) and bool(scene.made.floating)
+    return isinstance(scene, Mechanism) and bool(scene.source.floating)
 
 
 def read_description(path: Path) -> RobotDescription:
@@ -160,7 +160,7 @@ class FileEngine(TreeEngine):
     of a free base come before, and `pose` says what they are.
 
     Attributes:
-        said: lines that the library wrote while it read the file.
+        library_output: lines that the library wrote while it read the file.
     """
 
     reads_file = True
@@ -181,7 +181,7 @@ class FileEngine(TreeEngine):
         if (gravity := getattr(scene, "gravity", None)) is not None:
             self._gravity[: len(gravity)] = gravity  # of what moves in a plane, its part there
         library = self._library()
-        with capture_output() as self.said:
+        with capture_output() as self.library_output:
             self._read(library, self.description)
         self.coordinates, self.shift = self._followed(self.joints())
         self._n, self._place = len(self.shift), np.arange(len(self.shift))
@@ -228,7 +228,7 @@ class FileEngine(TreeEngine):
         """
         if method == "acceleration" and self.undamped and self.description.damped:
             return f"its accelerations leave out the damping of {few(self.description.damped)}"
-        dropped = [line for line in self.said if "inertia" in line.lower()]
+        dropped = [line for line in self.library_output if "inertia" in line.lower()]
         return f"while it read the file it wrote {dropped[0]!r}" if dropped else ""
 
     @abstractmethod
@@ -259,7 +259,7 @@ class FileEngine(TreeEngine):
 
     def pose(self, base: FreeBase) -> Array:
         """Return what it has for coordinates of a free base."""
-        return np.concatenate([base.place, base.quaternion])
+        return np.concatenate([base.position, base.quaternion])
 
     def acceleration(
         self,

@@ -42,7 +42,7 @@ class BaseVelocity(NamedTuple):
 class FreeBase(NamedTuple):
     """Where a frame that is fixed to a free base is, and how it moves with v = q̇ (6,)."""
 
-    place: Array
+    position: Array
     """Of its origin (3,), m."""
     R: Array
     """Its axes, columns (3, 3)."""
@@ -55,16 +55,16 @@ class FreeBase(NamedTuple):
     angular_rest: Array
     """Its rate at v̇ = 0 (3,)."""
 
-    def velocity(self, told: BaseVelocity, v: Array) -> tuple[Array, Array]:
+    def velocity(self, convention: BaseVelocity, v: Array) -> tuple[Array, Array]:
         """Return S (6, 6) and Ṡ v (6,) of the velocity that a library has."""
         omega, parts = self.angular @ v, {}
-        for name, axes in (("linear", told.linear), ("angular", told.angular)):
+        for name, axes in (("linear", convention.linear), ("angular", convention.angular)):
             S, rest = getattr(self, name), getattr(self, f"{name}_rest")
             if axes == "base":  # whose axes turn
                 rest = self.R.T @ (rest - np.cross(omega, S @ v))
                 S = self.R.T @ S
             parts[name] = S, rest
-        order = ("angular", "linear") if told.turns_first else ("linear", "angular")
+        order = ("angular", "linear") if convention.turns_first else ("linear", "angular")
         S, rest = zip(*(parts[name] for name in order), strict=True)
         return np.vstack(S), np.concatenate(rest)
 

@@ -132,7 +132,7 @@ class IdyntreeFile(FileEngine, IdyntreeEngine):
 
     def pose(self, base: FreeBase) -> Array:
         """Return place and rotation."""
-        return np.concatenate([base.place, base.R.ravel()])
+        return np.concatenate([base.position, base.R.ravel()])
 
     def _move_to(self, x: Array, rate: Array) -> None:
         self._under(x, rate, np.zeros(3))

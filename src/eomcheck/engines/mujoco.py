@@ -203,11 +203,11 @@ class MjcfFile(MujocoFile):
     key = "mjcf_file"
 
     def __init__(self, scene: Scene):
-        self.scene, self.said = scene, []
+        self.scene, self.library_output = scene, []
         if not (isinstance(scene, Mechanism) and self.represents(scene)):
             raise EngineError(f"{self.key} cannot represent {scene.name} by its file")
         self._mj, self.base = self._library(), 0
-        read = read_mjcf(Path(scene.made.source))
+        read = read_mjcf(Path(scene.source.file))
         self.model = read.compiled
         self.model.opt.disableflags |= int(self._mj.mjtDisableBit.mjDSBL_CONSTRAINT)
         self.model.opt.disableflags &= ~int(self._mj.mjtDisableBit.mjDSBL_GRAVITY)
@@ -234,7 +234,7 @@ class MjcfFile(MujocoFile):
         """Return whether the scene is an MJCF file, with the parameters that stand there."""
         if not isinstance(scene, Mechanism):
             return False
-        return scene.made.format == "mjcf" and scene.as_described
+        return scene.source.format == "mjcf" and scene.as_described
 
     def velocity_map(self, q: Array, v: Array) -> VelocityMap:
         """Return (x, S, Ṡ v): what is free slides along axes of the ground, turns about its own."""
@@ -252,7 +252,7 @@ class MjcfFile(MujocoFile):
             whole, more = base.velocity(BaseVelocity("ground", "base"), moved[1])
             here, part = slice(i, i + count), slice(FREE - count, FREE)
             S[here, here], rest[here] = whole[part, part], more[part]
-            x += [*(base.place if count == FREE else ()), *base.quaternion]
+            x += [*(base.position if count == FREE else ()), *base.quaternion]
             i += count
         return VelocityMap(np.array(x), S @ self.coordinates, rest)
 

@@ -104,7 +104,7 @@ class PinocchioFile(FileEngine, PinocchioEngine):
 
     def pose(self, base: FreeBase) -> Array:
         """Return place and orientation, as x, y, z, w."""
-        return np.concatenate([base.place, np.roll(base.quaternion, -1)])
+        return np.concatenate([base.position, np.roll(base.quaternion, -1)])
 
     def _under_gravity(self, algorithm: Any, *arguments: Array) -> Array:
         """Return what one of its algorithms gives for the model under gravity."""

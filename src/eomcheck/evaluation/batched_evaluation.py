@@ -73,7 +73,7 @@ class LaneEvaluation(Evaluation):
     @quantity
     def parameters(self) -> Any:
         """The scenes' parameters."""
-        return self.keep(stacked([scene.parameters(FLOAT64) for scene in self.scenes]))
+        return self.finished(stacked([scene.parameters(FLOAT64) for scene in self.scenes]))
 
     def call(self, function: Callable, *arguments) -> Any:
         """Call a generic function on lanes.
@@ -81,9 +81,9 @@ class LaneEvaluation(Evaluation):
         Raises:
             TypeError: it does more than rational operations.
         """
-        return TRACES.in_lanes(None, function, *map_record(self._packed, arguments))
+        return TRACES.run_in_lanes(None, function, *map_record(self._packed, arguments))
 
-    def watched(self, key: Key | None = None) -> AbstractContextManager[SolveRecorder]:
+    def recording_solves(self, key: Key | None = None) -> AbstractContextManager[SolveRecorder]:
         """Watch the matrices that are solved."""
         return recording_solves(conditions=self.conditions)
 
@@ -110,7 +110,7 @@ class LaneEvaluation(Evaluation):
     def _solve(self, formulation: Formulation, pivoted: bool) -> Acceleration:
         key = formulation.key, pivoted
         self.refused[key] = np.zeros(self.lanes, bool)
-        with self.computing(formulation.key), self.watched(key) as watch:
+        with self.computing(formulation.key), self.recording_solves(key) as watch:
             vdot, multipliers = self.solution(formulation, self.partition)
         found = map_record(as_float64, (vdot, multipliers))
         for x in found:
@@ -141,7 +141,7 @@ class LaneEvaluation(Evaluation):
 
     def perturbed(self, coordinates: bool = False) -> tuple[PerturbedLaneEvaluation, ...]:
         """Return copies with every number perturbed, see `perturbed_samples`."""
-        return self.kept(_samples_everywhere if coordinates else _samples)
+        return self.cached(_samples_everywhere if coordinates else _samples)
 
 
 class PerturbedLaneEvaluation(PerturbedEvaluation, LaneEvaluation):
@@ -155,30 +155,30 @@ class PerturbedLaneEvaluation(PerturbedEvaluation, LaneEvaluation):
 
     def __init__(self, original: LaneEvaluation, noise: LaneNoise, coordinates: bool):
         with noise.stream("state"):
-            q = noise.entries(original.q) if coordinates else original.q
+            q = noise.perturb(original.q) if coordinates else original.q
             v = original.v + _velocity_perturbation(original, noise)
         self._begin_lanes(original.scenes, q, original.t)  # type: ignore[arg-type]
         self.v, self._original, self.noise = v, original, noise
 
     def call(self, function: Callable, *arguments) -> Any:
         """Call a generic function, each of its operations perturbed."""
-        return TRACES.in_lanes(self.noise, function, *map_record(self._packed, arguments))
+        return TRACES.run_in_lanes(self.noise, function, *map_record(self._packed, arguments))
 
     @quantity
     def parameters(self) -> Any:
         """The scenes' parameters."""
-        return self.keep(self._original.parameters)
+        return self.finished(self._original.parameters)
 
     def prepare(self) -> tuple[Any, Sequence[Any]]:
         """Return what is prepared, every operation perturbed, and how; see `Quantities`."""
         with suppress(TypeError):
             here = self.parameters, self.q, self.time
             prepared, made = self.call(traceable_prepare(self.scene.prepare), *here)
-            return map_record(self.noise.array, prepared), made
+            return map_record(self.noise.as_perturbed, prepared), made
         return super().prepare()
 
     @property
-    def preparing(self) -> Any:
+    def prepare_arithmetic(self) -> Any:
         """What prepares where not all is rational besides: cosines, sines and roots are moved."""
         lanes: Any = LANE_ARITHMETIC
         return NoisyArithmetic(lanes, self.noise)
@@ -198,12 +198,12 @@ def _new_samples(at: LaneEvaluation, coordinates: bool) -> tuple[PerturbedLaneEv
 
 
 def _velocity_perturbation(at: LaneEvaluation, noise: LaneNoise) -> LaneArray:
-    change = noise.entries(at.v) - at.v
+    change = noise.perturb(at.v) - at.v
     if at.terms.a is None:
         return change
-    allowed = at.kept(_allowed_violation)
+    allowed = at.cached(_allowed_violation)
     residual = allowed.data / allowed_error(1.0) * SLIP * noise.changes((at.scene.r,))[:, None]
-    Q, R = at.kept(_constraint_factors)
+    Q, R = at.cached(_constraint_factors)
     with np.errstate(all="ignore"):
         usable: Any = np.isfinite(R).all(axis=(1, 2)) & np.diagonal(R, axis1=1, axis2=2).all(axis=1)
         R = np.where(usable[:, None, None], R, np.eye(R.shape[-1]))
@@ -268,7 +268,7 @@ def sensitivity_in_lanes(
 
 
 def speeds_resolved_in_lanes(at: LaneEvaluation) -> Array:
-    """Return where W of generalized speeds is more than rounding (L,), see `speeds_told`."""
+    """Return where W of generalized speeds is more than rounding (L,), see `speeds_resolved`."""
     at.speeds  # noqa: B018  (what was solved for them is needed)
     rcond = at.speeds_rcond
     if not rcond:

@@ -87,13 +87,13 @@ class RowRank(NamedTuple):
         kept: of them (ρ,), rising.
         redundant: the others, which they imply (r-ρ,), rising.
         distance: by pivoted QR, how far each row (r,) was from those taken before, over its size.
-        unsure: how far rounding explains (r,), likewise.
+        uncertainty: how far rounding explains (r,), likewise.
     """
 
     kept: Array
     redundant: Array
     distance: Array
-    unsure: Array
+    uncertainty: Array
 
 
 def rank_of(at: Quantities) -> RowRank:
@@ -102,7 +102,7 @@ def rank_of(at: Quantities) -> RowRank:
     Raises:
         RefusedError: the rank is not clear.
     """
-    found = at.kept(_rank)
+    found = at.cached(_rank)
     if isinstance(found, RefusedError):
         raise found
     return found
@@ -179,7 +179,7 @@ def _perturbed_jacobian(at: Quantities, noise: Noise, least: float) -> Array:
         floor[at.scene.angle_coordinates] = least
         size = np.maximum(np.abs(at.q), floor)
         q = at.q + size * noise.changes(size.shape)
-        parameters = noise.record(at.parameters)
+        parameters = noise.perturb_record(at.parameters)
     given = map_record(np.asarray, parameters), q, at.v, np.full(1, at.t)
     return at.run(_jacobian, at.scene.prepare, at.scene.terms, *given)
 
@@ -257,7 +257,7 @@ def check_redundant(at: Quantities, found: RowRank) -> None:
     raise RefusedError(
         RANK,
         float(found.distance[worst]),
-        float(found.unsure[worst]),
+        float(found.uncertainty[worst]),
         f"the constraints of {names} depend on the others here and not in positions nearby: the "
         "pose is singular, and they do not determine its acceleration",
     )

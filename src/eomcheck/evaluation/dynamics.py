@@ -204,7 +204,7 @@ def check_consistent(at: Evaluation, hint: str = "") -> None:
     """
     if at.terms.a is None:
         return
-    residual, allowed = violation(at, at.v)[0], at.kept(allowed_violation)
+    residual, allowed = violation(at, at.v)[0], at.cached(allowed_violation)
     with np.errstate(invalid="ignore"):
         excess = np.abs(residual) - allowed
     if (excess > 0).any():

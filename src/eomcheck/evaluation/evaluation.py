@@ -86,7 +86,7 @@ class Evaluation(Quantities):
     lanes = 0
     """Number of states side by side; 0 where there is one, and no axis for it."""
 
-    copied = False
+    is_perturbed = False
     """Whether its numbers are perturbed."""
 
     def __init__(self, scene: Scene, q, v, t: float = 0.0):
@@ -109,12 +109,12 @@ class Evaluation(Quantities):
     def run(self, function: Callable, *arguments) -> Any:
         """Call a generic function on doubles, in machine code where that is faster."""
         with np.errstate(all="ignore"):
-            return TRACES.unmoved(function, *arguments)
+            return TRACES.run_exact(function, *arguments)
 
     def prepared_and_rates(self, qdot: Array, clock: bool = True) -> tuple[Any, Any]:
-        """Return what is prepared, and how fast it changes, in doubles; see `moving`."""
+        """Return what is prepared, and how fast it changes, in doubles; see `prepared_duals`."""
         self.prepared  # noqa: B018  (what it is made of is needed)
-        here = self.parameters, tuple(self._made), self.q, qdot, self.time
+        here = self.parameters, tuple(self._angles_and_roots), self.q, qdot, self.time
         return map_record(
             as_float64, self.run(_prepared_with_rates, self.scene.prepare, int(clock), *here)
         )
@@ -124,14 +124,14 @@ class Evaluation(Quantities):
         """The time (1,), as generic functions of doubles read it."""
         return (self.t if lanes_in(self.t) else np.full(1, self.t)).reshape(1)
 
-    def solved(self, name: str, function: Callable, *arguments) -> tuple[Any, bool]:
+    def call_solving(self, name: str, function: Callable, *arguments) -> tuple[Any, bool]:
         """Call a generic function that solves matrices of its own; copies round as it does here."""
-        with self.watched((name, False)) as watch:
+        with self.recording_solves((name, False)) as watch:
             found = self.call(function, *arguments)
         self.solves[name, False] = {solve.name: solve for solve in watch.solves}
         return found, not watch.rcond or bool(well_conditioned(watch.rcond))
 
-    def watched(self, key: Key | None = None) -> AbstractContextManager[SolveRecorder]:
+    def recording_solves(self, key: Key | None = None) -> AbstractContextManager[SolveRecorder]:
         """Watch the matrices that are solved for what `solves` has under `key`."""
         return recording_solves()
 
@@ -146,7 +146,7 @@ class Evaluation(Quantities):
         if self.scene.natural_speeds:
             return super().kinematics
         # A partition solves for velocities: in Python, where a singular matrix is refused.
-        with self.watched(SPEEDS) as watch, np.errstate(all="ignore"):
+        with self.recording_solves(SPEEDS) as watch, np.errstate(all="ignore"):
             here = self.parameters, self.prepared, self.q, self.u
             found = self.run(self.scene.kinematics, *here)
         self.speeds_solved(watch)
@@ -221,7 +221,7 @@ class Evaluation(Quantities):
         partition = self.partition_for(formulation, pivoted)
         name = f"{formulation.key}, pivoted" if pivoted else formulation.key
         key = formulation.key, pivoted
-        with self.computing(name), self.watched(key) as watch, np.errstate(all="ignore"):
+        with self.computing(name), self.recording_solves(key) as watch, np.errstate(all="ignore"):
             vdot, multipliers = self.solution(formulation, partition)
         self.check_finite(vdot, multipliers, formulation)
         rcond = watch.rcond
@@ -260,7 +260,7 @@ class Evaluation(Quantities):
     def _solve_in(self, formulation: Formulation, T: Array) -> Acceleration:
         M, _, _, a, gamma, _ = self.terms
         back = np.linalg.inv(T)
-        with self.watched() as watch:
+        with self.recording_solves() as watch:
             xdd, multipliers = self.call(
                 formulation.solution,
                 back.T @ M @ back,

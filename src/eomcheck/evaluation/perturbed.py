@@ -65,7 +65,7 @@ class PerturbedEvaluation(Evaluation):
         noise: what every number is changed by.
     """
 
-    copied = True
+    is_perturbed = True
     noise: Noise
     _original: Evaluation
 
@@ -73,15 +73,15 @@ class PerturbedEvaluation(Evaluation):
         """Return the context in which noise is that of what is called `name`, from its start."""
         return self.noise.stream(name)
 
-    def keep(self, record: Any) -> Any:
+    def finished(self, record: Any) -> Any:
         """Return `record`, perturbed."""
-        return self.noise.record(record)
+        return self.noise.perturb_record(record)
 
     def run(self, function: Callable, *arguments) -> Any:
         """Call a generic function, each operation perturbed: see `call`."""
         return self.call(function, *arguments)
 
-    def watched(self, key: Key | None = None) -> AbstractContextManager[SolveRecorder]:
+    def recording_solves(self, key: Key | None = None) -> AbstractContextManager[SolveRecorder]:
         """Watch the matrices that are solved, and perturb them; pivots stay the original's."""
         return recording_solves(self.noise, self._original.solves.get(key) if key else None)
 
@@ -94,12 +94,12 @@ class PerturbedEvaluation(Evaluation):
     def terms(self) -> Terms:
         """M, Q, B, a, gamma, b; body Jacobians that they are composed of are perturbed too."""
         scene = self.scene
-        if "terms" not in scene.composed:
+        if "terms" not in scene.derived_functions:
             return super().terms
         # Where inertia forces cancel in B, only this shows what rounding has done to them.
         here = self.parameters, self.prepared, self.q, self.v
-        jacobians = self.keep(self.call(scene.jacobians, *here))
-        return self.keep(self.call(scene.assemble, *here, jacobians))
+        jacobians = self.finished(self.call(scene.jacobians, *here))
+        return self.finished(self.call(scene.assemble, *here, jacobians))
 
 
 class _SampleOrBatch(PerturbedEvaluation):
@@ -125,7 +125,7 @@ def _batch_property(name: str) -> Any:
     """Return the property of a copy whose values all copies find together."""
 
     def part(copy: PerturbedSample) -> Any:
-        return copy.together.part(copy.place, getattr(copy.together, name))
+        return copy.batch.part(copy.index, getattr(copy.batch, name))
 
     return cached_property(part)
 
@@ -139,16 +139,16 @@ class PerturbedSample(_SampleOrBatch):
         coordinates: whether the coordinates are perturbed too.
 
     Attributes:
-        together: all copies side by side.
-        place: which of them this is.
+        batch: all copies side by side.
+        index: which of them this is.
     """
 
-    together: PerturbedBatch
-    place: int
+    batch: PerturbedBatch
+    index: int
 
     def __init__(self, original: Evaluation, noise: Noise, coordinates: bool):
         with noise.stream("state"):
-            q = noise.entries(original.q) if coordinates else original.q
+            q = noise.perturb(original.q) if coordinates else original.q
             v = original.v + velocity_perturbation(original, noise)
         super().__init__(original.scene, q, v, original.t)
         self._original, self.noise = original, noise
@@ -174,11 +174,11 @@ class PerturbedSample(_SampleOrBatch):
 
     def prepare(self) -> tuple[Any, Sequence[Any]]:
         """Return what is prepared, and the angles and roots made for it; see `Quantities`."""
-        found = self.together.listed
-        return super().prepare() if found is None else self.together.part(self.place, found)
+        found = self.batch.traced_preparation
+        return super().prepare() if found is None else self.batch.part(self.index, found)
 
     @property
-    def preparing(self) -> Arithmetic:
+    def prepare_arithmetic(self) -> Arithmetic:
         """What prepares where not all is rational besides: cosines, sines and roots are moved."""
         return NoisyArithmetic(FLOAT64, self.noise)
 
@@ -187,22 +187,22 @@ class PerturbedSample(_SampleOrBatch):
         key = formulation.key, pivoted
         found = self._solutions.get(key)
         if not isinstance(found, Acceleration):
-            found = self._mine(self.together.acceleration(formulation, pivoted))
+            found = self._mine(self.batch.acceleration(formulation, pivoted))
             self._solutions[key] = found
             self.solves[key] = {
                 name: solve._replace(
-                    sign=solve.sign[self.place], log_determinant=solve.log_determinant[self.place]
+                    sign=solve.sign[self.index], log_determinant=solve.log_determinant[self.index]
                 )
-                for name, solve in self.together.solves[key].items()
+                for name, solve in self.batch.solves[key].items()
             }
         return found
 
     def acceleration_in(self, formulation: Formulation, T: Array) -> Acceleration:
         """Return the result of a formulation in other coordinates, see `Evaluation`."""
-        return self._mine(self.together.acceleration_in(formulation, T))
+        return self._mine(self.batch.acceleration_in(formulation, T))
 
     def _mine(self, found: Acceleration) -> Acceleration:
-        vdot, multipliers = self.together.part(self.place, (found.vdot, found.multipliers))
+        vdot, multipliers = self.batch.part(self.index, (found.vdot, found.multipliers))
         return Acceleration(vdot, multipliers, found.rcond, float("inf"))
 
 
@@ -218,21 +218,21 @@ class PerturbedBatch(_SampleOrBatch):
 
     def __init__(self, original: Evaluation, copies: Sequence[PerturbedSample]):
         self._begin(original.scene, np.stack([copy.q for copy in copies]), original.t)
-        self._original, self._copies = original, copies
+        self._original, self._samples = original, copies
         self.noise = self._noises = NoiseBatch([copy.noise for copy in copies])
         self._read: dict[Key, Solution] = {}
 
-    def of_what_is_read(self, formulation: Formulation, pivoted: bool) -> Solution:
+    def solution_without_noise(self, formulation: Formulation, pivoted: bool) -> Solution:
         """Return what `formulation` makes of the copies' numbers, rounding as doubles do."""
         partition, key = self.partition_for(formulation, pivoted), (formulation.key, pivoted)
         if key not in self._read:
-            with self._noises.still(), self.watched(key), np.errstate(all="ignore"):
+            with self._noises.disabled(), self.recording_solves(key), np.errstate(all="ignore"):
                 self._read[key] = self.solution(formulation, partition)
         return self._read[key]
 
     def part(self, place: int, record: Any) -> Any:
         """Return what a record holds of the copy at `place`."""
-        return _sample_part(record, place, self._copies[place].noise)
+        return _sample_part(record, place, self._samples[place].noise)
 
     def call(self, function: Callable, *arguments) -> Any:
         """Call a generic function, each of its operations perturbed.
@@ -257,7 +257,7 @@ class PerturbedBatch(_SampleOrBatch):
             isinstance(first, np.ndarray) and first.dtype == np.float64
         ):
             stack = np.stack([np.asarray(x) for x in records])
-            return self.noise.array(stack) if isinstance(first, PerturbedArray) else stack
+            return self.noise.as_perturbed(stack) if isinstance(first, PerturbedArray) else stack
         return first
 
     # ---- What is read ----------------------------------------------------------------------------
@@ -266,17 +266,17 @@ class PerturbedBatch(_SampleOrBatch):
     def parameters(self) -> Any:
         """The scene's parameters."""
         front, still = self.noise.shape, self._original.parameters
-        return self.keep(map_record(lambda x: np.broadcast_to(x, front + np.shape(x)), still))
+        return self.finished(map_record(lambda x: np.broadcast_to(x, front + np.shape(x)), still))
 
     @cached_property
-    def listed(self) -> tuple[Any, Sequence[Any]] | None:
+    def traced_preparation(self) -> tuple[Any, Sequence[Any]] | None:
         """What is prepared, and how, with every operation perturbed; None if not all is told."""
         with suppress(TypeError), self.computing("prepared"):
             here = self.parameters, self.q, self.time
             prepared, made = _call_perturbed(
                 self.noise, traceable_prepare(self.scene.prepare), *here
             )
-            return map_record(self.noise.array, prepared), made
+            return map_record(self.noise.as_perturbed, prepared), made
         return None
 
     @property
@@ -287,23 +287,25 @@ class PerturbedBatch(_SampleOrBatch):
     @quantity
     def prepared(self) -> Any:
         """What is not rational in q and t: of each copy for itself if need be."""
-        if self.listed is not None:
-            found, self._made = self.listed
+        if self.traced_preparation is not None:
+            found, self._angles_and_roots = self.traced_preparation
             return found
-        found = self._stacked([copy.prepared for copy in self._copies])
-        self._made = self._stacked([tuple(copy._made) for copy in self._copies])
+        found = self._stacked([copy.prepared for copy in self._samples])
+        self._angles_and_roots = self._stacked(
+            [tuple(copy._angles_and_roots) for copy in self._samples]
+        )
         return found
 
     @quantity
     def v(self) -> Array:
         """Velocities: those that the copies have."""
-        return np.stack([copy.v for copy in self._copies])
+        return np.stack([copy.v for copy in self._samples])
 
     @quantity
     def u(self) -> Array:
         """Generalized speeds: those that the copies were given, or those of v."""
-        if all("u" in vars(copy) for copy in self._copies):
-            return np.stack([copy.u for copy in self._copies])
+        if all("u" in vars(copy) for copy in self._samples):
+            return np.stack([copy.u for copy in self._samples])
         return super().u
 
     # ---- What follows ----------------------------------------------------------------------------
@@ -359,7 +361,7 @@ def _new_samples(at: Evaluation, coordinates: bool) -> tuple[PerturbedSample, ..
     copies = tuple(PerturbedSample(at, noise, coordinates) for noise in noises)
     together = PerturbedBatch(at, copies)
     for place, copy in enumerate(copies):
-        copy.together, copy.place = together, place
+        copy.batch, copy.index = together, place
     return copies
 
 
@@ -373,7 +375,7 @@ def perturbed_samples(at: Evaluation, coordinates: bool = False) -> tuple[Any, .
     """
     if at.lanes:
         return at.perturbed(coordinates)  # type: ignore[attr-defined]
-    return at.kept(_samples_everywhere if coordinates else _samples)
+    return at.cached(_samples_everywhere if coordinates else _samples)
 
 
 # ---- Sensitivities -------------------------------------------------------------------------------
@@ -387,7 +389,7 @@ def sensitivity_of(
     quantity: Callable[[Evaluation], Any],
     coordinates: bool = False,
     solved: bool = False,
-    together: bool = False,
+    batched: bool = False,
 ) -> float:
     """Return how strongly rounding can change a quantity, κ · scale.
 
@@ -400,17 +402,15 @@ def sensitivity_of(
         quantity: what is looked at, of `at` and of its copies.
         coordinates: whether the coordinates are perturbed too.
         solved: whether it is the result of a solve.
-        together: whether the copies have it side by side, with an axis for them in front.
+        batched: whether the copies have it side by side, with an axis for them in front.
     """
     here = np.asarray(quantity(at))
     size = largest(here)
     with np.errstate(all="ignore"):
         try:
             copies = perturbed_samples(at, coordinates)
-            if together:
-                changes = largest_of_each(
-                    np.asarray(_evaluated(copies[0].together, quantity)) - here
-                )
+            if batched:
+                changes = largest_of_each(np.asarray(_evaluated(copies[0].batch, quantity)) - here)
             else:
                 changes = [
                     largest(np.asarray(_evaluated(copy, quantity)) - here) for copy in copies
@@ -484,7 +484,7 @@ def acceleration_sensitivity(
         lambda e: getattr(e.acceleration(formulation, pivoted), part),
         coordinates,
         solved=True,
-        together=True,
+        batched=True,
     )
     if np.isinf(found) or not _matrices_resolved(at, formulation, coordinates, pivoted):
         return float("inf")
@@ -500,8 +500,8 @@ def _input_sensitivity(
     who climbs to a small error bound comes to where it has.
     """
     here = getattr(at.acceleration(formulation, pivoted), part)
-    together = perturbed_samples(at, coordinates)[0].together
-    moved = getattr(together.of_what_is_read(formulation, pivoted), part)
+    together = perturbed_samples(at, coordinates)[0].batch
+    moved = getattr(together.solution_without_noise(formulation, pivoted), part)
     with np.errstate(all="ignore"):
         return largest(here) + largest(np.asarray(moved)[:SAMPLES] - here) / STEP
 
@@ -529,7 +529,7 @@ def _matrices_resolved(
     """
     key = (formulation.key, pivoted)
     here = at.solves[key]
-    for name, solve in perturbed_samples(at, coordinates)[0].together.solves[key].items():
+    for name, solve in perturbed_samples(at, coordinates)[0].batch.solves[key].items():
         signs, logs = solve.sign[:SAMPLES], solve.log_determinant[:SAMPLES]
         changes = np.abs(logs - here[name].log_determinant) * np.log(2.0)
         told = (signs == here[name].sign) & (allowed_error(changes / STEP) <= INCONCLUSIVE)

@@ -105,14 +105,14 @@ class Quantities:
 
     def __init__(self, scene: Scene, arithmetic: Arithmetic, q: Array, t: Any = 0.0):
         self.scene, self.arithmetic, self.q, self.t = scene, arithmetic, q, t
-        self._kept: dict[Callable[[Any], Any], Any] = {}
+        self._cache: dict[Callable[[Any], Any], Any] = {}
 
-    def kept(self, function: Callable[[Any], T]) -> T:
+    def cached(self, function: Callable[[Any], T]) -> T:
         """Return function(self), found when it is first asked for."""
-        if function not in self._kept:
+        if function not in self._cache:
             with self.computing(function.__qualname__):
-                self._kept[function] = function(self)
-        return self._kept[function]
+                self._cache[function] = function(self)
+        return self._cache[function]
 
     def elsewhere(self, q: Array) -> Quantities:
         """Return the same scene at other coordinates q (n,), where an arithmetic can."""
@@ -130,7 +130,7 @@ class Quantities:
         """Call a generic function that does one operation after another: a scene's, say."""
         return self.call(function, *arguments)
 
-    def solved(self, name: str, function: Callable, *arguments) -> tuple[Any, bool]:
+    def call_solving(self, name: str, function: Callable, *arguments) -> tuple[Any, bool]:
         """Call a generic function that solves matrices of its own, under this name.
 
         Returns:
@@ -138,7 +138,7 @@ class Quantities:
         """
         return self.call(function, *arguments), True
 
-    def keep(self, record: Any) -> Any:
+    def finished(self, record: Any) -> Any:
         """Return `record` as it is used from here on."""
         return self.in_numbers(record)
 
@@ -150,25 +150,25 @@ class Quantities:
     @quantity
     def parameters(self) -> Any:
         """The scene's parameters."""
-        return self.keep(self.scene.parameters(self.arithmetic))
+        return self.finished(self.scene.parameters(self.arithmetic))
 
     @quantity
     def prepared(self) -> Any:
         """What is not rational in q and t."""
-        found, self._made = self.prepare()
+        found, self._angles_and_roots = self.prepare()
         return self.in_numbers(found)
 
     def prepare(self) -> tuple[Any, Sequence[Any]]:
         """Return what is not rational in q and t, and the angles and roots made on the way."""
-        recorder = RecordingArithmetic(self.preparing)
-        return self.scene.prepare(recorder, self.parameters, self.q, self.t), recorder.made
+        recorder = RecordingArithmetic(self.prepare_arithmetic)
+        return self.scene.prepare(recorder, self.parameters, self.q, self.t), recorder.recorded
 
     @property
-    def preparing(self) -> Arithmetic:
+    def prepare_arithmetic(self) -> Arithmetic:
         """The arithmetic that prepares what is not rational."""
         return self.arithmetic
 
-    def moving(self, qdot: Array, clock: bool = True) -> tuple[Any, Array]:
+    def prepared_duals(self, qdot: Array, clock: bool = True) -> tuple[Any, Array]:
         """Return (prepared, q) while q changes at `qdot`, in dual numbers.
 
         Args:
@@ -177,12 +177,12 @@ class Quantities:
         """
         self.prepared  # noqa: B018  (what it is made of is needed)
         q, t = duals(self.q, qdot), Dual(self.t, int(clock))
-        replay = ReplayArithmetic(self._made)
+        replay = ReplayArithmetic(self._angles_and_roots)
         return self.in_numbers(self.scene.prepare(replay, self.parameters, q, t)), q
 
     def prepared_and_rates(self, qdot: Array, clock: bool = True) -> tuple[Any, Any]:
-        """Return what is prepared, and how fast it changes; see `moving`."""
-        prepared, _ = self.moving(qdot, clock)
+        """Return what is prepared, and how fast it changes; see `prepared_duals`."""
+        prepared, _ = self.prepared_duals(qdot, clock)
         return values_and_rates(prepared)
 
     @quantity
@@ -199,7 +199,7 @@ class Quantities:
     def terms(self) -> Terms:
         """M, Q, B, a, gamma, b."""
         arguments = self.parameters, self.prepared, self.q, self.v
-        return self.keep(self.run(self.scene.terms, *arguments))
+        return self.finished(self.run(self.scene.terms, *arguments))
 
     @quantity
     def F(self) -> Array:
@@ -211,31 +211,31 @@ class Quantities:
     def kinematics(self) -> Any:
         """What speeds and bodies share."""
         arguments = self.parameters, self.prepared, self.q, self.u
-        return self.keep(self.run(self.scene.kinematics, *arguments))
+        return self.finished(self.run(self.scene.kinematics, *arguments))
 
     @quantity
     def speeds(self) -> Speeds:
         """W, rest, offset."""
         arguments = self.parameters, self.prepared, self.kinematics
-        return self.keep(self.run(self.scene.speeds, *arguments))
+        return self.finished(self.run(self.scene.speeds, *arguments))
 
     @quantity
     def bodies(self) -> Bodies:
         """Partial velocities and what goes with them."""
         arguments = self.parameters, self.prepared, self.kinematics
-        return self.keep(self.run(self.scene.bodies, *arguments))
+        return self.finished(self.run(self.scene.bodies, *arguments))
 
     @quantity
     def x(self) -> Array:
         """Quasi-velocities (s,) of a chain: those of v."""
         arguments = self.parameters, self.prepared, self.q, self.v
-        return self.keep(self.run(self.scene.quasi_velocities, *arguments))
+        return self.finished(self.run(self.scene.quasi_velocities, *arguments))
 
     @quantity
     def chain(self) -> Chain:
         """The bodies as a chain."""
         arguments = self.parameters, self.prepared, self.q, self.x
-        return self.keep(self.run(self.scene.chain, *arguments))
+        return self.finished(self.run(self.scene.chain, *arguments))
 
     def dissipation(self, v: Array) -> Any:
         """Return R at the velocity v (n,), of any numbers; None where nothing is dissipated."""

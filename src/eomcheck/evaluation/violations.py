@@ -31,12 +31,12 @@ def violation(at: Evaluation, v: Array) -> tuple[Array, Array]:
 
 def velocity_perturbation(at: Evaluation, noise: Noise) -> Array:
     """Return changes of v: of its entries, and within what `check_consistent` lets pass."""
-    change = noise.entries(at.v) - at.v
+    change = noise.perturb(at.v) - at.v
     if at.terms.a is None:
         return change
-    allowed = at.kept(allowed_violation)
+    allowed = at.cached(allowed_violation)
     residual = allowed / allowed_error(1.0) * SLIP * noise.changes((at.scene.r,))
-    Q, R, rows = at.kept(_constraint_factors)
+    Q, R, rows = at.cached(_constraint_factors)
     with np.errstate(all="ignore"):
         try:
             slip = Q @ solve_triangular(R, residual[rows], trans=1, check_finite=False)
@@ -56,7 +56,7 @@ def allowed_violation(at: Evaluation) -> Array:
         return allowed
     (_, _, _, a, _, b), changes = at.terms, [np.zeros_like(allowed)]
     for seed in range(SAMPLES):
-        q = Noise(seed).entries(at.q)
+        q = Noise(seed).perturb(at.q)
         near = Evaluation(at.scene, q, at.v, at.t).terms
         change = np.abs(near.a - a) @ np.abs(at.v)
         changes.append(change if b is None else change + np.abs(near.b - b))

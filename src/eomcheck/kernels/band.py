@@ -117,7 +117,7 @@ class TwoEndedFactors:
         self.middle = from_both_ends(size)[2 * self.steps :].tolist()
         counts = (0, ROW, ENDS * OPEN, ENDS)
         self.upper, self.factors, self.inverses, self.which = (
-            code.at(place, self.steps * sum(counts[: i + 1])) for i in range(4)
+            code.address(place, self.steps * sum(counts[: i + 1])) for i in range(4)
         )
 
     def _inward(
@@ -152,7 +152,7 @@ class TwoEndedFactors:
         state = begin()
         if parts <= 1:
             with code.loop(self.steps, *state) as turn:
-                turn.handed = step(turn.i, turn.carried)
+                turn.yielded = step(turn.i, turn.carried)
             return turn.carried
         some = PART * LANES // ENDS
         with code.loop(parts, *state) as part:
@@ -163,8 +163,8 @@ class TwoEndedFactors:
             done = code.integer("mul", part.i, some)
             handed = [(kind, x) for (kind, _), x in zip(state, part.carried, strict=True)]
             with code.loop(count, *handed) as turn:
-                turn.handed = step(code.integer("add", done, turn.i), turn.carried)
-            part.handed = turn.carried
+                turn.yielded = step(code.integer("add", done, turn.i), turn.carried)
+            part.yielded = turn.carried
         return part.carried
 
     def eliminate(self, prepare: Callable[[str], None]) -> None:
@@ -275,10 +275,10 @@ class TwoEndedFactors:
         for end, (which, inverse, factors) in zip(self.ends, chosen, strict=True):
             place = code.integer("add", at, end.number)
             code.store(wide.lane(inverse, 0), self.inverses, place)
-            wide.store(factors, code.at(self.factors, code.integer("mul", place, OPEN)))
+            wide.store(factors, code.address(self.factors, code.integer("mul", place, OPEN)))
             lane = code.let(f"extractelement {wide.like('i64')} {which}, i64 0")
             lane = code.let(f"trunc i64 {lane} to i8")
-            code.do(f"store i8 {lane}, ptr {code.at(self.which, place, 'i8')}")
+            code.do(f"store i8 {lane}, ptr {code.address(self.which, place, 'i8')}")
         pairs = zip(handed, chosen, strict=True)
         return [x for window, (which, *_) in pairs for x in (*window, which)]
 
@@ -329,13 +329,13 @@ class TwoEndedFactors:
                 new = wide.packed([code.load(self.residual, new)])
                 x = wide.choose(self._at(which), new, x)
                 at = code.integer("add", code.integer("mul", i, ENDS), end.number)
-                place = code.let(f"load i8, ptr {code.at(self.which, at, 'i8')}")
+                place = code.let(f"load i8, ptr {code.address(self.which, at, 'i8')}")
                 place = code.let(f"zext i8 {place} to i64")
                 which = "poison"
                 for lane in range(OPEN):
                     which = wide.let(f"insertelement {kind} {which}, i64 {place}, i64 {lane}")
                 pivot = self._picked(x, which)
-                factors = code.at(self.factors, code.integer("mul", at, OPEN))
+                factors = code.address(self.factors, code.integer("mul", at, OPEN))
                 entry = code.mul(wide.lane(pivot, 0), code.load(self.inverses, at))
                 code.store(entry, self.residual, end.row(code, i))
                 handed[end.number :: ENDS] = [
@@ -370,11 +370,13 @@ class TwoEndedFactors:
             y = pair.packed([code.load(self.residual, place) for place in places])
             # The unknown found just before comes last: the others need not wait for it.
             for j in range(2 * HALF, 0, -1):
-                entries = pair.load(code.at(self.upper, code.integer("add", at, ENDS * (j - 1))))
+                entries = pair.load(
+                    code.address(self.upper, code.integer("add", at, ENDS * (j - 1)))
+                )
                 y = multiply_subtract(pair, y, entries, turn.carried[j - 1])
             for end, place in zip(self.ends, places, strict=True):
                 keep(place, pair.lane(y, end.number))
-            turn.handed = [y, *turn.carried[:-1]]
+            turn.yielded = [y, *turn.carried[:-1]]
 
 
 def multiply_add(code: IRBuilder, x: str, y: str, z: str) -> str:
@@ -437,19 +439,19 @@ class _BandSolveCode:
         def taken(count: int) -> str:
             nonlocal at
             at += count
-            return code.at("%room", at - count)
+            return code.address("%room", at - count)
 
-        self.given = [code.at("%rows", j * self.length * stride) for j in range(WIDTH + 1)]
+        self.given = [code.address("%rows", j * self.length * stride) for j in range(WIDTH + 1)]
         scaled = [taken(self.length) for _ in self.given] if stride > 1 else self.given
         *self.diagonals, self.right = scaled
         self.residual = taken(self.length)
-        self.x = code.at(taken(self.length + 2 * LANES), LANES)
+        self.x = code.address(taken(self.length + 2 * LANES), LANES)
         self.beta, self.zero = taken(1), taken(1)
         place = taken(0)
         self.ends = TwoEndedFactors(code, size, self.diagonals, self.right, self.residual, place)
         self.stride = stride
         for i in (-LANES, size):
-            self.rows.store("zeroinitializer", code.at(self.x, i))
+            self.rows.store("zeroinitializer", code.address(self.x, i))
 
     def scale(self, at: str) -> None:
         """Scale eight rows: where they stand, or in the room what is not side by side."""
@@ -457,7 +459,7 @@ class _BandSolveCode:
         entries = []
         for numbers in self.given:
             if self.stride == 1:
-                entries.append(rows.load(code.at(numbers, at)))
+                entries.append(rows.load(code.address(numbers, at)))
                 continue
             places = [code.integer("add", at, lane) for lane in range(LANES)]
             places = [code.integer("mul", place, self.stride) for place in places]
@@ -467,7 +469,7 @@ class _BandSolveCode:
             largest = _larger(rows, rows.call("fabs", entry), largest)
         scale = emit_power_of_two_scale(rows, largest)
         for entry, to in zip(entries, [*self.diagonals, self.right], strict=True):
-            rows.store(rows.mul(entry, scale), code.at(to, at))
+            rows.store(rows.mul(entry, scale), code.address(to, at))
 
     # ---- Refinement ------------------------------------------------------------------------------
 
@@ -484,7 +486,9 @@ class _BandSolveCode:
         """Make one step of refinement."""
 
         def write(at: str) -> None:
-            self.rows.store(self._residual(at, sizes=False)[0], self.code.at(self.residual, at))
+            self.rows.store(
+                self._residual(at, sizes=False)[0], self.code.address(self.residual, at)
+            )
 
         self.ends.forward(write)
         self.found(new=False)
@@ -494,7 +498,7 @@ class _BandSolveCode:
         code, rows = self.code, self.rows
 
         def write(at: str) -> None:
-            rows.store(rows.load(code.at(self.right, at)), code.at(self.residual, at))
+            rows.store(rows.load(code.address(self.right, at)), code.address(self.residual, at))
 
         self.ends.forward(write)
         self.found(new=True)
@@ -516,7 +520,7 @@ class _BandSolveCode:
             more = code.let(f"xor i1 {over}, true")
             with code.when(more):
                 self.refine()
-            turn.handed = [beta, code.integer("add", steps, 1)]
+            turn.yielded = [beta, code.integer("add", steps, 1)]
             turn.i = more
         with code.when(failed):
             code.store(code.constant(float("nan")), self.zero)
@@ -526,11 +530,11 @@ class _BandSolveCode:
     def _residual(self, at: str, *, sizes: bool = True) -> tuple[str, str]:
         """Return b - A x and, with `sizes`, |A||x| + |b| of eight rows."""
         code, rows = self.code, self.rows
-        left = rows.load(code.at(self.right, at))
+        left = rows.load(code.address(self.right, at))
         whole = rows.call("fabs", left) if sizes else ""
         for j in range(WIDTH):
-            entry = rows.load(code.at(self.diagonals[j], at))
-            x = rows.load(code.at(self.x, code.integer("add", at, j - HALF)))
+            entry = rows.load(code.address(self.diagonals[j], at))
+            x = rows.load(code.address(self.x, code.integer("add", at, j - HALF)))
             left = multiply_subtract(rows, left, entry, x)
             if sizes:
                 whole = multiply_add(rows, whole, *(rows.call("fabs", y) for y in (entry, x)))
@@ -548,7 +552,7 @@ class _BandSolveCode:
             left, whole = self._residual(code.integer("mul", turn.i, LANES))
             above = rows.mul(whole, rows.constant(REFINED))
             above = rows.sub(rows.call("fabs", left), above)
-            turn.handed = [
+            turn.yielded = [
                 _larger(rows, whole, turn.carried[0]),
                 _larger(rows, above, turn.carried[1]),
                 rows.add(turn.carried[2], rows.mul(left, rows.constant(0.0))),
@@ -566,7 +570,7 @@ class _BandSolveCode:
             with code.loop(count, nothing) as turn:
                 left, whole = self._residual(code.integer("mul", turn.i, LANES))
                 share = rows.div(rows.call("fabs", left), _larger(rows, whole, least))
-                turn.handed[0] = _larger(rows, share, turn.carried[0])
+                turn.yielded[0] = _larger(rows, share, turn.carried[0])
             code.store(self._largest(turn.carried[0]), self.beta)
         return code.load(self.beta)
 

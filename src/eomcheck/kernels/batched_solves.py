@@ -53,8 +53,8 @@ def _loop(arity: int) -> Callable[[int, int, int], None]:
     code = IRBuilder()
     table = [
         (
-            code.let(f"load i64, ptr {code.at('%table', 2 * i, 'i64')}"),
-            code.let(f"load i64, ptr {code.at('%table', 2 * i + 1, 'i64')}"),
+            code.let(f"load i64, ptr {code.address('%table', 2 * i, 'i64')}"),
+            code.let(f"load i64, ptr {code.address('%table', 2 * i + 1, 'i64')}"),
         )
         for i in range(arity)
     ]

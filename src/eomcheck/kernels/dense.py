@@ -207,8 +207,8 @@ def factor_text(name: str, size: int, stride: int) -> str:
     """
     code = IRBuilder()
     order, info = _whole(code, size), _whole(code, 0)
-    scales = code.at("%to", size * size)
-    pivots = code.at("%to", size * size + size)
+    scales = code.address("%to", size * size)
+    pivots = code.address("%to", size * size + size)
     if stride > 1:
         with code.loop(size * size) as turn:
             code.store(code.load("%from", code.integer("mul", turn.i, stride)), "%to", turn.i)
@@ -219,21 +219,21 @@ def factor_text(name: str, size: int, stride: int) -> str:
             at = code.integer("add", code.integer("mul", row.i, width), first)
             with code.loop(size, (wide.real, wide.constant(0.0))) as column:
                 place = code.integer("add", at, code.integer("mul", column.i, size))
-                entry = wide.load(code.at(source, place))
-                column.handed[0] = wide.call("maxnum", column.carried[0], wide.call("fabs", entry))
+                entry = wide.load(code.address(source, place))
+                column.yielded[0] = wide.call("maxnum", column.carried[0], wide.call("fabs", entry))
             scale = emit_power_of_two_scale(wide, column.carried[0])
-            wide.store(scale, code.at(scales, at))
+            wide.store(scale, code.address(scales, at))
             with code.loop(size) as column:
                 place = code.integer("add", at, code.integer("mul", column.i, size))
-                entry = wide.load(code.at(source, place))
-                wide.store(wide.mul(entry, scale), code.at("%to", place))
+                entry = wide.load(code.address(source, place))
+                wide.store(wide.mul(entry, scale), code.address("%to", place))
     _call(code, "lapack", "dgetrf", order, order, "%to", order, pivots, info)
     # A pivot of 0, or none that is a number, must not look like a solution.
     with code.loop(size, ("double", code.constant(0.0))) as turn:
         pivot = code.load("%to", code.integer("mul", turn.i, size + 1))
         large = code.compare("ueq", code.call("fabs", pivot), code.constant(float("inf")))
         bad = code.both(code.compare("ueq", pivot, code.constant(0.0)), large, "or")
-        turn.handed[0] = code.choose(bad, code.constant(float("nan")), turn.carried[0])
+        turn.yielded[0] = code.choose(bad, code.constant(float("nan")), turn.carried[0])
     with code.loop(size) as row:
         code.store(code.add(code.load(scales, row.i), turn.carried[0]), scales, row.i)
     return code.function(
@@ -256,8 +256,8 @@ def solve_text(name: str, size: int, columns: int, stride: int) -> str:
     code = IRBuilder()
     order, many, info = _whole(code, size), _whole(code, columns), _whole(code, 0)
     plain = _stored(code, "i8", ord("N"))
-    scales = code.at("%factors", size * size)
-    pivots = code.at("%factors", size * size + size)
+    scales = code.address("%factors", size * size)
+    pivots = code.address("%factors", size * size + size)
 
     def places(row: str, column: str) -> tuple[str, str]:
         """Return the places of an entry in b and x, and in the room."""
@@ -290,12 +290,12 @@ def product_text(name: str, rows: int, inner: int, columns: int, stride: int) ->
     plain = _stored(code, "i8", ord("N"))
     zero, one = (_stored(code, "double", code.constant(x)) for x in (0.0, 1.0))
     read, result = inner * (rows + columns), rows * columns
-    A, x = ("%room", code.at("%room", read)) if stride > 1 else ("%from", "%x")
+    A, x = ("%room", code.address("%room", read)) if stride > 1 else ("%from", "%x")
     if stride > 1:
         with code.loop(read) as turn:
             code.store(code.load("%from", code.integer("mul", turn.i, stride)), A, turn.i)
     # Row by row is the transposed product column by column.
-    given = (plain, plain, m, n, k, one, code.at(A, rows * inner), m, A, k, zero, x, m)
+    given = (plain, plain, m, n, k, one, code.address(A, rows * inner), m, A, k, zero, x, m)
     _call(code, "blas", "dgemm", *given)
     if stride > 1:
         with code.loop(result) as turn:

@@ -72,7 +72,7 @@ class _Writer:
         given = "%end", "%rtol", "%atol", "%most", size
         self.end, self.rtol, self.atol, self.most, self.size = (wide.packed([x]) for x in given)
         rows = [code.integer("mul", "%size", i) for i in range(ROWS)]
-        self.rows = [wide.at("%room", row) for row in rows]
+        self.rows = [wide.address("%room", row) for row in rows]
         self._start()
         with code.repeat() as turn:
             self._step()
@@ -153,7 +153,7 @@ class _Writer:
             y, rate = wide.load("%y", turn.i), wide.load(first, turn.i)
             scale = self._scale(wide.call("fabs", y))
             new = self._square(y, scale), self._square(rate, scale), wide.mul(rate, zero)
-            turn.handed = [wide.add(x, one) for x, one in zip(turn.carried, new, strict=True)]
+            turn.yielded = [wide.add(x, one) for x, one in zip(turn.carried, new, strict=True)]
         *squares, nothing = turn.carried
         d0, d1 = (self._norm(x) for x in squares)
         tiny = wide.constant(1e-5)
@@ -164,7 +164,7 @@ class _Writer:
         with code.loop("%size", (wide.real, zero)) as turn:
             scale = self._scale(wide.call("fabs", wide.load("%y", turn.i)))
             change = wide.sub(wide.load(self.rows[1], turn.i), wide.load(first, turn.i))
-            turn.handed = [wide.add(turn.carried[0], self._square(change, scale))]
+            turn.yielded = [wide.add(turn.carried[0], self._square(change, scale))]
         d = self._extreme("ogt", wide.div(self._norm(turn.carried[0]), h), d1)
         flat = wide.compare("ole", d, wide.constant(1e-15))
         third = wide.mul(h, wide.constant(1e-3))
@@ -239,7 +239,7 @@ class _Writer:
             last = wide.mul(wide.load(self.rows[STAGES], i), zero)
             fifth = wide.add(self._sum(i, DOP853.E5), last)
             squares = [self._square(x, scale) for x in (fifth, self._sum(i, DOP853.E3))]
-            turn.handed = [wide.add(x, y) for x, y in zip(turn.carried, squares, strict=True)]
+            turn.yielded = [wide.add(x, y) for x, y in zip(turn.carried, squares, strict=True)]
         fifth, third = turn.carried
         both = wide.add(fifth, wide.mul(wide.constant(0.01), third))
         root = wide.call("sqrt", wide.mul(both, self.size))
@@ -276,7 +276,7 @@ class _Writer:
         code, width = self.code, self.wide.width
 
         def place(field: int) -> str:
-            return code.at("%lanes", code.integer("add", lane, field * width))
+            return code.address("%lanes", code.integer("add", lane, field * width))
 
         t, h, reach, due = (code.load(place(field)) for field in (T, USED, REACH, DUE))
         with code.when(code.compare("ole", due, reach)):
@@ -297,7 +297,7 @@ class _Writer:
                     code.store(y, "%out", code.integer("add", row, lane))
                 after = code.integer("add", number, 1)
                 later = code.load("%times", after)
-                output.handed = [after, later]
+                output.yielded = [after, later]
                 output.i = code.compare("ole", later, reach)
             number, due = output.carried
             code.store(code.let(f"sitofp i64 {number} to double"), place(NEXT))

@@ -31,18 +31,18 @@ class Layout(NamedTuple):
     """Where things stand in a block, in numbers of `width` lanes, behind its header.
 
     Attributes:
-        places: first place of each array, by name.
+        offsets: first place of each array, by name.
         size: numbers in all.
-        room: doubles behind them.
+        workspace: doubles behind them.
     """
 
-    places: Mapping[str, int]
+    offsets: Mapping[str, int]
     size: int
-    room: int
+    workspace: int
 
-    def doubles(self, width: int) -> int:
+    def float64_count(self, width: int) -> int:
         """Return the doubles of a block."""
-        return HEADER + self.size * width + self.room
+        return HEADER + self.size * width + self.workspace
 
 
 def layout_of(program: Program, parameters: Mapping[str, int]) -> Layout:
@@ -160,16 +160,16 @@ class _Emitter:
         code = self.code
         if self.single:
             code.do("%block = load ptr, ptr %arguments")
-            code.store("%t", code.at("%block", TIME, "double"))
-        self.numbers = code.at("%block", HEADER, "double")
-        self.room = code.at(self.numbers, self.layout.size)
-        time = code.at("%block", TIME, "double") if self.single else "%t"
+            code.store("%t", code.address("%block", TIME, "double"))
+        self.numbers = code.address("%block", HEADER, "double")
+        self.room = code.address(self.numbers, self.layout.size)
+        time = code.address("%block", TIME, "double") if self.single else "%t"
         self.bases = {"y": "%y", "t": time}
-        for name, place in self.layout.places.items():
-            self.bases[name] = code.at(self.numbers, place)
+        for name, place in self.layout.offsets.items():
+            self.bases[name] = code.address(self.numbers, place)
         place = 0
         for name, size in self.outputs.items():
-            self.bases[f"out {name}"] = code.at("%out", place)
+            self.bases[f"out {name}"] = code.address("%out", place)
             place += size
         for item in self.program.items:
             getattr(self, f"_{item[0]}")(*item[1:])
@@ -190,18 +190,18 @@ class _Emitter:
         code.do(f"store i64 {code.integer('add', calls, 1)}, ptr %block")
         for x in sums:
             with code.when(code.is_class(x, NOT_FINITE)):
-                self._look()
+                self._check_outputs()
 
-    def _look(self) -> None:
+    def _check_outputs(self) -> None:
         """Count a failure if an output is not finite: a sum may be too large all the same."""
         code, zero = self.code, self.code.constant(0.0)
         with code.loop(sum(self.outputs.values()), (code.real, zero)) as turn:
             nothing = code.mul(code.load("%out", turn.i), zero)
-            turn.handed[0] = code.add(turn.carried[0], nothing)
+            turn.yielded[0] = code.add(turn.carried[0], nothing)
         with code.when(code.compare("une", turn.carried[0], zero)):
-            place = code.at("%block", FAILED, "i64")
+            place = code.address("%block", FAILED, "i64")
             failed = code.let(f"load i64, ptr {place}")
-            when = code.at("%block", FAILURE_TIME, "double")
+            when = code.address("%block", FAILURE_TIME, "double")
             none = code.let(f"icmp eq i64 {failed}, 0")
             code.store(code.choose(none, "%t", code.load(when)), when)
             code.do(f"store i64 {code.integer('add', failed, 1)}, ptr {place}")
@@ -277,16 +277,16 @@ class _Emitter:
                 if x[0] in "sc" or x[-1] == 0:
                     return self.value(x)
                 if x not in here:
-                    here[x] = code.load(self.base(x), code.along(turn.i, x[-2], x[-1]))
+                    here[x] = code.load(self.base(x), code.affine(turn.i, x[-2], x[-1]))
                 return here[x]
 
             for inner, item in enumerate(body):
                 if item[0] == "put":
                     _, x, array, place, step = item
-                    code.store(read(x), self.target(array), code.along(turn.i, place, step))
+                    code.store(read(x), self.target(array), code.affine(turn.i, place, step))
                     made.append("")
                     if watched and array in self.outputs:
-                        turn.handed[-1] = code.add(turn.handed[-1], read(x))
+                        turn.yielded[-1] = code.add(turn.yielded[-1], read(x))
                     continue
                 _, op, x, y = item
                 made.append(_operated(self.code, op, read(x), y and read(y)))
@@ -294,7 +294,7 @@ class _Emitter:
                     code.store(made[-1], self.bases[kept], turn.i)
             for (inner, begun), place in carried.items():
                 later = begun[1:]
-                turn.handed[place] = turn.carried[carried[inner, later]] if later else made[inner]
+                turn.yielded[place] = turn.carried[carried[inner, later]] if later else made[inner]
             ends = list(turn.carried)
         for inner, ago in last.items():
             for before in range(ago + 1):
@@ -338,9 +338,15 @@ class _Emitter:
         return [solved[j][i] for i in range(size) for j in range(columns)]
 
     def _many_angles(self, number: int, shape: Tree, by: int, given: Tree) -> None:
-        x = self.bases[f"r{number}"] if not given else self.code.at(self.bases[given[0]], given[1])
+        x = (
+            self.bases[f"r{number}"]
+            if not given
+            else self.code.address(self.bases[given[0]], given[1])
+        )
         cos = self.bases[f"x{number}"]
-        sincos.write(self.code, x, cos, self.code.at(cos, sincos.padded_count(shape[0])), shape[0])
+        sincos.write(
+            self.code, x, cos, self.code.address(cos, sincos.padded_count(shape[0])), shape[0]
+        )
 
     def _lanes(self, name: str, text: str, *arrays: tuple[str, int]) -> None:
         """Call a function for each lane; arrays are (address, doubles from lane to lane)."""
@@ -356,7 +362,7 @@ class _Emitter:
                         if isinstance(lane, int)
                         else self.code.integer("mul", lane, step)
                     )
-                places.append(self.code.at(base, place, "double"))
+                places.append(self.code.address(base, place, "double"))
             self.code.do(f"call void @{name}({', '.join(f'ptr {p}' for p in places)})")
 
         if self.code.width == 1:

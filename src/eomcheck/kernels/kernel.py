@@ -30,13 +30,13 @@ def _machine() -> JitModule:
     with repeated.loop("%count"):
         repeated.do("call void %function(ptr %a, double %t, ptr %b, ptr %c, ptr %d)")
     with angles.loop("%count"), angles.loop("%size") as turn:
-        x = angles.let(f"load double, ptr {angles.at('%x', turn.i)}")
-        library_call(angles, x, angles.at("%cos", turn.i), angles.at("%sin", turn.i))
+        x = angles.let(f"load double, ptr {angles.address('%x', turn.i)}")
+        library_call(angles, x, angles.address("%cos", turn.i), angles.address("%sin", turn.i))
     for name in ("double", "ptr"):
         rows[name] = code = IRBuilder()
         with code.loop("%count") as turn:
             out, t, y = (
-                code.at(f"%{x}", code.integer("mul", turn.i, f"%{x}_step"))
+                code.address(f"%{x}", code.integer("mul", turn.i, f"%{x}_step"))
                 for x in ("out", "t", "y")
             )
             t = code.load(t) if name == "double" else t
@@ -130,16 +130,16 @@ class Kernel:
 
     def block(self, parameters: Mapping[str, Array]) -> Array:
         """Return a block with these parameters, each (size,), or (size, lanes)."""
-        block = aligned_zeros(self.layout.doubles(self.width), HEADER)
+        block = aligned_zeros(self.layout.float64_count(self.width), HEADER)
         block[FAILURE_TIME] = np.nan
         for name, size in self.parameters.items():
-            first = HEADER + self.layout.places[name] * self.width
+            first = HEADER + self.layout.offsets[name] * self.width
             room = block[first : first + size * self.width].reshape(size, self.width)
             given = np.asarray(parameters[name], float)
             room[:] = given if given.ndim == 2 else given[:, None]
         return block
 
-    def handed(self, block: Array) -> Array:
+    def last_argument(self, block: Array) -> Array:
         """Return that whose address the function gets with this block, which is to be kept."""
         return np.array([block.ctypes.data], np.uintp) if self.width == 1 else block
 
@@ -152,6 +152,6 @@ class Kernel:
         """Return outputs (k, size, lanes) at times t (k, lanes) of states y (k, _, lanes)."""
         y, t = np.ascontiguousarray(y, float), np.ascontiguousarray(t, float)
         out = np.empty((len(y), self.size, self.width))
-        call_along_rows(self.address, self.handed(block), t, y, out)
+        call_along_rows(self.address, self.last_argument(block), t, y, out)
         ends = np.cumsum(list(self.outputs.values()))[:-1]
         return dict(zip(self.outputs, np.split(out, ends, axis=1), strict=True))

@@ -29,7 +29,7 @@ class Iteration:
     """One iteration of a loop: its number i, what is carried into it, and what it hands on."""
 
     def __init__(self, i: str, carried: list[str]):
-        self.i, self.carried, self.handed = i, carried, list(carried)
+        self.i, self.carried, self.yielded = i, carried, list(carried)
 
 
 class IRBuilder:
@@ -162,7 +162,7 @@ class IRBuilder:
 
     # ---- Memory ----------------------------------------------------------------------------------
 
-    def at(self, pointer: str, place: int | str, kind: str | None = None) -> str:
+    def address(self, pointer: str, place: int | str, kind: str | None = None) -> str:
         """Return the address of entry `place` of numbers, or of `kind`, at `pointer`."""
         if place == 0:
             return pointer
@@ -170,11 +170,11 @@ class IRBuilder:
 
     def load(self, pointer: str, place: int | str = 0) -> str:
         """Return entry `place` of numbers at `pointer`."""
-        return self.let(f"load {self.real}, ptr {self.at(pointer, place)}, align 8")
+        return self.let(f"load {self.real}, ptr {self.address(pointer, place)}, align 8")
 
     def store(self, x: str, pointer: str, place: int | str = 0) -> None:
         """Write entry `place` of numbers at `pointer`."""
-        self.do(f"store {self.real} {x}, ptr {self.at(pointer, place)}, align 8")
+        self.do(f"store {self.real} {x}, ptr {self.address(pointer, place)}, align 8")
 
     # ---- Whole numbers ---------------------------------------------------------------------------
 
@@ -182,7 +182,7 @@ class IRBuilder:
         """Return x `how` y of 64-bit integers: add, sub, mul."""
         return self.let(f"{how} i64 {x}, {y}")
 
-    def along(self, i: str, first: int, step: int) -> str | int:
+    def affine(self, i: str, first: int, step: int) -> str | int:
         """Return first + step i."""
         if step == 0:
             return first
@@ -233,12 +233,12 @@ class IRBuilder:
         self.branch(more, head, done)
         self.enter(done)
         self.lines[place] = f"{turn.i} = phi i64 [0, %{before}], [{after}, %{end}]"
-        rows = zip(turn.carried, carried, turn.handed, strict=True)
+        rows = zip(turn.carried, carried, turn.yielded, strict=True)
         for i, (name, (kind, first), handed) in enumerate(rows):
             self.lines[place + 1 + i] = (
                 f"{name} = phi {kind} [{first}, %{before}], [{handed}, %{end}]"
             )
-        turn.carried = list(turn.handed)
+        turn.carried = list(turn.yielded)
 
     @contextmanager
     def repeat(self, *carried: tuple[str, str]) -> Iterator[Iteration]:
@@ -257,10 +257,10 @@ class IRBuilder:
         end = self.block
         self.branch(turn.i, head, done)
         self.enter(done)
-        rows = zip(turn.carried, carried, turn.handed, strict=True)
+        rows = zip(turn.carried, carried, turn.yielded, strict=True)
         for i, (name, (kind, first), handed) in enumerate(rows):
             self.lines[place + i] = f"{name} = phi {kind} [{first}, %{before}], [{handed}, %{end}]"
-        turn.carried = list(turn.handed)
+        turn.carried = list(turn.yielded)
 
     @contextmanager
     def when(self, where: str) -> Iterator[None]:

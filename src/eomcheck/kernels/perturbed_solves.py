@@ -30,14 +30,14 @@ class Rows:
     def __init__(self, code: IRBuilder, pointer: str, stride: str, columns: str):
         self.code, self.pointer, self.stride, self.columns = code, pointer, stride, columns
 
-    def place(self, i: str, j: int | str = 0) -> str:
+    def address(self, i: str, j: int | str = 0) -> str:
         """Return the address of entry (i, j)."""
         row = self.code.integer("mul", i, self.stride)
-        return self.code.at(self.pointer, row if j == 0 else self.code.integer("add", row, j))
+        return self.code.address(self.pointer, row if j == 0 else self.code.integer("add", row, j))
 
     def subtract(self, i: str, factor: str, j: str) -> None:
         """Take `factor` times row j off row i."""
-        subtract(self.code, self.columns, self.place(i), factor, self.place(j))
+        subtract(self.code, self.columns, self.address(i), factor, self.address(j))
 
 
 def subtract(code: IRBuilder, count: str, to: str, factor: str, row: str) -> None:
@@ -53,7 +53,7 @@ def _subtract_text() -> str:
     vectors = code.integer("udiv", code.integer("add", "%count", LANES - 1), LANES)
     with each_from(code, 0, vectors) as i:
         first = code.integer("mul", i, LANES)
-        to, row = code.at("%to", first), code.at("%row", first)
+        to, row = code.address("%to", first), code.address("%row", first)
         wide.store(wide.sub(wide.load(to), wide.mul(factor, wide.load(row))), to)
     return code.function("define void @subtract(i64 %count, ptr %to, double %factor, ptr %row)")
 
@@ -91,7 +91,7 @@ def _forward_text() -> str:
     """Return what makes L⁻¹ x of x."""
     code, factors, x = _of_factors()
     with each_from(code, 0, "%size") as i, each_from(code, 0, i) as j:
-        x.subtract(i, code.load(factors.place(i, j)), j)
+        x.subtract(i, code.load(factors.address(i, j)), j)
     return code.function(f"define void @forward({FACTORED})")
 
 
@@ -100,10 +100,10 @@ def _backward_text() -> str:
     code, factors, x = _of_factors()
     with downwards(code, "%size") as i:
         with each_from(code, code.integer("add", i, 1), "%size") as j:
-            x.subtract(i, code.load(factors.place(i, j)), j)
-        diagonal = code.load(factors.place(i, i))
+            x.subtract(i, code.load(factors.address(i, j)), j)
+        diagonal = code.load(factors.address(i, i))
         with each_from(code, 0, "%many") as k:
-            here = x.place(i, k)
+            here = x.address(i, k)
             code.store(code.div(code.load(here), diagonal), here)
     return code.function(f"define void @backward({FACTORED})")
 
@@ -113,12 +113,12 @@ def _sizes_text() -> str:
     code, factors, x = _of_factors()
 
     def minus_size(i: str, j: str) -> str:
-        return code.neg(code.call("fabs", code.load(factors.place(i, j))))
+        return code.neg(code.call("fabs", code.load(factors.address(i, j))))
 
     with each_from(code, 0, "%size") as i:
-        diagonal = code.call("fabs", code.load(factors.place(i, i)))
+        diagonal = code.call("fabs", code.load(factors.address(i, i)))
         with each_from(code, 0, "%many") as k:
-            here = x.place(i, k)
+            here = x.address(i, k)
             code.store(code.mul(code.load(here), diagonal), here)
         with each_from(code, code.integer("add", i, 1), "%size") as j:
             x.subtract(i, minus_size(i, j), j)
@@ -174,7 +174,7 @@ class _PerturbedSolveCode:
             count = first
             for other in others:
                 count = self.code.integer("mul", count, other)
-            pointer = self.code.at(pointer, count)
+            pointer = self.code.address(pointer, count)
 
     def text(self) -> str:
         """Return it."""
@@ -202,8 +202,8 @@ class _PerturbedSolveCode:
         """Return the place of entry (i, j) of an array without room between its rows."""
         return self.code.integer("add", self.code.integer("mul", i, columns), j)
 
-    def _moved(self, x: str, changes: str, place: str) -> str:
-        """Return x moved as `Noise.entries` does, if noise moves."""
+    def _perturbed(self, x: str, changes: str, place: str) -> str:
+        """Return x moved as `Noise.perturb` does, if noise moves."""
         code = self.code
         before, (move, after) = code.block, code.labels("move", "after")
         code.branch("%moves", move, after)
@@ -222,21 +222,21 @@ class _PerturbedSolveCode:
         with each_from(code, 0, "%size") as i:
             with code.loop("%size", ("double", zero)) as turn:
                 place = self._entry(i, turn.i, "%size")
-                a = self._moved(code.load("%matrix", place), self.of_matrix, place)
-                code.store(a, self.A.place(i, turn.i))
-                turn.handed[0] = code.call("maxnum", turn.carried[0], code.call("fabs", a))
+                a = self._perturbed(code.load("%matrix", place), self.of_matrix, place)
+                code.store(a, self.A.address(i, turn.i))
+                turn.yielded[0] = code.call("maxnum", turn.carried[0], code.call("fabs", a))
             scale = emit_power_of_two_scale(code, turn.carried[0])
             code.store(scale, self.row_scale, i)
             with each_from(code, 0, "%size") as j:
-                here = self.A.place(i, j)
+                here = self.A.address(i, j)
                 a = code.mul(code.load(here), scale)
                 code.store(a, here)
                 largest = code.call("maxnum", code.load(self.scale, j), code.call("fabs", a))
                 code.store(largest, self.scale, j)
             with each_from(code, 0, "%many") as k:
                 place = self._entry(i, k, "%many")
-                b = self._moved(code.load("%x", place), self.of_sides, place)
-                code.store(code.mul(b, scale), self.solution.place(i, k))
+                b = self._perturbed(code.load("%x", place), self.of_sides, place)
+                code.store(code.mul(b, scale), self.solution.address(i, k))
         with code.loop("%size", ("i64", "0")) as turn:
             scale = emit_power_of_two_scale(code, code.load(self.scale, turn.i))
             code.store(scale, self.scale, turn.i)
@@ -245,11 +245,11 @@ class _PerturbedSolveCode:
                 bits = code.let(f"bitcast double {factor} to i64")
                 power = code.integer("sub", code.integer("lshr", bits, EXPONENT), ONE)
                 whole = code.integer("add", whole, power)
-            turn.handed[0] = whole
+            turn.yielded[0] = whole
         exponents = code.let(f"sitofp i64 {turn.carried[0]} to double")
         code.store(exponents, "%found", 1)
         with each_from(code, 0, "%size") as i, each_from(code, 0, "%size") as j:
-            here = self.A.place(i, j)
+            here = self.A.address(i, j)
             a = code.mul(code.load(here), code.load(self.scale, j))
             dust = code.compare("olt", code.call("fabs", a), code.constant(NEGLIGIBLE))
             code.store(code.choose(dust, zero, a), here)
@@ -258,26 +258,26 @@ class _PerturbedSolveCode:
         """Make L and U of A, and L⁻¹ b of the right-hand sides; tell the determinant."""
         code = self.code
         with each_from(code, 0, "%size") as i:
-            code.do(f"store i64 {i}, ptr {code.at(self.order, i)}")
+            code.do(f"store i64 {i}, ptr {code.address(self.order, i)}")
         with code.loop("%size", ("double", code.constant(1.0))) as turn:
             i = turn.i
             pivot = self._pivot(i)
             exchanged = code.let(f"icmp ne i64 {pivot}, {i}")
             with code.when(exchanged):
                 self._exchange(i, pivot)
-            diagonal = code.load(self.A.place(i, i))
-            code.store(diagonal, code.at("%found", 2), i)
+            diagonal = code.load(self.A.address(i, i))
+            code.store(diagonal, code.address("%found", 2), i)
             sign = code.call("copysign", code.constant(1.0), diagonal)
             sign = code.choose(code.compare("one", diagonal, code.constant(0.0)), sign, diagonal)
             sign = code.mul(sign, turn.carried[0])
-            turn.handed[0] = code.choose(exchanged, code.neg(sign), sign)
+            turn.yielded[0] = code.choose(exchanged, code.neg(sign), sign)
             behind = code.integer("add", i, 1)
             with each_from(code, behind, "%size") as k:
-                here = self.A.place(k, i)
+                here = self.A.address(k, i)
                 factor = code.div(code.load(here), diagonal)
                 code.store(factor, here)
                 left = code.integer("sub", "%size", behind)
-                rows = self.A.place(k, behind), self.A.place(i, behind)
+                rows = self.A.address(k, behind), self.A.address(i, behind)
                 subtract(code, left, rows[0], factor, rows[1])
                 self.solution.subtract(k, factor, i)
         code.store(turn.carried[0], "%found", 0)
@@ -289,10 +289,10 @@ class _PerturbedSolveCode:
         count = code.integer("sub", "%size", i)
         with code.loop(count, ("i64", i), ("double", code.constant(-1.0))) as turn:
             row = code.integer("add", turn.i, i)
-            size = code.call("fabs", code.load(self.A.place(row, i)))
+            size = code.call("fabs", code.load(self.A.address(row, i)))
             larger = code.compare("ogt", size, turn.carried[1])
-            turn.handed[0] = code.let(f"select i1 {larger}, i64 {row}, i64 {turn.carried[0]}")
-            turn.handed[1] = code.choose(larger, size, turn.carried[1])
+            turn.yielded[0] = code.let(f"select i1 {larger}, i64 {row}, i64 {turn.carried[0]}")
+            turn.yielded[1] = code.choose(larger, size, turn.carried[1])
         is_told = code.let(f"icmp sge i64 {told}, 0")
         return code.let(f"select i1 {is_told}, i64 {told}, i64 {turn.carried[0]}")
 
@@ -300,8 +300,8 @@ class _PerturbedSolveCode:
         code = self.code
         for rows in (self.A, self.solution):
             with each_from(code, 0, rows.columns) as k:
-                self._swap("double", rows.place(i, k), rows.place(j, k))
-        self._swap("i64", code.at(self.order, i), code.at(self.order, j))
+                self._swap("double", rows.address(i, k), rows.address(j, k))
+        self._swap("i64", code.address(self.order, i), code.address(self.order, j))
 
     def _swap(self, kind: str, one: str, other: str) -> None:
         first, second = (self.code.let(f"load {kind}, ptr {x}") for x in (one, other))
@@ -312,32 +312,32 @@ class _PerturbedSolveCode:
         """Add to the solutions what rounding in the elimination makes of them."""
         code = self.code
         with self._entries() as (i, k):
-            size = code.call("fabs", code.load(self.solution.place(i, k)))
-            code.store(size, self.change.place(i, k))
+            size = code.call("fabs", code.load(self.solution.address(i, k)))
+            code.store(size, self.change.address(i, k))
         self._call("sizes", self.change)
         with code.when("%rounds"):
             # An entry that is nothing but rounding is another one here, and so are the factors.
             with self._entries() as (i, k):
                 unit = code.div(code.load(self.scale, i), code.load(self.its_scale, i))
-                size = code.call("fabs", code.load(self.solution.place(i, k)))
-                code.store(code.mul(size, unit), self.other.place(i, k))
+                size = code.call("fabs", code.load(self.solution.address(i, k)))
+                code.store(code.mul(size, unit), self.other.address(i, k))
             self._call("sizes", self.other, self.factors)
             with self._entries() as (i, k):
-                row = code.let(f"load i64, ptr {code.at(self.order, i)}")
+                row = code.let(f"load i64, ptr {code.address(self.order, i)}")
                 unit = code.div(code.load(self.row_scale, row), code.load(self.its_row_scale, row))
-                here = self.change.place(i, k)
-                size = code.mul(code.load(self.other.place(i, k)), unit)
+                here = self.change.address(i, k)
+                size = code.mul(code.load(self.other.address(i, k)), unit)
                 code.store(code.call("maxnum", code.load(here), size), here)
         with self._entries() as (i, k):
-            row = code.let(f"load i64, ptr {code.at(self.order, i)}")
+            row = code.let(f"load i64, ptr {code.address(self.order, i)}")
             change = code.load(self.of_rounding, self._entry(row, k, "%many"))
-            here = self.change.place(i, k)
+            here = self.change.address(i, k)
             code.store(code.mul(code.load(here), change), here)
         self._call("forward", self.change)
         self._call("backward", self.change)
         with self._entries() as (i, k):
-            here = self.solution.place(i, k)
-            code.store(code.add(code.load(here), code.load(self.change.place(i, k))), here)
+            here = self.solution.address(i, k)
+            code.store(code.add(code.load(here), code.load(self.change.address(i, k))), here)
 
     def _write(self) -> None:
         """Write the solutions, moved, NaN where the matrix is singular."""
@@ -346,8 +346,8 @@ class _PerturbedSolveCode:
         regular = code.compare("one", sign, code.constant(0.0))
         with self._entries() as (i, k):
             place = self._entry(i, k, "%many")
-            x = code.mul(code.load(self.solution.place(i, k)), code.load(self.scale, i))
-            x = self._moved(x, self.of_solution, place)
+            x = code.mul(code.load(self.solution.address(i, k)), code.load(self.scale, i))
+            x = self._perturbed(x, self.of_solution, place)
             code.store(code.choose(regular, x, code.constant(float("nan"))), "%x", place)
 
 
@@ -359,12 +359,12 @@ def _all_text() -> str:
     changes = code.integer("add", squared, code.integer("mul", sides, 3))
     changes = code.let(f"select i1 %moves, i64 {changes}, i64 0")
     found = code.integer("add", size, 2)
-    A = code.at("%work", code.integer("mul", "%copies", sides))
-    moving = code.at(A, code.integer("mul", "%copies", squared))
-    like = code.at(moving, code.integer("mul", "%copies", changes))
+    A = code.address("%work", code.integer("mul", "%copies", sides))
+    moving = code.address(A, code.integer("mul", "%copies", squared))
+    like = code.address(moving, code.integer("mul", "%copies", changes))
     with code.loop("%copies") as turn:
         own = [
-            code.at(pointer, code.integer("mul", turn.i, length))
+            code.address(pointer, code.integer("mul", turn.i, length))
             for pointer, length in (
                 ("%work", sides),
                 (A, squared),
@@ -410,14 +410,14 @@ def perturbed_solve(A: np.ndarray, b: np.ndarray, name: str) -> np.ndarray:
     Args:
         A: matrix.
         b: right-hand sides.
-        name: what `eomcheck.numbers.linear.solve` is told, and `SolveRecorder.like` has.
+        name: what `eomcheck.numbers.linear.solve` is told, and `SolveRecorder.references` has.
     """
     noise = active_noise()
     assert noise is not None
     size, copies = A.shape[-1], A[..., 0, 0].size
     many = b[..., 0, :].size // copies if b.ndim == A.ndim else 1
     changes, like, pivots, factors = np.empty(0), None, np.full(size, -1.0), ()
-    if noise.moves:
+    if noise.enabled:
         changes = noise.changes((*noise.shape, size * (size + 3 * many)))
         like = reference_solve(name)
     if like is not None and like.pivots is not None and like.size == size:
@@ -429,16 +429,18 @@ def perturbed_solve(A: np.ndarray, b: np.ndarray, name: str) -> np.ndarray:
     found = np.empty((copies, size + 2))
     room = np.zeros(size * (size + LANES) + 3 * size * (many + LANES) + 3 * size)
     addresses = (x.ctypes.data for x in (work, found, room))
-    compiled_perturbed_solve()(size, many, copies, int(noise.moves), int(factors != ()), *addresses)
+    compiled_perturbed_solve()(
+        size, many, copies, int(noise.enabled), int(factors != ()), *addresses
+    )
     x = work[: b.size].reshape(b.shape).copy()
-    if noise.moves:
+    if noise.enabled:
         sign, exponent, diagonal = found[:, 0], found[:, 1], found[:, 2:]
         with np.errstate(all="ignore"):
             log = np.log2(np.abs(diagonal)).sum(axis=-1) - exponent
         if not noise.shape:
             sign, log = float(sign[0]), float(log[0])
         record(SolveRecord(name, size, np.nan, sign, log), A)
-    return noise.array(x)
+    return noise.as_perturbed(x)
 
 
 SOLVERS[Noise] = perturbed_solve

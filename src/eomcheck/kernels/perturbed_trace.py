@@ -136,10 +136,10 @@ class TraceRunner:
         Raises:
             TypeError: the function does more than rational operations and solves.
         """
-        listed, doubles = self._listed(function, arguments, len(noise.shape))
+        listed, doubles = self._trace_of(function, arguments, len(noise.shape))
         return _require_traceable(function, listed).run(noise, doubles)
 
-    def unmoved(self, function: Callable, *arguments: Any) -> Any:
+    def run_exact(self, function: Callable, *arguments: Any) -> Any:
         """Call a generic function of arrays of doubles as it is, with the bits that Python gives.
 
         What it makes of objects on the way, such as dual numbers, costs nothing the second time.
@@ -148,14 +148,14 @@ class TraceRunner:
         """
         listed, doubles = None, []
         with suppress(Exception):  # what raises there need not raise on doubles
-            listed, doubles = self._listed(function, arguments, 0)
+            listed, doubles = self._trace_of(function, arguments, 0)
         if listed is not None and len(listed.operations) >= FEWEST_COMPILED:
             found = listed.run(NO_NOISE, doubles)
             if _is_finite(found):
                 return found
         return function(*arguments)
 
-    def _listed(
+    def _trace_of(
         self, function: Callable, arguments: tuple, front: int
     ) -> tuple[_Trace | None, list[Any]]:
         """Return the list of a function, None if there is none, and the doubles that it reads."""
@@ -174,12 +174,12 @@ class TraceRunner:
         with self._lock:
             before = self._known.pop(key, None)
             self._known[key] = listed
-            self._places += (listed.places if listed else 0) - (before.places if before else 0)
+            self._places += (listed.size if listed else 0) - (before.size if before else 0)
             while self._places > LARGEST_TOTAL and len(self._known) > 1:
                 forgotten = self._known.pop(next(iter(self._known)))
-                self._places -= forgotten.places if forgotten else 0
+                self._places -= forgotten.size if forgotten else 0
 
-    def in_lanes(self, noise: Noise | None, function: Callable, *arguments: Any) -> Any:
+    def run_in_lanes(self, noise: Noise | None, function: Callable, *arguments: Any) -> Any:
         """Call a generic function of lanes, each of its operations moved if there is noise.
 
         Raises:
@@ -188,7 +188,7 @@ class TraceRunner:
         # What it solves is registered there; LLVM takes longer to import than the package.
         from eomcheck.kernels import batched_solves  # noqa: F401
 
-        listed, doubles = self._listed(function, arguments, 0)
+        listed, doubles = self._trace_of(function, arguments, 0)
         return replay_in_lanes(_require_traceable(function, listed), noise, doubles)
 
 
@@ -226,9 +226,9 @@ class _Trace:
         self._literals: dict[float, int] = {}
         self.read = 0
         found = function(*map_record(lambda x: self._inputs(x, front), arguments))
-        self.found = map_record(self._places, found)
-        self.places = self._next()
-        self.start = np.empty(self.places)
+        self.found = map_record(self._indices, found)
+        self.size = self._next()
+        self.start = np.empty(self.size)
         self.start[list(self._literals.values())] = list(self._literals)
 
     def _inputs(self, x: Any, front: int) -> Any:
@@ -243,9 +243,9 @@ class _Trace:
         numbers.ravel()[:] = [_TracedNumber(self._next(), self) for _ in range(numbers.size)]
         return numbers
 
-    def _places(self, part: Any) -> Array:
+    def _indices(self, part: Any) -> Array:
         part = np.asarray(part, object)
-        places = [x.place if type(x) is _TracedNumber else self.literal(x) for x in part.ravel()]
+        places = [x.index if type(x) is _TracedNumber else self.literal(x) for x in part.ravel()]
         return np.array(places, np.intp).reshape(part.shape)
 
     def literal(self, x: float) -> int:
@@ -263,9 +263,9 @@ class _Trace:
 
     def group(self, function: Callable, shape: tuple[int, ...], *arrays: Array) -> Array:
         """Return the result, of this shape, of a function of arrays of doubles."""
-        read, numbers = [self._places(x) for x in arrays], self._numbers(shape)
+        read, numbers = [self._indices(x) for x in arrays], self._numbers(shape)
         after = len(self._operations) // 4
-        self.groups.append(_TraceGroup(after, function, read, self._places(numbers)))
+        self.groups.append(_TraceGroup(after, function, read, self._indices(numbers)))
         return numbers
 
     @property
@@ -276,20 +276,22 @@ class _Trace:
     def run(self, noise: Noise, doubles: list[Array]) -> Any:
         """Return the function's result, arrays of doubles, of arguments of the same shapes."""
         front = noise.shape
-        values = np.empty((*front, self.places))
+        values = np.empty((*front, self.size))
         values[...] = self.start
         if doubles:
             flat = [x.reshape(*front, -1) for x in doubles]
             np.concatenate(flat, axis=-1, out=values[..., : self.read])
         done = 0
         for after, function, read, found in self.groups:
-            done = self._through(noise, values, done, after)
-            result = function(*(noise.array(values.take(places, axis=-1)) for places in read))
+            done = self._replay(noise, values, done, after)
+            result = function(
+                *(noise.as_perturbed(values.take(places, axis=-1)) for places in read)
+            )
             values[..., found] = result
-        self._through(noise, values, done, len(self._operations) // 4)
+        self._replay(noise, values, done, len(self._operations) // 4)
         return map_record(lambda places: values.take(places, axis=-1), self.found)
 
-    def _through(self, noise: Noise, values: Array, first: int, last: int) -> int:
+    def _replay(self, noise: Noise, values: Array, first: int, last: int) -> int:
         """Do the operations from `first` up to `last` on the doubles at their places."""
         count = last - first
         if count:
@@ -297,8 +299,8 @@ class _Trace:
             operations += 4 * self._operations.itemsize * first
             changes = np.ascontiguousarray(noise.changes((*noise.shape, count)))
             at, to, run = changes.ctypes.data, values.ctypes.data, _replay_function()
-            for i in range(values.size // self.places):
-                own, there = at + 8 * count * i, to + 8 * self.places * i
+            for i in range(values.size // self.size):
+                own, there = at + 8 * count * i, to + 8 * self.size * i
                 run(count, operations, own, there)
         return last
 
@@ -306,18 +308,18 @@ class _Trace:
 class _TracedNumber:
     """A double at a place of a list, to which its operations are added."""
 
-    __slots__ = ("list", "place")
+    __slots__ = ("index", "trace")
 
     def __init__(self, place: int, list: _Trace):
-        self.place, self.list = place, list
+        self.index, self.trace = place, list
 
     # An array must not be taken for a number: `NotImplemented` lets numpy go through its entries.
 
     def _with(self, operation: int, other: Any) -> Any:
         if type(other) is _TracedNumber:
-            return self.list.add(operation, self.place, other.place)
+            return self.trace.add(operation, self.index, other.index)
         if type(other) is int:
-            return self.list.add(operation, self.place, self.list.literal(other))
+            return self.trace.add(operation, self.index, self.trace.literal(other))
         return NotImplemented
 
     def __add__(self, other):
@@ -339,11 +341,11 @@ class _TracedNumber:
 
     def __rtruediv__(self, other):
         if type(other) is int:
-            return self.list.add(DIV, self.list.literal(other), self.place)
+            return self.trace.add(DIV, self.trace.literal(other), self.index)
         return NotImplemented
 
     def __neg__(self):
-        return self.list.add(NEG, self.place, self.place)
+        return self.trace.add(NEG, self.index, self.index)
 
     def _compared(self, other=None):
         raise NotRationalError(BRANCH)
@@ -358,7 +360,7 @@ class _TracedNumber:
 def trace_of(*arrays: Array) -> _Trace | None:
     """Return the list to which entries of arrays belong, None if none does to any."""
     return next(
-        (x.list for x in chain(*(a.flat for a in arrays)) if type(x) is _TracedNumber), None
+        (x.trace for x in chain(*(a.flat for a in arrays)) if type(x) is _TracedNumber), None
     )
 
 
@@ -394,9 +396,9 @@ def _replay_function() -> Callable[[int, int, int, int], None]:
 
     code = IRBuilder()
     with code.loop("%count") as turn:
-        first = code.at("%operations", code.integer("mul", turn.i, 4), "i64")
+        first = code.address("%operations", code.integer("mul", turn.i, 4), "i64")
         operation, *places, place = (
-            code.let(f"load i64, ptr {code.at(first, i, 'i64')}") for i in range(4)
+            code.let(f"load i64, ptr {code.address(first, i, 'i64')}") for i in range(4)
         )
         x, y = (code.load("%values", place) for place in places)
         quotient = code.choose(
@@ -412,7 +414,7 @@ def _replay_function() -> Callable[[int, int, int, int], None]:
             (DIV, quotient),
         ):
             rounded = code.choose(code.let(is_one(number)), result, rounded)
-        # As `Noise.entries` moves them.
+        # As `Noise.perturb` moves them.
         size = code.call("maxnum", code.call("fabs", rounded), code.constant(NORMAL))
         change = code.mul(code.load("%changes", turn.i), size)
         moved = code.add(rounded, change)
@@ -441,7 +443,7 @@ def replay_in_lanes(listed: _Trace, noise: Noise | None, given: list[Any]) -> An
     """Return what a list comes to for arguments in lanes, its results without noise."""
     count = next(n for n in map(lanes_in, given) if n)
     width = -(-count // LANES) * LANES
-    values = np.zeros((listed.places, width))
+    values = np.zeros((listed.size, width))
     values[listed.read :] = listed.start[listed.read :, None]
     first = 0
     for x in given:
@@ -479,12 +481,12 @@ def _lane_replay_function(moved: bool) -> Callable[[int, int, int, int, int], No
     code = IRBuilder()
     wide = code.wider(LANES)
     with code.loop("%count") as turn:
-        first = code.at("%operations", code.integer("mul", turn.i, 4), "i64")
+        first = code.address("%operations", code.integer("mul", turn.i, 4), "i64")
         operation, *places = (
-            code.let(f"load i64, ptr {code.at(first, i, 'i64')}") for i in range(4)
+            code.let(f"load i64, ptr {code.address(first, i, 'i64')}") for i in range(4)
         )
         row = code.integer("mul", "%many", LANES)
-        x, y, to = (code.at("%values", code.integer("mul", place, row)) for place in places)
+        x, y, to = (code.address("%values", code.integer("mul", place, row)) for place in places)
         change = ""
         if moved:
             one = code.load("%changes", turn.i)
@@ -502,7 +504,7 @@ def _lane_replay_function(moved: bool) -> Callable[[int, int, int, int, int], No
                         zero = wide.compare("oeq", b, wide.constant(0.0))
                         result = wide.choose(zero, wide.constant(float("nan")), result)
                     if moved:
-                        # As `LaneNoise.entries` moves them.
+                        # As `LaneNoise.perturb` moves them.
                         largest = wide.call("fabs", result)
                         normal = wide.compare("oge", largest, wide.constant(NORMAL))
                         size = wide.choose(normal, largest, wide.constant(SMALLEST_SIZE))
@@ -529,7 +531,7 @@ def traceable_prepare(prepare: Callable) -> Callable[[Any, Array, Array], tuple[
 
     def prepared(parameters: Any, q: Array, t: Array) -> tuple[Any, tuple]:
         recorder = RecordingArithmetic(_TracingArithmetic())
-        return prepare(recorder, parameters, q, t[0]), tuple(recorder.made)
+        return prepare(recorder, parameters, q, t[0]), tuple(recorder.recorded)
 
     return prepared
 
@@ -573,4 +575,4 @@ def _rounded(function: Callable, x: Any) -> Any:
     with np.errstate(invalid="ignore"):
         lanes = isinstance(x, LaneArray)
         found: Any = LaneArray(function(x.data)) if lanes else function(np.asarray(x))
-    return found if x.noise is None else x.noise.entries(found)
+    return found if x.noise is None else x.noise.perturb(found)

@@ -153,7 +153,7 @@ def _by_library(code: IRBuilder) -> str:
     where = _beyond(code, "%x") if cpu_features()[2] else code.splat_of("i1 true")
     for lane in range(code.width):
         with code.when(code.lane_of_condition(where, lane)):
-            places = (code.at(room, lane, "double") for room in (cos, sin))
+            places = (code.address(room, lane, "double") for room in (cos, sin))
             library_call(code, code.lane("%x", lane), *places)
     return _function(code, "library", *map(code.load, rooms), "%x", "%cos", "%sin")
 
@@ -202,12 +202,12 @@ def write(code: IRBuilder, x: str, cos: str, sin: str, count: int) -> None:
 
     def keep(angles: str, first: int | str) -> None:
         for y, place in zip(_by_function(code, wide, angles), (cos, sin), strict=True):
-            wide.store(y, code.at(place, first))
+            wide.store(y, code.address(place, first))
 
     if full:
         with code.loop(full) as turn:
             at = turn.i if step == 1 else code.integer("mul", turn.i, step)
-            keep(wide.load(code.at(x, at)), at)
+            keep(wide.load(code.address(x, at)), at)
     if left:  # nothing past the end is read
         first = full * step
         keep(_padded(wide, [code.load(x, first + i) for i in range(left)]), first)

@@ -43,8 +43,8 @@ class Discrepancy(NamedTuple):
         description: of the file.
         joints: names of the coordinates.
         v: velocities (n,).
-        ours: quantity -> value.
-        theirs: quantity -> value.
+        reference: quantity -> value.
+        library: quantity -> value.
         summed: quantity -> size of the terms that it is summed from, 0 where it is not known.
         free: how the frame moves that the library fixes to a free base, and by what velocity it
             is taken to tell it; None where the base is held.
@@ -53,24 +53,24 @@ class Discrepancy(NamedTuple):
     description: RobotDescription
     joints: tuple[str, ...]
     v: Array
-    ours: dict[str, Array]
-    theirs: dict[str, Array]
+    reference: dict[str, Array]
+    library: dict[str, Array]
     summed: dict[str, float]
     free: tuple[FreeBase, BaseVelocity] | None = None
 
     def error(self, name: str) -> Array:
         """Return theirs - ours."""
-        return self.theirs[name] - self.ours[name]
+        return self.library[name] - self.reference[name]
 
-    def same(self, name: str, tolerance: float = CLOSE) -> bool:
+    def agrees_on(self, name: str, tolerance: float = CLOSE) -> bool:
         """Return whether they agree but for digits."""
-        scale = relative_scale(largest(self.ours[name]), self.summed.get(name, 0.0))
+        scale = relative_scale(largest(self.reference[name]), self.summed.get(name, 0.0))
         return largest(self.error(name)) <= tolerance * max(scale, 1e-300)
 
     @property
     def terms_agree(self) -> bool:
         """Whether M, bias and gravity agree but for digits."""
-        return all(self.same(name) for name in TERMS)
+        return all(self.agrees_on(name) for name in TERMS)
 
     @property
     def damped(self) -> list[int]:
@@ -83,13 +83,17 @@ class Discrepancy(NamedTuple):
 
         M times what is missing is then along the velocity, at joints with dampers alone.
         """
-        if "q̈" not in self.ours or self.same("q̈") or not (self.damped and self.terms_agree):
+        if (
+            "q̈" not in self.reference
+            or self.agrees_on("q̈")
+            or not (self.damped and self.terms_agree)
+        ):
             return False
-        missing = self.ours["M"] @ self.error("q̈")
+        missing = self.reference["M"] @ self.error("q̈")
         others = np.delete(missing, self.damped)
         along = missing[self.damped] * self.v[self.damped] >= 0
-        taken = largest(self.ours["forces"] - self.ours["gravity"])
-        close = CLOSE * max(largest(self.ours["M"] @ self.ours["q̈"]), taken)
+        taken = largest(self.reference["forces"] - self.reference["gravity"])
+        close = CLOSE * max(largest(self.reference["M"] @ self.reference["q̈"]), taken)
         return largest(others) <= close and bool(along.all())
 
 
@@ -124,8 +128,8 @@ def explain(parting: Discrepancy) -> list[Explanation]:
 @_reason
 def _digits(at: Discrepancy) -> Iterator[Explanation]:
     """Yield that terms agree to many digits."""
-    if at.terms_agree and not all(at.same(name, ROUNDED) for name in TERMS):
-        whole = all(at.same(name) for name in at.ours) or at.leaves_out_damping
+    if at.terms_agree and not all(at.agrees_on(name, ROUNDED) for name in TERMS):
+        whole = all(at.agrees_on(name) for name in at.reference) or at.leaves_out_damping
         said = "the same but for digits: more than doubles round, less than 1e-8"
         yield Explanation(said, "fewer digits" if whole else "")
 
@@ -140,13 +144,13 @@ def _damping(at: Discrepancy) -> Iterator[Explanation]:
 @_reason
 def _armature(at: Discrepancy) -> Iterator[Explanation]:
     """Yield that M differs on its diagonal alone."""
-    if at.same("M"):
+    if at.agrees_on("M"):
         return
     error = at.error("M")
     beside = error - np.diag(np.diagonal(error))
-    if largest(beside) <= CLOSE * largest(at.ours["M"]) and at.same("bias"):
-        rounding = ROUNDED * largest(at.ours["M"])
-        explained = np.maximum(rounding, CLOSE * np.abs(np.diagonal(at.ours["M"])))
+    if largest(beside) <= CLOSE * largest(at.reference["M"]) and at.agrees_on("bias"):
+        rounding = ROUNDED * largest(at.reference["M"])
+        explained = np.maximum(rounding, CLOSE * np.abs(np.diagonal(at.reference["M"])))
         where = [int(i) for i in np.flatnonzero(np.abs(np.diagonal(error)) > explained)]
         yield Explanation(
             f"adds to the diagonal of M alone, as an armature does: {_joints(at, where)}"
@@ -156,8 +160,8 @@ def _armature(at: Discrepancy) -> Iterator[Explanation]:
 @_reason
 def _gravity(at: Discrepancy) -> Iterator[Explanation]:
     """Yield that gravity is another number."""
-    ours, theirs = at.ours["gravity"], at.theirs["gravity"]
-    if at.same("gravity") or not ours.any():
+    ours, theirs = at.reference["gravity"], at.library["gravity"]
+    if at.agrees_on("gravity") or not ours.any():
         return
     factor = float(ours @ theirs / (ours @ ours))
     if largest(theirs - factor * ours) <= CLOSE * largest(ours):
@@ -170,17 +174,17 @@ def _axes(at: Discrepancy) -> Iterator[Explanation]:
 
     M is the same if all others do instead: gravity tells which, unless it vanishes.
     """
-    if at.same("M"):
+    if at.agrees_on("M"):
         return
-    n = len(at.ours["M"])
+    n = len(at.reference["M"])
     fitting = []
     for flipped in (one for count in (1, 2) for one in combinations(range(n), count)):
         signs = np.ones(n)
         signs[list(flipped)] = -1
-        error = largest(at.theirs["M"] - np.outer(signs, signs) * at.ours["M"])
-        if error <= CLOSE * largest(at.ours["M"]):
-            weight = at.theirs["gravity"] - signs * at.ours["gravity"]
-            fitting.append((largest(weight) > CLOSE * largest(at.ours["gravity"]), flipped))
+        error = largest(at.library["M"] - np.outer(signs, signs) * at.reference["M"])
+        if error <= CLOSE * largest(at.reference["M"]):
+            weight = at.library["gravity"] - signs * at.reference["gravity"]
+            fitting.append((largest(weight) > CLOSE * largest(at.reference["gravity"]), flipped))
     if fitting:
         _, flipped = min(fitting, key=lambda one: one[0])
         yield Explanation(f"has the opposite axis: {_joints(at, list(flipped))}")
@@ -189,7 +193,7 @@ def _axes(at: Discrepancy) -> Iterator[Explanation]:
 @_reason
 def _base_frame(at: Discrepancy) -> Iterator[Explanation]:
     """Yield that the velocity of a free base is along other axes than it is taken for."""
-    if at.free is None or at.same("M"):
+    if at.free is None or at.agrees_on("M"):
         return
     base, told = at.free
     taken, _ = base.velocity(told, at.v[:FREE])
@@ -197,8 +201,8 @@ def _base_frame(at: Discrepancy) -> Iterator[Explanation]:
     for other in map(BaseVelocity._make, product(AXES, AXES, (False, True))):
         T = np.eye(len(at.v))
         T[:FREE, :FREE] = np.linalg.solve(base.velocity(other, at.v[:FREE])[0], taken)
-        M = T.T @ at.ours["M"] @ T
-        if other != told and largest(at.theirs["M"] - M) <= CLOSE * largest(at.ours["M"]):
+        M = T.T @ at.reference["M"] @ T
+        if other != told and largest(at.library["M"] - M) <= CLOSE * largest(at.reference["M"]):
             found.append(other)
     if len(found) == 1:  # while the base is not turned, all axes are the same
         yield Explanation(f"has another velocity of the base: {found[0]}, not {told}")
@@ -207,7 +211,7 @@ def _base_frame(at: Discrepancy) -> Iterator[Explanation]:
 @_reason
 def _odd_bodies(at: Discrepancy) -> Iterator[Explanation]:
     """Yield what bodies the file has that libraries make something else of."""
-    if at.same("M"):
+    if at.agrees_on("M"):
         return
     if at.description.massless:
         names = few(at.description.massless)

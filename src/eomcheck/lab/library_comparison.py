@@ -45,36 +45,38 @@ class LibraryComparison:
         versions: key of a library that took part -> its version.
         refused: key of one that did not -> why.
         missing: keys of those among them that are not installed.
-        apart: quantity -> the largest difference of any two at any state (k, k), relative to the
-            largest entry; eomcheck first, then as in `versions`.
+        differences: quantity -> the largest difference of any two at any state (k, k), relative to
+            the largest entry; eomcheck first, then as in `versions`.
         findings: the worst one by library and claim, of ours and theirs.
         faults: library and quantity -> what it did instead of an answer, the first time.
-        why: library -> what explains its differences, as far as that is known.
-        said: library -> what it wrote while it read the file.
+        explanations: library -> what explains its differences, as far as that is known.
+        messages: library -> what it wrote while it read the file.
         decided: library -> whether any of its findings is more than inconclusive; none of one
             of which nothing was compared.
-        unsure: library and method -> in how many states rounding explains any difference.
+        inconclusive_counts: library and method -> in how many states rounding explains any
+            difference.
         states: number of states looked at.
         skipped: why q̈ is not compared, once for each state in which it is not.
-        own: failures of our two derivations being the same, in states where a library differs.
-        hidden: library and claim -> what no state resolves of it.
+        self_failures: failures of our two derivations being the same, in states where a library
+            differs.
+        unresolved_entries: library and claim -> what no state resolves of it.
     """
 
     scene: Scene
     versions: dict[str, str] = field(default_factory=dict)
     refused: dict[str, str] = field(default_factory=dict)
     missing: list[str] = field(default_factory=list)
-    apart: dict[str, Array] = field(default_factory=dict)
+    differences: dict[str, Array] = field(default_factory=dict)
     findings: dict[tuple[str, str], Finding] = field(default_factory=dict)
     faults: dict[tuple[str, str], str] = field(default_factory=dict)
-    why: dict[str, list[Explanation]] = field(default_factory=dict)
-    said: dict[str, list[str]] = field(default_factory=dict)
+    explanations: dict[str, list[Explanation]] = field(default_factory=dict)
+    messages: dict[str, list[str]] = field(default_factory=dict)
     decided: dict[str, bool] = field(default_factory=dict)
-    unsure: Counter[tuple[str, str]] = field(default_factory=Counter)
+    inconclusive_counts: Counter[tuple[str, str]] = field(default_factory=Counter)
     states: int = 0
     skipped: list[str] = field(default_factory=list)
-    own: list[Finding] = field(default_factory=list)
-    hidden: dict[tuple[str, str], list[Unresolved]] = field(default_factory=dict)
+    self_failures: list[Finding] = field(default_factory=list)
+    unresolved_entries: dict[tuple[str, str], list[Unresolved]] = field(default_factory=dict)
 
     @property
     def failed(self) -> list[Finding]:
@@ -84,7 +86,7 @@ class LibraryComparison:
     @property
     def disagree(self) -> bool:
         """Whether some that read the file differ, or do not answer everything."""
-        return bool(self.failed or self.faults or self.own)
+        return bool(self.failed or self.faults or self.self_failures)
 
     @property
     def agree(self) -> bool:
@@ -92,7 +94,7 @@ class LibraryComparison:
         return not self.disagree and any(self.decided.values())
 
     @property
-    def open(self) -> list[str]:
+    def undecided_libraries(self) -> list[str]:
         """The keys of libraries that read the file and of which nothing is decided."""
         return [key for key in self.versions if not self.decided.get(key)]
 
@@ -107,20 +109,20 @@ class LibraryComparison:
         """The keys of libraries that are installed and gave no answer."""
         return [key for key in self.refused if key not in self.missing]
 
-    def of(self, library: str) -> list[Finding]:
+    def failures_of(self, library: str) -> list[Finding]:
         """Return what a library differs in by more than rounding."""
         mine = (one for (key, _), one in self.findings.items() if key == library)
         return [one for one in mine if one.verdict == "failed"]
 
     def differs(self, library: str) -> bool:
         """Return whether a library differs, or does not answer everything."""
-        return bool(self.of(library)) or any(key == library for key, _ in self.faults)
+        return bool(self.failures_of(library)) or any(key == library for key, _ in self.faults)
 
-    def undecided(self, library: str) -> list[str]:
+    def undecided_claims(self, library: str) -> list[str]:
         """Return the claims about a library that are decided in no state."""
         return [
             claim
-            for (key, claim), left in self.hidden.items()
+            for (key, claim), left in self.unresolved_entries.items()
             if key == library and any(not one.entry for one in left)
         ]
 
@@ -129,10 +131,10 @@ class LibraryComparison:
         if library in self.refused:
             return "not installed" if library in self.missing else "no answer"
         if not self.differs(library):
-            if library in self.open:
+            if library in self.undecided_libraries:
                 return "inconclusive" if library in self.decided else "nothing compared"
-            return "agrees where decided" if self.undecided(library) else "agrees"
-        labels = [one.label for one in self.why[library]]
+            return "agrees where decided" if self.undecided_claims(library) else "agrees"
+        labels = [one.label for one in self.explanations[library]]
         return ", ".join(labels) if labels and all(labels) else "differs"
 
 
@@ -171,7 +173,7 @@ def summand_sizes(at: Evaluation) -> dict[str, float]:
 
     0 of M and of q̈, for which the entries themselves count.
     """
-    B, Q = inertia_size(at), at.kept(weight_size)
+    B, Q = inertia_size(at), at.cached(weight_size)
     return dict(zip(QUANTITIES, (0.0, B, Q, Q, 0.0), strict=True))
 
 
@@ -194,7 +196,9 @@ def library_quantities(
         except EngineFault as fault:
             if (key, name) not in found.faults:
                 found.faults[key, name] = fault.what
-                found.why[key].append(Explanation(f"gives no {name}: {fault.what}", f"no {name}"))
+                found.explanations[key].append(
+                    Explanation(f"gives no {name}: {fault.what}", f"no {name}")
+                )
         else:
             told[name] = answer.vdot if name == "q̈" else answer
     return told
@@ -223,9 +227,9 @@ def readers(scene: Scene, names: Iterable[str] | None) -> dict[str, type[FileEng
         InputError: the scene is no file, or has other parameters.
         UnknownNameError: there is none of a name.
     """
-    if not (isinstance(scene, Mechanism) and scene.made.format and scene.as_described):
+    if not (isinstance(scene, Mechanism) and scene.source.format and scene.as_described):
         raise InputError(f"{scene.name} is no robot as its file describes it")
-    known = BY_FORMAT[scene.made.format]
+    known = BY_FORMAT[scene.source.format]
     for name in names or ():
         if name not in known:
             raise UnknownNameError("engine", name, known)
@@ -265,7 +269,7 @@ def compare_libraries(
             continue
         try:
             made[key] = call(f"{kind.__name__}(scene)", kind, scene)
-            found.said[key], found.why[key] = made[key].said, []
+            found.messages[key], found.explanations[key] = made[key].library_output, []
         except Exception as error:  # whatever a library makes of a file it cannot read
             found.refused[key] = message_of(error)
             del found.versions[key]
@@ -275,7 +279,7 @@ def compare_libraries(
     kinds = [type(engine) for engine in made.values()]
     run, selection = ValidationRun(), RunSelection.of(["gw"], kinds, asked, scenes=[scene])
     for state in draw_samples(strategies.states(scene), states, seed):
-        _compare_at(found, made, state, run.look_at(scene, state, selection))
+        _compare_at(found, made, state, run.check_state(scene, state, selection))
         found.states += 1
         advance()
     keys: dict[type[Engine] | None, str] = {type(engine): key for key, engine in made.items()}
@@ -284,7 +288,7 @@ def compare_libraries(
             continue  # it is said that q̈ is not compared, and why
         for one in left:
             if (key := keys.get(one.finding.engine)) is not None:
-                found.hidden.setdefault((key, claim), []).append(one)
+                found.unresolved_entries.setdefault((key, claim), []).append(one)
     return found
 
 
@@ -313,12 +317,12 @@ def _compare_at(
     }
     if "q̈" not in ours:
         unsure = {(key, method) for key, method in unsure if method != "acceleration"}
-    found.unsure.update(sorted(unsure))
+    found.inconclusive_counts.update(sorted(unsure))
     for name, method in QUANTITIES.items():
         said = [ours.get(name)]
         said += [None if (x, method) in unsure else told.get(name) for x, told in theirs.items()]
         table = np.array([[relative_difference(x, y, summed[name]) for y in said] for x in said])
-        found.apart[name] = np.fmax(found.apart.get(name, table), table)
+        found.differences[name] = np.fmax(found.differences.get(name, table), table)
     bad = set()
     for key, one in by_library:
         bad |= {key} if one.verdict == "failed" else set()
@@ -331,8 +335,8 @@ def _compare_at(
     description = next(iter(made.values())).description
     if bad:
         own = RunSelection.of(["gw"], [], SELF_CHECKS, scenes=[scene])
-        seen = ValidationRun().look_at(scene, state, own)
-        found.own += [one for one in seen if one.verdict == "failed"]
+        seen = ValidationRun().check_state(scene, state, own)
+        found.self_failures += [one for one in seen if one.verdict == "failed"]
     for key, told in theirs.items():
         if key not in bad or told.keys() != ours.keys():
             continue
@@ -346,5 +350,5 @@ def _compare_at(
             made[key].free_base(*state[:2]),
         )
         for why in explain(parting):
-            if why not in found.why[key]:
-                found.why[key].append(why)
+            if why not in found.explanations[key]:
+                found.explanations[key].append(why)

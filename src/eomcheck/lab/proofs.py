@@ -135,7 +135,7 @@ class Proofs:
     Args:
         jobs: what is to be proved.
         path: file to write, if any.
-        where: where large scenes are proved, see `eomcheck.lab.store.executors.executor`.
+        executor: where large scenes are proved, see `eomcheck.lab.store.executors.executor`.
         records: where to keep the Findings too, as they come.
 
     Attributes:
@@ -148,10 +148,10 @@ class Proofs:
         self,
         jobs: ProofJobs,
         path: Path | None = None,
-        where: str | None = None,
+        executor: str | None = None,
         records: Records | None = None,
     ):
-        self.jobs, self.path, self.where, self.records = jobs, path, where, records
+        self.jobs, self.path, self.executor, self.records = jobs, path, executor, records
         self.seed = new_seed() if jobs.seed is None else jobs.seed
         self.findings: dict[str, list[StoredFinding]] = {}
         self.taken_over = 0
@@ -195,7 +195,7 @@ class Proofs:
             return
         names = ("formulations", "points", "seed")
         prove = partial(_prove, **dict(zip(names, how, strict=True)))
-        for scene, found in parallel_map(self.where, prove, large):
+        for scene, found in parallel_map(self.executor, prove, large):
             yield scene.structure, found
 
     @property

@@ -212,13 +212,13 @@ SHORTER = 3.0
 
 
 def produce_all(
-    cases: Mapping[str, ReferenceCase], where: str | None = None
+    cases: Mapping[str, ReferenceCase], executor: str | None = None
 ) -> Iterator[Reference]:
     """Yield the `Reference` of each case as it is known; several are spread over processes.
 
     Args:
         cases: name -> case.
-        where: see `eomcheck.lab.store.executors.executor`.
+        executor: see `eomcheck.lab.store.executors.executor`.
 
     Raises:
         EngineError: heyoka is not installed.
@@ -232,7 +232,7 @@ def produce_all(
     # The longest first: begun last, it would be waited for alone.
     items = sorted(cases.items(), key=lambda item: -item[1].minutes)
     with progress("computing {reference}", len(items)) as advance:
-        for _, made in parallel_map(where, _produce_quietly, items):
+        for _, made in parallel_map(executor, _produce_quietly, items):
             advance()
             yield made
 

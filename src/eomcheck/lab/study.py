@@ -36,7 +36,7 @@ def run_cells(
     *,
     fresh: bool = False,
     label: str | None = None,
-    where: str | None = None,
+    executor: str | None = None,
     by: Sequence[str] = (),
 ) -> list[Record]:
     """Work off the cells of a study that are not in `records` yet; return the Records of all.
@@ -52,7 +52,7 @@ def run_cells(
             becomes a Record: "refused" for a `RefusedError`, otherwise "failed".
         fresh: forget what is known of these cells first.
         label: of `progress`, by default the name of the study; "" for none.
-        where: where untimed cells are worked off, see
+        executor: where untimed cells are worked off, see
             `eomcheck.lab.store.parallel_map.parallel_map`;
             None: one after another, in this process.
         by: names of settings. Cells that share them go to one process together, in their order.
@@ -65,7 +65,9 @@ def run_cells(
     together = group(missing, lambda one: key_of({name: one[name] for name in by or one}))
     do, batches = partial(_work_off, study, work), together.values()
     finished = (
-        map(do, batches) if where is None else (x for _, x in parallel_map(where, do, batches))
+        map(do, batches)
+        if executor is None
+        else (x for _, x in parallel_map(executor, do, batches))
     )
     with progress(study if label is None else label, len(together)) as advance:
         for made in finished:
@@ -147,9 +149,9 @@ class Study:
         cells: its settings, one a cell. Its arguments are the options of its command, each
             `Annotated` with what help says of it.
         worker: the Records of the studies `before`, and more options -> what works off a cell.
-        sheets: Records -> tables.
+        tables: Records -> tables.
         charts: Records -> charts.
-        said: Records -> sentences below the tables; by default why cells are not done.
+        remarks: Records -> sentences below the tables; by default why cells are not done.
         label: of `eomcheck.console.progress`, "" where what works off a cell shows its own.
         before: studies whose Records must be known first, with the same options.
         alarm: Records -> whether something was found that must not be (exit code 1).
@@ -157,16 +159,16 @@ class Study:
         document: Records -> what `--json` writes, by default the Records.
         reading: how its tables and charts are to be read, for the report.
         small: whether it may run without a file to keep the Records in.
-        spread_by: settings by which its cells are spread over processes (`--executor`), those that
-            share them together. By default they are timed: one after another, in this process.
+        parallel_by: settings by which its cells are spread over processes (`--executor`), those
+            that share them together. By default they are timed: one after another, in this process.
     """
 
     key: str
     cells: Callable[..., Iterable[Settings]]
     worker: Callable[..., CellWorker]
-    sheets: Callable[[StudyRecords], Iterable[ResultTable]]
+    tables: Callable[[StudyRecords], Iterable[ResultTable]]
     charts: Callable[[StudyRecords], Iterable[Chart]] = nothing
-    said: Callable[[StudyRecords], Iterable[str]] = unfinished
+    remarks: Callable[[StudyRecords], Iterable[str]] = unfinished
     label: str = "measuring {case}"
     before: tuple[Study, ...] = ()
     alarm: Callable[[StudyRecords], bool] = lambda found: False
@@ -176,13 +178,13 @@ class Study:
     }
     reading: str = ""
     small: bool = False
-    spread_by: Sequence[str] = ()
+    parallel_by: Sequence[str] = ()
 
     def options(self) -> dict[str, Parameter]:
         """Return the options of the study, by name."""
         found: dict[str, Parameter] = {}
         functions: list[Callable] = [f for b in self.before for f in (b.cells, b.worker)]
-        for function in (*functions, self.cells, self.worker, *([_at] if self.spread_by else [])):
+        for function in (*functions, self.cells, self.worker, *([_at] if self.parallel_by else [])):
             found |= signature(function, eval_str=True).parameters
         return {name: one for name, one in found.items() if one.kind is Parameter.KEYWORD_ONLY}
 
@@ -190,7 +192,7 @@ class Study:
         """Raise InputError (or EngineError) if an option has a value that makes no sense."""
         for one in (*self.before, self):
             list(_call(one.cells, options))
-            if one.spread_by:
+            if one.parallel_by:
                 _call(_at, options)
 
     def measure(self, records: Records, fresh: bool = False, **options: Any) -> list[Record]:
@@ -207,12 +209,12 @@ class Study:
         """
         # Before the first cell is worked off, all options are looked at.
         cells = list(_call(self.cells, options))
-        where = _call(_at, options) if self.spread_by else None
+        where = _call(_at, options) if self.parallel_by else None
         known: list[Record] = []
         for one in self.before:
             known += one.measure(records, fresh, **options)
         work = _call(self.worker, options, known)
-        how = {"fresh": fresh, "label": self.label, "where": where, "by": self.spread_by}
+        how = {"fresh": fresh, "label": self.label, "executor": where, "by": self.parallel_by}
         found = run_cells(records, self.key, cells, work, **how)
         return [*known, *found]
 
@@ -232,7 +234,7 @@ class Study:
         for file, charts in drawn.items():
             written.append(folder / f"{file}.png")
             draw_charts(charts, written[-1])
-        for sheet in self.sheets(found):
+        for sheet in self.tables(found):
             if sheet.rows and not sheet.detail:
                 written.append(folder / f"{sheet.name}.md")
                 write_text(written[-1], sheet.markdown())

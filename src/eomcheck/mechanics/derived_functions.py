@@ -154,18 +154,18 @@ def _speeds_of(jacobians, constraints):
 # ---- Bodies --------------------------------------------------------------------------------------
 
 
-def support_of(scene: Any, moved: Any) -> Any:
+def support_of(scene: Any, movable: Any) -> Any:
     """Return which generalized speeds can move each body, bool (n_b, p), see `Scene.support`.
 
     Args:
         scene: the scene.
-        moved: which coordinates can, bool (n_b, n).
+        movable: which coordinates can, bool (n_b, n).
     """
-    if not {"kinematics", "bodies"} <= scene.composed:
+    if not {"kinematics", "bodies"} <= scene.derived_functions:
         return None
     # The first r velocities follow from all the others.
-    dependent = moved[:, : scene.r].any(axis=1, keepdims=True)
-    return moved[:, scene.r :] | dependent
+    dependent = movable[:, : scene.r].any(axis=1, keepdims=True)
+    return movable[:, scene.r :] | dependent
 
 
 @generic
@@ -284,10 +284,12 @@ def derive_missing(kind: Any) -> None:
     for name, composer in _DERIVATIONS.items():
         owner = next((base for base in kind.__mro__ if name in vars(base)), None)
         parts = [getattr(kind, part, None) for part in signature(composer).parameters]
-        if (owner is None or name in vars(owner).get("composed", ())) and None not in parts:
+        if (
+            owner is None or name in vars(owner).get("derived_functions", ())
+        ) and None not in parts:
             function = composer(*parts)
             function.__module__ = kind.__module__
             function.__qualname__ = f"{kind.__name__}.{name}"
             setattr(kind, name, staticmethod(generic(function)))
             composed.add(name)
-    kind.composed = frozenset(composed)
+    kind.derived_functions = frozenset(composed)

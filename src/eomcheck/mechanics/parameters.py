@@ -40,11 +40,11 @@ class _Declared(NamedTuple):
     what: str
     unit: str
     sign: Sign
-    drawn: Range | None
+    sample_range: Range | None
     shape: Shape
     optional: bool
     read: bool
-    made: Callable[[Any], Any] | None
+    computed_default: Callable[[Any], Any] | None
 
     @property
     def documented(self) -> str:
@@ -76,7 +76,7 @@ def parameter(
     what: str,
     unit: str,
     sign: Sign = "",
-    drawn: tuple[float, float] | tuple[float, float, None] | None = None,
+    sample_range: tuple[float, float] | tuple[float, float, None] | None = None,
     shape: Shape = (),
     *,
     default: Any = MISSING,
@@ -89,16 +89,18 @@ def parameter(
         what: what it is, for its documentation.
         unit: its SI unit.
         sign: of its entries.
-        drawn: what it is drawn from in ordinary scenes, in its own shape: low, high and, where it
-            may also be None, None.
+        sample_range: what it is drawn from in ordinary scenes, in its own shape: low, high and,
+            where it may also be None, None.
         shape: of the array, () for one number, or how it follows from the number of links.
         default: its default, if any; or what makes it of the scene where it is None.
         optional: whether it may be None though it is not drawn so.
         read: whether the equations read it as it is; what only the initial state or `derived`
             parameters are made of, they do not.
     """
-    absent = drawn is not None and len(drawn) == 3
-    among = None if drawn is None else Range(drawn[0], drawn[1], optional=absent)
+    absent = sample_range is not None and len(sample_range) == 3
+    among = (
+        None if sample_range is None else Range(sample_range[0], sample_range[1], optional=absent)
+    )
     made, default = (default, None) if callable(default) else (None, default)
     declared = _Declared(what, unit, sign, among, shape, optional or absent, read, made)
     return field(default=default, metadata={"declared": declared})
@@ -124,12 +126,12 @@ def settable(scene: Any) -> dict[str, Field]:
     return {one.name: one for one in fields(scene) if one.init} if is_dataclass(scene) else {}
 
 
-def with_parameters(scene: Any, given: Mapping[str, Sequence[float] | None]) -> Any:
+def with_parameters(scene: Any, changes: Mapping[str, Sequence[float] | None]) -> Any:
     """Return a scene with other parameters.
 
     Args:
         scene: the scene.
-        given: name -> its numbers in order, one that stands for all entries, or None where the
+        changes: name -> its numbers in order, one that stands for all entries, or None where the
             parameter is to be absent.
 
     Raises:
@@ -138,7 +140,7 @@ def with_parameters(scene: Any, given: Mapping[str, Sequence[float] | None]) -> 
     """
     known = settable(scene)
     values = {}
-    for name, numbers in given.items():
+    for name, numbers in changes.items():
         registered(f"parameter of {scene.key}", name, known)
         values[name] = numbers if numbers is None else _shaped(scene, name, numbers)
     return replace(scene, **values) if values else scene
@@ -204,8 +206,8 @@ class Parametric(Scene):
         """
         for name, declared in self.declared.items():
             value = getattr(self, name)
-            if value is None and declared.made is not None:
-                value = declared.made(self)
+            if value is None and declared.computed_default is not None:
+                value = declared.computed_default(self)
             object.__setattr__(self, name, declared.checked(name, value, links))
 
     @classmethod
@@ -213,9 +215,9 @@ class Parametric(Scene):
         """Return what ordinary scenes of this kind are drawn from, by name of argument."""
         count = number_of_links(links) if cls.has_links else 0
         return {
-            name: one.drawn._replace(shape=one.shape_of(count))
+            name: one.sample_range._replace(shape=one.shape_of(count))
             for name, one in cls.declared.items()
-            if one.drawn is not None
+            if one.sample_range is not None
         }
 
     def derived(self, arithmetic: Arithmetic) -> dict[str, Any]:

@@ -35,10 +35,12 @@ def translation(scene: Scene, q: Array, v: Array) -> Symmetry:
     return Symmetry("translation", scene, moved, v, np.eye(scene.n))
 
 
-def mirror(scene: Scene, q: Array, v: Array, kept: tuple[int, ...]) -> Symmetry:
-    """Return the mirror image in the x axis: `scene` is mirrored, coordinates but `kept` flip."""
+def mirror(scene: Scene, q: Array, v: Array, unflipped: tuple[int, ...]) -> Symmetry:
+    """Return the mirror image in the x axis: `scene` is mirrored, coordinates but `unflipped`
+    flip.
+    """
     signs = -np.ones(scene.n)
-    signs[list(kept)] = 1.0
+    signs[list(unflipped)] = 1.0
     return Symmetry("mirror", scene, signs * q, signs * v, np.diag(signs))
 
 

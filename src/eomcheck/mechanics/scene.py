@@ -80,9 +80,9 @@ class Scene(ABC):
     - `potential(parameters, prepared, q) -> U`, J, or None
     - `constraint(parameters, prepared, q, v) -> c (r,)` or None
 
-    The others follow, see `eomcheck.mechanics.derived_functions`; `composed` tells which. A scene
-    that knows a shorter way writes it itself. In Lagrange's terms, and then `jacobians`, `drift`
-    and `forces` may be left out where the speeds are written too:
+    The others follow, see `eomcheck.mechanics.derived_functions`; `derived_functions` tells which.
+    A scene that knows a shorter way writes it itself. In Lagrange's terms, and then `jacobians`,
+    `drift` and `forces` may be left out where the speeds are written too:
 
     - `terms(parameters, prepared, q, v) -> Terms`
 
@@ -125,7 +125,7 @@ class Scene(ABC):
     """Terms that are absent unless asked for."""
     depends_on_time: ClassVar[bool] = False
     """Whether anything in it depends on t."""
-    composed: ClassVar[frozenset[str]] = frozenset()
+    derived_functions: ClassVar[frozenset[str]] = frozenset()
     """Names of the functions that the scene does not write but are made of those it does."""
     has_links: ClassVar[bool] = False
     """Whether scenes of this kind have a number of links to choose."""
@@ -137,9 +137,9 @@ class Scene(ABC):
     """Which coordinates are angles."""
     named_coordinates: ClassVar[tuple[str, ...]] = ()
     """Names of the coordinates where all scenes of the kind have the same."""
-    drawn_coordinates: ClassVar[tuple[Range, ...] | None] = None
+    coordinate_sample_ranges: ClassVar[tuple[Range, ...] | None] = None
     """What they are drawn from, see `coordinate_ranges`."""
-    pictured: ClassVar[tuple[float, ...]] = ()
+    display_pose: ClassVar[tuple[float, ...]] = ()
     """Pose q (n,) that a picture of the kind shows; empty for the initial one."""
     named_constraints: ClassVar[tuple[str, ...]] = ()
     """Names of the constraints where all scenes of the kind have the same."""
@@ -201,7 +201,7 @@ class Scene(ABC):
         If they are a partition of the velocities, the modified Lagrange method is the embedding
         method by another name, and its agreement is no separate evidence.
         """
-        return "kinematics" not in self.composed
+        return "kinematics" not in self.derived_functions
 
     @property
     def n(self) -> int:
@@ -296,13 +296,13 @@ class Scene(ABC):
 
     @classmethod
     def of_topology(
-        cls, links: int | None, ways: Mapping[str, str], choices: Choices
+        cls, links: int | None, levels: Mapping[str, str], choices: Choices
     ) -> type[Scene]:
         """Return a kind of scenes that hang together in these ways; itself where there is one.
 
         Args:
             links: number of links, for a kind of scene that has one.
-            ways: one of each property in an entry of `topologies`; other names do not count.
+            levels: one of each property in an entry of `topologies`; other names do not count.
             choices: what chooses all else.
 
         Raises:
@@ -331,7 +331,7 @@ class Scene(ABC):
         None for up to 10 m from the origin and all angles. Where there is a `position_residual`,
         what is drawn is where the search for a closed position starts.
         """
-        return self.drawn_coordinates
+        return self.coordinate_sample_ranges
 
     @abstractmethod
     def parameters(self, arithmetic: Arithmetic) -> NamedTuple:
@@ -363,7 +363,7 @@ class Scene(ABC):
             links: number of links, for a kind of scene that has one.
         """
         scene = cls.example() if links is None else next(cls.structures(links))
-        return scene, np.array(cls.pictured) if cls.pictured else scene.initial_state()[0]
+        return scene, np.array(cls.display_pose) if cls.display_pose else scene.initial_state()[0]
 
     def sketch(self, q: Array, t: float = 0.0) -> Sketch | None:
         """Return what a picture of it in the pose q (n,) is made of; None where nobody said."""

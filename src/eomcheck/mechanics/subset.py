@@ -92,7 +92,7 @@ def _scene_class_with_rows(kind: Any, rows: tuple[int, ...], of: int) -> type[Sc
         return selected_rows(all_closed(parameters, prepared, q), places)
 
     functions = {"constraints": constraints, "drift": drift, "constraint": constraint}
-    if "terms" not in kind.composed:
+    if "terms" not in kind.derived_functions:
         functions["terms"] = terms
     if count:
         functions["position_residual"] = position_residual

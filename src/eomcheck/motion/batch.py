@@ -154,7 +154,7 @@ def trace_starts(scene: Scene, formulation: Formulation, by_speeds: bool) -> Tra
         found["residual"] = terms.sum(axis=1)
         found["size"] = map_entries(lambda x: (x * x).sqrt(), terms).sum(axis=1)
         found["solved"] = a[:, _solved(at, formulation)].ravel()
-    outputs = {name: [tape.number(x).place for x in values] for name, values in found.items()}
+    outputs = {name: [tape.number(x).index for x in values] for name, values in found.items()}
     return Traced(tape, at, y, outputs)
 
 
@@ -534,7 +534,7 @@ def _integrated_lanes(
     if times[0] == 0.0:
         out[0], record[dop853.NEXT] = y0, 1.0
     record[dop853.DUE] = times[int(record[dop853.NEXT, 0])]
-    last = kernel.handed(block)
+    last = kernel.last_argument(block)
     most = float(options.max_steps or np.inf)
     dop853.dop853(width)(
         *(kernel.address, last.ctypes.data, size, y.ctypes.data, record.ctypes.data),

@@ -52,7 +52,7 @@ def trace_observables(scene: Scene, formulation: Formulation) -> Traced:
     seen = {"v": at.v, "u": at.u, "energy": (T if U is None else T + U,)}
     if scene.r > 0:
         seen["constraint"] = scene.constraint(*here, at.v)
-    outputs = {name: [tape.number(x).place for x in values] for name, values in seen.items()}
+    outputs = {name: [tape.number(x).index for x in values] for name, values in seen.items()}
     return Traced(tape, at, y, outputs)
 
 
@@ -148,7 +148,7 @@ def trace_partition(scene: Scene, formulation: Formulation) -> Traced:
     tape, at, y, _ = state_on_tape(scene, formulation)
     a, _ = at.call(scene.constraints, at.parameters, at.prepared, at.q)
     a_1 = a[:, at.partition.dependent].ravel()
-    return Traced(tape, at, y, {"a_1": [tape.number(x).place for x in a_1]})
+    return Traced(tape, at, y, {"a_1": [tape.number(x).index for x in a_1]})
 
 
 def singular_crossings(

@@ -268,15 +268,15 @@ def trace_rates(
     if formulation.state == "q, v2":
         rates = rates[at.partition.independent]
     integrals = () if formulation.state != "q, v, μ" or multipliers is None else multipliers
-    found = [tape.number(x).place for x in (*qdot, *rates, *integrals)]
+    found = [tape.number(x).index for x in (*qdot, *rates, *integrals)]
     outputs = {"rates": found}
     if also == JACOBIAN:
-        outputs[JACOBIAN] = jacobian(tape, found, [x.place for x in y])
+        outputs[JACOBIAN] = jacobian(tape, found, [x.index for x in y])
     elif also == ACCELERATION:
         vdot, multipliers = at.solution(formulation)
-        outputs["vdot"] = [tape.number(x).place for x in vdot]
+        outputs["vdot"] = [tape.number(x).index for x in vdot]
         if multipliers is not None:
-            outputs["multipliers"] = [tape.number(x).place for x in multipliers]
+            outputs["multipliers"] = [tape.number(x).index for x in multipliers]
     return Traced(tape, at, y, outputs)
 
 

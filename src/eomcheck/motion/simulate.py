@@ -160,7 +160,7 @@ class Motion:
         set_speeds(at, self.formulation, y[n : n + self.speeds])
         return at.q, at.v
 
-    def seen(self, t: Array, y: Array) -> dict[str, Array]:
+    def observables(self, t: Array, y: Array) -> dict[str, Array]:
         """Return v, energy, constraint and multipliers, each (k, ·), of states y (k, size).
 
         Constraint and multipliers only where there are any. States are seen a few at a time, so
@@ -190,7 +190,7 @@ class Motion:
                         found[name][some] = seen[name][:, :, 0]
         return found
 
-    def crossed(self, t: Array, y: Array) -> tuple[float, float] | None:
+    def singular_crossing(self, t: Array, y: Array) -> tuple[float, float] | None:
         """Return the times, s, between which states y (k, size) went over such a pose, or None."""
         if not self.solves_partition or len(t) == 0:
             return None
@@ -299,9 +299,9 @@ def trajectory_of(
         integrator,
         rtol,
         atol,
-        found.t[: course.kept],
-        found.y[: course.kept, :n],
-        course.seen["v"][: course.kept],
+        found.t[: course.valid_count],
+        found.y[: course.valid_count, :n],
+        course.observables["v"][: course.valid_count],
         course.rows("multipliers"),
         energy[:, 0],
         None if residual is None else np.abs(residual, out=residual),
@@ -325,29 +325,31 @@ class _ObservedMotion:
 
     def __init__(self, motion: Motion, found: Steps, every: Steps):
         self.formulation = motion.formulation
-        self.seen = motion.seen(found.t, found.y)
+        self.observables = motion.observables(found.t, found.y)
         whole = np.asarray(np.isfinite(found.y).all(axis=1))
         for name in ("v", "energy", "constraint"):
-            if name in self.seen:
-                whole &= np.isfinite(self.seen[name]).all(axis=1)
+            if name in self.observables:
+                whole &= np.isfinite(self.observables[name]).all(axis=1)
         count = len(whole)
-        self.kept = count if whole.all() else int(np.argmin(whole))
+        self.valid_count = count if whole.all() else int(np.argmin(whole))
         self.rcond: dict[str, float] = {}
         self.refused: tuple[str, RefusedError] | None = None
-        self._looked: dict[str, Evaluation] = {}
+        self._checked: dict[str, Evaluation] = {}
         self._worst = math.inf
-        between = motion.crossed(every.t, every.y)
+        between = motion.singular_crossing(every.t, every.y)
         if between is not None:
             refusal = crossing_refusal(*between)
             self.refused = str(refusal), refusal
-            self.kept = min(self.kept, int(np.searchsorted(found.t, between[0], "right")))
+            self.valid_count = min(
+                self.valid_count, int(np.searchsorted(found.t, between[0], "right"))
+            )
         places = set(
             np.linspace(0, count - 1, min(count, MOST_CHECKED_STATES)).astype(int).tolist()
         )
-        if "multipliers" in self.seen:
-            without = np.isnan(self.seen["multipliers"]).any(axis=1)
+        if "multipliers" in self.observables:
+            without = np.isnan(self.observables["multipliers"]).any(axis=1)
             places |= set(np.flatnonzero(without)[:MOST_CHECKED_STATES].tolist())
-        looks = sorted(place for place in places if place < self.kept)
+        looks = sorted(place for place in places if place < self.valid_count)
         place = 0
         with polled_progress(
             f"looking at matrices of {self.formulation.key}", count, lambda: place
@@ -355,14 +357,14 @@ class _ObservedMotion:
             for place in looks:
                 t = float(found.t[place])
                 try:
-                    self._look(motion, t, found.y[place])
+                    self._check_state(motion, t, found.y[place])
                 except RefusedError as refusal:
                     self.refused = f"the state at t = {t:.9g} s is refused: {refusal}", refusal
-                    self.kept = place
+                    self.valid_count = place
                     break
-        self.whole = self.kept == count
+        self.whole = self.valid_count == count
 
-    def _look(self, motion: Motion, t: float, y: Array) -> None:
+    def _check_state(self, motion: Motion, t: float, y: Array) -> None:
         at = motion.evaluation(y, t)
         if at is None:
             raise RefusedError("v", math.nan, 0.0, "v overflows: doubles cannot hold it")
@@ -372,27 +374,27 @@ class _ObservedMotion:
         for name, rcond in found.items():
             self.rcond[name] = min(rcond, self.rcond.get(name, 1.0))
         # No more of them than are asked again: what they know grows with the matrices.
-        self._looked.setdefault("first", at)
-        self._looked["last"] = at
+        self._checked.setdefault("first", at)
+        self._checked["last"] = at
         if min(found.values(), default=math.inf) < self._worst:
             self._worst = min(found.values())
-            self._looked["worst"] = at
+            self._checked["worst"] = at
 
     def rows(self, name: str) -> Array | None:
         """Return what was seen at the states kept (k, ·), or None."""
-        return self.seen[name][: self.kept] if name in self.seen else None
+        return self.observables[name][: self.valid_count] if name in self.observables else None
 
     def rate_error(self) -> float:
         """Return the largest relative error bound of v̇ at the first, last and worst state."""
         worst = 0.0
-        for at in {id(at): at for at in self._looked.values()}.values():
+        for at in {id(at): at for at in self._checked.values()}.values():
             size = largest(at.acceleration(self.formulation).vdot)
             bound = allowed_error(acceleration_sensitivity(at, self.formulation))
             # `max` would take NaN, ∞ / ∞, for small.
             if not math.isfinite(bound + size):
                 return math.inf
             worst = max(worst, bound / size if size > 0 else 0.0)
-        return worst if self._looked else math.inf
+        return worst if self._checked else math.inf
 
 
 def _reason(motion: Motion, found: Steps) -> tuple[str, RefusedError | None]:

@@ -104,12 +104,12 @@ def _lapack_solve(bands, b, name):
     bands, b, noise = np.asarray(bands), np.asarray(b), active_noise()
     if isinstance(noise, NoiseBatch):
         each = for_each_noise(noise, lambda i, _: _lapack_solve(bands[i], b[i], name))
-        return noise.array(np.stack(each))
+        return noise.as_perturbed(np.stack(each))
     size = len(bands)
     columns, inside = band_columns(size)
     with np.errstate(all="ignore"):
         if noise is not None:
-            bands, b = noise.entries(bands), noise.entries(b)
+            bands, b = noise.perturb(bands), noise.perturb(b)
         # As in `solve`: first rows, then columns, by powers of two.
         row_scale = column_scale(bands.T)
         bands = np.where(inside, bands * row_scale[:, None], 0.0)
@@ -136,7 +136,7 @@ def _lapack_solve(bands, b, name):
         if not error <= REFINED:
             return np.full(size, np.nan)
         x = A.moved(x, b * row_scale, noise) * scale
-    return noise.array(noise.entries(x))
+    return noise.as_perturbed(noise.perturb(x))
 
 
 @lru_cache(64)

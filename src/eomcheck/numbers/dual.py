@@ -171,7 +171,7 @@ class RecordingArithmetic:
 
     def __init__(self, arithmetic: Arithmetic):
         self._arithmetic = arithmetic
-        self.made: list[Any] = []
+        self.recorded: list[Any] = []
 
     def numbers(self, x: Array) -> Array:
         """Return x as the arithmetic does."""
@@ -179,20 +179,20 @@ class RecordingArithmetic:
 
     def angles(self, x: Array) -> Angles:
         """Return the angles x (k,) as the arithmetic does."""
-        self.made.append(self._arithmetic.angles(x))
-        return self.made[-1]
+        self.recorded.append(self._arithmetic.angles(x))
+        return self.recorded[-1]
 
     def root(self, x: Array) -> Array:
         """Return the roots of x (k,) as the arithmetic does."""
-        self.made.append(self._arithmetic.root(x))
-        return self.made[-1]
+        self.recorded.append(self._arithmetic.root(x))
+        return self.recorded[-1]
 
 
 class ReplayArithmetic:
     """An arithmetic that makes the same angles and roots again, in order, while they change."""
 
     def __init__(self, made: Sequence[Any]):
-        self._made = iter(made)
+        self._recorded = iter(made)
 
     def numbers(self, x: Array) -> Array:
         """Tell that nobody knows a rate.
@@ -204,8 +204,8 @@ class ReplayArithmetic:
 
     def angles(self, x: Array) -> Angles:
         """Return the next angles (k,), turning at the rates of x."""
-        return dual_angles(next(self._made), rate(x))
+        return dual_angles(next(self._recorded), rate(x))
 
     def root(self, x: Array) -> Array:
         """Return the next roots (k,), changing with x."""
-        return dual_root(next(self._made), rate(x))
+        return dual_root(next(self._recorded), rate(x))

@@ -30,13 +30,13 @@ class LaneArray:
         noise: what moves the results of operations, if anything.
     """
 
-    __slots__ = ("data", "known", "noise", "turned")
+    __slots__ = ("data", "noise", "svd_cache", "turned")
     __array_priority__ = 100.0
 
     def __init__(self, data: np.ndarray, noise: Noise | None = None):
         self.data, self.noise = data, noise
         # What is known of a matrix and its transpose (`eomcheck.numbers.linear`).
-        self.known: list[Any] = []
+        self.svd_cache: list[Any] = []
         self.turned = False
 
     # ---- As an array -----------------------------------------------------------------------------
@@ -74,7 +74,7 @@ class LaneArray:
         """The array with its axes in reverse."""
         data = self.data.transpose(*range(self.ndim - 1, -1, -1), self.ndim)
         turned = LaneArray(data, self.noise)
-        turned.known, turned.turned = self.known, not self.turned
+        turned.svd_cache, turned.turned = self.svd_cache, not self.turned
         return turned
 
     def __len__(self) -> int:
@@ -87,7 +87,7 @@ class LaneArray:
         return LaneArray(found, self.noise if found.ndim > 1 else None)
 
     def __setitem__(self, where: Any, x: Any) -> None:
-        self.known.clear()
+        self.svd_cache.clear()
         self.data[where] = x.data if isinstance(x, LaneArray) else x
 
     def __iter__(self) -> Iterator[LaneArray]:
@@ -367,21 +367,21 @@ class LaneNoise(Noise):
     `perturbation_scale`.
     """
 
-    def entries(self, x: Any) -> Any:
+    def perturb(self, x: Any) -> Any:
         """Change each entry of x relative to itself."""
         data = x.data
         with np.errstate(all="ignore"):
             return LaneArray(data + _changes(self, data) * perturbation_scale(data))
 
-    def record(self, x: Any) -> Any:
+    def perturb_record(self, x: Any) -> Any:
         """Change each entry of every array in a record; what is absent stays absent."""
         if isinstance(x, Angles):
-            return Angles(x.value, self.entries(x.cos), self.entries(x.sin))
+            return Angles(x.value, self.perturb(x.cos), self.perturb(x.sin))
         if isinstance(x, tuple):
-            parts = [self.record(part) for part in x]
+            parts = [self.perturb_record(part) for part in x]
             return type(x)(*parts) if hasattr(x, "_fields") else tuple(parts)
-        return x if x is None else self.array(self.entries(as_float64(x)))
+        return x if x is None else self.as_perturbed(self.perturb(as_float64(x)))
 
-    def array(self, x: Any) -> Any:
+    def as_perturbed(self, x: Any) -> Any:
         """Return x with every operation of whole arrays on it moved."""
         return LaneArray(x.data, self)

@@ -50,10 +50,10 @@ class FactorMagnitudes:
         size = np.abs(lu)
         self.L, self.U = np.where(upper, one, size), np.where(upper, size, 0.0)
         if pivots.ndim == 1:
-            self.place: Any = (..., elimination_order(pivots))
-            self.rows: Any = (*self.place, slice(None))
+            self.row_index: Any = (..., elimination_order(pivots))
+            self.rows: Any = (*self.row_index, slice(None))
         else:
-            self.place = self.rows = np.arange(len(pivots))[:, None], elimination_order(pivots)
+            self.row_index = self.rows = np.arange(len(pivots))[:, None], elimination_order(pivots)
 
     def times(self, x: np.ndarray) -> np.ndarray:
         """Return |L||U| x, x (..., k) or (..., k, m); of one matrix, x may be several."""
@@ -61,7 +61,7 @@ class FactorMagnitudes:
         if x.ndim >= self.U.ndim:
             out[self.rows] = self.L @ (self.U @ x)
         else:
-            out[self.place] = (self.L @ (self.U @ x[..., None]))[..., 0]
+            out[self.row_index] = (self.L @ (self.U @ x[..., None]))[..., 0]
         return out
 
 
@@ -102,7 +102,7 @@ def reciprocal_condition(lu: np.ndarray, pivots: np.ndarray, sizes: FactorMagnit
     inverse = np.abs(_getri(lu, pivots, lwork=64 * size)[0])
     if not np.isfinite(inverse).all():
         return 0.0
-    inverse = inverse[:, sizes.place[-1]]  # of rows in the order of their elimination
+    inverse = inverse[:, sizes.row_index[-1]]  # of rows in the order of their elimination
     weights, radius = np.ones(size), np.inf
     for _ in range(ROUNDS):
         product = inverse @ (sizes.L @ (sizes.U @ weights))
@@ -200,7 +200,7 @@ class SolveRecorder:
 
     Attributes:
         noise: what matrices are moved by.
-        like: see `recording_solves`.
+        references: see `recording_solves`.
         solves: every matrix solved.
         conditions: in lanes, whether condition numbers are wanted.
         refused: in lanes, where each of them is refused (L,).
@@ -209,10 +209,10 @@ class SolveRecorder:
     def __init__(
         self,
         noise: Noise | None = None,
-        like: Mapping[str, SolveRecord] | None = None,
+        references: Mapping[str, SolveRecord] | None = None,
         conditions: bool = True,
     ):
-        self.noise, self.like, self.conditions = noise, like or {}, conditions
+        self.noise, self.references, self.conditions = noise, references or {}, conditions
         self.solves: list[SolveRecord] = []
         self.refused: list[np.ndarray] = []
 
@@ -228,19 +228,19 @@ _active_recorder: ContextVar[SolveRecorder | None] = ContextVar("watch", default
 @contextmanager
 def recording_solves(
     noise: Noise | None = None,
-    like: Mapping[str, SolveRecord] | None = None,
+    references: Mapping[str, SolveRecord] | None = None,
     conditions: bool = True,
 ) -> Iterator[SolveRecorder]:
     """Collect every `SolveRecord` made inside the block.
 
     Args:
         noise: what matrices are moved by.
-        like: name of a matrix -> how it was solved as it is: moved, it is given the same pivots.
-            Where several rows would do as well, another choice is another elimination, which tells
-            nothing of the rounding of this one.
+        references: name of a matrix -> how it was solved as it is: moved, it is given the same
+            pivots. Where several rows would do as well, another choice is another elimination,
+            which tells nothing of the rounding of this one.
         conditions: in lanes, whether condition numbers are wanted.
     """
-    token = _active_recorder.set(watch := SolveRecorder(noise, like, conditions))
+    token = _active_recorder.set(watch := SolveRecorder(noise, references, conditions))
     try:
         yield watch
     finally:
@@ -264,9 +264,13 @@ def for_each_noise(noises: NoiseBatch, function: Callable[[int, Noise], T]) -> l
     What all solve is recorded as if they had solved it side by side.
     """
     outer, found, solves = _active_recorder.get(), [], []
-    with noises.apart() as each:
+    with noises.split() as each:
         for i, noise in enumerate(each):
-            with nullcontext() if outer is None else recording_solves(noise, outer.like) as watch:
+            with (
+                nullcontext()
+                if outer is None
+                else recording_solves(noise, outer.references) as watch
+            ):
                 found.append(function(i, noise))
             solves.append([] if watch is None else watch.solves)
     for same in zip(*solves, strict=True):
@@ -372,7 +376,7 @@ def _lapack_solve(A, b, name):
 def reference_solve(name):
     """Return how the matrix was solved as it is, if that is known."""
     watch = _active_recorder.get()
-    return None if watch is None else watch.like.get(name)
+    return None if watch is None else watch.references.get(name)
 
 
 def equilibrate(A, b):
@@ -469,8 +473,8 @@ def _lanes_last(x: np.ndarray) -> LaneArray:
 def _svd(a: LaneArray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return (U, s, Vᵀ) of each lane, found once for a matrix and its transpose."""
     a = as_float64(a)
-    if not a.known:
+    if not a.svd_cache:
         plain = a.T if a.turned else a
-        a.known.append(np.linalg.svd(_lanes_first(plain)))
-    U, s, Vh = a.known[0]
+        a.svd_cache.append(np.linalg.svd(_lanes_first(plain)))
+    U, s, Vh = a.svd_cache[0]
     return (Vh.swapaxes(-1, -2), s, U.swapaxes(-1, -2)) if a.turned else (U, s, Vh)

@@ -75,8 +75,8 @@ class Noise:
 
     shape: tuple[int, ...] = ()
     """Axes in front of every array that is changed, see `NoiseBatch`."""
-    moves = True
-    """Whether it changes anything, see `NoiseBatch.still`."""
+    enabled = True
+    """Whether it changes anything, see `NoiseBatch.disabled`."""
 
     def __init__(self, seed: int, step: float = STEP):
         self.seed, self.step = seed, step
@@ -103,21 +103,21 @@ class Noise:
             )
         return self.step * self._drawn[first : self._taken].reshape(shape)
 
-    def entries(self, x: np.ndarray) -> np.ndarray:
+    def perturb(self, x: np.ndarray) -> np.ndarray:
         """Change each entry of x relative to itself: numbers that were read or rounded."""
         with np.errstate(all="ignore"):
             return x + self.changes(x.shape) * np.maximum(np.abs(x), NORMAL)
 
-    def record(self, x: Any) -> Any:
+    def perturb_record(self, x: Any) -> Any:
         """Change each entry of every array in a record; what is absent stays absent.
 
         Of `Angles` only cosines and sines, which were rounded: the angles are what was read.
         """
         if isinstance(x, Angles):
-            return Angles(x.value, self.entries(x.cos), self.entries(x.sin))
-        return map_record(lambda part: self.array(self.entries(np.asarray(part))), x)
+            return Angles(x.value, self.perturb(x.cos), self.perturb(x.sin))
+        return map_record(lambda part: self.as_perturbed(self.perturb(np.asarray(part))), x)
 
-    def array(self, x: np.ndarray) -> PerturbedArray:
+    def as_perturbed(self, x: np.ndarray) -> PerturbedArray:
         """Return x with every operation of whole arrays on it moved."""
         moved = x.view(PerturbedArray)
         moved.noise = self
@@ -146,18 +146,18 @@ class NoiseBatch(Noise):
         return self._drawn[:, first : self._taken].reshape(shape)
 
     @contextmanager
-    def still(self) -> Iterator[None]:
+    def disabled(self) -> Iterator[None]:
         """Change nothing meanwhile: neither what asks for changes nor arrays that were made."""
         moving, self._sources = self._sources, tuple((seed, 0.0) for seed, _ in self._sources)
-        self.moves = False
+        self.enabled = False
         try:
             with self.stream(self._stream):
                 yield
         finally:
-            self._sources, self.moves = moving, True
+            self._sources, self.enabled = moving, True
 
     @contextmanager
-    def apart(self) -> Iterator[list[Noise]]:
+    def split(self) -> Iterator[list[Noise]]:
         """Yield the noises one by one, each where all are; afterwards go on behind them."""
         noises = [Noise(*source) for source in self._sources]
         for one in noises:
@@ -196,7 +196,7 @@ class PerturbedArray(np.ndarray):
         if out is not None:
             result += change
             return out[0]
-        return noise.array(np.asarray(result + change))
+        return noise.as_perturbed(np.asarray(result + change))
 
 
 class NoisyArithmetic:
@@ -211,8 +211,8 @@ class NoisyArithmetic:
 
     def angles(self, x: np.ndarray) -> Angles:
         """Return the angles x (k,), their cosines and sines, all moved."""
-        return self._noise.record(self._arithmetic.angles(x))
+        return self._noise.perturb_record(self._arithmetic.angles(x))
 
     def root(self, x: np.ndarray) -> np.ndarray:
         """Return the positive square roots of x (k,), moved."""
-        return self._noise.entries(self._arithmetic.root(x))
+        return self._noise.perturb(self._arithmetic.root(x))

@@ -95,7 +95,7 @@ class Tape:
         self._places: dict[Operation, int] = {}
         self._known_groups: dict[OperationGroup, int] = {}
 
-    def place(self, operation: Operation) -> int:
+    def index_of(self, operation: Operation) -> int:
         """Return the place of an operation, where equal ones are one."""
         found = self._places.get(operation)
         if found is None:
@@ -106,11 +106,11 @@ class Tape:
     def constant(self, x: float) -> Number:
         """Return a constant."""
         # 0.0 and -0.0 are equal, and both are found again as the first of them.
-        return Number(self, self.place(Operation(CONSTANT, float(x))))
+        return Number(self, self.index_of(Operation(CONSTANT, float(x))))
 
     def inputs(self, name: str, shape: tuple[int, ...]) -> Array:
         """Return the inputs called `name`, an array of `shape`."""
-        places = (self.place(Operation(INPUT, name, i)) for i in range(math.prod(shape)))
+        places = (self.index_of(Operation(INPUT, name, i)) for i in range(math.prod(shape)))
         return self._array(places, shape)
 
     def number(self, x: Any) -> Number:
@@ -129,7 +129,7 @@ class Tape:
     def angles(self, x: Array) -> Angles:
         """Return the angles x (k,) with their cosines and sines."""
         x = self.numbers(x)
-        known = [self.value(y.place) for y in x]
+        known = [self.value(y.index) for y in x]
         values = [y for y in known if y is not None]
         if len(values) < len(known):
             both = self.group(ANGLES, "", (len(x),), self._read(x), 2 * len(x))
@@ -147,7 +147,9 @@ class Tape:
     ) -> Array:  # fmt: skip
         """Return the results (parts,) of a group; equal ones are one."""
         number = self.group_number(OperationGroup(kind, name, shape, reads, by))
-        return self._array((self.place(Operation(PART, number, i)) for i in range(parts)), (parts,))
+        return self._array(
+            (self.index_of(Operation(PART, number, i)) for i in range(parts)), (parts,)
+        )
 
     def group_number(self, group: OperationGroup) -> int:
         """Return the number of a group, where equal ones are one."""
@@ -158,7 +160,7 @@ class Tape:
         return found
 
     def _read(self, *arrays: Array) -> tuple[int, ...]:
-        return tuple(self.number(x).place for x in chain.from_iterable(a.flat for a in arrays))
+        return tuple(self.number(x).index for x in chain.from_iterable(a.flat for a in arrays))
 
     def _array(self, places: Iterable[int], shape: tuple[int, ...]) -> Array:
         out = np.empty(math.prod(shape), object)
@@ -189,10 +191,10 @@ class Tape:
 class Number:
     """A number on a tape."""
 
-    __slots__ = ("place", "tape")
+    __slots__ = ("index", "tape")
 
     def __init__(self, tape: Tape, place: int):
-        self.tape, self.place = tape, place
+        self.tape, self.index = tape, place
 
     def __add__(self, other):
         return _operated(ADD, self, other)
@@ -223,22 +225,22 @@ class Number:
 
     def __neg__(self):
         tape = self.tape
-        operation = tape.operations[self.place]
+        operation = tape.operations[self.index]
         if operation.op is CONSTANT:
             return tape.constant(-operation.x)
         if operation.op is NEG:
             return Number(tape, operation.x)
-        return Number(tape, tape.place(Operation(NEG, self.place)))
+        return Number(tape, tape.index_of(Operation(NEG, self.index)))
 
     def __pos__(self):
         return self
 
     def sqrt(self):
         """Return the positive square root."""
-        known = self.tape.value(self.place)
+        known = self.tape.value(self.index)
         if known is not None:
             return self.tape.constant(float(np.sqrt(known)))
-        return Number(self.tape, self.tape.place(Operation(SQRT, self.place)))
+        return Number(self.tape, self.tape.index_of(Operation(SQRT, self.index)))
 
     def cos(self):
         """Return the cosine of an angle, rad."""
@@ -267,7 +269,7 @@ def _operated(op: str, x: Any, y: Any) -> Any:
     if not isinstance(y, Number | int | float | np.number):
         return NotImplemented
     x, y = tape.number(x), tape.number(y)
-    a, b = tape.value(x.place), tape.value(y.place)
+    a, b = tape.value(x.index), tape.value(y.index)
     if a is not None and b is not None:
         with np.errstate(all="ignore"):
             return tape.constant(_quotient(a, b) if op is DIV else FLOAT64_OPERATIONS[op](a, b))
@@ -279,16 +281,16 @@ def _simplified(tape: Tape, op: str, x: Number, y: Number, a: float | None, b: f
     if op is ADD:
         if a == 0 or b == 0:
             return y if a == 0 else x
-        if tape.operations[y.place].op is NEG:
+        if tape.operations[y.index].op is NEG:
             return _operated(SUB, x, -y)
-        if tape.operations[x.place].op is NEG:
+        if tape.operations[x.index].op is NEG:
             return _operated(SUB, y, -x)
-        if (found := tape._places.get(Operation(ADD, y.place, x.place))) is not None:
+        if (found := tape._places.get(Operation(ADD, y.index, x.index))) is not None:
             return Number(tape, found)
     elif op is SUB:
         if a == 0 or b == 0:
             return -y if a == 0 else x
-        if tape.operations[y.place].op is NEG:
+        if tape.operations[y.index].op is NEG:
             return _operated(ADD, x, -y)
     elif op is MUL:
         if a == 0 or b == 0:
@@ -300,7 +302,7 @@ def _simplified(tape: Tape, op: str, x: Number, y: Number, a: float | None, b: f
         # is first needed somewhere, and break the pattern of those that need it later.
         if (plain := _unsigned(x, y)) is not None:
             return -_operated(MUL, *plain)
-        if (found := tape._places.get(Operation(MUL, y.place, x.place))) is not None:
+        if (found := tape._places.get(Operation(MUL, y.index, x.index))) is not None:
             return Number(tape, found)
     else:
         if a == 0:
@@ -309,15 +311,15 @@ def _simplified(tape: Tape, op: str, x: Number, y: Number, a: float | None, b: f
             return _operated(MUL, x, 1.0 / b)  # exact: a power of two
         if (plain := _unsigned(x, y)) is not None:
             return -_operated(DIV, *plain)
-    return Number(tape, tape.place(Operation(op, x.place, y.place)))
+    return Number(tape, tape.index_of(Operation(op, x.index, y.index)))
 
 
 def _unsigned(x: Number, y: Number) -> tuple[Number, Number] | None:
     """Return x and y, one of them without its sign; None where neither has one."""
     operations = x.tape.operations
-    if operations[x.place].op is NEG:
+    if operations[x.index].op is NEG:
         return -x, y
-    if operations[y.place].op is NEG:
+    if operations[y.index].op is NEG:
         return x, -y
     return None
 
@@ -381,9 +383,9 @@ def jacobian(tape: Tape, outputs: Sequence[int], inputs: Sequence[int]) -> list[
     groups: dict[int, list[Rates]] = {}
     for place in live_entries(tape, outputs)[0]:
         rates[place] = {wanted[place]: 1} if place in wanted else _rates(tape, place, rates, groups)
-    zero = tape.constant(0.0).place
+    zero = tape.constant(0.0).index
     return [
-        tape.number(rates[place][i]).place if i in rates[place] else zero
+        tape.number(rates[place][i]).index if i in rates[place] else zero
         for place in outputs
         for i in range(len(inputs))
     ]
@@ -465,7 +467,7 @@ def _group_rates(tape: Tape, number: int, rates: dict[int, Rates]) -> list[Rates
 
 
 def _parts(tape: Tape, number: int, count: int) -> np.ndarray:
-    return _numbers(tape, [tape.place(Operation(PART, number, i)) for i in range(count)])
+    return _numbers(tape, [tape.index_of(Operation(PART, number, i)) for i in range(count)])
 
 
 def _numbers(tape: Tape, places: Sequence[int]) -> np.ndarray:

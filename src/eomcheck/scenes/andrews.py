@@ -98,13 +98,13 @@ class Andrews(Described, description=description, closed=True):
     anchor: Any = parameter("its end on the ground", "m", shape=(2,), default=(0.014, 0.072))
     stiffness: Any = parameter("k", "N/m", ">= 0", (0.0, 5000.0), default=4530.0)
     rest_length: Any = parameter("of the spring", "m", ">= 0", (0.0, 0.1), default=0.07785)
-    torque: Any = parameter("on K1", "N m", drawn=(-0.1, 0.1), default=0.033)
+    torque: Any = parameter("on K1", "N m", sample_range=(-0.1, 0.1), default=0.033)
     pose: Any = parameter("q at t = 0, at rest", "rad", shape=(7,), default=POSE, read=False)
 
     key = "andrews"
     named_coordinates = NAMES
     # Crank and coupler turned up to 1 rad.
-    drawn_coordinates = (
+    coordinate_sample_ranges = (
         *(Range(-1.0, 1.0), Range(0.0, 0.5), Range(-0.5, 0.2), Range(0.48, 0.53)),
         *(Range(-0.2, 0.5), Range(1.04, 1.24), Range(-1.0, 1.0)),
     )

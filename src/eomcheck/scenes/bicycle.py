@@ -104,8 +104,10 @@ class Bicycle(Described, description=description, closed=True):
     """
 
     wheelbase: Any = parameter("w", "m", "> 0", (0.8, 1.5), default=1.02, read=False)
-    trail: Any = parameter("c", "m", drawn=(-0.1, 0.2), default=0.08, read=False)
-    tilt: Any = parameter("λ, within π/2", "rad", drawn=(-0.2, 0.5), default=np.pi / 10, read=False)
+    trail: Any = parameter("c", "m", sample_range=(-0.1, 0.2), default=0.08, read=False)
+    tilt: Any = parameter(
+        "λ, within π/2", "rad", sample_range=(-0.2, 0.5), default=np.pi / 10, read=False
+    )
     radius: Any = parameter("rear and front", "m", "> 0", (0.2, 0.5), (2,), default=(0.3, 0.35))
     mass: Any = parameter("m", "kg", "> 0", (1.0, 100.0), (4,), default=(2.0, 85.0, 4.0, 3.0))
     center: Any = parameter(
@@ -129,7 +131,7 @@ class Bicycle(Described, description=description, closed=True):
 
     key = "bicycle"
     named_coordinates = NAMES
-    drawn_coordinates = (
+    coordinate_sample_ranges = (
         *(ANYWHERE, ANYWHERE, Range(0.1, 0.5), ANY_ANGLE, Range(np.pi - 0.2, np.pi + 0.2)),
         *(ANY_ANGLE, Range(np.pi / 2 - 0.8, np.pi / 2 + 0.8), Range(-0.8, 0.8), ANY_ANGLE),
     )
@@ -219,7 +221,7 @@ class Bicycle(Described, description=description, closed=True):
         yield plane_symmetries.rotation(self, q, v, slice(HEADING, HEADING + 1))
         yield plane_symmetries.translation(self, q, v)
         mirrored = plane_symmetries.mirror(
-            self, q, v, kept=(0, HEIGHT, PITCH, FRONT_SPIN, REAR_SPIN)
+            self, q, v, unflipped=(0, HEIGHT, PITCH, FRONT_SPIN, REAR_SPIN)
         )
         mirrored.q[LEAN] += np.pi
         yield mirrored

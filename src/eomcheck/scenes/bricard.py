@@ -62,7 +62,7 @@ def description(parameters):
     joints = [
         elements.Joint(
             *(f"θ_{k + 1}", "revolute", names[k], names[k + 1]),
-            place=ends[k - 1] if k else elements.ORIGIN,
+            origin=ends[k - 1] if k else elements.ORIGIN,
             axis=axis_vector(AXIS[k], 1),
         )
         for k in range(RODS)
@@ -110,7 +110,7 @@ class Bricard(Described, description=description, closed=True):
 
     key = "bricard"
     named_coordinates = NAMES
-    drawn_coordinates = (Range(-0.2, 0.4),) * RODS
+    coordinate_sample_ranges = (Range(-0.2, 0.4),) * RODS
     conserves_energy = True
     angle_coordinates = slice(0, None)
     usually_absent = frozenset({"redundant"})

@@ -99,8 +99,8 @@ class FlyballGovernor(Described, description=description, damped=True):
 
     key = "flyball-governor"
     named_coordinates = NAMES
-    pictured = 0.35, 0.6, 0.55, 0.75
-    drawn_coordinates = Range(0.0, 0.6), ANY_ANGLE, Range(-1.2, 1.2), Range(-1.2, 1.2)
+    display_pose = 0.35, 0.6, 0.55, 0.75
+    coordinate_sample_ranges = Range(0.0, 0.6), ANY_ANGLE, Range(-1.2, 1.2), Range(-1.2, 1.2)
     conserves_energy = True
     angle_coordinates = slice(1, None)
 

@@ -186,8 +186,8 @@ class RollingDisk(Parametric, functions=globals()):
 
     key = "rolling-disk"
     named_coordinates = "x", "y", "ψ", "θ", "φ"
-    pictured = 1.05, 1.05, 0.7, 0.45, 0.8
-    drawn_coordinates = ANYWHERE, ANYWHERE, ANY_ANGLE, Range(-1.2, 1.2), ANY_ANGLE
+    display_pose = 1.05, 1.05, 0.7, 0.45, 0.8
+    coordinate_sample_ranges = ANYWHERE, ANYWHERE, ANY_ANGLE, Range(-1.2, 1.2), ANY_ANGLE
     named_constraints = "along", "across"
     conserves_energy = True
     angle_coordinates = slice(2, None)
@@ -232,7 +232,7 @@ class RollingDisk(Parametric, functions=globals()):
         """Yield a rotation about the vertical, a translation and the mirror image in the x axis."""
         yield plane_symmetries.rotation(self, q, v, slice(2, 3))
         yield plane_symmetries.translation(self, q, v)
-        yield plane_symmetries.mirror(self, q, v, kept=(0, 4))
+        yield plane_symmetries.mirror(self, q, v, unflipped=(0, 4))
 
     def sketch(self, q: Array, t: float = 0.0) -> draw.Sketch:
         """Return the disk on the plane, its angles, and the axes e_1, e_2, e_3."""

@@ -107,11 +107,13 @@ class Sleigh(Parametric, functions=globals()):
 
     mass: Any = parameter("m", "kg", "> 0", (0.1, 10.0), default=1.0)
     inertia: Any = parameter("I, central", "kg m²", ">= 0", (0.01, 10.0), default=0.25)
-    offset: Any = parameter("ℓ, from edge to centre of mass", "m", drawn=(-5.0, 5.0), default=0.5)
+    offset: Any = parameter(
+        "ℓ, from edge to centre of mass", "m", sample_range=(-5.0, 5.0), default=0.5
+    )
     rate: Any = parameter("θ̇ at t = 0", "rad/s", default=1.0, read=False)
 
     key = "sleigh"
-    pictured = 0.55, 0.4, 0.5
+    display_pose = 0.55, 0.4, 0.5
     named_coordinates = "x", "y", "θ"
     named_constraints = ("edge",)
     conserves_energy = True
@@ -125,7 +127,7 @@ class Sleigh(Parametric, functions=globals()):
         """Yield a rotation, a translation and the mirror image in the x axis."""
         yield plane_symmetries.rotation(self, q, v, slice(2, 3))
         yield plane_symmetries.translation(self, q, v)
-        yield plane_symmetries.mirror(self, q, v, kept=(0,))
+        yield plane_symmetries.mirror(self, q, v, unflipped=(0,))
 
     def tree(self) -> Tree:
         """Return PX, PY and RZ."""

@@ -678,7 +678,9 @@ class Snake(OfLinks, functions=globals()):
         """Yield a rotation, a translation and the mirror image in the x axis."""
         yield plane_symmetries.rotation(self, q, v, slice(2, None))
         yield plane_symmetries.translation(self, q, v)
-        yield plane_symmetries.mirror(replace(self, wheel_angle=-self.wheel_angle), q, v, kept=(0,))
+        yield plane_symmetries.mirror(
+            replace(self, wheel_angle=-self.wheel_angle), q, v, unflipped=(0,)
+        )
 
     def tree(self) -> Tree:
         """Return PX, PY and RZ for link 1, then RZ in the joints: relative angles."""

@@ -208,17 +208,17 @@ class TurntableBall(Parametric, functions=globals()):
         *("about any axis, 2 m R²/5 if not given", "kg m²", "> 0", (0.01, 10.0)),
         default=lambda ball: 0.4 * ball.mass * ball.radius**2,
     )
-    rate: Any = parameter("Ω_0, of the table", "rad/s", drawn=(-5.0, 5.0), default=2.0)
-    swing: Any = parameter("Ω_1", "rad/s", drawn=(-5.0, 5.0), default=None, optional=True)
-    frequency: Any = parameter("κ", "rad/s", drawn=(0.1, 5.0), default=None, optional=True)
+    rate: Any = parameter("Ω_0, of the table", "rad/s", sample_range=(-5.0, 5.0), default=2.0)
+    swing: Any = parameter("Ω_1", "rad/s", sample_range=(-5.0, 5.0), default=None, optional=True)
+    frequency: Any = parameter("κ", "rad/s", sample_range=(0.1, 5.0), default=None, optional=True)
     start: Any = parameter("(x, y) at t = 0", "m", shape=(2,), default=(0.4, 0.0), read=False)
     speed: Any = parameter("(ẋ, ẏ) at t = 0", "m/s", shape=(2,), default=(0.0, 0.3), read=False)
     spin: Any = parameter("about the vertical at t = 0", "rad/s", default=20.0, read=False)
 
     key = "turntable-ball"
     named_coordinates = "x", "y", "ψ", "θ", "φ"
-    pictured = 0.55, 0.475, 0.6, 0.5, 0.7
-    drawn_coordinates = ANYWHERE, ANYWHERE, ANY_ANGLE, Range(-1.2, 1.2), ANY_ANGLE
+    display_pose = 0.55, 0.475, 0.6, 0.5, 0.7
+    coordinate_sample_ranges = ANYWHERE, ANYWHERE, ANY_ANGLE, Range(-1.2, 1.2), ANY_ANGLE
     named_constraints = "along x", "along y"
     conserves_energy = False
     why_not_conserved = "the table is driven"
@@ -258,7 +258,7 @@ class TurntableBall(Parametric, functions=globals()):
         yield plane_symmetries.rotation(self, q, v, slice(2, 3))
         swing = None if self.swing is None else -self.swing
         yield plane_symmetries.mirror(
-            replace(self, rate=-self.rate, swing=swing), q, v, kept=(0, 4)
+            replace(self, rate=-self.rate, swing=swing), q, v, unflipped=(0, 4)
         )
 
     def sketch(self, q: Array, t: float = 0.0) -> draw.Sketch:

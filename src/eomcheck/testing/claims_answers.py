@@ -16,7 +16,7 @@ from eomcheck.testing.equations_of_motion import (
     FunctionCaller,
     equations_from,
 )
-from eomcheck.testing.function_claim import Decision, UncertainEquality, function_claim
+from eomcheck.testing.function_claim import Decision, UncertainComparison, function_claim
 from eomcheck.testing.function_state import FunctionState
 from eomcheck.testing.uncertain import UncertainArray
 
@@ -44,7 +44,7 @@ def working_functions(at: FunctionState) -> Iterator[str]:
     """Yield the names of the functions that answer here."""
     for name in at.functions.given:
         try:
-            at.answers(name, at.q, at.v)
+            at.caller(name, at.q, at.v)
         except BrokenError:
             continue
         yield name
@@ -53,7 +53,7 @@ def working_functions(at: FunctionState) -> Iterator[str]:
 def axis_names(at: FunctionState, name: str) -> tuple[tuple[str, ...], ...]:
     """Return names along each axis of what a function answers."""
     f = at.functions
-    rows = tuple(f"{i}" for i in range(at.answers.sizes.get("r", 0)))
+    rows = tuple(f"{i}" for i in range(at.caller.sizes.get("r", 0)))
     known = {"n": f.coordinate_names, "p": f.velocity_names, "r": rows}
     return tuple(known[symbol] for symbol in INPUTS[name].shape)
 
@@ -63,9 +63,9 @@ def answers(at: FunctionState) -> Iterator[Decision]:
     """No exception, no NaN, no wrong shape."""
     for name in at.functions.given:
         try:
-            at.answers(name, at.q, at.v)
+            at.caller(name, at.q, at.v)
         except BrokenError as broken:
-            at.answers.told.add(name)
+            at.caller.reported.add(name)
             yield Decision(name, float("inf"), 0.0, "failed", f"{name}, {broken.why}")
         else:
             yield Decision(name, 0.0, 0.0, "passed")
@@ -78,23 +78,23 @@ def arguments_unchanged(at: FunctionState) -> Iterator[Decision]:
     """A function must not write into q or v, whether it answers or raises."""
     works = set(working_functions(at))
     for name in at.functions.given:
-        if name in at.answers.changed:
+        if name in at.caller.writing:
             yield Decision(name, float("inf"), 0.0, "failed", f"{name} writes into its arguments")
         elif name in works:
             yield Decision(name, 0.0, 0.0, "passed")
 
 
 @function_claim("same-answer", "f(x) after f(y) is f(x)", "")
-def same_answer(at: FunctionState) -> Iterator[UncertainEquality]:
+def same_answer(at: FunctionState) -> Iterator[UncertainComparison]:
     """What one call leaves behind does not change what the next one answers."""
     # Each coordinate by another amount: a chain of links is the same turned as a whole.
     width_q, width_v = (x * np.linspace(1.0, 1.3, len(x)) for x in (at.width_q, at.width_v))
     # All of them before anything is asked elsewhere.
-    for name, first in [(name, at.of(name)) for name in working_functions(at)]:
+    for name, first in [(name, at.quantity(name)) for name in working_functions(at)]:
         for other in working_functions(at):
             # As in a simulation: every function at another state in between.
             at.raw(other)(at.q - 0.3 * width_q, at.v + 0.7 * width_v)
-        again = at.answers(name, at.q, at.v)
+        again = at.caller(name, at.q, at.v)
         yield _again(at, name, again, first)
 
 
@@ -118,7 +118,7 @@ CACHED_DOUBLES = (*CACHED, (2.0**-21, 2.0**-31, 2.0**-24))
 
 
 @function_claim("answers-repeat", "f(x) is the same in every call of a run", "")
-def answers_repeat(at: FunctionState) -> Iterator[UncertainEquality | Decision]:
+def answers_repeat(at: FunctionState) -> Iterator[UncertainComparison | Decision]:
     """Old states are asked again after all other claims, to a rounding, whatever the noise.
 
     Each call is at another state than the one before, whose answer would show; and no answer may be
@@ -133,20 +133,20 @@ def answers_repeat(at: FunctionState) -> Iterator[UncertainEquality | Decision]:
     along = width * rng.uniform(0.5, 1.0, len(x)) * rng.choice((-1.0, 1.0), len(x))
     where = [x] + [x + (0.1 + 0.2 * k) * along for k in range(AWAY)]
     for name in working_functions(at):
-        f, first = at.raw(name), at.of(name)
+        f, first = at.raw(name), at.quantity(name)
         known = [first.value, *(f(y[:n], y[n:]) for y in where[1:])]
         worst, error = first.value, np.zeros(first.shape)
-        for k in order[: count if name in at.answers.repeated else AT_FIRST]:
+        for k in order[: count if name in at.caller.repeated else AT_FIRST]:
             away = np.abs(f(where[k][:n], where[k][n:]) - known[k])
             # No number twice is the same answer.
             if largest(np.nan_to_num(away, nan=0.0)) > largest(error):
                 error, worst = away, first.value + away
-        at.answers.repeated.add(name)
+        at.caller.repeated.add(name)
         rounding = EPS * np.maximum(first.size, np.fmax.reduce(np.abs(known)))
         kept = UncertainArray(first.value, rounding, first.size)
-        double = name not in at.answers.single and _relative(first) <= NOISE
+        double = name not in at.caller.single_precision and _relative(first) <= NOISE
         unfelt = _unfelt(at, name, KEPT, COARSE_BY) if double else ""
-        cached = name not in at.answers.single and _is_cached(at, name, double)
+        cached = name not in at.caller.single_precision and _is_cached(at, name, double)
         if unfelt or cached:
             what = f"{name}, does not feel small changes of {unfelt or 'q'}: cached?"
             yield Decision(name, KEPT, 0.0, "failed", what)
@@ -155,14 +155,14 @@ def answers_repeat(at: FunctionState) -> Iterator[UncertainEquality | Decision]:
 
 
 @function_claim("fresh-answer", "f(x) of a fresh instance is f(x)", "", ("factory",))
-def fresh_answer(at: FunctionState) -> Iterator[UncertainEquality | Decision]:
+def fresh_answer(at: FunctionState) -> Iterator[UncertainComparison | Decision]:
     """What was called before does not change what is answered."""
     fresh = FunctionCaller(fresh_functions(at.functions))
     for name in working_functions(at):
         if fresh.functions.function(name) is None:
             yield Decision(name, 0.0, 0.0, "skipped", f"the factory makes no {name}")
             continue
-        first = at.of(name)
+        first = at.quantity(name)
         try:
             anew = fresh(name, at.q, at.v)
         except BrokenError as broken:
@@ -173,7 +173,9 @@ def fresh_answer(at: FunctionState) -> Iterator[UncertainEquality | Decision]:
         yield _again(at, name, anew, first)
 
 
-def _again(at: FunctionState, name: str, again: Array, first: UncertainArray) -> UncertainEquality:
+def _again(
+    at: FunctionState, name: str, again: Array, first: UncertainArray
+) -> UncertainComparison:
     """Return the sides of an answer being the same as at first, to rounding at most."""
 
     def say(*_: object) -> str:
@@ -181,7 +183,7 @@ def _again(at: FunctionState, name: str, again: Array, first: UncertainArray) ->
 
     error = np.where(again == first.value, 0.0, first.error)
     found, none = UncertainArray(again, error, first.size), np.zeros(first.shape)
-    return UncertainEquality(
+    return UncertainComparison(
         name, found, UncertainArray(first.value, none, first.size), axis_names(at, name), say
     )
 
@@ -201,15 +203,15 @@ def fresh_functions(functions: EquationsOfMotion) -> EquationsOfMotion:
 def double_precision(at: FunctionState) -> Iterator[Decision]:
     """Single precision somewhere inside shows, whatever type the answer has."""
     for name in working_functions(at):
-        found = at.of(name)
+        found = at.quantity(name)
         blur = _relative(found)
         unfelt = _unfelt(at, name) if NOISE < blur < NOTHING else ""
-        if unfelt and "v" in at.answers.reads(name):
+        if unfelt and "v" in at.caller.reads(name):
             # What is left of larger terms has steps too, but not where v has made it large.
-            unfelt = _unfelt(at.moved(FAST * at.v), name)
+            unfelt = _unfelt(at.with_velocity(FAST * at.v), name)
         share = _relative(found, _size_beside(at, name))
-        if name in at.answers.single:
-            what = f"answers in {at.answers.single[name]}"
+        if name in at.caller.single_precision:
+            what = f"answers in {at.caller.single_precision[name]}"
         elif unfelt:
             what = f"does not feel small changes of {unfelt}: float32 arithmetic"
         elif NOISE < share < NOTHING and name != "qdd":
@@ -241,8 +243,8 @@ def _noise_beside(at: FunctionState, name: str) -> list[float]:
     for shift in (-BESIDE, BESIDE):
         q, v = at.q + shift * at.width_q, at.v + shift * at.width_v
         try:
-            side = FunctionState(at.answers, q, v, at.seed)
-            found.append(_relative(side.of(name), _size_beside(side, name)))
+            side = FunctionState(at.caller, q, v, at.seed)
+            found.append(_relative(side.quantity(name), _size_beside(side, name)))
         except BrokenError:
             found.append(np.inf)
     return found
@@ -260,9 +262,9 @@ def _unfelt(at: FunctionState, name: str, small: float = UNFELT, by: float = FEL
     A smooth function that feels the large change by `by` of its size changes by a fixed part of
     that for the small one, which is still many roundings in doubles.
     """
-    f, here, n = at.raw(name), at.of(name), len(at.q)
+    f, here, n = at.raw(name), at.quantity(name), len(at.q)
     names = [f"q[{k}]" for k in range(n)] + [f"v[{k}]" for k in range(len(at.v))]
-    reads = at.answers.reads(name)
+    reads = at.caller.reads(name)
     for k, width in enumerate(np.concatenate((at.width_q, at.width_v))):
         if ("q" if k < n else "v") not in reads:
             continue
@@ -279,8 +281,8 @@ def _unfelt(at: FunctionState, name: str, small: float = UNFELT, by: float = FEL
 
 def _is_cached(at: FunctionState, name: str, double: bool) -> bool:
     """Whether a function feels long changes of all coordinates together and no short ones."""
-    f, here = at.raw(name), at.of(name)
-    if "q" not in at.answers.reads(name):
+    f, here = at.raw(name), at.quantity(name)
+    if "q" not in at.caller.reads(name):
         return False
     rng = np.random.default_rng(at.seed)
     along = rng.uniform(0.5, 1.0, len(at.q)) * rng.choice((-1.0, 1.0), len(at.q)) * at.width_q

@@ -21,7 +21,7 @@ from eomcheck.testing.function_claim import (
     BlindSpot,
     Decision,
     Skipped,
-    UncertainEquality,
+    UncertainComparison,
     function_claim,
     has_any,
 )
@@ -59,13 +59,13 @@ def is_nonzero(x: UncertainArray) -> Array:
     "equations of motion",
     ("M|T", "qdd"),
     consistent=True,
-    blind=(
+    blind_spots=(
         BlindSpot("qdd", "whether q̈ belongs to the terms", ("M|T", "against")),
         BlindSpot("R", "damping of wrong sign or size", ("qdd & M|T", "against")),
         BlindSpot("Q", "applied forces of wrong sign or size", ("qdd & M|T", "against")),
     ),
 )
-def motion(at: FunctionState) -> Iterator[UncertainEquality | Decision | Skipped]:
+def motion(at: FunctionState) -> Iterator[UncertainComparison | Decision | Skipped]:
     """Accelerations satisfy the equations of motion, in the directions the constraints leave.
 
     M and B as given, else as T, C or M say. Where no force is given at all, gravity and dampers may
@@ -75,7 +75,7 @@ def motion(at: FunctionState) -> Iterator[UncertainEquality | Decision | Skipped
     if B is None:
         yield Skipped(subject, why_no_bias(at))
         return
-    inertial, forces = inertia(at) @ at.of("qdd") + B, at.forces()
+    inertial, forces = inertia(at) @ at.quantity("qdd") + B, at.forces()
     names, free = row_names(at), exact(np.eye(len(at.v)))
     if at.has("a"):
         free = exact(at.free().T)
@@ -85,19 +85,19 @@ def motion(at: FunctionState) -> Iterator[UncertainEquality | Decision | Skipped
         if at.has("b"):
             yield Skipped(subject, FORCES)
             return
-        each = [at.moved(-at.v), at.moved(np.zeros(len(at.v)))]
+        each = [at.with_velocity(-at.v), at.with_velocity(np.zeros(len(at.v)))]
         biases = [supplied_or_derived_bias(one) for one in each]
         back, rest = (
-            free @ (inertia(one) @ one.of("qdd") + B)
+            free @ (inertia(one) @ one.quantity("qdd") + B)
             for one, B in zip(each, biases, strict=True)
             if B is not None
         )
         odd, along = inertial - back, exact(free.value @ at.v)
         if not at.natural() and is_nonzero(odd).any() and not is_nonzero(along @ odd):
             # Dampers do work; terms of T that are linear in v do none.
-            yield UncertainEquality(subject, odd, exact(np.zeros(odd.shape)), (names,))
+            yield UncertainComparison(subject, odd, exact(np.zeros(odd.shape)), (names,))
             return
-        yield UncertainEquality(subject, inertial + back, 2.0 * rest, (names,))
+        yield UncertainComparison(subject, inertial + back, 2.0 * rest, (names,))
         worst = float(np.abs(inertial.value).max())
         yield Decision("forces", worst, 0.0, "inconclusive", f"M q̈ + B is not 0, and {FORCES}")
         return
@@ -112,7 +112,7 @@ def motion(at: FunctionState) -> Iterator[UncertainEquality | Decision | Skipped
                     return f"off by {name}: {what}"
         return ""
 
-    yield UncertainEquality(subject, inertial, forces, (names,), say)
+    yield UncertainComparison(subject, inertial, forces, (names,), say)
 
 
 @function_claim(
@@ -124,14 +124,14 @@ def motion(at: FunctionState) -> Iterator[UncertainEquality | Decision | Skipped
     consistent=True,
     natural=True,
 )
-def power_balance(at: FunctionState) -> Iterator[UncertainEquality | Skipped]:
+def power_balance(at: FunctionState) -> Iterator[UncertainComparison | Skipped]:
     """Energy changes by what forces and dampers do; constraints do no work."""
-    qdd, forces, v = at.of("qdd"), at.forces(), exact(at.v)
+    qdd, forces, v = at.quantity("qdd"), at.forces(), exact(at.v)
     found = kinetic_rate(at, qdd)
     if not at.parts() and is_nonzero(found).any():
         yield Skipped("Ṫ ~ v·forces", FORCES)
         return
-    yield UncertainEquality(
+    yield UncertainComparison(
         "Ṫ ~ v·forces", found, v @ forces + violation_power(at, qdd, forces), ()
     )
 
@@ -145,7 +145,7 @@ def violation_power(
     """
     if not at.has("a"):
         return exact(0.0)
-    a, speed = at.of("a").value, np.abs(at.v)
+    a, speed = at.quantity("a").value, np.abs(at.v)
     left = np.abs(a @ at.v) + EPS * np.abs(a) @ speed
     violation = np.abs(np.linalg.pinv(a)) @ left + EPS * speed
     size = (inertia(at) @ qdd).size + forces.size
@@ -161,7 +161,7 @@ def violation_power(
     natural=True,
     consistent=True,
 )
-def acceleration_even(at: FunctionState) -> Iterator[UncertainEquality | Decision]:
+def acceleration_even(at: FunctionState) -> Iterator[UncertainComparison | Decision]:
     """Without damping a motion can run backwards; what is linear in v may be a damper."""
     damped, odd = _damped(at), _odd(at)
     if damped.any():
@@ -177,13 +177,15 @@ def acceleration_even(at: FunctionState) -> Iterator[UncertainEquality | Decisio
         return DRAG
 
     none = exact(np.zeros(len(at.v)))
-    found = _where(damped, none, at.moved(-at.v).of("qdd"))
-    yield UncertainEquality("q̈", found, _where(damped, none, at.of("qdd")), (row_names(at),), say)
+    found = _where(damped, none, at.with_velocity(-at.v).quantity("qdd"))
+    yield UncertainComparison(
+        "q̈", found, _where(damped, none, at.quantity("qdd")), (row_names(at),), say
+    )
 
 
 def _odd(at: FunctionState) -> UncertainArray:
     """Twice the part of q̈ (p,) that is odd in v."""
-    return at.of("qdd") - at.moved(-at.v).of("qdd")
+    return at.quantity("qdd") - at.with_velocity(-at.v).quantity("qdd")
 
 
 def _damped(at: FunctionState) -> Array:
@@ -193,9 +195,9 @@ def _damped(at: FunctionState) -> Array:
         once = _odd(at)
         if not is_nonzero(once).any():
             return np.zeros(once.shape, bool)
-        return is_nonzero(once) & ~is_nonzero(_odd(at.moved(2.0 * at.v)) - 2.0 * once)
+        return is_nonzero(once) & ~is_nonzero(_odd(at.with_velocity(2.0 * at.v)) - 2.0 * once)
 
-    return at.kept("damped", damped)
+    return at.cached("damped", damped)
 
 
 def _where(chosen: Array, x: UncertainArray, y: UncertainArray) -> UncertainArray:
@@ -213,16 +215,16 @@ def _where(chosen: Array, x: UncertainArray, y: UncertainArray) -> UncertainArra
     natural=True,
     consistent=True,
 )
-def acceleration_quadratic(at: FunctionState) -> Iterator[UncertainEquality]:
+def acceleration_quadratic(at: FunctionState) -> Iterator[UncertainComparison]:
     """Without damping accelerations are those at rest and a quadratic part, with a linear damper in
     the mean of both directions of v."""
-    rest = at.moved(np.zeros(len(at.v))).of("qdd")
-    twice = at.moved(2.0 * at.v)
-    here, far, damped = at.of("qdd"), twice.of("qdd"), _damped(at)
+    rest = at.with_velocity(np.zeros(len(at.v))).quantity("qdd")
+    twice = at.with_velocity(2.0 * at.v)
+    here, far, damped = at.quantity("qdd"), twice.quantity("qdd"), _damped(at)
     if damped.any():
         here = _where(damped, here - 0.5 * _odd(at), here)
         far = _where(damped, far - 0.5 * _odd(twice), far)
-    yield UncertainEquality("q̈", far - rest, 4.0 * (here - rest), (row_names(at),))
+    yield UncertainComparison("q̈", far - rest, 4.0 * (here - rest), (row_names(at),))
 
 
 # ---- Reference -----------------------------------------------------------------------------------
@@ -234,10 +236,10 @@ QUANTITIES: dict[str, tuple[str, Callable[[FunctionState], UncertainArray | None
     "M": ("M", inertia),
     "bias": ("bias", supplied_or_derived_bias),
     "forces": ("Q", lambda at: at.forces()),
-    "T": ("T", lambda at: at.of("T")),
-    "a": ("a", lambda at: at.of("a")),
+    "T": ("T", lambda at: at.quantity("T")),
+    "a": ("a", lambda at: at.quantity("a")),
     "gamma": ("gamma", supplied_or_derived_drift),
-    "qdd": ("qdd", lambda at: at.of("qdd")),
+    "qdd": ("qdd", lambda at: at.quantity("qdd")),
 }
 """Name -> (what has its shape, how it is had). U is known up to a constant only: forces tell it."""
 
@@ -300,7 +302,7 @@ def check_reference(points: list[FunctionState]) -> None:
     "each quantity is that of the reference",
     "",
     ("against",),
-    blind=(
+    blind_spots=(
         BlindSpot(
             "", "a number that all functions share, such as a mass, a length or g", ("against",)
         ),
@@ -309,7 +311,7 @@ def check_reference(points: list[FunctionState]) -> None:
         ),
     ),
 )
-def reference(at: FunctionState) -> Iterator[UncertainEquality | Skipped]:
+def reference(at: FunctionState) -> Iterator[UncertainComparison | Skipped]:
     """Each quantity is what the scene or the engine says."""
     assert at.reference is not None
     for name, (shaped, of) in QUANTITIES.items():
@@ -324,7 +326,7 @@ def reference(at: FunctionState) -> Iterator[UncertainEquality | Skipped]:
                 )
                 continue
             here = consistent
-            theirs = FunctionState(theirs.answers, here.q, here.v, at.seed)
+            theirs = FunctionState(theirs.caller, here.q, here.v, at.seed)
         try:
             expected = of(theirs)
         except BrokenError as broken:
@@ -336,6 +338,6 @@ def reference(at: FunctionState) -> Iterator[UncertainEquality | Skipped]:
                 f"{name} ~ {at.reference.name}", why_no_bias(here if found is None else theirs)
             )
             continue
-        yield UncertainEquality(
+        yield UncertainComparison(
             f"{name} ~ {at.reference.name}", found, expected, axis_names(at, shaped), proportional
         )

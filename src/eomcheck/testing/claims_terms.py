@@ -20,7 +20,7 @@ from eomcheck.testing.function_claim import (
     BlindSpot,
     Decision,
     Skipped,
-    UncertainEquality,
+    UncertainComparison,
     function_claim,
 )
 from eomcheck.testing.function_state import (
@@ -51,9 +51,9 @@ def row_names(at: FunctionState) -> tuple[str, ...]:
 
 
 @function_claim("mass-matrix-symmetric", "M = Mᵀ", "mass matrix", ("M",))
-def mass_matrix_symmetric(at: FunctionState) -> Iterator[UncertainEquality]:
+def mass_matrix_symmetric(at: FunctionState) -> Iterator[UncertainComparison]:
     """The mass matrix is symmetric."""
-    M = at.of("M")
+    M = at.quantity("M")
 
     def say(found: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
         for part, name in ((np.tril(found, -1), "lower"), (np.triu(found, 1), "upper")):
@@ -63,7 +63,7 @@ def mass_matrix_symmetric(at: FunctionState) -> Iterator[UncertainEquality]:
         x, y = found[worst], expected[worst]
         return f"{x:.6g}, and entry ({other}) is {y:.6g}{sign_hint(x, y, allowed)}"
 
-    yield UncertainEquality("M", M, M.T, (row_names(at), row_names(at)), say)
+    yield UncertainComparison("M", M, M.T, (row_names(at), row_names(at)), say)
 
 
 def sign_hint(x: float, y: float, allowed: float) -> str:
@@ -74,7 +74,7 @@ def sign_hint(x: float, y: float, allowed: float) -> str:
 @function_claim("mass-matrix-positive", "vᵀ M v > 0", "mass matrix", ("M",))
 def mass_matrix_positive(at: FunctionState) -> Iterator[Decision]:
     """M is positive definite, in units in which its diagonal is 1."""
-    M = at.of("M")
+    M = at.quantity("M")
     diagonal = np.diagonal(M.value)
     if (diagonal < -allowed_error(1.0 / EPS) * np.diagonal(M.error)).any():
         k = int(np.argmin(diagonal))
@@ -99,13 +99,15 @@ def mass_matrix_positive(at: FunctionState) -> Iterator[Decision]:
 
 
 @function_claim("bias-at-rest", "B(q, 0) = 0", "bias", ("bias",), natural=True)
-def bias_at_rest(at: FunctionState) -> Iterator[UncertainEquality]:
+def bias_at_rest(at: FunctionState) -> Iterator[UncertainComparison]:
     """Nothing is left of the bias at rest; what is left often is gravity."""
-    rest = at.moved(np.zeros(len(at.v)))
+    rest = at.with_velocity(np.zeros(len(at.v)))
     if at.functions.bias_has_gravity:
         if at.functions.gravity is not None or at.has("U"):
-            g = at.of("gravity") if at.functions.gravity is not None else at.U_q()
-            yield UncertainEquality("bias at rest ~ ∂U/∂q", rest.of("bias"), g, (row_names(at),))
+            g = at.quantity("gravity") if at.functions.gravity is not None else at.U_q()
+            yield UncertainComparison(
+                "bias at rest ~ ∂U/∂q", rest.quantity("bias"), g, (row_names(at),)
+            )
         return
 
     def say(found: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
@@ -118,7 +120,9 @@ def bias_at_rest(at: FunctionState) -> Iterator[UncertainEquality]:
         potential = at.functions.qdot is None and _symmetric(_by_q(rest))
         return "should vanish, and has a potential: gravity in it?" if potential else ""
 
-    yield UncertainEquality("bias", rest.of("bias"), zero(at.of("bias")), (row_names(at),), say)
+    yield UncertainComparison(
+        "bias", rest.quantity("bias"), zero(at.quantity("bias")), (row_names(at),), say
+    )
 
 
 def _by_q(rest: FunctionState) -> UncertainArray:
@@ -135,15 +139,17 @@ def _symmetric(jacobian: UncertainArray) -> bool:
 
 
 @function_claim("bias-quadratic", "B(2v) = 4 B(v)", "bias", ("bias",), natural=True)
-def bias_quadratic(at: FunctionState) -> Iterator[UncertainEquality]:
+def bias_quadratic(at: FunctionState) -> Iterator[UncertainComparison]:
     """The bias is quadratic in v."""
-    yield UncertainEquality("bias", at.moved(2.0 * at.v).B(), 4.0 * at.B(), (row_names(at),))
+    yield UncertainComparison(
+        "bias", at.with_velocity(2.0 * at.v).B(), 4.0 * at.B(), (row_names(at),)
+    )
 
 
 @function_claim("bias-even", "B(-v) = B(v)", "bias", ("bias",), natural=True)
-def bias_even(at: FunctionState) -> Iterator[UncertainEquality]:
+def bias_even(at: FunctionState) -> Iterator[UncertainComparison]:
     """The bias does not change when the motion runs backwards; damping would."""
-    yield UncertainEquality("bias", at.moved(-at.v).B(), at.B(), (row_names(at),))
+    yield UncertainComparison("bias", at.with_velocity(-at.v).B(), at.B(), (row_names(at),))
 
 
 @function_claim(
@@ -151,12 +157,12 @@ def bias_even(at: FunctionState) -> Iterator[UncertainEquality]:
     "B = Ṁ v - ½ ∂(vᵀ M v)/∂q",
     "bias",
     ("M", "bias"),
-    blind=(
+    blind_spots=(
         BlindSpot("bias", "whether the bias belongs to the mass matrix", ("M", "T", "against")),
         BlindSpot("M", "whether M depends on q as it should", ("bias", "C", "T", "qdd", "against")),
     ),
 )
-def check_bias_of_mass_matrix(at: FunctionState) -> Iterator[UncertainEquality | Skipped]:
+def check_bias_of_mass_matrix(at: FunctionState) -> Iterator[UncertainComparison | Skipped]:
     """B follows from the derivatives of M.
 
     Terms of T that are not quadratic in v, as where a clock drives the system, may add to B. So
@@ -170,7 +176,7 @@ def check_bias_of_mass_matrix(at: FunctionState) -> Iterator[UncertainEquality |
     if not at.natural() and not within_allowed(at.B().value, expected.value, allowed):
         yield Skipped("bias", at.why_not_natural())
         return
-    yield UncertainEquality("bias", at.B(), expected, (row_names(at),), proportional)
+    yield UncertainComparison("bias", at.B(), expected, (row_names(at),), proportional)
 
 
 def proportional(found: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
@@ -203,11 +209,11 @@ def proportional(found: Array, expected: Array, allowed: float, worst: tuple[int
 
 
 @function_claim("bias-power", "vᵀ B = ½ vᵀ Ṁ v", "bias", ("M|T", "bias"), natural=True)
-def bias_power(at: FunctionState) -> Iterator[UncertainEquality]:
+def bias_power(at: FunctionState) -> Iterator[UncertainComparison]:
     """The bias takes no energy: it does the work that M says."""
     v = exact(at.v)
     power = 0.5 * (v @ (inertia_rate(at) @ v)) if uses_mass_matrix(at) else at.rate_of(at.raw("T"))
-    yield UncertainEquality("bias", v @ at.B(), power, ())
+    yield UncertainComparison("bias", v @ at.B(), power, ())
 
 
 @function_claim(
@@ -216,16 +222,16 @@ def bias_power(at: FunctionState) -> Iterator[UncertainEquality]:
     "Coriolis matrix",
     ("C", "bias|M|T"),
     natural=True,
-    blind=(BlindSpot("C", "what C should be", ("bias", "M", "T")),),
+    blind_spots=(BlindSpot("C", "what C should be", ("bias", "M", "T")),),
 )
-def coriolis_bias(at: FunctionState) -> Iterator[UncertainEquality | Skipped]:
+def coriolis_bias(at: FunctionState) -> Iterator[UncertainComparison | Skipped]:
     """C v is the bias: as given, else as M or T says."""
     expected = at.B() if at.has("bias") else bias_of_inertia(at)
     if expected is None:
         yield Skipped("C v", why_no_bias(at))
         return
-    yield UncertainEquality(
-        "C v", at.of("C") @ exact(at.v), expected, (row_names(at),), proportional
+    yield UncertainComparison(
+        "C v", at.quantity("C") @ exact(at.v), expected, (row_names(at),), proportional
     )
 
 
@@ -236,21 +242,21 @@ def coriolis_bias(at: FunctionState) -> Iterator[UncertainEquality | Skipped]:
     ("C", "M|T"),
     without=("qdot",),
     natural=True,
-    blind=(BlindSpot("C", "whether Ṁ - 2 C is skew-symmetric", ("M", "T")),),
+    blind_spots=(BlindSpot("C", "whether Ṁ - 2 C is skew-symmetric", ("M", "T")),),
 )
-def coriolis_skew(at: FunctionState) -> Iterator[UncertainEquality]:
+def coriolis_skew(at: FunctionState) -> Iterator[UncertainComparison]:
     """C is made of Christoffel's symbols: Ṁ = C + Cᵀ."""
-    found = at.of("C") + at.of("C").T
-    yield UncertainEquality("C + Cᵀ ~ Ṁ", found, inertia_rate(at), (row_names(at), row_names(at)))
+    found = at.quantity("C") + at.quantity("C").T
+    yield UncertainComparison("C + Cᵀ ~ Ṁ", found, inertia_rate(at), (row_names(at), row_names(at)))
 
 
 @function_claim(
     "gravity-potential", "∂g_i/∂q_k = ∂g_k/∂q_i", "gravity", ("gravity",), without=("qdot",)
 )
-def gravity_potential(at: FunctionState) -> Iterator[UncertainEquality]:
+def gravity_potential(at: FunctionState) -> Iterator[UncertainComparison]:
     """Gravity has a potential."""
     given = at.functions.gravity is not None
-    rest = at.moved(np.zeros(len(at.v)))
+    rest = at.with_velocity(np.zeros(len(at.v)))
     jacobian = at.by_q(at.raw("gravity")) if given else _by_q(rest)
 
     def say(found: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
@@ -259,7 +265,7 @@ def gravity_potential(at: FunctionState) -> Iterator[UncertainEquality]:
         each = f"row {i} changes by {x:.6g} per {k}, and row {k} by {y:.6g} per {i}"
         return each + sign_hint(x, y, allowed)
 
-    yield UncertainEquality("gravity", jacobian, jacobian.T, (row_names(at), row_names(at)), say)
+    yield UncertainComparison("gravity", jacobian, jacobian.T, (row_names(at), row_names(at)), say)
 
 
 @function_claim(
@@ -267,7 +273,7 @@ def gravity_potential(at: FunctionState) -> Iterator[UncertainEquality]:
     "g = ∂U/∂q",
     "gravity",
     ("gravity", "U"),
-    blind=(
+    blind_spots=(
         BlindSpot(
             "gravity",
             "a gravity that is too strong, too weak or upside down",
@@ -280,23 +286,23 @@ def gravity_potential(at: FunctionState) -> Iterator[UncertainEquality]:
         ),
     ),
 )
-def gravity_of_potential(at: FunctionState) -> Iterator[UncertainEquality]:
+def gravity_of_potential(at: FunctionState) -> Iterator[UncertainComparison]:
     """Gravity is the derivative of the potential energy."""
-    yield UncertainEquality("gravity", at.gravity(), at.U_q(), (row_names(at),), proportional)
+    yield UncertainComparison("gravity", at.gravity(), at.U_q(), (row_names(at),), proportional)
 
 
 @function_claim("gravity-velocity", "g does not depend on v", "gravity", ("gravity",))
-def gravity_velocity(at: FunctionState) -> Iterator[UncertainEquality]:
+def gravity_velocity(at: FunctionState) -> Iterator[UncertainComparison]:
     """Gravity is the same at rest, also after something moved was looked at."""
     if at.functions.gravity is None:
         return  # it is the bias at rest
-    here = at.of("gravity")
-    moved = at.moved(-3.0 * at.v + at.width_v)
+    here = at.quantity("gravity")
+    moved = at.with_velocity(-3.0 * at.v + at.width_v)
     for name in at.functions.given:
         with suppress(BrokenError):
             moved.raw(name)(moved.q, moved.v)
-    found = moved.answers("gravity", moved.q, moved.v)
-    yield UncertainEquality(
+    found = moved.caller("gravity", moved.q, moved.v)
+    yield UncertainComparison(
         "gravity", UncertainArray(found, here.error, here.size), here, (row_names(at),)
     )
 
@@ -305,10 +311,10 @@ def gravity_velocity(at: FunctionState) -> Iterator[UncertainEquality]:
 
 
 @function_claim("energy-quadratic", "T is at most quadratic in v", "kinetic energy", ("T",))
-def energy_quadratic(at: FunctionState) -> Iterator[UncertainEquality | Skipped]:
+def energy_quadratic(at: FunctionState) -> Iterator[UncertainComparison | Skipped]:
     """T(3v) - 3 T(2v) + 3 T(v) - T(0) = 0; T(q, 0) may change with q where a clock drives."""
-    T = [at.moved(k * at.v).of("T") for k in range(4)]
-    yield UncertainEquality("T", T[3] + 3.0 * T[1], 3.0 * T[2] + T[0], ())
+    T = [at.with_velocity(k * at.v).quantity("T") for k in range(4)]
+    yield UncertainComparison("T", T[3] + 3.0 * T[1], 3.0 * T[2] + T[0], ())
     tells = [name for name in ("bias", "qdd", "against") if at.has(name)]
     if not tells and at.rest_energy_changes():
         yield Skipped("T at rest", f"{REST_ENERGY} bias, qdd or against would tell")
@@ -319,9 +325,9 @@ def energy_quadratic(at: FunctionState) -> Iterator[UncertainEquality | Skipped]
     "M = ∂²T/∂v²",
     "mass matrix",
     ("M", "T"),
-    blind=(BlindSpot("M", "a constant added to M", ("T", "qdd", "against")),),
+    blind_spots=(BlindSpot("M", "a constant added to M", ("T", "qdd", "against")),),
 )
-def kinetic_energy(at: FunctionState) -> Iterator[UncertainEquality]:
+def kinetic_energy(at: FunctionState) -> Iterator[UncertainComparison]:
     """T = ½ vᵀ M v and what is not quadratic in v: M entry by entry."""
 
     def say(found: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
@@ -335,8 +341,8 @@ def kinetic_energy(at: FunctionState) -> Iterator[UncertainEquality]:
             return f"on the diagonal {said} {size}, nothing elsewhere{armature}"
         return proportional(found, expected, allowed, worst)
 
-    yield UncertainEquality(
-        "M ~ ∂²T/∂v²", at.of("M"), second_differences(at), (row_names(at), row_names(at)), say
+    yield UncertainComparison(
+        "M ~ ∂²T/∂v²", at.quantity("M"), second_differences(at), (row_names(at), row_names(at)), say
     )
 
 
@@ -347,11 +353,11 @@ def kinetic_energy(at: FunctionState) -> Iterator[UncertainEquality]:
     ("T", "bias"),
     without=("qdot",),
 )
-def check_bias_of_energy(at: FunctionState) -> Iterator[UncertainEquality]:
+def check_bias_of_energy(at: FunctionState) -> Iterator[UncertainComparison]:
     """B follows from T alone by Lagrange's equations, also where T has linear terms."""
     expected = bias_of_energy(at)
     assert expected is not None
-    yield UncertainEquality("bias ~ T", at.B(), expected, (row_names(at),), proportional)
+    yield UncertainComparison("bias ~ T", at.B(), expected, (row_names(at),), proportional)
 
 
 @function_claim(
@@ -368,7 +374,7 @@ def dissipation_positive(at: FunctionState) -> Iterator[Decision | Skipped]:
     Asked along v, and along that velocity of which second differences of R are least. Terms odd in
     v, as of a damper against a belt that moves, drop out.
     """
-    R, here, still = at.raw("R"), at.of("R"), np.zeros(len(at.v))
+    R, here, still = at.raw("R"), at.quantity("R"), np.zeros(len(at.v))
     least, size = _least_damped(at, R)
     noise = EPS + (float(here.error / here.size) if here.size > 0.0 else 0.0)
     rest = float(R(at.q, still))
@@ -412,7 +418,7 @@ def kinetic_rate(at: FunctionState, qdd: UncertainArray) -> UncertainArray:
     if at.has("T"):
         T = at.raw("T")
         return at.rate_of(T) + at.by_v(T) @ qdd
-    return 0.5 * (v @ (inertia_rate(at) @ v)) + v @ (at.of("M") @ qdd)
+    return 0.5 * (v @ (inertia_rate(at) @ v)) + v @ (at.quantity("M") @ qdd)
 
 
 # ---- Constraints ---------------------------------------------------------------------------------
@@ -420,7 +426,7 @@ def kinetic_rate(at: FunctionState, qdd: UncertainArray) -> UncertainArray:
 
 def constraint_row_names(at: FunctionState) -> tuple[str, ...]:
     """Return the names of the constraints."""
-    return tuple(f"constraint {i}" for i in range(at.answers.sizes.get("r", 0)))
+    return tuple(f"constraint {i}" for i in range(at.caller.sizes.get("r", 0)))
 
 
 @function_claim(
@@ -428,27 +434,27 @@ def constraint_row_names(at: FunctionState) -> tuple[str, ...]:
     "a = ∂c/∂v, or ∂c/∂q of c(q)",
     "constraint Jacobian",
     ("a", "c"),
-    blind=(BlindSpot("a", "whether a belongs to the constraints", ("c", "against")),),
+    blind_spots=(BlindSpot("a", "whether a belongs to the constraints", ("c", "against")),),
 )
-def constraint_jacobian(at: FunctionState) -> Iterator[UncertainEquality]:
+def constraint_jacobian(at: FunctionState) -> Iterator[UncertainComparison]:
     """a is the derivative of the constraints."""
-    c, a = at.raw("c"), at.of("a")
-    if at.answers.reads("c") == "qv":
+    c, a = at.raw("c"), at.quantity("a")
+    if at.caller.reads("c") == "qv":
         expected = at.by_v(c).T
     else:
         expected = contract("nr,np->rp", at.by_q(c), at.S())
-    yield UncertainEquality("a", a, expected, (constraint_row_names(at), row_names(at)))
+    yield UncertainComparison("a", a, expected, (constraint_row_names(at), row_names(at)))
 
 
 @function_claim("constraint-velocity", "c(q, v) = a v + b", "constraint velocity", ("a", "c"))
-def constraint_velocity(at: FunctionState) -> Iterator[UncertainEquality]:
+def constraint_velocity(at: FunctionState) -> Iterator[UncertainComparison]:
     """Constraints at velocity level are a v + b."""
-    if at.answers.reads("c") != "qv":
+    if at.caller.reads("c") != "qv":
         return
-    found = at.of("a") @ exact(at.v)
+    found = at.quantity("a") @ exact(at.v)
     if at.has("b"):
-        found = found + at.of("b")
-    yield UncertainEquality("a v + b", found, at.of("c"), (constraint_row_names(at),))
+        found = found + at.quantity("b")
+    yield UncertainComparison("a v + b", found, at.quantity("c"), (constraint_row_names(at),))
 
 
 @function_claim(
@@ -456,15 +462,15 @@ def constraint_velocity(at: FunctionState) -> Iterator[UncertainEquality]:
     "γ = ȧ v + ḃ",
     "constraint drift",
     ("a", "gamma"),
-    blind=(
+    blind_spots=(
         BlindSpot("gamma", "whether γ belongs to a", ("a", "against")),
         BlindSpot("a", "whether a depends on q as it should", ("c", "gamma", "qdd", "against")),
     ),
 )
-def constraint_drift(at: FunctionState) -> Iterator[UncertainEquality]:
+def constraint_drift(at: FunctionState) -> Iterator[UncertainComparison]:
     """γ is the rate of a v + b at v̇ = 0, for every v."""
-    yield UncertainEquality(
-        "γ", at.of("gamma"), drift_of_jacobian(at), (constraint_row_names(at),), proportional
+    yield UncertainComparison(
+        "γ", at.quantity("gamma"), drift_of_jacobian(at), (constraint_row_names(at),), proportional
     )
 
 
@@ -475,9 +481,9 @@ def constraint_drift(at: FunctionState) -> Iterator[UncertainEquality]:
     ("a", "qdd"),
     consistent=True,
 )
-def constraint_acceleration(at: FunctionState) -> Iterator[UncertainEquality]:
+def constraint_acceleration(at: FunctionState) -> Iterator[UncertainComparison]:
     """Accelerations keep the constraints; γ as given, else as a and b say."""
-    found = at.of("a") @ at.of("qdd")
-    yield UncertainEquality(
+    found = at.quantity("a") @ at.quantity("qdd")
+    yield UncertainComparison(
         "a q̈ ~ -γ", found, -supplied_or_derived_drift(at), (constraint_row_names(at),), proportional
     )

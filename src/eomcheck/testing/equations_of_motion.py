@@ -332,15 +332,15 @@ class FunctionCaller:
     def __init__(self, functions: EquationsOfMotion):
         self.functions = functions
         self.sizes: dict[str, int] = {"n": functions.n, "p": functions.p}
-        self.single: dict[str, str] = {}
+        self.single_precision: dict[str, str] = {}
         """Names of functions that answered in single precision or less, and their type."""
         self._reads: dict[str, str] = {}
         self._shapes: dict[str, tuple[int, ...]] = {}
-        self.changed: set[str] = set()
+        self.writing: set[str] = set()
         """Names of functions that wrote into what they were handed."""
         self.repeated: set[str] = set()
         """Names of functions that were called again and again at one state."""
-        self.told: set[str] = set()
+        self.reported: set[str] = set()
         """Names of functions that do not answer somewhere, with the reason in a Finding."""
 
     def reads(self, name: str) -> str:
@@ -377,7 +377,7 @@ class FunctionCaller:
         finally:
             written = handed["q"].tobytes() != q.tobytes() or handed["v"].tobytes() != v.tobytes()
             if written or (make is not None and _bytes(arrays) != before):
-                self.changed.add(name)
+                self.writing.add(name)
         return self._checked(name, answer)
 
     def _checked(self, name: str, answer: Any) -> Array:
@@ -415,7 +415,7 @@ class FunctionCaller:
             what = f"answers {_type_of(answer)}, expected an array of numbers"
             raise BrokenError(name, what) from None
         if raw.dtype.kind == "f" and raw.dtype.itemsize < 8:
-            self.single[name] = str(raw.dtype)
+            self.single_precision[name] = str(raw.dtype)
         return array
 
     def _shaped(self, name: str, array: Array) -> Array:

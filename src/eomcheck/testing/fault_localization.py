@@ -223,7 +223,7 @@ def residual(at: FunctionState) -> UncertainArray | None:
     B = supplied_or_derived_bias(at)
     if B is None:
         return None
-    left = inertia(at) @ at.of("qdd") + B - at.forces()
+    left = inertia(at) @ at.quantity("qdd") + B - at.forces()
     return exact(at.free().T) @ left if at.has("a") else left
 
 
@@ -235,7 +235,7 @@ def _measured_residuals(at: FunctionState) -> tuple[list[FunctionState], list[Un
     here = at.consistent()
     if here is None or not here.parts() or here.has("b"):
         return [], []
-    points = [here.moved(scale * here.v) for scale in SCALES]
+    points = [here.with_velocity(scale * here.v) for scale in SCALES]
     values = [x for x in map(residual, points) if x is not None]
     return (points, values) if len(values) == len(SCALES) else ([], [])
 
@@ -257,7 +257,10 @@ def _of_residual(at: FunctionState, found: frozenset[str]) -> frozenset[str]:
     if not values:
         return found
     here = points[1]
-    left, qdd = velocity_dependence(values), velocity_dependence([x.of("qdd") for x in points])
+    left, qdd = (
+        velocity_dependence(values),
+        velocity_dependence([x.quantity("qdd") for x in points]),
+    )
     free = exact(here.free().T) if here.has("a") else exact(np.eye(len(here.v)))
     parts = {name: [free @ x.parts()[name] for x in points] for name in here.parts()}
     only = [name for name, of in parts.items() if _in_proportion(values, of)]

@@ -47,7 +47,7 @@ from eomcheck.testing.function_claim import (
     ClaimOutput,
     Decision,
     FunctionClaim,
-    UncertainEquality,
+    UncertainComparison,
 )
 from eomcheck.testing.function_state import NOT_QUADRATIC, FunctionState
 from eomcheck.testing.uncertain import NEAR
@@ -283,7 +283,7 @@ class EntryVerdicts(NamedTuple):
     """Verdicts of a comparison at a state, entry by entry.
 
     Attributes:
-        told: of all entries, the worst one that is resolved.
+        decision: of all entries, the worst one that is resolved.
         verdicts: indices into `RANKS`, an array of the shape of what is compared.
         same: whether both sides are equal in bits, same shape.
         vanish: whether both sides are exactly 0, same shape.
@@ -292,7 +292,7 @@ class EntryVerdicts(NamedTuple):
         names: names along each axis, None for what a claim decides by itself.
     """
 
-    told: Decision
+    decision: Decision
     verdicts: Array
     same: Array
     vanish: Array
@@ -313,7 +313,7 @@ class FindingAtState(NamedTuple):
     """A Finding at a state, with the verdict of each entry."""
 
     finding: Finding
-    judged: EntryVerdicts
+    entry_verdicts: EntryVerdicts
     at: FunctionState
 
 
@@ -338,10 +338,10 @@ def worst_findings(
         hidden += unresolved
         finding = chosen.finding
         if finding.verdict == "failed":
-            named_ = chosen.judged.names is not None
+            named_ = chosen.entry_verdicts.names is not None
             yield _with_jump(claim, finding, chosen.at) if named_ else finding
         elif finding.verdict == "passed":
-            if len(unresolved) < chosen.judged.verdicts.size or not unresolved:
+            if len(unresolved) < chosen.entry_verdicts.verdicts.size or not unresolved:
                 yield replace(finding, detail=_not_resolved(all_))
         elif not unresolved:
             yield finding
@@ -373,26 +373,26 @@ def _same_shape(all_: list[FindingAtState]) -> list[list[FindingAtState]]:
     """Comparisons of named entries, in groups of one shape."""
     groups: dict[tuple[int, ...], list[FindingAtState]] = {}
     for one in all_:
-        if one.judged.names is not None:
-            groups.setdefault(one.judged.verdicts.shape, []).append(one)
+        if one.entry_verdicts.names is not None:
+            groups.setdefault(one.entry_verdicts.verdicts.shape, []).append(one)
     return list(groups.values())
 
 
 def _unresolved(subject: str, group: list[FindingAtState]) -> Iterator[UnresolvedEntry]:
     """Yield the entries that none of the comparisons, of one shape, resolves."""
-    names = group[0].judged.names
+    names = group[0].entry_verdicts.names
     assert names is not None
-    left = set(never_resolved(one.judged.entries for one in group))
-    for where in np.ndindex(group[0].judged.verdicts.shape) if left else ():
+    left = set(never_resolved(one.entry_verdicts.entries for one in group))
+    for where in np.ndindex(group[0].entry_verdicts.verdicts.shape) if left else ():
         if entry_name(where, names) not in left:
             continue
-        least = min(group, key=lambda one: one.judged.allowed[where])
+        least = min(group, key=lambda one: one.entry_verdicts.allowed[where])
         yield UnresolvedEntry(
             f"{input_description(subject)}, {entry_name(where, names)}",
             subject,
             len(group),
-            float(least.judged.observed[where]),
-            float(least.judged.allowed[where]),
+            float(least.entry_verdicts.observed[where]),
+            float(least.entry_verdicts.allowed[where]),
             least.at,
         )
 
@@ -402,10 +402,10 @@ def _not_resolved(all_: list[FindingAtState]) -> str:
     compared_ = [one for one in all_ if one.finding.verdict != "skipped"]
     skipped = [one for one in all_ if one.finding.verdict == "skipped"]
     open_ = RANKS.index("inconclusive")
-    hidden = sum(int((one.judged.verdicts == open_).sum()) for one in compared_)
+    hidden = sum(int((one.entry_verdicts.verdicts == open_).sum()) for one in compared_)
     parts = []
     if hidden:
-        count = sum(one.judged.verdicts.size for one in compared_)
+        count = sum(one.entry_verdicts.verdicts.size for one in compared_)
         states = counted(len(compared_), "state")
         parts.append(f"{hidden} of {count} entries in {states} not resolved")
     if skipped:
@@ -466,10 +466,10 @@ def findings_at(
     """Yield the Findings of a claim at a state."""
     for one in _compared_at(functions, claim, at):
         finding = one.finding
-        if one.judged.names is not None:
+        if one.entry_verdicts.names is not None:
             failed = finding.verdict == "failed"
             finding = _with_jump(claim, finding, at) if failed else finding
-            finding = replace(finding, entries=one.judged.entries)
+            finding = replace(finding, entries=one.entry_verdicts.entries)
         yield finding
 
 
@@ -479,7 +479,7 @@ def _compared_at(
     state = State(at.q, at.v)
     for outcome in claim_outputs(claim, at):
         judged = judge_output(claim, outcome)
-        told = judged.told
+        told = judged.decision
         finding = Finding(
             claim.id,
             told.subject,
@@ -507,12 +507,12 @@ def claim_outputs(claim: FunctionClaim, at: FunctionState) -> Iterator[ClaimOutp
             if here is None:
                 yield Skipped(claim.term, at.why_not_consistent())
                 return
-            yield from claim.look(here)
+            yield from claim.evaluate(here)
     except BrokenError as broken:
         if claim.id != "answers":
             # Why only once: by `answers` where it breaks at the state itself, else here.
-            once = broken.name in at.answers.told
-            at.answers.told.add(broken.name)
+            once = broken.name in at.caller.reported
+            at.caller.reported.add(broken.name)
             why = "does not answer" if once else f"breaks: {broken.why}"
             yield Skipped(broken.name, f"{broken.name} {why}")
     except np.linalg.LinAlgError as error:
@@ -521,7 +521,7 @@ def claim_outputs(claim: FunctionClaim, at: FunctionState) -> Iterator[ClaimOutp
 
 def judge_output(claim: FunctionClaim, outcome: ClaimOutput) -> EntryVerdicts:
     """Return the verdicts of an outcome."""
-    if isinstance(outcome, UncertainEquality):
+    if isinstance(outcome, UncertainComparison):
         return judge_entries(claim, outcome)
     told = (
         Decision(outcome.subject, 0.0, 0.0, "skipped", outcome.reason)
@@ -532,13 +532,13 @@ def judge_output(claim: FunctionClaim, outcome: ClaimOutput) -> EntryVerdicts:
     return EntryVerdicts(told, verdict, none, none, none, none, None)
 
 
-def judge_entries(claim: FunctionClaim, sides: UncertainEquality) -> EntryVerdicts:
+def judge_entries(claim: FunctionClaim, sides: UncertainComparison) -> EntryVerdicts:
     """Return the verdicts of two sides, each entry judged by its own error.
 
     An entry is inconclusive also where one side is known not to be 0, and more than a thousandth of
     the larger one is allowed: then it would pass with any sign.
     """
-    found, expected = sides.found, sides.expected
+    found, expected = sides.actual, sides.expected
     if found.value.size == 0:
         nothing = np.zeros(found.shape)
         told = Decision(sides.subject, 0.0, 0.0, "passed")
@@ -573,15 +573,15 @@ def judge_entries(claim: FunctionClaim, sides: UncertainEquality) -> EntryVerdic
 
 
 def failure_detail(
-    claim: FunctionClaim, sides: UncertainEquality, index: tuple[int, ...], allowed: float
+    claim: FunctionClaim, sides: UncertainComparison, index: tuple[int, ...], allowed: float
 ) -> str:
     """Return the term to blame, the entry, and what is wrong with it."""
-    found, expected = sides.found.value, sides.expected.value
+    found, expected = sides.actual.value, sides.expected.value
     only: Array = np.zeros(found.shape)
     only[index] = 1.0
     term = claim.term or input_description(sides.subject)
     where = worst_entry(only, sides.names) if found.ndim else "value"
-    said = sides.say(found, expected, allowed, index) if sides.say is not None else ""
+    said = sides.explain(found, expected, allowed, index) if sides.explain is not None else ""
     return f"{term}, {where}: {said or diagnose(found, expected, allowed, index)}"
 
 
@@ -630,11 +630,11 @@ def undetectable(
     """Yield what cannot be told because an input is missing."""
     if claim.applies(at):
         return
-    for blind in claim.blind:
+    for blind in claim.blind_spots:
         if blind.derived and not functions.derived:
             continue
         about = not blind.about or at.has(blind.about)
-        if about and (would := blind.would_tell(at)):
+        if about and (would := blind.revealing_inputs(at)):
             detail = f"{blind.what}: {would} would tell"
             about_ = blind.about or functions.name
             said = (claim.id, about_, functions, None, 0.0, 0.0, "skipped", "skipped")

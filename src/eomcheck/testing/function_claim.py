@@ -13,23 +13,23 @@ from eomcheck.testing.function_state import FunctionState
 from eomcheck.testing.uncertain import UncertainArray
 
 
-class UncertainEquality(NamedTuple):
+class UncertainComparison(NamedTuple):
     """found = expected, about `subject`.
 
     Attributes:
         subject: what is compared.
-        found: theirs.
+        actual: theirs.
         expected: what it should be, same shape.
         names: names along each axis.
-        say: says what `found` looks like beside `expected`, of what is allowed and the worst entry,
-            "" where that is nothing it knows; None for what is said of any two arrays.
+        explain: says what `actual` looks like beside `expected`, of what is allowed and the worst
+            entry, "" where that is nothing it knows; None for what is said of any two arrays.
     """
 
     subject: str
-    found: UncertainArray
+    actual: UncertainArray
     expected: UncertainArray
     names: Names
-    say: Callable[[Array, Array, float, tuple[int, ...]], str] | None = None
+    explain: Callable[[Array, Array, float, tuple[int, ...]], str] | None = None
 
 
 class Decision(NamedTuple):
@@ -48,20 +48,20 @@ class BlindSpot(NamedTuple):
     Attributes:
         about: the input, a key of `eomcheck.testing.equations_of_motion.INPUTS`.
         what: what would not be noticed.
-        told_by: inputs any one of which would tell; "against" is what one compares with, "x & y"
-            is both together, "x|y" either.
+        revealed_by: inputs any one of which would tell; "against" is what one compares with, "x &
+            y" is both together, "x|y" either.
         derived: whether it is so only where functions come out of one derivation.
     """
 
     about: str
     what: str
-    told_by: tuple[str, ...]
+    revealed_by: tuple[str, ...]
     derived: bool = False
 
-    def would_tell(self, at: FunctionState) -> str:
+    def revealing_inputs(self, at: FunctionState) -> str:
         """Inputs that are missing and would tell, in words; "" where nothing is missing."""
         alternatives: list[str] = []
-        for one in self.told_by:
+        for one in self.revealed_by:
             missing = [x for x in one.split(" & ") if not has_any(at, x)]
             if not missing:
                 return ""
@@ -70,7 +70,7 @@ class BlindSpot(NamedTuple):
         return f"{joined} or {alternatives[-1]}" if joined else alternatives[-1]
 
 
-ClaimOutput = UncertainEquality | Decision | Skipped
+ClaimOutput = UncertainComparison | Decision | Skipped
 
 
 def has_any(at: FunctionState, names: str) -> bool:
@@ -91,8 +91,8 @@ class FunctionClaim:
         natural: whether it holds only where T is quadratic in v, see `FunctionState.natural`.
         consistent: whether it is looked at where the constraints hold, see
             `FunctionState.consistent`.
-        blind: what cannot be told where what it needs is missing.
-        look: function of a `FunctionState`.
+        blind_spots: what cannot be told where what it needs is missing.
+        evaluate: function of a `FunctionState`.
     """
 
     id: str
@@ -102,8 +102,8 @@ class FunctionClaim:
     without: tuple[str, ...]
     natural: bool
     consistent: bool
-    blind: tuple[BlindSpot, ...]
-    look: Callable[[FunctionState], Iterator[ClaimOutput]] = field(repr=False)
+    blind_spots: tuple[BlindSpot, ...]
+    evaluate: Callable[[FunctionState], Iterator[ClaimOutput]] = field(repr=False)
 
     def applies(self, at: FunctionState) -> bool:
         """Return whether what it needs is there, and nothing with which it does not hold."""
@@ -124,13 +124,13 @@ def function_claim(
     without: tuple[str, ...] = (),
     natural: bool = False,
     consistent: bool = False,
-    blind: tuple[BlindSpot, ...] = (),
+    blind_spots: tuple[BlindSpot, ...] = (),
 ) -> Callable:
     """Register the decorated function of a `FunctionState`, which yields `ClaimOutput`s."""
 
     def register(look: Callable[[Any], Iterator[ClaimOutput]]) -> Callable:
         FUNCTION_CLAIMS[id] = FunctionClaim(
-            id, statement, term, needs, without, natural, consistent, blind, look
+            id, statement, term, needs, without, natural, consistent, blind_spots, look
         )
         return look
 

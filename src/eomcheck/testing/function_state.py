@@ -42,7 +42,7 @@ class FunctionState:
     """Quantities at (q, v), each computed on first use.
 
     Args:
-        answers: the functions.
+        caller: the functions.
         q: coordinates (n,).
         v: velocities (p,).
         seed: of the directions in which noise is measured.
@@ -57,29 +57,29 @@ class FunctionState:
         seed: int = 0,
         reference: EquationsOfMotion | None = None,
     ):
-        self.answers, self.functions, self.reference = answers, answers.functions, reference
+        self.caller, self.functions, self.reference = answers, answers.functions, reference
         self.q, self.v, self.seed = q, v, seed
         _, widths = self.functions.half_ranges()
         self.width_q, self.width_v = widths[: len(q)], widths[len(q) :]
-        self._kept: dict[Any, Any] = {}
+        self._cache: dict[Any, Any] = {}
 
-    def kept(self, key: Any, make: Callable[[], Any]) -> Any:
+    def cached(self, key: Any, make: Callable[[], Any]) -> Any:
         """Return what `make` gives, once."""
-        if key not in self._kept:
-            self._kept[key] = make()
-        return self._kept[key]
+        if key not in self._cache:
+            self._cache[key] = make()
+        return self._cache[key]
 
     def answering(self, name: str) -> bool:
         """Return whether the function `name` is given, and answers here."""
 
         def look() -> bool:
             with suppress(BrokenError):
-                self.answers(name, self.q, self.v)
+                self.caller(name, self.q, self.v)
                 return True
             return False
 
         given = self.functions.function(name) is not None
-        return given and self.kept(("answers", name), look)
+        return given and self.cached(("answers", name), look)
 
     def has(self, name: str) -> bool:
         """Return whether a quantity can be had: one that is given, or follows at once."""
@@ -89,22 +89,22 @@ class FunctionState:
             return self.reference is not None
         return self.functions.function(name) is not None
 
-    def moved(self, v: Array) -> FunctionState:
+    def with_velocity(self, v: Array) -> FunctionState:
         """Return the same coordinates with another velocity."""
-        return self.kept(
+        return self.cached(
             ("v", v.tobytes()),
-            lambda: FunctionState(self.answers, self.q, v, self.seed, self.reference),
+            lambda: FunctionState(self.caller, self.q, v, self.seed, self.reference),
         )
 
     # ---- Black boxes ---------------------------------------------------------------------------
 
     def raw(self, name: str) -> Callable[[Array, Array], Array]:
         """Return the function `name` of (q, v), NaN where it has no value."""
-        here = self.answers(name, self.q, self.v)
+        here = self.caller(name, self.q, self.v)
 
         def quiet(q: Array, v: Array) -> Array:
             try:
-                return self.answers(name, q, v)
+                return self.caller(name, q, v)
             except BrokenError:
                 return np.full(here.shape, np.nan)
 
@@ -130,10 +130,10 @@ class FunctionState:
         drawn = np.random.default_rng(self.seed).choice((-1.0, 1.0), more)
         return np.concatenate((signs, drawn))
 
-    def of(self, name: str) -> UncertainArray:
+    def quantity(self, name: str) -> UncertainArray:
         """Return what the function `name` answers."""
 
-        return self.kept(name, lambda: self.measure(self.raw(name)))
+        return self.cached(name, lambda: self.measure(self.raw(name)))
 
     def jumps(self, name: str) -> bool:
         """Whether the function `name` jumps beside this state, see `eomcheck.testing.uncertain`."""
@@ -164,7 +164,7 @@ class FunctionState:
 
         if self.functions.qdot is None:
             return exact(np.eye(len(self.q)))
-        return self.kept("S", lambda: self.measure(columns))
+        return self.cached("S", lambda: self.measure(columns))
 
     def rates(self) -> UncertainArray:
         """q̇ (n,)."""
@@ -188,31 +188,31 @@ class FunctionState:
 
     def dM(self) -> UncertainArray:
         """∂M/∂q (n, p, p)."""
-        return self.kept("dM", lambda: self.by_q(self.raw("M")))
+        return self.cached("dM", lambda: self.by_q(self.raw("M")))
 
     def B(self) -> UncertainArray:
         """Bias without gravity (p,)."""
         if not self.functions.bias_has_gravity:
-            return self.of("bias")
-        return self.of("bias") - self.gravity()
+            return self.quantity("bias")
+        return self.quantity("bias") - self.gravity()
 
     def gravity(self) -> UncertainArray:
         """∂U/∂q (p,), along v: as given, else as `supplied_or_derived_bias` holds it, else
         differentiated from U.
         """
         if self.functions.gravity is not None:
-            return self.of("gravity")
+            return self.quantity("gravity")
         if self.functions.bias_has_gravity:
-            return self.moved(np.zeros(len(self.v))).of("bias")
+            return self.with_velocity(np.zeros(len(self.v))).quantity("bias")
         return self.U_q()
 
     def U_q(self) -> UncertainArray:
         """∂U/∂q along v (p,)."""
-        return self.kept("U_q", lambda: self.S().T @ self.by_q(self.raw("U")))
+        return self.cached("U_q", lambda: self.S().T @ self.by_q(self.raw("U")))
 
     def R_v(self) -> UncertainArray:
         """∂R/∂v (p,)."""
-        return self.kept("R_v", lambda: self.by_v(self.raw("R")))
+        return self.cached("R_v", lambda: self.by_v(self.raw("R")))
 
     def forces(self) -> UncertainArray:
         """Return Q - gravity - ∂R/∂v (p,), of what there is."""
@@ -222,7 +222,7 @@ class FunctionState:
         """Return what forces are summed from, by name."""
         found: dict[str, UncertainArray] = {}
         if self.has("Q"):
-            found["Q"] = self.of("Q")
+            found["Q"] = self.quantity("Q")
         if self.has("gravity") or self.has("U"):
             found["gravity"] = -self.gravity()
         if self.has("R"):
@@ -233,31 +233,31 @@ class FunctionState:
         """Return whether T, where it is given, is quadratic in v and nothing else."""
 
         def look() -> bool:
-            rest = self.moved(np.zeros(len(self.v))).of("T")
-            here, back = self.of("T"), self.moved(-self.v).of("T")
+            rest = self.with_velocity(np.zeros(len(self.v))).quantity("T")
+            here, back = self.quantity("T"), self.with_velocity(-self.v).quantity("T")
             odd = here - back
             return all(abs(x.value) <= C * (x.error + here.error) for x in (rest, odd))
 
-        return not self.has("T") or self.kept("natural", look)
+        return not self.has("T") or self.cached("natural", look)
 
     def even(self) -> bool:
         """Return whether T, where it is given, has no terms linear in v: those of a potential."""
         if self.natural():
             return True
-        odd = self.of("T") - self.moved(-self.v).of("T")
-        return bool(np.abs(odd.value) <= C * (odd.error + self.of("T").error))
+        odd = self.quantity("T") - self.with_velocity(-self.v).quantity("T")
+        return bool(np.abs(odd.value) <= C * (odd.error + self.quantity("T").error))
 
     def rest_energy_changes(self) -> bool:
         """Whether T(q, 0) changes with q, and T is even in v: U is in it, or a clock drives it."""
 
         def look() -> bool:
-            rest = self.moved(np.zeros(len(self.v)))
+            rest = self.with_velocity(np.zeros(len(self.v)))
             slope = rest.by_q(rest.raw("T"))
             return bool((np.abs(slope.value) > C * slope.error).any())
 
         if self.natural() or not self.even():
             return False
-        return self.kept("T(q, 0) changes", look)
+        return self.cached("T(q, 0) changes", look)
 
     def why_not_natural(self) -> str:
         """Reason why `natural` is False."""
@@ -270,7 +270,7 @@ class FunctionState:
         """
         if not self.has("a"):
             return None if self.has("c") else self
-        return self.kept("consistent", lambda: _consistent(self))
+        return self.cached("consistent", lambda: _consistent(self))
 
     def why_not_consistent(self) -> str:
         """Reason why `consistent` is None."""
@@ -282,7 +282,7 @@ class FunctionState:
         """Directions of v that the constraints leave (p, p - r), or all of them (p, p)."""
         if not self.has("a"):
             return np.eye(len(self.v))
-        a = self.of("a").value
+        a = self.quantity("a").value
         _, singular, rows = np.linalg.svd(a)
         largest = singular.max(initial=0.0)
         rank = int((singular > max(a.shape) * np.finfo(np.float64).eps * largest * C).sum())
@@ -291,7 +291,7 @@ class FunctionState:
 
 def _consistent(at: FunctionState) -> FunctionState | None:
     """Return a consistent point nearby: Newton's method for q, least squares for v."""
-    answers, q = at.answers, at.q
+    answers, q = at.caller, at.q
     try:
         if at.has("c") and answers.reads("c") == "q":
             q = _closed(at)
@@ -310,7 +310,7 @@ def _consistent(at: FunctionState) -> FunctionState | None:
 
 def _closed(at: FunctionState) -> Array | None:
     """Return q (n,) with c(q) = 0, to the last bit that steps of Newton's method still gain."""
-    answers, q, left = at.answers, at.q, np.inf
+    answers, q, left = at.caller, at.q, np.inf
     for _ in range(STEPS):
         c = answers("c", q, at.v)
         residual = float(np.abs(c).max(initial=0.0))
@@ -339,14 +339,14 @@ def uses_mass_matrix(at: FunctionState) -> bool:
 
 def inertia(at: FunctionState) -> UncertainArray:
     """Mass matrix (p, p): M if it is given and answers, else ∂²T/∂v²."""
-    return at.of("M") if uses_mass_matrix(at) else second_differences(at)
+    return at.quantity("M") if uses_mass_matrix(at) else second_differences(at)
 
 
 def inertia_rate(at: FunctionState) -> UncertainArray:
     """Rate Ṁ (p, p) while q moves along v, of M or else of ∂²T/∂v²."""
     if uses_mass_matrix(at):
         return at.along(at.dM())
-    return at.kept("Ṁ of T", lambda: at.rate_of(_second_of(at)))
+    return at.cached("Ṁ of T", lambda: at.rate_of(_second_of(at)))
 
 
 def second_differences(at: FunctionState) -> UncertainArray:
@@ -354,12 +354,12 @@ def second_differences(at: FunctionState) -> UncertainArray:
 
     def second() -> UncertainArray:
         value, size = differences(at.raw("T"), at.q, at.width_v)
-        scale, here = np.outer(at.width_v, at.width_v), at.of("T")
+        scale, here = np.outer(at.width_v, at.width_v), at.quantity("T")
         # Each entry is a sum of four, as noisy for their sizes as T is here.
         noisy = float(here.error / here.size) if here.size > 0.0 else EPS
         return UncertainArray(value / scale, noisy * size / scale, size / scale)
 
-    return at.kept("∂²T/∂v²", second)
+    return at.cached("∂²T/∂v²", second)
 
 
 def _second_of(at: FunctionState) -> Callable[[Array, Array], Array]:
@@ -392,7 +392,7 @@ def supplied_or_derived_bias(at: FunctionState) -> UncertainArray | None:
     if at.has("bias"):
         return at.B()
     if at.has("C") and at.natural():
-        return at.of("C") @ exact(at.v)
+        return at.quantity("C") @ exact(at.v)
     return bias_of_inertia(at)
 
 
@@ -422,7 +422,7 @@ def bias_of_mass_matrix(at: FunctionState) -> UncertainArray | None:
         return None
     if at.functions.qdot is None:
         return _christoffel(at.dM(), exact(at.v))
-    return at.kept("B of M", lambda: _bias_along_speeds(at))
+    return at.cached("B of M", lambda: _bias_along_speeds(at))
 
 
 def _christoffel(dM: UncertainArray, v: UncertainArray) -> UncertainArray:
@@ -466,7 +466,7 @@ def bias_of_energy(at: FunctionState) -> UncertainArray | None:
         behind = np.array([float(T(q, v - step)) for step in steps])
         return (ahead - behind) / (2.0 * widths)
 
-    return at.kept("B of T", lambda: at.rate_of(momentum) - at.by_q(T))
+    return at.cached("B of T", lambda: at.rate_of(momentum) - at.by_q(T))
 
 
 # ---- Constraints ---------------------------------------------------------------------------------
@@ -474,7 +474,7 @@ def bias_of_energy(at: FunctionState) -> UncertainArray | None:
 
 def supplied_or_derived_drift(at: FunctionState) -> UncertainArray:
     """Constraint drift γ (r,): as given, else ȧ v + ḃ."""
-    return at.of("gamma") if at.has("gamma") else drift_of_jacobian(at)
+    return at.quantity("gamma") if at.has("gamma") else drift_of_jacobian(at)
 
 
 def drift_of_jacobian(at: FunctionState) -> UncertainArray:
@@ -484,15 +484,15 @@ def drift_of_jacobian(at: FunctionState) -> UncertainArray:
         expected = at.rate_of(at.raw("a")) @ exact(at.v)
         return expected + clock_rate(at) if at.has("b") else expected
 
-    return at.kept("ȧ v + ḃ", rate)
+    return at.cached("ȧ v + ḃ", rate)
 
 
 def clock_rate(at: FunctionState) -> UncertainArray:
     """ḃ (r,) at t = 0 s."""
-    here = at.of("b")
+    here = at.quantity("b")
 
     def of_time(t: Array) -> Array:
-        return at.answers("b", at.q, at.v, float(t[0]))
+        return at.caller("b", at.q, at.v, float(t[0]))
 
     rate = partial(of_time, np.zeros(1), 0, CLOCK, here.error, here.size, here.value)
-    return rate + at.rate_of(at.raw("b")) if at.answers.reads("b") == "qt" else rate
+    return rate + at.rate_of(at.raw("b")) if at.caller.reads("b") == "qt" else rate

@@ -95,15 +95,15 @@ def _sides(claim: str, at: FunctionState) -> tuple[OfV, OfV] | None:
     """Both sides of a claim as functions of v; None where they are not quadratic in v."""
     if at.functions.qdot is not None:
         return None
-    given: OfV = lambda v: at.moved(v).B()  # noqa: E731
+    given: OfV = lambda v: at.with_velocity(v).B()  # noqa: E731
     match claim:
         case "bias-of-mass-matrix":
             return given, lambda v: bias_along(at, v)
         case "bias-of-energy":
-            return given, lambda v: bias_of_energy(at.moved(v))
+            return given, lambda v: bias_of_energy(at.with_velocity(v))
         case "coriolis-bias":
-            expected = given if at.has("bias") else (lambda v: bias_of_inertia(at.moved(v)))
-            return lambda v: at.moved(v).of("C") @ exact(v), expected
+            expected = given if at.has("bias") else (lambda v: bias_of_inertia(at.with_velocity(v)))
+            return lambda v: at.with_velocity(v).quantity("C") @ exact(v), expected
     return None
 
 

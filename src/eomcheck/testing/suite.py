@@ -281,8 +281,8 @@ class SceneTarget:
         selection = RunSelection.of(None, engines, self.claims, scenes=[kind])
         run = ValidationRun()
         cases = self._cases(examples, seed)
-        for scene, state in with_wide(cases, seed) if selection.named else cases:
-            run.look_at(scene, state, selection)
+        for scene, state in with_wide(cases, seed) if selection.engines_named else cases:
+            run.check_state(scene, state, selection)
         found = run.finish(selection)
         if self.engine is not None:
             check_compared([self.engine], found)
@@ -507,7 +507,7 @@ class Suite:
 
     Attributes:
         name: of the function, with its file.
-        trials: what is looked at, a trial a scene.
+        targets: what is looked at, a trial a scene.
         file: of expected failures, or None.
         expected: id -> reason of the tests that have to fail.
         strict: whether an expected failure has to fail.
@@ -516,7 +516,7 @@ class Suite:
     """
 
     name: str
-    trials: list[ClaimTarget]
+    targets: list[ClaimTarget]
     file: Path | None
     expected: dict[str, str]
     strict: bool
@@ -528,7 +528,7 @@ class Suite:
     def ids(self) -> dict[str, tuple[ClaimTarget, str]]:
         """Id -> trial and claim, one test each."""
         found: dict[str, tuple[ClaimTarget, str]] = {}
-        for trial in self.trials:
+        for trial in self.targets:
             for claim in trial.claims:
                 id = f"{claim}-{trial.where}" if trial.where else claim
                 if id in found:

@@ -64,7 +64,7 @@ class CampaignPlan(Protocol):
         ...
 
     @property
-    def most(self) -> int:
+    def max_states(self) -> int:
         """States that a round looks at, at most."""
         ...
 
@@ -73,11 +73,11 @@ class CampaignPlan(Protocol):
         """What decides what rounds come to, plain."""
         ...
 
-    def run(self, given: Round) -> RoundResult:
+    def run(self, round_: Round) -> RoundResult:
         """Return what a round comes to, the same wherever it is run."""
         ...
 
-    def find(
+    def record_failure(
         self, failed: Finding, name: str, known: Sequence[FailureRecord] | None = None
     ) -> FailureRecord:
         """Return a failure ready to be kept.
@@ -93,7 +93,7 @@ class CampaignPlan(Protocol):
 class ScoredCase(NamedTuple):
     """A case to climb from, and how high it is."""
 
-    height: float
+    score: float
     case: FuzzCase
 
 
@@ -105,13 +105,13 @@ class Round(NamedTuple):
     """What is to be done: a number, which with the seed decides all draws, and where to start."""
 
     number: int
-    stratum: StructuralVariant
+    variant: StructuralVariant
     population: Population
 
     @property
     def structure(self) -> str:
         """What messages call it."""
-        return f"round {self.number}: {self.stratum.name}"
+        return f"round {self.number}: {self.variant.name}"
 
 
 @dataclass
@@ -120,24 +120,24 @@ class RoundResult:
 
     Attributes:
         number: of the round.
-        stratum: its structure.
+        variant: its structure.
         population: where to climb from next.
         counts: states by family, and by how they were looked at; verdicts in lanes.
         failed: findings that failed, by `eomcheck.check_state`.
-        lost: claims that lanes could not look at, and why.
-        open: claims and subjects of functions that were not decided at a state, and why.
+        not_batched: claims that lanes could not look at, and why.
+        undecided: claims and subjects of functions that were not decided at a state, and why.
         entries: of claims and subjects of functions, which entries were resolved and hidden.
         seconds: how long it took.
         cpu_seconds: CPU time of it, less where it had to share its core.
     """
 
     number: int
-    stratum: StructuralVariant
+    variant: StructuralVariant
     population: Population
     counts: Counter[str] = field(default_factory=Counter)
     failed: list[Finding] = field(default_factory=list)
-    lost: dict[str, str] = field(default_factory=dict)
-    open: dict[str, str] = field(default_factory=dict)
+    not_batched: dict[str, str] = field(default_factory=dict)
+    undecided: dict[str, str] = field(default_factory=dict)
     entries: dict[str, list[Entries]] = field(default_factory=dict)
     seconds: float = 0.0
     cpu_seconds: float = 0.0
@@ -157,23 +157,23 @@ def record_time(result: RoundResult) -> Iterator[RoundResult]:
     result.cpu_seconds = time.process_time() - cpu
 
 
-def generator(plan: CampaignPlan, given: Round) -> np.random.Generator:
+def generator(plan: CampaignPlan, round_: Round) -> np.random.Generator:
     """Return what a round draws from."""
-    return np.random.default_rng([abs(plan.seed), int(plan.seed < 0), given.number])
+    return np.random.default_rng([abs(plan.seed), int(plan.seed < 0), round_.number])
 
 
 def update_population(
-    population: Population, heights_of: dict[Key, Array], cases: Sequence[Any]
+    population: Population, scores: dict[Key, Array], cases: Sequence[Any]
 ) -> None:
     """Take the highest cases into a population, by their heights (L,); of a key `CASES_PER_KEY`
     are left.
     """
-    for key, heights in heights_of.items():
+    for key, heights in scores.items():
         best = population.setdefault(key, [])
         for i in np.argsort(-heights, kind="stable")[:CASES_PER_KEY]:
             if heights[i] > 0:
                 best.append(ScoredCase(float(heights[i]), cases[i]))
-        best.sort(key=lambda one: -one.height)
+        best.sort(key=lambda one: -one.score)
         del best[CASES_PER_KEY:]
         if not best:
             del population[key]
@@ -195,14 +195,15 @@ class Campaign:
     Attributes:
         plan: what rounds have in common.
         name: what the kind of scene is found again by.
-        strata: the structures.
+        variants: the structures.
         counts: of states, by how they were drawn and looked at, and of verdicts.
-        by_stratum: number of states of each structure.
+        by_variant: number of states of each structure.
         worst: by claim and formulation, the highest case.
-        finds: what fails, made small, by cause.
-        failures: number of findings that failed, by claim, and what it is about and says is wrong.
-        lost: claims that lanes could not look at, and why.
-        open: claims and subjects of functions that were not decided at a state, and why.
+        failure_records: what fails, made small, by cause.
+        failure_counts: number of findings that failed, by claim, and what it is about and says is
+            wrong.
+        not_batched: claims that lanes could not look at, and why.
+        undecided: claims and subjects of functions that were not decided at a state, and why.
         entries: of claims and subjects of functions, which entries were resolved and hidden.
         seconds: time spent in rounds, added up over processes.
         cpu_seconds: CPU time of it.
@@ -212,15 +213,15 @@ class Campaign:
 
     plan: CampaignPlan
     name: str
-    strata: Sequence[StructuralVariant]
+    variants: Sequence[StructuralVariant]
     records: Records | None = None
     counts: Counter[str] = field(default_factory=Counter)
-    by_stratum: Counter[str] = field(default_factory=Counter)
+    by_variant: Counter[str] = field(default_factory=Counter)
     worst: dict[Key, ScoredCase] = field(default_factory=dict)
-    finds: dict[tuple[str, ...], FailureRecord] = field(default_factory=dict)
-    failures: Counter[tuple[str, str]] = field(default_factory=Counter)
-    lost: dict[str, str] = field(default_factory=dict)
-    open: dict[str, str] = field(default_factory=dict)
+    failure_records: dict[tuple[str, ...], FailureRecord] = field(default_factory=dict)
+    failure_counts: Counter[tuple[str, str]] = field(default_factory=Counter)
+    not_batched: dict[str, str] = field(default_factory=dict)
+    undecided: dict[str, str] = field(default_factory=dict)
     entries: dict[str, list[Entries]] = field(default_factory=dict)
     seconds: float = 0.0
     cpu_seconds: float = 0.0
@@ -243,7 +244,7 @@ class Campaign:
         states: int | None = None,
         seconds: float | None = None,
         executor: str | None = None,
-        told: Callable[[Campaign], None] = lambda campaign: None,
+        on_round: Callable[[Campaign], None] = lambda campaign: None,
     ) -> None:
         """Go on until so many states were looked at in all, or the time is up.
 
@@ -252,7 +253,7 @@ class Campaign:
             seconds: at most; the round in hand is finished.
             executor: where rounds are run, see `eomcheck.lab.store.executors.executor`; None is
                 this process.
-            told: called after each round.
+            on_round: called after each round.
 
         Raises:
             InputError: in a whole generation of rounds no state could be drawn.
@@ -267,14 +268,14 @@ class Campaign:
 
         while not over():
             # With a number of states to reach, no worker begins a round that is not needed.
-            left = None if states is None else -(-(states - self.states) // self.plan.most)
+            left = None if states is None else -(-(states - self.states) // self.plan.max_states)
             for result in self._results(self._generation()[:left], executor, over):
                 self._take(result, late)
-                told(self)
+                on_round(self)
                 if over():
                     break
             # Of other structures, which are looked at next, there may be some.
-            if not self.states and (self.rounds >= len(self.strata) or over()):
+            if not self.states and (self.rounds >= len(self.variants) or over()):
                 raise InputError(
                     f"scene = {self.name}: no state could be drawn in "
                     f"{counted(self.rounds, 'round')}: no "
@@ -295,11 +296,11 @@ class Campaign:
 
     def _generation(self) -> list[Round]:
         """Return the rounds of the first generation that is not done, those done left out."""
-        count, generation = len(self.strata), 0
+        count, generation = len(self.variants), 0
         while all(generation * count + i in self._done for i in range(count)):
             generation += 1
         order = np.random.default_rng([abs(self.plan.seed), generation]).permutation(count)
-        numbers = [(generation * count + i, self.strata[j]) for i, j in enumerate(order)]
+        numbers = [(generation * count + i, self.variants[j]) for i, j in enumerate(order)]
         return [
             Round(number, stratum, self._populations.get(stratum, {}))
             for number, stratum in numbers
@@ -310,11 +311,11 @@ class Campaign:
 
     def _take(self, result: RoundResult, late: Callable[[], bool]) -> None:
         self._done.add(result.number)
-        self._populations[result.stratum] = result.population
-        self._add(result.stratum.name, result.counts, result.seconds, result.cpu_seconds)
+        self._populations[result.variant] = result.population
+        self._add(result.variant.name, result.counts, result.seconds, result.cpu_seconds)
         self._raise(result.population)
-        self.lost |= result.lost
-        self.open = result.open | self.open
+        self.not_batched |= result.not_batched
+        self.undecided = result.undecided | self.undecided
         self._join(result.entries)
         new = [find for one in result.failed if (find := self._found(one, late)) is not None]
         if self.records is not None:
@@ -323,13 +324,13 @@ class Campaign:
     def _add(self, stratum: str, counts: Counter[str], seconds: float, cpu: float) -> None:
         self.rounds += 1
         self.counts.update(counts)
-        self.by_stratum[stratum] += counts["states"]
+        self.by_variant[stratum] += counts["states"]
         self.seconds += seconds
         self.cpu_seconds += cpu
 
     def _raise(self, population: Population) -> None:
         for key, best in population.items():
-            if key not in self.worst or best[0].height > self.worst[key].height:
+            if key not in self.worst or best[0].score > self.worst[key].score:
                 self.worst[key] = best[0]
 
     def _join(self, entries: Mapping[str, Sequence[Entries]]) -> None:
@@ -342,15 +343,15 @@ class Campaign:
         When the time is up it is kept as it is: of a wrong scene everything fails.
         """
         key = _kind_of(failed)
-        self.failures[key] += 1
-        if self.failures[key] > MOST_SHRUNK:
+        self.failure_counts[key] += 1
+        if self.failure_counts[key] > MOST_SHRUNK:
             return None
-        find = self.plan.find(failed, self.name)
-        if find.key not in self.finds and not late():
-            find = self.plan.find(failed, self.name, [*self.finds.values()])
-        if find.key in self.finds:
+        find = self.plan.record_failure(failed, self.name)
+        if find.key not in self.failure_records and not late():
+            find = self.plan.record_failure(failed, self.name, [*self.failure_records.values()])
+        if find.key in self.failure_records:
             return None
-        self.finds[find.key] = find
+        self.failure_records[find.key] = find
         return find
 
     # ---- In a file -------------------------------------------------------------------------------
@@ -358,7 +359,7 @@ class Campaign:
     @property
     def settings(self) -> dict[str, Any]:
         """What decides everything but where the campaign ends."""
-        strata = [one.name for one in self.strata]
+        strata = [one.name for one in self.variants]
         return {"scene": self.name, "strata": strata} | self.plan.settings
 
     def _keep(self, records: Records, result: RoundResult, new: Sequence[FailureRecord]) -> None:
@@ -367,14 +368,14 @@ class Campaign:
             told = here | {"cause": list(find.key)}
             records.add(Record(FIND, told, "failed", series={"find": [vars(find)]}))
         best = [
-            [*key, one.height, parameters_of(one.case[0]), *_plain(one.case[1])]
+            [*key, one.score, parameters_of(one.case[0]), *_plain(one.case[1])]
             for key, kept in result.population.items()
             for one in kept
         ]
-        of = here | {"stratum": result.stratum.name}
+        of = here | {"stratum": result.variant.name}
         records.add(Record(POPULATION, of, series={"best": best}))
         heights = {
-            f"{claim} {f}".strip(): x[0].height for (claim, f), x in result.population.items()
+            f"{claim} {f}".strip(): x[0].score for (claim, f), x in result.population.items()
         }
         of = of | {"round": result.number}
         failures = Counter(map(_kind_of, result.failed))
@@ -387,8 +388,8 @@ class Campaign:
             errors=heights,
             series={
                 "failures": [[*key, count] for key, count in failures.items()],
-                "lost": [[*one] for one in result.lost.items()],
-                "open": [[*one] for one in result.open.items()],
+                "lost": [[*one] for one in result.not_batched.items()],
+                "open": [[*one] for one in result.undecided.items()],
                 "entries": [
                     [about, one.names, one.resolved.hex(), one.hidden.hex()]
                     for about, each in result.entries.items()
@@ -400,16 +401,16 @@ class Campaign:
 
     def _resume(self, records: Records) -> None:
         here = self.settings
-        by_name = {one.name: one for one in self.strata}
+        by_name = {one.name: one for one in self.variants}
         for record in records.all(STUDY, **here):
             self._done.add(record.settings["round"])
             counts = Counter({current(name): n for name, n in record.counts.items()})
             times = record.seconds or 0.0, record.cpu_seconds or 0.0
             self._add(record.settings["stratum"], counts, *times)
             for claim, cause, count in record.series.get("failures", ()):
-                self.failures[claim, cause] += count
-            self.lost |= dict(record.series.get("lost", ()))
-            self.open = dict(record.series.get("open", ())) | self.open
+                self.failure_counts[claim, cause] += count
+            self.not_batched |= dict(record.series.get("lost", ()))
+            self.undecided = dict(record.series.get("open", ())) | self.undecided
             for about, names, *flags in record.series.get("entries", ()):
                 resolved, hidden = map(bytes.fromhex, flags)
                 self._join({about: [Entries(tuple(map(tuple, names)), resolved, hidden)]})
@@ -422,7 +423,7 @@ class Campaign:
             self._raise(population)
         for record in records.all(FIND, **here):
             find = FailureRecord(**record.series["find"][0])
-            self.finds[find.key] = find
+            self.failure_records[find.key] = find
         self.resumed = self.states
 
 

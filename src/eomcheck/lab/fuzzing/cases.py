@@ -450,19 +450,19 @@ Changed = tuple[Scene, Array, Array]
 def mutated(
     parents: Sequence[tuple[FuzzCase, FuzzCase]],
     random: np.random.Generator,
-    tamed: Callable[[Changed], Changed] = lambda one: one,
+    clamp: Callable[[Changed], Changed] = lambda one: one,
 ) -> tuple[list[FuzzCase], list[int]]:
     """Return cases near the first of each pair, all of one structure, and which they are.
 
     Args:
         parents: pairs of cases: what is changed, and what numbers are taken from.
         random: of the draws.
-        tamed: returns what is to be looked at in place of what came of a change.
+        clamp: returns what is to be looked at in place of what came of a change.
     """
     scenes, states, wished, places = [], [], [], []
     for i, (case, other) in enumerate(parents):
         try:
-            scene, q, v = tamed(_changed(case, other, random))
+            scene, q, v = clamp(_changed(case, other, random))
             q = assembled_position(scene, q, case[1].t)
         except EomcheckError:
             continue  # no such scene, or no such position

@@ -53,7 +53,7 @@ from eomcheck.testing.equations_of_motion import EquationsOfMotion
 def plain_random(scene: RandomScene) -> dict[str, Any]:
     """Return the description of a random scene as lists, and the parameters that were changed."""
     usual: Any = type(scene)()
-    found: dict[str, Any] = {"description": _listed(scene.made.description)}
+    found: dict[str, Any] = {"description": _listed(scene.source.description)}
     for name in settable(scene):
         x, y = getattr(scene, name), getattr(usual, name)
         if (x is None) != (y is None) or (x is not None and not np.array_equal(x, y)):
@@ -78,7 +78,7 @@ def random_of(kind: type[RandomScene], plain: dict[str, Any]) -> RandomScene:
         )
     except (TypeError, ValueError, KeyError) as error:
         raise InputError(f"no description of a random scene: {error}") from None
-    scene = kind.described_so(description)()
+    scene = kind.of_description(description)()
     return scene.changed(**given) if given else scene
 
 
@@ -256,7 +256,7 @@ def failure_record(finding: Finding, name: str, fault: Diagnosis | None = None) 
         finding.subject,
         float(finding.observed),
         float(finding.allowed),
-        fault.whose,
+        fault.at_fault,
         fault.evidence,
         finding.detail,
         t_end=finding.t_end if isinstance(finding, MotionFinding) else 0.0,
@@ -353,13 +353,13 @@ F = TypeVar("F", bound=Finding)
 
 
 def simplify_numbers(
-    finding: F, look: Callable[[FuzzCase], Sequence[F]], most: int = MOST_TRIES
+    finding: F, check: Callable[[FuzzCase], Sequence[F]], most: int = MOST_TRIES
 ) -> F:
     """Return a failure about the same subject, with rounder numbers.
 
     Args:
         finding: the failure.
-        look: returns the failures of its claim at another case.
+        check: returns the failures of its claim at another case.
         most: other cases that are looked at, at most.
     """
     tries = 0
@@ -375,7 +375,7 @@ def simplify_numbers(
                     if y == x or tries >= most:
                         continue
                     tries += 1
-                    finding = _tried(finding, same, i, y, look) or finding
+                    finding = _tried(finding, same, i, y, check) or finding
                     if finding.scene is not scene or finding.state is not state:
                         break
     return finding

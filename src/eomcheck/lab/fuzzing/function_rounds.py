@@ -140,7 +140,7 @@ class FunctionsPlan(NamedTuple):
         return "state"
 
     @property
-    def most(self) -> int:
+    def max_states(self) -> int:
         """States that a round looks at, at most."""
         return 2 * self.batch
 
@@ -155,12 +155,12 @@ class FunctionsPlan(NamedTuple):
             "batch": self.batch,
         }
 
-    def run(self, given: Round) -> RoundResult:
+    def run(self, round_: Round) -> RoundResult:
         """Return what a round comes to."""
-        random, functions = generator(self, given), self.kind
-        population = {key: list(best) for key, best in given.population.items()}
+        random, functions = generator(self, round_), self.kind
+        population = {key: list(best) for key, best in round_.population.items()}
         families = [self.families[i % len(self.families)] for i in range(self.batch)]
-        with record_time(RoundResult(given.number, given.stratum, population)) as result:
+        with record_time(RoundResult(round_.number, round_.variant, population)) as result:
             result.counts.update(families)
             self._look(result, [drawn_state(functions, family, random) for family in families])
             if self.climbing and population:
@@ -208,9 +208,9 @@ class FunctionsPlan(NamedTuple):
                 if one.entries is not None:
                     result.entries[about] = merged([*result.entries.get(about, ()), one.entries])
                 if one.verdict == "inconclusive":
-                    result.open.setdefault(about, f"inconclusive in all states: {one.detail}")
+                    result.undecided.setdefault(about, f"inconclusive in all states: {one.detail}")
                 elif one.verdict == "skipped":
-                    result.open.setdefault(about, f"skipped in every state: {one.detail}")
+                    result.undecided.setdefault(about, f"skipped in every state: {one.detail}")
                 if one.verdict == "failed":
                     result.failed.append(one)
                 elif one.verdict == "passed":
@@ -219,7 +219,7 @@ class FunctionsPlan(NamedTuple):
         cases: list[Any] = [(functions, state) for state in states]
         update_population(result.population, heights, cases)
 
-    def find(
+    def record_failure(
         self, failed: Finding, name: str, known: Sequence[FailureRecord] | None = None
     ) -> FailureRecord:
         """Return a failure ready to be kept, with rounder numbers unless `known` is None."""

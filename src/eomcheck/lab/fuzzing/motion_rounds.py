@@ -178,7 +178,7 @@ class MotionPlan(NamedTuple):
         return "motion"
 
     @property
-    def most(self) -> int:
+    def max_states(self) -> int:
         """Motions that a round looks at, at most."""
         return 2 * self.batch
 
@@ -194,19 +194,19 @@ class MotionPlan(NamedTuple):
             "batch": self.batch,
         }
 
-    def run(self, given: Round) -> RoundResult:
+    def run(self, round_: Round) -> RoundResult:
         """Return what a round comes to."""
-        random = generator(self, given)
-        population = {key: list(best) for key, best in given.population.items()}
-        result = RoundResult(given.number, given.stratum, population)
+        random = generator(self, round_)
+        population = {key: list(best) for key, best in round_.population.items()}
+        result = RoundResult(round_.number, round_.variant, population)
         with record_time(result), np.errstate(all="ignore"):
             cases, families = draw_starts(
-                self.kind, given.stratum, self.families, self.batch, random
+                self.kind, round_.variant, self.families, self.batch, random
             )
             result.counts.update(families)
             self._look(result, cases, random)
             # Random scenes of one stratum are of several structures, which do not go together.
-            if self.climbing and population and isinstance(given.stratum, StructuralVariant):
+            if self.climbing and population and isinstance(round_.variant, StructuralVariant):
                 higher, _ = at_start(hill_climbed(population, self.batch, random))
                 result.counts["climbed"] += len(higher)
                 self._look(result, higher, random)
@@ -234,7 +234,7 @@ class MotionPlan(NamedTuple):
             result.failed += [one for one in findings if one.verdict == "failed"]
         update_population(result.population, heights, cases)
 
-    def find(
+    def record_failure(
         self, failed: Finding, name: str, known: Sequence[FailureRecord] | None = None
     ) -> FailureRecord:
         """Return a failure ready to be kept, made small unless `known` is None."""

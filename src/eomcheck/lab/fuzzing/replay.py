@@ -41,7 +41,7 @@ class ReplayResult(NamedTuple):
 def replay_failures(
     finds: Iterable[FailureRecord],
     formulations: Sequence[str],
-    looked_at: Callable[[], None] = lambda: None,
+    advance: Callable[[], None] = lambda: None,
     allowed: Collection[str] | None = None,
 ) -> list[ReplayResult]:
     """Check kept failures again, in their order.
@@ -49,13 +49,13 @@ def replay_failures(
     Args:
         finds: the failures.
         formulations: keys of the formulations that take part.
-        looked_at: called after each.
+        advance: called after each.
         allowed: names of scenes whose code may be imported, see `runs_code`; None for all.
     """
     results = []
     for one in finds:
         results.append(_replayed(one, formulations, allowed))
-        looked_at()
+        advance()
     return results
 
 

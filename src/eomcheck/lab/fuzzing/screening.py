@@ -64,7 +64,7 @@ class CheckFrequency(NamedTuple):
     engines: int = 10
     checks: int = 200
     """All claims by `eomcheck.check_state`, but engines."""
-    unlifted: int = 20
+    scalar_only: int = 20
     """What lanes cannot look at."""
 
 
@@ -74,39 +74,39 @@ class ScreeningResult:
 
     Attributes:
         count: number of cases L.
-        heights: by claim and formulation, observed / allowed (L,).
+        scores: by claim and formulation, observed / allowed (L,).
         suspects: which cases are to be looked at again, and by which claims.
         verdicts: number of subjects by verdict.
         by_claim: number of subjects `OPEN` or `DECIDED`, by claim.
-        lost: claims that could not be looked at in lanes, and why.
+        not_batched: claims that could not be looked at in lanes, and why.
         enclosed: number of states at which the truth was enclosed.
-        unseen: cases whose terms are not all finite: lanes say nothing of them.
+        non_finite: cases whose terms are not all finite: lanes say nothing of them.
     """
 
     count: int
-    heights: dict[Key, Array] = field(default_factory=dict)
+    scores: dict[Key, Array] = field(default_factory=dict)
     suspects: dict[int, set[str]] = field(default_factory=dict)
     verdicts: Counter[str] = field(default_factory=Counter)
     by_claim: Counter[tuple[str, str]] = field(default_factory=Counter)
-    lost: dict[str, str] = field(default_factory=dict)
+    not_batched: dict[str, str] = field(default_factory=dict)
     enclosed: int = 0
-    unseen: list[int] = field(default_factory=list)
+    non_finite: list[int] = field(default_factory=list)
 
-    def height(self, key: Key) -> Array:
+    def score(self, key: Key) -> Array:
         """Return the heights (L,) by a claim and formulation, 0 until they are told."""
-        return self.heights.setdefault(key, np.zeros(self.count))
+        return self.scores.setdefault(key, np.zeros(self.count))
 
     @property
-    def worst(self) -> Array:
+    def max_scores(self) -> Array:
         """The largest height of each case (L,)."""
-        return np.max([np.zeros(self.count), *self.heights.values()], axis=0)
+        return np.max([np.zeros(self.count), *self.scores.values()], axis=0)
 
 
 def screen(
     cases: Sequence[FuzzCase],
     formulations: Sequence[Formulation],
     claims: Sequence[str],
-    every: int,
+    enclosed_every: int,
     first: int = 0,
 ) -> ScreeningResult:
     """Return what lanes say of cases of any structures.
@@ -115,8 +115,8 @@ def screen(
         cases: scenes and states.
         formulations: those that take part.
         claims: ids, of which those that can be are looked at.
-        every: one state in so many is enclosed whatever the lanes say, 0 for none.
-        first: number of the first case, of which `every` counts.
+        enclosed_every: one state in so many is enclosed whatever the lanes say, 0 for none.
+        first: number of the first case, of which `enclosed_every` counts.
     """
     found, ids = ScreeningResult(len(cases)), batchable_claims(claims)
     for places, case in batched_cases(cases, formulations):
@@ -130,19 +130,19 @@ def screen(
             if term is not None:
                 finite &= np.isfinite(term.data).reshape(-1, case.at.lanes).all(axis=0)
         if not finite.all():
-            found.unseen += [int(i) for i in places[~finite]]
+            found.non_finite += [int(i) for i in places[~finite]]
             places = places[finite]
             if not places.size:
                 continue
             ((_, case),) = batched_cases([cases[i] for i in places], formulations)
         _look(found, places, case, ids)
-        _enclose(found, places, case, every, first)
+        _enclose(found, places, case, enclosed_every, first)
     return found
 
 
 def _look(found: ScreeningResult, places: Array, case: BatchedCase, ids: Sequence[str]) -> None:
     keys = {f.key for f in case.formulations}
-    for one in case.look(ids):
+    for one in case.evaluate(ids):
         for number, name in (
             (PASSED_CODE, "passed"),
             (FAILED_CODE, "failed"),
@@ -153,11 +153,11 @@ def _look(found: ScreeningResult, places: Array, case: BatchedCase, ids: Sequenc
             found.by_claim[OPEN if name == "inconclusive" else DECIDED, one.claim] += count
         ratio = np.where(one.allowed > UNDERFLOW, one.ratio, 0.0)  # what underflows shows no way
         for key in keys_in_subject(one.subject, keys) or ("",):
-            heights = found.height((one.claim, key))
+            heights = found.score((one.claim, key))
             heights[places] = np.maximum(heights[places], ratio)
         for i in places[one.verdict == FAILED_CODE]:
             found.suspects.setdefault(int(i), set()).add(one.claim)
-    found.lost |= case.lost
+    found.not_batched |= case.not_batched
 
 
 def _look_alone(
@@ -174,7 +174,7 @@ def _look_alone(
     for place, case in zip(places.tolist(), cases, strict=True):
         told = [one for one in check_case(case, ["finite-terms"], []) if one.verdict == "failed"]
         if told:
-            found.unseen.append(place)
+            found.non_finite.append(place)
             continue
         for one in check_case(case, ids, sorted(keys)):
             found.verdicts[one.verdict] += 1
@@ -185,7 +185,7 @@ def _look_alone(
                 found.suspects.setdefault(place, set()).add(one.claim)
             if one.verdict in ("passed", "failed"):
                 for key in keys_in_subject(one.subject, keys) or ("",):
-                    heights = found.height((one.claim, key))
+                    heights = found.score((one.claim, key))
                     heights[place] = max(heights[place], one.ratio)
 
 
@@ -204,7 +204,7 @@ def _enclose(
     """Enclose the truth of what is near its bounds, and of some others, and judge all by it."""
     if every == 0:
         return
-    worst = found.worst
+    worst = found.max_scores
     chosen = (worst[places] > ENCLOSED_ABOVE) | ((first + places) % every == 0)
     truths = {}
     for lane in np.flatnonzero(chosen).tolist():
@@ -221,7 +221,7 @@ def _enclose(
         told = np.isfinite(allowed) & ~there.refused(f.key)
         for i in np.flatnonzero(told).tolist():
             error = largest(true_error(vdot.data[:, i], truths[lanes[i]]))
-            heights = found.height((TRUTH, f.key))
+            heights = found.score((TRUTH, f.key))
             place = int(places[lanes[i]])
             heights[place] = height = error / max(float(allowed[i]), UNDERFLOW)
             if height > 1.0:

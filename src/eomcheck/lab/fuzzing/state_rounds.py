@@ -156,7 +156,7 @@ class StatePlan(NamedTuple):
         engines: keys or classes of the engines.
         families: what is drawn from.
         climbing: whether every other batch is climbed to.
-        ration: how often what takes long is looked at.
+        check_frequency: how often what takes long is looked at.
         batch: states side by side.
         wide: whether every other ordinary case is in a state that has joints turned by whole turns,
             or moves fast or slowly, see `eomcheck.claims.pairwise_design`: for engines that were
@@ -170,7 +170,7 @@ class StatePlan(NamedTuple):
     engines: tuple[str | type[Engine], ...] = ()
     families: tuple[str, ...] = FAMILIES
     climbing: bool = True
-    ration: CheckFrequency = CheckFrequency()
+    check_frequency: CheckFrequency = CheckFrequency()
     batch: int = BATCH
     wide: bool = False
 
@@ -180,7 +180,7 @@ class StatePlan(NamedTuple):
         return "state"
 
     @property
-    def most(self) -> int:
+    def max_states(self) -> int:
         """States that a round looks at, at most."""
         return 2 * self.batch
 
@@ -194,16 +194,16 @@ class StatePlan(NamedTuple):
             "engines": [str(one) for one in self.engines],
             "families": list(self.families),
             "climbing": self.climbing,
-            "ration": list(self.ration),
+            "ration": list(self.check_frequency),
             "batch": self.batch,
             **({"wide": True} if self.wide else {}),
         }
 
-    def run(self, given: Round) -> RoundResult:
+    def run(self, round_: Round) -> RoundResult:
         """Return what a round comes to."""
-        return run_round(self, given)
+        return run_round(self, round_)
 
-    def find(
+    def record_failure(
         self, failed: Finding, name: str, known: Sequence[FailureRecord] | None = None
     ) -> FailureRecord:
         """Return a failure ready to be kept, see `Work`: a known find is small already."""
@@ -220,13 +220,13 @@ class StatePlan(NamedTuple):
         return shrink(failed, self.formulations, self.seed)
 
 
-def run_round(plan: StatePlan, given: Round) -> RoundResult:
+def run_round(plan: StatePlan, round_: Round) -> RoundResult:
     """Return what a round comes to: the same for the same plan and round, wherever it is run."""
-    random = generator(plan, given)
-    population = {key: list(best) for key, best in given.population.items()}
-    result = RoundResult(given.number, given.stratum, population)
+    random = generator(plan, round_)
+    population = {key: list(best) for key, best in round_.population.items()}
+    result = RoundResult(round_.number, round_.variant, population)
     with record_time(result), np.errstate(all="ignore"):
-        cases, families = draw_cases(plan.kind, given.stratum, plan.families, plan.batch, random)
+        cases, families = draw_cases(plan.kind, round_.variant, plan.families, plan.batch, random)
         result.counts.update(families)
         screen_and_judge(plan, result, *for_engines(plan, cases, families, random))
         if plan.climbing and population:
@@ -272,7 +272,7 @@ def hill_climbed(
     population: Population,
     count: int,
     random: np.random.Generator,
-    tamed: Callable[[Changed], Changed] = lambda one: one,
+    clamp: Callable[[Changed], Changed] = lambda one: one,
 ) -> list[FuzzCase]:
     """Return cases near the highest: a claim and formulation, higher ones more often, and a case.
 
@@ -282,11 +282,11 @@ def hill_climbed(
     pairs = []
     for _ in range(count):
         drawn = [keys[i] for i in random.integers(len(keys), size=AMONG)]
-        best = population[max(drawn, key=lambda key: population[key][0].height)]
+        best = population[max(drawn, key=lambda key: population[key][0].score)]
         others = population[drawn[0]]
         place = min(int(random.exponential(len(best) / 3)), len(best) - 1)
         pairs.append((best[place].case, others[random.integers(len(others))].case))
-    return mutated(pairs, random, tamed)[0]
+    return mutated(pairs, random, clamp)[0]
 
 
 def _climb_on_trial(
@@ -323,14 +323,14 @@ def screen_and_judge(
         return
     first = result.number * 2 * plan.batch + result.states
     formulations = tuple(FORMULATIONS[key] for key in plan.formulations)
-    found = screen(cases, formulations, plan.claims, plan.ration.enclosures, first)
+    found = screen(cases, formulations, plan.claims, plan.check_frequency.enclosures, first)
     result.counts["states"] += len(cases)
     result.counts["enclosed"] += found.enclosed
-    result.counts["not finite"] += len(found.unseen)
+    result.counts["not finite"] += len(found.non_finite)
     result.counts.update({f"{name} in lanes": x for name, x in found.verdicts.items()})
     result.counts.update({f"{how}{claim}": x for (how, claim), x in found.by_claim.items()})
-    result.lost |= found.lost
-    worst = found.worst
+    result.not_batched |= found.not_batched
+    worst = found.max_scores
     suspects = sorted(found.suspects, key=lambda i: (-worst[i], i))
     result.counts["suspect"] += len(suspects)
     most = MOST_JUDGED if most is None else most
@@ -340,7 +340,7 @@ def screen_and_judge(
     for i in suspects[most:]:
         _settle(found, i, {})  # nobody knows how high it is
     _judge_sample(plan, result, found, cases, first, ordinary)
-    update_population(result.population, found.heights, cases)
+    update_population(result.population, found.scores, cases)
 
 
 def _judge_sample(
@@ -351,24 +351,24 @@ def _judge_sample(
     first: int,
     ordinary: set[int],
 ) -> None:
-    ration, lifted = plan.ration, set(batchable_claims(plan.claims))
+    ration, lifted = plan.check_frequency, set(batchable_claims(plan.claims))
     engines = {one for one in plan.claims if CLAIMS[one].asks}
     others = set(plan.claims) - lifted - engines - BALLS - ENCLOSED
-    lost = others | set(found.lost) | (PIVOTED & set(plan.claims))
+    lost = others | set(found.not_batched) | (PIVOTED & set(plan.claims))
     kinds = (
         ("balls", ration.balls, BALLS & set(plan.claims)),
         ("engines", ration.engines if plan.engines else 0, engines),
-        ("unlifted", ration.unlifted, lost),
+        ("unlifted", ration.scalar_only, lost),
         ("full checks", ration.checks, set(plan.claims) - engines),
     )
-    unseen = set(found.unseen)
+    unseen = set(found.non_finite)
     for name, every, claims in kinds:
         for i in range(len(cases)) if every and claims else ():
             asked = name != "engines" or i in ordinary
             if (first + i) % every == 0 and i not in unseen and asked:
                 _judge(plan, result, found, cases[i], i, claims, name)
-    for number, i in enumerate(found.unseen):
-        if ration.unlifted and number % ration.unlifted == 0:
+    for number, i in enumerate(found.non_finite):
+        if ration.scalar_only and number % ration.scalar_only == 0:
             _judge(plan, result, found, cases[i], i, {"finite-terms"}, "not finite, judged")
 
 
@@ -386,7 +386,7 @@ def _judge(
     judged = check_case(case, claims, plan.formulations, engines)
     result.failed += [one for one in judged if one.verdict == "failed"]
     for key, height in engine_scores(judged).items():
-        found.height(key)[i] = height
+        found.score(key)[i] = height
     if how == "suspects judged":
         heights: dict[str, float] = dict.fromkeys(claims, 0.0)
         for one in judged:
@@ -397,7 +397,7 @@ def _judge(
 
 def _settle(found: ScreeningResult, i: int, heights: dict[str, float]) -> None:
     """Replace what lanes said of a suspect by what it was judged to be."""
-    for (claim, _), all_heights in found.heights.items():
+    for (claim, _), all_heights in found.scores.items():
         said = "true-error" if claim == TRUTH else claim
         if said in found.suspects[i] and all_heights[i] > 1.0:
             all_heights[i] = heights.get(said, 0.0)
@@ -419,21 +419,21 @@ class RandomStatePlan(StatePlan):
     """
 
     @property
-    def most(self) -> int:
+    def max_states(self) -> int:
         """States that a round looks at, at most."""
         return (2 * STRUCTURES + 1) * self.batch
 
-    def run(self, given: Round) -> RoundResult:
+    def run(self, round_: Round) -> RoundResult:
         """Return what a round comes to."""
-        random = generator(self, given)
-        result = RoundResult(given.number, given.stratum, {})
-        best = {key: list(one) for key, one in given.population.items()}
+        random = generator(self, round_)
+        result = RoundResult(round_.number, round_.variant, {})
+        best = {key: list(one) for key, one in round_.population.items()}
         with record_time(result), np.errstate(all="ignore"):
             for _ in range(STRUCTURES):
                 _look_at_one(self, result, random)
                 _merge(best, result.population)
-            if self.climbing and given.population:
-                result.population = _population_of_best_structure(given.population, random)
+            if self.climbing and round_.population:
+                result.population = _population_of_best_structure(round_.population, random)
                 _climb_in_structure(self, result, random)
                 _merge(best, result.population)
         result.population = best
@@ -443,7 +443,7 @@ class RandomStatePlan(StatePlan):
 def _look_at_one(plan: StatePlan, result: RoundResult, random: np.random.Generator) -> None:
     result.population = {}
     try:
-        one = draw_structure_kind(plan.kind, result.stratum, random)
+        one = draw_structure_kind(plan.kind, result.variant, random)
         scene = one()
     except EomcheckError:
         result.counts["structures that do not fit together"] += 1
@@ -479,5 +479,5 @@ def _merge(best: Population, more: Population) -> None:
     for key, found in more.items():
         known = best.setdefault(key, [])
         known += [one for one in found if all(one is not x for x in known)]
-        known.sort(key=lambda one: -one.height)
+        known.sort(key=lambda one: -one.score)
         del known[CASES_PER_KEY:]

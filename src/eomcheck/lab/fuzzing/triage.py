@@ -40,7 +40,7 @@ allows too little; an engine's; the scene's; or a refusal that should not be."""
 class Diagnosis(NamedTuple):
     """Whose fault a find is, and how that is known."""
 
-    whose: str
+    at_fault: str
     evidence: str
 
 

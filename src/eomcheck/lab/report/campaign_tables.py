@@ -35,14 +35,16 @@ class ProgressPrinter:
             return
         self._last = now
         new = campaign.states - campaign.resumed
-        worst = max(campaign.worst.items(), key=lambda item: item[1].height, default=None)
+        worst = max(campaign.worst.items(), key=lambda item: item[1].score, default=None)
         high = ""
         if worst is not None:
             (claim, formulation), candidate = worst
-            high = f"; worst {candidate.height:.2g}, {f'{claim} {formulation}'.strip()}"
+            high = f"; worst {candidate.score:.2g}, {f'{claim} {formulation}'.strip()}"
         states = counted(campaign.states, campaign.plan.noun)
         rate = f"{states}, {new / (now - self._start):.0f} a second"
-        console.print(f"{rate}{high}; {counted(len(campaign.finds), 'find')}", highlight=False)
+        console.print(
+            f"{rate}{high}; {counted(len(campaign.failure_records), 'find')}", highlight=False
+        )
 
 
 def rate_of(campaign: Campaign) -> float:
@@ -73,7 +75,7 @@ def campaign_table(campaign: Campaign) -> ResultTable:
         for claim in undecided
         if counts[OPEN + claim] and not counts[DECIDED + claim]
     ]
-    rows += [(f"not in lanes: {claim}", why) for claim, why in sorted(campaign.lost.items())]
+    rows += [(f"not in lanes: {claim}", why) for claim, why in sorted(campaign.not_batched.items())]
     return ResultTable(
         "fuzzing", f"Fuzzing {campaign.name}, seed {campaign.plan.seed}", ("what", "how many"), rows
     )
@@ -81,8 +83,8 @@ def campaign_table(campaign: Campaign) -> ResultTable:
 
 def variant_table(campaign: Campaign) -> ResultTable:
     """Return the number of states by structure."""
-    of = campaign.by_stratum
-    rows = [(_said(one.name), str(of[one.name])) for one in campaign.strata]
+    of = campaign.by_variant
+    rows = [(_said(one.name), str(of[one.name])) for one in campaign.variants]
     noun = f"{campaign.plan.noun}s"
     return ResultTable("strata", f"{noun.capitalize()} by structure", ("structure", noun), rows)
 
@@ -105,7 +107,7 @@ def highest_score_table(campaign: Campaign) -> ResultTable:
     """Return the largest observed / allowed of each claim, and of which formulation it is."""
     best: dict[str, tuple[float, str]] = defaultdict(lambda: (0.0, ""))
     for (claim, formulation), candidate in campaign.worst.items():
-        best[claim] = max(best[claim], (candidate.height, formulation))
+        best[claim] = max(best[claim], (candidate.score, formulation))
     rows = [(claim, f"{height:.2g}", f) for claim, (height, f) in sorted(best.items())]
     return ResultTable(
         "worst", "Observed / allowed at most", ("claim", "ratio", "formulation"), rows
@@ -116,7 +118,7 @@ def failure_table(campaign: Campaign) -> ResultTable:
     """Return the finds, one a cause."""
     rows = [
         (Cell(one.claim, "failed"), one.subject, one.whose, one.detail, one.evidence)
-        for one in campaign.finds.values()
+        for one in campaign.failure_records.values()
     ]
     columns = "claim", "subject", "fault", "what", "evidence"
     return ResultTable("finds", "Finds", columns, rows, (10, 10, 8, 20, 30))
@@ -145,14 +147,14 @@ def print_campaign(campaign: Campaign) -> None:
     sheets = [campaign_table(campaign), variant_table(campaign), crossing_table(campaign)]
     worst = highest_score_table(campaign)
     print_tables([*(sheet for sheet in sheets if sheet is not None), *[worst] * bool(worst.rows)])
-    if campaign.finds:
+    if campaign.failure_records:
         print_tables([failure_table(campaign)])
-        for find in campaign.finds.values():
+        for find in campaign.failure_records.values():
             print(f"# {find}\n{find.python}")
     elif campaign.states:
         print("no find")
     else:
         print(f"nothing was checked: no {campaign.plan.noun} came to its end")
     if isinstance(campaign.plan, FunctionsPlan) and campaign.states:
-        for line in campaign.plan.caveats(campaign.counts, campaign.open, campaign.entries):
+        for line in campaign.plan.caveats(campaign.counts, campaign.undecided, campaign.entries):
             say(printable(line))

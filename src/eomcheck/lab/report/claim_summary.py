@@ -34,7 +34,7 @@ def participants(row: StoredFinding) -> set[str]:
 
 def anchor(row: StoredFinding) -> str:
     """Return the id of the state, or the structure, of a Finding in the page."""
-    return "state-" + re.sub(r"\W+", "-", row.place).strip("-")
+    return "state-" + re.sub(r"\W+", "-", row.location).strip("-")
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class ClaimSummary:
         if self.worst is None:
             return Cell(self.text, self.kind)
         said = f"{self.worst}; {counted(len(self.rows), 'finding')}{self.undecided}"
-        return Cell(self.text, self.kind, said=said)
+        return Cell(self.text, self.kind, hover_text=said)
 
     @property
     def evidence(self) -> str:
@@ -94,23 +94,23 @@ class ClaimSummary:
         return len({(row.scene, row.case) for row in self.rows if row.case is not None})
 
     @property
-    def open(self) -> int:
+    def undecided_count(self) -> int:
         """Number of undecided Findings: inconclusive or skipped."""
         return sum(row.verdict not in DECIDED for row in self.rows)
 
     @property
     def inconclusive(self) -> int:
         """Number of inconclusive Findings."""
-        return self.open - len(self.unseen)
+        return self.undecided_count - len(self.skipped)
 
     @property
     def undecided(self) -> str:
         """Counts of undecided Findings: ", 3 inconclusive, 1 skipped", or ""."""
-        counts = {"inconclusive": self.inconclusive, "skipped": len(self.unseen)}
+        counts = {"inconclusive": self.inconclusive, "skipped": len(self.skipped)}
         return "".join(f", {count} {verdict}" for verdict, count in counts.items() if count)
 
     @property
-    def unseen(self) -> list[StoredFinding]:
+    def skipped(self) -> list[StoredFinding]:
         """Skipped Findings."""
         return [row for row in self.rows if row.verdict == "skipped"]
 
@@ -287,18 +287,20 @@ def evidence_table(judged: ClaimSummary) -> ResultTable:
         if (scene, level) in found
     ]
     sheet = ResultTable("", "", [*columns, "ratio", "observed", "allowed", "where"], rows)
-    return sheet if judged.unseen else sheet.without("skipped")
+    return sheet if judged.skipped else sheet.without("skipped")
 
 
 def _evidence(one: ClaimSummary) -> list[str]:
     worst, sure = one.worst, one.failure_probability
     assert worst is not None
     cells = [one.links, str(one.states or "all"), str(len(one.rows))]
-    cells += [str(count or "") for count in (one.inconclusive, len(one.unseen))]
+    cells += [str(count or "") for count in (one.inconclusive, len(one.skipped))]
     if sure is not None:
         bound = number_text(sure)
         told = f"{counted(len(one.rows), 'identity')}, wrong with a probability below {bound}"
         return [*cells, "", "", "", Cell(told, link=f"#{anchor(worst)}")]
-    where = f"{worst.subject}, {f'state {worst.case}' if worst.case is not None else worst.place}"
+    where = (
+        f"{worst.subject}, {f'state {worst.case}' if worst.case is not None else worst.location}"
+    )
     link = Cell(where if worst.ratio else "", link=f"#{anchor(worst)}")
     return [*cells, one.cell, number_text(worst.observed), number_text(worst.allowed), link]

@@ -27,20 +27,20 @@ def library_table(found: LibraryComparison) -> ResultTable:
     """Return the table of libraries: how far from us they are, where, and why."""
     rows = []
     for i, (key, version) in enumerate(found.versions.items()):
-        good = "open" if key in found.open else "passed"
+        good = "open" if key in found.undecided_libraries else "passed"
         verdict = Cell(found.verdict(key), "failed" if found.differs(key) else good)
         apart = [
             Cell("fault", "failed") if (key, name) in found.faults else _cell(table[0, i + 1])
-            for name, table in found.apart.items()
+            for name, table in found.differences.items()
         ]
         rows.append([Cell(version, "name"), *apart, verdict])
-    nothing = "-" * len(found.apart)
+    nothing = "-" * len(found.differences)
     rows += [
         [Cell(key, "name"), *nothing, Cell(found.verdict(key), "open")] for key in found.refused
     ]
     size = counted(found.scene.n, "coordinate"), counted(found.states, "state")
     title = f"{found.scene.name}: {', '.join(size)}"
-    heads = ["library", *found.apart, "verdict"]
+    heads = ["library", *found.differences, "verdict"]
     note = (
         "Largest difference from eomcheck, relative to the largest entry; where entries cancel to "
         "less than a thousandth of the terms that they are summed from, to these."
@@ -51,7 +51,7 @@ def library_table(found: LibraryComparison) -> ResultTable:
 def pair_tables(found: LibraryComparison) -> Iterator[ResultTable]:
     """Yield one table for each quantity: libraries by libraries, the largest difference of two."""
     names = [REFERENCE_NAME, *found.versions]
-    for quantity, table in found.apart.items():
+    for quantity, table in found.differences.items():
         rows = [
             [Cell(name, "name"), *(_cell(x) if i != j else "" for j, x in enumerate(row))]
             for i, (name, row) in enumerate(zip(names, table, strict=True))
@@ -65,24 +65,27 @@ def sentences(found: LibraryComparison) -> Iterator[str]:
     """Yield what is to be said of each library that differs or gave no answer."""
     for key, version in found.versions.items():
         if found.differs(key):
-            where = "; ".join(one.detail for one in found.of(key)) or "where it answers, it agrees"
-            why = "; ".join(one.sentence for one in found.why[key]) or "no reason known"
+            where = (
+                "; ".join(one.detail for one in found.failures_of(key))
+                or "where it answers, it agrees"
+            )
+            why = "; ".join(one.sentence for one in found.explanations[key]) or "no reason known"
             yield f"{version} differs: {where}. Why: {why}."
-            if found.said[key]:
-                more = len(found.said[key]) - MOST_LINES
-                said = " / ".join(found.said[key][:MOST_LINES])
+            if found.messages[key]:
+                more = len(found.messages[key]) - MOST_LINES
+                said = " / ".join(found.messages[key][:MOST_LINES])
                 yield f"    It said: {said}" + (
                     f" (and {counted(more, 'line')} more)" if more > 0 else ""
                 )
-    for (key, claim), left in found.hidden.items():
+    for (key, claim), left in found.unresolved_entries.items():
         yield f"{found.versions[key]}: {claim} is {unresolved_finding(left).detail}"
-    if found.own:
-        worst = max(found.own, key=lambda one: one.ratio)
+    if found.self_failures:
+        worst = max(found.self_failures, key=lambda one: one.ratio)
         yield f"The two derivations of eomcheck differ from each other: {worst.detail}"
     elif found.failed:
         yield NOBODY
     alike: dict[tuple[str, int], list[str]] = {}
-    for (key, method), count in found.unsure.items():
+    for (key, method), count in found.inconclusive_counts.items():
         alike.setdefault((method, count), []).append(key)
     for (method, count), keys in alike.items():
         names = " and ".join(name for name, asks in QUANTITIES.items() if asks == method)
@@ -105,10 +108,14 @@ def print_comparison(found: LibraryComparison, pairs: bool = False) -> None:
     for said in sentences(found):
         say(said)
     if found.agree:
-        said = [f"{', '.join(found.open)} undecided"] if found.open else []
+        said = (
+            [f"{', '.join(found.undecided_libraries)} undecided"]
+            if found.undecided_libraries
+            else []
+        )
         said += ["without q̈"] if len(found.skipped) >= found.states else []
-        who = "all others" if found.open else "all that answered"
-        where = " where decided" if any(map(found.undecided, found.versions)) else ""
+        who = "all others" if found.undecided_libraries else "all that answered"
+        where = " where decided" if any(map(found.undecided_claims, found.versions)) else ""
         console.print(", ".join([f"{who} agree to rounding{where}", *said]))
 
 
@@ -123,17 +130,18 @@ def write_comparison(found: LibraryComparison, path: Path) -> None:
         "libraries": [REFERENCE_NAME, *found.versions],
         "apart": {
             name: [[x if math.isfinite(x) else None for x in row] for row in table.tolist()]
-            for name, table in found.apart.items()
+            for name, table in found.differences.items()
         },
-        "decided": {key: key not in found.open for key in found.versions},
+        "decided": {key: key not in found.undecided_libraries for key in found.versions},
         "faults": [[*where, what] for where, what in found.faults.items()],
         "findings": [one.as_dict() for one in found.findings.values()],
-        "why": {key: [one.sentence for one in why] for key, why in found.why.items()},
-        "said": found.said,
+        "why": {key: [one.sentence for one in why] for key, why in found.explanations.items()},
+        "said": found.messages,
         "hidden": [
-            [*where, unresolved_finding(left).detail] for where, left in found.hidden.items()
+            [*where, unresolved_finding(left).detail]
+            for where, left in found.unresolved_entries.items()
         ],
         "skipped": found.skipped,
-        "own": [one.as_dict() for one in found.own],
+        "own": [one.as_dict() for one in found.self_failures],
     }
     write_text(path, json.dumps(plain, ensure_ascii=False, indent=1) + "\n")

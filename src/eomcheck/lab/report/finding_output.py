@@ -63,9 +63,9 @@ def print_runs(
         if wide:
             table = scene_table(claims, runs).without("statement", "evidence")
         print_tables([table, ResultTable("runs", "What was looked at", *_totals(runs))])
-        if selection.named and any(CLAIMS[claim].asks for claim in selection.claims):
+        if selection.engines_named and any(CLAIMS[claim].asks for claim in selection.claims):
             print_unrepresented(runs, selection.engines)
-    strata = {key: run.strata for key, run in runs.items() if run.drawn}
+    strata = {key: run.level_counts for key, run in runs.items() if run.sampled}
     if strata and (wide or len(runs) == 1):
         print_tables([factor_table(strata)])
     print_skipped(claims)
@@ -79,7 +79,7 @@ def print_runs(
         say(f"{failed} of {counted(len(rows), 'finding')} failed.", "bold red")
     else:
         whole = ClaimSummary(tuple(rows))
-        passed = len(rows) - whole.open
+        passed = len(rows) - whole.undecided_count
         say(f"{counted(passed, 'finding')} passed{whole.undecided}, 0 failed.", "bold green")
 
 
@@ -95,7 +95,7 @@ def _totals(runs: Mapping[str, ValidationRun]) -> tuple[list[str], list[list[str
         "findings": lambda run: len(run.findings),
         "inconclusive": lambda run: _count(run, "inconclusive"),
         "skipped": lambda run: _count(run, "skipped"),
-        "refused": lambda run: sum(bool(one.refused) for one in run.drawn),
+        "refused": lambda run: sum(bool(one.refused) for one in run.sampled),
         "time": lambda run: f"{sum(run.seconds.values()):.0f} s",
     }
     rows = [[key, *(str(of(run)) for of in counts.values())] for key, run in runs.items()]
@@ -125,7 +125,7 @@ def print_unrepresented(runs: Mapping[str, ValidationRun], engines: Iterable[typ
     for key, run in runs.items():
         subjects = {word for one in run.findings for word in one.subject.split(" ~ ")}
         for engine in engines:
-            if engine.key in subjects or any(represents(engine, one.scene) for one in run.drawn):
+            if engine.key in subjects or any(represents(engine, one.scene) for one in run.sampled):
                 continue
             states = counted(run.cases, "state")
             say(f"skipped: {key}, {states}: {engine.key} represents none of them")
@@ -141,8 +141,8 @@ def print_unresolved(claims: Iterable[ClaimSummary]) -> None:
 def print_skipped(claims: Iterable[ClaimSummary]) -> None:
     """Print the skipped checks with their reasons."""
     for one in claims:
-        for subject, (first, *_) in group(one.unseen, lambda row: row.subject).items():
-            say(f"skipped: {one.claim.id} [{subject}] on {first.place}: {first.detail}")
+        for subject, (first, *_) in group(one.skipped, lambda row: row.subject).items():
+            say(f"skipped: {one.claim.id} [{subject}] on {first.location}: {first.detail}")
 
 
 # ---- Proofs --------------------------------------------------------------------------------------
@@ -221,7 +221,7 @@ def write_findings(path: Path, runs: Iterable[ValidationRun], selection: RunSele
             id: {"statement": CLAIMS[id].statement, "equations": CLAIMS[id].equations}
             for id in selection.claims
         },
-        "strata": {run.drawn[0].scene.key: run.strata for run in runs if run.drawn},
+        "strata": {run.sampled[0].scene.key: run.level_counts for run in runs if run.sampled},
         "cases": cases,
         "findings": rows,
         "minimal": minimal[0] if minimal else None,

@@ -31,7 +31,7 @@ def units(scene: Scene) -> list[str]:
     """Return the unit of each coordinate (n,)."""
     angles = set(range(scene.n)[scene.angle_coordinates])
     if isinstance(scene, Mechanism):  # of which only some need be angles, anywhere in the row
-        angles = {one.coordinate for one in scene.made.topology.slots if not one.slides}
+        angles = {one.coordinate for one in scene.source.topology.joints if not one.slides}
     return ["rad" if i in angles else "m" for i in range(scene.n)]
 
 
@@ -117,7 +117,7 @@ def print_constraints(scene: Scene) -> int:
             name,
             "redundant" if i in without else "kept",
             f"{rank.distance[i]:.2g}",
-            f"{rank.unsure[i]:.2g}",
+            f"{rank.uncertainty[i]:.2g}",
         )
         for i, name in enumerate(scene.constraint_names)
     ]

@@ -116,9 +116,9 @@ class Overview:
         return len(self.of(PROOFS))
 
     @property
-    def open(self) -> int:
+    def undecided_count(self) -> int:
         """Number of Findings that say nothing."""
-        return ClaimSummary(tuple(self.rows)).open
+        return ClaimSummary(tuple(self.rows)).undecided_count
 
     @property
     def undecided(self) -> str:
@@ -241,7 +241,7 @@ def _of_study(key: str, overview: Overview) -> Section | None:
             overview.unread.append(f"the records of {key!r} cannot be shown: {why}")
             return None
 
-    said, sheets = read(study.said), read(study.sheets)
+    said, sheets = read(study.remarks), read(study.tables)
     if said is None or sheets is None:
         return None
     text = " ".join((STUDIES[key], study.reading, *said))

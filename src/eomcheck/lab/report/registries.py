@@ -92,10 +92,16 @@ def parameter_table(kind: type[Parametric]) -> ResultTable:
         shape: object = said.shape
         if callable(said.shape):
             shape = f"{said.shape.__name__.replace('_', ' ')}, {said.shape_of(3)} if N = 3"
-        drawn = "" if said.drawn is None else f"{said.drawn.low:g} to {said.drawn.high:g}"
+        drawn = (
+            ""
+            if said.sample_range is None
+            else f"{said.sample_range.low:g} to {said.sample_range.high:g}"
+        )
         kept = [said.sign, "or None" if said.optional else ""]
         about = said.what, str(shape or "number"), said.unit, " ".join(filter(None, kept))
-        rows.append((Cell(one.name, "name"), *about, _default(kind, one, said.made), drawn))
+        rows.append(
+            (Cell(one.name, "name"), *about, _default(kind, one, said.computed_default), drawn)
+        )
     about = ("name", "what it is", "shape", "SI unit", "value", "default", "drawn from")
     return ResultTable("parameters", "", about, rows)
 

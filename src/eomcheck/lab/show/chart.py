@@ -46,26 +46,26 @@ class Line(NamedTuple):
         key: of `eomcheck.lab.show.chart.STYLES`.
         x: abscissae, or categories of the axis.
         y: ordinates.
-        said: lines of text at each point, which a page shows on demand; or nothing.
+        hover_text: lines of text at each point, which a page shows on demand; or nothing.
         label: what the legend calls it, by default its key.
         dashed: whether it is, whatever its style.
         hollow: points that are drawn hollow, by default none.
         joined: whether its points are joined.
         every: (first, step) of the points that are marked, where there are many.
-        look: "line", "thin" or "dotted" without marks, or only marks: "crosses", for what could not
-            be measured, or red "rings".
+        appearance: "line", "thin" or "dotted" without marks, or only marks: "crosses", for what
+            could not be measured, or red "rings".
     """
 
     key: str
     x: Sequence[float] | Sequence[str]
     y: Sequence[float]
-    said: Sequence[Sequence[str]] = ()
+    hover_text: Sequence[Sequence[str]] = ()
     label: str = ""
     dashed: bool = False
     hollow: Sequence[bool] = ()
     joined: bool = True
     every: tuple[int, int] | None = None
-    look: Literal["line", "thin", "dotted", "crosses", "rings"] = "line"
+    appearance: Literal["line", "thin", "dotted", "crosses", "rings"] = "line"
 
 
 class Band(NamedTuple):
@@ -124,13 +124,13 @@ class Box(NamedTuple):
         value: what its colour tells, NaN where there is nothing to tell.
         hatched: whether it is.
         framed: whether it has a frame, for it is wrong.
-        said: lines of text, which a page shows on demand.
+        hover_text: lines of text, which a page shows on demand.
     """
 
     value: float
     hatched: bool
     framed: bool
-    said: Sequence[str] = ()
+    hover_text: Sequence[str] = ()
 
 
 @dataclass(frozen=True)

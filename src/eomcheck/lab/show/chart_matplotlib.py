@@ -169,7 +169,7 @@ def draw_line(axes: Axes, line: Line) -> None:
         "ls": dashes if line.joined else "",
         "ms": 4,
         "lw": style.width,
-    } | LINE_APPEARANCES[line.look]
+    } | LINE_APPEARANCES[line.appearance]
     axes.plot(line.x, line.y, markevery=line.every, label=line.label or line.key, **look)
     empty = {"marker": look["marker"], "ms": look["ms"], "mfc": "white", "mec": style.color}
     for x, y in ((x, y) for x, y, flag in zip(line.x, line.y, line.hollow, strict=False) if flag):

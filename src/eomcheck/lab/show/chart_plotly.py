@@ -70,7 +70,7 @@ def _add_heat(figure: Figure, heat: Heat) -> None:
             y=[row - 0.5, row + 0.5],
             z=[[None if box is None else box.value for box in boxes]],
             coloraxis="coloraxis",
-            **_told(key, [[() if box is None else box.said for box in boxes]]),
+            **_told(key, [[() if box is None else box.hover_text for box in boxes]]),
         )
         for what, symbol in (("hatched", "x-thin-open"), ("framed", "square-open")):
             at = [x for x, b in zip(centres, boxes, strict=True) if b and getattr(b, what)]
@@ -111,18 +111,18 @@ def _axis(axis: Axis) -> dict[str, Any]:
 def _add(figure: Figure, line: Line) -> None:
     style = STYLES[line.key]
     symbols = [f"{style.symbol}-open" if flag else style.symbol for flag in line.hollow]
-    dash = "dot" if line.dashed or style.dashed or line.look == "dotted" else "solid"
-    marks = {"crosses": "x-thin-open", "rings": "circle-open"}.get(line.look)
+    dash = "dot" if line.dashed or style.dashed or line.appearance == "dotted" else "solid"
+    marks = {"crosses": "x-thin-open", "rings": "circle-open"}.get(line.appearance)
     lines = line.joined and not marks
     whole = "lines+markers" if style.symbol else "lines"
-    mode = {"thin": "lines", "dotted": "lines"}.get(line.look, whole)
+    mode = {"thin": "lines", "dotted": "lines"}.get(line.appearance, whole)
     figure.add_scatter(
         x=list(line.x),
         y=list(line.y),
         mode=mode if lines else "markers",
         line={"width": style.width + 0.4, "dash": dash},
         marker={"symbol": marks or symbols or style.symbol or None, "size": 7 if marks else 8},
-        **_told(line.key, line.said),
+        **_told(line.key, line.hover_text),
     )
 
 

@@ -148,7 +148,7 @@ class Drawing:
         low = rim[int(np.argmin(rim @ np.array([1.0, 0.6])))]
         self._label(one.name, low, self.colors.ink, low - rim.mean(axis=0))
 
-    def _joint(self, one: s.JointMark) -> None:
+    def _jointmark(self, one: s.JointMark) -> None:
         at = self.see(one.at)[0]
         if one.axis is not None:
             along = 0.05 * self.size * np.asarray(one.axis)
@@ -183,7 +183,7 @@ class Drawing:
             self.kinds.add("center")
         self._label(one.name, at, self.colors.ink)
 
-    def _spring(self, one: s.SpringMark) -> None:
+    def _springmark(self, one: s.SpringMark) -> None:
         start, end = (np.asarray(p, dtype=float) for p in (one.start, one.end))
         seen = self.see((start, end))
         along = seen[1] - seen[0]
@@ -236,7 +236,7 @@ class Drawing:
         self._label(one.name.removesuffix(" axis"), seen[1], color, seen[1] - seen[0])
         self.kinds.add("axis" if one.frame else "")
 
-    def _constraint(self, one: s.ConstraintMark) -> None:
+    def _constraintmark(self, one: s.ConstraintMark) -> None:
         self._label(one.name, self.see(one.at)[0], self.colors.constraint)
         self.kinds.add("constraint")
 

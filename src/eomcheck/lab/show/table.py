@@ -35,17 +35,17 @@ class Cell(str):
         kind: "name" of something registered, or what a cell says is "passed", "failed", "open" or
             "none".
         link: where it leads in a page.
-        said: what a page says on demand.
+        hover_text: what a page says on demand.
     """
 
     kind: str
     link: str
-    said: str
+    hover_text: str
 
-    def __new__(cls, text: str, kind: str = "", link: str = "", said: str = "") -> Self:
+    def __new__(cls, text: str, kind: str = "", link: str = "", hover_text: str = "") -> Self:
         """Make it of its text."""
         made = super().__new__(cls, text)
-        made.kind, made.link, made.said = kind, link, said
+        made.kind, made.link, made.hover_text = kind, link, hover_text
         return made
 
 

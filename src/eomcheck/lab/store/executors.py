@@ -36,12 +36,12 @@ from eomcheck.lab.store.provenance import THREADS, sources
 class ExecutorBackend(ABC):
     """Where work is done."""
 
-    width: int
+    max_pending: int
     """Items handed over before the first of them is back."""
-    killed = ""
+    killed_error = ""
     """Name of the exception that says that an item has killed its workers again and again."""
 
-    every: float | None = None
+    check_seconds: float | None = None
     """Seconds without a result after which `check` is asked; None for never."""
 
     def check(self) -> None:
@@ -66,7 +66,7 @@ class Local(ExecutorBackend):
     def __init__(self, workers: int, ahead: int = 1):
         self.workers = workers
         # One ahead, so that no worker waits; not more, for all in hand are suspects when one dies.
-        self.width = workers + ahead
+        self.max_pending = workers + ahead
 
     @contextmanager
     def open(self) -> Iterator[Executor]:
@@ -208,9 +208,9 @@ def _quiet() -> Iterator[None]:
 class Dask(ExecutorBackend):
     """The workers of a dask scheduler; it gives the work of a lost worker to another itself."""
 
-    width = 1024
-    killed = "KilledWorker"
-    every = 1.0
+    max_pending = 1024
+    killed_error = "KilledWorker"
+    check_seconds = 1.0
 
     def __init__(self, address: str):
         self.address = address
@@ -297,32 +297,32 @@ def guarded(digest: str, work: bytes, patient: float) -> Any:
 # ---- By name -------------------------------------------------------------------------------------
 
 
-def backend_of(where: str | None) -> ExecutorBackend:
+def backend_of(address: str | None) -> ExecutorBackend:
     """Return the place that a text such as "local:4" or "dask:tcp://host:8786" names.
 
     Raises:
         InputError: it names none.
     """
-    scheme, _, rest = ("local" if where is None else where).partition(":")
+    scheme, _, rest = ("local" if address is None else address).partition(":")
     match scheme:
-        case "local" if re.fullmatch(r"|[1-9]\d*", rest) and not (where or "").endswith(":"):
+        case "local" if re.fullmatch(r"|[1-9]\d*", rest) and not (address or "").endswith(":"):
             return Local(int(rest or os.cpu_count() or 1))
         case "dask" if rest:
             return Dask(rest)
-    raise InputError(f"executor = {where!r}, expected local, local:NUMBER or dask:ADDRESS")
+    raise InputError(f"executor = {address!r}, expected local, local:NUMBER or dask:ADDRESS")
 
 
-def check_executor(where: str | None) -> None:
+def check_executor(address: str | None) -> None:
     """Say at once if work cannot go there: connect to a scheduler, and leave.
 
     Raises:
         InputError, EngineError: see `executor`.
     """
-    with executor(where):  # a local pool starts no process before it has work
+    with executor(address):  # a local pool starts no process before it has work
         pass
 
 
-def executor(where: str | None = None) -> AbstractContextManager[Executor]:
+def executor(address: str | None = None) -> AbstractContextManager[Executor]:
     """Provide an Executor: None or "local", "local:N" (N processes), "dask:ADDRESS".
 
     Leaving the block by an exception, Ctrl-C too, cancels the work.
@@ -331,4 +331,4 @@ def executor(where: str | None = None) -> AbstractContextManager[Executor]:
         InputError: no such place, or no scheduler with a worker answers there.
         EngineError: the library that it needs is not installed.
     """
-    return backend_of(where).open()
+    return backend_of(address).open()

@@ -35,7 +35,7 @@ DEATHS_TOGETHER = 2
 
 
 def parallel_map(
-    where: str | None, function: Callable[[Item], Result], items: Iterable[Item]
+    executor: str | None, function: Callable[[Item], Result], items: Iterable[Item]
 ) -> Iterator[tuple[Item, Result]]:
     """Yield (item, function(item)), in the order in which they finish.
 
@@ -44,7 +44,7 @@ def parallel_map(
     others. An exception of `function` ends everything.
 
     Args:
-        where: see `eomcheck.lab.store.executors.executor`.
+        executor: see `eomcheck.lab.store.executors.executor`.
         function: of a module that workers can import (or a `functools.partial` of one).
         items: anything that can be pickled, and so can the results.
 
@@ -53,7 +53,7 @@ def parallel_map(
         WorkerError: workers die as they start.
         InputError, EngineError: see `eomcheck.lab.store.executors.executor`.
     """
-    place = backend_of(where)
+    place = backend_of(executor)
     source = map(_Task, items)
     queue: deque[_Task] = deque()
     alone: deque[_Task] = deque()
@@ -110,7 +110,7 @@ def _work_off(
     running: dict[Future, _Task] = {}
     broken = False
     while True:
-        while not broken and len(running) < place.width and _refilled(queue, more):
+        while not broken and len(running) < place.max_pending and _refilled(queue, more):
             try:
                 future = pool.submit(*place.call(function, queue[0].item))
             except BrokenExecutor:
@@ -119,7 +119,7 @@ def _work_off(
                 running[future] = queue.popleft()
         if not running:
             return
-        done = wait(running, place.every, FIRST_COMPLETED).done
+        done = wait(running, place.check_seconds, FIRST_COMPLETED).done
         if not done:
             place.check()
         for future in done:
@@ -135,7 +135,7 @@ def _work_off(
             except CancelledError:
                 raise DiedError("the scheduler is gone, and the work with it") from None
             except Exception as error:
-                if type(error).__name__ != place.killed:
+                if type(error).__name__ != place.killed_error:
                     raise
                 result = _Killed()
             yield task, result

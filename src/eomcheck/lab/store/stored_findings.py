@@ -75,7 +75,7 @@ class StoredFinding:
         return self.evidence.partition(":")[0]
 
     @property
-    def place(self) -> str:
+    def location(self) -> str:
         """Where, such as "snake, N = 7, state 12" or "snake[7], no stiffness"."""
         if self.case is None:
             return self.structure
@@ -84,7 +84,7 @@ class StoredFinding:
 
     def __str__(self) -> str:
         """Return what was found, without the claim that it is about."""
-        about = f"[{self.subject}] {self.verdict} on {self.place} ({self.evidence}): "
+        about = f"[{self.subject}] {self.verdict} on {self.location} ({self.evidence}): "
         if self.verdict == "skipped":
             return about + self.detail  # there are no numbers
         about += f"observed {self.observed:.3g}, allowed {self.allowed:.3g}"

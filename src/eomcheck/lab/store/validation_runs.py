@@ -121,7 +121,7 @@ class ValidationWriter:
             return
         run, selection = self._run, self._selection
         counts = self._asked | {"states": run.cases}
-        strata = [(name, *one) for name, of in run.strata.items() for one in of.items()]
+        strata = [(name, *one) for name, of in run.level_counts.items() for one in of.items()]
         series = {
             "formulations": [formulation.key for formulation in selection.formulations],
             "engines": [engine.key for engine in selection.engines],
@@ -159,11 +159,11 @@ def all_built_in(*classes: type) -> bool:
     return all(map(is_ours, classes))
 
 
-def check_in_parallel(where: str | None, cases: Cases, selection: RunSelection) -> StateResults:
-    """Look at cases in the processes that `where` names, and yield them in their order.
+def check_in_parallel(executor: str | None, cases: Cases, selection: RunSelection) -> StateResults:
+    """Look at cases in the processes that `executor` names, and yield them in their order.
 
     Args:
-        where: see `eomcheck.lab.store.executors.executor`.
+        executor: see `eomcheck.lab.store.executors.executor`.
         cases: scenes in states.
         selection: what takes part.
 
@@ -179,7 +179,7 @@ def check_in_parallel(where: str | None, cases: Cases, selection: RunSelection) 
             handed[i] = scene, state
             yield _Item(i, pickle.dumps(scene), state, f"{scene.structure} in {state}")
 
-    for item, seen in parallel_map(where, partial(_look, selection=selection), items()):
+    for item, seen in parallel_map(executor, partial(_look, selection=selection), items()):
         early[item.number] = seen
         while following in early:
             yield *handed.pop(following), early.pop(following)
@@ -217,7 +217,7 @@ def validate_kinds(
     seed: int,
     on_case: Callable[[], None],
     records: Records | None = None,
-    where: str | None = None,
+    executor: str | None = None,
 ) -> None:
     """Run the claims on the kinds of scenes whose keys `runs` has, spread over processes.
 
@@ -232,7 +232,7 @@ def validate_kinds(
         seed: of the draws.
         on_case: called for each case.
         records: where to keep what is found.
-        where: see `eomcheck.lab.store.executors.executor`.
+        executor: see `eomcheck.lab.store.executors.executor`.
 
     Raises:
         WorkerError, InputError, EngineError: see `eomcheck.lab.store.parallel_map.parallel_map`.
@@ -246,7 +246,7 @@ def validate_kinds(
     # What takes longest is to begin first.
     unknowns = {key: kind.example().n + kind.example().r for key, kind in kinds.items()}
     order = sorted(runs, key=unknowns.__getitem__, reverse=True)
-    for key, run in parallel_map(where, partial(_run_of, how=how), order):
+    for key, run in parallel_map(executor, partial(_run_of, how=how), order):
         runs[key] = run
         try:
             ValidationWriter(records, kinds[key], run, *how).finish()
@@ -274,13 +274,13 @@ def validate_kind(
     on_case: Callable[[], None],
     records: Records | None = None,
     one: Scene | None = None,
-    where: str | None = None,
+    executor: str | None = None,
 ) -> None:
     """Run the claims on one kind of scene to the end; keep what is found in `records`, if given.
 
-    See `ValidationRun.look_at_kind`, and `ValidationRun.look_at_scene` for `one` scene of the kind
-    in place of random ones. What was found until an interruption stays in `run` and `records`.
-    States are looked at in this process, or in those that `where` names, see
+    See `ValidationRun.validate_kind`, and `ValidationRun.validate_scene` for `one` scene of the
+    kind in place of random ones. What was found until an interruption stays in `run` and `records`.
+    States are looked at in this process, or in those that `executor` names, see
     `eomcheck.lab.store.executors.executor`; what is found is the same.
 
     Raises:
@@ -292,12 +292,12 @@ def validate_kind(
         keeper.save()
         on_case()
 
-    looks = None if where is None else partial(check_in_parallel, where)
+    looks = None if executor is None else partial(check_in_parallel, executor)
     try:
         if one is None:
-            run.look_at_kind(kind, selection, links, examples, seed, after_case, looks)
+            run.validate_kind(kind, selection, links, examples, seed, after_case, looks)
         else:
-            run.look_at_scene(one, selection, examples, seed, after_case, looks)
+            run.validate_scene(one, selection, examples, seed, after_case, looks)
     finally:
         run.finish(selection)
     keeper.finish()

@@ -267,10 +267,10 @@ STUDY = Study(
     cells=cells,
     label="certifying {state}",
     worker=lambda known: _certified,
-    sheets=tables,
+    tables=tables,
     charts=charts,
     alarm=alarm,
-    said=remarks,
+    remarks=remarks,
     document=document_of("accuracy", Delivered),
     reading="Beside the public path, which states a bound of its error, machine code is held "
     "against it.",

@@ -103,7 +103,7 @@ def _compare(settings: Settings) -> Record:
         if not engine_of(key).represents(scene):
             continue  # some libraries take no body but such as can be, and draws are of all
         engine, states, held = engine_of(key)(scene), states + 1, held or scene.r > 0
-        allowed = {one.claim: one.allowed for one in run.look_at(scene, state, selection)}
+        allowed = {one.claim: one.allowed for one in run.check_state(scene, state, selection)}
         for claim, difference, size in _differences(engine, scene, state):
             # What vanishes but for rounding has no size to be relative to.
             if size > allowed.get(claim, 0.0):
@@ -227,11 +227,11 @@ STUDY = Study(
     key="engines",
     cells=cells,
     worker=lambda known: _compare,
-    sheets=tables,
-    said=remarks,
+    tables=tables,
+    remarks=remarks,
     label="comparing {pair} of engine and scene",
     alarm=alarm,
     reading="A dash: the engine does not say it, or no scene of the kind has it.",
     small=True,
-    spread_by=("engine", "scene"),
+    parallel_by=("engine", "scene"),
 )

@@ -191,8 +191,8 @@ STUDY = Study(
     key="long-run",
     cells=cells,
     worker=lambda known: _long_run,
-    sheets=tables,
+    tables=tables,
     charts=charts,
-    said=remarks,
+    remarks=remarks,
     label="integrating {motion}",
 )

@@ -179,7 +179,7 @@ def _angles(scene: Scene, q: Array) -> Array:
     """Return the angles (k,), rad, whose sines and cosines the scene asks for."""
     recorder = RecordingArithmetic(FLOAT64)
     scene.prepare(recorder, scene.parameters(FLOAT64), q, 0.0)
-    made = [one.value for one in recorder.made if isinstance(one, Angles)]
+    made = [one.value for one in recorder.recorded if isinstance(one, Angles)]
     return np.concatenate([np.empty(0), *made])
 
 
@@ -188,7 +188,7 @@ def _lanes_call(formulation: Formulation, scene: Scene, q: Array, u: Array) -> C
     kernel = kernel_of(scene, formulation, width=LANES)
     y = np.ascontiguousarray(np.tile(np.concatenate((q, u))[:, None], LANES))
     t, out = np.zeros(LANES), np.empty((kernel.size, LANES))
-    last = kernel.handed(kernel.block(lane_parameters([scene] * LANES)))
+    last = kernel.last_argument(kernel.block(lane_parameters([scene] * LANES)))
     call = timing_loop(kernel.address, *(x.ctypes.data for x in (out, t, y, last)))
     alive = kernel, y, t, out, last
     return lambda count: (call(-(-count // LANES)), alive)[0]
@@ -364,7 +364,7 @@ STUDY = Study(
     key="rhs",
     cells=cells,
     worker=worker,
-    sheets=tables,
+    tables=tables,
     label="",
     alarm=failed,
     document=document_of("timings", Timing),

@@ -129,14 +129,14 @@ def _look(settings: Settings) -> Record:
     found = compare_libraries(scene, None, states, seed)
     rows = []
     for i, (key, version) in enumerate(found.versions.items()):
-        apart = {name: float(table[0, i + 1]) for name, table in found.apart.items()}
-        why = "; ".join(one.sentence for one in found.why[key])
+        apart = {name: float(table[0, i + 1]) for name, table in found.differences.items()}
+        why = "; ".join(one.sentence for one in found.explanations[key])
         rows.append(LibraryReading(called, version, found.verdict(key), apart, why))
     rows += [
         LibraryReading(called, key, found.verdict(key), {}, why)
         for key, why in found.refused.items()
     ]
-    series = {"rows": [vars(row) for row in rows], "left out": [scene.made.left_out]}
+    series = {"rows": [vars(row) for row in rows], "left out": [scene.source.ignored]}
     return Record(STUDY.key, settings, counts=counts, errors=seconds, series=series)
 
 
@@ -212,8 +212,8 @@ STUDY = Study(
     key="robots",
     cells=cells,
     worker=lambda known: _look,
-    sheets=tables,
-    said=remarks,
+    tables=tables,
+    remarks=remarks,
     label="looking at {robot}",
     alarm=alarm,
     reading="`no damping`: the library's algorithms leave out the dampers of the file.",

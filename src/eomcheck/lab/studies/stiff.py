@@ -560,7 +560,7 @@ TRUTHS = Study(
     key=TRUTH,
     cells=truth_cells,
     worker=lambda known: damped_truth,
-    sheets=lambda found: (),
+    tables=lambda found: (),
     label="integrating {true motion}",
 )
 STUDY = Study(
@@ -568,8 +568,8 @@ STUDY = Study(
     before=(TRUTHS,),
     cells=cells,
     worker=worker,
-    sheets=tables,
+    tables=tables,
     charts=charts,
-    said=remarks,
+    remarks=remarks,
     label="integrating {motion}",
 )

@@ -357,8 +357,8 @@ STUDY = Study(
     cells=cells,
     label="integrating {motion}",
     worker=worker,
-    sheets=tables,
+    tables=tables,
     charts=charts,
-    said=remarks,
+    remarks=remarks,
     reading="Error against run time over all tolerances; lower and further left is better.",
 )

@@ -21,9 +21,9 @@ STUDY = Study(
     cells=measure.cells,
     label="measuring {case}",
     worker=measure.worker,
-    sheets=show.tables,
+    tables=show.tables,
     charts=show.charts,
-    said=show.remarks,
+    remarks=show.remarks,
     files=_files,
     reading="The snake of growing length by the paper's seven formulations, from rest over 1 s: "
     "norms of the errors over the output times (Eqs. (32) and (33)), and CPU time.",

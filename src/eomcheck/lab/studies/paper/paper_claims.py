@@ -56,14 +56,14 @@ class PaperClaim:
     Attributes:
         place: where.
         says: what, in our words.
-        look: what the Records say.
+        measure: what the Records say.
         true: why it holds, where it does.
         false: why not, where it does not or only in part.
     """
 
     place: str
     says: str
-    look: Callable[[PaperRecords], Evidence]
+    measure: Callable[[PaperRecords], Evidence]
     true: str
     false: str
 
@@ -92,7 +92,7 @@ def verdict_of(evidence: Evidence) -> Verdict:
 
 def judge_paper_claim(claim: PaperClaim, found: PaperRecords) -> Judgement:
     """Return what the Records say to one claim."""
-    evidence = claim.look(found)
+    evidence = claim.measure(found)
     verdict = verdict_of(evidence)
     why = {"holds": claim.true, "not measured": "These Records do not show it."}
     return Judgement(claim, evidence.measured, verdict, why.get(verdict, claim.false))

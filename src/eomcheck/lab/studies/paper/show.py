@@ -285,7 +285,7 @@ def _unfinished(found: PaperRecords, quantity: str, solver: Solver) -> Iterator[
                 [height[one.settings["links"]] for one in failed],
                 [[", ".join(_what(one)), f"{one.status}: {one.reason}"] for one in failed],
                 "not finished",
-                look="crosses",
+                appearance="crosses",
             )
 
 

@@ -10,10 +10,10 @@ STUDY = Study(
     cells=measure.cells,
     label="measuring formulations at {state}",
     worker=lambda known: measure.measure,
-    spread_by=measure.STATE,
-    sheets=show.tables,
+    parallel_by=measure.STATE,
+    tables=show.tables,
     charts=show.charts,
-    said=show.remarks,
+    remarks=show.remarks,
     alarm=show.alarm,
     reading=show.READING,
 )

@@ -200,7 +200,7 @@ class CellOutcome(IntEnum):
     """The true relative error is at most 1e-6."""
     REFUSED = 1
     """The formulation declines, and says why."""
-    TOLD = 2
+    REPORTED = 2
     """It is larger, and the error bound says so."""
     SILENT = 3
     """It is larger, and nothing says so."""
@@ -213,7 +213,7 @@ def outcome_of(record: Record) -> CellOutcome:
     if record.errors["relative"] <= NOTICEABLE:
         return CellOutcome.GOOD
     told = record.errors["relative"] <= record.errors["bound"]
-    return CellOutcome.TOLD if told else CellOutcome.SILENT
+    return CellOutcome.REPORTED if told else CellOutcome.SILENT
 
 
 def method_of(record: Record) -> Method:
@@ -248,7 +248,7 @@ class Step(NamedTuple):
         return self._most("relative")
 
     @property
-    def foreseen(self) -> float:
+    def predicted(self) -> float:
         """The most digits that κ ε foresaw to be lost, NaN where nothing was solved or lost."""
         return self._most("predicted")
 

@@ -29,7 +29,7 @@ from eomcheck.scenes import Snake
 
 WORDS = {
     CellOutcome.REFUSED: "refused",
-    CellOutcome.TOLD: "bound tells",
+    CellOutcome.REPORTED: "bound tells",
     CellOutcome.SILENT: "SILENT",
 }
 LIMIT = digits_lost(NOTICEABLE)
@@ -142,7 +142,7 @@ def _short(mine: Sequence[Step] | None) -> str:
     found = break_of(mine)
     if found is None:
         return ""
-    told = found.outcome is CellOutcome.TOLD
+    told = found.outcome is CellOutcome.REPORTED
     return f"{found.severity:.3g}" if told else f"{found.severity:.3g} {WORDS[found.outcome]}"
 
 
@@ -159,7 +159,7 @@ def remarks(found: Sequence[Record]) -> Iterator[str]:
     yield (
         f"{counted(counts.total(), 'cell')}: {counts[CellOutcome.GOOD]} good "
         f"(true relative error at most {NOTICEABLE:g}), {counts[CellOutcome.REFUSED]} refused, "
-        f"{counts[CellOutcome.TOLD]} worse as their error bound tells, "
+        f"{counts[CellOutcome.REPORTED]} worse as their error bound tells, "
         f"{counts[CellOutcome.SILENT]} silently wrong."
     )
 
@@ -270,14 +270,14 @@ def _lines(method: Method, mine: list[Step], height: float, alone: bool) -> Iter
     if alone:
         # Where some variant is refused, the worst of the others would look like a recovery.
         lost = [math.nan if step.refused else step.lost for step in mine]
-        foreseen = [math.nan if step.refused else step.foreseen for step in mine]
-        yield Line(key, x, foreseen, label="foreseen by κ ε", look="dotted")
+        foreseen = [math.nan if step.refused else step.predicted for step in mine]
+        yield Line(key, x, foreseen, label="foreseen by κ ε", appearance="dotted")
         for variant in dict.fromkeys(r.settings["variant"] for step in mine for r in step.records):
             y = [_lost_by(variant, step) for step in mine]
-            yield Line(key, x, y, label="each variant", look="thin")
+            yield Line(key, x, y, label="each variant", appearance="thin")
         if wrong := [step for step in mine if step.worst is CellOutcome.SILENT]:
             at, y = [_at(step.severity) for step in wrong], [step.lost for step in wrong]
-            yield Line(key, at, y, label="silently wrong", look="rings")
+            yield Line(key, at, y, label="silently wrong", appearance="rings")
     partly = [step.refused > 0 for step in mine]
     yield Line(key, x, lost, told, "worst variant", dashed=method.pivoted, hollow=partly)
     if refused:
@@ -288,7 +288,7 @@ def _lines(method: Method, mine: list[Step], height: float, alone: bool) -> Iter
             [told[k] for k in refused],
             "refused (hollow: in part)",
             hollow=[mine[k].refused < 1 for k in refused],
-            look="crosses",
+            appearance="crosses",
         )
 
 
@@ -304,7 +304,7 @@ def _said(method: Method, step: Step) -> list[str]:
         f"{solved} of {len(step.records)} variants solved",
     ]
     if solved and not math.isnan(step.lost):
-        lines.append(f"{step.lost:.1f} digits lost, {step.foreseen:.1f} foreseen by κ ε")
+        lines.append(f"{step.lost:.1f} digits lost, {step.predicted:.1f} foreseen by κ ε")
     if step.worst in WORDS:
         lines.append(WORDS[step.worst])
     reasons = dict.fromkeys(record.reason for record in step.records if record.reason)
