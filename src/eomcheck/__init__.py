@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from eomcheck.motion.integrators import INTEGRATORS
     from eomcheck.motion.simulate import Trajectory, simulate
     from eomcheck.scenes import SCENES
+    from eomcheck.testing.function_checks import check
 
 _HOME = {
     "acceleration": "evaluation.dynamics",
@@ -55,6 +56,7 @@ _HOME = {
     "with_constraints": "mechanics.subset",
     "accuracy": "evaluation.certified",
     "Accuracy": "evaluation.certified",
+    "check": "testing.function_checks",
     "check_state": "claims.run",
     "validate": "claims.run",
     "prove": "claims.proof",
@@ -121,6 +123,7 @@ __all__ = [
     "UnknownNameError",
     "acceleration",
     "accuracy",
+    "check",
     "check_state",
     "enclose",
     "independent_constraints",

@@ -9,11 +9,12 @@ from __future__ import annotations
 import importlib
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import wraps
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
-from typing import Any
+from typing import Any, TypeVar, cast
 
 MODULES = {
     "eomcheck.mechanics.described": "eomcheck.descriptions",
@@ -21,6 +22,9 @@ MODULES = {
     "eomcheck.mechanics.described.words": "eomcheck.descriptions.elements",
     "eomcheck.mechanics.described.description": "eomcheck.descriptions.described_scene",
     "eomcheck.mechanics.described.mechanism": "eomcheck.descriptions.mechanism_class",
+    "eomcheck.descriptions.words": "eomcheck.descriptions.elements",
+    "eomcheck.descriptions.description": "eomcheck.descriptions.described_scene",
+    "eomcheck.descriptions.mechanism": "eomcheck.descriptions.mechanism_class",
     "eomcheck.robots": "eomcheck.descriptions.robot_files",
     "eomcheck.random_mechanisms": "eomcheck.descriptions.random_mechanisms",
     "eomcheck.engines.walk": "eomcheck.engines.tree_engine",
@@ -34,7 +38,10 @@ MODULES = {
     "eomcheck.motion.errors": "eomcheck.motion.trajectory_errors",
     "eomcheck.testing.registry": "eomcheck.testing.function_claim",
 }
-"""Old -> new path of modules that pages of 0.2 or stored finds import from."""
+"""Old -> new path of modules that pages of 0.2 or stored failures import from.
+
+`from PACKAGE import MODULE` asks the package under its new name: hence `descriptions.words`.
+"""
 
 
 def warn(old: str, new: str, stacklevel: int = 3) -> None:
@@ -77,18 +84,114 @@ def current(value: str) -> str:
     return VALUES.get(value, value)
 
 
-NAMES: dict[str, dict[str, str]] = {}
-"""Module -> old name -> new name of what it holds."""
+NAMES: dict[str, dict[str, str]] = {
+    "eomcheck": {"Dependence": "ConstraintRank"},
+    "eomcheck.testing": {"Functions": "EquationsOfMotion"},
+    "eomcheck.descriptions.elements": {"square": "perpendicular"},
+    "eomcheck.descriptions.mechanism_class": {"kind_of": "scene_class_of"},
+    "eomcheck.mechanics.records": {"velocity": "velocity_from_speeds"},
+    "eomcheck.mechanics.sketch": {
+        "Constraint": "ConstraintMark",
+        "Joint": "JointMark",
+        "Spring": "SpringMark",
+        "place": "position_dimensions",
+        "turned_by": "plane_angle",
+    },
+    "eomcheck.motion.reference": {"consistent_velocity": "extended_velocity"},
+    "eomcheck.motion.reference_io": {"Run": "ReferenceRun"},
+}
+"""Module -> old name -> new name of an object in it; the module has a `__getattr__` for these."""
 
 
 def renamed(module: str, name: str) -> Any:
-    """Return the object of a module that was called `name`.
+    """Return the object of a module by an old name.
 
     Raises:
-        AttributeError: there was none.
+        AttributeError: there was none of this name.
     """
     new = NAMES.get(module, {}).get(name)
     if new is None:
         raise AttributeError(f"module {module!r} has no attribute {name!r}")
-    warn(f"{module}.{name}", f"{module}.{new}")
+    warn(f"{module}.{name}", f"{module}.{new}", 4)
     return getattr(importlib.import_module(module), new)
+
+
+def getattr_of(module: str) -> Callable[[str], Any]:
+    """Return the `__getattr__` of a module with old names."""
+
+    def __getattr__(name: str) -> Any:
+        return renamed(module, name)
+
+    return __getattr__
+
+
+FIELDS: dict[str, dict[str, str]] = {
+    "Joint": {
+        "place": "origin",
+        "turn": "orientation",
+        "relaxed": "rest_position",
+        "follows": "mimics",
+    },
+    "Contact": {"told": "directions"},
+    "MechanismSource": {"left_out": "ignored", "doubtful": "warnings", "source": "file"},
+    "Mechanism": {"made": "source"},
+    "Scene": {
+        "drawn_coordinates": "coordinate_sample_ranges",
+        "pictured": "display_pose",
+        "composed": "derived_functions",
+    },
+    "mechanism": {"first": "dependent"},
+    "parameter": {"drawn": "sample_range"},
+    "parallel_map": {"where": "executor"},
+    "run_cells": {"where": "executor"},
+}
+"""Class or function -> old -> new name of its fields, or of its keywords."""
+
+F = TypeVar("F", bound=Callable[..., Any])
+C = TypeVar("C", bound=type)
+
+
+def old_keywords(function: F) -> F:
+    """Decorate a function, or a NamedTuple, so that it takes its old keywords too."""
+    names = FIELDS[function.__name__]
+    inner = function.__new__ if isinstance(function, type) else function
+
+    @wraps(inner)
+    def called(*arguments: Any, **given: Any) -> Any:
+        for old in names.keys() & given.keys():
+            warn(f"{function.__name__}({old}=)", f"{names[old]}=")
+            given[names[old]] = given.pop(old)
+        return inner(*arguments, **given)
+
+    if not isinstance(function, type):
+        return cast(F, called)
+    function.__new__ = cast(Any, called)
+    return cast(F, old_attributes(function))
+
+
+def old_attributes(kind: C) -> C:
+    """Decorate a class so that its instances and subclasses have their old attributes too."""
+    for old, new in FIELDS[kind.__name__].items():
+        if old not in vars(kind):
+            setattr(kind, old, _Attribute(old, new))
+    return kind
+
+
+class _Attribute:
+    """An old attribute: reads the new one."""
+
+    def __init__(self, old: str, new: str):
+        self.old, self.new = old, new
+
+    def __get__(self, instance: Any, owner: type) -> Any:
+        warn(f"{owner.__name__}.{self.old}", self.new)
+        return getattr(owner if instance is None else instance, self.new)
+
+
+def take_old_attributes(kind: type, base: type) -> None:
+    """Give a new subclass of `base` what its body names by an old name under the new one."""
+    for old, new in FIELDS[base.__name__].items():
+        if old in vars(kind) and not isinstance(vars(kind)[old], _Attribute):
+            warn(f"{kind.__name__}.{old}", new, 4)
+            setattr(kind, new, vars(kind)[old])
+            delattr(kind, old)

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from eomcheck.deprecated import old_keywords
 from eomcheck.descriptions.constraint_rows import KINDS
 from eomcheck.descriptions.elements import (
     COORDINATES,
@@ -184,6 +185,7 @@ REGULAR = 1e-12
 far below what bodies of very different size come to, far above what rounding leaves of 0."""
 
 
+@old_keywords
 def mechanism(
     name: str,
     links: Iterable[Link],

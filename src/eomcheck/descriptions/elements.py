@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
+from eomcheck.deprecated import getattr_of, old_attributes, old_keywords
 from eomcheck.descriptions.quaternions import IDENTITY, Quaternion, rotation_matrix, to_z
 from eomcheck.errors import InputError
 
@@ -40,6 +41,7 @@ class Link(NamedTuple):
     """Entries xy, xz, yz of that matrix, kg m²."""
 
 
+@old_keywords
 class Joint(NamedTuple):
     """How one link moves against another.
 
@@ -220,6 +222,7 @@ def on_line(
     )
 
 
+@old_attributes
 class Contact(NamedTuple):
     """Where a ball, or the rim of a disk, touches a plane; what holds there are its methods.
 
@@ -335,3 +338,6 @@ def _check_turns(name: str, parts: Any) -> None:
 def _triple(a: Any) -> Triple:
     x, y, z = (float(part) for part in a)
     return x, y, z
+
+
+__getattr__ = getattr_of(__name__)

@@ -19,6 +19,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
+from eomcheck.deprecated import getattr_of, old_attributes
 from eomcheck.descriptions import second_derivation
 from eomcheck.descriptions.constraint_rows import (
     KINDS,
@@ -277,6 +278,7 @@ SLIDING, AWAY = Range(-1.0, 1.0), Range(-1.2, 1.2)
 """m; rad, for a hinge between two others that it could bring in line."""
 
 
+@old_attributes
 class MechanismSource(NamedTuple):
     """All that a kind of mechanism is made of, in numbers and names."""
 
@@ -535,3 +537,6 @@ def scene_class_of(made: MechanismSource) -> type[Mechanism]:
         body |= {"conserves_energy": False, "why_not_conserved": "what a clock drives does work"}
     found: Any = _Kind(made.key, (made.base or Mechanism,), body)
     return found
+
+
+__getattr__ = getattr_of(__name__)

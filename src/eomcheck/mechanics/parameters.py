@@ -14,6 +14,7 @@ from typing import Any, ClassVar, Literal, NamedTuple, dataclass_transform
 
 import numpy as np
 
+from eomcheck.deprecated import old_keywords
 from eomcheck.errors import InputError, registered, whole_number
 from eomcheck.mechanics.records import Range
 from eomcheck.mechanics.scene import Scene, finite_array
@@ -72,6 +73,7 @@ class _Declared(NamedTuple):
         return array
 
 
+@old_keywords
 def parameter(
     what: str,
     unit: str,

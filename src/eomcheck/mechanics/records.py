@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
+from eomcheck.deprecated import getattr_of
 from eomcheck.numbers.generic import Array, generic
 
 
@@ -150,3 +151,6 @@ class Range(NamedTuple):
 
 ANYWHERE, ANY_ANGLE = Range(-10.0, 10.0), Range(-math.pi, math.pi)
 """m from the origin; rad."""
+
+
+__getattr__ = getattr_of(__name__)

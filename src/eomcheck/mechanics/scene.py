@@ -37,6 +37,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from eomcheck.calls import calling, is_ours
+from eomcheck.deprecated import take_old_attributes
 from eomcheck.errors import InputError, safe_repr
 from eomcheck.mechanics.derived_functions import derive_missing
 from eomcheck.mechanics.random_source import Choices, Factors
@@ -182,6 +183,7 @@ class Scene(ABC):
             options: for other classes that it derives from.
         """
         super().__init_subclass__(**options)
+        take_old_attributes(cls, Scene)
         spaces = [functions] if isinstance(functions, Mapping) else [vars(x) for x in functions]
         for space in spaces:
             written = {name: x for name, x in space.items() if isfunction(x)}

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from eomcheck.deprecated import getattr_of
 from eomcheck.numbers.generic import Array
 
 
@@ -176,3 +177,6 @@ def fixed_axes(size: float, dimensions: int = 2) -> tuple[Part, ...]:
         Arrow(f"{axis} axis", np.zeros(dimensions), along)
         for axis, along in zip("xyz"[:dimensions], axes, strict=True)
     )
+
+
+__getattr__ = getattr_of(__name__)

@@ -27,6 +27,7 @@ from typing import Any
 import flint
 import numpy as np
 
+from eomcheck.deprecated import getattr_of
 from eomcheck.errors import EomcheckError, InconsistentVelocityError, InputError, RefusedError
 from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.evaluation.tolerance import largest
@@ -510,3 +511,6 @@ def _stripped(x: Array) -> Array:
 def _arb_decimals(x: Array) -> Array:
     digits = [ball(y).str(DIGITS + 4, radius=False) for y in x.ravel()]
     return decimals(np.array(digits, object).reshape(x.shape))
+
+
+__getattr__ = getattr_of(__name__)

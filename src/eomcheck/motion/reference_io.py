@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from eomcheck.atomic_write import read_text, write_text
+from eomcheck.deprecated import getattr_of
 from eomcheck.errors import InputError
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
@@ -275,3 +276,6 @@ def _text(document: Any, depth: int = 4) -> str:
         inside = [f"{json.dumps(k)}: {_text(x, depth - 1)}" for k, x in document.items()]
         return "{\n" + ",\n".join(inside) + "\n}"
     return "[\n" + ",\n".join(_text(x, depth - 1) for x in document) + "\n]"
+
+
+__getattr__ = getattr_of(__name__)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from eomcheck import deprecated
+
 if TYPE_CHECKING:
     from eomcheck.strategies import settings
     from eomcheck.testing.converters import from_engine, from_kane, from_lagrange, from_scene
@@ -31,7 +33,7 @@ _HOME = {
 def __getattr__(name: str) -> Any:
     if name in _HOME:
         return getattr(importlib.import_module(f"eomcheck.{_HOME[name]}"), name)
-    raise AttributeError(f"module 'eomcheck.testing' has no attribute {name!r}")
+    return deprecated.renamed("eomcheck.testing", name)
 
 
 def __dir__() -> list[str]:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from eomcheck.class_lookup import object_named
 from eomcheck.engines import Answers, Engine, EngineFault, engine_of, make_engine, represents
 from eomcheck.errors import InputError, required
 from eomcheck.evaluation.evaluation import Evaluation
@@ -371,4 +372,33 @@ def from_lagrange(
         name=name,
         **given,
         **options,
+    )
+
+
+# ---- Whatever holds equations --------------------------------------------------------------------
+
+
+def as_equations(subject: Any, parameters: Mapping[Any, float] | None = None) -> EquationsOfMotion:
+    """Return the equations of motion of an object, or of the object that a name stands for.
+
+    Args:
+        subject: `EquationsOfMotion`, a SymPy `KanesMethod` or `LagrangesMethod`, or the name
+            "FILE.py:NAME" or "package.module:NAME" of one.
+        parameters: symbol -> number, for a SymPy model.
+
+    Raises:
+        InputError: it is none of these; or see `from_kane` and `from_lagrange`.
+    """
+    given = subject
+    if isinstance(subject, str):
+        subject = object_named(subject)
+    if isinstance(subject, EquationsOfMotion):
+        return subject
+    convert = {"KanesMethod": from_kane, "LagrangesMethod": from_lagrange}
+    for kind in type(subject).__mro__:
+        if kind.__module__.startswith("sympy.") and kind.__name__ in convert:
+            return convert[kind.__name__](subject, parameters)
+    raise InputError(
+        f"subject = {given!r}, expected EquationsOfMotion, a KanesMethod or LagrangesMethod of "
+        "SymPy, or the name FILE.py:NAME of one"
     )

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from eomcheck import deprecated
 from eomcheck.claims.finding import (
     Entries,
     Finding,
@@ -24,13 +25,14 @@ from eomcheck.claims.registry import Names, Skipped
 from eomcheck.errors import InputError, at_least_one, registered, whole_number
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, C, allowed_error
 from eomcheck.mechanics.records import State
+from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
 from eomcheck.numbers.pivots import EPS
 from eomcheck.safe_output import counted
 
 from eomcheck.testing import claims_answers, claims_terms  # isort: skip
 from eomcheck.testing import claims_motions  # isort: skip
-from eomcheck.testing.converters import reference_functions
+from eomcheck.testing.converters import as_equations, reference_functions
 from eomcheck.testing.equations_of_motion import (
     INPUTS,
     BrokenError,
@@ -140,10 +142,67 @@ def check_functions(
         **{"Q": Q, "a": a, "b": b, "c": c, "gamma": gamma, "qdot": qdot},
     }
     subject = equations_from(n, {**functions, **options})
-    return check(subject, states=states, seed=seed, against=against, claims=claims)
+    return check_equations(subject, states=states, seed=seed, against=against, claims=claims)
 
 
 def check(
+    subject: Any,
+    *state: Any,
+    parameters: Mapping[Any, float] | None = None,
+    states: int | Iterable[Any] = 20,
+    seed: int = 0,
+    against: Any = None,
+    claims: Iterable[str] | None = None,
+    holonomic: bool | None = None,
+    **older: Any,
+) -> list[Finding]:
+    """Check equations of motion: functions, a SymPy model, or either of them in a file.
+
+    Args:
+        subject: `EquationsOfMotion`; a SymPy `KanesMethod` or `LagrangesMethod`; or the name
+            "FILE.py:NAME" or "package.module:NAME" of such an object.
+        state: none; in 0.2 this function checked one state (q, v, t) of a scene, which is
+            `eomcheck.check_state` now, and still does so, with a warning.
+        parameters: symbol -> number, for a SymPy model.
+        states, seed, against, claims: see `check_functions`.
+        holonomic: in place of the attribute of the functions, see `EquationsOfMotion.holonomic`.
+        older: further keywords of `eomcheck.check_state`.
+
+    Returns:
+        One Finding per claim and subject, see `check_functions`.
+
+    Raises:
+        InputError: `subject` is none of these, and what `check_functions` raises.
+        UnknownNameError: see `check_functions`.
+
+    Example:
+        >>> import eomcheck
+        >>> from eomcheck.testing import EquationsOfMotion
+        >>> rod = EquationsOfMotion(1, M=lambda q: [[2.0]], bias=lambda q, v: [v[0] ** 2])
+        >>> sorted({one.claim for one in eomcheck.check(rod) if one.verdict == "failed"})
+        ['bias-of-mass-matrix']
+    """
+    if isinstance(subject, Scene):
+        if not state:
+            raise InputError(
+                f"subject = {subject!r}, a scene: eomcheck.validate checks it in random states, "
+                "eomcheck.check_state in one"
+            )
+        # Not at the top: hypothesis is loaded with it, which functions do not need.
+        from eomcheck.claims.run import check_state
+
+        deprecated.warn("eomcheck.check(scene, q, v)", "eomcheck.check_state(scene, q, v)")
+        return check_state(subject, *state, claims=claims, **older)
+    if state or older:
+        more = ", ".join([*map(repr, state), *older])
+        raise InputError(f"arguments {more}: of a scene alone, not of equations of motion")
+    functions = as_equations(subject, parameters)
+    return check_equations(
+        functions, states=states, seed=seed, against=against, claims=claims, holonomic=holonomic
+    )
+
+
+def check_equations(
     functions: EquationsOfMotion,
     *,
     states: int | Iterable[Any] = 20,

@@ -23,6 +23,7 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import Any, TypeVar
 
+from eomcheck.deprecated import old_keywords
 from eomcheck.errors import DiedError, WorkerError
 from eomcheck.lab.store.executors import ExecutorBackend, Local, backend_of
 from eomcheck.safe_output import counted
@@ -34,6 +35,7 @@ DEATHS_TOGETHER = 2
 """So often a worker may die while it has an item in hand; after that the item is tried alone."""
 
 
+@old_keywords
 def parallel_map(
     executor: str | None, function: Callable[[Item], Result], items: Iterable[Item]
 ) -> Iterator[tuple[Item, Result]]:
