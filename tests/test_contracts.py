@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import builtins
+import dataclasses
 import importlib
 import inspect
 import subprocess
@@ -19,14 +20,18 @@ import numpy as np
 import pytest
 
 import eomcheck
+from eomcheck.claims import CLAIMS
 from eomcheck.engines import ENGINES
 from eomcheck.formulations import FORMULATIONS
+from eomcheck.lab.study import Study
+from eomcheck.mechanics.scene import FUNCTIONS
 from eomcheck.motion import right_hand_side
 from eomcheck.numbers.banded_solve import solve_banded
 from eomcheck.numbers.congruence import add_congruence
 from eomcheck.numbers.generic import GENERIC
 from eomcheck.numbers.linear import matrix_product, solve
 from eomcheck.scenes import SCENES
+from eomcheck.testing import FUNCTION_CLAIMS
 
 PACKAGE = Path(eomcheck.__file__).parent
 WRITTEN_ONCE = ("eomcheck.scenes.", "eomcheck.formulations.", right_hand_side.__name__)
@@ -280,3 +285,89 @@ def test_everything_in_a_registry_is_found_under_its_own_key(registry: str):
     entries = getattr(importlib.import_module("eomcheck"), registry)
     assert entries
     assert all(key == entry.key for key, entry in entries.items())
+
+
+# ---- Names ---------------------------------------------------------------------------------------
+
+STUDY = {field.name for field in dataclasses.fields(Study)}
+GIVEN = {
+    "scenes": FUNCTIONS | {"description"},
+    "lab/studies/stability": FUNCTIONS | STUDY,
+    "formulations": {"solution", "system"},
+    "lab/studies": STUDY,
+    "lab/studies/operations": STUDY,
+    "lab/studies/paper": STUDY,
+}
+"""Folder -> names of functions that its files give by contract, each its own."""
+
+REGISTERED = {
+    (function.__module__, function.__name__)
+    for claim in (*CLAIMS.values(), *FUNCTION_CLAIMS.values())
+    for function in (getattr(claim, x, None) for x in ("check", "sides", "evaluate"))
+    if function is not None
+}
+"""Functions that are claims: each is called as its claim, of a scene or of functions."""
+
+
+def defined(kind: type) -> dict[str, list[str]]:
+    """Return the files that define each public name of a kind at the top level."""
+    found: dict[str, list[str]] = {}
+    for path in FILES:
+        folder = path.parent.relative_to(PACKAGE).as_posix()
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if not isinstance(node, kind) or (module_of(path), node.name) in REGISTERED:
+                continue
+            if kind is ast.FunctionDef and node.name in GIVEN.get(folder, ()):
+                continue
+            if not node.name.startswith("__"):
+                found.setdefault(node.name, []).append(path.relative_to(PACKAGE).as_posix())
+    return found
+
+
+def test_no_class_has_a_name_twice():
+    twice = {name: files for name, files in defined(ast.ClassDef).items() if len(files) > 1}
+    assert not twice
+
+
+def test_no_public_function_has_a_name_twice_but_by_a_contract():
+    public = {x: files for x, files in defined(ast.FunctionDef).items() if not x.startswith("_")}
+    assert not {name: files for name, files in public.items() if len(files) > 1}
+
+
+def test_files_have_a_name_twice_only_where_their_folders_have_one_contract():
+    names: dict[str, set[str]] = {}
+    for path in FILES:
+        if path.name != "__init__.py":
+            names.setdefault(path.name, set()).add(path.parent.relative_to(PACKAGE).as_posix())
+    twice = {name: folders for name, folders in names.items() if len(folders) > 1}
+    studies = {name for name in twice if all(x.startswith("lab/studies/") for x in twice[name])}
+    assert studies <= {"measure.py", "show.py"}
+    # A study is called as its file; that of the tolerance is about `evaluation.tolerance`.
+    assert twice.keys() - studies <= {"tolerance.py"}
+
+
+# ---- Docstrings ----------------------------------------------------------------------------------
+
+NAMELESS = ("Return what ", "Yield what ", "What ", "Of ", "Those ")
+
+
+def docstrings(path: Path) -> Iterator[tuple[int, str]]:
+    """Yield line and text of all docstrings of a file, those below attributes too."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        body = getattr(node, "body", ())
+        for statement in body if isinstance(body, list) else ():
+            match statement:
+                case ast.Expr(value=ast.Constant(value=str(text))):
+                    yield statement.lineno, text.strip()
+
+
+@pytest.mark.parametrize("layer", sorted({layer_of(path) for path in FILES}))
+def test_every_docstring_begins_with_the_noun_that_it_is_about(layer: str):
+    nameless = [
+        f"{path.relative_to(PACKAGE)}:{line}: {text.partition(chr(10))[0]}"
+        for path in FILES
+        if layer_of(path) == layer
+        for line, text in docstrings(path)
+        if text.startswith(NAMELESS)
+    ]
+    assert not nameless

@@ -4,11 +4,18 @@ from __future__ import annotations
 
 import importlib
 import sys
+from typing import Any
 
 import pytest
 
 import eomcheck
 from eomcheck import deprecated
+from eomcheck.descriptions.build import mechanism
+from eomcheck.descriptions.elements import Joint, Link
+from eomcheck.descriptions.random_mechanisms import RANDOM
+from eomcheck.mechanics.parameters import parameter
+from eomcheck.mechanics.records import Range
+from eomcheck.scenes import Sleigh
 
 
 @pytest.mark.parametrize("old", sorted(deprecated.MODULES))
@@ -53,3 +60,83 @@ def test_an_old_name_is_the_object_under_its_new_one(module: str, old: str, new:
         found = getattr(home, old)
     assert found is getattr(home, new)
     assert warned[0].filename == __file__
+
+
+# ---- Keywords and attributes ---------------------------------------------------------------------
+
+JOINT: dict[str, Any] = {
+    "place": (1.0, 2.0, 3.0),
+    "turn": (1.0, 0.0, 0.0, 0.0),
+    "relaxed": 0.5,
+    "follows": ("k", 2, 1),
+}
+
+
+def test_a_joint_takes_its_old_keywords_and_has_its_old_fields():
+    head = "j", "revolute", "ground", "a"
+    with pytest.warns(DeprecationWarning) as warned:
+        joint = Joint(*head, **JOINT)  # pyright: ignore[reportCallIssue]
+    assert {str(one.message).partition(" is now ")[0] for one in warned} == {
+        f"Joint({old}=)" for old in JOINT
+    }
+    assert {one.filename for one in warned} == {__file__}
+    new = deprecated.FIELDS["Joint"]
+    assert joint == Joint(*head, **{new[old]: x for old, x in JOINT.items()})
+    for old, value in JOINT.items():
+        with pytest.warns(DeprecationWarning, match=rf"Joint\.{old} is now {new[old]};") as one:
+            assert getattr(joint, old) == value
+        assert one[0].filename == __file__
+
+
+def test_a_mechanism_and_a_parameter_take_their_old_keywords():
+    parts = [Link("ground"), Link("a", 1.0)], [Joint("j", "prismatic", "ground", "a")]
+    more = [Link("b", 2.0)], [Joint("k", "prismatic", "a", "b")]
+    links, joints = (one + two for one, two in zip(parts, more, strict=True))
+    with pytest.warns(DeprecationWarning, match=r"mechanism\(first=\) is now dependent=;"):
+        old = mechanism("Rails", links, joints, first=["k"])  # pyright: ignore[reportCallIssue]
+    assert old().coordinate_names == ("k", "j")
+    with pytest.warns(DeprecationWarning, match=r"parameter\(drawn=\) is now sample_range=;"):
+        field = parameter("m", "kg", drawn=(1.0, 2.0))  # pyright: ignore[reportCallIssue]
+    assert field.metadata["declared"].sample_range[:2] == (1.0, 2.0)
+    assert field.metadata == parameter("m", "kg", sample_range=(1.0, 2.0)).metadata
+
+
+def test_a_scene_may_name_its_sample_ranges_and_its_picture_by_their_old_names():
+    with pytest.warns(DeprecationWarning) as warned:
+
+        class Posed(Sleigh):
+            pictured = 1.0, 2.0, 3.0
+            drawn_coordinates = (Range(0.0, 1.0),) * 3
+
+    assert len(warned) == 2
+    assert Posed.display_pose == (1.0, 2.0, 3.0)
+    assert Posed.coordinate_sample_ranges == (Range(0.0, 1.0),) * 3
+    with pytest.warns(DeprecationWarning, match=r"Posed\.pictured is now display_pose;"):
+        assert Posed.pictured == (1.0, 2.0, 3.0)  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_what_a_robot_file_became_is_found_by_its_old_names():
+    scene: Any = RANDOM["random-trees"].example()
+    with pytest.warns(DeprecationWarning) as warned:
+        made = scene.made
+        assert (made.left_out, made.doubtful, made.source) == (
+            scene.source.ignored,
+            scene.source.warnings,
+            scene.source.file,
+        )
+    assert made is scene.source and len(warned) == 4
+
+
+def test_check_of_a_scene_in_one_state_is_check_state_and_warns():
+    scene = Sleigh.example()
+    q, v = scene.initial_state()
+    with pytest.warns(DeprecationWarning, match=r"is now eomcheck\.check_state") as warned:
+        old = eomcheck.check(scene, q, v, claims=["bias"], engines=["casadi"])
+    assert warned[0].filename == __file__
+    new = eomcheck.check_state(scene, q, v, claims=["bias"], engines=["casadi"])
+    assert [str(one) for one in old] == [str(one) for one in new] and old
+
+
+def test_every_old_field_is_gone_from_what_it_was_of():
+    for owner, names in deprecated.FIELDS.items():
+        assert not names.keys() & set(names.values()), owner

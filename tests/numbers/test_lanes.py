@@ -14,9 +14,9 @@ from eomcheck.numbers.lanes import (
     as_object_array,
     everywhere,
     lane_data,
+    lane_select,
     lanes_in,
     perturbation_scale,
-    select,
 )
 from eomcheck.numbers.linear import least_squares, null_space, singular_values
 from eomcheck.numbers.noise import NORMAL, STEP
@@ -112,9 +112,9 @@ def test_a_condition_in_lanes_holds_everywhere_only_where_all_entries_hold_it():
 
 def test_a_choice_in_lanes_is_made_lane_by_lane():
     x, y = LaneArray(np.array([1.0, 2.0, 3.0])), LaneArray(np.array([-1.0, -2.0, -3.0]))
-    assert select(x <= 2.0, x, y).data.tolist() == [1.0, 2.0, -3.0]
-    assert select(x <= 2.0, 7.0, y).data.tolist() == [7.0, 7.0, -3.0]
-    assert select(True, 1.0, 2.0) == 1.0 and select(False, 1.0, 2.0) == 2.0
+    assert lane_select(x <= 2.0, x, y).data.tolist() == [1.0, 2.0, -3.0]
+    assert lane_select(x <= 2.0, 7.0, y).data.tolist() == [7.0, 7.0, -3.0]
+    assert lane_select(True, 1.0, 2.0) == 1.0 and lane_select(False, 1.0, 2.0) == 2.0
 
 
 def test_sums_and_largest_entries_are_those_along_the_axis_that_the_source_knows():

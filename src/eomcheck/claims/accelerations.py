@@ -55,7 +55,7 @@ from eomcheck.motion.observables import as_integrated
 from eomcheck.motion.right_hand_side import acceleration_in_machine_code
 from eomcheck.numbers.dual import duals, rate, value
 from eomcheck.numbers.generic import Array, NotRationalError, as_objects, map_entries, map_record
-from eomcheck.numbers.lanes import as_float64, lanes_in, select
+from eomcheck.numbers.lanes import as_float64, lane_select, lanes_in
 from eomcheck.numbers.linear import least_squares, null_space, row_scale, singular_values
 from eomcheck.numbers.noise import NORMAL, SAMPLES, STEP
 
@@ -87,7 +87,7 @@ def equations_residual(at: Quantities, look: EvaluationContext) -> Iterator[Comp
             terms = magnitude(motions.T, terms + cancelled)
             residual = motions.T @ residual
             names = speed_names(at) if look.exact else numbered("allowed motion ", residual.size)
-            sensitivity = select(told, sensitivity, np.inf)
+            sensitivity = lane_select(told, sensitivity, np.inf)
         yield vanishing(f.key, residual, (names,), terms, sensitivity + largest(terms))
 
 
@@ -542,7 +542,7 @@ def _of_power(
         return terms, np.inf
     # Energies are summed over the bodies, which rounds as often.
     rounding = case.at.scene.n * (largest(shares) + summed_sensitivity) + _of_constraints(case, f)
-    return terms, select(told, case.sensitivity(power, batched=True) + rounding, np.inf)
+    return terms, lane_select(told, case.sensitivity(power, batched=True) + rounding, np.inf)
 
 
 def _of_constraints(case: Any, f: Formulation) -> Any:

@@ -28,7 +28,7 @@ from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Arithmetic, Array
-from eomcheck.numbers.lanes import as_float64, lanes_in, select
+from eomcheck.numbers.lanes import as_float64, lane_select, lanes_in
 
 Names = tuple[tuple[str, ...], ...]
 
@@ -92,7 +92,13 @@ def sensitivity_where(resolved: Any) -> Any:
 
     See `Comparison.sensitivity`.
     """
-    return select(resolved, np.nan, np.inf) if lanes_in(resolved) else None if resolved else np.inf
+    return (
+        lane_select(resolved, np.nan, np.inf)
+        if lanes_in(resolved)
+        else None
+        if resolved
+        else np.inf
+    )
 
 
 def along_directions(

@@ -332,6 +332,7 @@ def _reduced(kind: Any) -> Any:
 copyreg.pickle(_Kind, _reduced)
 
 
+@old_attributes
 class Mechanism(Parametric, metaclass=_Kind):
     """A tree of rigid bodies with what closes it; `scene_class_of` makes the classes that have
     any.

@@ -37,7 +37,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from eomcheck.calls import calling, is_ours
-from eomcheck.deprecated import take_old_attributes
+from eomcheck.deprecated import old_attributes, take_old_attributes
 from eomcheck.errors import InputError, safe_repr
 from eomcheck.mechanics.derived_functions import derive_missing
 from eomcheck.mechanics.random_source import Choices, Factors
@@ -61,6 +61,7 @@ def no_potential(parameters, prepared, q):
     return
 
 
+@old_attributes
 class Scene(ABC):
     """A mechanical system: parameters that check themselves, and its equations (rules 1-10).
 
