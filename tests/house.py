@@ -525,7 +525,7 @@ def main() -> None:
     measures: dict[str, Callable[[Path], None]] = {
         "lines": print_lines,
         "walk": lambda root: print_walks(root, options.only or WALKS),
-        "words": lambda root: print_words(root, options.trace, options.glossary),
+        "words": lambda root: print_words(root, options.list, options.glossary),
     }
     for root in options.roots:
         print(f"== {root}")

@@ -179,7 +179,7 @@ def test_a_link_that_leads_nowhere_is_found(second: str | None, said: str, tmp_p
     (tmp_path / "index.html").write_text(index, encoding="utf-8")
     if second is not None:
         (tmp_path / "second.html").write_text(second, encoding="utf-8")
-    found = module.unavailable(tmp_path)
+    found = module.broken(tmp_path)
     assert (len(found) == 1 and said in found[0]) if said else not found
 
 
