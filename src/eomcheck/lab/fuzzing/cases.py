@@ -1,10 +1,10 @@
-"""Cases (a scene and a state): drawn at random by structure and family, and changed.
+"""Cases (a scene and a state): drawn at random by structural variant and family, and mutated.
 
-A `StructuralVariant` is a structure of a scene class: its number of links and its optional terms;
-of random scene classes it is a `TopologyVariant`. A family is what numbers are drawn from: ordinary
-ranges, or hostile in one of several ways (magnitudes of 16 decades, numbers next to special ones,
-extreme speeds). Velocities are projected onto the constraints, a batch of states at once. Changed
-cases, for hill climbing, differ from others in a few numbers.
+A `StructuralVariant` of a scene class is a number of links and a set of optional terms; for random
+scene classes a `TopologyVariant` takes its place. A family is a distribution of numbers: the
+ordinary ranges, or a hostile one (magnitudes of 16 decades, numbers next to special ones, extreme
+speeds). Velocities are projected onto the constraints, a batch of states at once. Mutated cases,
+for hill climbing, differ from their parents in a few numbers.
 
 Numbers come from NumPy's generator, so that a seed draws the same on any machine.
 """
@@ -42,64 +42,70 @@ FuzzCase = tuple[Scene, State]
 
 ORDINARY, WIDE, SPECIAL, FAST = "ordinary", "wide", "special", "fast"
 FAMILIES = ORDINARY, WIDE, SPECIAL, FAST
-"""What a case is drawn from: the ranges of its kind; magnitudes of 16 decades; numbers at or next
-to 0, ±π/2 and each other; speeds of 300 decades and angles of many turns."""
+"""Distributions of cases: the ranges of the scene class; magnitudes of 16 decades; numbers at or
+next to 0, ±π/2 and each other; speeds of 300 decades and angles of many turns."""
 
 DECADES = 8.0
-"""Magnitudes of `WIDE` parameters go from 10^-8 to 10^8."""
+"""Decades of `WIDE` parameters: their magnitudes go from 10^-8 to 10^8."""
 SPEEDS = 150.0
-"""Components of `FAST` velocities go from 10^-150 to 10^150."""
+"""Decades of `FAST` velocities: their components go from 10^-150 to 10^150."""
 FAR = 1e9
-"""Coordinates of `FAST` states, m or rad, at most."""
+"""Largest coordinate of a `FAST` state, m or rad."""
 
 
 # ---- Structures ----------------------------------------------------------------------------------
 
 MOST_STRUCTURES = 16
-"""Structures of one number of links at most: with all optional parameters there, or not."""
+"""Largest number of variants with one number of links; each optional parameter is present or
+absent."""
 
 
 class StructuralVariant(NamedTuple):
-    """A structure: what decides which terms there are, and of which size."""
+    """A structural variant: number of links and absent parameters fix all terms and their sizes."""
 
     links: int | None
     absent: tuple[str, ...]
 
     @property
     def name(self) -> str:
-        """What reports call it."""
+        """Name of the variant in reports."""
         size = "" if self.links is None else f"{self.links} links"
         without = f"without {', '.join(self.absent)}" if self.absent else ""
         return ", ".join(part for part in (size, without) if part) or "all terms"
 
 
 def structural_variants(kind: type[Scene], links: Iterable[int]) -> list[StructuralVariant]:
-    """Return the structures of a kind of scene with numbers of links, if it has such."""
-    found: list[StructuralVariant] = []
+    """Return the structural variants of a scene class, for each number of links if it has links."""
+    variants: list[StructuralVariant] = []
     for count in links if kind.has_links else (None,):
         ranges = kind.ranges(count)
-        optional = [name for name, one in ranges.items() if one.optional and 0 not in one.shape]
-        for there in list(product((True, False), repeat=len(optional)))[:MOST_STRUCTURES]:
-            absent = (name for name, is_there in zip(optional, there, strict=True) if not is_there)
-            found.append(StructuralVariant(count, tuple(absent)))
-    return found
+        optional = [
+            name for name, entry in ranges.items() if entry.optional and 0 not in entry.shape
+        ]
+        for present in list(product((True, False), repeat=len(optional)))[:MOST_STRUCTURES]:
+            absent = (
+                name for name, is_present in zip(optional, present, strict=True) if not is_present
+            )
+            variants.append(StructuralVariant(count, tuple(absent)))
+    return variants
 
 
 # ---- Structures of random scene classes ----------------------------------------------------------
 
 MOST_TOPOLOGIES = 100
-"""Structures that are tried until one fits together."""
+"""Topologies tried until one can be assembled."""
 
 TOGETHER = ("mass",), ("moments", "products"), ("stiffness",), ("damping",), ("armature",)
-"""Parameters that are of all magnitudes in `WIDE` cases; those of a group by one factor a body."""
+"""Groups of parameters with magnitudes of 16 decades in `WIDE` cases; one factor a body scales a
+group."""
 
 
 class TopologyVariant(NamedTuple):
-    """In which ways scenes of a random kind hang together; a stratum of theirs.
+    """A class of topologies of random scenes: number of links and levels of design factors.
 
     Attributes:
-        links: their number, the ground not counted.
-        ways: names of properties, and of each the way.
+        links: number of links, the ground not counted.
+        ways: (factor, level) pairs that the topologies have in common.
     """
 
     links: int
@@ -107,35 +113,36 @@ class TopologyVariant(NamedTuple):
 
     @property
     def name(self) -> str:
-        """What reports call it."""
+        """Name of the variant in reports."""
         return ", ".join([f"{self.links} links", *(way for _, way in self.ways)])
 
 
 def variants_of(kind: type[Scene], links: Iterable[int]) -> list[Any]:
-    """Return the strata of a kind of scene; of a random one they are topologies.
+    """Return the variants of a scene class: structural ones, or topologies for a random class.
 
-    Trees are told apart by the space and the joint at the root, mechanisms by their constraint.
+    Topologies of trees differ by the space and the joint at the root, those of mechanisms by their
+    constraint.
     """
     if not issubclass(kind, RandomScene):
         return list(structural_variants(kind, links))
-    found: dict[TopologyVariant, None] = {}
+    variants: dict[TopologyVariant, None] = {}
     for count in links:
         for entry in kind.topologies(count):
             if CONSTRAINTS in entry:
-                each = [((CONSTRAINTS, way),) for way in entry[CONSTRAINTS]]
+                levels = [((CONSTRAINTS, way),) for way in entry[CONSTRAINTS]]
             else:
-                each = [((SPACE, entry[SPACE][0]), (ROOT, entry[ROOT][0]))]
-            found |= dict.fromkeys(TopologyVariant(count, ways) for ways in each)
-    return list(found)
+                levels = [((SPACE, entry[SPACE][0]), (ROOT, entry[ROOT][0]))]
+            variants |= dict.fromkeys(TopologyVariant(count, ways) for ways in levels)
+    return list(variants)
 
 
 def draw_structure_kind(
     kind: type[Scene], stratum: StructuralVariant | TopologyVariant, random: np.random.Generator
 ) -> type[Scene]:
-    """Return a kind whose scenes are of one structure of a stratum; itself where there is one.
+    """Return a scene class of one topology drawn from a variant; `kind` itself if not random.
 
     Raises:
-        InputError: none of those that were tried fits together.
+        InputError: none of the topologies tried can be assembled.
     """
     if isinstance(stratum, StructuralVariant):
         return kind
@@ -159,7 +166,7 @@ def draw_structure_kind(
 def varied(scene: Any, family: str, random: np.random.Generator) -> Any:
     """Return a scene of the same structure: itself, or with inertias and springs of any magnitude.
 
-    Geometry stays, for others might not close.
+    Geometry is kept, since loops of another geometry might not close.
     """
     if family != WIDE:
         return scene
@@ -184,10 +191,10 @@ ACROSS = math.pi / 2
 def draw_scene_of(
     kind: type[Scene], stratum: StructuralVariant, family: str, random: np.random.Generator
 ) -> Scene:
-    """Return a scene of a structure.
+    """Return a random scene of a structural variant.
 
     Raises:
-        InputError: there is no such scene: other numbers are to be drawn.
+        InputError: the numbers drawn make no scene; draw again.
     """
     return kind(
         **{
@@ -229,14 +236,14 @@ def special_number(random: np.random.Generator, others: Any) -> float:
 
 
 def _among(random: np.random.Generator, others: Any) -> tuple[float, ...]:
-    """Return what special angles are next to."""
+    """Return the special numbers: 0, ±π/2, an entry of `others` and a random angle, rad."""
     return 0.0, ACROSS, -ACROSS, float(np.ravel(others)[0]), random.uniform(-math.pi, math.pi)
 
 
 def distances(random: np.random.Generator, shape: tuple[int, ...]) -> Array:
-    """Return distances of one scale, some of them 0.
+    """Return signed distances of one common scale, some of them 0.
 
-    What needs several angles to be next to one another is rare if each is so for itself.
+    A common scale puts several angles next to one another at once; independent scales rarely do.
     """
     scale, shares = 10.0 ** random.uniform(-17, -1), 10.0 ** random.uniform(-3, 0, shape)
     return scale * shares * random.choice((0.0, 1.0, -1.0), shape)
@@ -245,18 +252,21 @@ def distances(random: np.random.Generator, shape: tuple[int, ...]) -> Array:
 # ---- Consistent velocities -----------------------------------------------------------------------
 
 SAFE = 1 / 4
-"""Share of what rounding allows that a velocity violates constraints by at most."""
+"""Share of the rounding bound that the constraint violation of a velocity may reach."""
 
 
 def consistent(
     scenes: Sequence[Scene], states: Sequence[State], velocities: Callable[[LaneEvaluation], Array]
 ) -> tuple[list[FuzzCase], list[int]]:
-    """Return cases with velocities that keep the constraints, and which they are of those given.
+    """Return cases with velocities projected onto the constraints, and their input indices.
 
     Args:
         scenes: scenes of one structure.
-        states: where they are; velocities do not matter.
-        velocities: wished for (L, n), by the evaluation at these states.
+        states: their states; velocities do not matter.
+        velocities: function of the evaluation at these states -> desired velocities (L, n).
+
+    Returns:
+        The cases whose velocity is finite and consistent, and the index of each in `scenes`.
     """
     if not scenes:
         return [], []
@@ -267,34 +277,36 @@ def consistent(
             if term is not None:
                 finite &= np.isfinite(term.data).reshape(-1, at.lanes).all(axis=0)
     if not finite.all():
-        kept = np.flatnonzero(finite).tolist()
-        picked = [scenes[i] for i in kept], [states[i] for i in kept]
+        finite_indices = np.flatnonzero(finite).tolist()
+        picked = [scenes[i] for i in finite_indices], [states[i] for i in finite_indices]
 
         def some(of: LaneEvaluation) -> Array:
-            return velocities(at)[kept]
+            return velocities(at)[finite_indices]
 
-        cases, places = consistent(*picked, some)
-        return cases, [kept[i] for i in places]
+        cases, indices = consistent(*picked, some)
+        return cases, [finite_indices[i] for i in indices]
     with np.errstate(all="ignore"):
         v = LaneArray(np.ascontiguousarray(velocities(at).T))
-        good: Any = np.isfinite(v.data).all(axis=0)
+        accepted: Any = np.isfinite(v.data).all(axis=0)
         if at.terms.a is not None:
-            v.data[:, ~good] = 0.0
+            v.data[:, ~accepted] = 0.0
             for _ in range(2):
                 v = v - least_squares(at.terms.a, _residual(at, v))
-            good &= _is_consistent(at, v)
-    cases, places = [], []
+            accepted &= _is_consistent(at, v)
+    cases, indices = [], []
     for i, (scene, state) in enumerate(zip(scenes, states, strict=True)):
-        here = v.data[:, i].copy()
-        if not good[i] and not (np.isfinite(here).all() and _mended(scene, state, here)):
+        velocity = v.data[:, i].copy()
+        if not accepted[i] and not (
+            np.isfinite(velocity).all() and _made_consistent(scene, state, velocity)
+        ):
             continue
-        cases.append((scene, State(state.q, here, state.t)))
-        places.append(i)
-    return cases, places
+        cases.append((scene, State(state.q, velocity, state.t)))
+        indices.append(i)
+    return cases, indices
 
 
 class _Stacked(NamedTuple):
-    """What of lanes velocities follow from, where terms were found state by state."""
+    """Stand-in for a `LaneEvaluation` whose terms were computed state by state and stacked."""
 
     q: Any
     lanes: int
@@ -302,7 +314,7 @@ class _Stacked(NamedTuple):
 
 
 def _terms_of(scenes: Sequence[Scene], states: Sequence[State]) -> Any:
-    """Return the evaluation in lanes, or of functions that no lanes can run what stands for it."""
+    """Return the batched evaluation, or a `_Stacked` of functions that cannot run in SIMD lanes."""
     at = LaneEvaluation(scenes, states)
     try:
         at.terms  # noqa: B018
@@ -312,21 +324,21 @@ def _terms_of(scenes: Sequence[Scene], states: Sequence[State]) -> Any:
 
 
 def _stacked_terms(scenes: Sequence[Scene], states: Sequence[State]) -> Any:
-    """Return a and b in lanes, found state by state: NaN where a function of the scene raises."""
-    found: list[Any] = []
+    """Return a and b of each state, stacked as lanes; NaN where a function of the scene raises."""
+    all_terms: list[Any] = []
     for scene, state in zip(scenes, states, strict=True):
         terms = None
-        with suppress(Exception):  # somebody's functions; `check` tells which
+        with suppress(Exception):  # user-supplied functions; `check` reports which
             terms = Evaluation(scene, *state).terms
-        found.append(terms)
-    whole = next((terms for terms in found if terms is not None), None)
+        all_terms.append(terms)
+    example = next((terms for terms in all_terms if terms is not None), None)
     parts: dict[str, Any] = {"a": None, "b": None}
     for name in parts:
-        like = None if whole is None else getattr(whole, name)
+        like = None if example is None else getattr(example, name)
         if like is not None:
-            lost = np.full(like.shape, np.nan)
-            each = [lost if terms is None else getattr(terms, name) for terms in found]
-            parts[name] = LaneArray(np.stack(each, axis=-1))
+            missing = np.full(like.shape, np.nan)
+            rows = [missing if terms is None else getattr(terms, name) for terms in all_terms]
+            parts[name] = LaneArray(np.stack(rows, axis=-1))
     return SimpleNamespace(**parts)
 
 
@@ -342,15 +354,15 @@ def _is_consistent(at: LaneEvaluation, v: LaneArray) -> Array:
     return (violation <= SAFE * allowed_error(1.0) * size.data).all(axis=0)
 
 
-def _mended(scene: Scene, state: State, v: Array) -> bool:
-    """Make v (n,) consistent in place, as the single path does; return whether it is."""
+def _made_consistent(scene: Scene, state: State, v: Array) -> bool:
+    """Make v (n,) consistent in place, as `check_state` does; return whether that succeeds."""
     try:
         with np.errstate(all="ignore"):
-            found = consistent_velocity(Evaluation(scene, state.q, v, state.t), v)
-            check_consistent(Evaluation(scene, state.q, found, state.t))
+            projected = consistent_velocity(Evaluation(scene, state.q, v, state.t), v)
+            check_consistent(Evaluation(scene, state.q, projected, state.t))
     except (EomcheckError, RefusedError, np.linalg.LinAlgError):
         return False
-    v[:] = found
+    v[:] = projected
     return True
 
 
@@ -360,10 +372,10 @@ def _mended(scene: Scene, state: State, v: Array) -> bool:
 def draw_position(
     scene: Scene, family: str, random: np.random.Generator
 ) -> tuple[Array, Array, float]:
-    """Return (q (n,), components of v (p,), t).
+    """Return a random position (q (n,), components of v (p,), t).
 
     Raises:
-        RefusedError: no position near what was drawn is closed.
+        RefusedError: no position near the drawn one closes the loops.
     """
     coordinates, heading, components, time = state_ranges(scene)
     q = np.array([random.uniform(one.low, one.high) for one in coordinates])
@@ -374,7 +386,7 @@ def draw_position(
         if family == SPECIAL and flags.any():
             near = 10.0 ** random.uniform(-16, -1, q.shape) * random.integers(0, 2, q.shape)
             near = near if random.random() < 0.5 else distances(random, q.shape)
-            # About 0 there is room for differences that are far below rounding of other angles.
+            # About 0, differences far below the rounding of other angles are representable.
             q = np.where(flags, random.choice((0.0, turn)) + near, q)
         if family == FAST and random.random() < 0.5:
             q = random.uniform(-FAR, FAR, q.shape)
@@ -394,7 +406,7 @@ def draw_cases(
     count: int,
     random: np.random.Generator,
 ) -> tuple[list[FuzzCase], list[str]]:
-    """Return up to `count` cases of a structure and the family of each, evenly of all families."""
+    """Return up to `count` cases of a variant and the family of each; families take turns."""
     return draw_cases_with(
         lambda family: draw_scene_of(kind, stratum, family, random), families, count, random
     )
@@ -406,9 +418,9 @@ def draw_cases_with(
     count: int,
     random: np.random.Generator,
 ) -> tuple[list[FuzzCase], list[str]]:
-    """Return cases as `draw_cases` does, of scenes that `make` makes of the name of a family.
+    """Return cases as `draw_cases` does, with scenes from `make(family)`.
 
-    None where none of the first `ATTEMPTS` could be closed.
+    No case is returned if none of the first `ATTEMPTS` positions closes.
     """
     scenes, states, of = [], [], []
     components = []
@@ -440,11 +452,11 @@ def draw_cases_with(
 # ---- Changed cases -------------------------------------------------------------------------------
 
 MOST_CHANGES = 3
-"""Parts of a case that are changed at once, at most."""
+"""Largest number of parts of a case that one mutation changes."""
 
 
 Changed = tuple[Scene, Array, Array]
-"""A scene, coordinates (n,) and velocities (n,) wished for."""
+"""A mutated case before projection: scene, desired coordinates (n,) and velocities (n,)."""
 
 
 def mutated(
@@ -452,14 +464,17 @@ def mutated(
     random: np.random.Generator,
     clamp: Callable[[Changed], Changed] = lambda one: one,
 ) -> tuple[list[FuzzCase], list[int]]:
-    """Return cases near the first of each pair, all of one structure, and which they are.
+    """Return mutations of the first case of each pair, and the indices of their pairs.
 
     Args:
-        parents: pairs of cases: what is changed, and what numbers are taken from.
-        random: of the draws.
-        clamp: returns what is to be looked at in place of what came of a change.
+        parents: pairs of cases, all of one structure: the case to mutate, and a donor of numbers.
+        random: source of the draws.
+        clamp: maps a mutated case to the one to use, such as into the ordinary ranges.
+
+    Returns:
+        The cases that could be assembled, and the index in `parents` of each.
     """
-    scenes, states, wished, places = [], [], [], []
+    scenes, states, velocities, indices = [], [], [], []
     for i, (case, other) in enumerate(parents):
         try:
             scene, q, v = clamp(_changed(case, other, random))
@@ -468,19 +483,19 @@ def mutated(
             continue  # no such scene, or no such position
         scenes.append(scene)
         states.append(State(q, np.zeros(scene.n), case[1].t))
-        wished.append(v)
-        places.append(i)
-    cases, kept = consistent(scenes, states, lambda _: np.array(wished))
-    return cases, [places[i] for i in kept]
+        velocities.append(v)
+        indices.append(i)
+    cases, kept = consistent(scenes, states, lambda _: np.array(velocities))
+    return cases, [indices[i] for i in kept]
 
 
 def _changed(case: FuzzCase, other: FuzzCase, random: np.random.Generator) -> Changed:
     scene, (q, v, _) = case
     ranges = type(scene).ranges(getattr(scene, "links", None) if scene.has_links else None)
     values = {name: getattr(scene, name) for name in ranges}
-    there = [name for name, x in values.items() if x is not None and np.size(x)]
-    # State and velocity as often as all parameters: which of them matter depends on the claim.
-    parts = [*there, *["q", "v"] * max(1, len(there) // 3)]
+    present = [name for name, x in values.items() if x is not None and np.size(x)]
+    # q and v as often as all parameters together: which of them matter depends on the claim.
+    parts = [*present, *["q", "v"] * max(1, len(present) // 3)]
     for _ in range(int(random.integers(1, MOST_CHANGES + 1))):
         name = parts[random.integers(len(parts))]
         if name == "q":
@@ -494,7 +509,7 @@ def _changed(case: FuzzCase, other: FuzzCase, random: np.random.Generator) -> Ch
 
 
 def changed_entries(x: Array, other: Array, random: np.random.Generator) -> Array:
-    """Return x with entries changed, in one of several ways."""
+    """Return x with some entries changed, by one of ten mutations drawn at random."""
     shape = np.shape(x)
     x = np.array(x, dtype=np.float64).ravel()
     other = np.ravel(other)
@@ -515,10 +530,10 @@ def changed_entries(x: Array, other: Array, random: np.random.Generator) -> Arra
             x = np.where(random.random(x.size) < 0.5, x, other)
         case 6:
             x[i] = -x[i]
-        case 7:  # all of them next to one, on either side
+        case 7:  # all entries next to one number, on either side
             one = random.choice([x[i], 0.0, ACROSS]) * random.choice((1.0, 1.0, -1.0), x.size)
             x = one + random.integers(0, 2, x.size) * random.normal(size=x.size) * size
-        case 8:  # what is between them, or what they are, to a smaller scale
+        case 8:  # their differences, or the entries themselves, scaled down
             x = x[i] * random.integers(0, 2) + (x - x[i]) * size
         case _:
             x *= 10.0 ** random.normal(0, 2)
