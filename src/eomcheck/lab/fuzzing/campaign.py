@@ -2,11 +2,11 @@
 
 `CampaignPlan` is the contract of a campaign's task, whether it checks states, functions or motions;
 it turns a `Round` into a `RoundResult`. A `Population` holds the cases with the highest scores
-(observed / allowed) of each claim and formulation, from which the next rounds climb.
+(observed / allowed) of each claim and formulation, the starts of hill climbing in the next rounds.
 
-Rounds come in generations, one round a structure. A round climbs from the population of its
-structure in earlier generations, so that the number and order of workers make no difference. Only
-where a campaign ends depends on the time.
+Rounds come in generations, one round a structural variant. A round climbs from the population of
+its variant in earlier generations, so that the number and order of workers make no difference. Only
+the end of a campaign depends on the time.
 """
 
 from __future__ import annotations
@@ -42,20 +42,20 @@ from eomcheck.safe_output import counted
 # ---- Tasks and rounds ----------------------------------------------------------------------------
 
 CASES_PER_KEY = 6
-"""Cases kept of each claim and formulation, to climb from."""
+"""Cases in the population of each claim and formulation, as starts of hill climbing."""
 
 
 class CampaignPlan(Protocol):
-    """What all rounds of a campaign have in common, whatever they look at."""
+    """The settings and the task that all rounds of a campaign share."""
 
     @property
     def noun(self) -> str:
-        """What is looked at, as reports count it: "state"."""
+        """Unit that reports count: "state" or "motion"."""
         ...
 
     @property
     def kind(self) -> Any:
-        """The kind of scene."""
+        """The scene class, or the functions."""
         ...
 
     @property
@@ -65,44 +65,45 @@ class CampaignPlan(Protocol):
 
     @property
     def max_states(self) -> int:
-        """States that a round looks at, at most."""
+        """Largest number of states that a round checks."""
         ...
 
     @property
     def settings(self) -> dict[str, Any]:
-        """What decides what rounds come to, plain."""
+        """The settings that determine the results of rounds, as plain data."""
         ...
 
     def run(self, round_: Round) -> RoundResult:
-        """Return what a round comes to, the same wherever it is run."""
+        """Return the result of a round, the same in any process."""
         ...
 
     def record_failure(
         self, failed: Finding, name: str, known: Sequence[FailureRecord] | None = None
     ) -> FailureRecord:
-        """Return a failure ready to be kept.
+        """Return the record of a failed finding.
 
         Args:
             failed: the failure.
-            name: of what is looked at.
-            known: finds, at which it is looked for before it is made small; as it is with None.
+            name: name of the scene class or the functions.
+            known: failures recorded before: if the claim fails for the same cause at one of them,
+                that one is taken in place of shrinking. None: `failed` is recorded unshrunk.
         """
         ...
 
 
 class ScoredCase(NamedTuple):
-    """A case to climb from, and how high it is."""
+    """A start of hill climbing and its score, observed / allowed."""
 
     score: float
     case: FuzzCase
 
 
 Population = dict[Key, list[ScoredCase]]
-"""By claim and formulation, the highest cases, highest first."""
+"""(claim, formulation) -> the cases with the highest scores, the highest first."""
 
 
 class Round(NamedTuple):
-    """What is to be done: a number, which with the seed decides all draws, and where to start."""
+    """A round to run: its number, which with the seed determines all draws, and the starts."""
 
     number: int
     variant: StructuralVariant
@@ -110,25 +111,25 @@ class Round(NamedTuple):
 
     @property
     def structure(self) -> str:
-        """What messages call it."""
+        """Name of the round in messages."""
         return f"round {self.number}: {self.variant.name}"
 
 
 @dataclass
 class RoundResult:
-    """What a round came to.
+    """The result of a round.
 
     Attributes:
-        number: of the round.
-        variant: its structure.
-        population: where to climb from next.
-        counts: states by family, and by how they were looked at; verdicts in lanes.
+        number: number of the round.
+        variant: its structural variant.
+        population: starts of the next hill climbing.
+        counts: number of states by family, and by kind of check; of verdicts in SIMD lanes.
         failed: findings that failed, by `eomcheck.check_state`.
-        not_batched: claims that lanes could not look at, and why.
-        undecided: claims and subjects of functions that were not decided at a state, and why.
-        entries: of claims and subjects of functions, which entries were resolved and hidden.
-        seconds: how long it took.
-        cpu_seconds: CPU time of it, less where it had to share its core.
+        not_batched: claim that could not be evaluated in batches -> reason.
+        undecided: claim and subject of functions that were not decided at a state -> reason.
+        entries: claim and subject of functions -> resolved and hidden entries.
+        seconds: elapsed time, s.
+        cpu_seconds: CPU time, s; less where the core was shared with other programs.
     """
 
     number: int
@@ -144,13 +145,13 @@ class RoundResult:
 
     @property
     def states(self) -> int:
-        """Number of states looked at."""
+        """Number of states checked."""
         return self.counts["states"]
 
 
 @contextmanager
 def record_time(result: RoundResult) -> Iterator[RoundResult]:
-    """Note how long a round takes."""
+    """Record the elapsed and CPU time of the block in a result."""
     start, cpu = time.perf_counter(), time.process_time()
     yield result
     result.seconds = time.perf_counter() - start
@@ -158,21 +159,19 @@ def record_time(result: RoundResult) -> Iterator[RoundResult]:
 
 
 def generator(plan: CampaignPlan, round_: Round) -> np.random.Generator:
-    """Return what a round draws from."""
+    """Return the random generator of a round."""
     return np.random.default_rng([abs(plan.seed), int(plan.seed < 0), round_.number])
 
 
 def update_population(
     population: Population, scores: dict[Key, Array], cases: Sequence[Any]
 ) -> None:
-    """Take the highest cases into a population, by their heights (L,); of a key `CASES_PER_KEY`
-    are left.
-    """
-    for key, heights in scores.items():
+    """Add the cases with the highest scores (L,) to a population, `CASES_PER_KEY` a key at most."""
+    for key, key_scores in scores.items():
         best = population.setdefault(key, [])
-        for i in np.argsort(-heights, kind="stable")[:CASES_PER_KEY]:
-            if heights[i] > 0:
-                best.append(ScoredCase(float(heights[i]), cases[i]))
+        for i in np.argsort(-key_scores, kind="stable")[:CASES_PER_KEY]:
+            if key_scores[i] > 0:
+                best.append(ScoredCase(float(key_scores[i]), cases[i]))
         best.sort(key=lambda one: -one.score)
         del best[CASES_PER_KEY:]
         if not best:
@@ -182,33 +181,33 @@ def update_population(
 # ---- The campaign --------------------------------------------------------------------------------
 
 STUDY, POPULATION, FIND = "fuzz", "fuzz-population", "fuzz-find"
-"""Names that Records are read by."""
+"""Names of the studies under which Records are stored."""
 
 MOST_SHRUNK = 3
-"""Failures of one claim, subject and diagnosis that are made small; more tell nothing new."""
+"""Largest number of failures of one claim, subject and diagnosis that are shrunk."""
 
 
 @dataclass
 class Campaign:
-    """What was looked at so far, and what was found.
+    """A fuzzing campaign: the states checked and the failures found so far.
 
     Attributes:
-        plan: what rounds have in common.
-        name: what the kind of scene is found again by.
-        variants: the structures.
-        counts: of states, by how they were drawn and looked at, and of verdicts.
-        by_variant: number of states of each structure.
-        worst: by claim and formulation, the highest case.
-        failure_records: what fails, made small, by cause.
-        failure_counts: number of findings that failed, by claim, and what it is about and says is
-            wrong.
-        not_batched: claims that lanes could not look at, and why.
-        undecided: claims and subjects of functions that were not decided at a state, and why.
-        entries: of claims and subjects of functions, which entries were resolved and hidden.
-        seconds: time spent in rounds, added up over processes.
-        cpu_seconds: CPU time of it.
+        plan: the settings and the task that all rounds share.
+        name: name by which the scene class or the functions are looked up again.
+        variants: the structural variants.
+        records: file in which rounds are stored, and from which the campaign is resumed.
+        counts: number of states by family and kind of check, and of verdicts.
+        by_variant: number of states of each structural variant.
+        worst: (claim, formulation) -> the case with the highest score.
+        failure_records: cause -> the shrunk failure.
+        failure_counts: (claim, subject and diagnosis) -> number of findings that failed.
+        not_batched: claim that could not be evaluated in batches -> reason.
+        undecided: claim and subject of functions that were not decided at a state -> reason.
+        entries: claim and subject of functions -> resolved and hidden entries.
+        seconds: time spent in rounds, summed over processes, s.
+        cpu_seconds: CPU time spent in rounds, s.
         rounds: number of rounds done.
-        resumed: number of states that were looked at before.
+        resumed: number of states checked in earlier runs of the campaign.
     """
 
     plan: CampaignPlan
@@ -236,7 +235,7 @@ class Campaign:
 
     @property
     def states(self) -> int:
-        """Number of states looked at."""
+        """Number of states checked."""
         return self.counts["states"]
 
     def run(
@@ -246,12 +245,12 @@ class Campaign:
         executor: str | None = None,
         on_round: Callable[[Campaign], None] = lambda campaign: None,
     ) -> None:
-        """Go on until so many states were looked at in all, or the time is up.
+        """Run rounds until the number of states is reached, or the time is up.
 
         Args:
-            states: to be looked at at least, those of before included.
-            seconds: at most; the round in hand is finished.
-            executor: where rounds are run, see `eomcheck.lab.store.executors.executor`; None is
+            states: smallest number of states to check, those of earlier runs included.
+            seconds: time limit, s; the round in hand is finished.
+            executor: address of the workers, see `eomcheck.lab.store.executors.executor`; None for
                 this process.
             on_round: called after each round.
 
@@ -267,14 +266,14 @@ class Campaign:
             return late() or (states is not None and self.states >= states)
 
         while not over():
-            # With a number of states to reach, no worker begins a round that is not needed.
+            # With a number of states to reach, no worker starts a round that is not needed.
             left = None if states is None else -(-(states - self.states) // self.plan.max_states)
             for result in self._results(self._generation()[:left], executor, over):
                 self._take(result, late)
                 on_round(self)
                 if over():
                     break
-            # Of other structures, which are looked at next, there may be some.
+            # The next variants may yield states.
             if not self.states and (self.rounds >= len(self.variants) or over()):
                 raise InputError(
                     f"scene = {self.name}: no state could be drawn in "
@@ -295,7 +294,7 @@ class Campaign:
             yield result
 
     def _generation(self) -> list[Round]:
-        """Return the rounds of the first generation that is not done, those done left out."""
+        """Return the remaining rounds of the first generation that is not complete."""
         count, generation = len(self.variants), 0
         while all(generation * count + i in self._done for i in range(count)):
             generation += 1
@@ -307,7 +306,7 @@ class Campaign:
             if number not in self._done
         ]
 
-    # ---- What rounds found -----------------------------------------------------------------------
+    # ---- Results of rounds -----------------------------------------------------------------------
 
     def _take(self, result: RoundResult, late: Callable[[], bool]) -> None:
         self._done.add(result.number)
@@ -338,9 +337,9 @@ class Campaign:
             self.entries[about] = merged([*self.entries.get(about, ()), *each])
 
     def _found(self, failed: Finding, late: Callable[[], bool]) -> FailureRecord | None:
-        """Return the find that a failure is, made small; None if one of this cause is known.
+        """Return the record of a failure, shrunk; None if one of this cause is known.
 
-        When the time is up it is kept as it is: of a wrong scene everything fails.
+        When the time is up it is recorded unshrunk: in a wrong scene everything fails.
         """
         key = _kind_of(failed)
         self.failure_counts[key] += 1
@@ -358,34 +357,32 @@ class Campaign:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """What decides everything but where the campaign ends."""
+        """The settings that determine the campaign except for its end."""
         strata = [one.name for one in self.variants]
         return {"scene": self.name, "strata": strata} | self.plan.settings
 
     def _keep(self, records: Records, result: RoundResult, new: Sequence[FailureRecord]) -> None:
-        here = self.settings
+        settings = self.settings
         for find in new:
-            told = here | {"cause": list(find.key)}
-            records.add(Record(FIND, told, "failed", series={"find": [vars(find)]}))
+            key = settings | {"cause": list(find.key)}
+            records.add(Record(FIND, key, "failed", series={"find": [vars(find)]}))
         best = [
             [*key, one.score, parameters_of(one.case[0]), *_plain(one.case[1])]
             for key, kept in result.population.items()
             for one in kept
         ]
-        of = here | {"stratum": result.variant.name}
-        records.add(Record(POPULATION, of, series={"best": best}))
-        heights = {
-            f"{claim} {f}".strip(): x[0].score for (claim, f), x in result.population.items()
-        }
-        of = of | {"round": result.number}
+        cell = settings | {"stratum": result.variant.name}
+        records.add(Record(POPULATION, cell, series={"best": best}))
+        scores = {f"{claim} {f}".strip(): x[0].score for (claim, f), x in result.population.items()}
+        cell = cell | {"round": result.number}
         failures = Counter(map(_kind_of, result.failed))
         record = Record(
             STUDY,
-            of,
+            cell,
             seconds=result.seconds,
             cpu_seconds=result.cpu_seconds,
             counts=dict(result.counts),
-            errors=heights,
+            errors=scores,
             series={
                 "failures": [[*key, count] for key, count in failures.items()],
                 "lost": [[*one] for one in result.not_batched.items()],
@@ -400,9 +397,9 @@ class Campaign:
         records.add(record)
 
     def _resume(self, records: Records) -> None:
-        here = self.settings
+        settings = self.settings
         by_name = {one.name: one for one in self.variants}
-        for record in records.all(STUDY, **here):
+        for record in records.all(STUDY, **settings):
             self._done.add(record.settings["round"])
             counts = Counter({current(name): n for name, n in record.counts.items()})
             times = record.seconds or 0.0, record.cpu_seconds or 0.0
@@ -414,23 +411,23 @@ class Campaign:
             for about, names, *flags in record.series.get("entries", ()):
                 resolved, hidden = map(bytes.fromhex, flags)
                 self._join({about: [Entries(tuple(map(tuple, names)), resolved, hidden)]})
-        for record in records.all(POPULATION, **here):
+        for record in records.all(POPULATION, **settings):
             population: Population = {}
-            for claim, f, height, parameters, q, v, t in record.series["best"]:
+            for claim, f, score, parameters, q, v, t in record.series["best"]:
                 case = fuzz_case(self.plan.kind, parameters, q, v, t)
-                population.setdefault((claim, f), []).append(ScoredCase(height, case))
+                population.setdefault((claim, f), []).append(ScoredCase(score, case))
             self._populations[by_name[record.settings["stratum"]]] = population
             self._raise(population)
-        for record in records.all(FIND, **here):
+        for record in records.all(FIND, **settings):
             find = FailureRecord(**record.series["find"][0])
             self.failure_records[find.key] = find
         self.resumed = self.states
 
 
 def _kind_of(failed: Finding) -> tuple[str, str]:
-    """Claim and cause of a failure, by which failures are counted: none hides behind another's."""
-    words, found = " ".join(cause_of(failed)), diagnosis_of(failed)
-    return failed.claim, f"{words}: {found}" if found else words
+    """Return claim and cause of a failure, by which failures are counted: none masks another."""
+    words, diagnosis = " ".join(cause_of(failed)), diagnosis_of(failed)
+    return failed.claim, f"{words}: {diagnosis}" if diagnosis else words
 
 
 def _plain(state: State) -> tuple[list[float], list[float], float]:

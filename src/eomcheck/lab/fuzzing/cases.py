@@ -297,7 +297,7 @@ def consistent(
     for i, (scene, state) in enumerate(zip(scenes, states, strict=True)):
         velocity = v.data[:, i].copy()
         if not accepted[i] and not (
-            np.isfinite(velocity).all() and _made_consistent(scene, state, velocity)
+            np.isfinite(velocity).all() and _mended(scene, state, velocity)
         ):
             continue
         cases.append((scene, State(state.q, velocity, state.t)))
@@ -354,7 +354,7 @@ def _is_consistent(at: LaneEvaluation, v: LaneArray) -> Array:
     return (violation <= SAFE * allowed_error(1.0) * size.data).all(axis=0)
 
 
-def _made_consistent(scene: Scene, state: State, v: Array) -> bool:
+def _mended(scene: Scene, state: State, v: Array) -> bool:
     """Make v (n,) consistent in place, as `check_state` does; return whether that succeeds."""
     try:
         with np.errstate(all="ignore"):

@@ -1,9 +1,9 @@
 """Failing cases, shrunk, deduplicated by cause and stored for replay.
 
-A `FailureRecord` is a state at which a claim fails, as plain data: the scene's parameters, or the
-description of a random scene; the state; the claim; and the part at fault. A file (the corpus)
-keeps one of each cause. A failure is shrunk by hypothesis, then each of its numbers is tried at 0,
-at 1 and with fewer digits.
+A `FailureRecord` is a counterexample, a state at which a claim fails, as plain data: the scene's
+parameters, or the description of a random scene; the state; the claim; and the part at fault. A
+file (the corpus) keeps one of each cause. A failure is shrunk by hypothesis, then each of its
+numbers is tried at 0, at 1 and with fewer digits.
 """
 
 from __future__ import annotations
@@ -51,35 +51,35 @@ from eomcheck.testing.equations_of_motion import EquationsOfMotion
 
 
 def plain_random(scene: RandomScene) -> dict[str, Any]:
-    """Return the description of a random scene as lists, and the parameters that were changed."""
-    usual: Any = type(scene)()
-    found: dict[str, Any] = {"description": _listed(scene.source.description)}
+    """Return the description of a random scene as lists, and its parameters that differ from it."""
+    unchanged: Any = type(scene)()
+    plain: dict[str, Any] = {"description": _listed(scene.source.description)}
     for name in settable(scene):
-        x, y = getattr(scene, name), getattr(usual, name)
+        x, y = getattr(scene, name), getattr(unchanged, name)
         if (x is None) != (y is None) or (x is not None and not np.array_equal(x, y)):
-            found[name] = None if x is None else np.asarray(x).tolist()
-    return found
+            plain[name] = None if x is None else np.asarray(x).tolist()
+    return plain
 
 
 def random_of(kind: type[RandomScene], plain: dict[str, Any]) -> RandomScene:
-    """Return the scene that `plain_random` wrote down.
+    """Return the random scene of a description as `plain_random` returns it.
 
     Raises:
-        InputError: it is no description.
+        InputError: `plain` holds no description.
     """
-    given = dict(plain)
+    parameters = dict(plain)
     try:
-        links, joints, constraints, gravity, first, pose = _tupled(given.pop("description"))
+        links, joints, constraints, gravity, first, pose = _tupled(parameters.pop("description"))
         description = RandomDescription(
-            tuple(Link(*one) for one in links),
-            tuple(Joint(*one) for one in joints),
-            tuple(Constraint(*one) for one in constraints),
+            tuple(Link(*entry) for entry in links),
+            tuple(Joint(*entry) for entry in joints),
+            tuple(Constraint(*entry) for entry in constraints),
             *(gravity, first, pose),
         )
     except (TypeError, ValueError, KeyError) as error:
         raise InputError(f"no description of a random scene: {error}") from None
     scene = kind.of_description(description)()
-    return scene.changed(**given) if given else scene
+    return scene.changed(**parameters) if parameters else scene
 
 
 def _listed(x: Any) -> Any:
@@ -95,7 +95,7 @@ def _tupled(x: Any) -> Any:
 def fuzz_case(
     kind: Any, parameters: dict[str, Any], q: Sequence[float], v: Sequence[float], t: float
 ) -> FuzzCase:
-    """Return the scene that `parameters_of` is of, or functions, in a state.
+    """Return a case: functions, or a scene of parameters as `parameters_of` returns, in a state.
 
     Raises:
         InputError: the scene has no such parameters or refuses them, or it has no such state.
@@ -108,7 +108,7 @@ def fuzz_case(
     else:
         try:
             scene = kind(**parameters)
-        except TypeError as error:  # another name, or one too few
+        except TypeError as error:  # an unknown name, or one too few
             raise InputError(
                 f"{kind.key} of {', '.join(parameters)}: {message_of(error)}"
             ) from None
@@ -118,8 +118,7 @@ def fuzz_case(
 
 @lru_cache(16)
 def functions_named(name: str) -> EquationsOfMotion | None:
-    """Return the `eomcheck.testing.EquationsOfMotion` that a name stands for, None if it is a
-    scene's.
+    """Return the `eomcheck.testing.EquationsOfMotion` of a name; None for the name of a scene.
 
     Args:
         name: path/to/file.py:NAME or package.module:NAME.
@@ -127,14 +126,14 @@ def functions_named(name: str) -> EquationsOfMotion | None:
     Raises:
         InputError: no such file or module, or it cannot be run.
     """
-    found = None if is_robot(name) else object_named(name)
-    return found if isinstance(found, EquationsOfMotion) else None
+    functions = None if is_robot(name) else object_named(name)
+    return functions if isinstance(functions, EquationsOfMotion) else None
 
 
 def parameters_of(scene: Any) -> dict[str, Any]:
-    """Return what makes a scene again, plain; functions need nothing.
+    """Return the arguments that rebuild a scene, as plain data; none for functions.
 
-    Of a random one that is its description, and what of it was changed.
+    For a random scene these are its description and the parameters that differ from it.
     """
     if isinstance(scene, RandomScene):
         return plain_random(scene)
@@ -142,7 +141,7 @@ def parameters_of(scene: Any) -> dict[str, Any]:
 
 
 def sampled_parameters(scene: Any) -> dict[str, Any]:
-    """Return the arguments of a scene that are drawn, by name, plain; functions have none."""
+    """Return the random arguments of a scene by name, as plain data; functions have none."""
     if isinstance(scene, EquationsOfMotion):
         return {}
     links = getattr(scene, "links", None) if scene.has_links else None
@@ -153,28 +152,28 @@ def sampled_parameters(scene: Any) -> dict[str, Any]:
 # ---- Failures ------------------------------------------------------------------------------------
 
 FUNCTIONS = "functions"
-"""Whose fault what fails of somebody's functions is."""
+"""Part at fault of failures of user-supplied functions."""
 
 
 @dataclass(frozen=True)
 class FailureRecord:
-    """A state at which a claim fails, ready to be kept.
+    """A counterexample in plain data: a state at which a claim fails.
 
     Attributes:
-        scene: key of the kind of scene, or where it is found: path/to/file.py:Class.
-        parameters: its arguments.
+        scene: key of the scene class, or its location: path/to/file.py:Class.
+        parameters: arguments of the scene class.
         q: coordinates (n,).
         v: velocities (n,).
         t: time, s.
         claim: id of the claim; "" stands for all of them.
-        subject: what it is about.
+        subject: subject of the finding, such as formulations or an engine.
         observed: the error.
-        allowed: what rounding explains.
-        whose: whose fault it is, see `eomcheck.lab.fuzzing.triage`.
-        evidence: how that is known.
-        detail: what the finding says is wrong.
-        why: a sentence by whoever mended it.
-        t_end: where a motion from this state ends, s; 0 where it is about the state alone.
+        allowed: the error that rounding explains.
+        whose: the part at fault, see `eomcheck.lab.fuzzing.triage`.
+        evidence: evidence that this part is at fault.
+        detail: the finding's description of the error.
+        why: a sentence by the author of the fix.
+        t_end: end of a motion from this state, s; 0 for a failure of the state alone.
     """
 
     scene: str
@@ -194,7 +193,7 @@ class FailureRecord:
 
     @property
     def key(self) -> tuple[str, ...]:
-        """What tells causes apart: scene, claim, formulations, fault, and what is wrong."""
+        """Key of the cause: scene, claim, formulations, part at fault, and diagnosis."""
         return self.scene, self.claim, " ".join(cause_of(self)), self.whose, diagnosis_of(self)
 
     @property
@@ -210,7 +209,7 @@ class FailureRecord:
 
     @property
     def python(self) -> str:
-        """Python code that shows it again."""
+        """Python code that reproduces the failure."""
         if self.t_end:
             return python_of_motion(*self.case, self.t_end, self.subject)
         return reproducer_code(*self.case)
@@ -221,7 +220,7 @@ class FailureRecord:
 
 
 def cause_of(one: FailureRecord | Finding) -> list[str]:
-    """Return the words of a subject that tell causes apart: formulations, or the engine alone."""
+    """Return the words of a subject that identify a cause: formulations, or the engine alone."""
     words = one.subject.replace("~", " ").replace(":", " ").split()
     if one.claim in CLAIMS and CLAIMS[one.claim].asks:
         words = [word for word in words if word not in FORMULATIONS]
@@ -229,19 +228,19 @@ def cause_of(one: FailureRecord | Finding) -> list[str]:
 
 
 def diagnosis_of(one: FailureRecord | Finding) -> str:
-    """Diagnosis in a detail that tells causes apart; "" if none, or if it holds numbers."""
-    found = one.detail.rpartition(": ")[2] if ": " in one.detail else ""
-    found = found.removesuffix(EVERY_ROW)  # in all that do not vanish in this state
-    return "" if any(c.isdigit() for c in found) else found
+    """Return the diagnosis in a detail, which identifies a cause; "" if none or with numbers in it."""
+    diagnosis = one.detail.rpartition(": ")[2] if ": " in one.detail else ""
+    diagnosis = diagnosis.removesuffix(EVERY_ROW)  # every row that does not vanish in this state
+    return "" if any(c.isdigit() for c in diagnosis) else diagnosis
 
 
 def failure_record(finding: Finding, name: str, fault: Diagnosis | None = None) -> FailureRecord:
-    """Return what to keep of a failure.
+    """Return the record of a failed finding.
 
     Args:
         finding: the failure.
-        name: of the kind of scene.
-        fault: whose fault it is, by default what `diagnose_failure` says.
+        name: name of the scene class.
+        fault: the part at fault, by default the result of `diagnose_failure`.
     """
     scene, state = finding.scene, finding.state
     assert state is not None
@@ -264,7 +263,7 @@ def failure_record(finding: Finding, name: str, fault: Diagnosis | None = None) 
 
 
 def lookup_name(kind: type[Scene], asked: str) -> str:
-    """Return the name under which a kind of scene is found again: its key, or what was asked."""
+    """Return the name by which a scene class is looked up again: its key, or else `asked`."""
     return kind.key if SCENES.get(kind.key) is kind else asked
 
 
@@ -272,10 +271,10 @@ def lookup_name(kind: type[Scene], asked: str) -> str:
 
 
 def read_failures(path: Path) -> list[FailureRecord]:
-    """Return the finds in a file.
+    """Return the failures in a corpus file; none if there is no such file.
 
     Raises:
-        InputError: it cannot be read, or holds something else.
+        InputError: the file cannot be read, or holds something else.
     """
     if not path.exists():
         return []
@@ -289,11 +288,11 @@ def read_failures(path: Path) -> list[FailureRecord]:
 
 
 KINDS = {"float": (int, float), "str": str, "dict[str, Any]": dict, "list[float]": list}
-"""Annotation of a field of `FailureRecord` -> what it may be in JSON."""
+"""Annotation of a field of `FailureRecord` -> its types in JSON."""
 
 
 def _read(one: Any) -> FailureRecord:
-    """A failure of its row.
+    """Return the failure of a row of JSON.
 
     Raises:
         TypeError, ValueError: a field is missing, unknown, of another type, or not finite.
@@ -317,37 +316,37 @@ def _read(one: Any) -> FailureRecord:
 
 
 def write_failures(path: Path, finds: Iterable[FailureRecord]) -> None:
-    """Write finds into a file, those of one cause once."""
-    kept = [
-        {k: x for k, x in asdict(one).items() if x != "" and not (k == "t_end" and x == 0.0)}
-        for one in first_of_each_cause(finds)
+    """Write failures into a file, the first of each cause."""
+    rows = [
+        {k: x for k, x in asdict(find).items() if x != "" and not (k == "t_end" and x == 0.0)}
+        for find in first_of_each_cause(finds)
     ]
-    write_text(path, "[\n" + ",\n".join(json.dumps(one) for one in kept) + "\n]\n")
+    write_text(path, "[\n" + ",\n".join(json.dumps(find) for find in rows) + "\n]\n")
 
 
 def add_failures(path: Path, finds: Iterable[FailureRecord]) -> None:
-    """Add finds to those in a file; two processes that do so at once lose none.
+    """Add failures to those in a file; concurrent processes lose none.
 
     Raises:
         InputError: the file cannot be read.
-        UnwrittenError: it cannot be written.
+        UnwrittenError: the file cannot be written.
     """
     with locked(path):
         write_failures(path, [*read_failures(path), *finds])
 
 
 def first_of_each_cause(finds: Iterable[FailureRecord]) -> list[FailureRecord]:
-    """Return the first find of each cause."""
-    found: dict[Any, FailureRecord] = {}
+    """Return the first failure of each cause."""
+    first: dict[Any, FailureRecord] = {}
     for i, one in enumerate(finds):
-        found.setdefault(one.key if one.claim else i, one)
-    return list(found.values())
+        first.setdefault(one.key if one.claim else i, one)
+    return list(first.values())
 
 
 # ---- Rounder numbers -----------------------------------------------------------------------------
 
 MOST_TRIES = 150
-"""States looked at while numbers are made round."""
+"""Largest number of states checked while numbers are rounded."""
 
 F = TypeVar("F", bound=Finding)
 
@@ -360,7 +359,7 @@ def simplify_numbers(
     Args:
         finding: the failure.
         check: returns the failures of its claim at another case.
-        most: other cases that are looked at, at most.
+        most: largest number of other cases to check.
     """
     tries = 0
     for digits in (0, 1, 2, 4, 8):
@@ -368,8 +367,8 @@ def simplify_numbers(
             for i in range(part.size):
                 scene, state = finding.scene, finding.state
                 assert state is not None
-                here = _parts(finding)
-                same = next(one for one in here if one.name == part.name)
+                parts = _parts(finding)
+                same = next(one for one in parts if one.name == part.name)
                 x = float(same.values[i])
                 for y in _rounder(x, digits):
                     if y == x or tries >= most:
@@ -398,16 +397,16 @@ class _Part:
 def _parts(finding: Finding) -> list[_Part]:
     scene, state = finding.scene, finding.state
     assert state is not None
-    found = [
+    parts = [
         _Part(name, np.ravel(x)) for name, x in sampled_parameters(scene).items() if x is not None
     ]
-    return [*found, _Part("q", state.q), _Part("v", state.v)]
+    return [*parts, _Part("q", state.q), _Part("v", state.v)]
 
 
 def _tried(
-    finding: F, part: _Part, i: int, y: float, look: Callable[[FuzzCase], Sequence[F]]
+    finding: F, part: _Part, i: int, y: float, check: Callable[[FuzzCase], Sequence[F]]
 ) -> F | None:
-    """Return the failure with one number replaced, None where it does not fail there."""
+    """Return the failure with one number replaced, None where the claim does not fail there."""
     scene, state = finding.scene, finding.state
     assert state is not None
     values = part.values.copy()
@@ -416,17 +415,17 @@ def _tried(
         if part.name in ("q", "v"):
             state = state._replace(**{part.name: values})
         else:
-            given = sampled_parameters(scene)
-            given[part.name] = values.reshape(np.shape(given[part.name])).tolist()
-            scene = type(scene)(**given)
+            parameters = sampled_parameters(scene)
+            parameters[part.name] = values.reshape(np.shape(parameters[part.name])).tolist()
+            scene = type(scene)(**parameters)
         if isinstance(scene, Scene):
             with np.errstate(all="ignore"):
                 at = Evaluation(scene, *state)
                 state = state._replace(v=consistent_velocity(at, state.v))
-        found = look((scene, state))
+        failures = check((scene, state))
     except (EomcheckError, np.linalg.LinAlgError):
         return None
-    return next((one for one in found if one.subject == finding.subject), None)
+    return next((one for one in failures if one.subject == finding.subject), None)
 
 
 # ---- Shrinking -----------------------------------------------------------------------------------
@@ -435,8 +434,8 @@ def _tried(
 def shrink(finding: Finding, formulations: Sequence[str], seed: int = 0) -> Finding:
     """Return a failure of the same claim about the same formulations, smaller and rounder.
 
-    Smaller ones are looked for by hypothesis, then each number is tried at 0, at 1 and with fewer
-    digits. What an engine says is left as it is: each try would make the engine again.
+    Smaller cases are searched by hypothesis, then each number is tried at 0, at 1 and with fewer
+    digits. A failure of an engine is returned as it is: each try would construct the engine again.
     """
     scene = finding.scene
     assert isinstance(scene, Scene)
@@ -446,16 +445,16 @@ def shrink(finding: Finding, formulations: Sequence[str], seed: int = 0) -> Find
         smaller = smallest_failure(finding, no_larger(scene, links), selection, seed)
         finding = smaller if formulations_about(smaller) == formulations_about(finding) else finding
 
-        def look(case: FuzzCase) -> list[Finding]:
+        def check(case: FuzzCase) -> list[Finding]:
             return failed_findings(case, [finding.claim], formulations)
 
-        finding = simplify_numbers(finding, look)
+        finding = simplify_numbers(finding, check)
     return finding
 
 
 def alike(failed: Finding, case: FuzzCase, formulations: Sequence[str]) -> list[Finding]:
-    """Return the failures at another case of the same claim, and of the same cause."""
+    """Return the failures of the same claim and cause at another case."""
     if CLAIMS[failed.claim].asks:
         return []
-    found = failed_findings(case, [failed.claim], formulations)
-    return [one for one in found if cause_of(one) == cause_of(failed)]
+    failures = failed_findings(case, [failed.claim], formulations)
+    return [one for one in failures if cause_of(one) == cause_of(failed)]

@@ -1,4 +1,4 @@
-"""Replay of stored failures: failed, holds, inconclusive or not checked."""
+"""Replay of stored failures: each is checked again and fails, holds, or stays undecided."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ ReplayOutcome = Literal["failed", "holds", "inconclusive", "not checked"]
 
 
 class ReplayResult(NamedTuple):
-    """The outcome of a kept failure that is checked again.
+    """The outcome of a stored failure that is checked again.
 
     Attributes:
         find: the failure; where it still fails, with the error observed now.
         outcome: "failed"; "holds": its claim was decided for its subject and holds; "inconclusive":
             it was computed and could not be decided; "not checked": it could not be computed.
-        reason: why it was not decided, "" where it was.
+        reason: reason why it was not decided, "" where it was.
     """
 
     find: FailureRecord
@@ -44,10 +44,10 @@ def replay_failures(
     advance: Callable[[], None] = lambda: None,
     allowed: Collection[str] | None = None,
 ) -> list[ReplayResult]:
-    """Check kept failures again, in their order.
+    """Check stored failures again, in their order.
 
     Args:
-        finds: the failures.
+        finds: the stored failures.
         formulations: keys of the formulations that take part.
         advance: called after each.
         allowed: names of scenes whose code may be imported, see `runs_code`; None for all.
@@ -60,15 +60,15 @@ def replay_failures(
 
 
 def runs_code(name: str) -> tuple[str, str] | None:
-    """The file or module that a scene's name imports, and the name in it; None without an import.
+    """Return the file or module that a scene's name imports, and the name in it; None if none.
 
-    Two names of one file are equal here.
+    Files are resolved, so that two paths of one file are equal.
     """
     code = None if is_robot(name) else home_of_code(name)
     if code is None:
         return None
-    home, of = code
-    return (str(Path(home).resolve()) if home.endswith(".py") else home), of
+    home, attribute = code
+    return (str(Path(home).resolve()) if home.endswith(".py") else home), attribute
 
 
 def _replayed(
@@ -82,7 +82,7 @@ def _replayed(
         findings, wanted = _findings(one, formulations)
     except EomcheckError as error:
         return ReplayResult(one, "not checked", message_of(error))
-    except Exception as error:  # of code that the find names
+    except Exception as error:  # of the code that the failure names
         return ReplayResult(one, "not checked", f"raises {described_error(error)}")
     failed = [x for x in findings if x.verdict == "failed" and wanted(x)]
     if failed:
@@ -94,7 +94,7 @@ def _replayed(
 def _findings(
     one: FailureRecord, formulations: Sequence[str]
 ) -> tuple[Sequence[Finding], Callable[[Finding], bool]]:
-    """The findings about a kept failure's state, and which of them it fails by."""
+    """Return the findings at a stored failure's state, and the predicate of those it fails by."""
     scene, state = one.case
 
     def same(finding: Finding) -> bool:
@@ -108,12 +108,12 @@ def _findings(
         return findings_of_motion((scene, state), formulations, one.t_end), same
     claims = _claims(one, CLAIMS)
     engines = keys_in_subject(one.subject, ENGINES) if one.claim else ALWAYS
-    # Whatever fails of the claim counts: a fault may show in another subject now.
+    # Any failure of the claim counts: a fault may appear in another subject now.
     return check_case((scene, state), claims, formulations, engines), lambda finding: True
 
 
 def _sides(one: FailureRecord | Finding) -> list[str]:
-    """The sides of a subject such as "au ~ im", whichever comes first."""
+    """Return the sides of a subject such as "au ~ im", sorted."""
     return sorted(one.subject.split(" ~ "))
 
 
@@ -126,7 +126,7 @@ def _claims(one: FailureRecord, known: Collection[str]) -> list[str]:
 def _undecided(
     one: FailureRecord, findings: Sequence[Finding], formulations: Sequence[str]
 ) -> ReplayResult:
-    """The outcome where nothing fails: "holds" only where the very subject was decided."""
+    """Return the result where nothing fails: "holds" only where the same subject was decided."""
     about = [
         x
         for x in findings
@@ -139,7 +139,7 @@ def _undecided(
         )
         return ReplayResult(one, "not checked", why)
     by_verdict = {x.verdict: x for x in about}
-    # All claims at once: some are undecided in any state. One claim holds if all of it is decided.
+    # Of all claims some are undecided in any state. A single claim holds if all of it is decided.
     order: tuple[Verdict, ...] = "inconclusive", "passed", "skipped"
     if not one.claim:
         order = "passed", "inconclusive", "skipped"

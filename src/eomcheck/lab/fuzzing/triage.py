@@ -1,9 +1,9 @@
 """Triage of suspects: judged by `eomcheck.check_state` alone, and the part at fault diagnosed.
 
-The fault is a formulation's whose error exceeds its own bound (a silent error), the check's (a
-false alarm), an engine's, the scene's, or a refusal that should not be. Errors are measured against
-certified values in ball arithmetic; identities are tested in a finite field, where nothing is
-rounded.
+At fault is a formulation whose error exceeds its own bound (a silent error), the check (a false
+alarm), an engine, the scene, or a refusal that should not be. Errors are measured against certified
+values in ball arithmetic; identities are tested in a finite field (polynomial identity testing),
+where nothing is rounded.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ SILENT, ALARM, ENGINE, SCENE, REFUSAL, UNKNOWN = (
     "refusal",
     "not told",
 )
-"""Whose fault a find is: a formulation's, which is wrong within a small bound; the check's, which
-allows too little; an engine's; the scene's; or a refusal that should not be."""
+"""Parts at fault: a formulation, whose error exceeds its bound; the check, which allows too little
+(a false positive); an engine; the scene; a refusal that should not be; or not known."""
 
 
 class Diagnosis(NamedTuple):
-    """Whose fault a find is, and how that is known."""
+    """The part at fault of a failure, with the evidence."""
 
     at_fault: str
     evidence: str
@@ -51,8 +51,8 @@ def failed_findings(
     engines: Sequence[str | type[Engine]] = (),
 ) -> list[Finding]:
     """Return the findings of `eomcheck.check_state` at one state that failed."""
-    found = check_case(case, claims, formulations, engines)
-    return [one for one in found if one.verdict == "failed"]
+    findings = check_case(case, claims, formulations, engines)
+    return [one for one in findings if one.verdict == "failed"]
 
 
 def check_case(
@@ -63,23 +63,23 @@ def check_case(
 ) -> list[Finding]:
     """Return the findings of `eomcheck.check_state` at one state."""
     scene, (q, v, t) = case
-    able = [key for key in formulations if FORMULATIONS[key].applies_to(scene)]
-    here = {"formulations": able, "engines": list(engines), "claims": sorted(set(claims))}
-    return check_state(scene, q, v, t, consistent=False, **here)
+    applicable = [key for key in formulations if FORMULATIONS[key].applies_to(scene)]
+    options = {"formulations": applicable, "engines": list(engines), "claims": sorted(set(claims))}
+    return check_state(scene, q, v, t, consistent=False, **options)
 
 
 def diagnose_failure(finding: Finding) -> Diagnosis:
-    """Return whose fault a failure is.
+    """Return the part at fault of a failure.
 
-    Truth is enclosed for every formulation that the finding is about; identities are looked at in a
-    finite field, where nothing is rounded.
+    The true acceleration is enclosed in ball arithmetic for every formulation of the finding's
+    subject; identities are tested in a finite field, where nothing is rounded.
     """
     claim = CLAIMS[finding.claim]
     if finding.claim == "refusals":
         return Diagnosis(REFUSAL, finding.detail)
     scene, state = finding.scene, finding.state
     assert isinstance(scene, Scene) and state is not None
-    silent, told = [], []
+    silent, errors = [], []
     for key in formulations_about(finding) or tuple(FORMULATIONS):
         with suppress(EomcheckError, TypeError):
             answer = acceleration(scene, key, *state, consistent=False)
@@ -87,39 +87,39 @@ def diagnose_failure(finding: Finding) -> Diagnosis:
             error = largest(true_error(answer.vdot, truth))
             size = largest(truth.doubles())
             bound = max(answer.error_bound, UNDERFLOW)
-            said = f"{key}: true error {error:.2g} of {size:.2g}, bound {answer.error_bound:.2g}"
-            told.append(said)
+            summary = f"{key}: true error {error:.2g} of {size:.2g}, bound {answer.error_bound:.2g}"
+            errors.append(summary)
             if error > bound:
-                silent.append(f"{said}{', noticeable' if error > NOTICEABLE * size else ''}")
+                silent.append(f"{summary}{', noticeable' if error > NOTICEABLE * size else ''}")
     if silent:
         return Diagnosis(SILENT, f"enclosed: {'; '.join(silent)}")
-    tried = finding.engine is not None and is_under_test(finding.engine)
-    wrong = frozenset() if tried else unproved(scene)
+    under_test = finding.engine is not None and is_under_test(finding.engine)
+    wrong = frozenset() if under_test else unproved(scene)
     if wrong is None:
         return Diagnosis(UNKNOWN, "the scene's functions are not rational: nothing is proved")
     if claim.asks and not wrong:
-        why = "; ".join(told[:2]) or "no formulation answers"
+        why = "; ".join(errors[:2]) or "no formulation answers"
         return Diagnosis(
-            ENGINE, f"{'the engine on trial' if tried else 'an engine'}; enclosed: {why}"
+            ENGINE, f"{'the engine on trial' if under_test else 'an engine'}; enclosed: {why}"
         )
     if wrong:
         return Diagnosis(SCENE, f"not proved either: {', '.join(sorted(wrong))}")
-    return Diagnosis(ALARM, f"identities proved; enclosed: {'; '.join(told) or 'no formulation'}")
+    return Diagnosis(ALARM, f"identities proved; enclosed: {'; '.join(errors) or 'no formulation'}")
 
 
 def formulations_about(finding: Finding) -> tuple[str, ...]:
-    """Return the formulations that a finding is about."""
+    """Return the keys of formulations in the subject of a finding."""
     return keys_in_subject(finding.subject, FORMULATIONS)
 
 
 def keys_in_subject(subject: str, keys: Container[str]) -> tuple[str, ...]:
-    """Return those of `keys` that a subject names."""
+    """Return the keys among `keys` that a subject names, in its order."""
     words = subject.replace("~", " ").replace(",", " ").replace(":", " ").split()
     return tuple(word for word in words if word in keys)
 
 
 def unproved(scene: Scene) -> frozenset[str] | None:
-    """Return the claims that do not hold for the structure of `scene`, None if none can tell."""
+    """Return the claims disproved for the structure of `scene`; None if none can be proved."""
     return _unproved(_Same(scene, (type(scene), scene.structure)))
 
 
@@ -137,9 +137,9 @@ class _Same(NamedTuple):
 @lru_cache(64)
 def _unproved(same: _Same) -> frozenset[str] | None:
     try:
-        found = prove(same.scene, points=1, seed=0)
+        findings = prove(same.scene, points=1, seed=0)
     except InputError:
         return None
-    if not any(one.proof is not None for one in found):
+    if not any(one.proof is not None for one in findings):
         return None
-    return frozenset(one.claim for one in found if one.verdict == "failed")
+    return frozenset(one.claim for one in findings if one.verdict == "failed")
