@@ -334,7 +334,7 @@ def test_of_what_no_lanes_can_run_every_verdict_counts_once_and_the_highest_is_t
 
     monkeypatch.setattr(screening, "check_case", checked)
     found, cases = ScreeningResult(3), ["case", "lost", "case"]
-    screening._look_alone(found, np.array([2, 1, 0]), cases, FEW, ("equivalence",))  # type: ignore[arg-type]
+    screening._screen_one_by_one(found, np.array([2, 1, 0]), cases, FEW, ("equivalence",))  # type: ignore[arg-type]
     assert found.non_finite == [1]
     assert found.scores["equivalence", "au"].tolist() == [0.8, 0.0, 0.8]
     assert found.scores["equivalence", "kane"].tolist() == [4.0, 0.0, 4.0]

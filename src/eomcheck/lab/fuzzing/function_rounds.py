@@ -1,7 +1,7 @@
 """Rounds of user-supplied functions: states drawn and hill-climbed, one after the other.
 
-The functions are black boxes, called once a state and derivative, so that nothing is batched; every
-state is judged as `eomcheck.testing.check_functions` judges it. All states are within the ranges of
+The functions are black boxes, called once per state and derivative, so that nothing is batched;
+every state is judged as by `eomcheck.testing.check_functions`. All states are within the ranges of
 the functions.
 """
 
@@ -71,23 +71,23 @@ def drawn_state(functions: EquationsOfMotion, family: str, random: np.random.Gen
 def hill_climbed_states(
     functions: EquationsOfMotion, population: Population, count: int, random: np.random.Generator
 ) -> list[State]:
-    """Return states near the highest: of a claim at random one of its states, changed a little."""
-    keys, found = sorted(population), []
+    """Return mutations of the states of a population, each of a key drawn at random."""
+    keys, states = sorted(population), []
     for _ in range(count):
         best, others = (population[keys[random.integers(len(keys))]] for _ in range(2))
-        place = min(int(random.exponential(len(best) / 3)), len(best) - 1)
-        here, there = (
+        index = min(int(random.exponential(len(best) / 3)), len(best) - 1)
+        state, donor = (
             np.concatenate(one.case[1][:2])
-            for one in (best[place], others[random.integers(len(others))])
+            for one in (best[index], others[random.integers(len(others))])
         )
         low, high = limits(functions)
         for _ in range(int(random.integers(1, MOST_CHANGES + 1))):
-            new = changed_entries(here, there, random)
-            # What leaves a range goes to its end, or stays.
+            new = changed_entries(state, donor, random)
+            # An entry that leaves its range is clamped to it, or keeps its value.
             left = ((new < low) | (new > high)) & (random.random(len(new)) < 0.5)
-            here = np.where(left, here, np.clip(new, low, high))
-        found.append(_within(functions, here))
-    return found
+            state = np.where(left, state, np.clip(new, low, high))
+        states.append(_within(functions, state))
+    return states
 
 
 def _within(functions: EquationsOfMotion, x: Array) -> State:
@@ -98,26 +98,26 @@ def _within(functions: EquationsOfMotion, x: Array) -> State:
 # ---- Rounds --------------------------------------------------------------------------------------
 
 STATES = 16
-"""States drawn in a round, and as many climbed to."""
+"""Random states of a round; as many again are found by hill climbing."""
 
 
 SKIPPED = "skipped: "
-"""Begins names of counts of states at which a claim says nothing of a subject."""
+"""Prefix of counts of states at which a claim about a subject is skipped."""
 
 HOW = {"passed": DECIDED, "failed": DECIDED, "inconclusive": OPEN, "skipped": SKIPPED}
-"""Verdict -> beginning of the name of its count by claim and subject."""
+"""Verdict -> prefix of its count by claim and subject."""
 
 
 class FunctionsPlan(NamedTuple):
-    """What all rounds of a campaign about functions have in common; see `Work`.
+    """The plan of a campaign that checks user-supplied functions; see `CampaignPlan`.
 
     Attributes:
-        name: where they are found: path/to/file.py:NAME.
-        seed: of all draws.
+        name: location of the functions: path/to/file.py:NAME.
+        seed: seed of all draws.
         claims: ids, keys of `FUNCTION_CLAIMS`.
-        families: what is drawn from.
-        climbing: whether every other batch is climbed to.
-        batch: states drawn in a round.
+        families: distributions of the states.
+        climbing: whether every other batch is found by hill climbing.
+        batch: number of states drawn in a round.
     """
 
     name: str
@@ -130,23 +130,23 @@ class FunctionsPlan(NamedTuple):
     @property
     def kind(self) -> EquationsOfMotion:
         """The functions."""
-        found = functions_named(self.name)
-        assert found is not None
-        return found
+        functions = functions_named(self.name)
+        assert functions is not None
+        return functions
 
     @property
     def noun(self) -> str:
-        """What reports count."""
+        """Unit that reports count."""
         return "state"
 
     @property
     def max_states(self) -> int:
-        """States that a round looks at, at most."""
+        """Largest number of states that a round checks."""
         return 2 * self.batch
 
     @property
     def settings(self) -> dict[str, Any]:
-        """What decides what rounds come to, plain."""
+        """The settings that determine the results of rounds, as plain data."""
         return {
             "seed": self.seed,
             "claims": list(self.claims),
@@ -156,7 +156,7 @@ class FunctionsPlan(NamedTuple):
         }
 
     def run(self, round_: Round) -> RoundResult:
-        """Return what a round comes to."""
+        """Return the result of a round."""
         random, functions = generator(self, round_), self.kind
         population = {key: list(best) for key, best in round_.population.items()}
         families = [self.families[i % len(self.families)] for i in range(self.batch)]
@@ -175,12 +175,12 @@ class FunctionsPlan(NamedTuple):
         open_: Mapping[str, str],
         entries: Mapping[str, Sequence[Entries]],
     ) -> list[str]:
-        """Caveats of the campaign, a line each, in the words of `check_functions`.
+        """Return the caveats of the campaign, a line each, worded as by `check_functions`.
 
         Args:
-            counts: of the campaign.
-            open_: claims and subjects that were not decided at a state, and why.
-            entries: of claims and subjects, which entries were resolved and hidden.
+            counts: counts of the campaign.
+            open_: claim and subject that were not decided at a state -> reason.
+            entries: claim and subject -> resolved and hidden entries.
         """
         states = counts["states"]
         lines = [
@@ -198,7 +198,7 @@ class FunctionsPlan(NamedTuple):
 
     def _look(self, result: RoundResult, states: Sequence[State]) -> None:
         functions = self.kind
-        heights: dict[tuple[str, str], Array] = {}
+        scores: dict[tuple[str, str], Array] = {}
         result.counts["states"] += len(states)
         for i, state in enumerate(states):
             for one in check_functions_at(functions, state, self.claims):
@@ -214,24 +214,26 @@ class FunctionsPlan(NamedTuple):
                 if one.verdict == "failed":
                     result.failed.append(one)
                 elif one.verdict == "passed":
-                    of = heights.setdefault((one.claim, one.subject), np.zeros(len(states)))
-                    of[i] = max(of[i], one.ratio)
+                    subject_scores = scores.setdefault(
+                        (one.claim, one.subject), np.zeros(len(states))
+                    )
+                    subject_scores[i] = max(subject_scores[i], one.ratio)
         cases: list[Any] = [(functions, state) for state in states]
-        update_population(result.population, heights, cases)
+        update_population(result.population, scores, cases)
 
     def record_failure(
         self, failed: Finding, name: str, known: Sequence[FailureRecord] | None = None
     ) -> FailureRecord:
-        """Return a failure ready to be kept, with rounder numbers unless `known` is None."""
+        """Return the record of a failure, with rounder numbers unless `known` is None."""
         functions, same = self.kind, (failed.claim, failed.subject)
         bounds = limits(functions)
 
-        def look(case: FuzzCase) -> list[Finding]:
+        def check(case: FuzzCase) -> list[Finding]:
             x = np.concatenate(case[1][:2])
             if not ((bounds[0] <= x) & (x <= bounds[1])).all():
                 return []
-            found = check_functions_at(functions, case[1], [failed.claim])
-            return [x for x in found if x.verdict == "failed" and (x.claim, x.subject) == same]
+            findings = check_functions_at(functions, case[1], [failed.claim])
+            return [x for x in findings if x.verdict == "failed" and (x.claim, x.subject) == same]
 
-        small = failed if known is None else simplify_numbers(failed, look)
+        small = failed if known is None else simplify_numbers(failed, check)
         return failure_record(small, name, Diagnosis(FUNCTIONS, failed.evidence))

@@ -1,8 +1,8 @@
 """Rounds of motions: drawn, simulated by all formulations, judged, failures shrunk.
 
-Motions of a round start at t = 0, at states drawn or hill-climbed, and are of one structure. A
-failure is made shorter and rounder; the fault is that of a formulation which most others
-contradict.
+Motions of a round start at t = 0, at states drawn or hill-climbed, and are of one structural
+variant. A failure is shrunk to a shorter motion with rounder numbers; at fault is a formulation
+that most others contradict.
 """
 
 from __future__ import annotations
@@ -62,62 +62,62 @@ def draw_starts(
     count: int,
     random: np.random.Generator,
 ) -> tuple[list[FuzzCase], list[str]]:
-    """Return up to `count` cases of a structure at t = 0, and the family of each."""
+    """Return up to `count` cases of a variant at t = 0, and the family of each."""
     if isinstance(stratum, StructuralVariant):
-        cases, of = draw_cases(kind, stratum, families, count, random)
+        cases, case_families = draw_cases(kind, stratum, families, count, random)
     else:
         scene = draw_structure_kind(kind, stratum, random)()
-        cases, of = draw_cases_with(lambda _: scene, families, count, random)
-    begun, places = at_start(cases)
-    return begun, [of[place] for place in places]
+        cases, case_families = draw_cases_with(lambda _: scene, families, count, random)
+    starts, indices = at_start(cases)
+    return starts, [case_families[i] for i in indices]
 
 
 def at_start(cases: Sequence[FuzzCase]) -> tuple[list[FuzzCase], list[int]]:
-    """Cases at t = 0, closed and consistent there, and which they are of those given.
+    """Return the cases at t = 0, closed and consistent there, and their input indices.
 
-    Those that cannot be are left out.
+    Cases that cannot be closed at t = 0 are left out.
     """
     if not cases or not cases[0][0].depends_on_time:
-        begun = [(scene, State(state.q, state.v, 0.0)) for scene, state in cases]
-        return begun, [*range(len(cases))]
-    scenes, states, wished, closed = [], [], [], []
+        starts = [(scene, State(state.q, state.v, 0.0)) for scene, state in cases]
+        return starts, [*range(len(cases))]
+    scenes, states, velocities, closed = [], [], [], []
     for i, (scene, state) in enumerate(cases):
         with suppress(EomcheckError):
             q = assembled_position(scene, state.q, 0.0)
             scenes.append(scene)
             states.append(State(q, np.zeros(scene.n), 0.0))
-            wished.append(state.v)
+            velocities.append(state.v)
             closed.append(i)
-    begun, places = consistent(scenes, states, lambda _: np.array(wished))
-    return begun, [closed[place] for place in places]
+    starts, indices = consistent(scenes, states, lambda _: np.array(velocities))
+    return starts, [closed[i] for i in indices]
 
 
 # ---- Shrinking and faults ------------------------------------------------------------------------
 
 MOST_TRIES = 60
-"""Motions looked at while numbers of a find are made round."""
+"""Largest number of motions checked while numbers of a failure are rounded."""
 
 AMONG = 4
-"""Formulations that are asked while a find is made small, the one to blame among them."""
+"""Number of formulations compared while a failure is shrunk, the one at fault among them."""
 
 
 def shrink_motion(finding: MotionFinding, keys: Sequence[str]) -> MotionFinding:
     """Return a failure of the same claim by the same formulation: shorter, and rounder."""
     scene, state = finding.scene, finding.state
     assert state is not None
-    able = [key for key in keys if key != finding.subject]
-    among = [finding.subject, *able[: AMONG - 1]]
+    others = [key for key in keys if key != finding.subject]
+    among = [finding.subject, *others[: AMONG - 1]]
 
     def failed(case: FuzzCase, t_end: float) -> list[MotionFinding]:
-        found = failures_of_motion(case, among, t_end)
+        failures = failures_of_motion(case, among, t_end)
         same = finding.claim, finding.subject
-        return [one for one in found if (one.claim, one.subject) == same]
+        return [one for one in failures if (one.claim, one.subject) == same]
 
     for shorter in (lambda t: t / 2, lambda t: t / 2, _digits(2), _digits(1)):
-        if found := failed((scene, state), shorter(finding.t_end)):
-            finding = found[0]
+        if failures := failed((scene, state), shorter(finding.t_end)):
+            finding = failures[0]
     small = simplify_numbers(finding, lambda case: failed(case, finding.t_end), MOST_TRIES)
-    # What fails among a few has to fail among all.
+    # A failure among a few formulations must be one among all.
     assert small.state is not None
     all_of = failures_of_motion((small.scene, small.state), keys, small.t_end)
     same = [x for x in all_of if (x.claim, x.subject) == (small.claim, small.subject)]
@@ -129,40 +129,42 @@ def _digits(count: int) -> Callable[[float], float]:
 
 
 def diagnose_motion_failure(finding: MotionFinding, keys: Sequence[str]) -> Diagnosis:
-    """Return whose fault a failure is: that of a formulation which most others contradict."""
+    """Return the part at fault: a formulation that most others contradict, or unknown."""
     assert finding.state is not None
     alone = [(0, key) for key in keys] if finding.claim == ALONE else []
-    (found,) = judge_motions([(finding.scene, finding.state)], keys, finding.t_end, alone)
-    others = [x for x in found if x.claim == finding.claim and x.subject != finding.subject]
+    (findings,) = judge_motions([(finding.scene, finding.state)], keys, finding.t_end, alone)
+    others = [x for x in findings if x.claim == finding.claim and x.subject != finding.subject]
     right = [x for x in others if x.verdict == "passed"]
     best = max((x.observed for x in right), default=0.0)
-    said = f"{len(right)} of {len(others)} others agree to {best:.2g}"
-    return Diagnosis(SILENT if len(right) > len(others) / 2 and len(right) > 1 else UNKNOWN, said)
+    summary = f"{len(right)} of {len(others)} others agree to {best:.2g}"
+    return Diagnosis(
+        SILENT if len(right) > len(others) / 2 and len(right) > 1 else UNKNOWN, summary
+    )
 
 
 # ---- Rounds --------------------------------------------------------------------------------------
 
 MOTIONS = 16
-"""Motions side by side."""
+"""Motions of a batch."""
 
 SHORTEST, LONGEST = 0.2, 5.0
-"""Motions take so long, s, all magnitudes alike, unless they are fast."""
+"""Range of durations, s, drawn log-uniformly; fast motions are shorter."""
 
 PILOT_STEPS = 150
-"""Half of the motions of a round reach its end in so many steps. Slow scenes turn about once in it,
-fast ones some ten times; what goes on for longer has lost its digits, or shows nothing new."""
+"""Steps in which half of the motions of a round reach its end. Slow scenes turn about once in it,
+fast ones some ten times; longer motions have lost their digits, or show nothing new."""
 
 
 class MotionPlan(NamedTuple):
-    """What all rounds of a campaign about motions have in common; see `Work`.
+    """The plan of a campaign that compares motions; see `CampaignPlan`.
 
     Attributes:
-        kind: the kind of scene.
-        seed: of all draws.
+        kind: the scene class.
+        seed: seed of all draws.
         formulations: keys of the formulations.
-        families: what starts are drawn from.
-        climbing: whether every other batch is climbed to.
-        batch: motions side by side.
+        families: distributions of the starts.
+        climbing: whether every other batch is found by hill climbing.
+        batch: number of motions in a batch.
     """
 
     kind: type[Scene]
@@ -174,17 +176,17 @@ class MotionPlan(NamedTuple):
 
     @property
     def noun(self) -> str:
-        """What reports count."""
+        """Unit that reports count."""
         return "motion"
 
     @property
     def max_states(self) -> int:
-        """Motions that a round looks at, at most."""
+        """Largest number of motions that a round checks."""
         return 2 * self.batch
 
     @property
     def settings(self) -> dict[str, Any]:
-        """What decides what rounds come to, plain."""
+        """The settings that determine the results of rounds, as plain data."""
         return {
             "seed": self.seed,
             "claims": list(MOTION_CLAIMS),
@@ -195,7 +197,7 @@ class MotionPlan(NamedTuple):
         }
 
     def run(self, round_: Round) -> RoundResult:
-        """Return what a round comes to."""
+        """Return the result of a round."""
         random = generator(self, round_)
         population = {key: list(best) for key, best in round_.population.items()}
         result = RoundResult(round_.number, round_.variant, population)
@@ -205,7 +207,7 @@ class MotionPlan(NamedTuple):
             )
             result.counts.update(families)
             self._look(result, cases, random)
-            # Random scenes of one stratum are of several structures, which do not go together.
+            # Random scenes of one variant have several structures, which cannot be batched.
             if self.climbing and population and isinstance(round_.variant, StructuralVariant):
                 higher, _ = at_start(hill_climbed(population, self.batch, random))
                 result.counts["climbed"] += len(higher)
@@ -220,24 +222,24 @@ class MotionPlan(NamedTuple):
             return
         t_end = min(t_end, informative(cases, self.formulations))
         one = int(random.integers(len(cases))), str(random.choice(self.formulations))
-        found = judge_motions(cases, self.formulations, t_end, [one])
+        findings_by_motion = judge_motions(cases, self.formulations, t_end, [one])
         result.counts["states"] += len(cases)
-        heights: dict[tuple[str, str], Array] = {}
-        for i, findings in enumerate(found):
+        scores: dict[tuple[str, str], Array] = {}
+        for i, findings in enumerate(findings_by_motion):
             for one in findings:
                 result.counts[one.verdict] += 1
                 if one.claim == END_STATES:
                     result.counts.update(motion_counts(one))
                 if one.verdict == "passed":
-                    of = heights.setdefault((one.claim, one.subject), np.zeros(len(cases)))
-                    of[i] = one.ratio
+                    key_scores = scores.setdefault((one.claim, one.subject), np.zeros(len(cases)))
+                    key_scores[i] = one.ratio
             result.failed += [one for one in findings if one.verdict == "failed"]
-        update_population(result.population, heights, cases)
+        update_population(result.population, scores, cases)
 
     def record_failure(
         self, failed: Finding, name: str, known: Sequence[FailureRecord] | None = None
     ) -> FailureRecord:
-        """Return a failure ready to be kept, made small unless `known` is None."""
+        """Return the record of a failure, shrunk unless `known` is None."""
         assert isinstance(failed, MotionFinding)
         small = failed
         with suppress(EomcheckError, np.linalg.LinAlgError):
@@ -247,7 +249,7 @@ class MotionPlan(NamedTuple):
 
 
 def motion_counts(finding: MotionFinding) -> dict[str, int]:
-    """Return what is counted of a motion by one formulation, beside its verdict."""
+    """Return the counts of a motion by one formulation, beside its verdict."""
     counts = {f"motions {finding.ended}": 1}
     if finding.crossed is not None:
         counts[f"{CROSSED if finding.reached else STOPPED}{finding.subject}"] = 1
@@ -255,18 +257,18 @@ def motion_counts(finding: MotionFinding) -> dict[str, int]:
 
 
 CROSSED, STOPPED = "crossed: ", "not crossed: "
-"""What counts of formulations begin with, of poses in which a_1 is singular."""
+"""Prefixes of counts, by formulation, of motions across a pose where a_1 is singular."""
 
 
 def informative(cases: Sequence[FuzzCase], keys: Sequence[str]) -> float:
-    """Return the time, s, that half of some motions come to in `PILOT_STEPS`."""
+    """Return the time, s, that half of some motions reach in `PILOT_STEPS` steps."""
     times = np.linspace(0.0, LONGEST, TIMES)
     for key in keys:
-        found = simulate_batch(cases, key, LONGEST, COARSE, PILOT_STEPS)
-        if found is None:
+        batch = simulate_batch(cases, key, LONGEST, COARSE, PILOT_STEPS)
+        if batch is None:
             continue
-        counts = np.isfinite(found.y).all(axis=2).sum(axis=1)
-        begun = counts[found.status != "refused"]
-        if begun.size:
-            return max(float(times[int(np.median(begun)) - 1]), LONGEST / TIMES / 4)
+        counts = np.isfinite(batch.y).all(axis=2).sum(axis=1)
+        started = counts[batch.status != "refused"]
+        if started.size:
+            return max(float(times[int(np.median(started)) - 1]), LONGEST / TIMES / 4)
     return LONGEST

@@ -1,8 +1,8 @@
 """Screening of many states at once: all claims in batches, suspects picked for a full check.
 
-A batch runs in SIMD lanes. Where a state is near its bound, and at a sample of the others, the true
-acceleration is enclosed and judges all formulations. Functions that are not rational do not run in
-lanes; their states are checked one by one.
+A batch runs in SIMD lanes, one state a lane. At states near their error bound, and at a sample of
+the others, the true acceleration is enclosed in ball arithmetic, and all formulations are judged by
+it. Functions that are not rational cannot run in lanes; their states are checked one by one.
 """
 
 from __future__ import annotations
@@ -39,48 +39,49 @@ from eomcheck.numbers.generic import Array
 from eomcheck.numbers.lanes import LaneArray
 
 ALONE = 32
-"""States of a batch where they are looked at one by one."""
+"""States of a batch where they are checked one by one."""
 
 Key = tuple[str, str]
-"""A claim, and the formulation that it is about there, "" if it is about none."""
+"""(claim, formulation in its subject); the formulation is "" if there is none."""
 
 OPEN, DECIDED = "inconclusive: ", "decided: "
-"""Begin names of counts of subjects that a claim decides, and of others."""
+"""Prefixes of counts of subjects that a claim does not decide, and of those that it does."""
 
 TRUTH = "true error"
-"""In the place of a claim: error against an enclosure, over what is allowed."""
+"""Key in place of a claim: error against an enclosure / allowed error."""
 
 ENCLOSED_ABOVE = 0.3
-"""Observed / allowed above which a state is always enclosed."""
+"""Score, observed / allowed, above which a state is always enclosed."""
 
 
 class CheckFrequency(NamedTuple):
-    """How often what takes long is looked at: at one state in so many, 0 for never."""
+    """Sampling rates of expensive checks: one state in so many, 0 for never."""
 
     enclosures: int = 4
-    """One true acceleration, which judges all formulations."""
+    """Enclosure of the true acceleration, by which all formulations are judged."""
     balls: int = 20
-    """All formulations in balls."""
+    """Evaluation of all formulations in ball arithmetic."""
     engines: int = 10
+    """Claims about engines."""
     checks: int = 200
-    """All claims by `eomcheck.check_state`, but engines."""
+    """All claims but those about engines, by `eomcheck.check_state`."""
     scalar_only: int = 20
-    """What lanes cannot look at."""
+    """Claims that cannot be evaluated in batches."""
 
 
 @dataclass
 class ScreeningResult:
-    """What lanes say of cases.
+    """The result of screening a batch of cases.
 
     Attributes:
         count: number of cases L.
-        scores: by claim and formulation, observed / allowed (L,).
-        suspects: which cases are to be looked at again, and by which claims.
-        verdicts: number of subjects by verdict.
-        by_claim: number of subjects `OPEN` or `DECIDED`, by claim.
-        not_batched: claims that could not be looked at in lanes, and why.
-        enclosed: number of states at which the truth was enclosed.
-        non_finite: cases whose terms are not all finite: lanes say nothing of them.
+        scores: (claim, formulation) -> observed / allowed (L,).
+        suspects: index of a case to check in full -> its claims.
+        verdicts: verdict -> number of subjects.
+        by_claim: (`OPEN` or `DECIDED`, claim) -> number of subjects.
+        not_batched: claim that could not be evaluated in lanes -> reason.
+        enclosed: number of states at which the true acceleration was enclosed.
+        non_finite: indices of cases whose terms are not all finite, which are not screened.
     """
 
     count: int
@@ -93,12 +94,12 @@ class ScreeningResult:
     non_finite: list[int] = field(default_factory=list)
 
     def score(self, key: Key) -> Array:
-        """Return the heights (L,) by a claim and formulation, 0 until they are told."""
+        """Return the scores (L,) of a claim and formulation, 0 until they are set."""
         return self.scores.setdefault(key, np.zeros(self.count))
 
     @property
     def max_scores(self) -> Array:
-        """The largest height of each case (L,)."""
+        """The largest score of each case (L,)."""
         return np.max([np.zeros(self.count), *self.scores.values()], axis=0)
 
 
@@ -109,38 +110,40 @@ def screen(
     enclosed_every: int,
     first: int = 0,
 ) -> ScreeningResult:
-    """Return what lanes say of cases of any structures.
+    """Return the screening result of cases of any structures.
 
     Args:
         cases: scenes and states.
         formulations: those that take part.
-        claims: ids, of which those that can be are looked at.
-        enclosed_every: one state in so many is enclosed whatever the lanes say, 0 for none.
-        first: number of the first case, of which `enclosed_every` counts.
+        claims: ids, of which the batchable ones are evaluated.
+        enclosed_every: one state in so many is enclosed whatever its scores, 0 for none.
+        first: number of the first case, from which `enclosed_every` counts.
     """
-    found, ids = ScreeningResult(len(cases)), batchable_claims(claims)
-    for places, case in batched_cases(cases, formulations):
+    result, ids = ScreeningResult(len(cases)), batchable_claims(claims)
+    for indices, case in batched_cases(cases, formulations):
         try:
             terms = case.at.terms
-        except TypeError:  # functions that no lanes can run
-            _look_alone(found, places, [cases[i] for i in places], case.formulations, ids)
+        except TypeError:  # functions that cannot run in lanes
+            _screen_one_by_one(result, indices, [cases[i] for i in indices], case.formulations, ids)
             continue
         finite = np.ones(case.at.lanes, bool)
         for term in terms:
             if term is not None:
                 finite &= np.isfinite(term.data).reshape(-1, case.at.lanes).all(axis=0)
         if not finite.all():
-            found.non_finite += [int(i) for i in places[~finite]]
-            places = places[finite]
-            if not places.size:
+            result.non_finite += [int(i) for i in indices[~finite]]
+            indices = indices[finite]
+            if not indices.size:
                 continue
-            ((_, case),) = batched_cases([cases[i] for i in places], formulations)
-        _look(found, places, case, ids)
-        _enclose(found, places, case, enclosed_every, first)
-    return found
+            ((_, case),) = batched_cases([cases[i] for i in indices], formulations)
+        _screen_batch(result, indices, case, ids)
+        _enclose(result, indices, case, enclosed_every, first)
+    return result
 
 
-def _look(found: ScreeningResult, places: Array, case: BatchedCase, ids: Sequence[str]) -> None:
+def _screen_batch(
+    result: ScreeningResult, indices: Array, case: BatchedCase, ids: Sequence[str]
+) -> None:
     keys = {f.key for f in case.formulations}
     for one in case.evaluate(ids):
         for number, name in (
@@ -149,91 +152,89 @@ def _look(found: ScreeningResult, places: Array, case: BatchedCase, ids: Sequenc
             (INCONCLUSIVE_CODE, "inconclusive"),
         ):
             count = int(np.count_nonzero(one.verdict == number))
-            found.verdicts[name] += count
-            found.by_claim[OPEN if name == "inconclusive" else DECIDED, one.claim] += count
-        ratio = np.where(one.allowed > UNDERFLOW, one.ratio, 0.0)  # what underflows shows no way
+            result.verdicts[name] += count
+            result.by_claim[OPEN if name == "inconclusive" else DECIDED, one.claim] += count
+        ratio = np.where(one.allowed > UNDERFLOW, one.ratio, 0.0)  # no climbing by underflow
         for key in keys_in_subject(one.subject, keys) or ("",):
-            heights = found.score((one.claim, key))
-            heights[places] = np.maximum(heights[places], ratio)
-        for i in places[one.verdict == FAILED_CODE]:
-            found.suspects.setdefault(int(i), set()).add(one.claim)
-    found.not_batched |= case.not_batched
+            scores = result.score((one.claim, key))
+            scores[indices] = np.maximum(scores[indices], ratio)
+        for i in indices[one.verdict == FAILED_CODE]:
+            result.suspects.setdefault(int(i), set()).add(one.claim)
+    result.not_batched |= case.not_batched
 
 
-def _look_alone(
-    found: ScreeningResult,
-    places: Array,
+def _screen_one_by_one(
+    result: ScreeningResult,
+    indices: Array,
     cases: Sequence[FuzzCase],
     formulations: Sequence[Formulation],
     ids: Sequence[str],
 ) -> None:
-    """Look at cases one by one, as `eomcheck.check_state` does: lanes take rational functions
-    only.
-    """
+    """Check cases one by one by `eomcheck.check_state`, for functions that are not rational."""
     keys = {f.key for f in formulations}
-    for place, case in zip(places.tolist(), cases, strict=True):
-        told = [one for one in check_case(case, ["finite-terms"], []) if one.verdict == "failed"]
-        if told:
-            found.non_finite.append(place)
+    for index, case in zip(indices.tolist(), cases, strict=True):
+        failed = [one for one in check_case(case, ["finite-terms"], []) if one.verdict == "failed"]
+        if failed:
+            result.non_finite.append(index)
             continue
         for one in check_case(case, ids, sorted(keys)):
-            found.verdicts[one.verdict] += 1
+            result.verdicts[one.verdict] += 1
             if one.verdict != "skipped":
                 how = DECIDED if one.verdict in VERDICTS else OPEN
-                found.by_claim[how, one.claim] += 1
+                result.by_claim[how, one.claim] += 1
             if one.verdict == "failed":
-                found.suspects.setdefault(place, set()).add(one.claim)
+                result.suspects.setdefault(index, set()).add(one.claim)
             if one.verdict in ("passed", "failed"):
                 for key in keys_in_subject(one.subject, keys) or ("",):
-                    heights = found.score((one.claim, key))
-                    heights[place] = max(heights[place], one.ratio)
+                    scores = result.score((one.claim, key))
+                    scores[index] = max(scores[index], one.ratio)
 
 
 def runs_in_lanes(kind: type[Scene]) -> bool:
-    """Return whether a kind's functions are rational, and so can be looked at side by side."""
+    """Return whether a class's functions are rational, and so can be evaluated in SIMD lanes."""
     scene = kind.example()
-    with suppress(Exception):  # somebody's functions; `check` tells which
+    with suppress(Exception):  # user-supplied functions; `check` reports which
         LaneEvaluation([scene], [State(*scene.initial_state(), 0.0)]).terms  # noqa: B018
         return True
     return False
 
 
 def _enclose(
-    found: ScreeningResult, places: Array, case: BatchedCase, every: int, first: int
+    result: ScreeningResult, indices: Array, case: BatchedCase, every: int, first: int
 ) -> None:
-    """Enclose the truth of what is near its bounds, and of some others, and judge all by it."""
+    """Enclose the true acceleration near error bounds and at a sample; judge formulations by it."""
     if every == 0:
         return
-    worst = found.max_scores
-    chosen = (worst[places] > ENCLOSED_ABOVE) | ((first + places) % every == 0)
+    worst = result.max_scores
+    chosen = (worst[indices] > ENCLOSED_ABOVE) | ((first + indices) % every == 0)
     truths = {}
     for lane in np.flatnonzero(chosen).tolist():
         with suppress(EomcheckError, TypeError):
             truths[lane] = _truth(case, lane)
     if not truths:
         return
-    found.enclosed += len(truths)
+    result.enclosed += len(truths)
     lanes = list(truths)
-    there = BatchedCase(_at_truth(case, truths), case.formulations, case.has_speeds)
-    for f, x in there.solutions:
+    enclosed = BatchedCase(_at_truth(case, truths), case.formulations, case.has_speeds)
+    for f, x in enclosed.solutions:
         vdot: Any = x.vdot
-        allowed = allowed_error(1.0) * there.vdot_sensitivity(f).data
-        told = np.isfinite(allowed) & ~there.refused(f.key)
-        for i in np.flatnonzero(told).tolist():
+        allowed = allowed_error(1.0) * enclosed.vdot_sensitivity(f).data
+        judged = np.isfinite(allowed) & ~enclosed.refused(f.key)
+        for i in np.flatnonzero(judged).tolist():
             error = largest(true_error(vdot.data[:, i], truths[lanes[i]]))
-            heights = found.score((TRUTH, f.key))
-            place = int(places[lanes[i]])
-            heights[place] = height = error / max(float(allowed[i]), UNDERFLOW)
-            if height > 1.0:
-                found.suspects.setdefault(place, set()).add("true-error")
+            scores = result.score((TRUTH, f.key))
+            index = int(indices[lanes[i]])
+            scores[index] = score = error / max(float(allowed[i]), UNDERFLOW)
+            if score > 1.0:
+                result.suspects.setdefault(index, set()).add("true-error")
 
 
 def _truth(case: BatchedCase, lane: int) -> Enclosure:
-    """Return the true acceleration in one lane: of its generalized speeds, if there are any.
+    """Return the enclosed acceleration in one lane: at its generalized speeds, if there are any.
 
     Raises:
-        EomcheckError: there is none.
-        TypeError: functions that balls cannot run.
+        EomcheckError: it cannot be enclosed.
+        TypeError: functions that cannot run in ball arithmetic.
     """
     at = case.at.alone(lane)
     if case.has_speeds:
@@ -245,14 +246,14 @@ def _truth(case: BatchedCase, lane: int) -> Enclosure:
 
 
 def _at_truth(case: BatchedCase, truths: dict[int, Enclosure]) -> LaneEvaluation:
-    """Return the lanes of which the truth is known, at its velocities, see `true_state`."""
+    """Return the lanes with an enclosed acceleration, at its velocities, see `true_state`."""
     lanes = list(truths)
     states = []
     for lane, truth in truths.items():
         q, v, t = case.at.state_of(lane)
         states.append(State(q, midpoints_or_zero(truth.v) if case.has_speeds else v, t))
-    there = LaneEvaluation([case.at.scenes[lane] for lane in lanes], states)
+    at = LaneEvaluation([case.at.scenes[lane] for lane in lanes], states)
     if case.has_speeds:
         u: Any = case.at.u
-        there.u = LaneArray(u.data[:, lanes].copy())  # type: ignore[assignment]
-    return there
+        at.u = LaneArray(u.data[:, lanes].copy())  # type: ignore[assignment]
+    return at

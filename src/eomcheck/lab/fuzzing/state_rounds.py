@@ -1,10 +1,10 @@
 """Rounds of states: drawn and hill-climbed, screened in batches, suspects and a sample judged.
 
-A round of `StatePlan` is about one structure. One of `RandomStatePlan`, for random scene classes,
-draws
-several, with a batch for each, and climbs within one structure: first among the states of the same
-round, and once a round among those of the structure with the highest score in earlier ones.
-User-supplied engines are also asked at ordinary cases near those where their score was highest.
+A round of `StatePlan` is about one structural variant. One of `RandomStatePlan`, for random scene
+classes, draws several topologies, with a batch for each. Hill climbing stays within one structure:
+first among the states of the same round, and once a round among those of the structure with the
+highest score in earlier rounds. User-supplied engines are also asked at ordinary cases near those
+where their score was highest.
 """
 
 from __future__ import annotations
@@ -52,32 +52,32 @@ from eomcheck.strategies.state_strategies import state_ranges
 # ---- User-supplied engines: ordinary cases only --------------------------------------------------
 
 OVERSAMPLED = 2
-"""Cases that are changed for one that is asked: closing may lead out of the ranges."""
+"""Mutated cases per case asked: closing the loops may lead out of the ranges."""
 
 FAR = 10.0
-"""Coordinates at most, m or rad, of scenes that say nothing of theirs."""
+"""Largest coordinate, m or rad, of scenes that declare no ranges of coordinates."""
 
 
 def engines_under_test(engines: Iterable[str | type[Engine]]) -> tuple[type[Engine], ...]:
-    """Return those engines that are somebody's own."""
+    """Return the user-supplied engines, which are under test."""
     kinds = (ENGINES.get(one) if isinstance(one, str) else one for one in engines)
     return tuple(kind for kind in kinds if kind is not None and is_under_test(kind))
 
 
 def engine_scores(findings: Sequence[Finding]) -> dict[tuple[str, str], float]:
-    """Return the largest observed / allowed of engines on trial, by claim and key of the engine."""
-    found: dict[tuple[str, str], float] = {}
+    """Return (claim, key of an engine under test) -> its largest observed / allowed."""
+    scores: dict[tuple[str, str], float] = {}
     for one in findings:
         if one.verdict == "passed" and one.engine is not None and is_under_test(one.engine):
             key = one.claim, one.engine.key
-            found[key] = max(found.get(key, 0.0), one.ratio)
-    return found
+            scores[key] = max(scores.get(key, 0.0), one.ratio)
+    return scores
 
 
 def is_ordinary(case: FuzzCase) -> bool:
-    """Return whether a case is within what ordinary ones are drawn from.
+    """Return whether a case is within the ranges of ordinary ones.
 
-    Next to a singular state, and far away, an engine may lose digits in its own way.
+    Next to a singular configuration, and far away, an engine may lose digits in its own way.
     """
     scene, (q, v, t) = case
     for name, one in _ranges(scene).items():
@@ -91,7 +91,7 @@ def is_ordinary(case: FuzzCase) -> bool:
 
 
 def clamped_to_ranges(changed: Changed) -> Changed:
-    """Return an ordinary case in place of one that left the ranges: at their ends."""
+    """Return a mutated case clamped to the ranges of ordinary ones."""
     scene, q, v = changed
     values = {}
     for name, one in _ranges(scene).items():
@@ -108,56 +108,56 @@ def _ranges(scene: Scene) -> dict[str, Range]:
 
 
 def _limits(scene: Scene) -> tuple[tuple[Array, Array], float]:
-    """Return the smallest and largest coordinates (n,) of ordinary states, and |v| at most."""
-    found = state_ranges(scene)
-    bounds = np.array([(one.low, one.high) for one in found.coordinates])
+    """Return the smallest and largest coordinates (n,) of ordinary states, and the largest |v|."""
+    ranges = state_ranges(scene)
+    bounds = np.array([(one.low, one.high) for one in ranges.coordinates])
     if scene.coordinate_ranges() is None:
         bounds = np.array([[-FAR, FAR]] * scene.n)  # angles are turned further than drawn
-    return (bounds[:, 0], bounds[:, 1]), found.components.high * float(np.sqrt(scene.n))
+    return (bounds[:, 0], bounds[:, 1]), ranges.components.high * float(np.sqrt(scene.n))
 
 
 # ---- Rounds of one structure ---------------------------------------------------------------------
 
 BATCH = 512
-"""States side by side."""
+"""States of a batch."""
 
 STEPS = 4
-"""Steps of a climb in a round, each from what the one before has reached: what was found high is
-climbed on from at once, and not when its structure comes again."""
+"""Steps of hill climbing in a round; each starts from the scores of the one before, rather than in
+the next round of the same variant."""
 
 AMONG = 3
-"""Claims and formulations, drawn at random, of which the highest is climbed from."""
+"""Number of (claim, formulation) keys drawn, of which the one with the highest score is climbed."""
 
 MOST_TRIED = 3
-"""Finds at which a failure of something else is looked for, before it is made small itself."""
+"""Largest number of recorded failures at which a new one is tried before it is shrunk itself."""
 
 MOST_JUDGED = 24
-"""Suspects of a batch that are judged, the highest first, and so many of a climb: of one cause
-there may be many."""
+"""Largest number of suspects judged per batch, and per climb, those of the highest scores first:
+many may have one cause."""
 
 PIVOTED = {"null-space-embedding"}
-"""Claims that look at pivoted partitions too, which differ from lane to lane."""
+"""Claims that also evaluate pivoted partitions, which differ from lane to lane."""
 
 BALLS = {"enclosures"}
-"""Claims that look at all formulations in balls."""
+"""Claims that evaluate all formulations in ball arithmetic."""
 
 ENCLOSED = {"true-error"}
-"""Claims that lanes look at by enclosures."""
+"""Claims that screening evaluates by enclosures."""
 
 
 class StatePlan(NamedTuple):
-    """What all rounds of a campaign about states have in common; see `Work`.
+    """The plan of a campaign that checks states; see `CampaignPlan`.
 
     Attributes:
-        kind: the kind of scene.
-        seed: of all draws.
+        kind: the scene class.
+        seed: seed of all draws.
         claims: ids of the claims that take part.
         formulations: keys of the formulations.
         engines: keys or classes of the engines.
-        families: what is drawn from.
-        climbing: whether every other batch is climbed to.
-        check_frequency: how often what takes long is looked at.
-        batch: states side by side.
+        families: distributions of the cases, see `FAMILIES`.
+        climbing: whether every other batch is found by hill climbing.
+        check_frequency: sampling rates of expensive checks.
+        batch: number of states in a batch.
         wide: whether every other ordinary case is in a state that has joints turned by whole turns,
             or moves fast or slowly, see `eomcheck.claims.pairwise_design`: for engines that were
             named.
@@ -176,17 +176,17 @@ class StatePlan(NamedTuple):
 
     @property
     def noun(self) -> str:
-        """What reports count."""
+        """Unit that reports count."""
         return "state"
 
     @property
     def max_states(self) -> int:
-        """States that a round looks at, at most."""
+        """Largest number of states that a round checks."""
         return 2 * self.batch
 
     @property
     def settings(self) -> dict[str, Any]:
-        """What decides what rounds come to, plain."""
+        """The settings that determine the results of rounds, as plain data."""
         return {
             "seed": self.seed,
             "claims": list(self.claims),
@@ -200,13 +200,13 @@ class StatePlan(NamedTuple):
         }
 
     def run(self, round_: Round) -> RoundResult:
-        """Return what a round comes to."""
+        """Return the result of a round."""
         return run_round(self, round_)
 
     def record_failure(
         self, failed: Finding, name: str, known: Sequence[FailureRecord] | None = None
     ) -> FailureRecord:
-        """Return a failure ready to be kept, see `Work`: a known find is small already."""
+        """Return the record of a failure, see `CampaignPlan`; known failures are small already."""
         small = failed
         with suppress(EomcheckError, np.linalg.LinAlgError):
             if known is not None:
@@ -221,7 +221,7 @@ class StatePlan(NamedTuple):
 
 
 def run_round(plan: StatePlan, round_: Round) -> RoundResult:
-    """Return what a round comes to: the same for the same plan and round, wherever it is run."""
+    """Return the result of a round: the same for the same plan and round, in any process."""
     random = generator(plan, round_)
     population = {key: list(best) for key, best in round_.population.items()}
     result = RoundResult(round_.number, round_.variant, population)
@@ -237,13 +237,16 @@ def run_round(plan: StatePlan, round_: Round) -> RoundResult:
 def for_engines(
     plan: StatePlan, cases: list[FuzzCase], families: Sequence[str], random: np.random.Generator
 ) -> tuple[list[FuzzCase], set[int]]:
-    """Return cases, some ordinary ones in wide states, and at which of them engines are asked.
+    """Return cases, some ordinary ones in wide states, and the indices of those for engines.
 
     Args:
-        plan: of the campaign.
-        cases: as they were drawn.
-        families: of each.
+        plan: plan of the campaign.
+        cases: the cases drawn.
+        families: family of each.
         random: source of the draws.
+
+    Returns:
+        The cases, and the indices of the ordinary ones, at which engines are asked.
     """
     ordinary = [i for i, family in enumerate(families) if family == ORDINARY]
     if plan.wide:
@@ -254,16 +257,16 @@ def for_engines(
 
 
 def _climb(plan: StatePlan, result: RoundResult, random: np.random.Generator) -> None:
-    """Look near the highest, in lanes step by step, then at engines on trial."""
+    """Climb from the highest scores, in batches step by step, then for engines under test."""
     population = result.population
-    tried = {kind.key for kind in engines_under_test(plan.engines)}
+    under_test = {kind.key for kind in engines_under_test(plan.engines)}
     steps = min(STEPS, plan.batch)
     for _ in range(steps):
-        of_lanes = {key: best for key, best in population.items() if key[1] not in tried}
+        of_lanes = {key: best for key, best in population.items() if key[1] not in under_test}
         higher = hill_climbed(of_lanes or population, plan.batch // steps, random)
         result.counts["climbed"] += len(higher)
         screen_and_judge(plan, result, higher, set(), -(-MOST_JUDGED // steps))
-    of_engines = {key: best for key, best in population.items() if key[1] in tried}
+    of_engines = {key: best for key, best in population.items() if key[1] in under_test}
     if of_engines:
         _climb_on_trial(plan, result, of_engines, random)
 
@@ -274,9 +277,15 @@ def hill_climbed(
     random: np.random.Generator,
     clamp: Callable[[Changed], Changed] = lambda one: one,
 ) -> list[FuzzCase]:
-    """Return cases near the highest: a claim and formulation, higher ones more often, and a case.
+    """Return mutations of the cases of a population: higher keys and cases are drawn more often.
 
-    What others are good at is taken over from any of them.
+    The numbers taken over come from any case of a key drawn without regard to its score.
+
+    Args:
+        population: starts.
+        count: number of mutations, of which those that cannot be assembled are left out.
+        random: source of the draws.
+        clamp: see `mutated`.
     """
     keys = sorted(population)
     pairs = []
@@ -284,27 +293,27 @@ def hill_climbed(
         drawn = [keys[i] for i in random.integers(len(keys), size=AMONG)]
         best = population[max(drawn, key=lambda key: population[key][0].score)]
         others = population[drawn[0]]
-        place = min(int(random.exponential(len(best) / 3)), len(best) - 1)
-        pairs.append((best[place].case, others[random.integers(len(others))].case))
+        index = min(int(random.exponential(len(best) / 3)), len(best) - 1)
+        pairs.append((best[index].case, others[random.integers(len(others))].case))
     return mutated(pairs, random, clamp)[0]
 
 
 def _climb_on_trial(
     plan: StatePlan, result: RoundResult, population: Population, random: np.random.Generator
 ) -> None:
-    """Ask engines on trial near their highest cases, as often as they were asked in this round."""
+    """Ask engines under test near their highest cases, as often as they were in this round."""
     count = max(1, result.counts["engines"])
     near = hill_climbed(population, OVERSAMPLED * count, random, clamped_to_ranges)
     cases = [case for case in near if is_ordinary(case)][:count]
-    heights: dict[Key, Array] = {}
+    scores: dict[Key, Array] = {}
     claims = [one for one in plan.claims if CLAIMS[one].asks]
     result.counts["engines, climbed"] += len(cases)
     for i, case in enumerate(cases):
         judged = check_case(case, claims, plan.formulations, engines_under_test(plan.engines))
         result.failed += [one for one in judged if one.verdict == "failed"]
-        for key, height in engine_scores(judged).items():
-            heights.setdefault(key, np.zeros(len(cases)))[i] = height
-    update_population(result.population, heights, cases)
+        for key, score in engine_scores(judged).items():
+            scores.setdefault(key, np.zeros(len(cases)))[i] = score
+    update_population(result.population, scores, cases)
 
 
 def screen_and_judge(
@@ -314,68 +323,68 @@ def screen_and_judge(
     ordinary: set[int],
     most: int | None = None,
 ) -> None:
-    """Screen cases, judge what is suspect and what the ration says, and keep the highest.
+    """Screen cases, judge suspects and a sample of the others, and update the population.
 
-    Of suspects `most` are judged, by default `MOST_JUDGED`. Engines are asked at `ordinary` ones
-    only: what they lose near singular states is not known.
+    At most `most` suspects are judged, by default `MOST_JUDGED`. Engines are asked at `ordinary`
+    ones only: how many digits they lose near singular configurations is not known.
     """
     if not cases:
         return
     first = result.number * 2 * plan.batch + result.states
     formulations = tuple(FORMULATIONS[key] for key in plan.formulations)
-    found = screen(cases, formulations, plan.claims, plan.check_frequency.enclosures, first)
+    screening = screen(cases, formulations, plan.claims, plan.check_frequency.enclosures, first)
     result.counts["states"] += len(cases)
-    result.counts["enclosed"] += found.enclosed
-    result.counts["not finite"] += len(found.non_finite)
-    result.counts.update({f"{name} in lanes": x for name, x in found.verdicts.items()})
-    result.counts.update({f"{how}{claim}": x for (how, claim), x in found.by_claim.items()})
-    result.not_batched |= found.not_batched
-    worst = found.max_scores
-    suspects = sorted(found.suspects, key=lambda i: (-worst[i], i))
+    result.counts["enclosed"] += screening.enclosed
+    result.counts["not finite"] += len(screening.non_finite)
+    result.counts.update({f"{name} in lanes": x for name, x in screening.verdicts.items()})
+    result.counts.update({f"{how}{claim}": x for (how, claim), x in screening.by_claim.items()})
+    result.not_batched |= screening.not_batched
+    worst = screening.max_scores
+    suspects = sorted(screening.suspects, key=lambda i: (-worst[i], i))
     result.counts["suspect"] += len(suspects)
     most = MOST_JUDGED if most is None else most
     for i in suspects[:most]:
-        claims = found.suspects[i] & set(plan.claims)
-        _judge(plan, result, found, cases[i], i, claims, "suspects judged")
+        claims = screening.suspects[i] & set(plan.claims)
+        _judge(plan, result, screening, cases[i], i, claims, "suspects judged")
     for i in suspects[most:]:
-        _settle(found, i, {})  # nobody knows how high it is
-    _judge_sample(plan, result, found, cases, first, ordinary)
-    update_population(result.population, found.scores, cases)
+        _settle(screening, i, {})  # not judged: its score is not known
+    _judge_sample(plan, result, screening, cases, first, ordinary)
+    update_population(result.population, screening.scores, cases)
 
 
 def _judge_sample(
     plan: StatePlan,
     result: RoundResult,
-    found: ScreeningResult,
+    screening: ScreeningResult,
     cases: Sequence[FuzzCase],
     first: int,
     ordinary: set[int],
 ) -> None:
-    ration, lifted = plan.check_frequency, set(batchable_claims(plan.claims))
+    frequency, batchable = plan.check_frequency, set(batchable_claims(plan.claims))
     engines = {one for one in plan.claims if CLAIMS[one].asks}
-    others = set(plan.claims) - lifted - engines - BALLS - ENCLOSED
-    lost = others | set(found.not_batched) | (PIVOTED & set(plan.claims))
+    others = set(plan.claims) - batchable - engines - BALLS - ENCLOSED
+    unbatched = others | set(screening.not_batched) | (PIVOTED & set(plan.claims))
     kinds = (
-        ("balls", ration.balls, BALLS & set(plan.claims)),
-        ("engines", ration.engines if plan.engines else 0, engines),
-        ("unlifted", ration.scalar_only, lost),
-        ("full checks", ration.checks, set(plan.claims) - engines),
+        ("balls", frequency.balls, BALLS & set(plan.claims)),
+        ("engines", frequency.engines if plan.engines else 0, engines),
+        ("unlifted", frequency.scalar_only, unbatched),
+        ("full checks", frequency.checks, set(plan.claims) - engines),
     )
-    unseen = set(found.non_finite)
+    non_finite = set(screening.non_finite)
     for name, every, claims in kinds:
         for i in range(len(cases)) if every and claims else ():
-            asked = name != "engines" or i in ordinary
-            if (first + i) % every == 0 and i not in unseen and asked:
-                _judge(plan, result, found, cases[i], i, claims, name)
-    for number, i in enumerate(found.non_finite):
-        if ration.scalar_only and number % ration.scalar_only == 0:
-            _judge(plan, result, found, cases[i], i, {"finite-terms"}, "not finite, judged")
+            wanted = name != "engines" or i in ordinary
+            if (first + i) % every == 0 and i not in non_finite and wanted:
+                _judge(plan, result, screening, cases[i], i, claims, name)
+    for number, i in enumerate(screening.non_finite):
+        if frequency.scalar_only and number % frequency.scalar_only == 0:
+            _judge(plan, result, screening, cases[i], i, {"finite-terms"}, "not finite, judged")
 
 
 def _judge(
     plan: StatePlan,
     result: RoundResult,
-    found: ScreeningResult,
+    screening: ScreeningResult,
     case: FuzzCase,
     i: int,
     claims: set[str],
@@ -385,46 +394,46 @@ def _judge(
     result.counts[how] += 1
     judged = check_case(case, claims, plan.formulations, engines)
     result.failed += [one for one in judged if one.verdict == "failed"]
-    for key, height in engine_scores(judged).items():
-        found.score(key)[i] = height
+    for key, score in engine_scores(judged).items():
+        screening.score(key)[i] = score
     if how == "suspects judged":
-        heights: dict[str, float] = dict.fromkeys(claims, 0.0)
+        scores: dict[str, float] = dict.fromkeys(claims, 0.0)
         for one in judged:
             if one.verdict in ("passed", "failed"):
-                heights[one.claim] = max(heights[one.claim], one.ratio)
-        _settle(found, i, heights)
+                scores[one.claim] = max(scores[one.claim], one.ratio)
+        _settle(screening, i, scores)
 
 
-def _settle(found: ScreeningResult, i: int, heights: dict[str, float]) -> None:
-    """Replace what lanes said of a suspect by what it was judged to be."""
-    for (claim, _), all_heights in found.scores.items():
-        said = "true-error" if claim == TRUTH else claim
-        if said in found.suspects[i] and all_heights[i] > 1.0:
-            all_heights[i] = heights.get(said, 0.0)
+def _settle(screening: ScreeningResult, i: int, scores: dict[str, float]) -> None:
+    """Replace the scores above 1 that screening gave a suspect by those of `check_state`."""
+    for (claim, _), values in screening.scores.items():
+        judged_claim = "true-error" if claim == TRUTH else claim
+        if judged_claim in screening.suspects[i] and values[i] > 1.0:
+            values[i] = scores.get(judged_claim, 0.0)
 
 
 # ---- Rounds of random scene classes --------------------------------------------------------------
 
 STRUCTURES = 4
-"""Structures of a round."""
+"""Structures drawn in a round."""
 
 LANES = 128
-"""States side by side: as many as pay for what one structure costs before its first state."""
+"""States of a batch: enough to outweigh the cost of a structure before its first state."""
 
 
 class RandomStatePlan(StatePlan):
-    """What all rounds of a campaign about a random kind have in common; see `StatePlan`.
+    """The plan of a campaign about a random scene class; see `StatePlan`.
 
-    Its batch is the number of states of one structure that are drawn, and that are climbed to.
+    Its batch is the number of states of one structure that are drawn, and of those from climbing.
     """
 
     @property
     def max_states(self) -> int:
-        """States that a round looks at, at most."""
+        """Largest number of states that a round checks."""
         return (2 * STRUCTURES + 1) * self.batch
 
     def run(self, round_: Round) -> RoundResult:
-        """Return what a round comes to."""
+        """Return the result of a round."""
         random = generator(self, round_)
         result = RoundResult(round_.number, round_.variant, {})
         best = {key: list(one) for key, one in round_.population.items()}
@@ -467,7 +476,7 @@ def _climb_in_structure(plan: StatePlan, result: RoundResult, random: np.random.
 def _population_of_best_structure(
     population: Population, random: np.random.Generator
 ) -> Population:
-    """Return those of a population that are of one structure: that of the highest of some claim."""
+    """Return the part of a population with the structure of the highest case of a random key."""
     keys = sorted(population)
     highest = population[keys[random.integers(len(keys))]][0]
     kind = type(highest.case[0])
@@ -476,8 +485,8 @@ def _population_of_best_structure(
 
 
 def _merge(best: Population, more: Population) -> None:
-    for key, found in more.items():
+    for key, cases in more.items():
         known = best.setdefault(key, [])
-        known += [one for one in found if all(one is not x for x in known)]
+        known += [one for one in cases if all(one is not x for x in known)]
         known.sort(key=lambda one: -one.score)
         del known[CASES_PER_KEY:]
