@@ -34,10 +34,10 @@ Seed = Annotated[int, "Seed of the draws."]
 
 
 def parse_whole_numbers(text: str) -> list[int]:
-    """Return the numbers of "3", "1..12" or "1..12,20,50".
+    """Return the sorted whole numbers of "3", "1..12" or "1..12,20,50".
 
     Raises:
-        InputError: none of these.
+        InputError: the text is none of these.
     """
     numbers: set[int] = set()
     for part in text.split(","):
@@ -47,10 +47,10 @@ def parse_whole_numbers(text: str) -> list[int]:
 
 
 def parse_interval(text: str) -> tuple[int, int]:
-    """Return (low, high) of "3" or "1..12".
+    """Return the interval (low, high) of "3" or "1..12".
 
     Raises:
-        InputError: neither.
+        InputError: the text is neither, or too large.
     """
     match = re.fullmatch(r"(\d+)(?:\.\.(\d+))?", text.strip())
     if match is None:
@@ -64,12 +64,12 @@ def parse_interval(text: str) -> tuple[int, int]:
 
 
 def split_list(texts: Iterable[str] | None) -> list[str] | None:
-    """Return what was given as "a,b" or repeated as one list; None of nothing given.
+    """Return the names of an option given as "a,b" or repeated; None if it is not given.
 
-    A name in a file (with a colon in it) is never taken apart.
+    A name in a file (with a colon in it) is never split.
 
     Raises:
-        InputError: what was given names nothing: an empty selection would check nothing.
+        InputError: there is no name in `texts`: an empty selection would check nothing.
     """
     if not texts:
         return None
@@ -89,47 +89,47 @@ def parse_numbers(
     """Return the numbers given as "1,0.5" or repeated, in order.
 
     Args:
-        name: what they are called in an error.
-        texts: what was given.
-        kind: makes a number of its text.
+        name: name of the option in an error.
+        texts: values of the option.
+        kind: converts a text to a number.
 
     Raises:
-        InputError: one of them is none.
+        InputError: a text is no number.
     """
-    found = []
+    numbers = []
     for text in split_list(texts) or []:
         try:
-            found.append(kind(text))
+            numbers.append(kind(text))
         except ValueError:
             whole = "whole numbers" if kind is int else "numbers"
             raise InputError(f"{name} = {text!r}, expected {whole} such as 1,2") from None
-    return found
+    return numbers
 
 
 def parse_parameters(texts: Iterable[str] | None) -> dict[str, list[float] | None]:
-    """Return the parameters that were given as "name=1,0.5", None of "name=none".
+    """Return the parameters of "name=1,0.5", by name; None for "name=none".
 
     Raises:
-        InputError: none of these, or one name is given twice.
+        InputError: a text is neither, or one name is given twice.
     """
-    found: dict[str, list[float] | None] = {}
+    parameters: dict[str, list[float] | None] = {}
     for text in texts or ():
         name, equals, value = (part.strip() for part in text.partition("="))
         if not (name and equals and value):
             raise InputError(f"set = {text!r}, expected NAME=VALUE such as mass=2 or mass=1,2,3")
-        if name in found:
+        if name in parameters:
             raise InputError(f"set: {name} is given twice, expected {name}=1,2,3 for a list")
         if not value.strip(", "):
             raise InputError(f"set = {text!r}, expected a number after {name}=")
-        found[name] = None if value == "none" else parse_numbers(name, [value])
-    return found
+        parameters[name] = None if value == "none" else parse_numbers(name, [value])
+    return parameters
 
 
 def no_more_than(links: int | None) -> int | None:
-    """Return a number of links.
+    """Return a number of links unchanged, if it is not too large.
 
     Raises:
-        InputError: it is more than is ever looked at.
+        InputError: it is more than `MOST_LINKS`.
     """
     if links is not None and links > MOST_LINKS:
         raise InputError(f"links = {links}, expected at most {MOST_LINKS}")

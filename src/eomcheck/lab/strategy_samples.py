@@ -16,7 +16,7 @@ UNHURRIED = (
     HealthCheck.large_base_example,
     HealthCheck.filter_too_much,
 )
-"""Large scenes are drawn all the same."""
+"""Health checks of hypothesis that are off: large scenes are drawn slowly."""
 
 
 def draw_samples(cases: SearchStrategy[T], count: int, seed: int) -> list[T]:

@@ -228,7 +228,7 @@ def cause_of(one: FailureRecord | Finding) -> list[str]:
 
 
 def diagnosis_of(one: FailureRecord | Finding) -> str:
-    """Return the diagnosis in a detail, by which causes differ; "" if none or with numbers in it."""
+    """Return the diagnosis in a detail, by which causes differ; "" if none or one with numbers."""
     diagnosis = one.detail.rpartition(": ")[2] if ": " in one.detail else ""
     diagnosis = diagnosis.removesuffix(EVERY_ROW)  # every row that does not vanish in this state
     return "" if any(c.isdigit() for c in diagnosis) else diagnosis

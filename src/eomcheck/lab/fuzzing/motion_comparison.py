@@ -1,10 +1,10 @@
 """Comparison of motions by all formulations, within what tolerance and conditioning allow.
 
-The true motion is not known. Known is: all formulations integrate the same one; a motion at a
-tighter tolerance shows how large errors are, and one that starts nearby how they grow. Motions are
-simulated in a batch, or one alone by another integrator. Behind a pose where a partition, or the
-constraint Jacobian itself, is singular a motion is judged otherwise or not at all; such poses are
-detected from the states on both sides of them.
+The true motion is not known, but all formulations integrate the same one: a motion at a tighter
+tolerance shows the size of the errors, and one from a perturbed start their growth. Motions are
+simulated in a batch, or one alone by another integrator. After a singular configuration, of a
+partition or of the constraint Jacobian itself, a motion is judged otherwise or not at all; such
+poses are detected from the states on both sides of them.
 """
 
 from __future__ import annotations
@@ -35,26 +35,26 @@ from eomcheck.numbers.pivots import EPS
 # ---- Simulated motions ---------------------------------------------------------------------------
 
 COARSE, TIGHT = 1e-8, 1e-10
-"""Tolerances of the two motions of each formulation; the second one is judged."""
+"""Tolerances, rtol and atol, of the two motions of each formulation; the second one is judged."""
 
 OTHER = "Vern8"
-"""The integrator of motions that are looked at alone, which is not the one of lanes."""
+"""Integrator of motions simulated alone, other than that of batches."""
 
 TIMES = 65
-"""Times at which motions are compared, the start among them."""
+"""Number of times at which motions are compared, the start among them."""
 
 MOST_STEPS = 1000
-"""A motion that takes more is not gone on with, and counted."""
+"""Largest number of steps; a motion that takes more is stopped, and counted."""
 
 
 class SimulatedBatch(NamedTuple):
-    """Motions of m scenes of one structure, at k times, as one formulation says.
+    """Motions of m scenes of one structure, at k times, by one formulation.
 
     Attributes:
         y: coordinates and velocities (m, k, 2n), NaN where not reached.
         energy: T + U (m, k), J.
-        status: of each (m,), see `Trajectories`.
-        reason: why it did not reach the end (m,).
+        status: status of each motion (m,), see `Trajectories`.
+        reason: reason why it did not reach the end (m,).
     """
 
     y: Array
@@ -73,7 +73,7 @@ def simulate_batch(
         key: the formulation.
         t_end: end, s.
         tolerance: rtol and atol.
-        most: steps, at most.
+        most: largest number of steps.
     """
     scene = cases[0][0]
     parameters = {}
@@ -86,15 +86,15 @@ def simulate_batch(
     options: dict[str, Any] = {"rtol": tolerance, "atol": tolerance, "max_steps": most}
     try:
         with np.errstate(all="ignore"):
-            found: Trajectories = simulate_many(
+            trajectories: Trajectories = simulate_many(
                 *(scene, key, t_end),
                 **{"q0": q0, "v0": v0, "parameters": parameters, "output_times": times},
                 **options,
             )
     except EomcheckError:
         return None
-    y = np.concatenate((found.q, found.v), axis=2)
-    return SimulatedBatch(y, found.energy, found.status, found.reason)
+    y = np.concatenate((trajectories.q, trajectories.v), axis=2)
+    return SimulatedBatch(y, trajectories.energy, trajectories.status, trajectories.reason)
 
 
 def simulate_single(case: FuzzCase, key: str, t_end: float, tolerance: float) -> Array | None:
@@ -103,7 +103,7 @@ def simulate_single(case: FuzzCase, key: str, t_end: float, tolerance: float) ->
     times = np.linspace(0.0, t_end, TIMES)
     start: dict[str, Any] = {"q0": state.q, "v0": state.v, "output_times": times}
     try:
-        found = simulate(
+        motion = simulate(
             *(scene, key, t_end),
             **start,
             rtol=tolerance,
@@ -114,7 +114,7 @@ def simulate_single(case: FuzzCase, key: str, t_end: float, tolerance: float) ->
     except EomcheckError:
         return None
     y = np.full((1, TIMES, 2 * scene.n), np.nan)
-    y[0, : len(found.times)] = np.hstack((found.q, found.v))
+    y[0, : len(motion.times)] = np.hstack((motion.q, motion.v))
     return y
 
 
@@ -122,34 +122,34 @@ def simulate_single(case: FuzzCase, key: str, t_end: float, tolerance: float) ->
 
 
 def perturbed_starts(cases: Sequence[FuzzCase]) -> tuple[list[FuzzCase], list[int]]:
-    """Return the cases with states moved by `COARSE`, and which they are of those given.
+    """Return the cases with states perturbed by `COARSE`, relative, and their input indices.
 
-    All are moved alike, so that what a start is moved by does not depend on those beside it.
+    All get the same perturbation, so that a start's does not depend on the others in the batch.
     """
-    scenes, states, wished, places = [], [], [], []
+    scenes, states, velocities, indices = [], [], [], []
     n = cases[0][0].n
     random = np.random.default_rng(n)
-    away = COARSE * random.choice((-1.0, 1.0), (2, n)) * random.uniform(0.5, 1.0, (2, n))
+    perturbation = COARSE * random.choice((-1.0, 1.0), (2, n)) * random.uniform(0.5, 1.0, (2, n))
     for i, (scene, state) in enumerate(cases):
         try:
-            q = assembled_position(scene, state.q + away[0] * (1.0 + np.abs(state.q)), 0.0)
+            q = assembled_position(scene, state.q + perturbation[0] * (1.0 + np.abs(state.q)), 0.0)
         except EomcheckError:
-            continue  # it cannot be closed there
+            continue  # its loops cannot be closed there
         scenes.append(scene)
         states.append(State(q, np.zeros(n), 0.0))
-        wished.append(state.v + away[1] * (1.0 + np.abs(state.v)))
-        places.append(i)
-    found, kept = consistent(scenes, states, lambda _: np.array(wished))
-    return found, [places[i] for i in kept]
+        velocities.append(state.v + perturbation[1] * (1.0 + np.abs(state.v)))
+        indices.append(i)
+    starts, kept = consistent(scenes, states, lambda _: np.array(velocities))
+    return starts, [indices[i] for i in kept]
 
 
 def largest_so_far(x: Array) -> Array:
-    """Return the largest so far (m, k); NaN once one is NaN: what comes then is not known."""
+    """Return the running maximum (m, k) along time; NaN from the first NaN on."""
     return np.maximum.accumulate(x, axis=1)
 
 
 def grown(difference: Array, scale: Array) -> Array:
-    """Return the largest entry so far (m, k) of differences of states (m, k, 2n), over `scale`."""
+    """Return the running maximum (m, k) of differences of states (m, k, 2n), over `scale`."""
     return largest_so_far(np.abs(difference / scale).max(axis=2))
 
 
@@ -159,27 +159,27 @@ def growth_from_perturbed_starts(
     t_end: float,
     scale: Array,
 ) -> tuple[Array, Array]:
-    """Return how far motions are apart (m, k) that begin a little apart, and their energies."""
-    apart, energy = (np.full((len(cases), TIMES), np.nan) for _ in range(2))
-    nearby, places = perturbed_starts(cases)
-    # By the formulation that comes furthest: how a motion grows is not a matter of formulation.
+    """Return distances (m, k) to motions from perturbed starts, and those of energies (m, k), J."""
+    distance, energy = (np.full((len(cases), TIMES), np.nan) for _ in range(2))
+    nearby, indices = perturbed_starts(cases)
+    # By the formulation that gets furthest: the growth of errors does not depend on it.
     best = max(both, key=lambda key: np.isfinite(both[key][1].y).sum())
-    there = simulate_batch(nearby, best, t_end, TIGHT) if nearby else None
-    if there is not None:
-        here = both[best][1]
-        apart[places] = grown(there.y - here.y[places], scale[places])
-        energy[places] = largest_so_far(np.abs(there.energy - here.energy[places]))
-    return apart, energy
+    perturbed = simulate_batch(nearby, best, t_end, TIGHT) if nearby else None
+    if perturbed is not None:
+        reference = both[best][1]
+        distance[indices] = grown(perturbed.y - reference.y[indices], scale[indices])
+        energy[indices] = largest_so_far(np.abs(perturbed.energy - reference.energy[indices]))
+    return distance, energy
 
 
 # ---- Singular poses ------------------------------------------------------------------------------
 
 
 def crossings(cases: Sequence[FuzzCase], y: Array, t_end: float) -> Array:
-    """Return the number of the first time (m,) behind a pose where a_1 is singular.
+    """Return the index of the first time (m,) after a pose where a_1 is singular.
 
-    The number of times for none. Such a pose was crossed where the sign of the determinant changes
-    on the true motion, whatever a formulation says of it.
+    It is k where there is none. Such a pose was crossed where the sign of the determinant changes
+    along the true motion, whichever formulation integrates it.
 
     Args:
         cases: scenes of one structure.
@@ -193,18 +193,18 @@ def crossings(cases: Sequence[FuzzCase], y: Array, t_end: float) -> Array:
     first = np.full(len(cases), y.shape[1])
     for i in range(len(cases) if a.shape[2] else 0):
         row = signs[i]
-        seen = np.flatnonzero(np.abs(row) == 1.0)
-        turns = seen[1:][row[seen[1:]] != row[seen[:-1]]]
-        first[i] = turns[0] if turns.size else y.shape[1]
+        regular = np.flatnonzero(np.abs(row) == 1.0)
+        sign_changes = regular[1:][row[regular[1:]] != row[regular[:-1]]]
+        first[i] = sign_changes[0] if sign_changes.size else y.shape[1]
     return first
 
 
 def branchings(cases: Sequence[FuzzCase], y: Array, t_end: float) -> Array:
-    """Return the number of the first time (m,) behind a pose where a loses rank.
+    """Return the index of the first time (m,) after a pose where the Jacobian a loses rank.
 
-    The number of times for none. There a motion has branches, as where all rods of a linkage are in
-    line, and which one it takes is up to rounding. From such a pose on rows of a point the other
-    way: what they are of the rows before has an eigenvalue that is not positive.
+    It is k where there is none. At such a pose, as where all rods of a linkage are in line, a
+    motion has branches, and rounding decides between them. After it rows of a point the other way:
+    the matrix that maps the rows before to those after has an eigenvalue that is not positive.
     """
     a, _ = jacobians(cases, y, t_end)
     first = np.full(len(cases), y.shape[1])
@@ -221,13 +221,13 @@ def branchings(cases: Sequence[FuzzCase], y: Array, t_end: float) -> Array:
     directions = np.linalg.eigvals(np.linalg.solve(left, right)).real
     turned: Array = known & ((directions <= 0.0).any(axis=2) | ~regular)
     for i in range(len(cases)):
-        places = np.flatnonzero(turned[i])
-        first[i] = places[0] + 1 if places.size else y.shape[1]
+        times = np.flatnonzero(turned[i])
+        first[i] = times[0] + 1 if times.size else y.shape[1]
     return first
 
 
 def jacobians(cases: Sequence[FuzzCase], y: Array, t_end: float) -> tuple[Array, tuple[int, ...]]:
-    """Return a (m, k, r, n) on motions y (m, k, 2n), NaN where these are, and what depends."""
+    """Return a (m, k, r, n) on motions y (m, k, 2n), NaN where y is, and its dependent columns."""
     scene, n = cases[0][0], cases[0][0].n
     out = np.full((*y.shape[:2], scene.r, n), np.nan)
     reached = [(i, k) for i, k in np.argwhere(np.isfinite(y).all(axis=2)).tolist()]
@@ -252,7 +252,7 @@ MOTION_CLAIMS = {
     ENERGY: "T + U stays what it was, where nothing takes or brings energy",
     ALONE: "a motion alone, by another integrator, is what it is beside others",
 }
-"""Id -> what is claimed of motions."""
+"""Id -> statement of a claim about motions."""
 
 
 @dataclass(frozen=True)
@@ -260,10 +260,10 @@ class MotionFinding(Finding):
     """A `Finding` about a motion that starts in its state at t = 0; see `MOTION_CLAIMS`.
 
     Attributes:
-        t_end: where the motion was to end, s.
-        crossed: when a pose was crossed in which a partition is singular, s; None for never.
+        t_end: planned end of the motion, s.
+        crossed: time at which a pose was crossed where a partition is singular, s; None for never.
         ended: "finished", "refused" at the start, "stopped", or "too many steps".
-        reached: whether the formulation came behind that pose.
+        reached: whether the formulation went beyond that pose.
     """
 
     t_end: float = 0.0
@@ -272,13 +272,13 @@ class MotionFinding(Finding):
     reached: bool = False
 
     def as_python(self) -> str:
-        """Return Python code that moves the scene by this formulation and by others."""
+        """Return Python code that simulates the scene by this formulation and by others."""
         assert self.state is not None
         return python_of_motion(self.scene, self.state, self.t_end, self.subject)
 
 
 def python_of_motion(scene: Scene, state: State, t_end: float, key: str) -> str:
-    """Return Python code that prints how far motions are from that by the formulation `key`."""
+    """Return Python code that prints the distances of motions from the one by `key`."""
     return (
         f"from eomcheck.formulations import applicable\n{reproducer_header(scene)}"
         f"options = dict(q0=[{state.q.tolist()}], v0=[{state.v.tolist()}])\n"
@@ -301,23 +301,24 @@ def judge_motions(
     t_end: float,
     alone: Sequence[tuple[int, str]] = (),
 ) -> list[list[MotionFinding]]:
-    """Return what is found of motions, one list each.
+    """Return the findings of motions, one list per motion.
 
-    The truth is the median of all formulations at `TIGHT`. A formulation may be as far from it as
-    `C` times its own change between the two tolerances, that of the median formulation, and what
-    becomes of a start that is moved by `COARSE`. Behind a pose in which a partition is singular the
-    own change of a formulation that solves one is no measure: it went where it must not go.
+    The reference is the median of all formulations at `TIGHT`. A formulation may differ from it by
+    `C` times the sum of its own change between the two tolerances, that of the median formulation,
+    and the growth of a perturbation of the start by `COARSE`. After a pose where a partition is
+    singular the own change of a formulation that solves one is no measure and does not count: it
+    crossed a pose at which it is not defined.
 
     Args:
         cases: scenes of one structure, and states at t = 0.
-        keys: formulations, of which those that apply are looked at.
+        keys: formulations, of which those that apply are compared.
         t_end: end, s.
-        alone: numbers of motions that are also looked at alone, and by which formulation.
+        alone: (index of a motion, formulation) of motions that are also simulated alone.
     """
-    able = [key for key in keys if FORMULATIONS[key].applies_to(cases[0][0])]
+    applicable = [key for key in keys if FORMULATIONS[key].applies_to(cases[0][0])]
     runs = {
         key: (simulate_batch(cases, key, t_end, COARSE), simulate_batch(cases, key, t_end, TIGHT))
-        for key in able
+        for key in applicable
     }
     both = {key: (a, b) for key, (a, b) in runs.items() if a is not None and b is not None}
     if not both:
@@ -327,14 +328,14 @@ def judge_motions(
 
 
 def failures_of_motion(case: FuzzCase, keys: Sequence[str], t_end: float) -> list[MotionFinding]:
-    """Return what fails of one motion; see `judge_motions`."""
+    """Return the failed findings of one motion; see `judge_motions`."""
     return [one for one in findings_of_motion(case, keys, t_end) if one.verdict == "failed"]
 
 
 def findings_of_motion(case: FuzzCase, keys: Sequence[str], t_end: float) -> list[MotionFinding]:
-    """The findings about one motion, alone and beside others; see `judge_motions`."""
-    able = [key for key in keys if FORMULATIONS[key].applies_to(case[0])]
-    (findings,) = judge_motions([case], keys, t_end, [(0, key) for key in able])
+    """Return the findings of one motion, simulated in a batch and alone; see `judge_motions`."""
+    applicable = [key for key in keys if FORMULATIONS[key].applies_to(case[0])]
+    (findings,) = judge_motions([case], keys, t_end, [(0, key) for key in applicable])
     return findings
 
 
@@ -353,57 +354,61 @@ def _judged(
         axis=0,
     ).T[:, None, :]
     changes = {key: grown(a.y - b.y, scale) for key, (a, b) in both.items()}
-    usual = _median(np.array(list(changes.values())))
-    growth, of_energy = growth_from_perturbed_starts(cases, both, t_end, scale)
+    median_change = _median(np.array(list(changes.values())))
+    growth, energy_growth = growth_from_perturbed_starts(cases, both, t_end, scale)
     when = crossings(cases, truth, t_end)
-    bounds = {key: C * (changes[key] + usual + growth) for key in both}
-    apart = {key: np.abs((b.y - truth) / scale).max(axis=2) for key, (_, b) in both.items()}
-    unknown = np.full((m, TIMES), np.inf)
+    bounds = {key: C * (changes[key] + median_change + growth) for key in both}
+    errors = {key: np.abs((b.y - truth) / scale).max(axis=2) for key, (_, b) in both.items()}
+    limit = np.full((m, TIMES), np.inf)
     for key, (_, b) in both.items():
         first = branchings(cases, b.y, t_end)
         for i in range(m):
             before = slice(0, first[i])
-            if (apart[key][i, before] <= bounds[key][i, before]).all():
-                unknown[i, first[i] :] = np.nan
+            if (errors[key][i, before] <= bounds[key][i, before]).all():
+                limit[i, first[i] :] = np.nan
     gains = {key: largest_so_far(np.abs(a.energy - b.energy)) for key, (a, b) in both.items()}
-    energies = _median(np.array(list(gains.values())))
-    found: list[list[MotionFinding]] = [[] for _ in cases]
+    median_gain = _median(np.array(list(gains.values())))
+    findings: list[list[MotionFinding]] = [[] for _ in cases]
     for key, (_, b) in both.items():
-        doubtful = solves_for_some(FORMULATIONS[key])
-        behind = np.arange(TIMES) >= when[:, None]
-        own, gain = (np.where(behind & doubtful, 0.0, x[key]) for x in (changes, gains))
-        allowed = np.minimum(unknown, C * (own + usual + growth))
-        gained = np.abs(b.energy - b.energy[:, :1])
-        of_gain = np.minimum(unknown, C * (gain + energies + of_energy))
+        solves = solves_for_some(FORMULATIONS[key])
+        after_crossing = np.arange(TIMES) >= when[:, None]
+        own_change, own_gain = (
+            np.where(after_crossing & solves, 0.0, x[key]) for x in (changes, gains)
+        )
+        allowed = np.minimum(limit, C * (own_change + median_change + growth))
+        energy_error = np.abs(b.energy - b.energy[:, :1])
+        gain_allowed = np.minimum(limit, C * (own_gain + median_gain + energy_growth))
         size = 1.0 + np.abs(b.energy)
-        kept = cases[0][0].conserves_energy
+        conserves_energy = cases[0][0].conserves_energy
         for i in range(m):
-            shown = _motion_summary(i, key, cases[i], b, when[i], t_end)
-            found[i].append(
-                _worst_finding(END_STATES, shown, apart[key][i], allowed[i], np.ones(TIMES))
+            summary = _motion_summary(i, key, cases[i], b, when[i], t_end)
+            findings[i].append(
+                _worst_finding(END_STATES, summary, errors[key][i], allowed[i], np.ones(TIMES))
             )
-            if kept:
-                found[i].append(_worst_finding(ENERGY, shown, gained[i], of_gain[i], size[i]))
+            if conserves_energy:
+                findings[i].append(
+                    _worst_finding(ENERGY, summary, energy_error[i], gain_allowed[i], size[i])
+                )
     for i, key in alone:
         a, b = (simulate_single(cases[i], key, t_end, x) for x in (COARSE, TIGHT))
         if a is None or b is None:
             continue
-        behind = (np.arange(TIMES) >= when[i]) & solves_for_some(FORMULATIONS[key])
-        own = np.where(behind, 0.0, grown(a - b, scale[[i]])[0])
-        allowed = np.minimum(unknown[i], C * (own + usual[i] + growth[i]))
+        after_crossing = (np.arange(TIMES) >= when[i]) & solves_for_some(FORMULATIONS[key])
+        own_change = np.where(after_crossing, 0.0, grown(a - b, scale[[i]])[0])
+        allowed = np.minimum(limit[i], C * (own_change + median_change[i] + growth[i]))
         observed = np.abs((b - truth[[i]]) / scale[[i]]).max(axis=2)[0]
-        shown = _motion_summary(i, key, cases[i], both[key][1], when[i], t_end)
-        found[i].append(_worst_finding(ALONE, shown, observed, allowed, np.ones(TIMES)))
-    return found
+        summary = _motion_summary(i, key, cases[i], both[key][1], when[i], t_end)
+        findings[i].append(_worst_finding(ALONE, summary, observed, allowed, np.ones(TIMES)))
+    return findings
 
 
 def solves_for_some(formulation: Formulation) -> bool:
-    """Return whether a formulation may solve constraints for some velocities by the others."""
+    """Return whether a formulation may solve constraints for some velocities in terms of others."""
     return formulation.partitioned or formulation.in_speeds
 
 
 def _median(x: Array) -> Array:
-    """Return the median (...,) of those of x (f, ...) that are finite, NaN where none is."""
+    """Return the median (...,) of the finite entries of x (f, ...), NaN where there is none."""
     x = np.sort(np.where(np.isfinite(x), x, np.nan), axis=0)  # NaN last
     count = np.isfinite(x).sum(axis=0)
     low, high = (np.maximum(count - 1, 0) // 2, count // 2)
@@ -421,7 +426,7 @@ WRONG = {
     ENERGY: "energy changes",
     ALONE: f"another state than alone, by {OTHER}",
 }
-"""Id of a claim -> what is wrong where it fails."""
+"""Id of a claim -> description of its failure."""
 
 
 class _MotionSummary(NamedTuple):
@@ -434,42 +439,42 @@ class _MotionSummary(NamedTuple):
 
 
 def _motion_summary(
-    i: int, key: str, case: FuzzCase, by: SimulatedBatch, place: int, t_end: float
+    i: int, key: str, case: FuzzCase, by: SimulatedBatch, index: int, t_end: float
 ) -> _MotionSummary:
-    crossed = t_end * place / (TIMES - 1) if place < TIMES else None
+    crossed = t_end * index / (TIMES - 1) if index < TIMES else None
     ended = "stopped" if by.status[i] == "failed" else str(by.status[i])
     ended = "too many steps" if "steps do not reach" in by.reason[i] else ended
-    reached = place < TIMES and bool(np.isfinite(by.y[i, place]).all())
+    reached = index < TIMES and bool(np.isfinite(by.y[i, index]).all())
     return _MotionSummary(key, case, t_end, crossed, ended, reached)
 
 
 def _worst_finding(
-    claim: str, shown: _MotionSummary, observed: Array, allowed: Array, scale: Array
+    claim: str, motion: _MotionSummary, observed: Array, allowed: Array, scale: Array
 ) -> MotionFinding:
-    """Return the finding of errors (k,): the worst of the times at which they can be judged."""
-    told = np.isfinite(observed) & np.isfinite(allowed) & (allowed <= INCONCLUSIVE * scale)
-    told[0] = False  # the start is given
-    scene, state = shown.case
+    """Return the finding of errors (k,) at the worst of the times at which they can be judged."""
+    resolved = np.isfinite(observed) & np.isfinite(allowed) & (allowed <= INCONCLUSIVE * scale)
+    resolved[0] = False  # the start is given
+    scene, state = motion.case
     verdict: Verdict = "inconclusive"
     worst, detail = 0, ""
-    if told.any():
-        ratio = np.where(told, observed / np.maximum(allowed, np.finfo(float).tiny), -1.0)
+    if resolved.any():
+        ratio = np.where(resolved, observed / np.maximum(allowed, np.finfo(float).tiny), -1.0)
         worst = int(ratio.argmax())
         verdict = "passed" if observed[worst] <= allowed[worst] else "failed"
         if verdict == "failed":
-            t = shown.t_end * worst / (TIMES - 1)
-            what = WRONG[claim]
-            detail = f"motion, {shown.key}: {what} at t = {t:.4g} s"
-            if shown.crossed is not None and shown.crossed <= t:
-                detail += f", after a pose where a_1 is singular, before t = {shown.crossed:.4g} s"
-    x, most = float(observed[worst]), float(allowed[worst])
-    named = claim, shown.key, scene, State(state.q, state.v, 0.0), x, most, verdict
+            t = motion.t_end * worst / (TIMES - 1)
+            wrong = WRONG[claim]
+            detail = f"motion, {motion.key}: {wrong} at t = {t:.4g} s"
+            if motion.crossed is not None and motion.crossed <= t:
+                detail += f", after a pose where a_1 is singular, before t = {motion.crossed:.4g} s"
+    x, bound = float(observed[worst]), float(allowed[worst])
+    fields = claim, motion.key, scene, State(state.q, state.v, 0.0), x, bound, verdict
     return MotionFinding(
-        *named,
+        *fields,
         "compared: all formulations",
         detail,
-        t_end=shown.t_end,
-        crossed=shown.crossed,
-        ended=shown.ended,
-        reached=shown.reached,
+        t_end=motion.t_end,
+        crossed=motion.crossed,
+        ended=motion.ended,
+        reached=motion.reached,
     )

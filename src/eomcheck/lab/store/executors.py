@@ -1,8 +1,8 @@
 """Executors for parallel work: processes on this machine, or workers of a dask scheduler.
 
-A text names a `ExecutorBackend`: "local", "local:4" or "dask:tcp://host:8786" (extra `cluster`);
-its `open` provides a `concurrent.futures.Executor`. Local processes do not receive Ctrl-C, and none
-outlives its parent.
+An address names an `ExecutorBackend`: "local", "local:4" or "dask:tcp://host:8786" (extra
+`cluster`); its `open` provides a `concurrent.futures.Executor`. Local processes do not receive
+Ctrl-C, and none outlives its parent.
 """
 
 from __future__ import annotations
@@ -34,18 +34,18 @@ from eomcheck.lab.store.provenance import THREADS, sources
 
 
 class ExecutorBackend(ABC):
-    """Where work is done."""
+    """A backend that runs work: processes or a cluster."""
 
     max_pending: int
-    """Items handed over before the first of them is back."""
+    """Largest number of items submitted and not finished."""
     killed_error = ""
-    """Name of the exception that says that an item has killed its workers again and again."""
+    """Name of the exception by which the backend reports an item that killed its workers."""
 
     check_seconds: float | None = None
-    """Seconds without a result after which `check` is asked; None for never."""
+    """Seconds without a result after which `check` is called; None for never."""
 
     def check(self) -> None:
-        """Raise DiedError where nobody is left who could do the work."""
+        """Raise DiedError where no worker is left."""
         return
 
     @abstractmethod
@@ -53,7 +53,7 @@ class ExecutorBackend(ABC):
         """Provide an Executor; whatever leaves the block early cancels the work."""
 
     def call(self, function: Callable, item: Any) -> tuple:
-        """Return what to submit for function(item)."""
+        """Return the callable and arguments to submit for function(item)."""
         return function, item
 
 
@@ -65,17 +65,17 @@ class Local(ExecutorBackend):
 
     def __init__(self, workers: int, ahead: int = 1):
         self.workers = workers
-        # One ahead, so that no worker waits; not more, for all in hand are suspects when one dies.
+        # One ahead, so that no worker waits; not more, since all running items are suspects of a death.
         self.max_pending = workers + ahead
 
     @contextmanager
     def open(self) -> Iterator[Executor]:
-        """Provide the pool; leaving early kills its processes, for they do not hear Ctrl-C."""
+        """Provide the pool; leaving early kills its processes, since they ignore Ctrl-C."""
         context = _Context()
         pool = ProcessPoolExecutor(self.workers, mp_context=context, initializer=_start_worker)
         try:
-            # Starts all processes and the thread that looks after them: interrupted between the
-            # two, the pool could not be shut down.
+            # Starts all processes and the thread that manages them: interrupted between the two,
+            # the pool could not be shut down.
             with _no_interrupt():
                 pool.submit(os.getpid)
             yield pool
@@ -104,7 +104,7 @@ def _bar_last_call(process: multiprocessing.context.SpawnProcess) -> None:
 
 
 class _Process(multiprocessing.context.SpawnProcess):
-    """A process that starts with one BLAS thread and does not hear Ctrl-C.
+    """A process that starts with one BLAS thread and ignores Ctrl-C.
 
     Both must hold before its first import: a script's own imports come before any initializer, and
     Ctrl-C during them would print a traceback.
@@ -126,20 +126,20 @@ class _Process(multiprocessing.context.SpawnProcess):
 
 @contextmanager
 def _no_interrupt() -> Iterator[None]:
-    """Put Ctrl-C and SIGTERM off to the end of the block; what starts there never hears Ctrl-C.
+    """Defer Ctrl-C and SIGTERM to the end of the block; processes started there ignore Ctrl-C.
 
-    A process that is interrupted between starting another and telling it what to do leaves it
-    without its instructions, of which that complains.
+    A process that is interrupted after starting another, and before sending its instructions,
+    leaves that one without them, and it prints a traceback.
     """
     if threading.current_thread() is not threading.main_thread():
         yield  # the main thread alone is interrupted
         return
-    came: list[int] = []
-    # Another thread may catch the signal, hence a handler; a process started inherits the mask.
+    received: list[int] = []
+    # Another thread may catch the signal, hence a handler; a started process inherits the mask.
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    heard = {number: handler for number, handler in before.items() if handler is not None}
-    for number in heard:
-        signal.signal(number, lambda number, _: came.append(number))
+    handlers = {number: handler for number, handler in before.items() if handler is not None}
+    for number in handlers:
+        signal.signal(number, lambda number, _: received.append(number))
     masks = hasattr(signal, "pthread_sigmask")  # not on Windows
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if masks else set()
     try:
@@ -147,10 +147,10 @@ def _no_interrupt() -> Iterator[None]:
     finally:
         if masks:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        for number, handler in heard.items():
+        for number, handler in handlers.items():
             signal.signal(number, handler)
-        if came:
-            signal.raise_signal(came[0])
+        if received:
+            signal.raise_signal(received[0])
 
 
 class _Context(multiprocessing.context.SpawnContext):
@@ -184,17 +184,17 @@ def _end_with_parent() -> None:
 # ---- dask ----------------------------------------------------------------------------------------
 
 CONNECT_SECONDS = 6
-"""How long a scheduler, and then its first worker, may keep us waiting."""
+"""Longest wait, s, for a scheduler, and then for its first worker."""
 
 ALONE_SECONDS = 20
-"""How long a scheduler may be without workers while there is work."""
+"""Longest time, s, for which a scheduler may be without workers while there is work."""
 LOGS = "distributed", "distributed.client"
 """Loggers that write tracebacks of their own where a scheduler has died."""
 
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Have the library write nothing of what is reported by exceptions."""
+    """Silence the library's loggers for failures that are reported by exceptions."""
     levels = {name: logging.getLogger(name).level for name in LOGS}
     for name in levels:
         logging.getLogger(name).setLevel(logging.CRITICAL)
@@ -206,7 +206,7 @@ def _quiet() -> Iterator[None]:
 
 
 class Dask(ExecutorBackend):
-    """The workers of a dask scheduler; it gives the work of a lost worker to another itself."""
+    """The workers of a dask scheduler, which itself reassigns the work of a lost worker."""
 
     max_pending = 1024
     killed_error = "KilledWorker"
@@ -228,8 +228,8 @@ class Dask(ExecutorBackend):
             raise DiedError(f"the dask scheduler at {self.address!r} has no workers left")
 
     def call(self, function: Callable, item: Any) -> tuple:
-        """Return the function, guarded."""
-        # Pickled here: dask would look for futures, and in old versions for tasks, in an item.
+        """Return a guarded call of function(item) and its arguments."""
+        # Pickled here: dask would search an item for futures, and in old versions for tasks.
         return guarded, sources(), pickle.dumps((function, item)), patience()
 
     @contextmanager
@@ -242,12 +242,12 @@ class Dask(ExecutorBackend):
     def _opened(self, make: Callable) -> Iterator[Executor]:
         client = self._client = self._connect(make)
         try:
-            # pure: equal items are still as many items.
+            # pure=False: equal items are computed separately.
             pool = client.get_executor(pure=False)
             try:
                 yield pool
             except BaseException:
-                # No scheduler may be left to tell.
+                # The scheduler may be gone.
                 with suppress(Exception):
                     pool.shutdown(wait=False)
                 raise
@@ -274,17 +274,19 @@ _ONE = threading.Lock()
 
 
 def guarded(digest: str, work: bytes, patient: float) -> Any:
-    """Return function(item), computed by these very sources, one at a time in this process.
+    """Return function(item), computed by the caller's sources, one at a time in this process.
 
-    A dask worker has several threads by default; the precision of balls is one per process.
+    A dask worker has several threads by default; the precision of ball arithmetic is one per
+    process.
 
     Args:
-        digest: of the sources of the process that wants the result.
+        digest: digest of the sources of the process that requests the result.
         work: (function, item), pickled.
-        patient: seconds that a call of code that is not ours may take.
+        patient: time limit of a call of outside code, s.
 
     Raises:
-        WorkerError: this process has other sources of eomcheck than the one that wants the result.
+        WorkerError: this process has other sources of eomcheck than the one that requests the
+            result.
     """
     if sources() != digest:
         raise WorkerError("the workers have another version of eomcheck")
@@ -298,10 +300,10 @@ def guarded(digest: str, work: bytes, patient: float) -> Any:
 
 
 def backend_of(address: str | None) -> ExecutorBackend:
-    """Return the place that a text such as "local:4" or "dask:tcp://host:8786" names.
+    """Return the backend of an address such as "local:4" or "dask:tcp://host:8786".
 
     Raises:
-        InputError: it names none.
+        InputError: the address names no backend.
     """
     scheme, _, rest = ("local" if address is None else address).partition(":")
     match scheme:
@@ -313,7 +315,7 @@ def backend_of(address: str | None) -> ExecutorBackend:
 
 
 def check_executor(address: str | None) -> None:
-    """Say at once if work cannot go there: connect to a scheduler, and leave.
+    """Raise at once if an executor cannot be used: connect to a scheduler, and leave.
 
     Raises:
         InputError, EngineError: see `executor`.
@@ -328,7 +330,7 @@ def executor(address: str | None = None) -> AbstractContextManager[Executor]:
     Leaving the block by an exception, Ctrl-C too, cancels the work.
 
     Raises:
-        InputError: no such place, or no scheduler with a worker answers there.
-        EngineError: the library that it needs is not installed.
+        InputError: no such backend, or no scheduler with a worker answers there.
+        EngineError: the library of the backend is not installed.
     """
     return backend_of(address).open()

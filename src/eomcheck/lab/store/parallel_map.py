@@ -1,7 +1,7 @@
 """Parallel map over processes and machines that survives the death of workers.
 
-`parallel_map` yields (item, function(item)) as items finish. The work of a worker that dies is
-given to another; an item that kills every worker it is given to, the last time alone, is reported
+`parallel_map` yields (item, function(item)) as items finish. The items of a worker that dies are
+submitted to another; an item that kills every worker, the last time alone in the pool, is reported
 after all the others. It is for untimed work, run by any `concurrent.futures.Executor` of
 `eomcheck.lab.store.executors`.
 """
@@ -32,7 +32,7 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 DEATHS_TOGETHER = 2
-"""So often a worker may die while it has an item in hand; after that the item is tried alone."""
+"""Deaths of workers with an item among those running; after that the item is tried alone."""
 
 
 @old_keywords
@@ -41,8 +41,8 @@ def parallel_map(
 ) -> Iterator[tuple[Item, Result]]:
     """Yield (item, function(item)), in the order in which they finish.
 
-    Items are taken as they are handed over. One whose worker dies is given to another. One that
-    kills every worker it is given to, the last time alone, is left out and reported after all the
+    Items are consumed as they are submitted. One whose worker dies is submitted to another. One
+    that kills every worker, the last time alone in the pool, is left out and reported after all the
     others. An exception of `function` ends everything.
 
     Args:
@@ -51,25 +51,25 @@ def parallel_map(
         items: anything that can be pickled, and so can the results.
 
     Raises:
-        DiedError: workers died of an item, or none is left, or the scheduler is gone.
+        DiedError: an item killed its workers, no worker is left, or the scheduler is gone.
         WorkerError: workers die as they start.
         InputError, EngineError: see `eomcheck.lab.store.executors.executor`.
     """
-    place = backend_of(executor)
+    backend = backend_of(executor)
     source = map(_Task, items)
     queue: deque[_Task] = deque()
     alone: deque[_Task] = deque()
     given_up: list[_Task] = []
     progressed = True
     while _refilled(queue, source) or alone:
-        batch, here, more = (
-            (queue, place, source) if queue else (alone, Local(1, ahead=0), iter(()))
+        batch, current, more = (
+            (queue, backend, source) if queue else (alone, Local(1, ahead=0), iter(()))
         )
-        with here.open() as pool:
+        with current.open() as pool:
             if not progressed:
                 _check_start(pool)
             progressed = False
-            for task, outcome in _work_off(pool, here, function, batch, more):
+            for task, outcome in _work_off(pool, current, function, batch, more):
                 progressed = True
                 if isinstance(outcome, _Killed):
                     given_up.append(task)
@@ -95,41 +95,41 @@ class _Task:
 
 
 class _Killed:
-    """Stands for the result of an item that killed its workers."""
+    """Placeholder for the result of an item that killed its workers."""
 
 
 def _work_off(
     pool: Executor,
-    place: ExecutorBackend,
+    backend: ExecutorBackend,
     function: Callable,
     queue: deque[_Task],
     more: Iterator[_Task],
 ) -> Iterator[tuple[_Task, Any]]:
     """Yield (task, result) until queue and `more` are empty, or the pool broken.
 
-    Then the queue holds what was taken and not done.
+    Afterwards the queue holds the tasks that were taken and not done.
     """
     running: dict[Future, _Task] = {}
     broken = False
     while True:
-        while not broken and len(running) < place.max_pending and _refilled(queue, more):
+        while not broken and len(running) < backend.max_pending and _refilled(queue, more):
             try:
-                future = pool.submit(*place.call(function, queue[0].item))
+                future = pool.submit(*backend.call(function, queue[0].item))
             except BrokenExecutor:
                 broken = True
             else:
                 running[future] = queue.popleft()
         if not running:
             return
-        done = wait(running, place.check_seconds, FIRST_COMPLETED).done
+        done = wait(running, backend.check_seconds, FIRST_COMPLETED).done
         if not done:
-            place.check()
+            backend.check()
         for future in done:
             task = running.pop(future)
             try:
                 result = future.result()
             except BrokenExecutor:
-                # Which of the items in hand it was cannot be known.
+                # It is not known which of the running items caused it.
                 broken = True
                 task.deaths += 1
                 queue.appendleft(task)
@@ -137,7 +137,7 @@ def _work_off(
             except CancelledError:
                 raise DiedError("the scheduler is gone, and the work with it") from None
             except Exception as error:
-                if type(error).__name__ != place.killed_error:
+                if type(error).__name__ != backend.killed_error:
                     raise
                 result = _Killed()
             yield task, result

@@ -18,11 +18,11 @@ import eomcheck
 
 LIBRARIES = ("numpy", "scipy", "llvmlite", "CyRK", "heyoka", "casadi", "pin")
 LIBRARIES += ("python-flint", "distributed")
-"""Distributions whose versions a Record keeps, where they are installed."""
+"""Distributions whose versions a Record stores, where they are installed."""
 
 
 THREADS = tuple(f"{library}_NUM_THREADS" for library in ("OPENBLAS", "MKL", "OMP"))
-"""What sets the number of BLAS threads; OpenBLAS too prefers its own to OMP."""
+"""Environment variables that set the number of BLAS threads; OpenBLAS prefers its own to OMP."""
 
 
 def machine() -> dict[str, str | int]:
@@ -50,27 +50,27 @@ def _cpu() -> str:
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of eomcheck (with digest and commit) and of what it uses."""
+    """Return the versions of eomcheck (with digest and commit) and of the libraries it uses."""
     return dict(_versions())
 
 
 @cache
 def _versions() -> dict[str, str]:
-    found = {"eomcheck": eomcheck.__version__, "sources": sources()}
-    known = commit()
-    if known is not None:
-        found["commit"] = known
+    installed = {"eomcheck": eomcheck.__version__, "sources": sources()}
+    head = commit()
+    if head is not None:
+        installed["commit"] = head
     for name in LIBRARIES:
         try:
-            found[name] = metadata.version(name)
+            installed[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
             continue
-    return found
+    return installed
 
 
 @cache
 def sources() -> str:
-    """Return a digest of the package's sources: a result is one of this very code."""
+    """Return a digest of the package's sources, which identifies the code of a result."""
     root = Path(eomcheck.__file__).parent
     digest = hashlib.sha256()
     for path in sorted(root.rglob("*.py")):
@@ -82,7 +82,7 @@ def sources() -> str:
 def commit() -> str | None:
     """Return the commit of the package's sources, with "+" where they were changed since.
 
-    None where they are not in a git checkout: `sources` tells them apart there too.
+    None where they are not in a git checkout; `sources` identifies them there too.
     """
     root = Path(eomcheck.__file__).parent
     tracked, changed = _git(root, "ls-files", "__init__.py"), _git(root, "status", "-s", ".")
@@ -93,10 +93,10 @@ def commit() -> str | None:
 def _git(folder: Path, *arguments: str) -> str | None:
     command = ("git", "-C", str(folder), *arguments)
     try:
-        done = subprocess.run(command, capture_output=True, text=True, check=True)
+        result = subprocess.run(command, capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError):
         return None
-    return done.stdout.strip()
+    return result.stdout.strip()
 
 
 def blas_threads() -> int | None:

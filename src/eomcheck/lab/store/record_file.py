@@ -1,9 +1,9 @@
 """Records of studies, and the SQLite file that holds them.
 
-A `Record` is the result of one cell of a study, with its provenance. Its key is the study and its
-settings as canonical JSON. `Records` is a file of them: each `add` is one transaction, so that
-nothing added is lost by `kill -9`; each Record carries a digest, by which damage is detected; and
-files of other programs or versions are rejected.
+A `Record` is the result of one cell of a study, with its provenance; a cell is one combination of
+settings. Its key is the study and its settings as canonical JSON. `Records` is a file of them: each
+`add` is one transaction, so that nothing added is lost by `kill -9`; each Record carries a digest,
+by which damage is detected; and files of other programs or versions are rejected.
 """
 
 from __future__ import annotations
@@ -28,14 +28,15 @@ from eomcheck.lab.store.provenance import blas_threads, machine, now, versions
 # ---- Settings and keys ---------------------------------------------------------------------------
 
 Settings = dict[str, Any]
-"""What a study varies -> its value in this cell; values are numbers, text, None, lists, dicts."""
+"""Setting of a study -> its value in this cell; values are numbers, text, None, lists, dicts."""
 
 
 def json_of(what: str, given: object) -> str:
-    """Return JSON (with Python's Infinity and NaN), sorted.
+    """Return the JSON of a dict (with Python's Infinity and NaN), sorted.
 
     Raises:
-        InputError: something in `given` would not come back as it is; the message says `what`.
+        InputError: a value in `given` would not be read back unchanged; the message names it by
+            `what`.
     """
     if not isinstance(given, dict) or not all(isinstance(name, str) for name in given):
         raise InputError(f"{what} = {given!r}, expected a dict with names as keys")
@@ -51,7 +52,7 @@ def key_of(settings: Settings) -> str:
 
 
 def canonical(value: Any) -> Any:
-    """Return a value of which every equal one has the same JSON: whole floats as integers."""
+    """Return the canonical form of a value, in which equal values have the same JSON: 1.0 is 1."""
     match value:
         case dict():
             return {name: canonical(entry) for name, entry in value.items()}
@@ -73,25 +74,25 @@ TEXTS = "study", "reason", "when"
 
 @dataclass(frozen=True)
 class Record:
-    """One cell of a study. What is not given is that of this process, now.
+    """One cell of a study: its settings, results and provenance (by default this process, now).
 
     Attributes:
-        study: which study.
-        settings: what the study varies: scene, formulation, integrator, rtol, ...
-        status: "done", "failed" (it went wrong) or "refused" (an honest "cannot").
-        reason: why, where it is not done.
-        seconds: best run time, or None where nothing was timed.
-        quartiles: lower and upper quartile of the run times.
-        cpu_seconds: CPU time of the best run, less than `seconds` where it had to share its core.
+        study: name of the study.
+        settings: settings of the cell: scene, formulation, integrator, rtol, ...
+        status: "done", "failed" (an error) or "refused" (declined as ill-conditioned).
+        reason: reason why it is not done, else "".
+        seconds: best run time, s, or None where nothing was timed.
+        quartiles: lower and upper quartile of the run times, s.
+        cpu_seconds: CPU time of the best run, s; less than `seconds` where the core was shared.
         runs: number of timed runs.
-        compile_seconds: what compiling took, apart from `seconds`.
+        compile_seconds: time of compilation, s, not part of `seconds`.
         counts: right-hand sides, steps, ...
         errors: kind of error -> its size; infinities and NaN are kept.
-        series: what was found over time, or over coordinates -> its values, a list (of lists).
+        series: quantity over time, or over coordinates -> its values, a list (of lists).
         machine: cpu, cores, os, python; of a timed cell also core and load, see `RunTime`.
         versions: of eomcheck (and the digest of its sources) and of the libraries installed.
         threads: BLAS threads that the environment sets, None if it does not.
-        when: UTC, ISO 8601.
+        when: time of the result, UTC, ISO 8601.
     """
 
     study: str
@@ -118,7 +119,7 @@ class Record:
             for name in names:
                 if not isinstance(getattr(self, name), kind):
                     raise InputError(f"{name} = {getattr(self, name)!r}, expected {kind.__name__}")
-        # What is read back must equal what was written: no tuples, no scalars of numpy.
+        # A Record must be read back equal to the one written: no tuples, no NumPy scalars.
         plain: dict[str, Any] = {
             "settings": json.loads(json_of("settings", self.settings)),
             "series": json.loads(json_of("series", self.series)),
@@ -153,12 +154,12 @@ def select(records: Iterable[Record], study: str | None = None, **settings: Any)
 
 
 def values(records: Iterable[Record], name: str) -> list[Any]:
-    """Return what a setting is in the Records that have it, each value once."""
+    """Return the values of a setting in the Records that have it, each once."""
     return list(dict.fromkeys(r.settings[name] for r in records if name in r.settings))
 
 
 def group(things: Iterable[Thing], key: Callable[[Thing], Any]) -> dict[Any, list[Thing]]:
-    """Return things by `key`, in order."""
+    """Return the groups of things with equal `key`, in order: key -> things."""
     groups: dict[Any, list[Thing]] = {}
     for thing in things:
         groups.setdefault(key(thing), []).append(thing)
@@ -166,12 +167,12 @@ def group(things: Iterable[Thing], key: Callable[[Thing], Any]) -> dict[Any, lis
 
 
 def by_setting(records: Iterable[Record], name: str) -> dict[Any, list[Record]]:
-    """Return Records by what a setting is in them, in order."""
+    """Return the Records grouped by the value of a setting, in order: value -> Records."""
     return group(records, lambda record: record.settings[name])
 
 
 def record_of_rows(study: str, settings: Settings, rows: Iterable[Any]) -> Record:
-    """Return the Record of a cell in which several things are found, each a dataclass of one kind.
+    """Return the Record of a cell with several results, each an instance of one dataclass.
 
     Its series `rows` holds them, fields by name.
     """
@@ -179,17 +180,17 @@ def record_of_rows(study: str, settings: Settings, rows: Iterable[Any]) -> Recor
 
 
 def rows_in(records: Iterable[Record], kind: type[Row]) -> list[Row]:
-    """Return what `record_of_rows` was given, in order; of Records that are not done, nothing."""
+    """Return the rows that `record_of_rows` stored, in order; none of Records that are not done."""
     return [kind(**row) for record in records for row in record.series.get("rows", ())]
 
 
 # ---- The SQLite file -----------------------------------------------------------------------------
 
 APPLICATION = int.from_bytes(b"eomc", "big")
-"""SQLite's application id: tells our files from those of others."""
+"""SQLite's application id, by which files of Records are recognized."""
 SCHEMA = 1
 BUSY_SECONDS = 60.0
-"""How long a writer waits for another one. A write takes milliseconds."""
+"""Longest wait for another writer, s. A write takes milliseconds."""
 
 _TABLE = """
 CREATE TABLE IF NOT EXISTS records (
@@ -203,13 +204,13 @@ CREATE TABLE IF NOT EXISTS records (
 
 
 class RecordsFile:
-    """One SQLite file, open: made, told apart from files of others, and looked at for damage.
+    """One open SQLite file of Records: created if absent, recognized, and checked for damage.
 
     Args:
-        path: the file, made if there is none; None for one in memory.
-        readonly: change nothing, and do not make the file.
-        unread: where to note, a sentence each, what cannot be read of a damaged file; without it,
-            this raises.
+        path: the file, created if there is none; None for one in memory.
+        readonly: change nothing, and do not create the file.
+        unread: list to which each unreadable part of a damaged file is appended, as a sentence;
+            without it, damage raises.
 
     Raises:
         InputError: the file cannot be used, is damaged, or is not one of Records. Methods raise it
@@ -243,14 +244,14 @@ class RecordsFile:
             raise
 
     def _fixed(self) -> bool:
-        """Return whether nobody can write here, not even SQLite its log, and none is left over."""
+        """Return whether file and folder are read-only (as for SQLite's log), and no log is left."""
         log = self.path.with_name(f"{self.path.name}-wal")
-        here = os.access(self.path, os.W_OK) and os.access(self.path.absolute().parent, os.W_OK)
-        return not here and not (log.exists() and log.stat().st_size)
+        writable = os.access(self.path, os.W_OK) and os.access(self.path.absolute().parent, os.W_OK)
+        return not writable and not (log.exists() and log.stat().st_size)
 
     def _open(self, readonly: bool) -> None:
         if readonly:
-            # Not mode=ro: that leaves the files of SQLite's log behind.
+            # Not mode=ro, which leaves the files of SQLite's log behind.
             self._rows("PRAGMA query_only = ON")
         tables = self._value("SELECT count(*) FROM sqlite_master")
         if tables == self._value("PRAGMA application_id") == 0 and not readonly:
@@ -268,11 +269,11 @@ class RecordsFile:
             self._note(str(fault))
 
     def _note(self, fault: str) -> None:
-        """Note that something cannot be read, or raise InputError."""
-        said = f"{str(self.path)!r} is damaged: {' '.join(fault.split())}"
+        """Append a fault to the list of unreadable parts, or raise InputError."""
+        message = f"{str(self.path)!r} is damaged: {' '.join(fault.split())}"
         if self._unread is None:
-            raise InputError(said)
-        self._unread.append(said)
+            raise InputError(message)
+        self._unread.append(message)
 
     def _make(self) -> None:
         deadline = time.monotonic() + BUSY_SECONDS
@@ -281,7 +282,7 @@ class RecordsFile:
                 self._connection.execute("PRAGMA journal_mode = WAL")
                 break
             except sqlite3.OperationalError as error:
-                # Here SQLite does not wait for another process that makes the same file.
+                # Here SQLite does not wait for another process that creates the same file.
                 if "locked" not in str(error) or time.monotonic() > deadline:
                     raise InputError(f"{str(self.path)!r} cannot be used: {error}") from None
                 time.sleep(0.02)
@@ -332,7 +333,7 @@ class RecordsFile:
 # ---- Records in the file -------------------------------------------------------------------------
 
 LAST_ID = 2**63 - 1
-"""No row of SQLite has a larger number."""
+"""Largest row id of SQLite."""
 
 _ADD = """
 INSERT INTO records (study, settings, record) VALUES (?, ?, ?)
@@ -341,7 +342,7 @@ ON CONFLICT (study, settings) DO UPDATE SET record = excluded.record
 
 
 DIGEST = re.compile(r', "digest": "([0-9a-f]{32})"\}\Z')
-"""How the text of a Record ends: the digest of what is before it."""
+"""End of the text of a Record: the digest of the text before it."""
 
 
 def _digest(text: str) -> str:
@@ -351,16 +352,16 @@ def _digest(text: str) -> str:
 class Records(RecordsFile):
     """The Records in one SQLite file; the key is the study and its settings.
 
-    Each Record carries a digest, by which damage to it is seen; of one without, by an earlier
-    version, none is, which is a warning. Each `add` is one transaction: `kill -9` loses nothing
-    that was added. Two processes may write to one file at the same time (on one machine: SQLite's
-    log needs shared memory).
+    Each Record carries a digest, by which damage to it is detected; in a Record without one, of an
+    earlier version, damage is not detected, which is a warning. Each `add` is one transaction:
+    `kill -9` loses nothing that was added. Two processes may write to one file at the same time (on
+    one machine: SQLite's log needs shared memory).
 
     Args:
-        path: the file, made if there is none; None for Records that do not stay.
-        readonly: change nothing, and do not make the file.
-        unread: where to note, a sentence each, what cannot be read of a damaged file of which
-            `all` then returns the rest; without it, this raises. Only with `readonly`.
+        path: the file, created if there is none; None for Records in memory.
+        readonly: change nothing, and do not create the file.
+        unread: list to which each unreadable part of a damaged file is appended, as a sentence;
+            `all` then returns the other Records. Without it, damage raises. Only with `readonly`.
 
     Raises:
         InputError: the file cannot be used, is damaged, or is not one of Records. Methods raise it
@@ -368,7 +369,7 @@ class Records(RecordsFile):
     """
 
     _undigested = False
-    """Whether a Record without a digest was read, which is said once."""
+    """Whether a Record without a digest was read; the warning is issued once."""
 
     def __len__(self) -> int:
         return self._value("SELECT count(*) FROM records")
@@ -410,9 +411,9 @@ class Records(RecordsFile):
         ]
 
     def _texts(self, study: str | None) -> list[tuple[str, str, str]]:
-        """Study, settings and text of each Record; of a damaged file, those around the damage.
+        """Return study, settings and text of each Record; if damaged, of those around the damage.
 
-        Of one study: also rows whose column says another one than their text.
+        For one study they include rows whose column names another study than their text.
         """
         query = (
             "SELECT id, study, settings, record FROM records WHERE (?1 IS NULL OR study = ?1 OR "
@@ -420,23 +421,23 @@ class Records(RecordsFile):
         )
         if self._unread is None:
             return [row[1:] for row in self._rows(f"{query} ORDER BY id", (study,))]
-        found: dict[int, list[bytes]] = {}
+        rows: dict[int, list[bytes]] = {}
         for name in ("study", "settings", "record"):  # sqlite3 decodes nothing
             query = query.replace(name, f"CAST({name} AS BLOB)", 1)
         for sign, beyond, order in ((1, ">", "ASC"), (-1, "<", "DESC")):
             # One at a time: sqlite3 reads one row ahead, and would lose the one before the damage.
             one = f"{query} AND id {beyond} ?2 ORDER BY id {order} LIMIT 1"
-            place = -sign * LAST_ID
+            id_ = -sign * LAST_ID
             try:
                 with self._sqlite():
-                    while row := self._connection.execute(one, (study, place)).fetchone():
-                        if sign * row[0] <= sign * place:
-                            break  # damaged: it would go round for ever
-                        place, found[row[0]] = row[0], [bytes(x or b"") for x in row[1:]]
+                    while row := self._connection.execute(one, (study, id_)).fetchone():
+                        if sign * row[0] <= sign * id_:
+                            break  # damaged: the loop would never end
+                        id_, rows[row[0]] = row[0], [bytes(x or b"") for x in row[1:]]
             except InputError as error:
                 self._unread.append(str(error))
         texts = []
-        for _, row in sorted(found.items()):
+        for _, row in sorted(rows.items()):
             try:
                 texts.append(tuple(one.decode() for one in row))
             except UnicodeDecodeError:
@@ -453,7 +454,7 @@ class Records(RecordsFile):
                 )
 
     def _record(self, study: str, settings: str, text: str) -> Record:
-        """The Record of a row.
+        """Return the Record of a row.
 
         Raises:
             InputError: the row is damaged.
@@ -470,6 +471,6 @@ class Records(RecordsFile):
             raise InputError(f"{str(self.path)!r} is damaged: {text[:60]!r} is no record") from None
         if end is None and not self._undigested:
             self._undigested = True
-            said = f"{str(self.path)!r} has records without a digest: damage to them is not seen"
-            warnings.warn(said, stacklevel=2)
+            message = f"{str(self.path)!r} has records without a digest: damage to them is not seen"
+            warnings.warn(message, stacklevel=2)
         return record

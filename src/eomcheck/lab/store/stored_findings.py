@@ -1,8 +1,8 @@
-"""Stored findings: a Finding as plain data, in Records and read back.
+"""Stored findings: a Finding as plain data, written into Records and read back.
 
-There is one Record per state checked, or per structure proved. A file keeps the last validation of
-each scene. It is saved state by state, or of several scene classes class by class; a Record of the
-run itself holds its options and whether it came to its end.
+There is one Record per state checked, or per structure proved. A file holds the last validation of
+each scene class. It is saved state by state, or class by class if there are several; a Record of
+the run itself holds its options and whether it was completed.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class StoredFinding:
-    """A Finding as it is kept and shown: plain data, with the place where it was found.
+    """A Finding in plain data, as it is stored and shown, with its scene and state.
 
     Attributes:
-        scene: key of the kind of scene.
+        scene: key of the scene class.
         links: its number of links, or None.
         case: number of the state in its run; None for a proof, which is about all states.
-        structure: what a proof is about, "" for a state.
-        python: code that shows the state, or proves the structure, again.
+        structure: structure of the scene that a proof is about, "" for a state.
+        python: code that reproduces the state, or proves the structure again.
 
     The other attributes are those of `Finding`.
     """
@@ -58,7 +58,7 @@ class StoredFinding:
 
     @classmethod
     def read(cls, row: dict[str, Any]) -> StoredFinding:
-        """Return what `dataclasses.asdict` and then JSON made of one."""
+        """Return the finding that `dataclasses.asdict` and then JSON made into `row`."""
         row = dict(row) | {name: current(row[name]) for name in ("verdict", "evidence")}
         if row["proof"] is not None:
             row["proof"] = Proof(**row["proof"] | {"primes": tuple(row["proof"]["primes"])})
@@ -66,7 +66,7 @@ class StoredFinding:
 
     @property
     def ratio(self) -> float:
-        """observed / allowed."""
+        """Ratio observed / allowed."""
         return ratio(self.observed, self.allowed)
 
     @property
@@ -76,17 +76,17 @@ class StoredFinding:
 
     @property
     def location(self) -> str:
-        """Where, such as "snake, N = 7, state 12" or "snake[7], no stiffness"."""
+        """Scene and state, such as "snake, N = 7, state 12" or "snake[7], no stiffness"."""
         if self.case is None:
             return self.structure
         links = "" if self.links is None else f", N = {self.links}"
         return f"{self.scene}{links}, state {self.case}"
 
     def __str__(self) -> str:
-        """Return what was found, without the claim that it is about."""
+        """Return the finding in a line, without its claim."""
         about = f"[{self.subject}] {self.verdict} on {self.location} ({self.evidence}): "
         if self.verdict == "skipped":
-            return about + self.detail  # there are no numbers
+            return about + self.detail  # it has no numbers
         about += f"observed {self.observed:.3g}, allowed {self.allowed:.3g}"
         return f"{about}; {self.detail}" if self.detail else about
 
@@ -98,17 +98,17 @@ RUNS = "validation run"
 PROOFS = "proof"
 
 
-_columns = attrgetter(*COLUMNS)  # which `StoredFinding` has first, in this order
+_columns = attrgetter(*COLUMNS)  # the first fields of `StoredFinding`, in this order
 
 
 def stored_findings(
     findings: Sequence[Finding], key: str, case: int | None = None
 ) -> list[StoredFinding]:
-    """Return the Findings of one state, or those of one structure, as they are kept.
+    """Return the Findings of one state, or those of one structure, in plain data.
 
     Args:
-        findings: one at least.
-        key: that of the kind of scene.
+        findings: the Findings, at least one.
+        key: key of the scene class.
         case: number of the state in its run; None for a structure.
     """
     scene, state = findings[0].scene, findings[0].state
@@ -124,7 +124,7 @@ def stored_findings(
 
 
 def cases_of(run: ValidationRun, begin: int = 0) -> Iterator[list[Finding]]:
-    """Yield the Findings of each state of a run that is done, those from `begin` on."""
+    """Yield the Findings of each completed state of a run, from the Finding number `begin` on."""
     for end in run.ends[bisect_right(run.ends, begin) :]:
         if end > begin:
             yield run.findings[begin:end]
@@ -132,52 +132,57 @@ def cases_of(run: ValidationRun, begin: int = 0) -> Iterator[list[Finding]]:
 
 
 def stored_findings_of_runs(runs: Mapping[str, ValidationRun]) -> list[StoredFinding]:
-    """Return every Finding of runs that are over, as it is kept; by the keys of the kinds."""
-    found: list[StoredFinding] = []
+    """Return every Finding of finished runs, in plain data; `runs` is by keys of scene classes."""
+    stored: list[StoredFinding] = []
     for key, run in runs.items():
         last = run.ends[-1] if run.ends else 0
         cases = [*cases_of(run), *([one] for one in run.findings[last:])]
-        found += [
-            kept for case, one in enumerate(cases) for kept in stored_findings(one, key, case)
+        stored += [
+            finding for case, one in enumerate(cases) for finding in stored_findings(one, key, case)
         ]
-    return found
+    return stored
 
 
 def findings_record(kept: Sequence[StoredFinding]) -> Record:
-    """Return the Record of what one state or structure gave."""
+    """Return the Record of the findings of one state or structure."""
     series = {name: [getattr(one, name) for one in kept] for name in COLUMNS}
     series["proof"] = [None if proof is None else asdict(proof) for proof in series["proof"]]
-    one = kept[0]
-    where = {"case": one.case} if one.case is not None else {"structure": one.structure}
-    settings = {"scene": one.scene, "links": one.links} | where
-    study = PROOFS if one.case is None else STATES
-    return Record(study, settings, series=series | {"python": [one.python]})
+    first = kept[0]
+    where = {"case": first.case} if first.case is not None else {"structure": first.structure}
+    settings = {"scene": first.scene, "links": first.links} | where
+    study = PROOFS if first.case is None else STATES
+    return Record(study, settings, series=series | {"python": [first.python]})
 
 
 def stored_findings_in(records: Iterable[Record]) -> list[StoredFinding]:
     """Return every Finding in these Records."""
-    return [kept for one in records if one.study in (STATES, PROOFS) for kept in _kept(one)]
+    return [
+        finding
+        for record in records
+        if record.study in (STATES, PROOFS)
+        for finding in _kept(record)
+    ]
 
 
 FIELD_TYPES = {
     name: kind | int if kind in (float, float | None) else kind
     for name, kind in get_type_hints(StoredFinding).items()
 }
-"""Attribute of `StoredFinding` -> what it is; what is written as 0 may be a float."""
+"""Attribute of `StoredFinding` -> its type; a float may be read back as an int, such as 0."""
 
 
 def why_unreadable(record: Record) -> str | None:
-    """Return why a Record of a validation or of proofs cannot be read, or None."""
+    """Return the reason why a Record of a validation or of proofs cannot be read, or None."""
     try:
         if record.study in (STATES, PROOFS):
-            for one in _kept(record):
+            for finding in _kept(record):
                 for name, kind in FIELD_TYPES.items():
-                    if not isinstance(getattr(one, name), kind):
-                        raise TypeError(f"{name} = {getattr(one, name)!r}")
-                if one.verdict not in get_args(Verdict):
-                    raise ValueError(f"verdict = {one.verdict!r}")
-                if one.proof is not None:
-                    float(one.proof.failure_probability)
+                    if not isinstance(getattr(finding, name), kind):
+                        raise TypeError(f"{name} = {getattr(finding, name)!r}")
+                if finding.verdict not in get_args(Verdict):
+                    raise ValueError(f"verdict = {finding.verdict!r}")
+                if finding.proof is not None:
+                    float(finding.proof.failure_probability)
         if record.study == RUNS:
             lists = record.series["claims"], record.series["seconds"]
             _ = record.settings["scene"], [*zip(*lists, strict=True)]

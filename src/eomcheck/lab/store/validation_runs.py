@@ -1,8 +1,8 @@
 """Validation runs of scene classes: in this process or in several, stored as findings come.
 
 Several classes are run in parallel class by class, one class state by state; the findings do not
-depend on how many processes there are. `ValidationWriter` writes them to the file of Records, in
-place of an earlier run of the class.
+depend on the number of processes. `ValidationWriter` writes them to the file of Records, in place
+of an earlier run of the class.
 """
 
 from __future__ import annotations
@@ -47,19 +47,19 @@ UNFINISHED = "not finished"
 
 
 class ValidationWriter:
-    """Keeps the validation of one kind of scene in `records`, in place of an earlier one.
+    """Writer of the validation of one scene class to `records`, in place of an earlier one.
 
     Where the file can no longer be written, on a full disk, the validation goes on, and `finish`
     raises.
 
     Args:
-        records: where, or None to keep nothing.
-        kind: the kind of scene.
-        run: the run, of which nothing was kept yet.
-        selection: what takes part.
-        links: smallest and largest number of links that the run was asked for.
+        records: file to write, or None to store nothing.
+        kind: the scene class.
+        run: the run, of which nothing is stored yet.
+        selection: formulations, engines and claims that take part.
+        links: smallest and largest number of links requested.
         examples: number of random scenes.
-        seed: of the draws.
+        seed: seed of the draws.
     """
 
     def __init__(
@@ -74,8 +74,8 @@ class ValidationWriter:
     ):
         self._records, self._kind, self._run, self._selection = records, kind, run, selection
         first, last = links
-        asked = {"examples": examples, "seed": seed, "first links": first, "last links": last}
-        self._asked = asked
+        counts = {"examples": examples, "seed": seed, "first links": first, "last links": last}
+        self._asked = counts
         self._saved = self._cases = 0
         self._unwritten: UnwrittenError | None = None
         if records is not None:
@@ -84,15 +84,15 @@ class ValidationWriter:
         self._keep_run("failed", UNFINISHED)
 
     def save(self) -> None:
-        """Keep the Findings made since the last call, state by state."""
+        """Store the Findings since the last call, state by state."""
         for findings in cases_of(self._run, self._saved):
             self._save(findings)
 
     def finish(self) -> None:
-        """Keep what is left, what was said of the run as a whole, and that it came to its end.
+        """Store the remaining Findings, those on the run as a whole, and that it was completed.
 
         Raises:
-            UnwrittenError: not all could be kept.
+            UnwrittenError: not all could be stored.
         """
         self.save()
         for finding in self._run.findings[self._saved :]:
@@ -102,7 +102,7 @@ class ValidationWriter:
             raise self._unwritten
 
     def _add(self, record: Record) -> None:
-        """Keep a Record; after one that could not be kept none is: the file says "not finished"."""
+        """Store a Record; after a failure to write none is, and the file remains "not finished"."""
         if self._records is None or self._unwritten is not None:
             return
         try:
@@ -139,50 +139,50 @@ class ValidationWriter:
 # ---- States of one class in parallel -------------------------------------------------------------
 
 STATES_PER_PROCESS = 30
-"""A process is started for so many states: its start takes as long as some ten of them."""
+"""Number of states per process: the start of one takes as long as some ten states."""
 
 
 def default_executor(
     examples: int, kinds: Sequence[type[Scene]], engines: Sequence[type[Engine]]
 ) -> str | None:
-    """Return where so many states are looked at if nobody says: in more processes than this?
+    """Return the executor used by default for this number of states; None for this process.
 
-    Processes can import what is ours; a scene or an engine in somebody's file may be known here
-    only.
+    Other processes can import built-in code; a user-supplied scene or engine may be known in this
+    process only.
     """
     processes = min(os.cpu_count() or 1, examples // STATES_PER_PROCESS)
     return f"local:{processes}" if processes > 1 and all_built_in(*kinds, *engines) else None
 
 
 def all_built_in(*classes: type) -> bool:
-    """Return whether all of these are of this package."""
+    """Return whether all of these classes are built in."""
     return all(map(is_ours, classes))
 
 
 def check_in_parallel(executor: str | None, cases: Cases, selection: RunSelection) -> StateResults:
-    """Look at cases in the processes that `executor` names, and yield them in their order.
+    """Evaluate cases in the processes of `executor`, and yield the results in order.
 
     Args:
         executor: see `eomcheck.lab.store.executors.executor`.
         cases: scenes in states.
-        selection: what takes part.
+        selection: formulations, engines and claims that take part.
 
     Raises:
         WorkerError, InputError, EngineError: see `eomcheck.lab.store.parallel_map.parallel_map`.
     """
-    handed: dict[int, tuple[Scene, State]] = {}
+    pending: dict[int, tuple[Scene, State]] = {}
     early: dict[int, StateResult] = {}
     following = 0
 
     def items() -> Iterator[_Item]:
         for i, (scene, state) in enumerate(cases):
-            handed[i] = scene, state
+            pending[i] = scene, state
             yield _Item(i, pickle.dumps(scene), state, f"{scene.structure} in {state}")
 
-    for item, seen in parallel_map(executor, partial(_look, selection=selection), items()):
-        early[item.number] = seen
+    for item, result in parallel_map(executor, partial(_evaluate, selection=selection), items()):
+        early[item.number] = result
         while following in early:
-            yield *handed.pop(following), early.pop(following)
+            yield *pending.pop(following), early.pop(following)
             following += 1
 
 
@@ -191,10 +191,10 @@ class _Item(NamedTuple):
     scene: bytes
     state: State
     structure: str
-    """What is said of it where it kills its process."""
+    """Name of the item in the message if it kills its process."""
 
 
-def _look(item: _Item, selection: RunSelection) -> StateResult:
+def _evaluate(item: _Item, selection: RunSelection) -> StateResult:
     return evaluate_state(
         _asked(item.scene, selection), item.state, selection, repeats_at(item.number)
     )
@@ -202,7 +202,7 @@ def _look(item: _Item, selection: RunSelection) -> StateResult:
 
 @lru_cache(1)
 def _asked(scene: bytes, selection: RunSelection) -> SceneEngines:
-    """Return a scene with its engines, which states that follow each other may share."""
+    """Return a scene with its engines, shared by consecutive states."""
     return make_scene_engines(pickle.loads(scene), selection)
 
 
@@ -219,37 +219,37 @@ def validate_kinds(
     records: Records | None = None,
     executor: str | None = None,
 ) -> None:
-    """Run the claims on the kinds of scenes whose keys `runs` has, spread over processes.
+    """Run the claims on the scene classes whose keys `runs` has, in parallel.
 
-    A run takes its place in `runs` as it is done, and is kept in `records`, if given. What is found
-    does not depend on how many processes there are.
+    A run is put into `runs` when it is done, and stored in `records`, if any. The findings do not
+    depend on the number of processes.
 
     Args:
-        runs: key of a kind in `SCENES` -> its run.
-        selection: what takes part.
-        links: smallest and largest number of links, for kinds that have one.
-        examples: number of random scenes of each kind.
-        seed: of the draws.
+        runs: key of a scene class in `SCENES` -> its run.
+        selection: formulations, engines and claims that take part.
+        links: smallest and largest number of links, for classes with links.
+        examples: number of random scenes of each class.
+        seed: seed of the draws.
         on_case: called for each case.
-        records: where to keep what is found.
+        records: file in which findings are stored, if any.
         executor: see `eomcheck.lab.store.executors.executor`.
 
     Raises:
         WorkerError, InputError, EngineError: see `eomcheck.lab.store.parallel_map.parallel_map`.
-        UnwrittenError: `records` could not be written to the end; all kinds are in `runs`.
+        UnwrittenError: `records` could not be written completely; all runs are in `runs`.
     """
-    how = selection, links, examples, seed
+    arguments = selection, links, examples, seed
     unwritten: UnwrittenError | None = None
     kinds = {key: scene_classes_named(key)[0] for key in runs}
     for key, run in runs.items():
-        ValidationWriter(records, kinds[key], run, *how)  # says that it is not finished
-    # What takes longest is to begin first.
+        ValidationWriter(records, kinds[key], run, *arguments)  # marks it as not finished
+    # The longest runs start first.
     unknowns = {key: kind.example().n + kind.example().r for key, kind in kinds.items()}
     order = sorted(runs, key=unknowns.__getitem__, reverse=True)
-    for key, run in parallel_map(executor, partial(_run_of, how=how), order):
+    for key, run in parallel_map(executor, partial(_run_of, how=arguments), order):
         runs[key] = run
         try:
-            ValidationWriter(records, kinds[key], run, *how).finish()
+            ValidationWriter(records, kinds[key], run, *arguments).finish()
         except UnwrittenError as error:
             unwritten = error
         for _ in range(run.cases):
@@ -276,28 +276,28 @@ def validate_kind(
     one: Scene | None = None,
     executor: str | None = None,
 ) -> None:
-    """Run the claims on one kind of scene to the end; keep what is found in `records`, if given.
+    """Run the claims on one scene class to the end; store the findings in `records`, if any.
 
     See `ValidationRun.validate_kind`, and `ValidationRun.validate_scene` for `one` scene of the
-    kind in place of random ones. What was found until an interruption stays in `run` and `records`.
-    States are looked at in this process, or in those that `executor` names, see
-    `eomcheck.lab.store.executors.executor`; what is found is the same.
+    class in place of random ones. Findings before an interruption remain in `run` and `records`.
+    States are checked in this process, or in those of `executor`, see
+    `eomcheck.lab.store.executors.executor`; the findings are the same.
 
     Raises:
-        UnwrittenError: `records` could not be written to the end; all that was found is in `run`.
+        UnwrittenError: `records` could not be written completely; all findings are in `run`.
     """
-    keeper = ValidationWriter(records, kind, run, selection, links, examples, seed)
+    writer = ValidationWriter(records, kind, run, selection, links, examples, seed)
 
     def after_case() -> None:
-        keeper.save()
+        writer.save()
         on_case()
 
-    looks = None if executor is None else partial(check_in_parallel, executor)
+    runner = None if executor is None else partial(check_in_parallel, executor)
     try:
         if one is None:
-            run.validate_kind(kind, selection, links, examples, seed, after_case, looks)
+            run.validate_kind(kind, selection, links, examples, seed, after_case, runner)
         else:
-            run.validate_scene(one, selection, examples, seed, after_case, looks)
+            run.validate_scene(one, selection, examples, seed, after_case, runner)
     finally:
         run.finish(selection)
-    keeper.finish()
+    writer.finish()
