@@ -426,7 +426,7 @@ def test_a_scene_is_made_once_for_states_that_follow_each_other(monkeypatch):
         scenes = [pickle.dumps(x) for x in ("a", "a", "b", "a")]
         for number, scene in enumerate(scenes):
             item = validation_runs._Item(number, scene, f"state {number}", "")  # type: ignore[arg-type]
-            look: Any = validation_runs._look(item, "selection")  # type: ignore[arg-type]
+            look: Any = validation_runs._evaluate(item, "selection")  # type: ignore[arg-type]
             assert look == (pickle.loads(scene), f"state {number}", "selection", 10 * number)
     finally:
         validation_runs._asked.cache_clear()

@@ -1,8 +1,8 @@
-"""Discrepancies between our numbers and a library's at one state, and their known explanations.
+"""Discrepancies between eomcheck and a library at one state, and their known explanations.
 
 A `Discrepancy` holds M, bias, gravity, forces and q̈ of both sides at one state. Each reason is a
-function of it that yields a `Explanation` if the numbers show its pattern: damping left out, an
-armature on the diagonal of M, a multiple of our gravity, a joint axis reversed, another velocity of
+function of it that yields an `Explanation` if the numbers show its pattern: damping left out, an
+armature on the diagonal of M, a multiple of the gravity, a joint axis reversed, another velocity of
 the free base, or bodies that a file describes in a way that libraries read differently.
 """
 
@@ -20,13 +20,13 @@ from eomcheck.evaluation.tolerance import INCONCLUSIVE, largest
 from eomcheck.numbers.generic import Array
 
 CLOSE, ROUNDED = 1e-8, 1e-13
-"""Relative: what agrees to this agrees but for digits; but for rounding."""
+"""Relative differences below which values agree but for digits; and but for rounding."""
 
 TERMS = "M", "bias", "gravity"
 
 
 def relative_scale(entry: float, summed: float) -> float:
-    """Scale of relative differences: the largest entry, or the terms that cancelled.
+    """Return the scale of relative differences: the largest entry, or the terms that cancelled.
 
     Args:
         entry: the largest entry.
@@ -37,17 +37,17 @@ def relative_scale(entry: float, summed: float) -> float:
 
 
 class Discrepancy(NamedTuple):
-    """What we and a library say at one state.
+    """The quantities of eomcheck and of a library at one state.
 
     Attributes:
-        description: of the file.
+        description: description of the robot in the file.
         joints: names of the coordinates.
         v: velocities (n,).
         reference: quantity -> value.
         library: quantity -> value.
         summed: quantity -> size of the terms that it is summed from, 0 where it is not known.
-        free: how the frame moves that the library fixes to a free base, and by what velocity it
-            is taken to tell it; None where the base is held.
+        free: motion of the frame that the library fixes to a free base, and the velocity that it
+            is assumed to use for it; None where the base is held.
     """
 
     description: RobotDescription
@@ -59,11 +59,11 @@ class Discrepancy(NamedTuple):
     free: tuple[FreeBase, BaseVelocity] | None = None
 
     def error(self, name: str) -> Array:
-        """Return theirs - ours."""
+        """Return the difference library - reference of a quantity."""
         return self.library[name] - self.reference[name]
 
     def agrees_on(self, name: str, tolerance: float = CLOSE) -> bool:
-        """Return whether they agree but for digits."""
+        """Return whether both sides agree on a quantity to a relative tolerance."""
         scale = relative_scale(largest(self.reference[name]), self.summed.get(name, 0.0))
         return largest(self.error(name)) <= tolerance * max(scale, 1e-300)
 
@@ -79,9 +79,9 @@ class Discrepancy(NamedTuple):
 
     @property
     def leaves_out_damping(self) -> bool:
-        """Whether all that accelerations differ by is what dampers take.
+        """Whether the accelerations differ by the forces of dampers alone.
 
-        M times what is missing is then along the velocity, at joints with dampers alone.
+        M times the difference is then along the velocity, and nonzero at damped joints alone.
         """
         if (
             "q̈" not in self.reference
@@ -98,11 +98,11 @@ class Discrepancy(NamedTuple):
 
 
 class Explanation(NamedTuple):
-    """What explains a difference.
+    """An explanation of a difference.
 
     Attributes:
-        sentence: what it is.
-        label: the same in a word or two, where it explains all that differs; "" where it may not.
+        sentence: the explanation.
+        label: the same in a word or two, where it explains the whole difference; else "".
     """
 
     sentence: str
@@ -121,29 +121,29 @@ def _reason(function: Reason) -> Reason:
 
 
 def explain(parting: Discrepancy) -> list[Explanation]:
-    """Return what explains a difference, as far as it is known."""
-    return [said for one in _REASONS for said in one(parting)]
+    """Return the known explanations of a difference."""
+    return [explanation for reason in _REASONS for explanation in reason(parting)]
 
 
 @_reason
 def _digits(at: Discrepancy) -> Iterator[Explanation]:
-    """Yield that terms agree to many digits."""
+    """Yield the explanation that terms agree to many digits."""
     if at.terms_agree and not all(at.agrees_on(name, ROUNDED) for name in TERMS):
         whole = all(at.agrees_on(name) for name in at.reference) or at.leaves_out_damping
-        said = "the same but for digits: more than doubles round, less than 1e-8"
-        yield Explanation(said, "fewer digits" if whole else "")
+        sentence = "the same but for digits: more than doubles round, less than 1e-8"
+        yield Explanation(sentence, "fewer digits" if whole else "")
 
 
 @_reason
 def _damping(at: Discrepancy) -> Iterator[Explanation]:
-    """Yield that it knows no damping."""
+    """Yield the explanation that the library ignores damping."""
     if at.leaves_out_damping:
         yield Explanation(f"leaves out the damping of {_joints(at, at.damped)}", "no damping")
 
 
 @_reason
 def _armature(at: Discrepancy) -> Iterator[Explanation]:
-    """Yield that M differs on its diagonal alone."""
+    """Yield the explanation that M differs on its diagonal alone."""
     if at.agrees_on("M"):
         return
     error = at.error("M")
@@ -159,7 +159,7 @@ def _armature(at: Discrepancy) -> Iterator[Explanation]:
 
 @_reason
 def _gravity(at: Discrepancy) -> Iterator[Explanation]:
-    """Yield that gravity is another number."""
+    """Yield the explanation that gravity is a multiple of the expected one."""
     ours, theirs = at.reference["gravity"], at.library["gravity"]
     if at.agrees_on("gravity") or not ours.any():
         return
@@ -170,9 +170,10 @@ def _gravity(at: Discrepancy) -> Iterator[Explanation]:
 
 @_reason
 def _axes(at: Discrepancy) -> Iterator[Explanation]:
-    """Yield that some joints turn the other way round.
+    """Yield the explanation that one or two joints have the opposite axis.
 
-    M is the same if all others do instead: gravity tells which, unless it vanishes.
+    M is the same if all other joints have it instead: gravity distinguishes the two, unless it
+    vanishes.
     """
     if at.agrees_on("M"):
         return
@@ -192,25 +193,25 @@ def _axes(at: Discrepancy) -> Iterator[Explanation]:
 
 @_reason
 def _base_frame(at: Discrepancy) -> Iterator[Explanation]:
-    """Yield that the velocity of a free base is along other axes than it is taken for."""
+    """Yield the explanation that the velocity of a free base is along other axes than assumed."""
     if at.free is None or at.agrees_on("M"):
         return
-    base, told = at.free
-    taken, _ = base.velocity(told, at.v[:FREE])
-    found = []
+    base, assumed = at.free
+    taken, _ = base.velocity(assumed, at.v[:FREE])
+    fitting = []
     for other in map(BaseVelocity._make, product(AXES, AXES, (False, True))):
         T = np.eye(len(at.v))
         T[:FREE, :FREE] = np.linalg.solve(base.velocity(other, at.v[:FREE])[0], taken)
         M = T.T @ at.reference["M"] @ T
-        if other != told and largest(at.library["M"] - M) <= CLOSE * largest(at.reference["M"]):
-            found.append(other)
-    if len(found) == 1:  # while the base is not turned, all axes are the same
-        yield Explanation(f"has another velocity of the base: {found[0]}, not {told}")
+        if other != assumed and largest(at.library["M"] - M) <= CLOSE * largest(at.reference["M"]):
+            fitting.append(other)
+    if len(fitting) == 1:  # without a rotation of the base, all axes are the same
+        yield Explanation(f"has another velocity of the base: {fitting[0]}, not {assumed}")
 
 
 @_reason
 def _odd_bodies(at: Discrepancy) -> Iterator[Explanation]:
-    """Yield what bodies the file has that libraries make something else of."""
+    """Yield the bodies of the file that libraries may read differently."""
     if at.agrees_on("M"):
         return
     if at.description.massless:
@@ -230,5 +231,5 @@ def _odd_bodies(at: Discrepancy) -> Iterator[Explanation]:
         )
 
 
-def _joints(at: Discrepancy, places: list[int]) -> str:
-    return few([at.joints[i] for i in places])
+def _joints(at: Discrepancy, indices: list[int]) -> str:
+    return few([at.joints[i] for i in indices])

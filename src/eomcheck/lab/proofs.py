@@ -1,7 +1,7 @@
 """Proofs of many structures of scenes: run in parallel, saved one by one, resumed.
 
-`ProofJobs` are the structures to prove, by numbers of links; `Proofs` is a run of them, which keeps
-each structure in a file of Records as it is proved and goes on from that file.
+`ProofJobs` are the structures to prove, by numbers of links; `Proofs` is a run of them, which
+stores each structure in a file of Records as it is proved, and resumes from that file.
 """
 
 from __future__ import annotations
@@ -36,18 +36,18 @@ from eomcheck.scene_lookup import ALL, scene_classes_named
 # ---- Jobs ----------------------------------------------------------------------------------------
 
 LINKS = (*range(1, 13), 20, 50, 100)
-"""Numbers of links that are proved by default."""
+"""Numbers of links proved by default."""
 
 
 @dataclass(frozen=True)
 class ProofJobs:
-    """What is to be proved, and how.
+    """The structures to prove, with the formulations and the number of random points.
 
     Attributes:
         scenes: one per structure.
         formulations: keys; a scene is proved by those of them that apply to it.
         points: random points per identity.
-        seed: of the draws, or None for one by the operating system.
+        seed: seed of the draws, or None for one by the operating system.
     """
 
     scenes: tuple[Scene, ...]
@@ -63,13 +63,13 @@ def proof_jobs(
     seed: int | None,
     formulations: Iterable[str] | None,
 ) -> ProofJobs:
-    """Return the jobs for the kinds of scenes that `scene` stands for.
+    """Return the jobs for the scene classes that `scene` names.
 
     Args:
         scene: a name, see `eomcheck.scene_lookup.scene_classes_named`.
-        links: numbers of links, for kinds that have one; by default `LINKS`.
+        links: numbers of links, for classes with links; by default `LINKS`.
         points: random points per identity.
-        seed: of the draws, or None for one by the operating system.
+        seed: seed of the draws, or None for one by the operating system.
         formulations: keys, by default all that apply.
 
     Raises:
@@ -80,10 +80,10 @@ def proof_jobs(
     points = whole_number("points", points, most=MOST_COUNTED)
     chosen = tuple(formulation.key for formulation in formulations_among(kinds, formulations))
     scenes = tuple(
-        one
+        structure
         for kind in kinds
         for count in numbers_of_links(kind, links, scene)
-        for one in kind.structures(count)
+        for structure in kind.structures(count)
     )
     return ProofJobs(scenes, chosen, points, seed)
 
@@ -91,10 +91,10 @@ def proof_jobs(
 def numbers_of_links(
     kind: type[Scene], links: Iterable[int] | None, name: str
 ) -> Iterable[int | None]:
-    """Return the numbers of links to look at; None, and no number, for a kind that has none.
+    """Return the numbers of links to prove; (None,) for a class without links.
 
     Raises:
-        InputError: `links` are given for a scene, called by its `name`, that has none.
+        InputError: `links` are given for a scene named `name` that has none.
     """
     if kind.has_links:
         most = kind.most_links
@@ -106,10 +106,10 @@ def numbers_of_links(
 # ---- Run -----------------------------------------------------------------------------------------
 
 JOBS = "proofs"
-"""Study of the Record that says which proofs a file of unfinished ones is of."""
+"""Study of the Record that identifies the jobs of an unfinished file."""
 
 WORTH_A_PROCESS = 40
-"""Below this number of coordinates a proof takes less time than a process to start."""
+"""Number of coordinates below which a proof takes less time than the start of a process."""
 
 
 def _prove(
@@ -120,7 +120,7 @@ def _prove(
 
 
 def _row(one: StoredFinding) -> dict[str, Any]:
-    """Return a Finding on a structure for JSON, as `Finding.as_dict` does."""
+    """Return a Finding on a structure as a dict for JSON, as `Finding.as_dict` does."""
     names = ("claim", "subject", "structure", "observed", "allowed", "verdict", "evidence")
     row = {name: getattr(one, name) for name in (*names, "detail")}
     return row if one.proof is None else row | {"proof": asdict(one.proof)}
@@ -129,19 +129,19 @@ def _row(one: StoredFinding) -> dict[str, Any]:
 class Proofs:
     """A run of proofs.
 
-    While it runs, each structure is kept in `path` + ".part", a file of Records, as it is proved; a
-    run of the same jobs that finds this file, made by the same sources, goes on from there.
+    While it runs, each structure is stored in `path` + ".part", a file of Records, as it is proved;
+    a run of the same jobs that finds this file, written by the same sources, resumes from it.
 
     Args:
-        jobs: what is to be proved.
+        jobs: the structures to prove.
         path: file to write, if any.
-        executor: where large scenes are proved, see `eomcheck.lab.store.executors.executor`.
-        records: where to keep the Findings too, as they come.
+        executor: executor for large scenes, see `eomcheck.lab.store.executors.executor`.
+        records: another file in which Findings are stored as they come, if any.
 
     Attributes:
         findings: structure -> its Findings.
         taken_over: number of structures found in the file.
-        started_over: whether the file was of other jobs or sources, and of no use.
+        started_over: whether the file was of other jobs or sources, and was discarded.
     """
 
     def __init__(
@@ -169,34 +169,36 @@ class Proofs:
 
     @property
     def _verdicts(self) -> set[str]:
-        return {one.verdict for found in self.findings.values() for one in found}
+        return {one.verdict for findings in self.findings.values() for one in findings}
 
     def run(self) -> None:
         """Prove everything that is not proved yet."""
         with self._unfinished() as unfinished:
             self._resume(unfinished)
             self.taken_over = len(self.findings)
-            for found in self.findings.values():
-                self._keep(found)
-            left = [scene for scene in self.jobs.scenes if scene.structure not in self.findings]
-            with progress("proving identities of {structure}", len(left)) as advance:
-                for structure, found in self._proved(left):
-                    self.findings[structure] = found
-                    self._keep(found, unfinished)
+            for findings in self.findings.values():
+                self._keep(findings)
+            remaining = [
+                scene for scene in self.jobs.scenes if scene.structure not in self.findings
+            ]
+            with progress("proving identities of {structure}", len(remaining)) as advance:
+                for structure, findings in self._proved(remaining):
+                    self.findings[structure] = findings
+                    self._keep(findings, unfinished)
                     advance()
 
     def _proved(self, scenes: list[Scene]) -> Iterator[tuple[str, list[StoredFinding]]]:
-        how = self.jobs.formulations, self.jobs.points, self.seed
+        arguments = self.jobs.formulations, self.jobs.points, self.seed
         large = [scene for scene in scenes if scene.n >= WORTH_A_PROCESS]
         for scene in scenes:
             if scene not in large or len(large) == 1:
-                yield scene.structure, _prove(scene, *how)
+                yield scene.structure, _prove(scene, *arguments)
         if len(large) < 2:
             return
         names = ("formulations", "points", "seed")
-        prove = partial(_prove, **dict(zip(names, how, strict=True)))
-        for scene, found in parallel_map(self.executor, prove, large):
-            yield scene.structure, found
+        prove = partial(_prove, **dict(zip(names, arguments, strict=True)))
+        for scene, findings in parallel_map(self.executor, prove, large):
+            yield scene.structure, findings
 
     @property
     def _part(self) -> Path | None:
@@ -212,7 +214,7 @@ class Proofs:
         }
 
     def _unfinished(self) -> Records:
-        """Return what earlier runs have proved, or nothing where that is no file of Records."""
+        """Return the Records of earlier runs; empty ones where the file is no file of Records."""
         with suppress(InputError):
             return Records(self._part)
         assert self._part is not None
@@ -222,24 +224,24 @@ class Proofs:
         return Records(self._part)
 
     def _resume(self, unfinished: Records) -> None:
-        """Take over what was proved of the same jobs, by the same sources; forget all others."""
+        """Take over the Findings of the same jobs by the same sources; delete all others."""
         header, own_seed = unfinished.all(JOBS), self.seed
         if header and self.jobs.seed is None:
             self.seed = header[0].settings["seed"]
         if [one.settings for one in header] == [self._header()]:
-            found = group(stored_findings_in(unfinished.all()), lambda one: one.structure)
+            by_structure = group(stored_findings_in(unfinished.all()), lambda one: one.structure)
             wanted = [scene.structure for scene in self.jobs.scenes]
-            self.findings = {key: found[key] for key in wanted if key in found}
+            self.findings = {key: by_structure[key] for key in wanted if key in by_structure}
             return
         self.started_over, self.seed = self.started_over or len(unfinished) > 0, own_seed
         for study in (JOBS, PROOFS):
             unfinished.forget(study, [one.settings for one in unfinished.all(study)])
         unfinished.add(Record(JOBS, self._header()))
 
-    def _keep(self, found: list[StoredFinding], *more: Records) -> None:
+    def _keep(self, findings: list[StoredFinding], *more: Records) -> None:
         for records in (*more, self.records):
             if records is not None:
-                records.add(findings_record(found))
+                records.add(findings_record(findings))
 
     def write(self) -> None:
         """Write everything to `path` and drop the unfinished file."""

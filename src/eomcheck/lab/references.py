@@ -1,4 +1,4 @@
-"""Reference solutions of motions: the cases, their files, and how they are computed.
+"""Reference solutions of motions: the cases, their files, and their computation.
 
     eomcheck reference NAME
 
@@ -48,7 +48,7 @@ from eomcheck.scenes import (
 
 @dataclass(frozen=True)
 class ReferenceCase:
-    """A motion to know well: `parts` equal intervals from 0 to `end`, from `initial_state().q`.
+    """A motion with a reference solution: `parts` intervals from 0 to `end`, from `initial_state().q`.
 
     It can be pickled, so `scene` is no lambda.
     """
@@ -57,10 +57,10 @@ class ReferenceCase:
     scene: Callable[[], Scene]
     u0: tuple[float, ...] = (0.0, 0.0)
     end: float = 1.0
-    """s."""
+    """End of the motion, s."""
     parts: int = 20
     minutes: float = 1.0
-    """What it takes about, on one core."""
+    """Approximate computing time on one core, min."""
 
     @property
     def times(self) -> Array:
@@ -81,7 +81,7 @@ REFERENCE_CASES: dict[str, ReferenceCase] = {
     "coil-2": ReferenceCase(
         "two links coiled by 308°, released at rest", partial(Snake.coil, 2), minutes=2.0
     ),
-    # A second of it would take the second integration half an hour.
+    # One second of this motion would take the second integration half an hour.
     "coil-20": ReferenceCase(
         "twenty links coiled by 308°, released at rest, 0.25 s only: more would take long",
         partial(Snake.coil, 20),
@@ -148,17 +148,18 @@ def stored_reference(name: str, folder: Path) -> Reference:
     """Return the reference solution that a folder holds under this name.
 
     Raises:
-        InputError: it holds none, and where there is one, or how to make it; or it cannot be read.
+        InputError: there is none (the message explains how to get or compute it), or it cannot be
+            read.
     """
     path = folder / f"{name}.json"
     if not path.exists():
-        made = (
+        hint = (
             f"go to a checkout of eomcheck, say by --references FOLDER where it is, or make it: "
             f"eomcheck reference {name} --folder FOLDER"
             if name in REFERENCE_CASES
             else f"references of eomcheck are: {', '.join(REFERENCE_CASES)}"
         )
-        raise InputError(f"the reference solution {str(path)!r} is missing; {made}")
+        raise InputError(f"the reference solution {str(path)!r} is missing; {hint}")
     return load_reference(path)
 
 
@@ -188,7 +189,7 @@ COLUMNS = (
 
 
 def reference_table(references: Iterable[Reference]) -> ResultTable:
-    """Return how well each reference is known, and what it took."""
+    """Return the table of references: their uncertainties, energy drifts, steps and run times."""
     rows = [
         (
             Cell(one.name, "name"),
@@ -208,13 +209,13 @@ def reference_table(references: Iterable[Reference]) -> ResultTable:
 PERCENT = 100
 
 SHORTER = 3.0
-"""The Taylor series runs again with steps shorter than its longest one by this factor."""
+"""Factor by which the second run of the Taylor series has shorter steps than the longest one."""
 
 
 def produce_all(
     cases: Mapping[str, ReferenceCase], executor: str | None = None
 ) -> Iterator[Reference]:
-    """Yield the `Reference` of each case as it is known; several are spread over processes.
+    """Yield the `Reference` of each case as it is computed; several cases run in parallel.
 
     Args:
         cases: name -> case.
@@ -222,19 +223,19 @@ def produce_all(
 
     Raises:
         EngineError: heyoka is not installed.
-        RefusedError: a motion cannot be followed to its end.
+        RefusedError: a motion cannot be integrated to its end.
         WorkerError, InputError: see `eomcheck.lab.store.parallel_map.parallel_map`.
     """
     if len(cases) < 2:
         for name, case in cases.items():
             yield produce(name, case)
         return
-    # The longest first: begun last, it would be waited for alone.
+    # The longest first: started last, it would run alone at the end.
     items = sorted(cases.items(), key=lambda item: -item[1].minutes)
     with progress("computing {reference}", len(items)) as advance:
-        for _, made in parallel_map(executor, _produce_quietly, items):
+        for _, reference in parallel_map(executor, _produce_quietly, items):
             advance()
-            yield made
+            yield reference
 
 
 def _produce_quietly(item: tuple[str, ReferenceCase]) -> Reference:
@@ -242,12 +243,11 @@ def _produce_quietly(item: tuple[str, ReferenceCase]) -> Reference:
 
 
 def produce(name: str, case: ReferenceCase, shown: bool = True) -> Reference:
-    """Return the `Reference` of `case`, computed by both methods, under a progress bar if
-    `safe_repr`.
+    """Return the `Reference` of `case`, computed by both methods, with a progress bar if `shown`.
 
     Raises:
         EngineError: heyoka is not installed.
-        RefusedError: the motion cannot be followed to its end.
+        RefusedError: the motion cannot be integrated to its end.
     """
     scene, u0, times = case.scene(), np.array(case.u0), case.times.tolist()
     q0, _ = scene.initial_state()

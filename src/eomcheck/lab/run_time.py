@@ -1,7 +1,7 @@
-"""Run time of some work: the best of many warm runs, held on one core, beside its CPU time.
+"""Run time of some work: the best of many warm runs, pinned to one core, beside its CPU time.
 
 Timed work is done in this process, one cell at a time. Two at a time, each on its own core, share
-caches and memory, and are more easily disturbed by other programs on the machine.
+caches and memory, and their times are noisier.
 """
 
 from __future__ import annotations
@@ -26,24 +26,24 @@ from eomcheck.motion.simulate import Motion
 RUNS = 20
 FEWEST = 3
 CONTENTION_RATIO = 1.05
-"""A run whose CPU time is less than its run time by more than this factor was disturbed."""
+"""Ratio of run time to CPU time above which a run was contended by other programs."""
 LONG = 2.0
-"""Work that takes longer than this, in s, runs `FEWEST` times only."""
+"""Run time, s, above which work runs `FEWEST` times only."""
 
 
 @dataclass(frozen=True)
 class RunTime:
-    """What timing some work has come to.
+    """The timings of some work.
 
     Attributes:
-        seconds: the best run.
-        cpu_seconds: CPU time of this thread in that run; less than `seconds` where others had
-            the core.
+        seconds: time of the best run, s.
+        cpu_seconds: CPU time of this thread in that run, s; less than `seconds` where other
+            programs had the core.
         quartiles: lower and upper quartile of the runs, s.
-        runs: their number.
-        core: on which they were held, None where the system cannot.
-        load: programs that wanted to run in the minute before, ourselves included; None where the
-            system does not count them.
+        runs: number of runs.
+        core: core to which they were pinned, None where the system cannot.
+        load: load average of the minute before, this process included; None where the system has
+            none.
     """
 
     seconds: float
@@ -54,22 +54,22 @@ class RunTime:
     load: float | None
 
     def recorded(self) -> dict[str, Any]:
-        """Return what a Record says of it."""
-        of_record = asdict(self)
-        here = {name: of_record.pop(name) for name in ("core", "load")}
-        return of_record | {"machine": machine() | here}
+        """Return the timings as fields of a Record."""
+        fields = asdict(self)
+        context = {name: fields.pop(name) for name in ("core", "load")}
+        return fields | {"machine": machine() | context}
 
 
 def run_time(
     work: Callable[[], object], runs: int = RUNS, fewest: int = FEWEST, long: float = LONG
 ) -> RunTime:
-    """Return the time that `work` takes.
+    """Return the run time of `work`.
 
     Args:
-        work: what is timed; it must be warm, its first run counts too.
-        runs: how often it runs.
-        fewest: so often is enough if it takes longer than
-        long: s.
+        work: function to time; it must be warm, since its first run counts too.
+        runs: number of runs.
+        fewest: number of runs if the work takes longer than `long`.
+        long: run time above which `fewest` runs are enough, s.
     """
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else None
     taken: list[tuple[float, float]] = []
@@ -84,7 +84,7 @@ def run_time(
 
 @contextmanager
 def held_on_a_core() -> Iterator[int | None]:
-    """Hold this thread on the core it is on, and provide its number; None where that cannot be."""
+    """Pin this thread to its current core, and provide the number; None where that is impossible."""
     if not hasattr(os, "sched_setaffinity"):
         yield None
         return
@@ -97,7 +97,7 @@ def held_on_a_core() -> Iterator[int | None]:
 
 
 def prepare_motion(scene: Scene, key: str, *start: Any) -> tuple[Motion, float]:
-    """Return the motion from a start, by default the scene's own, and the time to make it, s."""
+    """Return the `Motion` from a start, by default the scene's own, and its construction time, s."""
     start, begin = start or scene.initial_state(), time.perf_counter()
     motion = Motion(scene, formulation_of(key), *start)
     return motion, time.perf_counter() - begin

@@ -65,7 +65,7 @@ class Local(ExecutorBackend):
 
     def __init__(self, workers: int, ahead: int = 1):
         self.workers = workers
-        # One ahead, so that no worker waits; not more, since all running items are suspects of a death.
+        # One ahead, so that no worker waits; not more: any running item may have caused a death.
         self.max_pending = workers + ahead
 
     @contextmanager
@@ -91,7 +91,7 @@ class Local(ExecutorBackend):
 
 
 def _bar_last_call(process: multiprocessing.context.SpawnProcess) -> None:
-    """Have no later process make the call of outside code in which this one died, if it did.
+    """Bar later processes from the call of outside code in which this one died, if it did.
 
     The pool itself ends its processes by SIGTERM where one has died.
     """
