@@ -190,8 +190,8 @@ def test_cells_that_are_spread_go_where_they_are_to_by_their_settings_and_under_
     usual = {"key": "x", "cells": cells()}
     assert asked == [
         usual | {"fresh": False, "label": "measuring {case}", "executor": None, "by": ()},
-        usual | {"fresh": True, "label": "looking", "where": "local:3", "by": ("case",)},
-        usual | {"fresh": False, "label": "looking", "where": "local", "by": ("case",)},
+        usual | {"fresh": True, "label": "looking", "executor": "local:3", "by": ("case",)},
+        usual | {"fresh": False, "label": "looking", "executor": "local", "by": ("case",)},
     ]
     assert places == ["local:3", "local"]
     spread.check(executor="local:5", links=1, nothing=3)

@@ -1,9 +1,9 @@
 """Data of the figures of one scene: its pose, its motion, and the matrices of a formulation.
 
 A pose or a motion becomes a `Sketch`. A `Structure` holds the matrices that a formulation reads and
-solves in one state, with their blocks named: the formulation runs on floats of a class of their
-own, which `solve` recognizes and records, and each block is compared with the matrices it may equal
-(M, a, -aᵀ, Wᵀ M W, ...).
+solves in one state, with their blocks named: the formulation runs on `RecordingFloat` numbers,
+whose systems of equations `solve` records, and each block is compared with the matrices it may
+equal (M, a, -aᵀ, Wᵀ M W, ...).
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ from eomcheck.scene_lookup import ROBOTS, scene_class_named, scene_named
 # ---- Poses and motions ---------------------------------------------------------------------------
 
 BETWEEN = 6
-"""Points of a path from one frame to the next."""
+"""Number of points of a path from one frame to the next."""
 
 
 def scene_to_draw(
     name: str, links: int | None = None, given: Mapping[str, Sequence[float] | None] | None = None
 ) -> tuple[Scene, np.ndarray]:
-    """Return the scene that is called `name`, and the pose q (n,) that pictures show.
+    """Return the scene called `name`, and the pose q (n,) that figures show.
 
     Args:
-        name: its name.
-        links: number of links, for kinds that have one.
-        given: parameters that are other than usual.
+        name: name of the scene.
+        links: number of links, for classes with links.
+        given: parameters that differ from the default.
 
     Raises:
         UnknownNameError, InputError: see `eomcheck.scene_lookup.scene_named`.
@@ -54,10 +54,10 @@ def scene_to_draw(
 
 
 def sketch_of(scene: Scene, q: np.ndarray, t: float = 0.0) -> Sketch:
-    """Return what a picture of `scene` in the pose q (n,) is made of.
+    """Return the sketch of `scene` in the pose q (n,) at time t, s.
 
     Raises:
-        InputError: the scene does not say.
+        InputError: the scene has no sketch.
     """
     sketch = scene.sketch(q, t)
     if sketch is None:
@@ -66,13 +66,13 @@ def sketch_of(scene: Scene, q: np.ndarray, t: float = 0.0) -> Sketch:
 
 
 def scene_and_pose(kind: type[Scene], links: int | None = None) -> tuple[Scene, np.ndarray]:
-    """Return the scene of a kind and the pose q (n,) that pictures show.
+    """Return the example of a scene class and the pose q (n,) that figures show.
 
     Raises:
         InputError: it has no such number of links.
     """
     if links is not None:
-        next(kind.structures(links))  # refuses a number of links that there cannot be
+        next(kind.structures(links))  # raises for an impossible number of links
     return kind.sketched(links)
 
 
@@ -80,7 +80,7 @@ def posed_sketch(scene: Scene, q: np.ndarray) -> tuple[Sketch, tuple[str, ...]]:
     """Return the sketch of a scene in the closed pose next to q (n,), and its coordinates' names.
 
     Raises:
-        InputError: it does not say what it looks like.
+        InputError: the scene has no sketch.
         RefusedError: there is no such pose.
     """
     return sketch_of(scene, assembled_position(scene, q)), scene.coordinate_names
@@ -89,35 +89,35 @@ def posed_sketch(scene: Scene, q: np.ndarray) -> tuple[Sketch, tuple[str, ...]]:
 def sketches_of_motion(
     scene: Scene, formulation: str, end: float, frames: int
 ) -> tuple[list[Sketch], np.ndarray, int]:
-    """Return sketches of a motion at equal times, these times, s, and how many make a frame.
+    """Return sketches of a motion at equal time steps, these times, s, and their number per frame.
 
-    It starts from the initial state.
+    The motion starts from the initial state.
 
     Raises:
         InputError: fewer than two frames, an end that is no positive time, no such formulation, or
-            a scene that does not say what it looks like.
-        EomcheckError: the motion does not come to its end.
+            a scene without a sketch.
+        EomcheckError: the motion does not reach its end.
     """
     from eomcheck.motion.simulate import simulate
 
     if frames < 2:
         raise InputError(f"frames = {frames}, expected at least 2")
     times = np.linspace(0.0, end, BETWEEN * (frames - 1) + 1)
-    found = simulate(scene, formulation, end, output_times=times)
-    if found.status != "finished":
+    motion = simulate(scene, formulation, end, output_times=times)
+    if motion.status != "finished":
         raise InputError(
-            f"the motion of {scene.name} by {formulation} {found.status}: {found.reason}"
+            f"the motion of {scene.name} by {formulation} {motion.status}: {motion.reason}"
         )
-    return [sketch_of(scene, q, t) for q, t in zip(found.q, times, strict=True)], times, BETWEEN
+    return [sketch_of(scene, q, t) for q, t in zip(motion.q, times, strict=True)], times, BETWEEN
 
 
 def moving_state(
     scene: Scene, q: np.ndarray, formulation: Formulation
 ) -> tuple[Scene, Formulation, np.ndarray, np.ndarray]:
-    """Return a scene in motion: it, the formulation, q (n,) and a consistent v (n,).
+    """Return the scene, the formulation, a closed q (n,) and a consistent nonzero v (n,).
 
-    In the closed pose next to q (n,); the components of v along a basis of what the constraints
-    allow are 1, 1/2, 1/3 ..., so that no entry vanishes by chance of the state.
+    The pose is the closed one next to the q (n,) given; the components of v along a null-space
+    basis of the constraints are 1, 1/2, 1/3 ..., so that no entry of a matrix vanishes by chance.
     """
     q = assembled_position(scene, q)
     at = Evaluation(scene, q, np.zeros(scene.n))
@@ -131,18 +131,18 @@ def moving_state(
 # ---- Matrices of a formulation -------------------------------------------------------------------
 
 SAME = 1e-9
-"""Blocks are the same that differ by less than this, relative to their largest entry."""
+"""Difference, relative to the largest entry, up to which blocks count as equal."""
 
 
 Known = tuple[str, Array]
-"""Something that a block may be, and its name."""
+"""Name and entries of a matrix that a block may equal."""
 
 
 Columns = tuple[tuple[str, int], ...]
 
 
 class Block(NamedTuple):
-    """A part of a matrix, and what it is: "" where nothing is known that it equals."""
+    """A block of a matrix, with the name of the matrix it equals, "" where none is known."""
 
     name: str
     rows: slice
@@ -150,36 +150,36 @@ class Block(NamedTuple):
 
 
 class Matrix(NamedTuple):
-    """A matrix (k, l), and the blocks that it is made of."""
+    """A matrix (k, l) and its blocks."""
 
     name: str
     entries: Array
     blocks: tuple[Block, ...]
     columns: Columns
-    """Unknowns: their names, and how many columns they have."""
+    """Names of the unknowns, each with its number of columns."""
 
 
 class Structure(NamedTuple):
-    """What a formulation reads, and what it solves, in this order."""
+    """The matrices that a formulation reads and those that it solves, in order."""
 
     read: tuple[Matrix, ...]
     solved: tuple[Matrix, ...]
-    """Without those that are read already."""
+    """Matrices solved, without those that are also read."""
 
 
 # ---- Matrices as they are solved -----------------------------------------------------------------
 
 
 class RecordingFloat(float):
-    """A double that remains one in arrays of objects, so that `solve` asks here."""
+    """A float64 that keeps its class in object arrays, so that `solve` calls `_solve` for it."""
 
 
 def _staying(name: str) -> Callable:
     of_floats = getattr(float, name)
 
     def operation(*numbers: Any) -> Any:
-        found = of_floats(*map(float, numbers))
-        return RecordingFloat(found)
+        result = of_floats(*map(float, numbers))
+        return RecordingFloat(result)
 
     return operation
 
@@ -200,24 +200,24 @@ SOLVERS[RecordingFloat] = _solve
 
 
 def _as_recording(x: Any) -> Any:
-    """Return arrays of doubles as arrays of such numbers; all else, such as indices, as it is."""
+    """Return a float64 array as one of `RecordingFloat`; others, such as indices, as they are."""
     if isinstance(x, np.ndarray) and x.dtype == float:
         return np.array([RecordingFloat(entry) for entry in x.flat], dtype=object).reshape(x.shape)
     return x
 
 
 class _RecordingEvaluation(Evaluation):
-    """Quantities in doubles; formulations run on numbers whose matrices are seen."""
+    """An evaluation in float64 whose formulations run on `RecordingFloat` numbers."""
 
     def solved_by(self, formulation: Formulation) -> list[tuple[str, Array]]:
         """Return name and entries of each matrix that a formulation solves, in its order."""
-        found: list[tuple[str, Array]] = []
-        token = _solved.set(found)
+        systems: list[tuple[str, Array]] = []
+        token = _solved.set(systems)
         try:
             self.rates(formulation)
         finally:
             _solved.reset(token)
-        return found
+        return systems
 
     def call(self, function: Callable, *arguments: Any) -> Any:
         if _solved.get(None) is None:
@@ -244,12 +244,12 @@ def structure_of(scene: Scene, formulation: Formulation, q: Array, v: Array) -> 
     if not formulation.applies_to(scene):
         raise InputError(f"{formulation.key} does not apply to {scene.name}")
     at = _RecordingEvaluation(scene, q, v)
-    read = dict(_read(at, formulation))  # in doubles, before numbers change
+    read = dict(_read(at, formulation))  # in float64, before numbers are `RecordingFloat`
     known = _known(at, formulation)
-    found = at.solved_by(formulation)
+    systems = at.solved_by(formulation)
     solved = []
-    for k, (name, A) in enumerate(found):
-        columns = _unknowns(at, formulation, len(A), final=k == len(found) - 1)
+    for k, (name, A) in enumerate(systems):
+        columns = _unknowns(at, formulation, len(A), final=k == len(systems) - 1)
         if not any(_equal(A, other) for other in read.values()):
             solved.append(_blocked(name, A, _rows(at, columns), columns, known))
     own = (_blocked(name, A, [len(A)], (("", A.shape[1]),), []) for name, A in read.items())
@@ -267,12 +267,12 @@ def _read(at: Evaluation, formulation: Formulation) -> Iterator[tuple[str, Array
         for name, partial in zip(("∂V/∂u", "∂ω/∂u"), at.bodies[:2], strict=True):
             yield name, partial.reshape(-1, partial.shape[2])
     if formulation.uses == "chain":
-        at.chain  # noqa: B018  is found in doubles
+        at.chain  # noqa: B018  cached in float64
     at.F  # noqa: B018  likewise
 
 
 def _known(at: Evaluation, formulation: Formulation) -> list[Known]:
-    """Return what a block may equal."""
+    """Return the matrices that a block may equal, with their names."""
     M, _, _, a, gamma, _ = at.terms
     known = [("I", np.eye(len(M))), ("M", M)]
     if a is not None:
@@ -295,7 +295,7 @@ def _known(at: Evaluation, formulation: Formulation) -> list[Known]:
 
 
 def _unknowns(at: Evaluation, formulation: Formulation, size: int, final: bool) -> Columns:
-    """Return the unknowns of a system: their names and how many they are."""
+    """Return the unknowns of a system: names and numbers of columns."""
     n, r = at.scene.n, at.scene.r
     if not final:
         return (("", size),)
@@ -312,10 +312,10 @@ def _unknowns(at: Evaluation, formulation: Formulation, size: int, final: bool) 
 
 
 def _rows(at: Evaluation, columns: Columns) -> list[int]:
-    """Return the heights of the blocks of a square matrix: as the unknowns, or as Eq. (11)."""
+    """Return the rows of each block of a square matrix: those of the unknowns, or of Eq. (11)."""
     sizes = [size for _, size in columns]
     if sizes == [at.scene.n] and at.scene.r:
-        return [at.scene.p, at.scene.r]  # what is left of the motion, then the constraints
+        return [at.scene.p, at.scene.r]  # the projected equations of motion, then the constraints
     return sizes
 
 
@@ -324,8 +324,8 @@ def _blocked(name: str, A: Array, rows: list[int], columns: Columns, known: list
     for top, bottom in pairwise(accumulate(rows, initial=0)):
         for left, right in pairwise(accumulate((size for name, size in columns), initial=0)):
             part = A[top:bottom, left:right]
-            same = (said for said, other in known if _equal(part, other))
-            blocks.append(Block(next(same, ""), slice(top, bottom), slice(left, right)))
+            names = (label for label, other in known if _equal(part, other))
+            blocks.append(Block(next(names, ""), slice(top, bottom), slice(left, right)))
     return Matrix(name, A, tuple(blocks), columns)
 
 

@@ -1,9 +1,9 @@
 """Comparison of the libraries that read one robot description: differences and reasons.
 
-`compare_libraries` draws random states of a URDF or MJCF file and asks eomcheck and every library
-for M, bias, gravity, forces and q̈ at each. The claims judge each difference against the rounding
-error; a `LibraryComparison` holds the largest difference of any two per quantity, the worst finding
-per library and claim, and the reasons of `eomcheck.lab.discrepancy`.
+`compare_libraries` draws random states of a URDF or MJCF file and evaluates M, bias, gravity,
+forces and q̈ at each by eomcheck and by every library. The claims judge each difference against the
+rounding error; a `LibraryComparison` holds the largest difference of any two per quantity, the
+worst finding per library and claim, and the explanations of `eomcheck.lab.discrepancy`.
 """
 
 from __future__ import annotations
@@ -38,28 +38,28 @@ from eomcheck.numbers.generic import Array
 
 @dataclass
 class LibraryComparison:
-    """What came of one robot.
+    """The result of comparing the libraries that read one robot.
 
     Attributes:
         scene: the robot, with the parameters of its file.
         versions: key of a library that took part -> its version.
-        refused: key of one that did not -> why.
+        refused: key of a library that did not -> reason.
         missing: keys of those among them that are not installed.
         differences: quantity -> the largest difference of any two at any state (k, k), relative to
             the largest entry; eomcheck first, then as in `versions`.
-        findings: the worst one by library and claim, of ours and theirs.
-        faults: library and quantity -> what it did instead of an answer, the first time.
-        explanations: library -> what explains its differences, as far as that is known.
-        messages: library -> what it wrote while it read the file.
-        decided: library -> whether any of its findings is more than inconclusive; none of one
-            of which nothing was compared.
-        inconclusive_counts: library and method -> in how many states rounding explains any
+        findings: (library, claim) -> the worst finding.
+        faults: (library, quantity) -> its first fault in place of an answer.
+        explanations: library -> known explanations of its differences.
+        messages: library -> its output while it read the file.
+        decided: library -> whether any of its findings is more than inconclusive; a library of
+            which nothing was compared is left out.
+        inconclusive_counts: (library, method) -> number of states in which rounding explains any
             difference.
-        states: number of states looked at.
-        skipped: why q̈ is not compared, once for each state in which it is not.
-        self_failures: failures of our two derivations being the same, in states where a library
+        states: number of states checked.
+        skipped: reason why q̈ is not compared, once for each state in which it is not.
+        self_failures: failures of the agreement of our two derivations, in states where a library
             differs.
-        unresolved_entries: library and claim -> what no state resolves of it.
+        unresolved_entries: (library, claim) -> entries that no state resolves.
     """
 
     scene: Scene
@@ -80,12 +80,12 @@ class LibraryComparison:
 
     @property
     def failed(self) -> list[Finding]:
-        """The findings on what differs by more than rounding."""
+        """The findings of differences larger than rounding."""
         return [one for one in self.findings.values() if one.verdict == "failed"]
 
     @property
     def disagree(self) -> bool:
-        """Whether some that read the file differ, or do not answer everything."""
+        """Whether a library that read the file differs, or does not answer everything."""
         return bool(self.failed or self.faults or self.self_failures)
 
     @property
@@ -110,7 +110,7 @@ class LibraryComparison:
         return [key for key in self.refused if key not in self.missing]
 
     def failures_of(self, library: str) -> list[Finding]:
-        """Return what a library differs in by more than rounding."""
+        """Return the findings of a library's differences larger than rounding."""
         mine = (one for (key, _), one in self.findings.items() if key == library)
         return [one for one in mine if one.verdict == "failed"]
 
@@ -147,13 +147,13 @@ QUANTITIES = {
     "forces": "forces",
     "q̈": "acceleration",
 }
-"""What is compared -> what an engine is asked; gravity is what forces are at rest."""
+"""Quantity compared -> method of an engine; gravity is the forces at rest."""
 
 
-def reference_quantities(found: LibraryComparison, at: Evaluation) -> dict[str, Array]:
-    """Return our quantities, without q̈ where it is refused; the reason is kept.
+def reference_quantities(comparison: LibraryComparison, at: Evaluation) -> dict[str, Array]:
+    """Return the quantities by eomcheck; without q̈ where it is refused, and the reason is stored.
 
-    Constraints that depend on each other, or a singular M, leave M, bias and forces to compare.
+    With redundant constraints, or a singular M, there remain M, bias and forces to compare.
     """
     rest = Evaluation(at.scene, at.q, np.zeros(at.scene.n), at.t)
     terms = at.terms.M, at.terms.B, rest.terms.Q, at.terms.Q
@@ -164,23 +164,27 @@ def reference_quantities(found: LibraryComparison, at: Evaluation) -> dict[str, 
     try:
         ours["q̈"] = at.acceleration(FORMULATIONS["gw"]).vdot
     except RefusedError as refusal:
-        found.skipped.append(str(refusal))
+        comparison.skipped.append(str(refusal))
     return ours
 
 
 def summand_sizes(at: Evaluation) -> dict[str, float]:
     """Return the size of the terms that a library may sum to each quantity.
 
-    0 of M and of q̈, for which the entries themselves count.
+    They are 0 for M and for q̈, where the entries themselves count.
     """
     B, Q = inertia_size(at), at.cached(weight_size)
     return dict(zip(QUANTITIES, (0.0, B, Q, Q, 0.0), strict=True))
 
 
 def library_quantities(
-    found: LibraryComparison, key: str, engine: FileEngine, at: Evaluation, names: Iterable[str]
+    comparison: LibraryComparison,
+    key: str,
+    engine: FileEngine,
+    at: Evaluation,
+    names: Iterable[str],
 ) -> dict[str, Array]:
-    """Answers of a library by quantity; its faults are kept in `found`."""
+    """Return the answers of a library by quantity; store its faults in `comparison`."""
     answers, (q, v, t), zero = Answers(engine), (at.q, at.v, at.t), np.zeros(at.scene.n)
     arguments = {
         "M": (q, t),
@@ -189,23 +193,23 @@ def library_quantities(
         "forces": (q, v, t),
         "q̈": (q, v, zero, at.terms.a, at.terms.gamma, t),
     }
-    told = {}
+    quantities = {}
     for name in names:
         try:
             answer = answers.ask(QUANTITIES[name], *arguments[name])
         except EngineFault as fault:
-            if (key, name) not in found.faults:
-                found.faults[key, name] = fault.what
-                found.explanations[key].append(
+            if (key, name) not in comparison.faults:
+                comparison.faults[key, name] = fault.what
+                comparison.explanations[key].append(
                     Explanation(f"gives no {name}: {fault.what}", f"no {name}")
                 )
         else:
-            told[name] = answer.vdot if name == "q̈" else answer
-    return told
+            quantities[name] = answer.vdot if name == "q̈" else answer
+    return quantities
 
 
 def relative_difference(x: Array | None, y: Array | None, summed: float = 0.0) -> float:
-    """Return the largest difference, relative; see `relative_scale`. NaN where one is not known."""
+    """Return the largest difference, relative, see `relative_scale`; NaN where a value is None."""
     if x is None or y is None:
         return np.nan
     scale = relative_scale(max(largest(x), largest(y)), summed)
@@ -217,7 +221,7 @@ def relative_difference(x: Array | None, y: Array | None, summed: float = 0.0) -
 REFERENCE_NAME = "eomcheck"
 
 SELF_CHECKS = "kinetic-energy", "power-balance"
-"""Claims by which our two derivations are compared where a library differs from them."""
+"""Claims that compare our two derivations where a library differs from them."""
 
 
 def readers(scene: Scene, names: Iterable[str] | None) -> dict[str, type[FileEngine]]:
@@ -225,7 +229,7 @@ def readers(scene: Scene, names: Iterable[str] | None) -> dict[str, type[FileEng
 
     Raises:
         InputError: the scene is no file, or has other parameters.
-        UnknownNameError: there is none of a name.
+        UnknownNameError: there is no library of a name.
     """
     if not (isinstance(scene, Mechanism) and scene.source.format and scene.as_described):
         raise InputError(f"{scene.name} is no robot as its file describes it")
@@ -243,53 +247,58 @@ def compare_libraries(
     seed: int = 0,
     advance: Callable[[], None] = lambda: None,
 ) -> LibraryComparison:
-    """Compare how libraries read the file of a scene, and their equations of motion.
+    """Compare the equations of motion of the libraries that read the file of a scene.
 
     Args:
-        scene: of `eomcheck.scenes.from_urdf` or `from_mjcf`.
+        scene: scene by `eomcheck.scenes.from_urdf` or `from_mjcf`.
         engines: keys of `eomcheck.engines.files.BY_FORMAT`; by default those that are installed.
         states: number of random states.
-        seed: of their draws.
+        seed: seed of their draws.
         advance: called after each state.
 
     Raises:
         InputError: the scene is no file, or no library is left to compare with.
         EngineError: a library that was named is not installed.
-        UnknownNameError: there is none of a name.
+        UnknownNameError: there is no library of a name.
     """
-    found, made = LibraryComparison(scene), {}
+    comparison, libraries = LibraryComparison(scene), {}
     for key, kind in readers(scene, engines).items():
         try:
-            found.versions[key] = version_of(kind)
+            comparison.versions[key] = version_of(kind)
         except EngineError as error:
             if engines is not None:
                 raise
-            found.refused[key] = str(error)
-            found.missing.append(key)
+            comparison.refused[key] = str(error)
+            comparison.missing.append(key)
             continue
         try:
-            made[key] = call(f"{kind.__name__}(scene)", kind, scene)
-            found.messages[key], found.explanations[key] = made[key].library_output, []
-        except Exception as error:  # whatever a library makes of a file it cannot read
-            found.refused[key] = message_of(error)
-            del found.versions[key]
-    if not made:
-        raise InputError(f"nothing to compare {scene.name} with: " + _refusals_text(found.refused))
-    asked = [one.id for one in CLAIMS.values() if one.asks in QUANTITIES.values()]
-    kinds = [type(engine) for engine in made.values()]
-    run, selection = ValidationRun(), RunSelection.of(["gw"], kinds, asked, scenes=[scene])
+            libraries[key] = call(f"{kind.__name__}(scene)", kind, scene)
+            comparison.messages[key], comparison.explanations[key] = (
+                libraries[key].library_output,
+                [],
+            )
+        except Exception as error:  # any error of a library at a file that it cannot read
+            comparison.refused[key] = message_of(error)
+            del comparison.versions[key]
+    if not libraries:
+        raise InputError(
+            f"nothing to compare {scene.name} with: " + _refusals_text(comparison.refused)
+        )
+    claim_ids = [one.id for one in CLAIMS.values() if one.asks in QUANTITIES.values()]
+    kinds = [type(engine) for engine in libraries.values()]
+    run, selection = ValidationRun(), RunSelection.of(["gw"], kinds, claim_ids, scenes=[scene])
     for state in draw_samples(strategies.states(scene), states, seed):
-        _compare_at(found, made, state, run.check_state(scene, state, selection))
-        found.states += 1
+        _compare_at(comparison, libraries, state, run.check_state(scene, state, selection))
+        comparison.states += 1
         advance()
-    keys: dict[type[Engine] | None, str] = {type(engine): key for key, engine in made.items()}
-    for claim, left in unresolved_by_claim(run.findings).items():
-        if len(found.skipped) == found.states and CLAIMS[claim].asks == "acceleration":
-            continue  # it is said that q̈ is not compared, and why
-        for one in left:
+    keys: dict[type[Engine] | None, str] = {type(engine): key for key, engine in libraries.items()}
+    for claim, unresolved in unresolved_by_claim(run.findings).items():
+        if len(comparison.skipped) == comparison.states and CLAIMS[claim].asks == "acceleration":
+            continue  # reported by `skipped`
+        for one in unresolved:
             if (key := keys.get(one.finding.engine)) is not None:
-                found.unresolved_entries.setdefault((key, claim), []).append(one)
-    return found
+                comparison.unresolved_entries.setdefault((key, claim), []).append(one)
+    return comparison
 
 
 def _worse(one: Finding, other: Finding) -> bool:
@@ -302,53 +311,62 @@ def _refusals_text(refused: dict[str, str]) -> str:
 
 
 def _compare_at(
-    found: LibraryComparison, made: dict[str, FileEngine], state: State, findings: Iterable[Finding]
+    comparison: LibraryComparison,
+    libraries: dict[str, FileEngine],
+    state: State,
+    findings: Iterable[Finding],
 ) -> None:
-    """Compare at one state, at which claims have come to these findings."""
-    scene = found.scene
+    """Compare at one state, at which the claims have these findings."""
+    scene = comparison.scene
     at = Evaluation(scene, *state)
-    kinds: dict[type[Engine], str] = {type(engine): key for key, engine in made.items()}
+    kinds: dict[type[Engine], str] = {type(engine): key for key, engine in libraries.items()}
     by_library = [(kinds[one.engine], one) for one in findings if one.engine in kinds]
-    ours, summed = reference_quantities(found, at), summand_sizes(at)
-    theirs = {key: library_quantities(found, key, engine, at, ours) for key, engine in made.items()}
-    # Where rounding explains any difference there is no number to show.
-    unsure = {
+    ours, summed = reference_quantities(comparison, at), summand_sizes(at)
+    theirs = {
+        key: library_quantities(comparison, key, engine, at, ours)
+        for key, engine in libraries.items()
+    }
+    # Where rounding explains any difference, no number is shown.
+    inconclusive = {
         (key, CLAIMS[one.claim].asks) for key, one in by_library if one.verdict == "inconclusive"
     }
     if "q̈" not in ours:
-        unsure = {(key, method) for key, method in unsure if method != "acceleration"}
-    found.inconclusive_counts.update(sorted(unsure))
+        inconclusive = {(key, method) for key, method in inconclusive if method != "acceleration"}
+    comparison.inconclusive_counts.update(sorted(inconclusive))
     for name, method in QUANTITIES.items():
-        said = [ours.get(name)]
-        said += [None if (x, method) in unsure else told.get(name) for x, told in theirs.items()]
-        table = np.array([[relative_difference(x, y, summed[name]) for y in said] for x in said])
-        found.differences[name] = np.fmax(found.differences.get(name, table), table)
-    bad = set()
+        sides = [ours.get(name)]
+        sides += [
+            None if (x, method) in inconclusive else answers.get(name)
+            for x, answers in theirs.items()
+        ]
+        table = np.array([[relative_difference(x, y, summed[name]) for y in sides] for x in sides])
+        comparison.differences[name] = np.fmax(comparison.differences.get(name, table), table)
+    failed = set()
     for key, one in by_library:
-        bad |= {key} if one.verdict == "failed" else set()
+        failed |= {key} if one.verdict == "failed" else set()
         if one.verdict == "skipped":
             continue
-        found.decided[key] = found.decided.get(key, False) or one.verdict in DECIDED
-        before = found.findings.get((key, one.claim))
+        comparison.decided[key] = comparison.decided.get(key, False) or one.verdict in DECIDED
+        before = comparison.findings.get((key, one.claim))
         if before is None or _worse(one, before):
-            found.findings[key, one.claim] = one
-    description = next(iter(made.values())).description
-    if bad:
+            comparison.findings[key, one.claim] = one
+    description = next(iter(libraries.values())).description
+    if failed:
         own = RunSelection.of(["gw"], [], SELF_CHECKS, scenes=[scene])
-        seen = ValidationRun().check_state(scene, state, own)
-        found.self_failures += [one for one in seen if one.verdict == "failed"]
-    for key, told in theirs.items():
-        if key not in bad or told.keys() != ours.keys():
+        findings_of_own = ValidationRun().check_state(scene, state, own)
+        comparison.self_failures += [one for one in findings_of_own if one.verdict == "failed"]
+    for key, answers in theirs.items():
+        if key not in failed or answers.keys() != ours.keys():
             continue
-        parting = Discrepancy(
+        discrepancy = Discrepancy(
             description,
             scene.coordinate_names,
             state.v,
             ours,
-            told,
+            answers,
             summed,
-            made[key].free_base(*state[:2]),
+            libraries[key].free_base(*state[:2]),
         )
-        for why in explain(parting):
-            if why not in found.explanations[key]:
-                found.explanations[key].append(why)
+        for explanation in explain(discrepancy):
+            if explanation not in comparison.explanations[key]:
+                comparison.explanations[key].append(explanation)

@@ -178,11 +178,9 @@ class Proofs:
             self.taken_over = len(self.findings)
             for findings in self.findings.values():
                 self._keep(findings)
-            remaining = [
-                scene for scene in self.jobs.scenes if scene.structure not in self.findings
-            ]
-            with progress("proving identities of {structure}", len(remaining)) as advance:
-                for structure, findings in self._proved(remaining):
+            left = [scene for scene in self.jobs.scenes if scene.structure not in self.findings]
+            with progress("proving identities of {structure}", len(left)) as advance:
+                for structure, findings in self._proved(left):
                     self.findings[structure] = findings
                     self._keep(findings, unfinished)
                     advance()

@@ -48,7 +48,7 @@ from eomcheck.scenes import (
 
 @dataclass(frozen=True)
 class ReferenceCase:
-    """A motion with a reference solution: `parts` intervals from 0 to `end`, from `initial_state().q`.
+    """A motion with a reference solution, `parts` intervals to `end` from `initial_state().q`.
 
     It can be pickled, so `scene` is no lambda.
     """

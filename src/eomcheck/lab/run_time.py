@@ -84,7 +84,7 @@ def run_time(
 
 @contextmanager
 def held_on_a_core() -> Iterator[int | None]:
-    """Pin this thread to its current core, and provide the number; None where that is impossible."""
+    """Pin this thread to its current core, and provide the number; None where impossible."""
     if not hasattr(os, "sched_setaffinity"):
         yield None
         return
@@ -97,7 +97,7 @@ def held_on_a_core() -> Iterator[int | None]:
 
 
 def prepare_motion(scene: Scene, key: str, *start: Any) -> tuple[Motion, float]:
-    """Return the `Motion` from a start, by default the scene's own, and its construction time, s."""
+    """Return the `Motion` from a start, by default the scene's, and its construction time, s."""
     start, begin = start or scene.initial_state(), time.perf_counter()
     motion = Motion(scene, formulation_of(key), *start)
     return motion, time.perf_counter() - begin

@@ -1,9 +1,9 @@
 """Study: settings to vary, a worker for one cell, and tables and charts of the Records.
 
-Each combination of settings is a cell, worked off once into a Record that is stored at once, so
-that an interrupted study goes on where it stopped. Tables and charts are made from Records and
-compute nothing. The command of a study, its section of the report and its line in the documentation
-follow from its one line in `eomcheck.lab.studies.STUDIES`.
+Each combination of settings is a cell, which is run once and gives a Record; this is stored at
+once, so that an interrupted study resumes where it stopped. Tables and charts are made from Records
+and compute nothing. The command of a study, its section of the report and its line in the
+documentation follow from its one line in `eomcheck.lab.studies.STUDIES`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from typing import Annotated, Any
 
 from eomcheck.atomic_write import write_text
 from eomcheck.console import progress
-from eomcheck.deprecated import old_keywords
 from eomcheck.errors import EomcheckError, InputError, RefusedError
 from eomcheck.lab.show.chart import Chart
 from eomcheck.lab.show.table import ResultTable
@@ -29,7 +28,6 @@ from eomcheck.lab.store.record_file import Record, Records, Settings, group, key
 # ---- Cells ---------------------------------------------------------------------------------------
 
 
-@old_keywords
 def run_cells(
     records: Records,
     study: str,
@@ -41,20 +39,20 @@ def run_cells(
     executor: str | None = None,
     by: Sequence[str] = (),
 ) -> list[Record]:
-    """Work off the cells of a study that are not in `records` yet; return the Records of all.
+    """Run the cells of a study that are not in `records` yet; return the Records of all.
 
-    Each is committed as it finishes: after Ctrl-C, an error or `kill -9` the same call goes on with
+    Each is committed as it finishes: after Ctrl-C, an error or `kill -9` the same call resumes with
     the cell that was in flight.
 
     Args:
-        records: where they are kept.
-        study: its name.
-        cells: settings, one per cell; one named twice is worked once.
+        records: file of the Records.
+        study: name of the study.
+        cells: settings, one per cell; a cell that is given twice is run once.
         work: settings -> Record of this study and these settings. An exception of eomcheck's own
             becomes a Record: "refused" for a `RefusedError`, otherwise "failed".
-        fresh: forget what is known of these cells first.
-        label: of `progress`, by default the name of the study; "" for none.
-        executor: where untimed cells are worked off, see
+        fresh: delete the Records of these cells first.
+        label: label of `progress`, by default the name of the study; "" for none.
+        executor: executor for untimed cells, see
             `eomcheck.lab.store.parallel_map.parallel_map`;
             None: one after another, in this process.
         by: names of settings. Cells that share them go to one process together, in their order.
@@ -62,22 +60,22 @@ def run_cells(
     wanted = {key_of(settings): settings for settings in cells}
     if fresh:
         records.forget(study, wanted.values())
-    found = {key: records.find(study, settings) for key, settings in wanted.items()}
-    missing = [settings for key, settings in wanted.items() if found[key] is None]
-    together = group(missing, lambda one: key_of({name: one[name] for name in by or one}))
-    do, batches = partial(_work_off, study, work), together.values()
+    by_key = {key: records.find(study, settings) for key, settings in wanted.items()}
+    missing = [settings for key, settings in wanted.items() if by_key[key] is None]
+    grouped = group(missing, lambda one: key_of({name: one[name] for name in by or one}))
+    run_batch, batches = partial(_work_off, study, work), grouped.values()
     finished = (
-        map(do, batches)
+        map(run_batch, batches)
         if executor is None
-        else (x for _, x in parallel_map(executor, do, batches))
+        else (x for _, x in parallel_map(executor, run_batch, batches))
     )
-    with progress(study if label is None else label, len(together)) as advance:
-        for made in finished:
-            for record in made:
+    with progress(study if label is None else label, len(grouped)) as advance:
+        for batch_records in finished:
+            for record in batch_records:
                 records.add(record)
-                found[key_of(record.settings)] = record
+                by_key[key_of(record.settings)] = record
             advance()
-    return [record for record in found.values() if record is not None]
+    return [record for record in by_key.values() if record is not None]
 
 
 def _work_off(
@@ -94,7 +92,7 @@ def _work_off_one(study: str, settings: Settings, work: Callable[[Settings], Rec
     except EomcheckError as error:
         return Record(study, settings, "failed", str(error))
     if (record.study, key_of(record.settings)) != (study, key_of(settings)):
-        # It would be stored under another key, and worked again by every run.
+        # It would be stored under another key, and run again each time.
         raise InputError(f"the record of {study} {settings} is one of other settings: {record}")
     return record
 
@@ -111,12 +109,12 @@ REFERENCES = Path("validation/references")
 
 
 def nothing(found: StudyRecords) -> tuple:
-    """Return nothing."""
+    """Return an empty tuple: no charts or remarks."""
     return ()
 
 
 def unfinished(found: StudyRecords) -> Iterator[str]:
-    """Yield of which cells nothing came, and why."""
+    """Yield the cells that are not done, each with its reason."""
     for record in found:
         if record.status != "done":
             cell = ", ".join(f"{name} {value}" for name, value in record.settings.items())
@@ -129,7 +127,7 @@ def failed(found: StudyRecords) -> bool:
 
 
 def document_of(name: str, kind: type) -> Callable[[StudyRecords], dict[str, Any]]:
-    """Return a `document` of the rows in Records, where what is not finite is null."""
+    """Return a `document` function of the rows in Records; non-finite numbers become null."""
 
     def document(found: StudyRecords) -> dict[str, Any]:
         rows = map(asdict, rows_in(found, kind))
@@ -144,25 +142,25 @@ def _finite(value: Any) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class Study:
-    """A study.
+    """A study: its cells, its worker, and the tables and charts of its Records.
 
     Attributes:
         key: its name in commands and in Records.
-        cells: its settings, one a cell. Its arguments are the options of its command, each
-            `Annotated` with what help says of it.
-        worker: the Records of the studies `before`, and more options -> what works off a cell.
+        cells: options -> settings, one per cell. Its arguments are the options of its command, each
+            `Annotated` with its help.
+        worker: the Records of the studies `before`, and more options -> function that runs a cell.
         tables: Records -> tables.
         charts: Records -> charts.
-        remarks: Records -> sentences below the tables; by default why cells are not done.
-        label: of `eomcheck.console.progress`, "" where what works off a cell shows its own.
+        remarks: Records -> sentences below the tables; by default the reasons of cells not done.
+        label: label of `eomcheck.console.progress`, "" where the worker shows its own progress.
         before: studies whose Records must be known first, with the same options.
-        alarm: Records -> whether something was found that must not be (exit code 1).
+        alarm: Records -> whether there is a result that must not be (exit code 1).
         files: Records, a folder -> other files written there, beside tables and charts.
-        document: Records -> what `--json` writes, by default the Records.
-        reading: how its tables and charts are to be read, for the report.
-        small: whether it may run without a file to keep the Records in.
-        parallel_by: settings by which its cells are spread over processes (`--executor`), those
-            that share them together. By default they are timed: one after another, in this process.
+        document: Records -> document that `--json` writes, by default the Records.
+        reading: instructions for reading its tables and charts, for the report.
+        small: whether it may run without a file for its Records.
+        parallel_by: settings by which its cells are run in parallel (`--executor`); cells that
+            share them go together. By default cells are timed: one after another, in this process.
     """
 
     key: str
@@ -184,45 +182,45 @@ class Study:
 
     def options(self) -> dict[str, Parameter]:
         """Return the options of the study, by name."""
-        found: dict[str, Parameter] = {}
+        parameters: dict[str, Parameter] = {}
         functions: list[Callable] = [f for b in self.before for f in (b.cells, b.worker)]
         for function in (*functions, self.cells, self.worker, *([_at] if self.parallel_by else [])):
-            found |= signature(function, eval_str=True).parameters
-        return {name: one for name, one in found.items() if one.kind is Parameter.KEYWORD_ONLY}
+            parameters |= signature(function, eval_str=True).parameters
+        return {name: one for name, one in parameters.items() if one.kind is Parameter.KEYWORD_ONLY}
 
     def check(self, **options: Any) -> None:
-        """Raise InputError (or EngineError) if an option has a value that makes no sense."""
+        """Raise InputError (or EngineError) if an option has an invalid value."""
         for one in (*self.before, self):
             list(_call(one.cells, options))
             if one.parallel_by:
                 _call(_at, options)
 
     def measure(self, records: Records, fresh: bool = False, **options: Any) -> list[Record]:
-        """Work off every cell that is not in `records` yet; return the Records of all.
+        """Run every cell that is not in `records` yet; return the Records of all.
 
         Args:
-            records: where they are kept.
-            fresh: measure everything anew.
-            options: those of `cells` and `worker`, and the `executor` of a study that is spread.
+            records: file of the Records.
+            fresh: run every cell again.
+            options: those of `cells` and `worker`, and the `executor` of a parallel study.
 
         Raises:
-            InputError: an option has a value that makes no sense.
+            InputError: an option has an invalid value.
             WorkerError, EngineError: see `eomcheck.lab.store.parallel_map`.
         """
-        # Before the first cell is worked off, all options are looked at.
+        # All options are checked before the first cell is run.
         cells = list(_call(self.cells, options))
-        where = _call(_at, options) if self.parallel_by else None
+        executor = _call(_at, options) if self.parallel_by else None
         known: list[Record] = []
         for one in self.before:
             known += one.measure(records, fresh, **options)
         work = _call(self.worker, options, known)
-        how = {"fresh": fresh, "label": self.label, "executor": where, "by": self.parallel_by}
-        found = run_cells(records, self.key, cells, work, **how)
-        return [*known, *found]
+        how = {"fresh": fresh, "label": self.label, "executor": executor, "by": self.parallel_by}
+        new = run_cells(records, self.key, cells, work, **how)
+        return [*known, *new]
 
     def run(self, file: Path | None = None, fresh: bool = False, **options: Any) -> list[Record]:
-        """Do what `measure` does, with the Records in a file, or without one."""
-        self.check(**options)  # options that make no sense leave no file behind
+        """Run the study as `measure` does, with the Records in a file, or without one."""
+        self.check(**options)  # invalid options leave no file behind
         with Records(file) as records:
             return self.measure(records, fresh, **options)
 
@@ -251,12 +249,12 @@ class Study:
 def _at(
     *, executor: Annotated[str, "Where: local, local:PROCESSES or dask:ADDRESS."] = "local"
 ) -> str:
-    """Return where cells are worked off, once it is known that they can be."""
+    """Return the executor of cells, after a check that it can be used."""
     check_executor(executor)
     return executor
 
 
 def _call(function: Callable[..., Any], options: dict[str, Any], *arguments: Any) -> Any:
-    """Call with those options that a function has."""
+    """Call a function with the options among its parameters."""
     own = signature(function).parameters
     return function(*arguments, **{name: x for name, x in options.items() if name in own})

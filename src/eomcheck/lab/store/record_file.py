@@ -244,7 +244,7 @@ class RecordsFile:
             raise
 
     def _fixed(self) -> bool:
-        """Return whether file and folder are read-only, so SQLite can write no log, and none is left."""
+        """Return whether SQLite cannot write the file or its log here, and no log is left over."""
         log = self.path.with_name(f"{self.path.name}-wal")
         writable = os.access(self.path, os.W_OK) and os.access(self.path.absolute().parent, os.W_OK)
         return not writable and not (log.exists() and log.stat().st_size)
