@@ -154,7 +154,7 @@ def stored_reference(name: str, folder: Path) -> Reference:
     path = folder / f"{name}.json"
     if not path.exists():
         hint = (
-            f"go to a checkout of eomcheck, say by --references FOLDER where it is, or make it: "
+            f"go to a checkout of eomcheck, name its folder by --references FOLDER, or compute it: "
             f"eomcheck reference {name} --folder FOLDER"
             if name in REFERENCE_CASES
             else f"references of eomcheck are: {', '.join(REFERENCE_CASES)}"

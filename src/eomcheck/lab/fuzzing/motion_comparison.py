@@ -1,4 +1,4 @@
-"""Comparison of motions by all formulations, within what tolerance and conditioning allow.
+"""Comparison of motions by all formulations, within bounds by tolerance and conditioning.
 
 The true motion is not known, but all formulations integrate the same one: a motion at a tighter
 tolerance shows the size of the errors, and one from a perturbed start their growth. Motions are

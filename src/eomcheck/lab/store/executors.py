@@ -234,7 +234,7 @@ class Dask(ExecutorBackend):
 
     @contextmanager
     def open(self) -> Iterator[Executor]:
-        """Connect; leaving early cancels what has not begun."""
+        """Connect; leaving early cancels items that are not started."""
         make = required("distributed", "cluster").Client
         with _quiet():
             yield from self._opened(make)
