@@ -20,7 +20,7 @@ def _cannot(path: Path, error: OSError) -> UnwrittenError:
 
 
 def _replaced(path: Path) -> bool:
-    """Return whether a file takes the place of another; what is a device or a pipe stays one."""
+    """Return whether a new file replaces `path`; devices and pipes are written to instead."""
     return path.is_file() or not path.exists()
 
 
@@ -28,10 +28,10 @@ def _replaced(path: Path) -> bool:
 def replacing(path: Path) -> Iterator[Path]:
     """Yield the path of a new file, of the same suffix, that becomes `path` after the block.
 
-    Whatever ends the block early, an exception or the process, leaves the old file as it was.
+    If an exception or the end of the process ends the block early, the old file stays as it was.
 
     Raises:
-        UnwrittenError: it cannot be written, or not to its end.
+        UnwrittenError: it cannot be written completely.
     """
     target = path.resolve()
     beside = target.with_name(f".{secrets.token_hex(8)}{target.suffix}")
@@ -53,10 +53,10 @@ def replacing(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Let one process at a time read and replace a file in the folder of `path`.
+    """Lock the folder of `path`, so that one process at a time reads and replaces a file in it.
 
-    The lock is the folder's: a file that is replaced takes its own with it. Systems without
-    `flock`, and folders that cannot be locked, have none.
+    The lock is on the folder, since replacing a file would discard a lock on it. Without `flock`,
+    or if the folder cannot be locked, nothing is locked.
     """
     with ExitStack() as stack:
         with suppress(ImportError, OSError):
@@ -69,13 +69,13 @@ def locked(path: Path) -> Iterator[None]:
 
 
 def check_regular(path: Path) -> None:
-    """Raise InputError if `path` is there and no file: a pipe or a device may never end."""
+    """Raise InputError if `path` exists and is no regular file: a pipe or device may never end."""
     if path.exists() and not path.is_file():
         raise InputError(f"{str(path)!r} is not a regular file")
 
 
 def read_text(path: Path) -> str:
-    """The text of a regular file, in UTF-8.
+    """Return the text of a regular file in UTF-8.
 
     Raises:
         InputError: it is a folder, a pipe or a device.
@@ -86,13 +86,13 @@ def read_text(path: Path) -> str:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text, in UTF-8, as the file `path`, see `replacing`."""
+    """Write a text in UTF-8 to the file `path` atomically, see `replacing`."""
     with replacing(path) as beside:
         beside.write_text(text, encoding="utf-8", newline="")
 
 
 def check_writable(path: Path | None) -> None:
-    """Raise InputError if `path` cannot be written; None needs no file."""
+    """Raise InputError if `path` cannot be written; None stands for no file."""
     if path is None or (path.exists() and not path.is_file() and not path.is_dir()):
         return
     if path.is_dir() or not path.absolute().parent.is_dir():

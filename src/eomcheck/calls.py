@@ -1,12 +1,14 @@
-"""Calls of code that is not part of this package: a user's file, or an outside library.
+"""Guarded calls of code outside this package: a user's file, or an outside library.
 
-Whatever calls such code does it through `call`, whose contract has five rules:
+Such code is only called through `call`: it records the call on a *board* (a small memory-mapped
+file per process, readable after a crash), limits its time and restores the floating-point
+environment. The contract of `call` has five rules:
 
 1. The result and every `Exception` pass through unchanged, but for rule 5, and so does
    KeyboardInterrupt. Any other BaseException (SystemExit, GeneratorExit, ...) comes out as a
    `CallError`: it ends the call, not the command.
 2. In a process of a supervised command (`eomcheck.supervisor`) each call is written on the board of
-   its process before it begins and wiped off when it returns. The supervisor reads the board, so
+   its process before it begins and erased when it returns. The supervisor reads the board, so
    it knows which call a process died in, and how long a call has been running.
 3. A call that runs longer than `patience` seconds (`FIRST` times as long if it is the first of its
    name, or an import) is interrupted and comes out as a `CallError`, "gave no answer in 60 s". A
@@ -16,9 +18,9 @@ Whatever calls such code does it through `call`, whose contract has five rules:
    ended the process, `call` raises the `CallError` at once. So a command that is run again after a
    death comes to a finding. A worker elsewhere outlives the command, and calls it again.
 5. The floating-point rounding mode, and whether subnormal numbers are flushed to zero, are restored
-   after each call. A call that changed them comes out as a `CallError`, which says too what it
-   raised; but for imports, of which libraries compiled with -ffast-math do so, and for errors that
-   eomcheck raises on purpose.
+   after each call. A call that changed them comes out as a `CallError` that also names the
+   exception it raised, if any. Exempt are imports, since libraries compiled with -ffast-math change
+   them, and errors that eomcheck raises on purpose.
 
 Calls do not nest: within a call only the outermost one counts.
 """
@@ -45,19 +47,19 @@ from eomcheck.float_environment import changed, restore
 T = TypeVar("T")
 
 PATIENCE = 60.0
-"""Seconds that a call may take, unless told otherwise."""
+"""Default time limit of a call, s."""
 FIRST = 5
-"""The first call of a name, and an import, may take so many times as long."""
+"""Factor on the time limit of the first call of a name, and of an import."""
 
 WATCH = 0.1
-"""Seconds between two looks at calls off the main thread."""
+"""Polling interval for calls off the main thread, s."""
 
 VERDICT = "EOMCHECK_VERDICT"
 """Environment variable of a supervised command: the pipe for its exit code, and the lifeline."""
 BOARDS = "EOMCHECK_BOARDS"
 """Environment variable of its processes: the folder of their boards."""
 PATIENT = "EOMCHECK_PATIENCE"
-"""Environment variable of its processes: seconds that a call may take."""
+"""Environment variable of its processes: time limit of a call, s."""
 BARRED = "EOMCHECK_BARRED"
 """Environment variable of its processes: name -> (number, why) of the calls that ended one."""
 
@@ -67,25 +69,25 @@ _SIZE = _HEAD.size + _LONGEST
 
 
 def is_ours(of: Any) -> bool:
-    """Whether a class or function is of this package; one without a module is not."""
+    """Return whether a class or function is of this package; False if it has no module."""
     return (of.__module__ or "").startswith("eomcheck.")
 
 
 class UnsupervisedError(BaseException):
-    """A command is about to run code of a user's file, and nobody supervises it yet."""
+    """A command is about to run code of a user's file without a supervisor."""
 
 
 class _NoAnswer(BaseException):
-    """Raised within a call that has run for too long."""
+    """A call has exceeded its time limit; raised within that call."""
 
 
 class Call(NamedTuple):
     """A call in progress, as read from a board.
 
     Attributes:
-        began: when, by `time.monotonic`, s.
-        limit: seconds that it may take.
-        number: how many calls of this name there were before, in this process.
+        began: start time by `time.monotonic`, s.
+        limit: time limit, s.
+        number: number of earlier calls of this name in this process.
         name: of the function, such as "Engine.bias".
         slow: whether it may take longer in any case, as an import.
     """
@@ -98,24 +100,24 @@ class Call(NamedTuple):
 
 
 Barred = dict[str, tuple[int, str]]
-"""Name of a function, see `_shortened` -> (number, why): from that call on it is not called."""
+"""Barred calls: name of a function (`_shortened`) -> (number of the first barred call, why)."""
 
 
 def _refuse(barred: Barred, name: str, key: str, number: int) -> None:
-    """Raise CallError if this call of a function is barred."""
+    """Raise `CallError` if this call of a function is barred."""
     if key in barred and number >= barred[key][0]:
         raise CallError(name, barred[key][1])
 
 
 def _no_answer(barred: Barred, name: str, key: str, limit: float) -> CallError:
-    """Error of a function that gave no answer in `limit` s, which is barred from now on."""
+    """Bar a function that gave no answer in `limit` s, and return its `CallError`."""
     why = f"gave no answer in {limit:g} s"
     barred[key] = 0, why
     return CallError(name, why)
 
 
 class Board:
-    """A file that holds the call in progress in one process; readable after its death."""
+    """A memory-mapped file with the call in progress in one process, readable after its death."""
 
     def __init__(self, folder: Path):
         path = folder / str(os.getpid())
@@ -128,7 +130,7 @@ class Board:
         self.limit = 0.0
 
     def call(self, name: str, function: Callable[..., T], arguments: tuple, slow: bool) -> T:
-        """Return function(*arguments), on the board while it runs."""
+        """Return function(*arguments), recorded on the board while it runs."""
         if self.busy:
             return function(*arguments)
         key = _shortened(name)
@@ -149,18 +151,18 @@ class Board:
             self._map[: _HEAD.size] = bytes(_HEAD.size)
 
     def interrupt(self, *_: object) -> None:
-        """Raise within the call in progress, if there is one."""
+        """Raise `_NoAnswer` within the call in progress, if there is one."""
         if self.busy:
             raise _NoAnswer
 
 
 def _limit(number: int, slow: bool) -> float:
-    """Seconds that a call may take, of which there were so many before."""
+    """Return the time limit, s, of a call with `number` earlier calls of its name."""
     return patience() * (FIRST if slow or not number else 1)
 
 
 def _shortened(name: str) -> str:
-    """Name of a function in `_LONGEST` bytes; the end of a longer one tells functions apart."""
+    """Return the name of a function cut to `_LONGEST` bytes, its distinctive end included."""
     word, half = name.encode(), _LONGEST // 2 - 2
     if len(word) <= _LONGEST:
         return name
@@ -169,27 +171,27 @@ def _shortened(name: str) -> str:
 
 
 class ThreadWatch:
-    """Calls in progress off the main thread, those over their limits interrupted by a thread."""
+    """A thread that interrupts calls off the main thread that exceed their time limits."""
 
     def __init__(self) -> None:
         self.lock = threading.Lock()
         self.counts: Counter[str] = Counter()
         self.running: dict[int, tuple[float, bool]] = {}
-        """Ident of a thread -> when its call is over its limit, s, and whether it was told."""
+        """Ident of a thread -> (deadline of its call, s; whether it has been interrupted)."""
         self.thread: threading.Thread | None = None
 
     def call(self, name: str, function: Callable[..., T], arguments: tuple, slow: bool) -> T:
-        """Return function(*arguments), watched while it runs."""
-        here, key = threading.get_ident(), _shortened(name)
+        """Return function(*arguments), interrupted at its time limit."""
+        thread, key = threading.get_ident(), _shortened(name)
         barred: Barred = {} if _board is None else _board.barred
         with self.lock:
-            nested = here in self.running and not self.running[here][1]
+            nested = thread in self.running and not self.running[thread][1]
             number = self.counts[key]
             limit = _limit(number, slow)
             if not nested:
                 self.counts[key] += 1
                 _refuse(barred, name, key, number)
-                self.running[here] = time.monotonic() + limit, False
+                self.running[thread] = time.monotonic() + limit, False
             if self.thread is None:
                 self.thread = threading.Thread(target=self._watch, daemon=True)
                 self.thread.start()
@@ -200,8 +202,8 @@ class ThreadWatch:
                 return function(*arguments)
             finally:
                 with self.lock:
-                    self.running.pop(here, None)
-                    _raise_in(here, None)  # one that is on its way
+                    self.running.pop(thread, None)
+                    _raise_in(thread, None)  # take back an interrupt that is still pending
         except _NoAnswer:
             raise _no_answer(barred, name, key, limit) from None
 
@@ -210,20 +212,20 @@ class ThreadWatch:
             time.sleep(WATCH)
             now = time.monotonic()
             with self.lock:
-                for thread, (until, told) in self.running.items():
-                    if now > until and not told:
+                for thread, (until, interrupted) in self.running.items():
+                    if now > until and not interrupted:
                         self.running[thread] = until, True
                         _raise_in(thread, _NoAnswer)
 
 
 def _raise_in(thread: int, error: type[BaseException] | None) -> None:
-    """Have an exception raised in another thread, or take back the one that was to be."""
+    """Schedule an exception in another thread; None cancels a pending one."""
     raised = None if error is None else ctypes.py_object(error)
     ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), raised)
 
 
 def read_board(path: Path) -> Call | None:
-    """Return the call in progress on a board, None where there is none."""
+    """Return the call in progress on a board, or None."""
     try:
         content = path.read_bytes()
     except OSError:
@@ -238,12 +240,12 @@ def read_board(path: Path) -> Call | None:
 
 
 def patience() -> float:
-    """Return the seconds that a call may take."""
+    """Return the time limit of a call, s."""
     return _patience[0]
 
 
 def set_patience(seconds: float) -> None:
-    """Have calls take no longer, in this process and in those that it starts."""
+    """Set the time limit of calls, s, in this process and in those that it starts."""
     _patience[0] = seconds
     os.environ[PATIENT] = str(seconds)
 
@@ -258,12 +260,12 @@ def call(name: str, function: Callable[..., T], *arguments: Any, slow: bool = Fa
         slow: whether it may take `FIRST` times as long in any case, as an import.
 
     Raises:
-        CallError: it raised what is no Exception, or gave no answer; or a process died of it; or it
-            changed how doubles are rounded.
-        Exception: it raised this.
+        CallError: it raised a BaseException that is no Exception, gave no answer in time, killed
+            its process, or changed the rounding of float64.
+        Exception: raised by the function itself.
     """
     if changed():
-        restore()  # so that nothing is blamed for what was changed outside any call
+        restore()  # so that no call is blamed for an earlier change
     what = ""
     try:
         if threading.current_thread() is not threading.main_thread():
@@ -292,7 +294,7 @@ def call(name: str, function: Callable[..., T], *arguments: Any, slow: bool = Fa
 
 
 def calling(name: str, function: Callable[..., T]) -> Callable[..., T]:
-    """Return a function that calls `function` by `call`; it has its name, module and signature."""
+    """Return a wrapper of `function` that goes through `call`, with its name and signature."""
 
     @wraps(function)
     def called(*arguments: Any, **options: Any) -> T:
@@ -311,14 +313,14 @@ _required = [False]
 
 
 def work_for(seconds: float) -> None:
-    """Have calls in this process, which works for a command elsewhere, take no longer."""
+    """Limit calls in this worker process, which serves a command elsewhere, to `seconds`."""
     _remote[0] = True
     set_patience(seconds)
 
 
 @contextmanager
 def supervision_required() -> Iterator[None]:
-    """Have `require_supervision` raise inside the block where nobody supervises this process."""
+    """Make `require_supervision` raise inside the block if this process has no supervisor."""
     _required[0] = True
     try:
         yield
@@ -337,32 +339,32 @@ def require_supervision() -> None:
 
 
 def bar(name: str, number: int, why: str) -> None:
-    """Have every process that starts from now on raise at this call of a function.
+    """Bar a call of a function in every process that starts from now on.
 
     Args:
         name: of the function.
-        number: of the first call that is not made.
-        why: what the CallError says.
+        number: of the first call that is barred.
+        why: message of the `CallError`.
     """
     os.environ[BARRED] = packed(unpacked(os.environ.get(BARRED, "{}")) | {name: (number, why)})
 
 
 def packed(barred: Barred) -> str:
-    """Return name -> (number, why) as a text for an environment variable."""
+    """Return barred calls, name -> (number, why), as text for an environment variable."""
     import json
 
     return json.dumps(barred)
 
 
 def unpacked(text: str) -> Barred:
-    """Barred calls, name -> (number, why), of a text made by `packed`."""
+    """Return the barred calls, name -> (number, why), of a text by `packed`."""
     import json
 
     return {name: (number, why) for name, (number, why) in json.loads(text).items()}
 
 
 def boards() -> Path | None:
-    """Return the folder of the boards; None where nobody supervises this process."""
+    """Return the folder of the boards; None if this process has no supervisor."""
     return Path(os.environ[BOARDS]) if BOARDS in os.environ else None
 
 

@@ -1,4 +1,9 @@
-"""Classes by name: from a registry, an installed package, or a user's file."""
+"""Lookup of classes by name: in a registry, an installed package, or a user's file.
+
+A name is a registry key, the name of an entry point, `path/to/file.py:Class` or
+`package.module:Class`. User code is imported under supervision (`eomcheck.calls`), and its files
+are recorded, so that a later error can be attributed to a line of it.
+"""
 
 from __future__ import annotations
 
@@ -29,12 +34,12 @@ T = TypeVar("T")
 
 
 class LookupKind(NamedTuple, Generic[T]):
-    """What is looked up.
+    """A sort of class that can be looked up, such as engines.
 
     Attributes:
-        word: what one is called: "scene", "engine".
-        base: the class that all derive from.
-        registry: key -> class, of our own.
+        word: its noun in messages: "scene", "engine".
+        base: common base class.
+        registry: key -> built-in class.
     """
 
     word: str
@@ -43,15 +48,15 @@ class LookupKind(NamedTuple, Generic[T]):
 
     @property
     def group(self) -> str:
-        """The group of entry points by which installed packages announce theirs."""
+        """The entry-point group in which installed packages register their classes."""
         return f"eomcheck.{self.word}s"
 
 
 def class_named(kind: LookupKind[T], name: object) -> type[T]:
-    """Return the class that `name` stands for.
+    """Return the class of a name.
 
     Args:
-        kind: what it should be.
+        kind: sort of the class.
         name: a key of the registry, `path/to/file.py:Class`, `package.module:Class`, or the name of
             an entry point.
 
@@ -76,7 +81,7 @@ def class_named(kind: LookupKind[T], name: object) -> type[T]:
 
 
 def object_named(name: str) -> Any:
-    """Return what `path/to/file.py:NAME` or `package.module:NAME` stands for, None of other names.
+    """Return the object `path/to/file.py:NAME` or `package.module:NAME`; None for other names.
 
     Raises:
         InputError: no such file or module, or it cannot be run.
@@ -90,22 +95,22 @@ def object_named(name: str) -> Any:
 
 
 def home_of_code(name: object) -> tuple[str, str] | None:
-    """The file or module, and the name in it, of `path/to/file.py:NAME` or `package.module:NAME`.
+    """Split `path/to/file.py:NAME` or `package.module:NAME` into (file or module, NAME).
 
-    None of other names, which import nothing that is not installed for eomcheck.
+    None for other names: registry keys and entry points.
     """
     home, colon, of = name.rpartition(":") if isinstance(name, str) else ("", "", "")
     return (home, of) if colon and home and of.isidentifier() else None
 
 
 def announced(kind: LookupKind[Any]) -> dict[str, EntryPoint]:
-    """Return name -> entry point of those that installed packages announce, ours left out."""
+    """Return name -> entry point of the classes of installed packages, built-in ones excluded."""
     points = {point.name: point for point in entry_points(group=kind.group)}
     return {name: point for name, point in points.items() if name not in kind.registry}
 
 
 def in_file(path: str, name: str) -> type:
-    """Return the class called `name` in a Python file, as code that shows a finding loads it.
+    """Return the class `name` of a Python file; called by the reproducer code of findings.
 
     Raises:
         InputError: no such file, it cannot be run, or it has no such class.
@@ -114,12 +119,12 @@ def in_file(path: str, name: str) -> type:
 
 
 def _class_in(module: ModuleType, name: str, kind: LookupKind[T], home: str) -> type[T]:
-    found = getattr(module, name, None)
-    if isinstance(found, type) and issubclass(found, kind.base):
-        return found
-    if isinstance(found, type):
+    candidate = getattr(module, name, None)
+    if isinstance(candidate, type) and issubclass(candidate, kind.base):
+        return candidate
+    if isinstance(candidate, type):
         raise InputError(f"{name} in {home!r} does not derive from eomcheck's {kind.base.__name__}")
-    instead = getattr(type(found), "instead", "") if calls.is_ours(type(found)) else ""
+    instead = getattr(type(candidate), "instead", "") if calls.is_ours(type(candidate)) else ""
     if kind.word == "scene" and instead:
         raise InputError(f"{name} in {home!r} is no scene: {instead.format(f'{home}:{name}')}")
     own = [
@@ -134,15 +139,15 @@ def _class_in(module: ModuleType, name: str, kind: LookupKind[T], home: str) -> 
 
 
 def _installed(name: str) -> ModuleType:
-    """Return the module of this name; the current folder counts, after all others."""
-    here = str(Path.cwd())
-    if here not in sys.path and "" not in sys.path:
-        sys.path.append(here)
+    """Return the module of this name; the current folder is searched after all others."""
+    current = str(Path.cwd())
+    if current not in sys.path and "" not in sys.path:
+        sys.path.append(current)
     return _run(name, lambda: importlib.import_module(name))
 
 
 def _in_file(path: Path) -> ModuleType:
-    """Return the file as a module, under the name by which its folder would import it."""
+    """Return a file as a module, under the name that an import from its folder would use."""
     if not path.is_file():
         raise InputError(f"{str(path)!r} is not a file")
     name, path = path.stem, path.resolve()
@@ -171,7 +176,7 @@ def _in_file(path: Path) -> ModuleType:
 
 
 def _home_of(name: str) -> str | None:
-    """Return the file of the module of this name, if there is one; "" of one without a file."""
+    """Return the file of the module of this name; "" if it has no file, None if there is none."""
     known = sys.modules.get(name)
     if known is not None:
         return getattr(known, "__file__", None) or ""
@@ -179,14 +184,14 @@ def _home_of(name: str) -> str | None:
         spec = importlib.util.find_spec(name)
     except (ImportError, ValueError):
         return None
-    if spec is None or spec.loader is None:  # a folder of that name is no module of its own
+    if spec is None or spec.loader is None:  # a mere folder of that name is no module
         return None
     return spec.origin or ""
 
 
 @contextmanager
 def _importable(folder: str) -> Iterator[None]:
-    """Look for modules first in a folder; afterwards last of all, for what is imported later."""
+    """Search modules in a folder first inside the block, and last after it for later imports."""
     known = folder in sys.path
     sys.path.insert(0, folder)
     try:
@@ -213,18 +218,18 @@ def _run(home: str, load: Callable[[], ModuleType]) -> ModuleType:
 
 
 _run_here: set[str] = set()
-"""Files of the modules that were looked up."""
+"""Files of the modules that were imported by lookups."""
 
 
 def has_run_user_code() -> bool:
-    """Return whether code of a file or of an installed package was looked up and run."""
+    """Return whether code of a user's file or an installed package was run by a lookup."""
     return bool(_run_here)
 
 
 def outside_error(error: BaseException) -> str:
-    """Return which code outside this package raised an error, and in which line; "" where none did.
+    """Return the file, function and line outside this package that raised an error; "" if none.
 
-    Once a file was looked up, that is it, or one that it imports and that is not installed.
+    Such code is a file that was looked up, or one that it imports and that is not installed.
     """
     if isinstance(error, CallError):
         return str(error)

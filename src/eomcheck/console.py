@@ -1,4 +1,8 @@
-"""The terminal: one console for all output, and progress bars."""
+"""Terminal output: one console for all tables, progress bars, and Ctrl-C handling.
+
+Bars are shown on standard error, if it is a terminal, one at a time. Without a bar, slow work is
+announced by one line (`slow_work_notice`). Ctrl-C and SIGTERM become one KeyboardInterrupt.
+"""
 
 from __future__ import annotations
 
@@ -24,29 +28,29 @@ from rich.progress import (
 from eomcheck.safe_output import counted
 
 WIDTH = 140
-"""Width of tables where the output is no terminal, and COLUMNS does not say it."""
+"""Width of tables, characters, if the output is no terminal and COLUMNS is not set."""
 
 PERIOD = 6 * 3600.0
-"""Seconds over which progress is averaged; rich's own 30 estimate no end of longer steps."""
+"""Averaging window of the remaining time, s; rich's default of 30 s is shorter than some steps."""
 
 LEAST_WIDTH = 20
-"""No COLUMNS below that is believed."""
+"""Smallest plausible COLUMNS; smaller values are ignored."""
 
 console = Console()
 WIDTH_KNOWN = console.file.isatty() or "COLUMNS" in os.environ
-"""Whether somebody looks at the output who has a width. Lines of tables always have one."""
+"""Whether the width of the output is known: a terminal, or COLUMNS. Tables always have one."""
 if not WIDTH_KNOWN or console.width < LEAST_WIDTH:
     console = Console(width=WIDTH)
 
 
 PATIENCE = 2.0
-"""Seconds that something may take before `polled_progress` shows how far it has come."""
+"""Delay before `polled_progress` or `slow_work_notice` print anything, s."""
 
 _now = ["starting"]
-"""What goes on, the innermost last: what `slow_work_notice` says."""
+"""Stack of current activities, innermost last: the text printed by `slow_work_notice`."""
 
 _showing = Lock()
-"""Held by the one bar that is shown: what takes place within it shows none."""
+"""Lock held by the one bar that is shown; nested bars are not shown."""
 
 
 _NOUN = re.compile(r"\{(.+?)\}")
@@ -62,7 +66,7 @@ def _many(noun: re.Match) -> str:
 
 @contextmanager
 def activity(what: str) -> Iterator[None]:
-    """Name what goes on inside the block, for `slow_work_notice`; there is no bar."""
+    """Name the activity inside the block for `slow_work_notice`, without a bar."""
     _now.append(what)
     try:
         yield
@@ -72,12 +76,12 @@ def activity(what: str) -> Iterator[None]:
 
 @contextmanager
 def _bar(label: str, total: float, *columns: ProgressColumn) -> Iterator[Progress]:
-    """Show a bar on standard error, a terminal; without a label, or within another, show none.
+    """Show a progress bar if standard error is a terminal; none without a label or inside another.
 
-    A noun in the label, "checking {state}", is what is counted: a bar has its own numbers, without
-    one they are said, "checking 12 states".
+    A noun in braces in the label, "checking {state}", names the steps: the bar shows "checking
+    states" beside its own numbers, the notice without a bar "checking 12 states".
     """
-    said, label = (_NOUN.sub(how, label) for how in (_with(total), _many))
+    notice, label = (_NOUN.sub(how, label) for how in (_with(total), _many))
     errors = Console(stderr=True)
     shown = bool(label) and errors.is_terminal and _showing.acquire(blocking=False)
     try:
@@ -91,7 +95,7 @@ def _bar(label: str, total: float, *columns: ProgressColumn) -> Iterator[Progres
             disable=not shown,
             speed_estimate_period=PERIOD,
         )
-        with activity(said or _now[-1]), showing as bar:
+        with activity(notice or _now[-1]), showing as bar:
             bar.add_task(label, total=total)
             yield bar
     finally:
@@ -101,22 +105,22 @@ def _bar(label: str, total: float, *columns: ProgressColumn) -> Iterator[Progres
 
 @contextmanager
 def slow_work_notice(what: str) -> Iterator[None]:
-    """Say what goes on, once, on standard error, if the block takes longer than `PATIENCE`.
+    """Print the current activity once on standard error if the block exceeds `PATIENCE`.
 
-    Not where a bar is shown by then, which says more.
+    Nothing is printed if a bar is shown by then.
 
     Args:
-        what: what goes on until some bar has a name for it.
+        what: name of the activity until an inner `activity` or bar names another.
     """
     over = Event()
     _now[0] = what
 
-    def say() -> None:
+    def notify() -> None:
         if not over.wait(PATIENCE) and not _showing.locked():
-            with suppress(OSError, ValueError):  # nobody listens
+            with suppress(OSError, ValueError):  # standard error is closed
                 print(f"eomcheck: {_now[-1]} ...", file=sys.stderr, flush=True)
 
-    Thread(target=say, daemon=True).start()
+    Thread(target=notify, daemon=True).start()
     try:
         yield
     finally:
@@ -125,12 +129,12 @@ def slow_work_notice(what: str) -> Iterator[None]:
 
 @contextmanager
 def progress(label: str, total: int) -> Iterator[Callable[[], None]]:
-    """Show a progress bar on standard error, a terminal; the value is called once per step.
+    """Show a progress bar if standard error is a terminal; yield the function to call per step.
 
     Args:
-        label: what it does, with what a step is in braces: "checking {state}". Without a label
-            there is no bar.
-        total: the number of steps.
+        label: name of the activity, with the noun of a step in braces: "checking {state}". Without
+            a label there is no bar.
+        total: number of steps.
     """
     with _bar(label, total, MofNCompleteColumn()) as bar:
 
@@ -145,12 +149,12 @@ def progress(label: str, total: int) -> Iterator[Callable[[], None]]:
 
 @contextmanager
 def polled_progress(label: str, total: float, reached: Callable[[], float]) -> Iterator[None]:
-    """Show how far something has come that takes longer than `PATIENCE`, as `progress` does.
+    """Show a progress bar that polls its value, if the block exceeds `PATIENCE`.
 
     Args:
-        label: what it does.
-        total: where it ends.
-        reached: how far it has come; called from another thread.
+        label: name of the activity, as for `progress`.
+        total: value at which it is complete.
+        reached: returns the present value; called from another thread.
     """
     if not Console(stderr=True).is_terminal:
         with activity(label):
@@ -177,7 +181,7 @@ def polled_progress(label: str, total: float, reached: Callable[[], float]) -> I
 def _signalled(hear: Callable[[int], None]) -> Iterator[None]:
     """Call `hear` with the number of the first Ctrl-C and the first SIGTERM inside the block.
 
-    A second signal does what the first would do without this.
+    A second signal of a kind is handled as before the block.
     """
     before = {}
 
@@ -185,7 +189,7 @@ def _signalled(hear: Callable[[int], None]) -> Iterator[None]:
         signal.signal(number, before[number])
         hear(number)
 
-    if current_thread() is main_thread():  # which alone hears signals
+    if current_thread() is main_thread():  # the only thread that handles signals
         for number in (signal.SIGINT, signal.SIGTERM):
             before[number] = signal.getsignal(number)
             if before[number] not in (signal.SIG_IGN, None):
@@ -200,9 +204,9 @@ def _signalled(hear: Callable[[int], None]) -> Iterator[None]:
 
 @contextmanager
 def deferring_interrupts() -> Iterator[None]:
-    """Raise KeyboardInterrupt at Ctrl-C or SIGTERM after the block: what it writes is written.
+    """Defer Ctrl-C or SIGTERM to the end of the block, as KeyboardInterrupt: its writes complete.
 
-    For blocks of milliseconds. A second signal does what the first would do without this.
+    For blocks of milliseconds. A second signal is handled as before the block.
     """
     heard: list[int] = []
     with _signalled(heard.append):
@@ -212,25 +216,25 @@ def deferring_interrupts() -> Iterator[None]:
 
 
 _stopped = Event()
-"""Set when this process was told to end; some callbacks swallow the exception that says so."""
+"""Set by Ctrl-C or SIGTERM, since some callbacks swallow the KeyboardInterrupt."""
 
 
 @contextmanager
 def interruptible() -> Iterator[None]:
     """Raise KeyboardInterrupt at Ctrl-C or SIGTERM inside the block, once.
 
-    At once, or where something swallows that, with the next step of `progress`. What comes after
-    the first is as without this.
+    At once, or with the next step of `progress` if a callback swallows the exception. Later signals
+    are handled as before the block.
     """
 
     def stop(_: int) -> None:
         _stopped.set()
         raise KeyboardInterrupt
 
-    def swallowed(said) -> None:
-        # What was stopped while it was deleted may be deleted again, and fail at that.
-        if said.exc_type is not KeyboardInterrupt and not _stopped.is_set():
-            hook(said)
+    def swallowed(unraisable) -> None:
+        # An object interrupted in its deletion may be deleted again, and fail.
+        if unraisable.exc_type is not KeyboardInterrupt and not _stopped.is_set():
+            hook(unraisable)
 
     hook, sys.unraisablehook = sys.unraisablehook, swallowed
     try:

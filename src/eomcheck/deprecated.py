@@ -1,7 +1,7 @@
-"""Deprecated names of the public interface: each still works for one release, and warns.
+"""Deprecated names of the public interface: each works for one more release, and warns.
 
-Tables of old and new names, one for each sort of name, and one helper for each table. What stands
-here is removed in the release after the one in which it was renamed.
+Tables of old and new names, one for each sort of name, and one helper for each table. An entry is
+removed in the release after the one in which its name changed.
 """
 
 from __future__ import annotations
@@ -38,20 +38,17 @@ MODULES = {
     "eomcheck.motion.errors": "eomcheck.motion.trajectory_errors",
     "eomcheck.testing.registry": "eomcheck.testing.function_claim",
 }
-"""Old -> new path of modules that pages of 0.2 or stored failures import from.
-
-`from PACKAGE import MODULE` asks the package under its new name: hence `descriptions.words`.
-"""
+"""Old -> new path of modules that the pages of 0.2 or stored failures import from."""
 
 
 def warn(old: str, new: str, stacklevel: int = 3) -> None:
-    """Warn that `old` is now called `new`, at the line `stacklevel` calls above."""
+    """Emit a DeprecationWarning, `old` is now `new`, at the line `stacklevel` calls above."""
     text = f"{old} is now {new}; the old name is removed in the next release"
     warnings.warn(text, DeprecationWarning, stacklevel=stacklevel)
 
 
 class _Finder(MetaPathFinder):
-    """A finder of the modules in `MODULES`."""
+    """An import finder of the modules in `MODULES`."""
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
@@ -60,7 +57,7 @@ class _Finder(MetaPathFinder):
 
 
 class _Alias(Loader):
-    """A loader that stands in for the module of the new path."""
+    """An import loader that replaces the old module by the one of the new path."""
 
     def exec_module(self, module: ModuleType) -> None:
         name = module.__name__
@@ -69,45 +66,30 @@ class _Alias(Loader):
 
 
 def install() -> None:
-    """Let the old paths of modules be imported, once a process."""
+    """Install the import finder of old module paths, once per process."""
     if not any(isinstance(finder, _Finder) for finder in sys.meta_path):
-        # Before the finder of files: a package that has moved still has its files to find.
+        # Before the finder of files, which would still find the files of a moved package.
         sys.meta_path.insert(0, _Finder())
 
 
 VALUES = {"not looked at": "skipped"}
-"""Old -> new words of JSON documents and Records that are read back: verdicts and evidence."""
+"""Old -> new verdicts and evidence of JSON documents and Records that are read back."""
 
 
 def current(value: str) -> str:
-    """Return the present word for one that an older release wrote."""
+    """Return the current form of a value written by an older release."""
     return VALUES.get(value, value)
 
 
-NAMES: dict[str, dict[str, str]] = {
-    "eomcheck": {"Dependence": "ConstraintRank"},
-    "eomcheck.testing": {"Functions": "EquationsOfMotion"},
-    "eomcheck.descriptions.elements": {"square": "perpendicular"},
-    "eomcheck.descriptions.mechanism_class": {"kind_of": "scene_class_of"},
-    "eomcheck.mechanics.records": {"velocity": "velocity_from_speeds"},
-    "eomcheck.mechanics.sketch": {
-        "Constraint": "ConstraintMark",
-        "Joint": "JointMark",
-        "Spring": "SpringMark",
-        "place": "position_dimensions",
-        "turned_by": "plane_angle",
-    },
-    "eomcheck.motion.reference": {"consistent_velocity": "extended_velocity"},
-    "eomcheck.motion.reference_io": {"Run": "ReferenceRun"},
-}
-"""Module -> old name -> new name of an object in it; the module has a `__getattr__` for these."""
+NAMES: dict[str, dict[str, str]] = {}
+"""Module -> old name -> new name of its objects."""
 
 
 def renamed(module: str, name: str) -> Any:
-    """Return the object of a module by an old name.
+    """Return the object of a module formerly called `name`, with a warning.
 
     Raises:
-        AttributeError: there was none of this name.
+        AttributeError: no object had that name.
     """
     new = NAMES.get(module, {}).get(name)
     if new is None:

@@ -1,4 +1,9 @@
-"""The exceptions of eomcheck: bad input is an `InputError`, an honest "cannot" a `RefusedError`."""
+"""Exceptions of eomcheck, and one-line descriptions of exceptions and values.
+
+All derive from `EomcheckError`: invalid arguments are an `InputError`, a state that a formulation
+declines as ill-conditioned a `RefusedError`. A `CallError` is no `EomcheckError`: it reports how a
+call of outside code ended. Messages have one line, whatever the values in them print.
+"""
 
 from __future__ import annotations
 
@@ -19,18 +24,18 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 LONGEST = 900
-"""Characters of a message; of a longer one the beginning and the end are shown."""
+"""Longest message, characters; a longer one is shown without its middle."""
 
 
 def one_line(text: str) -> str:
-    """One line of a text, without control characters and without the middle of a long one."""
+    """Return a text in one line, without control characters and the middle of a long text."""
     if len(text) > LONGEST:
         text = f"{text[: 2 * LONGEST // 3]} ... {text[-LONGEST // 3 :]}"
     return printable(" ".join(text.split()))
 
 
 def message_of(error: BaseException) -> str:
-    """The message of an exception in one line, "" without one, also where its `__str__` raises."""
+    """Return the message of an exception in one line, also if its `__str__` raises; "" if none."""
     try:
         text = str(error)
     except KeyboardInterrupt:
@@ -41,7 +46,7 @@ def message_of(error: BaseException) -> str:
 
 
 def described_error(error: BaseException) -> str:
-    """The type and the message of an exception: "KeyError: 'x'"."""
+    """Return the type and the message of an exception: "KeyError: 'x'"."""
     text, kind = message_of(error), one_line(type(error).__name__)
     return f"{kind}: {text}" if text else kind
 
@@ -50,12 +55,12 @@ class EomcheckError(Exception):
     """Base of every exception that eomcheck raises on purpose."""
 
     def __reduce__(self):
-        # As usual, but without calling __init__, which may want more than the message: an exception
-        # that cannot be read back breaks the pool of processes that it comes from.
+        # Without calling __init__, which may take more than the message: an exception that cannot
+        # be unpickled breaks the process pool that it comes from.
         return type(self).__new__, (type(self), *self.args), self.__dict__
 
     def __str__(self):
-        # One sentence on one line, however the values in it are printed.
+        # One line, however the values in it are printed.
         return one_line(super().__str__())
 
 
@@ -63,8 +68,8 @@ class CallError(Exception):
     """A call of code outside this package ended otherwise than by an answer or an Exception.
 
     Attributes:
-        name: of the function, such as "Engine.bias".
-        what: how it ended: "raised SystemExit: 0", "gave no answer in 60 s".
+        name: name of the function, such as "Engine.bias".
+        what: description of its end: "raised SystemExit: 0", "gave no answer in 60 s".
     """
 
     def __init__(self, name: str, what: str):
@@ -76,11 +81,11 @@ class CallError(Exception):
 
 
 class InputError(EomcheckError, ValueError):
-    """Something handed in is not valid; the message names it, its value and what is allowed."""
+    """An invalid argument; the message names it, its value and the allowed values."""
 
 
 class UnwrittenError(InputError):
-    """A file that cannot be written, or not to its end: results go elsewhere first."""
+    """A file that cannot be written completely; results are first written elsewhere."""
 
 
 class UnknownNameError(InputError):
@@ -93,9 +98,9 @@ class UnknownNameError(InputError):
 
 
 def did_you_mean(name: object, known: Iterable[str]) -> str:
-    """Return a hint at the name that looks most like one that is not known, "" if none does.
+    """Return a hint at the known name most similar to an unknown one, "" if none is similar.
 
-    Dashes before an option say nothing about how alike two are.
+    Leading dashes of options are ignored in the comparison.
     """
     from difflib import get_close_matches
 
@@ -105,19 +110,19 @@ def did_you_mean(name: object, known: Iterable[str]) -> str:
 
 
 def raised(error: BaseException, at: FrameSummary | None) -> str:
-    """Describe an exception and the line: "raised KeyError: 'x' (own.py, line 3)".
+    """Describe an exception and its line: "raised KeyError: 'x' (own.py, line 3)".
 
-    Of a `CallError` it is how the call ended; without `at` there is no line.
+    A `CallError` is described by the end of its call; without `at` no line is named.
     """
     what = error.what if isinstance(error, CallError) else f"raised {described_error(error)}"
     return what if at is None else f"{what} ({Path(at.filename).name}, line {at.lineno})"
 
 
 def registered(kind: str, name: object, registry: Mapping[str, T]) -> T:
-    """Return what `registry` holds under `name`.
+    """Return the entry `name` of `registry`.
 
     Raises:
-        UnknownNameError: nothing.
+        UnknownNameError: there is no such entry.
     """
     if not isinstance(name, str) or name not in registry:
         raise UnknownNameError(kind, name, registry)
@@ -125,7 +130,7 @@ def registered(kind: str, name: object, registry: Mapping[str, T]) -> T:
 
 
 def distinct(kind: str, names: Iterable[T]) -> tuple[T, ...]:
-    """Return the names given, each once.
+    """Return the names, each once, in their order.
 
     Raises:
         InputError: they are no list of names.
@@ -139,26 +144,26 @@ def distinct(kind: str, names: Iterable[T]) -> tuple[T, ...]:
 
 
 def at_least_one(kind: str, names: Iterable[T]) -> tuple[T, ...]:
-    """The names given, each once, at least one.
+    """Return the names, each once and at least one.
 
     Raises:
         InputError: they are no list of names, or an empty one, with which nothing is checked.
     """
-    found = distinct(kind, names)
-    if not found:
+    unique = distinct(kind, names)
+    if not unique:
         raise InputError(f"{kind} = {names!r} names nothing, expected at least one name")
-    return found
+    return unique
 
 
 MOST_COUNTED = 10**9
-"""Largest number of examples, states, points and the like."""
+"""Largest allowed number of examples, states, points and the like."""
 
 
 def whole_number(name: str, value: Any, least: int | None = 1, most: int | None = None) -> int:
-    """Return a whole number as an int.
+    """Return a whole number as an int, checked against its bounds.
 
     Raises:
-        InputError: it is none, below `least` or above `most`.
+        InputError: `value` is no whole number, is below `least` or above `most`.
     """
     whole = isinstance(value, Integral) and not isinstance(value, bool)
     if not whole or (least is not None and value < least):
@@ -171,9 +176,9 @@ def whole_number(name: str, value: Any, least: int | None = 1, most: int | None 
 
 
 def safe_repr(value: Any) -> str:
-    """The repr of a value that was handed in, in one line, also where its `__repr__` raises.
+    """Return the repr of a value in one line, also if its `__repr__` raises.
 
-    Of whole numbers that are longer than Python prints, the number of their bits.
+    Integers longer than Python's limit for printing are described by their number of bits.
     """
     try:
         return one_line(repr(value))
@@ -195,7 +200,7 @@ def required(module: str, extra: str | None = None) -> Any:
     """Import and return an outside library.
 
     Raises:
-        EngineError: it is not installed; it comes with our extra of this name.
+        EngineError: it is not installed; the message names `extra`, the extra that installs it.
     """
     try:
         return importlib.import_module(module)
@@ -205,21 +210,21 @@ def required(module: str, extra: str | None = None) -> Any:
 
 
 class WorkerError(EomcheckError):
-    """A process or machine that was given work did not return it; the rest is done and safe."""
+    """A worker process or machine did not return its task; other results are done and safe."""
 
 
 class DiedError(WorkerError):
-    """A process that was given work died, or a scheduler was left without any."""
+    """A worker process died, or a scheduler was left without workers."""
 
 
 class RefusedError(EomcheckError, ArithmeticError):
-    """A formulation declines a state instead of returning digits that mean nothing.
+    """A formulation declines an ill-conditioned state instead of returning meaningless digits.
 
     Attributes:
-        what: name of the matrix or divisor that stands in the way.
+        what: name of the matrix or divisor that is singular to working precision.
         rcond: its reciprocal condition number (for a divisor: its magnitude).
-        threshold: the value that `rcond` would have to exceed.
-        matrix: the matrix that was to be solved, or its bands; None where a divisor was refused.
+        threshold: the value that `rcond` has to exceed.
+        matrix: the matrix of the linear system, or its bands; None if a divisor was refused.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""The floating-point environment of this thread: rounding mode and subnormal numbers.
+"""Floating-point environment of this thread: rounding mode and subnormal numbers.
 
 Error bounds assume rounding to nearest and gradual underflow. Code of a user's file or of an
 outside library can change either (`fesetround`, or a library compiled with `-ffast-math`), for all
@@ -21,7 +21,7 @@ FLUSHING = "turns on flushing of subnormal numbers to zero"
 
 
 def changed() -> str:
-    """Return how the environment differs from the default: `ROUNDING`, `FLUSHING`, or ""."""
+    """Return the change from the default environment: `ROUNDING`, `FLUSHING`, or ""."""
     nearest = ONE + LITTLE == ONE == ONE - LITTLE
     if nearest and SMALLEST * 0.5 > 0.0:
         return ""
@@ -29,8 +29,8 @@ def changed() -> str:
 
 
 def restore() -> None:
-    """Set the default again."""
-    # Where the C library has no such function, a change is reported all the same.
+    """Restore the default floating-point environment."""
+    # If the C library has no such function, a change is still reported.
     with suppress(OSError, TypeError, AttributeError, ValueError):
         library = ctypes.CDLL(None)
         apple = sys.platform == "darwin"

@@ -1,7 +1,7 @@
-"""The plug-in for pytest: two options, and a folder that its processes share.
+"""Plug-in for pytest: two command-line options, and a folder that its processes share.
 
 pytest loads it wherever eomcheck is installed, so it imports nothing but pytest: neither numpy nor
-any other room. `eomcheck.testing` reads `OPTIONS`, and does without the plug-in where it is off.
+other subpackages. `eomcheck.testing` reads `OPTIONS`, and works without the plug-in if it is off.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ import pytest
 
 @dataclass
 class Options:
-    """What was asked for on pytest's command line.
+    """Options of eomcheck on pytest's command line.
 
     Attributes:
-        examples: random states a scene, in place of what the test asks for.
-        xfails: the file of expected failures, in place of the one that the test names.
-        shared: a folder that the processes of pytest-xdist share, None where there is one process.
+        examples: number of random states per scene, in place of the test's own; None if not given.
+        xfails: file of expected failures, in place of the one that the test names.
+        shared: folder shared by the processes of pytest-xdist, None if there is one process.
     """
 
     examples: int | None = None
@@ -32,7 +32,7 @@ OPTIONS = Options()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add the options."""
+    """Add the command-line options."""
     group = parser.getgroup("eomcheck")
     group.addoption(
         "--eomcheck-examples",
@@ -54,15 +54,15 @@ def _count(text: str) -> int:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Keep the options where tests find them that are not collected yet."""
+    """Store the options in `OPTIONS` before tests are collected."""
     xfails = config.getoption("--eomcheck-xfails")
     OPTIONS.examples = config.getoption("--eomcheck-examples")
     OPTIONS.xfails = None if xfails is None else config.invocation_params.dir / xfails
-    # A worker of pytest-xdist on this machine keeps its files beside those of the others.
+    # Workers of pytest-xdist on one machine have base folders beside each other.
     own = config.getoption("basetemp", None) if hasattr(config, "workerinput") else None
     OPTIONS.shared = None if own is None else Path(own).parent
 
 
 def pytest_unconfigure() -> None:
-    """Forget the options, for the next session in this process."""
+    """Reset the options for the next session in this process."""
     OPTIONS.examples = OPTIONS.xfails = OPTIONS.shared = None

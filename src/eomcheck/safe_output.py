@@ -1,8 +1,9 @@
-"""Printable text, and a standard output that fails no command.
+"""Printable text, and a standard output whose errors fail no command.
 
-Characters that cannot be encoded are written otherwise (`theta` for θ), control characters are
-replaced, and what nobody reads is lost. The results of a command are its exit code and its files: a
-reader that has gone (`| head -1`), a full disk or a terminal without Greek letters change neither.
+Characters that cannot be encoded are transliterated (`theta` for θ), control characters are
+replaced, and output without a reader is dropped. The results of a command are its exit code and its
+files: a reader that has gone (`| head -1`), a full disk or a terminal without Greek letters change
+neither.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 NAMES = "eomcheck.names"
-"""The error handler of encodings that writes names for characters which they do not have."""
+"""Name of the codec error handler that transliterates characters missing in an encoding."""
 
 WRITTEN = {
     **{"\u0307": "dot", "\u0308": "ddot", "µ": "u", "×": "x", "·": ".", "−": "-", "–": "-"},
@@ -24,14 +25,14 @@ WRITTEN = {
     **{"≤": "<=", "≥": ">=", "→": "->", "≠": "!=", "≈": "~", "∞": "inf", "∂": "d", "√": "sqrt"},
     **{"²": "^2", "³": "^3", "°": "deg", "ε": "eps", "‖": "||", "±": "+-"},
 }
-"""Characters -> what is written for them; Greek letters have names, others a plain form or none."""
+"""Character -> its ASCII text; Greek letters are written by name, others by their plain form."""
 
 TURNING = frozenset({"LRE", "RLE", "LRO", "RLO", "PDF", "LRI", "RLI", "FSI", "PDI"})
-"""Bidirectional classes of characters that make the text behind them run the other way."""
+"""Bidirectional classes of the characters that change the direction of the text after them."""
 
 
 def to_ascii(character: str) -> str:
-    """Return a character in ASCII: `theta` for θ, "?" where nothing comes near."""
+    """Return an ASCII transliteration of a character: `theta` for θ, "?" if there is none."""
     if character in WRITTEN:
         return WRITTEN[character]
     called = unicodedata.name(character, "")
@@ -50,23 +51,23 @@ def to_ascii(character: str) -> str:
 
 
 def counted(count: int, what: str) -> str:
-    """Return "1 state", "2 states", "3 identities"."""
+    """Return a number with its noun: "1 state", "2 states", "3 identities"."""
     many = f"{what.removesuffix('y')}ies" if what.endswith("ty") else f"{what}s"
     return f"{count} {what if count == 1 else many}"
 
 
 def printable(text: str) -> str:
-    """Return a text in one line: without line breaks, and "\ufffd" for other control characters."""
+    """Return a text in one line, its control characters replaced by "\ufffd"."""
     return "".join(" " if x.isspace() else "\ufffd" if is_control(x) else x for x in text)
 
 
 def without_control_characters(text: str) -> str:
-    """Return a text of lines and tabs with "\ufffd" for other control characters."""
+    """Return a text with "\ufffd" for control characters other than line breaks and tabs."""
     return "".join("\ufffd" if is_control(x) and x not in "\n\t" else x for x in text)
 
 
 def is_control(character: str) -> bool:
-    """Whether a character controls a terminal, a line or the direction of text, or is none."""
+    """Return whether a character controls a terminal, a line or text direction, or is invalid."""
     kind = unicodedata.category(character)
     return kind in ("Cc", "Cs", "Zl", "Zp") or unicodedata.bidirectional(character) in TURNING
 
@@ -80,7 +81,7 @@ codecs.register_error(NAMES, _in_names)
 
 
 class _Output(io.RawIOBase):
-    """A file that takes everything; `lost` is why it could not pass it on."""
+    """A raw file whose writes never fail; `lost` is the first error of the file beneath, if any."""
 
     def __init__(self, raw: io.RawIOBase):
         self.raw = raw
@@ -105,10 +106,14 @@ class _Output(io.RawIOBase):
 
 @contextmanager
 def unfailing_output() -> Iterator[None]:
-    """Have standard output take everything inside the block, and standard error every character.
+    """Make writes to standard output and error never fail inside the block.
+
+    On standard output neither write errors nor unencodable characters raise, on standard error no
+    unencodable characters.
 
     Raises:
-        SystemExit: with 2, after the block, where output was lost that had a reader.
+        SystemExit: with 2, after the block, if output was lost for another reason than that its
+            reader has gone.
     """
     before = sys.stdout
     buffer = getattr(before, "buffer", None)

@@ -1,4 +1,4 @@
-"""Scenes by name: from the registry, an installed package, a robot description or a user's file.
+"""Lookup of scenes by name: registry, installed package, robot description or user's file.
 
 The values of `--scene` are interpreted here and in `eomcheck.class_lookup`, and nowhere else.
 """
@@ -28,7 +28,7 @@ ROBOTS: dict[str, Callable[[int | None], Snake]] = {
     "coil": lambda links: Snake.coil(ROBOT_LINKS if links is None else links),
     "pattern": lambda links: Snake.pattern(ROBOT_LINKS if links is None else links),
 }
-"""Names of single snakes, which stand for no kind -> the snake with so many links."""
+"""Single snakes, which are no scene classes: name -> function of the number of links."""
 
 
 def _paper(links: int | None) -> Snake:
@@ -38,26 +38,26 @@ def _paper(links: int | None) -> Snake:
 
 
 def robot_file_warnings(kinds: Iterable[type[Scene]]) -> Iterator[str]:
-    """Yield, a sentence each, what is left out of files of robots, and what in them is doubtful."""
+    """Yield one sentence each on ignored elements of robot files, and on doubtful ones."""
     for kind in kinds:
-        made = getattr(kind, "source", None)
-        if made is not None:
-            yield from (f"{made.file}: {x}" for x in (made.ignored, made.warnings) if x)
+        source = getattr(kind, "made", None)
+        if source is not None:
+            yield from (f"{source.file}: {x}" for x in (source.ignored, source.warnings) if x)
 
 
 def scene_classes_named(name: str) -> tuple[type[Scene], ...]:
-    """Return the kinds of scenes that `name` stands for.
+    """Return the scene classes of a name.
 
     Args:
         name: "all" of the registry, a robot's file.urdf, file.urdf:floating with its root free,
-            file.xml or file.mjcf, or a name as `eomcheck.class_lookup.class_named` understands it.
+            file.xml or file.mjcf, or a name as in `eomcheck.class_lookup.class_named`.
 
-    Those of `RANDOM` hang together in another way with every draw, and are not among all.
+    Classes of `RANDOM`, whose topology changes with every draw, are not included in "all".
 
     Raises:
         UnknownNameError: there is no such key.
-        InputError: no such file, no such scene in it, or a robot that `from_urdf` refuses; or one
-            snake instead of a kind.
+        InputError: no such file, no such scene in it, or a robot that `from_urdf` rejects; or a
+            single snake instead of a scene class.
     """
     if name in ROBOTS:
         raise InputError(f"scene = {name!r} is a single snake, expected a kind such as 'snake'")
@@ -65,7 +65,7 @@ def scene_classes_named(name: str) -> tuple[type[Scene], ...]:
 
 
 def _looked_up(name: str) -> type[Scene]:
-    """Return the kind of scene that a name stands for, whatever it is the name of."""
+    """Return the scene class of a robot file, registry key, entry point or user's file."""
     if is_robot(name):
         return robot_named(name)
     if name.endswith(f":{FLOATING}"):
@@ -74,11 +74,11 @@ def _looked_up(name: str) -> type[Scene]:
 
 
 def scene_class_named(name: str) -> type[Scene]:
-    """Return the kind of the one scene that `name` stands for.
+    """Return the class of the scene that `scene_named` returns.
 
     Raises:
         UnknownNameError: there is no such key.
-        InputError: there is none, or it is more than one.
+        InputError: no such scene, or "all".
     """
     if name in ROBOTS:
         return Snake
@@ -93,16 +93,16 @@ def scene_class_named(name: str) -> type[Scene]:
 def scene_named(
     name: str, links: int | None = None, given: Mapping[str, Sequence[float] | None] | None = None
 ) -> Scene:
-    """Return the one scene that `name` stands for: of a kind, the scene that is looked at first.
+    """Return a single scene by name: of a scene class, the example that is checked first.
 
     Args:
-        name: as `scene_classes_named` understands it, or that of a single snake.
-        links: number of links, for kinds that have one.
-        given: parameters that are other than usual, see `with_parameters`.
+        name: name of a scene class as for `scene_classes_named`, or of a single snake.
+        links: number of links, for scene classes that have one.
+        given: parameters that differ from the example's, see `with_parameters`.
 
     Raises:
         UnknownNameError: no such scene, or it has no such parameter.
-        InputError: see `scene_class_named`; it has no such number of links, or it refuses a
+        InputError: see `scene_class_named`; it has no such number of links, or it rejects a
             parameter.
     """
     kind = scene_class_named(name)

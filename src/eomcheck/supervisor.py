@@ -1,19 +1,22 @@
-"""A process that is watched over: its verdict comes over a pipe, its absence is a finding.
+"""Supervised processes: the exit code comes over a pipe, and a crash or hang becomes a finding.
 
-`supervise` runs a process and returns what became of it, an `ProcessEnd`:
+`supervise` runs a process and returns a `ProcessEnd`, its exit code or the cause of its death:
 
-1. The process is told of two pipes. Into the first it writes its exit code once all else is
-   written; the second it only reads, and ends when that closes, with this process.
+1. The process inherits two pipes, the verdict and the lifeline. Into the first it writes its exit
+   code after all other output; the second it only reads, and ends when that closes, together with
+   this process.
 2. While it runs, the boards of the process and its workers are read (`eomcheck.calls`). A call
-   that is over its limit is interrupted by SIGUSR1, and `GRACE` seconds later its process killed.
-3. SIGINT and SIGTERM are handed on. The process has a session of its own, so that Ctrl-C in a
-   terminal comes to it once.
-4. A process that ends without its exit code has died: the `ProcessEnd` says how, and in which call.
+   that exceeds its time limit is interrupted by SIGUSR1, and its process killed `GRACE` seconds
+   later.
+3. SIGINT and SIGTERM are forwarded. The process has a session of its own, so that Ctrl-C in a
+   terminal reaches it once.
+4. A process that ends without writing its exit code has died: the `ProcessEnd` names the cause, and
+   the call in progress.
 
-`run_supervised` does so with a command of eomcheck. Where a process died or was killed in a call,
-it runs
-the command again, in which that call raises an exception: the finding then is that of the command,
-with all that it found otherwise. This needs POSIX; elsewhere commands run unsupervised.
+`run_supervised` does so with a command of eomcheck. If a process died or was killed in a call, the
+command is run again with that call barred, so that it raises an exception: the death then is one
+finding among the other findings of the command. This needs POSIX; elsewhere commands run
+unsupervised.
 """
 
 from __future__ import annotations
@@ -35,27 +38,27 @@ from eomcheck import calls
 from eomcheck.calls import BARRED, BOARDS, VERDICT, Call
 
 POLL = 0.25
-"""Seconds between two looks at the boards."""
+"""Polling interval of the boards, s."""
 GRACE = 5.0
-"""Seconds that a process has to come back from an interrupted call, or to end after its verdict."""
+"""Time for a process to return from an interrupted call, or to end after its verdict, s."""
 AGAIN = 600.0
-"""A command that died later than after so many seconds is not run again."""
+"""Time after which a command that dies is not run again, s."""
 ATTEMPTS = 3
-"""So often a command is run at most."""
+"""Largest number of runs of a command."""
 
 COMMAND = "from eomcheck.cli import main; main()"
 
 
 class ProcessEnd(NamedTuple):
-    """How a supervised process ended.
+    """The exit code of a supervised process, or the cause of its death.
 
     Attributes:
-        code: the exit code that it gave as its verdict, None where it died.
-        signal: number of the signal that was handed on and ended it, else 0.
-        how: what became of a process that died: "ended with exit code 0", "was ended by SIGSEGV",
-            "gave no answer in 60 s".
+        code: the exit code that it wrote as its verdict, None if it died.
+        signal: number of the forwarded signal that ended it, else 0.
+        how: cause of death: "ended with exit code 0", "was ended by SIGSEGV", "gave no answer in
+            60 s".
         call: the call in which it died, or None.
-        stopped: whether a signal was handed on to it.
+        stopped: whether a signal was forwarded to it.
     """
 
     code: int | None
@@ -66,7 +69,7 @@ class ProcessEnd(NamedTuple):
 
 
 class _Watch:
-    """How long calls in progress have been running, by the time that this process was awake."""
+    """Durations of the calls in progress, in the time that this process was awake itself."""
 
     def __init__(self, folder: Path):
         self.folder = folder
@@ -75,9 +78,9 @@ class _Watch:
         self._last = time.monotonic()
 
     def poll(self) -> None:
-        """Read the boards; interrupt calls over their limits, and kill what does not come back."""
+        """Read the boards; interrupt calls over their limits, and kill processes still in them."""
         now = time.monotonic()
-        # Of time in which this process was stopped nobody says what the others did.
+        # Time in which this process was stopped does not count: the others may have been too.
         passed, self._last = min(now - self._last, 4 * POLL), now
         for path in self.folder.iterdir():
             if not path.name.isdigit():
@@ -110,23 +113,23 @@ def _no_answer(call: Call) -> str:
 def supervise(
     command: Sequence[str], folder: Path, environment: Mapping[str, str] | None = None
 ) -> ProcessEnd:
-    """Run a process of this package to its end, and return what became of it.
+    """Run a process of this package to its end, and return its exit code or cause of death.
 
     Args:
-        command: its words; it is to call `accept_supervision` or to keep the rules of this file
-            itself.
+        command: program and arguments; it has to call `accept_supervision` or to follow the
+            protocol of this module itself.
         folder: an empty folder, for the boards of the process and of its workers.
-        environment: variables beside those of this process.
+        environment: variables in addition to those of this process.
     """
     verdict, write = os.pipe()
     read, lifeline = os.pipe()
-    told = {VERDICT: f"{write} {read}", BOARDS: str(folder), **(environment or {})}
+    variables = {VERDICT: f"{write} {read}", BOARDS: str(folder), **(environment or {})}
     watch, heard = _Watch(folder), list[int]()
     try:
         with _handing_on(heard) as hand_on_to:
             process = subprocess.Popen(
                 command,
-                env=os.environ | told,
+                env=os.environ | variables,
                 pass_fds=(write, read),
                 start_new_session=True,
             )
@@ -162,12 +165,12 @@ def _why(folder: Path, pid: int) -> Path:
 
 
 def why_died(folder: Path, pid: int | None, status: int | None) -> str:
-    """Return how a process ended: its exit status, negative of a signal, or that it was killed.
+    """Return the cause of death of a process: exit code, signal, or the reason it was killed for.
 
     Args:
-        folder: that of the boards.
-        pid: of the process.
-        status: its exit status.
+        folder: folder of the boards.
+        pid: process id, None if unknown.
+        status: exit status, negative of the number of a signal; None if unknown.
     """
     if pid is not None and _why(folder, pid).exists():
         return _why(folder, pid).read_text(encoding="utf-8")
@@ -180,14 +183,17 @@ def why_died(folder: Path, pid: int | None, status: int | None) -> str:
 
 
 def _kill_group(process: subprocess.Popen) -> None:
-    """Kill what is left of a process and of those that it started."""
+    """Kill the remaining processes of the process group of `process`."""
     with suppress(ProcessLookupError, PermissionError):
         os.killpg(process.pid, signal.SIGKILL)
 
 
 @contextmanager
 def _handing_on(heard: list[int]) -> Iterator[Callable[[int], None]]:
-    """Hand SIGINT and SIGTERM on inside the block to a process, once its number is known."""
+    """Forward SIGINT and SIGTERM inside the block to a process, once its id is known.
+
+    Yields the function that takes the id; `heard` collects the numbers of the signals.
+    """
     pids, early = list[int](), list[int]()
 
     def hand_on(number: int, _: object) -> None:
@@ -199,7 +205,7 @@ def _handing_on(heard: list[int]) -> Iterator[Callable[[int], None]]:
                 os.kill(pid, number)
 
     def to(pid: int) -> None:
-        pids.append(pid)  # from here on signals are handed on as they come, each once
+        pids.append(pid)  # from now on signals are forwarded as they come, each once
         while early:
             os.kill(pid, early.pop(0))
 
@@ -218,7 +224,7 @@ def _handing_on(heard: list[int]) -> Iterator[Callable[[int], None]]:
 def run_supervised(words: Sequence[str]) -> int:
     """Run a command of eomcheck in a supervised process, and return its exit code.
 
-    A command whose process died, or gave no answer and could not be interrupted, ends with 1.
+    The exit code is 1 if its process died, or gave no answer and could not be interrupted.
 
     Args:
         words: the command line after "eomcheck".
@@ -241,7 +247,7 @@ def run_supervised(words: Sequence[str]) -> int:
         last = end.stopped or time.monotonic() - begun > AGAIN or len(deaths) == ATTEMPTS
         if end.call is None or end.call.slow or last:
             break
-        # In the same command the same call comes again; if not, none of this function is made.
+        # The same command makes the same call again; if it died elsewhere, bar the whole function.
         barred[name] = (0 if name in barred else end.call.number), end.how
     if end.code is None or (deaths and end.code == 0):
         for death in dict.fromkeys(deaths):
@@ -251,14 +257,14 @@ def run_supervised(words: Sequence[str]) -> int:
 
 
 def accept_supervision() -> int | None:
-    """Return the pipe for the exit code of this process; None if nobody supervises it.
+    """Return the pipe for the exit code of this process; None if it has no supervisor.
 
-    From then on the process ends with the one that supervises it.
+    From then on this process ends together with its supervisor.
     """
-    told = os.environ.pop(VERDICT, None)
-    if told is None:
+    pipes = os.environ.pop(VERDICT, None)
+    if pipes is None:
         return None
-    verdict, lifeline = map(int, told.split())
+    verdict, lifeline = map(int, pipes.split())
     for pipe in (verdict, lifeline):
         os.set_inheritable(pipe, False)
 
@@ -271,11 +277,11 @@ def accept_supervision() -> int | None:
 
 
 def report_exit_code(verdict: int, code: int) -> None:
-    """Write the exit code of this process, its last word."""
+    """Write the exit code of this process to the verdict pipe, as its last output."""
     with suppress(OSError):
         os.write(verdict, f"{code}\n".encode())
 
 
 def can_supervise() -> bool:
-    """Return whether processes can be supervised here, and print where this one does."""
+    """Return whether this system supports supervision and standard output is not replaced."""
     return os.name == "posix" and bool(sys.executable) and sys.stdout is sys.__stdout__

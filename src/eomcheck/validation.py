@@ -1,9 +1,9 @@
-"""Every claim on every scene, as tests of the installed package::
+"""Tests of the installed package: every claim on every scene::
 
     pytest --pyargs eomcheck.validation
 
-`--eomcheck-examples N` looks at more states, `-n auto` of pytest-xdist spreads the tests, and
-`-k bicycle` looks at one scene.
+`--eomcheck-examples N` checks N random states per scene, `-n auto` of pytest-xdist runs the tests
+in parallel, and `-k bicycle` selects one scene.
 """
 
 from __future__ import annotations
@@ -15,5 +15,5 @@ from eomcheck.testing import parametrize_with_claims
 
 @parametrize_with_claims(scenes=["all"], examples=10)
 def test_claims(check: Callable[[], None]) -> None:
-    """Each claim holds, or is skipped where it does not apply."""
+    """Check that each claim holds, or is skipped where it does not apply."""
     check()
