@@ -1,7 +1,8 @@
-"""Claims about scenes: each file registers its claims in `CLAIMS`, each once, by both its sides.
+"""Claims about scenes: statements that hold for correct equations of motion, such as M = ∂²T/∂q̇².
 
-`run` checks them in float64 at sampled states; `proof` tests them in finite fields, for all states
-at once.
+Each module registers its claims in `CLAIMS`. A claim is written once, as a function that yields
+both sides of an equation, and evaluated in two ways: `run` compares the sides in float64 at sampled
+states, `proof` tests them in finite fields (polynomial identity testing), for all states at once.
 """
 
 from __future__ import annotations

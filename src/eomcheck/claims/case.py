@@ -1,9 +1,9 @@
 """A `Case`: one state in float64, in which claims are evaluated and compared with engines.
 
-Both sides of a claim pass if they differ by no more than perturbation analysis explains. An engine
-is either built-in, a reference for the scene: "found" then is the scene's value. Or it is under
-test, written by a user: "found" then is the engine's answer, "expected" the reference, and it is
-asked again and again, since all of its answers are to be right.
+A claim passes if its sides differ by no more than the rounding error that perturbation analysis
+bounds. An engine is either built-in, a reference for the scene: `actual` is then the scene's value.
+Or it is under test, supplied by a user: `actual` is then the engine's answer, `expected` the
+reference, and its method is called repeatedly, since each of its answers has to be right.
 """
 
 from __future__ import annotations
@@ -63,21 +63,21 @@ from eomcheck.numbers.generic import Array
 from eomcheck.numbers.linear import column_scale
 
 OFTEN, ONCE = 90, 1
-"""How often an engine on trial is asked again for each answer: at the first state that is looked
-at and the first that is drawn, and elsewhere. Counts and what fills up over calls show there."""
+"""Number of repeated calls of an engine under test for each answer: at the first state checked and
+the first drawn, and at other states. Repeated calls reveal engines that count or accumulate."""
 
 
 @dataclass
 class Case(FloatContext):
-    """One state of a scene, with the formulations and engines to look at.
+    """One state of a scene, with the formulations and engines to check.
 
     Attributes:
         at: the evaluation at the state.
         formulations: the formulations taking part.
-        engines: engines made for this very scene.
-        claim: the claim being looked at.
-        unavailable: engines that could not be made, and why.
-        repeats: how often engines on trial are asked again for each answer.
+        engines: engines constructed for this very scene.
+        claim: the claim being checked.
+        unavailable: engines that could not be constructed -> error message.
+        repeats: number of repeated calls of engines under test for each answer.
     """
 
     at: Evaluation
@@ -89,12 +89,12 @@ class Case(FloatContext):
 
     @property
     def state(self) -> State:
-        """(q, v, t)."""
+        """The state (q, v, t)."""
         return State(self.at.q, self.at.v, self.at.t)
 
     @cached_property
     def terms_failure(self) -> Finding | None:
-        """The Finding where the scene's terms cannot even be computed here, else None."""
+        """The Finding that the scene's terms cannot be computed at this state, or None."""
         try:
             self.at.terms  # noqa: B018
         except Exception as error:
@@ -103,9 +103,9 @@ class Case(FloatContext):
 
     @property
     def claim_engines(self) -> tuple[Engine | type[Engine], ...]:
-        """The engines to ask for what the claim is about, and classes that could not be made.
+        """The engines that offer the method of the claim, or could not be constructed.
 
-        Engines on trial are asked for everything: what they do not offer is to be told.
+        Engines under test are always included, so that a missing method is reported.
         """
         assert self.claim is not None
         asks = self.claim.asks
@@ -117,7 +117,7 @@ class Case(FloatContext):
 
     @cached_property
     def finite(self) -> bool:
-        """Whether every term is a finite number; only then can the other claims be looked at."""
+        """Whether every term is a finite number; only then other claims can be checked."""
         return all(np.isfinite(term).all() for term in self.at.terms if term is not None)
 
     @cached_property
@@ -131,7 +131,7 @@ class Case(FloatContext):
         return tuple(f for f, _ in self.solutions)
 
     def result(self, formulation: Formulation) -> Acceleration | None:
-        """Return the acceleration, or None where it is refused."""
+        """Return the acceleration by a formulation, or None if it is refused."""
         if formulation.key not in self._results:
             self._results[formulation.key] = None
             with suppress(RefusedError):
@@ -142,19 +142,19 @@ class Case(FloatContext):
     def _results(self) -> dict[str, Acceleration | None]:
         return {}
 
-    # ---- How doubles are looked at, see `Look` ---------------------------------------------------
+    # ---- Evaluation context in float64, see `EvaluationContext` ----------------------------------
 
     @cached_property
     def has_speeds(self) -> bool:
-        """Whether generalized speeds exist here."""
+        """Whether generalized speeds exist at this state."""
         with suppress(RefusedError):
             return self.at.speeds is not None
         return False
 
     @cached_property
     def speeds_resolved(self) -> bool:
-        """Whether generalized speeds by a partition are more than rounding."""
-        self.at.speeds  # noqa: B018  (what was solved for them is needed)
+        """Whether generalized speeds by a partition exceed their rounding error."""
+        self.at.speeds  # noqa: B018  (the linear solves recorded for them are needed)
         return speeds_resolved(self.at)
 
     @property
@@ -164,15 +164,16 @@ class Case(FloatContext):
 
     @property
     def partitions(self) -> Iterator[tuple[str, Partition]]:
-        """The paper's partition and the pivoted one."""
+        """Names and partitions: the paper's and the pivoted one."""
         yield "em", self.at.partition
         yield "em, pivoted", self.at.pivoted_partition
 
     @property
     def added_row(self) -> tuple[Array, Partition]:
-        """The independent constraints, rows of one size, in turn added and taken off.
+        """Weights of a redundant row, and its partition.
 
-        The last of them is left to follow from the others.
+        The row is the alternating sum of the independent constraints, scaled to one size. The last
+        of these is left out as the one that follows from the others.
         """
         a, partition = self.at.terms.a, self.at.independent_partition
         kept = np.arange(len(a)) if partition.kept is None else partition.kept
@@ -184,17 +185,17 @@ class Case(FloatContext):
 
     @property
     def solutions(self) -> tuple[tuple[Formulation, Acceleration], ...]:
-        """What the formulations say that do not refuse."""
+        """Formulations that do not refuse, each with its acceleration."""
         results = ((f, self.result(f)) for f in self.formulations)
         return tuple((f, x) for f, x in results if x is not None)
 
     def sensitivity(self, quantity: Callable[[Evaluation], Any], batched: bool = False) -> float:
-        """Return κ · scale of a quantity; 0 of a copy, of which sides count and nothing else.
+        """Return κ · scale of a quantity; 0 for a perturbed sample, whose sides alone matter.
 
-        `merged_body` tells that copies have it side by side, see `sensitivity_of`.
+        `batched`: whether `quantity` takes the batch of perturbed samples, see `sensitivity_of`.
         """
-        copied = self.at.is_perturbed
-        return 0.0 if copied else sensitivity_of(self.at, quantity, batched=batched)
+        perturbed = self.at.is_perturbed
+        return 0.0 if perturbed else sensitivity_of(self.at, quantity, batched=batched)
 
     def part_sensitivity(
         self, formulation: Formulation, part: str, *, coordinates: bool = False
@@ -202,26 +203,27 @@ class Case(FloatContext):
         """Return κ · scale of a part ("vdot", "multipliers") of the result of `formulation`."""
         key = (formulation.key, part, coordinates)
         if key not in self._sensitivities:
-            found = acceleration_sensitivity(self.at, formulation, part, coordinates=coordinates)
-            self._sensitivities[key] = found
+            self._sensitivities[key] = acceleration_sensitivity(
+                self.at, formulation, part, coordinates=coordinates
+            )
         return self._sensitivities[key]
 
     @cached_property
     def _sensitivities(self) -> dict[tuple[str, str, bool], float]:
         return {}
 
-    # ---- Judging ---------------------------------------------------------------------------------
+    # ---- Findings --------------------------------------------------------------------------------
 
     def evaluate(self, claim: Claim) -> list[Finding]:
         """Return the Findings of one claim."""
         self.claim = claim
-        found: list[Finding] = []
+        findings: list[Finding] = []
         with np.errstate(all="ignore"):
             try:
-                found.extend(self._evaluate(claim))
+                findings.extend(self._evaluate(claim))
             except Exception as error:
-                found.append(self.error_finding(error))
-        return found
+                findings.append(self.error_finding(error))
+        return findings
 
     def _evaluate(self, claim: Claim) -> Iterator[Finding]:
         if claim.check is not None:
@@ -231,44 +233,44 @@ class Case(FloatContext):
         return iter(()) if claim.sides is None else self._compare_sides(claim.sides)
 
     def error_finding(self, error: Exception) -> Finding:
-        """Return the Finding on what a function of the scene raised, or returned in another shape.
+        """Return the Finding on a scene function that raised or returned an array of wrong shape.
 
-        It fails where the function does not run on doubles; other numbers it need not know.
+        It is a failure if the function does not run on float64; it need not support other numbers.
 
         Raises:
-            Exception: the error itself, where no function of the scene's own caused it.
+            Exception: the error itself, if no user-supplied scene function caused it.
         """
-        said = scene_function_that_raised(self.at.scene, error)
+        origin = scene_function_that_raised(self.at.scene, error)
         broken = failing_function(self.at.scene, self.state)
-        if not (said or broken):
+        if not (origin or broken):
             raise error
         if broken:
             outcome = float("inf"), 0.0, "failed", "property-tested", broken
         else:
-            outcome = 0.0, 0.0, "skipped", "property-tested", f"not rational: {said}"
+            outcome = 0.0, 0.0, "skipped", "property-tested", f"not rational: {origin}"
         return self.finding("functions", *outcome)
 
     def _compare_sides(self, sides: Callable) -> Iterator[Finding]:
-        """Yield the Findings of both sides being the same but for rounding."""
+        """Yield the Findings of the sides of a claim being equal up to rounding."""
 
         @cache
         def perturbed(e: Evaluation) -> dict[str, Comparison]:
-            found: dict[str, Comparison] = {}
-            # What sides solve for themselves is perturbed like what formulations solve.
+            comparisons: dict[str, Comparison] = {}
+            # Linear solves within sides are perturbed like those of formulations.
             with (
                 e.computing("sides"),
                 e.recording_solves(),
                 suppress(RefusedError, np.linalg.LinAlgError),
             ):
                 for one in sides(e, Case(e, self.formulations, ())):
-                    found[one.subject] = one
-            return found
+                    comparisons[one.subject] = one
+            return comparisons
 
-        def measured(here: Comparison, side: str) -> float:
+        def measured(exact: Comparison, side: str) -> float:
             def quantity(e: Evaluation) -> Array:
-                one = here if e is self.at else perturbed(e).get(here.subject)
+                one = exact if e is self.at else perturbed(e).get(exact.subject)
                 if not isinstance(one, Comparison):
-                    raise np.linalg.LinAlgError(f"{here.subject} does not exist nearby")
+                    raise np.linalg.LinAlgError(f"{exact.subject} does not exist nearby")
                 return np.asarray(getattr(one, side), np.float64)
 
             return sensitivity_of(self.at, quantity)
@@ -281,17 +283,17 @@ class Case(FloatContext):
                         measured(one, "actual") + measured(one, "expected") + (one.size or 0.0)
                     )
                 scale: Any = sensitivity if one.may_vanish else one.size
-                here: tuple[Any, ...] = one.subject, one.actual, one.expected, sensitivity
-                told = one.size is None or one.sizes is not None
-                how = {"scale": scale, "sizes": one.sizes, "entrywise": told}
-                yield self.compare(*here, names=one.names, **how)
+                arguments: tuple[Any, ...] = one.subject, one.actual, one.expected, sensitivity
+                entrywise = one.size is None or one.sizes is not None
+                how = {"scale": scale, "sizes": one.sizes, "entrywise": entrywise}
+                yield self.compare(*arguments, names=one.names, **how)
 
     def _against_engines(self, term: str, method: str) -> Iterator[Finding]:
-        """Yield the Findings of a term being what each engine says."""
+        """Yield the Findings of a term being equal to the result of each engine."""
 
         def quantity(e: Evaluation) -> Any:
-            found = term_of(e, term)
-            return np.zeros(np.shape(theirs)) if found is None else found
+            array = term_of(e, term)
+            return np.zeros(np.shape(theirs)) if array is None else array
 
         known, sensitivity = term_of(self.at, term), None
         absent = known is None
@@ -304,20 +306,22 @@ class Case(FloatContext):
                     yield theirs
                 continue
             if absent and not np.any(theirs):
-                continue  # nobody has this term
+                continue  # neither the scene nor the engine has this term
             ours = quantity(self.at)
             if sensitivity is None:
                 sensitivity = sensitivity_of(self.at, quantity, coordinates=True)
-            # A term of size 0 (B at rest) is compared all the same: it should vanish.
+            # A term of size 0 (B at rest) is compared too: it should vanish.
             scale = sensitivity + cancelling_size(self, engine, method)
-            here = self, engine, engine.key, ours, theirs, scale
+            compared = self, engine, engine.key, ours, theirs, scale
             again = partial(_asked_again, method, state)
             names = names_of_term(self.at.scene, term)
             # No sum over bodies has larger terms in the entry of two coordinates.
             roots = np.sqrt(np.abs(np.diagonal(np.atleast_2d(np.asarray(ours)))))
             sizes = np.outer(roots, roots) if term == "M" else None
             own = partial(entry_sensitivity_of, self.at, quantity)
-            yield compare_with_engine(*here, again, names=names, scale=scale, sizes=sizes, own=own)
+            yield compare_with_engine(
+                *compared, again, names=names, scale=scale, sizes=sizes, own=own
+            )
 
     def compare(
         self,
@@ -334,19 +338,19 @@ class Case(FloatContext):
         evidence: str = "property-tested",
         engine: type[Engine] | None = None,
     ) -> Finding:
-        """Return the Finding of found = expected.
+        """Return the Finding of actual = expected.
 
         Args:
-            subject: what is compared.
-            actual: ours.
-            expected: what it should be, same shape.
-            sensitivity: κ · scale of both computations together.
+            subject: name of the compared quantity.
+            actual: the quantity under test.
+            expected: its expected value, same shape.
+            sensitivity: κ · scale, the sum over both computations.
             names: names along each axis.
-            scale: size of what is compared, by default the largest entry of `expected`.
-            sizes: of the terms of which each entry is a sum, where they are known.
-            own: gives κ · scale of each entry of `expected`, for an engine on trial.
+            scale: size of the quantity, by default the largest entry of `expected`.
+            sizes: sizes of the summed terms of each entry, if known.
+            own: returns κ · scale of each entry of `expected`, for an engine under test.
             entrywise: whether entries have sizes of their own, see `eomcheck.claims.finding`.
-            evidence: level and what it rests on.
+            evidence: level of evidence and its basis.
             engine: the engine that is compared with, if any.
         """
         assert self.claim is not None
@@ -364,32 +368,36 @@ class Case(FloatContext):
                 what = describe_engine_error(engine, actual, expected, allowed)
             detail = f"{self.claim.term}, {where}" + (f": {what}" if what else "")
         outcome = subject, observed, allowed, verdict, evidence, detail
-        made = self.finding(*outcome, engine=engine)
+        finding = self.finding(*outcome, engine=engine)
         entrywise = entrywise and (sizes is not None or bool(np.any(expected)))
         if verdict == "failed" and names:
-            # What is wrong is resolved; of what else is hidden the failure says nothing.
+            # Wrong entries are resolved; whether others are hidden is left open by a failure.
             wrong = ~(np.abs(actual - expected) <= allowed)
-            return replace(made, entries=entries_of(names, wrong, np.zeros_like(wrong)))
+            return replace(finding, entries=entries_of(names, wrong, np.zeros_like(wrong)))
         if not names or not entrywise:
-            return made  # what vanishes has no size of its own
+            return finding  # a vanishing array has no size of its own
         zero: Any = False
         if engine is not None and is_under_test(engine):
-            # Of the scene itself, what should be 0 is so but for the rounding of its own terms.
+            # Entries of the scene that should be 0 are so up to the rounding of their own terms.
             zero = np.abs(expected) <= (0.0 if own is None else allowed_error(1.0) * own())
         entries = _resolved(actual, expected, allowed, names, sizes, zero)
         hidden = entries.count_hidden if verdict == "passed" else 0
         what = f"{hidden} of {actual.size} entries not resolved"
-        return replace(made, entries=entries, detail=what if hidden else detail)
+        return replace(finding, entries=entries, detail=what if hidden else detail)
 
     def finding(self, subject: str, *outcome: Any, engine: type[Engine] | None = None) -> Finding:
-        """Return a Finding about this state; `outcome_of` from `observed` on.
+        """Return a Finding about this state.
 
-        Of an engine it is told only where that is on trial, not where it is a reference.
+        Args:
+            subject: name of the compared quantity.
+            outcome: further fields of `Finding`, from `observed` on.
+            engine: the engine compared with; the Finding names it only if it is under test, not
+                if it is a reference.
         """
         assert self.claim is not None
-        found = Finding(self.claim.id, subject, self.at.scene, self.state, *outcome)
-        tried = engine is not None and is_under_test(engine)
-        return replace(found, engine=engine) if tried else found
+        finding = Finding(self.claim.id, subject, self.at.scene, self.state, *outcome)
+        under_test = engine is not None and is_under_test(engine)
+        return replace(finding, engine=engine) if under_test else finding
 
 
 def _asked_again(method: str, state: tuple[Array, Array, float], answers: Answers) -> Any:
@@ -397,23 +405,23 @@ def _asked_again(method: str, state: tuple[Array, Array, float], answers: Answer
 
 
 def _resolved(
-    found: Array, expected: Array, allowed: float, names: Names, sizes: Any, zero: Any
+    actual: Array, expected: Array, allowed: float, names: Names, sizes: Any, zero: Any
 ) -> Entries:
-    """Return which entries of two sides are resolved.
+    """Return the flags of resolved and hidden entries of two sides.
 
     Args:
-        found: ours.
-        expected: what it should be, same shape.
+        actual: the quantity under test.
+        expected: its expected value, same shape.
         allowed: the error that is allowed in every entry.
         names: names along each axis.
-        sizes: of the terms of which each entry is a sum, None where they are not known.
-        zero: which entries should be 0, and are so but for rounding: they have passed.
+        sizes: sizes of the summed terms of each entry, None if unknown.
+        zero: flags of entries that should be 0, and are so up to rounding: they have passed.
     """
-    own = np.maximum(np.abs(found), np.abs(expected))
+    own = np.maximum(np.abs(actual), np.abs(expected))
     size = own if sizes is None else np.maximum(own, sizes)
     there = (size > 0.0) & ~np.asarray(zero)
-    # What agrees in digits of its own is resolved, whatever the largest entry allows.
-    agree = (own > 0.0) & (np.abs(found - expected) <= INCONCLUSIVE * own)
+    # An entry that agrees relative to its own size is resolved, whatever the largest one allows.
+    agree = (own > 0.0) & (np.abs(actual - expected) <= INCONCLUSIVE * own)
     known = agree | (allowed <= INCONCLUSIVE * size)
     return entries_of(names, there & known, there & ~known)
 
@@ -423,14 +431,14 @@ def _resolved(
 UNABLE = (np.linalg.LinAlgError, EngineFault)
 
 BETWEEN = 0.25
-"""Share of the answers asked again before which the engine is asked at another state."""
+"""Share of the repeated calls that follow a call at another state."""
 
 FLOAT32 = 2.0**-19
-"""A relative error below this, and above that of doubles, is one of single precision."""
+"""Largest relative error attributed to single precision, if float64 does not explain it."""
 
 
 def cancelling_size(case: Case, engine: Engine, method: str) -> float:
-    """Return the size of the terms that an engine may sum to an answer, where it cancels."""
+    """Return the size of the terms that an engine may sum to an answer in which they cancel."""
     if method == "bias":
         own = 0.0 if is_under_test(engine_class_of(engine)) else engine.bias_size(*case.state)
         return inertia_size(case.at) + own
@@ -452,20 +460,20 @@ def ask_engine(
     engine: Engine | type[Engine],
     *arguments: Any,
     expected: Callable[[], Any],
-    part: Callable[[Any], Any] = lambda said: said,
+    part: Callable[[Any], Any] = lambda answer: answer,
     excused: Callable[[], bool] = lambda: False,
 ) -> Any:
-    """Return what the engine says of what the claim asks; else the Finding that it says nothing.
+    """Return the engine's answer to the method of the claim, or the Finding that there is none.
 
-    An engine on trial is asked again and again: returned is the answer furthest from the scene's.
+    An engine under test is called repeatedly; its answer furthest from the scene's is returned.
 
     Args:
-        case: the state, and the claim that is looked at.
-        engine: the engine, or its class if it could not be made.
-        arguments: what its method is handed.
-        expected: gives what is expected of `part`; None if nothing is known here.
-        part: gives the quantity of an answer that is compared; None if the answer lacks it.
-        excused: whether nothing could be judged here, whatever the answer.
+        case: the state, and the claim being checked.
+        engine: the engine, or its class if it could not be constructed.
+        arguments: arguments of its method.
+        expected: returns the expected value of `part`; None if it is unknown at this state.
+        part: returns the compared quantity of an answer; None if the answer lacks it.
+        excused: returns whether no answer could be judged at this state.
     """
     assert case.claim is not None
     method, kind = case.claim.asks, engine_class_of(engine)
@@ -479,58 +487,58 @@ def ask_engine(
         answers = Answers(engine)
         if is_under_test(kind):
             answers.provoke_stale_answers(method, *arguments)
-            found = _answered(answers, method, arguments, case.repeats)
+            repeated = _answered(answers, method, arguments, case.repeats)
             known = expected()
-            return _worst(found, part, part(found[0]) if known is None else known)
+            return _worst(repeated, part, part(repeated[0]) if known is None else known)
         return answers.ask(method, *arguments)
     except EngineFault as fault:
         if isinstance(fault.__cause__, np.linalg.LinAlgError) and not is_under_test(kind):
             return skipped_finding(case, kind, fault.what)
-        open_here = overflows(case.at) or excused()
-        verdict = "inconclusive" if open_here else "failed"
+        undecidable = overflows(case.at) or excused()
+        verdict = "inconclusive" if undecidable else "failed"
         outcome = np.inf, 0.0, verdict, evidence_of(kind), f"{kind.__name__}: {fault.what}"
         return case.finding(kind.key, *outcome, engine=kind)
 
 
 def _answered(answers: Answers, method: str, arguments: tuple, times: int) -> list[Any]:
-    """Answers of an engine that is asked again and again, all of which are to be right.
+    """Return the answers of an engine to repeated calls, all of which have to be right.
 
-    Calls at other states come in between, at irregular intervals, so that no period of calls
-    passes by.
+    Calls at other states come in between at irregular intervals, so that errors of any period
+    are found.
 
     Raises:
-        EngineFault: one of them is no answer.
+        EngineFault: a call gives no valid answer.
     """
-    found = [answers.ask(method, *arguments)]
+    repeated = [answers.ask(method, *arguments)]
     random = np.random.default_rng(0)
     for k in range(times):
         if k == 0 or random.random() < BETWEEN:
             answers.ask_elsewhere(method, arguments, 1 + k % 7)
-        found.append(answers.ask(method, *arguments))
-    return found
+        repeated.append(answers.ask(method, *arguments))
+    return repeated
 
 
-def _worst(found: Sequence[Any], part: Callable[[Any], Any], expected: Any) -> Any:
-    """Answer whose part is furthest from what is expected: the first one if all are alike."""
-    worst, by = found[0], -1.0
-    for one in found:
-        quantity = part(one)
+def _worst(repeated: Sequence[Any], part: Callable[[Any], Any], expected: Any) -> Any:
+    """Return the answer whose part is furthest from the expected value: the first if all agree."""
+    worst, by = repeated[0], -1.0
+    for answer in repeated:
+        quantity = part(answer)
         if quantity is None or expected is None:
-            continue  # what one answer lacks another may have
+            continue  # another answer may have it
         apart = largest(np.asarray(quantity) - np.asarray(expected))
         if apart > by:
-            worst, by = one, apart
+            worst, by = answer, apart
     return worst
 
 
 def skipped_finding(case: Case, kind: type[Engine], why: str) -> Finding:
-    """Return the Finding of what an engine does not tell, or of what cannot be compared."""
+    """Return the skipped Finding of an engine that lacks a quantity or cannot be compared."""
     outcome = 0.0, 0.0, "skipped", evidence_of(kind), why
     return case.finding(kind.key, *outcome, engine=kind)
 
 
 def evidence_of(kind: type[Engine]) -> str:
-    """Return the level of evidence of a comparison, and what it rests on."""
+    """Return the evidence of a comparison with an engine: the level, and its name and version."""
     return f"compared: {version_of(kind)}"
 
 
@@ -548,28 +556,28 @@ def compare_with_engine(
     sizes: Any = None,
     own: Callable[[], Any] | None = None,
 ) -> Finding:
-    """Return the Finding of an answer being the scene's own.
+    """Return the Finding of an engine's answer being equal to the scene's.
 
     Args:
-        case: the state, and the claim that is looked at.
+        case: the state, and the claim being checked.
         engine: the engine.
-        subject: what is compared.
-        ours: the scene's.
-        theirs: the engine's, same shape.
-        sensitivity: κ · scale of both computations together.
-        again: asks the same once more.
+        subject: name of the compared quantity.
+        ours: the scene's value.
+        theirs: the engine's value, same shape.
+        sensitivity: κ · scale, the sum over both computations.
+        again: repeats the call on other `Answers`.
         names: names along each axis.
-        scale: size of what is compared, by default the largest entry of what is expected.
-        sizes: of the terms of which each entry is a sum, where they are known.
-        own: gives κ · scale of each entry of the scene's.
+        scale: size of the quantity, by default the largest entry of the expected value.
+        sizes: sizes of the summed terms of each entry, if known.
+        own: returns κ · scale of each entry of the scene's value.
     """
-    kind, tried = type(engine), is_under_test(type(engine))
-    found, expected = (theirs, ours) if tried else (ours, theirs)
-    here = subject, found, expected, sensitivity
+    kind, under_test = type(engine), is_under_test(type(engine))
+    actual, expected = (theirs, ours) if under_test else (ours, theirs)
+    compared = subject, actual, expected, sensitivity
     how: dict[str, Any] = {"names": tuple(names), "scale": scale, "sizes": sizes}
     how |= {"evidence": evidence_of(kind), "own": own}
-    finding = case.compare(*here, **how, engine=kind)
-    if finding.verdict == "failed" and tried:
+    finding = case.compare(*compared, **how, engine=kind)
+    if finding.verdict == "failed" and under_test:
         try:
             fresh = again(Answers(make_engine(kind, case.at.scene)))
         except Exception:
@@ -579,24 +587,27 @@ def compare_with_engine(
     return finding
 
 
-def describe_engine_error(kind: type[Engine], found: Array, expected: Array, allowed: float) -> str:
-    """Return what is wrong with the worst entry of an engine on trial: both numbers, and a name.
+def describe_engine_error(
+    kind: type[Engine], actual: Array, expected: Array, allowed: float
+) -> str:
+    """Describe the worst entry of an engine under test: both numbers, and the sort of the error.
 
-    Of a library that reads a robot's file itself, nobody is blamed: both numbers, and whose.
+    For a library that reads a robot's file itself neither side is blamed: both numbers, each with
+    its source.
 
     Args:
         kind: the engine.
-        found: what it says.
-        expected: what it should say, same shape.
-        allowed: the error that rounding explains.
+        actual: its answer.
+        expected: the expected answer, same shape.
+        allowed: bound on the rounding error.
     """
-    worst = worst_of(found - expected)
-    what = resembles(found, expected, allowed, worst)
-    x, y = format_distinct(found[worst], expected[worst], 9)
+    worst = worst_of(actual - expected)
+    what = resembles(actual, expected, allowed, worst)
+    x, y = format_distinct(actual[worst], expected[worst], 9)
     numbers = f"found {x}, expected {y}"
     if kind.reads_file:
         what = ""
         numbers = f"{x} by the library, {y} by eomcheck"
-    if largest(found - expected) <= FLOAT32 * largest(expected):
+    if largest(actual - expected) <= FLOAT32 * largest(expected):
         what = "as large as the rounding of single precision"
     return f"{numbers}: {what}" if what else numbers

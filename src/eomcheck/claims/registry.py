@@ -1,15 +1,14 @@
 """Claims, their registry, and the contexts in which they are evaluated.
 
-A claim is registered by both its sides (`claim`) or by a check in float64 alone (`case_claim`).
-`Comparison`
-are what a claim yields: two arrays, found = expected, with the names of their axes and the sizes of
-the terms that cancel in them. A context (`EvaluationContext`) adds to the quantities of a state
-what a claim asks for beside them. `FloatContext` is the part of it that one state in float64 and a
-batch of states share. `GenericPoint` is the generic context: every variable of a scene is free, in
-any exact kind of number.
+A claim is registered by both its sides (`claim`) or by a check in float64 alone (`case_claim`). A
+claim yields `Comparison`s: two arrays, actual = expected, with the names of their axes and the
+sizes of the terms that cancel in them. An `EvaluationContext` adds to the quantities of a state the
+results of formulations, partitions, directions and sensitivities that claims use. `FloatContext` is
+the part of it that one state in float64 and a batch of states share. `GenericPoint` is the generic
+context: every variable of a scene is free, in any exact arithmetic.
 
-Sides are compared twice. In float64 (`eomcheck.claims.case`) they differ by no more than rounding
-explains; in a finite field (`eomcheck.claims.proof`) they are equal.
+Sides are compared twice. In float64 (`eomcheck.claims.case`) they must agree within a rounding
+bound by perturbation analysis; in a finite field (`eomcheck.claims.proof`) they must be equal.
 """
 
 from __future__ import annotations
@@ -34,18 +33,19 @@ Names = tuple[tuple[str, ...], ...]
 
 
 class Comparison(NamedTuple):
-    """found = expected, about `subject`.
+    """Two sides of an equation, actual = expected, about `subject`.
 
     Attributes:
-        subject: what is compared.
-        actual: ours.
-        expected: what it should be, same shape.
+        subject: name of the compared quantity or formulations.
+        actual: the quantity under test.
+        expected: its expected value, same shape.
         names: names along each axis.
-        size: of the terms that cancel in a side, which then are to be seen beside its entries.
-        sensitivity: κ · scale of both sides; None where it is to be measured on them. Of lanes
-            both are those of each, and NaN stands for None.
-        may_vanish: whether sides that are 0 are compared all the same.
-        sizes: of the terms that cancel in each entry, same shape; None where that is not known.
+        size: size of the terms that cancel in a side, which set its scale beside its entries.
+        sensitivity: κ · scale of both sides (condition number times scale); None if it is to be
+            measured on them. In a batch `size` and `sensitivity` hold one number per SIMD lane,
+            and NaN stands for None.
+        may_vanish: whether sides that are 0 are compared too.
+        sizes: sizes of the terms that cancel in each entry, same shape; None if unknown.
     """
 
     subject: str
@@ -59,7 +59,7 @@ class Comparison(NamedTuple):
 
 
 class Skipped(NamedTuple):
-    """What could not be looked at, and why."""
+    """A subject that could not be evaluated, with the reason."""
 
     subject: str
     reason: str
@@ -68,11 +68,11 @@ class Skipped(NamedTuple):
 def vanishing(
     subject: str, found: Any, names: Names, terms: Any, sensitivity: Any = None
 ) -> Comparison:
-    """Return the sides of found = 0.
+    """Return the comparison of an array with 0.
 
     Args:
-        subject: what is compared.
-        found: what should vanish.
+        subject: name of the compared quantity.
+        found: the array that should vanish.
         names: names along each axis.
         terms: magnitudes of the terms that cancel, in each entry or the largest of all.
         sensitivity: see `Comparison`.
@@ -83,14 +83,14 @@ def vanishing(
 
 
 def sized(sides: Comparison, terms: Any) -> Comparison:
-    """Sides with the magnitudes of the terms of which each entry is a sum, of their shape."""
+    """Return the comparison with `terms` as the magnitudes of the summed terms of each entry."""
     return sides._replace(size=largest(terms), sizes=terms)
 
 
 def sensitivity_where(resolved: Any) -> Any:
-    """Return the sensitivity that is to be measured where sides are told, and infinite elsewhere.
+    """Return `Comparison.sensitivity`: to be measured where sides are resolved, infinite elsewhere.
 
-    See `Comparison.sensitivity`.
+    Resolved: larger than their own rounding.
     """
     return (
         lane_select(resolved, np.nan, np.inf)
@@ -104,29 +104,30 @@ def sensitivity_where(resolved: Any) -> Any:
 def along_directions(
     look: EvaluationContext, subject: str, sides: Callable[[Array], tuple[Any, Any] | None]
 ) -> Iterator[Comparison]:
-    """Yield what `sides` gives along all directions, if it gives anything."""
+    """Yield one comparison of the sides along all directions; nothing if `sides` returns None."""
     each = [sides(direction) for direction in look.directions]
     both = [pair for pair in each if pair is not None]
     if both:
-        found, expected = (np.array(side, object) for side in zip(*both, strict=True))
-        yield Comparison(subject, found, expected, (look.direction_names,))
+        actual, expected = (np.array(side, object) for side in zip(*both, strict=True))
+        yield Comparison(subject, actual, expected, (look.direction_names,))
 
 
 class EvaluationContext(Protocol):
-    """What a way of looking adds to the quantities at a point.
+    """The part of an evaluation that is not a quantity of the scene: formulations, directions etc.
 
     Attributes:
         exact: whether nothing is rounded, v follows from u, and every variable is free.
-        has_speeds: whether generalized speeds exist here.
-        speeds_resolved: whether these, by a partition, are more than rounding; in lanes, of each.
-        free: the same point with a velocity that need not satisfy the constraints, if there is any.
-        directions: virtual displacements (n,) that together stand for all.
+        has_speeds: whether generalized speeds exist at this state.
+        speeds_resolved: whether generalized speeds by a partition exceed their rounding error; in a
+            batch, per SIMD lane.
+        free: the same point with a velocity that need not satisfy the constraints, if possible.
+        directions: virtual displacements (n,) that span all.
         direction_names: their names.
         partitions: names and partitions of the coordinates for the embedding method.
-        solutions: what the formulations say that do not refuse.
-        others: of the partitioned ones, a result and another one by a second partition.
-        added_row: weights (r,) of the constraints in a row to be added to them, last, and which
-            rows are then kept.
+        solutions: formulations that do not refuse, each with its result.
+        others: partitioned formulations, each with a result and another one by a second partition.
+        added_row: weights (r,) of the constraints in a redundant row that is added last, and the
+            partition that names the rows kept with it.
     """
 
     exact: bool
@@ -141,7 +142,7 @@ class EvaluationContext(Protocol):
 
     @property
     def added_row(self) -> tuple[Array, Partition]:
-        """The weights of a further row, and which rows are kept with it."""
+        """The weights (r,) of a redundant row, and the partition with the rows kept with it."""
         ...
 
     def sensitivity(self, quantity: Callable[[Any], Any]) -> float:
@@ -158,26 +159,28 @@ class EvaluationContext(Protocol):
 
 
 class NoRateError(Exception):
-    """What is prepared uses more than angles, roots and the clock, and cannot be differentiated."""
+    """Precomputed values that cannot be differentiated: not only angles, roots and the clock."""
 
 
 @dataclass(frozen=True)
 class Claim:
-    """One statement that the suite checks: by `case_claim`, or by `sides`, which can be proved too.
+    """A statement that correct equations of motion satisfy, with the function that checks it.
 
-    A claim about a whole run has neither.
+    It has a `check` in float64, or `sides`, which can be proved too. A claim about a whole run has
+    neither.
 
     Attributes:
         id: short name, used everywhere.
-        statement: what is claimed, in symbols of the paper.
-        equations: where the paper says so.
-        term: what is to blame first when the claim fails.
+        statement: the claim in symbols of the paper.
+        equations: numbers of the equations in the paper.
+        term: the term to suspect first when the claim fails.
         check: function of a `Case` that yields one Finding per subject.
-        sides: function of a point (`Quantities`) and of a `EvaluationContext` that yields Sides.
-        rate_of: the subject of the sides that need a rate of what `prepare` makes.
-        asks: the method of an engine that the claim asks.
-        against: the field of `Terms` that engines say instead of the sides, in doubles.
-        provable: False where another claim, proved, says the same.
+        sides: function of a point (`Quantities`) and an `EvaluationContext` that yields
+            `Comparison`s.
+        rate_of: subject of the sides that need the rate of precomputed values (`prepare`).
+        asks: name of the engine method that the claim compares with.
+        against: field of `Terms` compared with engines in float64, in place of the sides.
+        provable: False if the claim follows from another, proved one.
     """
 
     id: str
@@ -195,7 +198,7 @@ class Claim:
 
     @property
     def proved(self) -> bool:
-        """Whether it is an identity that is proved."""
+        """Whether the claim is an identity that `prove` tests."""
         return self.sides is not None and self.provable
 
 
@@ -204,7 +207,18 @@ CLAIMS: dict[str, Claim] = {}
 
 
 def case_claim(id: str, statement: str, equations: str, term: str, asks: str = "") -> Callable:
-    """Register the decorated check under `id`; it is called with the `Case`, bound to the claim."""
+    """Register the decorated check in float64 as a claim.
+
+    Args:
+        id: short name, key of `CLAIMS`.
+        statement: the claim in symbols of the paper.
+        equations: numbers of the equations in the paper.
+        term: the term to suspect first when the claim fails.
+        asks: name of the engine method that the claim compares with, "" for none.
+
+    Returns:
+        The decorator of a function that takes the `Case`, bound to the claim, and yields Findings.
+    """
 
     def register(function: Callable[[Any], Iterator[Finding]]) -> Callable:
         CLAIMS[id] = Claim(id, statement, equations, term, function, asks=asks)
@@ -214,7 +228,19 @@ def case_claim(id: str, statement: str, equations: str, term: str, asks: str = "
 
 
 def claim(id: str, statement: str, equations: str, term: str, **options: Any) -> Callable:
-    """Register the decorated function as the sides of a claim; `options`: fields of `Claim`."""
+    """Register the decorated function as the sides of a claim.
+
+    Args:
+        id: short name, key of `CLAIMS`.
+        statement: the claim in symbols of the paper.
+        equations: numbers of the equations in the paper.
+        term: the term to suspect first when the claim fails.
+        options: further fields of `Claim`.
+
+    Returns:
+        The decorator of a function that takes a point (`Quantities`) and an `EvaluationContext`,
+        and yields `Comparison`s.
+    """
 
     def register(sides: Callable[[Any, Any], Iterator[Comparison | Skipped]]) -> Callable:
         CLAIMS[id] = Claim(id, statement, equations, term, sides=sides, **options)
@@ -224,7 +250,7 @@ def claim(id: str, statement: str, equations: str, term: str, **options: Any) ->
 
 
 def magnitude(*factors: Any) -> Any:
-    """Return |x| |y| ... of a product of arrays; 0 of exact numbers, and of what is absent."""
+    """Return |x| |y| ... of a product of arrays; 0 for exact numbers and absent factors."""
     if lanes_in(factors):
         return reduce(np.matmul, (np.abs(as_float64(x)) for x in factors))
     arrays = [np.asarray(x) for x in factors]
@@ -234,23 +260,23 @@ def magnitude(*factors: Any) -> Any:
 
 
 def product_size(*factors: Any) -> Any:
-    """Return the largest entry of |x| |y| ...; 0 of exact numbers, and of what is absent."""
+    """Return the largest entry of |x| |y| ...; 0 for exact numbers and absent factors."""
     return largest(magnitude(*factors))
 
 
 def numbered(prefix: str, count: int) -> tuple[str, ...]:
-    """Return (prefix)1, (prefix)2, ..."""
+    """Return the names (prefix)1, (prefix)2, ..."""
     return tuple(f"{prefix}{i + 1}" for i in range(count))
 
 
 def term_of(at: Quantities, term: str) -> Array | None:
-    """Return a field of `Terms`; None where it is absent, but for B, which then is 0."""
-    found = getattr(at.terms, term)
-    return np.zeros(at.scene.n) if found is None and term == "B" else found
+    """Return a field of `Terms`; None if it is absent, except for an absent B, which is 0."""
+    array = getattr(at.terms, term)
+    return np.zeros(at.scene.n) if array is None and term == "B" else array
 
 
 def names_of_term(scene: Scene, term: str) -> Names:
-    """Return names along the axes of a field of `Terms`."""
+    """Return the names along the axes of a field of `Terms`."""
     coordinates, constraints = scene.coordinate_names, scene.constraint_names
     return {
         "M": (coordinates, coordinates),
@@ -263,7 +289,7 @@ def names_of_term(scene: Scene, term: str) -> Names:
 
 
 def speed_names(at: Quantities) -> tuple[str, ...]:
-    """Return names for an axis over the generalized speeds."""
+    """Return the names of the generalized speeds, as names along an axis."""
     return numbered("u_", at.scene.p)
 
 
@@ -278,7 +304,7 @@ def unordered_pairs(items: Sequence) -> Iterator[tuple]:
 
 
 class FloatContext:
-    """States in doubles: `at` is the evaluation there."""
+    """The part of an evaluation context that float64 states share; `at` is the evaluation."""
 
     at: Any
     exact: ClassVar[bool] = False
@@ -286,7 +312,7 @@ class FloatContext:
 
     @property
     def free(self) -> Any:
-        """The states themselves: their velocities were given."""
+        """The states themselves: their velocities are independent inputs."""
         return self.at
 
     @property
@@ -311,7 +337,7 @@ class FloatContext:
 
 
 class Variables(Arithmetic, Protocol):
-    """An arithmetic that has variables to give: random elements, or symbols."""
+    """An arithmetic that can create variables: random elements, or symbols."""
 
     def vector(self, size: int) -> Array:
         """Return new variables (size,)."""
@@ -319,14 +345,14 @@ class Variables(Arithmetic, Protocol):
 
 
 class GenericPoint(Quantities):
-    """A scene with every parameter, angle and speed a variable; v = W u + offset.
+    """A point at which every parameter, angle and speed is a variable; v = W u + offset.
 
-    It is looked at as it is: see `eomcheck.claims.registry.EvaluationContext`.
+    It is its own `EvaluationContext`.
 
     Args:
-        scene: decides sizes and what is absent; its numbers do not matter.
-        arithmetic: what gives the variables.
-        formulations: those to look at.
+        scene: determines sizes and absent terms; its numbers do not matter.
+        arithmetic: source of the variables.
+        formulations: formulations to evaluate.
         partition: a second partition of the coordinates, beside the paper's.
     """
 
@@ -351,14 +377,14 @@ class GenericPoint(Quantities):
 
     @cached_property
     def free(self) -> Quantities:
-        """The same point with a velocity of its own, which need not satisfy the constraints."""
+        """The same point with an independent velocity, which need not satisfy the constraints."""
         free = Quantities(self.scene, self.arithmetic, self.q, self.t)
         free.parameters, free.prepared, free.v = self.parameters, self.prepared, self._free_velocity
         return free
 
     def use_axis_directions(self) -> None:
         """Replace the direction of a virtual displacement by each coordinate in turn."""
-        # Not of literals: half a literal 1 would be no element of a field.
+        # Elements, not literals: half a literal 1 would be no element of a field.
         n, zero = self.scene.n, 0 * self.q[0]
         self.directions = [np.array([zero + int(i == j) for j in range(n)]) for i in range(n)]
 
@@ -369,14 +395,14 @@ class GenericPoint(Quantities):
 
     @property
     def partitions(self) -> Iterator[tuple[str, Partition]]:
-        """The paper's partition and the other one."""
+        """Names and partitions: the paper's, and the second one if there is one."""
         yield "em", self.partition
         if self.other_partition is not None:
             yield "em, drawn", self.other_partition
 
     @cached_property
     def added_row(self) -> tuple[Array, Partition]:
-        """Any sum of the constraints; the row left out was drawn with the other partition."""
+        """Random weights of the constraints; the redundant row is the second partition's."""
         r = self.scene.r
         rows = np.arange(r), np.array([r])
         if self.other_partition is not None and self.other_partition.kept is not None:
@@ -386,18 +412,18 @@ class GenericPoint(Quantities):
 
     @property
     def solutions(self) -> tuple[tuple[Formulation, Solution], ...]:
-        """What the formulations say that do not refuse."""
+        """Formulations that do not refuse, each with its solution."""
         results = ((f, self._result(f)) for f in self.formulations)
         return tuple((f, x) for f, x in results if isinstance(x, Solution))
 
     @property
     def others(self) -> tuple[tuple[Formulation, Solution, Solution], ...]:
-        """Partitioned formulations, a result by the paper's partition, theirs by the other one."""
+        """Partitioned formulations, each with solutions by the paper's and the second partition."""
         if self.other_partition is None:
             return ()
         solutions = self.solutions
         by_other = ((f, self._result(f, True)) for f in self.formulations if f.partitioned)
-        # Its own result by the paper's partition, or any other if that refuses.
+        # Its own result by the paper's partition, or that of another formulation if it refuses.
         return tuple(
             (f, dict(solutions).get(f, solutions[0][1]), y)
             for f, y in by_other
@@ -405,7 +431,7 @@ class GenericPoint(Quantities):
         )
 
     def refusal(self, formulation: Formulation) -> RefusedError | None:
-        """Return why `formulation` refuses, or None."""
+        """Return the refusal of `formulation`, or None."""
         result = self._result(formulation)
         return result if isinstance(result, RefusedError) else None
 
@@ -429,7 +455,7 @@ class GenericPoint(Quantities):
         """Return (prepared, q) while q changes at `qdot`, see `Quantities`.
 
         Raises:
-            NoRateError: more is prepared than angles and roots, and cannot be differentiated.
+            NoRateError: precomputed values other than angles and roots cannot be differentiated.
         """
         try:
             return super().prepared_duals(qdot, clock)

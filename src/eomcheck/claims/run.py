@@ -1,13 +1,14 @@
-"""A run of the claims: on one state, on random states of a scene, on random scenes.
+"""Runs of the claims: on one state, on random states of a scene, on random scenes.
 
-A `RunSelection` says which formulations, engines and claims take part; `SceneEngines` is a scene
-with the engines made for it. Cases are drawn by pairwise design. When a claim fails, hypothesis
-shrinks it: the last Finding is then the smallest case found on which that same claim fails.
+This is property-based testing. A `RunSelection` names the formulations, engines and claims that
+take part; `SceneEngines` is a scene with its engines constructed. Cases (a scene in a state) are
+drawn by pairwise test design. When a claim fails, hypothesis shrinks the counterexample: the last
+Finding is then the smallest case on which the same claim fails.
 
-Both derivations of a robot are made of one description, so that no claim sees a misread file. The
-library of the file takes part by default, and is a second reader, not one that is always right: a
-difference is a failure of which either reading may be the cause, and quantities that the library
-leaves out are skipped with the reason.
+Both derivations of a robot come from one description, so that no claim detects a misread file. The
+library of the file format therefore takes part by default, as a second reader that may itself be
+wrong: a difference is a failure of which either reading may be the cause, and quantities that the
+library leaves out are skipped with the reason.
 """
 
 from __future__ import annotations
@@ -55,15 +56,15 @@ from eomcheck.scenes import Snake
 
 @dataclass(frozen=True)
 class RunSelection:
-    """What takes part in a run: all that is installed in any case, unless named."""
+    """The formulations, engines and claims of a run; by default all that need no extra."""
 
     formulations: tuple[Formulation, ...]
     engines: tuple[type[Engine], ...]
     claims: tuple[str, ...]
     reader: type[FileEngine] | None = None
-    """The library among `engines` that reads a robot's file itself, where none were named."""
+    """The library among `engines` that reads a robot's file itself, if no engines were named."""
     engines_named: bool = False
-    """Whether engines were named: they are asked at states beyond the ordinary ones too."""
+    """Whether engines were named: they are compared at wide states too, beyond ordinary ones."""
 
     @classmethod
     def of(
@@ -74,10 +75,16 @@ class RunSelection:
         *,
         scenes: Sequence[Scene | type[Scene]] = (Snake,),
     ) -> RunSelection:
-        """Look the names up; None stands for all that apply to any scene, an empty list for none.
+        """Return the selection of these names; None stands for all that apply, [] for none.
 
-        Engines that an extra installs take part when named; without names the library of a robot's
-        file does too, for which both derivations are made of one description.
+        Engines that an extra installs take part if named. If no engines are named, the library of
+        a robot's file takes part too, since both derivations come from one description.
+
+        Args:
+            formulations: keys of formulations.
+            engines: keys, names or classes of engines.
+            claims: ids of claims, at least one.
+            scenes: scenes or scene classes, to which each formulation should apply.
 
         Raises:
             InputError: a formulation applies to none of `scenes`, or `claims` names none.
@@ -94,19 +101,19 @@ class RunSelection:
 
 
 class SceneEngines(NamedTuple):
-    """A scene, the engines made for it, and those that could not be made."""
+    """A scene with its engines constructed, and the errors of those that could not be."""
 
     scene: Scene
     engines: tuple[Engine, ...]
     unavailable: dict[type[Engine], str]
     reader: FileEngine | None = None
-    """The one among them that reads the file of the scene because none were named."""
+    """The engine among them that reads the file of the scene because no engines were named."""
     failed_reader: tuple[type[FileEngine], str] | None = None
-    """The library that should and cannot, and why."""
+    """The library that failed to read the file, and its error."""
 
 
 def make_scene_engines(scene: Scene, selection: RunSelection) -> SceneEngines:
-    """Return a scene with the engines of `selection` made for it.
+    """Construct the engines of `selection` for a scene.
 
     Raises:
         InputError: a function of the scene returns an array of wrong shape.
@@ -125,7 +132,7 @@ def make_scene_engines(scene: Scene, selection: RunSelection) -> SceneEngines:
         try:
             reader = selection.reader(scene)
             engines.append(reader)
-        except Exception as error:  # whatever a library makes of a file it cannot read
+        except Exception as error:  # any exception of a library that cannot read the file
             unread = selection.reader, message_of(error)
     return SceneEngines(scene, tuple(engines), broken, reader, unread)
 
@@ -133,13 +140,13 @@ def make_scene_engines(scene: Scene, selection: RunSelection) -> SceneEngines:
 def make_case(
     asked: SceneEngines, state: State, selection: RunSelection, repeats: int = OFTEN
 ) -> Case:
-    """Case of a state, for the claims about a scene whose engines are made.
+    """Return the case of a state of a scene whose engines are constructed.
 
     Args:
         asked: the scene and its engines.
         state: (q, v, t).
-        selection: what takes part.
-        repeats: how often engines on trial are asked again for each answer.
+        selection: formulations, engines and claims.
+        repeats: number of repeated calls of engines under test for each answer.
     """
     formulations = tuple(f for f in selection.formulations if f.applies_to(asked.scene))
     evaluation = Evaluation(asked.scene, *state)
@@ -149,7 +156,7 @@ def make_case(
 
 
 def make_case_with_engines(scene: Scene, state: State, selection: RunSelection) -> Case:
-    """Return what claims look at in a state; engines are made for it."""
+    """Return the case of a state of a scene, and construct its engines."""
     return make_case(make_scene_engines(scene, selection), state, selection)
 
 
@@ -159,8 +166,8 @@ EITHER = "the file is read in two ways: either reading may be wrong"
 
 
 def evaluate_claim(asked: SceneEngines, case: Case, claim: Claim) -> list[Finding]:
-    """Return the Findings of one claim; those by the file's library name no one to blame."""
-    findings = [_neutral(asked, case, claim, one) for one in case.evaluate(claim)]
+    """Return the Findings of one claim; failures by the file's library blame neither side."""
+    findings = [_neutral(asked, case, claim, finding) for finding in case.evaluate(claim)]
     if asked.failed_reader is not None and claim.asks == "mass_matrix":
         kind, why = asked.failed_reader
         findings.append(skipped_finding(case, kind, f"takes no part: {why}"))
@@ -180,15 +187,15 @@ def _neutral(asked: SceneEngines, case: Case, claim: Claim, finding: Finding) ->
 # ---- Shrinking -----------------------------------------------------------------------------------
 
 TRIES = 50
-"""Cases looked at in search of a smaller one that fails, those met while shrinking not counted."""
+"""Number of random cases in the search for a smaller counterexample, shrinking not counted."""
 
 
 def no_larger(scene: Scene, links: tuple[int, int]) -> SearchStrategy[tuple[Scene, State]]:
-    """Return a strategy for scenes of the kind of `scene`, with at most as many links, in a state.
+    """Return a strategy for scenes of the class of `scene` with at most as many links, in a state.
 
     Args:
         scene: the scene.
-        links: smallest and largest number of links, for a kind that has one.
+        links: smallest and largest number of links, for a class that has one.
     """
     most = max(links[0], min(links[1], link_count(scene) or links[1]))
     return strategies.scene_states(strategies.scenes(type(scene), links[0], most))
@@ -211,13 +218,13 @@ def smallest_failure(
     selection: RunSelection,
     seed: int,
 ) -> Finding:
-    """Return the smallest failure of the same claim among `cases`, or the one there is.
+    """Return the smallest counterexample of the same claim among `cases`, or `failed` itself.
 
     Args:
         failed: a failure.
-        cases: among which a smaller one is looked for.
-        selection: what takes part.
-        seed: of the search.
+        cases: strategy of the cases to search.
+        selection: formulations, engines and claims.
+        seed: seed of the search.
     """
 
     def examine(drawn: tuple[Scene, State]) -> None:
@@ -241,7 +248,7 @@ def smallest_failure(
     except _Falsified as falsified:
         return falsified.finding
     except Unsatisfiable:
-        pass  # none of them could be closed
+        pass  # no position among them satisfies the loop closure
     return failed
 
 
@@ -249,7 +256,7 @@ def smallest_failure(
 
 
 class StateResult(NamedTuple):
-    """What looking at one state gave.
+    """The result of checking one state.
 
     Attributes:
         findings: in the order of the claims.
@@ -265,40 +272,40 @@ class StateResult(NamedTuple):
 def evaluate_state(
     asked: SceneEngines, state: State, selection: RunSelection, repeats: int
 ) -> StateResult:
-    """Look at one state of a scene whose engines are made; for arguments see `make_case`."""
+    """Check one state of a scene whose engines are constructed; for arguments see `make_case`."""
     case = make_case(asked, state, selection, repeats)
     broken = case.terms_failure
     findings = [] if broken is None else [broken]
     seconds: dict[str, float] = {}
-    for one in selection.claims:
+    for claim in selection.claims:
         start = time.perf_counter()
-        if broken is None and (case.finite or one == "finite-terms"):
-            findings += evaluate_claim(asked, case, CLAIMS[one])
-        seconds[one] = time.perf_counter() - start
+        if broken is None and (case.finite or claim == "finite-terms"):
+            findings += evaluate_claim(asked, case, CLAIMS[claim])
+        seconds[claim] = time.perf_counter() - start
     return StateResult(findings, seconds, _refused(case) if broken is None and case.finite else ())
 
 
 def repeats_at(number: int) -> int:
-    """Return how often engines on trial are asked again at a drawn case: often at the first."""
+    """Return the number of repeated calls of engines under test: many at the first drawn case."""
     return ONCE if number else OFTEN
 
 
 Cases = Iterable[tuple[Scene, State]]
 StateResults = Generator[tuple[Scene, State, StateResult], None, None]
-"""Cases in their order, each with what was seen in it."""
+"""Cases in their order, each with its result."""
 
 
 @dataclass
 class ValidationRun:
-    """What a run has come to so far.
+    """A run of claims in progress, with its findings so far.
 
     Attributes:
-        findings: every Finding, in the order made.
-        seconds: time spent per claim.
-        ends: number of findings there were after each state looked at.
-        sampled: the states drawn, and who refused them.
-        refused: keys of the formulations that refused the last state looked at.
-        minimal: the smallest failing case, if a claim failed.
+        findings: every Finding, in order.
+        seconds: time spent per claim, s.
+        ends: number of findings after each state checked.
+        sampled: the states drawn, each with the formulations that refused it.
+        refused: keys of the formulations that refused the last state checked.
+        minimal: the smallest counterexample, if a claim failed.
     """
 
     findings: list[Finding] = field(default_factory=list)
@@ -311,22 +318,20 @@ class ValidationRun:
     _reported: set[tuple[str, str, str]] = field(default_factory=set, repr=False, compare=False)
 
     def __getstate__(self) -> dict[str, Any]:
-        return vars(self) | {
-            "_engines_for": None
-        }  # engines hold what no process can hand to another
+        return vars(self) | {"_engines_for": None}  # engines cannot be pickled
 
     @property
     def cases(self) -> int:
-        """Number of states looked at."""
+        """Number of states checked."""
         return len(self.ends)
 
     @property
     def level_counts(self) -> dict[str, dict[str, int]]:
-        """Number of drawn states by stratum, see `eomcheck.claims.pairwise_design.count_levels`."""
-        return count_levels((one.scene, one.state) for one in self.sampled)
+        """Number of drawn states by factor and level, see `pairwise_design.count_levels`."""
+        return count_levels((sampled.scene, sampled.state) for sampled in self.sampled)
 
     def check_state(self, scene: Scene, state: State, selection: RunSelection) -> list[Finding]:
-        """Look at one state, add the Findings to `findings` and return them."""
+        """Check one state, add its Findings to `findings` and return them."""
         return self._add_result(
             self._evaluate_state(scene, state, selection, OFTEN if len(self.ends) < 2 else ONCE)
         )
@@ -335,32 +340,31 @@ class ValidationRun:
         self, scene: Scene, state: State, selection: RunSelection, asked_again: int
     ) -> StateResult:
         if self._engines_for is None or self._engines_for.scene is not scene:
-            self._engines_for = make_scene_engines(
-                scene, selection
-            )  # engines are made once for each scene
+            # Once for each scene.
+            self._engines_for = make_scene_engines(scene, selection)
         return evaluate_state(self._engines_for, state, selection, asked_again)
 
     def _one_after_another(self, cases: Cases, selection: RunSelection) -> StateResults:
         for i, (scene, state) in enumerate(cases):
             yield scene, state, self._evaluate_state(scene, state, selection, repeats_at(i))
 
-    def _add_result(self, seen: StateResult) -> list[Finding]:
-        new = list(filter(self._is_new, seen.findings))
-        for claim, seconds in seen.seconds.items():
+    def _add_result(self, result: StateResult) -> list[Finding]:
+        new = list(filter(self._is_new, result.findings))
+        for claim, seconds in result.seconds.items():
             self.seconds[claim] += seconds
         self.findings += new
         self.ends.append(len(self.findings))
-        self.refused = seen.refused
+        self.refused = result.refused
         return new
 
     def _is_new(self, finding: Finding) -> bool:
-        """Return False of what cannot be told, where that was said in an earlier state."""
+        """Return False for a skipped finding that was reported at an earlier state already."""
         lacks = bool(CLAIMS[finding.claim].asks) or finding.detail.startswith("not rational")
         if finding.verdict != "skipped" or not lacks:
             return True
-        said = finding.claim, finding.subject, finding.detail
-        new = said not in self._reported
-        self._reported.add(said)
+        key = finding.claim, finding.subject, finding.detail
+        new = key not in self._reported
+        self._reported.add(key)
         return new
 
     def explore(
@@ -372,20 +376,20 @@ class ValidationRun:
         seed: int = 0,
         runner: Callable[[Cases, RunSelection], StateResults] | None = None,
     ) -> None:
-        """Look at cases; stop at the first failure and look for the smallest.
+        """Check cases; stop at the first failure and shrink it.
 
         Args:
             cases: drawn cases.
-            selection: what takes part.
+            selection: formulations, engines and claims.
             on_case: called after each case.
-            shrink_among: the cases among which a smaller one is looked for, given a scene that
-                fails.
-            seed: of that search.
-            runner: who looks at the cases, by default this process.
+            shrink_among: returns the strategy to search for a smaller counterexample, from the
+                scene that fails; None leaves the failure as it is.
+            seed: seed of that search.
+            runner: yields the results of the cases, by default computed in this process.
         """
-        with closing((runner or self._one_after_another)(cases, selection)) as looked:
-            for scene, state, seen in looked:
-                new = self._add_result(seen)
+        with closing((runner or self._one_after_another)(cases, selection)) as results:
+            for scene, state, result in results:
+                new = self._add_result(result)
                 state = (new[0].state if new else None) or state
                 self.sampled.append(SampledState(scene, state, self.refused))
                 on_case()
@@ -407,16 +411,16 @@ class ValidationRun:
         on_case: Callable[[], None] = lambda: None,
         runner: Callable[[Cases, RunSelection], StateResults] | None = None,
     ) -> None:
-        """Look at the example of a kind, as it begins and moving, and at `examples` random scenes.
+        """Check random scenes of a class, and its example in the initial and in a moving state.
 
         Args:
-            kind: the kind of scene.
-            selection: what takes part.
-            links: smallest and largest number of links, for a kind that has one.
+            kind: the scene class.
+            selection: formulations, engines and claims.
+            links: smallest and largest number of links, for a class that has one.
             examples: number of random scenes, each in one state.
-            seed: of the draws.
+            seed: seed of the draws.
             on_case: called after each case.
-            runner: who looks at the random cases, by default this process.
+            runner: yields the results of the random cases, by default computed in this process.
 
         Raises:
             InputError: see `eomcheck.claims.pairwise_design.scene_cases`.
@@ -438,15 +442,15 @@ class ValidationRun:
         on_case: Callable[[], None] = lambda: None,
         runner: Callable[[Cases, RunSelection], StateResults] | None = None,
     ) -> None:
-        """Look at a scene as it begins, and in random states.
+        """Check a scene in its initial state and in random states.
 
         Args:
             scene: the scene.
-            selection: what takes part.
+            selection: formulations, engines and claims.
             examples: number of random states.
-            seed: of the draws.
+            seed: seed of the draws.
             on_case: called after each case.
-            runner: who looks at the random cases, by default this process.
+            runner: yields the results of the random cases, by default computed in this process.
 
         Raises:
             InputError: see `eomcheck.claims.pairwise_design.state_cases`.
@@ -460,11 +464,11 @@ class ValidationRun:
 
     @contextmanager
     def _failing(self, scene: Scene) -> Iterator[None]:
-        """End the drawing where a function of the scene's own raises, if a failure says so."""
+        """End the draws if a user-supplied scene function raises after a failure was reported."""
         try:
             yield
         except Exception as error:
-            failed = any(one.verdict == "failed" for one in self.findings)
+            failed = any(finding.verdict == "failed" for finding in self.findings)
             if (
                 isinstance(error, EomcheckError)
                 or not failed
@@ -473,8 +477,8 @@ class ValidationRun:
                 raise
 
     def finish(self, selection: RunSelection) -> list[Finding]:
-        """Add what can be said of the run as a whole, and return every Finding."""
-        if self.minimal is None:  # a run that ends at a failure says nothing of all states
+        """Add the Findings about the run as a whole, and return every Finding."""
+        if self.minimal is None:  # a run that ends at a failure has not checked all states
             proofs: dict[tuple, list[Finding]] = {}
             for claim, left in unresolved_by_claim(self.findings).items():
                 exact, rest = prove_unresolved(CLAIMS[claim], left, proofs)
@@ -489,7 +493,7 @@ class ValidationRun:
 def _refused(case: Case) -> tuple[str, ...]:
     """Return the keys of the formulations that refuse the state.
 
-    None where a function of the scene's own raises: that is one of the Findings.
+    Empty if a user-supplied scene function raises: its error is one of the Findings.
     """
     try:
         return case.refused
@@ -500,7 +504,7 @@ def _refused(case: Case) -> tuple[str, ...]:
 
 
 def _is_of(scene: Scene, state: State, error: Exception) -> bool:
-    """Whether a function of the scene's own raised an error, or returned what leads to it."""
+    """Return whether a user-supplied scene function raised an error, or its result led to it."""
     return bool(scene_function_that_raised(scene, error) or failing_function(scene, state))
 
 
@@ -515,23 +519,27 @@ def check_state(
     claims: Iterable[str] | None = None,
     consistent: bool = True,
 ) -> list[Finding]:
-    """Check one state of a scene and return every Finding.
+    """Check the claims in one state of a scene.
 
     Args:
         scene: the scene.
         q: coordinates (n,).
         v: velocities (n,), consistent with the constraints.
         t: time, s.
-        formulations: keys of the formulations to look at, by default all that apply.
+        formulations: keys of the formulations to check, by default all that apply.
         engines: keys, names or classes of the engines to compare with, see
             `eomcheck.engines.engine_of`; by default those of `engines.ALWAYS`.
-        claims: ids of the claims to look at, all by default.
-        consistent: refuse a v that violates the constraints. With False claims fail that hold for
-            consistent velocities only, but a scene whose own a is wrong can be looked at.
+        claims: ids of the claims to check, all by default.
+        consistent: reject a v that violates the constraints. With False claims fail that hold for
+            consistent velocities only, but a scene whose constraint Jacobian a is wrong can be
+            checked.
+
+    Returns:
+        Every Finding, in the order of the claims.
 
     Raises:
-        InputError: bad shapes, also of what the scene's functions return, or values that are not
-            finite.
+        InputError: wrong shapes, also of arrays that the scene's functions return, or values that
+            are not finite.
         InconsistentVelocityError: v violates the constraints.
         UnknownNameError: an unknown key or id.
         EngineError: an engine is not installed.
@@ -564,15 +572,15 @@ def validate(
     Args:
         scene: the scene.
         examples: number of random states.
-        seed: of the draws.
-        formulations: keys of the formulations to look at, by default all that apply.
+        seed: seed of the draws.
+        formulations: keys of the formulations to check, by default all that apply.
         engines: keys, names or classes of the engines to compare with, see
             `eomcheck.engines.engine_of`; by default those of `engines.ALWAYS`.
-        claims: ids of the claims to look at, all by default.
+        claims: ids of the claims to check, all by default.
 
     Returns:
-        Every Finding. If a claim fails, the drawing stops and the last Finding is the smallest
-        failing case.
+        Every Finding. If a claim fails, the draws stop and the last Finding is the smallest
+        counterexample.
 
     Raises:
         InputError: `examples` is less than 1, or a function of the scene returns an array of wrong
@@ -587,7 +595,7 @@ def validate(
 
 
 def check_compared(engines: Sequence[type[Engine]], findings: Iterable[Finding]) -> None:
-    """Raise InputError if an engine was compared with nothing: that is no pass."""
+    """Raise InputError if some engine was compared with nothing, which would be no pass."""
     decided = {
         word
         for finding in findings
