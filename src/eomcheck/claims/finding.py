@@ -1,10 +1,10 @@
 """A `Finding`: the verdict on one claim at one state, and the entries it resolves.
 
-Checks return Findings and alone decide. A comparison allows every entry of an array the rounding of
-the largest one, so that a small row may be wrong beside a large one and the finding passes.
-`Entries` are kept with each finding: flags of the entries that are resolved (shown to be right or
-wrong) and of those that the rounding of larger ones hides. Entries that no state of a run resolves
-are listed by name in one inconclusive finding per claim.
+Verdicts come from checks alone; reports only count them. A comparison allows every entry of an
+array the rounding error of the largest one, so that a finding may pass although a small row beside
+a large one is wrong. Each finding therefore stores `Entries`: flags of the entries that are
+resolved (shown to be right or wrong) and of those hidden by the rounding error of larger ones.
+Entries that no state of a run resolves are listed by name in one inconclusive finding per claim.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ from eomcheck.numbers.pivots import EPS
 Verdict = Literal["passed", "failed", "inconclusive", "skipped"]
 
 DECIDED: tuple[Verdict, ...] = ("passed", "failed")
-"""The verdicts that say something."""
+"""The verdicts that decide a claim."""
 
 EVERY_ROW = ", in every row"
-"""End of a text about all rows of a quantity."""
+"""Suffix of a text about all rows of a quantity."""
 
 
 @dataclass(frozen=True)
 class Proof:
-    """What a proof by random points rests on; the bounds are derived in docs/proof.md.
+    """The basis of a proof by polynomial identity testing; docs/proof.md derives the bounds.
 
     Attributes:
         degree: bound on the total degree of the numerator of left - right.
         height: bound on the sum of its coefficients' magnitudes, as a power of two (bits).
-        primes: the primes, one per point looked at.
-        draws: points drawn, those included at which a divisor vanished.
+        primes: the primes, one per point evaluated.
+        draws: number of points drawn, those included at which a divisor vanished.
         failure_probability: bound on the probability that all points agree by chance.
     """
 
@@ -52,28 +52,28 @@ class Proof:
 
 @dataclass(frozen=True)
 class Finding:
-    """One claim at one state, or for all states at once.
+    """The verdict on one claim at one state, or for all states at once.
 
     Attributes:
         claim: id of the claim, a key of `eomcheck.claims.CLAIMS`.
-        subject: what it is about there, such as "au ~ kane" or "pinocchio".
-        scene: the `Scene`, or the `SubjectUnderTest` that is on trial in its place.
-        state: (q, v, t), or None where it holds for all states of all scenes of this structure.
-        observed: largest error seen, in the units of the quantity; for a proof, the number of
-            points at which the sides differ.
-        allowed: largest error that rounding explains.
-        verdict: "passed", "failed", "inconclusive" where `allowed` is so large that nothing was
-            checked, or "skipped" where it cannot be told; the detail says why.
-        evidence: level of the evidence and what it rests on.
-        detail: for a failure, the term, the row and what is wrong with it; for what was not looked
-            at, why.
-        proof: what a proof rests on, or None.
-        digits: decimal digits of a result in doubles that are certainly right, or None.
-        engine: the engine on trial, which is not one of ours, or None.
-        cause: for a failure of functions, the function that is wrong by all that failed and
-            passed, or "M or bias" where that does not decide; "" otherwise.
+        subject: the compared formulations, engine or term, such as "au ~ kane" or "pinocchio".
+        scene: the `Scene`, or the `SubjectUnderTest` in its place.
+        state: (q, v, t), or None if it holds for all states of all scenes of this structure.
+        observed: largest error, in the units of the quantity; for a proof, the number of points at
+            which the sides differ.
+        allowed: bound on the rounding error, in the same units.
+        verdict: "passed", "failed", "inconclusive" if `allowed` is so large that nothing was
+            checked, or "skipped" if it could not be evaluated; the detail gives the reason.
+        evidence: level of the evidence and its basis.
+        detail: for a failure, the term, the row and the sort of error; for a skipped claim, the
+            reason.
+        proof: bounds and primes of a proof, or None.
+        digits: certified decimal digits of a float64 result, or None.
+        engine: the user-supplied engine under test, or None.
+        cause: for a failure of functions, the function that is wrong according to all failures and
+            passes, or "M or bias" if these do not decide; "" otherwise.
         follows: id of the claim whose failure has the same cause and is reported first, or "".
-        entries: which entries of what was compared are resolved, None of a number.
+        entries: flags of the resolved and hidden entries, None for a number.
     """
 
     claim: str
@@ -94,7 +94,7 @@ class Finding:
 
     @property
     def ratio(self) -> float:
-        """observed / allowed."""
+        """The ratio observed / allowed."""
         return ratio(self.observed, self.allowed)
 
     def __str__(self) -> str:
@@ -109,19 +109,26 @@ class Finding:
         return f"  follows from {self.cause}: {text}" if self.follows else text
 
     def because(self, why: str) -> Finding:
-        """Return the Finding with more in its detail."""
+        """Return the Finding with a reason appended to its detail."""
         return replace(self, detail=f"{self.detail}; {why}")
 
     @property
     def place(self) -> dict[str, Any]:
-        """Where it was found as plain data, numbers in full precision: scene and state."""
+        """Scene and state as plain data, numbers in full precision."""
         if self.state is None:
             return {"structure": self.scene.structure}
         q, v, t = self.state
         return {"scene": repr(self.scene), "q": q.tolist(), "v": v.tolist(), "t": t}
 
     def as_dict(self, whole: bool = True) -> dict[str, Any]:
-        """Return the finding as plain data, numbers in full precision; `whole` with its place."""
+        """Return the finding as plain data, numbers in full precision.
+
+        Args:
+            whole: whether scene and state (`place`) are included.
+
+        Returns:
+            The fields by name, as far as they are set; a number that is not finite is None.
+        """
         row: dict[str, Any] = {
             "claim": self.claim,
             "subject": self.subject,
@@ -143,26 +150,29 @@ class Finding:
         return row
 
     def as_python(self) -> str:
-        """Return Python code that shows the finding again."""
+        """Return Python code that reproduces the finding."""
         return reproducer_code(
             self.scene, self.state, () if self.engine is None else (self.engine,)
         )
 
 
 def ratio(observed: float, allowed: float) -> float:
-    """Return observed / allowed; of 0 and 0 it is 0."""
+    """Return the ratio observed / allowed; 0 for 0 / 0."""
     if allowed > 0:
         return observed / allowed
     return 0.0 if observed == 0 else float("inf")
 
 
 def judge(observed: float, sensitivity: float, scale: float) -> tuple[float, Verdict]:
-    """Return (allowed, verdict) of an observed error.
+    """Judge an observed error by perturbation analysis.
 
     Args:
         observed: the error.
         sensitivity: κ · scale of the computation, see `eomcheck.evaluation.tolerance`.
-        scale: size of what was compared; for a sum that should vanish, of its terms.
+        scale: size of the compared quantity; for a sum that should vanish, of its terms.
+
+    Returns:
+        (allowed, verdict): the bound on the rounding error, and the verdict.
     """
     allowed = allowed_error(sensitivity)
     if not np.isfinite(scale):
@@ -179,17 +189,17 @@ def judge(observed: float, sensitivity: float, scale: float) -> tuple[float, Ver
 
 
 PASSED_CODE, FAILED_CODE, INCONCLUSIVE_CODE = 1, 2, 3
-"""Verdicts by number."""
+"""Integer codes of verdicts in arrays."""
 
 
 def verdict_codes(observed: Array, allowed: Array, scale: Array) -> Array:
-    """Return the verdicts (...,), by number, that `judge` comes to of errors (...,)."""
-    untold = (allowed > INCONCLUSIVE * scale) & ~((observed == 0.0) & (allowed <= UNDERFLOW))
+    """Return the codes (...,) of the verdicts by `judge` on an array of errors (...,)."""
+    unresolved = (allowed > INCONCLUSIVE * scale) & ~((observed == 0.0) & (allowed <= UNDERFLOW))
     return np.select(
         [
             ~np.isfinite(scale),
             ~np.isfinite(observed),
-            ~np.isfinite(allowed) | untold | ((allowed < observed) & (observed <= UNDERFLOW)),
+            ~np.isfinite(allowed) | unresolved | ((allowed < observed) & (observed <= UNDERFLOW)),
             observed <= allowed,
         ],
         [INCONCLUSIVE_CODE, FAILED_CODE, INCONCLUSIVE_CODE, PASSED_CODE],
@@ -200,9 +210,13 @@ def verdict_codes(observed: Array, allowed: Array, scale: Array) -> Array:
 def diagnose(
     found: Array, expected: Array, allowed: float, worst: tuple[int, ...] | None = None
 ) -> str:
-    """Return what `found` looks like beside `expected`, as a person would put it.
+    """Describe the likely error of an entry, "sign" or "half of it", or give both numbers.
 
-    In the entry `worst`, by default that of the largest error.
+    Args:
+        found: the array under test.
+        expected: its expected value, same shape.
+        allowed: bound on the rounding error.
+        worst: index of the entry, by default that of the largest error.
     """
     worst = worst_of(found - expected) if worst is None else worst
     what = resembles(found, expected, allowed, worst)
@@ -211,13 +225,13 @@ def diagnose(
 
 
 def format_distinct(x: float, y: float, digits: int = 6) -> tuple[str, str]:
-    """Two numbers as texts, by so many digits or as many more as they need to differ."""
+    """Format two numbers with `digits` digits, or as many more as they need to differ."""
     texts = [(f"{x:.{count}g}", f"{y:.{count}g}") for count in range(digits, 18)]
     return next((each for each in texts if each[0] != each[1]), texts[0])
 
 
 def resembles(found: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
-    """Return what the entry `worst` of `found` looks like, "" if like nothing known."""
+    """Return the likely error of the entry `worst`, equal up to rounding; "" if none is known."""
     x, y = float(found[worst]), float(expected[worst])
     near = max(allowed, 1e3 * EPS * max(abs(x), abs(y)))
     return looks_like(found, expected, worst, lambda x, y: largest(x - y) <= near)
@@ -232,7 +246,14 @@ def worst_of(error: Array) -> tuple[int, ...]:
 def looks_like(
     found: Array, expected: Array, where: tuple, same: Callable[[Any, Any], bool]
 ) -> str:
-    """Return what `found` looks like beside `expected` in one entry, "" if like nothing known."""
+    """Return the likely error of one entry, such as "sign" or "transposed"; "" if none is known.
+
+    Args:
+        found: the array under test.
+        expected: its expected value, same shape.
+        where: index of the entry.
+        same: returns whether two values agree.
+    """
     x, y = found[where], expected[where]
     if found.ndim == 2 and found.shape[0] == found.shape[1] and same(found, expected.T):
         return "transposed"
@@ -258,21 +279,21 @@ def worst_entry(error: Array, names: tuple[tuple[str, ...], ...]) -> str:
 # ---- Resolved and hidden entries -----------------------------------------------------------------
 
 LISTED = 8
-"""Number of entries that are listed by name; the others are counted."""
+"""Largest number of entries listed by name; further ones are counted."""
 
 UNRESOLVED = "not resolved in "
-"""Beginning of the detail of a finding that lists entries."""
+"""Prefix of the detail of a finding that lists entries."""
 
 Names = tuple[tuple[str, ...], ...]
 
 
 class Entries(NamedTuple):
-    """Entries of one compared array, as flags packed into bytes.
+    """Resolved and hidden entries of one compared array, as flags packed into bytes.
 
     Attributes:
         names: names along each axis.
-        resolved: which are shown to be right or wrong, other than by 0 = 0.
-        hidden: which are not, and are not 0 = 0 either.
+        resolved: flags of entries shown to be right or wrong, other than by 0 = 0.
+        hidden: flags of entries that are neither resolved nor 0 = 0.
     """
 
     names: Names
@@ -285,22 +306,22 @@ class Entries(NamedTuple):
         return int.from_bytes(self.hidden).bit_count()
 
     def hides(self, name: str) -> bool:
-        """Whether the entry of a name is hidden."""
+        """Return whether the entry of this name is hidden."""
         return name in _named(int.from_bytes(self.hidden), self.names)
 
     def joined(self, other: Entries) -> Entries:
-        """Flags of two comparisons of the same names: resolved, or hidden, in either."""
+        """Return the union of the flags of two comparisons with the same names."""
         pairs = zip(self[1:], other[1:], strict=True)
         return Entries(self.names, *(bytes(x | y for x, y in zip(*p, strict=True)) for p in pairs))
 
 
 def entries_of(names: Names, resolved: Any, hidden: Any) -> Entries:
-    """Flags of entries as `Entries`; both are arrays of bools that have the names' shape."""
+    """Return the `Entries` of two arrays of bools with the shape of the names."""
     return Entries(names, *(np.packbits(np.ravel(x)).tobytes() for x in (resolved, hidden)))
 
 
 def entry_name(index: tuple[int, ...], names: Names) -> str:
-    """Name of one entry: "row θ_3", "entry (x, θ_3)", or "value" without axes."""
+    """Return the name of one entry: "row θ_3", "entry (x, θ_3)", or "value" without axes."""
     named = [axis[i] for axis, i in zip(names, index, strict=True)]
     if len(named) < 2:
         return f"row {named[0]}" if named else "value"
@@ -308,7 +329,7 @@ def entry_name(index: tuple[int, ...], names: Names) -> str:
 
 
 def merged(entries: Iterable[Entries]) -> list[Entries]:
-    """Flags of any number of comparisons, joined to one `Entries` for each set of names."""
+    """Merge the flags of any number of comparisons into one `Entries` for each set of names."""
     by_names: dict[Names, Entries] = {}
     for one in entries:
         before = by_names.get(one.names)
@@ -317,10 +338,10 @@ def merged(entries: Iterable[Entries]) -> list[Entries]:
 
 
 def never_resolved(entries: Iterable[Entries]) -> list[str]:
-    """Names of the entries of one subject that are hidden in some state and resolved in none.
+    """Return the names of entries that are hidden in some state and resolved in none.
 
-    Entries of one name are the same one, whatever else a scene has: row θ_1 of a chain of two
-    links is that of a chain of five.
+    Entries of equal names count as the same entry, also in scenes of different size: row θ_1 of a
+    chain of two links is that of a chain of five.
     """
     flags = [
         (one.names, *map(int.from_bytes, (one.resolved, one.hidden))) for one in merged(entries)
@@ -342,30 +363,30 @@ def _named(flags: int, names: Names) -> Iterator[str]:
 
 
 def unresolved_detail(names: Sequence[str], states: int) -> str:
-    """Detail of the finding that lists what is resolved in none of so many states."""
+    """Return the detail of the finding that lists entries resolved in none of so many states."""
     where = f"any of {states} states" if states > 1 else "this state"
     return f"{UNRESOLVED}{where}: {abbreviated_list(names)}"
 
 
 def abbreviated_list(items: Sequence[str]) -> str:
-    """List of the first `LISTED` items in words, and the number of others."""
+    """Return a text with the first `LISTED` items, and the number of others."""
     more = f" and {len(items) - LISTED} more" if len(items) > LISTED else ""
     return f"{'; '.join(items[:LISTED])}{more}"
 
 
 def is_unresolved_detail(detail: str) -> bool:
-    """Whether a detail is one of `unresolved_detail`."""
+    """Return whether a detail was made by `unresolved_detail`."""
     return detail.startswith(UNRESOLVED)
 
 
 class Unresolved(NamedTuple):
-    """Something that is compared in some states and resolved in none.
+    """An entry, or a whole subject, that is compared in some states and resolved in none.
 
     Attributes:
-        subject: what is compared.
-        entry: name of the entry, "" where all of the subject is undecided.
-        finding: the one of these states whose scene has most coordinates.
-        states: number of states in which the claim was looked at.
+        subject: the compared formulations, engine or term.
+        entry: name of the entry, "" if all of the subject is undecided.
+        finding: the finding among these states whose scene has most coordinates.
+        states: number of states in which the claim was checked.
     """
 
     subject: str
@@ -375,18 +396,21 @@ class Unresolved(NamedTuple):
 
     @property
     def name(self) -> str:
-        """The subject and the entry."""
+        """The names of the subject and the entry."""
         return f"{self.subject}, {self.entry}" if self.entry else self.subject
 
 
 def unresolved_by_claim(findings: Iterable[Finding]) -> dict[str, list[Unresolved]]:
-    """Claim -> what no state resolves of it; claims with nothing of the kind are left out.
+    """Return the subjects and entries of each claim that no state resolves.
 
     These are subjects that are decided in no state, and entries that are hidden in some state and
     resolved in none; an entry that is 0 = 0 in all states has passed.
 
     Args:
-        findings: those of all states of a run.
+        findings: findings of all states of a run.
+
+    Returns:
+        Claim -> its unresolved subjects and entries; claims without any are left out.
     """
     by: dict[str, dict[str, list[Finding]]] = {}
     for one in findings:
@@ -407,7 +431,7 @@ def unresolved_by_claim(findings: Iterable[Finding]) -> dict[str, list[Unresolve
 
 
 def unresolved_finding(left: Sequence[Unresolved]) -> Finding:
-    """The inconclusive finding of one claim that lists what no state resolves of it."""
+    """Return the inconclusive finding of one claim that lists its unresolved entries."""
     about = list(dict.fromkeys(one.subject for one in left))
     return replace(
         left[0].finding,

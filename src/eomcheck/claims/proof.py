@@ -1,9 +1,9 @@
-"""`prove`: claims as identities of rational functions, tested at random points of finite fields.
+"""Proofs of claims as identities of rational functions: polynomial identity testing.
 
-This is polynomial identity testing: an identity that holds at a random point modulo a random prime
-holds as an identity, but for a probability that the degree and the coefficients of its two sides
-bound. Nothing is rounded: one point at which the sides differ is a counterexample. See
-docs/proof.md for the reasoning.
+`prove` evaluates both sides of a claim at random points modulo random primes. If they agree, the
+identity holds, except with a probability that the degree and the coefficients of the two sides
+bound (Schwartz-Zippel). Nothing is rounded: one point at which the sides differ is a
+counterexample. See docs/proof.md for the reasoning.
 """
 
 from __future__ import annotations
@@ -54,17 +54,17 @@ from eomcheck.safe_output import counted
 # ---- Random points -------------------------------------------------------------------------------
 
 Key = tuple[str, str]
-"""Claim and subject."""
+"""Id of a claim, and the subject."""
 
 REDRAWS = 3
-"""What refuses so many random points in a row refuses all points."""
+"""Number of random points in a row after which a refusal is taken to hold at all points."""
 
 
 NO_RATE = "`prepare` uses more than angles, roots and the clock, and its rate is not known"
 
 
 def identities_at(at: GenericPoint, *claims: Claim) -> Iterator[tuple[Key, Comparison | Skipped]]:
-    """Yield the sides of identities at a point, by default of all in the order of `CLAIMS`."""
+    """Yield the sides of identities at a point, by default of all claims in order of `CLAIMS`."""
     for claim in claims or CLAIMS.values():
         if claim.sides is None or not claim.provable:
             continue
@@ -77,13 +77,13 @@ def identities_at(at: GenericPoint, *claims: Claim) -> Iterator[tuple[Key, Compa
 
 @dataclass
 class IdentityResult:
-    """How one identity came out.
+    """The result of one identity at all points so far.
 
     Attributes:
-        primes: of the points at which it was looked at.
+        primes: primes of the points at which it was evaluated.
         differs: number of points at which its sides differ.
-        detail: the term, the row and what is wrong with it, at the first of them.
-        skipped: reason for skipping it, at points where it was skipped.
+        detail: the term, the row and the sort of error at the first of these.
+        skipped: reason for skipping it, if it was skipped at a point.
     """
 
     primes: list[int] = field(default_factory=list)
@@ -93,12 +93,12 @@ class IdentityResult:
 
 
 class IdentitySampler:
-    """Random points of one structure.
+    """A sampler that evaluates all identities of one structure at random points.
 
     Attributes:
-        count: points drawn, those not used included.
-        results: what every identity came to.
-        refused: the formulations that refuse every point, and the matrix that is singular.
+        count: number of points drawn, unused ones included.
+        results: result of every identity.
+        refused: formulations that refuse every point -> name of the singular matrix.
         partition: a choice of dependent coordinates drawn at random, beside the paper's.
     """
 
@@ -110,12 +110,12 @@ class IdentitySampler:
         self.partition: Partition | None = None
 
     def sample(self) -> None:
-        """Look at one more point.
+        """Evaluate all identities at one more point.
 
         Raises:
             RefusedError, ZeroDivisionError: the generalized speeds do not exist at any point.
-            TypeError: a function of the scene or of a formulation does more than rational
-                operations.
+            TypeError: a function of the scene or of a formulation uses operations that are not
+                rational.
         """
         at, prime = self._point()
         for key, sides in identities_at(at):
@@ -129,7 +129,7 @@ class IdentitySampler:
                 outcome.detail = outcome.detail or self._detail(at, key, sides)
 
     def _point(self) -> tuple[GenericPoint, int]:
-        """Draw until no formulation refuses, but for those that refuse every point."""
+        """Draw until no formulation refuses, except those that refuse every point."""
         always = {f.key for f in self.formulations}
         for attempt in range(REDRAWS):
             last = attempt == REDRAWS - 1
@@ -157,7 +157,7 @@ class IdentitySampler:
         n, r = self.scene.n, self.scene.r
         for _ in range(n if r > 0 else 0):
             order = np.array(self._source.sample(range(n), n), dtype=int)
-            # Of one row more than there are, any may be the one that follows from the others.
+            # With one row added, any row may be the one that follows from the others.
             redundant = np.array([self._source.randrange(r + 1)])
             kept = np.setdiff1d(np.arange(r + 1), redundant)
             drawn = Partition(np.sort(order[:r]), np.sort(order[r:]), kept, redundant)
@@ -185,13 +185,13 @@ def _same(x: Array, y: Array) -> bool:
 
 
 def describe_difference(sides: Comparison) -> str:
-    """Return where two sides differ first, and what the left one looks like beside the right."""
-    found, expected = _both(sides)
-    if found.shape != expected.shape:
-        return f"shape {found.shape}, expected {expected.shape}"
-    where = tuple(int(i) for i in np.argwhere(found != expected)[0])
-    place, what = entry_name(where, sides.names), looks_like(found, expected, where, _same)
-    return f"{place}: {what}" if what else place
+    """Return the name of the first entry in which two sides differ, and its likely error."""
+    actual, expected = _both(sides)
+    if actual.shape != expected.shape:
+        return f"shape {actual.shape}, expected {expected.shape}"
+    where = tuple(int(i) for i in np.argwhere(actual != expected)[0])
+    entry, what = entry_name(where, sides.names), looks_like(actual, expected, where, _same)
+    return f"{entry}: {what}" if what else entry
 
 
 # ---- Proof ---------------------------------------------------------------------------------------
@@ -208,19 +208,19 @@ def prove(
     """Prove the algebraic claims for all parameters, angles and speeds of a scene at once.
 
     Args:
-        scene: a scene, which stands for all that have its size and its absent terms; or a kind of
-            scene, of which all `links` are proved, with and without the terms that can be absent.
-        links: numbers of links, for a kind of scene that has one.
+        scene: a scene, which stands for all scenes of its size and absent terms; or a scene class,
+            of which all `links` are proved, with and without the terms that can be absent.
+        links: numbers of links, for a scene class that has one.
         points: random points per identity, each modulo a prime of its own.
-        seed: of the draws; by default from the operating system, as the probabilities assume.
-        formulations: keys of the formulations to look at, by default all that apply.
+        seed: seed of the draws; by default from the operating system, as the probabilities assume.
+        formulations: keys of the formulations to prove, by default all that apply.
 
     Returns:
         One Finding per identity, each with its `proof`, which holds the bounds, the primes and the
         probability that all points agree by chance.
 
     Raises:
-        InputError: `points` or a number of links below 1; a kind of scene without its `links`; a
+        InputError: `points` or a number of links below 1; a scene class without its `links`; a
             formulation that does not apply to the scene; a function of the scene that returns an
             array of wrong shape.
         UnknownNameError: no such formulation.
@@ -237,14 +237,14 @@ def prove(
 def new_seed() -> int:
     """Return a seed from the operating system.
 
-    It has more bits than the smallest failure probability: no event of a generator with b bits of
-    seed is rarer than 2^-b.
+    It has enough bits for the smallest failure probability: with a seed of b bits no event is rarer
+    than 2^-b.
     """
     return random.SystemRandom().getrandbits(256)
 
 
 def structures(scene: Scene | type[Scene], links: int | Iterable[int] | None) -> Iterator[Scene]:
-    """Yield the scenes that `prove` is about.
+    """Yield one scene per structural variant that `prove` has to prove.
 
     Raises:
         InputError: see `prove`.
@@ -310,7 +310,7 @@ def prove_structure(
             continue
         degree, height = bounds[key]
         primes = tuple(outcome.primes)
-        # A partition that was drawn is one of so many that might have been.
+        # The random partition is one of this many possible draws.
         choices = scene.n if key[1].endswith("drawn") else 1
         chance = failure_probability(degree, height, len(primes), draws.count, choices)
         basis = f"failure probability below {chance:.1e}" if chance else "nothing in it is random"
@@ -330,10 +330,10 @@ def _skipped(scene: Scene, key: Key, reason: str) -> Finding:
 
 
 def _not_rational(scene: Scene, error: Exception) -> Finding:
-    """Return the Finding on a function that exact numbers cannot run.
+    """Return the skipped Finding on a function that does not run on exact numbers.
 
     Raises:
-        TypeError: the error is no such thing, but a mistake in a call.
+        TypeError: the error itself, if it comes from a wrong call inside this package.
     """
     *_, last = traceback.extract_tb(error.__traceback__)
     home = Path(last.filename)
@@ -345,20 +345,20 @@ def _not_rational(scene: Scene, error: Exception) -> Finding:
 
 
 def largest_bounds(at: GenericPoint) -> dict[Key, tuple[int, float]]:
-    """Return, per identity, bounds of the numerator of left - right.
+    """Return bounds on the numerator of left - right for each identity.
 
     Returns:
-        (degree, height): the total degree, and log2 of the sum of the coefficients' magnitudes; the
-        largest over all entries.
+        (claim, subject) -> (degree, height): the total degree, and log2 of the sum of the
+        coefficients' magnitudes; the largest over all entries.
     """
     bounds: dict[Key, tuple[int, float]] = {}
     for key, sides in identities_at(at):
         if isinstance(sides, Skipped):
             continue
-        found, expected = (np.asarray(x, object) for x in (sides.actual, sides.expected))
-        if found.shape != expected.shape:
+        actual, expected = (np.asarray(x, object) for x in (sides.actual, sides.expected))
+        if actual.shape != expected.shape:
             continue  # sides that cannot be equal need no bound
-        entries = [x for x in np.ravel(found - expected) if isinstance(x, Bound)]
+        entries = [x for x in np.ravel(actual - expected) if isinstance(x, Bound)]
         degree = max((x.degree for x in entries), default=0)
         bounds[key] = degree, max((x.height for x in entries), default=0.0)
     return bounds
@@ -372,9 +372,9 @@ def failure_probability(
     Args:
         degree: bound on the total degree of the numerator of left - right.
         height: bound on log2 of the sum of its coefficients' magnitudes.
-        points: points at which it was looked at.
-        draws: points drawn; any of them might have been looked at.
-        choices: identities of which this one was chosen at random.
+        points: number of points at which it was evaluated.
+        draws: number of points drawn; any of them might have been used.
+        choices: number of identities from which this one was chosen at random.
     """
     # Writing sin² as 1 - cos² at most doubles the coefficients for each two degrees.
     bad_primes = (height + degree / 2) / math.log2(PRIMES[0])
@@ -382,27 +382,28 @@ def failure_probability(
     return min(1.0, choices * math.comb(draws, points) * chance**points)
 
 
-# ---- What rounding hides -------------------------------------------------------------------------
+# ---- Entries hidden by rounding ------------------------------------------------------------------
 
 MOST = 40
-"""Coordinates of a scene whose hidden entries are looked at in exact arithmetic: beyond, it takes
-longer than the states themselves."""
+"""Largest number of coordinates of a scene whose hidden entries are checked in exact arithmetic:
+beyond, that takes longer than the states themselves."""
 
 
 def prove_unresolved(
     claim: Claim, left: Sequence[Unresolved], known: dict[tuple, list[Finding]]
 ) -> tuple[list[Finding], list[Unresolved]]:
-    """Look at what rounding hides in all states in exact arithmetic, which hides nothing.
+    """Check entries that rounding hides in all states by proof at one point in exact arithmetic.
 
-    Engines say their numbers in doubles: where one is on trial they stay hidden.
+    Engines return float64: entries of an engine under test stay hidden.
 
     Args:
         claim: the claim.
-        left: what no state resolves of it.
-        known: findings by structure of a scene, at one point; structures are added to it.
+        left: its unresolved subjects and entries.
+        known: cache, structure of a scene -> findings at one point; structures are added to it.
 
     Returns:
-        The identities that fail, one finding of all that is proved, and what remains.
+        The findings, and the rest: identities that fail, one finding on all proved ones, and the
+        subjects and entries that stay unresolved.
     """
     failed: dict[tuple, tuple[Finding, list[str]]] = {}
     proved: list[Finding] = []
@@ -436,7 +437,7 @@ def _chance(proved: Finding) -> float:
 
 
 def _beside(proof: Finding, names: Sequence[str], states: int) -> Finding:
-    """Return a Finding in exact arithmetic that says what doubles do not show."""
+    """Return a Finding in exact arithmetic, with the names of the entries hidden in float64."""
     why = f"in exact arithmetic; {unresolved_detail(names, states)}"
     return proof.because(why) if proof.detail else replace(proof, detail=why)
 
