@@ -1,9 +1,10 @@
 """Claims about whole accelerations: equations, formulations, engines, energy, symmetry.
 
-Accelerations satisfy Eqs. (3) and (5), and agree between formulations, with engines and with
-machine code. Redundant constraints, implied by others, change no motion and share its forces.
-Claims of physics need no second computation: energy is accounted for, and accelerations move with
-the whole scene.
+Accelerations q̈ satisfy Eqs. (3) and (5), and agree between formulations, with engines (rigid-body
+libraries) and with machine code (the same formulation, JIT-compiled). Redundant constraints,
+implied by others, change no motion and share its forces. Claims of physics need no second
+computation: energy is conserved or dissipated as R states, and accelerations transform with the
+whole scene.
 """
 
 from __future__ import annotations
@@ -72,11 +73,11 @@ def equations_residual(at: Quantities, look: EvaluationContext) -> Iterator[Comp
     """Each q̈ satisfies Eq. (5): with its own λ, or on every motion that the constraints allow."""
     M, _, _, a, _, _ = at.terms
     F_sensitivity = look.sensitivity(lambda e: e.F)
-    motions, told = (None, True) if a is None else _allowed_motions(at, look)
+    motions, resolved = (None, True) if a is None else _allowed_motions(at, look)
     for f, x in look.solutions:
         residual, names = _left(x, at), at.scene.coordinate_names
         terms = magnitude(M, x.vdot) + magnitude(at.F)
-        # What is lost in M is lost in q̈ too, but where bodies are summed without it.
+        # Digits lost in M are lost in q̈ too, except by formulations that sum bodies without M.
         of_terms = look.sensitivity(partial(_left, x)) if f.linear else F_sensitivity
         sensitivity = _row_sum(M) * look.vdot_sensitivity(f) + of_terms
         if a is not None and x.multipliers is not None:
@@ -87,34 +88,34 @@ def equations_residual(at: Quantities, look: EvaluationContext) -> Iterator[Comp
             terms = magnitude(motions.T, terms + cancelled)
             residual = motions.T @ residual
             names = speed_names(at) if look.exact else numbered("allowed motion ", residual.size)
-            sensitivity = lane_select(told, sensitivity, np.inf)
+            sensitivity = select(resolved, sensitivity, np.inf)
         yield vanishing(f.key, residual, (names,), terms, sensitivity + largest(terms))
 
 
 def _left(x: Any, e: Quantities) -> Array:
-    """Return M q̈ - F - aᵀλ (n,) of the q̈ and λ of a solution; without λ where it has none."""
+    """Return the residual M q̈ - F - aᵀλ (n,) of a solution; without aᵀλ if it has no λ."""
     net, a = e.terms.M @ x.vdot - e.F, e.terms.a
     return net if a is None or x.multipliers is None else net - a.T @ x.multipliers
 
 
 def _allowed_motions(at: Quantities, look: EvaluationContext) -> tuple[Any, Any]:
-    """Return a basis (n, p) of all v with a v = 0, and whether rounding lets a tell them."""
+    """Return a basis (n, p) of the null space of a, and whether rounding leaves it resolved."""
     if look.exact:
         return at.speeds.W, True
     # Rows of one size: small ones are constraints as well.
     a = at.terms.a
     a = a * row_scale(a)[:, None]
     basis, values = null_space(a), singular_values(a)
-    told = len(values) == 0 or allowed_error(values[0]) <= INCONCLUSIVE * values[-1]
-    # Singular vectors are as accurate as the largest row allows, not each row for itself; nor is
-    # what mends them where rows nearly depend on each other, whose forces may be huge.
+    resolved = len(values) == 0 or allowed_error(values[0]) <= INCONCLUSIVE * values[-1]
+    # Singular vectors are accurate relative to the largest row, not row by row. Nor is a correction
+    # by least squares, if rows are nearly dependent and forces may be huge: correct twice.
     for _ in range(2):
         basis = basis - least_squares(a, a @ basis)
-    return basis, told
+    return basis, resolved
 
 
 def _constraint_forces(a: Any, net: Array) -> Array:
-    """Return |aᵀ| |λ| (n,) of the constraint forces aᵀλ = net, which may have cancelled there."""
+    """Return |aᵀ| |λ| (n,) of the constraint forces aᵀλ = net, whose terms may cancel."""
     if not lanes_in(net) and not np.isfinite(net).all():
         return np.full(net.size, np.inf)
     return np.abs(a.T) @ np.abs(least_squares(a.T, net))
@@ -122,7 +123,7 @@ def _constraint_forces(a: Any, net: Array) -> Array:
 
 @claim("constraint-acceleration", "a q̈ + ȧ q̇ + ḃ = 0", "(3)", "constraints at acceleration level")
 def constraint_acceleration(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
-    """Each q̈ satisfies the constraints differentiated."""
+    """Each q̈ satisfies the differentiated constraints."""
     a, gamma, names = at.terms.a, at.terms.gamma, (at.scene.constraint_names,)
     if a is None:
         return
@@ -146,7 +147,7 @@ def equivalence(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]
 
 @claim("multipliers", "λ of one formulation = λ of another", "(7), (9), (12)", "multipliers")
 def multipliers(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
-    """All formulations that have multipliers have the same, pair by pair."""
+    """All formulations with multipliers have equal multipliers, pair by pair."""
     if at.terms.a is not None:
         for f, x in look.solutions:
             has, declared = int(x.multipliers is not None), int(f.multipliers)
@@ -168,7 +169,7 @@ def _part_in(formulation: Formulation, T: Array, part: str, e: Evaluation) -> Ar
 
 
 def _responses(at: Evaluation) -> tuple[float, float]:
-    """Return the largest change of v̇ and of λ per change of all entries of F by one unit."""
+    """Return the largest change of v̇ and of λ per unit change of every entry of F."""
     M, a = at.terms.M, at.terms.a
     if a is None:
         return float(np.linalg.norm(np.linalg.inv(M), np.inf)), 0.0
@@ -179,7 +180,7 @@ def _responses(at: Evaluation) -> tuple[float, float]:
 
 
 def _sensitivity(case: Case, engine: Engine | type[Engine], part: str) -> float:
-    """Return κ · scale of what an engine solves; infinite where nothing can be judged."""
+    """Return κ · scale of an engine's v̇ or λ; infinite if nothing can be judged."""
     if isinstance(engine, type):
         return 0.0
     at = case.at
@@ -191,7 +192,7 @@ def _sensitivity(case: Case, engine: Engine | type[Engine], part: str) -> float:
     try:
         at.acceleration(like)
         summed = cancelling_size(case, engine, "bias")
-        if engine.offers("forces"):  # it may take its own Q, not ours
+        if engine.offers("forces"):  # it may use its own Q instead of the scene's
             summed += cancelling_size(case, engine, "forces")
         by_force = _responses(at)[part == "multipliers"] * summed
         return sensitivity_of(at, partial(_part_in, like, T, part), coordinates=True) + by_force
@@ -200,7 +201,7 @@ def _sensitivity(case: Case, engine: Engine | type[Engine], part: str) -> float:
 
 
 def _against_engines(case: Case, part: str, names: tuple[str, ...]) -> Iterator[Finding]:
-    """Yield the Findings of "vdot" or "multipliers", for each engine where that can be judged."""
+    """Yield the Findings of the part "vdot" or "multipliers" for each engine that has it."""
     at, r = case.at, case.at.scene.r
     if part == "multipliers" and r == 0:
         return
@@ -208,7 +209,7 @@ def _against_engines(case: Case, part: str, names: tuple[str, ...]) -> Iterator[
     handed = at.q, at.v, Q, at.terms.a, at.terms.gamma, at.t
     for engine in case.claim_engines:
         theirs_by = cache(partial(_sensitivity, case, engine, part))
-        said = ask_engine(
+        answer = ask_engine(
             case,
             engine,
             *handed,
@@ -216,16 +217,17 @@ def _against_engines(case: Case, part: str, names: tuple[str, ...]) -> Iterator[
             part=attrgetter(part),
             excused=lambda by=theirs_by: by() == np.inf,
         )
-        if isinstance(said, Finding) or isinstance(engine, type):
-            yield said
+        if isinstance(answer, Finding) or isinstance(engine, type):
+            yield answer
             continue
-        theirs = getattr(said, part)
+        theirs = getattr(answer, part)
         if theirs is None and r > 0:
             yield skipped_finding(case, type(engine), "it does not tell λ")
         if theirs is None:
             continue
         like = FORMULATIONS[engine.solves_like]
-        # Our formulations are compared with each other: one of them tells of an engine on trial.
+        # Formulations are compared with each other, so that one of them suffices for an engine
+        # under test.
         chosen = case.solutions
         if is_under_test(type(engine)):
             with suppress(RefusedError):
@@ -237,26 +239,28 @@ def _against_engines(case: Case, part: str, names: tuple[str, ...]) -> Iterator[
                 yield _of_another_model(case, engine, ours, theirs)
                 break
             sensitivity = case.part_sensitivity(formulation, part, coordinates=True) + theirs_by()
-            here = case, engine, f"{formulation.key} ~ {engine.key}", ours, theirs, sensitivity
-            finding = compare_with_engine(*here, partial(_part_again, part, handed), names=(names,))
+            subject = f"{formulation.key} ~ {engine.key}"
+            compared = case, engine, subject, ours, theirs, sensitivity
+            again = partial(_part_again, part, handed)
+            finding = compare_with_engine(*compared, again, names=(names,))
             yield _excused(case, engine, finding, Q) if part == "vdot" else finding
 
 
 def _expected(case: Case, engine: Engine | type[Engine], part: str) -> Array | None:
-    """Acceleration or multipliers of the formulation that an engine solves like, or another."""
+    """Return v̇ or λ by the formulation that an engine is most similar to, or by another one."""
     with suppress(np.linalg.LinAlgError, RefusedError):
         solved = case.at.acceleration(FORMULATIONS[engine.solves_like])
-        if (found := getattr(solved, part)) is not None:
-            return found
+        if (value := getattr(solved, part)) is not None:
+            return value
     return next((x for _, one in case.solutions if (x := getattr(one, part)) is not None), None)
 
 
 def _excused(case: Case, engine: Engine, finding: Finding, Q: Array) -> Finding:
-    """Return a failure as inconclusive where the engine's own, larger matrix explains it.
+    """Turn a failure into an inconclusive Finding if the engine's own, larger matrix explains it.
 
-    Of joints that follow others S is not square: an engine may solve M_x and eliminate afterwards,
-    and M_x may be worse conditioned than SᵀM_xS. What is allowed is not its own to say, so that
-    nothing passes by it.
+    With mimic joints, which follow others, S is not square: an engine may solve M_x and eliminate
+    afterwards, and M_x may be worse conditioned than SᵀM_xS. Since M_x is the engine's own matrix,
+    it can excuse a failure but never make it a pass.
     """
     if finding.verdict != "failed":
         return finding
@@ -271,9 +275,9 @@ def _excused(case: Case, engine: Engine, finding: Finding, Q: Array) -> Finding:
 
 
 def _own_sensitivity(case: Case, answers: Answers, Q: Array) -> float:
-    """Return κ · scale of v̇ where an engine solves M_x and then holds joints that follow others.
+    """Return κ · scale of v̇ of an engine that solves M_x and then constrains mimic joints.
 
-    0 where S is square: then M itself tells.
+    0 if S is square: then the condition number of M itself counts.
     """
     (_, S, _), M, B = answers.own_terms(*case.state)
     if len(S) == S.shape[1]:
@@ -290,7 +294,7 @@ def _part_again(part: str, handed: tuple, answers: Answers) -> Any:
 
 
 def _of_another_model(case: Case, engine: Engine, ours: Array, theirs: Array) -> Finding:
-    """Return what constraints that give way make of a quantity: neither right nor wrong."""
+    """Return the skipped Finding on an engine with compliant constraints, a different model."""
     scale = largest(ours)
     share = f"{largest(theirs - ours) / scale:.2g} of it" if scale > 0 else f"{largest(theirs):.2g}"
     why = f"its constraints are compliant: a difference of model, here {share}"
@@ -305,7 +309,7 @@ def _of_another_model(case: Case, engine: Engine, ours: Array, theirs: Array) ->
     asks="acceleration",
 )
 def engine_acceleration(case: Case) -> Iterator[Finding]:
-    """Each formulation gives the constrained acceleration of each engine."""
+    """Each formulation has the constrained acceleration of each engine."""
     return _against_engines(case, "vdot", case.at.scene.coordinate_names)
 
 
@@ -317,20 +321,20 @@ def engine_acceleration(case: Case) -> Iterator[Finding]:
     asks="acceleration",
 )
 def engine_multipliers(case: Case) -> Iterator[Finding]:
-    """Each formulation that has multipliers gives those of each engine."""
+    """Each formulation with multipliers has those of each engine."""
     return _against_engines(case, "multipliers", case.at.scene.constraint_names)
 
 
 # ---- Machine code --------------------------------------------------------------------------------
 
 FEW = 5
-"""Coordinates of scenes for which machine code is made beside the example of a kind: it takes as
-long as hundreds of states."""
+"""Largest number of coordinates of scenes, other than the example of a class, that are compiled to
+machine code: that takes as long as checking hundreds of states."""
 
 
 @case_claim("machine-code", "q̈ in machine code = q̈ of the public path", "(7)-(23)", "machine code")
 def machine_code(case: Case) -> Iterator[Finding]:
-    """Each formulation gives the same acceleration in machine code."""
+    """Each formulation has the same acceleration in JIT-compiled machine code."""
     scene = case.at.scene
     if scene.n > FEW and scene.structure != type(scene).example().structure:
         return
@@ -343,18 +347,18 @@ def machine_code(case: Case) -> Iterator[Finding]:
             outcome = 0.0, 0.0, "skipped", "property-tested", f"not rational: {error}"
             yield case.finding("all", *outcome)
             return
-        except RefusedError:  # another velocity that is refused
+        except RefusedError:  # at the integrator's velocity, which differs by rounding
             continue
         extreme = can_overflow(at.v, at.F, at.terms.M) or _subnormal(at.terms.a)
         if extreme and not np.isfinite(found).all():
-            # Solves in registers scale no columns: their products and quotients are larger.
+            # Solves in machine code scale no columns: their products and quotients are larger.
             outcome = math.inf, 0.0, "inconclusive", "property-tested"
             yield case.finding(formulation.key, *outcome, "overflows in machine code: NaN")
             continue
         # Velocities that differ by rounding have the same sensitivity.
         sensitivity = 2 * case.vdot_sensitivity(formulation)
         if np.isinf(sensitivity) and np.isnan(found).all():
-            # Rows of nothing but rounding: they are scaled in Python, in registers they are not.
+            # Rows of rounding error only: they are scaled in Python, not in machine code.
             outcome = math.inf, math.inf, "inconclusive", "property-tested"
             yield case.finding(formulation.key, *outcome, "no digit is left: NaN in machine code")
             continue
@@ -363,7 +367,7 @@ def machine_code(case: Case) -> Iterator[Finding]:
 
 
 def _subnormal(a: Array | None) -> bool:
-    """Return whether a quotient of entries of constraints may overflow, whatever they say."""
+    """Return whether constraints have subnormal entries, whose quotients may overflow."""
     return a is not None and bool(((a != 0) & (np.abs(a) < NORMAL)).any())
 
 
@@ -377,9 +381,9 @@ def _subnormal(a: Array | None) -> bool:
     "redundant constraints",
 )
 def redundant_rows(at: Quantities, look: EvaluationContext) -> Iterator[Comparison | Skipped]:
-    """With one more row, a sum of the others, and any row left to follow from the rest.
+    """With a redundant row added, a sum of the others, q̈ and aᵀλ stay and |λ| is least.
 
-    λ is smallest where it is perpendicular to all that aᵀ takes to 0: the new multiplier is that
+    λ is smallest where it is perpendicular to the null space of aᵀ: the new multiplier is the same
     sum of the others.
     """
     M, _, _, a, gamma, _ = at.terms
@@ -392,61 +396,64 @@ def redundant_rows(at: Quantities, look: EvaluationContext) -> Iterator[Comparis
         rows = np.concatenate((a, np.array([weights @ a], a.dtype)))
         drift = np.concatenate((gamma, np.array([weights @ gamma], gamma.dtype)))
         try:
-            given = M, at.F, rows, drift, at.v, partition
-            (vdot, lambda_), digits = at.call_solving("redundant rows", f.solution, *given)
+            inputs = M, at.F, rows, drift, at.v, partition
+            (vdot, lambda_), digits = at.call_solving("redundant rows", f.solution, *inputs)
         except RefusedError as refusal:
             yield Skipped(f.key, str(refusal))
             continue
         names, force = (at.scene.coordinate_names,), a.T @ x.multipliers
-        told = sensitivity_where(digits)
-        yield Comparison(f"{f.key}, q̈", vdot, x.vdot, names, None, told, may_vanish=True)
+        sensitivity = sensitivity_where(digits)
+        yield Comparison(f"{f.key}, q̈", vdot, x.vdot, names, None, sensitivity, may_vanish=True)
         scale = product_size(rows.T, lambda_)
         forces = rows.T @ lambda_, force
-        yield Comparison(f"{f.key}, aᵀλ", *forces, names, scale, told, may_vanish=True)
+        yield Comparison(f"{f.key}, aᵀλ", *forces, names, scale, sensitivity, may_vanish=True)
         sides = lambda_[-1:], np.array([weights @ lambda_[:-1]], lambda_.dtype)
-        yield Comparison(f"{f.key}, |λ|", *sides, (("the new row",),), product_size(lambda_), told)
+        size = product_size(lambda_)
+        yield Comparison(f"{f.key}, |λ|", *sides, (("the new row",),), size, sensitivity)
 
 
 # ---- Energy, and motions of the whole scene ------------------------------------------------------
 
 
 def _energy_rate(energies: Callable, *state: Any) -> Any:
-    """Return the rate of T + U, W, for a state in dual numbers."""
+    """Return the rate of T + U, W, of a state in dual numbers."""
     T, U = energies(*state)
     return rate(T if U is None else T + U)
 
 
-def _power_of_q(energies: Callable, parameters: Any, still: Any, rates: Any, *state: Array) -> Any:
-    """Return the share of q in Ṫ + U̇ of what is prepared, its rates, q and v."""
-    return _energy_rate(energies, *_while_q_changes(parameters, still, rates, *state))
+def _power_of_q(
+    energies: Callable, parameters: Any, prepared: Any, rates: Any, *state: Array
+) -> Any:
+    """Return the share of q in Ṫ + U̇, W, from precomputed values, their rates, q and v."""
+    return _energy_rate(energies, *_while_q_changes(parameters, prepared, rates, *state))
 
 
-def _power_along(energies: Callable, *here: Any) -> Any:
-    """Return the share of v in Ṫ + U̇ of (parameters, prepared, q, v, v̇)."""
-    *still, v, vdot = here
-    return _energy_rate(energies, *as_objects(tuple(still)), duals(v, vdot))
+def _power_along(energies: Callable, *arguments: Any) -> Any:
+    """Return the share of v in Ṫ + U̇, W, from (parameters, prepared, q, v, v̇)."""
+    *constants, v, vdot = arguments
+    return _energy_rate(energies, *as_objects(tuple(constants)), duals(v, vdot))
 
 
-def _velocities_of_q(velocities: Callable, *here: Any) -> tuple[Array, Array]:
+def _velocities_of_q(velocities: Callable, *arguments: Any) -> tuple[Array, Array]:
     """Return [V, ω] and the share of q in [V̇, ω̇]; see `_power_of_q`."""
-    along_q = np.concatenate(velocities(*_while_q_changes(*here)), axis=1)
+    along_q = np.concatenate(velocities(*_while_q_changes(*arguments)), axis=1)
     return map_entries(value, along_q), rate(along_q)
 
 
-def _velocities_along(velocities: Callable, *here: Any) -> Any:
-    """Return the share of v in [V̇, ω̇] of (parameters, prepared, q, v, v̇)."""
-    *still, v, vdot = here
-    return rate(np.concatenate(velocities(*as_objects(tuple(still)), duals(v, vdot)), axis=1))
+def _velocities_along(velocities: Callable, *arguments: Any) -> Any:
+    """Return the share of v in [V̇, ω̇] from (parameters, prepared, q, v, v̇)."""
+    *constants, v, vdot = arguments
+    return rate(np.concatenate(velocities(*as_objects(tuple(constants)), duals(v, vdot)), axis=1))
 
 
-def _while_q_changes(parameters: Any, still: Any, rates: Any, q: Array, v: Array) -> tuple:
-    return as_objects(parameters), map_record(duals, still, rates), duals(q, v), as_objects(v)
+def _while_q_changes(parameters: Any, prepared: Any, rates: Any, q: Array, v: Array) -> tuple:
+    return as_objects(parameters), map_record(duals, prepared, rates), duals(q, v), as_objects(v)
 
 
 class _Rates:
-    """Rates of the energy and of the bodies' velocities, differentiated exactly.
+    """Rates of the energy and of the bodies' velocities by automatic differentiation.
 
-    Their shares while q changes at v do not depend on v̇, and are the same for all formulations.
+    Their shares from q̇ = v do not depend on v̇, and are the same for all formulations.
     """
 
     def __init__(self, e: Quantities):
@@ -482,14 +489,15 @@ class _Rates:
 
 
 def _power_of_inertia(at: Evaluation, rates: Callable[[Evaluation], Array]) -> tuple[Any, Any]:
-    """Return Σ |m V| |V̇| + Σ |ω| |I| |ω̇|, W, and the same of what V, ω and their rates come from.
+    """Return the sizes of the power of inertia forces, W: of its terms, and of theirs.
 
-    Of the first the power is a sum, and may cancel. The second takes for each entry its size and
-    its largest change under perturbation, divided by the step: V may be a difference itself.
+    The first is Σ |m V| |V̇| + Σ |ω| |I| |ω̇|, whose terms cancel in the power. The second adds to
+    each entry of V, ω and their rates its largest change under perturbation divided by the step,
+    since V may be a difference of larger terms itself.
 
     Args:
         at: the state.
-        rates: see `_Rates.bodies`.
+        rates: function that returns `_Rates.bodies`.
     """
 
     def power(sizes: Array) -> Any:
@@ -502,23 +510,23 @@ def _power_of_inertia(at: Evaluation, rates: Callable[[Evaluation], Array]) -> t
         return pushing + (speed[:, d:, None] * turning).sum()
 
     with np.errstate(all="ignore"):
-        here, copies = rates(at), perturbed_samples(at)
+        exact, samples = rates(at), perturbed_samples(at)
         try:
             if at.lanes:
-                changes = [np.abs(rates(copy) - here) for copy in copies[:SAMPLES]]
+                changes = [np.abs(rates(sample) - exact) for sample in samples[:SAMPLES]]
             else:
-                changes = np.abs(rates(copies[0].batch)[:SAMPLES] - here)
+                changes = np.abs(rates(samples[0].batch)[:SAMPLES] - exact)
         except RefusedError:
-            return power(np.abs(here)), np.inf
-        return power(np.abs(here)), power(np.abs(here) + reduce(np.maximum, changes) / STEP)
+            return power(np.abs(exact)), np.inf
+        return power(np.abs(exact)), power(np.abs(exact) + reduce(np.maximum, changes) / STEP)
 
 
 @claim("power-balance", "d(T + U)/dt = -q̇ ∂R/∂q̇", "(25)-(26), (31)", "power balance", rate_of="all")
 def power_balance(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
-    """Ideal constraints do no work: along each q̈ the energy loses what the dampers take."""
+    """Ideal constraints do no work: along each q̈ the energy decreases by the dampers' power."""
     rates_of, R = cache(_Rates), at.dissipation(duals(at.v, at.v))
     if not at.scene.conserves_energy and (R is None or at.terms.b is not None):
-        return  # what a clock drives takes and gives power that no R tells
+        return  # motion driven by the clock exchanges power that R does not contain
     for f, x in look.solutions:
         shares = (*rates_of(at).power(x.vdot), 0 if R is None else rate(R))
         rounding = (0.0, 0.0) if look.exact else _of_power(look, f, rates_of, shares)
@@ -528,7 +536,7 @@ def power_balance(at: Quantities, look: EvaluationContext) -> Iterator[Compariso
 def _of_power(
     case: Any, f: Formulation, rates_of: Callable[[Evaluation], _Rates], shares: tuple
 ) -> tuple[Any, Any]:
-    """Return the size of what is summed to the power, and κ · scale of the sum."""
+    """Return the size of the terms of the power, W, and κ · scale of their sum."""
 
     def power(e: Evaluation) -> float:
         return sum(rates_of(e).power(e.acceleration(f).vdot))
@@ -537,16 +545,16 @@ def _of_power(
         return rates_of(e).bodies(e.acceleration(f).vdot)
 
     summed, summed_sensitivity = _power_of_inertia(case.at, of_bodies)
-    terms, told = larger(largest(shares), summed), np.isfinite(case.vdot_sensitivity(f))
-    if not lanes_in(told) and not told:
+    terms, resolved = larger(largest(shares), summed), np.isfinite(case.vdot_sensitivity(f))
+    if not lanes_in(resolved) and not resolved:
         return terms, np.inf
     # Energies are summed over the bodies, which rounds as often.
     rounding = case.at.scene.n * (largest(shares) + summed_sensitivity) + _of_constraints(case, f)
-    return terms, lane_select(told, case.sensitivity(power, batched=True) + rounding, np.inf)
+    return terms, select(resolved, case.sensitivity(power, batched=True) + rounding, np.inf)
 
 
 def _of_constraints(case: Any, f: Formulation) -> Any:
-    """Return |λ|ᵀ |a| |v|, W: v is rounded, and λ does work on what it violates constraints by."""
+    """Return |λ|ᵀ |a| |v|, W: the size of the power of λ on the rounding of v in a v."""
     lambda_ = case.at.acceleration(f).multipliers
     return 0.0 if lambda_ is None else product_size(lambda_, case.at.terms.a, case.at.v)
 
@@ -572,7 +580,7 @@ def invariance(case: Case) -> Iterator[Finding]:
                 2 * longest * turn * case.part_sensitivity(formulation, "vdot", coordinates=True)
             )
             if not largest(found - expected) <= allowed_error(sensitivity):
-                # An angle of 0 has no rounding to measure. Where it was turned to, it has.
+                # An angle of 0 has no rounding error to measure; the transformed angle has.
                 try:
                     sensitivity += acceleration_sensitivity(there, formulation, coordinates=True)
                 except RefusedError:

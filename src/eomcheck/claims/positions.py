@@ -1,7 +1,8 @@
-"""Claims about positions of bodies and T: mistakes shared by both derivations of a scene.
+"""Claims about positions of bodies and T: errors shared by both derivations of a scene.
 
-M and T may be made of the same wrong velocity V, and then agree. The positions of bodies, their
-heights in U and motions of the whole scene, which keep T, are independent of that velocity.
+M and T may be derived from the same wrong velocity V, and then agree. Independent of that velocity
+are the positions of bodies, their heights (the derivatives of U by mass and gravity), and rigid
+motions of the whole scene, which leave T unchanged.
 """
 
 from __future__ import annotations
@@ -30,30 +31,31 @@ from eomcheck.numbers.lanes import lanes_in
 # ---- Velocities of bodies ------------------------------------------------------------------------
 
 
-def _linear_along(velocities: Callable, *here: Any) -> Any:
-    """Return the share of v in V (n_b, d), of (parameters, prepared, q, v, direction)."""
-    *still, v, direction = here
-    return rate(velocities(*as_objects(tuple(still)), duals(v, direction))[0])
+def _linear_along(velocities: Callable, *arguments: Any) -> Any:
+    """Return ∂V/∂v (n_b, d) along a direction, from (parameters, prepared, q, v, direction)."""
+    *constants, v, direction = arguments
+    return rate(velocities(*as_objects(tuple(constants)), duals(v, direction))[0])
 
 
-def _angular_along(velocities: Callable, *here: Any) -> Any:
-    """Return the share of v in ω (n_b, e); see `_linear_along`."""
-    *still, v, direction = here
-    return rate(velocities(*as_objects(tuple(still)), duals(v, direction))[1])
+def _angular_along(velocities: Callable, *arguments: Any) -> Any:
+    """Return ∂ω/∂v (n_b, e) along a direction; see `_linear_along`."""
+    *constants, v, direction = arguments
+    return rate(velocities(*as_objects(tuple(constants)), duals(v, direction))[1])
 
 
 def _rate_along_q(
-    positions: Callable, parameters: Any, still: Any, rates: Any, q: Array, qdot: Array
+    positions: Callable, parameters: Any, prepared: Any, rates: Any, q: Array, qdot: Array
 ) -> Any:
-    """Return how fast the positions (n_b, d) change, of what is prepared and its rates, q and q̇."""
-    return rate(positions(as_objects(parameters), map_record(duals, still, rates), duals(q, qdot)))
+    """Return the rates of positions (n_b, d), m/s, from precomputed values, their rates, q, q̇."""
+    changing = map_record(duals, prepared, rates)
+    return rate(positions(as_objects(parameters), changing, duals(q, qdot)))
 
 
 def _rate_of_height(
     axis: int,
     potential: Callable,
     parameters: Any,
-    still: Any,
+    prepared: Any,
     rates: Any,
     q: Array,
     qdot: Array,
@@ -61,14 +63,14 @@ def _rate_of_height(
 ) -> Array:
     """Return the rates (2,) of ∂²U/∂g∂m along `masses` (n_b,), and of ∂U/∂g: of heights, m/s.
 
-    Each derivative has a depth of its own: that by q is outermost, that by the mass follows.
+    Dual numbers are nested by derivative: that by q is outermost, that by the mass follows.
 
     Args:
         axis: component of gravity.
         potential: function of a scene.
         parameters: of the scene, `mass` and `gravity` among them.
-        still: what it prepares.
-        rates: how fast that changes.
+        prepared: precomputed values of the scene.
+        rates: their rates.
         q: coordinates (n,).
         qdot: their rates (n,).
         masses: changes of the masses (n_b,).
@@ -78,13 +80,13 @@ def _rate_of_height(
     along = np.array([int(i == axis) for i in range(len(parameters.gravity))], object)
     gravity = map_entries(lambda g, change: Dual(Dual(Dual(g, change))), parameters.gravity, along)
     weighed = parameters._replace(mass=mass, gravity=gravity)
-    of_q = rate(potential(weighed, map_record(duals, still, rates), duals(q, qdot)))
+    of_q = rate(potential(weighed, map_record(duals, prepared, rates), duals(q, qdot)))
     return np.array([rate(rate(of_q)), rate(value(of_q))], object)
 
 
 @cache
 def potential_function(energies: Callable) -> Callable:
-    """Return U as a function of (parameters, prepared, q), of a scene that writes its energies."""
+    """Return U as a function of (parameters, prepared, q), for a scene that defines `energies`."""
 
     def potential(parameters: Any, prepared: Any, q: Array) -> Any:
         return energies(parameters, prepared, q, np.zeros(np.shape(q), object))[1]
@@ -93,25 +95,25 @@ def potential_function(energies: Callable) -> Callable:
 
 
 class _Heights:
-    """The heights of bodies, as far as U tells them: by its derivatives by masses and gravity.
+    """The heights of bodies, as derivatives of U by masses and gravity.
 
-    They exist where the parameters are called `mass` and `gravity`. A gravity of d components tells
-    the whole position, one number the height along one direction, which nobody says.
+    They exist if the scene has parameters `mass` and `gravity`. A gravity of d components
+    determines the whole position, a single number the height along one, unknown direction.
     """
 
     def __init__(self, e: Quantities, numbers: type):
         self._e, self._numbers = e, numbers
         gravity: Any = getattr(e.parameters, "gravity", None)
         mass: Any = getattr(e.parameters, "mass", None)
-        told = np.ndim(gravity) == np.ndim(mass) == 1  # None has no dimension
-        self.bodies = np.shape(mass)[0] if told else 0
+        exist = np.ndim(gravity) == np.ndim(mass) == 1  # None has no dimension
+        self.bodies = np.shape(mass)[0] if exist else 0
         self.components = np.shape(gravity)[0] if self.bodies else 0
 
     def rates(self, moving: tuple, masses: Array) -> list[Array]:
-        """Return the rates (2,) of `_rate_of_height` by each component of gravity.
+        """Return the rates (2,) of `_rate_of_height` for each component of gravity.
 
         Args:
-            moving: what is prepared, how fast it changes, q (n,) and q̇ (n,).
+            moving: precomputed values, their rates, q (n,) and q̇ (n,).
             masses: changes of the masses (n_b,).
         """
         e, axes = self._e, range(self.components)
@@ -121,43 +123,43 @@ class _Heights:
             if "energies" in scene.derived_functions
             else potential_function(scene.energies)
         )
-        here = U, e.parameters, *moving, masses
-        return [e.run(_rate_of_height, axis, *here) for axis in axes]
+        arguments = U, e.parameters, *moving, masses
+        return [e.run(_rate_of_height, axis, *arguments) for axis in axes]
 
     def moving(self, qdot: Array) -> tuple:
-        """Arguments of `rates` while q changes along a direction (n,)."""
+        """Return the first argument of `rates` for q changing along a direction (n,)."""
         e = self._e
         return *e.prepared_and_rates(qdot, False), e.q, qdot
 
     def of_each(self, qdot: Array) -> list[list[Any]]:
-        """Return how fast the heights of each body change along a direction (n,)."""
+        """Return the rates of the heights of each body along a direction (n,)."""
         moving, units = self.moving(qdot), np.eye(self.bodies, dtype=self._numbers)
         return [[x[0] for x in self.rates(moving, unit)] for unit in units]
 
 
 def _weighs_bodies_only(at: Quantities, heights: _Heights, direction: Array, exact: bool) -> bool:
-    """Return whether all that gravity does in U is in proportion to the masses of the bodies.
+    """Return whether gravity acts in U in proportion to the masses of the bodies alone.
 
-    Else other numbers weigh too, and a derivative by a mass need not be a height.
+    Otherwise other parameters have weight too, and a derivative by a mass need not be a height.
     """
-    for found in heights.rates(heights.moving(direction), at.parameters.mass):
-        of_masses, of_all = found
+    for pair in heights.rates(heights.moving(direction), at.parameters.mass):
+        of_masses, of_all = pair
         left = of_masses - of_all
         try:
             weighs = not (left == 0 if exact else abs(left) <= NOTICEABLE * abs(of_all))
         except NotRationalError:
-            continue  # bounds of degrees are equal to nothing, and bound sides that may be skipped
+            continue  # degree bounds equal nothing; they bound sides that may be skipped
         if weighs:
             return False
     return True
 
 
 def _moving_along(look: Any, at: Quantities) -> tuple[Array, type]:
-    """Return a direction (n,) with a share of every coordinate, and the type of its literals."""
+    """Return a direction (n,) with components of all coordinates, and the type of its literals."""
     shares = [(-1) ** i * (i + 1) for i in range(at.scene.n)]
     if look.exact:
-        moved: Any = sum(x * k for x, k in zip(look.directions, shares, strict=False))
-        return moved, object
+        direction: Any = sum(x * k for x, k in zip(look.directions, shares, strict=False))
+        return direction, object
     literals: Any = object if lanes_in(at.q) else np.float64
     return np.array(shares, literals), literals
 
@@ -170,7 +172,7 @@ def _moving_along(look: Any, at: Quantities) -> tuple[Array, type]:
     rate_of="r",
 )
 def position_velocity(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
-    """Bodies move as fast as their positions change: those given, and those that U tells."""
+    """V of a body is the rate of its position: by `positions`, and by the heights in U."""
     direction, literals = _moving_along(look, at)
     heights, positions = _Heights(at, literals), at.scene.positions
     if positions is None and heights.components < 2:
@@ -179,16 +181,15 @@ def position_velocity(at: Quantities, look: EvaluationContext) -> Iterator[Compa
         _linear_along, at.scene.velocities, at.parameters, at.prepared, at.q, at.v, direction
     )
     if positions is not None:
-        here = at.parameters, *at.prepared_and_rates(direction, False), at.q, direction
-        r = at.run(_rate_along_q, positions, *here)
+        arguments = at.parameters, *at.prepared_and_rates(direction, False), at.q, direction
+        r = at.run(_rate_along_q, positions, *arguments)
         for k in range(len(V)):
             yield Comparison(f"body {k + 1}", _squared(V[k]), _squared(r[k]), SQUARE)
     if not heights.components == V.shape[1] > 1:
         return
-    judged = look.exact or not (
-        getattr(at, "is_perturbed", False) or lanes_in(at.q)
-    )  # others only follow what is judged
-    if not judged or _weighs_bodies_only(at, heights, direction, look.exact):
+    # Perturbed samples and SIMD lanes follow the decision at the state itself.
+    decides = look.exact or not (getattr(at, "is_perturbed", False) or lanes_in(at.q))
+    if not decides or _weighs_bodies_only(at, heights, direction, look.exact):
         for k, rates in enumerate(heights.of_each(direction)):
             yield Comparison(f"body {k + 1}, U", _squared(V[k]), _squared(rates), SQUARE)
 
@@ -197,17 +198,17 @@ SQUARE = (("V²",),)
 
 
 def _squared(a: Any) -> Array:
-    """Return the square of a vector (1,)."""
-    found = np.empty(1, object)
-    found[0] = sum(x * x for x in a)
-    return found
+    """Return the squared length of a vector, as an array (1,)."""
+    square = np.empty(1, object)
+    square[0] = sum(x * x for x in a)
+    return square
 
 
 def _along_each(at: Evaluation, along: Callable) -> Array:
     """Return ∂V/∂v (n_b, d, n) or ∂ω/∂v (n_b, e, n), see `_linear_along`."""
-    here = at.scene.velocities, at.parameters, at.prepared, at.q, at.v
+    arguments = at.scene.velocities, at.parameters, at.prepared, at.q, at.v
     axes = np.eye(at.scene.n)
-    return np.stack([np.asarray(at.run(along, *here, x), np.float64) for x in axes], -1)
+    return np.stack([np.asarray(at.run(along, *arguments, x), np.float64) for x in axes], -1)
 
 
 def _moves(e: Evaluation) -> tuple[Array, Array]:
@@ -231,7 +232,7 @@ def height_velocity(case: Case) -> Iterator[Finding]:
         return
     d = np.shape(at.run(at.scene.velocities, at.parameters, at.prepared, at.q, at.v)[0])[1]
     if heights.components == d > 1:
-        return  # the whole position is told
+        return  # U determines the whole position, see `position_velocity`
     direction, _ = _moving_along(case, at)
     if not _weighs_bodies_only(at, heights, direction, exact=False):
         return
@@ -250,9 +251,9 @@ def height_velocity(case: Case) -> Iterator[Finding]:
         rise, speed = (float(((x[k] @ worst) ** 2).sum()) for x in (h, J))
         n = at.scene.n
         sensitivity = 2.0 * n
-        if rise - speed > allowed_error(sensitivity):  # more noise only allows more
+        if rise - speed > allowed_error(sensitivity):  # a larger sensitivity only allows more
             sensitivity += n * sensitivity_of(at, left)
-        # A velocity that is all of one size: nothing moves faster than 1.
+        # The velocity is scaled to entries of one size: no body moves faster than 1.
         sides = np.array([max(rise, speed)]), np.array([speed])
         yield case.compare(f"body {k + 1}", *sides, sensitivity, names=HEIGHT, scale=1.0)
 
@@ -263,66 +264,68 @@ HEIGHT = (("ḣ² of its height in U",),)
 # ---- Motions of the whole scene ------------------------------------------------------------------
 
 SHIFT = *plane_symmetries.SHIFT, 1.5
-"""m."""
+"""Translation of the whole scene along x, y, z, m."""
 PLACE = re.compile("([xyz])(_.*|[0-9]*)")
-"""Names of coordinates that are places in fixed directions: x, y_2, z1."""
+"""Names of Cartesian coordinates in fixed directions: x, y_2, z1."""
 ELSEWHERE = 0.7
-"""How far the other coordinates are moved to see whether directions turn with them, rad or m."""
+"""Displacement of the other coordinates in the test whether directions turn with them, rad or m."""
 
 
 def _cartesian_coordinates(scene: Scene) -> dict[str, list[int]]:
-    """Return the coordinates called x, y and z, or x_1, y_1 and so on, by their direction.
+    """Return the indices of coordinates called x, y and z, or x_1, y_1 and so on, by direction.
 
-    Empty where a place has an x and no y: it may be one along a rail.
+    Empty if some point has an x and no y: x may be a position along a rail.
     """
     angles = set(range(scene.n)[scene.angle_coordinates])
-    found: dict[str, dict[str, int]] = {}
+    points: dict[str, dict[str, int]] = {}
     for i, name in enumerate(scene.coordinate_names):
-        place = PLACE.fullmatch(name)
-        if i not in angles and place is not None:
-            found.setdefault(place[2], {})[place[1]] = i
-    if any(not {"x", "y"} <= axes.keys() for axes in found.values()):
+        match = PLACE.fullmatch(name)
+        if i not in angles and match is not None:
+            points.setdefault(match[2], {})[match[1]] = i
+    if any(not {"x", "y"} <= axes.keys() for axes in points.values()):
         return {}
-    return {axis: [of[axis] for of in found.values() if axis in of] for axis in "xyz"}
+    return {axis: [of[axis] for of in points.values() if axis in of] for axis in "xyz"}
 
 
 def _in_turning_frame(at: Evaluation, J: Array, moved: list[int]) -> bool:
-    """Return whether some body moves with the places as they turn: they are none in fixed axes.
+    """Return whether the directions of Cartesian coordinates turn: they are none in fixed axes.
 
-    Directions that differ elsewhere, while their lengths and angles are the same, have turned.
+    Directions that differ at another position, with the same lengths and angles between them, have
+    turned.
 
     Args:
         at: the state.
         J: ∂V/∂v (n_b, d, n) there.
-        moved: the coordinates that are places.
+        moved: indices of the Cartesian coordinates.
     """
     others = np.setdiff1d(np.arange(at.scene.n), moved)
     q = at.q.copy()
     q[others] += ELSEWHERE
-    here, there = J[..., moved], _along_each(Evaluation(at.scene, q, at.v, at.t), _linear_along)
-    there = there[..., moved]
+    elsewhere = _along_each(Evaluation(at.scene, q, at.v, at.t), _linear_along)
+    before, after = J[..., moved], elsewhere[..., moved]
 
     def differ(a: Array, b: Array) -> Array:
         return np.abs(a - b).max(axis=(1, 2)) > NOTICEABLE * np.abs(a).max(axis=(1, 2))
 
-    turned = differ(here, there) & ~differ(*(x.swapaxes(1, 2) @ x for x in (here, there)))
+    turned = differ(before, after) & ~differ(*(x.swapaxes(1, 2) @ x for x in (before, after)))
     return bool(turned.any())
 
 
 def tried_motions(at: Evaluation) -> Iterator[Symmetry]:
-    """Yield the motions of a whole scene that must keep T although the scene does not say so.
+    """Yield the rigid motions of a whole scene that leave T unchanged but are not in `symmetries`.
 
-    Coordinates called x, y and z are places in fixed directions. Reasons against are a clock that
-    drives bodies, bodies that do not move with the places or turn with them, and places in a frame
-    that turns; against a turn in the plane, lengths among the other coordinates, bodies that do not
-    turn with the angles, and bodies that do not tell by which angles.
+    Coordinates called x, y and z are taken as Cartesian coordinates in fixed directions. No motion
+    is yielded if the clock drives bodies, if some body does not move with these coordinates or
+    turns with them, or if they belong to a frame that turns; no rotation in the plane if lengths
+    are among the other coordinates, if bodies do not turn with the angles, or if the angles that
+    turn them are not determined.
     """
     scene, q, v, places = at.scene, at.q, at.v, _cartesian_coordinates(at.scene)
     if not places:
         return
     V, omega = at.run(scene.velocities, at.parameters, at.prepared, q, np.zeros_like(v))
     if np.any(V) or np.any(omega):
-        return  # a clock drives it
+        return  # driven by the clock
     J, turns = (_along_each(at, along) for along in (_linear_along, _angular_along))
     if not (np.isfinite(J).all() and np.isfinite(turns).all()):
         return
@@ -341,7 +344,7 @@ def tried_motions(at: Evaluation) -> Iterator[Symmetry]:
         return
     heading, _, rank, _ = np.linalg.lstsq(turns[:, 0, angles], np.ones(len(turns)))
     if rank < len(angles) or largest(turns[:, 0, angles] @ heading - 1.0) > NOTICEABLE:
-        return  # a body that does not turn, or at another rate, or nobody says by which angles
+        return  # some body does not turn, or at another rate, or its angles are not determined
     image = np.eye(scene.n)
     c, s = np.cos(plane_symmetries.TURN), np.sin(plane_symmetries.TURN)
     for x, y in zip(places["x"], places["y"], strict=True):
@@ -357,19 +360,19 @@ def _kinetic_energy(e: Evaluation) -> Any:
 
 @case_claim("moved-energy", "T stays as the scene is moved", "(25)", "kinetic energy")
 def moved_energy(case: Case) -> Iterator[Finding]:
-    """T is the same for the scene turned, shifted or mirrored, unless there is a reason against."""
+    """T is the same for the scene turned, shifted or mirrored, see `tried_motions`."""
     at = case.at
-    said = tuple(at.scene.symmetries(at.q, at.v))
-    names = {one.name for one in said}
-    for moved in (*said, *(one for one in tried_motions(at) if one.name not in names)):
+    declared = tuple(at.scene.symmetries(at.q, at.v))
+    names = {symmetry.name for symmetry in declared}
+    for moved in (*declared, *(x for x in tried_motions(at) if x.name not in names)):
         there = Evaluation(moved.scene, moved.q, moved.v, at.t)
-        found, expected = (np.array([float(_kinetic_energy(e))]) for e in (there, at))
+        actual, expected = (np.array([float(_kinetic_energy(e))]) for e in (there, at))
         sensitivity = float(expected[0])
-        if not abs(found[0] - expected[0]) <= allowed_error(sensitivity):
-            # More noise only allows more.
+        if not abs(actual[0] - expected[0]) <= allowed_error(sensitivity):
+            # A larger sensitivity only allows more.
             each_way = (sensitivity_of(e, _kinetic_energy, coordinates=True) for e in (at, there))
             sensitivity = sum(each_way)
-        finding = case.compare(moved.name, found, expected, sensitivity, names=(("T",),))
+        finding = case.compare(moved.name, actual, expected, sensitivity, names=(("T",),))
         if finding.verdict == "failed" and moved.name not in names:
             finding = finding.because("coordinates called x, y, z are places in fixed directions")
         yield finding
