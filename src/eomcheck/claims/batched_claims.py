@@ -1,9 +1,10 @@
-"""Claims at many states at once: a batch, which screens states and does not judge.
+"""Claims evaluated on a batch of states at once, to screen states for suspicious ones.
 
-A claim that yields both of its sides is evaluated in SIMD lanes, one state a lane, as it is
-written; the difference that its sides are allowed is measured as `Case` measures it. A state that
-looks bad is to be checked again by `eomcheck.check_state`, and so are claims that cannot be
-evaluated in lanes.
+The batch runs in SIMD lanes: one lane holds one state, and every number of the evaluation is an
+array over lanes (batch axis L). The sides of a claim are written once and evaluated in lanes as
+they are; the allowed difference is measured by perturbation analysis as in `Case`. Screening gives
+no verdict: suspicious states, and claims that cannot be evaluated in lanes, have to be checked
+again by `eomcheck.check_state`.
 """
 
 from __future__ import annotations
@@ -37,23 +38,23 @@ from eomcheck.numbers.linear import recording_solves
 from eomcheck.numbers.noise import SAMPLES
 
 NOT_BATCHABLE = (TypeError, ValueError, AttributeError, IndexError, np.linalg.LinAlgError)
-"""What a claim raises that asks of numbers what lanes cannot say."""
+"""Exceptions of a claim that uses numbers in ways that SIMD lanes do not support."""
 
 
 class NotBatchableError(TypeError):
-    """A claim asks for what each state has in its own way."""
+    """A claim needs a quantity whose structure differs from state to state."""
 
 
 class BatchResult(NamedTuple):
-    """What a claim came to in lanes, about one subject.
+    """The result of a claim on a batch, about one subject.
 
     Attributes:
-        claim: its id.
-        subject: what it is about.
+        claim: id of the claim.
+        subject: the compared formulations or term.
         observed: errors (L,).
-        allowed: what rounding explains (L,).
-        verdict: `PASSED_CODE`, `FAILED_CODE` or `INCONCLUSIVE_CODE` (L,), or `ABSENT` where there
-            is nothing.
+        allowed: bounds on the rounding errors (L,).
+        verdict: `PASSED_CODE`, `FAILED_CODE` or `INCONCLUSIVE_CODE` (L,), or `ABSENT` if there is
+            nothing to compare.
     """
 
     claim: str
@@ -64,12 +65,12 @@ class BatchResult(NamedTuple):
 
     @property
     def ratio(self) -> Array:
-        """Observed / allowed (L,) where it is decided, 0 elsewhere."""
+        """The ratio observed / allowed (L,) where the claim is decided, 0 elsewhere."""
         with np.errstate(all="ignore"):
-            found = self.observed / self.allowed
-        found = np.where(self.allowed > 0, found, np.where(self.observed > 0, np.inf, 0.0))
-        found = np.where(np.isnan(found), np.inf, found)
-        return np.where(np.isin(self.verdict, (PASSED_CODE, FAILED_CODE)), found, 0.0)
+            ratio = self.observed / self.allowed
+        ratio = np.where(self.allowed > 0, ratio, np.where(self.observed > 0, np.inf, 0.0))
+        ratio = np.where(np.isnan(ratio), np.inf, ratio)
+        return np.where(np.isin(self.verdict, (PASSED_CODE, FAILED_CODE)), ratio, 0.0)
 
 
 ABSENT = 0
@@ -77,13 +78,13 @@ ABSENT = 0
 
 @dataclass
 class BatchedCase(FloatContext):
-    """States of scenes of one structure, with the formulations to look at; see `Case` and `Look`.
+    """A batch of states of scenes of one structure, with the formulations to check; see `Case`.
 
     Attributes:
-        at: the evaluation in lanes.
-        formulations: those that take part.
+        at: the evaluation in SIMD lanes.
+        formulations: the formulations taking part.
         has_speeds: whether generalized speeds exist: in all lanes, or in none.
-        not_batched: claims that cannot be told in lanes here, and why.
+        not_batched: claims that cannot be evaluated on this batch -> reason.
     """
 
     at: LaneEvaluation
@@ -94,7 +95,7 @@ class BatchedCase(FloatContext):
 
     @cached_property
     def speeds_resolved(self) -> LaneArray:
-        """Where generalized speeds by a partition are more than rounding."""
+        """Flags of lanes in which generalized speeds by a partition exceed their rounding error."""
         return LaneArray(speeds_resolved_in_lanes(self.at))
 
     @property
@@ -104,12 +105,12 @@ class BatchedCase(FloatContext):
 
     @property
     def partitions(self) -> Iterator[tuple[str, Any]]:
-        """The paper's partition: pivoted ones differ from lane to lane."""
+        """The paper's partition alone: pivoted ones differ from lane to lane."""
         yield "em", self.at.partition
 
     @property
     def solutions(self) -> tuple[tuple[Formulation, Acceleration], ...]:
-        """What the formulations say; NaN in lanes that are refused."""
+        """Formulations with their accelerations; NaN in lanes that are refused."""
         self._solutions_used = True
         return self._solutions
 
@@ -119,25 +120,25 @@ class BatchedCase(FloatContext):
         return tuple((f, self.at.acceleration(f)) for f in able)
 
     def refused(self, key: str) -> Array:
-        """Return where a formulation refuses (L,)."""
+        """Return the flags (L,) of lanes that a formulation refuses."""
         if (key, False) in self.at.refused:
             return self.at.refused[key, False]
         return np.ones(self.at.lanes, bool)
 
     def sensitivity(self, quantity: Callable[[Any], Any], batched: bool = False) -> LaneArray:
-        """Return κ · scale of a quantity; 0 of a copy, of which sides count and nothing else.
+        """Return κ · scale of a quantity; 0 for a perturbed sample, whose sides alone matter.
 
-        In lanes each copy is asked for itself, whether or not they have it `merged_body`.
+        Each perturbed sample is a batch of its own, so that `batched` has no effect.
         """
-        copied, at = self.at.is_perturbed, self.at
-        return LaneArray(np.zeros(at.lanes) if copied else sensitivity_in_lanes(at, quantity))
+        perturbed, at = self.at.is_perturbed, self.at
+        return LaneArray(np.zeros(at.lanes) if perturbed else sensitivity_in_lanes(at, quantity))
 
     def part_sensitivity(self, formulation: Formulation, part: str) -> LaneArray:
         """Return κ · scale of a part of the result of `formulation`."""
         key = (formulation.key, part, False)
         if key not in self._sensitivities:
-            found = acceleration_sensitivity_in_lanes(self.at, formulation, part)
-            self._sensitivities[key] = found
+            of_part = acceleration_sensitivity_in_lanes(self.at, formulation, part)
+            self._sensitivities[key] = of_part
         return LaneArray(self._sensitivities[key])
 
     @cached_property
@@ -146,26 +147,26 @@ class BatchedCase(FloatContext):
 
     @property
     def added_row(self) -> Any:
-        """None.
+        """A redundant row, which a batch does not have.
 
         Raises:
-            NotInLanesError: always.
+            NotBatchableError: always.
         """
         raise NotBatchableError("which rows a further one depends on differs from state to state")
 
-    # ---- Looking ---------------------------------------------------------------------------------
+    # ---- Evaluation ------------------------------------------------------------------------------
 
     def evaluate(self, claims: Sequence[str]) -> list[BatchResult]:
-        """Return what claims come to; those that lanes cannot tell are added to `not_batched`."""
-        found: list[BatchResult] = []
+        """Return the results of claims; those that cannot be evaluated go to `not_batched`."""
+        results: list[BatchResult] = []
         with np.errstate(all="ignore"):
-            for one in claims:
+            for claim in claims:
                 try:
-                    found += list(self._evaluate(CLAIMS[one]))
+                    results += list(self._evaluate(CLAIMS[claim]))
                 except NOT_BATCHABLE as error:
-                    said = isinstance(error, NotBatchableError)
-                    self.not_batched[one] = str(error) if said else described_error(error)
-        return found
+                    explained = isinstance(error, NotBatchableError)
+                    self.not_batched[claim] = str(error) if explained else described_error(error)
+        return results
 
     def _evaluate(self, claim: Claim) -> Iterator[BatchResult]:
         if claim.id == "invariance":
@@ -176,44 +177,46 @@ class BatchedCase(FloatContext):
     def _compare_sides(self, claim: Claim, sides: Callable) -> Iterator[BatchResult]:
         @cache
         def perturbed(e: Any) -> dict[str, Comparison]:
-            found: dict[str, Comparison] = {}
-            here = BatchedCase(e, self.formulations, self.has_speeds)
+            comparisons: dict[str, Comparison] = {}
+            context = BatchedCase(e, self.formulations, self.has_speeds)
             with e.computing("sides"), e.recording_solves(), suppress(RefusedError):
-                for one in sides(e, here):
-                    found[one.subject] = one
-            return found
+                for one in sides(e, context):
+                    comparisons[one.subject] = one
+            return comparisons
 
-        def measured(here: Comparison, side: str) -> Array:
+        def measured(exact: Comparison, side: str) -> Array:
             def quantity(e: Any) -> Any:
-                one = here if e is self.at else perturbed(e).get(here.subject)
+                one = exact if e is self.at else perturbed(e).get(exact.subject)
                 if not isinstance(one, Comparison):
-                    raise np.linalg.LinAlgError(f"{here.subject} does not exist nearby")
+                    raise np.linalg.LinAlgError(f"{exact.subject} does not exist nearby")
                 return getattr(one, side)
 
             return sensitivity_in_lanes(self.at, quantity)
 
         self._solutions_used = False
-        with recording_solves() as watch:
-            here = list(sides(self.at, self))
+        with recording_solves() as recorder:
+            compared = list(sides(self.at, self))
         of_results = self._solutions_used
         refused = self.at.refused.get(SPEEDS, np.zeros(self.at.lanes, bool))
-        refused = np.any([refused, *watch.refused], axis=0)
-        for one in here:
+        refused = np.any([refused, *recorder.refused], axis=0)
+        for one in compared:
             if not isinstance(one, Comparison):
                 continue
-            given = _of_lanes(one.sensitivity, self.at.lanes)
+            sensitivity = _of_lanes(one.sensitivity, self.at.lanes)
             size = 0.0 if one.size is None else _of_lanes(one.size, self.at.lanes)
-            if given is None or np.isnan(given).any():
-                sensitivity = measured(one, "actual") + measured(one, "expected") + size
-                given = (
-                    sensitivity if given is None else np.where(np.isnan(given), sensitivity, given)
+            if sensitivity is None or np.isnan(sensitivity).any():
+                own = measured(one, "actual") + measured(one, "expected") + size
+                sensitivity = (
+                    own
+                    if sensitivity is None
+                    else np.where(np.isnan(sensitivity), own, sensitivity)
                 )
-            scale: Any = given if one.may_vanish else None if one.size is None else size
+            scale: Any = sensitivity if one.may_vanish else None if one.size is None else size
             absent = refused | self._refused_in(one.subject) if of_results else refused
-            yield self.compare(claim, one, given, scale, absent)
+            yield self.compare(claim, one, sensitivity, scale, absent)
 
     def _refused_in(self, subject: str) -> Array:
-        """Return where a subject is about a formulation that refuses (L,)."""
+        """Return the flags (L,) of lanes refused by a formulation that the subject names."""
         named = {part for side in subject.split(" ~ ") for part in side.replace(",", " ").split()}
         absent = np.zeros(self.at.lanes, bool)
         for f, _ in self.solutions if named & {f.key for f in self.formulations} else ():
@@ -229,28 +232,29 @@ class BatchedCase(FloatContext):
         scale: Array | None,
         absent: Array,
     ) -> BatchResult:
-        """Return what found = expected comes to; see `Case.compare`."""
+        """Return the result of actual = expected; see `Case.compare`."""
         lanes = self.at.lanes
-        found, expected = as_float64(sides.actual), as_float64(sides.expected)
-        observed = largest_in(found - expected, lanes)
+        actual, expected = as_float64(sides.actual), as_float64(sides.expected)
+        observed = largest_in(actual - expected, lanes)
         size = largest_in(expected, lanes)
         scale = size if scale is None else np.broadcast_to(scale, (lanes,))
         allowed = allowed_error(1.0) * np.broadcast_to(sensitivity, (lanes,))
         verdict = verdict_codes(observed, allowed, scale)
         verdict = np.where(np.isfinite(size), verdict, INCONCLUSIVE_CODE)
-        # What depends on a result that is refused is NaN; what needs none is told of results alone.
-        told = np.isfinite(observed) & bool(lanes_in((sides.actual, sides.expected)))
-        verdict = np.where(absent & ~told, ABSENT, verdict)
+        # Sides that depend on a refused result are NaN. Sides without lanes are flags of results,
+        # and mean nothing where these are refused.
+        present = np.isfinite(observed) & bool(lanes_in((sides.actual, sides.expected)))
+        verdict = np.where(absent & ~present, ABSENT, verdict)
         return BatchResult(claim.id, sides.subject, observed, allowed, verdict)
 
     def _invariance(self) -> Iterator[BatchResult]:
         at, claim = self.at, CLAIMS["invariance"]
-        moved: dict[str, list[Any]] = {}
+        by_name: dict[str, list[Any]] = {}
         q, v = at.q.data.T, at.v.data.T  # type: ignore[attr-defined]
         for lane, scene in enumerate(at.scenes):
             for symmetry in scene.symmetries(q[lane], v[lane]):
-                moved.setdefault(symmetry.name, []).append(symmetry)
-        for name, each in moved.items():
+                by_name.setdefault(symmetry.name, []).append(symmetry)
+        for name, each in by_name.items():
             if len(each) < at.lanes:
                 continue
             t = at.t.data if isinstance(at.t, LaneArray) else np.full(at.lanes, at.t)
@@ -261,10 +265,10 @@ class BatchedCase(FloatContext):
             size = largest(np.abs(image).sum(axis=1))
             turn = 1.0 + largest(there.q - at.q) / larger(largest(at.q), 1.0)
             for f, x in self.solutions:
-                found = there.acceleration(f).vdot
-                sides = Comparison(f"{name}: {f.key}", found, image @ x.vdot, ())
+                actual = there.acceleration(f).vdot
+                sides = Comparison(f"{name}: {f.key}", actual, image @ x.vdot, ())
                 absent = self.refused(f.key) | there.refused[f.key, False]
-                # More noise only allows more: what passes by the first passes by all.
+                # More samples only allow more: a pass by the first one is a pass by all.
                 for samples in (1, SAMPLES):
                     of_vdot = self._moved_sensitivity(f, samples)
                     sensitivity = (2 * size * turn * of_vdot).data
@@ -274,7 +278,7 @@ class BatchedCase(FloatContext):
                 yield outcome
 
     def _moved_sensitivity(self, formulation: Formulation, samples: int) -> LaneArray:
-        """Return κ · scale of v̇, coordinates perturbed too, by so many samples of noise."""
+        """Return κ · scale of v̇ by so many perturbed samples, coordinates perturbed too."""
         key = (formulation.key, f"vdot by {samples}", True)
         if key not in self._sensitivities:
             self._sensitivities[key] = acceleration_sensitivity_in_lanes(
@@ -284,27 +288,27 @@ class BatchedCase(FloatContext):
 
 
 def _of_lanes(x: Any, lanes: int) -> Any:
-    """Return a number a lane (L,), None for None."""
+    """Return one number per lane (L,), None for None."""
     if x is None:
         return None
     return np.broadcast_to(x.data if lanes_in(x) else np.asarray(x, np.float64), (lanes,))
 
 
 def batchable_claims(claims: Sequence[str]) -> tuple[str, ...]:
-    """Return those of `claims` that may be looked at in lanes: by sides, without an engine."""
+    """Return the claims that can be evaluated on a batch: those with sides and without engines."""
     return tuple(
-        one
-        for one in claims
-        if one == "invariance" or (CLAIMS[one].sides is not None and not CLAIMS[one].against)
+        claim
+        for claim in claims
+        if claim == "invariance" or (CLAIMS[claim].sides is not None and not CLAIMS[claim].against)
     )
 
 
 def batched_cases(
     cases: Sequence[tuple[Scene, State]], formulations: Sequence[Formulation]
 ) -> Iterator[tuple[Array, BatchedCase]]:
-    """Yield the places of cases that go side by side, and these.
+    """Group cases into batches of one structure, with generalized speeds in all states or in none.
 
-    They have one structure, and generalized speeds in all of them or in none.
+    Yields the indices of a batch in `cases` (L,), and the batch.
     """
     groups: dict[Any, list[int]] = {}
     for i, (scene, state) in enumerate(cases):
@@ -314,7 +318,7 @@ def batched_cases(
         except RefusedError:
             has_speeds = False
         groups.setdefault((type(scene), scene.structure, has_speeds), []).append(i)
-    for (_, _, has_speeds), places in groups.items():
-        at = LaneEvaluation([cases[i][0] for i in places], [cases[i][1] for i in places])
+    for (_, _, has_speeds), indices in groups.items():
+        at = LaneEvaluation([cases[i][0] for i in indices], [cases[i][1] for i in indices])
         able = tuple(f for f in formulations if f.applies_to(at.scene))
-        yield np.array(places), BatchedCase(at, able, has_speeds)
+        yield np.array(indices), BatchedCase(at, able, has_speeds)

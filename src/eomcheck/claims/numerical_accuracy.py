@@ -1,8 +1,9 @@
 """Claims about numerical accuracy: error bounds against certified values, and refusals.
 
-The certified acceleration is enclosed by ball arithmetic of as many digits as it takes: enclosures
-by all formulations overlap, and errors in float64 are within their bounds. A formulation refuses a
-state only where the scene itself is singular there, and together they solve most ordinary states.
+The certified acceleration is enclosed by ball arithmetic (intervals of arbitrary precision):
+enclosures by all formulations overlap, and errors in float64 are within their bounds. A formulation
+refuses a state only if the scene itself is close to a singular configuration there, by a
+reciprocal condition number computed independently, and few ordinary states are refused at all.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ EVIDENCE = f"enclosed: {REFERENCE_DIGITS} digits"
 def _enclosed(
     case: Case, formulation: Formulation, known: dict[int, Quantities]
 ) -> Enclosure | Finding:
-    """Return the enclosure, or that there is none; see `enclosure` for `known`."""
+    """Return the enclosure, or the Finding that there is none; see `enclosure` for `known`."""
     at = case.at
     start, how = {"u": at.u}, (REFERENCE_DIGITS, at.partition_for(formulation, False))
     try:
@@ -64,7 +65,7 @@ def _enclosed(
 
 
 def _without_truth(case: Case, subject: str, error: Exception) -> Finding:
-    """Return the Finding where there are no digits, or a function does not run on balls."""
+    """Return the Finding that precision is exhausted, or a function rejects ball arithmetic."""
     if isinstance(error, RefusedError):
         return case.finding(subject, 0.0, 0.0, "inconclusive", EVIDENCE, str(error))
     why = f"not rational: {error}"
@@ -79,18 +80,18 @@ def enclosures(case: Case) -> Iterator[Finding]:
     if why := why_not_rational(case.at.scene):
         yield case.finding("all", 0.0, 0.0, "skipped", EVIDENCE, why)
         return
-    found: list[tuple[Formulation, Enclosure]] = []
+    enclosed: list[tuple[Formulation, Enclosure]] = []
     known: dict[int, Quantities] = {}
     for f in case.solved:
         x = _enclosed(case, f, known)
         if isinstance(x, Finding):
             yield x
         else:
-            found.append((f, x))
-    kept = {f: case.at.partition_for(f, False).redundant is None for f, _ in found}
-    for (f, x), (g, y) in unordered_pairs(found):
+            enclosed.append((f, x))
+    kept = {f: case.at.partition_for(f, False).redundant is None for f, _ in enclosed}
+    for (f, x), (g, y) in unordered_pairs(enclosed):
         if kept[f] != kept[g]:
-            continue  # of fewer rows, which rounding cannot tell from all, another truth follows
+            continue  # with rows left out as redundant in float64, the certified value differs
         apart = np.flatnonzero(~x.overlaps(y))
         rows = ", ".join(case.at.scene.coordinate_names[i] for i in apart)
         detail = f"acceleration, row {rows}: the balls are disjoint" if apart.size else ""
@@ -101,19 +102,19 @@ def enclosures(case: Case) -> Iterator[Finding]:
 
 @case_claim("true-error", "|q̈ - true q̈| ≤ its error bound", "(7)-(23)", "rounding error")
 def true_errors(case: Case) -> Iterator[Finding]:
-    """The error in doubles, against the enclosed truth, is what rounding explains."""
-    here = case.at
-    if case.has_speeds and not np.isfinite(here.u).all():
+    """The error in float64, against the certified value, is within its rounding bound."""
+    state = case.at
+    if case.has_speeds and not np.isfinite(state.u).all():
         return
-    if why := why_not_rational(here.scene):
+    if why := why_not_rational(state.scene):
         yield case.finding("all", 0.0, 0.0, "skipped", EVIDENCE, why)
         return
     try:
         if case.has_speeds:
-            truth, at = true_state(here.scene, here.q, here.u, here.t)
+            truth, at = true_state(state.scene, state.q, state.u, state.t)
         else:
-            how = {"t": here.t, "digits": REFERENCE_DIGITS, "v": here.v}
-            truth, at = enclose(here.scene, REFERENCE_WITHOUT_SPEEDS, here.q, **how), here
+            how = {"t": state.t, "digits": REFERENCE_DIGITS, "v": state.v}
+            truth, at = enclose(state.scene, REFERENCE_WITHOUT_SPEEDS, state.q, **how), state
     except (RefusedError, TypeError) as error:
         yield _without_truth(case, "all", error)
         return
@@ -121,31 +122,32 @@ def true_errors(case: Case) -> Iterator[Finding]:
     for formulation in true.solved:
         sensitivity = true.vdot_sensitivity(formulation)
         try:
-            found = certify(formulation, truth, at, sensitivity=sensitivity)
+            certified = certify(formulation, truth, at, sensitivity=sensitivity)
         except RefusedError as error:
             yield _without_truth(case, formulation.key, error)
             continue
-        both, names = (found.vdot, found.truth.doubles()), (here.scene.coordinate_names,)
+        both, names = (certified.vdot, certified.truth.doubles()), (state.scene.coordinate_names,)
         judged = true.compare(formulation.key, *both, sensitivity, names=names, evidence=EVIDENCE)
-        yield replace(judged, digits=found.digits, state=case.state)
+        yield replace(judged, digits=certified.digits, state=case.state)
 
 
 # ---- Refusals ------------------------------------------------------------------------------------
 
 
 def independent_rcond(formulation: Formulation, refusal: RefusedError, case: Case) -> float:
-    """Return how close to singular what `formulation` needs is, from the terms of the scene alone.
+    """Return a reciprocal condition number for a refusal, from the terms of the scene alone.
 
-    Never from the matrix refused, which a mistake may have built: from the KKT matrix, M and the
-    first r columns of a, the KKT matrix of a chain, the map that gives v from the constraints and
-    u, or the constraints over the roots of M, by their singular values. Those and the 1-norm of a
-    refusal agree to a factor of the order, which is taken off. An overflow is justified by inputs
-    large enough for it, or by what is singular to working precision.
+    The refused matrix itself is not used, since an error may have built it. Used are the matrices
+    that `formulation` depends on: the KKT matrix, M and the dependent columns of a, the KKT matrix
+    of a chain, the map that gives v from the constraints and u, or the constraints over the roots
+    of M, by their singular values; the smallest number is returned. Singular values and the 1-norm
+    of a refusal agree up to the order as a factor, which is divided out. An overflow is justified
+    by inputs large enough for it, or by a matrix that is singular to working precision.
     """
     at = case.at
     M, _, _, a, _, _ = at.terms
     if a is not None and formulation.redundant:
-        with suppress(RefusedError):  # the rank itself may be what is refused
+        with suppress(RefusedError):  # the rank itself may be refused
             kept = at.independent_partition.kept
             a = a if kept is None else a[kept]
     if refusal.what == CONTRADICTION:
@@ -163,7 +165,7 @@ def independent_rcond(formulation: Formulation, refusal: RefusedError, case: Cas
     rcond = [_rcond(matrix * column_scale(matrix)) for matrix in map(_balanced, needed)]
     if formulation.uses == "chain":
         rcond[-1] *= _evenness(at.chain)
-    # Velocities are measured by the energy in them, and so have no units of their own.
+    # Velocities are scaled by their kinetic energy, and so have no units of their own.
     scale = power_of_two_scale(np.sqrt(np.abs(np.diagonal(M))))
     if a is not None and refusal.what == RANK:
         rcond.append(_rcond(_balanced(a * scale)))
@@ -176,7 +178,7 @@ def independent_rcond(formulation: Formulation, refusal: RefusedError, case: Cas
         Z, unsure = null_space(rows), _unsure(R, rows)
         rcond.append(_rcond(R @ Z, unsure) ** 2 * _rcond(Z.T @ (scale[:, None] * M * scale) @ Z))
     if a is not None and refusal.what == MOBILITY:
-        # The square of another matrix, it is singular to working precision long before that.
+        # The square of another matrix: it is singular to working precision long before that one.
         rcond.append(_rcond(_balanced(_by_energy(M, a))) ** 2 * len(a))
     if overflows:
         return 0.0 if min(rcond) < at.scene.n * EPS else 1.0
@@ -184,10 +186,11 @@ def independent_rcond(formulation: Formulation, refusal: RefusedError, case: Cas
 
 
 def _agreement(at: Evaluation) -> float:
-    """Return what rounding explains over how far constraints that imply each other contradict.
+    """Return the rounding bound over the contradiction of constraints that imply each other.
 
-    By least squares, where v̇ has nothing of directions in which only rounding tells rows apart; or
-    over how far rows are from implying each other, if they do only for who rounds coordinates.
+    The contradiction is the residual of least squares, where v̇ has no component in directions in
+    which rows differ by rounding only. If less, the rounding bound over the distance of the rows
+    from dependence is returned: they may be dependent only after rounding of the coordinates.
     """
     M, _, _, a, gamma, _ = at.terms
     scale = _row_scale(a)
@@ -202,7 +205,7 @@ def _agreement(at: Evaluation) -> float:
 
 
 def _by_energy(M: Array, a: Array) -> Array:
-    """Return a L⁻ᵀ with L Lᵀ = M, or a where doubles do not hold M that well."""
+    """Return a L⁻ᵀ with L Lᵀ = M, or a itself if M is not positive definite in float64."""
     try:
         return solve_triangular(np.linalg.cholesky(M), a.T, lower=True).T
     except np.linalg.LinAlgError:
@@ -224,10 +227,10 @@ def _joints(chain: Chain) -> Array:
 
 
 def _evenness(chain: Chain) -> float:
-    """Return the smallest over the largest row of |A||x| + |b|, A x = b a chain's KKT system.
+    """Return the ratio of the smallest to the largest row of |A||x| + |b|, A x = b a chain's KKT.
 
-    Refinement in the same precision reaches the backward error of rounding in every row only where
-    that is well above eps times the condition number (Skeel 1980).
+    Iterative refinement in the same precision reaches a row-wise backward error of rounding only if
+    this ratio is well above eps times the condition number (Skeel 1980).
     """
     A = _kkt(np.diag(chain.mass), _joints(chain))
     force = np.zeros(len(chain.mass)) if chain.force is None else chain.force
@@ -263,15 +266,15 @@ def _rcond_of_speeds(at: Evaluation) -> float:
 
 
 def _unsure(R: Array, rows: Array) -> float:
-    """Return how far rounding moves R Z, Z the null space of `rows`."""
+    """Return a bound on the rounding error of R Z, Z the null space of `rows`."""
     if not (len(R) and len(rows)):
         return 0.0
     return len(R.T) * EPS * float(np.linalg.norm(R, 2)) / max(_rcond(rows), EPS)
 
 
 def _rcond(matrix: Array, unsure: float = 0.0) -> float:
-    """Return a reciprocal condition number; of what is known to `unsure`, the least it may be."""
-    if matrix.size == 0:  # as many constraints as coordinates: no speeds to be found
+    """Return a reciprocal condition number, its least value for entries uncertain by `unsure`."""
+    if matrix.size == 0:  # as many constraints as coordinates: there are no speeds
         return 1.0
     if not np.isfinite(matrix).all():
         return 0.0
@@ -281,10 +284,13 @@ def _rcond(matrix: Array, unsure: float = 0.0) -> float:
 
 
 def judge_refusal(refusal: RefusedError, rcond: float) -> tuple[Verdict, str]:
-    """Return the verdict on a refusal where the matrix has this rcond, and what is wrong with it.
+    """Judge a refusal by an independent reciprocal condition number.
 
-    That of a matrix whose entries are rounded is known to C eps and no better: what is nearer to
-    the threshold may have been found on either side of it.
+    The number of a matrix with rounded entries is uncertain by C eps: nearer than that to the
+    threshold, it may fall on either side.
+
+    Returns:
+        (verdict, why): the verdict, and the reason unless it passed.
     """
     if rcond <= refusal.threshold:
         return "passed", ""
@@ -302,12 +308,12 @@ def refusals(case: Case) -> Iterator[Finding]:
         except RefusedError as refusal:
             rcond = independent_rcond(formulation, refusal, case)
             verdict, why = judge_refusal(refusal, rcond)
-            said = (
+            detail = (
                 f"{formulation.key}, {refusal.what}: {why}"
                 if why
                 else str(with_redundancy_hint(case.at, refusal))
             )
-            outcome = rcond, refusal.threshold, verdict, "property-tested", said
+            outcome = rcond, refusal.threshold, verdict, "property-tested", detail
             yield case.finding(formulation.key, *outcome)
 
 
@@ -323,11 +329,11 @@ CLAIMS["coverage"] = Claim(
 
 
 ENOUGH = 20
-"""Fewer states than this say nothing about a share of 5 %."""
+"""Smallest number of states that decides about a share of 5 %."""
 
 
 class SampledState(NamedTuple):
-    """A state that was drawn, and the formulations that refused it."""
+    """A drawn state, with the keys of the formulations that refused it."""
 
     scene: Scene
     state: State
@@ -336,14 +342,14 @@ class SampledState(NamedTuple):
 
 def coverage(drawn: list[SampledState]) -> Finding:
     """Return the Finding on the share of drawn states that some formulation refused."""
-    refused = [one for one in drawn if one.refused]
+    refused = [sampled for sampled in drawn if sampled.refused]
     example = (refused or drawn)[0]
     share = len(refused) / len(drawn)
     verdict: Verdict = "passed" if share <= MAY_REFUSE else "failed"
     never = _never_solved(drawn) if refused else []
     if never and verdict == "passed":
-        verdict = "inconclusive"  # a share of all states hides a stratum without any
-    by_key = Counter(key for one in refused for key in one.refused)
+        verdict = "inconclusive"  # the share hides a factor level that is always refused
+    by_key = Counter(key for sampled in refused for key in sampled.refused)
     named = "".join(f"; {key} refused {count}" for key, count in by_key.items())
     return Finding(
         "coverage",
@@ -361,11 +367,11 @@ def coverage(drawn: list[SampledState]) -> Finding:
 
 
 def _never_solved(drawn: list[SampledState]) -> list[str]:
-    """Return which formulations refused every drawn state of a stratum."""
+    """Return a text for each formulation that refused every drawn state of a factor level."""
     refused: dict[tuple[str, str], list[set[str]]] = {}
-    for one in drawn:
-        for stratum in levels_of_case(one.scene, one.state).items():
-            refused.setdefault(stratum, []).append(set(one.refused))
+    for sampled in drawn:
+        for level in levels_of_case(sampled.scene, sampled.state).items():
+            refused.setdefault(level, []).append(set(sampled.refused))
     return [
         f"{key} refused every state of {name} {way} ({len(each)})"
         for (name, way), each in refused.items()

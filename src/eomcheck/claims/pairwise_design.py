@@ -1,13 +1,13 @@
 """Ordinary cases drawn by pairwise test design, and wide states beyond the ordinary ones.
 
-A factor (stratum) is a property that a case has in one of a few ways: the number of links; moving
-or at rest; a parameter that may be absent, or whose sign may be either. The first draws have every
-pair of ways at least once (a covering array), the next ones all numbers of links in turn.
+A factor is a property of a case with a few possible levels: the number of links; moving or at rest;
+a parameter absent, zero, positive or negative. The first draws contain every pair of levels of two
+factors at least once (a covering array), the next ones all numbers of links in turn.
 
-Numbers come from NumPy's generator, not from hypothesis, which is fond of zeros and of numbers that
-it finds in the sources at hand: the same seed draws the same cases, also from other sources.
+Numbers come from NumPy's generator, not from hypothesis, which prefers zeros and constants that it
+finds in the source code: the same seed draws the same cases, also after changes of the source.
 
-An ordinary state has angles of one turn at most and moderate velocities. For engines that are named
+An ordinary state has angles of one turn at most and moderate velocities. If engines are named,
 every other state is wide: joints turned by whole turns, velocities that are fast or slow, or both.
 """
 
@@ -34,13 +34,13 @@ from eomcheck.strategies.state_strategies import angles_of, ordinary_state, stat
 # ---- Pairwise design -----------------------------------------------------------------------------
 
 REST_EVERY = 10
-"""At most one draw of so many is at rest."""
+"""Number of draws of which at most one is at rest."""
 
 DECADES = 3
-"""Magnitudes that are drawn by their logarithm reach so far below the largest one."""
+"""Decades below the largest value in log-uniform draws."""
 
 ATTEMPTS = 100
-"""Where so many positions in a row cannot be closed, none is drawn."""
+"""Number of positions in a row without loop closure after which drawing fails."""
 
 LINKS, MOTION = "links", "motion"
 ABSENT, PRESENT = "absent", "present"
@@ -48,12 +48,13 @@ ZERO, POSITIVE, NEGATIVE, BOTH = "zero", "positive", "negative", "both signs"
 MOVING, AT_REST = "moving", "at rest"
 
 Row = dict[str, str]
-"""Name of a stratum -> the way of one case."""
+"""Name of a factor -> its level in one case."""
 Pair = tuple[tuple[str, str], tuple[str, str]]
+"""Levels of two factors, each as (factor, level)."""
 
 
 def levels_of_range(one: Range) -> tuple[str, ...]:
-    """Return the ways in which a parameter of this range is drawn."""
+    """Return the levels at which a parameter of this range is drawn."""
     if 0 in one.shape:
         return (ABSENT,)
     values: tuple[str, ...] = (PRESENT,)
@@ -65,7 +66,7 @@ def levels_of_range(one: Range) -> tuple[str, ...]:
 
 
 def level_of_value(value: Any) -> str:
-    """Return in which way a parameter is there, see `levels_of_range`."""
+    """Return the level of a parameter's value, see `levels_of_range`."""
     if value is None or np.size(value) == 0:
         return ABSENT
     positive, negative = np.any(np.asarray(value) > 0), np.any(np.asarray(value) < 0)
@@ -75,15 +76,14 @@ def level_of_value(value: Any) -> str:
 
 
 def factors(kind: type[Scene], links: int | None) -> list[Factors]:
-    """Return the strata of scenes of a kind, those with one way only included.
+    """Return the factors of a scene class with their levels, those of one level included.
 
-    Where scenes of a kind hang together in many ways, not all of which go with each other, there
-    are as many entries as `Scene.topologies` has. Where the clock drives a scene nothing is drawn
-    at rest.
+    If the class has several topologies, with levels that cannot all be combined, there is one entry
+    for each of `Scene.topologies`. Scenes driven by the clock are never drawn at rest.
     """
     found: Factors = {} if links is None else {LINKS: (str(links),)}
     topologies = kind.topologies(links)
-    # Of scenes that are drawn, each says for itself; whether the example is driven tells nothing.
+    # Random mechanisms have motion among their topologies, whether or not the example is driven.
     driven = kind.depends_on_time and not any(MOTION in ways for ways in topologies)
     found[MOTION] = (MOVING,) if driven else (MOVING, AT_REST)
     found |= {name: levels_of_range(one) for name, one in kind.ranges(links).items()}
@@ -91,7 +91,7 @@ def factors(kind: type[Scene], links: int | None) -> list[Factors]:
 
 
 def levels_of_case(scene: Scene, state: State) -> Row:
-    """Return the stratum of each name that a case is in, as measured on the case itself."""
+    """Return the level of each factor, as measured on the case itself."""
     links = link_count(scene)
     ranges = type(scene).ranges(links)
     found = {} if links is None else {LINKS: str(links)}
@@ -105,9 +105,12 @@ def levels_of_case(scene: Scene, state: State) -> Row:
 
 
 def count_levels(cases: Iterable[tuple[Scene, State]]) -> dict[str, dict[str, int]]:
-    """Return the number of cases in each stratum, by its name and way.
+    """Count the cases at each level of each factor.
 
-    What none of the scenes looked at can be otherwise is left out.
+    Factors with a single level in all of these scenes are left out.
+
+    Returns:
+        Factor -> level -> number of cases.
     """
     counts: dict[str, dict[str, int]] = {}
     for scene, state in cases:
@@ -124,11 +127,11 @@ def count_levels(cases: Iterable[tuple[Scene, State]]) -> dict[str, dict[str, in
 
 
 def link_count(scene: Scene) -> int | None:
-    """Return the number of links of a scene, None if it has none to choose."""
+    """Return the number of links of a scene, None if its class has no choice of links."""
     return getattr(scene, LINKS) if scene.has_links else None
 
 
-# ---- Which strata a case is drawn from -----------------------------------------------------------
+# ---- Covering array ------------------------------------------------------------------------------
 
 
 def _pair(one: tuple[str, str], other: tuple[str, str]) -> Pair:
@@ -136,12 +139,12 @@ def _pair(one: tuple[str, str], other: tuple[str, str]) -> Pair:
 
 
 def pairs_in(row: Row) -> set[Pair]:
-    """Return the pairs of ways that one case has."""
+    """Return the pairs of levels of one case."""
     return set(combinations(sorted(row.items()), 2))
 
 
 def level_pairs(choices: Iterable[Factors]) -> set[Pair]:
-    """Return every pair of ways of two strata that one of `choices` has."""
+    """Return every pair of levels of two factors in one of `choices`."""
     found: set[Pair] = set()
     for ways in choices:
         each = [[(name, way) for way in of] for name, of in sorted(ways.items())]
@@ -150,10 +153,10 @@ def level_pairs(choices: Iterable[Factors]) -> set[Pair]:
 
 
 def covering_array(choices: list[Factors], random: np.random.Generator) -> list[Row]:
-    """Return rows in which every way and every pair of ways occurs, each row by one of `choices`.
+    """Return rows that contain every level and every pair of levels, each row by one of `choices`.
 
-    Greedy: a row begins with a pair that is missing, and takes on what brings most missing pairs.
-    Nothing is at rest that need not be.
+    Greedy: a row begins with a missing pair, and adds the level with most missing pairs, factor by
+    factor. Rows are at rest only if their pair requires it.
     """
     missing = level_pairs(choices)
 
@@ -173,17 +176,17 @@ def covering_array(choices: list[Factors], random: np.random.Generator) -> list[
             row[str(name)] = str(among[int(np.argmax(gains))])
         missing -= pairs_in(row)
         rows.append(row)
-    alone = [ways for ways in choices if len(ways) == 1]  # which has no pairs
+    alone = [ways for ways in choices if len(ways) == 1]  # a single factor has no pairs
     return rows + [{name: way} for ways in alone for name, of in ways.items() for way in of]
 
 
 def design_rows(
     choices: list[Factors], examples: int, random: np.random.Generator
 ) -> Iterator[Row]:
-    """Yield the strata of `examples` cases: those of a covering array, then any that move.
+    """Yield the levels of `examples` cases: rows of a covering array, then random moving ones.
 
     The latter have no zeros, and the smaller half of the numbers of links: larger ones take longer
-    and show less.
+    and find fewer errors.
     """
     covered = covering_array(choices, random)
     resting = [row for row in covered if row[MOTION] == AT_REST]
@@ -209,17 +212,17 @@ def design_rows(
 def scene_cases(
     kind: type[Scene], links: tuple[int, int], examples: int, seed: int
 ) -> Iterator[tuple[Scene, State]]:
-    """Yield random scenes of a kind, each in a random state.
+    """Yield random scenes of a class, each in a random state.
 
     Args:
-        kind: the kind of scene.
-        links: smallest and largest number of links, for a kind that has one.
-        examples: how many.
-        seed: of the draws.
+        kind: the scene class.
+        links: smallest and largest number of links, for a class that has one.
+        examples: number of scenes.
+        seed: seed of the draws.
 
     Raises:
-        InputError: `examples` is less than 1, `seed` no whole number, or positions cannot be
-            closed.
+        InputError: `examples` is less than 1, `seed` no whole number, or no position satisfies the
+            loop closure.
     """
     random = _generator(examples, seed)
     numbers = range(links[0], links[1] + 1) if kind.has_links else (None,)
@@ -269,7 +272,7 @@ def _scene(kind: type[Scene], row: Row, random: np.random.Generator) -> Scene:
 
 
 def sample_level(one: Range, way: str, random: np.random.Generator) -> Any:
-    """Return a number or an array from a range, in one of its ways, see `levels_of_range`."""
+    """Return a number or an array from a range, at one of its levels, see `levels_of_range`."""
     if way == ABSENT:
         return None if one.optional else np.zeros(one.shape)
     if way == ZERO:
@@ -288,7 +291,7 @@ def sample_level(one: Range, way: str, random: np.random.Generator) -> Any:
 def _magnitudes(
     low: float, high: float, shape: tuple[int, ...], random: np.random.Generator
 ) -> Array:
-    """Return numbers in [low, high]; those of every other array alike in all decades."""
+    """Return numbers in [low, high], uniform or, for every other array, log-uniform."""
     smallest = max(low, high / 10**DECADES)
     if low >= 0 and smallest < high and random.random() < 0.5:
         return np.exp(random.uniform(np.log(smallest), np.log(high), shape)).clip(low, high)
@@ -302,23 +305,23 @@ def _entries(one: Range, random: np.random.Generator) -> Array:
 # ---- Wide states ---------------------------------------------------------------------------------
 
 TURNS = 2
-"""Whole turns of an angle to either side, at most."""
+"""Largest number of whole turns of an angle to either side."""
 
 FAST = 1.5, 3.0
 """Decades of the largest entry of a fast velocity, m/s or rad/s."""
 SLOW = -6.0, -2.0
-"""Decades of the largest entry of a slow one."""
+"""Decades of the largest entry of a slow velocity, m/s or rad/s."""
 
 WAYS = (True, None), (True, FAST), (True, SLOW), (False, FAST)
-"""Whether angles are turned, and decades of the velocity, in turn."""
+"""Cycle of wide states: whether angles are turned, and decades of the velocity."""
 
 
 def with_wide(cases: Iterable[tuple[Scene, State]], seed: int) -> Iterator[tuple[Scene, State]]:
-    """Yield cases, every other of them in a state beyond the ordinary ones.
+    """Yield cases, every other of them in a wide state.
 
     Args:
         cases: scenes in ordinary states.
-        seed: of the draws.
+        seed: seed of the draws.
     """
     random = np.random.default_rng([abs(seed), int(seed < 0), 1])
     for i, (scene, state) in enumerate(cases):
@@ -326,14 +329,15 @@ def with_wide(cases: Iterable[tuple[Scene, State]], seed: int) -> Iterator[tuple
 
 
 def wide_state(scene: Scene, state: State, number: int, random: np.random.Generator) -> State:
-    """Return a state beyond the ordinary ones, made of an ordinary one.
+    """Return a wide state made from an ordinary one.
 
-    The state itself where no position next to the turned one is closed.
+    The ordinary state itself is returned if no position near the turned one satisfies the loop
+    closure.
 
     Args:
         scene: the scene.
         state: an ordinary state, (q, v, t).
-        number: of the state; states that follow each other are wide in other ways.
+        number: number of the state, index into the cycle `WAYS`.
         random: source of the draws.
     """
     turned, decades = WAYS[number % len(WAYS)]
@@ -352,7 +356,7 @@ def wide_state(scene: Scene, state: State, number: int, random: np.random.Genera
 
 
 def rotating_coordinates(scene: Scene) -> Array:
-    """Return which coordinates turn something and move nothing along (n,)."""
+    """Return the flags (n,) of coordinates that only rotate joints and translate none."""
     tree = scene.tree()
     if tree is None:
         return np.array(angles_of(scene))
