@@ -1,7 +1,7 @@
 """Python code that reproduces a finding, run as it is printed.
 
-Of a scene the code imports its class and makes it again with its arguments. Of functions it imports
-them from where they are defined, or leaves a comment where they can be imported from nowhere.
+For a scene the code imports its class and constructs it with the same arguments. For functions it
+imports each from the module or file of its definition, or leaves a comment if there is none.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ from eomcheck.mechanics.scene import Scene
 # ---- Scenes and engines --------------------------------------------------------------------------
 
 INSTALLED = tuple(Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib"))
-"""Folders from which any Python imports."""
+"""Folders of the standard library and of installed packages."""
 
 
 def reproducer_code(
     scene: Scene | SubjectUnderTest, state: State | None, engines: Iterable[type[Engine]] = ()
 ) -> str:
-    """Return Python code that prints what fails in a state, or for all states where it is None.
+    """Return Python code that prints the failures in a state, or for all states if it is None.
 
     Args:
-        scene: the scene; a subject that is none says itself what shows it again.
+        scene: the scene; a `SubjectUnderTest` returns its own code.
         state: (q, v, t), or None.
-        engines: engines on trial there, which are then the only ones to look at.
+        engines: engines under test; the code then checks no others.
     """
     if not isinstance(scene, Scene):
         return scene.as_python(state)
@@ -57,9 +57,9 @@ def reproducer_code(
 
 
 def reproducer_header(scene: Scene, engines: Iterable[type[Engine]] = ()) -> str:
-    """Return Python code that makes a scene, and the classes of engines known."""
-    places = [_import_lines(type(scene)), *(_import_lines(kind) for kind in engines)]
-    lines = [line for place in places for line in place.splitlines()]
+    """Return Python code that constructs a scene, and imports the classes of engines."""
+    imports = [_import_lines(type(scene)), *(_import_lines(kind) for kind in engines)]
+    lines = [line for text in imports for line in text.splitlines()]
     head = "\n".join(dict.fromkeys(["import eomcheck", *lines]))
     return f"{head}\n\nscene = {scene_code(scene)}\n"
 
@@ -68,8 +68,8 @@ def reproducer_header(scene: Scene, engines: Iterable[type[Engine]] = ()) -> str
 
 
 def _import_lines(kind: type) -> str:
-    """Return the lines that make a class known, or a comment where there is none."""
-    if imported := getattr(getattr(kind, "source", None), "imports", ""):
+    """Return the lines that import a class, or a comment if it cannot be imported."""
+    if imported := getattr(getattr(kind, "made", None), "imports", ""):
         return imported
     name, module = kind.__name__, kind.__module__
     if module.startswith("eomcheck."):
@@ -85,7 +85,7 @@ def _import_lines(kind: type) -> str:
         return (
             f"from eomcheck.class_lookup import in_file\n{name} = in_file({str(path)!r}, {name!r})"
         )
-    # Files of one package import each other by their names.
+    # Modules of one package import each other by their full names.
     depth = module.count(".") + (path.name == "__init__.py")
     root = str(path.parents[depth])
     return f"import sys\nsys.path.insert(0, {root!r})\nfrom {module} import {name}"
@@ -103,27 +103,27 @@ def _is_installed(file: str) -> bool:
 
 
 def scene_code(scene: Scene) -> str:
-    """Return Python that makes a scene again: its arguments as far as it keeps them by name."""
+    """Return a Python expression that constructs a scene, from arguments stored as attributes."""
     kind = type(scene)
     if isinstance(scene, Parametric):
         return repr(scene)
     if is_dataclass(scene):
-        kept = {one.name: getattr(scene, one.name) for one in fields(scene) if one.init}
-        return _call(kind, kept)
+        stored = {field.name: getattr(scene, field.name) for field in fields(scene) if field.init}
+        return _call(kind, stored)
     if kind.__repr__ is not object.__repr__:
         return repr(scene)
     try:
         if _same(vars(kind()), vars(scene)):
             return f"{kind.__name__}()"
-    except Exception:  # it has no defaults
+    except Exception:  # the constructor has no defaults
         pass
     names = [name for name in inspect.signature(kind).parameters if hasattr(scene, name)]
     return _call(kind, {name: getattr(scene, name) for name in names})
 
 
 def _call(kind: type, arguments: dict[str, Any]) -> str:
-    said = ", ".join(f"{name}={_literal(value)}" for name, value in arguments.items())
-    return f"{kind.__name__}({said})"
+    written = ", ".join(f"{name}={_literal(value)}" for name, value in arguments.items())
+    return f"{kind.__name__}({written})"
 
 
 def _literal(value: Any) -> str:
@@ -145,20 +145,20 @@ def _same(x: Any, y: Any) -> bool:
 
 
 class SubjectUnderTest(Protocol):
-    """What is on trial where it is no scene."""
+    """A subject of findings other than a scene, such as user-supplied functions."""
 
     @property
     def name(self) -> str:
-        """What reports call it."""
+        """Its name in reports."""
         ...
 
     @property
     def structure(self) -> str:
-        """What it is, apart from numbers."""
+        """Its structural variant: a text without its numbers."""
         ...
 
     def as_python(self, state: State | None) -> str:
-        """Return Python code that shows what fails in a state, or in all where it is None."""
+        """Return Python code that prints the failures in a state, or in all states if None."""
         ...
 
 
@@ -168,13 +168,13 @@ class SubjectUnderTest(Protocol):
 def functions_reproducer(
     functions: Any, inputs: Mapping[str, Any], fields: Iterable[Any], state: State | None
 ) -> str:
-    """Return Python code that prints what fails, compared with the same reference.
+    """Return Python code that prints the failures of functions against the same reference.
 
     Args:
-        functions: a `Functions`.
-        inputs: names of what are functions.
-        fields: the fields of a `Functions`.
-        state: where, or None for the states that are drawn by default.
+        functions: an `EquationsOfMotion`.
+        inputs: keyed by the names of its fields that are functions.
+        fields: its dataclass fields.
+        state: the failing state, or None for the states drawn by default.
     """
     head, arguments, paths = ["from eomcheck.testing import check_functions"], [], {}
     for one in fields:
@@ -202,7 +202,7 @@ def functions_reproducer(
     if paths:
         folders = dict.fromkeys(str(path.parent) for path in paths)
         head.insert(0, "import runpy\nimport sys\n")
-        head.append(f"sys.path += {[*folders]!r}")  # a file may import what is beside it
+        head.append(f"sys.path += {[*folders]!r}")  # for imports of files beside it
     head.extend(f"{name} = runpy.run_path({str(path)!r})" for path, name in paths.items())
     if state is not None:
         arguments.append(f"states=[({state.q.tolist()}, {state.v.tolist()})]")
@@ -217,9 +217,9 @@ def functions_reproducer(
 
 
 def reference_code(against: Any) -> tuple[str, str]:
-    """Return (code that comes before, expression) of what functions are compared with.
+    """Return (preceding code, expression) of the reference that functions are compared with.
 
-    A scene, and an engine of a scene, are made again; anything else is left to be put in.
+    A scene, or an engine of a scene, is constructed again; any other reference has to be filled in.
     """
     match against:
         case Scene():
@@ -234,9 +234,9 @@ def reference_code(against: Any) -> tuple[str, str]:
 
 
 def import_location(function: Any) -> tuple[str | Path, str] | None:
-    """Return (module or file, name) where a function is found again, or None where it is not.
+    """Return (module or file, name) from which a function can be imported, None if it cannot.
 
-    A module of one file is taken by its path: it may be importable from its own folder only.
+    A top-level module is given by its path: it may be importable from its own folder only.
     """
     name = getattr(function, "__qualname__", "")
     module = sys.modules.get(getattr(function, "__module__", None) or "")
@@ -251,7 +251,7 @@ def import_location(function: Any) -> tuple[str | Path, str] | None:
 
 
 def function_label(function: Any) -> str:
-    """Return what a function is called, and where it is written."""
+    """Return the name of a function with the file and line of its definition."""
     code = getattr(function, "__code__", None)
     name = getattr(function, "__qualname__", None) or repr(function)
     return f"{name}, {code.co_filename}:{code.co_firstlineno}" if code is not None else name

@@ -1,4 +1,8 @@
-"""Claims about single terms: M, B, Q, a, b and gamma against energies, constraints and engines."""
+"""Claims about single terms: M, B, Q, a, b and gamma against energies, constraints and engines.
+
+Terms written by hand are compared with derivatives of T, U, R and the constraints by automatic
+differentiation (dual numbers), along virtual displacements.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +31,7 @@ from eomcheck.numbers.generic import Array, as_objects, map_record
 
 @case_claim("finite-terms", "M, Q, B, a, gamma are finite", "(2)-(5)", "term that is not finite")
 def finite_terms(case: Case) -> Iterator[Finding]:
-    """Every term is a finite number, unless the state itself is so large that it overflows."""
+    """Every term is finite, unless the state itself is so large that it overflows."""
     at = case.at
     with_inputs = [x for x in at.parameters if x is not None] + [at.q, at.v]
     overflow = max(largest(x) for x in with_inputs) > HUGE
@@ -47,7 +51,7 @@ def finite_terms(case: Case) -> Iterator[Finding]:
     against="M",
 )
 def mass_matrix(at: GenericPoint, look: EvaluationContext) -> Iterator[Comparison]:
-    """M v is the rate of T along any change of v; M itself is symmetric."""
+    """M v is the derivative of T by v in any direction, and M is symmetric."""
     M, v = at.terms.M, at.free.v
 
     def change(direction: Array) -> tuple[Any, Any]:
@@ -68,7 +72,7 @@ def mass_matrix(at: GenericPoint, look: EvaluationContext) -> Iterator[Compariso
     against="B",
 )
 def bias(at: GenericPoint, look: EvaluationContext) -> Iterator[Comparison]:
-    """B is what Lagrange's equations leave at q̈ = 0, along any virtual displacement."""
+    """B is the left side of Lagrange's equations at q̈ = 0, along any virtual displacement."""
     v, B = at.free.v, at.free.terms.B
     prepared, q = at.prepared_duals(v)
     steady = constant(prepared), constant(q)
@@ -91,7 +95,7 @@ def bias(at: GenericPoint, look: EvaluationContext) -> Iterator[Comparison]:
     against="Q",
 )
 def generalized_forces(at: GenericPoint, look: EvaluationContext) -> Iterator[Comparison]:
-    """Q is minus the rates of U and, by the change of velocity, of R along any displacement."""
+    """Q is minus the derivatives of U by q and of R by v, along any virtual displacement."""
     Q = at.terms.Q
 
     def work(direction: Array) -> tuple[Any, Any] | None:
@@ -106,16 +110,16 @@ def generalized_forces(at: GenericPoint, look: EvaluationContext) -> Iterator[Co
 
 
 def _constraints(subject: str, at: Quantities) -> Iterator[Comparison]:
-    """Yield the sides of a v + b = c, where one of them is present."""
+    """Yield the comparison a v + b = c, unless both sides are absent."""
     v, a, b = at.v, at.terms.a, at.terms.b
     expected = at.call(at.scene.constraint, at.parameters, at.prepared, at.q, v)
     if a is None and expected is None:
         return
     zero = np.zeros(at.scene.r, object)
-    found = zero if a is None else a @ v if b is None else a @ v + b
+    actual = zero if a is None else a @ v if b is None else a @ v + b
     expected = zero if expected is None else expected
     terms = product_size(expected) if a is None else product_size(a, v) + product_size(b)
-    yield Comparison(subject, found, expected, (at.scene.constraint_names,), terms)
+    yield Comparison(subject, actual, expected, (at.scene.constraint_names,), terms)
 
 
 @claim(
@@ -127,7 +131,7 @@ def _constraints(subject: str, at: Quantities) -> Iterator[Comparison]:
     against="a",
 )
 def constraint_jacobian(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
-    """The constraints are a v + b for every v, and none is forgotten."""
+    """The constraints are a v + b for every v, and none is left out."""
     return _constraints("a", look.free)
 
 
@@ -139,15 +143,16 @@ def constraint_jacobian(at: Quantities, look: EvaluationContext) -> Iterator[Com
     provable=False,
 )
 def constraint_velocity(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
-    """Compare a and b with the constraints, without any engine."""
+    """The constraints are a v + b, without any engine."""
     return _constraints("c", look.free)
 
 
 def _rate_of_positions(
-    residual: Callable, parameters: Any, still: Any, rates: Any, q: Array, qdot: Array
+    residual: Callable, parameters: Any, prepared: Any, rates: Any, q: Array, qdot: Array
 ) -> Array:
-    """Return how fast residuals change, of what is prepared and its rates, q (n,) and q̇ (n,)."""
-    return rate(residual(as_objects(parameters), map_record(duals, still, rates), duals(q, qdot)))
+    """Return the rates of residuals from precomputed values, their rates, q (n,) and q̇ (n,)."""
+    changing = map_record(duals, prepared, rates)
+    return rate(residual(as_objects(parameters), changing, duals(q, qdot)))
 
 
 @claim(
@@ -158,22 +163,22 @@ def _rate_of_positions(
     rate_of="Φ",
 )
 def position_rate(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
-    """Holonomic constraints are the rates of what vanishes at closed positions."""
+    """Holonomic constraints are the rates of the loop-closure residuals Φ."""
     scene, rows = at.scene, at.scene.holonomic
     residual, names = scene.position_residual, scene.constraint_names[rows]
     if residual is None or at.terms.a is None:
         return
 
     def rates(qdot: Array, clock: bool = True) -> Array:
-        here = at.parameters, *at.prepared_and_rates(qdot, clock), at.q, qdot
-        return at.run(_rate_of_positions, residual, *here)
+        arguments = at.parameters, *at.prepared_and_rates(qdot, clock), at.q, qdot
+        return at.run(_rate_of_positions, residual, *arguments)
 
     if look.exact:
         v = look.free.v
         expected = scene.constraint(at.parameters, at.prepared, at.q, v)[rows]
         yield Comparison("Φ", rates(v), expected, (names,))
         return
-    # At a consistent velocity every rate is 0, and would tell nothing.
+    # At a consistent velocity every rate is 0: use each coordinate direction instead.
     over_coordinates = np.array([rates(axis, False) for axis in look.directions]).T
     yield Comparison("∂Φ/∂q", over_coordinates, at.terms.a[rows], (names, scene.coordinate_names))
     if scene.depends_on_time:
@@ -191,7 +196,7 @@ def position_rate(at: Quantities, look: EvaluationContext) -> Iterator[Compariso
     against="gamma",
 )
 def constraint_drift(at: GenericPoint, look: EvaluationContext) -> Iterator[Comparison]:
-    """gamma is the rate of the constraints at v̇ = 0, for every v."""
+    """The drift gamma is the rate of the constraints at v̇ = 0, for every v."""
     free = at.free
     if at.terms.a is None:
         return
@@ -201,7 +206,7 @@ def constraint_drift(at: GenericPoint, look: EvaluationContext) -> Iterator[Comp
 
 @claim("kinetic-energy", "½ q̇ᵀ M q̇ = T", "(5), (25)", "kinetic energy")
 def kinetic_energy(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
-    """vᵀ M v = 2 T for every v."""
+    """The quadratic form vᵀ M v is 2 T for every v."""
     v = look.free.v
     momentum = at.terms.M @ v
     T, _ = at.call(at.scene.energies, at.parameters, at.prepared, at.q, v)

@@ -1,7 +1,8 @@
 """Claims that relate terms: null spaces, generalized speeds and forces, ML = Kane, chains.
 
-Those of the paper's appendices come first (null spaces, remainders, generalized forces, ML = Kane).
-Those about a `Chain` compare its numbers with the constraints, the energies and the forces.
+Claims of the paper's appendices come first (null spaces, remainders, generalized forces, ML =
+Kane). Claims about a `Chain` (quasi-velocities x of bodies connected in series) compare its numbers
+with the constraints, the energies and the forces.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ def embedding_null_space(e: Quantities, partition: Partition) -> Array:
     """Return the w (n, n-r) of the embedding method.
 
     Raises:
-        RefusedError: the constraints are not independent, or more than coordinates.
+        RefusedError: the constraints are not independent, or there are more than coordinates.
     """
     e.refuse_partition()
     return em.partition_embedding(e.terms.a, e.terms.gamma, partition)[0]
@@ -66,13 +67,13 @@ def null_space_embedding(at: Quantities, look: EvaluationContext) -> Iterator[Co
         except RefusedError as refusal:
             yield Skipped(subject, str(refusal))
         else:
-            # Where w grows from row to row, so does what was rounded in it before.
-            told = sensitivity_where(look.exact or _has_digits(look, w, partition))
-            yield vanishing(subject, at.terms.a @ w, names, magnitude(at.terms.a, w), told)
+            # Where w grows from row to row, so do earlier rounding errors in it.
+            sensitivity = sensitivity_where(look.exact or _has_digits(look, w, partition))
+            yield vanishing(subject, at.terms.a @ w, names, magnitude(at.terms.a, w), sensitivity)
 
 
 def _has_digits(look: EvaluationContext, w: Array, partition: Partition) -> Any:
-    """Return whether rounding leaves digits of w: none where a_1 is nothing but rounding."""
+    """Return whether rounding leaves digits of w: none if a_1 consists of rounding error."""
     lost = allowed_error(look.sensitivity(lambda e: embedding_null_space(e, partition)))
     return lost <= INCONCLUSIVE * largest(w)
 
@@ -88,26 +89,31 @@ def null_space_speeds(at: Quantities, look: EvaluationContext) -> Iterator[Compa
 
 @claim("speeds-velocity", "w′ u + x′ = q̇", "(20), (29)", "generalized speeds")
 def speeds_velocity(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
-    """The generalized speeds of a consistent velocity give it back, and it them."""
+    """Generalized speeds and consistent velocities determine each other: the maps are inverse."""
     if not look.has_speeds:
         return
     names = (at.scene.coordinate_names,)
     u = at.call(at.scene.speeds_of, at.parameters, at.prepared, at.q, at.velocity)
     yield Comparison("u", u, at.u, (speed_names(at),))
     if not look.exact:
-        # v may violate what nearly dependent constraints amplify, and u leaves out.
+        # v may violate nearly dependent constraints, which amplify its rounding; u cannot.
         yield Comparison("ml, kane", at.velocity, at.v, names)
     if at.scene.qdot is not None:
         yield Comparison("q̇", at.qdot, at.v, names)
     a, b = at.terms.a, at.terms.b
     # Without b and x′ this is a w′ = 0.
     if look.exact and a is not None and not (b is None and at.speeds.offset is None):
-        found = a @ at.v if b is None else a @ at.v + b
-        yield vanishing("a q̇ + b", found, (at.scene.constraint_names,), 0.0)
+        residual = a @ at.v if b is None else a @ at.v + b
+        yield vanishing("a q̇ + b", residual, (at.scene.constraint_names,), 0.0)
 
 
 def _differentiated(
-    kinematics: Callable, speeds: Callable, parameters: Any, still: Any, rates: Any, *state: Array
+    kinematics: Callable,
+    speeds: Callable,
+    parameters: Any,
+    prepared: Any,
+    rates: Any,
+    *state: Array,
 ) -> Array:
     """Return ẇ′u + ẋ′ (n,), w′ and x′ differentiated along the motion.
 
@@ -115,12 +121,12 @@ def _differentiated(
         kinematics: function of a scene.
         speeds: function of a scene.
         parameters: of the scene.
-        still: what it prepares.
-        rates: how fast that changes.
+        prepared: precomputed values of the scene.
+        rates: their rates.
         state: coordinates (n,), velocities (n,) and speeds (p,).
     """
     q, v, u = state
-    parameters, prepared = as_objects(parameters), map_record(duals, still, rates)
+    parameters, prepared = as_objects(parameters), map_record(duals, prepared, rates)
     steady = duals(u, np.zeros(u.shape, object))
     W, _, offset = speeds(
         parameters, prepared, kinematics(parameters, prepared, duals(q, v), steady)
@@ -136,27 +142,27 @@ def _differentiated(
     rate_of="rest",
 )
 def speeds_remainder(at: Quantities, look: EvaluationContext) -> Iterator[Comparison | Skipped]:
-    """The part of q̈ left at u̇ = 0 is ẇ′u + ẋ′ and satisfies the constraints differentiated."""
+    """The velocity-dependent part of q̈, at u̇ = 0, is ẇ′u + ẋ′ and keeps the constraints."""
     if not look.has_speeds:
         return
     a, gamma, rest = at.terms.a, at.terms.gamma, at.speeds.rest
-    told = sensitivity_where(look.speeds_resolved)
+    sensitivity = sensitivity_where(look.speeds_resolved)
     if at.speeds.W is not None:
-        here = at.parameters, *at.prepared_and_rates(at.v), at.q, at.v, at.u
-        expected = at.call(_differentiated, at.scene.kinematics, at.scene.speeds, *here)
-        # Where nothing moves both are 0, and rightly so. Either is a solve of its own.
+        arguments = at.parameters, *at.prepared_and_rates(at.v), at.q, at.v, at.u
+        expected = at.call(_differentiated, at.scene.kinematics, at.scene.speeds, *arguments)
+        # At rest both are 0, which is right. Each side is a linear solve of its own.
         names = (at.scene.coordinate_names,)
-        yield Comparison("rest", rest, expected, names, sensitivity=told, may_vanish=True)
+        yield Comparison("rest", rest, expected, names, sensitivity=sensitivity, may_vanish=True)
     if a is not None:
         names, terms = (at.scene.constraint_names,), magnitude(a, rest) + magnitude(gamma)
-        sides = vanishing("ml, kane", a @ rest + gamma, names, terms, told)
-        # Rods that stay parallel leave nothing of gamma, and of rest.
+        sides = vanishing("ml, kane", a @ rest + gamma, names, terms, sensitivity)
+        # For rods that stay parallel gamma and rest are 0.
         yield sides._replace(may_vanish=True)
 
 
 @claim("active-forces", "F_Kane = w′ᵀ Q", "(23), (C1)-(C4), (D1)-(D2)", "generalized active forces")
 def active_forces(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
-    """Kane's active forces, from the bodies, are Lagrange's, projected."""
+    """Kane's active forces, summed over the bodies, are Lagrange's, projected by w′."""
     if not look.has_speeds:
         return
     W, Q, force = at.speeds.W, at.terms.Q, at.bodies.force
@@ -167,37 +173,37 @@ def active_forces(at: Quantities, look: EvaluationContext) -> Iterator[Compariso
     else:
         projected = Q if W is None else W.T @ Q
         terms = magnitude(Q) if W is None else magnitude(W.T, Q)
-    found = np.zeros(at.scene.p, object) if force is None else force
-    yield sized(Comparison("kane", found, projected, (speed_names(at),)), terms)
+    actual = np.zeros(at.scene.p, object) if force is None else force
+    yield sized(Comparison("kane", actual, projected, (speed_names(at),)), terms)
 
 
 def ml_system(e: Quantities) -> tuple[Array, Array]:
-    """Return (M_ML (p, p), F_ML (p,))."""
+    """Return the system of the modified Lagrange method, (M_ML (p, p), F_ML (p,))."""
     return project(e.terms.M, e.F, e.speeds.W, e.speeds.rest)
 
 
 def kane_system(e: Quantities) -> tuple[Array, Array]:
-    """Return (M_Kane (p, p), N_Kane q̇ + G_Kane (p,))."""
+    """Return the inertia sums of Kane's method, (M_Kane (p, p), N_Kane q̇ + G_Kane (p,))."""
     return e.call(kane.inertia_sums, *e.bodies[:-1], e.scene.support)
 
 
 @claim("kane-ml-mass", "M_Kane = M_ML", "(21), (23)", "M_Kane against M_ML")
 def kane_ml_mass(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
-    """Kane's and the modified Lagrange method have the same mass matrix, element by element."""
+    """Kane's and the modified Lagrange method have equal mass matrices, element by element."""
     if look.has_speeds:
         yield Comparison("kane ~ ml", kane_system(at)[0], ml_system(at)[0], (speed_names(at),) * 2)
 
 
 @claim("kane-ml-force", "F_Kane - N q̇ - G = F_ML", "(21)-(23)", "F_Kane - N q̇ - G against F_ML")
 def kane_ml_force(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
-    """Kane's and the modified Lagrange method have the same right-hand side."""
+    """Kane's and the modified Lagrange method have equal right-hand sides."""
     if not look.has_speeds:
         return
     force, remainder = at.bodies.force, kane_system(at)[1]
     terms = magnitude(remainder) + magnitude(force)
-    # It is written over where it stands.
-    found, expected = kane.right_hand_side(force, remainder), ml_system(at)[1]
-    yield sized(Comparison("kane ~ ml", found, expected, (speed_names(at),)), terms)
+    # In place: `remainder` is overwritten.
+    actual, expected = kane.right_hand_side(force, remainder), ml_system(at)[1]
+    yield sized(Comparison("kane ~ ml", actual, expected, (speed_names(at),)), terms)
 
 
 @case_claim(
@@ -208,23 +214,23 @@ def kane_ml_force(at: Quantities, look: EvaluationContext) -> Iterator[Compariso
     asks="kane_inertia_remainder",
 )
 def kane_n_matrix(case: Case) -> Iterator[Finding]:
-    """Our remainder is N_Kane q̇ + G_Kane of Eq. (23), differentiated by an engine."""
+    """The inertia remainder is N_Kane q̇ + G_Kane of Eq. (23), as differentiated by an engine."""
     if not case.has_speeds:
         return
 
     def remainder(e: Quantities) -> Array:
         return kane_system(e)[1]
 
-    # What it differentiates may be told in frames that turn, as in B.
+    # The engine may differentiate vectors in rotating frames, as in B.
     W = case.at.speeds.W
     in_speeds = inertia_size(case.at) * (1.0 if W is None else largest(np.abs(W).sum(axis=0)))
     ours = cache(partial(remainder, case.at))
     for engine in case.claim_engines:
-        said = ask_engine(case, engine, *case.state, expected=ours, part=lambda said: said[0])
-        if isinstance(said, Finding) or isinstance(engine, type):
-            yield said
+        answer = ask_engine(case, engine, *case.state, expected=ours, part=lambda x: x[0])
+        if isinstance(answer, Finding) or isinstance(engine, type):
+            yield answer
             continue
-        theirs, terms, condition = said
+        theirs, terms, condition = answer
         scale = sensitivity_of(case.at, remainder, coordinates=True) + terms + in_speeds
         yield compare_with_engine(
             case,
@@ -255,7 +261,7 @@ def _has_joints(at: Quantities) -> bool:
 
 @claim("chain-velocity", "q̇ of x, x of q̇", "(2), (28)", "velocity of a chain")
 def chain_velocity(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
-    """The quasi-velocities of a consistent velocity give it back."""
+    """The quasi-velocities of a consistent velocity determine it: the maps are inverse."""
     if _is_chain(at):
         v = at.call(at.scene.chain_velocity, at.parameters, at.prepared, at.q, at.x)
         yield vanishing("q̇", v - at.v, (at.scene.coordinate_names,), product_size(at.v))
@@ -263,7 +269,7 @@ def chain_velocity(at: Quantities, look: EvaluationContext) -> Iterator[Comparis
 
 @claim("chain-energy", "xᵀ D x = 2 T", "(25)", "mass of a chain")
 def chain_energy(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
-    """The mass is diagonal in the quasi-velocities of a consistent velocity."""
+    """The mass matrix is diagonal in the quasi-velocities of a consistent velocity."""
     if _is_chain(at):
         T, _ = at.call(at.scene.energies, at.parameters, at.prepared, at.q, at.v)
         yield Comparison("D", (at.chain.mass * at.x * at.x).sum(), 2 * T, ())
@@ -271,13 +277,13 @@ def chain_energy(at: Quantities, look: EvaluationContext) -> Iterator[Comparison
 
 @claim("chain-forces", "fᵀ ∂x/∂q̇ = Q", "(26)-(27), (D2)", "forces of a chain")
 def chain_forces(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
-    """The active forces along the chain do the work that Q does, on any virtual displacement."""
+    """Active forces of the chain do the same work as Q on any virtual displacement."""
     f, Q = (at.chain.force, at.terms.Q) if _is_chain(at) else (None, None)
     if f is None and Q is None:
         return
 
     def work(direction: Array) -> tuple[Any, Any]:
-        # Quasi-velocities of any velocity, by the Python function.
+        # Quasi-velocities of an arbitrary velocity, by the Python function.
         x = at.scene.quasi_velocities(at.parameters, at.prepared, at.q, direction)
         return 0 if f is None else f @ x, 0 if Q is None else direction @ Q
 
@@ -300,7 +306,7 @@ def _size_in_joints(at: Quantities) -> float:
 
 @claim("chain-coupling", "A_k x_{k-1} + C_k x_k = 0", "(2), (28)", "coupling of a chain")
 def chain_coupling(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
-    """Quasi-velocities of a consistent velocity hold the joints together."""
+    """Quasi-velocities of a consistent velocity satisfy the joint equations."""
     if _has_joints(at):
         gaps = joint_gaps(at.chain.before, at.chain.after, at.x)
         yield vanishing("A, C", gaps, _joint_names(len(gaps)), _size_in_joints(at))
@@ -314,7 +320,7 @@ def chain_coupling(at: Quantities, look: EvaluationContext) -> Iterator[Comparis
     rate_of="d",
 )
 def chain_remainder(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
-    """What the joints leave at ẋ = 0 is the rate of the coupling at constant x."""
+    """The drift d of the joint equations is the rate of the coupling at constant x."""
     if not _has_joints(at):
         return
     x, rest = as_objects(at.x), at.chain.rest
@@ -329,28 +335,28 @@ def chain_remainder(at: Quantities, look: EvaluationContext) -> Iterator[Compari
 
 @claim("chain-acceleration", "q̈ of ẋ, ẋ of q̈", "(3), (28)", "acceleration of a chain", rate_of="q̈")
 def chain_acceleration(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
-    """The rates of the quasi-velocities give the acceleration back that they were found from."""
+    """The rates of the quasi-velocities determine the acceleration: the maps are inverse."""
     if not _is_chain(at):
         return
     if look.exact:
         vdot, allowed = at.speeds.W @ look.free.v[: at.scene.p] + at.speeds.rest, True
     else:
         vdot, allowed = _allowed_acceleration(at)
-    here = as_objects(at.parameters), *at.prepared_duals(at.v), duals(at.v, vdot)
-    xdot = rate(at.scene.quasi_velocities(*here))
+    arguments = as_objects(at.parameters), *at.prepared_duals(at.v), duals(at.v, vdot)
+    xdot = rate(at.scene.quasi_velocities(*arguments))
     xdot = xdot if look.exact else as_float64(xdot)
-    found = at.call(at.scene.chain_acceleration, at.parameters, at.prepared, at.x, xdot)
-    # Of a long link ẋ are the larger numbers, and round to more than q̈ does.
+    back = at.call(at.scene.chain_acceleration, at.parameters, at.prepared, at.x, xdot)
+    # For a long link ẋ is larger than q̈, and has the larger rounding error.
     terms = product_size(vdot) + product_size(xdot) + product_size(at.v) * (1 + product_size(at.v))
     names = (at.scene.coordinate_names,)
-    yield vanishing("q̈", found - vdot, names, terms, sensitivity_where(allowed))
+    yield vanishing("q̈", back - vdot, names, terms, sensitivity_where(allowed))
 
 
 def _allowed_acceleration(e: Quantities) -> tuple[Array, Any]:
-    """Return the smallest v̇ (n,) that satisfies the constraints differentiated, and if it does.
+    """Return the smallest v̇ (n,) by the differentiated constraints, and whether it satisfies them.
 
-    Dependent constraints may forbid it: with v only nearly consistent, gamma is not what dependent
-    rows of a ask for.
+    Dependent constraints may have no solution: with v only nearly consistent, gamma need not be
+    compatible with dependent rows of a.
     """
     a, gamma = e.terms.a, e.terms.gamma
     if a is None:
@@ -358,7 +364,8 @@ def _allowed_acceleration(e: Quantities) -> tuple[Array, Any]:
     vdot = least_squares(a, -gamma)
     residual = a @ vdot + gamma
     if lanes_in(residual) or np.isfinite(residual).all():
-        # Its rounding is that of its largest entry, which is much where a long link multiplies it.
+        # One refinement: its rounding error is that of its largest entry, which a long link
+        # multiplies.
         vdot = vdot - least_squares(a, residual)
     terms = np.abs(a) @ np.abs(vdot) + np.abs(gamma)
     return vdot, everywhere(np.abs(a @ vdot + gamma) <= allowed_error(1.0) * terms)

@@ -1,9 +1,9 @@
-"""User-supplied scenes: the function that raised an error, shapes, and exact numbers.
+"""User-supplied scenes: origin of errors, shapes of results, support of exact numbers.
 
-Shapes that the contract asks of a scene's functions are checked before any claim is: numbers of
+The shapes of the arrays that a scene's functions return are checked before any claim: arrays of
 wrong shape would end in an error deep inside a formulation, or be broadcast. An error is attributed
-to the scene's own function that raised it. A scene function is tried in float64 and on exact
-numbers, which it need not support.
+to the user-supplied function that raised it, by its traceback. A scene function has to run in
+float64; exact numbers it need not support.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ HERE = Path(eomcheck.__file__).parent
 
 
 def scene_function_that_raised(scene: Scene, error: BaseException) -> str:
-    """Return which function of the scene's own raised what, and where; "" where none did."""
+    """Return the user-supplied scene function that raised an error, with its line; "" if none."""
     files = _files(type(scene))
     through = [x for x in traceback.extract_tb(error.__traceback__) if x.filename in files]
     if not through:
@@ -48,7 +48,7 @@ def scene_function_that_raised(scene: Scene, error: BaseException) -> str:
 
 
 def _files(kind: type[Scene]) -> set[str]:
-    """Return the files in which functions of a kind of scene are written, but for those of ours."""
+    """Return the files that define functions of a scene class, files of this package excluded."""
     functions = [getattr(kind, name, None) for name in FUNCTIONS]
     functions += [x for of in kind.__mro__ for x in vars(of).values()]
     codes = (getattr(inspect.unwrap(x), "__code__", None) for x in functions if callable(x))
@@ -60,27 +60,27 @@ def _files(kind: type[Scene]) -> set[str]:
 
 Shape = tuple[int, ...]
 Returned = tuple[str, str, Any, Shape]
-"""Name of the function, of what it returns, that itself, and the shape it should have."""
+"""(function, symbol, returned value, expected shape) of one result of a scene function."""
 
 ARRAYS: Any = (np.ndarray, Number)
-"""Types of arrays and numbers that functions may return."""
+"""Types that scene functions may return."""
 
 NEEDED = frozenset({"V", "ω", "M", "T", "u", "r", "Φ"})
-"""Symbols that every scene gives."""
+"""Symbols that every scene has to return."""
 
 OF_CONSTRAINTS = frozenset({("terms", "a"), ("constraint", "c")})
-"""Functions and their symbols that every scene with constraints gives.
+"""Functions and their symbols that every scene with constraints has to return.
 
-`constraints` may leave out a: where `terms` are written by hand nothing asks for it.
+`constraints` may leave out a: if `terms` are written by hand it is not used.
 """
 
 _shapes_checked: set[tuple[type[Scene], str]] = set()
 
 
 def check_shapes(scene: Scene) -> None:
-    """Check what each function of `scene` returns, once for each structure.
+    """Check the shapes that each function of `scene` returns, once for each structure.
 
-    None stands for what a scene has not, where it may be left out.
+    None stands for an absent optional quantity.
 
     Raises:
         InputError: an array has not the shape of the contract (`eomcheck.mechanics.scene`).
@@ -94,18 +94,18 @@ def check_shapes(scene: Scene) -> None:
         raise
     except Exception as error:
         if scene_function_that_raised(scene, error):
-            return  # which is told of the state where it happens
+            return  # reported at the state at which it happens
         raise
     _shapes_checked.add(which)
 
 
 def compare_shapes(scene: Scene, at: Quantities) -> None:
-    """Shapes of what each function of `scene` returns at one point, compared with the contract's.
+    """Compare the shapes that each function of `scene` returns at one point with the contract.
 
     Raises:
-        InputError: an array has another shape, or what a function of somebody's own returns ends in
-            an error of ours.
-        Exception: what a function of the scene raised.
+        InputError: an array has another shape, or the result of a user-supplied function leads to
+            an error inside this package.
+        Exception: raised by a function of the scene.
     """
     try:
         _compare_shapes(scene, at)
@@ -114,8 +114,8 @@ def compare_shapes(scene: Scene, at: Quantities) -> None:
     except Exception as error:
         if is_ours(type(scene)) or scene_function_that_raised(scene, error):
             raise
-        said = f"{described_error(error)}, of what its functions return"
-        raise InputError(f"{type(scene).__name__}: {said}") from error
+        why = f"{described_error(error)}, of what its functions return"
+        raise InputError(f"{type(scene).__name__}: {why}") from error
 
 
 def _compare_shapes(scene: Scene, at: Quantities) -> None:
@@ -124,14 +124,14 @@ def _compare_shapes(scene: Scene, at: Quantities) -> None:
         if scene.natural_speeds:
             with suppress(RefusedError):
                 map_record(partial(_check_shared, scene), at.kinematics)
-        for function, name, found, shape in function_results(scene, at):
+        for function, name, returned, shape in function_results(scene, at):
             whose = f"{type(scene).__name__}.{function}: {name}"
-            if found is None and name not in NEEDED and (function, name) not in needed:
+            if returned is None and name not in NEEDED and (function, name) not in needed:
                 continue
-            if not isinstance(found, ARRAYS):
-                kind = "None" if found is None else f"a {type(found).__name__}"
+            if not isinstance(returned, ARRAYS):
+                kind = "None" if returned is None else f"a {type(returned).__name__}"
                 raise InputError(f"{whose} is {kind}, expected an array of shape {shape}")
-            array: np.ndarray = np.asarray(found)
+            array: np.ndarray = np.asarray(returned)
             if array.shape != shape:
                 raise InputError(f"{whose} has shape {array.shape}, expected {shape}")
             if not (array.dtype.kind in "fiub" or all(isinstance(x, Real) for x in array.flat)):
@@ -139,7 +139,7 @@ def _compare_shapes(scene: Scene, at: Quantities) -> None:
 
 
 def _check_shared(scene: Scene, part: Any) -> None:
-    """Raise InputError if a part of what speeds and bodies share cannot be looked into."""
+    """Raise InputError if a part of `kinematics` has a type that cannot be traversed."""
     if not isinstance(part, ARRAYS):
         raise InputError(
             f"{type(scene).__name__}.kinematics: a {type(part).__name__}, expected an array, a "
@@ -155,56 +155,56 @@ def _somewhere(scene: Scene) -> Quantities:
 
 
 def function_results(scene: Scene, at: Quantities) -> Iterator[Returned]:
-    """Yield what the functions return at a point, those first that others are made of."""
+    """Yield the results of the scene functions at a point, inputs of others first."""
     n, r, p = scene.n, scene.r, scene.p
-    place = at.parameters, at.prepared, at.q
-    here = *place, at.v
+    position = at.parameters, at.prepared, at.q
+    arguments = *position, at.v
 
-    V, omega = scene.velocities(*here)
+    V, omega = scene.velocities(*arguments)
     bodies, d, e = np.size(at.parameters.mass), np.shape(V)[-1], np.shape(omega)[-1]
     yield "velocities", "V", V, (bodies, d)
     yield "velocities", "ω", omega, (bodies, e)
     if hasattr(scene, "jacobians"):
         shapes = (bodies, d, n), (bodies, e, n), (bodies, d), (bodies, e), (bodies, e)
-        yield from _fields("jacobians", scene.jacobians(*here), shapes)
-        yield "drift", "gamma", scene.drift(*here), (r,)
-        yield "forces", "Q", scene.forces(*here), (n,)
-        yield "potential", "U", scene.potential(*place), ()
+        yield from _fields("jacobians", scene.jacobians(*arguments), shapes)
+        yield "drift", "gamma", scene.drift(*arguments), (r,)
+        yield "forces", "Q", scene.forces(*arguments), (n,)
+        yield "potential", "U", scene.potential(*position), ()
     if hasattr(scene, "constraints"):  # a scene that never moves may do without
-        a, b = scene.constraints(*place)
+        a, b = scene.constraints(*position)
         yield "constraints", "a", a, (r, n)
         yield "constraints", "b", b, (r,)
     yield from _fields("terms", at.terms, ((n, n), (n,), (n,), (r, n), (r,), (r,)))
-    yield "constraint", "c", scene.constraint(*here), (r,)
-    T, U = scene.energies(*here)
+    yield "constraint", "c", scene.constraint(*arguments), (r,)
+    T, U = scene.energies(*arguments)
     yield "energies", "T", T, ()
     yield "energies", "U", U, ()
     if scene.dissipation is not None:
-        yield "dissipation", "R", scene.dissipation(*here), ()
+        yield "dissipation", "R", scene.dissipation(*arguments), ()
     if scene.positions is not None:
-        yield "positions", "r", scene.positions(*place), (bodies, d)
+        yield "positions", "r", scene.positions(*position), (bodies, d)
     if scene.position_residual is not None:
         rows = len(range(r)[scene.holonomic])
-        yield "position_residual", "Φ", scene.position_residual(*place), (rows,)
-    yield "speeds_of", "u", scene.speeds_of(*here), (p,)
+        yield "position_residual", "Φ", scene.position_residual(*position), (rows,)
+    yield "speeds_of", "u", scene.speeds_of(*arguments), (p,)
     try:
         yield from _fields("speeds", at.speeds, ((n, p), (n,), (n,)))
-        # Components that vanish may be left out here.
+        # Vanishing components of velocities may be left out in `bodies`.
         d, e = (np.shape(velocity)[1] for velocity in at.bodies[:2])
         shapes = (bodies, d, p), (bodies, e, p), (bodies, d), (bodies, e)
         shapes = *shapes, (bodies,), (bodies, e, e), (bodies, e), (p,)
         yield from _fields("bodies", at.bodies, shapes)
     except RefusedError:
-        return  # no generalized speeds here
+        return  # there are no generalized speeds at this point
 
 
 def _fields(function: str, record: Any, shapes: tuple[Shape, ...]) -> Iterator[Returned]:
     names = getattr(record, "_fields", ()) if isinstance(record, tuple) else ()
     if len(names) != len(shapes):
-        said = f"a NamedTuple of {len(shapes)}"
-        raise InputError(f"{function}: a {type(record).__name__}, expected {said}")
-    for name, found, shape in zip(names, record, shapes, strict=True):
-        yield function, name, found, shape
+        wanted = f"a NamedTuple of {len(shapes)}"
+        raise InputError(f"{function}: a {type(record).__name__}, expected {wanted}")
+    for name, value, shape in zip(names, record, shapes, strict=True):
+        yield function, name, value, shape
 
 
 # ---- Float64 and exact numbers -------------------------------------------------------------------
@@ -213,7 +213,7 @@ _why_not_rational: dict[tuple[type[Scene], str], str] = {}
 
 
 def failing_function(scene: Scene, state: State) -> str:
-    """Which function of the scene raises on doubles or returns another shape there; or ""."""
+    """Return the scene function that raises or returns a wrong shape in float64; "" if none."""
     try:
         compare_shapes(scene, Evaluation(scene, *state))
     except Exception as error:
@@ -223,10 +223,10 @@ def failing_function(scene: Scene, state: State) -> str:
 
 
 def why_not_rational(scene: Scene) -> str:
-    """Return why a function of the scene does not run on exact numbers, "" where all do.
+    """Return the reason that a scene function does not run on exact numbers, "" if all do.
 
-    It is asked once for each structure. Where one does not, digits could be lost on the way through
-    balls as well, in a float of its own, and what is enclosed would not be true.
+    The result is cached for each structure. Such a function could lose digits in ball arithmetic
+    too, by converting to float, and an enclosure would not contain the exact value.
     """
     which = type(scene), scene.structure
     if which not in _why_not_rational:
@@ -237,11 +237,11 @@ def why_not_rational(scene: Scene) -> str:
         except (TypeError, DomainError) as error:
             _why_not_rational[which] = f"not rational: {message_of(error)}"
         except (RefusedError, ZeroDivisionError):
-            _why_not_rational[which] = ""  # defined nowhere near, which `prove` is to tell
+            _why_not_rational[which] = ""  # undefined at this point: `prove` reports it
         except Exception as error:
-            if not (said := scene_function_that_raised(scene, error)):
+            if not (origin := scene_function_that_raised(scene, error)):
                 raise
-            _why_not_rational[which] = f"not rational: {said}"
+            _why_not_rational[which] = f"not rational: {origin}"
     return _why_not_rational[which]
 
 

@@ -1,7 +1,7 @@
-"""hypothesis strategies: scenes of every kind, consistent states, and hostile ones.
+"""Hypothesis strategies for property-based testing: scenes, consistent states, hostile states.
 
-They describe what is valid, not how it is distributed, and refuse bad bounds when they are called,
-not when they are drawn from::
+Strategies define the set of valid inputs, not their distribution. Bad bounds raise InputError when
+a strategy is constructed, not when it is drawn from::
 
     from hypothesis import given
     from eomcheck import strategies
@@ -58,6 +58,6 @@ settings = hypothesis_settings(
         HealthCheck.filter_too_much,
     ],
 )
-"""What a test needs whose cases are drawn here, as a decorator or the first argument of
-`hypothesis.settings`: the first case loads engines, which takes longer than hypothesis allows for
-one, and a case is closed and made consistent while it is drawn."""
+"""Hypothesis settings for tests that draw from these strategies, as a decorator or the first
+argument of `hypothesis.settings`. Deadline and health checks are off: the first case loads engines,
+and drawing a case solves its loop closure and makes its velocity consistent."""

@@ -1,6 +1,6 @@
-"""Strategies for scenes: parameters drawn from their ranges, random mechanisms and URDFs.
+"""Strategies for scenes: parameters within their ranges, random mechanisms, texts of URDFs.
 
-A scene class gives the range of each parameter, and, where its scenes differ in structure, the
+A scene class defines the range of each parameter, and, if its scenes differ in topology, the
 topologies to choose from. Hypothesis makes all choices, so that it can shrink them.
 """
 
@@ -40,11 +40,11 @@ def snakes(
     damping: tuple[float, float] = (0.0, 100.0),
     wheel_angle: float = 1.0,
 ) -> SearchStrategy[Snake]:
-    """Return a strategy for snakes whose links differ, with springs and dampers or without.
+    """Return a strategy for snakes of different links, with springs and dampers or without.
 
     Args:
-        min_links: smallest N.
-        max_links: largest N.
+        min_links: smallest number of links N.
+        max_links: largest number of links N.
         mass: bounds, kg.
         length: bounds, m.
         inertia: bounds, kg m².
@@ -82,18 +82,18 @@ def snakes(
 
 
 def scenes(kind: type[S], min_links: int = 1, max_links: int = 8) -> SearchStrategy[S]:
-    """Return a strategy for scenes of a kind, drawn from its `ranges`.
+    """Return a strategy for scenes of a class, with parameters from its `ranges`.
 
     Args:
-        kind: the kind of scene.
-        min_links: smallest number of links, for a kind that has one.
-        max_links: largest number of links.
+        kind: the scene class.
+        min_links: smallest number of links, for a class that has one.
+        max_links: largest number of links, likewise.
 
     Raises:
         InputError: numbers of links that no such scene can have.
     """
     links = links_between(min_links, max_links) if kind.has_links else st.none()
-    return links.flatmap(lambda n: _topologies(kind, n).flatmap(lambda one: _of_kind(one, n)))
+    return links.flatmap(lambda n: _topologies(kind, n).flatmap(lambda x: _of_kind(x, n)))
 
 
 def _of_kind(kind: type[S], links: int | None) -> SearchStrategy[S]:
@@ -106,13 +106,13 @@ def _number(low: float, high: float) -> SearchStrategy[float]:
 
 
 class HypothesisChoices:
-    """Choices by hypothesis, which shrinks them."""
+    """A source of random choices made by hypothesis, so that it can shrink them."""
 
     def __init__(self, draw: Any):
         self._draw = draw
 
     def one_of(self, among: Sequence[T]) -> T:
-        """Return one of several."""
+        """Return one element of a sequence."""
         return self._draw(st.sampled_from(among))
 
     def whole(self, low: int, high: int) -> int:
@@ -126,7 +126,7 @@ class HypothesisChoices:
 
 @st.composite
 def _topologies(draw: Any, kind: type[Scene], links: int | None) -> Any:
-    """Return a strategy for kinds whose scenes hang together in one way each."""
+    """Return a strategy for scene classes with one fixed topology each."""
     choices = HypothesisChoices(draw)
     entry = choices.one_of(kind.topologies(links))
     ways = {name: choices.one_of(of) for name, of in entry.items()}
@@ -140,11 +140,11 @@ def _topologies(draw: Any, kind: type[Scene], links: int | None) -> Any:
 
 
 def random_trees(min_bodies: int = 1, max_bodies: int = 12) -> SearchStrategy[RandomTree]:
-    """Return a strategy for trees of rigid bodies, each of which hangs together in another way.
+    """Return a strategy for open-loop trees of rigid bodies of random topology.
 
-    In the plane or in space, with joints of all kinds, axes, placements and inertias of any
-    direction, massless carriers, springs, dampers, rotors, joints that follow others, and gravity,
-    or without; closed by nothing. The scene's `made.description` is what it was made of.
+    In the plane or in space, with joints of all types, axes, placements and inertias of any
+    direction, and with or without massless carriers, springs, dampers, rotors, mimic joints and
+    gravity. The declarative description of a scene is its `made.description`.
 
     Args:
         min_bodies: smallest number of links, the ground not counted.
@@ -158,10 +158,10 @@ def random_trees(min_bodies: int = 1, max_bodies: int = 12) -> SearchStrategy[Ra
 
 
 def random_mechanisms(min_bodies: int = 1, max_bodies: int = 12) -> SearchStrategy[RandomMechanism]:
-    """Return a strategy for such trees with constraints whose rows are independent.
+    """Return a strategy for random trees with independent constraints.
 
-    Pins, welds, hinges, rods and points on planes, which make loops; couplings; knife edges; and
-    joints that a clock drives. For arguments and errors see `random_trees`.
+    Pins, welds, hinges, rods and points on planes, which close loops; couplings; knife edges; and
+    joints driven by the clock. For arguments and errors see `random_trees`.
     """
     _bodies(min_bodies, max_bodies)
     return scenes(RandomMechanism, min_bodies, max_bodies)
@@ -178,19 +178,19 @@ def urdfs(
 ) -> SearchStrategy[str]:
     """Return a strategy for texts of URDFs: random trees in space, joints in any order.
 
-    Each is read by `eomcheck.scenes.from_urdf`, and should be by any other parser.
+    `eomcheck.scenes.from_urdf` reads each of them, and any other parser should.
 
     Args:
         min_bodies: smallest number of links, the root not counted.
-        max_bodies: largest number of links.
-        joints: kinds that there may be: "revolute", and any of "prismatic", "fixed", "planar",
-            "floating". Where revolute joints have no limits they are written as continuous ones.
+        max_bodies: largest number of links, likewise.
+        joints: allowed joint types: "revolute", and any of "prismatic", "fixed", "planar",
+            "floating". Revolute joints without limits are written as continuous ones.
         mimic: whether some joints may follow others.
         massless: whether some links may have no inertia: carriers of others, and fixed frames.
         dampers: whether some joints may have dampers.
 
     Raises:
-        InputError: numbers that no such tree has, or kinds of joints that a URDF has not.
+        InputError: numbers that no such tree has, or joint types that do not exist in URDF.
     """
     kinds = distinct("joints", joints)
     if "revolute" not in kinds or not URDF_JOINTS.issuperset(kinds):
@@ -212,8 +212,8 @@ def _bodies(min_bodies: int, max_bodies: int) -> SearchStrategy[int]:
         for name, value in (("min_bodies", min_bodies), ("max_bodies", max_bodies))
     )
     if low > high:
-        said = f"min_bodies, max_bodies = {low}, {high}"
-        raise InputError(f"{said}, expected min_bodies <= max_bodies")
+        bounds = f"min_bodies, max_bodies = {low}, {high}"
+        raise InputError(f"{bounds}, expected min_bodies <= max_bodies")
     return st.integers(low, high)
 
 
@@ -221,14 +221,14 @@ def _bodies(min_bodies: int, max_bodies: int) -> SearchStrategy[int]:
 
 
 NEGLIGIBLE = 1e-6
-"""Ordinary angles and speeds below this are drawn as 0: products of smaller ones underflow."""
+"""Magnitude below which ordinary angles and speeds are drawn as 0: products would underflow."""
 
 
 def bounded_floats(name: str, bounds: tuple[float, float], lowest: float) -> SearchStrategy[float]:
     """Return a strategy for numbers between bounds.
 
     Raises:
-        InputError: bounds that are not finite, in no order, or below `lowest`.
+        InputError: bounds that are not finite, not in order, or below `lowest`.
     """
     try:
         low, high = finite_array(name, bounds, (2,)).tolist()
@@ -240,7 +240,7 @@ def bounded_floats(name: str, bounds: tuple[float, float], lowest: float) -> Sea
 
 
 def without_tiny(x: float) -> float:
-    """Return x, or 0 for what is negligible."""
+    """Return x, or 0 if its magnitude is below `NEGLIGIBLE`."""
     return x if abs(x) >= NEGLIGIBLE else 0.0
 
 
@@ -262,12 +262,12 @@ def links_between(min_links: int, max_links: int) -> SearchStrategy[int]:
 
 
 def magnitudes(low: float, high: float) -> SearchStrategy[float]:
-    """Return a strategy for sizes from 10^low to 10^high, each decade as often as another."""
+    """Return a strategy for numbers from 10^low to 10^high, log-uniform."""
     return st.floats(low, high).map(lambda exponent: 10.0**exponent)
 
 
 def from_ranges(kind: type[S], ranges: dict[str, Range]) -> SearchStrategy[S]:
-    """Return a strategy for scenes whose parameters are drawn from `ranges`."""
+    """Return a strategy for scenes with parameters from `ranges`."""
     return st.builds(kind, **{name: parameter_of(one) for name, one in ranges.items()})
 
 
@@ -280,6 +280,6 @@ def parameter_of(one: Range) -> SearchStrategy:
 
 
 def entry_of(one: Range) -> SearchStrategy[float]:
-    """Return a strategy for one number of a range, nothing negligible among them."""
+    """Return a strategy for one number of a range, zero instead of negligible numbers."""
     numbers = st.floats(one.low, one.high)
     return numbers.map(without_tiny) if one.low < 0.0 < one.high else numbers

@@ -1,7 +1,7 @@
-"""Strategies for states: positions with closed loops and velocities that the constraints allow.
+"""Strategies for states: positions with closed loops and velocities that satisfy the constraints.
 
-Ordinary states move at ordinary speeds near a curved pose; hostile ones are at the edge of what is
-valid: stretched poses, many turns, speeds from 1e-150 to 1e150.
+Ordinary states have moderate speeds near a curved pose; hostile ones are valid extremes: stretched
+poses, many turns, speeds from 1e-150 to 1e150.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from eomcheck.strategies.scene_strategies import (
 )
 
 CURVATURE = 0.4
-"""Turn from one angle to the next in the pose around which ordinary states are drawn, rad."""
+"""Difference of successive angles in the pose around which ordinary states are drawn, rad."""
 
 
 def states(
@@ -46,19 +46,20 @@ def states(
     """Return a strategy for states of `scene` that satisfy the constraints.
 
     The velocity is drawn in an orthonormal basis of the null space of a, so that no generalized
-    speeds need exist. Coordinates are drawn from the scene's `coordinate_ranges`. If it gives none,
-    angles are drawn around a curved pose with any heading: equal draws, which hypothesis is fond
-    of, then are no stretched pose, where El and Em have to refuse (`hostile_states` has those).
+    speeds need exist. Coordinates are drawn from the scene's `coordinate_ranges`. If it has none,
+    angles are drawn around a curved pose with any heading: equal draws, which hypothesis prefers,
+    then are no stretched pose, a singular configuration that El and Em have to refuse
+    (`hostile_states` has those).
 
     Args:
         scene: the scene.
-        position: largest coordinate that is not an angle, if the scene gives no ranges.
+        position: largest coordinate that is not an angle, if the scene has no ranges.
         angle: largest distance of an angle from the curved pose, rad, likewise.
         speed: largest component of v along a basis vector.
         time: latest time, s, where the scene depends on time.
 
     Raises:
-        InputError: no scene, negative or infinite bounds.
+        InputError: `scene` is no scene, or bounds are negative or infinite.
     """
     checked_scene(scene)
     for name, bound in (("position", position), ("angle", angle), ("speed", speed), ("time", time)):
@@ -69,16 +70,16 @@ def states(
 
 
 class StateRanges(NamedTuple):
-    """What the numbers are drawn from that make an ordinary state."""
+    """Ranges of the numbers that make an ordinary state."""
 
     coordinates: tuple[Range, ...]
-    """q, those that are angles from the curved pose if the scene gives no ranges."""
+    """Ranges of q; of angles, relative to the curved pose if the scene has no ranges."""
     heading: Range
-    """By which all angles turn, rad; none if the scene gives ranges of its own."""
+    """Range of a rotation added to all angles, rad; only 0 if the scene has its own ranges."""
     components: Range
-    """Of v (p,) along an orthonormal basis of the null space of a."""
+    """Range of the components (p,) of v along an orthonormal basis of the null space of a."""
     time: Range
-    """s."""
+    """Range of t, s."""
 
 
 def state_ranges(
@@ -88,30 +89,30 @@ def state_ranges(
     speed: float = 5.0,
     time: float = 10.0,
 ) -> StateRanges:
-    """Return what ordinary states of `scene` are drawn from; for arguments see `states`."""
+    """Return the ranges of ordinary states of `scene`; for arguments see `states`."""
     own = scene.coordinate_ranges()
     usual = Range(-position, position), Range(-angle, angle)
     heading = math.pi if own is None else 0.0
     return StateRanges(
         own or tuple(usual[flag] for flag in angles_of(scene)),
         Range(-heading, heading),
-        Range(-speed, speed, (scene.p or scene.n,)),  # many constraints may leave motions
+        Range(-speed, speed, (scene.p or scene.n,)),  # with p = 0, dependent rows may allow motion
         Range(0.0, time if scene.depends_on_time else 0.0),
     )
 
 
 def angles_of(scene: Scene) -> list[bool]:
-    """Return which coordinates are angles (n,)."""
+    """Return the flags (n,) of coordinates that are angles."""
     flags = [False] * scene.n
     flags[scene.angle_coordinates] = [True] * len(flags[scene.angle_coordinates])
     return flags
 
 
 def ordinary_state(scene: Scene, coordinates, heading: float, components, t: float) -> State:
-    """Return the consistent state of `scene` that these numbers make, see `StateRanges`.
+    """Return the consistent state of `scene` made of these numbers, see `StateRanges`.
 
     Raises:
-        RefusedError: no position near the coordinates is closed.
+        RefusedError: no position near the coordinates satisfies the loop closure.
     """
     q = np.array(coordinates)
     if scene.coordinate_ranges() is None:
@@ -121,16 +122,16 @@ def ordinary_state(scene: Scene, coordinates, heading: float, components, t: flo
 
 
 def consistent_state(scene: Scene, q, components, t: float) -> State:
-    """Return the state at the closed position next to q, moving as `components` say.
+    """Return the state at the closed position near q with a consistent velocity.
 
     Args:
         scene: the scene.
         q: coordinates (n,).
-        components: of v, along an orthonormal basis of the null space of a.
+        components: components of v along an orthonormal basis of the null space of a.
         t: time, s.
 
     Raises:
-        RefusedError: no position near q is closed.
+        RefusedError: no position near q satisfies the loop closure.
     """
     q = assembled_position(scene, q, t)
     components, at = np.array(components), Evaluation(scene, q, np.zeros(scene.n), t)
@@ -141,15 +142,15 @@ def consistent_state(scene: Scene, q, components, t: float) -> State:
 
 
 def state_or_reject(make: Callable[..., State], scene: Scene) -> Callable[[Sequence], State]:
-    """Return what makes a state of numbers; of those near which none is closed, no case."""
+    """Return a function from numbers to a state; it rejects the draw if there is no closed one."""
 
-    def made(numbers: Sequence) -> State:
+    def state_of(numbers: Sequence) -> State:
         try:
             return make(scene, *numbers)
         except RefusedError:
             reject()
 
-    return made
+    return state_of
 
 
 def scene_states(
@@ -163,9 +164,9 @@ def scene_states(
 
 
 def hostile_snakes(min_links: int = 1, max_links: int = 8) -> SearchStrategy[Snake]:
-    """Return a strategy for snakes at the edge: huge and tiny parameters, wheels across the link.
+    """Return a strategy for extreme snakes: huge and tiny parameters, wheels across the link.
 
-    All are valid. Formulations may refuse them; none may answer with NaN.
+    All are valid. Formulations may refuse them; none may return NaN.
 
     Raises:
         InputError: bounds that no snake can have.
@@ -193,7 +194,7 @@ def hostile_snakes(min_links: int = 1, max_links: int = 8) -> SearchStrategy[Sna
 
 
 def hostile_states(scene: Scene) -> SearchStrategy[State]:
-    """Return a strategy for consistent states at the edge of `scene`.
+    """Return a strategy for extreme but consistent states of `scene`.
 
     Stretched poses, many turns, and speeds from 1e-150 to 1e150.
     """
