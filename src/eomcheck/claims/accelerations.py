@@ -69,25 +69,25 @@ def _row_sum(matrix: Any) -> float:
 
 
 @claim("equations-residual", "M q̈ - F - aᵀλ = 0", "(5)", "equations of motion")
-def equations_residual(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
+def equations_residual(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """Each q̈ satisfies Eq. (5): with its own λ, or on every motion that the constraints allow."""
     M, _, _, a, _, _ = at.terms
-    F_sensitivity = look.sensitivity(lambda e: e.F)
-    motions, resolved = (None, True) if a is None else _allowed_motions(at, look)
-    for f, x in look.solutions:
+    F_sensitivity = context.sensitivity(lambda e: e.F)
+    motions, resolved = (None, True) if a is None else _allowed_motions(at, context)
+    for f, x in context.solutions:
         residual, names = _left(x, at), at.scene.coordinate_names
         terms = magnitude(M, x.vdot) + magnitude(at.F)
         # Digits lost in M are lost in q̈ too, except by formulations that sum bodies without M.
-        of_terms = look.sensitivity(partial(_left, x)) if f.linear else F_sensitivity
-        sensitivity = _row_sum(M) * look.vdot_sensitivity(f) + of_terms
+        of_terms = context.sensitivity(partial(_left, x)) if f.linear else F_sensitivity
+        sensitivity = _row_sum(M) * context.vdot_sensitivity(f) + of_terms
         if a is not None and x.multipliers is not None:
             terms = terms + magnitude(a.T, x.multipliers)
-            sensitivity += _row_sum(a.T) * look.multiplier_sensitivity(f)
+            sensitivity += _row_sum(a.T) * context.multiplier_sensitivity(f)
         elif motions is not None:
-            cancelled = 0.0 if look.exact else _constraint_forces(a, residual)
+            cancelled = 0.0 if context.exact else _constraint_forces(a, residual)
             terms = magnitude(motions.T, terms + cancelled)
             residual = motions.T @ residual
-            names = speed_names(at) if look.exact else numbered("allowed motion ", residual.size)
+            names = speed_names(at) if context.exact else numbered("allowed motion ", residual.size)
             sensitivity = select(resolved, sensitivity, np.inf)
         yield vanishing(f.key, residual, (names,), terms, sensitivity + largest(terms))
 
@@ -98,9 +98,9 @@ def _left(x: Any, e: Quantities) -> Array:
     return net if a is None or x.multipliers is None else net - a.T @ x.multipliers
 
 
-def _allowed_motions(at: Quantities, look: EvaluationContext) -> tuple[Any, Any]:
+def _allowed_motions(at: Quantities, context: EvaluationContext) -> tuple[Any, Any]:
     """Return a basis (n, p) of the null space of a, and whether rounding leaves it resolved."""
-    if look.exact:
+    if context.exact:
         return at.speeds.W, True
     # Rows of one size: small ones are constraints as well.
     a = at.terms.a
@@ -122,39 +122,39 @@ def _constraint_forces(a: Any, net: Array) -> Array:
 
 
 @claim("constraint-acceleration", "a q̈ + ȧ q̇ + ḃ = 0", "(3)", "constraints at acceleration level")
-def constraint_acceleration(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
+def constraint_acceleration(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """Each q̈ satisfies the differentiated constraints."""
     a, gamma, names = at.terms.a, at.terms.gamma, (at.scene.constraint_names,)
     if a is None:
         return
-    gamma_sensitivity = look.sensitivity(lambda e: e.terms.gamma)
-    for f, x in look.solutions:
+    gamma_sensitivity = context.sensitivity(lambda e: e.terms.gamma)
+    for f, x in context.solutions:
         terms = magnitude(a, x.vdot) + magnitude(gamma)
-        sensitivity = _row_sum(a) * look.vdot_sensitivity(f) + gamma_sensitivity + largest(terms)
+        sensitivity = _row_sum(a) * context.vdot_sensitivity(f) + gamma_sensitivity + largest(terms)
         yield vanishing(f.key, a @ x.vdot + gamma, names, terms, sensitivity)
 
 
 @claim("equivalence", "q̈ of one formulation = q̈ of another", "(7)-(23)", "acceleration")
-def equivalence(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
+def equivalence(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """All formulations give the same acceleration, pair by pair, whatever the partition."""
     names = (at.scene.coordinate_names,)
-    for (f, x), (g, y) in unordered_pairs(look.solutions):
-        sensitivity = look.vdot_sensitivity(f) + look.vdot_sensitivity(g)
+    for (f, x), (g, y) in unordered_pairs(context.solutions):
+        sensitivity = context.vdot_sensitivity(f) + context.vdot_sensitivity(g)
         yield Comparison(f"{f.key} ~ {g.key}", x.vdot, y.vdot, names, sensitivity=sensitivity)
-    for f, x, y in look.others:
+    for f, x, y in context.others:
         yield Comparison(f"{f.key}, drawn", x.vdot, y.vdot, names)
 
 
 @claim("multipliers", "λ of one formulation = λ of another", "(7), (9), (12)", "multipliers")
-def multipliers(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
+def multipliers(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """All formulations with multipliers have equal multipliers, pair by pair."""
     if at.terms.a is not None:
-        for f, x in look.solutions:
+        for f, x in context.solutions:
             has, declared = int(x.multipliers is not None), int(f.multipliers)
             yield Comparison(f.key, has, declared, (), size=1.0, sensitivity=1.0)
-    having = [(f, x) for f, x in look.solutions if x.multipliers is not None]
+    having = [(f, x) for f, x in context.solutions if x.multipliers is not None]
     for (f, x), (g, y) in unordered_pairs(having):
-        sensitivity = look.multiplier_sensitivity(f) + look.multiplier_sensitivity(g)
+        sensitivity = context.multiplier_sensitivity(f) + context.multiplier_sensitivity(g)
         names = (at.scene.constraint_names,)
         yield Comparison(
             f"{f.key} ~ {g.key}", x.multipliers, y.multipliers, names, sensitivity=sensitivity
@@ -380,7 +380,7 @@ def _subnormal(a: Array | None) -> bool:
     "",
     "redundant constraints",
 )
-def redundant_rows(at: Quantities, look: EvaluationContext) -> Iterator[Comparison | Skipped]:
+def redundant_rows(at: Quantities, context: EvaluationContext) -> Iterator[Comparison | Skipped]:
     """With a redundant row added, a sum of the others, q̈ and aᵀλ stay and |λ| is least.
 
     λ is smallest where it is perpendicular to the null space of aᵀ: the new multiplier is the same
@@ -389,10 +389,10 @@ def redundant_rows(at: Quantities, look: EvaluationContext) -> Iterator[Comparis
     M, _, _, a, gamma, _ = at.terms
     if a is None:
         return
-    for f, x in look.solutions:
+    for f, x in context.solutions:
         if not f.redundant or x.multipliers is None:
             continue
-        weights, partition = look.added_row
+        weights, partition = context.added_row
         rows = np.concatenate((a, np.array([weights @ a], a.dtype)))
         drift = np.concatenate((gamma, np.array([weights @ gamma], gamma.dtype)))
         try:
@@ -522,14 +522,14 @@ def _power_of_inertia(at: Evaluation, rates: Callable[[Evaluation], Array]) -> t
 
 
 @claim("power-balance", "d(T + U)/dt = -q̇ ∂R/∂q̇", "(25)-(26), (31)", "power balance", rate_of="all")
-def power_balance(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
+def power_balance(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """Ideal constraints do no work: along each q̈ the energy decreases by the dampers' power."""
     rates_of, R = cache(_Rates), at.dissipation(duals(at.v, at.v))
     if not at.scene.conserves_energy and (R is None or at.terms.b is not None):
         return  # motion driven by the clock exchanges power that R does not contain
-    for f, x in look.solutions:
+    for f, x in context.solutions:
         shares = (*rates_of(at).power(x.vdot), 0 if R is None else rate(R))
-        rounding = (0.0, 0.0) if look.exact else _of_power(look, f, rates_of, shares)
+        rounding = (0.0, 0.0) if context.exact else _of_power(context, f, rates_of, shares)
         yield vanishing(f.key, sum(shares), (), *rounding)
 
 

@@ -154,11 +154,11 @@ def _weighs_bodies_only(at: Quantities, heights: _Heights, direction: Array, exa
     return True
 
 
-def _moving_along(look: Any, at: Quantities) -> tuple[Array, type]:
+def _moving_along(context: Any, at: Quantities) -> tuple[Array, type]:
     """Return a direction (n,) with components of all coordinates, and the type of its literals."""
     shares = [(-1) ** i * (i + 1) for i in range(at.scene.n)]
-    if look.exact:
-        direction: Any = sum(x * k for x, k in zip(look.directions, shares, strict=False))
+    if context.exact:
+        direction: Any = sum(x * k for x, k in zip(context.directions, shares, strict=False))
         return direction, object
     literals: Any = object if lanes_in(at.q) else np.float64
     return np.array(shares, literals), literals
@@ -171,9 +171,9 @@ def _moving_along(look: Any, at: Quantities) -> tuple[Array, type]:
     "velocity of a centre of mass",
     rate_of="r",
 )
-def position_velocity(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
+def position_velocity(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """V of a body is the rate of its position: by `positions`, and by the heights in U."""
-    direction, literals = _moving_along(look, at)
+    direction, literals = _moving_along(context, at)
     heights, positions = _Heights(at, literals), at.scene.positions
     if positions is None and heights.components < 2:
         return
@@ -188,8 +188,8 @@ def position_velocity(at: Quantities, look: EvaluationContext) -> Iterator[Compa
     if not heights.components == V.shape[1] > 1:
         return
     # Perturbed samples and SIMD lanes follow the decision at the state itself.
-    decides = look.exact or not (getattr(at, "is_perturbed", False) or lanes_in(at.q))
-    if not decides or _weighs_bodies_only(at, heights, direction, look.exact):
+    decides = context.exact or not (getattr(at, "is_perturbed", False) or lanes_in(at.q))
+    if not decides or _weighs_bodies_only(at, heights, direction, context.exact):
         for k, rates in enumerate(heights.of_each(direction)):
             yield Comparison(f"body {k + 1}, U", _squared(V[k]), _squared(rates), SQUARE)
 

@@ -102,14 +102,14 @@ def sensitivity_where(resolved: Any) -> Any:
 
 
 def along_directions(
-    look: EvaluationContext, subject: str, sides: Callable[[Array], tuple[Any, Any] | None]
+    context: EvaluationContext, subject: str, sides: Callable[[Array], tuple[Any, Any] | None]
 ) -> Iterator[Comparison]:
     """Yield one comparison of the sides along all directions; nothing if `sides` returns None."""
-    each = [sides(direction) for direction in look.directions]
+    each = [sides(direction) for direction in context.directions]
     both = [pair for pair in each if pair is not None]
     if both:
         actual, expected = (np.array(side, object) for side in zip(*both, strict=True))
-        yield Comparison(subject, actual, expected, (look.direction_names,))
+        yield Comparison(subject, actual, expected, (context.direction_names,))
 
 
 class EvaluationContext(Protocol):

@@ -50,7 +50,7 @@ def finite_terms(case: Case) -> Iterator[Finding]:
     asks="mass_matrix",
     against="M",
 )
-def mass_matrix(at: GenericPoint, look: EvaluationContext) -> Iterator[Comparison]:
+def mass_matrix(at: GenericPoint, context: EvaluationContext) -> Iterator[Comparison]:
     """M v is the derivative of T by v in any direction, and M is symmetric."""
     M, v = at.terms.M, at.free.v
 
@@ -58,7 +58,7 @@ def mass_matrix(at: GenericPoint, look: EvaluationContext) -> Iterator[Compariso
         T, _ = at.scene.energies(at.parameters, at.prepared, at.q, duals(v, direction))
         return direction @ M @ v, rate(T)
 
-    yield from along_directions(look, "M v", change)
+    yield from along_directions(context, "M v", change)
     yield Comparison("M", M, M.T, (at.scene.coordinate_names,) * 2)
 
 
@@ -71,7 +71,7 @@ def mass_matrix(at: GenericPoint, look: EvaluationContext) -> Iterator[Compariso
     asks="bias",
     against="B",
 )
-def bias(at: GenericPoint, look: EvaluationContext) -> Iterator[Comparison]:
+def bias(at: GenericPoint, context: EvaluationContext) -> Iterator[Comparison]:
     """B is the left side of Lagrange's equations at q̈ = 0, along any virtual displacement."""
     v, B = at.free.v, at.free.terms.B
     prepared, q = at.prepared_duals(v)
@@ -82,7 +82,7 @@ def bias(at: GenericPoint, look: EvaluationContext) -> Iterator[Comparison]:
         T_aside, _ = at.scene.energies(at.parameters, *at.prepared_duals(direction, clock=False), v)
         return 0 if B is None else direction @ B, rate(rate(T)) - rate(T_aside)
 
-    return along_directions(look, "B", work)
+    return along_directions(context, "B", work)
 
 
 @claim(
@@ -94,7 +94,7 @@ def bias(at: GenericPoint, look: EvaluationContext) -> Iterator[Comparison]:
     asks="forces",
     against="Q",
 )
-def generalized_forces(at: GenericPoint, look: EvaluationContext) -> Iterator[Comparison]:
+def generalized_forces(at: GenericPoint, context: EvaluationContext) -> Iterator[Comparison]:
     """Q is minus the derivatives of U by q and of R by v, along any virtual displacement."""
     Q = at.terms.Q
 
@@ -106,7 +106,7 @@ def generalized_forces(at: GenericPoint, look: EvaluationContext) -> Iterator[Co
         expected = (0 if U is None else -rate(U)) - (0 if R is None else rate(R))
         return 0 if Q is None else direction @ Q, expected
 
-    return along_directions(look, "Q", work)
+    return along_directions(context, "Q", work)
 
 
 def _constraints(subject: str, at: Quantities) -> Iterator[Comparison]:
@@ -130,9 +130,9 @@ def _constraints(subject: str, at: Quantities) -> Iterator[Comparison]:
     asks="constraint_jacobian",
     against="a",
 )
-def constraint_jacobian(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
+def constraint_jacobian(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """The constraints are a v + b for every v, and none is left out."""
-    return _constraints("a", look.free)
+    return _constraints("a", context.free)
 
 
 @claim(
@@ -142,9 +142,9 @@ def constraint_jacobian(at: Quantities, look: EvaluationContext) -> Iterator[Com
     "constraints at velocity level",
     provable=False,
 )
-def constraint_velocity(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
+def constraint_velocity(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """The constraints are a v + b, without any engine."""
-    return _constraints("c", look.free)
+    return _constraints("c", context.free)
 
 
 def _rate_of_positions(
@@ -162,7 +162,7 @@ def _rate_of_positions(
     "rate of closed positions",
     rate_of="Φ",
 )
-def position_rate(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
+def position_rate(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """Holonomic constraints are the rates of the loop-closure residuals Φ."""
     scene, rows = at.scene, at.scene.holonomic
     residual, names = scene.position_residual, scene.constraint_names[rows]
@@ -173,13 +173,13 @@ def position_rate(at: Quantities, look: EvaluationContext) -> Iterator[Compariso
         arguments = at.parameters, *at.prepared_and_rates(qdot, clock), at.q, qdot
         return at.run(_rate_of_positions, residual, *arguments)
 
-    if look.exact:
-        v = look.free.v
+    if context.exact:
+        v = context.free.v
         expected = scene.constraint(at.parameters, at.prepared, at.q, v)[rows]
         yield Comparison("Φ", rates(v), expected, (names,))
         return
     # At a consistent velocity every rate is 0: use each coordinate direction instead.
-    over_coordinates = np.array([rates(axis, False) for axis in look.directions]).T
+    over_coordinates = np.array([rates(axis, False) for axis in context.directions]).T
     yield Comparison("∂Φ/∂q", over_coordinates, at.terms.a[rows], (names, scene.coordinate_names))
     if scene.depends_on_time:
         b = (np.zeros(scene.r) if at.terms.b is None else at.terms.b)[rows]
@@ -195,7 +195,7 @@ def position_rate(at: Quantities, look: EvaluationContext) -> Iterator[Compariso
     asks="constraint_drift",
     against="gamma",
 )
-def constraint_drift(at: GenericPoint, look: EvaluationContext) -> Iterator[Comparison]:
+def constraint_drift(at: GenericPoint, context: EvaluationContext) -> Iterator[Comparison]:
     """The drift gamma is the rate of the constraints at v̇ = 0, for every v."""
     free = at.free
     if at.terms.a is None:
@@ -205,9 +205,9 @@ def constraint_drift(at: GenericPoint, look: EvaluationContext) -> Iterator[Comp
 
 
 @claim("kinetic-energy", "½ q̇ᵀ M q̇ = T", "(5), (25)", "kinetic energy")
-def kinetic_energy(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
+def kinetic_energy(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """The quadratic form vᵀ M v is 2 T for every v."""
-    v = look.free.v
+    v = context.free.v
     momentum = at.terms.M @ v
     T, _ = at.call(at.scene.energies, at.parameters, at.prepared, at.q, v)
     yield Comparison("T", v @ momentum, 2 * T, (), product_size(v, momentum))

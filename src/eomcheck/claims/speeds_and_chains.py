@@ -58,51 +58,53 @@ def embedding_null_space(e: Quantities, partition: Partition) -> Array:
 
 
 @claim("null-space-embedding", "a w = 0", "(15), (A1)", "w of the embedding method")
-def null_space_embedding(at: Quantities, look: EvaluationContext) -> Iterator[Comparison | Skipped]:
+def null_space_embedding(
+    at: Quantities, context: EvaluationContext
+) -> Iterator[Comparison | Skipped]:
     """The w of the embedding method spans the null space of a, for both partitions."""
     names = (at.scene.constraint_names, numbered("v_2,", at.scene.p))
-    for subject, partition in () if at.terms.a is None else look.partitions:
+    for subject, partition in () if at.terms.a is None else context.partitions:
         try:
             w = embedding_null_space(at, partition)
         except RefusedError as refusal:
             yield Skipped(subject, str(refusal))
         else:
             # Where w grows from row to row, so do earlier rounding errors in it.
-            sensitivity = sensitivity_where(look.exact or _has_digits(look, w, partition))
+            sensitivity = sensitivity_where(context.exact or _has_digits(context, w, partition))
             yield vanishing(subject, at.terms.a @ w, names, magnitude(at.terms.a, w), sensitivity)
 
 
-def _has_digits(look: EvaluationContext, w: Array, partition: Partition) -> Any:
+def _has_digits(context: EvaluationContext, w: Array, partition: Partition) -> Any:
     """Return whether rounding leaves digits of w: none if a_1 consists of rounding error."""
-    lost = allowed_error(look.sensitivity(lambda e: embedding_null_space(e, partition)))
+    lost = allowed_error(context.sensitivity(lambda e: embedding_null_space(e, partition)))
     return lost <= INCONCLUSIVE * largest(w)
 
 
 @claim("null-space-speeds", "a w′ = 0", "(20), (B1)-(B3)", "w′ of the generalized speeds")
-def null_space_speeds(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
+def null_space_speeds(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """The w′ of the generalized speeds spans the null space of a."""
-    if at.terms.a is not None and look.has_speeds:
+    if at.terms.a is not None and context.has_speeds:
         a, W = at.terms.a, at.speeds.W
         names = (at.scene.constraint_names, speed_names(at))
         yield vanishing("ml, kane", a @ W, names, magnitude(a, W))
 
 
 @claim("speeds-velocity", "w′ u + x′ = q̇", "(20), (29)", "generalized speeds")
-def speeds_velocity(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
+def speeds_velocity(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """Generalized speeds and consistent velocities determine each other: the maps are inverse."""
-    if not look.has_speeds:
+    if not context.has_speeds:
         return
     names = (at.scene.coordinate_names,)
     u = at.call(at.scene.speeds_of, at.parameters, at.prepared, at.q, at.velocity)
     yield Comparison("u", u, at.u, (speed_names(at),))
-    if not look.exact:
+    if not context.exact:
         # v may violate nearly dependent constraints, which amplify its rounding; u cannot.
         yield Comparison("ml, kane", at.velocity, at.v, names)
     if at.scene.qdot is not None:
         yield Comparison("q̇", at.qdot, at.v, names)
     a, b = at.terms.a, at.terms.b
     # Without b and x′ this is a w′ = 0.
-    if look.exact and a is not None and not (b is None and at.speeds.offset is None):
+    if context.exact and a is not None and not (b is None and at.speeds.offset is None):
         residual = a @ at.v if b is None else a @ at.v + b
         yield vanishing("a q̇ + b", residual, (at.scene.constraint_names,), 0.0)
 
@@ -141,12 +143,12 @@ def _differentiated(
     "remainder ẇ′u + ẋ′",
     rate_of="rest",
 )
-def speeds_remainder(at: Quantities, look: EvaluationContext) -> Iterator[Comparison | Skipped]:
+def speeds_remainder(at: Quantities, context: EvaluationContext) -> Iterator[Comparison | Skipped]:
     """The velocity-dependent part of q̈, at u̇ = 0, is ẇ′u + ẋ′ and keeps the constraints."""
-    if not look.has_speeds:
+    if not context.has_speeds:
         return
     a, gamma, rest = at.terms.a, at.terms.gamma, at.speeds.rest
-    sensitivity = sensitivity_where(look.speeds_resolved)
+    sensitivity = sensitivity_where(context.speeds_resolved)
     if at.speeds.W is not None:
         arguments = at.parameters, *at.prepared_and_rates(at.v), at.q, at.v, at.u
         expected = at.call(_differentiated, at.scene.kinematics, at.scene.speeds, *arguments)
@@ -161,9 +163,9 @@ def speeds_remainder(at: Quantities, look: EvaluationContext) -> Iterator[Compar
 
 
 @claim("active-forces", "F_Kane = w′ᵀ Q", "(23), (C1)-(C4), (D1)-(D2)", "generalized active forces")
-def active_forces(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
+def active_forces(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """Kane's active forces, summed over the bodies, are Lagrange's, projected by w′."""
-    if not look.has_speeds:
+    if not context.has_speeds:
         return
     W, Q, force = at.speeds.W, at.terms.Q, at.bodies.force
     if Q is None and force is None:
@@ -188,16 +190,16 @@ def kane_system(e: Quantities) -> tuple[Array, Array]:
 
 
 @claim("kane-ml-mass", "M_Kane = M_ML", "(21), (23)", "M_Kane against M_ML")
-def kane_ml_mass(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
+def kane_ml_mass(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """Kane's and the modified Lagrange method have equal mass matrices, element by element."""
-    if look.has_speeds:
+    if context.has_speeds:
         yield Comparison("kane ~ ml", kane_system(at)[0], ml_system(at)[0], (speed_names(at),) * 2)
 
 
 @claim("kane-ml-force", "F_Kane - N q̇ - G = F_ML", "(21)-(23)", "F_Kane - N q̇ - G against F_ML")
-def kane_ml_force(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
+def kane_ml_force(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """Kane's and the modified Lagrange method have equal right-hand sides."""
-    if not look.has_speeds:
+    if not context.has_speeds:
         return
     force, remainder = at.bodies.force, kane_system(at)[1]
     terms = magnitude(remainder) + magnitude(force)
@@ -260,7 +262,7 @@ def _has_joints(at: Quantities) -> bool:
 
 
 @claim("chain-velocity", "q̇ of x, x of q̇", "(2), (28)", "velocity of a chain")
-def chain_velocity(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
+def chain_velocity(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """The quasi-velocities of a consistent velocity determine it: the maps are inverse."""
     if _is_chain(at):
         v = at.call(at.scene.chain_velocity, at.parameters, at.prepared, at.q, at.x)
@@ -268,7 +270,7 @@ def chain_velocity(at: Quantities, look: EvaluationContext) -> Iterator[Comparis
 
 
 @claim("chain-energy", "xᵀ D x = 2 T", "(25)", "mass of a chain")
-def chain_energy(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
+def chain_energy(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """The mass matrix is diagonal in the quasi-velocities of a consistent velocity."""
     if _is_chain(at):
         T, _ = at.call(at.scene.energies, at.parameters, at.prepared, at.q, at.v)
@@ -276,7 +278,7 @@ def chain_energy(at: Quantities, look: EvaluationContext) -> Iterator[Comparison
 
 
 @claim("chain-forces", "fᵀ ∂x/∂q̇ = Q", "(26)-(27), (D2)", "forces of a chain")
-def chain_forces(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
+def chain_forces(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """Active forces of the chain do the same work as Q on any virtual displacement."""
     f, Q = (at.chain.force, at.terms.Q) if _is_chain(at) else (None, None)
     if f is None and Q is None:
@@ -287,7 +289,7 @@ def chain_forces(at: Quantities, look: EvaluationContext) -> Iterator[Comparison
         x = at.scene.quasi_velocities(at.parameters, at.prepared, at.q, direction)
         return 0 if f is None else f @ x, 0 if Q is None else direction @ Q
 
-    yield from along_directions(look, "f", work)
+    yield from along_directions(context, "f", work)
 
 
 # ---- Joints --------------------------------------------------------------------------------------
@@ -305,7 +307,7 @@ def _size_in_joints(at: Quantities) -> float:
 
 
 @claim("chain-coupling", "A_k x_{k-1} + C_k x_k = 0", "(2), (28)", "coupling of a chain")
-def chain_coupling(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
+def chain_coupling(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """Quasi-velocities of a consistent velocity satisfy the joint equations."""
     if _has_joints(at):
         gaps = joint_gaps(at.chain.before, at.chain.after, at.x)
@@ -319,7 +321,7 @@ def chain_coupling(at: Quantities, look: EvaluationContext) -> Iterator[Comparis
     "remainder of a chain",
     rate_of="d",
 )
-def chain_remainder(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
+def chain_remainder(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """The drift d of the joint equations is the rate of the coupling at constant x."""
     if not _has_joints(at):
         return
@@ -334,17 +336,17 @@ def chain_remainder(at: Quantities, look: EvaluationContext) -> Iterator[Compari
 
 
 @claim("chain-acceleration", "q̈ of ẋ, ẋ of q̈", "(3), (28)", "acceleration of a chain", rate_of="q̈")
-def chain_acceleration(at: Quantities, look: EvaluationContext) -> Iterator[Comparison]:
+def chain_acceleration(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """The rates of the quasi-velocities determine the acceleration: the maps are inverse."""
     if not _is_chain(at):
         return
-    if look.exact:
-        vdot, allowed = at.speeds.W @ look.free.v[: at.scene.p] + at.speeds.rest, True
+    if context.exact:
+        vdot, allowed = at.speeds.W @ context.free.v[: at.scene.p] + at.speeds.rest, True
     else:
         vdot, allowed = _allowed_acceleration(at)
     arguments = as_objects(at.parameters), *at.prepared_duals(at.v), duals(at.v, vdot)
     xdot = rate(at.scene.quasi_velocities(*arguments))
-    xdot = xdot if look.exact else as_float64(xdot)
+    xdot = xdot if context.exact else as_float64(xdot)
     back = at.call(at.scene.chain_acceleration, at.parameters, at.prepared, at.x, xdot)
     # For a long link ẋ is larger than q̈, and has the larger rounding error.
     terms = product_size(vdot) + product_size(xdot) + product_size(at.v) * (1 + product_size(at.v))
