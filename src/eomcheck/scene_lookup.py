@@ -40,7 +40,7 @@ def _paper(links: int | None) -> Snake:
 def robot_file_warnings(kinds: Iterable[type[Scene]]) -> Iterator[str]:
     """Yield one sentence each on ignored elements of robot files, and on doubtful ones."""
     for kind in kinds:
-        source = getattr(kind, "made", None)
+        source = getattr(kind, "source", None)
         if source is not None:
             yield from (f"{source.file}: {x}" for x in (source.ignored, source.warnings) if x)
 

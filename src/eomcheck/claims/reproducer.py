@@ -69,7 +69,7 @@ def reproducer_header(scene: Scene, engines: Iterable[type[Engine]] = ()) -> str
 
 def _import_lines(kind: type) -> str:
     """Return the lines that import a class, or a comment if it cannot be imported."""
-    if imported := getattr(getattr(kind, "made", None), "imports", ""):
+    if imported := getattr(getattr(kind, "source", None), "imports", ""):
         return imported
     name, module = kind.__name__, kind.__module__
     if module.startswith("eomcheck."):

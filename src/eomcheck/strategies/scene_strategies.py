@@ -144,7 +144,7 @@ def random_trees(min_bodies: int = 1, max_bodies: int = 12) -> SearchStrategy[Ra
 
     In the plane or in space, with joints of all types, axes, placements and inertias of any
     direction, and with or without massless carriers, springs, dampers, rotors, mimic joints and
-    gravity. The declarative description of a scene is its `made.description`.
+    gravity. The declarative description of a scene is its `source.description`.
 
     Args:
         min_bodies: smallest number of links, the ground not counted.
