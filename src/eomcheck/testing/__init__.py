@@ -1,4 +1,7 @@
-"""Checks for your own equations and test suite, of equations that are not written as a scene."""
+"""Checks of user-supplied equations of motion, and pytest tests of engines, scenes and equations.
+
+Equations are given as functions (`EquationsOfMotion`); they need not be written as a scene.
+"""
 
 from __future__ import annotations
 

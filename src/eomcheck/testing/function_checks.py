@@ -1,4 +1,11 @@
-"""`check_functions` and `check`: every claim at random states, and blind spots."""
+"""`check_functions` and `check`: every claim about user-supplied functions at random states.
+
+A claim compares two ways to compute one quantity from float64 functions that are black boxes. Both
+sides carry their error (`UncertainArray`), measured from outside, so that each entry is judged by
+its own allowed error: passed, failed, or inconclusive where the error is as large as the value. An
+entry that is resolved in no state is reported by name, and so is a blind spot: a fault that no
+claim can show because an input is missing.
+"""
 
 from __future__ import annotations
 
@@ -57,10 +64,10 @@ from eomcheck.testing.uncertain import NEAR
 # In the order in which a failure is closest to its cause.
 
 GATHERED = claims_answers, claims_terms, claims_terms, claims_terms, claims_motions, claims_motions
-"""The files that register claims."""
+"""Modules that register claims."""
 
 RANKS: tuple[Verdict, ...] = ("failed", "passed", "inconclusive", "skipped")
-"""Verdicts by precedence: of several states or entries the first of these that occurs counts, and
+"""Verdicts by precedence: over several states or entries the first of these that occurs counts, and
 entries that were not resolved are listed beside it."""
 
 BY_NUMBER = np.array([3, *(RANKS.index(x) for x in ("passed", "failed", "inconclusive"))])
@@ -72,7 +79,7 @@ LAST = "answers-repeat", "arguments-unchanged"
 """Claims that are checked last, in this order: they are about all calls of a run."""
 
 WIDE = 3
-"""Number of states outside the default ranges, beside those that are asked for."""
+"""Number of states outside the default ranges, beside the requested ones."""
 
 
 def check_functions(
@@ -98,11 +105,11 @@ def check_functions(
     claims: Iterable[str] | None = None,
     **options: Any,
 ) -> list[Finding]:
-    """Check equations of motion that are given as functions of doubles, as black boxes.
+    """Check equations of motion that are given as float64 functions, as black boxes.
 
     The convention is M q̈ + bias + gravity + ∂R/∂v = Q + aᵀλ, a v + b = 0, a q̈ + γ = 0. A function
-    that is not given stands for a term that is not there. What cannot be told without it is a
-    Finding of its own, with the verdict "skipped", that says which function would tell.
+    that is not given stands for a term that is zero. A fault that cannot be detected without it is
+    reported in a Finding of its own, with the verdict "skipped", that names the missing functions.
 
     Args:
         n: number of coordinates.
@@ -117,24 +124,24 @@ def check_functions(
         Q: Q(q, v) -> generalized forces (n,) beside gravity and damping.
         a: a(q) -> constraint Jacobian (r, n).
         b: b(t), or b(q, t) -> constraint velocity (r,).
-        c: c(q) -> what vanishes where loops are closed (r,), a = ∂c/∂q; with two arguments
-            c(q, v) -> what vanishes where nothing slips, a = ∂c/∂v.
+        c: c(q) -> loop-closure residual (r,), 0 where loops are closed, a = ∂c/∂q; with two
+            arguments c(q, v) -> slip velocity (r,), 0 where nothing slips, a = ∂c/∂v.
         gamma: gamma(q, v) -> ȧ v + ḃ (r,).
         qdot: qdot(q, u) -> q̇ (n,), where all functions read generalized speeds u for v.
-        against: what every quantity is compared with that both have: a scene, an engine made for
-            one, (engine or its name, scene), or other `EquationsOfMotion`.
+        against: reference, with which every quantity is compared that both have: a scene, an engine
+            made for one, (engine or its name, scene), or other `EquationsOfMotion`.
         states: number of random states, or a list of (q (n,), v (n,)).
-        seed: of the draws.
-        claims: ids of the claims to look at, keys of `FUNCTION_CLAIMS`; all by default.
+        seed: seed of the random states.
+        claims: ids of the claims to check, keys of `FUNCTION_CLAIMS`; all by default.
         options: `bias_has_gravity`, `holonomic`, `ranges`, `speeds`, `name`, `factory`, `array`,
             see `eomcheck.testing.EquationsOfMotion`.
 
     Returns:
-        One Finding per claim and subject, that of the state where it is worst, by the largest error
-        per allowed error among failures, or else among what passed.
+        One Finding per claim and subject, that of the worst state, by the largest error per allowed
+        error among failures, or else among comparisons that passed.
 
     Raises:
-        InputError: n, states or a range is nothing of the kind, or a function is not callable.
+        InputError: n, states or a range is not valid, or a function is not callable.
         UnknownNameError: an unknown name of a function, a claim or an engine.
     """
     functions = {
@@ -216,8 +223,7 @@ def check_equations(
     Args:
         functions: the functions.
         states, seed, against, claims: see `check_functions`.
-        holonomic: in place of what `functions` say of themselves, see
-            `EquationsOfMotion.holonomic`.
+        holonomic: value that replaces `functions.holonomic`, see `EquationsOfMotion.holonomic`.
     """
     ids = tuple(FUNCTION_CLAIMS if claims is None else at_least_one("claims", claims))
     selected = [registered("claim", one, FUNCTION_CLAIMS) for one in ids]
@@ -275,17 +281,17 @@ def outside_default_ranges(
     seed: int,
     reference: EquationsOfMotion | None = None,
 ) -> Iterator[Finding]:
-    """Yield what fails outside the default ranges only, and what the ranges are.
+    """Yield failures that occur outside the default ranges only, and a Finding with the ranges.
 
     A few states have q in [-π, π], where every function has a value, if nothing failed inside. A
-    domain may end outside the ranges, as of tables and of arccos: what fails there is inconclusive.
+    domain may end outside the ranges, as of tables and of arccos: a failure there is inconclusive.
 
     Args:
         functions: the functions, without `ranges` of their own.
-        answers: of the functions.
-        found: id -> Findings inside the ranges, of the claims that are asked.
-        seed: of the draws.
-        reference: what they are compared with, or None.
+        answers: caller of the functions.
+        found: id -> Findings inside the ranges, of the requested claims.
+        seed: seed of the random states.
+        reference: functions that they are compared with, or None.
     """
     wide = []
     if not any(one.verdict == "failed" for all_ in found.values() for one in all_):
@@ -301,13 +307,13 @@ def outside_default_ranges(
             if one.verdict == "failed":
                 detail = f"outside the ranges only, with q in [-π, π]: {one.detail}; say `ranges`"
                 yield replace(one, verdict="inconclusive", detail=detail)
-    if {"answers", "reference"} <= set(found):  # in a report about everything
+    if {"answers", "reference"} <= set(found):  # in a report about all claims
         more = f", and {len(wide)} of {WIDE} states with q in [-π, π]" if wide else ""
         yield _within(functions, more)
 
 
 def _within(functions: EquationsOfMotion, more: str = "") -> Finding:
-    """Return the Finding that says which ranges were checked: the default ones, and `more`."""
+    """Return the Finding with the ranges that were checked: the default ones, and `more`."""
     detail = f"checked q in [-1, 1], v in [-1, 1]{more}: `ranges` for more"
     skipped: Verdict = "skipped"
     about = "reference", functions.name, functions, None
@@ -326,7 +332,7 @@ def _finite(answers: FunctionCaller, state: State) -> bool:
 
 
 def sample_states(functions: EquationsOfMotion, count: int, seed: int) -> list[State]:
-    """Return random states, evenly spread over the ranges."""
+    """Return random states, uniformly distributed over the ranges."""
     return _draws(functions, *functions.half_ranges(), count, seed)
 
 
@@ -342,13 +348,13 @@ class EntryVerdicts(NamedTuple):
     """Verdicts of a comparison at a state, entry by entry.
 
     Attributes:
-        decision: of all entries, the worst one that is resolved.
-        verdicts: indices into `RANKS`, an array of the shape of what is compared.
+        decision: decision about all entries, that of the worst one that is resolved.
+        verdicts: indices into `RANKS`, an array of the shape of the compared quantity.
         same: whether both sides are equal in bits, same shape.
         vanish: whether both sides are exactly 0, same shape.
         observed: errors, same shape.
         allowed: errors that are allowed, same shape.
-        names: names along each axis, None for what a claim decides by itself.
+        names: names along each axis, None where a claim decides by itself.
     """
 
     decision: Decision
@@ -361,7 +367,7 @@ class EntryVerdicts(NamedTuple):
 
     @property
     def entries(self) -> Entries:
-        """Which entries are resolved; what is the same in bits is not hidden."""
+        """Resolved and hidden entries; an entry that is the same in bits is not hidden."""
         assert self.names is not None
         resolved = (self.verdicts < RANKS.index("inconclusive")) & ~np.asarray(self.vanish, bool)
         hidden = ~resolved & ~np.asarray(self.same, bool)
@@ -369,7 +375,7 @@ class EntryVerdicts(NamedTuple):
 
 
 class FindingAtState(NamedTuple):
-    """A Finding at a state, with the verdict of each entry."""
+    """Finding at a state, with the verdict of each entry."""
 
     finding: Finding
     entry_verdicts: EntryVerdicts
@@ -379,7 +385,7 @@ class FindingAtState(NamedTuple):
 def worst_findings(
     functions: EquationsOfMotion, claim: FunctionClaim, points: list[FunctionState]
 ) -> Iterator[Finding]:
-    """Yield the worst Finding of each subject of a claim, and one of all that is not resolved.
+    """Yield the worst Finding of each subject of a claim, and one of all unresolved entries.
 
     An entry is resolved where a state shows whether it is right, other than by 0 = 0; one that is
     the same in bits on both sides in every state is right, 0 or not. An entry that is resolved in
@@ -409,15 +415,15 @@ def worst_findings(
 
 
 class UnresolvedEntry(NamedTuple):
-    """An entry that is resolved in no state.
+    """Entry that is resolved in no state.
 
     Attributes:
-        name: of its subject and of the entry.
-        subject: what was compared.
+        name: name of its subject and of the entry.
+        subject: compared quantity.
         states: number of states in which it was compared.
-        observed: the error where the least is allowed.
-        allowed: the least error that is allowed in a state.
-        at: that state.
+        observed: error in the state where the least is allowed.
+        allowed: least error that is allowed in a state.
+        at: state in which the least error is allowed.
     """
 
     name: str
@@ -429,7 +435,7 @@ class UnresolvedEntry(NamedTuple):
 
 
 def _same_shape(all_: list[FindingAtState]) -> list[list[FindingAtState]]:
-    """Comparisons of named entries, in groups of one shape."""
+    """Group the comparisons of named entries by shape."""
     groups: dict[tuple[int, ...], list[FindingAtState]] = {}
     for one in all_:
         if one.entry_verdicts.names is not None:
@@ -438,7 +444,7 @@ def _same_shape(all_: list[FindingAtState]) -> list[list[FindingAtState]]:
 
 
 def _unresolved(subject: str, group: list[FindingAtState]) -> Iterator[UnresolvedEntry]:
-    """Yield the entries that none of the comparisons, of one shape, resolves."""
+    """Yield the entries that none of the comparisons resolves; all have one shape."""
     names = group[0].entry_verdicts.names
     assert names is not None
     left = set(never_resolved(one.entry_verdicts.entries for one in group))
@@ -457,7 +463,7 @@ def _unresolved(subject: str, group: list[FindingAtState]) -> Iterator[Unresolve
 
 
 def _not_resolved(all_: list[FindingAtState]) -> str:
-    """Return how many entries of a subject that passes were not resolved, "" for none."""
+    """Return the number of unresolved entries of a subject that passes, as text; "" for none."""
     compared_ = [one for one in all_ if one.finding.verdict != "skipped"]
     skipped = [one for one in all_ if one.finding.verdict == "skipped"]
     open_ = RANKS.index("inconclusive")
@@ -476,7 +482,7 @@ def _not_resolved(all_: list[FindingAtState]) -> str:
 def _listed(
     functions: EquationsOfMotion, claim: FunctionClaim, hidden: list[UnresolvedEntry]
 ) -> Finding:
-    """Return the one Finding of all entries of a claim that are resolved in no state."""
+    """Return one Finding about all entries of a claim that are resolved in no state."""
     first = min(hidden, key=lambda one: one.allowed)
     names = [one.name for one in hidden]
     finding = Finding(
@@ -494,11 +500,11 @@ def _listed(
 
 
 def _with_jump(claim: FunctionClaim, finding: Finding, at: FunctionState) -> Finding:
-    """Return the Finding with the names of the functions that jump beside the state."""
+    """Return the Finding with the names of the functions that jump near the state."""
     about = {name for need in claim.needs for name in need.split("|")}
     about.add(finding.subject.split(" ~ ")[0])
-    here = (at.consistent() if claim.consistent else at) or at
-    jump = [name for name in at.functions.given if name in about and here.jumps(name)]
+    state = (at.consistent() if claim.consistent else at) or at
+    jump = [name for name in at.functions.given if name in about and state.jumps(name)]
     if not jump:
         return finding
     return finding.because(f"{' and '.join(jump)} jumps within {NEAR:g} of this state")
@@ -507,13 +513,13 @@ def _with_jump(claim: FunctionClaim, finding: Finding, at: FunctionState) -> Fin
 def check_functions_at(
     functions: EquationsOfMotion, state: State, claims: Iterable[str], seed: int = 0
 ) -> list[Finding]:
-    """Return the Findings of some claims at one state; nothing of what cannot be told.
+    """Return the Findings of some claims at one state, without blind spots.
 
     Args:
         functions: the functions.
         state: coordinates (n,) and velocities (p,).
         claims: ids, keys of `FUNCTION_CLAIMS`.
-        seed: of the directions in which noise is measured.
+        seed: seed of the directions in which noise is measured.
     """
     at = FunctionState(FunctionCaller(functions), state.q, state.v, seed)
     return [one for id in claims for one in findings_at(functions, FUNCTION_CLAIMS[id], at)]
@@ -538,23 +544,23 @@ def _compared_at(
     state = State(at.q, at.v)
     for outcome in claim_outputs(claim, at):
         judged = judge_output(claim, outcome)
-        told = judged.decision
+        decision = judged.decision
         finding = Finding(
             claim.id,
-            told.subject,
+            decision.subject,
             functions,
             state,
-            told.observed,
-            told.allowed,
-            told.verdict,
-            "property-tested" if told.verdict != "skipped" else "skipped",
-            told.detail,
+            decision.observed,
+            decision.allowed,
+            decision.verdict,
+            "property-tested" if decision.verdict != "skipped" else "skipped",
+            decision.detail,
         )
         yield FindingAtState(finding, judged, at)
 
 
 def claim_outputs(claim: FunctionClaim, at: FunctionState) -> Iterator[ClaimOutput]:
-    """Yield what a claim says at a state; nothing where a function that it needs breaks."""
+    """Yield the outcomes of a claim at a state; skipped where a function that it needs breaks."""
     if not claim.applies(at):
         return
     try:
@@ -562,14 +568,14 @@ def claim_outputs(claim: FunctionClaim, at: FunctionState) -> Iterator[ClaimOutp
             if claim.natural and not at.natural():
                 yield Skipped(claim.term, NOT_QUADRATIC)
                 return
-            here = at.consistent() if claim.consistent else at
-            if here is None:
+            state = at.consistent() if claim.consistent else at
+            if state is None:
                 yield Skipped(claim.term, at.why_not_consistent())
                 return
-            yield from claim.evaluate(here)
+            yield from claim.evaluate(state)
     except BrokenError as broken:
         if claim.id != "answers":
-            # Why only once: by `answers` where it breaks at the state itself, else here.
+            # The reason once only: by `answers` where it breaks at the state itself, else by this.
             once = broken.name in at.caller.reported
             at.caller.reported.add(broken.name)
             why = "does not answer" if once else f"breaks: {broken.why}"
@@ -582,13 +588,13 @@ def judge_output(claim: FunctionClaim, outcome: ClaimOutput) -> EntryVerdicts:
     """Return the verdicts of an outcome."""
     if isinstance(outcome, UncertainComparison):
         return judge_entries(claim, outcome)
-    told = (
+    decision = (
         Decision(outcome.subject, 0.0, 0.0, "skipped", outcome.reason)
         if isinstance(outcome, Skipped)
         else outcome
     )
-    verdict, none = np.asarray(RANKS.index(told.verdict)), np.zeros(())
-    return EntryVerdicts(told, verdict, none, none, none, none, None)
+    verdict, none = np.asarray(RANKS.index(decision.verdict)), np.zeros(())
+    return EntryVerdicts(decision, verdict, none, none, none, none, None)
 
 
 def judge_entries(claim: FunctionClaim, sides: UncertainComparison) -> EntryVerdicts:
@@ -597,29 +603,29 @@ def judge_entries(claim: FunctionClaim, sides: UncertainComparison) -> EntryVerd
     An entry is inconclusive also where one side is known not to be 0, and more than a thousandth of
     the larger one is allowed: then it would pass with any sign.
     """
-    found, expected = sides.actual, sides.expected
-    if found.value.size == 0:
-        nothing = np.zeros(found.shape)
-        told = Decision(sides.subject, 0.0, 0.0, "passed")
-        return EntryVerdicts(told, nothing, nothing, nothing, nothing, nothing, sides.names)
-    error = found.error + expected.error
+    actual, expected = sides.actual, sides.expected
+    if actual.value.size == 0:
+        nothing = np.zeros(actual.shape)
+        decision = Decision(sides.subject, 0.0, 0.0, "passed")
+        return EntryVerdicts(decision, nothing, nothing, nothing, nothing, nothing, sides.names)
+    error = actual.error + expected.error
     with np.errstate(all="ignore"):
-        observed = np.abs(found.value - expected.value)
+        observed = np.abs(actual.value - expected.value)
         allowed = allowed_error(1.0) * (error / EPS)
-        larger = np.maximum(np.abs(found.value), np.abs(expected.value))
-        known = (np.abs(found.value) > C * found.error) | (
+        larger = np.maximum(np.abs(actual.value), np.abs(expected.value))
+        known = (np.abs(actual.value) > C * actual.error) | (
             np.abs(expected.value) > C * expected.error
         )
         blind = known & (expected.value != 0.0) & (allowed > INCONCLUSIVE * larger)
         verdicts = BY_NUMBER[
-            verdict_codes(observed, allowed, np.maximum(found.size, expected.size))
+            verdict_codes(observed, allowed, np.maximum(actual.size, expected.size))
         ]
-        told_by = np.isfinite(error) & np.isfinite(observed)
-        verdicts = np.where(blind & (verdicts == RANKS.index("passed")) | ~told_by, 2, verdicts)
+        finite = np.isfinite(error) & np.isfinite(observed)
+        verdicts = np.where(blind & (verdicts == RANKS.index("passed")) | ~finite, 2, verdicts)
         ratio = np.where(allowed > 0.0, observed / allowed, np.where(observed > 0.0, np.inf, 0.0))
-    allowed = np.where(told_by, allowed, np.inf)
-    same = found.value == expected.value
-    vanish = same & (found.value == 0.0)
+    allowed = np.where(finite, allowed, np.inf)
+    same = actual.value == expected.value
+    vanish = same & (actual.value == 0.0)
     order = np.lexsort((-np.nan_to_num(ratio, nan=0.0).ravel(), verdicts.ravel()))
     index = tuple(int(i) for i in np.unravel_index(int(order[0]), observed.shape))
     verdict, detail = RANKS[int(verdicts[index])], ""
@@ -627,31 +633,31 @@ def judge_entries(claim: FunctionClaim, sides: UncertainComparison) -> EntryVerd
         detail = failure_detail(claim, sides, index, float(allowed[index]))
     elif verdict == "inconclusive":
         detail = "the error of what is measured is as large as its value"
-    told = Decision(sides.subject, float(observed[index]), float(allowed[index]), verdict, detail)
-    return EntryVerdicts(told, verdicts, same, vanish, observed, allowed, sides.names)
+    worst = Decision(sides.subject, float(observed[index]), float(allowed[index]), verdict, detail)
+    return EntryVerdicts(worst, verdicts, same, vanish, observed, allowed, sides.names)
 
 
 def failure_detail(
     claim: FunctionClaim, sides: UncertainComparison, index: tuple[int, ...], allowed: float
 ) -> str:
-    """Return the term to blame, the entry, and what is wrong with it."""
-    found, expected = sides.actual.value, sides.expected.value
-    only: Array = np.zeros(found.shape)
+    """Return the detail of a failure: the term to blame, the entry, and its diagnosis."""
+    actual, expected = sides.actual.value, sides.expected.value
+    only: Array = np.zeros(actual.shape)
     only[index] = 1.0
     term = claim.term or input_description(sides.subject)
-    where = worst_entry(only, sides.names) if found.ndim else "value"
-    said = sides.explain(found, expected, allowed, index) if sides.explain is not None else ""
-    return f"{term}, {where}: {said or diagnose(found, expected, allowed, index)}"
+    where = worst_entry(only, sides.names) if actual.ndim else "value"
+    own = sides.explain(actual, expected, allowed, index) if sides.explain is not None else ""
+    return f"{term}, {where}: {own or diagnose(actual, expected, allowed, index)}"
 
 
 def input_description(subject: str) -> str:
-    """Return what a subject is about, in words where it is a function."""
+    """Return the description of the input that a subject is about, or else its name."""
     name = subject.split(" ~ ")[0]
     return INPUTS[name].what if name in INPUTS else name
 
 
 def caveats(functions: EquationsOfMotion, claims: Iterable[str]) -> list[Finding]:
-    """Caveats of some claims about functions that hold in every state; no function is called.
+    """Return the caveats of some claims that hold in every state; no function is called.
 
     Args:
         functions: the functions.
@@ -672,7 +678,7 @@ def caveats(functions: EquationsOfMotion, claims: Iterable[str]) -> list[Finding
 
 
 def inapplicable(functions: EquationsOfMotion, claim: FunctionClaim) -> Finding:
-    """The Finding of a claim that was asked for and has nothing to look at."""
+    """Return the Finding of a claim that was requested and lacks the inputs it needs."""
     either = [need.replace("|", " or ") for need in claim.needs]
     several = len(either) > 1
     needs = " and ".join(f"({x})" if several and " or " in x else x for x in either)
@@ -686,7 +692,7 @@ def inapplicable(functions: EquationsOfMotion, claim: FunctionClaim) -> Finding:
 def undetectable(
     functions: EquationsOfMotion, claim: FunctionClaim, at: FunctionState
 ) -> Iterator[Finding]:
-    """Yield what cannot be told because an input is missing."""
+    """Yield a Finding for each blind spot of a claim that does not apply: inputs are missing."""
     if claim.applies(at):
         return
     for blind in claim.blind_spots:
@@ -696,5 +702,6 @@ def undetectable(
         if about and (would := blind.revealing_inputs(at)):
             detail = f"{blind.what}: {would} would tell"
             about_ = blind.about or functions.name
-            said = (claim.id, about_, functions, None, 0.0, 0.0, "skipped", "skipped")
-            yield Finding(*said, detail)
+            yield Finding(
+                claim.id, about_, functions, None, 0.0, 0.0, "skipped", "skipped", detail
+            )

@@ -1,9 +1,10 @@
 """`parametrize_with_claims`: a pytest test for each claim about an engine, a scene or functions.
 
-A `ClaimTarget` is code under test in one place: an engine or a scene, checked on many states, or
-functions. Its work is done when the first of its tests asks for it, once for all claims, and once
-for all processes of pytest-xdist: the first process computes, the others read its result. The file
-of expected failures has a line a test: its id, as in the brackets of the test, and then the reason.
+A target (`ClaimTarget`) is the code under test: an engine or a scene, checked at many states, or
+user-supplied functions. All claims of a target are evaluated together when the first of its tests
+runs, once for all processes of pytest-xdist: the first process computes, the others read its result
+from a cache. The file of expected failures has one line per test: its id, as in the brackets of the
+test, and then the reason.
 """
 
 from __future__ import annotations
@@ -46,10 +47,13 @@ from eomcheck.testing.function_checks import FUNCTION_CLAIMS, check
 
 
 def read_expected_failures(path: Path) -> dict[str, str]:
-    """Return id -> reason, as the file lists them.
+    """Read a file of expected failures.
 
-    A line holds an id, white space and the reason. Empty lines and those that begin with "#" say
-    nothing.
+    A line holds an id, white space and the reason. Empty lines and those that begin with "#" are
+    ignored.
+
+    Returns:
+        id -> reason, in the order of the file.
 
     Raises:
         InputError: there is no such file, it is not text, a line has no reason, or an id is there
@@ -59,7 +63,7 @@ def read_expected_failures(path: Path) -> dict[str, str]:
         lines = read_text(path).splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"expected_failures = {str(path)!r} cannot be read: {error}") from None
-    found: dict[str, str] = {}
+    reasons: dict[str, str] = {}
     for number, line in enumerate(lines, 1):
         if not line.strip() or line.lstrip().startswith("#"):
             continue
@@ -67,28 +71,28 @@ def read_expected_failures(path: Path) -> dict[str, str]:
         where = f"{str(path)!r}, line {number}"
         if not reason:
             raise InputError(f"{where}: {id!r} has no reason, expected an id and a reason")
-        if id in found:
+        if id in reasons:
             raise InputError(f"{where}: {id!r} is there twice")
-        found[id] = reason[0].rstrip()
-    return found
+        reasons[id] = reason[0].rstrip()
+    return reasons
 
 
 # ---- Cache shared by processes -------------------------------------------------------------------
 
 WAIT_SECONDS = 3600.0
-"""How long a process waits for another that is at work."""
+"""Longest time, s, that a process waits for another that computes the same result."""
 
 
 def compute_once(folder: Path | None, name: str, work: Callable[[], Any]) -> Any:
-    """Return what `work` returns, done once by all processes that share `folder`.
+    """Return the result of `work()`, computed once by all processes that share `folder`.
 
-    SQLite is the lock: it goes with the process that holds it, however that ends. Where `work`
-    raises nothing is kept, and the next process tries again.
+    SQLite is the lock: it is released with the process that holds it, however that ends. Where
+    `work` raises, nothing is stored, and the next process tries again.
 
     Args:
-        folder: the folder, None where nothing is shared.
-        name: of the work.
-        work: returns plain data, as JSON has it.
+        folder: folder of the cache, None where nothing is shared.
+        name: name of the work, the key of the cache.
+        work: function that returns JSON data.
     """
     if folder is None:
         return work()
@@ -96,27 +100,27 @@ def compute_once(folder: Path | None, name: str, work: Callable[[], Any]) -> Any
     with closing(sqlite3.connect(path, timeout=WAIT_SECONDS, isolation_level=None)) as database:
         database.execute("BEGIN EXCLUSIVE")
         database.execute("CREATE TABLE IF NOT EXISTS done (result TEXT)")
-        kept = database.execute("SELECT result FROM done").fetchone()
-        if kept is not None:
-            return json.loads(kept[0])
+        stored = database.execute("SELECT result FROM done").fetchone()
+        if stored is not None:
+            return json.loads(stored[0])
         result = work()
         database.execute("INSERT INTO done VALUES (?)", (json.dumps(result),))
         database.execute("COMMIT")
         return result
 
 
-# ---- Trials --------------------------------------------------------------------------------------
+# ---- Results of claims ---------------------------------------------------------------------------
 
 LINKS = 1, 5
-"""Numbers of links of the random scenes of a kind: larger ones take longer and show less."""
+"""Least and largest number of links of random scenes: larger ones take longer and show less."""
 
 
 class ClaimResult(NamedTuple):
-    """What a claim came to on all states that were looked at.
+    """Result of a claim over all states that were checked.
 
     Attributes:
         verdict: "failed" if it failed once, otherwise "passed" if it passed once, and so on.
-        text: for whoever reads it in a terminal, "" where it passed.
+        text: message for the terminal, "" where it passed.
     """
 
     verdict: Verdict
@@ -124,11 +128,11 @@ class ClaimResult(NamedTuple):
 
 
 class ClaimTarget(Protocol):
-    """Something on trial in one place, and the claims that it is asked."""
+    """Code under test on one scene, and the claims that are checked of it."""
 
     @property
     def where(self) -> str:
-        """The name of the scene, "" where there is none."""
+        """Name of the scene, "" where there is none."""
         ...
 
     @property
@@ -137,17 +141,20 @@ class ClaimTarget(Protocol):
         ...
 
     def results(self, examples: int, seed: int, known: Collection[str]) -> dict[str, ClaimResult]:
-        """Return what each claim came to; one that is not there does not apply.
+        """Return the result of each claim; a claim that is missing does not apply.
 
         Args:
             examples: number of random states.
-            seed: of the draws.
+            seed: seed of the random states.
             known: ids of the claims that are expected to fail.
+
+        Returns:
+            id of a claim -> its result.
         """
         ...
 
     def absent(self, claim: str) -> str:
-        """Return why there is no result of a claim."""
+        """Return the reason why there is no result of a claim."""
         ...
 
 
@@ -157,20 +164,24 @@ def claim_results(
     known: Collection[str],
     smallest: Callable[[Finding], Finding] = lambda failed: failed,
 ) -> dict[str, ClaimResult]:
-    """Return what the Findings of each claim come to.
+    """Return the result of each claim from its Findings.
 
     Args:
         claims: ids, in the order in which a failure is closest to its cause.
-        findings: of all claims. One that follows from another is told without code, which the
-            other one has, unless that is expected to fail.
+        findings: Findings of all claims. One that follows from another is reported without code,
+            which the other one has, unless that is expected to fail.
         known: ids of the claims that are expected to fail.
-        smallest: returns the smallest failure like one that is found. It is asked once, for the
-            first that is not expected: what follows is mostly due to that one.
+        smallest: function that returns the smallest failure like the one it is called with. It is
+            called once, for the first failure that is not expected: later ones are mostly due to
+            that one.
+
+    Returns:
+        id of a claim -> its result, for claims with Findings.
     """
     by: dict[str, list[Finding]] = {}
     for finding in findings:
         by.setdefault(finding.claim, []).append(finding)
-    found: dict[str, ClaimResult] = {}
+    results: dict[str, ClaimResult] = {}
     for claim in filter(by.__contains__, claims):
         worst = result_or_failure(by[claim])
         if isinstance(worst, Finding):
@@ -178,12 +189,12 @@ def claim_results(
                 worst, smallest = smallest(worst), lambda failed: failed
             folded = worst.follows and worst.follows not in known
             worst = _folded(worst) if folded else _failed(worst, by[claim])
-        found[claim] = worst
-    return found
+        results[claim] = worst
+    return results
 
 
 def result_or_failure(findings: list[Finding]) -> ClaimResult | Finding:
-    """Return what the Findings of one claim come to; the first failure, if there is one."""
+    """Return the first failure among the Findings of one claim, or else the result of the claim."""
     by: dict[Verdict, Finding] = {}
     for finding in findings:
         by.setdefault(finding.verdict, finding)
@@ -198,7 +209,7 @@ def result_or_failure(findings: list[Finding]) -> ClaimResult | Finding:
 
 
 def _folded(shown: Finding) -> ClaimResult:
-    """Return a failure that follows from another, without code that shows it again."""
+    """Return the result of a failure that follows from another, without code to reproduce it."""
     why = f"follows from {shown.cause}, see {shown.follows}"
     return ClaimResult("failed", f"{why}\n{replace(shown, follows='')}")
 
@@ -206,11 +217,14 @@ def _folded(shown: Finding) -> ClaimResult:
 def without_unresolved(
     results: dict[str, ClaimResult], hidden: Iterable[Finding]
 ) -> dict[str, ClaimResult]:
-    """Return the results without a pass where something is resolved in no state.
+    """Return the results, inconclusive in place of passed where an entry is resolved in no state.
 
     Args:
-        results: of claims.
+        results: id of a claim -> its result.
         hidden: inconclusive Findings that hold for all states.
+
+    Returns:
+        id of a claim -> its result.
     """
     listed = {one.claim: str(one) for one in hidden}
     return {
@@ -231,18 +245,18 @@ def _failed(shown: Finding, findings: list[Finding]) -> ClaimResult:
 
 
 def engine_claims() -> tuple[str, ...]:
-    """Return the ids of the claims that engines are asked."""
+    """Return the ids of the claims about engines."""
     return tuple(id for id, claim in CLAIMS.items() if claim.asks)
 
 
 @dataclass(frozen=True)
 class SceneTarget:
-    """An engine on trial on a scene, or the scene itself.
+    """An engine under test on a scene, or the scene itself under test.
 
     Attributes:
         where: name of the scene.
-        scene: the scene, or a kind of which random ones are drawn.
-        engine: the engine, None where the scene is on trial.
+        scene: the scene, or a scene class of which random scenes are drawn.
+        engine: the engine, None where the scene is under test.
     """
 
     where: str
@@ -251,19 +265,19 @@ class SceneTarget:
 
     @property
     def claims(self) -> tuple[str, ...]:
-        """Those about engines, or all that are about a state."""
+        """Ids of the claims about engines, or of all claims that are about a state."""
         if self.engine is not None:
             return engine_claims()
         return tuple(id for id, claim in CLAIMS.items() if id != "coverage")
 
     @property
     def example(self) -> Scene:
-        """The scene, or the example of its kind."""
+        """Scene itself, or the example of the scene class."""
         return self.scene.example() if isinstance(self.scene, type) else self.scene
 
     @property
     def represented(self) -> bool:
-        """Whether the engine represents the scene, or some of the kind; a scene does itself."""
+        """Whether the engine represents the scene, or some of the class; True without engine."""
         if self.engine is None:
             return True
         if isinstance(self.scene, type):
@@ -273,7 +287,7 @@ class SceneTarget:
     def results(
         self, examples: int, seed: int, known: Collection[str] = ()
     ) -> dict[str, ClaimResult]:
-        """Return what each claim came to, as `ClaimTarget` says."""
+        """Return the result of each claim, see `ClaimTarget.results`."""
         if not self.represented:
             return {}
         kind = type(self.example)
@@ -298,7 +312,7 @@ class SceneTarget:
         )
 
     def absent(self, claim: str) -> str:
-        """Return why there is no result of a claim."""
+        """Return the reason why there is no result of a claim."""
         if self.engine is not None and not self.represented:
             return f"{self.engine.key} does not represent {self.where}"
         return f"{claim} does not apply to {self.where}"
@@ -314,11 +328,11 @@ class SceneTarget:
 
 @dataclass(frozen=True)
 class EquationsTarget:
-    """Functions on trial.
+    """User-supplied functions under test.
 
     Attributes:
         functions: the functions.
-        against: a scene or an engine that they are compared with, or None.
+        against: reference, a scene or an engine that they are compared with, or None.
         where: "", for there is no scene.
     """
 
@@ -328,20 +342,20 @@ class EquationsTarget:
 
     @property
     def claims(self) -> tuple[str, ...]:
-        """All that there are about functions."""
+        """Ids of all claims about functions."""
         return tuple(FUNCTION_CLAIMS)
 
     def results(
         self, examples: int, seed: int, known: Collection[str] = ()
     ) -> dict[str, ClaimResult]:
-        """Return what each claim came to, as `ClaimTarget` says."""
-        found = check(self.functions, states=examples, seed=seed, against=self.against)
-        # A Finding holds for all states here: what none of them resolves is no pass.
-        hidden = (one for one in found if one.verdict == "inconclusive")
-        return without_unresolved(claim_results(self.claims, found, known), hidden)
+        """Return the result of each claim, see `ClaimTarget.results`."""
+        findings = check(self.functions, states=examples, seed=seed, against=self.against)
+        # A Finding of functions is about all states: an entry that none of them resolves no pass.
+        hidden = (one for one in findings if one.verdict == "inconclusive")
+        return without_unresolved(claim_results(self.claims, findings, known), hidden)
 
     def absent(self, claim: str) -> str:
-        """Return why there is no result of a claim."""
+        """Return the reason why there is no result of a claim."""
         one, given = FUNCTION_CLAIMS[claim], self.functions.given
         missing = [name for name in one.needs if not any(x in given for x in name.split("|"))]
         excluded = [name for name in one.without if name in given]
@@ -351,18 +365,18 @@ class EquationsTarget:
 
 
 Scenes = Iterable[Scene | type[Scene] | str] | Mapping[str, Scene | type[Scene] | str]
-"""Scenes, kinds, or names as on the command line; with names of one's own where it is a mapping."""
+"""Scenes, scene classes, or names as on the command line; a mapping gives them other names."""
 
 
 def scene_targets(engine: type[Engine] | None, scenes: Scenes | None) -> list[SceneTarget]:
-    """Return a trial a scene.
+    """Return one target per scene.
 
     Args:
-        engine: the engine, None where the scenes are on trial.
-        scenes: the scenes, by default every kind whose example the engine represents.
+        engine: the engine, None where the scenes are under test.
+        scenes: the scenes, by default every scene class whose example the engine represents.
 
     Raises:
-        InputError: what is no scene, two scenes of one name, or none that the engine represents.
+        InputError: an item is no scene, two scenes have one name, or the engine represents none.
         UnknownNameError: a name that no scene has.
     """
     named: list[tuple[str, Scene | type[Scene]]]
@@ -409,10 +423,10 @@ OF_THE_FILE = "expected-failures"
 """Id of the test that each line of the file of expected failures is about a test."""
 
 STOPPED = ""
-"""In place of a claim: why none could be looked at."""
+"""Key, in place of the id of a claim, of the error because of which no claim could be checked."""
 
 EXAMPLES = 25
-"""Random states a scene, if nobody says otherwise."""
+"""Default number of random states per scene."""
 
 
 def parametrize_with_claims(
@@ -431,22 +445,23 @@ def parametrize_with_claims(
         def test_my_engine(check):
             check()
 
-    A test is called after its claim and scene, `test_my_engine[mass-matrix-chain-pendulum]`, one of
-    functions after its claim alone. It
-    fails with the Finding and with code that shows it again. It is skipped, with the reason, where
-    the claim does not apply, was only inconclusive or could not be looked at.
+    A test is named after its claim and scene, `test_my_engine[mass-matrix-chain-pendulum]`, one of
+    functions after its claim alone. It fails with the Finding and with code that reproduces it. It
+    is skipped, with the reason, where the claim does not apply, was only inconclusive or was itself
+    skipped.
 
     Args:
-        subject: on trial: a class of engine or the name of one; `EquationsOfMotion`; None for the
-            scenes themselves.
-        scenes: scenes, kinds of scenes of which random ones are drawn, or their names, in a list or
-            by names of your own; by default all that the engine represents. Functions have none.
-        against: what functions are compared with, as in `check_functions`.
-        expected_failures: a file with an id and a reason a line, beside the test's own file. These
+        subject: code under test: an engine class or the name of one; `EquationsOfMotion`; None for
+            the scenes themselves.
+        scenes: scenes, scene classes of which random scenes are drawn, or their names, in a list or
+            a mapping from names of your own; by default all that the engine represents. Functions
+            have none.
+        against: reference that functions are compared with, as in `check_functions`.
+        expected_failures: file with an id and a reason per line, beside the test's own file. These
             tests have to fail. A further test, `expected-failures`, fails if a line matches none.
         strict: whether an expected failure that passes, or that is skipped, is a failure.
-        examples: number of random states a scene; `--eomcheck-examples` overrides it.
-        seed: of the draws.
+        examples: number of random states per scene; `--eomcheck-examples` overrides it.
+        seed: seed of the random states.
 
     Raises:
         InputError: an argument is not valid, the file cannot be read, or the engine represents
@@ -464,7 +479,7 @@ def parametrize_with_claims(
         name = f"{home}::{function.__qualname__}"
         own = None if expected_failures is None else home.parent / expected_failures
         file = _option("xfails") or own
-        # Read here: a file that cannot be is told before anything is run.
+        # Read at collection: a file that cannot be read is reported before any test runs.
         expected = {} if file is None else read_expected_failures(file)
         suite = Suite(name, trials, file, expected, strict, examples, seed)
         _suites[name] = suite
@@ -493,7 +508,7 @@ def _trials(subject: Any, scenes: Scenes | None, against: Any) -> list[ClaimTarg
 
 
 def _option(name: str) -> Any:
-    """Return what the command line of pytest says; None where the plug-in is off."""
+    """Return an option of pytest's command line; None where the plug-in is off."""
     plugin = sys.modules.get("eomcheck.pytest_plugin")
     return None if plugin is None else getattr(plugin.OPTIONS, name)
 
@@ -503,16 +518,16 @@ def _option(name: str) -> Any:
 
 @dataclass(frozen=True)
 class Suite:
-    """The tests of one function.
+    """Tests of one decorated function.
 
     Attributes:
-        name: of the function, with its file.
-        targets: what is looked at, a trial a scene.
-        file: of expected failures, or None.
+        name: name of the function, with its file.
+        targets: code under test, one target per scene.
+        file: file of expected failures, or None.
         expected: id -> reason of the tests that have to fail.
         strict: whether an expected failure has to fail.
-        examples: number of random states a scene.
-        seed: of the draws.
+        examples: number of random states per scene.
+        seed: seed of the random states.
     """
 
     name: str
@@ -526,32 +541,32 @@ class Suite:
 
     @cached_property
     def ids(self) -> dict[str, tuple[ClaimTarget, str]]:
-        """Id -> trial and claim, one test each."""
-        found: dict[str, tuple[ClaimTarget, str]] = {}
+        """Id -> target and claim, one test each."""
+        tests: dict[str, tuple[ClaimTarget, str]] = {}
         for trial in self.targets:
             for claim in trial.claims:
                 id = f"{claim}-{trial.where}" if trial.where else claim
-                if id in found:
+                if id in tests:
                     raise InputError(f"scenes: two tests would be called {id!r}")
-                found[id] = trial, claim
-        return found
+                tests[id] = trial, claim
+        return tests
 
     def checks(self) -> dict[str, Callable[[], None]]:
-        """Return id -> what the test calls: scene by scene, the closest to a cause first."""
+        """Return id -> body of the test: scene by scene, the closest to a cause first."""
         of_file = {} if self.file is None else {OF_THE_FILE: CheckOfFile(self)}
         return of_file | {id: Check(self, id) for id in self.ids}
 
     def result(self, id: str) -> ClaimResult:
-        """Return what a test came to; the work is done here if it is not yet.
+        """Return the result of a test; all claims of its target are evaluated if not done yet.
 
         Raises:
-            InputError: the scene or the functions could not be looked at.
+            InputError: the scene or the functions could not be checked.
         """
         trial, claim = self.ids[id]
         if trial.where not in self._done:
             work = partial(self._work, trial)
-            found = compute_once(_option("shared"), f"{self.name}-{trial.where}", work)
-            self._done[trial.where] = {id: ClaimResult(*one) for id, one in found.items()}
+            results = compute_once(_option("shared"), f"{self.name}-{trial.where}", work)
+            self._done[trial.where] = {id: ClaimResult(*one) for id, one in results.items()}
         done = self._done[trial.where]
         if STOPPED in done:
             raise InputError(done[STOPPED].text)
@@ -563,23 +578,23 @@ class Suite:
         try:
             return trial.results(examples, self.seed, known)
         except EomcheckError as error:
-            # Kept like any other result: the next claim would end there as well.
+            # Cached like any other result: the next claim would raise as well.
             return {STOPPED: ClaimResult("failed", str(error))}
 
 
 _suites: dict[str, Suite] = {}
-"""Those of this process, by name: one file of expected failures may be of several."""
+"""Name -> suite, all of this process: one file of expected failures may be of several."""
 
 
 @dataclass(frozen=True)
 class Check:
-    """One claim on one scene; calling it passes, fails or skips the test."""
+    """Test of one claim on one scene; calling it passes, fails or skips the test."""
 
     suite: Suite = field(repr=False)
     id: str
 
     def __call__(self) -> None:
-        """Look at the claim, and tell pytest."""
+        """Pass, fail, xfail or skip by the result of the claim."""
         __tracebackhide__ = True
         pytest = required("pytest")
         try:
@@ -600,7 +615,7 @@ class Check:
 
 @dataclass(frozen=True)
 class CheckOfFile:
-    """Every id in a file of expected failures is that of a test."""
+    """Test that every id in a file of expected failures is that of a test."""
 
     suite: Suite = field(repr=False)
 
