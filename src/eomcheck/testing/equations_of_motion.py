@@ -1,11 +1,11 @@
-"""Equations of motion under test: user-supplied functions as `EquationsOfMotion`, and their
-answers.
+"""Equations of motion under test: user-supplied float64 functions, and checked calls of them.
 
     M q̈ + bias + gravity + ∂R/∂v = Q + aᵀλ,    a v + b = 0,    a q̈ + γ = 0
 
-A function that is not given stands for a term that is not there. Velocities v are q̇, unless `qdot`
-gives q̇; v then are generalized speeds u, and forces are those along u. `FunctionCaller` calls the
-functions: each answer is checked, and a failure is named with its function (`BrokenError`).
+`EquationsOfMotion` holds the functions. One that is not given stands for a term that is zero.
+Velocities v are q̇, unless `qdot` returns q̇; v then are generalized speeds u, and forces are those
+along u. `FunctionCaller` calls the functions with copies of their arguments and checks type, shape
+and finiteness of each result; a failure is raised with the name of its function (`BrokenError`).
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ Function = Callable[..., Any]
 
 
 class Input(NamedTuple):
-    """What one of the functions is.
+    """Signature of one of the functions.
 
     Attributes:
-        reads: what it is called with: "q", "qv" or "t"; see also `MAY_READ_MORE`.
-        shape: of what it answers, in terms of n coordinates, p velocities and r constraints.
-        what: its name in words, as failures call it.
+        reads: its arguments, one letter each: "q", "qv" or "t"; see also `MAY_READ_MORE`.
+        shape: shape of its result, in terms of n coordinates, p velocities and r constraints.
+        what: description of it in messages, such as "mass matrix".
     """
 
     reads: str
@@ -67,30 +67,30 @@ INPUTS: dict[str, Input] = {
     "gamma": Input("qv", ("r",), "constraint drift"),
     "qdot": Input("qv", ("n",), "rates of the coordinates"),
 }
-"""Name -> what the function of that name is."""
+"""Name -> signature of the function of that name."""
 
 MOST_COORDINATES = 10_000
-"""Coordinates of functions: a mass matrix then takes 800 MB."""
+"""Largest number of coordinates: a mass matrix then takes 800 MB."""
 
 MOST_STATES = 1_000_000
-"""States that may be drawn in one call."""
+"""Largest number of states that may be drawn in one call."""
 
 MAY_READ_MORE = {"b": "qt", "c": "qv", "gravity": "qv"}
-"""Name -> what a function is called with if it has two arguments that must be given."""
+"""Name -> arguments of a function if it has two positional arguments without default."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class EquationsOfMotion:
-    """Somebody's equations of motion as functions of doubles, black boxes.
+    """User-supplied equations of motion as float64 functions, black boxes.
 
-    Each is called with arrays of doubles of its own, of shape (n,) or (p,), and answers an array,
-    of NumPy or of what NumPy can read. A vector may be a column (p, 1), a number an array of one.
+    Each is called with float64 arrays of its own, of shape (n,) or (p,), and returns an array of
+    NumPy, or one that NumPy can convert. A vector may be a column (p, 1), a number an array of one.
     """
 
     instead: ClassVar[str] = (
         "functions are checked by `eomcheck fuzz --scene {}`, and in Python by check_functions"
     )
-    """Advice for a place where a scene is expected; {} stands for FILE:NAME."""
+    """Advice in errors where a scene is expected; {} stands for FILE:NAME."""
     n: int
     """Number of coordinates."""
     M: Function | None = None
@@ -98,7 +98,7 @@ class EquationsOfMotion:
     bias: Function | None = None
     """bias(q, v) -> B (p,), Coriolis and centrifugal, on the left-hand side, without gravity."""
     gravity: Function | None = None
-    """gravity(q) -> ∂U/∂q (p,), on the left-hand side; gravity(q, v) is called so too."""
+    """gravity(q) -> ∂U/∂q (p,), on the left-hand side; or gravity(q, v), with both arguments."""
     C: Function | None = None
     """C(q, v) -> Coriolis matrix (p, p), C v = B and Ṁ - 2 C skew-symmetric."""
     qdd: Function | None = None
@@ -114,10 +114,10 @@ class EquationsOfMotion:
     a: Function | None = None
     """a(q) -> constraint Jacobian (r, p)."""
     b: Function | None = None
-    """b(t), or b(q, t) -> constraint velocity (r,), a v + b = 0; looked at around t = 0 s."""
+    """b(t), or b(q, t) -> constraint velocity (r,), a v + b = 0; checked around t = 0 s."""
     c: Function | None = None
-    """c(q) -> (r,), which vanishes where loops are closed, a = ∂c/∂q; or, with two arguments,
-    c(q, v) -> (r,), which vanishes where nothing slips, a = ∂c/∂v and c = a v + b."""
+    """c(q) -> loop-closure residual (r,), 0 where loops are closed, a = ∂c/∂q; or, with two
+    arguments, c(q, v) -> slip velocity (r,), 0 where nothing slips, a = ∂c/∂v and c = a v + b."""
     gamma: Function | None = None
     """gamma(q, v) -> ȧ v + ḃ (r,)."""
     qdot: Function | None = None
@@ -127,19 +127,19 @@ class EquationsOfMotion:
     speeds: int | None = None
     """Number p of generalized speeds where it is not n; only with `qdot`."""
     holonomic: bool | None = None
-    """Whether M v̇ + B are Lagrange's of ½ vᵀ M v, which is not so where constraints that are not
-    holonomic are built into M; None for True without `qdot`, and False with it."""
+    """Whether M v̇ + B are Lagrange's of ½ vᵀ M v, which is not so where nonholonomic constraints
+    are built into M; None for True without `qdot`, and False with it."""
     derived: bool = False
-    """Whether all come out of one derivation, so that none tells what went into it wrong."""
+    """Whether all result from one derivation, so that none reveals a wrong input of it."""
     ranges: Any = None
-    """What states are drawn from: (low, high) for all, n pairs for the coordinates, or n + p pairs;
-    by default [-1, 1] for each coordinate and each velocity."""
+    """Ranges of the random states: (low, high) for all, n pairs for the coordinates, or n + p
+    pairs; by default [-1, 1] for each coordinate and each velocity."""
     name: str = "functions"
-    """What reports call them."""
+    """Name of them in reports."""
     factory: Callable[[], Any] | None = None
-    """Makes them anew: () -> dict or object that holds functions of these names."""
+    """Factory of fresh instances: () -> dict or object that holds functions of these names."""
     array: Callable[[Array], Any] | None = None
-    """Makes what they are called with of an array of doubles, such as `torch.as_tensor`."""
+    """Conversion of a float64 array to their arguments, such as `torch.as_tensor`."""
 
     def __post_init__(self):
         whole_number("n", self.n, most=MOST_COORDINATES)
@@ -184,7 +184,7 @@ class EquationsOfMotion:
 
     @property
     def structure(self) -> str:
-        """The name and what is given."""
+        """Name, and the names of the functions that are given."""
         return f"{self.name}: {', '.join(self.given)}"
 
     @property
@@ -203,9 +203,9 @@ class EquationsOfMotion:
         return f"<{self.structure}>"
 
     def as_python(self, state: State | None = None) -> str:
-        """Return Python code that checks them again, in one state or where they were drawn.
+        """Return Python code that checks them again, at one state or at random ones.
 
-        Functions that have no name that can be imported, such as lambdas, are left to be put in.
+        Functions without an importable name, such as lambdas, are left to be filled in.
         """
         return functions_reproducer(self, INPUTS, fields(self), state)
 
@@ -213,7 +213,7 @@ class EquationsOfMotion:
         """Return middle and half width of the range of each coordinate and velocity (n + p,).
 
         Raises:
-            InputError: `ranges` is nothing of what it may be.
+            InputError: `ranges` has none of its valid forms.
         """
         size = self.n + self.p
         full = np.tile([-1.0, 1.0], (size, 1))
@@ -233,7 +233,7 @@ class EquationsOfMotion:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ComparedEquations(EquationsOfMotion):
-    """Functions with what they are compared with, which Python code that checks them again names.
+    """Functions with the reference they are compared with, so that code of `as_python` has both.
 
     Attributes:
         against: a scene, an engine made for one, (engine or its name, scene), or
@@ -244,7 +244,7 @@ class ComparedEquations(EquationsOfMotion):
 
     @classmethod
     def of(cls, functions: EquationsOfMotion, against: Any) -> ComparedEquations:
-        """Return `functions` with what they are compared with."""
+        """Return `functions` with their reference."""
         return cls(
             **{x.name: getattr(functions, x.name) for x in fields(EquationsOfMotion)},
             against=against,
@@ -252,7 +252,7 @@ class ComparedEquations(EquationsOfMotion):
 
 
 def _pairs(ranges: Any) -> Array | None:
-    """Return pairs low < high as an array (2,) or (m, 2), None if they are none."""
+    """Return pairs low < high as an array (2,) or (m, 2), None if `ranges` holds no such pairs."""
     try:
         pairs = np.asarray(ranges, np.float64)
     except (TypeError, ValueError, OverflowError):
@@ -265,7 +265,7 @@ def _pairs(ranges: Any) -> Array | None:
 
 
 OPTIONS = tuple(one.name for one in fields(EquationsOfMotion) if one.name != "n")
-"""Names of what may be given beside n."""
+"""Names of the arguments beside n."""
 
 
 def equations_from(n: Any, given: Mapping[str, Any]) -> EquationsOfMotion:
@@ -282,7 +282,7 @@ def equations_from(n: Any, given: Mapping[str, Any]) -> EquationsOfMotion:
 
 
 def checked_states(functions: EquationsOfMotion, states: Any) -> Sequence[State] | int:
-    """Return the states asked for, or their number.
+    """Return the requested states, or their number.
 
     Raises:
         InputError: neither a number of at least 1 nor a list of (q, v) of the right shapes.
@@ -292,29 +292,29 @@ def checked_states(functions: EquationsOfMotion, states: Any) -> Sequence[State]
     try:
         pairs = [(q, v) for q, v in states]
         sizes = {"q": functions.n, "v": functions.p}
-        found = [
+        checked = [
             State(finite_array("q", q, (sizes["q"],)), finite_array("v", v, (sizes["v"],)))
             for q, v in pairs
         ]
     except (TypeError, ValueError):
-        found = []
-    if not found:
+        checked = []
+    if not checked:
         raise InputError(
             f"states = {safe_repr(states)}, expected a number of at least 1 or a list of "
             f"(q, v) of {functions.n} and {functions.p} finite numbers"
         )
-    return found
+    return checked
 
 
-# ---- Answers -------------------------------------------------------------------------------------
+# ---- Calls ---------------------------------------------------------------------------------------
 
 
 class BrokenError(Exception):
-    """A function did not answer with finite numbers of the right shape.
+    """Error of a function that did not return finite numbers of the right shape.
 
     Attributes:
-        name: of the function, a key of `INPUTS`.
-        why: what is wrong, in words.
+        name: name of the function, a key of `INPUTS`.
+        why: reason, for messages.
     """
 
     def __init__(self, name: str, why: str):
@@ -323,7 +323,7 @@ class BrokenError(Exception):
 
 
 class FunctionCaller:
-    """The functions, called with copies of what they read.
+    """Caller of the functions, with copies of their arguments and checks of their results.
 
     Args:
         functions: the functions.
@@ -333,25 +333,25 @@ class FunctionCaller:
         self.functions = functions
         self.sizes: dict[str, int] = {"n": functions.n, "p": functions.p}
         self.single_precision: dict[str, str] = {}
-        """Names of functions that answered in single precision or less, and their type."""
+        """Names of functions that returned single precision or less, and their dtype."""
         self._reads: dict[str, str] = {}
         self._shapes: dict[str, tuple[int, ...]] = {}
         self.writing: set[str] = set()
-        """Names of functions that wrote into what they were handed."""
+        """Names of functions that wrote into their arguments."""
         self.repeated: set[str] = set()
         """Names of functions that were called again and again at one state."""
         self.reported: set[str] = set()
-        """Names of functions that do not answer somewhere, with the reason in a Finding."""
+        """Names of functions that fail at some state, with the reason in a Finding."""
 
     def reads(self, name: str) -> str:
-        """Return what a function is called with, a letter an argument: "q", "qv", "t" or "qt"."""
+        """Return the arguments of a function, one letter each: "q", "qv", "t" or "qt"."""
         if name not in self._reads:
             more = name in MAY_READ_MORE and _arguments(self.functions.function(name)) == 2
             self._reads[name] = MAY_READ_MORE[name] if more else INPUTS[name].reads
         return self._reads[name]
 
     def __call__(self, name: str, q: Array, v: Array, t: float = 0.0) -> Array:
-        """Return what the function `name` answers at (q, v, t), called with what it reads.
+        """Return the result of the function `name` at (q, v, t), called with those it reads.
 
         Raises:
             BrokenError: an exception inside, no array of numbers, of wrong shape, or not finite.
@@ -371,7 +371,7 @@ class FunctionCaller:
             raise BrokenError(name, error.what.removeprefix("raised ")) from error
         except Exception as error:
             what = described_error(error)
-            # As PyTorch says of an array of NumPy.
+            # PyTorch's error for an array of NumPy names its Tensor.
             hint = "; say array=torch.as_tensor" if make is None and "Tensor" in what else ""
             raise BrokenError(name, what + hint) from error
         finally:
@@ -386,7 +386,7 @@ class FunctionCaller:
         else:
             array = self._read(name, answer)
         array = self._shaped(name, array)
-        # Of a single number NumPy's own `all` takes longer than the rest.
+        # For a single number NumPy's own `all` takes longer than all other steps.
         finite = np.isfinite(array).all() if array.ndim else isfinite(array.item())
         if not finite:
             where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
@@ -395,7 +395,7 @@ class FunctionCaller:
         return array
 
     def _read(self, name: str, answer: Any) -> Array:
-        """The numbers of an answer of whatever kind, in doubles."""
+        """Return a result of any type as a float64 array."""
         if answer is None:
             raise BrokenError(name, "answers None, expected an array of numbers")
         try:
@@ -425,7 +425,7 @@ class FunctionCaller:
         if "r" in symbols and "r" not in self.sizes and array.ndim >= 1:
             self.sizes["r"] = array.shape[0]
         shape = tuple(self.sizes.get(x, 1) for x in symbols)
-        # A column, or a number in an array, as lambdified SymPy answers.
+        # A column, or a number in an array, as lambdified SymPy returns.
         if len(shape) < 2 and array.shape in ((*shape, 1), (1, 1)) and array.size == np.prod(shape):
             return array.reshape(shape)
         if array.shape != shape:
@@ -435,16 +435,16 @@ class FunctionCaller:
 
 
 def _bytes(arrays: dict[str, Any]) -> list[bytes]:
-    """Numbers in arrays of any library, as bytes; nothing of those that NumPy cannot read."""
+    """Return the numbers in arrays of any library as bytes; [] if NumPy cannot read them."""
     with suppress(TypeError, ValueError, RuntimeError):
         return [np.asarray(_plain(array)).tobytes() for array in arrays.values()]
     return []
 
 
 def _type_of(answer: Any) -> str:
-    """Type of an answer in words, with that of its entries where all are of one that is no number.
+    """Return the type of a result for messages, such as "a list of str" or "an array of bool".
 
-    "a list of str", "an array of bool".
+    The type of its entries is named where all are of one type that is no number.
     """
     kind = "an array" if isinstance(answer, np.ndarray) else f"a {type(answer).__name__}"
     entries = np.ravel(answer).tolist() if isinstance(answer, np.ndarray) else answer
@@ -456,11 +456,11 @@ def _type_of(answer: Any) -> str:
 
 
 PLAIN = np.ndarray, np.float64, float
-"""Types of answers that NumPy reads as they are."""
+"""Types of results that NumPy reads as they are."""
 
 
 def _plain(answer: Any) -> Any:
-    """Return an answer without what NumPy cannot read: gradients, another device."""
+    """Return a result that NumPy can read: detached from gradients, on the CPU."""
     if type(answer) in PLAIN:
         return answer
     if isinstance(answer, list | tuple):
@@ -471,10 +471,10 @@ def _plain(answer: Any) -> Any:
 
 
 def _arguments(function: Any) -> int:
-    """Return how many arguments must be given to a function, 1 where it does not tell."""
+    """Return the number of positional arguments without default, 1 without a signature."""
     try:
-        found = signature(function).parameters.values()
+        parameters = signature(function).parameters.values()
     except (TypeError, ValueError):
         return 1
     positional = (Parameter.POSITIONAL_ONLY, Parameter.POSITIONAL_OR_KEYWORD)
-    return sum(x.kind in positional and x.default is Parameter.empty for x in found)
+    return sum(x.kind in positional and x.default is Parameter.empty for x in parameters)

@@ -1,4 +1,9 @@
-"""Claims about user-supplied functions, each registered by the generator of its outcomes."""
+"""Claims about user-supplied functions: statements such as M = Mᵀ that are checked at a state.
+
+A claim is a generator that the decorator `function_claim` registers in `FUNCTION_CLAIMS`. From a
+`FunctionState` it yields outcomes: comparisons of two uncertain arrays, decisions of its own, or
+reasons why something was skipped.
+"""
 
 from __future__ import annotations
 
@@ -14,15 +19,15 @@ from eomcheck.testing.uncertain import UncertainArray
 
 
 class UncertainComparison(NamedTuple):
-    """found = expected, about `subject`.
+    """Comparison actual = expected of two arrays with errors.
 
     Attributes:
-        subject: what is compared.
-        actual: theirs.
-        expected: what it should be, same shape.
+        subject: name of the compared quantity.
+        actual: value from the functions under test.
+        expected: expected value, same shape.
         names: names along each axis.
-        explain: says what `actual` looks like beside `expected`, of what is allowed and the worst
-            entry, "" where that is nothing it knows; None for what is said of any two arrays.
+        explain: function (actual, expected, allowed error, index of the worst entry) -> diagnosis,
+            "" where it has none; None for the diagnosis of any two arrays.
     """
 
     subject: str
@@ -33,7 +38,7 @@ class UncertainComparison(NamedTuple):
 
 
 class Decision(NamedTuple):
-    """What a claim has decided by itself; see `eomcheck.Finding`."""
+    """Verdict that a claim has reached by itself; attributes as in `eomcheck.Finding`."""
 
     subject: str
     observed: float
@@ -43,14 +48,14 @@ class Decision(NamedTuple):
 
 
 class BlindSpot(NamedTuple):
-    """What cannot be told of an input.
+    """Fault of an input that cannot be detected while other inputs are missing.
 
     Attributes:
         about: the input, a key of `eomcheck.testing.equations_of_motion.INPUTS`.
-        what: what would not be noticed.
-        revealed_by: inputs any one of which would tell; "against" is what one compares with, "x &
-            y" is both together, "x|y" either.
-        derived: whether it is so only where functions come out of one derivation.
+        what: description of the fault.
+        revealed_by: inputs any one of which would reveal it; "against" is the reference, "x & y"
+            both together, "x|y" either.
+        derived: whether this holds only where all functions result from one derivation.
     """
 
     about: str
@@ -59,7 +64,7 @@ class BlindSpot(NamedTuple):
     derived: bool = False
 
     def revealing_inputs(self, at: FunctionState) -> str:
-        """Inputs that are missing and would tell, in words; "" where nothing is missing."""
+        """Return the missing inputs that would reveal it, as text; "" where none is missing."""
         alternatives: list[str] = []
         for one in self.revealed_by:
             missing = [x for x in one.split(" & ") if not has_any(at, x)]
@@ -74,25 +79,25 @@ ClaimOutput = UncertainComparison | Decision | Skipped
 
 
 def has_any(at: FunctionState, names: str) -> bool:
-    """Return whether one of the quantities "x|y" is there."""
+    """Return whether one of the quantities "x|y" is available."""
     return any(at.has(one) for one in names.split("|"))
 
 
 @dataclass(frozen=True)
 class FunctionClaim:
-    """One statement about somebody's functions at a state.
+    """Statement about user-supplied functions at a state.
 
     Attributes:
         id: short name.
-        statement: what is claimed, in symbols.
-        term: what is to blame when it fails.
+        statement: the statement, in symbols.
+        term: term to blame when it fails.
         needs: names of quantities without which it is skipped; "T|M" is either.
         without: names of inputs with which it does not hold.
         natural: whether it holds only where T is quadratic in v, see `FunctionState.natural`.
-        consistent: whether it is looked at where the constraints hold, see
+        consistent: whether it is checked where the constraints hold, see
             `FunctionState.consistent`.
-        blind_spots: what cannot be told where what it needs is missing.
-        evaluate: function of a `FunctionState`.
+        blind_spots: faults that cannot be detected while inputs it needs are missing.
+        evaluate: function of a `FunctionState` that yields the outcomes.
     """
 
     id: str
@@ -106,13 +111,14 @@ class FunctionClaim:
     evaluate: Callable[[FunctionState], Iterator[ClaimOutput]] = field(repr=False)
 
     def applies(self, at: FunctionState) -> bool:
-        """Return whether what it needs is there, and nothing with which it does not hold."""
+        """Return whether all it needs is available, and no input with which it does not hold."""
         there = all(has_any(at, name) for name in self.needs)
         return there and not any(at.has(name) for name in self.without)
 
 
 FUNCTION_CLAIMS: dict[str, FunctionClaim] = {}
-"""Id -> claim, single functions before what ties them together: the first that fails is closest."""
+"""Id -> claim, single functions before relations between them: the first failure is closest to its
+cause."""
 
 
 def function_claim(
@@ -126,12 +132,15 @@ def function_claim(
     consistent: bool = False,
     blind_spots: tuple[BlindSpot, ...] = (),
 ) -> Callable:
-    """Register the decorated function of a `FunctionState`, which yields `ClaimOutput`s."""
+    """Register the decorated function of a `FunctionState`, which yields `ClaimOutput`s.
 
-    def register(look: Callable[[Any], Iterator[ClaimOutput]]) -> Callable:
+    Args: attributes of `FunctionClaim`.
+    """
+
+    def register(evaluate: Callable[[Any], Iterator[ClaimOutput]]) -> Callable:
         FUNCTION_CLAIMS[id] = FunctionClaim(
-            id, statement, term, needs, without, natural, consistent, blind_spots, look
+            id, statement, term, needs, without, natural, consistent, blind_spots, evaluate
         )
-        return look
+        return evaluate
 
     return register

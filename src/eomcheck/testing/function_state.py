@@ -1,7 +1,8 @@
-"""The quantities at one state (`FunctionState`) of user-supplied functions, each with its error.
+"""Quantities of user-supplied functions at one state (`FunctionState`), each with its error.
 
-Those that a function gives come first, then those derived from several: the inertia, the bias, the
-drift of constraints.
+A quantity is the result of a function, or is derived from several by finite differences and
+products of `UncertainArray`: the inertia, the bias, the constraint drift. Each is computed on first
+use and cached.
 """
 
 from __future__ import annotations
@@ -29,10 +30,10 @@ from eomcheck.testing.uncertain import (
 )
 
 FLIPS = 4
-"""Least number of choices of signs of v among which the largest entries are looked for."""
+"""Least number of sign patterns of v over which the largest size of each entry is taken."""
 
 STEPS, CLOSE = 50, 1e-10
-"""Steps of Newton's method at most, and how small the last one has to be, relative to q."""
+"""Largest number of steps of Newton's method, and largest size of the last one, relative to q."""
 
 NOT_QUADRATIC = "T has terms that are not quadratic in v"
 REST_ENERGY = "T(q, 0) changes with q; is the potential energy in it?"
@@ -42,11 +43,11 @@ class FunctionState:
     """Quantities at (q, v), each computed on first use.
 
     Args:
-        caller: the functions.
+        answers: caller of the functions.
         q: coordinates (n,).
         v: velocities (p,).
-        seed: of the directions in which noise is measured.
-        reference: what they are compared with, or None.
+        seed: seed of the directions in which noise is measured.
+        reference: equations that they are compared with, or None.
     """
 
     def __init__(
@@ -64,25 +65,25 @@ class FunctionState:
         self._cache: dict[Any, Any] = {}
 
     def cached(self, key: Any, make: Callable[[], Any]) -> Any:
-        """Return what `make` gives, once."""
+        """Return the result of `make()`, computed once per key."""
         if key not in self._cache:
             self._cache[key] = make()
         return self._cache[key]
 
     def answering(self, name: str) -> bool:
-        """Return whether the function `name` is given, and answers here."""
+        """Return whether the function `name` is given, and has a value at this state."""
 
-        def look() -> bool:
+        def has_value() -> bool:
             with suppress(BrokenError):
                 self.caller(name, self.q, self.v)
                 return True
             return False
 
         given = self.functions.function(name) is not None
-        return given and self.cached(("answers", name), look)
+        return given and self.cached(("answers", name), has_value)
 
     def has(self, name: str) -> bool:
-        """Return whether a quantity can be had: one that is given, or follows at once."""
+        """Return whether a quantity is available: it is given, or follows at once."""
         if name == "gravity":
             return self.functions.gravity is not None or self.functions.bias_has_gravity
         if name == "against":
@@ -90,7 +91,7 @@ class FunctionState:
         return self.functions.function(name) is not None
 
     def with_velocity(self, v: Array) -> FunctionState:
-        """Return the same coordinates with another velocity."""
+        """Return the state with the same coordinates and another velocity."""
         return self.cached(
             ("v", v.tobytes()),
             lambda: FunctionState(self.caller, self.q, v, self.seed, self.reference),
@@ -100,18 +101,18 @@ class FunctionState:
 
     def raw(self, name: str) -> Callable[[Array, Array], Array]:
         """Return the function `name` of (q, v), NaN where it has no value."""
-        here = self.caller(name, self.q, self.v)
+        value = self.caller(name, self.q, self.v)
 
         def quiet(q: Array, v: Array) -> Array:
             try:
                 return self.caller(name, q, v)
             except BrokenError:
-                return np.full(here.shape, np.nan)
+                return np.full(value.shape, np.nan)
 
         return quiet
 
     def measure(self, f: Callable[[Array, Array], Array]) -> UncertainArray:
-        """Return f(q, v) with the noise it shows, and the size of what cancels in it."""
+        """Return f(q, v) with its measured noise, and the size of the terms that cancel in it."""
         n = len(self.q)
         x, width = np.concatenate((self.q, self.v)), np.concatenate((self.width_q, self.width_v))
         value = f(self.q, self.v)
@@ -121,9 +122,9 @@ class FunctionState:
         return UncertainArray(value, spread + np.finfo(np.float64).eps * size, size)
 
     def _signs(self) -> Array:
-        """Signs of v (flips, p): any two velocities have opposite ones in one of them.
+        """Return signs of v (flips, p): any two velocities have opposite ones in one of them.
 
-        So that terms in v_i v_j that cancel at v do not cancel in all.
+        Terms in v_i v_j that cancel at v then do not cancel in all.
         """
         signs = sign_patterns(len(self.v))
         more = max(FLIPS - len(signs), 0), len(self.v)
@@ -131,12 +132,15 @@ class FunctionState:
         return np.concatenate((signs, drawn))
 
     def quantity(self, name: str) -> UncertainArray:
-        """Return what the function `name` answers."""
+        """Return the result of the function `name`, with its error."""
 
         return self.cached(name, lambda: self.measure(self.raw(name)))
 
     def jumps(self, name: str) -> bool:
-        """Whether the function `name` jumps beside this state, see `eomcheck.testing.uncertain`."""
+        """Return whether the function `name` jumps near this state, see `testing.uncertain.jumps`.
+
+        False where it has no value.
+        """
         n = len(self.q)
         x, width = np.concatenate((self.q, self.v)), np.concatenate((self.width_q, self.width_v))
         try:
@@ -153,7 +157,7 @@ class FunctionState:
         """Return ∂f/∂v (p, ...)."""
         return gradient(lambda v: f(self.q, v), self.v, self.width_v, self.measure(f))
 
-    # ---- What follows --------------------------------------------------------------------------
+    # ---- Derived from single functions ---------------------------------------------------------
 
     def S(self) -> UncertainArray:
         """∂q̇/∂v (n, p)."""
@@ -171,20 +175,20 @@ class FunctionState:
         return self.S() @ exact(self.v)
 
     def along(self, gradient_: UncertainArray) -> UncertainArray:
-        """Return the rate of what has the derivatives ∂/∂q (n, ...) while q moves."""
+        """Return the rate of a quantity while q moves, from its derivatives ∂/∂q (n, ...)."""
         axes = "abc"[: len(gradient_.shape) - 1]
         return contract(f"n{axes},n->{axes}", gradient_, self.rates())
 
     def rate_of(self, f: Callable[[Array, Array], Array]) -> UncertainArray:
-        """Return the rate of f while q moves as v says and v stays."""
+        """Return the rate of f while q moves with q̇ and v is constant."""
         rates = self.rates().value
         longest = float(np.abs(rates / self.width_q).max(initial=0.0))
         if longest == 0.0:
             return 0.0 * self.measure(f)
-        here = self.measure(f)
+        value = self.measure(f)
         width = np.array([1.0 / longest])  # no further than the ranges are wide
-        found = gradient(lambda s: f(self.q + s[0] * rates, self.v), np.zeros(1), width, here)
-        return found[0]
+        rate = gradient(lambda s: f(self.q + s[0] * rates, self.v), np.zeros(1), width, value)
+        return rate[0]
 
     def dM(self) -> UncertainArray:
         """∂M/∂q (n, p, p)."""
@@ -197,7 +201,7 @@ class FunctionState:
         return self.quantity("bias") - self.gravity()
 
     def gravity(self) -> UncertainArray:
-        """∂U/∂q (p,), along v: as given, else as `supplied_or_derived_bias` holds it, else
+        """∂U/∂q (p,), along v: as given, else the bias at rest if the bias has gravity, else
         differentiated from U.
         """
         if self.functions.gravity is not None:
@@ -215,30 +219,30 @@ class FunctionState:
         return self.cached("R_v", lambda: self.by_v(self.raw("R")))
 
     def forces(self) -> UncertainArray:
-        """Return Q - gravity - ∂R/∂v (p,), of what there is."""
+        """Return Q - gravity - ∂R/∂v (p,), the sum of the terms that are given."""
         return sum(self.parts().values(), exact(np.zeros(len(self.v))))
 
     def parts(self) -> dict[str, UncertainArray]:
-        """Return what forces are summed from, by name."""
-        found: dict[str, UncertainArray] = {}
+        """Return the terms of `forces`: name -> term (p,)."""
+        terms: dict[str, UncertainArray] = {}
         if self.has("Q"):
-            found["Q"] = self.quantity("Q")
+            terms["Q"] = self.quantity("Q")
         if self.has("gravity") or self.has("U"):
-            found["gravity"] = -self.gravity()
+            terms["gravity"] = -self.gravity()
         if self.has("R"):
-            found["damping"] = -self.R_v()
-        return found
+            terms["damping"] = -self.R_v()
+        return terms
 
     def natural(self) -> bool:
-        """Return whether T, where it is given, is quadratic in v and nothing else."""
+        """Return whether T, where it is given, has quadratic terms in v only."""
 
-        def look() -> bool:
+        def is_quadratic() -> bool:
             rest = self.with_velocity(np.zeros(len(self.v))).quantity("T")
-            here, back = self.quantity("T"), self.with_velocity(-self.v).quantity("T")
-            odd = here - back
-            return all(abs(x.value) <= C * (x.error + here.error) for x in (rest, odd))
+            ahead, back = self.quantity("T"), self.with_velocity(-self.v).quantity("T")
+            odd = ahead - back
+            return all(abs(x.value) <= C * (x.error + ahead.error) for x in (rest, odd))
 
-        return not self.has("T") or self.cached("natural", look)
+        return not self.has("T") or self.cached("natural", is_quadratic)
 
     def even(self) -> bool:
         """Return whether T, where it is given, has no terms linear in v: those of a potential."""
@@ -248,38 +252,41 @@ class FunctionState:
         return bool(np.abs(odd.value) <= C * (odd.error + self.quantity("T").error))
 
     def rest_energy_changes(self) -> bool:
-        """Whether T(q, 0) changes with q, and T is even in v: U is in it, or a clock drives it."""
+        """Return whether T(q, 0) changes with q, and T is even in v.
 
-        def look() -> bool:
+        Then U is in it, or it depends on time.
+        """
+
+        def changes() -> bool:
             rest = self.with_velocity(np.zeros(len(self.v)))
             slope = rest.by_q(rest.raw("T"))
             return bool((np.abs(slope.value) > C * slope.error).any())
 
         if self.natural() or not self.even():
             return False
-        return self.cached("T(q, 0) changes", look)
+        return self.cached("T(q, 0) changes", changes)
 
     def why_not_natural(self) -> str:
-        """Reason why `natural` is False."""
+        """Return the reason why `natural` is False."""
         return REST_ENERGY if self.rest_energy_changes() else NOT_QUADRATIC
 
     def consistent(self) -> FunctionState | None:
-        """Return the point that the constraints let pass: c(q) = 0 and a v + b = 0.
+        """Return a state nearby that keeps the constraints: c(q) = 0 and a v + b = 0.
 
-        None where none is found nearby, or c is given without its Jacobian a.
+        None where none is found, or c is given without its Jacobian a.
         """
         if not self.has("a"):
             return None if self.has("c") else self
         return self.cached("consistent", lambda: _consistent(self))
 
     def why_not_consistent(self) -> str:
-        """Reason why `consistent` is None."""
+        """Return the reason why `consistent` is None."""
         if self.has("c") and not self.has("a"):
             return "c is given without a: a would tell which states and motions it allows"
         return "no state is found nearby that keeps the constraints"
 
     def free(self) -> Array:
-        """Directions of v that the constraints leave (p, p - r), or all of them (p, p)."""
+        """Return the directions of v that the constraints leave (p, p - r), or all (p, p)."""
         if not self.has("a"):
             return np.eye(len(self.v))
         a = self.quantity("a").value
@@ -290,7 +297,7 @@ class FunctionState:
 
 
 def _consistent(at: FunctionState) -> FunctionState | None:
-    """Return a consistent point nearby: Newton's method for q, least squares for v."""
+    """Return a consistent state nearby: Newton's method for q, least squares for v."""
     answers, q = at.caller, at.q
     try:
         if at.has("c") and answers.reads("c") == "q":
@@ -300,7 +307,7 @@ def _consistent(at: FunctionState) -> FunctionState | None:
         a = answers("a", q, at.v)
         b = answers("b", q, at.v) if at.has("b") else 0.0
         inverse, v = np.linalg.pinv(a), at.v
-        # The second time what the first one has rounded, which is large where v becomes small.
+        # The second pass removes the rounding error of the first, large where v becomes small.
         for _ in range(2):
             v = v - inverse @ (a @ v + b)
     except (BrokenError, np.linalg.LinAlgError):
@@ -309,7 +316,10 @@ def _consistent(at: FunctionState) -> FunctionState | None:
 
 
 def _closed(at: FunctionState) -> Array | None:
-    """Return q (n,) with c(q) = 0, to the last bit that steps of Newton's method still gain."""
+    """Return q (n,) with c(q) = 0, iterated until Newton's method gains nothing; None if it fails.
+
+    The last step is at most `CLOSE`, and the residual no longer decreases.
+    """
     answers, q, left = at.caller, at.q, np.inf
     for _ in range(STEPS):
         c = answers("c", q, at.v)
@@ -333,62 +343,71 @@ CLOCK = 0.25
 
 
 def uses_mass_matrix(at: FunctionState) -> bool:
-    """Whether M tells the inertia: it is given, and T is not or M answers here."""
+    """Return whether the inertia is M: it is given, and T is not or M has a value at this state."""
     return at.has("M") and (not at.has("T") or at.answering("M"))
 
 
 def inertia(at: FunctionState) -> UncertainArray:
-    """Mass matrix (p, p): M if it is given and answers, else ∂²T/∂v²."""
+    """Return the mass matrix (p, p): M if it is given and has a value, else ∂²T/∂v²."""
     return at.quantity("M") if uses_mass_matrix(at) else second_differences(at)
 
 
 def inertia_rate(at: FunctionState) -> UncertainArray:
-    """Rate Ṁ (p, p) while q moves along v, of M or else of ∂²T/∂v²."""
+    """Return the rate Ṁ (p, p) while q moves along v, of M or else of ∂²T/∂v²."""
     if uses_mass_matrix(at):
         return at.along(at.dM())
     return at.cached("Ṁ of T", lambda: at.rate_of(_second_of(at)))
 
 
 def second_differences(at: FunctionState) -> UncertainArray:
-    """∂²T/∂v² (p, p): T is quadratic, so that steps may be as long as the ranges."""
+    """Return ∂²T/∂v² (p, p): T is quadratic, so that steps may be as long as the ranges."""
 
     def second() -> UncertainArray:
         value, size = differences(at.raw("T"), at.q, at.width_v)
-        scale, here = np.outer(at.width_v, at.width_v), at.quantity("T")
-        # Each entry is a sum of four, as noisy for their sizes as T is here.
-        noisy = float(here.error / here.size) if here.size > 0.0 else EPS
+        scale, T = np.outer(at.width_v, at.width_v), at.quantity("T")
+        # Each entry is a sum of four values of T, with the relative noise of T at this state.
+        noisy = float(T.error / T.size) if T.size > 0.0 else EPS
         return UncertainArray(value / scale, noisy * size / scale, size / scale)
 
     return at.cached("∂²T/∂v²", second)
 
 
 def _second_of(at: FunctionState) -> Callable[[Array, Array], Array]:
-    """Function (q, v) -> ∂²T/∂v² (p, p)."""
+    """Return the function (q, v) -> ∂²T/∂v² (p, p)."""
     T, scale = at.raw("T"), np.outer(at.width_v, at.width_v)
     return lambda q, v: differences(T, q, at.width_v)[0] / scale
 
 
 def differences(f: Callable[[Array, Array], Array], q: Array, widths: Array) -> tuple[Array, Array]:
-    """Second differences (p, p) of f(q, v) in steps of `widths`, and sizes of their terms."""
+    """Return second differences (p, p) of f(q, v) in v, and the sizes of their terms (p, p).
+
+    Args:
+        f: function of (q, v), a number.
+        q: coordinates (n,).
+        widths: steps of the velocities (p,).
+    """
     steps, p = np.diag(widths), len(widths)
     rest = float(f(q, np.zeros(p)))
     ahead = np.array([float(f(q, step)) for step in steps])
     behind = np.array([float(f(q, -step)) for step in steps])
-    found, size = np.diag(ahead + behind - 2.0 * rest), np.zeros((p, p))
+    second, size = np.diag(ahead + behind - 2.0 * rest), np.zeros((p, p))
     sizes = np.maximum(np.abs(ahead), np.abs(behind))
     for i, k in zip(*np.tril_indices(p, -1), strict=True):
         both = float(f(q, steps[i] + steps[k]))
-        found[i, k] = found[k, i] = both - ahead[i] - ahead[k] + rest
+        second[i, k] = second[k, i] = both - ahead[i] - ahead[k] + rest
         size[i, k] = size[k, i] = max(np.max(sizes[[i, k]]), abs(both))
     np.fill_diagonal(size, sizes)
-    return found, 4.0 * np.maximum(size, abs(rest))
+    return second, 4.0 * np.maximum(size, abs(rest))
 
 
 # ---- Bias ----------------------------------------------------------------------------------------
 
 
 def supplied_or_derived_bias(at: FunctionState) -> UncertainArray | None:
-    """Bias without gravity (p,): as given, else C v, else of M, else of T; None if none tells."""
+    """Return the bias without gravity (p,): as given, else C v, else of M, else of T.
+
+    None if it follows from none of them.
+    """
     if at.has("bias"):
         return at.B()
     if at.has("C") and at.natural():
@@ -397,14 +416,14 @@ def supplied_or_derived_bias(at: FunctionState) -> UncertainArray | None:
 
 
 def bias_of_inertia(at: FunctionState) -> UncertainArray | None:
-    """Bias (p,) of M or else of T; None where neither tells it."""
+    """Return the bias (p,) of M or else of T; None where it follows from neither."""
     if uses_mass_matrix(at) and at.natural():
         return bias_of_mass_matrix(at)
     return bias_of_energy(at) if at.has("T") and at.functions.of_lagrange else None
 
 
 def why_no_bias(at: FunctionState) -> str:
-    """Reason why `supplied_or_derived_bias` is None."""
+    """Return the reason why `supplied_or_derived_bias` is None."""
     if not at.natural():
         return f"{NOT_QUADRATIC}: bias would tell B"
     if not at.functions.of_lagrange:
@@ -413,7 +432,7 @@ def why_no_bias(at: FunctionState) -> str:
 
 
 def bias_of_mass_matrix(at: FunctionState) -> UncertainArray | None:
-    """Bias (p,) of M by Lagrange's equations; None where M does not tell it.
+    """Return the bias (p,) of M by Lagrange's equations; None where M does not determine it.
 
     With generalized speeds u, q̇ = S u, the mass matrix of q̇ is S⁻ᵀ M S⁻¹, whose bias b gives
     B = Sᵀ (b + S⁻ᵀ M S⁻¹ Ṡ u).
@@ -426,17 +445,17 @@ def bias_of_mass_matrix(at: FunctionState) -> UncertainArray | None:
 
 
 def _christoffel(dM: UncertainArray, v: UncertainArray) -> UncertainArray:
-    """Bias (p,) of the derivatives ∂M_ij/∂q_k, [k, i, j] (p, p, p), and of v (p,)."""
+    """Return the bias (p,) of the derivatives ∂M_ij/∂q_k, [k, i, j] (p, p, p), and of v (p,)."""
     return contract("kij,j,k->i", dM, v, v) - 0.5 * contract("ijk,j,k->i", dM, v, v)
 
 
 def bias_along(at: FunctionState, v: Array) -> UncertainArray:
-    """Bias (p,) of M at another velocity v (p,), where velocities are q̇."""
+    """Return the bias (p,) of M at another velocity v (p,), where velocities are q̇."""
     return _christoffel(at.dM(), exact(v))
 
 
 def _bias_along_speeds(at: FunctionState) -> UncertainArray:
-    """Bias (p,) of M where velocities are generalized speeds; see `bias_of_mass_matrix`."""
+    """Return the bias (p,) of M for generalized speeds; see `bias_of_mass_matrix`."""
     mass, S = at.raw("M"), at.S()
     qdot = at.raw("qdot")
 
@@ -454,7 +473,10 @@ def _bias_along_speeds(at: FunctionState) -> UncertainArray:
 
 
 def bias_of_energy(at: FunctionState) -> UncertainArray | None:
-    """Bias (p,) of T by Lagrange's equations, also of terms linear in v; None with `qdot`."""
+    """Return the bias (p,) of T by Lagrange's equations, also of terms linear in v.
+
+    None with `qdot`.
+    """
     if at.functions.qdot is not None:
         return None
     T, widths = at.raw("T"), at.width_v
@@ -473,12 +495,12 @@ def bias_of_energy(at: FunctionState) -> UncertainArray | None:
 
 
 def supplied_or_derived_drift(at: FunctionState) -> UncertainArray:
-    """Constraint drift γ (r,): as given, else ȧ v + ḃ."""
+    """Return the constraint drift γ (r,): as given, else ȧ v + ḃ."""
     return at.quantity("gamma") if at.has("gamma") else drift_of_jacobian(at)
 
 
 def drift_of_jacobian(at: FunctionState) -> UncertainArray:
-    """ȧ v + ḃ (r,), by finite differences of a and b."""
+    """Return ȧ v + ḃ (r,), by finite differences of a and b."""
 
     def rate() -> UncertainArray:
         expected = at.rate_of(at.raw("a")) @ exact(at.v)
@@ -488,11 +510,11 @@ def drift_of_jacobian(at: FunctionState) -> UncertainArray:
 
 
 def clock_rate(at: FunctionState) -> UncertainArray:
-    """ḃ (r,) at t = 0 s."""
-    here = at.quantity("b")
+    """Return ḃ (r,) at t = 0 s."""
+    b = at.quantity("b")
 
     def of_time(t: Array) -> Array:
         return at.caller("b", at.q, at.v, float(t[0]))
 
-    rate = partial(of_time, np.zeros(1), 0, CLOCK, here.error, here.size, here.value)
+    rate = partial(of_time, np.zeros(1), 0, CLOCK, b.error, b.size, b.value)
     return rate + at.rate_of(at.raw("b")) if at.caller.reads("b") == "qt" else rate
