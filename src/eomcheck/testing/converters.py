@@ -1,8 +1,8 @@
-"""Converters to `EquationsOfMotion`: of a scene, of an engine, of equations that SymPy derived.
+"""Converters to `EquationsOfMotion`: from a scene, an engine, or equations that SymPy derived.
 
-A scene or an engine, as functions of the same kind, is what functions are compared with. SymPy's
-`KanesMethod` and `LagrangesMethod` become functions of arrays; SymPy is imported when one of them
-is converted.
+A converted scene or engine is the reference that functions are compared with. SymPy's `KanesMethod`
+and `LagrangesMethod` become functions of arrays: their symbolic expressions are compiled by
+`lambdify`. SymPy is imported when one of them is converted.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from eomcheck.testing.equations_of_motion import INPUTS, EquationsOfMotion
 
 
 def from_scene(scene: Scene) -> EquationsOfMotion:
-    """Return the equations of a scene as functions of doubles, at t = 0 s.
+    """Return the equations of a scene as float64 functions, at t = 0 s.
 
-    Forces all are in `Q` where the scene has no potential energy; where it has one, forces at rest
+    All forces are in `Q` where the scene has no potential energy; where it has one, forces at rest
     are `gravity` and damping follows from `R`.
 
     Raises:
@@ -39,12 +39,12 @@ def from_scene(scene: Scene) -> EquationsOfMotion:
         return Evaluation(scene, q, v, 0.0).terms
 
     def forces(q: Array, v: Array) -> Array:
-        found = terms(q, v).Q
-        return np.zeros(scene.n) if found is None else found
+        Q = terms(q, v).Q
+        return np.zeros(scene.n) if Q is None else Q
 
     def bias(q: Array, v: Array) -> Array:
-        found = terms(q, v).B
-        return np.zeros(scene.n) if found is None else found
+        B = terms(q, v).B
+        return np.zeros(scene.n) if B is None else B
 
     def energies(q: Array, v: Array) -> tuple[Any, Any]:
         at = Evaluation(scene, q, v, 0.0)
@@ -86,32 +86,32 @@ def from_scene(scene: Scene) -> EquationsOfMotion:
 
 
 def from_engine(engine: Any) -> EquationsOfMotion:
-    """Return what an engine says of its scene as functions of doubles, at t = 0 s.
+    """Return the quantities that an engine computes of its scene as float64 functions, at t = 0 s.
 
     Args:
         engine: an engine, made for its scene; of the optional methods those it overrides.
     """
     scene, zero = engine.scene, np.zeros(engine.scene.n)
-    # In the scene's coordinates, whatever the engine has itself.
-    says: Any = Answers(engine) if isinstance(engine, Engine) else engine
-    given: dict[str, Any] = {"M": says.mass_matrix, "bias": says.bias}
+    # In the scene's coordinates, whatever coordinates the engine has itself.
+    answers: Any = Answers(engine) if isinstance(engine, Engine) else engine
+    given: dict[str, Any] = {"M": answers.mass_matrix, "bias": answers.bias}
     optional = {"Q": "forces", "gamma": "constraint_drift"} if scene.r else {"Q": "forces"}
     for name, method in optional.items():
         if _offers(engine, method):
-            given[name] = getattr(says, method)
+            given[name] = getattr(answers, method)
     if scene.r and _offers(engine, "constraint_jacobian"):
-        given["a"] = lambda q: says.constraint_jacobian(q, zero)
+        given["a"] = lambda q: answers.constraint_jacobian(q, zero)
     return EquationsOfMotion(scene.n, name=f"{type(engine).key} of {scene.name}", **given)
 
 
 def _offers(engine: Any, method: str) -> bool:
-    """Return whether an engine has an optional method of its own."""
+    """Return whether an engine overrides an optional method."""
     own = getattr(type(engine), method, None)
     return own is not None and own is not getattr(Engine, method, None)
 
 
 def reference_functions(against: Any) -> EquationsOfMotion:
-    """Return what functions are compared with.
+    """Return the reference that functions are compared with, as functions.
 
     Args:
         against: a scene, an engine made for one, (engine or its name, scene), or
@@ -148,10 +148,10 @@ def reference_functions(against: Any) -> EquationsOfMotion:
 
 
 class _Numbers:
-    """Makes functions of arrays q and v from expressions in SymPy's symbols.
+    """Compiler of expressions in SymPy's symbols to functions of arrays q and v.
 
     Args:
-        what: what they come from, for messages.
+        what: source of the expressions, for messages.
         q: the coordinates.
         v: the velocities, symbols or functions of time.
         parameters: symbol -> number.
@@ -161,7 +161,7 @@ class _Numbers:
         self._sympy = required("sympy", "sympy")
         self.what = what
         symbols = [self._sympy.Dummy(str(i)) for i in range(len(q) + len(v))]
-        # Rates before the coordinates that they are rates of.
+        # Rates are replaced before the coordinates that they are rates of.
         self._names = dict(zip([*v, *q], [*symbols[len(q) :], *symbols[: len(q)]], strict=True))
         self._arguments = symbols
         self._parameters = {self._sympy.sympify(x): y for x, y in (parameters or {}).items()}
@@ -179,8 +179,8 @@ class _Numbers:
         """Raise InputError if a symbol has no number, or a number no symbol.
 
         Args:
-            expressions: every symbol of theirs needs a number.
-            others: what else the model was made of, which may cancel.
+            expressions: expressions of which every symbol needs a number.
+            others: other expressions in the model, of which symbols may have cancelled.
         """
         left = _symbols(map(self.plain, expressions)) - set(self._arguments)
         used = _symbols(map(self._named, (*expressions, *others)))
@@ -211,15 +211,15 @@ class _Numbers:
 
 
 def _symbols(expressions: Iterable[Any]) -> set[Any]:
-    """Return symbols and functions of time in expressions."""
-    mechanics, found = required("sympy.physics.mechanics", "sympy"), set()
-    for one in expressions:
-        found |= one.free_symbols | mechanics.find_dynamicsymbols(one)
-    return found - {mechanics.dynamicsymbols._t}
+    """Return the symbols and functions of time in expressions, without the time."""
+    mechanics, symbols = required("sympy.physics.mechanics", "sympy"), set()
+    for expression in expressions:
+        symbols |= expression.free_symbols | mechanics.find_dynamicsymbols(expression)
+    return symbols - {mechanics.dynamicsymbols._t}
 
 
 def _only_options(maker: str, options: Mapping[str, Any]) -> None:
-    """Raise InputError if a function is handed over beside those that are made."""
+    """Raise InputError if a function is among the options of `maker`, which makes it itself."""
     for name in filter(INPUTS.__contains__, options):
         raise InputError(
             f"{name} = {options[name]!r} beside {maker}, which has it from the equations: all "
@@ -237,15 +237,15 @@ def from_kane(
     bodies is a second derivation of M. All loads are in `Q`.
 
     Args:
-        kane: after `kanes_equations` was called.
+        kane: a `KanesMethod` after `kanes_equations` was called.
         parameters: symbol -> number, for all that are neither coordinates nor speeds.
-        name: what reports call it.
+        name: name of the equations in reports.
         options: `ranges` and others, see `eomcheck.testing.EquationsOfMotion`.
 
     Raises:
-        InputError: it is no such thing, its equations are not formed, a symbol has no number, a
-            number no symbol, it has auxiliary speeds, its velocity constraints are not homogeneous
-            in u, or a function is among the options.
+        InputError: `kane` is no `KanesMethod`, its equations are not formed, a symbol has no
+            number, a number no symbol, it has auxiliary speeds, its velocity constraints are not
+            homogeneous in u, or a function is among the options.
         EngineError: SymPy is not installed.
     """
     mechanics = required("sympy.physics.mechanics", "sympy")
@@ -280,12 +280,12 @@ def from_kane(
     o = len(kane.u)
 
     def W(q: Array) -> Array:
-        """All speeds of the independent ones (o, p)."""
+        """Matrix W of all speeds from the independent ones (o, p)."""
         a = K(q, np.zeros(o))[p:]
         return np.vstack((np.eye(p), -np.linalg.solve(a[:, p:], a[:, :p])))
 
     def rest(q: Array, u: Array) -> Array:
-        """What is left of u̇ (o,) where u̇_i = 0."""
+        """Velocity-dependent part of u̇ (o,), its value at u̇_i = 0."""
         a = K(q, u)[p:]
         return np.concatenate((np.zeros(p), np.linalg.solve(a[:, p:], f(q, u)[p:, 0])))
 
@@ -321,18 +321,18 @@ def from_lagrange(
 ) -> EquationsOfMotion:
     """Return the equations of a SymPy `LagrangesMethod` as functions of q and q̇.
 
-    Of its Lagrangian L, -L(q, 0) is the potential energy and the rest the kinetic energy. The bias
-    has gravity in it, forces of its list are in `Q`.
+    With its Lagrangian L(q, q̇), the potential energy is -L(q, 0) and the kinetic energy
+    L(q, q̇) - L(q, 0). The bias includes gravity, forces of its force list are in `Q`.
 
     Args:
-        lagrange: after `form_lagranges_equations` was called.
+        lagrange: a `LagrangesMethod` after `form_lagranges_equations` was called.
         parameters: symbol -> number, for all that are not coordinates.
-        name: what reports call it.
+        name: name of the equations in reports.
         options: `ranges` and others, see `eomcheck.testing.EquationsOfMotion`.
 
     Raises:
-        InputError: it is no such thing, its equations are not formed, a symbol has no number, a
-            number no symbol, or a function is among the options.
+        InputError: `lagrange` is no `LagrangesMethod`, its equations are not formed, a symbol has
+            no number, a number no symbol, or a function is among the options.
         EngineError: SymPy is not installed.
     """
     mechanics = required("sympy.physics.mechanics", "sympy")
@@ -342,8 +342,8 @@ def from_lagrange(
             f"lagrange = {lagrange!r}, expected a sympy.physics.mechanics.LagrangesMethod"
         )
     if lagrange.eom is None:
-        said = "call lagrange.form_lagranges_equations first"
-        raise InputError(f"lagrange has no equations yet, {said}")
+        hint = "call lagrange.form_lagranges_equations first"
+        raise InputError(f"lagrange has no equations yet, {hint}")
     q, n, r = lagrange.q, len(lagrange.q), len(lagrange.coneqs)
     numbers = _Numbers("lagrange", q, q.diff(mechanics.dynamicsymbols._t), parameters)
     formed = lagrange.mass_matrix, lagrange.forcing_full, lagrange._term4, lagrange._L
@@ -351,23 +351,23 @@ def from_lagrange(
     M, f = numbers(lagrange.mass_matrix[:, :n]), numbers(lagrange.forcing)
     loads, L = numbers(lagrange._term4), numbers(lagrange._L)
     full_mass, full_forcing = numbers(lagrange.mass_matrix_full), numbers(lagrange.forcing_full)
-    still = np.zeros(n)
+    at_rest = np.zeros(n)
 
     given: dict[str, Any] = {}
     if r:
         a, c = numbers(-lagrange.lam_coeffs), numbers(lagrange.coneqs)
-        given["a"] = lambda q: a(q, still)
+        given["a"] = lambda q: a(q, at_rest)
         given["c"] = lambda q, v: c(q, v)[:, 0]
         given["gamma"] = lambda q, v: -full_forcing(q, v)[2 * n :, 0]
     return EquationsOfMotion(
         n,
-        M=lambda q: M(q, still),
+        M=lambda q: M(q, at_rest),
         bias=lambda q, v: (loads(q, v) - f(q, v))[:, 0],
         bias_has_gravity=True,
         Q=lambda q, v: loads(q, v)[:, 0],
         qdd=lambda q, v: np.linalg.solve(full_mass(q, v), full_forcing(q, v)[:, 0])[n : 2 * n],
-        T=lambda q, v: L(q, v) - L(q, still),
-        U=lambda q: -L(q, still),
+        T=lambda q, v: L(q, v) - L(q, at_rest),
+        U=lambda q: -L(q, at_rest),
         derived=True,
         name=name,
         **given,

@@ -134,7 +134,9 @@ def function_claim(
 ) -> Callable:
     """Register the decorated function of a `FunctionState`, which yields `ClaimOutput`s.
 
-    Args: attributes of `FunctionClaim`.
+    Args:
+        id, statement, term, needs, without, natural, consistent, blind_spots: attributes of the
+            `FunctionClaim`.
     """
 
     def register(evaluate: Callable[[Any], Iterator[ClaimOutput]]) -> Callable:

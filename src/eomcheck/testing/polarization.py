@@ -1,6 +1,7 @@
 """Polarization of the bias: each coefficient of v_i v_j by itself, where a claim failed.
 
-B is quadratic in v, so that its values at v = e_i and e_i + e_j give all coefficients at one q.
+B is a quadratic form in v, so that its values at v = e_i and e_i + e_j give all coefficients at one
+q; those that differ from the expected ones are the wrong terms, by name.
 """
 
 from __future__ import annotations
@@ -25,25 +26,25 @@ from eomcheck.testing.function_state import (
 from eomcheck.testing.uncertain import UncertainArray, exact
 
 LISTED = 3
-"""Number of terms that are listed."""
+"""Largest number of terms that are listed."""
 
 CONSTANT = "the difference does not depend on v"
 SCALES = 0.0, 1.0, -1.0, 2.0
-"""Multiples of v at which it is measured how a quantity depends on v."""
+"""Multiples of v at which the dependence of a quantity on v is measured."""
 
 
 OfV = Callable[[Array], UncertainArray | None]
 
 
 class Term(NamedTuple):
-    """A coefficient of v_i v_j in one row.
+    """Coefficient of v_i v_j in one row.
 
     Attributes:
         row: index of the row.
         i, j: indices of the velocities, i ≤ j.
         got: the coefficient.
-        expected: what it should be.
-        allowed: difference that the errors of both explain.
+        expected: expected value of the coefficient.
+        allowed: largest difference that the errors of both explain.
     """
 
     row: int
@@ -65,18 +66,18 @@ class Term(NamedTuple):
 
 
 def wrong_terms(failed: Finding, at: FunctionState) -> str:
-    """Return the terms that are wrong where a claim about the bias failed, "" for any other.
+    """Return the wrong terms where a claim about the bias failed, as text; "" for any other claim.
 
     Args:
         failed: a failure.
-        at: the point at which it failed.
+        at: state at which it failed.
     """
     pair = _sides(failed.claim, at)
     if pair is None or EVERY_ROW in failed.detail:
         return ""
     try:
         with np.errstate(all="ignore"):
-            v = np.where(at.v < 0.0, -1.0, 1.0) * at.width_v  # not small, as v at rest
+            v = np.where(at.v < 0.0, -1.0, 1.0) * at.width_v  # not small, unlike v near rest
             off, expected = (_degrees(of, v) for of in (_difference(*pair), pair[1]))
             if off.constant and not (off.odd or off.even):
                 return CONSTANT
@@ -92,7 +93,7 @@ def wrong_terms(failed: Finding, at: FunctionState) -> str:
 
 
 def _sides(claim: str, at: FunctionState) -> tuple[OfV, OfV] | None:
-    """Both sides of a claim as functions of v; None where they are not quadratic in v."""
+    """Return both sides of a claim as functions of v; None where they are not quadratic in v."""
     if at.functions.qdot is not None:
         return None
     given: OfV = lambda v: at.with_velocity(v).B()  # noqa: E731
@@ -108,7 +109,7 @@ def _sides(claim: str, at: FunctionState) -> tuple[OfV, OfV] | None:
 
 
 class VelocityDependence(NamedTuple):
-    """Whether a quantity has terms that are constant, odd and even in v, without the constant."""
+    """Parities in v of a quantity: whether it has constant, odd, and even nonconstant terms."""
 
     constant: bool
     odd: bool
@@ -126,14 +127,14 @@ class VelocityDependence(NamedTuple):
 
 
 def velocity_dependence(values: Sequence[UncertainArray]) -> VelocityDependence:
-    """Return the degrees of a quantity that is measured at `SCALES` times v."""
+    """Return the parities in v of a quantity from its values at `SCALES` times v."""
     rest, ahead, behind, _ = values
     odd, even = ahead - behind, ahead + behind - 2.0 * rest
     return VelocityDependence(*(bool(is_nonzero(x).any()) for x in (rest, odd, even)))
 
 
 def _degrees(of: OfV, v: Array) -> VelocityDependence:
-    """Return the degrees of a function of v; even, as of a bias, where it has no value."""
+    """Return the parities of a function of v; even, as of a bias, where it has no value."""
     values = [x for x in (of(scale * v) for scale in SCALES) if x is not None]
     return (
         velocity_dependence(values)
@@ -143,7 +144,7 @@ def _degrees(of: OfV, v: Array) -> VelocityDependence:
 
 
 def _difference(x: OfV, y: OfV) -> OfV:
-    """x - y, None where one of them has no value."""
+    """Return the function x - y, None where one of them has no value."""
 
     def difference(v: Array) -> UncertainArray | None:
         left, right = x(v), y(v)
@@ -153,7 +154,7 @@ def _difference(x: OfV, y: OfV) -> OfV:
 
 
 def _quadratic_part(of: OfV) -> OfV:
-    """Part that is even in v, without the constant."""
+    """Return the part of a function that is even in v, without the constant."""
 
     def part(v: Array) -> UncertainArray | None:
         ahead, back, rest = of(v), of(-v), of(0.0 * v)
@@ -165,28 +166,31 @@ def _quadratic_part(of: OfV) -> OfV:
 
 
 def coefficients(of: OfV, widths: Array) -> dict[tuple[int, int], UncertainArray]:
-    """Return (i, j) -> coefficient of v_i v_j in each row (p,), i ≤ j; {} if there is no value.
+    """Return the coefficients of a quadratic form in v.
 
     Args:
         of: function of v that is quadratic in it.
-        widths: velocities at which it is measured, one each (p,).
+        widths: size of each velocity at which it is evaluated (p,).
+
+    Returns:
+        (i, j) -> coefficient of v_i v_j in each row (p,), i ≤ j; {} if there is no value.
     """
-    axes, found = np.diag(widths), {}
+    axes, products = np.diag(widths), {}
     for i, axis in enumerate(axes):
         value = of(axis)
         if value is None:
             return {}
-        found[i, i] = value
+        products[i, i] = value
         for j in range(i):
             both = of(axis + axes[j])
             assert both is not None
-            found[j, i] = both - found[i, i] - found[j, j]
-    return {(i, j): (1.0 / (widths[i] * widths[j])) * x for (i, j), x in found.items()}
+            products[j, i] = both - products[i, i] - products[j, j]
+    return {(i, j): (1.0 / (widths[i] * widths[j])) * x for (i, j), x in products.items()}
 
 
-def _terms(found: OfV, expected: OfV, widths: Array) -> Iterator[Term]:
-    """Yield all terms of both."""
-    left, right = coefficients(found, widths), coefficients(expected, widths)
+def _terms(actual: OfV, expected: OfV, widths: Array) -> Iterator[Term]:
+    """Yield the terms that both functions have."""
+    left, right = coefficients(actual, widths), coefficients(expected, widths)
     for (i, j), got in left.items():
         if (i, j) in right:
             other = right[i, j]
@@ -197,7 +201,7 @@ def _terms(found: OfV, expected: OfV, widths: Array) -> Iterator[Term]:
 
 
 def _text(one: Term, wrong: list[Term], names: tuple[str, ...]) -> str:
-    """Fault of a term in words, with the term that it stands in the place of."""
+    """Return a description of a wrong term, with the term that stands in its place, if any."""
     got, expected, near = one.got, one.expected, one.allowed
     beside = [x for x in wrong if x.row == one.row and x is not one]
     for x, y in ((one, other) for other in beside):

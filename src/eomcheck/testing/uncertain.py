@@ -1,19 +1,20 @@
 """Uncertain arrays (`UncertainArray`): numerical noise and finite differences of a black box.
 
-A black box cannot be run on perturbed numbers as a scene can. So the error of its answers is
-measured from outside, and each sum and product of `UncertainArray` arrays carries it along, to
-first order, and adds its own rounding.
+A black box cannot be replayed with perturbed operations (Monte Carlo arithmetic) as a scene can. So
+the error of its results is measured from outside, and each sum and product of `UncertainArray`
+arrays propagates it, to first order, and adds its own rounding error.
 
 Numerical noise: over a few points on a line, so close that any smooth function is a polynomial of
 low degree to more digits than float64 has, high differences hold nothing but the rounding of the
 function (J. J. Moré and S. M. Wild, Estimating computational noise, SIAM J. Sci. Comput. 33, 2011,
 Algorithm ECnoise, whose choice of order is replaced by the largest of three).
 
-Derivatives: central differences with ever smaller steps are extrapolated to step 0, and of the
-whole triangle that entry is taken which differs least from those that it was made of (C. J. F.
-Ridders, Accurate computation of F'(x) and F'(x) F''(x), Advances in Engineering Software 4, 1982).
-A few steps that are much shorter must not contradict it: extrapolation converges just as well to
-the slope of an average, of a table over many knots or of a vibration over many periods.
+Derivatives: central finite differences with ever smaller steps are extrapolated to step 0, and of
+the whole extrapolation triangle that entry is taken which differs least from those that it was
+computed from (C. J. F. Ridders, Accurate computation of F'(x) and F'(x) F''(x), Advances in
+Engineering Software 4, 1982). A few steps that are much shorter must not contradict it:
+extrapolation converges just as well to the slope of an average, of a table over many knots or of a
+vibration over many periods.
 """
 
 from __future__ import annotations
@@ -34,15 +35,15 @@ from eomcheck.numbers.pivots import EPS
 
 @dataclass(frozen=True, eq=False)
 class UncertainArray:
-    """An array and how far each entry may be off.
+    """Array with an error estimate of each entry.
 
-    What is allowed is C times the error, see `eomcheck.evaluation.tolerance.C`.
+    The allowed error is C times the estimate, see `eomcheck.evaluation.tolerance.C`.
 
     Attributes:
         value: the array.
-        error: of each entry, not negative, same shape.
-        size: of what each entry is summed from, which cancels where the entry is smaller, same
-            shape.
+        error: error estimate of each entry, not negative, same shape.
+        size: size of the terms that each entry is summed from, which cancel where the entry is
+            smaller, same shape.
     """
 
     value: Array
@@ -56,7 +57,7 @@ class UncertainArray:
 
     @property
     def T(self) -> UncertainArray:
-        """Transposed."""
+        """Transposed array."""
         return UncertainArray(self.value.T, self.error.T, self.size.T)
 
     def __getitem__(self, index: Any) -> UncertainArray:
@@ -91,12 +92,12 @@ def exact(array: Any) -> UncertainArray:
 
 
 def zero(like: UncertainArray) -> UncertainArray:
-    """Return what should vanish, to the rounding of terms of the size of `like`."""
+    """Return zeros with the rounding error of terms of the size of `like`."""
     return UncertainArray(np.zeros(like.shape), EPS * like.size, like.size)
 
 
 def contract(subscripts: str, *factors: UncertainArray) -> UncertainArray:
-    """Return the sum of products that `np.einsum` makes of `subscripts`."""
+    """Return the sum of products `np.einsum(subscripts, ...)` with its error."""
 
     def summed(*arrays: Array) -> Array:
         return np.asarray(np.einsum(subscripts, *arrays))
@@ -116,11 +117,11 @@ class SampleLine(NamedTuple):
     """Equally spaced points on a line, and the orders of the differences taken over them.
 
     Attributes:
-        points: their number.
-        spacing: distance of two, per half width of the range. A term sin(ω x) leaves (ω spacing)ᵏ
-            in the difference of order k.
+        points: number of points.
+        spacing: distance of neighbours, per half width of the range. A term sin(ω x) leaves
+            (ω spacing)ᵏ in the difference of order k.
         orders: orders k.
-        among: combines the estimates of all orders.
+        among: function that combines the estimates of all orders.
     """
 
     points: int
@@ -130,18 +131,20 @@ class SampleLine(NamedTuple):
 
 
 SHORT = SampleLine(9, 2.0**-26, (4, 5, 6), np.fmax.reduce)
-"""Nothing smooth is left over on it up to ω = 5000."""
+"""Short line: smooth terms up to ω = 5000 leave nothing in the differences."""
 
 LONG = SampleLine(12, 2.0**-12, (6, 7, 8), np.fmin.reduce)
-"""A difference of much larger numbers has steps, and may be constant on the short line. Noise is
-the same in all orders; here the smallest estimate counts, as smooth functions leave less in higher
-orders, nothing up to ω = 100."""
+"""Long line: a difference of much larger numbers has steps, and may be constant on the short line.
+Noise is the same in all orders; the smallest estimate counts, as smooth functions leave less in
+higher orders, nothing up to ω = 100."""
 
 MIDDLE = SampleLine(12, 2.0**-21, (6, 7, 8), np.fmin.reduce)
-"""Steps show on it as on the long line; a vibration that the long line undersamples is smooth."""
+"""Middle line: steps show as on the long line; a vibration that the long line undersamples is
+smooth."""
 
 DISAGREE = 100.0
-"""Ratio of the noise on the long line to that on the short one, above which the cause is asked."""
+"""Ratio of the noise on the long line to that on the short one, above which the cause is examined.
+"""
 
 JUMP = 30.0
 """Ratio of the largest first difference on a line to the median one, above which f jumps there.
@@ -155,7 +158,7 @@ NEAR = 1e-3
 
 
 def noise(f: Callable[[Array], Array], x: Array, width: Array, seed: int = 0) -> Array:
-    """Noise of each entry of f near x, a standard deviation, 0 where nothing is rounded.
+    """Return the noise of each entry of f near x, a standard deviation, 0 where nothing is rounded.
 
     The short line decides. Where f is constant between two of its points, or where the long line
     is much noisier, f may have steps, and the long line counts; not where f jumps there once, at
@@ -167,7 +170,7 @@ def noise(f: Callable[[Array], Array], x: Array, width: Array, seed: int = 0) ->
         f: function of an array (m,), which returns an array.
         x: center of the lines (m,).
         width: half widths of the ranges of x (m,).
-        seed: of the directions of the lines.
+        seed: seed of the directions of the lines.
     """
     rng = np.random.default_rng(seed)
     near = _values(f, x, width, SHORT, rng)
@@ -183,16 +186,19 @@ def noise(f: Callable[[Array], Array], x: Array, width: Array, seed: int = 0) ->
         middle = _noise_on(MIDDLE, _values(f, x, width, MIDDLE, rng))
         smooth = asked & (middle < long / DISAGREE)
     rough = steps | (asked & ~smooth) | ~(long > DISAGREE * floor)
-    # Where f has no value on one of them, the other tells.
-    found = np.where(rough | ~np.isfinite(short), np.fmax(short, long), short)
+    # Where f has no value on one of the lines, the other line decides.
+    estimate = np.where(rough | ~np.isfinite(short), np.fmax(short, long), short)
     alone, rest = _alone(LONG, far)
-    return np.where(alone, np.fmin(found, _noise_on(LONG, rest)), found) if alone.any() else found
+    if not alone.any():
+        return estimate
+    return np.where(alone, np.fmin(estimate, _noise_on(LONG, rest)), estimate)
 
 
 def _alone(line: SampleLine, values: Array) -> tuple[Array, Array]:
-    """Whether each entry at the center of a line is far from all others, and values without it.
+    """Return whether each entry at the center of a line is far from all others, and other values.
 
-    There (points, ...) have at their center what three values on each side interpolate.
+    The other values (points, ...) have at their center the interpolation of three values on each
+    side.
     """
     center, rest = line.points // 2, values.copy()
     sides = [values[center - k] + values[center + k] for k in (1, 2, 3)]
@@ -203,7 +209,7 @@ def _alone(line: SampleLine, values: Array) -> tuple[Array, Array]:
 
 
 def _vanishes_within_jump(near: Array, far: Array) -> Array:
-    """Whether each entry is 0 on a line (points, ...) and jumps on a longer one.
+    """Return whether each entry is 0 on a line (points, ...) and jumps on a longer one.
 
     All changes between steps of a difference of larger numbers are of one size, unlike these.
     """
@@ -230,16 +236,17 @@ def _noise_on(line: SampleLine, values: Array) -> Array:
 
 
 def jumps_on(values: Array) -> Array:
-    """Whether each entry jumps between two of the values (points, ...) on a line."""
+    """Return whether each entry jumps between two of the values (points, ...) on a line."""
     change = np.abs(np.diff(values, axis=0))
     least = 2.0**10 * EPS * np.abs(values).max(axis=0)
     return change.max(axis=0) > np.maximum(JUMP * np.median(change, axis=0), least)
 
 
 def jumps(f: Callable[[Array], Array], x: Array, width: Array, seed: int = 0) -> bool:
-    """Whether an entry of f jumps within `NEAR` of x, per half width of the ranges; see `noise`.
+    """Return whether an entry of f jumps within `NEAR` of x, per half width of the ranges.
 
     On one of the lines any two coordinates go opposite ways: their difference changes on it too.
+    Arguments are those of `noise`.
     """
     line = SampleLine(17, NEAR / 8.0, (), np.fmin.reduce)
     lines = [width, *sign_patterns(len(x)) * width]
@@ -250,7 +257,7 @@ def jumps(f: Callable[[Array], Array], x: Array, width: Array, seed: int = 0) ->
 
 
 def sign_patterns(count: int) -> Array:
-    """Signs (rows, count): any two entries have opposite ones in one of the rows."""
+    """Return signs (rows, count): any two entries have opposite ones in one of the rows."""
     digits = np.arange(count) >> np.arange(max(count - 1, 1).bit_length())[:, None] & 1
     return 1.0 - 2.0 * digits
 
@@ -258,8 +265,8 @@ def sign_patterns(count: int) -> Array:
 def entry_sizes(value: Array) -> Array:
     """Return the size of each entry, in a square matrix at least that of its diagonal.
 
-    √|M_ii M_kk| has the units of M_ik, and what is summed to an entry is not larger: a sum that
-    cancels is as uncertain as its parts.
+    √|M_ii M_kk| has the units of M_ik, and the terms that are summed to an entry are not larger: a
+    sum that cancels is as uncertain as its terms.
     """
     size = np.abs(value)
     if value.ndim == 2 and value.shape[0] == value.shape[1]:
@@ -271,7 +278,7 @@ def entry_sizes(value: Array) -> Array:
 # ---- Derivatives ---------------------------------------------------------------------------------
 
 FIRST = 0.5
-"""The first step, per half width of the range."""
+"""First step, per half width of the range."""
 
 STEPS = 10
 """Number of long steps, each half as long as the one before."""
@@ -286,7 +293,8 @@ CONFIRMED = 2
 """Number of shorter steps that must not contradict an estimate."""
 
 FLAT = 2.0**-14
-"""Longest step, per half width, that a function without steps feels if shorter ones do."""
+"""Longest step, per half width, of which a nonzero difference shows that f has steps where shorter
+ones have a difference of 0."""
 
 ROUNDED = 2.0**10
 """Least step, in roundings of x_k."""
@@ -303,10 +311,11 @@ def partial(
 ) -> UncertainArray:
     """Return ∂f/∂x_k with its error.
 
-    The error is twice what an entry differs by from its two neighbours in the triangle, plus the
-    noise of f divided by the step. A neighbour may agree by chance, and then the error is too
-    small: the constant 32 covers that, with which every error here is multiplied before anything is
-    judged (`eomcheck.evaluation.tolerance.C`). With 1 instead right functions fail.
+    The error is the sum of the differences of an entry from its two neighbours in the triangle,
+    plus twice the noise of f, at least its rounding, divided by the step. A neighbour may agree by
+    chance, and then the error is too small: the constant 32 covers that, by which every error of
+    this module is multiplied before anything is judged (`eomcheck.evaluation.tolerance.C`). With 1
+    instead right functions fail.
 
     Each row of the triangle has its estimate, and all shorter steps have to confirm it: where one
     of them differs by more than noise explains, as beside a kink, between the knots of a table or
@@ -321,8 +330,8 @@ def partial(
         x: point (m,).
         k: index of the entry of x.
         width: half width of the range of x_k.
-        noise: of each entry of f at x, see `eomcheck.testing.uncertain`.
-        size: of the terms that each entry of f is summed from.
+        noise: noise of each entry of f at x, see `eomcheck.testing.uncertain`.
+        size: size of the terms that each entry of f is summed from.
         value: f at x; None calls f.
     """
     value = np.asarray(f(x) if value is None else value)
@@ -347,9 +356,9 @@ def partial(
     error = np.maximum(of(total), kink)
     # A derivative much smaller than f over its range counts as 0, if nothing but noise hides it.
     noisy = error <= of(errors[1:-CONFIRMED])
-    found = of(values[1:-CONFIRMED])
+    slope = of(values[1:-CONFIRMED])
     return UncertainArray(
-        found, error, np.maximum(np.abs(found), np.where(noisy, np.asarray(size) / width, 0.0))
+        slope, error, np.maximum(np.abs(slope), np.where(noisy, np.asarray(size) / width, 0.0))
     )
 
 
@@ -363,7 +372,7 @@ def _central(
 ) -> tuple[Array, Array, Array, Array]:
     """Return steps h (rows,), f ahead and behind (rows, ...), and their distance (rows, 1, ...).
 
-    Those that are shorter than the last one where f has no value.
+    Only the steps that are shorter than the last one where f has no value.
     """
     h, rows = FIRST * width, []
     for number in range(STEPS + SHORT_STEPS):
@@ -393,17 +402,17 @@ def _extrapolated(h: Array, plain: Array, blur: Array) -> tuple[Array, Array]:
     best, error, last = plain, np.full(plain.shape, np.inf), plain
     for column in range(1, min(len(h), COLUMNS)):
         ratio = _like((h[:-column] / h[column:]) ** 2, plain)
-        here = last[1:] + (last[1:] - last[:-1]) / (ratio - 1.0)
-        away = np.abs(here - last[1:]) + np.abs(here - last[:-1]) + 2.0 * blur[column:]
+        entries = last[1:] + (last[1:] - last[:-1]) / (ratio - 1.0)
+        away = np.abs(entries - last[1:]) + np.abs(entries - last[:-1]) + 2.0 * blur[column:]
         less = away < error[column:]
-        best = np.concatenate((best[:column], np.where(less, here, best[column:])))
+        best = np.concatenate((best[:column], np.where(less, entries, best[column:])))
         error = np.concatenate((error[:column], np.where(less, away, error[column:])))
-        last = here
+        last = entries
     return best, error
 
 
 def _contradicted(values: Array, plain: Array, blur: Array, rounding: Array) -> Array:
-    """Return how far each estimate (rows, ...) is from those of shorter steps that contradict it.
+    """Return the distance of each estimate (rows, ...) from shorter steps that contradict it.
 
     They do where they are further apart than noise explains; or where three differences in
     sequence agree, and rounding does not explain it: noise that looks like a fast vibration.
@@ -411,30 +420,31 @@ def _contradicted(values: Array, plain: Array, blur: Array, rounding: Array) -> 
     apart = np.full(plain.shape, np.inf)
     change = np.abs(np.diff(plain, axis=0))
     apart[1:-1] = np.maximum(change[:-1], change[1:])
-    # On a step of what is left of larger numbers f does not change at all.
+    # On a step of a difference of much larger numbers f does not change at all.
     least = np.minimum(C * blur, np.maximum(8.0 * apart, C * rounding))
     least = np.where(plain == 0.0, C * blur, least)
-    found = np.zeros(values.shape)
+    distance = np.zeros(values.shape)
     for j in range(1, len(values)):
         away = np.abs(values[:j] - values[j])
-        found[:j] = np.fmax(found[:j], np.where(away > least[j], away, 0.0))
-    return found
+        distance[:j] = np.fmax(distance[:j], np.where(away > least[j], away, 0.0))
+    return distance
 
 
 def _within_step(h: Array, plain: Array) -> Array:
-    """Whether a difference (rows, ...) is 0 though one of a step that is hardly longer is not.
+    """Return whether a difference (rows, ...) is 0 though that of a hardly longer step is not.
 
-    f is rounded to multiples of something, as in float32, and measured noise may be 0 by chance.
+    f then is rounded to multiples of a number, as in float32, and its measured noise may be 0 by
+    chance.
     """
     felt = (plain != 0.0) & (_like(h, plain) <= FLAT)
     return (plain == 0.0) & np.logical_or.accumulate(felt, axis=0)
 
 
 def _kink(h: Array, bend: Array, blur: Array) -> Array:
-    """Return by how much slopes on both sides of x differ (...), 0 where noise hides it.
+    """Return the difference of the slopes on both sides of x (...), 0 where noise hides it.
 
-    Of a smooth function the second difference per step, `bend` (rows, ...), vanishes with the step.
-    Three short steps in sequence must show that it does not.
+    For a smooth function the second difference per step, `bend` (rows, ...), vanishes with the
+    step. Three short steps in sequence must show that it does not.
     """
     ratio = _like(h[:-1] / h[1:], bend)
     left = np.abs(bend[1:] - (bend[:-1] - bend[1:]) / (ratio - 1.0))
@@ -450,8 +460,8 @@ def gradient(
     """Return ∂f/∂x, the new axis of length m first.
 
     Args:
-        f: function of an array (m,), which answers an array.
-        x: where (m,).
+        f: function of an array (m,), which returns an array.
+        x: point (m,).
         width: half widths of the ranges of x (m,).
         here: f at x.
     """
