@@ -1,4 +1,9 @@
-"""Claims about how functions answer: at all, in float64, always the same, touching nothing."""
+"""Claims about calls of functions: valid results, float64 precision, repeatable, no side effects.
+
+Functions are black boxes, so that each property is measured by calls: single precision by the noise
+of the results and by changes of the arguments that have no effect, and a result that depends on
+earlier calls (a cache, a state) by calls at other states in between.
+"""
 
 from __future__ import annotations
 
@@ -23,25 +28,25 @@ from eomcheck.testing.uncertain import UncertainArray
 NOISE = 2.0**-32
 """Noise per size of a function, above which there may be single-precision numbers in it.
 
-Rounding to doubles leaves 2^-53 and what cancels, to single precision 2^-24.
+Rounding to float64 leaves 2^-53, more where terms cancel; to single precision 2^-24.
 """
 
 NOTHING = 2.0**-12
-"""Noise per size above which the function may be 0, and all of it the rounding of what cancels."""
+"""Noise per size above which the function may be 0, and all of it rounding of terms that cancel."""
 
 FAST = 4096.0
-"""How much faster what is left of terms that cancel is looked at again."""
+"""Factor of v at which terms are checked again that cancel at v."""
 
 UNFELT, FELT, FELT_BY = 2.0**-36, 2.0**-16, 2.0**-26
-"""Changes of what a function reads, per half width of its range: doubles feel the smaller one if
-the larger one changes a function by more than `FELT_BY` of its size, singles do not."""
+"""Changes of an argument, per half width of its range: if the larger one changes a function by more
+than `FELT_BY` of its size, the smaller one changes it in float64, and not in float32."""
 
 BESIDE = 2.0**-8
-"""Distance, per half width of the ranges, at which the noise of a jump is not measured any more."""
+"""Distance, per half width of the ranges, at which a jump no longer adds to the measured noise."""
 
 
 def working_functions(at: FunctionState) -> Iterator[str]:
-    """Yield the names of the functions that answer here."""
+    """Yield the names of the functions that have a value at this state."""
     for name in at.functions.given:
         try:
             at.caller(name, at.q, at.v)
@@ -51,7 +56,7 @@ def working_functions(at: FunctionState) -> Iterator[str]:
 
 
 def axis_names(at: FunctionState, name: str) -> tuple[tuple[str, ...], ...]:
-    """Return names along each axis of what a function answers."""
+    """Return the names along each axis of the result of a function."""
     f = at.functions
     rows = tuple(f"{i}" for i in range(at.caller.sizes.get("r", 0)))
     known = {"n": f.coordinate_names, "p": f.velocity_names, "r": rows}
@@ -60,7 +65,7 @@ def axis_names(at: FunctionState, name: str) -> tuple[tuple[str, ...], ...]:
 
 @function_claim("answers", "each function answers with finite numbers of the right shape", "")
 def answers(at: FunctionState) -> Iterator[Decision]:
-    """No exception, no NaN, no wrong shape."""
+    """Decide for each function: no exception, finite numbers, the right shape."""
     for name in at.functions.given:
         try:
             at.caller(name, at.q, at.v)
@@ -75,7 +80,7 @@ def answers(at: FunctionState) -> Iterator[Decision]:
     "arguments-unchanged", "what a function is handed is the same afterwards", "arguments"
 )
 def arguments_unchanged(at: FunctionState) -> Iterator[Decision]:
-    """A function must not write into q or v, whether it answers or raises."""
+    """Decide for each function: it never wrote into q or v, whether it returned or raised."""
     works = set(working_functions(at))
     for name in at.functions.given:
         if name in at.caller.writing:
@@ -86,10 +91,10 @@ def arguments_unchanged(at: FunctionState) -> Iterator[Decision]:
 
 @function_claim("same-answer", "f(x) after f(y) is f(x)", "")
 def same_answer(at: FunctionState) -> Iterator[UncertainComparison]:
-    """What one call leaves behind does not change what the next one answers."""
+    """Compare the result of each function before and after calls at another state."""
     # Each coordinate by another amount: a chain of links is the same turned as a whole.
     width_q, width_v = (x * np.linspace(1.0, 1.3, len(x)) for x in (at.width_q, at.width_v))
-    # All of them before anything is asked elsewhere.
+    # All functions at this state before any call at another one.
     for name, first in [(name, at.quantity(name)) for name in working_functions(at)]:
         for other in working_functions(at):
             # As in a simulation: every function at another state in between.
@@ -99,30 +104,32 @@ def same_answer(at: FunctionState) -> Iterator[UncertainComparison]:
 
 
 AGAIN, AT_FIRST, AWAY = 24, 54, 3
-"""Number of times that each function is called again at a state on average, at the first state, and
-at how many states near it, in random order. An answer that is the last one's every nth time shows
-for every n up to `AT_FIRST`, wherever it begins; by as many calls at each state, a longer period
-could fall on the same call of each, so their number is drawn."""
+"""Numbers of repeated calls of each function: at a state on average, at the first state; and number
+of states near it that are called in between, in random order. A function that returns the previous
+result every nth time is detected for every n up to `AT_FIRST`, wherever it begins; with as many
+calls at each state, a longer period could fall on the same call of each, so their number is drawn.
+"""
 
 KEPT, COARSE_BY = 2.0**-26, 2.0**-18
-"""Change that a cache by six digits does not show, per half width of the range: functions must
-feel it if `FELT` changes them in proportion and by more than `COARSE_BY` of their size."""
+"""Change, per half width of the range, that has no effect through a cache by six digits; it must
+have one if `FELT` changes a function in proportion and by more than `COARSE_BY` of its size."""
 
 CACHED = (2.0**-6, 2.0**-16, 2.0**-12), (2.0**-9, 2.0**-19, 2.0**-12)
-"""Changes of all coordinates together, long and short, per half width, and least change of a
-function per size: a cache by three to five digits shows the long ones, and none of the short ones,
-which singles would feel."""
+"""Long and short changes of all coordinates together, per half width, and least change of a
+function per size: through a cache by three to five digits the long ones have an effect, and none of
+the short ones, which would have one in float32."""
 
 CACHED_DOUBLES = (*CACHED, (2.0**-21, 2.0**-31, 2.0**-24))
-"""The same of functions that are as exact as doubles, with a cache by seven or eight digits."""
+"""`CACHED` for functions with float64 precision, also for a cache by seven or eight digits."""
 
 
 @function_claim("answers-repeat", "f(x) is the same in every call of a run", "")
 def answers_repeat(at: FunctionState) -> Iterator[UncertainComparison | Decision]:
-    """Old states are asked again after all other claims, to a rounding, whatever the noise.
+    """Compare results at earlier states, called again after all other claims, to rounding.
 
-    Each call is at another state than the one before, whose answer would show; and no answer may be
-    kept for states that differ in few digits. Those in single precision fail as such.
+    Each call is at another state than the one before, so that a repeated previous result differs;
+    and no result may be cached for states that differ in few digits. Functions in single precision
+    fail `double-precision` instead.
     """
     n, x = len(at.q), np.concatenate((at.q, at.v))
     width = np.concatenate((at.width_q, at.width_v))
@@ -138,7 +145,7 @@ def answers_repeat(at: FunctionState) -> Iterator[UncertainComparison | Decision
         worst, error = first.value, np.zeros(first.shape)
         for k in order[: count if name in at.caller.repeated else AT_FIRST]:
             away = np.abs(f(where[k][:n], where[k][n:]) - known[k])
-            # No number twice is the same answer.
+            # NaN twice is the same result.
             if largest(np.nan_to_num(away, nan=0.0)) > largest(error):
                 error, worst = away, first.value + away
         at.caller.repeated.add(name)
@@ -156,7 +163,7 @@ def answers_repeat(at: FunctionState) -> Iterator[UncertainComparison | Decision
 
 @function_claim("fresh-answer", "f(x) of a fresh instance is f(x)", "", ("factory",))
 def fresh_answer(at: FunctionState) -> Iterator[UncertainComparison | Decision]:
-    """What was called before does not change what is answered."""
+    """Compare the result of each function with that of a fresh instance without earlier calls."""
     fresh = FunctionCaller(fresh_functions(at.functions))
     for name in working_functions(at):
         if fresh.functions.function(name) is None:
@@ -176,16 +183,15 @@ def fresh_answer(at: FunctionState) -> Iterator[UncertainComparison | Decision]:
 def _again(
     at: FunctionState, name: str, again: Array, first: UncertainArray
 ) -> UncertainComparison:
-    """Return the sides of an answer being the same as at first, to rounding at most."""
+    """Return the comparison of a repeated result with the first one, to rounding at most."""
 
-    def say(*_: object) -> str:
+    def explain(*_: object) -> str:
         return "another one after other calls: something is kept from an earlier call"
 
     error = np.where(again == first.value, 0.0, first.error)
-    found, none = UncertainArray(again, error, first.size), np.zeros(first.shape)
-    return UncertainComparison(
-        name, found, UncertainArray(first.value, none, first.size), axis_names(at, name), say
-    )
+    actual, none = UncertainArray(again, error, first.size), np.zeros(first.shape)
+    expected = UncertainArray(first.value, none, first.size)
+    return UncertainComparison(name, actual, expected, axis_names(at, name), explain)
 
 
 def fresh_functions(functions: EquationsOfMotion) -> EquationsOfMotion:
@@ -201,15 +207,15 @@ def fresh_functions(functions: EquationsOfMotion) -> EquationsOfMotion:
 
 @function_claim("double-precision", "functions compute in doubles", "precision")
 def double_precision(at: FunctionState) -> Iterator[Decision]:
-    """Single precision somewhere inside shows, whatever type the answer has."""
+    """Decide for each function: no single precision inside, whatever dtype its result has."""
     for name in working_functions(at):
-        found = at.quantity(name)
-        blur = _relative(found)
+        quantity = at.quantity(name)
+        blur = _relative(quantity)
         unfelt = _unfelt(at, name) if NOISE < blur < NOTHING else ""
         if unfelt and "v" in at.caller.reads(name):
-            # What is left of larger terms has steps too, but not where v has made it large.
+            # A difference of larger terms has steps too, but not where v has made it large.
             unfelt = _unfelt(at.with_velocity(FAST * at.v), name)
-        share = _relative(found, _size_beside(at, name))
+        share = _relative(quantity, _size_beside(at, name))
         if name in at.caller.single_precision:
             what = f"answers in {at.caller.single_precision[name]}"
         elif unfelt:
@@ -228,9 +234,10 @@ def double_precision(at: FunctionState) -> Iterator[Decision]:
 
 
 def _size_beside(at: FunctionState, name: str) -> float:
-    """Size of a function half a width of the ranges away, on both sides of the state.
+    """Return the size of a function half a width of the ranges away, on both sides of the state.
 
-    A plain formula may vanish at the state, as 1 - cos q does: what rounds in it is of this size.
+    A plain formula may vanish at the state, as 1 - cos q does: the terms that round in it are of
+    this size.
     """
     half_q, half_v, f = 0.5 * at.width_q, 0.5 * at.width_v, at.raw(name)
     values = [f(at.q + sign * half_q, at.v + sign * half_v) for sign in (1.0, -1.0)]
@@ -238,29 +245,29 @@ def _size_beside(at: FunctionState, name: str) -> float:
 
 
 def _noise_beside(at: FunctionState, name: str) -> list[float]:
-    """Noise per size of a function `BESIDE` away on both sides, where it is not that of a jump."""
-    found = []
+    """Return the noise per size of a function `BESIDE` away on both sides, beyond any jump."""
+    shares = []
     for shift in (-BESIDE, BESIDE):
         q, v = at.q + shift * at.width_q, at.v + shift * at.width_v
         try:
             side = FunctionState(at.caller, q, v, at.seed)
-            found.append(_relative(side.quantity(name), _size_beside(side, name)))
+            shares.append(_relative(side.quantity(name), _size_beside(side, name)))
         except BrokenError:
-            found.append(np.inf)
-    return found
+            shares.append(np.inf)
+    return shares
 
 
-def _relative(found: UncertainArray, beside: float = 0.0) -> float:
-    """Return the largest error of an entry beside the largest size, `beside` or more."""
-    size = max(largest(found.size), beside)
-    return largest(found.error) / size if size > 0.0 and np.isfinite(size) else 0.0
+def _relative(array: UncertainArray, beside: float = 0.0) -> float:
+    """Return the largest error of an entry per largest size, the latter `beside` or more."""
+    size = max(largest(array.size), beside)
+    return largest(array.error) / size if size > 0.0 and np.isfinite(size) else 0.0
 
 
 def _unfelt(at: FunctionState, name: str, small: float = UNFELT, by: float = FELT_BY) -> str:
-    """Return the first of q and v of which a function feels large changes only, "" for none.
+    """Return the first entry of q and v of which only large changes have an effect, "" for none.
 
-    A smooth function that feels the large change by `by` of its size changes by a fixed part of
-    that for the small one, which is still many roundings in doubles.
+    A smooth function that the large change changes by `by` of its size changes by a fixed part of
+    that for the small one, which is still many roundings in float64.
     """
     f, here, n = at.raw(name), at.quantity(name), len(at.q)
     names = [f"q[{k}]" for k in range(n)] + [f"v[{k}]" for k in range(len(at.v))]
@@ -280,7 +287,7 @@ def _unfelt(at: FunctionState, name: str, small: float = UNFELT, by: float = FEL
 
 
 def _is_cached(at: FunctionState, name: str, double: bool) -> bool:
-    """Whether a function feels long changes of all coordinates together and no short ones."""
+    """Return whether long changes of all coordinates together have an effect and no short ones."""
     f, here = at.raw(name), at.quantity(name)
     if "q" not in at.caller.reads(name):
         return False
@@ -295,11 +302,11 @@ def _is_cached(at: FunctionState, name: str, double: bool) -> bool:
 
 
 def _steps(changed: Callable[[float], Array], long: float, short: float, least: float) -> bool:
-    """Whether an entry changes by more than `least` and in proportion over one, two and three long
-    steps, and not at all over as many short ones.
+    """Return whether an entry changes over long steps only.
 
-    In proportion, and not small beside other entries: an entry that vanishes but for rounding may
-    be 0 here and not there.
+    It changes by more than `least` and in proportion over one, two and three long steps, and not at
+    all over as many short ones. In proportion, and not small beside other entries: an entry that is
+    nothing but rounding may be 0 at one step and not at another.
     """
     once, *more = (changed(j * long) for j in (1, 2, 3))
     straight = [np.abs(one - j * once) <= 0.1 * once for j, one in enumerate(more, 2)]

@@ -1,7 +1,8 @@
-"""Claims about whole accelerations, and the comparison of every quantity with a reference.
+"""Claims about accelerations, and the comparison of every quantity with a reference.
 
-Accelerations satisfy the equations of motion, and energy is accounted for. The reference is a scene
-or an engine: each quantity that both have is compared.
+Accelerations q̈ satisfy the equations of motion, and energy is balanced. The reference is a scene,
+an engine or other functions: each quantity that both have, or that follows in one of them from its
+other functions, is compared.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ HOW = {
     1.0: "it is twice in q̈",
     -2.0: "its sign is another one in q̈",
 }
-"""How often a force is in M q̈ + B more than it should be -> what that looks like."""
+"""Multiple of a force by which M q̈ + B is too large -> description of that fault."""
 
 FORCES = "no force is given: gravity, U, R or Q would tell"
 DAMPER = "odd in v, and linear: a damper? R or Q would tell"
@@ -49,7 +50,7 @@ DRAG = "odd in v, and not linear: drag and friction would be in R or Q"
 
 
 def is_nonzero(x: UncertainArray) -> Array:
-    """Whether each entry is certainly not 0."""
+    """Return whether each entry is certainly not 0."""
     return np.abs(x.value) > C * x.error
 
 
@@ -66,10 +67,11 @@ def is_nonzero(x: UncertainArray) -> Array:
     ),
 )
 def motion(at: FunctionState) -> Iterator[UncertainComparison | Decision | Skipped]:
-    """Accelerations satisfy the equations of motion, in the directions the constraints leave.
+    """Compare M q̈ + B with the forces, in the directions the constraints leave.
 
-    M and B as given, else as T, C or M say. Where no force is given at all, gravity and dampers may
-    be in q̈: of M q̈ + B the part that is quadratic in v has to vanish, and the rest is said.
+    M and B are those given, else those that follow from T, C or M. Where no force is given at all,
+    gravity and dampers may be in q̈: the part of M q̈ + B that is quadratic in v has to vanish, and
+    other parts are reported as inconclusive.
     """
     subject, B = "M q̈ + B ~ forces", supplied_or_derived_bias(at)
     if B is None:
@@ -102,17 +104,17 @@ def motion(at: FunctionState) -> Iterator[UncertainComparison | Decision | Skipp
         yield Decision("forces", worst, 0.0, "inconclusive", f"M q̈ + B is not 0, and {FORCES}")
         return
 
-    def say(found: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
+    def explain(actual: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
         for name, part in at.parts().items():
             of = free @ part
             for factor, what in HOW.items():
                 if within_allowed(
-                    found - expected, factor * of.value, allowed + abs(factor) * C * of.error
+                    actual - expected, factor * of.value, allowed + abs(factor) * C * of.error
                 ):
                     return f"off by {name}: {what}"
         return ""
 
-    yield UncertainComparison(subject, inertial, forces, (names,), say)
+    yield UncertainComparison(subject, inertial, forces, (names,), explain)
 
 
 @function_claim(
@@ -125,23 +127,23 @@ def motion(at: FunctionState) -> Iterator[UncertainComparison | Decision | Skipp
     natural=True,
 )
 def power_balance(at: FunctionState) -> Iterator[UncertainComparison | Skipped]:
-    """Energy changes by what forces and dampers do; constraints do no work."""
+    """Compare the rate of the kinetic energy with the power of forces; constraints do no work."""
     qdd, forces, v = at.quantity("qdd"), at.forces(), exact(at.v)
-    found = kinetic_rate(at, qdd)
-    if not at.parts() and is_nonzero(found).any():
+    rate = kinetic_rate(at, qdd)
+    if not at.parts() and is_nonzero(rate).any():
         yield Skipped("Ṫ ~ v·forces", FORCES)
         return
     yield UncertainComparison(
-        "Ṫ ~ v·forces", found, v @ forces + violation_power(at, qdd, forces), ()
+        "Ṫ ~ v·forces", rate, v @ forces + violation_power(at, qdd, forces), ()
     )
 
 
 def violation_power(
     at: FunctionState, qdd: UncertainArray, forces: UncertainArray
 ) -> UncertainArray:
-    """Return what constraint forces do because v keeps the constraints to rounding only: 0, or so.
+    """Return the power of constraint forces: 0, with an error as v keeps constraints to rounding.
 
-    v violates them by what is left of a v, and by what rounds in that.
+    v violates them by the remaining a v, and by the rounding error of that.
     """
     if not at.has("a"):
         return exact(0.0)
@@ -162,7 +164,10 @@ def violation_power(
     consistent=True,
 )
 def acceleration_even(at: FunctionState) -> Iterator[UncertainComparison | Decision]:
-    """Without damping a motion can run backwards; what is linear in v may be a damper."""
+    """Compare q̈ at -v and v: without damping a motion can run backwards.
+
+    Rows with an odd part that is linear in v, which may be a damper, are inconclusive.
+    """
     damped, odd = _damped(at), _odd(at)
     if damped.any():
         rows_ = ", ".join(name for name, one in zip(row_names(at), damped, strict=True) if one)
@@ -173,23 +178,23 @@ def acceleration_even(at: FunctionState) -> Iterator[UncertainComparison | Decis
     if damped.all():
         return
 
-    def say(found: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
+    def explain(actual: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
         return DRAG
 
     none = exact(np.zeros(len(at.v)))
-    found = _where(damped, none, at.with_velocity(-at.v).quantity("qdd"))
+    back = _where(damped, none, at.with_velocity(-at.v).quantity("qdd"))
     yield UncertainComparison(
-        "q̈", found, _where(damped, none, at.quantity("qdd")), (row_names(at),), say
+        "q̈", back, _where(damped, none, at.quantity("qdd")), (row_names(at),), explain
     )
 
 
 def _odd(at: FunctionState) -> UncertainArray:
-    """Twice the part of q̈ (p,) that is odd in v."""
+    """Return twice the part of q̈ (p,) that is odd in v."""
     return at.quantity("qdd") - at.with_velocity(-at.v).quantity("qdd")
 
 
 def _damped(at: FunctionState) -> Array:
-    """Whether each row of q̈ (p,) has a part that is odd in v, and linear in it."""
+    """Return whether each row of q̈ (p,) has a part that is odd in v, and linear in it."""
 
     def damped() -> Array:
         once = _odd(at)
@@ -201,7 +206,7 @@ def _damped(at: FunctionState) -> Array:
 
 
 def _where(chosen: Array, x: UncertainArray, y: UncertainArray) -> UncertainArray:
-    """Entries of x where `chosen`, of y elsewhere."""
+    """Return the entries of x where `chosen`, of y elsewhere."""
     pairs = (x.value, y.value), (x.error, y.error), (x.size, y.size)
     return UncertainArray(*(np.where(chosen, *pair) for pair in pairs))
 
@@ -216,8 +221,10 @@ def _where(chosen: Array, x: UncertainArray, y: UncertainArray) -> UncertainArra
     consistent=True,
 )
 def acceleration_quadratic(at: FunctionState) -> Iterator[UncertainComparison]:
-    """Without damping accelerations are those at rest and a quadratic part, with a linear damper in
-    the mean of both directions of v."""
+    """Compare q̈(2v) - q̈(0) with 4 (q̈(v) - q̈(0)), without damping.
+
+    In rows with a linear damper the mean of both directions of v is compared.
+    """
     rest = at.with_velocity(np.zeros(len(at.v))).quantity("qdd")
     twice = at.with_velocity(2.0 * at.v)
     here, far, damped = at.quantity("qdd"), twice.quantity("qdd"), _damped(at)
@@ -230,7 +237,7 @@ def acceleration_quadratic(at: FunctionState) -> Iterator[UncertainComparison]:
 # ---- Reference -----------------------------------------------------------------------------------
 
 FORCE_TERMS = ("Q", "gravity", "U", "R")
-"""What forces are summed from."""
+"""Functions that forces are summed from."""
 
 QUANTITIES: dict[str, tuple[str, Callable[[FunctionState], UncertainArray | None]]] = {
     "M": ("M", inertia),
@@ -241,10 +248,13 @@ QUANTITIES: dict[str, tuple[str, Callable[[FunctionState], UncertainArray | None
     "gamma": ("gamma", supplied_or_derived_drift),
     "qdd": ("qdd", lambda at: at.quantity("qdd")),
 }
-"""Name -> (what has its shape, how it is had). U is known up to a constant only: forces tell it."""
+"""Name -> (function with the same shape, function of a `FunctionState` that returns it).
+
+U is not compared, as it is known up to a constant only: it is compared by its forces.
+"""
 
 FOLLOWS = {"M": "T", "bias": "C|M|T", "gamma": "a"}
-"""Name -> what it follows from where it is not given."""
+"""Name -> functions from which it follows where it is not given."""
 
 
 def _has(at: FunctionState, name: str) -> bool:
@@ -256,7 +266,7 @@ def _has(at: FunctionState, name: str) -> bool:
 def _shared(at: FunctionState, theirs: FunctionState, name: str) -> bool:
     """Return whether a quantity is given by both, or by one of them and follows in the other.
 
-    Where both give what it follows from, that is compared, and this would say the same again.
+    Where both give the function that it follows from, that is compared, and this would repeat it.
     """
     given = _has(at, name), _has(theirs, name)
     if all(given) or not any(given) or name not in FOLLOWS:
@@ -274,10 +284,10 @@ def _reference_at(at: FunctionState) -> FunctionState:
 
 
 def check_reference(points: list[FunctionState]) -> None:
-    """Raise InputError if the reference has no answer at all to what is compared.
+    """Raise InputError if the reference has no value of any compared quantity at any state.
 
-    What it answers in some states, or of some quantities, is compared; the rest is told as not
-    looked at. But nothing compared is no pass.
+    Values at some states, or of some quantities, are compared, and others reported as skipped. But
+    a run without any comparison does not pass.
     """
     broken: BrokenError | None = None
     for at in points:
@@ -312,7 +322,7 @@ def check_reference(points: list[FunctionState]) -> None:
     ),
 )
 def reference(at: FunctionState) -> Iterator[UncertainComparison | Skipped]:
-    """Each quantity is what the scene or the engine says."""
+    """Compare each quantity with that of the reference."""
     assert at.reference is not None
     for name, (shaped, of) in QUANTITIES.items():
         here, theirs = at, _reference_at(at)

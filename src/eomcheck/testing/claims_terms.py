@@ -1,7 +1,8 @@
-"""Claims about single terms: M, bias, C and gravity belong together, energies, constraints.
+"""Claims about single terms of the equations of motion: M, bias, C, gravity, energies, constraints.
 
-The kinetic energy is a second derivation of M and of the bias. Constraints have a Jacobian, a
-drift, and accelerations that keep them.
+Each compares a function with one that follows from another function, mostly by finite differences:
+the bias and C with derivatives of M, gravity with those of U, M and the bias with those of T, and
+the Jacobian and the drift of constraints with those of c and a.
 """
 
 from __future__ import annotations
@@ -52,28 +53,28 @@ def row_names(at: FunctionState) -> tuple[str, ...]:
 
 @function_claim("mass-matrix-symmetric", "M = Mᵀ", "mass matrix", ("M",))
 def mass_matrix_symmetric(at: FunctionState) -> Iterator[UncertainComparison]:
-    """The mass matrix is symmetric."""
+    """Compare M with its transpose."""
     M = at.quantity("M")
 
-    def say(found: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
-        for part, name in ((np.tril(found, -1), "lower"), (np.triu(found, 1), "upper")):
+    def explain(actual: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
+        for part, name in ((np.tril(actual, -1), "lower"), (np.triu(actual, 1), "upper")):
             if not part.any():
                 return f"the {name} triangle is empty"
         other = ", ".join(row_names(at)[k] for k in reversed(worst))
-        x, y = found[worst], expected[worst]
+        x, y = actual[worst], expected[worst]
         return f"{x:.6g}, and entry ({other}) is {y:.6g}{sign_hint(x, y, allowed)}"
 
-    yield UncertainComparison("M", M, M.T, (row_names(at), row_names(at)), say)
+    yield UncertainComparison("M", M, M.T, (row_names(at), row_names(at)), explain)
 
 
 def sign_hint(x: float, y: float, allowed: float) -> str:
-    """Say of two numbers that should be the same that one has the other sign, if that is so."""
+    """Return a hint that two numbers that should be equal have opposite signs, "" otherwise."""
     return ": opposite sign in one of them" if abs(x + y) <= allowed else ""
 
 
 @function_claim("mass-matrix-positive", "vᵀ M v > 0", "mass matrix", ("M",))
 def mass_matrix_positive(at: FunctionState) -> Iterator[Decision]:
-    """M is positive definite, in units in which its diagonal is 1."""
+    """Decide whether M is positive definite, in units in which its diagonal is 1."""
     M = at.quantity("M")
     diagonal = np.diagonal(M.value)
     if (diagonal < -allowed_error(1.0 / EPS) * np.diagonal(M.error)).any():
@@ -100,7 +101,10 @@ def mass_matrix_positive(at: FunctionState) -> Iterator[Decision]:
 
 @function_claim("bias-at-rest", "B(q, 0) = 0", "bias", ("bias",), natural=True)
 def bias_at_rest(at: FunctionState) -> Iterator[UncertainComparison]:
-    """Nothing is left of the bias at rest; what is left often is gravity."""
+    """Compare the bias at rest with 0; a difference is often gravity.
+
+    With `bias_has_gravity` the bias at rest is compared with gravity.
+    """
     rest = at.with_velocity(np.zeros(len(at.v)))
     if at.functions.bias_has_gravity:
         if at.functions.gravity is not None or at.has("U"):
@@ -110,18 +114,18 @@ def bias_at_rest(at: FunctionState) -> Iterator[UncertainComparison]:
             )
         return
 
-    def say(found: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
+    def explain(actual: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
         known = at.gravity() if at.has("gravity") or at.has("U") else None
         for sign, name in ((1.0, "∂U/∂q"), (-1.0, "-∂U/∂q")):
             if known is not None and within_allowed(
-                found, sign * known.value, allowed + C * known.error
+                actual, sign * known.value, allowed + C * known.error
             ):
                 return f"it is {name}: gravity is in the bias (say bias_has_gravity=True)"
         potential = at.functions.qdot is None and _symmetric(_by_q(rest))
         return "should vanish, and has a potential: gravity in it?" if potential else ""
 
     yield UncertainComparison(
-        "bias", rest.quantity("bias"), zero(at.quantity("bias")), (row_names(at),), say
+        "bias", rest.quantity("bias"), zero(at.quantity("bias")), (row_names(at),), explain
     )
 
 
@@ -130,7 +134,7 @@ def _by_q(rest: FunctionState) -> UncertainArray:
 
 
 def within_allowed(found: Array, expected: Array, allowed: Array) -> bool:
-    """Return whether two arrays are the same, each entry to what is allowed of it."""
+    """Return whether two arrays are equal, each entry to its allowed error."""
     return bool((np.abs(found - expected) <= allowed).all())
 
 
@@ -140,7 +144,7 @@ def _symmetric(jacobian: UncertainArray) -> bool:
 
 @function_claim("bias-quadratic", "B(2v) = 4 B(v)", "bias", ("bias",), natural=True)
 def bias_quadratic(at: FunctionState) -> Iterator[UncertainComparison]:
-    """The bias is quadratic in v."""
+    """Compare the bias at 2 v with 4 times the bias at v: it is quadratic in v."""
     yield UncertainComparison(
         "bias", at.with_velocity(2.0 * at.v).B(), 4.0 * at.B(), (row_names(at),)
     )
@@ -148,7 +152,7 @@ def bias_quadratic(at: FunctionState) -> Iterator[UncertainComparison]:
 
 @function_claim("bias-even", "B(-v) = B(v)", "bias", ("bias",), natural=True)
 def bias_even(at: FunctionState) -> Iterator[UncertainComparison]:
-    """The bias does not change when the motion runs backwards; damping would."""
+    """Compare the bias at -v and v: unlike damping it does not change when motion is reversed."""
     yield UncertainComparison("bias", at.with_velocity(-at.v).B(), at.B(), (row_names(at),))
 
 
@@ -163,9 +167,9 @@ def bias_even(at: FunctionState) -> Iterator[UncertainComparison]:
     ),
 )
 def check_bias_of_mass_matrix(at: FunctionState) -> Iterator[UncertainComparison | Skipped]:
-    """B follows from the derivatives of M.
+    """Compare the bias with that of the derivatives of M.
 
-    Terms of T that are not quadratic in v, as where a clock drives the system, may add to B. So
+    Terms of T that are not quadratic in v, as where the system is driven by time, may add to B. So
     then only a B without them is judged, which passes whatever T is.
     """
     expected = bias_of_mass_matrix(at)
@@ -180,10 +184,16 @@ def check_bias_of_mass_matrix(at: FunctionState) -> Iterator[UncertainComparison
 
 
 def proportional(found: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
-    """Factor by which all rows are too large, in words; "" if there is none.
+    """Return a common factor of all rows as a diagnosis; "" if there is none.
 
-    A factor has as many digits as `allowed` leaves, so that one cause has one text; in place of one
-    that would read as 1 stands its relative difference from 1.
+    A factor has as many digits as `allowed` leaves, so that one cause has one text; a factor that
+    would read as 1 is replaced by its relative difference from 1.
+
+    Args:
+        found: array of the functions under test.
+        expected: expected array, same shape.
+        allowed: error that is allowed in the worst entry.
+        worst: index of the worst entry.
     """
     size = float(np.abs(expected).max(initial=0.0))
     if size == 0.0 or found.size < 1:
@@ -210,7 +220,7 @@ def proportional(found: Array, expected: Array, allowed: float, worst: tuple[int
 
 @function_claim("bias-power", "vᵀ B = ½ vᵀ Ṁ v", "bias", ("M|T", "bias"), natural=True)
 def bias_power(at: FunctionState) -> Iterator[UncertainComparison]:
-    """The bias takes no energy: it does the work that M says."""
+    """Compare the power of the bias with ½ vᵀ Ṁ v, which follows from M or T."""
     v = exact(at.v)
     power = 0.5 * (v @ (inertia_rate(at) @ v)) if uses_mass_matrix(at) else at.rate_of(at.raw("T"))
     yield UncertainComparison("bias", v @ at.B(), power, ())
@@ -225,7 +235,7 @@ def bias_power(at: FunctionState) -> Iterator[UncertainComparison]:
     blind_spots=(BlindSpot("C", "what C should be", ("bias", "M", "T")),),
 )
 def coriolis_bias(at: FunctionState) -> Iterator[UncertainComparison | Skipped]:
-    """C v is the bias: as given, else as M or T says."""
+    """Compare C v with the bias: as given, else as it follows from M or T."""
     expected = at.B() if at.has("bias") else bias_of_inertia(at)
     if expected is None:
         yield Skipped("C v", why_no_bias(at))
@@ -245,27 +255,28 @@ def coriolis_bias(at: FunctionState) -> Iterator[UncertainComparison | Skipped]:
     blind_spots=(BlindSpot("C", "whether Ṁ - 2 C is skew-symmetric", ("M", "T")),),
 )
 def coriolis_skew(at: FunctionState) -> Iterator[UncertainComparison]:
-    """C is made of Christoffel's symbols: Ṁ = C + Cᵀ."""
-    found = at.quantity("C") + at.quantity("C").T
-    yield UncertainComparison("C + Cᵀ ~ Ṁ", found, inertia_rate(at), (row_names(at), row_names(at)))
+    """Compare C + Cᵀ with Ṁ: they are equal if C is made of Christoffel symbols."""
+    twice = at.quantity("C") + at.quantity("C").T
+    yield UncertainComparison("C + Cᵀ ~ Ṁ", twice, inertia_rate(at), (row_names(at), row_names(at)))
 
 
 @function_claim(
     "gravity-potential", "∂g_i/∂q_k = ∂g_k/∂q_i", "gravity", ("gravity",), without=("qdot",)
 )
 def gravity_potential(at: FunctionState) -> Iterator[UncertainComparison]:
-    """Gravity has a potential."""
+    """Compare ∂g/∂q with its transpose: gravity has a potential."""
     given = at.functions.gravity is not None
     rest = at.with_velocity(np.zeros(len(at.v)))
     jacobian = at.by_q(at.raw("gravity")) if given else _by_q(rest)
 
-    def say(found: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
+    def explain(actual: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
         k, i = (row_names(at)[entry] for entry in worst)
-        x, y = found[worst], expected[worst]
+        x, y = actual[worst], expected[worst]
         each = f"row {i} changes by {x:.6g} per {k}, and row {k} by {y:.6g} per {i}"
         return each + sign_hint(x, y, allowed)
 
-    yield UncertainComparison("gravity", jacobian, jacobian.T, (row_names(at), row_names(at)), say)
+    names = row_names(at), row_names(at)
+    yield UncertainComparison("gravity", jacobian, jacobian.T, names, explain)
 
 
 @function_claim(
@@ -287,23 +298,23 @@ def gravity_potential(at: FunctionState) -> Iterator[UncertainComparison]:
     ),
 )
 def gravity_of_potential(at: FunctionState) -> Iterator[UncertainComparison]:
-    """Gravity is the derivative of the potential energy."""
+    """Compare gravity with the derivative of the potential energy."""
     yield UncertainComparison("gravity", at.gravity(), at.U_q(), (row_names(at),), proportional)
 
 
 @function_claim("gravity-velocity", "g does not depend on v", "gravity", ("gravity",))
 def gravity_velocity(at: FunctionState) -> Iterator[UncertainComparison]:
-    """Gravity is the same at rest, also after something moved was looked at."""
+    """Compare gravity at two velocities, after calls of all functions at the other one."""
     if at.functions.gravity is None:
-        return  # it is the bias at rest
-    here = at.quantity("gravity")
+        return  # gravity is the bias at rest
+    first = at.quantity("gravity")
     moved = at.with_velocity(-3.0 * at.v + at.width_v)
     for name in at.functions.given:
         with suppress(BrokenError):
             moved.raw(name)(moved.q, moved.v)
-    found = moved.caller("gravity", moved.q, moved.v)
+    again = moved.caller("gravity", moved.q, moved.v)
     yield UncertainComparison(
-        "gravity", UncertainArray(found, here.error, here.size), here, (row_names(at),)
+        "gravity", UncertainArray(again, first.error, first.size), first, (row_names(at),)
     )
 
 
@@ -312,7 +323,10 @@ def gravity_velocity(at: FunctionState) -> Iterator[UncertainComparison]:
 
 @function_claim("energy-quadratic", "T is at most quadratic in v", "kinetic energy", ("T",))
 def energy_quadratic(at: FunctionState) -> Iterator[UncertainComparison | Skipped]:
-    """T(3v) - 3 T(2v) + 3 T(v) - T(0) = 0; T(q, 0) may change with q where a clock drives."""
+    """Compare both sides of T(3v) + 3 T(v) = 3 T(2v) + T(0).
+
+    T(q, 0) may change with q where the system is driven by time.
+    """
     T = [at.with_velocity(k * at.v).quantity("T") for k in range(4)]
     yield UncertainComparison("T", T[3] + 3.0 * T[1], 3.0 * T[2] + T[0], ())
     tells = [name for name in ("bias", "qdd", "against") if at.has(name)]
@@ -328,21 +342,22 @@ def energy_quadratic(at: FunctionState) -> Iterator[UncertainComparison | Skippe
     blind_spots=(BlindSpot("M", "a constant added to M", ("T", "qdd", "against")),),
 )
 def kinetic_energy(at: FunctionState) -> Iterator[UncertainComparison]:
-    """T = ½ vᵀ M v and what is not quadratic in v: M entry by entry."""
+    """Compare M with ∂²T/∂v², entry by entry; terms of T that are not quadratic in v drop out."""
 
-    def say(found: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
-        more = found - expected
+    def explain(actual: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
+        more = actual - expected
         if np.abs(more - np.diag(np.diagonal(more))).max(initial=0.0) <= allowed:
             extra = np.diagonal(np.where(np.abs(more) <= allowed, 0.0, more))
             size = "too small" if (extra <= 0.0).all() else "too large"
             least = size == "too small"
-            said = ", ".join(f"{abs(x) if least else x + 0.0:.6g}" for x in extra)
+            numbers = ", ".join(f"{abs(x) if least else x + 0.0:.6g}" for x in extra)
             armature = ": armature?" if (extra >= 0.0).all() else ""
-            return f"on the diagonal {said} {size}, nothing elsewhere{armature}"
-        return proportional(found, expected, allowed, worst)
+            return f"on the diagonal {numbers} {size}, nothing elsewhere{armature}"
+        return proportional(actual, expected, allowed, worst)
 
+    names = row_names(at), row_names(at)
     yield UncertainComparison(
-        "M ~ ∂²T/∂v²", at.quantity("M"), second_differences(at), (row_names(at), row_names(at)), say
+        "M ~ ∂²T/∂v²", at.quantity("M"), second_differences(at), names, explain
     )
 
 
@@ -354,7 +369,7 @@ def kinetic_energy(at: FunctionState) -> Iterator[UncertainComparison]:
     without=("qdot",),
 )
 def check_bias_of_energy(at: FunctionState) -> Iterator[UncertainComparison]:
-    """B follows from T alone by Lagrange's equations, also where T has linear terms."""
+    """Compare the bias with that of T by Lagrange's equations, also where T has linear terms."""
     expected = bias_of_energy(at)
     assert expected is not None
     yield UncertainComparison("bias ~ T", at.B(), expected, (row_names(at),), proportional)
@@ -369,15 +384,15 @@ def check_bias_of_energy(at: FunctionState) -> Iterator[UncertainComparison]:
     consistent=True,
 )
 def dissipation_positive(at: FunctionState) -> Iterator[Decision | Skipped]:
-    """Dampers take energy, in both directions together: v·∂R/∂v of v and of -v is not negative.
+    """Decide whether dampers take energy: R(q, v) + R(q, -v) is not less than 2 R(q, 0).
 
-    Asked along v, and along that velocity of which second differences of R are least. Terms odd in
-    v, as of a damper against a belt that moves, drop out.
+    Checked along v, and along the velocity for which second differences of R are least. Terms odd
+    in v, as of a damper against a belt that moves, drop out.
     """
-    R, here, still = at.raw("R"), at.quantity("R"), np.zeros(len(at.v))
+    R, here, at_rest = at.raw("R"), at.quantity("R"), np.zeros(len(at.v))
     least, size = _least_damped(at, R)
     noise = EPS + (float(here.error / here.size) if here.size > 0.0 else 0.0)
-    rest = float(R(at.q, still))
+    rest = float(R(at.q, at_rest))
     changes = np.array(
         [[float(R(at.q, sign * v)) - rest for sign in (1, -1)] for v in (at.v, least)]
     )
@@ -400,9 +415,10 @@ def dissipation_positive(at: FunctionState) -> Iterator[Decision | Skipped]:
 
 
 def _least_damped(at: FunctionState, R: Callable[[Array, Array], Array]) -> tuple[Array, float]:
-    """Velocity (p,) in the ranges of which second differences of R are least, and their size.
+    """Return the velocity (p,) in the ranges for which second differences of R are least.
 
-    In the directions that constraints leave, where constraints are given.
+    It lies in the directions that constraints leave, where constraints are given. The second value
+    is the size of the terms of the second differences.
     """
     free = at.free()
     with np.errstate(divide="ignore"):
@@ -413,7 +429,7 @@ def _least_damped(at: FunctionState, R: Callable[[Array, Array], Array]) -> tupl
 
 
 def kinetic_rate(at: FunctionState, qdd: UncertainArray) -> UncertainArray:
-    """Return Ṫ along q̈, of T or else of ½ vᵀ M v."""
+    """Return the rate Ṫ along q̈, of T or else of ½ vᵀ M v."""
     v = exact(at.v)
     if at.has("T"):
         T = at.raw("T")
@@ -437,7 +453,7 @@ def constraint_row_names(at: FunctionState) -> tuple[str, ...]:
     blind_spots=(BlindSpot("a", "whether a belongs to the constraints", ("c", "against")),),
 )
 def constraint_jacobian(at: FunctionState) -> Iterator[UncertainComparison]:
-    """a is the derivative of the constraints."""
+    """Compare a with the derivative of the constraints c."""
     c, a = at.raw("c"), at.quantity("a")
     if at.caller.reads("c") == "qv":
         expected = at.by_v(c).T
@@ -448,13 +464,13 @@ def constraint_jacobian(at: FunctionState) -> Iterator[UncertainComparison]:
 
 @function_claim("constraint-velocity", "c(q, v) = a v + b", "constraint velocity", ("a", "c"))
 def constraint_velocity(at: FunctionState) -> Iterator[UncertainComparison]:
-    """Constraints at velocity level are a v + b."""
+    """Compare a v + b with constraints at velocity level."""
     if at.caller.reads("c") != "qv":
         return
-    found = at.quantity("a") @ exact(at.v)
+    velocity = at.quantity("a") @ exact(at.v)
     if at.has("b"):
-        found = found + at.quantity("b")
-    yield UncertainComparison("a v + b", found, at.quantity("c"), (constraint_row_names(at),))
+        velocity = velocity + at.quantity("b")
+    yield UncertainComparison("a v + b", velocity, at.quantity("c"), (constraint_row_names(at),))
 
 
 @function_claim(
@@ -468,7 +484,7 @@ def constraint_velocity(at: FunctionState) -> Iterator[UncertainComparison]:
     ),
 )
 def constraint_drift(at: FunctionState) -> Iterator[UncertainComparison]:
-    """γ is the rate of a v + b at v̇ = 0, for every v."""
+    """Compare γ with the rate of a v + b at v̇ = 0, for every v."""
     yield UncertainComparison(
         "γ", at.quantity("gamma"), drift_of_jacobian(at), (constraint_row_names(at),), proportional
     )
@@ -482,8 +498,8 @@ def constraint_drift(at: FunctionState) -> Iterator[UncertainComparison]:
     consistent=True,
 )
 def constraint_acceleration(at: FunctionState) -> Iterator[UncertainComparison]:
-    """Accelerations keep the constraints; γ as given, else as a and b say."""
-    found = at.quantity("a") @ at.quantity("qdd")
+    """Compare a q̈ with -γ: accelerations keep the constraints; γ as given, else of a and b."""
+    left = at.quantity("a") @ at.quantity("qdd")
     yield UncertainComparison(
-        "a q̈ ~ -γ", found, -supplied_or_derived_drift(at), (constraint_row_names(at),), proportional
+        "a q̈ ~ -γ", left, -supplied_or_derived_drift(at), (constraint_row_names(at),), proportional
     )

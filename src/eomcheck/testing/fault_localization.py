@@ -1,10 +1,11 @@
-"""Fault localization: the function that is wrong, by all claims that failed and passed.
+"""Fault localization: the wrong function, from all claims that failed and passed.
 
 A claim that fails shows that one of the functions it reads is wrong, its suspects. The functions
-that are suspects of all failures explain them at once, but for those that a claim which passes
-settles. Where several are left, the inputs that would distinguish them are named. The residual of
-the equations of motion shows more: gravity leaves one that is constant in v, a damper one that is
-odd, the bias one that is even and vanishes at rest, the mass matrix that of the acceleration.
+that are suspects of all failures explain them at once, except those that are cleared by a claim
+that passes. Where several are left, the inputs that would distinguish them are named. The parity in
+v of the residual of the equations of motion excludes more suspects: a wrong gravity leaves a
+residual that is constant in v, a damper an odd one, the bias one that is even and vanishes at rest,
+the mass matrix one of the parity of the acceleration.
 """
 
 from __future__ import annotations
@@ -67,15 +68,15 @@ SETTLES: dict[str, tuple[str, ...]] = {
 """Claim -> functions that are right if it passes, unless two are wrong in the same way."""
 
 LISTED = 3
-"""Number of claims that a sentence lists by name."""
+"""Largest number of claims that a sentence lists by name."""
 
 
 class Conflict(NamedTuple):
-    """A failure and its suspects.
+    """Failure and its suspects.
 
     Attributes:
         finding: the failure.
-        suspects: functions, keys of `INPUTS`, of which one at least is wrong.
+        suspects: functions, keys of `INPUTS`, at least one of which is wrong.
         read: all functions that the claim reads, also those that alone would not explain it.
     """
 
@@ -85,7 +86,7 @@ class Conflict(NamedTuple):
 
 
 class Blame(NamedTuple):
-    """A conclusion.
+    """Conclusion about the causes of failures.
 
     Attributes:
         causes: functions, keys of `INPUTS`, of which one is wrong.
@@ -105,12 +106,12 @@ def localize_faults(
 ) -> list[Finding]:
     """Return the Findings with the conclusion in the first failure, the others folded under it.
 
-    Verdicts, order and numbers stay. Nothing is computed where nothing failed.
+    Verdicts, order and numbers are unchanged. Nothing is computed where nothing failed.
 
     Args:
         functions: the functions.
         found: Findings of all claims.
-        points: points of the states at which they were judged.
+        points: states at which they were judged.
     """
     failed = [one for one in found if one.verdict == "failed"]
     if not failed:
@@ -138,9 +139,9 @@ def localize_faults(
         for one in own:
             term = _terms_of(blame, one, where.get(id(one)), polarized)
             polarized = polarized or (term if one.claim != "motion" else "")
-            told = one.because(term) if term else one
+            detailed = one.because(term) if term else one
             changed[id(one)] = replace(
-                told, cause=cause, follows="" if one is own[0] else own[0].claim
+                detailed, cause=cause, follows="" if one is own[0] else own[0].claim
             )
         text, head = sentence(functions, blame, points[0]), changed[id(own[0])]
         about = "T" in blame.causes or ("bias" in blame.causes and not blame.certain)
@@ -153,7 +154,14 @@ def localize_faults(
 
 
 def _terms_of(blame: Blame, failed: Finding, at: FunctionState | None, polarized: str) -> str:
-    """Return the terms that are wrong, where a failure is about what is to blame; "" once known."""
+    """Return the wrong terms where a failure is about a cause in `blame`, as text; "" once known.
+
+    Args:
+        blame: the conclusion.
+        failed: a failure that it explains.
+        at: state of the failure, or None.
+        polarized: text about an earlier failure, "" if there is none.
+    """
     if at is None:
         return ""
     if failed.claim == "motion":
@@ -169,18 +177,18 @@ def _terms_of(blame: Blame, failed: Finding, at: FunctionState | None, polarized
 
 def read_by(functions: EquationsOfMotion, names: Iterable[str]) -> frozenset[str]:
     """Return the given functions that are read for quantities, of "x|y" the first one."""
-    found: set[str] = set()
+    read: set[str] = set()
     for name in names:
         for one in name.split("|"):
             if functions.function(one) is not None:
-                found.add(one)
+                read.add(one)
                 break
             if one == "gravity" and functions.bias_has_gravity:
-                found.add("bias")
+                read.add("bias")
                 break
-    if functions.bias_has_gravity and "bias" in found and functions.gravity is not None:
-        found.add("gravity")
-    return frozenset(found)
+    if functions.bias_has_gravity and "bias" in read and functions.gravity is not None:
+        read.add("gravity")
+    return frozenset(read)
 
 
 def functions_read(functions: EquationsOfMotion, claim: str, subject: str = "") -> frozenset[str]:
@@ -189,7 +197,7 @@ def functions_read(functions: EquationsOfMotion, claim: str, subject: str = "") 
     Args:
         functions: the functions.
         claim: id, a key of `FUNCTION_CLAIMS`.
-        subject: of a Finding.
+        subject: subject of a Finding.
     """
     about, one = subject.split(" ~ ")[0], FUNCTION_CLAIMS[claim]
     if claim == "reference":
@@ -205,7 +213,13 @@ def functions_read(functions: EquationsOfMotion, claim: str, subject: str = "") 
 def suspects(
     functions: EquationsOfMotion, failed: Finding, at: FunctionState | None
 ) -> frozenset[str]:
-    """Return the functions of which one is wrong where a claim fails, at a point if it is known."""
+    """Return the functions of which one is wrong where a claim fails.
+
+    Args:
+        functions: the functions.
+        failed: the failure.
+        at: state at which it fails, None if it is unknown.
+    """
     found = functions_read(functions, failed.claim, failed.subject)
     if failed.claim != "motion" or at is None:
         return found
@@ -219,7 +233,10 @@ def suspects(
 
 
 def residual(at: FunctionState) -> UncertainArray | None:
-    """M q̈ + B + g + ∂R/∂v - Q in the directions that constraints leave; None if B is unknown."""
+    """Return M q̈ + B + g + ∂R/∂v - Q in the directions that constraints leave.
+
+    None if B is unknown.
+    """
     B = supplied_or_derived_bias(at)
     if B is None:
         return None
@@ -228,20 +245,20 @@ def residual(at: FunctionState) -> UncertainArray | None:
 
 
 def _measured_residuals(at: FunctionState) -> tuple[list[FunctionState], list[UncertainArray]]:
-    """Return points at `SCALES` times v that keep the constraints, and the residual at each.
+    """Return states at `SCALES` times v that keep the constraints, and the residual at each.
 
-    None where v cannot be scaled, or no force is given.
+    Both lists are empty where v cannot be scaled, or no force is given.
     """
-    here = at.consistent()
-    if here is None or not here.parts() or here.has("b"):
+    state = at.consistent()
+    if state is None or not state.parts() or state.has("b"):
         return [], []
-    points = [here.with_velocity(scale * here.v) for scale in SCALES]
+    points = [state.with_velocity(scale * state.v) for scale in SCALES]
     values = [x for x in map(residual, points) if x is not None]
     return (points, values) if len(values) == len(SCALES) else ([], [])
 
 
 def _of_motion(at: FunctionState) -> str:
-    """Return how the residual of motion depends on v, in words; "" if in several ways."""
+    """Return the parity in v of the residual of `motion`, as text; "" if it has several."""
     try:
         with np.errstate(all="ignore"):
             _, values = _measured_residuals(at)
@@ -252,7 +269,7 @@ def _of_motion(at: FunctionState) -> str:
 
 
 def _of_residual(at: FunctionState, found: frozenset[str]) -> frozenset[str]:
-    """Return those of the suspects that explain how the residual of motion depends on v."""
+    """Return the suspects in `found` that explain the parity in v of the residual of `motion`."""
     points, values = _measured_residuals(at)
     if not values:
         return found
@@ -301,13 +318,16 @@ def _of_residual(at: FunctionState, found: frozenset[str]) -> frozenset[str]:
 
 
 def _in_motion(at: FunctionState) -> bool:
-    """Whether the equations of motion have B of T, whose terms that are not quadratic M lacks."""
+    """Return whether B in the equations of motion is that of T, and T is not quadratic in v.
+
+    Then M lacks terms of T.
+    """
     given = at.functions.function
     return given("T") is not None and given("bias") is None and not _natural(at)
 
 
 def _natural(at: FunctionState) -> bool:
-    """Whether T is quadratic in v, as far as it answers."""
+    """Return whether T is quadratic in v; True where it has no value."""
     try:
         with np.errstate(all="ignore"):
             return at.natural()
@@ -316,11 +336,11 @@ def _natural(at: FunctionState) -> bool:
 
 
 def unsettled_by(points: Sequence[FunctionState]) -> set[tuple[str, str]]:
-    """Return claims that settle less where T is not quadratic in v, each with a function.
+    """Return pairs (claim, function) that are not settled where T is not quadratic in v.
 
-    M = ∂²T/∂v² tells nothing of other terms of T, which may be the potential energy; the bias that
-    is that of T then has gravity. With terms linear in v a clock drives the system, and M alone
-    does not tell B.
+    M = ∂²T/∂v² is independent of other terms of T, which may be the potential energy; a bias that
+    agrees with T then includes gravity. With terms linear in v the system is driven by time, and M
+    alone does not determine B.
     """
     if all(map(_natural, points)):
         return set()
@@ -330,7 +350,7 @@ def unsettled_by(points: Sequence[FunctionState]) -> set[tuple[str, str]]:
 
 
 def rest_energy(at: FunctionState | None) -> str:
-    """Reason why T is suspect at rest, "" for none."""
+    """Return the reason why T is suspect at rest, "" for none."""
     if at is None or _natural(at):
         return ""
     with np.errstate(all="ignore"):
@@ -338,7 +358,7 @@ def rest_energy(at: FunctionState | None) -> str:
 
 
 def _in_proportion(values: Sequence[UncertainArray], part: Sequence[UncertainArray]) -> bool:
-    """Whether what is left is a multiple of a force, the same one at all velocities."""
+    """Return whether a residual is one multiple of a force at all velocities."""
     left, of = (np.concatenate([np.ravel(x.value) for x in y]) for y in (values, part))
     square = float(of @ of)
     if square == 0.0 or np.count_nonzero(np.abs(of) > 1e-3 * np.abs(of).max()) < 2:
@@ -358,8 +378,8 @@ def blames_of(
 ) -> list[Blame]:
     """Return the conclusions: the fewest functions that explain all failures.
 
-    A failure with one suspect makes it certain. Of the others those are taken that are suspects of
-    all that is not explained yet, without those that a claim which passes settles.
+    A failure with a single suspect makes that one certain. Among other failures the causes are the
+    common suspects of all that are not explained yet, without those settled by a claim that passes.
 
     Args:
         found: Findings of all claims.
@@ -392,11 +412,14 @@ def blames_of(
 def settled_by(
     found: list[Finding], unsettled: Set[tuple[str, str]] = frozenset()
 ) -> dict[str, str]:
-    """Return function -> the first claim that passes and settles it.
+    """Return the functions that are settled: cleared by a claim that passes.
 
     Args:
         found: Findings of all claims.
-        unsettled: claims and functions that they do not settle here, see `unsettled_by`.
+        unsettled: pairs (claim, function) that are not settled, see `unsettled_by`.
+
+    Returns:
+        function -> the first claim that passes and settles it.
     """
     failed = {
         (x.claim, x.claim == "reference" and x.subject) for x in found if x.verdict == "failed"
@@ -415,24 +438,24 @@ def settled_by(
 
 
 def sentence(functions: EquationsOfMotion, blame: Blame, at: FunctionState) -> str:
-    """Return the conclusion in a sentence, "" where the first failure says all of it."""
+    """Return the conclusion as a sentence, "" where the first failure already holds all of it."""
     named = [
         INPUTS[x].what if INPUTS[x].what == x else f"{INPUTS[x].what} {x}" for x in blame.causes
     ]
     failing = tuple(dict.fromkeys(one.finding.claim for one in blame.conflicts))
     if blame.certain:
         if len(blame.conflicts[0].suspects) == 1:
-            return ""  # as gravity that raises, whatever follows from it
+            return ""  # such as gravity that raises, whatever fails because of it
         text = f"{named[0]} is wrong: {_listed(failing, 'fail')}"
         text = f"{text}, {_listed(blame.settled, 'pass')}" if blame.settled else text
         return f"{text}{_nearest(blame)}"
-    tell = distinguishing_inputs(functions, blame.causes, at)
-    said = f"{' or '.join(named)} is wrong"
-    return f"{said}: {tell} would tell" if tell else said
+    inputs = distinguishing_inputs(functions, blame.causes, at)
+    text = f"{' or '.join(named)} is wrong"
+    return f"{text}: {inputs} would tell" if inputs else text
 
 
 def _nearest(blame: Blame) -> str:
-    """Return the detail of the first failure about the function itself, unless it is the head."""
+    """Return the detail of the first failure about the cause itself, unless it is the head."""
     what = f"{INPUTS[blame.causes[0]].what}, "
     for one in blame.conflicts:
         if one.finding.detail.startswith(what):
@@ -442,7 +465,7 @@ def _nearest(blame: Blame) -> str:
 
 
 def _listed(claims: Sequence[str], verb: str) -> str:
-    """Return claims and a verb, a few by name."""
+    """Return the names of a few claims and a verb, as text."""
     names, more = [*claims[:LISTED]], len(claims) - LISTED
     if more > 0:
         names.append(f"{more} more")
@@ -452,7 +475,7 @@ def _listed(claims: Sequence[str], verb: str) -> str:
 
 
 TELL = "T", "U", "M", "bias", "gravity", "c", "a", "gamma", "qdd"
-"""Inputs that may tell suspects apart, in the order in which they are named."""
+"""Inputs that may distinguish suspects, in the order in which they are named."""
 
 CONSTRAINTS = "a", "b", "c", "gamma"
 """Inputs without which there are no constraints."""
@@ -463,7 +486,7 @@ INERTIA, SPEEDS = frozenset({"M", "T"}), frozenset({"bias", "C"})
 def distinguishing_inputs(
     functions: EquationsOfMotion, causes: Sequence[str], at: FunctionState
 ) -> str:
-    """Return the inputs that are not given and tell the causes apart, in words."""
+    """Return the inputs that are not given and would distinguish the causes, as text."""
     constrained = any(functions.function(x) is not None for x in CONSTRAINTS)
     names = [
         x
@@ -479,9 +502,9 @@ def distinguishing_inputs(
 
 
 def _tells(functions: EquationsOfMotion, name: str, causes: set[str]) -> bool:
-    """Whether a claim that needs one more function reads some of the causes and not all."""
+    """Return whether a claim that needs one more function reads some of the causes and not all."""
     if name == "qdd" and causes & INERTIA and causes & SPEEDS:
-        return True  # M leaves what q̈ has, the bias what is even in v
+        return True  # M leaves a residual of the parity of q̈, the bias one that is even in v
     wider = replace(functions, **{name: lambda *_: None})
     for id, claim in FUNCTION_CLAIMS.items():
         if "against" in claim.needs:

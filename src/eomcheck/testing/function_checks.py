@@ -702,6 +702,4 @@ def undetectable(
         if about and (would := blind.revealing_inputs(at)):
             detail = f"{blind.what}: {would} would tell"
             about_ = blind.about or functions.name
-            yield Finding(
-                claim.id, about_, functions, None, 0.0, 0.0, "skipped", "skipped", detail
-            )
+            yield Finding(claim.id, about_, functions, None, 0.0, 0.0, "skipped", "skipped", detail)

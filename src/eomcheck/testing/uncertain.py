@@ -143,8 +143,7 @@ MIDDLE = SampleLine(12, 2.0**-21, (6, 7, 8), np.fmin.reduce)
 smooth."""
 
 DISAGREE = 100.0
-"""Ratio of the noise on the long line to that on the short one, above which the cause is examined.
-"""
+"""Ratio of the noise on the long line to that on the short one above which steps are suspected."""
 
 JUMP = 30.0
 """Ratio of the largest first difference on a line to the median one, above which f jumps there.
