@@ -1,4 +1,7 @@
-"""Engines: one file each, one line each in `ENGINES`. No library is imported here."""
+"""Engines: adapters to multibody dynamics libraries, the independent references of eomcheck.
+
+Each engine has one file, and one line in `ENGINES`. Importing this package imports no library.
+"""
 
 from __future__ import annotations
 
@@ -31,26 +34,26 @@ ENGINES: dict[str, type[Engine]] = {
         PybulletEngine,
     )
 }
-"""Key -> class."""
+"""Key -> engine class."""
 
 ALWAYS = tuple(key for key, engine in ENGINES.items() if engine.extra is None)
 """Keys of the engines whose libraries come with eomcheck: they take part unless others are named.
-So a run does not depend on what else happens to be installed."""
+So a run does not depend on other libraries that happen to be installed."""
 
 
 ENGINE: LookupKind[Engine] = LookupKind("engine", Engine, ENGINES)
 
 
 def engine_of(name: str | type[Engine]) -> type[Engine]:
-    """Return the engine that `name` stands for.
+    """Return the engine class that `name` stands for.
 
     Args:
         name: a key of `ENGINES`, another name as `eomcheck.class_lookup.class_named` understands
             it, or the class itself.
 
     Raises:
-        UnknownNameError: there is none.
-        InputError: no such file, no such engine in it, or the class does not keep the contract.
+        UnknownNameError: no engine has this name.
+        InputError: no such file, no such engine in it, or the class breaks the contract.
     """
     if isinstance(name, Engine):
         raise InputError(f"engine = {name!r}, expected its class {type(name).__name__}")
@@ -62,26 +65,32 @@ def engine_of(name: str | type[Engine]) -> type[Engine]:
 
 
 def engines_among(names: Iterable[str | type[Engine]] | None) -> tuple[type[Engine], ...]:
-    """Return the engines that are named, or those of `ALWAYS` if `names` is None.
+    """Return the engine classes that are named, or those of `ALWAYS` if `names` is None.
+
+    Args:
+        names: keys, other names or classes, see `engine_of`.
+
+    Returns:
+        Engine classes in the order of `names`.
 
     Raises:
         InputError, UnknownNameError: see `engine_of`; or two have one key.
     """
-    found: dict[str, type[Engine]] = {}
+    engines: dict[str, type[Engine]] = {}
     for kind in map(engine_of, ALWAYS if names is None else distinct("engines", names)):
         if kind.extra is not None:
             calls.require_supervision()  # a library that may crash
-        if found.setdefault(kind.key, kind) is not kind:
+        if engines.setdefault(kind.key, kind) is not kind:
             raise InputError(f"engines = {names!r}: two have the key {kind.key!r}")
-    return tuple(found.values())
+    return tuple(engines.values())
 
 
 def checked_engine(kind: type[Engine]) -> type[Engine]:
-    """Return an engine whose class says all that the contract asks of it.
+    """Return the engine class itself, if it meets the contract.
 
     Raises:
-        InputError: a method that is required is missing, or no class method; the key is no name, or
-            that of something else; it accelerates, and does not say like which formulation.
+        InputError: a required method is missing, or no class method; the key is no identifier, or
+            taken; it overrides `acceleration` and has no valid `solves_like`.
     """
     whose = f"engine {kind.__name__}"
     if missing := sorted(getattr(kind, "__abstractmethods__", ())):
@@ -118,10 +127,10 @@ __all__ = [
 
 
 def is_under_test(kind: type[Engine]) -> bool:
-    """Return whether an engine is not one of ours, so that it is the one to judge."""
+    """Return whether an engine is user-supplied, not built in, and so the code under test."""
     return kind not in ENGINES.values()
 
 
 def engine_class_of(engine: Engine | type[Engine]) -> type[Engine]:
-    """Return the class of an engine; of one that could not be made, that is all there is."""
+    """Return the class of an engine, or the class itself of one that could not be constructed."""
     return engine if isinstance(engine, type) else type(engine)

@@ -1,8 +1,8 @@
-"""Answers of an engine, mapped to the scene's coordinates, their faults and their sizes.
+"""Results of an engine, mapped to the scene's coordinates, with their faults and their sizes.
 
-An `EngineFault` is an answer that is none of the kind that the contract asks for. The size of an
-answer is that of the terms that an engine may sum to it and that cancel: rounding is measured by
-these.
+A result that breaks the contract raises `EngineFault`: an exception, a wrong shape, a value that is
+not finite. The size of a result is that of the terms that an engine may sum to it and that cancel:
+rounding errors are relative to it.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ from eomcheck.numbers.generic import Array
 from eomcheck.safe_output import printable
 
 ELSEWHERE = 0.25
-"""How far off the states are at which an engine is asked before, per size above 1, see
+"""Distance, per size above 1, of the states at which an engine is called before, see
 `Answers.provoke_stale_answers`."""
 NEAR = 2.0**-26
-"""How far off those are that a cache by rounded numbers takes for the same, per size above 1."""
+"""Distance, per size above 1, of states that a cache by rounded numbers takes for the same."""
 
 Shape = tuple[int | None, ...]
 
 
 class EngineFault(Exception):
-    """An engine gives no answer, or none of the kind that its contract says.
+    """Error of an engine that returns no result, or one that breaks its contract.
 
     Attributes:
-        what: what it did.
+        what: description of the fault.
     """
 
     def __init__(self, what: str):
@@ -50,7 +50,7 @@ def make_engine(kind: type[Engine], scene: Scene) -> Engine:
     """Return the engine for `scene`.
 
     Raises:
-        EngineFault: it cannot be made, though it says that it represents the scene.
+        EngineFault: it cannot be constructed, though its `represents` is true of the scene.
         EngineError: its library is not installed.
     """
     try:
@@ -62,7 +62,7 @@ def make_engine(kind: type[Engine], scene: Scene) -> Engine:
 
 
 def represents(kind: type[Engine], scene: Scene) -> bool:
-    """Return whether an engine says that it can represent `scene`.
+    """Return whether an engine reports that it can represent `scene`.
 
     Raises:
         InputError: it raises an exception instead.
@@ -73,8 +73,8 @@ def represents(kind: type[Engine], scene: Scene) -> bool:
     except EngineError:
         raise
     except Exception as error:
-        said = f"engine {kind.__name__}: represents({scene.name}) {_raised(error)}"
-        raise InputError(said) from error
+        message = f"engine {kind.__name__}: represents({scene.name}) {_raised(error)}"
+        raise InputError(message) from error
 
 
 def version_of(kind: type[Engine]) -> str:
@@ -85,24 +85,24 @@ def version_of(kind: type[Engine]) -> str:
         EngineError: its library is not installed.
     """
     try:
-        found = call(f"{kind.__name__}.version", kind.version)
+        version = call(f"{kind.__name__}.version", kind.version)
     except EngineError:
         raise
     except Exception as error:
         raise InputError(f"engine {kind.__name__}: version() {_raised(error)}") from error
-    if not isinstance(found, str) or not found.strip():
-        what = repr(found) if isinstance(found, str) else _kind(found)
+    if not isinstance(version, str) or not version.strip():
+        what = repr(version) if isinstance(version, str) else _kind(version)
         raise InputError(f"engine {kind.__name__}: version() returned {what}, expected a text")
-    return printable(found.strip())
+    return printable(version.strip())
 
 
 class Answers:
-    """An engine asked at states (q, v, t) of its scene, whatever coordinates it has itself.
+    """Results of an engine at states (q, v, t) of its scene, whatever coordinates it has itself.
 
     With w = S v and ẇ = S v̇ + Ṡ v in its own coordinates x: M = Sᵀ M_x S, B = Sᵀ (B_x + M_x Ṡ v),
     Q = Sᵀ Q_x, a = a_x S and gamma = gamma_x + a_x Ṡ v.
 
-    All methods raise `EngineFault` where an answer is not what the contract says.
+    All methods raise `EngineFault` where a result breaks the contract.
 
     Args:
         engine: the engine.
@@ -113,17 +113,17 @@ class Answers:
         self._maps = engine.offers("velocity_map")
 
     def provoke_stale_answers(self, method: str, *arguments: Any) -> None:
-        """Ask at other states, so that an answer that is kept where it should not be shows.
+        """Call methods at other states, so that a result that is wrongly cached differs later.
 
-        Of our own engines a test says that nothing is.
+        For built-in engines a test shows that none is.
 
-        By `method` itself also where q and v differ in the eighth digit, for which no answer may
-        be kept, and last of all where only the velocity is another one. What comes of it does not
-        matter.
+        `method` itself is called also where q and v differ in the eighth digit, for which no
+        result may be cached, and last of all where only the velocity differs. Results and
+        exceptions are ignored.
 
         Args:
-            method: the method that is asked next.
-            arguments: what it is handed: q, v, ..., t.
+            method: name of the method that is called next.
+            arguments: its arguments: q, v, ..., t.
         """
         q, v, *_, t = arguments
         other = _away(q, ELSEWHERE), _away(-v / 2, ELSEWHERE)
@@ -136,16 +136,14 @@ class Answers:
                 self.ask(method, there, speed, *arguments[2:])
 
     def ask_elsewhere(self, method: str, arguments: Sequence[Any], number: int) -> None:
-        """Ask at another state, of which there is one for each number; see
-        `provoke_stale_answers`.
-        """
+        """Call a method at another state, one for each number; see `provoke_stale_answers`."""
         q, v, *rest = arguments
         by = ELSEWHERE * number
         with suppress(Exception):
             self.ask(method, _away(q, by), _away(-v / 2, by), *rest)
 
     def ask(self, method: str, *arguments: Any) -> Any:
-        """Return what the engine says by the method of this name, handed q, v, ..., t."""
+        """Return the result of the method of this name, with arguments q, v, ..., t."""
         if method == "mass_matrix":
             return self.mass_matrix(arguments[0], arguments[-1])
         return getattr(self, method)(*arguments)
@@ -165,7 +163,7 @@ class Answers:
         return VelocityMap(x, S, _checked("velocity_map: Ṡ v", rest, (len(S),)))
 
     def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
-        """Return M (n, n)."""
+        """Return the mass matrix M (n, n)."""
         x, S, _ = self.velocity_map(q, np.zeros_like(q))
         M = self._asked("mass_matrix", (len(S),) * 2, x, t)
         return S.T @ M @ S if self._maps else M
@@ -177,7 +175,7 @@ class Answers:
         return VelocityMap(x, S, rest), M, self._asked("bias", (len(S),), x, S @ v, t)
 
     def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
-        """Return B (n,)."""
+        """Return the bias B (n,)."""
         x, S, rest = self.velocity_map(q, v)
         B = self._asked("bias", (len(S),), x, S @ v, t)
         if rest.any():
@@ -185,17 +183,17 @@ class Answers:
         return S.T @ B
 
     def forces(self, q: Array, v: Array, t: float = 0.0) -> Array:
-        """Return Q (n,)."""
+        """Return the forces Q (n,)."""
         x, S, _ = self.velocity_map(q, v)
         return S.T @ self._asked("forces", (len(S),), x, S @ v, t)
 
     def constraint_jacobian(self, q: Array, v: Array, t: float = 0.0) -> Array:
-        """Return a (r, n)."""
+        """Return the constraint Jacobian a (r, n)."""
         x, S, _ = self.velocity_map(q, v)
         return self._jacobian(x, S, S @ v, t) @ S
 
     def constraint_drift(self, q: Array, v: Array, t: float = 0.0) -> Array:
-        """Return gamma (r,)."""
+        """Return the constraint drift gamma (r,)."""
         x, S, rest = self.velocity_map(q, v)
         drift = self._asked("constraint_drift", (self.engine.scene.r,), x, S @ v, t)
         return drift + self._jacobian(x, S, S @ v, t) @ rest if rest.any() else drift
@@ -230,8 +228,8 @@ class Answers:
         try:
             wdot, multipliers = result
         except (TypeError, ValueError):
-            said = f"acceleration returned {_kind(result)}, expected (v̇, λ or None)"
-            raise EngineFault(said) from None
+            message = f"acceleration returned {_kind(result)}, expected (v̇, λ or None)"
+            raise EngineFault(message) from None
         vdot = _checked("acceleration: v̇", wdot, (len(S),))
         if multipliers is not None:
             multipliers = _checked("acceleration: λ", multipliers, (self.engine.scene.r,))
@@ -250,20 +248,20 @@ class Answers:
             result = call(f"{type(self.engine).__name__}.{method}", function, *handed)
         except Exception as error:
             raise EngineFault(f"{method} {_raised(error)}") from error
-        for here, before in zip(handed, arguments, strict=True):
-            if isinstance(here, np.ndarray) and not np.array_equal(here, before, equal_nan=True):
+        for after, before in zip(handed, arguments, strict=True):
+            if isinstance(after, np.ndarray) and not np.array_equal(after, before, equal_nan=True):
                 raise EngineFault(f"{method} changes an array that it is handed")
         return result
 
 
 def _away(x: Array, by: float) -> Array:
-    """Return numbers (n,) that are `by` away from x, per size above 1, and so are differences."""
+    """Return numbers (n,) at distance `by` from x, per size above 1, differences changed too."""
     shares = (-1.0) ** np.arange(x.size) * np.linspace(1.0, 0.5, x.size)
     return x + by * shares * np.maximum(1.0, np.abs(x))
 
 
 def _raised(error: Exception) -> str:
-    """Return what an engine raised, and in which line."""
+    """Return the description of an error in an engine, with its line."""
     through = traceback.extract_tb(error.__traceback__)
     theirs = [x for x in through if not _is_library(Path(x.filename))]
     if isinstance(error, CallError) and not theirs:
@@ -272,13 +270,13 @@ def _raised(error: Exception) -> str:
 
 
 def _is_library(path: Path) -> bool:
-    """Return whether a file is ours, or of an installed package."""
+    """Return whether a file belongs to these modules or to an installed package."""
     ours = path.parent == Path(__file__).parent or path == Path(calls.__file__)
     return ours or "site-packages" in path.parts
 
 
 def _kind(value: Any) -> str:
-    """Return what a value is, with its article: "a list", "an int", "None"."""
+    """Return the type of a value with its article: "a list", "an int", "None"."""
     if value is None:
         return "None"
     name = type(value).__name__
@@ -286,7 +284,7 @@ def _kind(value: Any) -> str:
 
 
 def _checked(method: str, value: Any, shape: Shape) -> Array:
-    """Return an answer as a new array of doubles.
+    """Return a result as a new float64 array.
 
     Raises:
         EngineFault: it is no array, of another shape, not of real numbers, or not finite.
@@ -323,18 +321,19 @@ def overflows(at: Evaluation) -> bool:
 def inertia_size(at: Evaluation) -> float:
     """Return the size of the inertia forces ω × p that an engine may sum to B, N or N m.
 
-    Momenta |M| |v| times all rates of angles. In frames that turn with the bodies these forces
-    appear and cancel, also where B itself is small or vanishes: B does not depend on how fast the
-    whole scene translates. Of a scene that names no angles all velocities count.
+    It is the product of the momenta |M| |v| and the sum of all rates of angles. In frames that turn
+    with the bodies these forces appear and cancel, also where B itself is small or vanishes: B is
+    independent of the velocity at which the whole scene translates. For a scene that names no
+    angles all velocities count.
     """
     return _turning(at) * largest(np.abs(at.terms.M) @ np.abs(at.v))
 
 
 def drift_size(at: Evaluation) -> float:
-    """Return the size of what an engine may sum to gamma, m/s².
+    """Return the size of the terms that an engine may sum to gamma, m/s².
 
-    Rates of the constraints in frames that turn: what translates appears in them and cancels, and
-    so does what turns about an axis that a constraint does not feel.
+    These are rates of the constraints in frames that turn: translations appear in them and cancel,
+    and so do rotations about an axis of which a constraint is independent.
     """
     if at.terms.a is None:
         return 0.0
@@ -344,20 +343,20 @@ def drift_size(at: Evaluation) -> float:
 
 
 def _turning(at: Evaluation) -> float:
-    """Return how fast anything may turn, rad/s."""
+    """Return the largest angular velocity of any body, rad/s: the sum of all rates of angles."""
     return float(np.abs(at.v)[_angles(at)].sum())
 
 
 def _angles(at: Evaluation) -> slice:
-    """Return which velocities may be rates of angles: all of a scene that names none."""
+    """Return the slice of velocities that may be rates of angles: all if the scene names none."""
     named = at.scene.angle_coordinates
     return named if at.v[named].size else slice(None)
 
 
 def mass_size(at: Evaluation, S: Array) -> float:
-    """Return the size of the terms that Sᵀ M_x S sums to M, kg m² or the like.
+    """Return the size of the terms that Sᵀ M_x S sums to M, kg m² or the like; 0 if S = 1.
 
-    Relative angles carry all bodies behind, which cancels in M.
+    Relative angles move all bodies behind, whose terms cancel in M.
     """
     if np.array_equal(S, np.eye(at.scene.n)):
         return 0.0
@@ -368,9 +367,9 @@ def mass_size(at: Evaluation, S: Array) -> float:
 def weight_size(at: Evaluation) -> float:
     """Return the size of the moments of weights that an engine may sum to Q, N or N m.
 
-    The weight of all bodies, times how far from a joint they may be along the tree. About axes that
-    do not feel gravity such moments appear in frames that turn, and cancel. 0 of a scene that is no
-    tree, or has no gravity.
+    It is the weight of all bodies times their largest distance from a joint along the tree. About
+    axes without a moment of gravity such moments appear in frames that turn, and cancel. 0 for a
+    scene that is no tree, or has no gravity.
     """
     tree, gravity = at.scene.tree(), getattr(at.scene, "gravity", None)
     if tree is None or not isinstance(gravity, float | int | np.ndarray):
@@ -381,7 +380,7 @@ def weight_size(at: Evaluation) -> float:
     for j, parent in enumerate(tree.parent):
         reach[j] += reach[parent] if parent >= 0 else 0.0
     arms = (reach + np.linalg.norm(tree.center, axis=1))[tree.mass > 0]
-    # What slides feels the weight itself.
+    # For a sliding joint the force is the weight itself, an arm of 1.
     longest = np.max(arms, initial=float(slides.any()))
     return float(np.sum(tree.mass) * np.linalg.norm(gravity) * longest)
 
@@ -389,30 +388,30 @@ def weight_size(at: Evaluation) -> float:
 def represented(
     engines: Sequence[type[Engine]], scenes: Sequence[type[Scene]]
 ) -> tuple[type[Scene], ...]:
-    """Return the kinds of scenes of which one of `engines` represents a small one at least.
+    """Return the scene classes of which one of `engines` represents at least a small scene.
 
     Raises:
-        InputError: there is none, or an engine cannot say so.
+        InputError: there is none, or `represents` of an engine raises.
     """
-    found = tuple(
+    kinds = tuple(
         kind for kind in scenes if any(represents_some(engine, kind) for engine in engines)
     )
-    if not found:
+    if not kinds:
         who, what = (", ".join(one.key for one in x) for x in (engines, scenes))
         raise InputError(f"engine {who} represents none of the scenes {what}")
-    return found
+    return kinds
 
 
 def represents_some(engine: type[Engine], kind: type[Scene]) -> bool:
-    """Return whether an engine represents a small scene of a kind at least.
+    """Return whether an engine represents at least a small scene of a scene class.
 
     Raises:
-        InputError: the engine cannot say so.
+        InputError: `represents` of the engine raises.
     """
     return any(represents(engine, scene) for scene in _small(kind))
 
 
 def _small(kind: type[Scene]) -> Iterator[Scene]:
     for links in (1, 2, 3) if kind.has_links else (None,):
-        with suppress(InputError):  # no scene of the kind has so many
+        with suppress(InputError):  # no scene of the class has so many links
             yield from kind.structures(links)

@@ -1,9 +1,9 @@
-"""CasADi: everything by automatic differentiation of energies and constraints.
+"""CasADi: all terms by automatic differentiation of energies and constraints.
 
-Nothing of the scene's M, a or recursions enters: `energies`, `dissipation`, `constraint`,
+It is independent of the scene's M, a and recursions: `energies`, `dissipation`, `constraint`,
 `velocities` and `speeds_of` are evaluated on CasADi symbols, and M, B, Q, a, gamma follow by
-differentiation (Eqs. (4), (25)-(28)). The symbolic model depends on the class and size of the scene
-only; its parameters are inputs, so that one model serves all snakes of N links.
+differentiation (Eqs. (4), (25)-(28)). The symbolic model depends only on the class and size of the
+scene; its parameters are inputs, so that one model serves all snakes of N links.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from eomcheck.numbers.symbolic import CasadiArithmetic
 
 
 class CasadiEngine(Engine):
-    """A scene as CasADi derives it from its energies and constraints."""
+    """Scene with all terms derived by CasADi from its energies and constraints."""
 
     solves_like = "au"
 
@@ -37,7 +37,7 @@ class CasadiEngine(Engine):
         key = (type(scene), scene.n, scene.r, tuple(map(_shape, parameters)))
         if key not in _MODELS:
             with warnings.catch_warnings():
-                # Scenes of one's own may call numpy's functions, and casadi tells of its next ones.
+                # User-supplied scenes may call NumPy's functions, of which CasADi warns.
                 warnings.simplefilter("ignore", FutureWarning)
                 _MODELS[key] = _symbolic_model(scene)
         self._model = _MODELS[key]
@@ -67,8 +67,8 @@ class CasadiEngine(Engine):
     def bias_size(self, q: Array, v: Array, t: float = 0.0) -> float:
         """Return |v| |M| |v|, N m, the size of ∂T/∂q.
 
-        Where T is formed of velocities in axes that turn with a body, these times momenta are
-        summed there, and cancel.
+        Where T is computed from velocities in axes that turn with a body, ∂T/∂q sums products of
+        these velocities and momenta, which cancel.
         """
         return float(np.abs(v) @ np.abs(self.mass_matrix(q, t)) @ np.abs(v))
 
@@ -87,12 +87,12 @@ class CasadiEngine(Engine):
     def kane_inertia_remainder(
         self, q: Array, v: Array, t: float = 0.0
     ) -> tuple[Array, float, float]:
-        """Return (N_Kane q̇ + G_Kane (p,), size, condition), formed in full by Eq. (23).
+        """Return (N_Kane q̇ + G_Kane (p,), size, condition), computed in full by Eq. (23).
 
-        The velocities V_k(q, v(q, u, t)) are differentiated in q and t at constant u. v(q, u, t) is
-        not known here in closed form; it is the solution of c(q, v, t) = 0 and speeds_of(q, v) = u,
-        and the rule for implicit functions gives its derivatives. In space ω × I ω is added.
-        `size` is that of the terms summed, and `condition` that of the matrix inverted.
+        The velocities V_k(q, v(q, u, t)) are differentiated in q and t at constant u. v(q, u, t)
+        has no closed form here; it is the solution of c(q, v, t) = 0 and speeds_of(q, v) = u, and
+        the implicit function theorem gives its derivatives. In space ω × I ω is added. `size` is
+        the size of the summed terms, and `condition` the condition number of the inverted matrix.
         """
         V_v, V_q, V_t, inertia = (
             self._evaluate(x, q, v, t) for x in ("V_v", "V_q", "V_t", "inertia")
@@ -134,11 +134,11 @@ class CasadiEngine(Engine):
 
 
 def _solved(A: Array, b: Array) -> Array:
-    """Return the solution of A x = b by LAPACK, rows and columns scaled, and refined.
+    """Return the solution of A x = b by LAPACK, with equilibration and iterative refinement.
 
-    Without that, multipliers of constraints that nearly depend on each other would leave the others
-    with rounding of their own size. Not by `eomcheck.numbers.linear`, by which formulations solve:
-    nothing that is checked here has a part in the model.
+    Without these, multipliers of constraints that are nearly dependent would leave the others with
+    rounding errors of their own size. Not by `eomcheck.numbers.linear`, which formulations use: the
+    model shares no code with the formulations under test.
 
     Raises:
         np.linalg.LinAlgError: A is singular, scaled, to working precision.
@@ -150,7 +150,7 @@ def _solved(A: Array, b: Array) -> Array:
 
 
 _MODELS: dict[tuple, dict[str, Any]] = {}
-"""Models made so far, by kind of scene, size, and shapes of the parameters that are present."""
+"""Cache of models by scene class, size, and shapes of the parameters that are present."""
 
 
 def _shape(value: Any) -> tuple[int, ...] | None:
@@ -167,7 +167,7 @@ VECTORS = ("bias", "forces", "constraint_drift", "V_t", "fixed_t")
 
 
 def _symbolic_model(scene: Scene) -> dict[str, Any]:
-    """Return CasADi functions of (q, v, t, parameters), by name."""
+    """Return name -> CasADi function of (q, v, t, parameters)."""
     ca = required("casadi")
     like: Any = scene.parameters(FLOAT64)
     q, v, t = ca.SX.sym("q", scene.n), ca.SX.sym("v", scene.n), ca.SX.sym("t")
@@ -215,12 +215,12 @@ def _symbolic_model(scene: Scene) -> dict[str, Any]:
 
 
 def _matrix(ca: Any) -> Callable:
-    """Return the function that makes a CasADi matrix of an array of symbols."""
+    """Return the function that converts an array of symbols to a CasADi matrix."""
     return lambda entries: ca.reshape(ca.vertcat(*entries.T.ravel()), *entries.shape)
 
 
 def _gyroscopic(ca: Any) -> Callable:
-    """Return the function (I, ω) -> (e, 2), the products in ω × I ω and those to subtract."""
+    """Return the function (I, ω) -> products (e, 2) in ω × I ω: to add, and to subtract."""
     matrix = _matrix(ca)
 
     def products(inertia, omega):
@@ -236,7 +236,7 @@ def _gyroscopic(ca: Any) -> Callable:
 
 
 def _scalars(x) -> np.ndarray:
-    """Return the entries of a CasADi column as an object array, so that generic code can index."""
+    """Return the entries of a CasADi column as an object array, which generic code can index."""
     scalars = np.empty(x.shape[0], object)
     for i in range(x.shape[0]):
         scalars[i] = x[i]

@@ -1,6 +1,6 @@
-"""Drake: its `MultibodyPlant` in continuous time, which knows no constraints.
+"""Drake: its `MultibodyPlant` in continuous time, which has no constraints.
 
-As it reads a URDF, the base is welded to the world or free.
+In a model read from a URDF, the base is welded to the world or free.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from eomcheck.numbers.generic import Array
 
 
 class DrakeEngine(TreeEngine):
-    """A scene that is a tree of rigid bodies, as a plant of Drake's."""
+    """Tree of rigid bodies as a Drake plant."""
 
     module, extra = "pydrake.multibody.plant", "drake"
 
@@ -36,9 +36,9 @@ class DrakeEngine(TreeEngine):
         bodies, joints = [plant.world_body()], []
         for link in links:
             body = plant.AddRigidBody(link.name, _inertia(parts, link))
-            place = math.RigidTransform(math.RotationMatrix(link.rotation), link.offset)
+            pose = math.RigidTransform(math.RotationMatrix(link.rotation), link.offset)
             parent = bodies[link.parent + 1].body_frame()
-            seat = plant.AddFrame(parts.FixedOffsetFrame(f"seat of {link.name}", parent, place))
+            seat = plant.AddFrame(parts.FixedOffsetFrame(f"seat of {link.name}", parent, pose))
             kind = parts.PrismaticJoint if link.slides else parts.RevoluteJoint
             joint = kind(f"joint of {link.name}", seat, body.body_frame(), link.axis)
             joints.append(plant.AddJoint(joint))
@@ -53,17 +53,17 @@ class DrakeEngine(TreeEngine):
         self.plant.SetPositionsAndVelocities(self.context, state)
 
     def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
-        """Return M (n, n) by the composite bodies' inertias."""
+        """Return M (n, n) by composite body inertias."""
         self._move_to(q, np.zeros(self._n))
         return self.plant.CalcMassMatrix(self.context)[np.ix_(self._place, self._place)]
 
     def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
-        """Return B (n,) by inverse dynamics; gravity is no part of it."""
+        """Return B (n,) by inverse dynamics; it does not include gravity."""
         self._move_to(q, v)
         return self.plant.CalcBiasTerm(self.context)[self._place]
 
     def _under(self, force: Array) -> Array:
-        """Return the acceleration (n,) by articulated bodies, without constraints."""
+        """Return the acceleration (n,) by the articulated body algorithm, without constraints."""
         applied = np.zeros(self._n)
         applied[self._place] = force
         self.plant.get_applied_generalized_force_input_port().FixValue(self.context, applied)
@@ -79,9 +79,9 @@ class DrakeEngine(TreeEngine):
         gamma: Array | None,
         t: float = 0.0,
     ) -> EngineAcceleration:
-        """Return v̇ and λ by forward dynamics: under Q, and at rest under each row of our a.
+        """Return v̇ and λ by forward dynamics: under Q, and at rest under each row of a.
 
-        Accelerations are linear in forces; λ is what makes a v̇ + gamma vanish.
+        Accelerations are linear in forces; λ solves a v̇ + gamma = 0 of the scene's a and gamma.
         """
         if self.follow:
             return self.eliminated(q, v, Q, a, gamma, t)
@@ -102,11 +102,11 @@ def _inertia(parts: Any, link: TreeLink) -> Any:
     return parts.SpatialInertia.MakeFromCentralInertia(link.mass, link.center, moments)
 
 
-# ---- As it reads a URDF --------------------------------------------------------------------------
+# ---- Model read from a URDF ----------------------------------------------------------------------
 
 
 class DrakeFile(FileEngine, DrakeEngine):
-    """A URDF by `pydrake.multibody.parsing.Parser`."""
+    """URDF read by `pydrake.multibody.parsing.Parser`."""
 
     key = "drake_file"
     base_velocity = BaseVelocity("ground", "ground", turns_first=True)
@@ -117,7 +117,7 @@ class DrakeFile(FileEngine, DrakeEngine):
         (robot,) = parser.AddModelsFromString(description.text, "urdf")
         if self.base and description.root == "world":
             raise EngineError(f"{self.key} welds a link called world to the ground")
-        if not self.base and description.root != "world":  # which it welds itself
+        if not self.base and description.root != "world":  # a link "world" Drake welds itself
             base = plant.GetFrameByName(description.root, robot)
             plant.WeldFrames(plant.world_frame(), base)
         plant.Finalize()
@@ -126,7 +126,7 @@ class DrakeFile(FileEngine, DrakeEngine):
         self.context = plant.CreateDefaultContext()
         joints = [plant.get_joint(i) for i in plant.GetJointIndices(robot)]
         moving = sorted((x for x in joints if x.num_velocities()), key=lambda x: x.velocity_start())
-        # It gives a free base a joint of its own.
+        # Drake adds a joint of its own for a free base.
         self._names = [x.name() for x in moving if x.num_velocities() == 1]
         self._damping = np.concatenate([x.default_damping_vector() for x in moving])
 
@@ -138,7 +138,7 @@ class DrakeFile(FileEngine, DrakeEngine):
         self.plant.SetPositionsAndVelocities(self.context, np.concatenate([x, rate]))
 
     def pose(self, base: FreeBase) -> Array:
-        """Return orientation and place."""
+        """Return the quaternion w, x, y, z and the position."""
         return np.concatenate([base.quaternion, base.position])
 
     def forces(self, q: Array, v: Array, t: float = 0.0) -> Array:
@@ -148,6 +148,6 @@ class DrakeFile(FileEngine, DrakeEngine):
         return np.array(gravity) - self._damping * v
 
     def free_acceleration(self, q: Array, v: Array) -> Array:
-        """Return ẍ (m,) by articulated bodies."""
+        """Return ẍ (m,) by the articulated body algorithm."""
         self._move_to(q, v)
         return self._under(np.zeros(self._n))

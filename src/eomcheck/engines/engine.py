@@ -1,22 +1,22 @@
-"""An `Engine`: an outside library that derives the same quantities in its own way.
+"""Engine interface (`Engine`): an external library that derives the same quantities in its own way.
 
-The contract, numbered, so that a message or a note can point at a rule.
+The rules of the contract are numbered, so that a message or a note can refer to one.
 
-1.  An engine is made as `Class(scene)`, once for each scene, and asked at many states (q, v, t), in
-    any order: an answer depends on nothing that was asked before.
+1.  An engine is constructed as `Class(scene)`, once for each scene, and called at many states
+    (q, v, t), in any order: a result is independent of all earlier calls.
 2.  Units are SI, v is q̇ and M q̈ + B = Q + aᵀλ as in `eomcheck.mechanics.scene`. The bias B has
     no gravity in it and no other force: these are Q.
-3.  `version`, `represents`, `mass_matrix` and `bias` are required. Whatever else an engine can
-    compute it offers by overriding the method; a method that it does not override is reported as
-    skipped.
-4.  An engine with coordinates of its own overrides `velocity_map`. All its other methods are then
-    asked and answer in these, and `eomcheck.engines.answers` maps them to the scene's.
-5.  Answers are arrays of real numbers, of the shapes given, new or the engine's own. The arguments
-    that it is handed it does not change, nor the floating-point rounding mode, nor how subnormal
-    numbers are rounded.
+3.  `version`, `represents`, `mass_matrix` and `bias` are required. Any other quantity that an
+    engine can compute it offers by overriding the method; a method that it does not override is
+    reported as skipped.
+4.  An engine with coordinates of its own overrides `velocity_map`. All its other methods then take
+    arguments and return results in these, and `eomcheck.engines.answers` maps them to the scene's.
+5.  Results are arrays of real numbers, of the given shapes, new or the engine's own. An engine
+    changes neither its arguments, nor the floating-point rounding mode, nor the rounding of
+    subnormal numbers.
 6.  A scene that it cannot represent it rejects in `represents`, once for the whole scene. An
     exception, a wrong shape or a value that is not finite is a failure of the engine.
-7.  Only the file of an engine imports its library, and only when the engine is made.
+7.  Only the file of an engine imports its library, and only when the engine is constructed.
 """
 
 from __future__ import annotations
@@ -32,30 +32,30 @@ from eomcheck.numbers.generic import Array
 
 
 class EngineAcceleration(NamedTuple):
-    """Constrained acceleration and multipliers as an engine sees them, M v̇ = F + aᵀλ."""
+    """Constrained acceleration and multipliers of an engine, M v̇ = F + aᵀλ."""
 
     vdot: Array
-    """(n,)."""
+    """Acceleration v̇ (n,)."""
     multipliers: Array | None = None
-    """(r,), or None without constraints, or where the engine does not tell them."""
+    """Multipliers λ (r,), or None without constraints, or where the engine does not return them."""
 
 
 class VelocityMap(NamedTuple):
-    """The engine's own coordinates x, and how its velocity w = S v follows from v = q̇.
+    """Map from the scene's coordinates to the engine's own: x, and its velocity w = S v, v = q̇.
 
     With m entries in w, and any number in x: a quaternion has four where its velocity has three.
     """
 
     x: Array
-    """(any,): the engine's configuration."""
+    """Configuration of the engine (any,)."""
     S: Array
-    """(m, n), of rank n: w = S v."""
+    """Matrix (m, n) of rank n: w = S v."""
     rest: Array
-    """(m,): Ṡ v, so that ẇ = S v̇ + Ṡ v."""
+    """Velocity-dependent term Ṡ v (m,), so that ẇ = S v̇ + Ṡ v."""
 
 
 class Engine(ABC):
-    """An outside model of a scene (rules 1-7).
+    """External model of a scene (rules 1-7).
 
     Args:
         scene: the scene to represent.
@@ -65,36 +65,36 @@ class Engine(ABC):
     """
 
     key: ClassVar[str]
-    """What it is called; by default the name of the class in lower case, without "engine"."""
+    """Name of the engine; by default that of the class in lower case, without "engine"."""
 
     solves_like: ClassVar[str]
-    """Key of the formulation whose matrices its constrained solver factorizes: its rounding is of
-    that kind. Asked for only where it overrides `acceleration`."""
+    """Key of the formulation whose matrices its constrained solver factorizes, which determine its
+    rounding error. Required only where it overrides `acceleration`."""
 
     compliant: ClassVar[bool] = False
-    """Whether its constraints give way, as soft contacts do: constrained accelerations then differ
-    by the model and not by a mistake, and no comparison of them can pass or fail."""
+    """Whether its constraints are soft, as of contacts: constrained accelerations then differ by
+    the model and not by a mistake, and no comparison of them can pass or fail."""
 
     reads_parameters: ClassVar[bool] = True
-    """Whether it builds its model from `Scene.parameters`, as the scene's own equations do: what is
-    wrong there is then wrong on both sides. Otherwise from `Scene.tree`."""
+    """Whether it builds its model from `Scene.parameters`, as the scene's own equations do: an
+    error there is then common to both sides. Otherwise from `Scene.tree`."""
 
     reads_file: ClassVar[bool] = False
-    """Whether it reads the file of a robot by itself: a difference may then be either reading."""
+    """Whether it reads the file of a robot by itself: either reading may explain a difference."""
 
     extra: ClassVar[str | None] = None
-    """The extra of eomcheck that installs its library; None if that is installed anyway."""
+    """Extra of eomcheck that installs its library; None if eomcheck itself installs it."""
 
     scene: Scene
 
     def __new__(cls, scene: Scene, *arguments: Any, **options: Any) -> Self:
-        """Set `scene`, so that an `__init__` of one's own need not call this class's."""
-        made = super().__new__(cls)
-        made.scene = scene
-        return made
+        """Set `scene`, so that the `__init__` of a subclass need not call that of this class."""
+        engine = super().__new__(cls)
+        engine.scene = scene
+        return engine
 
     def __init__(self, scene: Scene):
-        super().__init__()  # `scene` is there
+        super().__init__()  # `scene` is already set
 
     def __init_subclass__(cls, **options: Any):
         """Give the engine its `key`."""
@@ -122,16 +122,16 @@ class Engine(ABC):
 
     @abstractmethod
     def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
-        """Return M (n, n), the whole of it."""
+        """Return the mass matrix M (n, n), both triangles."""
 
     @abstractmethod
     def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
-        """Return B (n,): Coriolis and centrifugal forces, without gravity and without forces."""
+        """Return the bias B (n,): Coriolis and centrifugal terms, without gravity and forces."""
 
     def bias_size(self, q: Array, v: Array, t: float = 0.0) -> float:
         """Return the size of terms that it sums to B and that may cancel, N or N m; 0 if unknown.
 
-        Asked of our own engines only: of one on trial, what is allowed is not its own to say.
+        Called for built-in engines only: an engine under test does not set its own allowed error.
         """
         return 0.0
 
@@ -140,27 +140,31 @@ class Engine(ABC):
     def velocity_map(self, q: Array, v: Array) -> VelocityMap | tuple[Array, Array, Array]:
         """Return (x, S (m, n), Ṡ v (m,)) of an engine with coordinates of its own.
 
-        All other methods are then handed x for q, and w = S v for v, and answer with M (m, m),
-        B (m,), Q (m,), a (r, m) and gamma (r,) of M ẇ + B = Q + aᵀλ and a ẇ + gamma = 0.
+        All other methods then take x for q, and w = S v for v, and return M (m, m), B (m,),
+        Q (m,), a (r, m) and gamma (r,) of M ẇ + B = Q + aᵀλ and a ẇ + gamma = 0.
         """
         return VelocityMap(q, np.eye(self.scene.n), np.zeros(self.scene.n))
 
     def forces(self, q: Array, v: Array, t: float = 0.0) -> Array:
-        """Return Q (n,): gravity, springs, dampers and all other active forces."""
+        """Return the forces Q (n,): gravity, springs, dampers and all other active forces."""
         raise NotImplementedError
 
     def constraint_jacobian(self, q: Array, v: Array, t: float = 0.0) -> Array:
-        """Return a (r, n), its rows and signs those of the scene's constraints."""
+        """Return the constraint Jacobian a (r, n), rows and signs as in the scene's constraints."""
         raise NotImplementedError
 
     def constraint_drift(self, q: Array, v: Array, t: float = 0.0) -> Array:
-        """Return gamma (r,), with a v̇ + gamma = 0."""
+        """Return the constraint drift gamma (r,), with a v̇ + gamma = 0."""
         raise NotImplementedError
 
     def kane_inertia_remainder(
         self, q: Array, v: Array, t: float = 0.0
     ) -> tuple[Array, float, float]:
-        """Return (N_Kane q̇ + G_Kane (p,), size of the terms, condition of what was inverted)."""
+        """Return the velocity-dependent part N_Kane q̇ + G_Kane of Kane's inertia forces.
+
+        Returns:
+            The part (p,), the size of its terms, and the condition number of the inverted matrix.
+        """
         raise NotImplementedError
 
     def acceleration(
@@ -187,4 +191,4 @@ OPTIONAL = (
     "kane_inertia_remainder",
     "acceleration",
 )
-"""What an engine may offer beside M and B."""
+"""Names of the methods that an engine may offer beside M and B."""

@@ -1,4 +1,4 @@
-"""Exudyn: a kinematic tree in minimal coordinates, by the parts of its solvers."""
+"""Exudyn: a kinematic tree in minimal coordinates, evaluated by the steps of its solvers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from eomcheck.numbers.generic import Array
 
 
 class ExudynEngine(TreeEngine):
-    """A scene that is a tree of rigid bodies, as a kinematic tree of Exudyn's."""
+    """Tree of rigid bodies as an Exudyn kinematic tree."""
 
     module = extra = "exudyn"
 
@@ -54,12 +54,12 @@ class ExudynEngine(TreeEngine):
         self._settings = library.SimulationSettings()
         self._settings.solution.file.write = False
         self._settings.timeIntegration.verboseMode = self._settings.staticSolver.verboseMode = 0
-        # Alive for the parts that it computes; it solves nothing.
+        # This solver is used only for the matrices that it assembles.
         self._static = library.MainSolverStatic()
         self._static.InitializeSolver(self.system, self._settings)
 
     def _add_constraints(self, items: Any, node: Any) -> Any:
-        """Add the rows a v = 0, their entries still unknown."""
+        """Add the constraints a v = 0, their entries set later."""
         ground = self.system.AddNode(items.NodePointGround())
         markers = [
             self.system.AddMarker(items.MarkerNodeCoordinates(nodeNumber=one))
@@ -100,10 +100,10 @@ class ExudynEngine(TreeEngine):
         gamma: Array | None,
         t: float = 0.0,
     ) -> EngineAcceleration:
-        """Return v̇ and λ as the implicit solver begins, with our Q, a and gamma.
+        """Return the initial v̇ and λ of the implicit solver, from the scene's Q, a and gamma.
 
-        Initial accelerations keep a v̇ = 0 whatever gamma is. So they are asked for beside some z
-        with a z = -gamma, whose inertia forces are taken from Q.
+        Its initial accelerations satisfy a v̇ = 0 whatever gamma is. So v̇ is its result plus some
+        z with a z = -gamma, whose inertia forces M z are subtracted from Q.
         """
         if self.follow:
             return self.eliminated(q, v, Q, a, gamma, t)

@@ -1,8 +1,9 @@
-"""`FileEngine`: an engine whose library reads the robot description of a scene by its own parser.
+"""`FileEngine`: base class of engines whose library reads a robot description by its own parser.
 
-It is a `TreeEngine` but for how the model is made. `RobotDescription` is a robot description for
-such libraries, with its irregularities. The output that a library writes to the terminal while it
-reads a file is captured, and reported where it explains a difference.
+A `FileEngine` is a `TreeEngine` with a model that the library builds from the file, so that a
+comparison checks eomcheck's reader too. `RobotDescription` is the text of a URDF for such
+libraries, with its irregularities. The output that a library writes to the terminal while it reads
+a file is captured, and reported where it explains a difference.
 """
 
 from __future__ import annotations
@@ -33,18 +34,18 @@ from eomcheck.numbers.generic import Array
 # ---- Captured output -----------------------------------------------------------------------------
 
 OUTPUT, ERRORS = 1, 2
-"""Descriptors that compiled code writes to, whatever Python's own are."""
+"""File descriptors that compiled code writes to, independent of `sys.stdout` and `sys.stderr`."""
 
 
 @contextmanager
 def capture_output() -> Iterator[list[str]]:
-    """Yield a list that after the block has all lines that were written, each once."""
+    """Yield a list that after the block holds all lines that were written, each once."""
     lines: list[str] = []
     _flush()
-    with tempfile.TemporaryFile() as kept:
+    with tempfile.TemporaryFile() as captured:
         before = {stream: os.dup(stream) for stream in (OUTPUT, ERRORS)}
         for stream in before:
-            os.dup2(kept.fileno(), stream)
+            os.dup2(captured.fileno(), stream)
         try:
             yield lines
         finally:
@@ -52,8 +53,8 @@ def capture_output() -> Iterator[list[str]]:
             for stream, original in before.items():
                 os.dup2(original, stream)
                 os.close(original)
-            kept.seek(0)
-            text = kept.read().decode("utf-8", "replace")
+            captured.seek(0)
+            text = captured.read().decode("utf-8", "replace")
             lines += dict.fromkeys(x.strip() for x in text.splitlines() if x.strip())
 
 
@@ -69,40 +70,41 @@ SHAPES = "visual", "collision"
 
 
 class RobotDescription(NamedTuple):
-    """A URDF without shapes: meshes are often not there, and no equation of motion needs them."""
+    """URDF without shapes: mesh files are often missing, and no equation of motion needs them."""
 
     text: str
+    """URDF as XML."""
     root: str
     """Name of the link that no joint moves."""
     follows: dict[str, tuple[str, float, float]]
-    """Joint -> the one that it follows, ratio and shift."""
+    """Joint -> the joint that it follows, ratio and shift."""
     damped: frozenset[str]
     """Joints with viscous damping."""
     massless: tuple[str, ...]
-    """Links without mass that have moments of inertia all the same."""
+    """Links without mass that have moments of inertia nevertheless."""
     empty: tuple[str, ...]
-    """Links that are moved and have no inertia at all."""
+    """Links that joints move and that have neither mass nor moments of inertia."""
     impossible: tuple[str, ...]
     """Links with moments of inertia that no body has: one exceeds the sum of the others."""
 
 
 def file_of(scene: Scene) -> Path | None:
-    """Return the URDF of a robot that has the parameters of its file; None of any other scene."""
+    """Return the URDF of a robot that has the parameters of its file; None for any other scene."""
     if not (isinstance(scene, Mechanism) and scene.source.format == "urdf" and scene.as_described):
         return None
     first = FREE if is_free(scene) else 0
-    # What has more coordinates has names of its own for them.
+    # A joint with several coordinates has names of its own for them, unknown to the file.
     named = {slot.name for slot in scene.plan.joints[:first]}
     return Path(scene.source.file) if set(scene.source.compound_coordinates) <= named else None
 
 
 def is_free(scene: Scene) -> bool:
-    """Return whether a robot's base is free because that was asked for."""
+    """Return whether a robot's base is free by request (`floating`)."""
     return isinstance(scene, Mechanism) and bool(scene.source.floating)
 
 
 def read_description(path: Path) -> RobotDescription:
-    """Return what is in a URDF.
+    """Read a URDF.
 
     Raises:
         InputError: see `eomcheck.scenes.from_urdf`.
@@ -124,7 +126,10 @@ def read_description(path: Path) -> RobotDescription:
 
 
 def _mimics(xml: Element) -> Iterator[tuple[str, tuple[str, float, float]]]:
-    """Yield which joints follow which, read once more: our reader is what is compared."""
+    """Yield the joints that follow others, read independently: eomcheck's reader is under test.
+
+    Each is a pair: joint, (the joint that it follows, ratio, shift).
+    """
     for joint in xml.findall("joint"):
         mimic = joint.find("mimic")
         if mimic is not None and joint.get("type") != "fixed":
@@ -141,7 +146,7 @@ def _heavy(link: Link) -> bool:
 
 
 def few(names: Iterable[str]) -> str:
-    """Return at most three names, and how many more there are."""
+    """Return at most three names and the number of others, as text."""
     names = sorted(names) if isinstance(names, Set) else list(names)
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
@@ -149,15 +154,15 @@ def few(names: Iterable[str]) -> str:
 # ---- Engines -------------------------------------------------------------------------------------
 
 FILE = "_file"
-"""How the key of an engine ends that reads files."""
+"""Suffix of the key of an engine that reads files."""
 
 
 class FileEngine(TreeEngine):
-    """A scene that is a robot description, as the library itself reads the file.
+    """Engine of a robot description as the library itself reads the file.
 
     Its coordinates are those of the library's joints, in the library's order: x = S q + shift, S
-    constant. A joint that follows another one is a coordinate of its own to most libraries. Those
-    of a free base come before, and `pose` says what they are.
+    constant. A joint that follows another one is a coordinate of its own in most libraries. The
+    coordinates of a free base come first; `pose` returns them.
 
     Attributes:
         library_output: lines that the library wrote while it read the file.
@@ -166,7 +171,7 @@ class FileEngine(TreeEngine):
     reads_file = True
 
     base_velocity: ClassVar[BaseVelocity]
-    """What it has for the velocity of a free base."""
+    """Convention of the library for the velocity of a free base."""
 
     undamped: ClassVar[bool] = False
     """Whether its accelerations leave out the dampers of the file."""
@@ -179,7 +184,7 @@ class FileEngine(TreeEngine):
         self.description, self.base = read_description(file), FREE if is_free(scene) else 0
         self._gravity = np.zeros(3)
         if (gravity := getattr(scene, "gravity", None)) is not None:
-            self._gravity[: len(gravity)] = gravity  # of what moves in a plane, its part there
+            self._gravity[: len(gravity)] = gravity  # a plane scene has two components
         library = self._library()
         with capture_output() as self.library_output:
             self._read(library, self.description)
@@ -193,7 +198,7 @@ class FileEngine(TreeEngine):
             EngineError: it has another joint than the file, or lacks one.
         """
         names, base = self.scene.coordinate_names, self.base
-        places = {name: i for i, name in enumerate(names)}
+        columns = {name: i for i, name in enumerate(names)}
         S, shift = np.zeros((base + len(joints), len(names))), np.zeros(base + len(joints))
         S[:base, :base] = np.eye(base)
         for i, name in enumerate(joints, base):
@@ -202,9 +207,9 @@ class FileEngine(TreeEngine):
                 of, ratio, offset = self.description.follows[of]
                 shift[i] += factor * offset
                 factor *= ratio
-            if of not in places:
+            if of not in columns:
                 raise EngineError(f"{self.key} has a joint {name!r} that the file does not move")
-            S[i, places[of]] = factor
+            S[i, columns[of]] = factor
         for name, column in zip(self.scene.coordinate_names, S.T, strict=True):
             if not column.any():
                 raise EngineError(f"{self.key} has no joint {name!r}, which the file moves")
@@ -217,14 +222,14 @@ class FileEngine(TreeEngine):
 
     @classmethod
     def represents(cls, scene: Scene) -> bool:
-        """Return whether the scene is a file, with the parameters that stand there."""
+        """Return whether the scene is a robot with the parameters of its file."""
         return file_of(scene) is not None
 
     def leaves_out(self, method: str) -> str:
-        """Return the part of the file that an answer leaves out; "" where none is known.
+        """Return the part of the file that a result leaves out, as text; "" where none is known.
 
         Args:
-            method: the name of the method that is asked.
+            method: name of the method with that result.
         """
         if method == "acceleration" and self.undamped and self.description.damped:
             return f"its accelerations leave out the damping of {few(self.description.damped)}"
@@ -233,14 +238,14 @@ class FileEngine(TreeEngine):
 
     @abstractmethod
     def _read(self, library: Any, description: RobotDescription) -> None:
-        """Make the library's model by its own parser, the base held unless `base` is not 0."""
+        """Build the library's model by its own parser, the base fixed unless `base` is not 0."""
 
     @abstractmethod
     def joints(self) -> list[str]:
-        """Return the names of its joints, one for each entry of its velocity behind the base's."""
+        """Return the names of its joints, one for each entry of its velocity after the base's."""
 
     def velocity_map(self, q: Array, v: Array) -> VelocityMap:
-        """Return (S q + shift, S, 0); of a free base its `pose`, and what S is there, in front."""
+        """Return (S q + shift, S, 0); a free base comes first, with its `pose`, own S and Ṡ v."""
         x, S = self.coordinates @ q + self.shift, self.coordinates.copy()
         rest = np.zeros(len(x))
         if self.base:
@@ -250,15 +255,15 @@ class FileEngine(TreeEngine):
         return VelocityMap(x, S, rest)
 
     def base_frame(self, q: Array, v: Array) -> FreeBase:
-        """Return where the frame is that the library moves with a free base; q, v the scene's."""
+        """Return the frame that represents a free base in the library; q and v are the scene's."""
         return free_base(q[:FREE], v[:FREE])
 
     def free_base(self, q: Array, v: Array) -> tuple[FreeBase, BaseVelocity] | None:
-        """Return that frame, and what its velocity is taken to be; None of a base that is held."""
+        """Return `base_frame` and the convention of its velocity; None for a fixed base."""
         return (self.base_frame(q, v), self.base_velocity) if self.base else None
 
     def pose(self, base: FreeBase) -> Array:
-        """Return what it has for coordinates of a free base."""
+        """Return the library's coordinates of a free base."""
         return np.concatenate([base.position, base.quaternion])
 
     def acceleration(
@@ -270,11 +275,11 @@ class FileEngine(TreeEngine):
         gamma: Array | None,
         t: float = 0.0,
     ) -> EngineAcceleration:
-        """Return ẍ under the library's own forces."""
-        if self.follow:  # which most libraries leave to a constraint solver
+        """Return ẍ (m,) under the library's own forces."""
+        if self.follow:  # joints that most libraries leave to a constraint solver
             return self.eliminated(q, v, self.forces(q, v, t), None, None, t)
         return EngineAcceleration(self.free_acceleration(q, v))
 
     def free_acceleration(self, q: Array, v: Array) -> Array:
-        """Return ẍ (m,); by M, B and Q unless the library has a way of its own."""
+        """Return ẍ (m,) from M, B and Q, unless overridden by an algorithm of the library."""
         return np.linalg.solve(self.mass_matrix(q), self.forces(q, v) - self.bias(q, v))

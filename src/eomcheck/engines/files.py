@@ -1,4 +1,4 @@
-"""Readers of robot descriptions: the engines whose libraries read the file, one line each here.
+"""Readers of robot descriptions: engines whose libraries read the file by their own parser.
 
 eomcheck validate --scene arm.urdf --engine eomcheck.engines.files:PinocchioFile
 eomcheck validate --scene ant.xml --engine eomcheck.engines.files:MjcfFile
@@ -21,15 +21,15 @@ READERS: dict[str, type[FileEngine]] = {
 """Key of the library -> class that reads a URDF."""
 
 DEFAULT: dict[str, type[FileEngine]] = {"urdf": PinocchioFile, "mjcf": MjcfFile}
-"""Format of a file -> the library that reads it in a validation unless engines are named."""
+"""Format of a file -> class that reads it in a validation unless engines are named."""
 
 BY_FORMAT: dict[str, dict[str, type[FileEngine]]] = {"urdf": READERS, "mjcf": {"mujoco": MjcfFile}}
-"""Format of a file -> who reads it."""
+"""Format of a file -> classes that read it, by key of the library."""
 
 
 def default_reader(scene: Scene | type[Scene]) -> type[FileEngine] | None:
-    """Return the library that reads the file of a robot by default; None of any other scene."""
-    return DEFAULT.get(getattr(getattr(scene, "source", None), "format", ""))
+    """Return the class that reads the file of a robot by default; None for any other scene."""
+    return DEFAULT.get(getattr(getattr(scene, "made", None), "format", ""))
 
 
 __all__ = [

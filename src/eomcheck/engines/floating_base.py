@@ -1,9 +1,9 @@
-"""A floating base as libraries describe it, each by another velocity.
+"""Floating base: the map from the scene's coordinates to the velocity conventions of libraries.
 
-In the scene three slides along x, y, z of the ground move it, then turns about z, y and x, and the
-velocity is their rates. Libraries have a rotation, and six velocities w = S v of a frame that is
-fixed to the base: the velocity of its origin and the angular velocity, in either order and each
-along the axes of the ground or of the frame.
+In the scene three slides along x, y, z of the ground move the base, then turns about z, y and x,
+and the velocity is their rates. Libraries have a rotation, and six velocities w = S v of a frame
+that is fixed to the base: the velocity of its origin and the angular velocity, in either order and
+each along the axes of the ground or of the frame.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ import numpy as np
 from eomcheck.numbers.generic import Array
 
 FREE = 6
-"""Coordinates of a free base, which come first."""
+"""Number of coordinates of a free base, which come first."""
 
 AXES = "ground", "base"
 
 
 class BaseVelocity(NamedTuple):
-    """What a library has for the velocity of a free base."""
+    """Convention of a library for the velocity of a free base."""
 
     linear: str
-    """Along whose axes the velocity of its origin is, one of `AXES`."""
+    """Axes of the velocity of its origin, one of `AXES`."""
     angular: str
-    """Along whose axes it turns."""
+    """Axes of the angular velocity, one of `AXES`."""
     turns_first: bool = False
-    """Whether the angular velocity comes before the other."""
+    """Whether the angular velocity comes before the linear one."""
 
     def __str__(self) -> str:
         linear, angular = (
@@ -40,27 +40,27 @@ class BaseVelocity(NamedTuple):
 
 
 class FreeBase(NamedTuple):
-    """Where a frame that is fixed to a free base is, and how it moves with v = q̇ (6,)."""
+    """Pose of a frame that is fixed to a free base, and its velocity as a function of v = q̇."""
 
     position: Array
-    """Of its origin (3,), m."""
+    """Position of its origin (3,), m."""
     R: Array
-    """Its axes, columns (3, 3)."""
+    """Axes of the frame, columns (3, 3)."""
     linear: Array
-    """Velocity of the origin along the axes of the ground, by v (3, 6)."""
+    """Jacobian (3, 6) of the velocity of the origin along the axes of the ground, per v."""
     linear_rest: Array
-    """Its acceleration at v̇ = 0 (3,)."""
+    """Acceleration of the origin at v̇ = 0 (3,), m/s²."""
     angular: Array
-    """Angular velocity along the axes of the ground, by v (3, 6)."""
+    """Jacobian (3, 6) of the angular velocity along the axes of the ground, per v."""
     angular_rest: Array
-    """Its rate at v̇ = 0 (3,)."""
+    """Angular acceleration at v̇ = 0 (3,), rad/s²."""
 
     def velocity(self, convention: BaseVelocity, v: Array) -> tuple[Array, Array]:
-        """Return S (6, 6) and Ṡ v (6,) of the velocity that a library has."""
+        """Return S (6, 6) and Ṡ v (6,) of the velocity in a library's convention."""
         omega, parts = self.angular @ v, {}
         for name, axes in (("linear", convention.linear), ("angular", convention.angular)):
             S, rest = getattr(self, name), getattr(self, f"{name}_rest")
-            if axes == "base":  # whose axes turn
+            if axes == "base":  # axes that turn
                 rest = self.R.T @ (rest - np.cross(omega, S @ v))
                 S = self.R.T @ S
             parts[name] = S, rest
@@ -70,18 +70,18 @@ class FreeBase(NamedTuple):
 
     @property
     def quaternion(self) -> Array:
-        """Its orientation as w, x, y, z, of length 1."""
+        """Orientation as a quaternion w, x, y, z, of length 1."""
         return _quaternion(self.R)
 
 
 def free_base(q: Array, v: Array, at: Array | None = None, turn: Array | None = None) -> FreeBase:
-    """Return where the base of a scene is, and how it moves.
+    """Return the pose and the velocity of a frame that is fixed to the base of a scene.
 
     Args:
-        q: its slides along x, y, z, then turns about z, y, x (6,).
+        q: slides of the base along x, y, z, then turns about z, y, x (6,).
         v: their rates (6,).
-        at: origin of the frame, in that of the base (3,), m; by default that itself.
-        turn: its axes there, columns (3, 3).
+        at: origin of the frame, in that of the base (3,), m; by default that of the base.
+        turn: axes of the frame, in that of the base, columns (3, 3); by default those of the base.
     """
     x, y, z = np.eye(3)
     yaw, pitch, roll = _about(q[3], z), _about(q[4], y), _about(q[5], x)
@@ -113,12 +113,12 @@ def _about(angle: float, axis: Array) -> Array:
 
 
 def _quaternion(R: Array) -> Array:
-    """Return w, x, y, z of a rotation, divided by the largest of them."""
+    """Return the quaternion w, x, y, z of a rotation, of length 1."""
     K = np.empty((4, 4))
     K[0, 0] = np.trace(R)
     K[0, 1:] = K[1:, 0] = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
     K[1:, 1:] = R + R.T - np.trace(R) * np.eye(3)
-    # 4 times the outer product of the quaternion with itself, but for a multiple of 1.
+    # K + 1 is 4 times the outer product of the quaternion with itself.
     outer = K + np.eye(4)
     column = outer[:, int(np.argmax(np.diagonal(outer)))]
     return column / np.linalg.norm(column)

@@ -1,6 +1,6 @@
-"""iDynTree: its `KinDynComputations`, with the ground as the base that does not move.
+"""iDynTree: its `KinDynComputations`, with the ground as a base that does not move.
 
-As it reads a URDF, the base is held or free; it knows no damping.
+In a model read from a URDF, the base is fixed or free; iDynTree has no damping.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from eomcheck.errors import EngineError
 from eomcheck.numbers.generic import Array
 
 BASE = 6
-"""Velocities of the base, before those of the joints."""
+"""Number of velocities of the base, which come before those of the joints."""
 
 
 class IdyntreeEngine(TreeEngine):
-    """A scene that is a tree of rigid bodies, as a model of iDynTree's."""
+    """Tree of rigid bodies as an iDynTree model."""
 
     module, extra = "idyntree.bindings", "idyntree"
 
     @classmethod
     def _library(cls) -> Any:
-        # Its import warns of a future Python; where warnings are errors the process would die.
+        # Its import warns of a future Python; where warnings are errors that would end the process.
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             return super()._library()
@@ -44,19 +44,19 @@ class IdyntreeEngine(TreeEngine):
         model = idt.Model()
         ground = idt.Link()
         ground.setInertia(idt.SpatialInertia.Zero())
-        places = [model.addLink("ground", ground)]
+        indices = [model.addLink("ground", ground)]
         for link in links:
             body = idt.Link()
             body.setInertia(_inertia(idt, link))
-            places.append(model.addLink(link.name, body))
-            before, after = places[link.parent + 1], places[-1]
+            indices.append(model.addLink(link.name, body))
+            before, after = indices[link.parent + 1], indices[-1]
             joint = idt.PrismaticJoint() if link.slides else idt.RevoluteJoint()
             joint.setAttachedLinks(before, after)
             rotation = idt.Rotation(*link.rotation.ravel())
             joint.setRestTransform(idt.Transform(rotation, idt.Position(*link.offset)))
             joint.setAxis(idt.Axis(idt.Direction(*link.axis), idt.Position.Zero()), after, before)
             model.addJoint(f"joint of {link.name}", joint)
-        model.setDefaultBaseLink(places[0])
+        model.setDefaultBaseLink(indices[0])
         self.dynamics = idt.KinDynComputations()
         self.dynamics.loadRobotModel(model)
         model = self.dynamics.model()
@@ -69,14 +69,14 @@ class IdyntreeEngine(TreeEngine):
         self.dynamics.setRobotState(*state, np.zeros(3))
 
     def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
-        """Return M (n, n), the joints' part of that of a floating base."""
+        """Return M (n, n), the joints' part of the mass matrix of a floating base."""
         self._move_to(q, np.zeros(self._n))
         matrix = self._idt.MatrixDynSize(BASE + self._n, BASE + self._n)
         self.dynamics.getFreeFloatingMassMatrix(matrix)
         return matrix.toNumPy()[BASE:, BASE:][np.ix_(self._place, self._place)]
 
     def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
-        """Return B (n,), the joints' part of that of a floating base at rest."""
+        """Return B (n,), the joints' part of the bias of a floating base at rest."""
         self._move_to(q, v)
         forces = self._idt.FreeFloatingGeneralizedTorques(self.dynamics.model())
         self.dynamics.generalizedBiasForces(forces)
@@ -95,14 +95,14 @@ def _inertia(idt: Any, link: TreeLink) -> Any:
     return inertia
 
 
-# ---- As it reads a URDF --------------------------------------------------------------------------
+# ---- Model read from a URDF ----------------------------------------------------------------------
 
 POSE = 12
-"""Entries of `pose`."""
+"""Number of entries of `pose`."""
 
 
 class IdyntreeFile(FileEngine, IdyntreeEngine):
-    """A URDF by `iDynTree::ModelLoader`."""
+    """URDF read by `iDynTree::ModelLoader`."""
 
     key = "idyntree_file"
     base_velocity = BaseVelocity("ground", "ground")
@@ -131,30 +131,30 @@ class IdyntreeFile(FileEngine, IdyntreeEngine):
         return self._names
 
     def pose(self, base: FreeBase) -> Array:
-        """Return place and rotation."""
+        """Return the position and the rotation matrix."""
         return np.concatenate([base.position, base.R.ravel()])
 
     def _move_to(self, x: Array, rate: Array) -> None:
         self._under(x, rate, np.zeros(3))
 
     def _under(self, x: Array, rate: Array, gravity: Array) -> None:
-        """Move it there, under gravity."""
+        """Set the state to coordinates x and velocities `rate`, under gravity (3,), m/s²."""
         idt = self._idt
-        place, twist = idt.Transform.Identity(), idt.Twist.Zero()
+        frame, twist = idt.Transform.Identity(), idt.Twist.Zero()
         if self.base:
             pose, x = np.split(x, [POSE])
-            place = idt.Transform(idt.Rotation(*pose[3:]), idt.Position(*pose[:3]))
+            frame = idt.Transform(idt.Rotation(*pose[3:]), idt.Position(*pose[:3]))
             speeds, rate = np.split(rate, [BASE])
             twist = idt.Twist.FromPython(speeds)
-        state = place, x, twist, rate, gravity
+        state = frame, x, twist, rate, gravity
         self.dynamics.setRobotState(*state)
         if self.base and gravity.any():
-            # It turns gravity to the axes that the base had when places were last computed.
+            # It rotates gravity to the axes that the base had when positions were last computed.
             self.dynamics.getCenterOfMassPosition()
             self.dynamics.setRobotState(*state)
 
     def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
-        """Return M (m, m), that of a free base or the joints' part of it."""
+        """Return M (m, m), of a free base and the joints, or the joints' part of it."""
         self._move_to(q, np.zeros(self._n))
         size = self._n + BASE - self.base
         matrix = self._idt.MatrixDynSize(size, size)
@@ -162,7 +162,7 @@ class IdyntreeFile(FileEngine, IdyntreeEngine):
         return matrix.toNumPy()[BASE - self.base :, BASE - self.base :]
 
     def _told(self, ask: Any) -> Array:
-        """Return the forces (m,) that it is asked for."""
+        """Return the generalized forces (m,) that the function `ask` of the library computes."""
         forces = self._idt.FreeFloatingGeneralizedTorques(self.dynamics.model())
         ask(forces)
         of_joints = forces.jointTorques().toNumPy()

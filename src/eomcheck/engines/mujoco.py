@@ -1,11 +1,11 @@
 """MuJoCo: mass matrix by composite rigid bodies, bias by recursive Newton-Euler.
 
-MuJoCo moves no body without mass, so the joints of links that only carry sit on the body that they
-carry. Constraints are soft: rows of a become tendons of constant coefficients, held by MuJoCo's own
-solver as stiffly as its settings allow.
+In MuJoCo every moving body has mass, so the joints of links without mass are mounted on the body
+that they carry. Constraints are soft: rows of a become tendons of constant coefficients, enforced
+by MuJoCo's own solver as stiffly as its settings allow.
 
-As it reads a URDF, limits, contacts and constraints are switched off. Of an MJCF file it has its
-own model, without what `from_mjcf` leaves out.
+In a model read from a URDF, limits, contacts and constraints are switched off. An MJCF file is read
+as MuJoCo's own model, without the elements that `from_mjcf` leaves out.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
 
 STIFFEST = 0.9999
-"""The largest impedance that MuJoCo takes: of a constraint's own response it leaves 1e-4."""
+"""Largest impedance that MuJoCo accepts: 1e-4 of the unconstrained response remains."""
 
 
 class MujocoEngine(TreeEngine):
-    """A scene that is a tree of rigid bodies, as a model of MuJoCo's."""
+    """Tree of rigid bodies as a MuJoCo model."""
 
     module = extra = "mujoco"
     compliant = True
@@ -51,12 +51,12 @@ class MujocoEngine(TreeEngine):
         for row in range(self.scene.r):
             self._add_constraint(spec, f"row_{row}", links)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of bodies that have no inertia yet
+            warnings.simplefilter("ignore")  # warnings about bodies without inertia so far
             self.model = model = spec.compile()
         model.opt.gravity[:] = 0.0
         model.opt.tolerance = 0.0
         for one in carried:
-            # Not by `fullinertia`, which takes no singular ones, and no orientation without `ipos`.
+            # Not by `fullinertia`: it rejects singular ones, and an orientation without `ipos`.
             moments, axes = one.body.principal
             body = model.body(one.body.name).id
             model.body_inertia[body] = moments
@@ -76,17 +76,17 @@ class MujocoEngine(TreeEngine):
         body.quat = self._quaternion(one.rotation)
         body.mass, body.ipos, body.inertia = one.body.mass, one.body.center, np.ones(3)
         body.explicitinertial = True
-        body.simple = 0  # of which nothing may be changed once it is compiled, as inertia is
+        body.simple = 0  # a simple body could not be changed after compilation, as inertia is
         for joint in one.joints:
             kind = kinds.mjJNT_SLIDE if joint.slides else kinds.mjJNT_HINGE
             body.add_joint(name=joint.name, type=kind, pos=joint.position, axis=joint.axis)
         return body
 
     def _add_constraint(self, spec: Any, name: str, links: list[TreeLink]) -> None:
-        """Add a linear combination of the joints that is to be 0, its coefficients still unknown.
+        """Add the constraint that a linear combination of the joints is 0, coefficients set later.
 
-        MuJoCo aims at the acceleration -k d r, d its impedance and k = stiffness / d². A stiffness
-        of d makes that -r: the acceleration is chosen by the offset in r.
+        MuJoCo's reference acceleration is -k d r, with the impedance d, k = stiffness / d² and the
+        residual r. A stiffness of d makes that -r: the offset in r determines the acceleration.
         """
         tendon = spec.add_tendon(name=name)
         for link in links:
@@ -126,7 +126,7 @@ class MujocoEngine(TreeEngine):
         gamma: Array | None,
         t: float = 0.0,
     ) -> EngineAcceleration:
-        """Return v̇ and λ by MuJoCo's own solver, from our Q, a and gamma."""
+        """Return v̇ and λ by MuJoCo's own solver, from the scene's Q, a and gamma."""
         if self.follow:
             return self.eliminated(q, v, Q, a, gamma, t)
         if a is not None and gamma is not None:
@@ -141,11 +141,11 @@ class MujocoEngine(TreeEngine):
         return EngineAcceleration(self.data.qacc[self._place], multipliers)
 
 
-# ---- As it reads a URDF --------------------------------------------------------------------------
+# ---- Model read from a URDF ----------------------------------------------------------------------
 
 
 class MujocoFile(FileEngine, MujocoEngine):
-    """A URDF by `mujoco.MjSpec.from_string`, which makes of it what `MjModel` does."""
+    """URDF read by `mujoco.MjSpec.from_string`, with the same result as `MjModel`."""
 
     key = "mujoco_file"
     compliant = False
@@ -157,7 +157,7 @@ class MujocoFile(FileEngine, MujocoEngine):
         if self.base:
             if description.root == "world":
                 raise EngineError(f"{self.key} makes a link called world the ground")
-            spec.compiler.fusestatic = False  # else nothing is left of the root but the ground
+            spec.compiler.fusestatic = False  # else the root is merged into the ground
             spec.body(description.root).add_freejoint()
         self.model = model = spec.compile()
         model.opt.gravity[:] = 0.0
@@ -166,7 +166,7 @@ class MujocoFile(FileEngine, MujocoEngine):
         self.data = library.MjData(model)
 
     def joints(self) -> list[str]:
-        """Return the names of its joints; a free base has the first."""
+        """Return the names of its joints, without that of a free base, the first one."""
         return [self.model.joint(i).name for i in range(bool(self.base), self.model.njnt)]
 
     def _move_to(self, x: Array, rate: Array) -> None:
@@ -179,8 +179,8 @@ class MujocoFile(FileEngine, MujocoEngine):
         self.model.opt.gravity[:] = 0.0
 
     def forces(self, q: Array, v: Array, t: float = 0.0) -> Array:
-        """Return Q (m,): gravity, and what its joints damp and spring."""
-        self._under_gravity(q, np.zeros(len(v)))  # moving, the bias would cancel against itself
+        """Return Q (m,): gravity, and the dampers and springs of its joints."""
+        self._under_gravity(q, np.zeros(len(v)))  # at v, subtracting the bias would lose digits
         gravity = -self.data.qfrc_bias
         self._under_gravity(q, v)
         return gravity + self.data.qfrc_passive
@@ -191,14 +191,14 @@ class MujocoFile(FileEngine, MujocoEngine):
         return self.data.qacc.copy()
 
 
-# ---- As it reads an MJCF file --------------------------------------------------------------------
+# ---- Model read from an MJCF file ----------------------------------------------------------------
 
 TURNS = 3
-"""Coordinates of a ball joint; MuJoCo has a quaternion for them."""
+"""Number of coordinates of a ball joint; MuJoCo has a quaternion for them."""
 
 
 class MjcfFile(MujocoFile):
-    """An MJCF by `mujoco.MjSpec`, in its own coordinates: quaternions of free and ball joints."""
+    """MJCF read by `mujoco.MjSpec`, in its own coordinates: quaternions of free and ball joints."""
 
     key = "mjcf_file"
 
@@ -217,8 +217,8 @@ class MjcfFile(MujocoFile):
             self._gravity[: len(gravity)] = gravity
         self.data = self._mj.MjData(self.model)
         self._n, self._place = self.model.nv, np.arange(self.model.nv)
-        place = {name: i for i, name in enumerate(scene.coordinate_names)}
-        self._in_file = [place[name] for name in read.coordinates]
+        index = {name: i for i, name in enumerate(scene.coordinate_names)}
+        self._in_file = [index[name] for name in read.coordinates]
         self.coordinates, self.shift = np.eye(self._n)[self._in_file], np.zeros(self._n)
         damped = zip(read.coordinates, self.model.dof_damping, strict=True)
         names = frozenset(name for name, damping in damped if damping)
@@ -231,13 +231,17 @@ class MjcfFile(MujocoFile):
 
     @classmethod
     def represents(cls, scene: Scene) -> bool:
-        """Return whether the scene is an MJCF file, with the parameters that stand there."""
+        """Return whether the scene is a mechanism with the parameters of its MJCF file."""
         if not isinstance(scene, Mechanism):
             return False
         return scene.source.format == "mjcf" and scene.as_described
 
     def velocity_map(self, q: Array, v: Array) -> VelocityMap:
-        """Return (x, S, Ṡ v): what is free slides along axes of the ground, turns about its own."""
+        """Return (x, S, Ṡ v), with quaternions and body-fixed angular velocities.
+
+        They belong to free and ball joints. A free joint also has the velocity of its origin along
+        the axes of the ground.
+        """
         x: list[float] = []
         q, v = q[self._in_file], v[self._in_file]
         S, rest, i = np.eye(self._n), np.zeros(self._n), 0
@@ -250,8 +254,8 @@ class MjcfFile(MujocoFile):
             moved[:, FREE - count :] = q[i : i + count], v[i : i + count]
             base = free_base(*moved)
             whole, more = base.velocity(BaseVelocity("ground", "base"), moved[1])
-            here, part = slice(i, i + count), slice(FREE - count, FREE)
-            S[here, here], rest[here] = whole[part, part], more[part]
+            own, part = slice(i, i + count), slice(FREE - count, FREE)
+            S[own, own], rest[own] = whole[part, part], more[part]
             x += [*(base.position if count == FREE else ()), *base.quaternion]
             i += count
         return VelocityMap(np.array(x), S @ self.coordinates, rest)
@@ -265,7 +269,10 @@ class MjcfFile(MujocoFile):
         gamma: Array | None,
         t: float = 0.0,
     ) -> EngineAcceleration:
-        """Return ẇ under MuJoCo's own forces; λ by our a and gamma: its constraints are soft."""
+        """Return ẇ under MuJoCo's own forces; with constraints ẇ and λ by the scene's a and gamma.
+
+        MuJoCo's own constraints are soft.
+        """
         if a is None:
             return EngineAcceleration(self.free_acceleration(q, v))
         return self.eliminated(q, v, self.forces(q, v, t), a, gamma, t)

@@ -1,7 +1,7 @@
 """Pinocchio: mass matrix by CRBA, bias by RNEA, constrained accelerations by its own solver.
 
-As it reads a URDF, a floating base is a quaternion and a velocity along its own axes; its
-algorithms leave out the dampers that it reads.
+In a model read from a URDF, a floating base has a quaternion and a velocity along its own axes;
+Pinocchio's algorithms leave out the dampers that it reads.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from eomcheck.numbers.generic import Array
 
 
 class PinocchioEngine(TreeEngine):
-    """A scene that is a tree of rigid bodies, as Pinocchio's own model."""
+    """Tree of rigid bodies as a Pinocchio model."""
 
     module = "pinocchio"
     any_inertia = True
 
     @classmethod
     def holds(cls, links: list[TreeLink]) -> bool:
-        """Return True: of every tree."""
+        """Return True: Pinocchio holds every tree."""
         return True
 
     def _build(self, library: Any, links: list[TreeLink]) -> None:
@@ -35,7 +35,7 @@ class PinocchioEngine(TreeEngine):
         for link in links:
             kind = getattr(pin, f"JointModel{link.kind.upper()}")
             seat = pin.SE3(link.rotation, link.offset)
-            # Joint 0 is Pinocchio's universe, where -1 is the ground here.
+            # Joint 0 is Pinocchio's universe, the ground, which is -1 in `links`.
             joint = model.addJoint(link.parent + 1, kind(), seat, link.name)
             model.armature[model.joints[joint].idx_v] = link.armature
             if link.mass > 0 or link.turns_without_mass:
@@ -44,7 +44,7 @@ class PinocchioEngine(TreeEngine):
         self.data = model.createData()
 
     def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
-        """Return M (n, n) by the composite rigid body algorithm, which fills its upper half."""
+        """Return M (n, n) by the composite rigid body algorithm, which fills its upper triangle."""
         upper = np.triu(np.array(self._pin.crba(self.model, self.data, q)))
         return upper + upper.T - np.diag(np.diagonal(upper))
 
@@ -61,7 +61,7 @@ class PinocchioEngine(TreeEngine):
         gamma: Array | None,
         t: float = 0.0,
     ) -> EngineAcceleration:
-        """Return v̇ and λ by `pinocchio.forwardDynamics` with our a, gamma and Q."""
+        """Return v̇ and λ by `pinocchio.forwardDynamics` with the scene's a, gamma and Q."""
         if self.follow:
             return self.eliminated(q, v, Q, a, gamma, t)
         state = (self.model, self.data, q, v, Q)
@@ -71,11 +71,11 @@ class PinocchioEngine(TreeEngine):
         return EngineAcceleration(np.array(xdd), np.array(self.data.lambda_c))
 
 
-# ---- As it reads a URDF --------------------------------------------------------------------------
+# ---- Model read from a URDF ----------------------------------------------------------------------
 
 
 class PinocchioFile(FileEngine, PinocchioEngine):
-    """A URDF by `pinocchio.buildModelFromXML`."""
+    """URDF read by `pinocchio.buildModelFromXML`."""
 
     key = "pinocchio_file"
     base_velocity = BaseVelocity("base", "base")
@@ -89,11 +89,11 @@ class PinocchioFile(FileEngine, PinocchioEngine):
         self.data = self.model.createData()
 
     def joints(self) -> list[str]:
-        """Return the names of its joints; its universe comes first, and then a free base."""
+        """Return the names of its joints, without the universe and a free base before them."""
         return list(self.model.names)[2 if self.base else 1 :]
 
     def velocity_map(self, q: Array, v: Array) -> VelocityMap:
-        """Return (x, S, Ṡ v), x with cosine and sine of joints without limits."""
+        """Return (x, S, Ṡ v); x holds cosine and sine of joints without limits."""
         x, S, rest = super().velocity_map(q, v)
         joints = list(self.model.joints)[2 if self.base else 1 :]
         pose, moved = np.split(x, [len(x) - len(joints)])
@@ -103,11 +103,11 @@ class PinocchioFile(FileEngine, PinocchioEngine):
         return VelocityMap(np.array(parts), S, rest)
 
     def pose(self, base: FreeBase) -> Array:
-        """Return place and orientation, as x, y, z, w."""
+        """Return the position and the quaternion x, y, z, w."""
         return np.concatenate([base.position, np.roll(base.quaternion, -1)])
 
     def _under_gravity(self, algorithm: Any, *arguments: Array) -> Array:
-        """Return what one of its algorithms gives for the model under gravity."""
+        """Return the result of one of Pinocchio's algorithms for the model under gravity."""
         self.model.gravity.linear = self._gravity
         try:
             return np.array(algorithm(self.model, self.data, *arguments))
@@ -120,5 +120,5 @@ class PinocchioFile(FileEngine, PinocchioEngine):
         return -gravity - self.model.damping * v
 
     def free_acceleration(self, q: Array, v: Array) -> Array:
-        """Return ẇ (m,) by articulated bodies."""
+        """Return ẇ (m,) by the articulated body algorithm."""
         return self._under_gravity(self._pin.aba, q, v, np.zeros(len(v)))

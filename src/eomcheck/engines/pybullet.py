@@ -1,8 +1,9 @@
-"""PyBullet: Bullet's multibody code, from a URDF that is written for it and thrown away.
+"""PyBullet: Bullet's multibody code, with a model that is read from a temporary URDF.
 
-As it reads the URDF of a robot, its base is held or free. A free base moves with the principal axes
-of its body. PyBullet answers as if these had just been those of the ground, and returns the
-accelerations of the centre of mass along them: less by ω × v than those of its velocity.
+In a model read from the URDF of a robot, the base is fixed or free. A free base is represented by
+the principal axes of its body. PyBullet is called as if these were momentarily the axes of the
+ground, and its accelerations are those of the centre of mass along them: v̇ + ω × v, where v̇ is
+the rate of the velocity along the axes of the base.
 """
 
 from __future__ import annotations
@@ -25,11 +26,11 @@ from eomcheck.engines.tree_engine import TreeEngine, TreeLink
 from eomcheck.numbers.generic import Array
 
 BASE = 7
-"""Entries of a free base's pose, from which it counts even where the base is fixed."""
+"""Number of entries of a free base's pose; PyBullet counts joints after it even if it is fixed."""
 
 
 class PybulletEngine(TreeEngine):
-    """A scene that is a tree of rigid bodies, as a multibody of PyBullet's."""
+    """Tree of rigid bodies as a PyBullet multibody."""
 
     module = extra = "pybullet"
 
@@ -41,20 +42,23 @@ class PybulletEngine(TreeEngine):
 
     @classmethod
     def takes(cls, link: TreeLink) -> bool:
-        """Return whether a link is a point or extended: of a thin rod it takes none for all."""
+        """Return whether all or none of the moments of a link are positive.
+
+        PyBullet ignores all moments of a thin rod, of which one is 0.
+        """
         moments = link.principal[0]
         return super().takes(link) and bool(moments[0] > 0 or not moments.any())
 
     def _build(self, library: Any, links: list[TreeLink]) -> None:
         self._bullet = library
-        # There are only so many connections: one is given back with the engine.
+        # The number of connections is limited: one is closed when the engine is deleted.
         self._client = library.connect(library.DIRECT)
         weakref.finalize(self, library.disconnect, self._client)
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder, "tree.urdf")
             self._unit = _unit_of_mass(links)
             write_text(path, _urdf(links, self._unit))
-            # Otherwise moments of inertia are guessed from the shape, and there is none.
+            # Without this flag moments of inertia are estimated from the shape, and there is none.
             flags = library.URDF_USE_INERTIA_FROM_FILE
             self._body = library.loadURDF(
                 str(path), useFixedBase=True, flags=flags, physicsClientId=self._client
@@ -63,8 +67,8 @@ class PybulletEngine(TreeEngine):
             library.getJointInfo(self._body, j, physicsClientId=self._client)
             for j in range(self._n)
         ]
-        place = {info[1].decode(): info[3] - BASE for info in infos}
-        self._place = np.array([place[f"joint_of_{link.name}"] for link in links])
+        index = {info[1].decode(): info[3] - BASE for info in infos}
+        self._place = np.array([index[f"joint_of_{link.name}"] for link in links])
 
     def _ordered(self, x: Array) -> list[float]:
         result = np.zeros(self._n)
@@ -73,24 +77,24 @@ class PybulletEngine(TreeEngine):
 
     def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
         """Return M (n, n)."""
-        found = self._bullet.calculateMassMatrix(
+        M = self._bullet.calculateMassMatrix(
             self._body, self._ordered(q), physicsClientId=self._client
         )
-        return self._unit * np.array(found)[np.ix_(self._place, self._place)]
+        return self._unit * np.array(M)[np.ix_(self._place, self._place)]
 
     def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return B (n,) by inverse dynamics; a new world has no gravity."""
         state = self._ordered(q), self._ordered(v), [0.0] * self._n
-        found = self._bullet.calculateInverseDynamics(
+        forces = self._bullet.calculateInverseDynamics(
             self._body, *state, physicsClientId=self._client
         )
-        return self._unit * np.array(found)[self._place]
+        return self._unit * np.array(forces)[self._place]
 
 
 def _unit_of_mass(links: list[TreeLink]) -> float:
     """Return a power of two, kg, in which the largest moment of inertia is below 1.
 
-    Bullet turns inertias, and refuses what is not symmetric to 1e-15, however large it is.
+    Bullet rotates inertias, and rejects one that is not symmetric to 1e-15, however large it is.
     """
     largest = max(max(link.principal[0]) for link in links)
     return 2.0 ** np.ceil(np.log2(largest)) if largest > 0 else 1.0
@@ -113,7 +117,7 @@ def _urdf(links: list[TreeLink], unit: float) -> str:
         ElementTree.SubElement(joint, "axis", xyz=_text(link.axis))
         if link.slides:
             limits: dict[str, str] = dict.fromkeys(("lower", "upper", "effort", "velocity"), "1")
-            ElementTree.SubElement(joint, "limit", limits)  # not held to, but asked for
+            ElementTree.SubElement(joint, "limit", limits)  # required, but not enforced
     ElementTree.indent(robot)  # Bullet cuts long lines off
     return ElementTree.tostring(robot, encoding="unicode")
 
@@ -122,7 +126,7 @@ def _add_body(
     robot: Any, name: str, mass: float, center: Array, moments: Array, axes: Array
 ) -> None:
     inertial = ElementTree.SubElement(ElementTree.SubElement(robot, "link", name=name), "inertial")
-    # Along principal axes: Bullet turns to them itself, to 1e-11 only.
+    # Along principal axes: Bullet would rotate to them itself, to 1e-11 only.
     rpy = _text(roll_pitch_yaw_of(axes))
     ElementTree.SubElement(inertial, "origin", xyz=_text(center), rpy=rpy)
     ElementTree.SubElement(inertial, "mass", value=repr(float(mass)))
@@ -134,17 +138,17 @@ def _text(numbers: Iterable[float]) -> str:
     return " ".join(repr(float(x)) for x in numbers)
 
 
-# ---- As it reads a URDF --------------------------------------------------------------------------
+# ---- Model read from a URDF ----------------------------------------------------------------------
 
 POSE = 9
-"""Entries of `pose`."""
+"""Number of entries of `pose`."""
 
 NOWHERE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-"""Place and orientation of a base that is where the ground is."""
+"""Position and quaternion x, y, z, w of a base that coincides with the ground."""
 
 
 class PybulletFile(FileEngine, PybulletEngine):
-    """A URDF by `pybullet.loadURDF`."""
+    """URDF read by `pybullet.loadURDF`."""
 
     key = "pybullet_file"
     base_velocity = BaseVelocity("base", "base", turns_first=True)
@@ -175,11 +179,11 @@ class PybulletFile(FileEngine, PybulletEngine):
         return self._names
 
     def base_frame(self, q: Array, v: Array) -> FreeBase:
-        """Return where the principal axes of the base are, in its centre of mass."""
+        """Return the frame of the principal axes of the base, at its centre of mass."""
         return free_base(q[:FREE], v[:FREE], self._center, self._axes)
 
     def pose(self, base: FreeBase) -> Array:
-        """Return the rotation: nothing depends on where it is."""
+        """Return the rotation: no quantity depends on the position."""
         return base.R.ravel()
 
     def _split(self, x: Array) -> tuple[Array, list[float]]:
@@ -190,17 +194,23 @@ class PybulletFile(FileEngine, PybulletEngine):
     def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
         """Return M (m, m)."""
         _, joints = self._split(q)
-        found = self._bullet.calculateMassMatrix(self._body, joints, physicsClientId=self._client)
-        return np.array(found)
+        M = self._bullet.calculateMassMatrix(self._body, joints, physicsClientId=self._client)
+        return np.array(M)
 
     def _inverse(self, joints: list[float], rate: Array, acceleration: Array) -> Array:
-        """Return forces (m,) of what moves like this, its axes those of the ground."""
-        place = [*NOWHERE, *joints] if self.base else joints
-        found = self._bullet.calculateInverseDynamics(
-            self._body, place, rate.tolist(), acceleration.tolist(), physicsClientId=self._client
+        """Return forces (m,) by inverse dynamics, the axes of the base those of the ground.
+
+        Args:
+            joints: coordinates of the joints.
+            rate: velocities (m,).
+            acceleration: accelerations (m,), of a free base those of its centre of mass.
+        """
+        pose = [*NOWHERE, *joints] if self.base else joints
+        forces = self._bullet.calculateInverseDynamics(
+            self._body, pose, rate.tolist(), acceleration.tolist(), physicsClientId=self._client
         )
-        # With a free base forces come before moments, though it turns first.
-        return np.concatenate([found[3:6], found[:3], found[6:]] if self.base else [found])
+        # With a free base forces come before moments, though angular velocities come first.
+        return np.concatenate([forces[3:6], forces[:3], forces[6:]] if self.base else [forces])
 
     def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return B (m,) by inverse dynamics."""
@@ -213,7 +223,7 @@ class PybulletFile(FileEngine, PybulletEngine):
         """Return Q (m,) of gravity."""
         world, (R, joints) = {"physicsClientId": self._client}, self._split(q)
         self._bullet.setGravity(*(R.T @ self._gravity), **world)
-        still = np.zeros(self._n)
-        found = self._inverse(joints, still, still)
+        at_rest = np.zeros(self._n)
+        weights = self._inverse(joints, at_rest, at_rest)
         self._bullet.setGravity(0.0, 0.0, 0.0, **world)
-        return -found
+        return -weights

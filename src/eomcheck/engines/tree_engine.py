@@ -1,7 +1,8 @@
-"""`TreeEngine`: an engine that builds its model from a scene's tree of bodies.
+"""`TreeEngine`: base class of engines that build their model from a scene's tree of rigid bodies.
 
-It sees `TreeLink`s, by one walk through the tree: a joint, where it sits on the link before, and
-the body that it moves. How a `Tree` encodes these is known here alone.
+The model is built from `TreeLink`s, one per joint of the tree and in its order: a joint with one
+coordinate, its pose on the parent link, and the body that it moves. Only this module knows the
+encoding of a `Tree`.
 """
 
 from __future__ import annotations
@@ -21,33 +22,34 @@ from eomcheck.numbers.generic import Array
 
 
 class TreeLink(NamedTuple):
-    """A joint with one coordinate, and the body behind it.
+    """Joint with one coordinate, and the body behind it.
 
-    The joint's frame moves with the body; at coordinate 0 it coincides with the joint's seat.
+    The joint's frame moves with the body; at coordinate 0 it coincides with the joint's seat, a
+    frame that is fixed to the parent.
     """
 
     name: str
-    """Unique in its tree."""
+    """Name, unique in its tree."""
     parent: int
-    """Position of the link that it sits on, always an earlier one, or -1: the ground."""
+    """Index of the link that it is mounted on, always an earlier one, or -1: the ground."""
     kind: str
-    """Slides along ("p") or turns about ("r") an axis of its frame: "px" ... "rz"."""
+    """Joint type "px" ... "rz": slides along ("p") or turns about ("r") an axis of its frame."""
     rotation: Array
     """Orientation of the seat in the frame of the parent (3, 3)."""
     offset: Array
     """Position of the seat in the frame of the parent (3,), m."""
     mass: float
-    """kg, 0 for a link that only carries others."""
+    """Mass, kg, 0 for a link that only carries others."""
     center: Array
     """Centre of mass in the joint's frame (3,), m."""
     inertia: Array
-    """About the centre of mass, along the axes of the joint's frame (3, 3), kg m²."""
+    """Inertia about the centre of mass, along the axes of the joint's frame (3, 3), kg m²."""
     armature: float = 0.0
-    """What the joint's coordinate has to move besides, kg m² or kg."""
+    """Rotor inertia that is added to the joint's coordinate, kg m² or kg."""
 
     @property
     def turns_without_mass(self) -> bool:
-        """Whether it has inertia but no mass, which most libraries drop or refuse."""
+        """Whether it has inertia but no mass, which most libraries ignore or reject."""
         return self.mass == 0 and bool(self.inertia.any())
 
     @property
@@ -64,7 +66,7 @@ class TreeLink(NamedTuple):
     def principal(self) -> tuple[Array, Array]:
         """Principal moments (3,), kg m², and their axes, columns of a rotation (3, 3).
 
-        For libraries that would find them themselves, and lose digits or the axes.
+        For libraries that would compute them themselves, and lose digits or the axes.
         """
         moments, axes = np.linalg.eigh(self.inertia)
         axes[:, 0] *= np.sign(np.linalg.det(axes))
@@ -72,7 +74,7 @@ class TreeLink(NamedTuple):
 
 
 def tree_links(tree: Tree) -> list[TreeLink]:
-    """Return the links of a tree, each after the one that it sits on."""
+    """Return the links of a tree, each after its parent."""
     return [
         TreeLink(
             name=f"link_{j}",
@@ -90,22 +92,22 @@ def tree_links(tree: Tree) -> list[TreeLink]:
 
 
 class MountedJoint(NamedTuple):
-    """A joint as it sits on the body that it moves, while all joints are at 0."""
+    """Joint in the frame of the body that it moves, while all joints are at 0."""
 
     name: str
     slides: bool
     position: Array
-    """In the body's frame (3,), m."""
+    """Position in the body's frame (3,), m."""
     axis: Array
-    """In the body's frame (3,), of length 1."""
+    """Axis in the body's frame (3,), of length 1."""
 
 
 class BodyWithJoints(NamedTuple):
-    """A body with mass and all joints that move it: those of links without mass, then its own."""
+    """Body with mass and all joints that move it: those of links without mass, then its own."""
 
     body: TreeLink
     parent: int
-    """Position of the body that the first joint sits on, or -1: the ground."""
+    """Index of the body that the first joint is mounted on, or -1: the ground."""
     rotation: Array
     """Orientation in the frame of the parent (3, 3) while all joints are at 0."""
     offset: Array
@@ -116,22 +118,22 @@ class BodyWithJoints(NamedTuple):
 def bodies_with_mass(links: list[TreeLink]) -> list[BodyWithJoints] | None:
     """Return the bodies that have mass, each with all joints between it and the body before.
 
-    For libraries in which nothing moves that has no mass. None where a link without mass does not
-    carry exactly one other, so that no body can take its joint over.
+    For libraries in which every moving body needs mass. None where a link without mass does not
+    carry exactly one other, so that no body can have its joint.
     """
     carries = [sum(other.parent == j for other in links) for j in range(len(links))]
     if any(link.mass == 0 and number != 1 for link, number in zip(links, carries, strict=True)):
         return None
     bodies: list[BodyWithJoints] = []
-    places = {-1: -1}
+    indices = {-1: -1}
     for j, link in enumerate(links):
         if link.mass > 0:
-            places[j] = len(bodies)
+            indices[j] = len(bodies)
             chain, first = [link], link.parent
             while first != -1 and links[first].mass == 0:
                 chain.insert(0, links[first])
                 first = links[first].parent
-            bodies.append(_carried(places[first], chain))
+            bodies.append(_carried(indices[first], chain))
     return bodies
 
 
@@ -154,22 +156,23 @@ def _carried(parent: int, chain: list[TreeLink]) -> BodyWithJoints:
 # ---- Engines -------------------------------------------------------------------------------------
 
 TOUCHING = 1e-12
-"""Relative: of a thin rod or plate one moment is the sum of the others."""
+"""Relative tolerance of the triangle inequality of principal moments: for a thin rod or plate one
+moment is the sum of the others."""
 
 
 class TreeEngine(Engine):
-    """A tree of rigid bodies as a model of the library's own, in coordinates of its joints x = T q.
+    """Engine of a tree of rigid bodies, in coordinates of its joints x = T q + shift.
 
-    A subclass says what the library answers in these, in the order of the links (rule 4). Joints
-    that follow others move by themselves in the model: M, B and Q are taken along T, and v̇
-    is that of the library's M and B.
+    A subclass returns the results of its library in these, in the order of the links (rule 4).
+    Joints that follow others are independent in the model: M, B and Q are projected along T, and v̇
+    is solved from the library's M and B.
     """
 
     module: ClassVar[str]
-    """What to import."""
+    """Module to import."""
 
     any_inertia: ClassVar[bool] = False
-    """Whether it takes moments of inertia that no body has."""
+    """Whether it accepts moments of inertia that no body has."""
 
     solves_like = "gw"
     reads_parameters = False
@@ -180,9 +183,9 @@ class TreeEngine(Engine):
         if tree is None or not self.represents(scene):
             raise EngineError(f"{self.key} cannot represent {scene.name} as a tree of bodies")
         self.coordinates: Array = tree.coordinates
-        """T (m, n), x = T q + shift for the m joints of the tree."""
+        """Matrix T (m, n), x = T q + shift for the m joints of the tree."""
         self.shift: Array = tree.shift
-        """x where q = 0 (m,)."""
+        """Joint coordinates x where q = 0 (m,)."""
         self._n = len(tree.joint)
         self._build(self._library(), self.links(tree))
 
@@ -213,8 +216,8 @@ class TreeEngine(Engine):
     def takes(cls, link: TreeLink) -> bool:
         """Return whether the moments of inertia of a link are those of some body.
 
-        None is negative and none exceeds the sum of the others; many libraries refuse or replace
-        what is not so. In the plane moments about other axes do not count, and all are the same.
+        None is negative and none exceeds the sum of the others; many libraries reject or replace
+        other moments. In the plane moments about other axes do not count, and all are the same.
         """
         low, middle, high = link.principal[0]
         return bool(low >= -TOUCHING * high and low + middle >= high * (1 - TOUCHING))
@@ -243,9 +246,9 @@ class TreeEngine(Engine):
     def eliminated(
         self, q: Array, v: Array, Q: Array, a: Array | None, gamma: Array | None, t: float
     ) -> EngineAcceleration:
-        """Return ẍ (m,) and λ by the library's M and B, joints that follow eliminated.
+        """Return ẍ (m,) and λ by the library's M and B, joints that follow others eliminated.
 
-        All is handed in the coordinates of the joints, as to `acceleration`.
+        All arguments are in the coordinates of the joints, as those of `acceleration`.
         """
         T = self.coordinates
         M, F = T.T @ self.mass_matrix(q, t) @ T, T.T @ (Q - self.bias(q, v, t))
@@ -259,5 +262,5 @@ class TreeEngine(Engine):
 
 
 def all_move(tree: Tree) -> bool:
-    """Return whether no coordinate is without a joint of its own: others may follow it."""
+    """Return whether T has full column rank: each coordinate moves the tree in a way of its own."""
     return bool(np.linalg.matrix_rank(tree.coordinates) == tree.coordinates.shape[1])

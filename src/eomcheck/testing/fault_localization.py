@@ -51,7 +51,7 @@ READS: dict[str, tuple[str, ...]] = {
 """Claim -> functions it reads beside those it needs, if they are given; of "x|y" the first one."""
 
 OF_THE_REFERENCE = {"forces": ("gravity|U", "R", "Q")}
-"""Quantity compared with a reference -> functions; others are read as `FOLLOWS` says."""
+"""Quantity compared with a reference -> functions it reads; others read those of `FOLLOWS`."""
 
 SETTLES: dict[str, tuple[str, ...]] = {
     "bias-of-mass-matrix": ("bias",),
