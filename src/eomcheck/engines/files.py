@@ -29,7 +29,7 @@ BY_FORMAT: dict[str, dict[str, type[FileEngine]]] = {"urdf": READERS, "mjcf": {"
 
 def default_reader(scene: Scene | type[Scene]) -> type[FileEngine] | None:
     """Return the class that reads the file of a robot by default; None for any other scene."""
-    return DEFAULT.get(getattr(getattr(scene, "made", None), "format", ""))
+    return DEFAULT.get(getattr(getattr(scene, "source", None), "format", ""))
 
 
 __all__ = [
