@@ -197,10 +197,12 @@ def _again(
 def fresh_functions(functions: EquationsOfMotion) -> EquationsOfMotion:
     """Return the functions that the factory makes."""
     assert functions.factory is not None
-    made = functions.factory()
-    if isinstance(made, EquationsOfMotion):
-        return made
-    given = made if isinstance(made, dict) else {x: getattr(made, x, None) for x in INPUTS}
+    instance = functions.factory()
+    if isinstance(instance, EquationsOfMotion):
+        return instance
+    given = (
+        instance if isinstance(instance, dict) else {x: getattr(instance, x, None) for x in INPUTS}
+    )
     options = {"speeds": functions.speeds, "qdot": functions.qdot, "array": functions.array}
     return equations_from(functions.n, options | given)
 
@@ -269,7 +271,7 @@ def _unfelt(at: FunctionState, name: str, small: float = UNFELT, by: float = FEL
     A smooth function that the large change changes by `by` of its size changes by a fixed part of
     that for the small one, which is still many roundings in float64.
     """
-    f, here, n = at.raw(name), at.quantity(name), len(at.q)
+    f, value, n = at.raw(name), at.quantity(name), len(at.q)
     names = [f"q[{k}]" for k in range(n)] + [f"v[{k}]" for k in range(len(at.v))]
     reads = at.caller.reads(name)
     for k, width in enumerate(np.concatenate((at.width_q, at.width_v))):
@@ -279,25 +281,25 @@ def _unfelt(at: FunctionState, name: str, small: float = UNFELT, by: float = FEL
         def changed(share: float, k: int = k, width: float = float(width)) -> Array:
             x = np.concatenate((at.q, at.v))
             x[k] += share * width
-            return np.abs(f(x[:n], x[n:]) - here.value)
+            return np.abs(f(x[:n], x[n:]) - value.value)
 
-        if _steps(changed, FELT, small, by * largest(here.size)):
+        if _steps(changed, FELT, small, by * largest(value.size)):
             return names[k]
     return ""
 
 
 def _is_cached(at: FunctionState, name: str, double: bool) -> bool:
     """Return whether long changes of all coordinates together have an effect and no short ones."""
-    f, here = at.raw(name), at.quantity(name)
+    f, value = at.raw(name), at.quantity(name)
     if "q" not in at.caller.reads(name):
         return False
     rng = np.random.default_rng(at.seed)
     along = rng.uniform(0.5, 1.0, len(at.q)) * rng.choice((-1.0, 1.0), len(at.q)) * at.width_q
 
     def changed(share: float) -> Array:
-        return np.abs(f(at.q + share * along, at.v) - here.value)
+        return np.abs(f(at.q + share * along, at.v) - value.value)
 
-    steps, size = CACHED_DOUBLES if double else CACHED, largest(here.size)
+    steps, size = CACHED_DOUBLES if double else CACHED, largest(value.size)
     return any(_steps(changed, long, short, by * size) for long, short, by in steps)
 
 

@@ -227,11 +227,11 @@ def acceleration_quadratic(at: FunctionState) -> Iterator[UncertainComparison]:
     """
     rest = at.with_velocity(np.zeros(len(at.v))).quantity("qdd")
     twice = at.with_velocity(2.0 * at.v)
-    here, far, damped = at.quantity("qdd"), twice.quantity("qdd"), _damped(at)
+    once, far, damped = at.quantity("qdd"), twice.quantity("qdd"), _damped(at)
     if damped.any():
-        here = _where(damped, here - 0.5 * _odd(at), here)
+        once = _where(damped, once - 0.5 * _odd(at), once)
         far = _where(damped, far - 0.5 * _odd(twice), far)
-    yield UncertainComparison("q̈", far - rest, 4.0 * (here - rest), (row_names(at),))
+    yield UncertainComparison("q̈", far - rest, 4.0 * (once - rest), (row_names(at),))
 
 
 # ---- Reference -----------------------------------------------------------------------------------
@@ -325,7 +325,7 @@ def reference(at: FunctionState) -> Iterator[UncertainComparison | Skipped]:
     """Compare each quantity with that of the reference."""
     assert at.reference is not None
     for name, (shaped, of) in QUANTITIES.items():
-        here, theirs = at, _reference_at(at)
+        point, theirs = at, _reference_at(at)
         if not _shared(at, theirs, name):
             continue
         if name == "qdd":
@@ -335,19 +335,19 @@ def reference(at: FunctionState) -> Iterator[UncertainComparison | Skipped]:
                     f"{name} ~ {at.reference.name}", "no consistent state is found nearby"
                 )
                 continue
-            here = consistent
-            theirs = FunctionState(theirs.caller, here.q, here.v, at.seed)
+            point = consistent
+            theirs = FunctionState(theirs.caller, point.q, point.v, at.seed)
         try:
             expected = of(theirs)
         except BrokenError as broken:
             yield Skipped(f"{name} ~ {at.reference.name}", f"the reference breaks: {broken}")
             continue
-        found = of(here)
-        if found is None or expected is None:
+        actual = of(point)
+        if actual is None or expected is None:
             yield Skipped(
-                f"{name} ~ {at.reference.name}", why_no_bias(here if found is None else theirs)
+                f"{name} ~ {at.reference.name}", why_no_bias(point if actual is None else theirs)
             )
             continue
         yield UncertainComparison(
-            f"{name} ~ {at.reference.name}", found, expected, axis_names(at, shaped), proportional
+            f"{name} ~ {at.reference.name}", actual, expected, axis_names(at, shaped), proportional
         )

@@ -220,16 +220,16 @@ def suspects(
         failed: the failure.
         at: state at which it fails, None if it is unknown.
     """
-    found = functions_read(functions, failed.claim, failed.subject)
+    read = functions_read(functions, failed.claim, failed.subject)
     if failed.claim != "motion" or at is None:
-        return found
+        return read
     if _in_motion(at):
-        found |= {"T"}
+        read |= {"T"}
     try:
         with np.errstate(all="ignore"):
-            return found & _of_residual(at, found) or found
+            return read & _of_residual(at, read) or read
     except (BrokenError, np.linalg.LinAlgError):
-        return found
+        return read
 
 
 def residual(at: FunctionState) -> UncertainArray | None:
@@ -273,13 +273,13 @@ def _of_residual(at: FunctionState, found: frozenset[str]) -> frozenset[str]:
     points, values = _measured_residuals(at)
     if not values:
         return found
-    here = points[1]
+    state = points[1]
     left, qdd = (
         velocity_dependence(values),
         velocity_dependence([x.quantity("qdd") for x in points]),
     )
-    free = exact(here.free().T) if here.has("a") else exact(np.eye(len(here.v)))
-    parts = {name: [free @ x.parts()[name] for x in points] for name in here.parts()}
+    free = exact(state.free().T) if state.has("a") else exact(np.eye(len(state.v)))
+    parts = {name: [free @ x.parts()[name] for x in points] for name in state.parts()}
     only = [name for name, of in parts.items() if _in_proportion(values, of)]
     damping = (
         velocity_dependence(parts["damping"])
@@ -289,7 +289,7 @@ def _of_residual(at: FunctionState, found: frozenset[str]) -> frozenset[str]:
     loads = (
         velocity_dependence(parts["Q"]) if "Q" in parts else VelocityDependence(True, False, False)
     )
-    rest = {"T"} if here.rest_energy_changes() else set()
+    rest = {"T"} if state.rest_energy_changes() else set()
     explains = {
         "bias": VelocityDependence(bool(rest), False, True),
         "C": VelocityDependence(False, False, True),
@@ -305,7 +305,7 @@ def _of_residual(at: FunctionState, found: frozenset[str]) -> frozenset[str]:
             kept.add(name)
             continue
         if name in ("M", "T"):
-            even = qdd.even or not (here.has("bias") or here.has("C"))
+            even = qdd.even or not (state.has("bias") or state.has("C"))
             can = VelocityDependence(qdd.constant, qdd.odd, even)
             if (qdd.constant and not left.constant) or (qdd.odd and not left.odd):
                 continue
@@ -344,9 +344,9 @@ def unsettled_by(points: Sequence[FunctionState]) -> set[tuple[str, str]]:
     """
     if all(map(_natural, points)):
         return set()
-    found = {("kinetic-energy", "T"), ("bias-of-energy", "bias")}
+    pairs = {("kinetic-energy", "T"), ("bias-of-energy", "bias")}
     even = all(one.even() for one in points if not _natural(one))
-    return found if even else found | {("bias-of-mass-matrix", "bias")}
+    return pairs if even else pairs | {("bias-of-mass-matrix", "bias")}
 
 
 def rest_energy(at: FunctionState | None) -> str:

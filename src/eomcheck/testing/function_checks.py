@@ -253,7 +253,7 @@ def check_equations(
     ]
     if reference is not None:
         claims_motions.check_reference(points)
-    found = {
+    findings = {
         claim.id: [
             *worst_findings(functions, claim, points),
             *undetectable(functions, claim, points[0]),
@@ -262,15 +262,15 @@ def check_equations(
         if claim.id not in LAST
     }
     if isinstance(wanted, int) and functions.ranges is None:
-        for one in outside_default_ranges(functions, answers, found, seed + wanted, reference):
-            found[one.claim].append(one)
+        for one in outside_default_ranges(functions, answers, findings, seed + wanted, reference):
+            findings[one.claim].append(one)
     for claim in sorted(selected, key=lambda one: one.id in LAST and 1 + LAST.index(one.id)):
         if claim.id in LAST:
-            found[claim.id] = [*worst_findings(functions, claim, points)]
+            findings[claim.id] = [*worst_findings(functions, claim, points)]
     if claims is not None:
         for claim in selected:
-            found[claim.id] = found[claim.id] or [inapplicable(functions, claim)]
-    ordered = [one for claim in selected for one in found[claim.id]]
+            findings[claim.id] = findings[claim.id] or [inapplicable(functions, claim)]
+    ordered = [one for claim in selected for one in findings[claim.id]]
     return localize_faults(functions, ordered, points)
 
 
@@ -666,15 +666,15 @@ def caveats(functions: EquationsOfMotion, claims: Iterable[str]) -> list[Finding
     middle, _ = functions.half_ranges()
     at = FunctionState(FunctionCaller(functions), middle[: functions.n], middle[functions.n :])
     ids = tuple(claims)
-    found: list[Finding] = []
+    findings: list[Finding] = []
     for claim in map(FUNCTION_CLAIMS.__getitem__, ids):
         each = list(undetectable(functions, claim, at))
         if not (each or claim.applies(at) or len(ids) == len(FUNCTION_CLAIMS)):
             each = [inapplicable(functions, claim)]
-        found += each
+        findings += each
     if functions.ranges is None and {"answers", "reference"} <= {*ids}:
-        found.append(_within(functions))
-    return found
+        findings.append(_within(functions))
+    return findings
 
 
 def inapplicable(functions: EquationsOfMotion, claim: FunctionClaim) -> Finding:

@@ -297,18 +297,18 @@ class SceneTarget:
         cases = self._cases(examples, seed)
         for scene, state in with_wide(cases, seed) if selection.engines_named else cases:
             run.check_state(scene, state, selection)
-        found = run.finish(selection)
+        findings = run.finish(selection)
         if self.engine is not None:
-            check_compared([self.engine], found)
+            check_compared([self.engine], findings)
         links = partial(no_larger, links=LINKS) if isinstance(self.scene, type) else states_of
 
         def smallest(failed: Finding) -> Finding:
             assert isinstance(failed.scene, Scene)
             return smallest_failure(failed, links(failed.scene), selection, seed)
 
-        results = claim_results(self.claims, found, known, smallest)
+        results = claim_results(self.claims, findings, known, smallest)
         return without_unresolved(
-            results, (one for one in found if is_unresolved_detail(one.detail))
+            results, (one for one in findings if is_unresolved_detail(one.detail))
         )
 
     def absent(self, claim: str) -> str:
@@ -389,18 +389,18 @@ def scene_targets(engine: type[Engine] | None, scenes: Scenes | None) -> list[Sc
         raise InputError(f"scenes = {scenes!r}, expected a list of scenes")
     else:
         named = [(_name(one), one) for given in scenes for one in _scenes(given)]
-    trials: dict[str, SceneTarget] = {}
+    targets: dict[str, SceneTarget] = {}
     for name, scene in named:
-        if name in trials:
+        if name in targets:
             hint = "give them names: scenes={name: scene}"
             raise InputError(f"scenes: two of them are called {name!r}; {hint}")
-        trials[name] = SceneTarget(name, scene, engine)
-    if not any(trial.represented for trial in trials.values()):
-        if engine is None or (scenes is not None and not trials):
+        targets[name] = SceneTarget(name, scene, engine)
+    if not any(target.represented for target in targets.values()):
+        if engine is None or (scenes is not None and not targets):
             raise InputError(f"scenes = {scenes!r}, expected at least one scene")
-        which = f"none of the scenes {', '.join(trials)}" if trials else "no scene of eomcheck's"
+        which = f"none of the scenes {', '.join(targets)}" if targets else "no scene of eomcheck's"
         raise InputError(f"engine {engine.key} represents {which}")
-    return list(trials.values())
+    return list(targets.values())
 
 
 def _scenes(given: Any) -> tuple[Scene | type[Scene], ...]:
@@ -472,7 +472,7 @@ def parametrize_with_claims(
     pytest = required("pytest", "test")
     examples = whole_number("examples", examples)
     seed = whole_number("seed", seed, 0 if isinstance(subject, EquationsOfMotion) else None)
-    trials = _trials(subject, scenes, against)
+    targets = _targets(subject, scenes, against)
 
     def decorate(function: F) -> F:
         home = Path(getsourcefile(unwrap(function)) or ".").resolve()
@@ -481,7 +481,7 @@ def parametrize_with_claims(
         file = _option("xfails") or own
         # Read at collection: a file that cannot be read is reported before any test runs.
         expected = {} if file is None else read_expected_failures(file)
-        suite = Suite(name, trials, file, expected, strict, examples, seed)
+        suite = Suite(name, targets, file, expected, strict, examples, seed)
         _suites[name] = suite
         checks = suite.checks()
         return pytest.mark.parametrize("check", checks.values(), ids=checks)(function)
@@ -489,7 +489,7 @@ def parametrize_with_claims(
     return decorate
 
 
-def _trials(subject: Any, scenes: Scenes | None, against: Any) -> list[ClaimTarget]:
+def _targets(subject: Any, scenes: Scenes | None, against: Any) -> list[ClaimTarget]:
     if isinstance(subject, EquationsOfMotion):
         if scenes is not None:
             raise InputError(f"scenes = {scenes!r}, but functions are no engine of scenes")
@@ -543,12 +543,12 @@ class Suite:
     def ids(self) -> dict[str, tuple[ClaimTarget, str]]:
         """Id -> target and claim, one test each."""
         tests: dict[str, tuple[ClaimTarget, str]] = {}
-        for trial in self.targets:
-            for claim in trial.claims:
-                id = f"{claim}-{trial.where}" if trial.where else claim
+        for target in self.targets:
+            for claim in target.claims:
+                id = f"{claim}-{target.where}" if target.where else claim
                 if id in tests:
                     raise InputError(f"scenes: two tests would be called {id!r}")
-                tests[id] = trial, claim
+                tests[id] = target, claim
         return tests
 
     def checks(self) -> dict[str, Callable[[], None]]:
@@ -562,21 +562,21 @@ class Suite:
         Raises:
             InputError: the scene or the functions could not be checked.
         """
-        trial, claim = self.ids[id]
-        if trial.where not in self._done:
-            work = partial(self._work, trial)
-            results = compute_once(_option("shared"), f"{self.name}-{trial.where}", work)
-            self._done[trial.where] = {id: ClaimResult(*one) for id, one in results.items()}
-        done = self._done[trial.where]
+        target, claim = self.ids[id]
+        if target.where not in self._done:
+            work = partial(self._work, target)
+            results = compute_once(_option("shared"), f"{self.name}-{target.where}", work)
+            self._done[target.where] = {id: ClaimResult(*one) for id, one in results.items()}
+        done = self._done[target.where]
         if STOPPED in done:
             raise InputError(done[STOPPED].text)
-        return done[claim] if claim in done else ClaimResult("skipped", trial.absent(claim))
+        return done[claim] if claim in done else ClaimResult("skipped", target.absent(claim))
 
-    def _work(self, trial: ClaimTarget) -> dict[str, ClaimResult]:
+    def _work(self, target: ClaimTarget) -> dict[str, ClaimResult]:
         examples = _option("examples") or self.examples
-        known = {of for id, (on, of) in self.ids.items() if on is trial and id in self.expected}
+        known = {of for id, (on, of) in self.ids.items() if on is target and id in self.expected}
         try:
-            return trial.results(examples, self.seed, known)
+            return target.results(examples, self.seed, known)
         except EomcheckError as error:
             # Cached like any other result: the next claim would raise as well.
             return {STOPPED: ClaimResult("failed", str(error))}
