@@ -1,1 +1,1 @@
-"""Scalar types: the generic functions of scenes and formulations run unchanged on each of them."""
+"""Scalar types, on each of which the generic functions of scenes and formulations run unchanged."""

@@ -1,10 +1,11 @@
-"""Ball arithmetic: midpoint and radius, of any precision; every operation encloses the true result.
+"""Ball arithmetic (interval arithmetic by midpoint and radius), in any precision.
 
-Inputs in float64 are taken as exact; sines and cosines are those of exactly these angles. The
-working precision is python-flint's own, set by `precision(bits)` around a computation. It is one
-for all threads of a process: `precision` lets one of them compute at a time, and restores the
-caller's. (A thread that computes with python-flint by itself may do so within `precision` as well,
-lest it has the bits of another.)
+A ball is a midpoint with a radius; the ball that an operation returns contains its true result for
+all numbers of its operands. Inputs in float64 are exact (radius 0); sines and cosines are those of
+exactly these angles. The working precision is python-flint's own, set by `precision(bits)` around a
+computation. All threads of a process share it: `precision` lets one thread compute at a time, and
+restores the precision of the caller. (A thread that uses python-flint by itself may do so within
+`precision` as well, or it may compute with the bits of another.)
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ _computing = RLock()
 
 @contextmanager
 def precision(bits: int) -> Iterator[None]:
-    """Compute balls with `bits` bits inside the block, which one thread at a time is in."""
+    """Set the precision of ball arithmetic to `bits` inside the block; one thread at a time."""
     with _computing, flint.ctx.workprec(bits):
         yield
 
@@ -38,11 +39,11 @@ class Balls:
     """The arithmetic of balls (`eomcheck.numbers.generic.Arithmetic`)."""
 
     def numbers(self, x: Array) -> Array:
-        """Return the doubles x as exact balls, same shape."""
+        """Return the float64 array x as exact balls, same shape."""
         return map_entries(lambda y: flint.arb(float(y)), x)
 
     def angles(self, x: Array) -> Angles:
-        """Return the angles x (k,), doubles or balls, with their cosines and sines."""
+        """Return the angles x (k,), float64 or balls, with their cosines and sines."""
         value = x if x.dtype == object else self.numbers(x)
         pairs = [y.sin_cos() for y in value]
         cos, sin = (np.array([pair[i] for pair in pairs], object) for i in (1, 0))
@@ -58,21 +59,21 @@ class Balls:
 
 
 def midpoints(x: Array) -> Array:
-    """Return the midpoints of the balls x, rounded to doubles, same shape."""
+    """Return the midpoints of the balls x, rounded to float64, same shape."""
     return np.array([float(ball(y).mid()) for y in np.ravel(x)]).reshape(np.shape(x))
 
 
 def midpoints_or_zero(x: Array) -> Array:
-    """Return the balls x as doubles, same shape: their midpoints, and 0 where that is in a ball.
+    """Return the midpoints of the balls x as float64, same shape; 0 for a ball that contains 0.
 
-    Of what vanishes exactly nothing but the width of a ball is left, and that is no number.
+    The midpoint of a quantity that vanishes exactly is meaningless: it is within the ball's width.
     """
     zero = np.array([ball(y).contains(0) for y in np.ravel(x)], bool).reshape(np.shape(x))
     return np.where(zero, 0.0, midpoints(x))
 
 
 def ball(x) -> flint.arb:
-    """Return x as a ball: generic functions leave literal integers among their results."""
+    """Return x as a ball; literal integers, also returned by generic functions, are converted."""
     return x if isinstance(x, flint.arb) else flint.arb(x)
 
 
@@ -81,9 +82,9 @@ def _made_again(middle: tuple[int, int], radius: tuple[int, int]) -> flint.arb:
 
 
 def _reduced(x: flint.arb) -> tuple[Any, tuple]:
-    """Return what makes a ball again when it is copied or unpickled.
+    """Return the constructor and arguments by which a ball is copied or unpickled.
 
-    Its radius has 30 bits and is rounded up in the last of them, so that nothing true is lost.
+    The radius has 30 bits and is rounded up in the last, so that the new ball contains the old one.
     """
     if not x.is_finite():
         return flint.arb, ("nan",)
@@ -115,10 +116,10 @@ SOLVERS[flint.arb] = _solve
 
 
 def _largest(column: list) -> int | None:
-    """Return the place of the ball that is farthest from zero, None if all may be zero."""
+    """Return the index of the ball that is farthest from zero, None if all contain zero."""
     distance = [ball(x).abs_lower() for x in column]
-    place = max(range(len(distance)), key=distance.__getitem__)
-    return place if distance[place] > 0 else None
+    index = max(range(len(distance)), key=distance.__getitem__)
+    return index if distance[index] > 0 else None
 
 
 BANDED_SOLVERS[flint.arb] = partial(eliminate_banded, pivot=_largest)

@@ -1,15 +1,15 @@
 """Banded linear solves: `solve_banded`, for matrices with 3 entries on each side of the diagonal.
 
-Such are the matrices of two unknowns of each body and two of each joint, ordered along a chain. Row
-i of the matrix is `bands[i]`: entry (i, j) is `bands[i, 3 + j - i]`, and where there is no column j
-there is a zero. The cost is O(m).
+Matrices for two unknowns of each body and two of each joint, ordered along a chain, have this form.
+Row i of the matrix is `bands[i]`: entry (i, j) is `bands[i, 3 + j - i]`, a zero if there is no
+column j. The cost is O(m).
 
 float64 matrices are eliminated from both ends at once with partial pivoting, which may fill 3 more
-entries of a row, and refined in the same precision, see `eomcheck.numbers.pivots`. In the order in
-which columns are eliminated the matrix is a band of twice the width. Without refinement a residual
-that is small for one row can be large for another, where rows are of very different size, as with
-masses over many decades; with it the residual of every row is small, or the matrix is refused. One
-step is nearly always enough (Skeel 1980; Higham 2002, Thm. 12.4).
+entries of a row, and the solution is refined in the same precision, see `eomcheck.numbers.pivots`.
+In the order in which columns are eliminated the matrix is a band of twice the width. Without
+refinement a residual that is small for one row can be large for another if rows are of very
+different size, as with masses over many decades; with it the residual of every row is small, or the
+matrix is refused. One step is nearly always enough (Skeel 1980; Higham 2002, Thm. 12.4).
 """
 
 from __future__ import annotations
@@ -56,12 +56,13 @@ REACH = 2 * HALF
 """Entries on each side of the diagonal in the order of elimination."""
 
 TERMS = 3 * HALF
-"""Terms of the sums that elimination forms, at most. On the way to the middle these are products
-with 6 earlier pivot rows. The last of 7 columns there meets 3 of an end and 6 of the middle."""
+"""Largest number of terms in a sum of elimination. On the way to the middle these are products with
+6 earlier pivot rows. The last of 7 columns in the middle meets 3 pivot rows of an end and 6 of the
+middle."""
 
 BANDED_SOLVERS: dict[type, Callable] = {}
-"""Scalar type -> function (bands, b, name) -> x. Other types that are in `SOLVERS` get the full
-matrix, those in neither are eliminated exactly."""
+"""Scalar type -> function (bands, b, name) -> x. For other types in `SOLVERS` the full matrix is
+solved; for types in neither the band is eliminated exactly."""
 
 
 def solve_banded(bands, b, name):
@@ -70,13 +71,13 @@ def solve_banded(bands, b, name):
     Args:
         bands: the rows of A between the outer diagonals (m, 7), see the module.
         b: right-hand side (m,).
-        name: what the formulation calls A; refusals and records carry it.
+        name: name of A in the formulation, for error messages and records.
 
     Returns:
         x (m,).
 
     Raises:
-        RefusedError: A is singular (for doubles: to working precision, or refinement does not
+        RefusedError: A is singular (in float64: to working precision, or refinement does not
             converge).
     """
     if bands.dtype != object:
@@ -97,7 +98,7 @@ def to_dense(bands: np.ndarray) -> np.ndarray:
     return A
 
 
-# ---- Doubles -------------------------------------------------------------------------------------
+# ---- float64 -------------------------------------------------------------------------------------
 
 
 def _lapack_solve(bands, b, name):
@@ -120,11 +121,11 @@ def _lapack_solve(bands, b, name):
         x, error, steps = A.solve(b * row_scale)
         record(SolveRecord(name, size, rcond, float(sign), float(log), steps), A.bands, terms=TERMS)
         if noise is None:
-            # An error that is not finite is an overflow, and told as one.
+            # An error that is not finite is an overflow, and is reported as an overflow.
             if REFINED < error < np.inf:
                 raise RefusedError(
                     name,
-                    # Of |A⁻¹||A|, rcond does not tell what |L||U| has stalled: no better than this.
+                    # rcond is that of |A⁻¹||A|, and |L||U| stalled the refinement: at most this.
                     min(rcond, singular_below(TERMS)),
                     singular_below(TERMS),
                     f"the {size} x {size} matrix {name} is eliminated with too much rounding: the "
@@ -141,7 +142,7 @@ def _lapack_solve(bands, b, name):
 
 @lru_cache(64)
 def band_columns(size):
-    """Return the columns (size, 7) of what is in bands, 0 where it is outside, and what is not."""
+    """Return the columns (size, 7) of entries of bands, 0 outside, and the mask `inside`."""
     columns = np.arange(size)[:, None] + np.arange(-HALF, HALF + 1)
     inside = (columns >= 0) & (columns < size)
     columns[~inside] = 0
@@ -149,24 +150,24 @@ def band_columns(size):
 
 
 PROBES = 8
-"""Vectors of random signs with which the rows of |A⁻¹| are measured."""
+"""Number of random sign vectors by which the row sums of |A⁻¹| are estimated."""
 
 
 def random_signs(size):
-    """Return them (size, PROBES)."""
+    """Return the random sign vectors (size, PROBES), the same at every call."""
     return np.random.default_rng(0).choice((-1.0, 1.0), (size, PROBES))
 
 
 @lru_cache(64)
 def lapack_positions(size):
-    """Return the order of elimination, and where LAPACK stores what is inside: rows and columns.
+    """Return the order of elimination, and LAPACK's row and column of each entry of the matrix.
 
-    Entry (i, j) is at row 6 + i - j of column j, behind room for fill-in.
+    Entry (i, j) is stored at row 6 + i - j of column j, below the rows for fill-in.
     """
     columns, inside = band_columns(size)
     order = from_both_ends(size)
-    place = np.argsort(order)
-    i, j = (np.broadcast_to(x, columns.shape)[inside] for x in (place[:, None], place[columns]))
+    rank = np.argsort(order)
+    i, j = (np.broadcast_to(x, columns.shape)[inside] for x in (rank[:, None], rank[columns]))
     return order, 2 * REACH + i - j, j
 
 
@@ -175,24 +176,24 @@ class _BandFactors:
 
     Args:
         bands: its rows (m, 7), zero outside of the matrix.
-        columns: the column (m, 7) of each of them.
-        inside: which of them belong to the matrix.
+        columns: the column (m, 7) of each entry of `bands`.
+        inside: whether an entry of `bands` belongs to the matrix (m, 7).
     """
 
     def __init__(self, bands, columns, inside):
         self.bands, self.columns, self.inside = bands, columns, inside
         size = len(bands)
-        self.order, rows, places = lapack_positions(size)
+        self.order, rows, stored_columns = lapack_positions(size)
         A = np.zeros((3 * REACH + 1, size))
-        A[rows, places] = bands[inside]
+        A[rows, stored_columns] = bands[inside]
         self.lu, self.pivots, _ = _gbtrf(A, REACH, REACH)
         self.invertible = bool(np.isfinite(self.lu).all() and self.lu[2 * REACH].all())
 
     def solve(self, b):
-        """Return x (m,), its backward error, and how often it was refined.
+        """Return x (m,), its backward error, and the number of refinement steps.
 
-        It has converged where the error is at most `REFINED`; NaN tells an overflow, or that there
-        is no inverse.
+        Refinement has converged if the error is at most `REFINED`; NaN stands for an overflow, or
+        for a singular matrix.
         """
         if not self.invertible:
             return np.full(b.shape, np.nan), np.nan, 0
@@ -208,14 +209,14 @@ class _BandFactors:
         return float((np.abs(b - self.times(x)) / self._sizes(x, b)).max())
 
     def _sizes(self, x, b):
-        """Return |A||x| + |b| (m,), no entry below what counts as rounding of others."""
+        """Return |A||x| + |b| (m,), no entry below the rounding error of the other rows."""
         sizes = self.size(np.abs(x)) + np.abs(b)
         return np.maximum(sizes, max(SMALLEST_SIZE, SMALLEST_SHARE * sizes.max()))
 
     def moved(self, x, b, noise):
-        """Return a solution x (m,) moved by what a backward error does to it.
+        """Return the solution x (m,) with the effect of a random backward error added.
 
-        Refined, x has no larger one than that of its residual, whatever the factors are.
+        A refined x has no larger backward error than that of its residual, whatever the factors.
         """
         residual = b - self.times(x) + noise.changes(b.shape) * self._sizes(x, b)
         return x + self._eliminated(residual)
@@ -234,12 +235,12 @@ class _BandFactors:
         return (np.abs(self.bands) * x[self.columns]).sum(axis=1)
 
     def reciprocal_condition(self):
-        """Return 1 / ρ(|A⁻¹||A|) as LAPACK estimates it; 0 where A is singular.
+        """Return 1 / ρ(|A⁻¹||A|) by LAPACK's condition estimator; 0 where A is singular.
 
         As `eomcheck.numbers.linear.reciprocal_condition`, with |A| for |L||U|: refinement leaves
         no larger backward error (Skeel 1980). With units w of the unknowns, and rows in units of
-        |A| w, the matrix has the norm 1, and its inverse the largest row of |A⁻¹||A| w / w. The
-        best w are found as there, |A⁻¹| by random signs: everything is O(m).
+        |A| w, the matrix has the norm 1, and its inverse the largest row sum of |A⁻¹||A| w / w. The
+        best w are iterated as there, with |A⁻¹| estimated by random signs: the cost is O(m).
         """
         weights, rcond = np.ones(len(self.bands)), 0.0
         signs = random_signs(len(weights))
@@ -261,19 +262,19 @@ class _BandFactors:
 
 
 def _by_column(bands, columns, inside):
-    """Return LAPACK's storage (7, m): entry (i, j) at row 3 + i - j of column j."""
+    """Return bands in LAPACK's storage (7, m): entry (i, j) at row 3 + i - j of column j."""
     out = np.zeros((WIDTH, len(bands)))
     rows = np.broadcast_to(np.arange(WIDTH)[::-1], bands.shape)
     out[rows[inside], columns[inside]] = bands[inside]
     return out
 
 
-# ---- Exact numbers and balls ---------------------------------------------------------------------
+# ---- Exact numbers and ball arithmetic -----------------------------------------------------------
 
 
 def first_nonzero(column: list) -> int | None:
-    """Return the place of the first entry that is not zero, or None."""
-    return next((place for place, x in enumerate(column) if x != 0), None)
+    """Return the index of the first entry that is not zero, or None."""
+    return next((index for index, x in enumerate(column) if x != 0), None)
 
 
 def eliminate_banded(
@@ -281,31 +282,32 @@ def eliminate_banded(
 ) -> np.ndarray:
     """Solve A x = b by elimination inside the band.
 
-    At most 4 rows have an entry in the column that is being eliminated. Each is kept from that
-    column on: 7 entries, and its right-hand side behind them.
+    At most 4 rows have an entry in the column that is being eliminated. Each is stored from that
+    column on: 7 entries, followed by its right-hand side.
 
     Args:
         bands: as for `solve_banded`.
         b: right-hand side (m,).
         name: of A.
-        pivot: chooses among the entries of a column; None where none of them will do.
+        pivot: function of the entries of a column that returns the index of the pivot, or None if
+            no entry is suitable.
 
     Raises:
         RefusedError: there is no pivot.
     """
     size = len(bands)
     number = next((x for x in chain(bands.flat, b.flat) if not isinstance(x, int)), None)
-    # A quotient of two literals would be a double.
+    # A quotient of two integer literals would be a float64.
     zero = Fraction(0) if number is None else 0 * number
     rows = [[*bands[i, HALF - i :], *[0] * (HALF - i), b[i]] for i in range(min(HALF, size))]
     upper = []
     for column in range(size):
         if column + HALF < size:
             rows.append([*bands[column + HALF], b[column + HALF]])
-        place = pivot([row[0] for row in rows])
-        if place is None:
+        index = pivot([row[0] for row in rows])
+        if index is None:
             raise RefusedError(name, 0.0, 0.0, f"the {size} x {size} matrix {name} is singular")
-        chosen = rows.pop(place)
+        chosen = rows.pop(index)
         chosen[0] = chosen[0] + zero
         upper.append(chosen)
         for row in rows:

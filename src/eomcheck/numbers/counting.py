@@ -1,18 +1,19 @@
-"""Operation counts: numbers that count the operations in which they take part.
+"""Operation counts: a scalar type that counts the arithmetic operations of a generic function.
 
-Generic functions never branch on a value, so a `Counted` needs none: every operation adds one to a
-`Tally` and returns the number itself. The rules:
+Generic functions never branch on a value, so a `Counted` has no value: every operation adds one to
+a `Tally` and returns the same `Counted`. The rules:
 
 1.  Additions include subtractions. A change of sign is free: it is a bit, not an operation.
 2.  A division by a literal power of two, such as `mass / 2`, is an exact scaling and counts as a
     multiplication. Every other division counts as one.
-3.  An operation on a number of the model and a literal counts, also where the literal is 0 or 1:
-    float64 performs it. One on two literals is not seen (a snake has three, of Em at N = 1).
+3.  An operation on a number of the model and a literal counts, also if the literal is 0 or 1:
+    float64 performs it. One on two literals is not counted (a snake has three, of Em at N = 1).
 4.  A product of matrices with K terms in each sum costs K multiplications and K - 1 additions per
-    entry, as numpy's `@` does it on objects: it starts from the first product.
-5.  A cosine and a sine of the same angle are one trigonometric pair. Square roots are counted by
-    themselves.
-6.  A linear system is listed, with its order and its number of right-hand sides, not eliminated.
+    entry, as numpy's `@` on objects takes: its sums start from the first product.
+5.  A cosine and a sine of the same angle are one trigonometric pair. Square roots are counted
+    separately.
+6.  A linear system is recorded, with its order and its number of right-hand sides; the operations
+    of its elimination are not counted.
 """
 
 from __future__ import annotations
@@ -30,10 +31,10 @@ from eomcheck.numbers.linear import SOLVERS
 
 
 class System(NamedTuple):
-    """One linear system that was solved."""
+    """Order and number of right-hand sides of a linear system that was solved."""
 
     name: str
-    """What the formulation calls its matrix."""
+    """Name of its matrix in the formulation."""
     order: int
     columns: int
     """Number of right-hand sides."""
@@ -43,7 +44,7 @@ class System(NamedTuple):
 
 @dataclass(slots=True)
 class Tally:
-    """Exact numbers of operations, and the linear systems in the order they were solved."""
+    """Exact operation counts, and the linear systems in the order in which they were solved."""
 
     additions: int = 0
     multiplications: int = 0
@@ -53,21 +54,21 @@ class Tally:
     systems: list[System] = field(default_factory=list)
 
     def clear(self) -> None:
-        """Start again from nothing."""
+        """Reset all counts to zero, and remove the systems."""
         self.additions = self.multiplications = self.divisions = 0
         self.trigonometric_pairs = self.roots = 0
         self.systems.clear()
 
 
 class Counted:
-    """The one number of a `Tally`: whatever is computed from it is it again."""
+    """The number that counts in a `Tally`: every operation on it returns this same object."""
 
     __slots__ = ("tally",)
 
     def __init__(self, tally: Tally):
         self.tally = tally
 
-    # An array must not be taken for a number: `NotImplemented` lets numpy go through its entries.
+    # `NotImplemented` for an array lets numpy apply the operation to its entries.
 
     def __add__(self, other):
         if other is not self and type(other) is not int:
@@ -100,27 +101,31 @@ class Counted:
 
 
 class Counting:
-    """The arithmetic of `Counted`. All its numbers share one `tally`."""
+    """The arithmetic of `Counted` (`eomcheck.numbers.generic.Arithmetic`).
+
+    Attributes:
+        tally: the counts of all its numbers.
+    """
 
     def __init__(self):
         self.tally = Tally()
         self._number = Counted(self.tally)
 
     def vector(self, size: int) -> Array:
-        """Return numbers (size,)."""
+        """Return counted numbers (size,)."""
         return np.full(size, self._number, object)
 
     def numbers(self, x: Array) -> Array:
-        """Return numbers in the shape of x."""
+        """Return counted numbers in the shape of x."""
         return np.full(np.shape(x), self._number, object)
 
     def angles(self, x: Array) -> Angles:
-        """Return the angles x (k,) with their cosines and sines: k trigonometric pairs."""
+        """Return the angles x (k,) with cosines and sines, and count k trigonometric pairs."""
         self.tally.trigonometric_pairs += x.size
         return Angles(self.numbers(x), self.numbers(x), self.numbers(x))
 
     def root(self, x: Array) -> Array:
-        """Return the square roots of x (k,)."""
+        """Return the square roots of x (k,), and count k roots."""
         self.tally.roots += x.size
         return self.numbers(x)
 

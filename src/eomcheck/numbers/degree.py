@@ -1,10 +1,11 @@
-"""Bounds on degrees and coefficients of polynomials, carried through a computation.
+"""Degree bounds for polynomial identity testing: a scalar type that bounds a rational function.
 
 Every quantity is a quotient P / (2^k g_1^e_1 g_2^e_2 ...) of polynomials with integer coefficients
 in the parameters, speeds, values, cosines and sines. A `Bound` holds an upper bound of the total
 degree of P and of the sum of the magnitudes of its coefficients, and the divisors g that occurred.
-Sums are brought to a common denominator; systems are solved by Cramer's rule. The functions of a
-scene and of a formulation thus give their own degree, whatever they are.
+Sums are brought to a common denominator; systems are solved by Cramer's rule. A scene or a
+formulation that is evaluated on bounds thus yields a bound of its own degree, and nobody derives
+it by hand.
 """
 
 from __future__ import annotations
@@ -22,7 +23,11 @@ from eomcheck.numbers.linear import SOLVERS
 
 
 class Denominator:
-    """A product of powers of divisors, each known by the very object that was divided by."""
+    """A product of powers of divisors; divisors are compared by identity of their objects.
+
+    Args:
+        factors: divisor -> power.
+    """
 
     __slots__ = ("__weakref__", "_common", "_times", "degree", "factors", "height")
 
@@ -35,7 +40,7 @@ class Denominator:
 
     @classmethod
     def of(cls, factors: Mapping[Bound, int]) -> Denominator:
-        """Return the one object for these factors, so that what it remembers is found again."""
+        """Return the one denominator with these factors, whose cached products are shared."""
         key = frozenset(factors.items())
         known = _DENOMINATORS.get(key)
         if known is None:
@@ -43,7 +48,7 @@ class Denominator:
         return known
 
     def times(self, other: Denominator) -> Denominator:
-        """Return the product."""
+        """Return the product of two denominators."""
         if not other.factors:
             return self
         if not self.factors:
@@ -56,7 +61,7 @@ class Denominator:
         return self._times[other]
 
     def common(self, other: Denominator) -> Denominator:
-        """Return the least common multiple."""
+        """Return the least common multiple of two denominators."""
         if self is other or not other.factors:
             return self
         if not self.factors:
@@ -80,7 +85,7 @@ def log_sum(heights) -> float:
 
 
 class Bound:
-    """Bounds of a quotient of polynomials.
+    """Upper bounds for a quotient of polynomials.
 
     Attributes:
         degree: upper bound of the total degree of the numerator P.
@@ -96,7 +101,7 @@ class Bound:
         self.twos, self.denominator = twos, denominator
 
     def __eq__(self, other):
-        # Known by itself, as a key among divisors; never equal or unequal to anything else.
+        # Identity, for a bound as a key among divisors; any other comparison is an error.
         if other is self:
             return True
         raise NotRationalError(BRANCH)
@@ -107,7 +112,7 @@ class Bound:
         raise NotRationalError(BRANCH)
 
     def over(self, denominator: Denominator, twos: int) -> Bound:
-        """Return the same quantity over a multiple of its denominator."""
+        """Return the bound of the same quantity over a multiple of its denominator."""
         degree = self.degree + denominator.degree - self.denominator.degree
         height = self.height + denominator.height - self.denominator.height + twos - self.twos
         return Bound(degree, height, twos, denominator)
@@ -128,7 +133,7 @@ class Bound:
         return Bound(max(x.degree, y.degree), height, x.twos, common)
 
     def __neg__(self):
-        # A new object: the same divisor with another sign is another divisor, which is safe.
+        # A new object, that is another divisor: the bound stays valid.
         return Bound(self.degree, self.height, self.twos, self.denominator)
 
     def __mul__(self, other):
@@ -179,7 +184,7 @@ def _constant(value: int) -> Bound:
 
 
 class DegreeArithmetic:
-    """The arithmetic of `Bound`: every number of the scene is a variable of its own."""
+    """The arithmetic of `Bound`, by which every number of the scene is a separate variable."""
 
     def vector(self, size: int) -> Array:
         """Return variables (size,)."""
@@ -199,16 +204,17 @@ class DegreeArithmetic:
         return self.numbers(x)
 
     def literal(self, x: int) -> Any:
-        """Return the literal x as a number; 0 stays what it is, for it makes sums shorter."""
+        """Return the literal x as a bound; 0 stays the integer 0, which sums leave out."""
         return _constant(x) if x else 0
 
 
 def _solve(A: Array, b: Array, name: str) -> Array:
     """Bound the solution by Cramer's rule.
 
-    Each row of A is multiplied by its common denominator, which leaves x as it is. With row sums
-    ||P_i|| of what results, det P has at most the degree sum_i deg P_i and the coefficients
-    prod_i ||P_i||; for a numerator of x, one column is replaced by one of b.
+    Each row of A is multiplied by its common denominator, which does not change x. With row sums
+    ||P_i|| of the polynomial matrix P that results, det P has at most the degree sum_i deg P_i and
+    coefficients whose magnitudes sum to prod_i ||P_i||; for a numerator of x, one column is
+    replaced by one of b.
     """
     columns = b.reshape(A.shape[0], -1)
     rows = [_Row(row) for row in A]

@@ -1,7 +1,8 @@
 """Dual numbers, x + ε x′ with ε² = 0, over any scalar type: forward automatic differentiation.
 
-Rational functions are differentiated exactly. A `Dual` of a `Dual` carries a mixed second
-derivative.
+A function that is evaluated on dual numbers returns its value as the part without ε and its
+derivative as the part with ε. Rational functions are differentiated exactly. A `Dual` of a `Dual`
+carries a mixed second derivative.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from eomcheck.numbers.linear import CARRIERS, SOLVERS, solve
 
 
 class Dual:
-    """x + ε x′.
+    """A dual number x + ε x′.
 
     Attributes:
         x: the value.
@@ -76,7 +77,7 @@ class Dual:
 
     __radd__, __rmul__ = __add__, __mul__
 
-    # What numpy's functions call of arrays of objects: scenes of one's own may use them.
+    # Methods that numpy's functions call on arrays of objects; user-supplied scenes may use them.
 
     def sin(self):
         """Return the sine."""
@@ -102,7 +103,7 @@ class Dual:
 
 
 def _quotient(x, y):
-    """Return x / y; a quotient of two literals would be a double."""
+    """Return x / y, exact for two integer literals, whose quotient in Python is a float64."""
     if isinstance(x, int) and isinstance(y, int):
         return x // y if x % y == 0 else Fraction(x, y)
     return x / y
@@ -114,12 +115,12 @@ def duals(x: Array, rates: Array) -> Array:
 
 
 def constant(record: Any) -> Any:
-    """Return the arrays of a record as duals that do not change; what is absent stays absent."""
+    """Return the arrays of a record as duals with the derivative 0; None stays None."""
     return map_record(lambda part: map_entries(Dual, part) if np.ndim(part) else Dual(part), record)
 
 
 def dual_angles(angles: Angles, rates: Array) -> Angles:
-    """Return the angles (k,) while they turn at `rates` (k,)."""
+    """Return the angles (k,) as duals, with the derivatives `rates` (k,)."""
     return Angles(
         duals(angles.value, rates),
         duals(angles.cos, -angles.sin * rates),
@@ -128,7 +129,7 @@ def dual_angles(angles: Angles, rates: Array) -> Angles:
 
 
 def dual_root(root: Array, rates: Array) -> Array:
-    """Return square roots (k,) while what they are of changes at `rates` (k,)."""
+    """Return square roots (k,) as duals; their radicands have the derivatives `rates` (k,)."""
     return duals(root, rates / (2 * root))
 
 
@@ -154,7 +155,7 @@ def _solve(A: Array, b: Array, name: str) -> Array:
 
 
 def _as_float64(x: Array) -> Array:
-    """Return objects that are doubles as such: they are solved with pivots, others exactly."""
+    """Return an object array of float64 as float64, to be solved with pivots; others unchanged."""
     kinds = {type(entry) for entry in x.flat}
     return x.astype(np.float64) if kinds & {float, np.float64} and kinds <= PLAIN else x
 
@@ -167,35 +168,39 @@ CARRIERS.add(Dual)
 
 
 class RecordingArithmetic:
-    """An arithmetic that remembers the angles and roots it made."""
+    """An arithmetic that records the angles and roots that it returns.
+
+    Attributes:
+        recorded: `Angles` and roots, in the order of the calls.
+    """
 
     def __init__(self, arithmetic: Arithmetic):
         self._arithmetic = arithmetic
         self.recorded: list[Any] = []
 
     def numbers(self, x: Array) -> Array:
-        """Return x as the arithmetic does."""
+        """Return x as numbers of the wrapped arithmetic."""
         return self._arithmetic.numbers(x)
 
     def angles(self, x: Array) -> Angles:
-        """Return the angles x (k,) as the arithmetic does."""
+        """Return the angles x (k,) of the wrapped arithmetic, and record them."""
         self.recorded.append(self._arithmetic.angles(x))
         return self.recorded[-1]
 
     def root(self, x: Array) -> Array:
-        """Return the roots of x (k,) as the arithmetic does."""
+        """Return the roots of x (k,) of the wrapped arithmetic, and record them."""
         self.recorded.append(self._arithmetic.root(x))
         return self.recorded[-1]
 
 
 class ReplayArithmetic:
-    """An arithmetic that makes the same angles and roots again, in order, while they change."""
+    """An arithmetic that returns recorded angles and roots again, in order, with derivatives."""
 
     def __init__(self, made: Sequence[Any]):
         self._recorded = iter(made)
 
     def numbers(self, x: Array) -> Array:
-        """Tell that nobody knows a rate.
+        """Reject numbers, whose derivatives are not known.
 
         Raises:
             NotImplementedError: always.
@@ -203,9 +208,9 @@ class ReplayArithmetic:
         raise NotImplementedError("nobody told the rate of what is prepared")
 
     def angles(self, x: Array) -> Angles:
-        """Return the next angles (k,), turning at the rates of x."""
+        """Return the next recorded angles (k,), with the derivatives of x."""
         return dual_angles(next(self._recorded), rate(x))
 
     def root(self, x: Array) -> Array:
-        """Return the next roots (k,), changing with x."""
+        """Return the next recorded roots (k,), with the derivatives of x for the radicands."""
         return dual_root(next(self._recorded), rate(x))

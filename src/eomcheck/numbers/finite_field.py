@@ -1,9 +1,10 @@
 """Integers modulo a prime: polynomial identity testing of rational functions at random points.
 
-A point takes a fresh random prime, and every parameter, speed, force and angle is a random element
-of the field. An angle is a random point of the circle, cos = (1 - t²)/(1 + t²) and
-sin = 2t/(1 + t²); its `value` is an element of its own, for no algebraic identity relates it to
-them. What agreement at such points proves is derived in docs/proof.md.
+Two rational functions that agree at random points of a large finite field are equal, but for a
+probability that is derived in docs/proof.md. Each point has a new random prime, and every
+parameter, speed, force and angle is a random element of the field. An angle is a random point of
+the circle, cos = (1 - t²)/(1 + t²) and sin = 2t/(1 + t²); its `value` is a separate random
+element, for no algebraic identity relates it to its cosine and sine.
 """
 
 from __future__ import annotations
@@ -22,10 +23,10 @@ from eomcheck.numbers.linear import SOLVERS
 __all__ = ["PRIMES", "PRIME_COUNT", "DomainError", "FiniteField", "random_prime"]
 
 PRIMES = (2**61, 2**62)
-"""Primes are drawn uniformly from this range, all of 62 bits."""
+"""The range, all of 62 bits, from which primes are drawn uniformly."""
 
 PRIME_COUNT = 3.8e16
-"""At least so many primes are in it: π(2^62) - π(2^61), by x/ln x < π(x) < 1.25506 x/ln x
+"""Lower bound of the number of primes in it, π(2^62) - π(2^61), by x/ln x < π(x) < 1.25506 x/ln x
 (Rosser and Schoenfeld 1962, Corollary 1 of Theorem 2)."""
 
 
@@ -38,13 +39,18 @@ def random_prime(source: random.Random) -> int:
 
 
 class FiniteField:
-    """The integers modulo `prime`, from which random elements are drawn by `source`."""
+    """The arithmetic of integers modulo `prime` (`eomcheck.numbers.generic.Arithmetic`).
+
+    Args:
+        prime: the modulus.
+        source: random numbers by which elements are drawn.
+    """
 
     def __init__(self, prime: int, source: random.Random):
         self.prime, self._source = prime, source
 
     def element(self) -> flint.nmod:
-        """Return a random element."""
+        """Return a random element of the field."""
         return flint.nmod(self._source.randrange(self.prime), self.prime)
 
     def vector(self, size: int) -> Array:
@@ -52,7 +58,7 @@ class FiniteField:
         return np.array([self.element() for _ in range(size)], object)
 
     def numbers(self, x: Array) -> Array:
-        """Return random elements in the shape of x: an identity holds for any parameters."""
+        """Return random elements in the shape of x: an identity has to hold for any parameters."""
         return self.vector(np.size(x)).reshape(np.shape(x))
 
     def angles(self, x: Array) -> Angles:
@@ -65,14 +71,14 @@ class FiniteField:
         return Angles(value, (1 - t * t) / (1 + t * t), 2 * t / (1 + t * t))
 
     def root(self, x: Array) -> Array:
-        """Return random elements for the square roots of x (k,), of which half do not exist.
+        """Return random elements for the square roots of x (k,): half of all elements have no root.
 
-        What is proved then holds for any value in the place of the root.
+        An identity is thus proved for any value in place of the root.
         """
         return self.numbers(x)
 
     def literal(self, x: int) -> flint.nmod:
-        """Return the literal x as an element."""
+        """Return the literal x as an element of the field."""
         return flint.nmod(x, self.prime)
 
     def _parameter(self) -> flint.nmod:

@@ -1,13 +1,13 @@
-"""Type-generic functions: written once, they run on every scalar type.
+"""Scalar-generic functions: written once, they run on every scalar type.
 
 A function under `@generic` only adds, subtracts, multiplies, divides (by a number of the model or
 a power of two), indexes, and calls `eomcheck.numbers.linear.solve` or its sibling for banded
 matrices. It has no `sin`, no `sqrt`, no branch on a value; its literals are integers. An absent
-term is `None` and is tested with `is None` on an argument of that very function. The mark leaves
-the function as it is; `GENERIC` lists the marked ones.
+term is `None` and is tested with `is None` on an argument of that very function. The decorator
+returns the function unchanged; `GENERIC` holds the decorated functions.
 
-An `Arithmetic` is what a scalar type offers to a scene: how it takes over the float64 parameters,
-and the sines, cosines and roots that are not rational. `FLOAT64` is the first of them.
+An `Arithmetic` is the interface of a scalar type to a scene: it converts the float64 parameters,
+and computes the sines, cosines and roots, which are not rational. `FLOAT64` is that of float64.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ Array = np.ndarray
 
 
 class Angles(NamedTuple):
-    """Angles with their cosines and sines, prepared by the arithmetic; each of shape (k,).
+    """Angles with their cosines and sines, computed by the arithmetic; each of shape (k,).
 
-    Over the reals the three belong together. Over a finite field cos² + sin² = 1 holds and `value`
-    is unrelated: an algebraic identity cannot tell.
+    Over the reals `cos` and `sin` are those of `value`. Over a finite field cos² + sin² = 1 holds
+    and `value` is unrelated: no algebraic identity depends on their relation.
     """
 
     value: Any
@@ -35,13 +35,13 @@ class Angles(NamedTuple):
 
 
 class Arithmetic(Protocol):
-    """How a kind of number takes over the doubles that a scene was given, and what is not rational.
+    """Conversion of a scene's float64 parameters to a scalar type, and its sines and roots.
 
-    `angles` and `root` also take numbers of this kind; `angles` keeps them as its `value`.
+    `angles` and `root` also take numbers of the scalar type; `angles` returns them as `value`.
     """
 
     def numbers(self, x: Array) -> Array:
-        """Return x in this kind of number, same shape."""
+        """Return x as numbers of this scalar type, same shape."""
         ...
 
     def angles(self, x: Array) -> Angles:
@@ -59,23 +59,23 @@ F = TypeVar("F", bound=Callable)
 
 
 class NotRationalError(TypeError):
-    """A function does more than add, subtract, multiply, divide and solve."""
+    """Error for a function that does more than add, subtract, multiply, divide and solve."""
 
 
 BRANCH = "a branch on a value: what is proved on one side of it says nothing of the other"
-"""What numbers without a value say when they are compared."""
+"""Error message for a comparison of numbers that have no value."""
 
 GENERIC: list[Callable] = []
 
 
 def generic(function: F) -> F:
-    """Mark `function` as written for every kind of number, and return it unchanged."""
+    """Mark `function` as scalar-generic, and return it unchanged."""
     GENERIC.append(function)
     return function
 
 
 def product_of(x: Any, power: int) -> Any:
-    """Return x x ... x.
+    """Return x to the `power`, as a product x x ... x.
 
     Raises:
         NotRationalError: `power` is no whole number of at least 1.
@@ -92,7 +92,7 @@ def product_of(x: Any, power: int) -> Any:
 
 
 def map_entries(function: Callable[..., Any], *arrays: Any) -> np.ndarray:
-    """Return function(x, ...) of every entry of arrays of one shape, as an array of objects."""
+    """Return the array of objects with entries function(x, ...), x, ... of arrays of one shape."""
     out = np.empty(np.shape(arrays[0]), object)
     flat = (np.ravel(array) for array in arrays)
     out.ravel()[:] = [function(*entries) for entries in zip(*flat, strict=True)]
@@ -100,7 +100,7 @@ def map_entries(function: Callable[..., Any], *arrays: Any) -> np.ndarray:
 
 
 def map_record(function: Callable[..., Any], record: Any, *others: Any) -> Any:
-    """Return a record with `function` applied to every part; what is absent stays absent.
+    """Return a record with `function` applied to every part; None stays None.
 
     Args:
         function: of a part, and of the same part of `others`.
@@ -116,7 +116,7 @@ def map_record(function: Callable[..., Any], record: Any, *others: Any) -> Any:
 
 
 def as_objects(record: Any) -> Any:
-    """Return a record whose arrays hold objects, so that what is made like them can hold any."""
+    """Return a record with arrays of objects: arrays created like them can hold any scalar type."""
     return map_record(lambda part: np.asarray(part, object), record)
 
 
@@ -124,10 +124,10 @@ def as_objects(record: Any) -> Any:
 
 
 class Float64:
-    """The arithmetic of machine doubles (`eomcheck.numbers.generic.Arithmetic`)."""
+    """The arithmetic of float64 (`eomcheck.numbers.generic.Arithmetic`)."""
 
     def numbers(self, x: np.ndarray) -> np.ndarray:
-        """Return x as doubles, a contiguous copy."""
+        """Return x as float64, a contiguous copy."""
         return np.array(x, dtype=np.float64, order="C")
 
     def angles(self, x: np.ndarray) -> Angles:

@@ -1,8 +1,9 @@
 """Arrays over a batch of states, one per SIMD lane: the same source runs at many states at once.
 
-A `LaneArray` stands for an array of the shape that its source knows, every entry of which is one
-float64 per lane: data are (..., L). Whole arrays are computed at once; where code builds arrays of
-its own, or differentiates, entries are scalars like any other scalar type, in arrays of objects.
+A `LaneArray` behaves as an array of the shape that its source knows, while every entry holds one
+float64 per lane: its data are (..., L), the batch axis last. Whole arrays are computed at once; if
+code builds arrays of its own, or differentiates, entries are scalars like any other scalar type, in
+arrays of objects.
 """
 
 from __future__ import annotations
@@ -20,14 +21,14 @@ ARITHMETIC = (np.add, np.subtract, np.multiply, np.true_divide)
 
 
 class LaneArray:
-    """An array with a double per lane in each entry.
+    """An array with one float64 per lane in each entry.
 
-    What noise moves it as `PerturbedArray` does: the result of an operation on the whole array, an
-    entry that is taken out no more.
+    Noise perturbs it as it does a `PerturbedArray`: the result of an operation on the whole array
+    is perturbed, an entry that is taken out is not perturbed further.
 
     Args:
-        data: doubles (*shape, L).
-        noise: what moves the results of operations, if anything.
+        data: float64 (*shape, L).
+        noise: source of the perturbations of results; None for none.
     """
 
     __slots__ = ("data", "noise", "svd_cache", "turned")
@@ -35,18 +36,18 @@ class LaneArray:
 
     def __init__(self, data: np.ndarray, noise: Noise | None = None):
         self.data, self.noise = data, noise
-        # What is known of a matrix and its transpose (`eomcheck.numbers.linear`).
+        # Singular value decomposition of a matrix and its transpose (`eomcheck.numbers.linear`).
         self.svd_cache: list[Any] = []
         self.turned = False
 
     # ---- As an array -----------------------------------------------------------------------------
 
     dtype = np.dtype(object)
-    """What is made like it can hold any number."""
+    """dtype object, so that arrays created like it can hold any scalar type."""
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """The shape that the source knows."""
+        """The shape without the batch axis."""
         return self.data.shape[:-1]
 
     @property
@@ -61,12 +62,12 @@ class LaneArray:
 
     @property
     def lanes(self) -> int:
-        """L."""
+        """L, the number of lanes."""
         return self.data.shape[-1]
 
     @property
     def flat(self) -> Iterator[LaneArray]:
-        """One of the entries: all are of the same kind."""
+        """An iterator over one entry only, for code that asks for the scalar type of all."""
         return iter((LaneArray(self.data.reshape(-1, self.lanes)[0]),) if self.size else ())
 
     @property
@@ -83,8 +84,8 @@ class LaneArray:
         return self.shape[0]
 
     def __getitem__(self, where: Any) -> LaneArray:
-        found = self.data[(*where, slice(None)) if _has_dots(where) else where]
-        return LaneArray(found, self.noise if found.ndim > 1 else None)
+        data = self.data[(*where, slice(None)) if _has_dots(where) else where]
+        return LaneArray(data, self.noise if data.ndim > 1 else None)
 
     def __setitem__(self, where: Any, x: Any) -> None:
         self.svd_cache.clear()
@@ -215,7 +216,7 @@ class LaneArray:
 
 
 PLAIN = {float, int, np.float64}
-"""Kinds of number that stand beside lanes as they are."""
+"""Scalar types that are operands of lanes without conversion."""
 
 
 def _has_dots(where: Any) -> bool:
@@ -227,9 +228,9 @@ def _data_axis(axis: int) -> int:
 
 
 def perturbation_scale(x: np.ndarray) -> np.ndarray:
-    """Return what noise moves x relative to: |x|, and `SMALLEST_SIZE` of what is no normal number.
+    """Return the sizes to which perturbations are relative: |x|, `SMALLEST_SIZE` if not normal.
 
-    A zero then becomes no subnormal number, with which machines compute a hundred times as slowly.
+    A perturbed zero is then no subnormal number, with which CPUs compute a hundred times as slowly.
     """
     size = np.abs(x)
     size[size < NORMAL] = SMALLEST_SIZE
@@ -248,7 +249,7 @@ def _perturbed(result: np.ndarray, noise: Noise | None) -> LaneArray:
 
 
 def _product(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Return the product of matrices or vectors, lanes behind: each sum in its order."""
+    """Return the product of matrices or vectors, batch axis last; sums are in order."""
     before, behind = ("j" if x.ndim == 2 else "...ij"), ("j" if y.ndim == 2 else "...jk")
     rows = "" if x.ndim == 2 else "...i"
     columns = "" if y.ndim == 2 else ("k" if rows else "...k")
@@ -262,9 +263,9 @@ def as_object_array(x: LaneArray) -> np.ndarray:
     """Return the entries of lanes as an array of objects, of x's shape."""
     out = np.empty(x.shape, object)
     flat = x.data.reshape(-1, x.lanes)
-    places = out.reshape(-1)
-    for i, one in enumerate(flat):
-        places[i] = LaneArray(one)
+    entries = out.reshape(-1)
+    for i, x_i in enumerate(flat):
+        entries[i] = LaneArray(x_i)
     return out
 
 
@@ -280,7 +281,7 @@ def lanes_in(x: Any) -> int:
 
 
 def lane_data(x: Any, count: int) -> np.ndarray:
-    """Return the doubles (*shape, L) of an array of any kind, L = `count`."""
+    """Return the float64 data (*shape, L) of an array of any scalar type, L = `count`."""
     if isinstance(x, LaneArray):
         return x.data
     if isinstance(x, list | tuple):
@@ -290,21 +291,21 @@ def lane_data(x: Any, count: int) -> np.ndarray:
         return np.broadcast_to(np.asarray(x, np.float64)[..., None], (*x.shape, count))
     out = np.empty((*x.shape, count))
     flat = out.reshape(-1, count)
-    for i, one in enumerate(x.reshape(-1)):
-        flat[i] = one.data if isinstance(one, LaneArray) else one
+    for i, entry in enumerate(x.reshape(-1)):
+        flat[i] = entry.data if isinstance(entry, LaneArray) else entry
     return out
 
 
 def as_float64(x: Any) -> Any:
-    """Return an array of doubles, or of lanes where x has any."""
+    """Return x as a float64 array, or as a `LaneArray` if it holds lanes."""
     if isinstance(x, LaneArray):
         return x
     count = lanes_in(x)
     return LaneArray(lane_data(x, count)) if count else np.asarray(x, np.float64)
 
 
-def lane_select(condition: Any, x: Any, y: Any) -> Any:
-    """Return x where the condition holds, otherwise y, lane by lane; all are lanes or plain."""
+def select(condition: Any, x: Any, y: Any) -> Any:
+    """Return x where the condition holds, otherwise y, lane by lane; each may be lanes or plain."""
     count = next((n for n in map(lanes_in, (condition, x, y)) if n), 0)
     if not count:
         return x if condition else y
@@ -313,7 +314,7 @@ def lane_select(condition: Any, x: Any, y: Any) -> Any:
 
 
 def everywhere(condition: Any) -> Any:
-    """Return whether a condition holds in all entries, lane by lane where there are lanes."""
+    """Return whether a condition holds in all entries, lane by lane if it holds lanes."""
     if not isinstance(condition, LaneArray):
         return bool(np.all(condition))
     return LaneArray(np.asarray(condition.data.reshape(-1, condition.lanes).all(axis=0)))
@@ -334,7 +335,7 @@ FUNCTIONS: dict[Any, Callable] = {
     np.zeros_like: lambda x: LaneArray(np.zeros_like(x.data)),
     np.eye: np.eye,
 }
-"""Functions of numpy for lanes."""
+"""numpy function -> its implementation for lanes."""
 
 
 # ---- Arithmetic and noise ------------------------------------------------------------------------
@@ -344,7 +345,7 @@ class LaneArithmetic:
     """The arithmetic of lanes (`eomcheck.numbers.generic.Arithmetic`)."""
 
     def numbers(self, x: Any) -> Any:
-        """Return x as it is: parameters are stacked by who knows all scenes."""
+        """Return x unchanged: the caller, with all scenes of the batch, stacks the parameters."""
         return x
 
     def angles(self, x: Any) -> Angles:
@@ -361,20 +362,20 @@ LANE_ARITHMETIC = LaneArithmetic()
 
 
 class LaneNoise(Noise):
-    """A source of changes that are the same in all lanes, as they are the same at all states.
+    """A source of relative perturbations that are the same in all lanes, as at all states.
 
-    What is no normal number is moved like the smallest of which residuals tell, see
-    `perturbation_scale`.
+    Zeros and subnormal numbers are perturbed like the smallest number for which residuals do not
+    underflow, see `perturbation_scale`.
     """
 
     def perturb(self, x: Any) -> Any:
-        """Change each entry of x relative to itself."""
+        """Return x with each entry perturbed relative to itself."""
         data = x.data
         with np.errstate(all="ignore"):
             return LaneArray(data + _changes(self, data) * perturbation_scale(data))
 
     def perturb_record(self, x: Any) -> Any:
-        """Change each entry of every array in a record; what is absent stays absent."""
+        """Return a record with each entry of every array perturbed; None stays None."""
         if isinstance(x, Angles):
             return Angles(x.value, self.perturb(x.cos), self.perturb(x.sin))
         if isinstance(x, tuple):
@@ -383,5 +384,5 @@ class LaneNoise(Noise):
         return x if x is None else self.as_perturbed(self.perturb(as_float64(x)))
 
     def as_perturbed(self, x: Any) -> Any:
-        """Return x with every operation of whole arrays on it moved."""
+        """Return x as an array on which every operation of whole arrays is perturbed."""
         return LaneArray(x.data, self)

@@ -1,12 +1,12 @@
 """Linear algebra on every scalar type: `solve`, the one solve that formulations call, and products.
 
-float64 matrices go to LAPACK's LU with partial pivoting. Every matrix solved is recorded by name
-with its reciprocal condition number, and one that is singular to working precision is refused.
-Object arrays go to the solver registered for their scalar type in `SOLVERS`; fields without one
-(`fractions.Fraction`) are eliminated exactly.
+float64 matrices are solved by LAPACK's LU with partial pivoting. Every matrix solved is recorded by
+name with its reciprocal condition number, and one that is singular to working precision is refused:
+a `RefusedError` is raised. Object arrays are solved by the solver registered for their scalar type
+in `SOLVERS`; fields without one (`fractions.Fraction`) are eliminated exactly.
 
 Determinant, condition number and the rounding error of elimination are computed from the LU
-factors. Null spaces, singular values and least squares are for float64, and for those of a batch.
+factors. Null spaces, singular values and least squares are for float64, single or in a batch.
 """
 
 from __future__ import annotations
@@ -35,13 +35,14 @@ from eomcheck.numbers.pivots import EPS, power_of_two_scale
 
 
 class FactorMagnitudes:
-    """The magnitudes of the factors of a matrix: |L||U|, rows as in the matrix.
+    """The magnitudes |L||U| of the factors of a matrix, rows in the order of the matrix.
 
-    eps times about this is what elimination, and substitution for each right-hand side, change it.
+    About eps times this is the backward error of elimination, and of substitution for each
+    right-hand side.
 
     Args:
         lu: factors (..., k, k).
-        pivots: the row (..., k) that each row was exchanged with, as LAPACK has them.
+        pivots: the row (..., k) that each row was exchanged with, as in LAPACK.
     """
 
     def __init__(self, lu: np.ndarray, pivots: np.ndarray):
@@ -56,7 +57,7 @@ class FactorMagnitudes:
             self.row_index = self.rows = np.arange(len(pivots))[:, None], elimination_order(pivots)
 
     def times(self, x: np.ndarray) -> np.ndarray:
-        """Return |L||U| x, x (..., k) or (..., k, m); of one matrix, x may be several."""
+        """Return |L||U| x, x (..., k) or (..., k, m); a single matrix may multiply several x."""
         out = np.empty_like(x)
         if x.ndim >= self.U.ndim:
             out[self.rows] = self.L @ (self.U @ x)
@@ -66,14 +67,14 @@ class FactorMagnitudes:
 
 
 class Rounding(NamedTuple):
-    """What elimination rounds of a matrix: |L| and |U|, and how it was scaled (..., k)."""
+    """Size of the rounding error of an elimination: |L| and |U|, and the scales (..., k)."""
 
     sizes: FactorMagnitudes
     scale: np.ndarray
     row_scale: np.ndarray
 
     def of(self, x: np.ndarray, scale: np.ndarray, row_scale: np.ndarray) -> np.ndarray:
-        """Return |L||U| x for x >= 0 (..., k) or (..., k, m), both scaled as told (..., k)."""
+        """Return |L||U| x for x >= 0 (..., k) or (..., k, m), in the scales passed (..., k)."""
         size = scale_rows(x, scale / self.scale)
         rounded = self.sizes.times(size if x.ndim > scale.ndim else size[..., None])
         return scale_rows(rounded.reshape(x.shape), row_scale / self.row_scale)
@@ -81,16 +82,16 @@ class Rounding(NamedTuple):
 
 @cache
 def _triangle(size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return where the upper triangle is (size, size), and the identity."""
+    """Return the mask (size, size) of the upper triangle, and the identity."""
     return ~np.tri(size, k=-1, dtype=bool), np.eye(size)
 
 
 ROUNDS = 20
-"""Most rounds of the iteration for a spectral radius; three to five are common."""
+"""Largest number of iterations for a spectral radius; three to five are common."""
 
 
 def reciprocal_condition(lu: np.ndarray, pivots: np.ndarray, sizes: FactorMagnitudes) -> float:
-    """Return 1 / ρ(|A⁻¹| |L||U|) of a factored matrix, or a little less; 0 where it is singular.
+    """Return 1 / ρ(|A⁻¹| |L||U|) of a factored matrix, or a little less; 0 if it is singular.
 
     |L||U| is the backward error of elimination. The spectral radius ρ is the norm of |A⁻¹| |L||U|
     in the best of all units of the unknowns, and does not depend on those of the equations either
@@ -102,7 +103,7 @@ def reciprocal_condition(lu: np.ndarray, pivots: np.ndarray, sizes: FactorMagnit
     inverse = np.abs(_getri(lu, pivots, lwork=64 * size)[0])
     if not np.isfinite(inverse).all():
         return 0.0
-    inverse = inverse[:, sizes.row_index[-1]]  # of rows in the order of their elimination
+    inverse = inverse[:, sizes.row_index[-1]]  # rows in the order of their elimination
     weights, radius = np.ones(size), np.inf
     for _ in range(ROUNDS):
         product = inverse @ (sizes.L @ (sizes.U @ weights))
@@ -115,11 +116,11 @@ def reciprocal_condition(lu: np.ndarray, pivots: np.ndarray, sizes: FactorMagnit
 
 
 def determinant(diagonal: np.ndarray, pivots: np.ndarray, *scales: np.ndarray) -> tuple[Any, Any]:
-    """Return (sign, log2 |det|) of the matrix as it was before it was scaled, or (...,) of several.
+    """Return (sign, log2 |det|) of the matrix before it was scaled; each (...,) for several.
 
     Args:
         diagonal: of its factor U (..., k).
-        pivots: the row (..., k) that each row was exchanged with, as LAPACK has them.
+        pivots: the row (..., k) that each row was exchanged with, as in LAPACK.
         scales: powers of two (..., k) by which rows and columns were multiplied.
     """
     exchanges = np.count_nonzero(pivots != np.arange(pivots.shape[-1]), axis=-1)
@@ -131,14 +132,14 @@ def determinant(diagonal: np.ndarray, pivots: np.ndarray, *scales: np.ndarray) -
 def column_scale(A: np.ndarray) -> np.ndarray:
     """Return powers of two (..., k) that bring the largest entry of each column of A near 1.
 
-    Elimination with partial pivoting does not notice a scaling of columns: pivots and digits are
-    the same. It does notice one of rows, for which the same function is used on Aᵀ.
+    A scaling of columns does not change elimination with partial pivoting: pivots and digits are
+    the same. A scaling of rows does; for it the same function is used on Aᵀ.
     """
     return power_of_two_scale(np.abs(A).max(axis=-2))
 
 
 def elimination_order(pivots):
-    """Return the rows (..., k) in the order of their elimination, of pivots of this shape."""
+    """Return the rows (..., k) in the order of their elimination, from pivots of this shape."""
     if pivots.ndim > 1:
         first, order = np.arange(len(pivots)), np.tile(np.arange(pivots.shape[1]), (len(pivots), 1))
         for i, pivot in enumerate(pivots.T):
@@ -162,27 +163,27 @@ _getrf, _getrs, _trtrs = get_lapack_funcs(("getrf", "getrs", "trtrs"), dtype=np.
 T = TypeVar("T")
 
 SOLVERS: dict[type, Callable] = {}
-"""Scalar type -> function (A, b, name) -> x, for arithmetics that bring a solver of their own."""
+"""Scalar type -> function (A, b, name) -> x, for scalar types with their own solver."""
 
 PRODUCTS: dict[type, Callable] = {}
-"""Scalar type -> function (A, B) -> A B, for arithmetics that bring a product of their own."""
+"""Scalar type -> function (A, B) -> A B, for scalar types with their own product."""
 
 CARRIERS: set[type] = set()
-"""Kinds of number that carry another kind, and stand beside it where they have nothing to add."""
+"""Scalar types that wrap another one; arrays may mix their entries with unwrapped ones."""
 
 
 class SolveRecord(NamedTuple):
-    """One matrix that was solved.
+    """Condition, determinant and factors of a matrix that was solved.
 
     Attributes:
-        name: what the formulation calls it.
+        name: its name in the formulation.
         size: its order.
         rcond: its reciprocal condition number; in lanes (L,).
-        sign: the sign of its determinant; of several copies side by side, those of all (k,).
-        log_determinant: log2 |det|, or those of all.
+        sign: the sign of its determinant; of a batch of perturbed samples (k,).
+        log_determinant: log2 |det|; of a batch of perturbed samples (k,).
         refinements: steps of refinement that the solution took.
-        pivots: the row (size,) that each row was exchanged with, as LAPACK has them; None of bands.
-        rounding: what elimination rounded, None of bands.
+        pivots: the row (size,) that each row was exchanged with, as in LAPACK; None for bands.
+        rounding: size of the rounding error of elimination, None for bands.
     """
 
     name: str
@@ -196,14 +197,14 @@ class SolveRecord(NamedTuple):
 
 
 class SolveRecorder:
-    """What `solve` reports to while doubles are evaluated.
+    """A recorder of the matrices that `solve` solves in float64, and the source of their noise.
 
     Attributes:
-        noise: what matrices are moved by.
+        noise: source of the perturbations of matrices; None for none.
         references: see `recording_solves`.
         solves: every matrix solved.
-        conditions: in lanes, whether condition numbers are wanted.
-        refused: in lanes, where each of them is refused (L,).
+        conditions: in lanes, whether condition numbers are computed.
+        refused: in lanes, for each matrix solved, the lanes that are refused, bool (L,).
     """
 
     def __init__(
@@ -234,67 +235,67 @@ def recording_solves(
     """Collect every `SolveRecord` made inside the block.
 
     Args:
-        noise: what matrices are moved by.
-        references: name of a matrix -> how it was solved as it is: moved, it is given the same
-            pivots. Where several rows would do as well, another choice is another elimination,
-            which tells nothing of the rounding of this one.
-        conditions: in lanes, whether condition numbers are wanted.
+        noise: source of the perturbations of matrices; None for none.
+        references: name of a matrix -> record of its unperturbed solve, whose pivots the perturbed
+            solve takes too. If several rows are about equally good pivots, another choice is
+            another elimination, with another rounding error.
+        conditions: in lanes, whether condition numbers are computed.
     """
-    token = _active_recorder.set(watch := SolveRecorder(noise, references, conditions))
+    token = _active_recorder.set(recorder := SolveRecorder(noise, references, conditions))
     try:
-        yield watch
+        yield recorder
     finally:
         _active_recorder.reset(token)
 
 
 def active_recorder() -> SolveRecorder | None:
-    """Return what `solve` reports to, if anything."""
+    """Return the active recorder of `solve`, or None."""
     return _active_recorder.get()
 
 
 def active_noise() -> Noise | None:
-    """Return the noise by which matrices are to be moved, if any."""
-    watch = _active_recorder.get()
-    return None if watch is None else watch.noise
+    """Return the noise by which matrices are to be perturbed, or None."""
+    recorder = _active_recorder.get()
+    return None if recorder is None else recorder.noise
 
 
 def for_each_noise(noises: NoiseBatch, function: Callable[[int, Noise], T]) -> list[T]:
-    """Return function(i, noise) for each of several noises, which alone moves what is solved there.
+    """Return function(i, noise) for each noise of a batch, which alone perturbs the solves in it.
 
-    What all solve is recorded as if they had solved it side by side.
+    Their solves are recorded as those of one batch.
     """
-    outer, found, solves = _active_recorder.get(), [], []
+    outer, results, solves = _active_recorder.get(), [], []
     with noises.split() as each:
         for i, noise in enumerate(each):
             with (
                 nullcontext()
                 if outer is None
-                else recording_solves(noise, outer.references) as watch
+                else recording_solves(noise, outer.references) as recorder
             ):
-                found.append(function(i, noise))
-            solves.append([] if watch is None else watch.solves)
+                results.append(function(i, noise))
+            solves.append([] if recorder is None else recorder.solves)
     for same in zip(*solves, strict=True):
         signs, logs = (np.array([getattr(x, of) for x in same]) for of in SolveRecord._fields[3:5])
         assert outer is not None
         outer.solves.append(same[0]._replace(sign=signs, log_determinant=logs))
-    return found
+    return results
 
 
 def record(found: SolveRecord, matrix: np.ndarray, terms: int | None = None) -> None:
-    """Record a matrix that was factored, and refuse it if it is singular, unless noise moves it.
+    """Record a matrix that was factored, and refuse it if it is singular, unless it is perturbed.
 
     Args:
-        found: what factoring found.
-        matrix: itself, or its bands.
-        terms: most terms in a sum that elimination forms, by default the order.
+        found: its record.
+        matrix: the matrix, or its bands.
+        terms: largest number of terms in a sum that elimination forms, by default the order.
 
     Raises:
         RefusedError: it is singular to working precision.
     """
-    watch = _active_recorder.get()
-    if watch is not None:
-        watch.solves.append(found)
-        if watch.noise is not None:
+    recorder = _active_recorder.get()
+    if recorder is not None:
+        recorder.solves.append(found)
+        if recorder.noise is not None:
             return
     allowed = singular_below(found.size if terms is None else terms)
     if not found.rcond > allowed:
@@ -326,17 +327,17 @@ def solve(A, b, name):
     Args:
         A: (k, k) matrix.
         b: (k,) or (k, m) right-hand sides.
-        name: what the formulation calls A; refusals and records carry it.
+        name: name of A in the formulation, for error messages and records.
 
     Returns:
         x in the shape of b.
 
     Raises:
-        RefusedError: A is singular (for doubles: to working precision), or is not square.
+        RefusedError: A is singular (in float64: to working precision), or is not square.
     """
     if A.shape[-1] != A.shape[-2]:
-        what = f"the {A.shape[-2]} x {A.shape[-1]} matrix {name} is not square"
-        raise RefusedError(name, 0.0, 0.0, what)
+        message = f"the {A.shape[-2]} x {A.shape[-1]} matrix {name} is not square"
+        raise RefusedError(name, 0.0, 0.0, message)
     if A.dtype != object:
         return _lapack_solve(np.asarray(A), np.asarray(b), name)
     if A.shape[0] == 0:
@@ -345,14 +346,14 @@ def solve(A, b, name):
 
 
 def matrix_product(A, B):
-    """Return A B (k, m) of matrices (k, l) and (l, m): `@` where they may be large."""
+    """Return A B (k, m) of matrices (k, l) and (l, m), by the product of their scalar type."""
     if A.dtype != object:
         return A @ B
     return PRODUCTS.get(scalar_type_of(A, B), operator.matmul)(A, B)
 
 
 def scalar_type_of(*arrays):
-    """Return the kind of numbers in object arrays."""
+    """Return the scalar type of object arrays; int if they hold only literals."""
     # Generic functions write literal zeros and ones among the numbers of the model.
     kinds = {type(x) for x in chain(*(a.flat for a in arrays)) if not isinstance(x, int)}
     return next(iter(kinds & CARRIERS or kinds), int)
@@ -374,17 +375,17 @@ def _lapack_solve(A, b, name):
 
 
 def reference_solve(name):
-    """Return how the matrix was solved as it is, if that is known."""
-    watch = _active_recorder.get()
-    return None if watch is None else watch.references.get(name)
+    """Return the record of the unperturbed solve of the matrix, or None if there is none."""
+    recorder = _active_recorder.get()
+    return None if recorder is None else recorder.references.get(name)
 
 
 def equilibrate(A, b):
     """Return A (..., n, n), b and the scales (..., n) of columns and rows.
 
-    The scale of rows decides which pivots are taken. First rows, as equations come: with columns
-    scaled first, M_Au of links of very different masses loses all digits where that of the rows as
-    they are loses one. The scale of columns only keeps everything near 1.
+    The scale of rows decides which pivots are taken. Rows are scaled first: with columns scaled
+    first, M_Au of links of very different masses loses all digits, but only one digit with the rows
+    unscaled. The scale of columns only keeps all numbers near 1.
     """
     row_scale = column_scale(A.swapaxes(-1, -2))
     A = A * row_scale[..., None]
@@ -397,7 +398,7 @@ def eliminate(A, b, name):
     size = A.shape[0]
     work = np.concatenate((A, b.reshape(size, -1)), axis=1)
     number = next((x for x in work.flat if not isinstance(x, int)), None)
-    # A quotient of two literals would be a double.
+    # A quotient of two integer literals would be a float64.
     work = work + 0 * (Fraction(0) if number is None else number)
     for column in range(size):
         pivot = next((row for row in range(column, size) if work[row, column] != 0), None)
@@ -410,7 +411,7 @@ def eliminate(A, b, name):
                 work[row] = work[row] - work[row, column] * work[column]
     x = work[:, size:].reshape(b.shape)
     if number is None:
-        # Literals go with every kind of number, fractions do not.
+        # Integers can be mixed with every scalar type, fractions cannot.
         x.flat = [y.numerator if y.denominator == 1 else y for y in x.flat]
     return x
 
@@ -421,7 +422,7 @@ def eliminate(A, b, name):
 def null_space(a: Any) -> Any:
     """Return an orthonormal basis (n, n-r) of the null space of a (r, n).
 
-    In lanes all are taken to have the rank r; singular values tell where one has not.
+    In lanes every matrix is assumed to have the rank r; singular values show which one has not.
     """
     if not lanes_in(a):
         return scipy.linalg.null_space(a)
@@ -440,7 +441,7 @@ def least_squares(a: Any, b: Any) -> Any:
     """Return the smallest x that minimizes |a x - b|, b (m,) or (m, k); NaN after an overflow."""
     lanes = lanes_in(a)
     if not lanes:
-        # Of what is not finite LAPACK complains on the terminal.
+        # With entries that are not finite LAPACK prints errors on the terminal.
         if np.isfinite(a).all() and np.isfinite(b).all():
             return np.linalg.lstsq(a, b, rcond=None)[0]
         return np.full((a.shape[1], *b.shape[1:]), np.nan)
@@ -471,7 +472,7 @@ def _lanes_last(x: np.ndarray) -> LaneArray:
 
 
 def _svd(a: LaneArray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return (U, s, Vᵀ) of each lane, found once for a matrix and its transpose."""
+    """Return (U, s, Vᵀ) of each lane, computed once for a matrix and its transpose."""
     a = as_float64(a)
     if not a.svd_cache:
         plain = a.T if a.turned else a

@@ -1,18 +1,18 @@
-"""Random relative perturbations: a condition number is measured instead of guessed.
+"""Perturbation analysis by random relative perturbations: a condition number is measured.
 
 Rounding changes every number that a computation reads or forms by a relative eps. Perturbing them
 all by a much larger relative step h measures how strongly this very computation, cancellation and
 ill-conditioned matrices included, amplifies such changes: by |change| / h. Rounding then changes
 the result by about eps times that.
 
-Perturbed inputs and results are not enough: where large terms cancel identically, as those of a
-wheel's acceleration do, perturbing their inputs changes them alike, and only the rounding error of
-each by itself is left. So every operation of a generic function is perturbed by itself
-(`eomcheck.kernels.perturbed_trace`; Monte Carlo arithmetic: Parker 1997).
+Perturbing the inputs and results of functions is not enough: if large terms cancel identically, as
+those of a wheel's acceleration do, perturbing their inputs changes them alike, and the rounding
+errors of the single operations are missed. So every operation of a generic function is perturbed by
+itself (`eomcheck.kernels.perturbed_trace`; Monte Carlo arithmetic: Parker 1997).
 
-A perturbation is a function of three things: the seed, the name of the quantity that is computed,
-and how many were drawn for it before. So a quantity is perturbed alike whatever was computed before
-it.
+A noise is a source of perturbations. A perturbation is a function of three things: the seed, the
+stream (the name of the quantity that is computed), and how many were drawn from the stream before.
+So a quantity is perturbed alike whatever was computed before it.
 """
 
 from __future__ import annotations
@@ -29,25 +29,26 @@ import numpy as np
 from eomcheck.numbers.generic import Angles, Arithmetic, map_record
 
 STEP = 2.0**-46
-"""h: 64 eps, above rounding, and so small that a result that is lost altogether, which changes by
-its own size whatever the step, measures as 1/h: its error bound is then as large as itself."""
+"""The relative step h: 64 eps, above rounding. A result with no correct digit changes by its own
+size whatever the step, and its measured amplification is 1/h; h is so small that its error bound is
+then as large as the result."""
 
 NORMAL = float(np.finfo(np.float64).tiny)
 """The smallest normal number."""
 
 SAMPLES = 4
-"""Independent noises per measurement; the largest change counts."""
+"""Number of independent noises per measurement, of which the largest change counts."""
 
 STRETCH = 8.0
-"""The first noise is also tried this many times larger: a change that does not grow is saturated,
-and says nothing about smaller noise."""
+"""Factor of the step at which the first noise is used a second time: a change that does not grow
+with it is saturated, and does not predict the change under smaller noise."""
 
 SMALLEST_DRAW, LARGEST_CACHED_DRAW = 2**10, 2**14
-"""Changes are drawn so many at a time, or more; up to so many are kept for other states."""
+"""Smallest number of perturbations drawn at a time; largest number cached for other states."""
 
 
 def _draw(seed: int, stream: str, size: int) -> np.ndarray:
-    """Return numbers (size,) of magnitude 1/2 to 1, the first of those that a larger size gives."""
+    """Return random numbers (size,) of magnitude 1/2 to 1; a larger size only appends to them."""
     # Magnitudes vary so that two equal contributions never cancel exactly.
     x = np.random.default_rng([seed, zlib.crc32(stream.encode())]).uniform(-1.0, 1.0, size)
     x = 0.5 * (x + np.copysign(1.0, x))
@@ -60,23 +61,27 @@ _cached_draw = lru_cache(256)(_draw)
 
 @lru_cache(64)
 def _stacked_draws(sources: tuple[tuple[int, float], ...], stream: str, size: int) -> np.ndarray:
-    """Return the changes (k, size) that sources (seed, step) draw."""
+    """Return the perturbations (k, size) that sources (seed, step) draw."""
     x = np.stack([step * _cached_draw(seed, stream, size) for seed, step in sources])
     x.setflags(write=False)
     return x
 
 
 class Noise:
-    """A source of relative changes of size between h/2 and h, either sign.
+    """A source of relative perturbations of size between h/2 and h, either sign.
 
-    Below the smallest normal number the spacing of doubles stays that at this number, and so does
-    the size of the changes: what has underflowed, to 0 perhaps, shows.
+    Below the smallest normal number the spacing of float64 stays that at this number, and so does
+    the size of the perturbations: a number that has underflowed, perhaps to 0, is perturbed too.
+
+    Args:
+        seed: of the random numbers.
+        step: h.
     """
 
     shape: tuple[int, ...] = ()
-    """Axes in front of every array that is changed, see `NoiseBatch`."""
+    """Leading batch axes of every array that is perturbed, see `NoiseBatch`."""
     enabled = True
-    """Whether it changes anything, see `NoiseBatch.disabled`."""
+    """Whether it perturbs arrays, see `NoiseBatch.disabled`."""
 
     def __init__(self, seed: int, step: float = STEP):
         self.seed, self.step = seed, step
@@ -84,7 +89,7 @@ class Noise:
 
     @contextmanager
     def stream(self, name: str) -> Iterator[None]:
-        """Take changes from the first of those called `name`; afterwards go on as before."""
+        """Draw from the start of the stream `name` inside the block; afterwards go on as before."""
         before = self._stream, self._drawn, self._taken
         self._stream, self._drawn, self._taken = name, np.empty(0), 0
         try:
@@ -93,7 +98,7 @@ class Noise:
             self._stream, self._drawn, self._taken = before
 
     def changes(self, shape: tuple[int, ...]) -> np.ndarray:
-        """Return numbers of magnitude h/2 to h, those that come next."""
+        """Return the next perturbations of the stream, of magnitude h/2 to h."""
         first = self._taken
         self._taken += math.prod(shape)
         if self._taken > len(self._drawn):
@@ -104,30 +109,30 @@ class Noise:
         return self.step * self._drawn[first : self._taken].reshape(shape)
 
     def perturb(self, x: np.ndarray) -> np.ndarray:
-        """Change each entry of x relative to itself: numbers that were read or rounded."""
+        """Return x, numbers that were read or rounded, each entry perturbed relative to itself."""
         with np.errstate(all="ignore"):
             return x + self.changes(x.shape) * np.maximum(np.abs(x), NORMAL)
 
     def perturb_record(self, x: Any) -> Any:
-        """Change each entry of every array in a record; what is absent stays absent.
+        """Return a record with each entry of every array perturbed; None stays None.
 
-        Of `Angles` only cosines and sines, which were rounded: the angles are what was read.
+        In `Angles` only cosines and sines are, which were rounded: the angles themselves were read.
         """
         if isinstance(x, Angles):
             return Angles(x.value, self.perturb(x.cos), self.perturb(x.sin))
         return map_record(lambda part: self.as_perturbed(self.perturb(np.asarray(part))), x)
 
     def as_perturbed(self, x: np.ndarray) -> PerturbedArray:
-        """Return x with every operation of whole arrays on it moved."""
-        moved = x.view(PerturbedArray)
-        moved.noise = self
-        return moved
+        """Return x as an array on which every operation of whole arrays is perturbed."""
+        perturbed = x.view(PerturbedArray)
+        perturbed.noise = self
+        return perturbed
 
 
 class NoiseBatch(Noise):
-    """Several noises side by side, each of which changes its own part of arrays as it would alone.
+    """A batch of noises, each of which perturbs its own part of arrays as it would alone.
 
-    The first axis of every array that is changed is that of the noises.
+    The first axis of every array that is perturbed is the batch axis: entry i is of noise i.
     """
 
     def __init__(self, noises: Sequence[Noise]):
@@ -136,7 +141,7 @@ class NoiseBatch(Noise):
         self.shape = (len(noises),)
 
     def changes(self, shape: tuple[int, ...]) -> np.ndarray:
-        """Return numbers, those that come next of each noise; `shape` begins with `self.shape`."""
+        """Return the next perturbations of each noise; `shape` begins with `self.shape`."""
         first = self._taken
         self._taken += math.prod(shape[1:])
         if not self._drawn.size or self._taken > self._drawn.shape[-1]:
@@ -147,34 +152,34 @@ class NoiseBatch(Noise):
 
     @contextmanager
     def disabled(self) -> Iterator[None]:
-        """Change nothing meanwhile: neither what asks for changes nor arrays that were made."""
-        moving, self._sources = self._sources, tuple((seed, 0.0) for seed, _ in self._sources)
+        """Perturb nothing inside the block: neither in new operations nor on existing arrays."""
+        enabled, self._sources = self._sources, tuple((seed, 0.0) for seed, _ in self._sources)
         self.enabled = False
         try:
             with self.stream(self._stream):
                 yield
         finally:
-            self._sources, self.enabled = moving, True
+            self._sources, self.enabled = enabled, True
 
     @contextmanager
     def split(self) -> Iterator[list[Noise]]:
-        """Yield the noises one by one, each where all are; afterwards go on behind them."""
+        """Yield the single noises, at the position of the batch; it goes on after the farthest."""
         noises = [Noise(*source) for source in self._sources]
-        for one in noises:
-            one._stream, one._taken = self._stream, self._taken
+        for noise in noises:
+            noise._stream, noise._taken = self._stream, self._taken
         yield noises
-        self._taken = max(one._taken for one in noises)
+        self._taken = max(noise._taken for noise in noises)
 
 
 EXACT_UFUNCS = (np.negative, np.absolute, np.positive, np.maximum)
-"""Operations of whole arrays that do not round."""
+"""Operations of whole arrays that do not round, and are not perturbed."""
 
 
 class PerturbedArray(np.ndarray):
-    """An array of doubles; the result of an operation on it is moved, as rounding would.
+    """A float64 array; the result of an operation on it is perturbed, as it would be by rounding.
 
-    A product of matrices moves by what rounding its terms does, and not by its own size: formed
-    twice of the same matrix, it is wrong in two ways.
+    A product of matrices is perturbed relative to the magnitudes of its terms, not to its own size:
+    each term is rounded, also where the terms cancel.
     """
 
     noise: Noise | None = None
@@ -200,19 +205,19 @@ class PerturbedArray(np.ndarray):
 
 
 class NoisyArithmetic:
-    """An arithmetic whose cosines, sines and roots are moved as well."""
+    """An arithmetic whose cosines, sines and roots are perturbed as well."""
 
     def __init__(self, arithmetic: Arithmetic, noise: Noise):
         self._arithmetic, self._noise = arithmetic, noise
 
     def numbers(self, x: np.ndarray) -> np.ndarray:
-        """Return x as the arithmetic does."""
+        """Return x as numbers of the wrapped arithmetic."""
         return self._arithmetic.numbers(x)
 
     def angles(self, x: np.ndarray) -> Angles:
-        """Return the angles x (k,), their cosines and sines, all moved."""
+        """Return the angles x (k,), with perturbed cosines and sines."""
         return self._noise.perturb_record(self._arithmetic.angles(x))
 
     def root(self, x: np.ndarray) -> np.ndarray:
-        """Return the positive square roots of x (k,), moved."""
+        """Return the positive square roots of x (k,), perturbed."""
         return self._noise.perturb(self._arithmetic.root(x))

@@ -1,20 +1,20 @@
 """Rules of float64 linear solves: scales, pivots and steps of refinement.
 
-The one place that both read: the checked solves (`eomcheck.numbers.linear`, `banded_solve`) and
-those in machine code (`eomcheck.kernels`).
+They are shared by the checked solves (`eomcheck.numbers.linear`, `banded_solve`) and the solves in
+machine code (`eomcheck.kernels`).
 
 - Rows are scaled by powers of two, which round nothing, so that the largest entry of each is near
   1. The scale of rows decides which pivots are taken.
-- The pivot of a column is its largest entry that is left, the first of several. In machine code of
-  a band it may be another that is smaller by less than 2^-18 of it, and other rows are multiplied
-  by as little more than 1.
-- A band is eliminated from both ends at once, which need not wait for each other, to the middle.
+- The pivot of a column is its largest remaining entry, the first of several equal ones. In machine
+  code of a band it may be another entry, smaller by a share of less than 2^-18; factors of
+  elimination are then larger than 1 by as little.
+- A band is eliminated from both ends at once, independently of each other, to the middle.
 - A band solve is refined in the same precision until its backward error β, the largest of
-  |b - A x|_i / (|A||x| + |b|)_i, is at most `REFINED`; that many times at least `LEAST_STEPS`. A
-  step that does not bring it below `STALLED` times its value before is the last one, and the matrix
-  is refused: rounding does not explain x (Arioli, Demmel, Duff 1989; Higham 2002, Sec. 12.2).
-  (|A||x| + |b|)_i counts as ε times the largest of all rows at least (`SMALLEST_SHARE`): where x is
-  0 in all entries that row i has, float64 finds differences of what other rows round.
+  |b - A x|_i / (|A||x| + |b|)_i, is at most `REFINED`, but at least `LEAST_STEPS` times. A step
+  that does not bring it below `STALLED` times its value before is the last one, and the matrix is
+  refused: rounding does not explain x (Arioli, Demmel, Duff 1989; Higham 2002, Sec. 12.2).
+  (|A||x| + |b|)_i counts as ε times the largest of all rows at least (`SMALLEST_SHARE`): if x is 0
+  in all unknowns of row i, the computed residual of that row is rounding error of other rows.
 """
 
 from __future__ import annotations
@@ -24,33 +24,34 @@ import numpy as np
 EPS = float(np.finfo(np.float64).eps)
 
 ABOVE_ONE = 1.0 + 2.0**-20
-"""What is so little below a power of two is scaled like it. Many numbers of models are powers of
-two: moved a little, they must not fall on either side of a limit, or other pivots are taken."""
+"""Factor before the exponent is taken: numbers slightly below a power of two are scaled like it.
+Many numbers of models are powers of two; perturbed samples of them must not fall on different sides
+of a limit, or other pivots are taken."""
 
 LARGEST_EXPONENT = 1000
-"""Scales are 2^-1000 to 2^1000, so that a scale is a normal number."""
+"""Largest exponent of a scale, 2^-1000 to 2^1000, so that a scale is a normal number."""
 
 BAND_TERMS = 8
-"""Terms in a sum that makes a residual: 7 entries of a row of the band, and the right-hand side."""
+"""Number of terms in a residual: 7 entries of a row of the band, and the right-hand side."""
 
 REFINED = BAND_TERMS * EPS
-"""The backward error that rounding a residual alone can show."""
+"""Largest backward error that the rounding of a residual alone can cause."""
 
 LEAST_STEPS, MOST_STEPS = 1, 20
-"""Steps of refinement."""
+"""Bounds of the number of refinement steps."""
 
 STALLED = 0.5
-"""A step is to divide the backward error by two at least."""
+"""Largest ratio of the backward errors after and before a step; above it refinement stops."""
 
 SMALLEST_SIZE = 2.0**-960
-"""|A||x| + |b| counts as this at least: below, residuals underflow and tell nothing."""
+"""Lower limit of |A||x| + |b|: below it residuals underflow, and their size means nothing."""
 
 SMALLEST_SHARE = EPS
-"""|A||x| + |b| counts as this share of its largest entry at least; rows are scaled."""
+"""Lower limit of |A||x| + |b| as a share of its largest entry; rows are scaled."""
 
 
 def from_both_ends(size: int) -> np.ndarray:
-    """Return the columns (size,) of a band in the order of their elimination: 0, -1, 1, -2, ..."""
+    """Return the columns (size,) of a band in the order of elimination: 0, -1, 1, -2, ..."""
     columns = np.arange(size)
     return np.where(columns % 2 == 0, columns // 2, size - 1 - columns // 2)
 
@@ -59,13 +60,13 @@ _LEAST = 1100
 _SCALES = np.ldexp(
     1.0, np.clip(np.arange(_LEAST, -_LEAST, -1), -LARGEST_EXPONENT, LARGEST_EXPONENT)
 )
-"""The scale of what has the exponent `i - _LEAST`, at place i."""
+"""Scales by exponent: entry i is the scale of numbers with the exponent `i - _LEAST`."""
 
 
 def power_of_two_scale(largest: np.ndarray) -> np.ndarray:
     """Return the powers of two (k,) that bring numbers `largest` (k,) to [0.5, 1).
 
-    What is 0 or not finite is scaled like 1.
+    Numbers that are 0 or not finite are scaled like 1.
     """
     usable = (largest > 0) & (largest < np.inf)
     if not usable.all():

@@ -5,9 +5,9 @@ series (`HeyokaArithmetic`). Either library is loaded when its arithmetic is fir
 when this module is imported. Expressions have no magnitude: elimination takes the first pivot that
 does not vanish identically.
 
-For heyoka every constant enters in quad precision. heyoka folds constants in the precision that
-they have: of two float64 numbers, 0.1 * 0.3 would be float64 again, wrong in the 17th digit. Inputs
-in float64 are taken as exact, and the cosine of a constant is that of exactly this number.
+For heyoka every constant is converted to quad precision. heyoka folds constants in their own
+precision: the product 0.1 * 0.3 of two float64 numbers would be float64 again, wrong in the 17th
+digit. Inputs in float64 are exact, and the cosine of a constant is that of exactly this number.
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ Solver = Callable[[Array, Array, str], Array]
 
 
 def symbolic_elimination(vanishes: Callable[[Any], bool]) -> Solver:
-    """Return a `solve` that takes the first pivot that does not vanish identically.
+    """Return a solver whose pivots are the first that do not vanish identically.
 
     Args:
-        vanishes: whether an entry is 0 whatever its variables are.
+        vanishes: whether an entry is 0 for all values of its variables.
     """
 
     def solve(A: Array, b: Array, name: str) -> Array:
         size = A.shape[0]
         A, x = A.copy(), b.reshape(size, -1).copy()
         for column in range(size):
-            there = (row for row in range(column, size) if not vanishes(A[row, column]))
-            pivot = next(there, column)
+            candidates = (row for row in range(column, size) if not vanishes(A[row, column]))
+            pivot = next(candidates, column)
             for part in (A, x):
                 part[[column, pivot]] = part[[pivot, column]]
             for row in range(column + 1, size):
@@ -73,11 +73,11 @@ class CasadiArithmetic:
         SOLVERS[self.casadi.SX] = symbolic_elimination(self._vanishes)
 
     def numbers(self, x: Array) -> Array:
-        """Return the doubles x as constants, same shape."""
+        """Return the float64 array x as constants, same shape."""
         return map_entries(lambda y: self.casadi.SX(float(y)), np.asarray(x, object))
 
     def variables(self, name: str, size: int) -> tuple[Any, Array]:
-        """Return new variables as a CasADi column and, entry by entry, as an array (size,)."""
+        """Return new variables as a CasADi column, and its entries as an array (size,)."""
         column = self.casadi.SX.sym(name, size)
         entries = np.empty(size, object)
         for i in range(size):
@@ -85,7 +85,7 @@ class CasadiArithmetic:
         return column, entries
 
     def angles(self, x: Array) -> Angles:
-        """Return the angles x (k,), doubles or expressions, with their cosines and sines."""
+        """Return the angles x (k,), float64 or expressions, with their cosines and sines."""
         value = x if x.dtype == object else self.numbers(x)
         return Angles(
             value, map_entries(self.casadi.cos, value), map_entries(self.casadi.sin, value)
@@ -106,7 +106,7 @@ BITS = 113
 
 
 def load_heyoka() -> Any:
-    """Return the module heyoka.
+    """Return the imported module heyoka.
 
     Raises:
         EngineError: it is not installed.
@@ -124,7 +124,7 @@ class HeyokaArithmetic:
 
     Attributes:
         heyoka: the library.
-        quad: its type of quad precision: `real128`, where the platform has none `real`.
+        quad: its type of quad precision: `real128`, or `real` on platforms without it.
 
     Raises:
         EngineError: heyoka is not installed.
@@ -137,28 +137,28 @@ class HeyokaArithmetic:
 
     @property
     def options(self) -> dict[str, Any]:
-        """What tells heyoka to compile for quad precision."""
+        """Keyword arguments with which heyoka compiles for quad precision."""
         real = {"prec": BITS} if self.quad is self.heyoka.real else {}
         return {"fp_type": self.quad, **real}
 
     def constant(self, x: Any) -> Any:
-        """Return x, a double, an integer or a string of digits, in quad precision."""
+        """Return x, a float64, an integer or a string of digits, in quad precision."""
         if self.quad is self.heyoka.real:
             return self.quad(x, BITS)
         return self.quad(x)
 
     def constants(self, x: Array) -> Array:
-        """Return the doubles x in quad precision, same shape, as an array of that type."""
+        """Return the float64 array x in quad precision, same shape, as an array of that type."""
         quad = [self.constant(float(y)) for y in np.ravel(x)]
         return np.array(quad, dtype=self.quad).reshape(np.shape(x))
 
     def expression(self, x: Any) -> Any:
-        """Return x as an expression: generic functions leave literal integers in their results."""
-        made = self.heyoka.expression
-        return x if isinstance(x, made) else made(self.constant(x))
+        """Return x as an expression; literal integers in results are converted to constants."""
+        expression = self.heyoka.expression
+        return x if isinstance(x, expression) else expression(self.constant(x))
 
     def numbers(self, x: Array) -> Array:
-        """Return the doubles x as constants, same shape."""
+        """Return the float64 array x as constants, same shape."""
         return map_entries(lambda y: self.expression(float(y)), x)
 
     def variables(self, name: str, size: int) -> Array:
@@ -166,7 +166,7 @@ class HeyokaArithmetic:
         return np.array([self.heyoka.expression(f"{name}_{i}") for i in range(size)], object)
 
     def angles(self, x: Array) -> Angles:
-        """Return the angles x (k,), doubles or expressions, with their cosines and sines."""
+        """Return the angles x (k,), float64 or expressions, with their cosines and sines."""
         value = x if x.dtype == object else self.numbers(x)
         cos, sin = (
             np.array([function(y) for y in value], object)
@@ -180,7 +180,7 @@ class HeyokaArithmetic:
 
 
 def _vanishes(x: Any) -> bool:
-    # A constant tells neither its value nor its type but in print.
+    # The value of a constant can only be read from its printed form.
     try:
         return float(str(x)) == 0.0
     except ValueError:

@@ -1,19 +1,19 @@
 """Tapes: the operations of generic functions as a straight-line program, and its derivatives.
 
-Run once on a `Tape`, a function leaves its additions, multiplications and solves there, in the
-order in which it did them. Equal operations are merged (common subexpressions), those on constants
-are evaluated at once, and those that change nothing are left out (x + 0, 1 x, and 0 x = 0: an
-infinity in a dead factor vanishes). Nothing is reassociated, so that the compiled tape rounds as
-the functions themselves do. `eomcheck.kernels` makes machine code of it.
+A tape is the sequence of operations that a function performs on the numbers of a `Tape`: it is run
+once, and its additions, multiplications and solves are recorded in their order. Equal operations
+are merged (common subexpressions), those on constants are evaluated at once, and those that change
+nothing are left out (x + 0, 1 x, and 0 x = 0: an infinity in a dead factor vanishes). Nothing is
+reassociated, so that the compiled tape rounds as the functions themselves do. `eomcheck.kernels`
+compiles it to machine code.
 
-What is more than one operation is a group, with the entries that it reads and results that are
-read by index: the cosines and sines of angles, a matrix factored and solved with, a product of
-matrices too large to be written out.
+A group is an entry with several results, which are read by index: the cosines and sines of angles,
+a matrix factored and solved with, a product of matrices too large to be written out.
 
-`jacobian` writes derivatives on the same tape (forward automatic differentiation), entry by entry,
+`jacobian` appends derivatives to the same tape (forward automatic differentiation), entry by entry,
 and only by the inputs that an entry depends on: most of a Jacobian of a chain's functions is
 structurally zero. A solve is differentiated as A x′ = b′ - A′ x, with the factors of A that are
-there already.
+already on the tape.
 """
 
 from __future__ import annotations
@@ -49,14 +49,14 @@ ANGLES, FACTORS, SOLVE, BAND, PRODUCT = "angles", "factors", "solve", "band", "p
 FLOAT64_OPERATIONS = {ADD: operator.add, SUB: operator.sub, MUL: operator.mul}
 
 LARGEST_EXPANDED_PRODUCT = 4096
-"""A product of matrices with more multiplications than this is one group."""
+"""Largest number of multiplications of a matrix product that is written out; above, a group."""
 
 
 class Operation(NamedTuple):
-    """One entry of a tape: x and y are places of earlier entries.
+    """An entry of a tape: x and y are indices of earlier entries.
 
-    A constant has its value as x, an input the name of its array and its place there, a part its
-    group and its place among the results.
+    For a constant x is its value; for an input x is the name of its array and y its index there;
+    for a part x is the number of its group and y its index among the results.
     """
 
     op: str
@@ -65,10 +65,10 @@ class Operation(NamedTuple):
 
 
 class OperationGroup(NamedTuple):
-    """Several results at once, made of the entries `reads`.
+    """An operation with several results, computed from the entries `reads`.
 
     - "angles": cosines, then sines, of k angles
-    - "factors": of a matrix (k, k), row by row; its results are read by solves only
+    - "factors": LU factors of a matrix (k, k), row by row; its results are read by solves only
     - "solve": x (k, m) by the factors of the group `by`; reads b (k, m)
     - "band": x (k,) of bands (k, 7) and then b (k,), see `eomcheck.numbers.banded_solve`
     - "product": (k, m) of matrices (k, l) and (l, m)
@@ -82,48 +82,48 @@ class OperationGroup(NamedTuple):
 
 
 class Tape:
-    """The arithmetic that writes down (`eomcheck.numbers.generic.Arithmetic`).
+    """The arithmetic that records operations (`eomcheck.numbers.generic.Arithmetic`).
 
     Attributes:
-        operations: entry by entry.
-        groups: what parts belong to.
+        operations: the entries.
+        groups: the groups to which parts belong.
     """
 
     def __init__(self):
         self.operations: list[Operation] = []
         self.groups: list[OperationGroup] = []
-        self._places: dict[Operation, int] = {}
+        self._indices: dict[Operation, int] = {}
         self._known_groups: dict[OperationGroup, int] = {}
 
     def index_of(self, operation: Operation) -> int:
-        """Return the place of an operation, where equal ones are one."""
-        found = self._places.get(operation)
-        if found is None:
-            found = self._places[operation] = len(self.operations)
+        """Return the index of an operation, which is appended unless an equal one is recorded."""
+        index = self._indices.get(operation)
+        if index is None:
+            index = self._indices[operation] = len(self.operations)
             self.operations.append(operation)
-        return found
+        return index
 
     def constant(self, x: float) -> Number:
-        """Return a constant."""
-        # 0.0 and -0.0 are equal, and both are found again as the first of them.
+        """Return a constant of this tape."""
+        # 0.0 and -0.0 are equal as keys: both are the one that was recorded first.
         return Number(self, self.index_of(Operation(CONSTANT, float(x))))
 
     def inputs(self, name: str, shape: tuple[int, ...]) -> Array:
         """Return the inputs called `name`, an array of `shape`."""
-        places = (self.index_of(Operation(INPUT, name, i)) for i in range(math.prod(shape)))
-        return self._array(places, shape)
+        indices = (self.index_of(Operation(INPUT, name, i)) for i in range(math.prod(shape)))
+        return self._array(indices, shape)
 
     def number(self, x: Any) -> Number:
-        """Return x, a literal or a double, as a number of this tape."""
+        """Return x, a literal or a float64, as a number of this tape."""
         return x if isinstance(x, Number) else self.constant(x)
 
     def numbers(self, x: Array) -> Array:
-        """Return x, same shape."""
+        """Return x as numbers of this tape, same shape."""
         return map_entries(self.number, np.asarray(x, object))
 
-    def value(self, place: int) -> float | None:
-        """Return the value of the entry at `place` if it is a constant."""
-        operation = self.operations[place]
+    def value(self, index: int) -> float | None:
+        """Return the value of the entry at `index` if it is a constant, otherwise None."""
+        operation = self.operations[index]
         return operation.x if operation.op is CONSTANT else None
 
     def angles(self, x: Array) -> Angles:
@@ -145,26 +145,26 @@ class Tape:
         self, kind: str, name: str, shape: tuple[int, ...], reads: tuple[int, ...], parts: int,
         by: int = -1,
     ) -> Array:  # fmt: skip
-        """Return the results (parts,) of a group; equal ones are one."""
+        """Return the results (parts,) of a group; equal groups are merged."""
         number = self.group_number(OperationGroup(kind, name, shape, reads, by))
         return self._array(
             (self.index_of(Operation(PART, number, i)) for i in range(parts)), (parts,)
         )
 
     def group_number(self, group: OperationGroup) -> int:
-        """Return the number of a group, where equal ones are one."""
-        found = self._known_groups.get(group)
-        if found is None:
-            found = self._known_groups[group] = len(self.groups)
+        """Return the number of a group, which is appended unless an equal one is recorded."""
+        number = self._known_groups.get(group)
+        if number is None:
+            number = self._known_groups[group] = len(self.groups)
             self.groups.append(group)
-        return found
+        return number
 
     def _read(self, *arrays: Array) -> tuple[int, ...]:
         return tuple(self.number(x).index for x in chain.from_iterable(a.flat for a in arrays))
 
-    def _array(self, places: Iterable[int], shape: tuple[int, ...]) -> Array:
+    def _array(self, indices: Iterable[int], shape: tuple[int, ...]) -> Array:
         out = np.empty(math.prod(shape), object)
-        out[:] = [Number(self, place) for place in places]
+        out[:] = [Number(self, index) for index in indices]
         return out.reshape(shape)
 
     def solve(self, A: Array, b: Array, name: str) -> Array:
@@ -176,7 +176,7 @@ class Tape:
         return x.reshape(b.shape)
 
     def solve_banded(self, bands: Array, b: Array, name: str) -> Array:
-        """Return x (k,) of bands (k, 7)."""
+        """Return x (k,) with A x = b, for A by its bands (k, 7) and b (k,)."""
         return self.group(BAND, name, (len(b),), self._read(bands, b), len(b))
 
     def product(self, A: Array, B: Array) -> Array:
@@ -189,12 +189,17 @@ class Tape:
 
 
 class Number:
-    """A number on a tape."""
+    """A number that is recorded on a tape.
+
+    Attributes:
+        index: that of its entry.
+        tape: the tape.
+    """
 
     __slots__ = ("index", "tape")
 
-    def __init__(self, tape: Tape, place: int):
-        self.tape, self.index = tape, place
+    def __init__(self, tape: Tape, index: int):
+        self.tape, self.index = tape, index
 
     def __add__(self, other):
         return _operated(ADD, self, other)
@@ -277,7 +282,7 @@ def _operated(op: str, x: Any, y: Any) -> Any:
 
 
 def _simplified(tape: Tape, op: str, x: Number, y: Number, a: float | None, b: float | None) -> Any:
-    """Return x op y, whose constant values are a and b, not both of them."""
+    """Return x op y; a and b are the values of x and y if constant, at most one of which is."""
     if op is ADD:
         if a == 0 or b == 0:
             return y if a == 0 else x
@@ -285,8 +290,8 @@ def _simplified(tape: Tape, op: str, x: Number, y: Number, a: float | None, b: f
             return _operated(SUB, x, -y)
         if tape.operations[x.index].op is NEG:
             return _operated(SUB, y, -x)
-        if (found := tape._places.get(Operation(ADD, y.index, x.index))) is not None:
-            return Number(tape, found)
+        if (known := tape._indices.get(Operation(ADD, y.index, x.index))) is not None:
+            return Number(tape, known)
     elif op is SUB:
         if a == 0 or b == 0:
             return -y if a == 0 else x
@@ -295,15 +300,15 @@ def _simplified(tape: Tape, op: str, x: Number, y: Number, a: float | None, b: f
     elif op is MUL:
         if a == 0 or b == 0:
             return tape.constant(0.0)
-        for one, other in ((a, y), (b, x)):
-            if one is not None and abs(one) == 1:
-                return other if one > 0 else -other
-        # Signs move outwards, where sums take them in: `-x` by itself would be one value that
-        # is first needed somewhere, and break the pattern of those that need it later.
+        for factor, other in ((a, y), (b, x)):
+            if factor is not None and abs(factor) == 1:
+                return other if factor > 0 else -other
+        # Signs are moved outwards, into sums: a merged `-x` would be computed where it is first
+        # used, and break the pattern of the iterations that use it later.
         if (plain := _unsigned(x, y)) is not None:
             return -_operated(MUL, *plain)
-        if (found := tape._places.get(Operation(MUL, y.index, x.index))) is not None:
-            return Number(tape, found)
+        if (known := tape._indices.get(Operation(MUL, y.index, x.index))) is not None:
+            return Number(tape, known)
     else:
         if a == 0:
             return tape.constant(0.0)
@@ -315,7 +320,7 @@ def _simplified(tape: Tape, op: str, x: Number, y: Number, a: float | None, b: f
 
 
 def _unsigned(x: Number, y: Number) -> tuple[Number, Number] | None:
-    """Return x and y, one of them without its sign; None where neither has one."""
+    """Return x and y with the sign of one of them removed; None if neither is negated."""
     operations = x.tape.operations
     if operations[x.index].op is NEG:
         return -x, y
@@ -349,14 +354,14 @@ CARRIERS.add(Number)
 
 
 def live_entries(tape: Tape, roots: Sequence[int]) -> tuple[list[int], set[int]]:
-    """Return the entries that `roots` are made of, in their order, and the groups among them."""
+    """Return the entries on which `roots` depend, in order, and the groups among them."""
     needed, groups, stack = set(), set(), list(roots)
     while stack:
-        place = stack.pop()
-        if place in needed:
+        index = stack.pop()
+        if index in needed:
             continue
-        needed.add(place)
-        operation = tape.operations[place]
+        needed.add(index)
+        operation = tape.operations[index]
         if operation.op is PART:
             number = operation.x
             while number >= 0 and number not in groups:
@@ -373,56 +378,56 @@ def live_entries(tape: Tape, roots: Sequence[int]) -> tuple[list[int], set[int]]
 # ---- Derivatives ---------------------------------------------------------------------------------
 
 Rates = dict[int, Any]
-"""Input, by its number among those asked for -> derivative, a number of the tape."""
+"""Derivatives of an entry: position of the input among `inputs` -> number of the tape."""
 
 
 def jacobian(tape: Tape, outputs: Sequence[int], inputs: Sequence[int]) -> list[int]:
-    """Return the places of ∂output/∂input, row by row, and write what they need on the tape."""
-    wanted = {place: i for i, place in enumerate(inputs)}
+    """Append the derivatives ∂output/∂input to the tape, and return their indices, row by row."""
+    wanted = {index: i for i, index in enumerate(inputs)}
     rates: dict[int, Rates] = {}
     groups: dict[int, list[Rates]] = {}
-    for place in live_entries(tape, outputs)[0]:
-        rates[place] = {wanted[place]: 1} if place in wanted else _rates(tape, place, rates, groups)
+    for index in live_entries(tape, outputs)[0]:
+        rates[index] = {wanted[index]: 1} if index in wanted else _rates(tape, index, rates, groups)
     zero = tape.constant(0.0).index
     return [
-        tape.number(rates[place][i]).index if i in rates[place] else zero
-        for place in outputs
+        tape.number(rates[index][i]).index if i in rates[index] else zero
+        for index in outputs
         for i in range(len(inputs))
     ]
 
 
 def _rates(
-    tape: Tape, place: int, rates: dict[int, Rates], groups: dict[int, list[Rates]]
+    tape: Tape, index: int, rates: dict[int, Rates], groups: dict[int, list[Rates]]
 ) -> Rates:
-    op, x, y = tape.operations[place]
+    op, x, y = tape.operations[index]
     if op in (CONSTANT, INPUT):
         return {}
     if op is PART:
         if x not in groups:
             groups[x] = _group_rates(tape, x, rates)
         return groups[x][y]
-    here, one = Number(tape, place), Number(tape, x)
+    result, first = Number(tape, index), Number(tape, x)
     if op is NEG:
         return {i: -d for i, d in rates[x].items()}
     if op is SQRT:
-        return {i: d / (2 * here) for i, d in rates[x].items()}
-    other = Number(tape, y)
-    shares = {
+        return {i: d / (2 * result) for i, d in rates[x].items()}
+    second = Number(tape, y)
+    rate = {
         ADD: lambda d, e: d + e,
         SUB: lambda d, e: d - e,
-        MUL: lambda d, e: d * other + one * e,
-        DIV: lambda d, e: (d - here * e) / other,
+        MUL: lambda d, e: d * second + first * e,
+        DIV: lambda d, e: (d - result * e) / second,
     }[op]
     inputs = sorted(rates[x].keys() | rates[y].keys())
-    return {i: shares(rates[x].get(i, 0), rates[y].get(i, 0)) for i in inputs}
+    return {i: rate(rates[x].get(i, 0), rates[y].get(i, 0)) for i in inputs}
 
 
 def _group_rates(tape: Tape, number: int, rates: dict[int, Rates]) -> list[Rates]:
-    """Return the rates of each part of a group."""
+    """Return the derivatives of each part of a group."""
     kind, name, shape, reads, by = tape.groups[number]
     if kind is ANGLES:
         cos, sin = np.split(_parts(tape, number, 2 * len(reads)), 2)
-        turning = [rates[place] for place in reads]
+        turning = [rates[index] for index in reads]
         return [{i: -s * d for i, d in r.items()} for s, r in zip(sin, turning, strict=True)] + [
             {i: c * d for i, d in r.items()} for c, r in zip(cos, turning, strict=True)
         ]
@@ -443,14 +448,14 @@ def _group_rates(tape: Tape, number: int, rates: dict[int, Rates]) -> list[Rates
         x = _parts(tape, number, size)
         bands = _numbers(tape, reads[: 7 * size]).reshape(size, 7)
         left, right = _entry_rates(rates, reads[: 7 * size]), _entry_rates(rates, reads[7 * size :])
-        behind = np.concatenate((np.zeros(3, object), x, np.zeros(3, object)))
-        found = {}
+        extended = np.concatenate((np.zeros(3, object), x, np.zeros(3, object)))
+        solutions = {}
         for i in sorted(left.keys() | right.keys()):
             change = _matrix(left, i, (size, 7))
-            moved = [change[k] @ behind[k : k + 7] for k in range(size)]
-            b = _matrix(right, i, (size,)) - np.array(moved, object)
-            found[i] = tape.solve_banded(bands, map_entries(tape.number, b), name)
-        return _collected(size, found)
+            products = [change[k] @ extended[k : k + 7] for k in range(size)]
+            b = _matrix(right, i, (size,)) - np.array(products, object)
+            solutions[i] = tape.solve_banded(bands, map_entries(tape.number, b), name)
+        return _collected(size, solutions)
     size, columns = shape
     x = _parts(tape, number, size * columns).reshape(size, columns)
     entries = tape.groups[by].reads
@@ -459,7 +464,7 @@ def _group_rates(tape: Tape, number: int, rates: dict[int, Rates]) -> list[Rates
     inputs = sorted(left.keys() | right.keys())
     if not inputs:
         return [{} for _ in range(size * columns)]
-    # All right-hand sides at once, by the factors that there are.
+    # All right-hand sides at once, by the recorded factors.
     b = [_matrix(right, i, x.shape) - _matrix(left, i, A.shape) @ x for i in inputs]
     solved = tape.solve(A, map_entries(tape.number, np.hstack(b)), name).view(np.ndarray)
     parts = np.hsplit(solved, len(inputs))
@@ -470,33 +475,33 @@ def _parts(tape: Tape, number: int, count: int) -> np.ndarray:
     return _numbers(tape, [tape.index_of(Operation(PART, number, i)) for i in range(count)])
 
 
-def _numbers(tape: Tape, places: Sequence[int]) -> np.ndarray:
-    out = np.empty(len(places), object)
-    out[:] = [Number(tape, place) for place in places]
+def _numbers(tape: Tape, indices: Sequence[int]) -> np.ndarray:
+    out = np.empty(len(indices), object)
+    out[:] = [Number(tape, index) for index in indices]
     return out
 
 
-def _entry_rates(rates: dict[int, Rates], places: Sequence[int]) -> dict[int, dict[int, Any]]:
-    """Return input -> (entry -> derivative) of the entries that move with it."""
-    found: dict[int, dict[int, Any]] = defaultdict(dict)
-    for entry, place in enumerate(places):
-        for i, rate in rates[place].items():
-            found[i][entry] = rate
-    return found
+def _entry_rates(rates: dict[int, Rates], indices: Sequence[int]) -> dict[int, dict[int, Any]]:
+    """Return input -> (entry -> derivative) for the entries that depend on the input."""
+    by_input: dict[int, dict[int, Any]] = defaultdict(dict)
+    for entry, index in enumerate(indices):
+        for i, rate in rates[index].items():
+            by_input[i][entry] = rate
+    return by_input
 
 
 def _matrix(moving: dict[int, dict[int, Any]], i: int, shape: tuple[int, ...]) -> np.ndarray:
-    """Return the derivatives by input i as an array; 0 where an entry does not move."""
+    """Return the derivatives by input i as an array; 0 for entries that do not depend on it."""
     out = np.zeros(shape, object)
     for entry, rate in moving.get(i, {}).items():
         out.flat[entry] = rate
     return out
 
 
-def _collected(parts: int, found: dict[int, np.ndarray]) -> list[Rates]:
-    """Return the rates of each part, from those of all parts by input."""
+def _collected(parts: int, by_input: dict[int, np.ndarray]) -> list[Rates]:
+    """Return the derivatives of each part, from those of all parts by input."""
     out: list[Rates] = [{} for _ in range(parts)]
-    for i, values in found.items():
+    for i, values in by_input.items():
         for part, value in enumerate(np.ravel(values)):
             if not (isinstance(value, int) and value == 0):
                 out[part][i] = value
