@@ -1,1 +1,1 @@
-"""Evaluation of a scene and its formulations at one state: in any scalar type, float64, balls."""
+"""Evaluation of a scene and its formulations at one state, in float64 or any other scalar type."""

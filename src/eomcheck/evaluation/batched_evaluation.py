@@ -1,8 +1,8 @@
 """A batch of evaluations: scenes of one structure and their formulations at many states, in lanes.
 
-Every lane has the results of `Evaluation` at its state. Where a formulation refuses the state of a
-lane, its result is NaN there and `refused` is true. All scenes have generalized speeds at their
-states, or none has.
+Each lane (an entry of the batch axis, the last one) has the results of `Evaluation` at its state.
+If a formulation refuses the state of a lane, its result is NaN there and `refused` is true. All
+scenes have generalized speeds at their states, or none has.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from eomcheck.numbers.noise import SAMPLES, STEP, STRETCH, NoisyArithmetic
 
 
 def stacked(records: Sequence[Any]) -> Any:
-    """Return records of arrays as one of lanes."""
+    """Return one record of lanes, stacked from records of arrays."""
     return map_record(
         lambda *parts: LaneArray(np.stack([np.asarray(x, np.float64) for x in parts], axis=-1)),
         *records,
@@ -46,13 +46,13 @@ class LaneEvaluation(Evaluation):
 
     Args:
         scenes: one for each state.
-        states: where they are looked at.
+        states: the states (q, v, t).
 
     Attributes:
         lanes: number of states L.
-        scenes: all of them; `scene` is the first, which stands for what they have in common.
-        refused: by formulation, where it refuses (L,).
-        conditions: whether it refuses by condition numbers, or only what overflows.
+        scenes: all of them; `scene` is the first, used for everything that they have in common.
+        refused: by formulation, the lanes that it refuses, bool (L,).
+        conditions: whether it refuses by condition numbers, or only results that overflow.
     """
 
     conditions = True
@@ -72,7 +72,7 @@ class LaneEvaluation(Evaluation):
 
     @quantity
     def parameters(self) -> Any:
-        """The scenes' parameters."""
+        """The scenes' parameters, in lanes."""
         return self.finished(stacked([scene.parameters(FLOAT64) for scene in self.scenes]))
 
     def call(self, function: Callable, *arguments) -> Any:
@@ -84,50 +84,50 @@ class LaneEvaluation(Evaluation):
         return TRACES.run_in_lanes(None, function, *map_record(self._packed, arguments))
 
     def recording_solves(self, key: Key | None = None) -> AbstractContextManager[SolveRecorder]:
-        """Watch the matrices that are solved."""
+        """Record the matrices that are solved inside the block."""
         return recording_solves(conditions=self.conditions)
 
     def run(self, function: Callable, *arguments) -> Any:
-        """Call a generic function, on lanes: see `call`."""
+        """Call a generic function on lanes: see `call`."""
         return self.call(function, *arguments)
 
     def _packed(self, x: Any) -> Any:
         return as_float64(x) if isinstance(x, np.ndarray) and lanes_in(x) else x
 
     def speeds_solved(self, watch: SolveRecorder) -> None:
-        """Note what was solved for generalized speeds by a partition; see `Evaluation`."""
+        """Store the matrices solved for generalized speeds by a partition; see `Evaluation`."""
         super().speeds_solved(watch)
         self.refused[SPEEDS] = np.any(watch.refused, axis=0)
 
     def refuse_speeds(self) -> None:
-        """Do nothing: of lanes all have speeds, or none is asked for them."""
+        """Do nothing: either all lanes have speeds, or speeds are not used."""
 
     def check_finite(
         self, vdot: Array, multipliers: Array | None, formulation: Formulation
     ) -> None:
-        """Let everything pass: what is not finite is found lane by lane."""
+        """Accept every result: `_solve` refuses lanes that are not finite one by one."""
 
     def _solve(self, formulation: Formulation, pivoted: bool) -> Acceleration:
         key = formulation.key, pivoted
         self.refused[key] = np.zeros(self.lanes, bool)
-        with self.computing(formulation.key), self.recording_solves(key) as watch:
-            vdot, multipliers = self.solution(formulation, self.partition)
-        found = map_record(as_float64, (vdot, multipliers))
-        for x in found:
+        with self.computing(formulation.key), self.recording_solves(key) as recorder:
+            solution = self.solution(formulation, self.partition)
+        vdot, multipliers = map_record(as_float64, tuple(solution))
+        for x in (vdot, multipliers):
             if x is not None:
                 self.refused[key] |= ~np.isfinite(x.data).reshape(-1, self.lanes).all(axis=0)
-        for refused in watch.refused:
+        for refused in recorder.refused:
             self.refused[key] |= refused
         if formulation.in_speeds and SPEEDS in self.refused:
             self.refused[key] |= self.refused[SPEEDS]
-        self.solves[key] = {solve.name: solve for solve in watch.solves}
-        rcond = watch.rcond
+        self.solves[key] = {solve.name: solve for solve in recorder.solves}
+        rcond = recorder.rcond
         if formulation.state == "q, u":
             rcond = self.speeds_rcond | rcond
-        for x in found:
+        for x in (vdot, multipliers):
             if x is not None:
                 x.data[..., self.refused[key]] = np.nan
-        return Acceleration(found[0], found[1], rcond, float("inf"))
+        return Acceleration(vdot, multipliers, rcond, float("inf"))
 
     def alone(self, lane: int) -> Evaluation:
         """Return the evaluation at the state of one lane."""
@@ -140,16 +140,16 @@ class LaneEvaluation(Evaluation):
         return State(q, v, float(t))
 
     def perturbed(self, coordinates: bool = False) -> tuple[PerturbedLaneEvaluation, ...]:
-        """Return copies with every number perturbed, see `perturbed_samples`."""
+        """Return the perturbed samples, see `perturbed_samples`."""
         return self.cached(_samples_everywhere if coordinates else _samples)
 
 
 class PerturbedLaneEvaluation(PerturbedEvaluation, LaneEvaluation):
-    """A copy of an evaluation in lanes in which every number is perturbed.
+    """A perturbed sample of an evaluation in lanes: every number is perturbed.
 
     Args:
         original: the evaluation.
-        noise: what its numbers are changed by, the same in all lanes.
+        noise: source of the perturbations, the same in all lanes.
         coordinates: whether the coordinates are perturbed too.
     """
 
@@ -161,25 +161,27 @@ class PerturbedLaneEvaluation(PerturbedEvaluation, LaneEvaluation):
         self.v, self._original, self.noise = v, original, noise
 
     def call(self, function: Callable, *arguments) -> Any:
-        """Call a generic function, each of its operations perturbed."""
+        """Call a generic function with each of its operations perturbed."""
         return TRACES.run_in_lanes(self.noise, function, *map_record(self._packed, arguments))
 
     @quantity
     def parameters(self) -> Any:
-        """The scenes' parameters."""
+        """The scenes' parameters, perturbed."""
         return self.finished(self._original.parameters)
 
     def prepare(self) -> tuple[Any, Sequence[Any]]:
-        """Return what is prepared, every operation perturbed, and how; see `Quantities`."""
+        """Return the precomputed values, every operation perturbed, and their angles and roots."""
         with suppress(TypeError):
-            here = self.parameters, self.q, self.time
-            prepared, made = self.call(traceable_prepare(self.scene.prepare), *here)
-            return map_record(self.noise.as_perturbed, prepared), made
+            arguments = self.parameters, self.q, self.time
+            prepared, angles_and_roots = self.call(
+                traceable_prepare(self.scene.prepare), *arguments
+            )
+            return map_record(self.noise.as_perturbed, prepared), angles_and_roots
         return super().prepare()
 
     @property
     def prepare_arithmetic(self) -> Any:
-        """What prepares where not all is rational besides: cosines, sines and roots are moved."""
+        """The arithmetic of an untraceable `prepare`: cosines, sines, roots are perturbed."""
         lanes: Any = LANE_ARITHMETIC
         return NoisyArithmetic(lanes, self.noise)
 
@@ -215,7 +217,8 @@ def _velocity_perturbation(at: LaneEvaluation, noise: LaneNoise) -> LaneArray:
 def solve_transposed_triangle(R: Array, x: Array) -> Array:
     """Return y (L, k) of Rᵀ y = x, for upper triangles R (L, k, k).
 
-    Pivots could only harm: they are 0 where entries are far apart, and then all lanes are lost.
+    It is not solved with pivots: one that is 0, from entries far apart in size, would raise an
+    error for all lanes.
     """
     y = np.zeros_like(x)
     for i in range(x.shape[1]):
@@ -224,7 +227,7 @@ def solve_transposed_triangle(R: Array, x: Array) -> Array:
 
 
 def _allowed_violation(at: Any) -> LaneArray:
-    """Return `allowed_violation` (r, L): in the few lanes that need more, at the state itself."""
+    """Return `allowed_violation` (r, L), for the few lanes that need more state by state."""
     a, b, v = at.terms.a, at.terms.b, at.v
     residual = a @ v if b is None else a @ v + b
     allowed = np.abs(a) @ np.abs(v) + (0.0 if b is None else np.abs(b))
@@ -240,7 +243,7 @@ def _constraint_factors(at: Any) -> tuple[Array, Array]:
     return Q, R
 
 
-# ---- How far rounding can go ---------------------------------------------------------------------
+# ---- Sensitivities -------------------------------------------------------------------------------
 
 
 def sensitivity_in_lanes(
@@ -252,24 +255,24 @@ def sensitivity_in_lanes(
 ) -> Array:
     """Return κ · scale (L,) of a quantity; see `eomcheck.evaluation.sensitivity_of`.
 
-    With less than all `samples` of noise it is no larger.
+    With `samples` below `SAMPLES` it is the same or smaller.
     """
-    here = as_float64(quantity(at))
+    exact = as_float64(quantity(at))
     with np.errstate(all="ignore"):
         try:
             changes = []
-            copies = at.perturbed(coordinates)
-            for copy in (*copies[:samples], copies[-1]):
-                with copy.computing("quantity"):
-                    changes.append(largest_in(as_float64(quantity(copy)) - here, at.lanes))
+            perturbed = at.perturbed(coordinates)
+            for sample in (*perturbed[:samples], perturbed[-1]):
+                with sample.computing("quantity"):
+                    changes.append(largest_in(as_float64(quantity(sample)) - exact, at.lanes))
         except (RefusedError, np.linalg.LinAlgError):
             return np.full(at.lanes, np.inf)
-        return amplification(largest_in(here, at.lanes), np.array(changes), solved)
+        return amplification(largest_in(exact, at.lanes), np.array(changes), solved)
 
 
 def speeds_resolved_in_lanes(at: LaneEvaluation) -> Array:
-    """Return where W of generalized speeds is more than rounding (L,), see `speeds_resolved`."""
-    at.speeds  # noqa: B018  (what was solved for them is needed)
+    """Return whether W exceeds its rounding error, bool (L,), see `speeds_resolved`."""
+    at.speeds  # noqa: B018  (the matrices solved for them are needed)
     rcond = at.speeds_rcond
     if not rcond:
         return np.ones(at.lanes, bool)
@@ -278,7 +281,7 @@ def speeds_resolved_in_lanes(at: LaneEvaluation) -> Array:
 
 
 def largest_in(x: Any, lanes: int) -> Array:
-    """Return the largest magnitude (L,) of lanes, or of an array that is the same in all."""
+    """Return the largest magnitude (L,) in each lane; x may be an array that is the same in all."""
     return np.broadcast_to(np.asarray(getattr(largest(x), "data", largest(x))), (lanes,))
 
 
@@ -290,14 +293,14 @@ def acceleration_sensitivity_in_lanes(
     coordinates: bool = False,
     samples: int = SAMPLES,
 ) -> Array:
-    """Return κ · scale (L,) of a part of the result, at most what `acceleration_sensitivity` does.
+    """Return κ · scale (L,) of a part of the result, a lower bound of `acceleration_sensitivity`.
 
-    What rounding does to the numbers that a formulation reads is not asked for by itself: who
-    screens in lanes looks again where much is reached of what is allowed. With less than all
-    `samples` of noise it is smaller still.
+    Perturbations of the inputs only are left out: screening in lanes evaluates the states again
+    whose errors are near to the allowed ones. With `samples` below `SAMPLES` it is the same or
+    smaller still.
     """
     rcond = at.acceleration(formulation).rcond
-    found = sensitivity_in_lanes(
+    sensitivity = sensitivity_in_lanes(
         at,
         lambda e: getattr(e.acceleration(formulation), part),
         coordinates,
@@ -308,11 +311,11 @@ def acceleration_sensitivity_in_lanes(
         unsure = np.zeros(at.lanes, bool)
         if rcond:
             unsure = ~well_conditioned(rcond)
-        here = at.solves[formulation.key, False]
-        for copy in at.perturbed(coordinates)[:samples]:
-            copy.acceleration(formulation)
-            for name, solve in copy.solves[formulation.key, False].items():
-                change = np.abs(solve.log_determinant - here[name].log_determinant) * np.log(2.0)
-                unsure |= solve.sign != here[name].sign
+        exact = at.solves[formulation.key, False]
+        for sample in at.perturbed(coordinates)[:samples]:
+            sample.acceleration(formulation)
+            for name, solve in sample.solves[formulation.key, False].items():
+                change = np.abs(solve.log_determinant - exact[name].log_determinant) * np.log(2.0)
+                unsure |= solve.sign != exact[name].sign
                 unsure |= ~(allowed_error(1.0) * (change / STEP) <= INCONCLUSIVE)
-    return np.where(unsure, np.inf, found)
+    return np.where(unsure, np.inf, sensitivity)

@@ -1,7 +1,8 @@
 """Certified accelerations by ball arithmetic, and the certified digits of a float64 result.
 
-`enclose` returns the acceleration of a formulation in balls that provably contain the true values.
-`accuracy` measures the true error of a float64 result against such an enclosure.
+An enclosure is an acceleration in balls that provably contain the true values. `enclose` computes
+it by a formulation, with the precision doubled until enough digits are certain; `accuracy` measures
+the true error of a float64 result against it.
 """
 
 from __future__ import annotations
@@ -27,28 +28,28 @@ from eomcheck.numbers.pivots import EPS
 # ---- Enclosures ----------------------------------------------------------------------------------
 
 GUARD_BITS = 64
-"""Bits beyond the digits asked for with which the search for the precision starts."""
+"""Extra bits, beyond those of the requested digits, of the first precision that is tried."""
 
 MOST_BITS = 4096
-"""Precision at which the search gives up, unless the digits asked for need more than a quarter."""
+"""Largest precision, bits, unless the requested digits alone need more than a quarter of it."""
 
 MOST_DIGITS = 1_000_000
-"""Decimal digits that may be asked for: a ball then takes half a megabyte."""
+"""Largest number of requested decimal digits: a ball then takes half a megabyte."""
 
 ZERO = 2.0**-400
-"""An entry below this share of the larger of |v̇| and |v|² passes for zero, which has no digits."""
+"""Share of the larger of |v̇| and |v|² below which an entry counts as zero, without digits."""
 
 
 @dataclass(frozen=True)
 class Enclosure:
-    """What a formulation says about one state, in balls that contain the true values.
+    """The acceleration of one state by a formulation, in balls that contain the true values.
 
     Attributes:
         vdot: v̇ (n,) of `flint.arb`, m/s² and rad/s².
-        multipliers: λ (r,) of `flint.arb`, or None where the formulation has none.
+        multipliers: λ (r,) of `flint.arb`, or None if the formulation has none.
         v: the velocity W u + offset (n,) of `flint.arb`.
-        bits: working precision that it took.
-        digits: decimal digits that are certain of every entry of v̇; one that vanishes needs none.
+        bits: working precision.
+        digits: certain decimal digits of every entry of v̇; an entry that vanishes needs none.
     """
 
     vdot: Array
@@ -58,7 +59,7 @@ class Enclosure:
     digits: float
 
     def __repr__(self) -> str:
-        """Return 15 digits of each ball, whatever precision another thread computes with."""
+        """Return the text with 15 digits of each ball, independent of the current precision."""
         vdot, v = (_shown(balls) for balls in (self.vdot, self.v))
         multipliers = None if self.multipliers is None else _shown(self.multipliers)
         return (
@@ -67,16 +68,16 @@ class Enclosure:
         )
 
     def doubles(self) -> Array:
-        """Return v̇ (n,), the midpoints rounded to doubles, 0 where it may vanish."""
+        """Return v̇ (n,) in float64: the midpoints rounded, 0 where a ball contains 0."""
         return midpoints_or_zero(self.vdot)
 
     def overlaps(self, other: Enclosure) -> Array:
-        """Return (n,), whether the balls of v̇ have a point in common, entry by entry."""
+        """Return whether the balls of v̇ have a point in common, bool (n,), entry by entry."""
         return np.array([x.overlaps(y) for x, y in zip(self.vdot, other.vdot, strict=True)])
 
 
 SHOWN = 15
-"""Digits of a ball in the text of an enclosure."""
+"""Decimal digits of a ball in the text of an enclosure."""
 
 
 def _shown(balls: Array) -> str:
@@ -94,21 +95,25 @@ def enclose(
     v=None,
     pivoted: bool = False,
 ) -> Enclosure:
-    """Return the acceleration of `scene` by one formulation, enclosed.
+    """Return the enclosure of the acceleration of `scene` by one formulation.
 
-    From u the velocity v = W u + offset is formed in balls: one in doubles would never satisfy the
-    constraints exactly, and formulations would be asked different questions. With v given instead,
-    the answer is that of this formulation to exactly these doubles, be they consistent or not.
+    From u the velocity v = W u + offset is computed in balls: one in float64 would never satisfy
+    the constraints exactly, and the true accelerations of formulations would differ. From v, the
+    enclosure is that of the result of this formulation for exactly these float64 numbers,
+    consistent or not.
 
     Args:
         scene: the scene.
         key: the formulation, a key of `eomcheck.FORMULATIONS`.
         q: coordinates (n,).
         u: generalized speeds (p,), or
-        v: velocities (n,); those in generalized speeds take the u of v.
+        v: velocities (n,); formulations in generalized speeds take the u of v.
         t: time, s.
-        digits: decimal digits that must be certain of every entry of v̇.
+        digits: decimal digits that must be certain in every entry of v̇.
         pivoted: for El and Em, choose the dependent coordinates by pivoted QR.
+
+    Returns:
+        v̇, λ and v in balls of `flint.arb`, with the precision and the certain digits.
 
     Raises:
         InputError: wrong shapes, values that are not finite, u and v both given or none, `digits`
@@ -141,9 +146,9 @@ def enclosure(
     partition: Partition,
     known: dict[int, Quantities] | None = None,
 ) -> Enclosure:
-    """Return what `enclose` returns, of arguments that were checked; `start` is {"u": u} or v.
+    """Return the enclosure for checked arguments, see `enclose`; `start` is {"u": u} or {"v": v}.
 
-    Formulations at one state share what they read of it in `known`, by the bits it was found with.
+    Formulations at one state share its quantities in `known`, by precision in bits.
     """
     known = {} if known is None else known
     bits = math.ceil(digits * math.log2(10.0)) + GUARD_BITS
@@ -152,19 +157,19 @@ def enclosure(
         try:
             if bits not in known:
                 known[bits] = _in_balls(scene, q, start, t, bits)
-            found = _with_bits(known[bits], formulation, bits, partition)
+            result = _with_bits(known[bits], formulation, bits, partition)
         except RefusedError:
             if bits >= most:
                 raise
         else:
-            if found.digits >= digits:
-                return found
+            if result.digits >= digits:
+                return result
             if bits >= most:
                 raise RefusedError(
                     "v̇",
                     0.0,
                     0.0,
-                    f"{formulation.key}: with {bits} bits {max(found.digits, 0.0):.0f} digits of "
+                    f"{formulation.key}: with {bits} bits {max(result.digits, 0.0):.0f} digits of "
                     f"every entry of v̇ are certain, asked for are {digits}",
                 )
         bits *= 2
@@ -204,36 +209,36 @@ def _certain_digits(vdot: Array, v: Array) -> float:
 # ---- Certified digits ----------------------------------------------------------------------------
 
 REFERENCE = "kane"
-"""The formulation whose enclosure is taken for the truth: O(N), and without large matrices."""
+"""Formulation of the certified reference value: O(N), and without large matrices."""
 
 REFERENCE_WITHOUT_SPEEDS = "au"
-"""And where there are no generalized speeds; of v as it is, which bounds allow for."""
+"""Formulation of the reference value without generalized speeds; bounds allow for the rounded v."""
 
 REFERENCE_DIGITS = 30
-"""Digits of the truth; twice those of doubles would do."""
+"""Certain digits of the reference value; twice those of float64 would suffice."""
 
 FLOAT64_DIGITS = -math.log10(EPS / 2)
 
 
 @dataclass(frozen=True)
 class Accuracy:
-    """What a formulation delivers in doubles at one state.
+    """The true error of a formulation in float64 at one state.
 
     Attributes:
         key: the formulation.
-        vdot: its v̇ (n,) in doubles.
-        truth: the enclosed v̇.
-        error: |v̇ - true v̇| (n,), rounded up: nowhere is the error larger.
+        vdot: its v̇ (n,) in float64.
+        truth: the enclosure of the true v̇.
+        error: |v̇ - true v̇| (n,), rounded up: an upper bound of the error.
         ulps: the error of each entry (n,) in units in the last place of its true value; infinite
-            where that may be 0 and the result is not exact.
-        relative: largest error over largest true entry, rounded up, of numbers too small for
-            doubles as well; infinite if the largest true entry is 0 and the error not.
+            if that may be 0 and the result is not exact.
+        relative: largest error over largest true entry, rounded up, also of numbers too small for
+            float64; infinite if the largest true entry is 0 and the error is not.
         relative_bound: error bound that `eomcheck.acceleration` reports over largest true entry.
         condition: condition number of each matrix solved, by name.
-        kappa: how strongly this computation amplifies relative changes (docs/tolerance.md);
-            infinite where no bound can be measured or the truth is 0.
-        ratio: observed error / (κ ε scale): what the constant C of the tolerances must exceed; NaN
-            where nothing is foreseen, because κ is infinite or there is nothing to lose.
+        kappa: condition number κ of this computation (docs/tolerance.md), by which it amplifies
+            relative changes; infinite if no bound can be measured or the true v̇ is 0.
+        ratio: observed error / (κ ε scale), which the constant C of the tolerances must exceed; NaN
+            if κ is infinite or the true v̇ is 0.
     """
 
     key: str
@@ -249,31 +254,31 @@ class Accuracy:
 
     @property
     def digits(self) -> float:
-        """Decimal digits of v̇ that are right, relative to its largest entry."""
+        """Correct decimal digits of v̇, relative to its largest entry."""
         return certified_digits(self.relative)
 
     @property
     def silent(self) -> bool:
-        """Whether the result is wrong and does not say so."""
+        """Whether the result is wrong by more than its error bound reports."""
         return self.relative > max(NOTICEABLE, self.relative_bound)
 
 
 def certified_digits(relative: float) -> float:
-    """Return the decimal digits that a relative error leaves, at most those that doubles have."""
+    """Return the correct decimal digits at a relative error, at most those of float64."""
     if not relative > 0:
         return FLOAT64_DIGITS if relative == 0 else 0.0
     return min(max(-math.log10(relative), 0.0), FLOAT64_DIGITS)
 
 
 def true_state(scene: Scene, q, u, t: float = 0.0) -> tuple[Enclosure, Evaluation]:
-    """Return the true v̇ at (q, u, t), and the evaluation in doubles of the same state.
+    """Return the true v̇ at (q, u, t), and the evaluation in float64 of the same state.
 
-    Its velocity is the true one, W u + offset, rounded. One that was found in doubles would be that
-    of other speeds, by rounding times the largest entry of W.
+    Its velocity is the true one, W u + offset, rounded. A velocity computed in float64 would be
+    that of other speeds, different by the rounding error times the largest entry of W.
 
     Raises:
         InputError: wrong shapes or values that are not finite.
-        RefusedError: the truth has no digits here, or the velocity overflows.
+        RefusedError: the true v̇ has no certain digits, or the velocity overflows.
     """
     truth = enclose(scene, REFERENCE, q, u, t, REFERENCE_DIGITS)
     at = Evaluation(scene, q, representable("v", midpoints_or_zero(truth.v)), t)
@@ -300,7 +305,7 @@ def relative_error(vdot: Array, truth: Enclosure) -> float:
 
 
 def _over(error, truth: Enclosure) -> float:
-    """Return an error over the largest true entry, which may be too small for doubles."""
+    """Return an error over the largest true entry, either of which may be too small for float64."""
     with precision(truth.bits):
         size = max(y.abs_lower() for y in truth.vdot)
         if error == 0 or not size > 0:
@@ -311,11 +316,11 @@ def _over(error, truth: Enclosure) -> float:
 def accuracy(
     scene: Scene, key: str, q, u=None, t: float = 0.0, *, v=None, pivoted: bool = False
 ) -> Accuracy:
-    """Return the true error of one formulation in doubles, with what it solved on the way.
+    """Return the true error of one formulation in float64, with the condition of its matrices.
 
-    From u, formulations in Lagrange's terms are given the true velocity W u + offset, rounded to
-    doubles; those in generalized speeds are given u. The truth is the same for all. With v given
-    instead, consistent or not, each is compared with its own exact answer to these doubles.
+    From u, formulations in Lagrange's terms compute with the true velocity W u + offset, rounded to
+    float64, and those in generalized speeds with u. The true v̇ is the same for all. From v,
+    consistent or not, each is compared with its own exact result for these float64 numbers.
 
     Args:
         scene: the scene.
@@ -326,9 +331,13 @@ def accuracy(
         t: time, s.
         pivoted: for El and Em, choose the dependent coordinates by pivoted QR.
 
+    Returns:
+        The result in float64, the enclosure of the true v̇, and the errors between them.
+
     Raises:
         InputError, UnknownNameError: as `eomcheck.enclose`.
-        RefusedError: the formulation refuses the state in doubles, or the truth has no digits.
+        RefusedError: the formulation refuses the state in float64, or the true v̇ has no certain
+            digits.
     """
     formulation = formulation_for(checked_scene(scene), key)
     if v is None:
@@ -344,21 +353,23 @@ def certify(
     pivoted: bool = False,
     sensitivity: float | None = None,
 ) -> Accuracy:
-    """Return the `Accuracy` of `formulation` at what `true_state` returned.
+    """Return the `Accuracy` of `formulation` at the state that `true_state` returned.
 
-    One that leaves redundant rows out is compared with the truth of those that it keeps: what is
-    redundant to rounding hardly ever is to the last digit, and all rows have another answer.
+    A formulation that leaves redundant rows out is compared with the true v̇ of the rows that it
+    keeps: rows that are redundant within rounding are hardly ever redundant exactly, and all rows
+    have another solution.
 
     Args:
         formulation: the formulation.
-        truth: the true v̇.
-        at: the evaluation in doubles.
+        truth: the enclosure of the true v̇.
+        at: the evaluation in float64.
         pivoted: whether it chooses its partition by pivoted QR.
-        sensitivity: what `acceleration_sensitivity` says here, if that is known.
+        sensitivity: the result of `acceleration_sensitivity` at `at`, if known.
 
     Raises:
         InputError: `pivoted`, and the formulation has no partition.
-        RefusedError: the formulation refuses the state in doubles, or its truth has no digits.
+        RefusedError: the formulation refuses the state in float64, or its true v̇ has no certain
+            digits.
     """
     result = solution_of(at, formulation, pivoted)
     if formulation.redundant and at.independent_partition.redundant is not None:

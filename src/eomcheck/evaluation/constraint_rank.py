@@ -1,15 +1,16 @@
 """The rank of the constraints at a state, decided once, outside of the formulations.
 
-Rows of a are taken one by one by pivoted QR, the largest first that is left. Each entry of a is
-known up to its rounding error, which is measured by perturbing coordinates and parameters; so is
-then the distance of a row from the span of those taken before. A row farther from it than
-`1 / INCONCLUSIVE` times that is independent, one within it depends on them, and anything between is
-refused: the rank is not clear. Nor is it where a row is within it only because other entries are
-larger: an entry may be small and known to all of its digits, and then separates the rows.
+Rows of a are taken one by one by pivoted QR, the largest remaining one first. Each entry of a is
+known up to its rounding error, which is measured by perturbing coordinates and parameters; from it
+follows the uncertainty of the distance of a row from the span of the rows taken before. A row
+farther away than `1 / INCONCLUSIVE` times the uncertainty is independent, one within the
+uncertainty depends on them, and any row between is refused: the rank is not clear. Nor is it if a
+row is within the uncertainty only because other entries are larger: a small entry that is known to
+all of its digits separates the rows.
 
-Redundant constraints depend on each other in all positions nearby that they allow. Where rows do so
-in one position alone, it is a singular configuration, and they do not determine the acceleration.
-Nearby positions that satisfy the holonomic constraints are found by Newton's method (`newton`).
+Redundant constraints depend on each other in all nearby positions that they allow. If rows do so in
+one position only, it is a singular configuration, and they do not determine the acceleration.
+Nearby positions that satisfy the holonomic constraints are computed by Newton's method (`newton`).
 """
 
 from __future__ import annotations
@@ -33,11 +34,11 @@ from eomcheck.numbers.pivots import power_of_two_scale
 # ---- Positions that satisfy the constraints ------------------------------------------------------
 
 ASSEMBLY_STEPS = 50
-"""Newton steps after which the search for a closed position gives up."""
+"""Largest number of Newton steps towards a position that satisfies the constraints."""
 
 
 def position_residual(at: Quantities) -> Array:
-    """Return how far the holonomic constraints, if any, are from being closed (h,), m."""
+    """Return the residual (h,) of the holonomic constraints (loop closure), m; (0,) without any."""
     function = at.scene.position_residual
     if function is None:
         return np.zeros(0)
@@ -45,23 +46,23 @@ def position_residual(at: Quantities) -> Array:
 
 
 def newton(at: Quantities, q: Array, kept: Any = None) -> tuple[Array, float, bool]:
-    """Return (q (n,), last step, whether steps shrank until nothing but rounding is left).
+    """Return (q (n,), last step, whether steps shrank to the rounding error).
 
     The smallest correction is taken in each step.
 
     Args:
         at: the scene and the time.
-        q: where the search starts (n,).
-        kept: the constraints (k,) that are to be satisfied, by default all.
+        q: initial coordinates (n,).
+        kept: indices (k,) of the constraints that are to be satisfied, by default all.
     """
     if at.scene.position_residual is None:
         return q, 0.0, True
     rows = np.arange(at.scene.r)[at.scene.holonomic]
-    places = np.flatnonzero(np.isin(rows, rows if kept is None else kept))
+    used = np.flatnonzero(np.isin(rows, rows if kept is None else kept))
     step = np.inf
     for _ in range(ASSEMBLY_STEPS):
-        here = at.elsewhere(q)
-        residual, rates = position_residual(here)[places], here.terms.a[rows[places]]
+        current = at.elsewhere(q)
+        residual, rates = position_residual(current)[used], current.terms.a[rows[used]]
         last, correction = step, least_squares(rates, residual)
         step, q = largest(correction), q - correction
         if not np.isfinite(step):
@@ -74,20 +75,21 @@ def newton(at: Quantities, q: Array, kept: Any = None) -> tuple[Array, float, bo
 # ---- Rank ----------------------------------------------------------------------------------------
 
 RANK = "rank of a"
-"""What refusals call it."""
+"""Name of the rank in refusals."""
 
 TIE_BREAK = 2.0**-20
-"""By what share each row counts as smaller than the one before: the last of equals is redundant."""
+"""Relative decrease of the weight from row to row: the last of equal rows is redundant."""
 
 
 class RowRank(NamedTuple):
-    """Which constraints are independent.
+    """Indices of independent and redundant constraints, with the distances that decide.
 
     Attributes:
-        kept: of them (ρ,), rising.
+        kept: independent constraints (ρ,), rising.
         redundant: the others, which they imply (r-ρ,), rising.
-        distance: by pivoted QR, how far each row (r,) was from those taken before, over its size.
-        uncertainty: how far rounding explains (r,), likewise.
+        distance: distance of each row (r,) from the span of the rows taken before by pivoted QR,
+            relative to its size.
+        uncertainty: rounding error (r,) of the distances.
     """
 
     kept: Array
@@ -97,15 +99,15 @@ class RowRank(NamedTuple):
 
 
 def rank_of(at: Quantities) -> RowRank:
-    """Return which constraints are independent at `at`, which has some.
+    """Return the independent and redundant constraints at `at`, which has constraints.
 
     Raises:
         RefusedError: the rank is not clear.
     """
-    found = at.cached(_rank)
-    if isinstance(found, RefusedError):
-        raise found
-    return found
+    rank = at.cached(_rank)
+    if isinstance(rank, RefusedError):
+        raise rank
+    return rank
 
 
 def _rank(at: Quantities) -> RowRank | RefusedError:
@@ -133,37 +135,37 @@ def _rank(at: Quantities) -> RowRank | RefusedError:
                 float(distance[k]),
                 float(least),
                 f"the rank of a is not clear: the constraint of {names[order[k]]} is "
-                f"{distance[k]:.2g} of its size away from what the others say, rounding explains "
-                f"{allowed[k]:.2g}, and it is independent above {least:.2g}",
+                f"{distance[k]:.2g} of its size away from the span of the others, rounding "
+                f"explains {allowed[k]:.2g}, and it is independent above {least:.2g}",
             )
-        # With angles that have the digits that they have.
+        # Here with the relative rounding error of the angles.
         own = _in_common_units(at, 0.0)[1] if own is None else own
         if _resolved_by_entry(R, rows[order], own[order], rank, k):
             return RefusedError(
                 RANK,
                 float(distance[k]),
                 float(allowed[k] / INCONCLUSIVE),
-                f"the rank of a is not clear: the constraint of {names[order[k]]} is within what "
-                "rounding explains of what the others say, but for a small entry that is certain",
+                f"the rank of a is not clear: the constraint of {names[order[k]]} depends "
+                "on the others within rounding, but for a small entry that is certain",
             )
     back = np.argsort(order)
     return RowRank(np.sort(order[:rank]), np.sort(order[rank:]), distance[back], allowed[back])
 
 
 def _in_common_units(at: Quantities, least: float) -> tuple[Array, Array]:
-    """Return a (r, n), and how far rounding moves it (r, n), rows and columns scaled.
+    """Return a (r, n), and the rounding error of its entries (r, n), rows and columns scaled.
 
-    With angles that are known as if they were `least` at least, rad.
+    The perturbation of an angle is relative to `least`, rad, if the angle is smaller.
 
-    Velocities are measured by the energy in them, and so have no units of their own; each row by
-    its size. Of rows that would do as well as each other, the first is the larger by a little.
+    Columns are scaled by the kinetic energy of their velocities, so that units do not matter; rows
+    by their size. Of rows that are equally large, the first is made a little larger.
     """
     a = at.terms.a
     with np.errstate(all="ignore"):
-        moved = np.max(
+        change = np.max(
             [np.abs(_perturbed_jacobian(at, Noise(k), least) - a) for k in range(SAMPLES)], axis=0
         )
-        unsure = allowed_error(1.0) * (np.abs(a) + moved / STEP)
+        unsure = allowed_error(1.0) * (np.abs(a) + change / STEP)
         columns = power_of_two_scale(np.sqrt(np.abs(np.diagonal(at.terms.M))))
         a, unsure = a * columns, unsure * columns
         rows = power_of_two_scale(np.abs(a).max(axis=1))
@@ -173,15 +175,15 @@ def _in_common_units(at: Quantities, least: float) -> tuple[Array, Array]:
 
 
 def _perturbed_jacobian(at: Quantities, noise: Noise, least: float) -> Array:
-    """Return a of moved coordinates and parameters, an angle as if it were `least` at least."""
+    """Return a at perturbed coordinates and parameters; for `least` see `_in_common_units`."""
     with noise.stream("rank"):
         floor = np.zeros(at.scene.n)
         floor[at.scene.angle_coordinates] = least
         size = np.maximum(np.abs(at.q), floor)
         q = at.q + size * noise.changes(size.shape)
         parameters = noise.perturb_record(at.parameters)
-    given = map_record(np.asarray, parameters), q, at.v, np.full(1, at.t)
-    return at.run(_jacobian, at.scene.prepare, at.scene.terms, *given)
+    arguments = map_record(np.asarray, parameters), q, at.v, np.full(1, at.t)
+    return at.run(_jacobian, at.scene.prepare, at.scene.terms, *arguments)
 
 
 def _jacobian(
@@ -192,22 +194,22 @@ def _jacobian(
 
 
 def _coefficients(R: Array, rank: int, k: int) -> Array:
-    """Return what row k has of the first `rank` rows (rank,)."""
+    """Return the coefficients (rank,) of row k in the span of the first `rank` rows."""
     if not rank:
         return R[:0, k]
     return solve_triangular(R[:rank, :rank], R[:rank, k], check_finite=False)
 
 
 def _rounding(R: Array, unsure: Array, rank: int, k: int) -> float:
-    """Return how far rounding alone moves row k from the span of the first `rank` rows."""
+    """Return the rounding error of the distance of row k from the span of the first `rank` rows."""
     return float(np.linalg.norm(unsure[k] + np.abs(_coefficients(R, rank, k)) @ unsure[:rank]))
 
 
 def _resolved_by_entry(R: Array, a: Array, own: Array, rank: int, k: int) -> bool:
-    """Return whether an entry tells row k from the span of the first `rank` rows.
+    """Return whether a single entry separates row k from the span of the first `rank` rows.
 
-    All in the order of R. It does where it is further away than what rounding makes of it alone,
-    and of what the row has of the others: it may be small beside entries that say nothing.
+    All rows are in the order of R. An entry does so if its distance exceeds the rounding error of
+    this entry alone, in row k and in the rows of the span; other, larger entries do not matter.
     """
     shares = _coefficients(R, rank, k)
     inverse = solve_triangular(R[:rank, :rank], np.eye(rank), check_finite=False)
@@ -218,12 +220,12 @@ def _resolved_by_entry(R: Array, a: Array, own: Array, rank: int, k: int) -> boo
 
 
 NEARBY = 2.0**-10
-"""How far positions nearby are: the largest change of an angle, rad, or of another coordinate as a
+"""Distance of nearby positions: the largest change of an angle, rad, or of another coordinate as a
 share of the largest."""
 
 
 def _sizes(at: Quantities) -> Array:
-    """Return what changes of coordinates (n,) are small or large beside."""
+    """Return the sizes (n,) to which changes of coordinates are relative."""
     q = np.abs(at.q)
     q[at.scene.angle_coordinates] = 0.0
     sizes = np.full(at.scene.n, largest(q) or 1.0)
@@ -232,9 +234,10 @@ def _sizes(at: Quantities) -> Array:
 
 
 def check_redundant(at: Quantities, found: RowRank) -> None:
-    """Check that redundant constraints are so in a position nearby too.
+    """Check that redundant constraints are redundant in a nearby position too.
 
-    One that the kept constraints allow, either way along a motion that all constraints allow.
+    The position satisfies the kept constraints, and is reached along a motion that all constraints
+    allow, in either direction.
 
     Raises:
         RefusedError: their rank is larger there, or no such position is found.
@@ -247,9 +250,9 @@ def check_redundant(at: Quantities, found: RowRank) -> None:
     for step in (NEARBY, -NEARBY):
         q, _, closed = newton(at, at.q + step * direction, found.kept)
         if closed:
-            there = at.elsewhere(q)
-            more = np.setdiff1d(found.redundant, rank_of(there).redundant)
-            if not more.size or len(rank_of(there).kept) == len(found.kept):
+            near = at.elsewhere(q)
+            more = np.setdiff1d(found.redundant, rank_of(near).redundant)
+            if not more.size or len(rank_of(near).kept) == len(found.kept):
                 return
             break
     worst = found.redundant[np.argmin(found.distance[found.redundant])]
@@ -264,12 +267,13 @@ def check_redundant(at: Quantities, found: RowRank) -> None:
 
 
 def check_rank_kept(at: Quantities, partition: Partition) -> None:
-    """Check that the rank of a is still what it was when `partition` was chosen.
+    """Check that the rank of a is unchanged since `partition` was chosen.
 
-    In the position next to `at` that the kept constraints allow, for a motion drifts off them.
+    It is computed in the position next to `at` that satisfies the kept constraints, because a
+    simulated motion drifts off them.
 
     Raises:
-        RefusedError: it is not, or not clear.
+        RefusedError: the rank has changed, or is not clear.
     """
     q, step, closed = newton(at, at.q, partition.kept)
     if not closed:
@@ -287,15 +291,15 @@ def check_rank_kept(at: Quantities, partition: Partition) -> None:
 
 
 def independent_partition(at: Quantities) -> Partition:
-    """Return the paper's partition with the rows that are kept, all rows if all are independent.
+    """Return the paper's partition with the independent rows, with all rows if none is redundant.
 
     Raises:
         RefusedError: the rank is not clear, or another one in positions nearby.
     """
     if at.terms.a is None:
         return at.partition
-    found = rank_of(at)
-    if not found.redundant.size:
+    rank = rank_of(at)
+    if not rank.redundant.size:
         return at.partition
-    check_redundant(at, found)
-    return at.partition._replace(kept=found.kept, redundant=found.redundant)
+    check_redundant(at, rank)
+    return at.partition._replace(kept=rank.kept, redundant=rank.redundant)

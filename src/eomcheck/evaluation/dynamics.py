@@ -1,8 +1,9 @@
 """The public functions of one state: acceleration, velocities and speeds, consistent states.
 
 `acceleration` returns the result of a formulation with its error bound. Positions are assembled to
-satisfy the holonomic constraints, velocities computed from generalized speeds and back, and both
-are checked. Redundant constraints are named, and checked not to contradict the others.
+satisfy the holonomic constraints (loop closure); velocities are computed from generalized speeds
+and back; both are checked. Redundant constraints, which the others imply, are named, and checked
+not to contradict the others.
 """
 
 from __future__ import annotations
@@ -33,14 +34,14 @@ from eomcheck.numbers.pivots import EPS
 # ---- Redundant constraints -----------------------------------------------------------------------
 
 CONTRADICTION = "gamma"
-"""What refusals call it."""
+"""Name of a contradiction between constraints in refusals."""
 
 
 class ConstraintRank(NamedTuple):
-    """Names of constraints.
+    """Names of independent and redundant constraints.
 
     Attributes:
-        kept: those that are independent.
+        kept: the independent constraints.
         redundant: the others, which they imply.
     """
 
@@ -49,15 +50,18 @@ class ConstraintRank(NamedTuple):
 
 
 def independent_constraints(scene: Scene, q, t: float = 0.0) -> ConstraintRank:
-    """Return which constraints are independent at (q, t), and which they imply.
+    """Return the independent constraints at (q, t), and the redundant ones that they imply.
 
-    Those kept go to `eomcheck.with_constraints`, which gives formulations that cannot do with
-    redundant constraints a scene without them.
+    With the independent ones `eomcheck.with_constraints` makes a scene without redundant
+    constraints, for formulations that cannot handle these.
 
     Args:
         scene: the scene.
         q: coordinates (n,), which satisfy the constraints to rounding.
         t: time, s.
+
+    Returns:
+        The names of the constraints, in the order of `scene.constraint_names`.
 
     Raises:
         InputError: wrong shape or values that are not finite.
@@ -71,11 +75,11 @@ def independent_constraints(scene: Scene, q, t: float = 0.0) -> ConstraintRank:
 
 
 def with_redundancy_hint(at: Evaluation, refusal: RefusedError) -> RefusedError:
-    """Return a refusal that says which constraints are redundant, where some are.
+    """Return a refusal with the names of redundant constraints, if there are any, appended.
 
     Args:
-        at: where a formulation refused.
-        refusal: what it said.
+        at: the state that a formulation refused.
+        refusal: its refusal.
     """
     if at.terms.a is None or refusal.what in (RANK, CONTRADICTION):
         return refusal
@@ -98,27 +102,27 @@ def _with_message(refusal: RefusedError, why: str) -> RefusedError:
 
 
 def solution_of(at: Evaluation, formulation: Formulation, pivoted: bool = False) -> Acceleration:
-    """Return the result of a formulation, for which no redundant constraint is violated.
+    """Return the result of a formulation, checked not to violate redundant constraints.
 
     Raises:
         RefusedError: as `Evaluation.acceleration`, or constraints contradict each other.
     """
-    found = at.acceleration(formulation, pivoted)
+    result = at.acceleration(formulation, pivoted)
     if formulation.redundant and at.independent_partition.redundant is not None:
-        check_no_contradiction(at, formulation, found)
-    return found
+        check_no_contradiction(at, formulation, result)
+    return result
 
 
 def check_no_contradiction(at: Evaluation, formulation: Formulation, found: Acceleration) -> None:
-    """Check that there is an acceleration that satisfies redundant constraints as well.
+    """Check that the acceleration satisfies the redundant constraints as well.
 
     Args:
-        at: where.
-        formulation: one that redundant constraints are fine for.
-        found: what it said.
+        at: the evaluation.
+        formulation: one that handles redundant constraints.
+        found: its result.
 
     Raises:
-        RefusedError: there is none; names the row that is violated most.
+        RefusedError: it does not; names the row that is violated most.
     """
 
     def residual(e: Any) -> Array:
@@ -161,18 +165,22 @@ def acceleration(
         v: velocities q̇ (n,).
         t: time, s.
         consistent: refuse a v that violates the constraints. With False the formulations in
-            generalized speeds take those of v and ignore the rest, so that they answer a different
-            question from the others.
+            generalized speeds take the u of v and ignore the violation: they compute the
+            acceleration at another velocity than the others.
         pivoted: for El and Em, choose the dependent coordinates by pivoted QR instead of the
             paper's first r.
+
+    Returns:
+        v̇, the multipliers λ if the formulation has them, condition numbers and the error bound.
 
     Raises:
         InputError: wrong shapes, values that are not finite, `pivoted` without a partition, a
             formulation that does not apply to the scene.
         UnknownNameError: no such formulation.
         InconsistentVelocityError: v violates the constraints.
-        RefusedError: the formulation cannot handle this state; where constraints are redundant, the
-            message says which. Or they contradict each other, or their rank is not clear.
+        RefusedError: the formulation cannot handle this state; the message names redundant
+            constraints, if there are any. Or constraints contradict each other, or their rank is
+            not clear.
     """
     formulation = formulation_for(checked_scene(scene), key)
     at = Evaluation(scene, q, v, t)
@@ -185,7 +193,7 @@ def acceleration(
     except RefusedError as refusal:
         raise with_redundancy_hint(at, refusal) from None
     sensitivity = acceleration_sensitivity(at, formulation, pivoted=pivoted)
-    # What underflows on the way is below what any change of the inputs can show.
+    # Underflow on the way is smaller than any effect of perturbed inputs.
     return replace(result, error_bound=max(allowed_error(sensitivity), UNDERFLOW))
 
 
@@ -193,14 +201,14 @@ CONSISTENT_HINT = " (consistent=False lets it pass)"
 
 
 def check_consistent(at: Evaluation, hint: str = "") -> None:
-    """Check |a v + b| against what rounding explains, row by row; see `allowed_violation`.
+    """Check |a v + b| against the allowed rounding error, row by row; see `allowed_violation`.
 
     Args:
         at: the evaluation.
-        hint: what the message ends with.
+        hint: end of the error message.
 
     Raises:
-        InconsistentVelocityError: names the worst row, its residual and what is allowed.
+        InconsistentVelocityError: names the worst row, its residual and the allowed one.
     """
     if at.terms.a is None:
         return
@@ -216,15 +224,16 @@ def check_consistent(at: Evaluation, hint: str = "") -> None:
 
 
 CORRECTIONS = 3
-"""Most corrections of a velocity, of either kind."""
+"""Largest number of corrections of a velocity, absolute and relative ones each."""
 
 
 def consistent_velocity(at: Evaluation, v: Array) -> Array:
     """Return v (n,) with the smallest correction that makes it satisfy the constraints at `at`.
 
-    A v that satisfies them to well within the tolerance of `check_consistent` is returned as it is.
-    Where the smallest one is not small for every row, the smallest relative to the entries of v
-    follows: one can be larger than another by decades. The best v found is returned.
+    A v that satisfies them to well within the tolerance of `check_consistent` is returned
+    unchanged. If the residual of a row stays too large, the smallest correction relative to the
+    entries of v follows: one entry can be larger than another by decades. The v with the smallest
+    residual is returned.
     """
     a = at.terms.a
     if a is None:
@@ -236,7 +245,7 @@ def consistent_velocity(at: Evaluation, v: Array) -> Array:
             best, least, left = v, worst, residual
         if relative is None or not least > 1 / 4:
             break
-        # What has to vanish shrinks step by step, though never below its own rounding.
+        # Entries that have to vanish shrink step by step, though never below their own rounding.
         start, left = (v, residual) if relative else (best, left)
         units = np.maximum(np.abs(start), EPS * largest(start)) if relative else np.ones(len(v))
         rows = np.abs(a * units).max(axis=1) if relative else np.ones(len(a))
@@ -244,18 +253,18 @@ def consistent_velocity(at: Evaluation, v: Array) -> Array:
         matrix = a * units / rows[:, None]
         v = start - units * least_squares(matrix, left / rows)
     for power in (1, 2) if least > 1 / 4 else ():
-        # What cannot move at all moves by no rounding either, nor by the rounding of rounding.
+        # The velocity of a coordinate that cannot move is set to exactly 0: it is rounding error.
         negligible = allowed_error(1.0) ** power * largest(v)
         for near in (best, v):
-            still = np.where(np.abs(near) <= negligible, 0.0, near)
-            worst = _excess(at, still)[1]
+            cleaned = np.where(np.abs(near) <= negligible, 0.0, near)
+            worst = _excess(at, cleaned)[1]
             if worst < least:
-                best, least = still, worst
+                best, least = cleaned, worst
     return best
 
 
 def _excess(at: Evaluation, v: Array) -> tuple[Array, float]:
-    """Return a v + b (r,), and by which factor it exceeds what rounding allows, at worst."""
+    """Return a v + b (r,), and the largest ratio of its rows to their allowed rounding error."""
     residual, allowed = violation(at, v)
     with np.errstate(all="ignore"):
         return residual, np.max(np.abs(residual) / np.maximum(allowed, UNDERFLOW), initial=0.0)
@@ -264,7 +273,12 @@ def _excess(at: Evaluation, v: Array) -> tuple[Array, float]:
 def assembled_position(scene: Scene, q, t: float = 0.0) -> Array:
     """Return the coordinates (n,) near q that satisfy the holonomic constraints; q without any.
 
-    Newton's method, with the smallest correction in each step.
+    They are computed by Newton's method, with the smallest correction in each step.
+
+    Args:
+        scene: the scene.
+        q: initial coordinates (n,).
+        t: time, s.
 
     Raises:
         InputError: wrong shape, or values that are not finite.
@@ -275,7 +289,7 @@ def assembled_position(scene: Scene, q, t: float = 0.0) -> Array:
         return q
     q, step, shrank = newton(Evaluation(scene, q, v, t), q)
     if shrank:
-        # Steps also vanish where no direction closes the gap.
+        # Steps also vanish at a singular configuration, where no direction closes the gap.
         gap, allowed = assembly_error(Evaluation(scene, q, v, t))
         if gap <= allowed:
             return q
@@ -283,7 +297,7 @@ def assembled_position(scene: Scene, q, t: float = 0.0) -> Array:
 
 
 def assembly_error(at: Evaluation) -> tuple[float, float]:
-    """Return the largest gap of the holonomic constraints, and what rounding allows of it, m."""
+    """Return the largest gap of the holonomic constraints, and its allowed rounding error, m."""
     sensitivity = sensitivity_of(at, position_residual, coordinates=True)
     return largest(position_residual(at)), allowed_error(sensitivity)
 
@@ -291,33 +305,46 @@ def assembly_error(at: Evaluation) -> tuple[float, float]:
 def velocity(scene: Scene, q, u, t: float = 0.0) -> Array:
     """Return v = W u + offset (n,) of generalized speeds u (p,).
 
-    Where W has grown large and W u cancels, rounding would violate the constraints; the smallest
-    correction that restores them is added then.
+    If W is large and W u cancels, the rounding error of v would violate the constraints; the
+    smallest correction that restores them is added then.
+
+    Args:
+        scene: the scene.
+        q: coordinates (n,).
+        u: generalized speeds (p,).
+        t: time, s.
 
     Raises:
         InputError: wrong shapes or values that are not finite.
-        RefusedError: the scene has no generalized speeds here, v overflows, rounding may change
-            it by more than 1e-6 of its largest entry, or no v in doubles satisfies the constraints.
+        RefusedError: the scene has no generalized speeds at (q, t), v overflows, rounding may
+            change it by more than 1e-6 of its largest entry, or no v in float64 satisfies the
+            constraints.
     """
     u = finite_array("u", u, (checked_scene(scene).p,))
     at = Evaluation(scene, q, np.zeros(scene.n), t)
-    for one in (at, *perturbed_samples(at)):
-        one.u = u
+    for sample in (at, *perturbed_samples(at)):
+        sample.u = u
     v = representable("v", at.velocity)
     _check_digits("v", at, lambda e: e.velocity)
-    found = representable("v", consistent_velocity(at, v))
+    corrected = representable("v", consistent_velocity(at, v))
     try:
-        check_consistent(Evaluation(scene, q, found, t))
+        check_consistent(Evaluation(scene, q, corrected, t))
     except InconsistentVelocityError as error:
         raise RefusedError("v", float("nan"), 0.0, f"no doubles are near enough: {error}") from None
-    if largest(found - v) > NOTICEABLE * largest(v):
-        what = "no velocity in doubles near W u satisfies the constraints"
-        raise RefusedError("v", float("nan"), 0.0, what)
-    return found
+    if largest(corrected - v) > NOTICEABLE * largest(v):
+        message = "no velocity in doubles near W u satisfies the constraints"
+        raise RefusedError("v", float("nan"), 0.0, message)
+    return corrected
 
 
 def speeds_of(scene: Scene, q, v, t: float = 0.0) -> Array:
     """Return the generalized speeds u (p,) of a velocity v (n,).
+
+    Args:
+        scene: the scene.
+        q: coordinates (n,).
+        v: velocities (n,).
+        t: time, s.
 
     Raises:
         InputError: wrong shapes or values that are not finite.
@@ -325,15 +352,15 @@ def speeds_of(scene: Scene, q, v, t: float = 0.0) -> Array:
             entry.
     """
     at = Evaluation(scene, q, v, t)
-    for one in perturbed_samples(at):
-        one.v = at.v
+    for sample in perturbed_samples(at):
+        sample.v = at.v
     u = representable("u", at.u)
     _check_digits("u", at, lambda e: e.u)
     return u
 
 
 def _check_digits(name: str, at: Evaluation, quantity: Callable[[Evaluation], Array]) -> None:
-    """Check that rounding leaves a quantity its digits."""
+    """Check that the rounding error of a quantity is at most `NOTICEABLE` times its size."""
     size, sensitivity = largest(quantity(at)), sensitivity_of(at, quantity, solved=True)
     if allowed_error(sensitivity) > NOTICEABLE * size > 0:
         least = allowed_error(1.0) / NOTICEABLE
@@ -347,7 +374,7 @@ def _check_digits(name: str, at: Evaluation, quantity: Callable[[Evaluation], Ar
 
 
 def representable(name: str, x: Array) -> Array:
-    """Return x, an array of doubles.
+    """Return x, a float64 array, if it is finite.
 
     Raises:
         RefusedError: an entry is not finite.

@@ -1,7 +1,8 @@
 """A scene and its formulations at one state, in float64.
 
-`Evaluation` computes each quantity once, on first use. The effect of rounding on it is measured by
-perturbed samples, see `eomcheck.evaluation.perturbed`.
+An `Evaluation` computes each quantity (terms, generalized speeds, bodies, accelerations) once, on
+first use, and caches it. The effect of rounding on a quantity is measured by perturbed samples of
+the evaluation, see `eomcheck.evaluation.perturbed`.
 """
 
 from __future__ import annotations
@@ -29,25 +30,25 @@ from eomcheck.numbers.linear import SolveRecord, SolveRecorder, recording_solves
 T = TypeVar("T")
 
 TRACES = TraceRunner()
-"""What has been listed of functions of scenes and formulations."""
+"""The traces of functions of scenes and formulations, shared by all evaluations."""
 
 Key = tuple[str, bool]
-"""A formulation, and whether its partition is a pivoted one."""
+"""Key of a formulation, and whether its partition is by pivoted QR."""
 
 SPEEDS: Key = ("speeds", False)
-"""Under which generalized speeds by a partition keep what they solve."""
+"""Key in `Evaluation.solves` of the matrices solved for generalized speeds by a partition."""
 
 
 @dataclass(frozen=True)
 class Acceleration:
-    """What a formulation says about one state.
+    """The acceleration of one state by a formulation, with its error bound.
 
     Attributes:
         vdot: v̇ = q̈ (n,), m/s² and rad/s².
-        multipliers: λ (r,) with M v̇ = F + aᵀλ, or None where the formulation has none.
+        multipliers: λ (r,) with M v̇ = F + aᵀλ, or None if the formulation has none.
         rcond: reciprocal condition number of each matrix solved, by name (columns scaled).
-        error_bound: bound on the rounding error of every entry of `vdot`, absolute. Infinite where
-            a matrix is so ill-conditioned that no bound can be measured.
+        error_bound: bound on the rounding error of every entry of `vdot`, absolute. Infinite if a
+            matrix is so ill-conditioned that no bound can be measured.
     """
 
     vdot: Array
@@ -59,7 +60,7 @@ class Acceleration:
 def _prepared_with_rates(
     prepare: Callable, clock: int, parameters: Any, made: tuple, *state: Array
 ) -> Any:
-    """Return what is prepared, and how fast it changes, of angles and roots, q, q̇ and t (1,)."""
+    """Return the precomputed values and their rates, from angles and roots, q, q̇ and t (1,)."""
     q, qdot, t = state
     return values_and_rates(
         prepare(ReplayArithmetic(made), parameters, duals(q, qdot), Dual(t[0], clock))
@@ -77,14 +78,14 @@ class Evaluation(Quantities):
 
     Attributes:
         speeds_rcond: reciprocal condition number of each matrix that generalized speeds by a
-            partition solve, by name; empty until they are asked for.
+            partition solve, by name; empty until these speeds are computed.
 
     Raises:
         InputError: q, v or t has the wrong shape or is not finite.
     """
 
     lanes = 0
-    """Number of states side by side; 0 where there is one, and no axis for it."""
+    """Number of states on the batch axis; 0 for a single state without a batch axis."""
 
     is_perturbed = False
     """Whether its numbers are perturbed."""
@@ -102,63 +103,63 @@ class Evaluation(Quantities):
         self.solves: dict[Key, dict[str, SolveRecord]] = {}
 
     def call(self, function: Callable, *arguments) -> Any:
-        """Call a generic function on doubles."""
+        """Call a generic function on float64 arrays."""
         with np.errstate(all="ignore"):
             return function(*arguments)
 
     def run(self, function: Callable, *arguments) -> Any:
-        """Call a generic function on doubles, in machine code where that is faster."""
+        """Call a generic function on float64 arrays, in machine code if that is faster."""
         with np.errstate(all="ignore"):
             return TRACES.run_exact(function, *arguments)
 
     def prepared_and_rates(self, qdot: Array, clock: bool = True) -> tuple[Any, Any]:
-        """Return what is prepared, and how fast it changes, in doubles; see `prepared_duals`."""
-        self.prepared  # noqa: B018  (what it is made of is needed)
-        here = self.parameters, tuple(self._angles_and_roots), self.q, qdot, self.time
+        """Return the precomputed values and their rates, in float64; see `prepared_duals`."""
+        self.prepared  # noqa: B018  (its angles and roots are needed)
+        state = self.parameters, tuple(self._angles_and_roots), self.q, qdot, self.time
         return map_record(
-            as_float64, self.run(_prepared_with_rates, self.scene.prepare, int(clock), *here)
+            as_float64, self.run(_prepared_with_rates, self.scene.prepare, int(clock), *state)
         )
 
     @property
     def time(self) -> Array:
-        """The time (1,), as generic functions of doubles read it."""
+        """The time (1,), as an argument of generic functions on float64 arrays."""
         return (self.t if lanes_in(self.t) else np.full(1, self.t)).reshape(1)
 
     def call_solving(self, name: str, function: Callable, *arguments) -> tuple[Any, bool]:
-        """Call a generic function that solves matrices of its own; copies round as it does here."""
-        with self.recording_solves((name, False)) as watch:
-            found = self.call(function, *arguments)
-        self.solves[name, False] = {solve.name: solve for solve in watch.solves}
-        return found, not watch.rcond or bool(well_conditioned(watch.rcond))
+        """Call a generic function that solves matrices; perturbed samples take the same pivots."""
+        with self.recording_solves((name, False)) as recorder:
+            result = self.call(function, *arguments)
+        self.solves[name, False] = {solve.name: solve for solve in recorder.solves}
+        return result, not recorder.rcond or bool(well_conditioned(recorder.rcond))
 
     def recording_solves(self, key: Key | None = None) -> AbstractContextManager[SolveRecorder]:
-        """Watch the matrices that are solved for what `solves` has under `key`."""
+        """Record the matrices that are solved inside the block, for the entry `key` of `solves`."""
         return recording_solves()
 
     @quantity
     def kinematics(self) -> Any:
-        """What speeds and bodies share.
+        """The intermediate values that speeds and bodies share.
 
         Raises:
-            RefusedError: the scene has no generalized speeds here.
+            RefusedError: the scene has no generalized speeds at this state.
         """
         self.refuse_speeds()
         if self.scene.natural_speeds:
             return super().kinematics
         # A partition solves for velocities: in Python, where a singular matrix is refused.
-        with self.recording_solves(SPEEDS) as watch, np.errstate(all="ignore"):
-            here = self.parameters, self.prepared, self.q, self.u
-            found = self.run(self.scene.kinematics, *here)
-        self.speeds_solved(watch)
-        return found
+        with self.recording_solves(SPEEDS) as recorder, np.errstate(all="ignore"):
+            arguments = self.parameters, self.prepared, self.q, self.u
+            kinematics = self.run(self.scene.kinematics, *arguments)
+        self.speeds_solved(recorder)
+        return kinematics
 
     def speeds_solved(self, watch: SolveRecorder) -> None:
-        """Note what was solved for generalized speeds by a partition."""
+        """Store the matrices that were solved for generalized speeds by a partition."""
         self.speeds_rcond = watch.rcond
         self.solves[SPEEDS] = {solve.name: solve for solve in watch.solves}
 
     def refuse_speeds(self) -> None:
-        """Raise RefusedError where the scene has no generalized speeds."""
+        """Raise RefusedError if the scene has no generalized speeds at this state."""
         self.scene.refuse_speeds(self.q)
 
     @quantity
@@ -172,7 +173,7 @@ class Evaluation(Quantities):
 
     @quantity
     def independent_partition(self) -> Partition:
-        """The constraints that are independent, and which columns tell.
+        """The partition into independent and redundant constraints.
 
         Raises:
             RefusedError: the rank of a is not clear, or another one in positions nearby.
@@ -180,7 +181,7 @@ class Evaluation(Quantities):
         return independent_partition(self)
 
     def elsewhere(self, q: Array) -> Evaluation:
-        """Return the scene at other coordinates q (n,), at the same velocities and time."""
+        """Return the evaluation at other coordinates q (n,), at the same velocities and time."""
         return Evaluation(self.scene, q, self.v, self.t)
 
     def partition_for(self, formulation: Formulation, pivoted: bool) -> Partition:
@@ -188,8 +189,8 @@ class Evaluation(Quantities):
 
         Raises:
             InputError: `pivoted`, and the formulation has none.
-            RefusedError: it tells which constraints are independent, and their rank is not clear;
-                or it needs more coordinates than there are.
+            RefusedError: the formulation needs the independent constraints, and their rank is not
+                clear; or it needs more coordinates than there are.
         """
         if pivoted and not formulation.partitioned:
             raise InputError(f"pivoted = True: {formulation.key} has no partition to choose")
@@ -221,19 +222,23 @@ class Evaluation(Quantities):
         partition = self.partition_for(formulation, pivoted)
         name = f"{formulation.key}, pivoted" if pivoted else formulation.key
         key = formulation.key, pivoted
-        with self.computing(name), self.recording_solves(key) as watch, np.errstate(all="ignore"):
+        with (
+            self.computing(name),
+            self.recording_solves(key) as recorder,
+            np.errstate(all="ignore"),
+        ):
             vdot, multipliers = self.solution(formulation, partition)
         self.check_finite(vdot, multipliers, formulation)
-        rcond = watch.rcond
+        rcond = recorder.rcond
         if formulation.state == "q, u":
             rcond = self.speeds_rcond | rcond
-        self.solves[key] = {solve.name: solve for solve in watch.solves}
+        self.solves[key] = {solve.name: solve for solve in recorder.solves}
         return Acceleration(vdot, multipliers, rcond, float("inf"))
 
     def check_finite(
         self, vdot: Array, multipliers: Array | None, formulation: Formulation
     ) -> None:
-        """Check that a result is made of numbers.
+        """Check that a result is finite.
 
         Raises:
             RefusedError: it overflows.
@@ -241,13 +246,13 @@ class Evaluation(Quantities):
         if not (
             np.isfinite(vdot).all() and (multipliers is None or np.isfinite(multipliers).all())
         ):
-            what = f"the acceleration v̇ by {formulation.key} overflows: doubles cannot hold it"
-            raise RefusedError("v̇", float("nan"), 0.0, what)
+            message = f"the acceleration v̇ by {formulation.key} overflows: doubles cannot hold it"
+            raise RefusedError("v̇", float("nan"), 0.0, message)
 
     def acceleration_in(self, formulation: Formulation, T: Array) -> Acceleration:
-        """Return the result of a formulation in terms, found in other coordinates x = T q.
+        """Return the result of a formulation in terms, computed in other coordinates x = T q.
 
-        Same value, other matrices: what an engine with coordinates of its own really solves.
+        The value is the same, the matrices are those that an engine with coordinates x solves.
 
         Raises:
             RefusedError: as `acceleration`.
@@ -260,7 +265,7 @@ class Evaluation(Quantities):
     def _solve_in(self, formulation: Formulation, T: Array) -> Acceleration:
         M, _, _, a, gamma, _ = self.terms
         back = np.linalg.inv(T)
-        with self.recording_solves() as watch:
+        with self.recording_solves() as recorder:
             xdd, multipliers = self.call(
                 formulation.solution,
                 back.T @ M @ back,
@@ -270,8 +275,8 @@ class Evaluation(Quantities):
                 self.mapped(T, self.v),
                 self.partition,
             )
-        return Acceleration(self.mapped(back, xdd), multipliers, watch.rcond, float("inf"))
+        return Acceleration(self.mapped(back, xdd), multipliers, recorder.rcond, float("inf"))
 
     def mapped(self, matrix: Array, x: Array) -> Array:
-        """Return `matrix` x."""
+        """Return the product `matrix` x."""
         return matrix @ x

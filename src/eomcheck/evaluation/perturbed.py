@@ -5,8 +5,9 @@ operation is perturbed by a random share of a small step (Monte Carlo arithmetic
 evaluation are computed as one batch, whose first axis is the sample: one by one, Python would take
 most of the time.
 
-The change of a quantity, per step by which all numbers are perturbed, is κ · scale, its
-sensitivity: how strongly rounding can change it (`eomcheck.evaluation.tolerance`).
+The sensitivity κ · scale of a quantity is its change per step by which all numbers are perturbed:
+the factor from a relative rounding error to a change of the quantity
+(`eomcheck.evaluation.tolerance`).
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ from eomcheck.numbers.noise import (
 
 
 def _call_perturbed(noise: Noise, function: Callable, *arguments: Any) -> Any:
-    """Call a generic function, each of its operations perturbed.
+    """Call a generic function with each of its operations perturbed.
 
     Raises:
         TypeError: it does more than rational operations.
@@ -59,10 +60,10 @@ def _call_perturbed(noise: Noise, function: Callable, *arguments: Any) -> Any:
 
 
 class PerturbedEvaluation(Evaluation):
-    """What all copies have in common whose numbers are perturbed, in lanes or not.
+    """An evaluation with perturbed numbers: base class for a state and for lanes of states.
 
     Attributes:
-        noise: what every number is changed by.
+        noise: source of the perturbations.
     """
 
     is_perturbed = True
@@ -70,7 +71,7 @@ class PerturbedEvaluation(Evaluation):
     _original: Evaluation
 
     def computing(self, name: str) -> AbstractContextManager:
-        """Return the context in which noise is that of what is called `name`, from its start."""
+        """Return the context in which the noise draws from the start of the stream `name`."""
         return self.noise.stream(name)
 
     def finished(self, record: Any) -> Any:
@@ -78,11 +79,11 @@ class PerturbedEvaluation(Evaluation):
         return self.noise.perturb_record(record)
 
     def run(self, function: Callable, *arguments) -> Any:
-        """Call a generic function, each operation perturbed: see `call`."""
+        """Call a generic function with each operation perturbed: see `call`."""
         return self.call(function, *arguments)
 
     def recording_solves(self, key: Key | None = None) -> AbstractContextManager[SolveRecorder]:
-        """Watch the matrices that are solved, and perturb them; pivots stay the original's."""
+        """Record and perturb the matrices that are solved, with the pivots of the original."""
         return recording_solves(self.noise, self._original.solves.get(key) if key else None)
 
     def speeds_solved(self, watch: SolveRecorder) -> None:
@@ -92,55 +93,55 @@ class PerturbedEvaluation(Evaluation):
 
     @quantity
     def terms(self) -> Terms:
-        """M, Q, B, a, gamma, b; body Jacobians that they are composed of are perturbed too."""
+        """The terms M, Q, B, a, gamma, b, with perturbed body Jacobians if derived from these."""
         scene = self.scene
         if "terms" not in scene.derived_functions:
             return super().terms
-        # Where inertia forces cancel in B, only this shows what rounding has done to them.
-        here = self.parameters, self.prepared, self.q, self.v
-        jacobians = self.finished(self.call(scene.jacobians, *here))
-        return self.finished(self.call(scene.assemble, *here, jacobians))
+        # If inertia forces cancel in B, only this shows their rounding errors.
+        arguments = self.parameters, self.prepared, self.q, self.v
+        jacobians = self.finished(self.call(scene.jacobians, *arguments))
+        return self.finished(self.call(scene.assemble, *arguments, jacobians))
 
 
 class _SampleOrBatch(PerturbedEvaluation):
-    """What a copy and all copies together have in common."""
+    """Base class of a perturbed sample and of the batch of them."""
 
     @quantity
     def pivoted_partition(self) -> Partition:
-        """That of the original."""
+        """The pivoted partition of the original."""
         return self._original.pivoted_partition
 
     @quantity
     def independent_partition(self) -> Partition:
-        """That of the original."""
+        """The partition of the original into independent and redundant constraints."""
         return self._original.independent_partition
 
     def check_finite(
         self, vdot: Array, multipliers: Array | None, formulation: Formulation
     ) -> None:
-        """Let everything pass: what is not finite makes a sensitivity infinite."""
+        """Accept every result: one that is not finite makes the sensitivity infinite."""
 
 
 def _batch_property(name: str) -> Any:
-    """Return the property of a copy whose values all copies find together."""
+    """Return the property of a sample that is its part of the batch's property `name`."""
 
-    def part(copy: PerturbedSample) -> Any:
-        return copy.batch.part(copy.index, getattr(copy.batch, name))
+    def part(sample: PerturbedSample) -> Any:
+        return sample.batch.part(sample.index, getattr(sample.batch, name))
 
     return cached_property(part)
 
 
 class PerturbedSample(_SampleOrBatch):
-    """A copy of an evaluation in which every number is perturbed.
+    """A perturbed sample of an evaluation: every number is perturbed.
 
     Args:
         original: the evaluation.
-        noise: what its numbers are changed by.
+        noise: source of the perturbations.
         coordinates: whether the coordinates are perturbed too.
 
     Attributes:
-        batch: all copies side by side.
-        index: which of them this is.
+        batch: the batch of all samples.
+        index: index of this sample in the batch.
     """
 
     batch: PerturbedBatch
@@ -164,56 +165,56 @@ class PerturbedSample(_SampleOrBatch):
     chain = _batch_property("chain")
 
     def call(self, function: Callable, *arguments) -> Any:
-        """Call a generic function, each of its operations perturbed.
+        """Call a generic function with each of its operations perturbed.
 
-        Where it does more than rational operations, only what it reads and returns is perturbed.
+        If it does more than rational operations, only its arguments and results are perturbed.
         """
         with suppress(TypeError):
             return _call_perturbed(self.noise, function, *arguments)
         return super().call(function, *arguments)
 
     def prepare(self) -> tuple[Any, Sequence[Any]]:
-        """Return what is prepared, and the angles and roots made for it; see `Quantities`."""
-        found = self.batch.traced_preparation
-        return super().prepare() if found is None else self.batch.part(self.index, found)
+        """Return the precomputed values, and the angles and roots they are made of."""
+        traced = self.batch.traced_preparation
+        return super().prepare() if traced is None else self.batch.part(self.index, traced)
 
     @property
     def prepare_arithmetic(self) -> Arithmetic:
-        """What prepares where not all is rational besides: cosines, sines and roots are moved."""
+        """The arithmetic of an untraceable `prepare`: cosines, sines, roots are perturbed."""
         return NoisyArithmetic(FLOAT64, self.noise)
 
     def acceleration(self, formulation: Formulation, pivoted: bool = False) -> Acceleration:
-        """Return the result of `formulation`; see `Evaluation`. Nothing is refused but speeds."""
+        """Return the result of `formulation`; see `Evaluation`. Only speeds are refused."""
         key = formulation.key, pivoted
-        found = self._solutions.get(key)
-        if not isinstance(found, Acceleration):
-            found = self._mine(self.batch.acceleration(formulation, pivoted))
-            self._solutions[key] = found
+        result = self._solutions.get(key)
+        if not isinstance(result, Acceleration):
+            result = self._own_part(self.batch.acceleration(formulation, pivoted))
+            self._solutions[key] = result
             self.solves[key] = {
                 name: solve._replace(
                     sign=solve.sign[self.index], log_determinant=solve.log_determinant[self.index]
                 )
                 for name, solve in self.batch.solves[key].items()
             }
-        return found
+        return result
 
     def acceleration_in(self, formulation: Formulation, T: Array) -> Acceleration:
         """Return the result of a formulation in other coordinates, see `Evaluation`."""
-        return self._mine(self.batch.acceleration_in(formulation, T))
+        return self._own_part(self.batch.acceleration_in(formulation, T))
 
-    def _mine(self, found: Acceleration) -> Acceleration:
-        vdot, multipliers = self.batch.part(self.index, (found.vdot, found.multipliers))
-        return Acceleration(vdot, multipliers, found.rcond, float("inf"))
+    def _own_part(self, of_all: Acceleration) -> Acceleration:
+        vdot, multipliers = self.batch.part(self.index, (of_all.vdot, of_all.multipliers))
+        return Acceleration(vdot, multipliers, of_all.rcond, float("inf"))
 
 
 class PerturbedBatch(_SampleOrBatch):
-    """All copies of an evaluation side by side: the first axis of every array is theirs.
+    """A batch of perturbed samples of one evaluation; axis 0 of every array is the sample.
 
-    Each is moved as it would be alone.
+    Each sample is perturbed as it would be alone.
 
     Args:
         original: the evaluation.
-        copies: its copies.
+        copies: its perturbed samples.
     """
 
     def __init__(self, original: Evaluation, copies: Sequence[PerturbedSample]):
@@ -223,7 +224,7 @@ class PerturbedBatch(_SampleOrBatch):
         self._read: dict[Key, Solution] = {}
 
     def solution_without_noise(self, formulation: Formulation, pivoted: bool) -> Solution:
-        """Return what `formulation` makes of the copies' numbers, rounding as doubles do."""
+        """Return the result of `formulation` for the samples' inputs, without perturbing it."""
         partition, key = self.partition_for(formulation, pivoted), (formulation.key, pivoted)
         if key not in self._read:
             with self._noises.disabled(), self.recording_solves(key), np.errstate(all="ignore"):
@@ -231,24 +232,24 @@ class PerturbedBatch(_SampleOrBatch):
         return self._read[key]
 
     def part(self, place: int, record: Any) -> Any:
-        """Return what a record holds of the copy at `place`."""
+        """Return the part of a batched record that belongs to the sample at index `place`."""
         return _sample_part(record, place, self._samples[place].noise)
 
     def call(self, function: Callable, *arguments) -> Any:
-        """Call a generic function, each of its operations perturbed.
+        """Call a generic function with each of its operations perturbed.
 
-        Where it does more than rational operations, only what it reads and returns is perturbed.
+        If it does more than rational operations, only its arguments and results are perturbed.
         """
         with suppress(TypeError):
             return _call_perturbed(self.noise, function, *arguments)
         with np.errstate(all="ignore"):
             alone = for_each_noise(
-                self._noises, lambda i, one: function(*_sample_part(arguments, i, one))
+                self._noises, lambda i, noise: function(*_sample_part(arguments, i, noise))
             )
             return self._stacked(alone)
 
     def _stacked(self, records: Sequence[Any]) -> Any:
-        """Return the records of all copies as one; what are no doubles are the same in all."""
+        """Return the records of all samples as one; parts that are not float64 are equal."""
         first = records[0]
         if isinstance(first, tuple):
             parts = [self._stacked(each) for each in zip(*records, strict=True)]
@@ -260,64 +261,67 @@ class PerturbedBatch(_SampleOrBatch):
             return self.noise.as_perturbed(stack) if isinstance(first, PerturbedArray) else stack
         return first
 
-    # ---- What is read ----------------------------------------------------------------------------
+    # ---- Inputs ----------------------------------------------------------------------------------
 
     @quantity
     def parameters(self) -> Any:
-        """The scene's parameters."""
-        front, still = self.noise.shape, self._original.parameters
-        return self.finished(map_record(lambda x: np.broadcast_to(x, front + np.shape(x)), still))
+        """The scene's parameters, perturbed."""
+        batch, exact = self.noise.shape, self._original.parameters
+        return self.finished(map_record(lambda x: np.broadcast_to(x, batch + np.shape(x)), exact))
 
     @cached_property
     def traced_preparation(self) -> tuple[Any, Sequence[Any]] | None:
-        """What is prepared, and how, with every operation perturbed; None if not all is told."""
+        """The precomputed values with every operation perturbed, and their angles and roots.
+
+        None if the scene's `prepare` cannot be traced.
+        """
         with suppress(TypeError), self.computing("prepared"):
-            here = self.parameters, self.q, self.time
-            prepared, made = _call_perturbed(
-                self.noise, traceable_prepare(self.scene.prepare), *here
+            arguments = self.parameters, self.q, self.time
+            prepared, angles_and_roots = _call_perturbed(
+                self.noise, traceable_prepare(self.scene.prepare), *arguments
             )
-            return map_record(self.noise.as_perturbed, prepared), made
+            return map_record(self.noise.as_perturbed, prepared), angles_and_roots
         return None
 
     @property
     def time(self) -> Array:
-        """The time (k, 1), as generic functions of doubles read it."""
+        """The time (k, 1), as an argument of generic functions on float64 arrays."""
         return np.full((*self.noise.shape, 1), self.t)
 
     @quantity
     def prepared(self) -> Any:
-        """What is not rational in q and t: of each copy for itself if need be."""
+        """The precomputed values; computed sample by sample if they cannot be traced."""
         if self.traced_preparation is not None:
-            found, self._angles_and_roots = self.traced_preparation
-            return found
-        found = self._stacked([copy.prepared for copy in self._samples])
+            prepared, self._angles_and_roots = self.traced_preparation
+            return prepared
+        prepared = self._stacked([sample.prepared for sample in self._samples])
         self._angles_and_roots = self._stacked(
-            [tuple(copy._angles_and_roots) for copy in self._samples]
+            [tuple(sample._angles_and_roots) for sample in self._samples]
         )
-        return found
+        return prepared
 
     @quantity
     def v(self) -> Array:
-        """Velocities: those that the copies have."""
-        return np.stack([copy.v for copy in self._samples])
+        """Velocities (k, n) of the samples."""
+        return np.stack([sample.v for sample in self._samples])
 
     @quantity
     def u(self) -> Array:
-        """Generalized speeds: those that the copies were given, or those of v."""
-        if all("u" in vars(copy) for copy in self._samples):
-            return np.stack([copy.u for copy in self._samples])
+        """Generalized speeds (k, p): those set in the samples, or computed from v."""
+        if all("u" in vars(sample) for sample in self._samples):
+            return np.stack([sample.u for sample in self._samples])
         return super().u
 
-    # ---- What follows ----------------------------------------------------------------------------
+    # ---- Results ---------------------------------------------------------------------------------
 
     def refuse_speeds(self) -> None:
-        """Raise RefusedError where the scene has no generalized speeds in one of the copies."""
+        """Raise RefusedError if the scene has no generalized speeds in one of the samples."""
         for q in self.q:
             self.scene.refuse_speeds(q)
 
     @quantity
     def partition(self) -> Partition:
-        """That of the original."""
+        """The partition of the original."""
         return self._original.partition
 
     def _solve_in(self, formulation: Formulation, T: Array) -> Acceleration:
@@ -325,27 +329,27 @@ class PerturbedBatch(_SampleOrBatch):
             return super()._solve_in(formulation, T)
 
     def rate_of_velocity(self, udot: Array) -> Array:
-        """Return v̇ of u̇."""
+        """Return v̇ (k, n) from u̇ (k, p)."""
         W, rest, _ = self.speeds
         return udot if W is None else self.mapped(W, udot) + rest
 
     def mapped(self, matrix: Array, x: Array) -> Array:
-        """Return `matrix` x of all copies."""
+        """Return the product `matrix` x of all samples (k, ...)."""
         return (matrix @ x[..., None])[..., 0]
 
 
 def _sample_part(record: Any, place: int, noise: Noise) -> Any:
-    """Return what a record of all copies holds of the one at `place`, which `noise` moves."""
+    """Return the part of a batched record for the sample at index `place`, with its `noise`."""
 
-    def of_copy(x: Any) -> Any:
+    def of_sample(x: Any) -> Any:
         if not (isinstance(x, np.ndarray) and x.dtype == np.float64):
             return x
-        mine = x[(place, ...)]
-        if isinstance(mine, PerturbedArray):
-            mine.noise = noise
-        return mine
+        part = x[(place, ...)]
+        if isinstance(part, PerturbedArray):
+            part.noise = noise
+        return part
 
-    return map_record(of_copy, record)
+    return map_record(of_sample, record)
 
 
 def _samples(at: Evaluation) -> tuple[PerturbedSample, ...]:
@@ -358,20 +362,22 @@ def _samples_everywhere(at: Evaluation) -> tuple[PerturbedSample, ...]:
 
 def _new_samples(at: Evaluation, coordinates: bool) -> tuple[PerturbedSample, ...]:
     noises = (*(Noise(seed) for seed in range(SAMPLES)), Noise(0, STRETCH * STEP))
-    copies = tuple(PerturbedSample(at, noise, coordinates) for noise in noises)
-    together = PerturbedBatch(at, copies)
-    for place, copy in enumerate(copies):
-        copy.batch, copy.index = together, place
-    return copies
+    samples = tuple(PerturbedSample(at, noise, coordinates) for noise in noises)
+    batch = PerturbedBatch(at, samples)
+    for index, sample in enumerate(samples):
+        sample.batch, sample.index = batch, index
+    return samples
 
 
 def perturbed_samples(at: Evaluation, coordinates: bool = False) -> tuple[Any, ...]:
-    """Return copies of `at` with every number perturbed, on request the coordinates as well.
+    """Return perturbed samples of `at`: every number is perturbed, on request also the coordinates.
 
-    There are `SAMPLES` by `STEP`, and the first once more by `STRETCH` times as much.
+    Returns:
+        `SAMPLES` samples with the step `STEP`, and then one with the noise of the first and
+        `STRETCH` times the step.
 
-    Our own formulations read one and the same q, so that its rounding is no error of theirs; an
-    outside engine forms its own angles from q and rounds them again.
+    The built-in formulations read one and the same q, so that its rounding is not their error; an
+    external engine computes its own angles from q and rounds them again.
     """
     if at.lanes:
         return at.perturbed(coordinates)  # type: ignore[attr-defined]
@@ -381,7 +387,7 @@ def perturbed_samples(at: Evaluation, coordinates: bool = False) -> tuple[Any, .
 # ---- Sensitivities -------------------------------------------------------------------------------
 
 NOISY = 2.0**-12
-"""A change by this share of a solution, at so small a step, asks whether anything is left of it."""
+"""Relative change of a solution under `STEP` above which its growth with the step is checked."""
 
 
 def sensitivity_of(
@@ -391,29 +397,31 @@ def sensitivity_of(
     solved: bool = False,
     batched: bool = False,
 ) -> float:
-    """Return how strongly rounding can change a quantity, κ · scale.
+    """Return the sensitivity κ · scale of a quantity to rounding.
 
-    Its size plus its largest change under perturbation, divided by the step. Infinite where a
-    perturbed copy cannot be finished. For a quantity that is `solved`, the result of a solve, also
-    where the change does not grow with the step: nothing is left of it then.
+    It is the size of the quantity plus its largest change under perturbation divided by the step.
+    It is infinite if a perturbed sample cannot be computed. For a quantity that is `solved`, the
+    result of a solve, it is also infinite if the change does not grow with the step: no digit of
+    the result is left then.
 
     Args:
         at: the evaluation.
-        quantity: what is looked at, of `at` and of its copies.
+        quantity: function of `at`, and of its samples, that returns the quantity.
         coordinates: whether the coordinates are perturbed too.
-        solved: whether it is the result of a solve.
-        batched: whether the copies have it side by side, with an axis for them in front.
+        solved: whether the quantity is the result of a solve.
+        batched: whether `quantity` also takes the batch of samples, with a leading batch axis.
     """
-    here = np.asarray(quantity(at))
-    size = largest(here)
+    exact = np.asarray(quantity(at))
+    size = largest(exact)
     with np.errstate(all="ignore"):
         try:
-            copies = perturbed_samples(at, coordinates)
+            samples = perturbed_samples(at, coordinates)
             if batched:
-                changes = largest_of_each(np.asarray(_evaluated(copies[0].batch, quantity)) - here)
+                of_all = np.asarray(_evaluated(samples[0].batch, quantity))
+                changes = largest_of_each(of_all - exact)
             else:
                 changes = [
-                    largest(np.asarray(_evaluated(copy, quantity)) - here) for copy in copies
+                    largest(np.asarray(_evaluated(sample, quantity)) - exact) for sample in samples
                 ]
         except (RefusedError, np.linalg.LinAlgError):
             return float("inf")
@@ -421,42 +429,44 @@ def sensitivity_of(
 
 
 def entry_sensitivity_of(at: Evaluation, quantity: Callable[[Evaluation], Any]) -> Array:
-    """Return how strongly rounding can change each entry of a quantity, of its shape.
+    """Return the sensitivity to rounding of each entry of a quantity, same shape.
 
-    The coordinates are perturbed too. Where a perturbed copy cannot be finished it is the size.
+    The coordinates are perturbed too. It is the size of the entry if a sample cannot be computed.
     """
-    here = np.asarray(quantity(at))
+    exact = np.asarray(quantity(at))
     with np.errstate(all="ignore"):
         try:
-            copies = perturbed_samples(at, True)[:SAMPLES]
-            changes = [np.abs(np.asarray(_evaluated(copy, quantity)) - here) for copy in copies]
+            samples = perturbed_samples(at, True)[:SAMPLES]
+            changes = [
+                np.abs(np.asarray(_evaluated(sample, quantity)) - exact) for sample in samples
+            ]
         except (RefusedError, np.linalg.LinAlgError):
-            return np.abs(here)
-        return np.abs(here) + np.max(changes, axis=0) / STEP
+            return np.abs(exact)
+        return np.abs(exact) + np.max(changes, axis=0) / STEP
 
 
 def amplification(size: Any, changes: Any, solved: bool) -> Any:
-    """Return how strongly rounding can change what is of this size, of one state or of several.
+    """Return the sensitivity (...,) of quantities from their sizes and their changes.
 
     Args:
-        size: the size (...,).
-        changes: largest changes (k, ...) by noise, the last by noise that is stretched.
+        size: sizes (...,) of the quantities.
+        changes: largest changes (k, ...) under noise, the last under noise that is stretched.
         solved: see `sensitivity_of`.
     """
     changes, stretched = changes[:-1], changes[-1]
     with np.errstate(all="ignore"):
-        found = size + changes.max(axis=0) / STEP
+        amplified = size + changes.max(axis=0) / STEP
         lost = np.isinf(stretched)
         if solved:
-            # What underflows changes in steps of its own, whatever the noise.
+            # A quantity that underflows changes by the spacing of float64, whatever the noise.
             seen = changes[0] > np.maximum(NOISY * size, UNDERFLOW)
             lost = lost | (seen & (stretched < STRETCH / 2 * changes[0]))
-    return np.where(lost, np.inf, found)
+    return np.where(lost, np.inf, amplified)
 
 
-def _evaluated(copy: PerturbedEvaluation, quantity: Callable[[Evaluation], Any]) -> Any:
-    with copy.computing("quantity"):
-        return quantity(copy)
+def _evaluated(sample: PerturbedEvaluation, quantity: Callable[[Evaluation], Any]) -> Any:
+    with sample.computing("quantity"):
+        return quantity(sample)
 
 
 def acceleration_sensitivity(
@@ -469,9 +479,9 @@ def acceleration_sensitivity(
 ) -> float:
     """Return κ · scale of a part ("vdot", "multipliers") of the result of `formulation`.
 
-    Infinite where C κ ε exceeds `INCONCLUSIVE` for a matrix that was solved, be it by its
-    condition number or because its determinant depends so strongly on what it was made of:
-    perturbation may then lose the same digits as rounding, and measures nothing.
+    It is infinite if C κ ε exceeds `INCONCLUSIVE` for a matrix that was solved, either by its
+    condition number or because its determinant depends so strongly on the inputs: perturbation may
+    then lose the same digits as rounding, and measures nothing.
 
     Raises:
         RefusedError: as `Evaluation.acceleration`.
@@ -479,38 +489,38 @@ def acceleration_sensitivity(
     rcond = at.acceleration(formulation, pivoted).rcond
     if rcond and not well_conditioned(rcond):
         return float("inf")
-    found = sensitivity_of(
+    sensitivity = sensitivity_of(
         at,
         lambda e: getattr(e.acceleration(formulation, pivoted), part),
         coordinates,
         solved=True,
         batched=True,
     )
-    if np.isinf(found) or not _matrices_resolved(at, formulation, coordinates, pivoted):
+    if np.isinf(sensitivity) or not _matrices_resolved(at, formulation, coordinates, pivoted):
         return float("inf")
-    return max(found, _input_sensitivity(at, formulation, part, coordinates, pivoted))
+    return max(sensitivity, _input_sensitivity(at, formulation, part, coordinates, pivoted))
 
 
 def _input_sensitivity(
     at: Evaluation, formulation: Formulation, part: str, coordinates: bool, pivoted: bool
 ) -> float:
-    """Return κ · scale of what rounding does to the numbers that `formulation` reads, by itself.
+    """Return κ · scale of a part of the result if only the inputs of `formulation` are perturbed.
 
-    Next to what it does in the formulation it may have the other sign, in all copies by chance;
-    who climbs to a small error bound comes to where it has.
+    In all samples by chance, these perturbations and those inside the formulation may cancel; a
+    search by hill climbing for small error bounds comes to the states where they do.
     """
-    here = getattr(at.acceleration(formulation, pivoted), part)
-    together = perturbed_samples(at, coordinates)[0].batch
-    moved = getattr(together.solution_without_noise(formulation, pivoted), part)
+    exact = getattr(at.acceleration(formulation, pivoted), part)
+    batch = perturbed_samples(at, coordinates)[0].batch
+    perturbed = getattr(batch.solution_without_noise(formulation, pivoted), part)
     with np.errstate(all="ignore"):
-        return largest(here) + largest(np.asarray(moved)[:SAMPLES] - here) / STEP
+        return largest(exact) + largest(np.asarray(perturbed)[:SAMPLES] - exact) / STEP
 
 
 def speeds_resolved(at: Evaluation) -> bool:
-    """Return whether W of generalized speeds by a partition is more than rounding.
+    """Return whether W of generalized speeds by a partition exceeds its rounding error.
 
-    Where a_1 is singular but for rounding, ẇ′ found in two ways is two different numbers, and
-    copies, perturbed by more than rounding, are nearer to each other than these.
+    If a_1 is singular but for rounding, ẇ′ computed in two ways is two different numbers, and
+    perturbed samples, although perturbed by more than rounding, are nearer to each other.
     """
     rcond = at.speeds_rcond
     return not rcond or bool(
@@ -522,17 +532,17 @@ def speeds_resolved(at: Evaluation) -> bool:
 def _matrices_resolved(
     at: Evaluation, formulation: Formulation, coordinates: bool, pivoted: bool
 ) -> bool:
-    """Return whether the matrices solved are more than the rounding of what made them.
+    """Return whether the matrices solved exceed the rounding errors of their inputs.
 
-    They are not where a determinant changes its sign, or jumps because other pivots were taken.
-    A right-hand side of zeros has the same solution in every copy, and would not tell.
+    They do not if a determinant changes its sign, or jumps because other pivots were taken. The
+    solutions alone do not show it: with a right-hand side of zeros they are equal in all samples.
     """
     key = (formulation.key, pivoted)
-    here = at.solves[key]
+    exact = at.solves[key]
     for name, solve in perturbed_samples(at, coordinates)[0].batch.solves[key].items():
         signs, logs = solve.sign[:SAMPLES], solve.log_determinant[:SAMPLES]
-        changes = np.abs(logs - here[name].log_determinant) * np.log(2.0)
-        told = (signs == here[name].sign) & (allowed_error(changes / STEP) <= INCONCLUSIVE)
-        if not told.all():
+        changes = np.abs(logs - exact[name].log_determinant) * np.log(2.0)
+        resolved = (signs == exact[name].sign) & (allowed_error(changes / STEP) <= INCONCLUSIVE)
+        if not resolved.all():
             return False
     return True

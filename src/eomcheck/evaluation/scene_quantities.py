@@ -1,8 +1,8 @@
 """Quantities of a scene and its formulations at one point, in any scalar type, each on first use.
 
-`Quantities` is the one place where the functions of a scene and those of the formulations meet: the
-scene's terms, speeds and bodies go in, accelerations come out. float64, balls, elements of a finite
-field, bounds and counters all pass through it.
+A quantity is a result of a function of the scene (terms, speeds, bodies) or of a formulation (the
+acceleration). `Quantities` calls the scene's functions and passes their results to the formulation.
+It is the same code for float64, balls, elements of a finite field, degree bounds and counters.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ T = TypeVar("T")
 
 
 class Solution(NamedTuple):
-    """What a formulation says: v̇ (n,), or the rates of other speeds, and λ (r,) or None."""
+    """Result of a formulation: v̇ (n,), or the rates of other speeds, and λ (r,) or None."""
 
     vdot: Any
     multipliers: Any
@@ -40,7 +40,7 @@ class Solution(NamedTuple):
 
 @generic
 def net_force(M, Q, B):
-    """Return F = Q - B (n,), either of them None where it is absent."""
+    """Return F = Q - B (n,); Q or B is None if it is absent."""
     if Q is None:
         if B is None:
             return np.zeros(M.shape[:-1], M.dtype)
@@ -59,10 +59,10 @@ def rate_of_velocity(udot, W, rest):
 
 
 def with_literals(record: Any, literal: Callable[[int], Any]) -> Any:
-    """Return a record in which whole numbers that the code writes are numbers of an arithmetic.
+    """Return a record in which literal integers are converted to numbers of an arithmetic.
 
     Raises:
-        NotRationalError: an array of doubles that are not whole.
+        NotRationalError: an array of float64 that are not whole numbers.
     """
 
     def number(x: Any) -> Any:
@@ -81,7 +81,7 @@ def with_literals(record: Any, literal: Callable[[int], Any]) -> Any:
 
 
 def quantity(function: Callable[[Any], T]) -> cached_property[T]:
-    """Return what `function` computes on first use, in the context `computing` of its name."""
+    """Return a cached property, computed by `function` in the context `computing` of its name."""
 
     @wraps(function)
     def computed(at: Any) -> T:
@@ -98,9 +98,9 @@ class Quantities:
 
     Args:
         scene: the scene.
-        arithmetic: the kind of number.
+        arithmetic: the arithmetic of the scalar type.
         q: coordinates (n,), numbers of `arithmetic`.
-        t: time, s, as well.
+        t: time, s, a number of `arithmetic`.
     """
 
     def __init__(self, scene: Scene, arithmetic: Arithmetic, q: Array, t: Any = 0.0):
@@ -108,18 +108,18 @@ class Quantities:
         self._cache: dict[Callable[[Any], Any], Any] = {}
 
     def cached(self, function: Callable[[Any], T]) -> T:
-        """Return function(self), found when it is first asked for."""
+        """Return function(self), computed on first use."""
         if function not in self._cache:
             with self.computing(function.__qualname__):
                 self._cache[function] = function(self)
         return self._cache[function]
 
     def elsewhere(self, q: Array) -> Quantities:
-        """Return the same scene at other coordinates q (n,), where an arithmetic can."""
+        """Return the quantities of the scene at other coordinates q (n,), in float64 only."""
         raise NotImplementedError
 
     def computing(self, name: str) -> AbstractContextManager:
-        """Return the context in which what is called `name` is computed."""
+        """Return the context in which the quantity `name` is computed."""
         return nullcontext()
 
     def call(self, function: Callable, *arguments) -> Any:
@@ -127,19 +127,19 @@ class Quantities:
         return function(*arguments)
 
     def run(self, function: Callable, *arguments) -> Any:
-        """Call a generic function that does one operation after another: a scene's, say."""
+        """Call a generic function of scalar operations, such as those of a scene."""
         return self.call(function, *arguments)
 
     def call_solving(self, name: str, function: Callable, *arguments) -> tuple[Any, bool]:
-        """Call a generic function that solves matrices of its own, under this name.
+        """Call a generic function that solves matrices, and record these under `name`.
 
         Returns:
-            What it returns, and whether the matrices have digits left.
+            Its result, and whether the matrices are well-conditioned.
         """
         return self.call(function, *arguments), True
 
     def finished(self, record: Any) -> Any:
-        """Return `record` as it is used from here on."""
+        """Return `record`, a new result, in the form in which it is cached."""
         return self.in_numbers(record)
 
     def in_numbers(self, record: Any) -> Any:
@@ -154,80 +154,80 @@ class Quantities:
 
     @quantity
     def prepared(self) -> Any:
-        """What is not rational in q and t."""
-        found, self._angles_and_roots = self.prepare()
-        return self.in_numbers(found)
+        """The precomputed values that are not rational in q and t: sines, cosines, roots."""
+        prepared, self._angles_and_roots = self.prepare()
+        return self.in_numbers(prepared)
 
     def prepare(self) -> tuple[Any, Sequence[Any]]:
-        """Return what is not rational in q and t, and the angles and roots made on the way."""
+        """Return the precomputed values of q and t, and the angles and roots they are made of."""
         recorder = RecordingArithmetic(self.prepare_arithmetic)
         return self.scene.prepare(recorder, self.parameters, self.q, self.t), recorder.recorded
 
     @property
     def prepare_arithmetic(self) -> Arithmetic:
-        """The arithmetic that prepares what is not rational."""
+        """The arithmetic that computes sines, cosines and roots."""
         return self.arithmetic
 
     def prepared_duals(self, qdot: Array, clock: bool = True) -> tuple[Any, Array]:
-        """Return (prepared, q) while q changes at `qdot`, in dual numbers.
+        """Return the precomputed values and q in dual numbers, with q̇ = `qdot`.
 
         Args:
             qdot: rates of the coordinates (n,).
-            clock: whether time passes, or q changes at a fixed time.
+            clock: whether ṫ = 1, otherwise 0: q changes at a fixed time.
         """
-        self.prepared  # noqa: B018  (what it is made of is needed)
+        self.prepared  # noqa: B018  (its angles and roots are needed)
         q, t = duals(self.q, qdot), Dual(self.t, int(clock))
         replay = ReplayArithmetic(self._angles_and_roots)
         return self.in_numbers(self.scene.prepare(replay, self.parameters, q, t)), q
 
     def prepared_and_rates(self, qdot: Array, clock: bool = True) -> tuple[Any, Any]:
-        """Return what is prepared, and how fast it changes; see `prepared_duals`."""
+        """Return the precomputed values and their rates; see `prepared_duals`."""
         prepared, _ = self.prepared_duals(qdot, clock)
         return values_and_rates(prepared)
 
     @quantity
     def v(self) -> Array:
-        """Velocities (n,): those of u."""
+        """Velocities (n,), computed from u."""
         return self.velocity
 
     @quantity
     def u(self) -> Array:
-        """Generalized speeds (p,): those of v."""
+        """Generalized speeds (p,), computed from v."""
         return self.run(self.scene.speeds_of, self.parameters, self.prepared, self.q, self.v)
 
     @quantity
     def terms(self) -> Terms:
-        """M, Q, B, a, gamma, b."""
+        """The terms M, Q, B, a, gamma, b."""
         arguments = self.parameters, self.prepared, self.q, self.v
         return self.finished(self.run(self.scene.terms, *arguments))
 
     @quantity
     def F(self) -> Array:
-        """F = Q - B (n,)."""
+        """The net force F = Q - B (n,)."""
         M, Q, B, *_ = self.terms
         return net_force(M, Q, B)
 
     @quantity
     def kinematics(self) -> Any:
-        """What speeds and bodies share."""
+        """The intermediate values that speeds and bodies share."""
         arguments = self.parameters, self.prepared, self.q, self.u
         return self.finished(self.run(self.scene.kinematics, *arguments))
 
     @quantity
     def speeds(self) -> Speeds:
-        """W, rest, offset."""
+        """W, rest and offset of generalized speeds."""
         arguments = self.parameters, self.prepared, self.kinematics
         return self.finished(self.run(self.scene.speeds, *arguments))
 
     @quantity
     def bodies(self) -> Bodies:
-        """Partial velocities and what goes with them."""
+        """Partial velocities, inertias, forces and bias accelerations of the bodies."""
         arguments = self.parameters, self.prepared, self.kinematics
         return self.finished(self.run(self.scene.bodies, *arguments))
 
     @quantity
     def x(self) -> Array:
-        """Quasi-velocities (s,) of a chain: those of v."""
+        """Quasi-velocities (s,) of a chain, computed from v."""
         arguments = self.parameters, self.prepared, self.q, self.v
         return self.finished(self.run(self.scene.quasi_velocities, *arguments))
 
@@ -238,19 +238,19 @@ class Quantities:
         return self.finished(self.run(self.scene.chain, *arguments))
 
     def dissipation(self, v: Array) -> Any:
-        """Return R at the velocity v (n,), of any numbers; None where nothing is dissipated."""
+        """Return R at velocities v (n,) of any scalar type; None without dissipation."""
         function = self.scene.dissipation
         return None if function is None else function(self.parameters, self.prepared, self.q, v)
 
     @quantity
     def velocity(self) -> Array:
-        """W u + offset (n,): v again, if v is consistent."""
+        """The velocity W u + offset (n,), equal to v if v is consistent."""
         with np.errstate(all="ignore"):
             return velocity_from_speeds(self.u, self.speeds.W, self.speeds.offset)
 
     @quantity
     def qdot(self) -> Array:
-        """W u + offset (n,) as a right-hand side forms it: without W, if the scene can."""
+        """The velocity W u + offset (n,) by `Scene.qdot`, without W, if the scene has it."""
         if self.scene.qdot is None:
             return self.velocity
         return self.run(self.scene.qdot, self.parameters, self.prepared, self.kinematics)
@@ -262,11 +262,11 @@ class Quantities:
         return Partition(columns[: self.scene.r], columns[self.scene.r :])
 
     def refuse_partition(self) -> None:
-        """Raise RefusedError where there are more constraints than coordinates to split."""
+        """Raise RefusedError if there are more constraints than coordinates to split."""
         n, r = self.scene.n, self.scene.r
         if r > n:
-            what = f"{r} constraints on {n} coordinates leave nothing to solve"
-            raise RefusedError("a_1", 0.0, 0.0, what)
+            message = f"{r} constraints on {n} coordinates leave nothing to solve"
+            raise RefusedError("a_1", 0.0, 0.0, message)
 
     def speeds_read(self, formulation: Formulation) -> Array:
         """Return the speeds that the functions of `formulation` read beside q: v, u or x."""
@@ -277,8 +277,8 @@ class Quantities:
     def rates(self, formulation: Formulation, partition: Partition | None = None) -> Solution:
         """Return the rates of the speeds that `formulation` reads, v̇, u̇ or ẋ, and λ or None.
 
-        By the paper's partition unless another is given. For a chain in the place of λ stand the
-        joint forces.
+        The partition is the paper's by default. For a chain the second item is the joint forces
+        instead of λ.
 
         Raises:
             RefusedError: a matrix is singular, or the generalized speeds do not exist.
@@ -302,10 +302,10 @@ class Quantities:
         if formulation.uses == "terms":
             return Solution(rates, multipliers)
         if formulation.uses == "chain":
-            here = self.parameters, self.prepared
-            vdot = self.call(self.scene.chain_acceleration, *here, self.x, rates)
+            common = self.parameters, self.prepared
+            vdot = self.call(self.scene.chain_acceleration, *common, self.x, rates)
             forces = self.chain, self.x, multipliers
-            return Solution(vdot, self.call(self.scene.chain_multipliers, *here, *forces))
+            return Solution(vdot, self.call(self.scene.chain_multipliers, *common, *forces))
         return Solution(self.rate_of_velocity(rates), None)
 
     def rate_of_velocity(self, udot: Array) -> Array:

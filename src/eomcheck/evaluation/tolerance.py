@@ -1,10 +1,12 @@
 """The tolerance of a comparison: allowed error = C · κ · ε · scale.
 
-κ · scale is measured, not guessed, by perturbation analysis (`eomcheck.numbers.noise`): it is the
-change of the quantity, per relative change, when every number that its computation reads is
-perturbed relative to itself and every matrix that it solves by the backward error of elimination.
-The condition numbers of the matrices are in it, and so is the cancellation before and after them,
-which a matrix alone does not show. ε is the spacing of float64 at 1.
+There is no tolerance to choose. scale is the size of a quantity and κ its condition number; their
+product, the sensitivity, is measured at every state by perturbation analysis
+(`eomcheck.numbers.noise`): it is the change of the quantity, per relative change, when every number
+that its computation reads is perturbed relative to itself and every matrix that it solves by the
+backward error of elimination. It includes the condition numbers of the matrices, and the
+cancellation before and after them, which a matrix alone does not show. ε is the spacing of float64
+at 1.
 """
 
 from __future__ import annotations
@@ -20,25 +22,25 @@ from eomcheck.numbers.lanes import LaneArray, lane_data, lanes_in
 from eomcheck.numbers.pivots import EPS
 
 C = 32.0
-"""The one constant of every tolerance.
+"""The constant factor of every tolerance.
 
 It has to exceed true error / (κ ε scale) at every state: at most 1.37 over 1500 random states of
 1 to 40 links (`eomcheck study accuracy --links 1..40 --examples 1500 --seed 1`).
 """
 
 HUGE = 1e100
-"""Inputs above this can overflow in the products that terms are made of."""
+"""Size of inputs above which the products in terms can overflow."""
 
 INCONCLUSIVE = 1e-3
-"""Where allowed / |reference| exceeds this, nothing was checked."""
+"""Largest allowed error / |reference| of a comparison; above it the result is inconclusive."""
 
 
 NOTICEABLE = 1e-6
-"""No result may have a larger relative error and not say so, by a refusal or an error bound."""
+"""Largest relative error of a result without a refusal or an error bound that reports it."""
 
 
 UNDERFLOW = 2.0**-900
-"""An error below this may be nothing but underflow: what vanishes exactly passes, nothing fails."""
+"""Largest error that underflow alone may cause: of a quantity that vanishes, it always passes."""
 
 
 def allowed_error(sensitivity: float) -> float:
@@ -57,31 +59,31 @@ def well_conditioned(rcond: Mapping[str, Any]) -> Any:
 
 
 def can_overflow(*inputs: Array) -> bool:
-    """Return whether inputs are so large that products on the way to a result may overflow."""
+    """Return whether inputs are so large that intermediate products may overflow."""
     return max(map(largest, inputs)) > HUGE
 
 
 def largest(x: Any) -> Any:
     """Return the largest magnitude in x (0 if it is empty, inf if anything is not finite).
 
-    Of lanes it is that of each.
+    For lanes it is the largest magnitude of each lane.
     """
     if type(x) is not np.ndarray or x.dtype == object:
         if lanes := lanes_in(x):
             data = np.abs(lane_data(x, lanes)).reshape(-1, lanes).max(axis=0, initial=0.0)
             return LaneArray(np.where(np.isfinite(data), data, np.inf))
         x = np.asarray(x, dtype=np.float64)
-    # What the method `max` does, without its way through Python: this is asked for all the time.
+    # As the method `max`, without its overhead in Python: this function is called very often.
     size = float(np.maximum.reduce(np.abs(x), axis=None, initial=0.0))
     return size if math.isfinite(size) else math.inf
 
 
 def largest_of_each(x: Array) -> Array:
-    """Return what `largest` does of the parts x[0], x[1], ... (k,)."""
-    found = np.maximum.reduce(np.abs(x.reshape(len(x), -1)), axis=1, initial=0.0)
-    return np.where(np.isfinite(found), found, np.inf)
+    """Return the largest magnitudes (k,) in x[0], x[1], ..., each as `largest` does."""
+    sizes = np.maximum.reduce(np.abs(x.reshape(len(x), -1)), axis=1, initial=0.0)
+    return np.where(np.isfinite(sizes), sizes, np.inf)
 
 
 def larger(x: Any, y: Any) -> Any:
-    """Return the larger of two numbers, lane by lane where there are lanes."""
+    """Return the larger of two numbers, lane by lane for lanes."""
     return np.maximum(x, y) if lanes_in((x, y)) else max(x, y)

@@ -1,4 +1,9 @@
-"""Constraint violations of velocities, and how large rounding alone may make them."""
+"""Constraint violations of velocities, and the violations that rounding alone explains.
+
+The violation of velocities v is |a v + b|, row by row. Rounding explains C ε (|a| |v| + |b|), more
+if the coordinates' own rounding changes a and b by more. Perturbed samples of an evaluation have
+perturbed velocities that violate the constraints by as much as is allowed.
+"""
 
 from __future__ import annotations
 
@@ -16,12 +21,13 @@ from eomcheck.numbers.generic import Array
 from eomcheck.numbers.noise import SAMPLES, STEP, Noise
 
 SLIP = 4.0
-"""Steps by which v violates each constraint: changes may be half a step and cancel between rows,
-where the v that is looked at violates all by what is allowed, and with the worst signs."""
+"""Violation of each constraint by perturbed velocities, in steps: perturbations may be as small as
+half a step and cancel between rows, while the v of a state may violate all rows by the allowed
+amount and with the worst signs."""
 
 
 def violation(at: Evaluation, v: Array) -> tuple[Array, Array]:
-    """Return (a v + b, what rounding allows of it), each (r,), m/s; `at` has constraints."""
+    """Return (a v + b, its allowed rounding error), each (r,), m/s; `at` has constraints."""
     a, b = at.terms.a, at.terms.b
     with np.errstate(all="ignore"):
         residual = a @ v if b is None else a @ v + b
@@ -30,7 +36,7 @@ def violation(at: Evaluation, v: Array) -> tuple[Array, Array]:
 
 
 def velocity_perturbation(at: Evaluation, noise: Noise) -> Array:
-    """Return changes of v: of its entries, and within what `check_consistent` lets pass."""
+    """Return perturbations of v (n,): of its entries, and within the allowed violation."""
     change = noise.perturb(at.v) - at.v
     if at.terms.a is None:
         return change
@@ -46,10 +52,11 @@ def velocity_perturbation(at: Evaluation, noise: Noise) -> Array:
 
 
 def allowed_violation(at: Evaluation) -> Array:
-    """Return how large |a v + b| (r,) may be by rounding alone, m/s, at an `at` with constraints.
+    """Return the |a v + b| (r,) that rounding alone explains, m/s; `at` has constraints.
 
-    C ε (|a| |v| + |b|), and where that does not explain it, with the largest change of a and b
-    besides that rounding the coordinates makes: a row of nothing but cos(π/2) has no size itself.
+    It is C ε (|a| |v| + |b|), and if that does not explain the residual, the largest change of a
+    and b by rounding of the coordinates is added: the only entry of a row may be cos(π/2), whose
+    size is rounding error.
     """
     residual, allowed = violation(at, at.v)
     if (np.abs(residual) <= allowed).all():
@@ -64,9 +71,9 @@ def allowed_violation(at: Evaluation) -> Array:
 
 
 def _constraint_factors(at: Evaluation) -> Any:
-    """Return Q (n, k) and R (k, k) with aᵀ = Q R of the constraints (k,) that are independent.
+    """Return Q (n, k), R (k, k) with aᵀ = Q R for independent constraints, and their indices (k,).
 
-    Of all r where none is clearly redundant; last come the constraints.
+    They are all r constraints if none is clearly redundant.
     """
     factors: Any = partial(qr, mode="economic", check_finite=False)
     a = at.terms.a
