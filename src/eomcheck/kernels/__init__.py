@@ -1,10 +1,10 @@
-"""Just-in-time compiled kernels: a tape becomes a program, the program LLVM IR, that an address.
+"""Just-in-time (JIT) compiled kernels: from a tape to a program, to LLVM IR, to machine code.
 
-The data flow: `eomcheck.numbers.tape` -> `program` (a tape whose loops are found again) -> `emit`
-(LLVM IR, by `llvm_builder`; what is more than an operation by `sincos`, `dense`, `band`) -> `jit`
-(an address) -> `kernel` (to be called). All of it takes milliseconds. Code is generated for one
-state or for several side by side, one per SIMD lane; the bits of a lane are those of a single run.
+The data flow: `eomcheck.numbers.tape` -> `program` (a tape with its loops rerolled) -> `emit` (LLVM
+IR, by `llvm_builder`; groups of operations by `sincos`, `dense`, `band`) -> `jit` (address of
+machine code) -> `kernel` (callable). All of it takes milliseconds. Code is generated for a single
+state or for a batch of states, one per SIMD lane; each lane has the bits of a single run.
 
-Beside it, for the analysis of rounding errors: `perturbed_trace` (a function recorded once and
-replayed with perturbed operations, or on a batch), `perturbed_solves` and `batched_solves`.
+For perturbation analysis: `perturbed_trace` (a function is recorded once and replayed with
+perturbed operations, or on a batch), `perturbed_solves` and `batched_solves`.
 """
