@@ -1,8 +1,8 @@
 """Dense linear solves in machine code: rows scaled, partial pivoting, no branch, no exception.
 
 Scales and pivots follow `eomcheck.numbers.pivots`. Small matrices are eliminated in registers,
-where rows are exchanged by selection; larger ones in memory by LAPACK (`dgetrf`, `dgetrs`), lane by
-lane. Where a pivot is 0 or not finite, x is NaN.
+with rows exchanged by select instructions; larger ones in memory by LAPACK (`dgetrf`, `dgetrs`),
+lane by lane. If a pivot is 0 or not finite, x is NaN.
 """
 
 from __future__ import annotations
@@ -14,23 +14,23 @@ from eomcheck.kernels.llvm_builder import FINITE_NOT_ZERO, LANES, IRBuilder
 from eomcheck.numbers.pivots import ABOVE_ONE, LARGEST_EXPONENT
 
 ONE, EXPONENT = 1023, 52
-"""The exponent of 1 in the bits of a double, and where it stands."""
+"""Biased exponent of 1 in the bits of a float64, and the position of its lowest bit."""
 
 
 def emit_power_of_two_scale(code: IRBuilder, largest: str) -> str:
-    """Return the powers of two that `eomcheck.numbers.pivots.power_of_two_scale` gives."""
+    """Return the powers of two of `eomcheck.numbers.pivots.power_of_two_scale`, lane by lane."""
     kind = code.like("i64")
 
     def whole(x: int) -> str:
         return code.splat_of(f"i64 {x}")
 
-    moved = code.mul(largest, code.constant(ABOVE_ONE))
-    bits = code.let(f"lshr {kind} {_bits(code, moved)}, {whole(EXPONENT)}")
-    place = code.let(f"sub {kind} {whole(2 * ONE - 1)}, {bits}")
+    raised = code.mul(largest, code.constant(ABOVE_ONE))
+    bits = code.let(f"lshr {kind} {_bits(code, raised)}, {whole(EXPONENT)}")
+    power = code.let(f"sub {kind} {whole(2 * ONE - 1)}, {bits}")
     for how, limit in (("smax", ONE - LARGEST_EXPONENT), ("smin", ONE + LARGEST_EXPONENT)):
         suffix = kind if code.width == 1 else f"v{code.width}i64"
-        place = code.let(f"call {kind} @llvm.{how}.{suffix}({kind} {place}, {kind} {whole(limit)})")
-    shifted = code.let(f"shl {kind} {place}, {whole(EXPONENT)}")
+        power = code.let(f"call {kind} @llvm.{how}.{suffix}({kind} {power}, {kind} {whole(limit)})")
+    shifted = code.let(f"shl {kind} {power}, {whole(EXPONENT)}")
     scale = code.let(f"bitcast {kind} {shifted} to {code.real}")
     above = code.compare("ogt", largest, code.constant(0.0))
     below = code.compare("one", largest, code.constant(float("inf")))
@@ -38,9 +38,9 @@ def emit_power_of_two_scale(code: IRBuilder, largest: str) -> str:
 
 
 def _exponent(code: IRBuilder, row: list[str]) -> str:
-    """Return the bits of the power of two that is nearest below the largest entry of a row."""
+    """Return the bits of the power of two next below the largest entry of a row."""
     largest, *others = (code.call("fabs", x) for x in row)
-    for x in others:  # whichever row a NaN is in, x is NaN
+    for x in others:  # a NaN is ignored here: it makes x NaN in any row
         largest = code.choose(code.compare("ogt", largest, x), largest, x)
     bits = _bits(code, code.mul(largest, code.constant(ABOVE_ONE)))
     mask = code.splat_of(f"i64 {-(1 << EXPONENT)}")
@@ -52,7 +52,7 @@ def _bits(code: IRBuilder, x: str) -> str:
 
 
 def _scaled(code: IRBuilder, x: str, exponent: str) -> str:
-    """Return the bits of |x| in a row scaled: they are larger where the number is."""
+    """Return the bits of |x| in a scaled row, which are ordered as the numbers are."""
     return code.let(f"sub {code.like('i64')} {_bits(code, code.call('fabs', x))}, {exponent}")
 
 
@@ -63,9 +63,9 @@ def _larger(code: IRBuilder, one: str, other: str) -> str:
 class InlineLU:
     """A matrix (k, k) of values, factored in registers.
 
-    Rows are compared as scaled, and used as they are: powers of two round nothing. Of a matrix that
-    is `scaled` they are compared as they are. Entries that are literal zeros are no pivots, and
-    what is done with them is left out.
+    Pivots are chosen in scaled rows, and elimination uses the unscaled ones: powers of two round
+    nothing. If the matrix is `scaled` already, its rows are compared unchanged. Entries that are
+    literal zeros are no pivots, and operations on them are left out.
     """
 
     def __init__(self, code: IRBuilder, A: list[list[str]], *, scaled: bool = False):
@@ -78,12 +78,12 @@ class InlineLU:
         rows = A
         while rows:
             rows = self._eliminated(rows)
-        # Looked at beside the elimination, which does not wait for it: x is made NaN at the end.
+        # Checked in parallel to the elimination, which does not wait for it: x is NaN at the end.
         usable = [code.is_class(row[0], FINITE_NOT_ZERO) for row in self.upper]
         self.usable = reduce(code.both, usable)
 
     def _eliminated(self, rows: list[list[str]]) -> list[list[str]]:
-        """Choose a pivot among `rows`, keep its row, and return the others without its column."""
+        """Choose a pivot among `rows`, store its row, and return the others without its column."""
         code = self.code
         largest = _scaled(code, rows[0][0], self.exponents[0])
         where: list[str | None] = []
@@ -95,7 +95,7 @@ class InlineLU:
             larger = _larger(code, size, largest)
             where.append(larger)
             largest = self._whole(larger, size, largest)
-        # Of several that are larger than all before, the last one is the pivot.
+        # The last entry that is larger than all before is the pivot.
         marks: list[str | None] = []
         later = None
         for mark in reversed(where):
@@ -135,7 +135,7 @@ class InlineLU:
         return self.code.let(f"xor {kind} {where}, {self.code.splat_of('i1 true')}")
 
     def _exchanged(self, rows: list[list[str]], marks: list[str | None]) -> list[list[str]]:
-        """Return the row that is marked, and the others with the first one in its place."""
+        """Return the marked row, and the others with the first row exchanged for it."""
         first, others = rows[0], []
         pivot = first
         for row, mark in zip(rows[1:], marks, strict=True):
@@ -148,7 +148,7 @@ class InlineLU:
         return [pivot, *others]
 
     def solve(self, b: list[str]) -> list[str]:
-        """Return x (k,) of values b (k,)."""
+        """Return the solution x (k,) for values b (k,)."""
         code = self.code
         left, done = [[y] for y in b], []
         for marks, factors in zip(self.chosen, self.factors, strict=True):
@@ -169,7 +169,7 @@ class InlineLU:
 
 @cache
 def address_of(library: str, name: str) -> int:
-    """Return the address of a routine of "blas" or "lapack" that SciPy offers to compiled code."""
+    """Return the address of a "blas" or "lapack" routine that SciPy exports to compiled code."""
     import importlib
 
     capsule = importlib.import_module(f"scipy.linalg.cython_{library}").__pyx_capi__[name]
@@ -185,25 +185,25 @@ def address_of(library: str, name: str) -> int:
 
 def _call(code: IRBuilder, library: str, name: str, *pointers: str) -> None:
     address = address_of(library, name)
-    given = ", ".join(f"ptr {p}" for p in pointers)
-    code.do(f"call void inttoptr (i64 {address} to ptr)({given})")
+    arguments = ", ".join(f"ptr {p}" for p in pointers)
+    code.do(f"call void inttoptr (i64 {address} to ptr)({arguments})")
 
 
 def _whole(code: IRBuilder, value: int) -> str:
-    """Return the address of a 32-bit integer, as LAPACK wants them."""
+    """Return the address of a 32-bit integer, an argument of LAPACK."""
     return _stored(code, "i32", value)
 
 
 def _stored(code: IRBuilder, kind: str, value: object) -> str:
-    place = code.let(f"alloca {kind}")
-    code.do(f"store {kind} {value}, ptr {place}")
-    return place
+    address = code.let(f"alloca {kind}")
+    code.do(f"store {kind} {value}, ptr {address}")
+    return address
 
 
 def factor_text(name: str, size: int, stride: int) -> str:
-    """Return the function (from, to) that factors a matrix (k, k) that stands column by column.
+    """Return the function (from, to) that factors a matrix (k, k), stored column by column.
 
-    Its entries are `stride` doubles apart; factors, scales of rows and pivots are written to `to`.
+    Its entries are `stride` float64 apart; factors, scales of rows and pivots are written to `to`.
     """
     code = IRBuilder()
     order, info = _whole(code, size), _whole(code, 0)
@@ -218,17 +218,17 @@ def factor_text(name: str, size: int, stride: int) -> str:
         with code.loop(times) as row:
             at = code.integer("add", code.integer("mul", row.i, width), first)
             with code.loop(size, (wide.real, wide.constant(0.0))) as column:
-                place = code.integer("add", at, code.integer("mul", column.i, size))
-                entry = wide.load(code.address(source, place))
+                index = code.integer("add", at, code.integer("mul", column.i, size))
+                entry = wide.load(code.address(source, index))
                 column.yielded[0] = wide.call("maxnum", column.carried[0], wide.call("fabs", entry))
             scale = emit_power_of_two_scale(wide, column.carried[0])
             wide.store(scale, code.address(scales, at))
             with code.loop(size) as column:
-                place = code.integer("add", at, code.integer("mul", column.i, size))
-                entry = wide.load(code.address(source, place))
-                wide.store(wide.mul(entry, scale), code.address("%to", place))
+                index = code.integer("add", at, code.integer("mul", column.i, size))
+                entry = wide.load(code.address(source, index))
+                wide.store(wide.mul(entry, scale), code.address("%to", index))
     _call(code, "lapack", "dgetrf", order, order, "%to", order, pivots, info)
-    # A pivot of 0, or none that is a number, must not look like a solution.
+    # A pivot that is 0 or not finite must not yield a finite solution.
     with code.loop(size, ("double", code.constant(0.0))) as turn:
         pivot = code.load("%to", code.integer("mul", turn.i, size + 1))
         large = code.compare("ueq", code.call("fabs", pivot), code.constant(float("inf")))
@@ -242,16 +242,16 @@ def factor_text(name: str, size: int, stride: int) -> str:
 
 
 def _placed(size: int) -> list[tuple[int, int, int]]:
-    """Return (width, times, first) that make up a row of `size`."""
+    """Return the vectors (width, times, first) of which a row of `size` consists."""
     full, left = divmod(size, LANES)
     parts = (LANES, full, 0), (1, left, full * LANES)
     return [part for part in parts if part[1]]
 
 
 def solve_text(name: str, size: int, columns: int, stride: int) -> str:
-    """Return the function (factors, b, x, room) that solves for b (k, m), row by row.
+    """Return the function (factors, b, x, room) that solves for b (k, m), stored row by row.
 
-    Entries of b and x are `stride` doubles apart; the room holds k m doubles.
+    Entries of b and x are `stride` float64 apart; `room` is a workspace of k m float64.
     """
     code = IRBuilder()
     order, many, info = _whole(code, size), _whole(code, columns), _whole(code, 0)
@@ -259,31 +259,31 @@ def solve_text(name: str, size: int, columns: int, stride: int) -> str:
     scales = code.address("%factors", size * size)
     pivots = code.address("%factors", size * size + size)
 
-    def places(row: str, column: str) -> tuple[str, str]:
-        """Return the places of an entry in b and x, and in the room."""
-        here = code.integer("add", code.integer("mul", row, columns), column)
+    def indices(row: str, column: str) -> tuple[str, str]:
+        """Return the index of an entry in b and x, and that in the workspace."""
+        index = code.integer("add", code.integer("mul", row, columns), column)
         if stride > 1:
-            here = code.integer("mul", here, stride)
-        return here, code.integer("add", row, code.integer("mul", column, size))
+            index = code.integer("mul", index, stride)
+        return index, code.integer("add", row, code.integer("mul", column, size))
 
     with code.loop(size) as row:
         scale = code.load(scales, row.i)
         with code.loop(columns) as column:
-            there, here = places(row.i, column.i)
-            code.store(code.mul(code.load("%b", there), scale), "%room", here)
-    given = (plain, order, many, "%factors", order, pivots, "%room", order, info)
-    _call(code, "lapack", "dgetrs", *given)
+            outside, inside = indices(row.i, column.i)
+            code.store(code.mul(code.load("%b", outside), scale), "%room", inside)
+    arguments = (plain, order, many, "%factors", order, pivots, "%room", order, info)
+    _call(code, "lapack", "dgetrs", *arguments)
     with code.loop(size) as row, code.loop(columns) as column:
-        there, here = places(row.i, column.i)
-        code.store(code.load("%room", here), "%x", there)
-    given = "ptr noalias %factors, ptr noalias %b, ptr noalias %x, ptr noalias %room"
-    return code.function(f"define internal void @{name}({given}) nounwind")
+        outside, inside = indices(row.i, column.i)
+        code.store(code.load("%room", inside), "%x", outside)
+    head = "ptr noalias %factors, ptr noalias %b, ptr noalias %x, ptr noalias %room"
+    return code.function(f"define internal void @{name}({head}) nounwind")
 
 
 def product_text(name: str, rows: int, inner: int, columns: int, stride: int) -> str:
-    """Return the function (A and B behind it, x, room) of a product of matrices, by BLAS.
+    """Return the function (A followed by B, x, room) of a product of matrices, by BLAS.
 
-    All stand row by row, entries `stride` doubles apart.
+    All are stored row by row, entries `stride` float64 apart; `room` is a workspace.
     """
     code = IRBuilder()
     n, k, m = (_whole(code, size) for size in (rows, inner, columns))
@@ -294,11 +294,11 @@ def product_text(name: str, rows: int, inner: int, columns: int, stride: int) ->
     if stride > 1:
         with code.loop(read) as turn:
             code.store(code.load("%from", code.integer("mul", turn.i, stride)), A, turn.i)
-    # Row by row is the transposed product column by column.
-    given = (plain, plain, m, n, k, one, code.address(A, rows * inner), m, A, k, zero, x, m)
-    _call(code, "blas", "dgemm", *given)
+    # A product stored row by row is its transpose stored column by column.
+    arguments = (plain, plain, m, n, k, one, code.address(A, rows * inner), m, A, k, zero, x, m)
+    _call(code, "blas", "dgemm", *arguments)
     if stride > 1:
         with code.loop(result) as turn:
             code.store(code.load(x, turn.i), "%x", code.integer("mul", turn.i, stride))
-    given = "ptr noalias %from, ptr noalias %x, ptr noalias %room"
-    return code.function(f"define internal void @{name}({given}) nounwind")
+    head = "ptr noalias %from, ptr noalias %x, ptr noalias %room"
+    return code.function(f"define internal void @{name}({head}) nounwind")

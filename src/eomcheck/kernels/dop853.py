@@ -1,10 +1,11 @@
-"""DOP853 in machine code, for a batch of motions: each has its own steps, errors and end.
+"""The integrator DOP853 in machine code, for a batch of motions with separate steps and errors.
 
-Dormand and Prince's pair of order 8(5,3) with its continuous extension (Hairer, Norsett, Wanner
-1993); coefficients and step-size control are SciPy's. Powers of -1/8 are three square roots: no
-library rounds them differently. A motion that has reached its end goes on by steps of 0.
+DOP853 is Dormand and Prince's pair of order 8(5,3) with its continuous extension (Hairer, Norsett,
+Wanner 1993); coefficients and step-size control are SciPy's. Each motion is a lane, with its own
+time and step size. Powers of -1/8 are three square roots, which no library rounds differently. A
+motion that has reached its end goes on by steps of 0.
 
-One function of each width serves right-hand sides of any size.
+One function for each number of lanes serves right-hand sides of any size.
 """
 
 from __future__ import annotations
@@ -20,35 +21,35 @@ from eomcheck.kernels.jit import JitModule, cpu_features
 from eomcheck.kernels.llvm_builder import IRBuilder
 
 RUNNING, FINISHED, TOO_SMALL, TOO_MANY, NOT_FINITE = range(5)
-"""Status of a lane: under way; at its end; no step is small enough; too many steps; the right-hand
+"""Status of a lane: running; at its end; no step is small enough; too many steps; the right-hand
 side is not finite at the start."""
 
 T, H, REJECTED, STATUS, STEPS, CALLS, NEXT, DUE, USED, REACH = range(10)
-"""Rows of the record of the lanes: time, s; step to try, s; whether the last one was rejected;
-status; steps taken; right-hand sides; number and time, s, of the next output; step tried last, s;
-up to where outputs are known, s."""
+"""Rows of the record of the lanes: time, s; step to try, s; whether the last step was rejected;
+status; accepted steps; evaluations of the right-hand side; number and time, s, of the next output;
+step tried last, s; time up to which outputs can be interpolated, s."""
 FIELDS = 10
 
 STAGES = DOP853.n_stages
 RATES = STAGES + 1 + len(DOP853.C_EXTRA)
 STAGE, NEW, CURVE = RATES, RATES + 1, RATES + 2
-"""Places in the room of the state of a stage, of that after the step, and of its interpolant."""
+"""Rows of the workspace: state of a stage, state after the step, interpolant."""
 ROWS = CURVE + 3 + len(DOP853.D)
-"""Numbers of room for each entry of the state."""
+"""Number of rows of the workspace, (size, lanes) each."""
 
 SAFETY, LEAST, MOST = 0.9, 0.2, 10.0
 SMALLEST = 10
-"""A step may be as small as so many ulps of the time."""
+"""Smallest step, in ulps of the time."""
 
 
 @cache
 def dop853(width: int) -> Any:
-    """Return the C function for `width` lanes.
+    """Return the C function of the integrator for `width` lanes.
 
-    Its arguments: address of a kernel (of one lane: of its C function), what that gets as its last
+    Its arguments: address of a kernel (for one lane: of its C function), the kernel's last
     argument, size of the state, y (size, lanes) in and out, the record (FIELDS, lanes), end, s,
-    rtol, atol, most steps, output times and infinity (k + 1,), s, outputs (k, size, lanes), room
-    (ROWS, size, lanes).
+    rtol, atol, largest number of steps, output times and infinity (k + 1,), s, outputs
+    (k, size, lanes), workspace (ROWS, size, lanes).
     """
     machine = JitModule((_Writer(width).text(),))
     pointer, double = ctypes.c_size_t, ctypes.c_double
@@ -59,7 +60,7 @@ def dop853(width: int) -> Any:
 
 
 class _Writer:
-    """`code` holds what is one for all lanes, `wide` what each lane has of its own."""
+    """Writer of the function: `code` builds scalars common to all lanes, `wide` numbers by lane."""
 
     def __init__(self, width: int):
         self.code = IRBuilder()
@@ -69,8 +70,8 @@ class _Writer:
         code, wide = self.code, self.wide
         code.do(f"%time = alloca {wide.real}, align 64")
         size = code.let("sitofp i64 %size to double")
-        given = "%end", "%rtol", "%atol", "%most", size
-        self.end, self.rtol, self.atol, self.most, self.size = (wide.packed([x]) for x in given)
+        scalars = "%end", "%rtol", "%atol", "%most", size
+        self.end, self.rtol, self.atol, self.most, self.size = (wide.packed([x]) for x in scalars)
         rows = [code.integer("mul", "%size", i) for i in range(ROWS)]
         self.rows = [wide.address("%room", row) for row in rows]
         self._start()
@@ -99,7 +100,7 @@ class _Writer:
         self.code.do(f"call void %function(ptr {out}, {time}, ptr {y}, ptr %block)")
 
     def _sum(self, i: str, factors: Iterable[float]) -> str:
-        """Return entry i of the rates of the stages, times `factors`."""
+        """Return the sum of entries i of the rates of the stages times `factors`."""
         total = ""
         for factor, row in zip(factors, self.rows, strict=False):
             if factor:
@@ -108,12 +109,12 @@ class _Writer:
         return total
 
     def _fused(self, x: str, y: str, z: str) -> str:
-        """Return x y + z, rounded once on machines that can."""
+        """Return x y + z, by fused multiply-add on machines that have it."""
         wide = self.wide
         return wide.call("fma", x, y, z) if cpu_features()[2] else wide.add(wide.mul(x, y), z)
 
     def _stage(self, h: str, factors: Iterable[float], c: float, y: int, rates: int) -> None:
-        """Write the state at t + c h, and the rates there."""
+        """Write the state of a stage, at t + c h, and its rates."""
         wide = self.wide
         with self.code.loop("%size") as turn:
             state = self._fused(h, self._sum(turn.i, factors), wide.load("%y", turn.i))
@@ -122,7 +123,7 @@ class _Writer:
         self._rates(t, self.rows[y], self.rows[rates])
 
     def _scale(self, size: str) -> str:
-        """Return 1 over the error allowed in an entry of this size."""
+        """Return 1 over the allowed error of an entry of this size."""
         wide = self.wide
         allowed = wide.add(self.atol, wide.mul(self.rtol, size))
         return wide.div(wide.constant(1.0), allowed)
@@ -139,7 +140,7 @@ class _Writer:
         return x
 
     def _extreme(self, how: str, x: str, y: str) -> str:
-        """Return the smaller (olt) or larger (ogt) of both; y where x is not a number."""
+        """Return the smaller (olt) or larger (ogt) of x and y; y where x is NaN."""
         return self.wide.choose(self.wide.compare(how, x, y), x, y)
 
     # ---- The first step --------------------------------------------------------------------------
@@ -153,7 +154,7 @@ class _Writer:
             y, rate = wide.load("%y", turn.i), wide.load(first, turn.i)
             scale = self._scale(wide.call("fabs", y))
             new = self._square(y, scale), self._square(rate, scale), wide.mul(rate, zero)
-            turn.yielded = [wide.add(x, one) for x, one in zip(turn.carried, new, strict=True)]
+            turn.yielded = [wide.add(x, y) for x, y in zip(turn.carried, new, strict=True)]
         *squares, nothing = turn.carried
         d0, d1 = (self._norm(x) for x in squares)
         tiny = wide.constant(1e-5)
@@ -225,11 +226,11 @@ class _Writer:
         self._keep(STEPS, steps)
         many = wide.both(running, wide.compare("oge", steps, self.most))
         status = wide.choose(many, wide.constant(TOO_MANY), status)
-        there = wide.both(good, wide.compare("oeq", end, self.end))
-        self._keep(STATUS, wide.choose(there, wide.constant(FINISHED), status))
+        reached = wide.both(good, wide.compare("oeq", end, self.end))
+        self._keep(STATUS, wide.choose(reached, wide.constant(FINISHED), status))
 
     def _error(self, h: str) -> str:
-        """Return the error of a step over what is allowed, not finite where a rate is not."""
+        """Return the error of a step over the allowed one; not finite where a rate is not."""
         wide = self.wide
         zero = wide.constant(0.0)
         with self.code.loop("%size", *[(wide.real, zero)] * 2) as turn:
@@ -249,7 +250,7 @@ class _Writer:
     # ---- Outputs ---------------------------------------------------------------------------------
 
     def _outputs(self, h: str, due: str) -> None:
-        """Write the outputs of each lane that lie in its step, by a polynomial of degree 7."""
+        """Write the outputs of each lane within its step, by an interpolant of degree 7."""
         code, wide = self.code, self.wide
         rows = zip(DOP853.A_EXTRA, DOP853.C_EXTRA, strict=True)
         for stage, (row, c) in enumerate(rows, STAGES + 1):
@@ -267,20 +268,20 @@ class _Writer:
                 wide.sub(wide.add(change, change), both),
                 *(wide.mul(h, self._sum(turn.i, row)) for row in DOP853.D),
             ]
-            for place, x in enumerate(curve, CURVE):
-                wide.store(x, self.rows[place], turn.i)
+            for row, x in enumerate(curve, CURVE):
+                wide.store(x, self.rows[row], turn.i)
         with code.loop(wide.width) as turn:
             self._lane_outputs(turn.i)
 
     def _lane_outputs(self, lane: str) -> None:
         code, width = self.code, self.wide.width
 
-        def place(field: int) -> str:
+        def field_address(field: int) -> str:
             return code.address("%lanes", code.integer("add", lane, field * width))
 
-        t, h, reach, due = (code.load(place(field)) for field in (T, USED, REACH, DUE))
+        t, h, reach, due = (code.load(field_address(field)) for field in (T, USED, REACH, DUE))
         with code.when(code.compare("ole", due, reach)):
-            number = code.let(f"fptosi double {code.load(place(NEXT))} to i64")
+            number = code.let(f"fptosi double {code.load(field_address(NEXT))} to i64")
             with code.repeat(("i64", number), ("double", due)) as output:
                 number, due = output.carried
                 x = code.div(code.sub(due, t), h)
@@ -300,5 +301,5 @@ class _Writer:
                 output.yielded = [after, later]
                 output.i = code.compare("ole", later, reach)
             number, due = output.carried
-            code.store(code.let(f"sitofp i64 {number} to double"), place(NEXT))
-            code.store(due, place(DUE))
+            code.store(code.let(f"sitofp i64 {number} to double"), field_address(NEXT))
+            code.store(due, field_address(DUE))

@@ -1,4 +1,4 @@
-"""Just-in-time compilation: from LLVM IR to the address of a function, and what this CPU can do."""
+"""Just-in-time (JIT) compilation of LLVM IR to addresses of functions, and features of this CPU."""
 
 from __future__ import annotations
 
@@ -16,32 +16,33 @@ DECLARED = (
     "declare double @sin(double)",
     "declare double @cos(double)",
 )
-"""Functions of the C library that code may call. LLVM's own need no declaration."""
+"""Declarations of C library functions that code may call. LLVM's own need no declaration."""
 
 
 CACHE_LINE = 8
-"""Doubles that a machine reads at once."""
+"""Number of float64 in a cache line."""
 
 
 def aligned_zeros(count: int, ahead: int = 0) -> np.ndarray:
-    """Return `count` doubles, 0, of which the one behind `ahead` others begins a line of cache."""
+    """Return `count` float64 zeros, of which entry `ahead` is at the start of a cache line."""
     whole = np.zeros(count + CACHE_LINE)
     first = -(whole.ctypes.data // whole.itemsize + ahead) % CACHE_LINE
     return whole[first : first + count]
 
 
 EFFORT = 1
-"""LLVM's in generating code, of 0 to 3: more brings nothing here."""
+"""Optimization level of LLVM's code generation, of 0 to 3: a higher level gains nothing here."""
 LEAST_EFFORT = 0
-"""For code that runs a few times: there four times as soon, several times as slow, same bits."""
+"""Optimization level for code that runs a few times: compiled in a quarter of the time, several
+times slower, same bits."""
 
 
 class JitModule:
-    """Functions in machine code; their addresses hold as long as this object lives.
+    """Functions in machine code; their addresses are valid as long as this object lives.
 
     Args:
-        functions: the texts of functions, each once.
-        effort: LLVM's.
+        functions: LLVM IR of functions; repeated ones are compiled once.
+        effort: optimization level of LLVM's code generation.
     """
 
     def __init__(self, functions: Iterable[str], effort: int = EFFORT):
@@ -57,11 +58,11 @@ class JitModule:
 
 @cache
 def cpu_features() -> tuple[str, str, bool]:
-    """Return this machine's kind, what it can do, and whether it multiplies and adds at once."""
+    """Return the name of this CPU, its features, and whether it has fused multiply-add."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     known = llvm.get_host_cpu_features()
-    # Otherwise vectors of 8 doubles are split where registers hold them.
+    # Otherwise vectors of 8 float64 are split even if registers hold them.
     known["prefer-256-bit"] = False
     return llvm.get_host_cpu_name(), known.flatten(), bool(known.get("fma") or _is_arm())
 
@@ -71,7 +72,7 @@ def _is_arm() -> bool:
 
 
 def target_machine(effort: int) -> llvm.TargetMachine:
-    """Return the machine that code is generated for, with this effort: this one."""
+    """Return LLVM's description of this machine, with this optimization level."""
     name, known, _ = cpu_features()
     _name_libm()
     return llvm.Target.from_default_triple().create_target_machine(
@@ -81,7 +82,7 @@ def target_machine(effort: int) -> llvm.TargetMachine:
 
 @cache
 def has_sincos() -> bool:
-    """Return whether the C library makes sine and cosine at once."""
+    """Return whether the C library computes sine and cosine in one call."""
     return hasattr(_libm(), "sincos")
 
 

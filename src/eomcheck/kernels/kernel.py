@@ -1,8 +1,8 @@
-"""A kernel: a program in machine code, with the memory block that it reads.
+"""Kernels: programs compiled to machine code, with the memory blocks that they read.
 
-It is called along rows of states by a loop in machine code (`call_along_rows`), and so are the
-functions that are timed (`timing_loop`, `sincos_timing_loop`): the measured time has no call from
-Python in it.
+A kernel is called for each row of an array of states by a loop in machine code (`call_along_rows`).
+Functions that are timed are called by such loops too (`timing_loop`, `sincos_timing_loop`): the
+measured time includes no call from Python.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def _machine() -> JitModule:
             t = code.load(t) if name == "double" else t
             code.do(f"call void %function(ptr {out}, {name} {t}, ptr {y}, ptr %last)")
     steps = ", ".join(f"ptr %{x}, i64 %{x}_step" for x in ("out", "t", "y"))
-    given = "ptr %function, double %t, ptr %a, ptr %b, ptr %c, ptr %d"
+    arguments = "ptr %function, double %t, ptr %a, ptr %b, ptr %c, ptr %d"
     return JitModule(
         (
             *(
@@ -51,7 +51,7 @@ def _machine() -> JitModule:
                 )
                 for name, code in rows.items()
             ),
-            repeated.function(f"define void @repeated(i64 %count, {given})"),
+            repeated.function(f"define void @repeated(i64 %count, {arguments})"),
             angles.function(
                 "define void @angles(i64 %count, i64 %size, ptr %x, ptr %cos, ptr %sin)"
             ),
@@ -60,14 +60,18 @@ def _machine() -> JitModule:
 
 
 def timing_loop(address: int, *pointers: int) -> Callable[[int], None]:
-    """Return what calls a C function of up to four pointers so many times.
+    """Return a function of a count that calls a C function of up to four pointers so many times.
 
-    A double, 0, stands behind the first pointer; C functions without one do not see it.
+    The argument after the first pointer is a float64, 0; C functions without it do not see it.
+
+    Args:
+        address: of the C function.
+        pointers: its arguments.
     """
     kinds = ctypes.c_int64, ctypes.c_void_p, ctypes.c_double, *[ctypes.c_void_p] * 4
     function: Any = ctypes.CFUNCTYPE(None, *kinds)(_machine().address("repeated"))
-    given = *pointers, *[0] * (4 - len(pointers))
-    return lambda count: function(count, address, 0.0, *given)
+    arguments = *pointers, *[0] * (4 - len(pointers))
+    return lambda count: function(count, address, 0.0, *arguments)
 
 
 def call_along_rows(
@@ -77,10 +81,10 @@ def call_along_rows(
 
     Args:
         address: of the kernel.
-        last: what stands at its last argument.
-        t: (k, lanes), s.
-        y: (k, _, lanes).
-        out: (k, _, lanes).
+        last: array whose address is its last argument.
+        t: times (k, lanes), s.
+        y: states (k, _, lanes).
+        out: outputs (k, _, lanes).
     """
     name = "along_double" if out.shape[-1] == 1 else "along_ptr"
     kinds = *[ctypes.c_void_p] * 2, *[ctypes.c_int64, ctypes.c_void_p] * 3, ctypes.c_int64
@@ -91,7 +95,7 @@ def call_along_rows(
 
 
 def sincos_timing_loop(x: np.ndarray) -> Callable[[int], None]:
-    """Return what makes the sines and cosines of angles x (k >= 1,), rad, so many times."""
+    """Return a function of a count: sines and cosines of angles x (k >= 1,), rad, so many times."""
     kinds = ctypes.c_int64, ctypes.c_int64, *[ctypes.c_void_p] * 3
     function: Any = ctypes.CFUNCTYPE(None, *kinds)(_machine().address("angles"))
     x = np.ascontiguousarray(x, float)
@@ -106,11 +110,11 @@ class Kernel:
     """A function of (t, y) and parameters in machine code.
 
     Args:
-        program: what it does.
+        program: its operations.
         parameters: number of entries of each parameter, by name.
         outputs: number of entries of each output, by name.
-        width: lanes.
-        effort: LLVM's in generating code.
+        width: number of SIMD lanes.
+        effort: optimization level of LLVM's code generation.
     """
 
     def __init__(
@@ -129,27 +133,27 @@ class Kernel:
         self.address = self.machine.address("kernel")
 
     def block(self, parameters: Mapping[str, Array]) -> Array:
-        """Return a block with these parameters, each (size,), or (size, lanes)."""
+        """Return a memory block with these parameters, each (size,) or (size, lanes)."""
         block = aligned_zeros(self.layout.float64_count(self.width), HEADER)
         block[FAILURE_TIME] = np.nan
         for name, size in self.parameters.items():
             first = HEADER + self.layout.offsets[name] * self.width
-            room = block[first : first + size * self.width].reshape(size, self.width)
-            given = np.asarray(parameters[name], float)
-            room[:] = given if given.ndim == 2 else given[:, None]
+            target = block[first : first + size * self.width].reshape(size, self.width)
+            values = np.asarray(parameters[name], float)
+            target[:] = values if values.ndim == 2 else values[:, None]
         return block
 
     def last_argument(self, block: Array) -> Array:
-        """Return that whose address the function gets with this block, which is to be kept."""
+        """Return the array whose address is the last argument; the caller has to keep it alive."""
         return np.array([block.ctypes.data], np.uintp) if self.width == 1 else block
 
     def __call__(self, block: Array, t: Array, y: Array) -> dict[str, Array]:
-        """Return the outputs, each (size,), or (size, lanes), of a state y and times t (lanes,)."""
-        found = self.rows(block, t.reshape(1, -1), y[None])
-        return {name: x[0] if self.width > 1 else x[0, :, 0] for name, x in found.items()}
+        """Return the outputs, each (size,) or (size, lanes), of a state y and times t (lanes,)."""
+        outputs = self.rows(block, t.reshape(1, -1), y[None])
+        return {name: x[0] if self.width > 1 else x[0, :, 0] for name, x in outputs.items()}
 
     def rows(self, block: Array, t: Array, y: Array) -> dict[str, Array]:
-        """Return outputs (k, size, lanes) at times t (k, lanes) of states y (k, _, lanes)."""
+        """Return the outputs (k, size, lanes) at times t (k, lanes) of states y (k, _, lanes)."""
         y, t = np.ascontiguousarray(y, float), np.ascontiguousarray(t, float)
         out = np.empty((len(y), self.size, self.width))
         call_along_rows(self.address, self.last_argument(block), t, y, out)

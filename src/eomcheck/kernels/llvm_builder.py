@@ -1,8 +1,8 @@
 """A builder of LLVM IR, line by line: numbers, memory, loops and branches.
 
-A `IRBuilder` is the body of one function. Its numbers are float64, or vectors of float64 with one
-entry per lane; values are the names by which LLVM knows them. No flag allows reassociation or
-contraction. LLVM itself is not imported here, see `eomcheck.kernels.jit`.
+An `IRBuilder` holds the body of one function. A number is a float64, or a SIMD vector of float64
+with one entry per lane; a value is represented by its name in LLVM IR. No flag allows reassociation
+or contraction. LLVM itself is not imported here, see `eomcheck.kernels.jit`.
 """
 
 from __future__ import annotations
@@ -12,21 +12,27 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 LANES = 8
-"""Doubles that a vector operation takes at once: as many as the widest registers hold. LLVM splits
-what a machine has not."""
+"""Number of float64 in a SIMD vector: as many as the widest registers hold. LLVM splits vectors
+that are too wide for a machine."""
 
 
 def real_type(width: int) -> str:
-    """Return LLVM's name for `width` doubles side by side."""
+    """Return LLVM's type of a vector of `width` float64."""
     return "double" if width == 1 else f"<{width} x double>"
 
 
 FINITE_NOT_ZERO, NOT_FINITE = 0x198, 0x207
-"""LLVM's classes of numbers: normal and subnormal ones; infinities and what is no number."""
+"""LLVM's classes of numbers: normal and subnormal numbers; infinities and NaN."""
 
 
 class Iteration:
-    """One iteration of a loop: its number i, what is carried into it, and what it hands on."""
+    """An iteration of a loop.
+
+    Attributes:
+        i: its number, from 0; for `repeat` the condition to continue.
+        carried: values from the iteration before.
+        yielded: values for the next iteration.
+    """
 
     def __init__(self, i: str, carried: list[str]):
         self.i, self.carried, self.yielded = i, carried, list(carried)
@@ -42,7 +48,7 @@ class IRBuilder:
         self.block, self._names, self._constants = "entry", 0, {}
 
     def wider(self, width: int) -> IRBuilder:
-        """Return code of another width that writes into the same function."""
+        """Return a builder of another width that writes into the same function."""
         other = IRBuilder(width)
         other.lines, other.fresh, other.labels = self.lines, self.fresh, self.labels
         return other
@@ -50,31 +56,31 @@ class IRBuilder:
     # ---- Values ----------------------------------------------------------------------------------
 
     def fresh(self) -> str:
-        """Return a new name."""
+        """Return a new name for a value."""
         self._names += 1
         return f"%v{self._names}"
 
     def let(self, text: str) -> str:
-        """Return the name of what `text` computes."""
+        """Write an instruction, `text`, and return the name of its value."""
         name = self.fresh()
         self.lines.append(f"{name} = {text}")
         return name
 
     def calls(self, *texts: str) -> None:
-        """Note functions that are called, by their texts."""
+        """Add the texts of functions that are called."""
         self.called.update(dict.fromkeys(texts))
 
     def do(self, text: str) -> None:
-        """Write an instruction that makes no value."""
+        """Write an instruction without a value."""
         self.lines.append(text)
 
     def constant(self, x: float) -> str:
-        """Return a number, the same in every lane."""
-        found = self._constants.get(x)
-        if found is None or x == 0:
+        """Return a constant, the same in every lane."""
+        text = self._constants.get(x)
+        if text is None or x == 0:
             bits = f"0x{struct.unpack('<Q', struct.pack('<d', x))[0]:016X}"
-            found = self._constants[x] = self.splat_of(f"double {bits}")
-        return found
+            text = self._constants[x] = self.splat_of(f"double {bits}")
+        return text
 
     def splat_of(self, typed: str) -> str:
         """Return a literal such as "double 1.0" or "i64 3", the same in every lane."""
@@ -83,7 +89,7 @@ class IRBuilder:
         )
 
     def like(self, scalar: str) -> str:
-        """Return the type of values that have a `scalar`, such as i1 or i64, in each lane."""
+        """Return the type of values with a `scalar`, such as i1 or i64, in each lane."""
         return scalar if self.width == 1 else f"<{self.width} x {scalar}>"
 
     def add(self, x: str, y: str) -> str:
@@ -107,20 +113,20 @@ class IRBuilder:
         return self.let(f"fneg {self.real} {x}")
 
     def call(self, name: str, *x: str) -> str:
-        """Return LLVM's function `name` of numbers: fabs, sqrt, fma, maxnum, copysign."""
+        """Return the result of LLVM's function `name`: fabs, sqrt, fma, maxnum, copysign."""
         suffix = "f64" if self.width == 1 else f"v{self.width}f64"
-        given = ", ".join(f"{self.real} {y}" for y in x)
-        return self.let(f"call {self.real} @llvm.{name}.{suffix}({given})")
+        arguments = ", ".join(f"{self.real} {y}" for y in x)
+        return self.let(f"call {self.real} @llvm.{name}.{suffix}({arguments})")
 
     def compare(self, how: str, x: str, y: str) -> str:
-        """Return where x `how` y: ogt, oeq, une, ..."""
+        """Return the condition x `how` y, lane by lane: ogt, oeq, une, ..."""
         return self.let(f"fcmp {how} {self.real} {x}, {y}")
 
     def is_class(self, x: str, classes: int) -> str:
-        """Return where x is of one of LLVM's `classes` of floating-point numbers."""
+        """Return the condition that x is in one of LLVM's `classes` of floating-point numbers."""
         suffix = "f64" if self.width == 1 else f"v{self.width}f64"
-        given = f"{self.real} {x}, i32 {classes}"
-        return self.let(f"call {self.like('i1')} @llvm.is.fpclass.{suffix}({given})")
+        arguments = f"{self.real} {x}, i32 {classes}"
+        return self.let(f"call {self.like('i1')} @llvm.is.fpclass.{suffix}({arguments})")
 
     def choose(self, where: str, x: str, y: str) -> str:
         """Return x where `where` holds, otherwise y."""
@@ -129,7 +135,7 @@ class IRBuilder:
         return self.let(f"select {self.like('i1')} {where}, {self.real} {x}, {self.real} {y}")
 
     def both(self, x: str, y: str, how: str = "and") -> str:
-        """Return where both conditions hold; `how` may be "or"."""
+        """Return the conjunction of conditions; with `how` "or" the disjunction."""
         return self.let(f"{how} {self.like('i1')} {x}, {y}")
 
     def anywhere(self, where: str) -> str:
@@ -141,7 +147,7 @@ class IRBuilder:
         )
 
     def lane(self, x: str, lane: int | str) -> str:
-        """Return the double in one lane."""
+        """Return the float64 of one lane."""
         return x if self.width == 1 else self.let(f"extractelement {self.real} {x}, i64 {lane}")
 
     def lane_of_condition(self, where: str, lane: int) -> str:
@@ -151,7 +157,7 @@ class IRBuilder:
         return self.let(f"extractelement {self.like('i1')} {where}, i64 {lane}")
 
     def packed(self, doubles: Sequence[str]) -> str:
-        """Return doubles, one a lane, as a number; one is for every lane."""
+        """Return the number with one of `doubles` in each lane; a single one goes to every lane."""
         if self.width == 1:
             return doubles[0]
         out = "poison"
@@ -169,17 +175,17 @@ class IRBuilder:
         return self.let(f"getelementptr {kind or self.real}, ptr {pointer}, i64 {place}")
 
     def load(self, pointer: str, place: int | str = 0) -> str:
-        """Return entry `place` of numbers at `pointer`."""
+        """Return entry `place` of the numbers at `pointer`."""
         return self.let(f"load {self.real}, ptr {self.address(pointer, place)}, align 8")
 
     def store(self, x: str, pointer: str, place: int | str = 0) -> None:
-        """Write entry `place` of numbers at `pointer`."""
+        """Write x to entry `place` of the numbers at `pointer`."""
         self.do(f"store {self.real} {x}, ptr {self.address(pointer, place)}, align 8")
 
-    # ---- Whole numbers ---------------------------------------------------------------------------
+    # ---- Integers --------------------------------------------------------------------------------
 
     def integer(self, how: str, x: int | str, y: int | str) -> str:
-        """Return x `how` y of 64-bit integers: add, sub, mul."""
+        """Return x `how` y for 64-bit integers: add, sub, mul."""
         return self.let(f"{how} i64 {x}, {y}")
 
     def affine(self, i: str, first: int, step: int) -> str | int:
@@ -189,34 +195,34 @@ class IRBuilder:
         scaled = i if step == 1 else self.integer("mul", i, step)
         return scaled if first == 0 else self.integer("add", scaled, first)
 
-    # ---- Order -----------------------------------------------------------------------------------
+    # ---- Control flow ----------------------------------------------------------------------------
 
     def enter(self, block: str) -> None:
-        """Begin a block, which nothing falls into."""
+        """Begin a block; it is entered by jumps and branches only."""
         self.lines.append(f"{block}:")
         self.block = block
 
     def jump(self, block: str) -> None:
-        """Go to a block."""
+        """Jump to a block."""
         self.do(f"br label %{block}")
 
     def branch(self, where: str, yes: str, no: str) -> None:
-        """Go to one of two blocks."""
+        """Branch to one of two blocks."""
         self.do(f"br i1 {where}, label %{yes}, label %{no}")
 
     def labels(self, *stems: str) -> list[str]:
-        """Return new names of blocks."""
+        """Return new names of blocks that begin with `stems`."""
         self._names += 1
         return [f"{stem}{self._names}" for stem in stems]
 
     @contextmanager
     def loop(self, count: int | str, *carried: tuple[str, str]) -> Iterator[Iteration]:
-        """Repeat what is written inside `count` times, at least once.
+        """Repeat the code written inside `count` times, at least once.
 
         Args:
-            count: how often.
-            carried: (type, first value) of what one iteration hands on to the next; afterwards the
-                turn's `carried` are the last ones handed.
+            count: number of iterations.
+            carried: (type, first value) of each value passed from one iteration to the next; after
+                the loop, `carried` of the iteration are the values of the last one.
         """
         (head,) = self.labels("loop")
         before = self.block
@@ -242,9 +248,7 @@ class IRBuilder:
 
     @contextmanager
     def repeat(self, *carried: tuple[str, str]) -> Iterator[Iteration]:
-        """Repeat what is written inside while a condition, handed over as `random_orientation.i`,
-        holds.
-        """
+        """Repeat the code written inside while a condition, set as `i` of the iteration, holds."""
         (head,) = self.labels("while")
         before = self.block
         self.jump(head)
@@ -264,7 +268,7 @@ class IRBuilder:
 
     @contextmanager
     def when(self, where: str) -> Iterator[None]:
-        """Do what is written inside if an i1 holds; it hands on through memory only."""
+        """Run the code written inside if an i1 holds; its results pass through memory only."""
         yes, after = self.labels("yes", "after")
         self.branch(where, yes, after)
         self.enter(yes)
@@ -273,6 +277,6 @@ class IRBuilder:
         self.enter(after)
 
     def function(self, head: str, result: str = "void") -> str:
-        """Return the function's text: `head` is what stands before its body."""
+        """Return the text of the function, from its `head` (the definition without body)."""
         inside = "\n".join(["entry:", *self.lines, f"ret {result}"])
         return f"{head} {{\n{inside}\n}}\n"

@@ -72,20 +72,20 @@ class TraceKeyCache:
     """Cache of `trace_key` and float64 arrays by record."""
 
     def __init__(self):
-        self._known: dict[tuple[int, int], tuple[tuple, Hashable, list[Array]]] = {}
+        self._found: dict[tuple[int, int], tuple[tuple, Hashable, list[Array]]] = {}
 
     def key(self, x: Any, front: int, doubles: list[Array]) -> Hashable:
         """Return the cache key of a trace for x, see `trace_key`; a record is traversed once."""
         if not isinstance(x, tuple):
             return trace_key(x, front, doubles)
         identity = id(x), front
-        known = self._known.get(identity)
+        known = self._found.get(identity)
         if known is None or known[0] is not x:
             arrays: list[Array] = []
             known = x, trace_key(x, front, arrays), arrays
-            if len(self._known) >= RECORDS:
-                self._known.clear()
-            self._known[identity] = known
+            if len(self._found) >= RECORDS:
+                self._found.clear()
+            self._found[identity] = known
         doubles += known[2]
         return known[1]
 
@@ -121,8 +121,8 @@ class TraceRunner:
 
     def __init__(self):
         self._known: dict[Hashable, _Trace | None] = {}
-        self._total = 0
-        self._keys = TraceKeyCache()
+        self._places = 0
+        self._seen = TraceKeyCache()
         self._lock = Lock()
 
     def run(self, noise: Noise, function: Callable, *arguments: Any) -> Any:
@@ -159,7 +159,7 @@ class TraceRunner:
     ) -> tuple[_Trace | None, list[Any]]:
         """Return the trace of a function, None if it cannot be traced, and its float64 inputs."""
         inputs: list[Any] = []
-        key = function, *(self._keys.key(x, front, inputs) for x in arguments)
+        key = function, *(self._seen.key(x, front, inputs) for x in arguments)
         try:
             return self._known[key], inputs
         except KeyError:
@@ -173,10 +173,10 @@ class TraceRunner:
         with self._lock:
             before = self._known.pop(key, None)
             self._known[key] = trace
-            self._total += (trace.size if trace else 0) - (before.size if before else 0)
-            while self._total > LARGEST_TOTAL and len(self._known) > 1:
+            self._places += (trace.size if trace else 0) - (before.size if before else 0)
+            while self._places > LARGEST_TOTAL and len(self._known) > 1:
                 evicted = self._known.pop(next(iter(self._known)))
-                self._total -= evicted.size if evicted else 0
+                self._places -= evicted.size if evicted else 0
 
     def run_in_lanes(self, noise: Noise | None, function: Callable, *arguments: Any) -> Any:
         """Call a generic function of lanes, each of its operations perturbed if there is noise.

@@ -1,10 +1,10 @@
 """Sines and cosines of many angles at once, with the same bits in every lane and on every path.
 
 The angle is reduced by a multiple of π/2 in three parts (Cody and Waite 1980), the first two so
-short that their products with it are exact, and the rounding error of the reduced angle is kept
-beside it. Polynomials are those of fdlibm (Sun Microsystems 1993; `k_sin`, `k_cos`) with the
-correction for that remainder. The error is below 1 ulp up to `REACH`; beyond it, for angles that
-are not finite, and on a CPU without fused multiply-add, each angle goes to the C library.
+short that their products with the multiple are exact, and the rounding error of the reduced angle
+is computed too. Polynomials are those of fdlibm (Sun Microsystems 1993; `k_sin`, `k_cos`) with the
+correction for that error. The error is below 1 ulp up to `REACH`; beyond it, for angles that are
+not finite, and on a CPU without fused multiply-add, the C library is called for each angle.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from eomcheck.kernels.jit import cpu_features, has_sincos
 from eomcheck.kernels.llvm_builder import IRBuilder
 
 REACH = 1e5
-"""rad."""
+"""Largest angle of the reduction, rad."""
 
 VECTOR_WIDTH = 4
-"""Angles of one state in a vector: wider ones cost more than they bring before they are full."""
+"""Number of angles of one state in a SIMD vector: wider vectors are seldom full, and slower."""
 
 PARTS = 1.5707963267341256e00, 6.0771005063039655e-11, 2.0222662487959506e-21
-"""π/2: its first 33 bits, the next 33, and the 53 after these."""
+"""Parts of π/2: its first 33 bits, the next 33, and the 53 after these."""
 
 SIN = (
     -1.66666666666666324348e-01,
@@ -41,30 +41,30 @@ COS = (
 )
 
 TO_WHOLE = 1.5 * 2.0**52
-"""A number of moderate size plus this is rounded to a whole one, in the last bits of the sum."""
+"""Summand that rounds a number of moderate size to an integer, in the last bits of the sum."""
 
 
 def _called(flow: IRBuilder, code: IRBuilder, name: str, *x: str) -> tuple[str, str]:
-    """Return what a function of numbers `x` returns, cosines and sines."""
+    """Return the results, cosines and sines, of a call of a function of numbers `x`."""
     both = f"{{ {code.real}, {code.real} }}"
-    given = ", ".join(f"{code.real} {y}" for y in x)
-    made = flow.let(f"call {both} @{name}_{code.width}({given})")
-    cos, sin = (flow.let(f"extractvalue {both} {made}, {i}") for i in range(2))
+    arguments = ", ".join(f"{code.real} {y}" for y in x)
+    result = flow.let(f"call {both} @{name}_{code.width}({arguments})")
+    cos, sin = (flow.let(f"extractvalue {both} {result}, {i}") for i in range(2))
     return cos, sin
 
 
 def _function(code: IRBuilder, name: str, cos: str, sin: str, *x: str) -> str:
     """Return the text of a function of numbers `x`, which returns cosines and sines."""
     both = f"{{ {code.real}, {code.real} }}"
-    one = code.let(f"insertvalue {both} poison, {code.real} {cos}, 0")
-    two = code.let(f"insertvalue {both} {one}, {code.real} {sin}, 1")
-    given = ", ".join(f"{code.real} {y}" for y in x)
-    head = f"define internal {both} @{name}_{code.width}({given}) nounwind"
-    return code.function(head, f"{both} {two}")
+    half = code.let(f"insertvalue {both} poison, {code.real} {cos}, 0")
+    result = code.let(f"insertvalue {both} {half}, {code.real} {sin}, 1")
+    arguments = ", ".join(f"{code.real} {y}" for y in x)
+    head = f"define internal {both} @{name}_{code.width}({arguments}) nounwind"
+    return code.function(head, f"{both} {result}")
 
 
 def _by_function(flow: IRBuilder, code: IRBuilder, x: str) -> tuple[str, str]:
-    """Return (cos x, sin x) by a function of this width."""
+    """Return (cos x, sin x) by a call of a function of this width."""
     function = IRBuilder(code.width)
     text = _function(function, "sincos", *_inline(function, function, "%x"), "%x")
     flow.calls(*function.called, text)
@@ -72,7 +72,7 @@ def _by_function(flow: IRBuilder, code: IRBuilder, x: str) -> tuple[str, str]:
 
 
 def _inline(flow: IRBuilder, code: IRBuilder, x: str) -> tuple[str, str]:
-    """Return (cos x, sin x); `flow` is the code that is written, `code` that of the width of x."""
+    """Return (cos x, sin x); `flow` builds the function, `code` has the width of x."""
     library = IRBuilder(code.width)
     flow.calls(_by_library(library))
     if not cpu_features()[2]:
@@ -93,12 +93,12 @@ def _inline(flow: IRBuilder, code: IRBuilder, x: str) -> tuple[str, str]:
 
 
 def _beyond(code: IRBuilder, x: str) -> str:
-    """Return where x is too large for `_reduced`, or no number."""
+    """Return the condition that x is too large for `_reduced`, or NaN."""
     return code.compare("ugt", code.call("fabs", x), code.constant(REACH))
 
 
 def _reduced(code: IRBuilder, x: str) -> tuple[str, str]:
-    """Return (cos x, sin x) of angles that are not too large."""
+    """Return (cos x, sin x) of angles up to `REACH`."""
 
     def fma(x: str, y: str, z: str) -> str:
         return code.call("fma", x, y, z)
@@ -108,15 +108,15 @@ def _reduced(code: IRBuilder, x: str) -> tuple[str, str]:
     turns = code.sub(code.constant(TO_WHOLE), shifted)
     first = fma(turns, code.constant(PARTS[0]), x)
     r = code.add(first, code.mul(turns, code.constant(PARTS[1])))
-    # What r lost by rounding: nothing where the second part is the larger one, for then all bits
-    # of the sum are there.
+    # The rounding error of r; it is 0 if the second part is the larger one, for then the sum is
+    # exact.
     lost = fma(turns, code.constant(PARTS[1]), code.sub(first, r))
     y = fma(turns, code.constant(PARTS[2]), lost)
     z = code.mul(r, r)
     square = code.mul(z, z)
 
     def curve(coefficients: tuple[float, ...], factor: str, rest: str) -> str:
-        """Return factor times a polynomial of z, plus rest; few operations wait for another."""
+        """Return factor times a polynomial of z, plus rest; few operations depend on each other."""
         numbers = [code.constant(c) for c in coefficients]
         one, two, three = (fma(b, z, a) for a, b in zip(numbers[::2], numbers[1::2], strict=True))
         high = fma(three, square, two)
@@ -143,19 +143,19 @@ def _reduced(code: IRBuilder, x: str) -> tuple[str, str]:
 
 
 def _by_library(code: IRBuilder) -> str:
-    """Return the function (x, cos x, sin x) that asks the C library where `_reduced` cannot tell.
+    """Return the function (x, cos x, sin x) that calls the C library for |x| > `REACH`.
 
-    On a machine that cannot multiply and add at once that is everywhere.
+    On a machine without fused multiply-add it does so for all angles.
     """
-    rooms = cos, sin = [code.let(f"alloca {code.real}") for _ in range(2)]
-    for room, x in zip(rooms, ("%cos", "%sin"), strict=True):
-        code.store(x, room)
+    results = cos, sin = [code.let(f"alloca {code.real}") for _ in range(2)]
+    for result, x in zip(results, ("%cos", "%sin"), strict=True):
+        code.store(x, result)
     where = _beyond(code, "%x") if cpu_features()[2] else code.splat_of("i1 true")
     for lane in range(code.width):
         with code.when(code.lane_of_condition(where, lane)):
-            places = (code.address(room, lane, "double") for room in (cos, sin))
-            library_call(code, code.lane("%x", lane), *places)
-    return _function(code, "library", *map(code.load, rooms), "%x", "%cos", "%sin")
+            addresses = (code.address(result, lane, "double") for result in (cos, sin))
+            library_call(code, code.lane("%x", lane), *addresses)
+    return _function(code, "library", *map(code.load, results), "%x", "%cos", "%sin")
 
 
 def library_call(code: IRBuilder, angle: str, cos: str, sin: str) -> None:
@@ -163,26 +163,26 @@ def library_call(code: IRBuilder, angle: str, cos: str, sin: str) -> None:
     if has_sincos():
         code.do(f"call void @sincos(double {angle}, ptr {sin}, ptr {cos})")
         return
-    for name, place in (("sin", sin), ("cos", cos)):
-        code.do(f"store double {code.let(f'call double @{name}(double {angle})')}, ptr {place}")
+    for name, address in (("sin", sin), ("cos", cos)):
+        code.do(f"store double {code.let(f'call double @{name}(double {angle})')}, ptr {address}")
 
 
 def cos_and_sin(code: IRBuilder, x: list[str]) -> list[str]:
     """Return the cosines, then the sines, of a few values."""
     wide = code if code.width > 1 or len(x) == 1 else code.wider(VECTOR_WIDTH)
     step = wide.width // code.width
-    made = _inline if len(x) <= step else _by_function
-    found: list[list[str]] = [[], []]
+    compute = _inline if len(x) <= step else _by_function
+    results: list[list[str]] = [[], []]
     for first in range(0, len(x), step):
         some = x[first : first + step]
         angles = some[0] if step == 1 else _padded(wide, some)
-        for out, y in zip(found, made(code, wide, angles), strict=True):
+        for out, y in zip(results, compute(code, wide, angles), strict=True):
             out += [y] if step == 1 else [wide.lane(y, i) for i in range(len(some))]
-    return [*found[0], *found[1]]
+    return [*results[0], *results[1]]
 
 
 def _padded(wide: IRBuilder, doubles: list[str]) -> str:
-    """Return doubles as a number of more lanes, which are 0."""
+    """Return the number with `doubles` in its first lanes and 0 in the others."""
     out = "zeroinitializer"
     for i, x in enumerate(doubles):
         out = wide.let(f"insertelement {wide.real} {out}, double {x}, i64 {i}")
@@ -190,7 +190,7 @@ def _padded(wide: IRBuilder, doubles: list[str]) -> str:
 
 
 def padded_count(count: int) -> int:
-    """Return how many numbers `write` writes for `count` angles: whole vectors."""
+    """Return the number of cosines that `write` writes for `count` angles: whole vectors."""
     return -(-count // VECTOR_WIDTH) * VECTOR_WIDTH
 
 
@@ -200,14 +200,14 @@ def write(code: IRBuilder, x: str, cos: str, sin: str, count: int) -> None:
     step = wide.width // code.width
     full, left = divmod(count, step)
 
-    def keep(angles: str, first: int | str) -> None:
-        for y, place in zip(_by_function(code, wide, angles), (cos, sin), strict=True):
-            wide.store(y, code.address(place, first))
+    def store(angles: str, first: int | str) -> None:
+        for y, target in zip(_by_function(code, wide, angles), (cos, sin), strict=True):
+            wide.store(y, code.address(target, first))
 
     if full:
         with code.loop(full) as turn:
             at = turn.i if step == 1 else code.integer("mul", turn.i, step)
-            keep(wide.load(code.address(x, at)), at)
+            store(wide.load(code.address(x, at)), at)
     if left:  # nothing past the end is read
         first = full * step
-        keep(_padded(wide, [code.load(x, first + i) for i in range(left)]), first)
+        store(_padded(wide, [code.load(x, first + i) for i in range(left)]), first)

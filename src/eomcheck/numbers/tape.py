@@ -92,14 +92,14 @@ class Tape:
     def __init__(self):
         self.operations: list[Operation] = []
         self.groups: list[OperationGroup] = []
-        self._indices: dict[Operation, int] = {}
+        self._places: dict[Operation, int] = {}
         self._known_groups: dict[OperationGroup, int] = {}
 
     def index_of(self, operation: Operation) -> int:
         """Return the index of an operation, which is appended unless an equal one is recorded."""
-        index = self._indices.get(operation)
+        index = self._places.get(operation)
         if index is None:
-            index = self._indices[operation] = len(self.operations)
+            index = self._places[operation] = len(self.operations)
             self.operations.append(operation)
         return index
 
@@ -290,7 +290,7 @@ def _simplified(tape: Tape, op: str, x: Number, y: Number, a: float | None, b: f
             return _operated(SUB, x, -y)
         if tape.operations[x.index].op is NEG:
             return _operated(SUB, y, -x)
-        if (known := tape._indices.get(Operation(ADD, y.index, x.index))) is not None:
+        if (known := tape._places.get(Operation(ADD, y.index, x.index))) is not None:
             return Number(tape, known)
     elif op is SUB:
         if a == 0 or b == 0:
@@ -307,7 +307,7 @@ def _simplified(tape: Tape, op: str, x: Number, y: Number, a: float | None, b: f
         # used, and break the pattern of the iterations that use it later.
         if (plain := _unsigned(x, y)) is not None:
             return -_operated(MUL, *plain)
-        if (known := tape._indices.get(Operation(MUL, y.index, x.index))) is not None:
+        if (known := tape._places.get(Operation(MUL, y.index, x.index))) is not None:
             return Number(tape, known)
     else:
         if a == 0:
