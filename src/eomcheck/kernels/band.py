@@ -1,18 +1,18 @@
-"""Band solves in machine code: `eomcheck.numbers.banded_solve`, eight rows at once.
+"""Band solves in machine code: `eomcheck.numbers.banded_solve`, eight rows per SIMD vector.
 
-The matrix is stored diagonal by diagonal, so that rows lie side by side in a vector: they are
-scaled, and their residuals computed, eight at a time. Scales, pivots and refinement follow
-`eomcheck.numbers.pivots`; where these refuse, x is NaN.
+The matrix is stored diagonal by diagonal, so that consecutive rows are the lanes of a SIMD vector:
+they are scaled, and their residuals computed, eight at a time. Scales, pivots and refinement follow
+`eomcheck.numbers.pivots`; a matrix that these refuse gives NaN.
 
-Elimination waits for one column after the other. So it works from both ends at once
-(`TwoEndedFactors`), the end as if it were the beginning, and what is left in the middle is solved
-in registers. From
-each end four rows have an entry in a column: they are stored column by column, four numbers to a
-vector, and a pivot row stays where it is and leaves its slot to the next one.
+Columns are eliminated one after the other, each depending on the one before. So elimination works
+from both ends at once (`TwoEndedFactors`), with the rows and columns of the far end in reverse, and
+the remaining matrix in the middle is solved in registers. At each end four rows have an entry in a
+column: they are stored column by column, four numbers to a vector; a pivot row is not moved, and
+the next row takes over its lane.
 
 For a long chain reading and writing memory takes most of the time. So x is refined once without
-asking for the backward error before: only the residual is written then. Only where x is not good
-enough afterwards, all steps are repeated, each one judged by the one before.
+computing the backward error before: only the residual is written then. If x is not accurate enough
+afterwards, all steps are repeated, with the backward error checked after each.
 """
 
 from __future__ import annotations
@@ -36,55 +36,55 @@ from eomcheck.numbers.pivots import (
 # ---- Elimination from both ends ------------------------------------------------------------------
 
 HALF, WIDTH = 3, 7
-"""Entries on each side of the diagonal, and in a row."""
+"""Number of entries on each side of the diagonal, and in a row."""
 
 OPEN = HALF + 1
-"""Rows that have an entry in a column while it is eliminated."""
+"""Number of rows that have an entry in a column while it is eliminated."""
 
 ENDS = 2
 
 ROW = (WIDTH - 1) * ENDS
-"""Doubles that are kept of two rows of U, one of each end, side by side: entries behind the pivot,
-divided by it."""
+"""Number of float64 stored of two rows of U, one of each end, interleaved: the entries after the
+pivot, divided by it."""
 
 
 PART = 16
-"""Vectors of rows that are made ready at once."""
+"""Number of vectors of rows that are prepared (scaled, or their residual computed) at once."""
 
 AHEAD = 2 * ENDS
-"""How many vectors of rows steps are ahead of those that are made ready: `HALF` rows at each end,
-and what a vector at the far end is short of."""
+"""Number of vectors of rows that have to be prepared in advance: for `HALF` rows at each end, and
+for the incomplete vector at the far end."""
 
 
 def padded(size: int) -> int:
-    """Return the length of a diagonal, or of a right-hand side, in memory: whole vectors."""
+    """Return the length in memory of a diagonal, or of a right-hand side: whole vectors."""
     return -(-size // LANES) * LANES
 
 
 def steps_of(size: int) -> int:
-    """Return how many columns are eliminated from each end: 6 or 7 are left, or all."""
+    """Return the number of columns eliminated from each end; 6 or 7, or all, are left."""
     return max((size - 2 * HALF) // 2, 0)
 
 
 def factors_workspace(size: int) -> int:
-    """Return how many doubles factors take."""
+    """Return the number of float64 of the factors."""
     steps = steps_of(size)
     return steps * (ROW + ENDS * (OPEN + 1)) + -(-steps * ENDS // 8)
 
 
 class BandEnd(NamedTuple):
-    """One of the ends: its number, its first row, and the way to the next."""
+    """An end of the band: its number, its first row, and the step (1 or -1) to the next row."""
 
     number: int
     first: int
     way: int
 
     def entry(self, j: int) -> int:
-        """Return the diagonal of what is entry j of a row, seen from this end."""
+        """Return the diagonal with entry j of a row, counted from this end."""
         return j if self.way > 0 else WIDTH - 1 - j
 
     def row(self, code: IRBuilder, i: str) -> str:
-        """Return the place of the row that is i rows from this end."""
+        """Return the index of the row that is i rows from this end."""
         return code.integer("add" if self.way > 0 else "sub", self.first, i)
 
 
@@ -92,12 +92,13 @@ class TwoEndedFactors:
     """Factors of a band matrix of `size` rows.
 
     Args:
-        code: what is written.
-        size: rows.
+        code: builder of the function.
+        size: number of rows.
         diagonals: addresses of the diagonals (7, size).
         right: address of the right-hand side.
-        residual: address of what else is solved for. What elimination makes of either stands there.
-        place: address of the room for factors.
+        residual: address of another right-hand side, a residual; elimination writes its results
+            there, for both right-hand sides.
+        place: address of the workspace for factors.
     """
 
     def __init__(
@@ -126,19 +127,19 @@ class TwoEndedFactors:
         begin: Callable[[], list[tuple[str, str]]],
         step: Callable[[str, list[str]], list[str]],
     ) -> list[str]:
-        """Make the steps of both ends, and return what they hand on to the middle.
+        """Write the steps of both ends, and return the values that they pass to the middle.
 
         Args:
-            prepare: writes what makes eight rows ready, whose place it is handed. All are made
-                ready once, not long before they are read: they are still near the processor then.
-            begin: returns types and numbers that the first step is handed.
-            step: writes step i, and returns what it hands on.
+            prepare: writes the code that prepares eight rows, from the index of the first. All rows
+                are prepared once, shortly before they are read: they are still in the cache then.
+            begin: returns the (type, value) that are passed to the first step.
+            step: writes step i, and returns the values that it passes to the next.
         """
         code, vectors = self.code, padded(self.size) // LANES
         parts = (vectors - AHEAD) // PART
         first = vectors - parts * PART if parts > 1 else vectors
 
-        def ready(count: int, before: str | int) -> None:
+        def prepare_rows(count: int, before: str | int) -> None:
             with code.loop(count) as turn:
                 v = code.integer("add", turn.i, before)
                 near = code.integer("mul", code.integer("lshr", v, 1), LANES)
@@ -146,7 +147,7 @@ class TwoEndedFactors:
                 even = code.let(f"trunc i64 {v} to i1")
                 prepare(code.let(f"select i1 {even}, i64 {far}, i64 {near}"))
 
-        ready(first, 0)
+        prepare_rows(first, 0)
         if not self.steps:
             return []
         state = begin()
@@ -156,7 +157,7 @@ class TwoEndedFactors:
             return turn.carried
         some = PART * LANES // ENDS
         with code.loop(parts, *state) as part:
-            ready(PART, code.integer("add", code.integer("mul", part.i, PART), first))
+            prepare_rows(PART, code.integer("add", code.integer("mul", part.i, PART), first))
             last = code.let(f"icmp eq i64 {part.i}, {parts - 1}")
             rest = self.steps - (parts - 1) * some
             count = code.let(f"select i1 {last}, i64 {rest}, i64 {some}")
@@ -168,7 +169,7 @@ class TwoEndedFactors:
         return part.carried
 
     def eliminate(self, prepare: Callable[[str], None]) -> None:
-        """Write factors, and what becomes of the right-hand side; `prepare` as for `_inward`."""
+        """Write the factors and the eliminated right-hand side; `prepare` as for `_inward`."""
         code, wide, kind = self.code, self.open, self.open.real
 
         def begin() -> list[tuple[str, str]]:
@@ -184,12 +185,11 @@ class TwoEndedFactors:
         carried = self._inward(prepare, begin, self._step)
         if self.steps:
             for end in self.ends:
-                here = slice(end.number * count, (end.number + 1) * count)
-                *columns, which = carried[here]
+                *columns, which = carried[end.number * count : (end.number + 1) * count]
                 *columns, right = (self._closed(x, which) for x in columns)
-                places = self._ahead(end)
+                ahead = self._ahead(end)
                 for lane in range(HALF):
-                    row = dict(zip(places, (wide.lane(x, lane) for x in columns), strict=True))
+                    row = dict(zip(ahead, (wide.lane(x, lane) for x in columns), strict=True))
                     A.append([row.get(j, code.constant(0.0)) for j in self.middle])
                     b.append(wide.lane(right, lane))
         for i in self._between():
@@ -205,38 +205,38 @@ class TwoEndedFactors:
         return self.code.load(self.diagonals[HALF + j - i], i)
 
     def _ahead(self, end: BandEnd) -> list[int]:
-        """Return the columns that an end has reached and not eliminated."""
+        """Return the columns that an end has reached but not eliminated."""
         return [end.first + end.way * (self.steps + j) for j in range(2 * HALF)]
 
     def _between(self) -> range:
-        """Return the rows in the middle that neither end has begun with."""
+        """Return the rows in the middle that neither end has reached."""
         reached = self.steps + HALF if self.steps else 0
         return range(reached, self.size - reached)
 
     def _first_rows(self, end: BandEnd, j: int) -> str:
-        """Return what an end begins with in its column j: three rows."""
+        """Return the entries of the first three rows of an end in its column j."""
         rows = [end.first + end.way * i for i in range(HALF)]
         entries = [self._entry(i, end.first + end.way * j) for i in rows]
         return self.open.packed([*entries, self.code.constant(0.0)])
 
     def _begun(self, end: BandEnd, numbers: str) -> str:
-        """Return the numbers of the first three rows of an end."""
+        """Return the entries of a vector, `numbers`, in the first three rows of an end."""
         first = [self.code.load(numbers, end.first + end.way * i) for i in range(HALF)]
         return self.open.packed([*first, self.code.constant(0.0)])
 
     def _at(self, which: str) -> str:
-        """Return where the row `which`, in all lanes, is the lane's own."""
+        """Return the condition that a lane is the lane `which`, which is the same in all lanes."""
         return self.open.let(f"icmp eq {self.open.like('i64')} {which}, {self.lanes}")
 
     def _closed(self, x: str, which: str) -> str:
-        """Return numbers of rows, that of the last in the place of the row that was the pivot."""
+        """Return numbers of rows, with that of the last row moved to the lane of the last pivot."""
         last = self.open.packed([self.open.lane(x, HALF)])
         return self.open.choose(self._at(which), last, x)
 
     def _step(self, i: str, carried: Sequence[str]) -> list[str]:
-        """Eliminate a column of each end; its pivot row makes room for the next one.
+        """Eliminate a column of each end; the next row takes over the lane of the pivot row.
 
-        Operations on both ends alternate, so that neither waits behind the other.
+        Operations on both ends alternate, so that the CPU executes them in parallel.
         """
         code, wide = self.code, self.open
         count = len(carried) // ENDS
@@ -255,7 +255,7 @@ class TwoEndedFactors:
             )
         for window in windows:
             which = self._pivot(window[0])
-            # Of all four, as long as it is not known which one is needed.
+            # The inverses of all four, as long as the pivot is not known.
             inverses = wide.div(wide.constant(1.0), window[0])
             inverse = self._picked(wide.call("arithmetic.fence", inverses), which)
             chosen.append((which, inverse, wide.mul(window[0], inverse)))
@@ -268,25 +268,26 @@ class TwoEndedFactors:
                 handed[end.number].append(multiply_subtract(wide, x, factors, pivot))
                 entry = code.mul(wide.lane(pivot, 0), wide.lane(inverse, 0))
                 if j < WIDTH:
-                    place = code.integer("add", row, ENDS * (j - 1) + end.number)
-                    code.store(entry, self.upper, place)
+                    index = code.integer("add", row, ENDS * (j - 1) + end.number)
+                    code.store(entry, self.upper, index)
                 else:
                     code.store(entry, self.residual, end.row(code, i))
         for end, (which, inverse, factors) in zip(self.ends, chosen, strict=True):
-            place = code.integer("add", at, end.number)
-            code.store(wide.lane(inverse, 0), self.inverses, place)
-            wide.store(factors, code.address(self.factors, code.integer("mul", place, OPEN)))
+            index = code.integer("add", at, end.number)
+            code.store(wide.lane(inverse, 0), self.inverses, index)
+            wide.store(factors, code.address(self.factors, code.integer("mul", index, OPEN)))
             lane = code.let(f"extractelement {wide.like('i64')} {which}, i64 0")
             lane = code.let(f"trunc i64 {lane} to i8")
-            code.do(f"store i8 {lane}, ptr {code.address(self.which, place, 'i8')}")
+            code.do(f"store i8 {lane}, ptr {code.address(self.which, index, 'i8')}")
         pairs = zip(handed, chosen, strict=True)
         return [x for window, (which, *_) in pairs for x in (*window, which)]
 
     def _pivot(self, column: str) -> str:
-        """Return which of four entries is the largest, in all lanes.
+        """Return the index of the largest of four entries, in all lanes.
 
-        Everything waits for it, so the leading 32 bits of each are compared, which is faster. Of
-        these the last two tell which entry it is: of several that are so far equal, the last.
+        All later operations depend on it, so only the leading 32 bits of each are compared, which
+        is faster. Their last two bits are replaced by the index of the entry: of several entries
+        that are equal otherwise, the last is returned.
         """
         wide, kind, halves = self.open, self.open.like("i64"), f"<{2 * OPEN} x i32>"
         marks = ", ".join(f"i32 0, i32 {i}" for i in range(OPEN))
@@ -304,16 +305,16 @@ class TwoEndedFactors:
         return wide.let(f"and {kind} {bits}, {wide.splat_of(f'i64 {HALF}')}")
 
     def _picked(self, x: str, which: str) -> str:
-        """Return a row's number, in all lanes."""
+        """Return the number of the row `which`, in all lanes."""
         wide, kind = self.open, self.open.like("i64")
         places = [wide.let(f"extractelement {kind} {which}, i64 {i}") for i in range(OPEN)]
         picked = wide.packed([wide.lane(x, place) for place in places])
         return wide.call("arithmetic.fence", picked)
 
     def forward(self, prepare: Callable[[str], None]) -> None:
-        """Write what elimination makes of the residual, and solve the middle.
+        """Write the eliminated residual, and solve the middle.
 
-        The residual is what `prepare` writes, as for `_inward`.
+        `prepare` writes the residual, as for `_inward`.
         """
         code, wide, kind = self.code, self.open, self.open.like("i64")
 
@@ -329,11 +330,11 @@ class TwoEndedFactors:
                 new = wide.packed([code.load(self.residual, new)])
                 x = wide.choose(self._at(which), new, x)
                 at = code.integer("add", code.integer("mul", i, ENDS), end.number)
-                place = code.let(f"load i8, ptr {code.address(self.which, at, 'i8')}")
-                place = code.let(f"zext i8 {place} to i64")
+                row = code.let(f"load i8, ptr {code.address(self.which, at, 'i8')}")
+                row = code.let(f"zext i8 {row} to i64")
                 which = "poison"
                 for lane in range(OPEN):
-                    which = wide.let(f"insertelement {kind} {which}, i64 {place}, i64 {lane}")
+                    which = wide.let(f"insertelement {kind} {which}, i64 {row}, i64 {lane}")
                 pivot = self._picked(x, which)
                 factors = code.address(self.factors, code.integer("mul", at, OPEN))
                 entry = code.mul(wide.lane(pivot, 0), code.load(self.inverses, at))
@@ -354,7 +355,7 @@ class TwoEndedFactors:
         self.found = self.dense.solve(b)
 
     def substitute(self, keep: Callable[[str, str], None]) -> None:
-        """Find unknowns from the middle to both ends; `keep` is handed places and unknowns."""
+        """Compute unknowns from the middle to both ends; `keep` takes index and unknown."""
         code, pair = self.code, self.pair
         known = dict(zip(self.middle, self.found, strict=True))
         for i, y in known.items():
@@ -368,7 +369,7 @@ class TwoEndedFactors:
             at = code.integer("mul", i, ROW)
             places = [end.row(code, i) for end in self.ends]
             y = pair.packed([code.load(self.residual, place) for place in places])
-            # The unknown found just before comes last: the others need not wait for it.
+            # The latest unknown comes last: the other products do not depend on it.
             for j in range(2 * HALF, 0, -1):
                 entries = pair.load(
                     code.address(self.upper, code.integer("add", at, ENDS * (j - 1)))
@@ -380,14 +381,14 @@ class TwoEndedFactors:
 
 
 def multiply_add(code: IRBuilder, x: str, y: str, z: str) -> str:
-    """Return x + y z, rounded once where the machine can."""
+    """Return x + y z, by fused multiply-add on machines that have it."""
     if jit.cpu_features()[2]:
         return code.call("fma", y, z, x)
     return code.add(x, code.mul(y, z))
 
 
 def multiply_subtract(code: IRBuilder, x: str, y: str, z: str) -> str:
-    """Return x - y z, rounded once where the machine can."""
+    """Return x - y z, by fused multiply-add on machines that have it."""
     return multiply_add(code, x, code.neg(y), z)
 
 
@@ -395,7 +396,7 @@ def multiply_subtract(code: IRBuilder, x: str, y: str, z: str) -> str:
 
 
 def solve_workspace(size: int) -> int:
-    """Return how many doubles the work of a solve takes."""
+    """Return the number of float64 of the workspace of a solve."""
     return 10 * padded(size) + 2 * LANES + 2 + factors_workspace(size)
 
 
@@ -403,7 +404,8 @@ def band_text(name: str, size: int, stride: int) -> str:
     """Return the function (diagonals, x, room) for a matrix of `size` rows.
 
     Entries of the diagonals (8, padded size), of which the last is the right-hand side, and those
-    of x are `stride` doubles apart. Numbers of other rows are scaled where they stand.
+    of x are `stride` float64 apart. With `stride` 1 the diagonals are scaled in place, otherwise in
+    the workspace `room`.
     """
     code = IRBuilder()
     solve = _BandSolveCode(code, size, stride)
@@ -412,23 +414,24 @@ def band_text(name: str, size: int, stride: int) -> str:
     for _ in range(LEAST_STEPS):
         solve.refine()
     beta = solve.backward_error()
-    # Anything but a finite number ends it: what overflows is told by x itself.
+    # A β that is not finite ends the refinement: after an overflow x is not finite either.
     with code.when(code.compare("ogt", beta, code.constant(REFINED))):
         solve.refine_step_by_step()
     clear = code.load(solve.zero)
     with code.loop(size) as turn:
-        place = turn.i if stride == 1 else code.integer("mul", turn.i, stride)
-        code.store(code.add(code.load(solve.x, turn.i), clear), "%x", place)
-    given = "ptr noalias %rows, ptr noalias %x, ptr noalias %room"
-    return code.function(f"define internal void @{name}({given}) nounwind")
+        index = turn.i if stride == 1 else code.integer("mul", turn.i, stride)
+        code.store(code.add(code.load(solve.x, turn.i), clear), "%x", index)
+    head = "ptr noalias %rows, ptr noalias %x, ptr noalias %room"
+    return code.function(f"define internal void @{name}({head}) nounwind")
 
 
 class _BandSolveCode:
-    """The parts of a solve, and where its numbers stand.
+    """Writer of the steps of a solve, with the addresses of its numbers.
 
     Attributes:
-        x: address of x, zeros before and behind it, so that any row can be multiplied by it.
-        zero: address of what is added to x at last: NaN unless x is finite and good enough.
+        x: address of x, with zeros before and after it, so that any row can be multiplied by it.
+        zero: address of the number that is added to x at the end: 0, or NaN unless x is finite and
+            accurate enough.
     """
 
     def __init__(self, code: IRBuilder, size: int, stride: int):
@@ -454,16 +457,16 @@ class _BandSolveCode:
             self.rows.store("zeroinitializer", code.address(self.x, i))
 
     def scale(self, at: str) -> None:
-        """Scale eight rows: where they stand, or in the room what is not side by side."""
+        """Scale eight rows: in place, or into the workspace if they are not contiguous."""
         code, rows = self.code, self.rows
         entries = []
         for numbers in self.given:
             if self.stride == 1:
                 entries.append(rows.load(code.address(numbers, at)))
                 continue
-            places = [code.integer("add", at, lane) for lane in range(LANES)]
-            places = [code.integer("mul", place, self.stride) for place in places]
-            entries.append(rows.packed([code.load(numbers, place) for place in places]))
+            indices = [code.integer("add", at, lane) for lane in range(LANES)]
+            indices = [code.integer("mul", index, self.stride) for index in indices]
+            entries.append(rows.packed([code.load(numbers, index) for index in indices]))
         largest = rows.call("fabs", entries[0])
         for entry in entries[1:WIDTH]:
             largest = _larger(rows, rows.call("fabs", entry), largest)
@@ -474,7 +477,7 @@ class _BandSolveCode:
     # ---- Refinement ------------------------------------------------------------------------------
 
     def found(self, *, new: bool) -> None:
-        """Find unknowns of what elimination has made: x itself, or what is to be added to it."""
+        """Compute x, if `new`, otherwise its correction, from the eliminated right-hand side."""
         code = self.code
 
         def keep(i: str, y: str) -> None:
@@ -483,7 +486,7 @@ class _BandSolveCode:
         self.ends.substitute(keep)
 
     def refine(self) -> None:
-        """Make one step of refinement."""
+        """Write one step of refinement."""
 
         def write(at: str) -> None:
             self.rows.store(
@@ -494,7 +497,7 @@ class _BandSolveCode:
         self.found(new=False)
 
     def refine_step_by_step(self) -> None:
-        """Begin again, and refine as long as each step halves the backward error."""
+        """Solve again, and refine as long as each step halves the backward error."""
         code, rows = self.code, self.rows
 
         def write(at: str) -> None:
@@ -543,7 +546,7 @@ class _BandSolveCode:
     def backward_error(self) -> str:
         """Return the backward error β; `REFINED` if it is less.
 
-        Also written is 0 times the residual: NaN unless x, and all that it was made of, is finite.
+        `zero` is set to 0 times the residual: NaN unless x, the matrix and b are finite.
         """
         code, rows = self.code, self.rows
         nothing = (rows.real, rows.constant(0.0))
@@ -563,7 +566,7 @@ class _BandSolveCode:
             zero = code.add(zero, rows.lane(zeros, lane))
         code.store(zero, self.zero)
         code.store(code.constant(REFINED), self.beta)
-        # Most often no row is above, and nothing needs to be divided.
+        # Usually no row exceeds `REFINED`, and no division is needed.
         with code.when(code.compare("ogt", self._largest(above), code.constant(0.0))):
             least = code.mul(self._largest(sizes), code.constant(SMALLEST_SHARE))
             least = rows.packed([_larger(code, least, code.constant(SMALLEST_SIZE))])

@@ -1,9 +1,9 @@
-"""Linear solves of a batch: the matrix of each lane is solved as it would be alone, bit by bit.
+"""Linear solves of a batch: the matrix of each lane is solved with the bits of a single solve.
 
 Scales, pivots, refusals and refinement are those of `eomcheck.numbers.linear` and
 `eomcheck.numbers.banded_solve`, whose functions are used; LAPACK, which they call matrix by matrix
-from Python, is called here in a loop of machine code (`lapack_per_lane`). A lane that would be
-refused is NaN, and recorded as refused.
+from Python, is called here in a loop in machine code (`lapack_per_lane`). A lane whose matrix is
+refused has the result NaN, and is recorded as refused.
 """
 
 from __future__ import annotations
@@ -49,7 +49,10 @@ from eomcheck.numbers.pivots import (
 
 @cache
 def _loop(arity: int) -> Callable[[int, int, int], None]:
-    """Return what calls a function of `arity` addresses `count` times, each moved by its stride."""
+    """Return the C function (count, function, table) that calls a function of `arity` addresses.
+
+    It is called `count` times; the table has first value and stride, bytes, of each address.
+    """
     code = IRBuilder()
     table = [
         (
@@ -59,18 +62,18 @@ def _loop(arity: int) -> Callable[[int, int, int], None]:
         for i in range(arity)
     ]
     with code.loop("%count") as turn:
-        places = []
+        pointers = []
         for start, stride in table:
-            place = code.integer("add", start, code.integer("mul", turn.i, stride))
-            places.append(code.let(f"inttoptr i64 {place} to ptr"))
-        code.do(f"call void %function({', '.join(f'ptr {place}' for place in places)})")
+            address = code.integer("add", start, code.integer("mul", turn.i, stride))
+            pointers.append(code.let(f"inttoptr i64 {address} to ptr"))
+        code.do(f"call void %function({', '.join(f'ptr {pointer}' for pointer in pointers)})")
     name = f"each{arity}"
     machine = JitModule(
         [code.function(f"define void @{name}(i64 %count, ptr %function, ptr %table)")]
     )
     kinds = ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p
     function: Any = ctypes.CFUNCTYPE(None, *kinds)(machine.address(name))
-    function.machine = machine  # its address holds as long as this lives
+    function.machine = machine  # keeps the machine code alive
     return function
 
 
@@ -79,10 +82,10 @@ def lapack_per_lane(routine: str, *arguments: Any) -> None:
 
     Args:
         routine: its name, such as "dgetrf".
-        arguments: arrays whose first axis is that of the lanes, which the routine writes into; or
-            for all lanes alike a whole number, a letter, or a list of one array as room for work.
+        arguments: arrays with the lanes on the first axis, which the routine may write to; or, the
+            same for all lanes, a number, a letter, or a list of one array as a workspace.
     """
-    count, table, kept = 0, [], []
+    count, table, alive = 0, [], []
     for x in arguments:
         if isinstance(x, np.ndarray):
             count = len(x)
@@ -94,7 +97,7 @@ def lapack_per_lane(routine: str, *arguments: Any) -> None:
             same = np.array([ord(x)], np.int8)
         else:
             same = np.array([x], np.int32 if isinstance(x, int) else np.float64)
-        kept.append(same)
+        alive.append(same)
         table += [same.ctypes.data, 0]
     addresses = np.array(table, np.int64)
     if count:
@@ -105,7 +108,7 @@ def lapack_per_lane(routine: str, *arguments: Any) -> None:
 
 
 def _lanes_first(x: np.ndarray) -> np.ndarray:
-    """Return (L, *shape), contiguous, of data (*shape, L)."""
+    """Return data (*shape, L) as a contiguous array (L, *shape)."""
     return np.ascontiguousarray(np.moveaxis(x, -1, 0))
 
 
@@ -114,31 +117,31 @@ def _lanes_last(x: np.ndarray) -> np.ndarray:
 
 
 def _perturbed(x: np.ndarray, noise: Noise) -> np.ndarray:
-    """Return numbers (L, *shape), each moved by what is the same in all lanes."""
+    """Return numbers (L, *shape), perturbed by the same relative change in all lanes."""
     return x + noise.changes(x.shape[1:]) * perturbation_scale(x)
 
 
 def _conditions_wanted() -> bool:
-    watch = linear.active_recorder()
-    return watch is None or watch.conditions
+    recorder = linear.active_recorder()
+    return recorder is None or recorder.conditions
 
 
 def _record(found: SolveRecord, refused: np.ndarray) -> None:
-    watch = linear.active_recorder()
-    if watch is not None:
-        watch.solves.append(found)
-        watch.refused.append(refused)
+    recorder = linear.active_recorder()
+    if recorder is not None:
+        recorder.solves.append(found)
+        recorder.refused.append(refused)
 
 
 # ---- Full matrices -------------------------------------------------------------------------------
 
 
 class LaneFactors(NamedTuple):
-    """Factors of matrices, one a lane.
+    """LU factors of a batch of matrices, one per lane.
 
     Attributes:
         columns: factors (L, k, k), column by column.
-        pivots: as LAPACK counts them, from 1 (L, k).
+        pivots: exchanged rows (L, k), counted from 1 as in LAPACK.
     """
 
     columns: np.ndarray
@@ -146,12 +149,12 @@ class LaneFactors(NamedTuple):
 
     @property
     def lu(self) -> np.ndarray:
-        """Factors (L, k, k)."""
+        """LU factors (L, k, k), row by row."""
         return self.columns.swapaxes(-1, -2)
 
     @classmethod
     def of(cls, A: np.ndarray, like: np.ndarray | None = None) -> LaneFactors:
-        """Factor matrices (L, k, k), with pivots `like` (L, k) where these are given."""
+        """Factor matrices (L, k, k), with the pivots `like` (L, k) if passed."""
         count, size, _ = A.shape
         columns = np.ascontiguousarray(A.swapaxes(-1, -2))
         pivots, info = np.zeros((count, size), np.int32), [np.zeros(1, np.int32)]
@@ -164,7 +167,7 @@ class LaneFactors(NamedTuple):
         return cls(columns, pivots)
 
     def solve(self, b: np.ndarray) -> np.ndarray:
-        """Return the solutions for b (L, k) or (L, k, m)."""
+        """Return the solutions for right-hand sides b (L, k) or (L, k, m)."""
         size, many = self.pivots.shape[1], 1 if b.ndim == 2 else b.shape[2]
         x = b.copy() if b.ndim == 2 else np.ascontiguousarray(b.swapaxes(-1, -2))
         info = [np.zeros(1, np.int32)]
@@ -172,7 +175,7 @@ class LaneFactors(NamedTuple):
         return x if b.ndim == 2 else x.swapaxes(-1, -2)
 
     def inverse(self) -> np.ndarray:
-        """Return the inverses (L, k, k)."""
+        """Return the inverses (L, k, k) of the matrices."""
         size, out = self.pivots.shape[1], self.columns.copy()
         work = [np.zeros(64 * size)]
         info = [np.zeros(1, np.int32)]
@@ -181,7 +184,7 @@ class LaneFactors(NamedTuple):
 
 
 def _eliminated(A: np.ndarray, pivots: np.ndarray) -> np.ndarray:
-    """Return the factors of A (L, k, k), as `getrf` has them, with given pivots."""
+    """Return the LU factors of A (L, k, k), in the form of `getrf`, with these pivots."""
     lu = np.take_along_axis(A, elimination_order(pivots)[..., None], axis=1)
     for i in range(A.shape[-1] - 1):
         lu[:, i + 1 :, i] /= lu[:, i, i, None]
@@ -228,7 +231,7 @@ def solve_in_lanes(A: Any, b: Any, name: str) -> LaneArray:
 
 
 def _reciprocal_conditions(factors: LaneFactors, sizes: FactorMagnitudes) -> np.ndarray:
-    """Return what `eomcheck.numbers.linear.reciprocal_condition` gives, for each lane (L,)."""
+    """Return `eomcheck.numbers.linear.reciprocal_condition` of each lane (L,)."""
     count, size = factors.pivots.shape
     diagonal = np.diagonal(factors.columns, axis1=-2, axis2=-1)
     usable = np.isfinite(factors.columns).all(axis=(1, 2)) & diagonal.all(axis=1)
@@ -251,15 +254,15 @@ def _reciprocal_conditions(factors: LaneFactors, sizes: FactorMagnitudes) -> np.
 
 
 class _BatchedBandFactors:
-    """Banded matrices and their factors; see `eomcheck.numbers.banded_solve`."""
+    """A batch of banded matrices and their factors; see `eomcheck.numbers.banded_solve`."""
 
     def __init__(self, bands: np.ndarray, columns: np.ndarray, inside: np.ndarray):
         self.bands, self.columns, self.inside = bands, columns, inside
         count, size, _ = bands.shape
-        self.order, rows, places = banded_solve.lapack_positions(size)
-        # As LAPACK stores it, column by column.
+        self.order, rows, stored_columns = banded_solve.lapack_positions(size)
+        # Column by column, as in LAPACK.
         stored = np.zeros((count, size, 3 * REACH + 1))
-        stored[:, places, rows] = bands[:, inside]
+        stored[:, stored_columns, rows] = bands[:, inside]
         self.lu, self.pivots = stored, np.zeros((count, size), np.int32)
         info, width = [np.zeros(1, np.int32)], 3 * REACH + 1
         lapack_per_lane("dgbtrf", size, size, REACH, REACH, self.lu, width, self.pivots, info)
@@ -267,7 +270,7 @@ class _BatchedBandFactors:
         self.invertible = np.isfinite(self.lu).all(axis=(1, 2)) & diagonal.all(axis=1)
 
     def solve(self, b: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return x (L, m), its backward errors (L,), and how often each was refined."""
+        """Return x (L, m), its backward errors (L,), and the numbers of refinement steps (L,)."""
         x = self.eliminated(b)
         steps, error, before = (np.full(len(b), y) for y in (0.0, 0.0, np.inf))
         error = self._backward_error(x, b)
@@ -289,13 +292,13 @@ class _BatchedBandFactors:
         return (np.abs(b - self.times(x)) / self.sizes(x, b)).max(axis=1)
 
     def sizes(self, x: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Return |A||x| + |b| (L, m), no entry below what counts as rounding of others."""
+        """Return |A||x| + |b| (L, m), no entry below the rounding error of the other rows."""
         sizes = self.size(np.abs(x)) + np.abs(b)
         least = np.maximum(SMALLEST_SIZE, SMALLEST_SHARE * sizes.max(axis=1, keepdims=True))
         return np.maximum(sizes, least)
 
     def moved(self, x: np.ndarray, b: np.ndarray, noise: Noise) -> np.ndarray:
-        """Return solutions x (L, m) moved by what a backward error does to them."""
+        """Return the solutions x (L, m) with the effect of a random backward error added."""
         residual = b - self.times(x) + noise.changes(b.shape[1:]) * self.sizes(x, b)
         return x + self.eliminated(residual)
 
@@ -305,8 +308,8 @@ class _BatchedBandFactors:
         ordered = b[:, self.order] if b.ndim == 2 else b[:, self.order].swapaxes(-1, -2)
         ordered, info = np.ascontiguousarray(ordered), [np.zeros(1, np.int32)]
         size = self.order.size
-        given = "N", size, REACH, REACH, many, self.lu, width, self.pivots, ordered, size, info
-        lapack_per_lane("dgbtrs", *given)
+        read = "N", size, REACH, REACH, many, self.lu, width, self.pivots, ordered, size, info
+        lapack_per_lane("dgbtrs", *read)
         x = np.empty(b.shape)
         x[:, self.order] = ordered if b.ndim == 2 else ordered.swapaxes(-1, -2)
         return x
@@ -320,7 +323,7 @@ class _BatchedBandFactors:
         return (np.abs(self.bands) * x[:, self.columns]).sum(axis=2)
 
     def reciprocal_conditions(self) -> np.ndarray:
-        """Return 1 / ρ(|A⁻¹||A|) (L,) as LAPACK estimates it; 0 where A is singular."""
+        """Return 1 / ρ(|A⁻¹||A|) (L,) by LAPACK's condition estimator; 0 where A is singular."""
         count, size, _ = self.bands.shape
         weights, rcond, open_ = np.ones((count, size)), np.zeros(count), self.invertible.copy()
         signs = banded_solve.random_signs(size)
@@ -338,13 +341,13 @@ class _BatchedBandFactors:
         return np.minimum(rcond, 1.0)
 
     def condition(self) -> np.ndarray:
-        """Return LAPACK's estimates (L,) of the reciprocal condition number, the norm being 1."""
+        """Return LAPACK's estimates (L,) of reciprocal condition numbers of matrices of norm 1."""
         count, size = self.pivots.shape
-        found, info = np.zeros((count, 1)), [np.zeros(1, np.int32)]
+        rcond, info = np.zeros((count, 1)), [np.zeros(1, np.int32)]
         work, whole, width = [np.zeros(3 * size)], [np.zeros(size, np.int32)], 3 * REACH + 1
-        given = "I", size, REACH, REACH, self.lu, width, self.pivots, 1.0, found, work, whole, info
-        lapack_per_lane("dgbcon", *given)
-        return found[:, 0]
+        read = "I", size, REACH, REACH, self.lu, width, self.pivots, 1.0, rcond, work, whole, info
+        lapack_per_lane("dgbcon", *read)
+        return rcond[:, 0]
 
 
 def solve_banded_in_lanes(bands: Any, b: Any, name: str) -> LaneArray:
@@ -371,10 +374,10 @@ def solve_banded_in_lanes(bands: Any, b: Any, name: str) -> LaneArray:
             _record(SolveRecord(name, size, rcond, *det, steps), refused)
             x[refused] = np.nan
             return LaneArray(_lanes_last(x * scale))
-        moved = A.moved(x, b * row_scale, noise) * scale
-        moved[~(error <= REFINED)] = np.nan
+        perturbed = A.moved(x, b * row_scale, noise) * scale
+        perturbed[~(error <= REFINED)] = np.nan
         _record(SolveRecord(name, size, np.nan, *det, steps), np.zeros(count, bool))
-        return LaneArray(_lanes_last(_perturbed(moved, noise)), noise)
+        return LaneArray(_lanes_last(_perturbed(perturbed, noise)), noise)
 
 
 SOLVERS[LaneArray], BANDED_SOLVERS[LaneArray] = solve_in_lanes, solve_banded_in_lanes

@@ -1,11 +1,12 @@
 """The LLVM IR of a program, and the layout of the memory block that the function reads.
 
 The function (out, t, y, block) reads the state y and the time t and writes its outputs one after
-the other to `out`. The block holds all else (`Layout`): parameters, results of groups, results of
-loops that are read later, workspace. A number in memory is one float64 for each lane.
+the other to `out`. The block holds everything else (`Layout`): parameters, results of groups,
+results of loops that are read later, workspace. A number in memory is one float64 for each lane.
 
-With one lane it is what CyRK calls: t is a float64, and in place of the block stands the address of
-its address. Such a function counts its calls, and those in which an output is not finite.
+With one lane it has the signature that CyRK calls: t is a float64, and the last argument is the
+address of the address of the block. Such a function counts its calls, and those in which an output
+is not finite.
 """
 
 from __future__ import annotations
@@ -23,17 +24,17 @@ from eomcheck.numbers import tape as t
 
 CALLS, FAILED, FAILURE_TIME, TIME = range(4)
 HEADER = 4
-"""Doubles of the block before all else: calls and failures (integers), time of the first failure,
-and the time given."""
+"""Number of float64 in the header of the block: calls and failures (integers), time of the first
+failure, and the argument t."""
 
 
 class Layout(NamedTuple):
-    """Where things stand in a block, in numbers of `width` lanes, behind its header.
+    """Offsets of arrays in a memory block, in numbers of `width` lanes, after its header.
 
     Attributes:
-        offsets: first place of each array, by name.
-        size: numbers in all.
-        workspace: doubles behind them.
+        offsets: index of the first entry of each array, by name.
+        size: number of entries of all arrays.
+        workspace: number of float64 after them.
     """
 
     offsets: Mapping[str, int]
@@ -41,36 +42,38 @@ class Layout(NamedTuple):
     workspace: int
 
     def float64_count(self, width: int) -> int:
-        """Return the doubles of a block."""
+        """Return the number of float64 in a block."""
         return HEADER + self.size * width + self.workspace
 
 
 def layout_of(program: Program, parameters: Mapping[str, int]) -> Layout:
-    """Return the layout for `parameters`, whose sizes are given by name."""
+    """Return the layout of a block for `parameters`, which are sizes by name."""
     sizes = {**parameters, **dict(program.arrays)}
     counts = [item[1] for item in program.items if item[0] == "loop"]
     for loop, inner in sorted(loop_results(program)[0]):
         sizes[f"l{loop}.{inner}"] = counts[loop]
-    places, at = {}, 0
+    offsets, at = {}, 0
     for name, size in sizes.items():
         if name not in parameters:
             at = aligned(at)
-        places[name] = at
+        offsets[name] = at
         at += size
-    return Layout(places, aligned(at), max((_workspace(item) for item in program.items), default=0))
+    return Layout(
+        offsets, aligned(at), max((_workspace(item) for item in program.items), default=0)
+    )
 
 
 def aligned(count: int) -> int:
-    """Return the first place at or behind this one that begins a line of cache."""
+    """Return the first index, at least `count`, that is at the start of a cache line."""
     return -(-count // CACHE_LINE) * CACHE_LINE
 
 
 def loop_results(program: Program) -> tuple[set[tuple[int, int]], dict[tuple[int, int], int]]:
-    """Return what is read behind loops, as (loop, operation).
+    """Return the results of loops that are read after them, as (loop, operation).
 
     Returns:
-        What is to be written to memory; of all else, of which the last few are read: how far from
-        the last one that is.
+        The results that are written to memory; and for the others, of which only the last few
+        iterations are read, the largest distance from the last iteration.
     """
     counts = [item[1] for item in program.items if item[0] == "loop"]
     reads = {x[1:] for x in reads_of(program.items) if x[0] == "l"}
@@ -84,15 +87,15 @@ def loop_results(program: Program) -> tuple[set[tuple[int, int]], dict[tuple[int
 
 
 def reads_of(items: Tree) -> Iterator[Tree]:
-    """Yield everything that items read."""
+    """Yield all operands that items read."""
     for item in items:
         if item[0] == "loop":
             yield from reads_of(item[2])
             continue
-        given = (
+        operands = (
             item[7] if item[0] == "group" and item[5] else item[1:4] if item[0] != "group" else ()
         )
-        for x in given:
+        for x in operands:
             if isinstance(x, tuple):
                 yield x
                 if x[0] == "p":
@@ -100,7 +103,7 @@ def reads_of(items: Tree) -> Iterator[Tree]:
 
 
 def _workspace(item: Tree) -> int:
-    """Return the doubles of room that an item needs."""
+    """Return the number of float64 of workspace that an item needs."""
     if item[0] != "group" or item[5]:
         return 0
     kind, shape = item[2], item[4]
@@ -124,10 +127,10 @@ def function_texts(
 
     Args:
         name: of the function.
-        program: what it does.
-        layout: of the block.
+        program: its operations.
+        layout: of the memory block.
         outputs: number of entries of each output, by name, in their order.
-        width: lanes.
+        width: number of SIMD lanes.
     """
     return _Emitter(name, program, layout, outputs, width).texts()
 
@@ -145,7 +148,7 @@ class _Emitter:
         self.loops = 0
         self.last = loop_results(program)[1]
         self.single = width == 1
-        # Outputs, or sums of them: a sum of all is not finite if one is not.
+        # Outputs, or sums of them: the sum of all is not finite if one output is not.
         self.sums: list[str] = []
         self.stepping = {
             x[1]
@@ -156,7 +159,7 @@ class _Emitter:
         }
 
     def texts(self) -> list[str]:
-        """Return all texts."""
+        """Return the texts of the function and of those that it calls."""
         code = self.code
         if self.single:
             code.do("%block = load ptr, ptr %arguments")
@@ -165,23 +168,23 @@ class _Emitter:
         self.room = code.address(self.numbers, self.layout.size)
         time = code.address("%block", TIME, "double") if self.single else "%t"
         self.bases = {"y": "%y", "t": time}
-        for name, place in self.layout.offsets.items():
-            self.bases[name] = code.address(self.numbers, place)
-        place = 0
+        for name, offset in self.layout.offsets.items():
+            self.bases[name] = code.address(self.numbers, offset)
+        offset = 0
         for name, size in self.outputs.items():
-            self.bases[f"out {name}"] = code.address("%out", place)
-            place += size
+            self.bases[f"out {name}"] = code.address("%out", offset)
+            offset += size
         for item in self.program.items:
             getattr(self, f"_{item[0]}")(*item[1:])
         time = "double" if self.single else "ptr noalias"
         last = "ptr noalias %arguments" if self.single else "ptr noalias %block"
-        given = f"ptr noalias %out, {time} %t, ptr noalias %y, {last}"
+        arguments = f"ptr noalias %out, {time} %t, ptr noalias %y, {last}"
         if self.single:
             self._count()
-        return [*code.called, code.function(f"define void @{self.name}({given}) nounwind")]
+        return [*code.called, code.function(f"define void @{self.name}({arguments}) nounwind")]
 
     def _count(self) -> None:
-        """Count the call, and whether any output is not finite."""
+        """Count the call, and a failure if any output is not finite."""
         code, sums = self.code, self.sums
         while len(sums) > 1:
             pairs = zip(sums[::2], sums[1::2], strict=False)
@@ -193,38 +196,38 @@ class _Emitter:
                 self._check_outputs()
 
     def _check_outputs(self) -> None:
-        """Count a failure if an output is not finite: a sum may be too large all the same."""
+        """Count a failure if an output is not finite; a sum of finite outputs may overflow."""
         code, zero = self.code, self.code.constant(0.0)
         with code.loop(sum(self.outputs.values()), (code.real, zero)) as turn:
             nothing = code.mul(code.load("%out", turn.i), zero)
             turn.yielded[0] = code.add(turn.carried[0], nothing)
         with code.when(code.compare("une", turn.carried[0], zero)):
-            place = code.address("%block", FAILED, "i64")
-            failed = code.let(f"load i64, ptr {place}")
+            failures = code.address("%block", FAILED, "i64")
+            failed = code.let(f"load i64, ptr {failures}")
             when = code.address("%block", FAILURE_TIME, "double")
             none = code.let(f"icmp eq i64 {failed}, 0")
             code.store(code.choose(none, "%t", code.load(when)), when)
-            code.do(f"store i64 {code.integer('add', failed, 1)}, ptr {place}")
+            code.do(f"store i64 {code.integer('add', failed, 1)}, ptr {failures}")
 
-    # ---- Straight --------------------------------------------------------------------------------
+    # ---- Outside of loops ------------------------------------------------------------------------
 
     def value(self, x: Tree) -> str:
-        """Return what is read outside of loops, or is the same in all iterations of one."""
+        """Return the value of an operand outside of loops, or the same in all iterations of one."""
         if x[0] == "s":
             return self.values[x[1]]
         if x[0] == "c":
             return self.code.constant(x[1])
-        found = self.known.get(x)
-        if found is None:
+        value = self.known.get(x)
+        if value is None:
             if x[0] == "i" and x[1] in self.parts:
-                found = self.parts[x[1]][x[2]]
+                value = self.parts[x[1]][x[2]]
             else:
-                found = self.code.load(self.base(x), x[-2])
-            self.known[x] = found
-        return found
+                value = self.code.load(self.base(x), x[-2])
+            self.known[x] = value
+        return value
 
     def base(self, x: Tree) -> str:
-        """Return the address of the array that is read."""
+        """Return the address of the array of an operand."""
         return self.bases[x[1] if x[0] == "i" else f"l{x[1]}.{x[2]}"]
 
     def _op(self, op: str, x: Tree, y: Tree | None) -> None:
@@ -244,7 +247,7 @@ class _Emitter:
     def _loop(self, count: int, body: Tree) -> None:
         code, number = self.code, self.loops
         self.loops += 1
-        # What operation `inner` made some iterations before, at (inner, first values).
+        # Results of operation `inner` some iterations before, by (inner, first values).
         carried: dict[tuple[int, Tree], int] = {}
         first: list[tuple[str, str]] = []
         for x in reads_of(body):
@@ -262,46 +265,46 @@ class _Emitter:
                 carried[inner, (nothing,) * before] = len(first)
                 first.append((code.real, self.value(nothing)))
         put = [item[2] for item in body if item[0] == "put" and item[2] in self.outputs]
-        watched = self.single and bool(put)
-        if watched:
+        checked = self.single and bool(put)
+        if checked:
             first.append((code.real, code.constant(0.0)))
         with code.loop(count, *first) as turn:
-            made: list[str] = []
-            here: dict[Tree, str] = {}
+            results: list[str] = []
+            loaded: dict[Tree, str] = {}
 
             def read(x: Tree) -> str:
                 if x[0] == "b":
-                    return made[x[1]]
+                    return results[x[1]]
                 if x[0] == "p":
                     return turn.carried[carried[x[1:]]]
                 if x[0] in "sc" or x[-1] == 0:
                     return self.value(x)
-                if x not in here:
-                    here[x] = code.load(self.base(x), code.affine(turn.i, x[-2], x[-1]))
-                return here[x]
+                if x not in loaded:
+                    loaded[x] = code.load(self.base(x), code.affine(turn.i, x[-2], x[-1]))
+                return loaded[x]
 
             for inner, item in enumerate(body):
                 if item[0] == "put":
                     _, x, array, place, step = item
                     code.store(read(x), self.target(array), code.affine(turn.i, place, step))
-                    made.append("")
-                    if watched and array in self.outputs:
+                    results.append("")
+                    if checked and array in self.outputs:
                         turn.yielded[-1] = code.add(turn.yielded[-1], read(x))
                     continue
                 _, op, x, y = item
-                made.append(_operated(self.code, op, read(x), y and read(y)))
-                if (kept := f"l{number}.{inner}") in self.bases:
-                    code.store(made[-1], self.bases[kept], turn.i)
-            for (inner, begun), place in carried.items():
+                results.append(_operated(self.code, op, read(x), y and read(y)))
+                if (array := f"l{number}.{inner}") in self.bases:
+                    code.store(results[-1], self.bases[array], turn.i)
+            for (inner, begun), k in carried.items():
                 later = begun[1:]
-                turn.yielded[place] = turn.carried[carried[inner, later]] if later else made[inner]
+                turn.yielded[k] = turn.carried[carried[inner, later]] if later else results[inner]
             ends = list(turn.carried)
         for inner, ago in last.items():
             for before in range(ago + 1):
-                place = carried.get((inner, (nothing,) * before))
-                value = made[inner] if place is None else ends[place]
+                k = carried.get((inner, (nothing,) * before))
+                value = results[inner] if k is None else ends[k]
                 self.known["l", number, inner, count - 1 - before, 0] = value
-        if watched:
+        if checked:
             self.sums.append(turn.carried[-1])
 
     # ---- Groups ----------------------------------------------------------------------------------
@@ -315,11 +318,11 @@ class _Emitter:
                 rows = [values[i * shape[0] : (i + 1) * shape[0]] for i in range(shape[0])]
                 self.factored[number] = dense.InlineLU(self.code, rows)
                 return
-            made = self._solved(values, shape, by) if kind == t.SOLVE else self._angles(values)
-            self.parts[f"x{number}"] = made
+            parts = self._solved(values, shape, by) if kind == t.SOLVE else self._angles(values)
+            self.parts[f"x{number}"] = parts
             if f"x{number}" in self.stepping:
-                for place, x in enumerate(made):
-                    self.code.store(x, self.bases[f"x{number}"], place)
+                for index, x in enumerate(parts):
+                    self.code.store(x, self.bases[f"x{number}"], index)
             return
         {
             t.ANGLES: self._many_angles,
@@ -349,21 +352,21 @@ class _Emitter:
         )
 
     def _lanes(self, name: str, text: str, *arrays: tuple[str, int]) -> None:
-        """Call a function for each lane; arrays are (address, doubles from lane to lane)."""
+        """Call a function for each lane; arrays are (address, float64 from lane to lane)."""
         self.code.calls(text)
 
         def call(lane: str | int) -> None:
-            places = []
+            addresses = []
             for base, step in arrays:
-                place = lane if step == 1 else 0
+                offset = lane if step == 1 else 0
                 if step > 1:
-                    place = (
+                    offset = (
                         lane * step
                         if isinstance(lane, int)
                         else self.code.integer("mul", lane, step)
                     )
-                places.append(self.code.address(base, place, "double"))
-            self.code.do(f"call void @{name}({', '.join(f'ptr {p}' for p in places)})")
+                addresses.append(self.code.address(base, offset, "double"))
+            self.code.do(f"call void @{name}({', '.join(f'ptr {x}' for x in addresses)})")
 
         if self.code.width == 1:
             call(0)
@@ -403,7 +406,7 @@ class _Emitter:
 
 
 def _operated(code: IRBuilder, op: str, x: str, y: Any) -> str:
-    """Return x op y."""
+    """Return the result of x op y."""
     if op == t.NEG:
         return code.neg(x)
     if op == t.SQRT:

@@ -1,9 +1,9 @@
 """Perturbed linear solves in machine code: matrix, right-hand sides and solution are perturbed.
 
 A sensitivity takes a solve for each of several perturbed samples of one matrix. All are computed in
-one call: scaled, eliminated and substituted as `eomcheck.numbers.linear` does it for the matrix as
-it is, and with the pivots that were chosen there. The code serves matrices of any size, known when
-it runs: rows are processed by whole vectors, for which there is padding behind each.
+one call: scaled, eliminated and substituted as `eomcheck.numbers.linear` does for the unperturbed
+matrix, and with the pivots that were chosen there. The code serves matrices of any size, known at
+run time: rows are processed by whole SIMD vectors, for which each row is padded.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from eomcheck.numbers.noise import NORMAL, Noise
 
 
 class Rows:
-    """Rows of doubles in memory, `stride` apart, each with room for a vector behind it."""
+    """Rows of float64 in memory, `stride` apart, each padded by a SIMD vector."""
 
     def __init__(self, code: IRBuilder, pointer: str, stride: str, columns: str):
         self.code, self.pointer, self.stride, self.columns = code, pointer, stride, columns
@@ -36,17 +36,17 @@ class Rows:
         return self.code.address(self.pointer, row if j == 0 else self.code.integer("add", row, j))
 
     def subtract(self, i: str, factor: str, j: str) -> None:
-        """Take `factor` times row j off row i."""
+        """Subtract `factor` times row j from row i."""
         subtract(self.code, self.columns, self.address(i), factor, self.address(j))
 
 
 def subtract(code: IRBuilder, count: str, to: str, factor: str, row: str) -> None:
-    """Take `factor` times `count` doubles at `row` off those at `to`."""
+    """Subtract `factor` times `count` float64 at `row` from those at `to`."""
     code.do(f"call void @subtract(i64 {count}, ptr {to}, double {factor}, ptr {row})")
 
 
 def _subtract_text() -> str:
-    """Return what takes `factor` times a row off another, by whole vectors."""
+    """Return the function that subtracts `factor` times a row from another, by whole vectors."""
     code = IRBuilder()
     wide = code.wider(LANES)
     factor = wide.packed(["%factor"])
@@ -60,7 +60,7 @@ def _subtract_text() -> str:
 
 @contextmanager
 def each_from(code: IRBuilder, first: int | str, last: str) -> Iterator[str]:
-    """Do what is written inside for i = first, ..., last - 1, if there is any."""
+    """Run the code written inside for i = first, ..., last - 1, if there is any."""
     count = code.integer("sub", last, first)
     with code.when(code.let(f"icmp sgt i64 {count}, 0")), code.loop(count) as turn:
         yield code.integer("add", turn.i, first)
@@ -68,13 +68,13 @@ def each_from(code: IRBuilder, first: int | str, last: str) -> Iterator[str]:
 
 @contextmanager
 def downwards(code: IRBuilder, count: str) -> Iterator[str]:
-    """Do what is written inside for i = count - 1, ..., 0; there is one at least."""
+    """Run the code written inside for i = count - 1, ..., 0; `count` is at least 1."""
     with code.loop(count) as turn:
         yield code.integer("sub", code.integer("sub", count, 1), turn.i)
 
 
 FACTORED = "i64 %size, i64 %many, ptr %factors, i64 %stride, ptr %x"
-"""Factors of a matrix, row by row, and right-hand sides or solutions, rows as after elimination."""
+"""Arguments: factors of a matrix, and right-hand sides or solutions; rows in elimination order."""
 
 
 def _of_factors() -> tuple[IRBuilder, Rows, Rows]:
@@ -88,7 +88,7 @@ def _of_factors() -> tuple[IRBuilder, Rows, Rows]:
 
 
 def _forward_text() -> str:
-    """Return what makes L⁻¹ x of x."""
+    """Return the function that replaces x by L⁻¹ x."""
     code, factors, x = _of_factors()
     with each_from(code, 0, "%size") as i, each_from(code, 0, i) as j:
         x.subtract(i, code.load(factors.address(i, j)), j)
@@ -96,20 +96,20 @@ def _forward_text() -> str:
 
 
 def _backward_text() -> str:
-    """Return what makes U⁻¹ x of x."""
+    """Return the function that replaces x by U⁻¹ x."""
     code, factors, x = _of_factors()
     with downwards(code, "%size") as i:
         with each_from(code, code.integer("add", i, 1), "%size") as j:
             x.subtract(i, code.load(factors.address(i, j)), j)
         diagonal = code.load(factors.address(i, i))
         with each_from(code, 0, "%many") as k:
-            here = x.address(i, k)
-            code.store(code.div(code.load(here), diagonal), here)
+            entry = x.address(i, k)
+            code.store(code.div(code.load(entry), diagonal), entry)
     return code.function(f"define void @backward({FACTORED})")
 
 
 def _sizes_text() -> str:
-    """Return what makes |L||U| x of x >= 0."""
+    """Return the function that replaces x >= 0 by |L||U| x."""
     code, factors, x = _of_factors()
 
     def minus_size(i: str, j: str) -> str:
@@ -118,8 +118,8 @@ def _sizes_text() -> str:
     with each_from(code, 0, "%size") as i:
         diagonal = code.call("fabs", code.load(factors.address(i, i)))
         with each_from(code, 0, "%many") as k:
-            here = x.address(i, k)
-            code.store(code.mul(code.load(here), diagonal), here)
+            entry = x.address(i, k)
+            code.store(code.mul(code.load(entry), diagonal), entry)
         with each_from(code, code.integer("add", i, 1), "%size") as j:
             x.subtract(i, minus_size(i, j), j)
     with downwards(code, "%size") as i, each_from(code, 0, i) as j:
@@ -128,22 +128,23 @@ def _sizes_text() -> str:
 
 
 def texts() -> tuple[str, ...]:
-    """Return the functions that code calls which uses rows."""
+    """Return the texts of the functions on rows."""
     return _subtract_text(), _forward_text(), _backward_text(), _sizes_text()
 
 
 # ---- LU factorization with perturbations ---------------------------------------------------------
 
 NEGLIGIBLE = 2.0**-600
-"""What is smaller beside the rest of its row and column is no part of a moved matrix: zeros that
-were moved are subnormal, with which machines calculate a hundred times more slowly."""
+"""Size of an entry of a scaled, perturbed matrix below which it is set to 0: perturbed zeros are
+subnormal, with which CPUs calculate a hundred times more slowly."""
 
 
 class _PerturbedSolveCode:
-    """The code that solves one moved system.
+    """Writer of the function that solves one perturbed system.
 
-    `%x` has the right-hand sides and is given the solutions, `%matrix` is read, and `%changes` are
-    what these and all that is rounded are moved by; `%room` is for factors and solutions.
+    `%x` holds the right-hand sides and then the solutions, `%matrix` is read, and `%changes` are
+    the perturbations of both and of all results that are rounded; `%like` holds pivots and factors
+    of the unperturbed solve, and `%room` is a workspace for factors and solutions.
     """
 
     HEAD = (
@@ -168,7 +169,7 @@ class _PerturbedSolveCode:
         self.pivots, self.factors, self.its_scale, self.its_row_scale = ends
 
     def _cut(self, pointer: str, *shapes: tuple[str, ...]) -> Iterator[str]:
-        """Yield where arrays of these shapes begin that lie one behind the other."""
+        """Yield the addresses of consecutive arrays of these shapes."""
         for first, *others in shapes:
             yield pointer
             count = first
@@ -177,7 +178,7 @@ class _PerturbedSolveCode:
             pointer = self.code.address(pointer, count)
 
     def text(self) -> str:
-        """Return it."""
+        """Return the text of the function."""
         code = self.code
         self._scale()
         self._eliminate()
@@ -187,55 +188,55 @@ class _PerturbedSolveCode:
         self._write()
         return code.function(f"define void @solve({self.HEAD})")
 
-    def _call(self, what: str, rows: Rows, factors: str = "", stride: str = "%size") -> None:
+    def _call(self, name: str, rows: Rows, factors: str = "", stride: str = "%size") -> None:
         factors, stride = (factors, stride) if factors else (self.A.pointer, self.A.stride)
-        given = f"i64 %size, i64 %many, ptr {factors}, i64 {stride}, ptr {rows.pointer}"
-        self.code.do(f"call void @{what}({given})")
+        arguments = f"i64 %size, i64 %many, ptr {factors}, i64 {stride}, ptr {rows.pointer}"
+        self.code.do(f"call void @{name}({arguments})")
 
     @contextmanager
     def _entries(self) -> Iterator[tuple[str, str]]:
-        """Go through the right-hand sides entry by entry."""
+        """Loop over the right-hand sides entry by entry."""
         with each_from(self.code, 0, "%size") as i, each_from(self.code, 0, "%many") as k:
             yield i, k
 
     def _entry(self, i: str, j: str, columns: str) -> str:
-        """Return the place of entry (i, j) of an array without room between its rows."""
+        """Return the index of entry (i, j) of an array without padding of its rows."""
         return self.code.integer("add", self.code.integer("mul", i, columns), j)
 
     def _perturbed(self, x: str, changes: str, place: str) -> str:
-        """Return x moved as `Noise.perturb` does, if noise moves."""
+        """Return x, perturbed as by `Noise.perturb` if the noise is enabled."""
         code = self.code
         before, (move, after) = code.block, code.labels("move", "after")
         code.branch("%moves", move, after)
         code.enter(move)
         size = code.call("maxnum", code.call("fabs", x), code.constant(NORMAL))
-        moved = code.add(x, code.mul(code.load(changes, place), size))
+        perturbed = code.add(x, code.mul(code.load(changes, place), size))
         code.jump(after)
         code.enter(after)
-        return code.let(f"phi double [{x}, %{before}], [{moved}, %{move}]")
+        return code.let(f"phi double [{x}, %{before}], [{perturbed}, %{move}]")
 
     def _scale(self) -> None:
-        """Move what is read; scale rows and columns."""
+        """Perturb the matrix and the right-hand sides; scale rows and columns."""
         code, zero = self.code, self.code.constant(0.0)
         with each_from(code, 0, "%size") as i:
             code.store(zero, self.scale, i)
         with each_from(code, 0, "%size") as i:
             with code.loop("%size", ("double", zero)) as turn:
-                place = self._entry(i, turn.i, "%size")
-                a = self._perturbed(code.load("%matrix", place), self.of_matrix, place)
+                index = self._entry(i, turn.i, "%size")
+                a = self._perturbed(code.load("%matrix", index), self.of_matrix, index)
                 code.store(a, self.A.address(i, turn.i))
                 turn.yielded[0] = code.call("maxnum", turn.carried[0], code.call("fabs", a))
             scale = emit_power_of_two_scale(code, turn.carried[0])
             code.store(scale, self.row_scale, i)
             with each_from(code, 0, "%size") as j:
-                here = self.A.address(i, j)
-                a = code.mul(code.load(here), scale)
-                code.store(a, here)
+                entry = self.A.address(i, j)
+                a = code.mul(code.load(entry), scale)
+                code.store(a, entry)
                 largest = code.call("maxnum", code.load(self.scale, j), code.call("fabs", a))
                 code.store(largest, self.scale, j)
             with each_from(code, 0, "%many") as k:
-                place = self._entry(i, k, "%many")
-                b = self._perturbed(code.load("%x", place), self.of_sides, place)
+                index = self._entry(i, k, "%many")
+                b = self._perturbed(code.load("%x", index), self.of_sides, index)
                 code.store(code.mul(b, scale), self.solution.address(i, k))
         with code.loop("%size", ("i64", "0")) as turn:
             scale = emit_power_of_two_scale(code, code.load(self.scale, turn.i))
@@ -249,13 +250,13 @@ class _PerturbedSolveCode:
         exponents = code.let(f"sitofp i64 {turn.carried[0]} to double")
         code.store(exponents, "%found", 1)
         with each_from(code, 0, "%size") as i, each_from(code, 0, "%size") as j:
-            here = self.A.address(i, j)
-            a = code.mul(code.load(here), code.load(self.scale, j))
-            dust = code.compare("olt", code.call("fabs", a), code.constant(NEGLIGIBLE))
-            code.store(code.choose(dust, zero, a), here)
+            entry = self.A.address(i, j)
+            a = code.mul(code.load(entry), code.load(self.scale, j))
+            negligible = code.compare("olt", code.call("fabs", a), code.constant(NEGLIGIBLE))
+            code.store(code.choose(negligible, zero, a), entry)
 
     def _eliminate(self) -> None:
-        """Make L and U of A, and L⁻¹ b of the right-hand sides; tell the determinant."""
+        """Replace A by L and U, and b by L⁻¹ b; write sign and diagonal for the determinant."""
         code = self.code
         with each_from(code, 0, "%size") as i:
             code.do(f"store i64 {i}, ptr {code.address(self.order, i)}")
@@ -273,9 +274,9 @@ class _PerturbedSolveCode:
             turn.yielded[0] = code.choose(exchanged, code.neg(sign), sign)
             behind = code.integer("add", i, 1)
             with each_from(code, behind, "%size") as k:
-                here = self.A.address(k, i)
-                factor = code.div(code.load(here), diagonal)
-                code.store(factor, here)
+                entry = self.A.address(k, i)
+                factor = code.div(code.load(entry), diagonal)
+                code.store(factor, entry)
                 left = code.integer("sub", "%size", behind)
                 rows = self.A.address(k, behind), self.A.address(i, behind)
                 subtract(code, left, rows[0], factor, rows[1])
@@ -283,9 +284,9 @@ class _PerturbedSolveCode:
         code.store(turn.carried[0], "%found", 0)
 
     def _pivot(self, i: str) -> str:
-        """Return the row that row i is exchanged with: as told, or that of the largest entry."""
+        """Return the row exchanged with row i: the prescribed one, or that of the largest entry."""
         code = self.code
-        told = code.let(f"fptosi double {code.load(self.pivots, i)} to i64")
+        prescribed = code.let(f"fptosi double {code.load(self.pivots, i)} to i64")
         count = code.integer("sub", "%size", i)
         with code.loop(count, ("i64", i), ("double", code.constant(-1.0))) as turn:
             row = code.integer("add", turn.i, i)
@@ -293,8 +294,8 @@ class _PerturbedSolveCode:
             larger = code.compare("ogt", size, turn.carried[1])
             turn.yielded[0] = code.let(f"select i1 {larger}, i64 {row}, i64 {turn.carried[0]}")
             turn.yielded[1] = code.choose(larger, size, turn.carried[1])
-        is_told = code.let(f"icmp sge i64 {told}, 0")
-        return code.let(f"select i1 {is_told}, i64 {told}, i64 {turn.carried[0]}")
+        is_prescribed = code.let(f"icmp sge i64 {prescribed}, 0")
+        return code.let(f"select i1 {is_prescribed}, i64 {prescribed}, i64 {turn.carried[0]}")
 
     def _exchange(self, i: str, j: str) -> None:
         code = self.code
@@ -309,14 +310,14 @@ class _PerturbedSolveCode:
         self.code.do(f"store {kind} {first}, ptr {other}")
 
     def _round(self) -> None:
-        """Add to the solutions what rounding in the elimination makes of them."""
+        """Add the effect of the rounding errors of elimination to the solutions."""
         code = self.code
         with self._entries() as (i, k):
             size = code.call("fabs", code.load(self.solution.address(i, k)))
             code.store(size, self.change.address(i, k))
         self._call("sizes", self.change)
         with code.when("%rounds"):
-            # An entry that is nothing but rounding is another one here, and so are the factors.
+            # An entry that is only rounding error has another value here; factors differ likewise.
             with self._entries() as (i, k):
                 unit = code.div(code.load(self.scale, i), code.load(self.its_scale, i))
                 size = code.call("fabs", code.load(self.solution.address(i, k)))
@@ -325,34 +326,37 @@ class _PerturbedSolveCode:
             with self._entries() as (i, k):
                 row = code.let(f"load i64, ptr {code.address(self.order, i)}")
                 unit = code.div(code.load(self.row_scale, row), code.load(self.its_row_scale, row))
-                here = self.change.address(i, k)
+                entry = self.change.address(i, k)
                 size = code.mul(code.load(self.other.address(i, k)), unit)
-                code.store(code.call("maxnum", code.load(here), size), here)
+                code.store(code.call("maxnum", code.load(entry), size), entry)
         with self._entries() as (i, k):
             row = code.let(f"load i64, ptr {code.address(self.order, i)}")
             change = code.load(self.of_rounding, self._entry(row, k, "%many"))
-            here = self.change.address(i, k)
-            code.store(code.mul(code.load(here), change), here)
+            entry = self.change.address(i, k)
+            code.store(code.mul(code.load(entry), change), entry)
         self._call("forward", self.change)
         self._call("backward", self.change)
         with self._entries() as (i, k):
-            here = self.solution.address(i, k)
-            code.store(code.add(code.load(here), code.load(self.change.address(i, k))), here)
+            entry = self.solution.address(i, k)
+            code.store(code.add(code.load(entry), code.load(self.change.address(i, k))), entry)
 
     def _write(self) -> None:
-        """Write the solutions, moved, NaN where the matrix is singular."""
+        """Write the perturbed solutions, NaN if the matrix is singular."""
         code = self.code
         sign = code.load("%found", 0)
         regular = code.compare("one", sign, code.constant(0.0))
         with self._entries() as (i, k):
-            place = self._entry(i, k, "%many")
+            index = self._entry(i, k, "%many")
             x = code.mul(code.load(self.solution.address(i, k)), code.load(self.scale, i))
-            x = self._perturbed(x, self.of_solution, place)
-            code.store(code.choose(regular, x, code.constant(float("nan"))), "%x", place)
+            x = self._perturbed(x, self.of_solution, index)
+            code.store(code.choose(regular, x, code.constant(float("nan"))), "%x", index)
 
 
 def _all_text() -> str:
-    """Return what solves all copies: `%work` has b, A, changes and what the original tells."""
+    """Return the function that solves all samples.
+
+    `%work` holds b, A, the perturbations, and pivots and factors of the unperturbed solve.
+    """
     code = IRBuilder()
     size, many = "%size", "%many"
     squared, sides = code.integer("mul", size, size), code.integer("mul", size, many)
@@ -372,8 +376,8 @@ def _all_text() -> str:
                 ("%found", found),
             )
         ]
-        given = f"ptr {own[0]}, ptr {own[1]}, ptr {own[2]}, ptr {like}, ptr {own[3]}, ptr %room"
-        code.do(f"call void @solve(i64 {size}, i64 {many}, i1 %moves, i1 %rounds, {given})")
+        pointers = f"ptr {own[0]}, ptr {own[1]}, ptr {own[2]}, ptr {like}, ptr {own[3]}, ptr %room"
+        code.do(f"call void @solve(i64 {size}, i64 {many}, i1 %moves, i1 %rounds, {pointers})")
     head = (
         "i64 %size, i64 %many, i64 %copies, i1 %moves, i1 %rounds, ptr %work, ptr %found, ptr %room"
     )
@@ -382,10 +386,11 @@ def _all_text() -> str:
 
 @cache
 def compiled_perturbed_solve() -> Callable[..., None]:
-    """Return what solves all copies, see `_all_text`.
+    """Return the C function that solves all samples, see `_all_text`.
 
-    It takes the order, the number of right-hand sides and of copies, whether noise moves, whether
-    the original tells what it rounded, and the addresses of work, of what is found and of room.
+    It takes the order, the numbers of right-hand sides and of samples, whether the noise is
+    enabled, whether factors of the unperturbed solve are passed, and the addresses of `work`, of
+    sign, exponent and diagonal of each sample (for the determinant), and of the workspace.
     """
     # Not before it is needed: LLVM takes longer to import than the package.
     from eomcheck.kernels.jit import JitModule
@@ -393,7 +398,7 @@ def compiled_perturbed_solve() -> Callable[..., None]:
     machine = JitModule([*texts(), _PerturbedSolveCode().text(), _all_text()])
     kinds = *[ctypes.c_int64] * 3, *[ctypes.c_bool] * 2, *[ctypes.c_void_p] * 3
     function: Any = ctypes.CFUNCTYPE(None, *kinds)(machine.address("solve_all"))
-    function.machine = machine  # its address holds as long as this lives
+    function.machine = machine  # keeps the machine code alive
     return function
 
 
@@ -401,21 +406,24 @@ def compiled_perturbed_solve() -> Callable[..., None]:
 
 
 def perturbed_solve(A: np.ndarray, b: np.ndarray, name: str) -> np.ndarray:
-    """Solve with A, b and x moved, and each right-hand side by the backward error of its own.
+    """Solve A x = b with A, b and x perturbed, and a separate backward error per right-hand side.
 
-    Where solutions for several right-hand sides are summed and cancel, the latter shows. Nothing is
-    refused; what is singular is NaN. Of several noises the first axis of A (..., k, k) and of b
-    (..., k) or (..., k, m) is theirs.
+    The backward error matters if solutions for several right-hand sides are summed and cancel.
+    Nothing is refused; a singular matrix gives NaN. With a `NoiseBatch` the first axis of A
+    (..., k, k) and of b (..., k) or (..., k, m) is the batch axis.
 
     Args:
         A: matrix.
         b: right-hand sides.
-        name: what `eomcheck.numbers.linear.solve` is told, and `SolveRecorder.references` has.
+        name: name of A, as in `eomcheck.numbers.linear.solve` and `SolveRecorder.references`.
+
+    Returns:
+        x in the shape of b.
     """
     noise = active_noise()
     assert noise is not None
-    size, copies = A.shape[-1], A[..., 0, 0].size
-    many = b[..., 0, :].size // copies if b.ndim == A.ndim else 1
+    size, samples = A.shape[-1], A[..., 0, 0].size
+    many = b[..., 0, :].size // samples if b.ndim == A.ndim else 1
     changes, like, pivots, factors = np.empty(0), None, np.full(size, -1.0), ()
     if noise.enabled:
         changes = noise.changes((*noise.shape, size * (size + 3 * many)))
@@ -426,15 +434,16 @@ def perturbed_solve(A: np.ndarray, b: np.ndarray, name: str) -> np.ndarray:
             factors = rounding.sizes.lu, rounding.scale, rounding.row_scale
     read = b, A, changes, pivots, *factors
     work = np.concatenate([np.asarray(x, np.float64).ravel() for x in read])
-    found = np.empty((copies, size + 2))
-    room = np.zeros(size * (size + LANES) + 3 * size * (many + LANES) + 3 * size)
-    addresses = (x.ctypes.data for x in (work, found, room))
+    determinants = np.empty((samples, size + 2))
+    workspace = np.zeros(size * (size + LANES) + 3 * size * (many + LANES) + 3 * size)
+    addresses = (x.ctypes.data for x in (work, determinants, workspace))
     compiled_perturbed_solve()(
-        size, many, copies, int(noise.enabled), int(factors != ()), *addresses
+        size, many, samples, int(noise.enabled), int(factors != ()), *addresses
     )
     x = work[: b.size].reshape(b.shape).copy()
     if noise.enabled:
-        sign, exponent, diagonal = found[:, 0], found[:, 1], found[:, 2:]
+        sign, exponent = determinants[:, 0], determinants[:, 1]
+        diagonal = determinants[:, 2:]
         with np.errstate(all="ignore"):
             log = np.log2(np.abs(diagonal)).sum(axis=-1) - exponent
         if not noise.shape:

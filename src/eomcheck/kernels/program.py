@@ -1,15 +1,15 @@
-"""A program: a tape whose loops are found again (loop rerolling).
+"""Programs: tapes with their loops recovered (loop rerolling).
 
 A recursion over the links of a chain leaves the same operations on the tape link by link, with
-indices that step evenly. `program_of` goes four steps:
+indices that increase by the same step from link to link. `program_of` takes four steps:
 
 1.  `instructions_of` writes the tape as rows of integers, in the order in which they are executed.
-2.  `fused` makes the loops along one chain one loop. Functions of whole arrays leave one loop each,
-    and each of them writes what the next one reads: a long chain would be read and written from end
-    to end many times. Instructions are put into the order of their links, whichever function they
-    come from, each in the iteration of what it reads or in a later one.
-3.  `stretches_of` finds stretches of instructions that step evenly.
-4.  `items_of` writes these as loops, and the rest as it is.
+2.  `fused` merges the loops along one chain into one loop. Functions of whole arrays leave one loop
+    each, which reads the results of the loop before: a long chain would be read and written from
+    end to end many times. Instructions are put into the order of their links, whichever function
+    they come from, each in the earliest iteration in which its operands are known.
+3.  `stretches_of` finds stretches of instructions with indices at even steps.
+4.  `items_of` writes these as loops, and all other instructions one by one.
 
 Loops make code short; no step changes an operation.
 
@@ -21,10 +21,11 @@ Programs are trees of tuples. An operand is
 - ("l", loop, j, place, step): the results of operation j of an earlier loop, by iteration
 - ("b", j): the result of operation j in this iteration
 - ("p", j, first): the result of operation j as many iterations before as there are entries in
-  `first`; these are its values in the first ones
+  `first`, which are its values in the first iterations
 
-where `step` is 0 outside of loops. Items are ("op", op, x, y), ("put", x, array, place, step),
-("group", number, kind, name, shape, inline, by, given), and ("loop", count, items).
+where `place` is the index, which increases by `step` per iteration (0 outside of loops). Items are
+("op", op, x, y), ("put", x, array, place, step), ("group", number, kind, name, shape, inline, by,
+given), and ("loop", count, items).
 """
 
 from __future__ import annotations
@@ -43,22 +44,22 @@ from eomcheck.numbers.tape import Tape, live_entries
 # ---- Instructions --------------------------------------------------------------------------------
 
 INLINE = 9
-"""Up to this order a matrix is eliminated in registers; larger ones are written to memory."""
+"""Largest order of a matrix that is eliminated in registers; larger ones are written to memory."""
 
 FEW_ANGLES = 16
-"""Up to so many, sines and cosines stay in registers; more are written to memory."""
+"""Largest number of angles whose sines and cosines stay in registers, not in memory."""
 
 Tree = tuple
 
 Stretch = tuple[int, int, int]
-"""Instructions that repeat themselves: the first, how many are an iteration, iterations."""
+"""Repeated instructions: index of the first, number per iteration, number of iterations."""
 
 
 class Instructions:
-    """Instructions as rows of integers: op, and (class, place) of what is read twice and written.
+    """Instructions as rows of integers: op, and (class, index) of two operands and of the target.
 
-    A class is 0 for the value of an earlier instruction, whose place is its number; otherwise it
-    stands for one array, or for one constant, whose place is 0.
+    Class 0 is the value of an earlier instruction, with its number as the index; any other class is
+    one array, or one constant with the index 0.
     """
 
     def __init__(self):
@@ -70,11 +71,11 @@ class Instructions:
 
     def class_of(self, name: Any) -> int:
         """Return the class of an array or a constant."""
-        found = self._classes.get(name)
-        if found is None:
-            found = self._classes[name] = len(self.names)
+        number = self._classes.get(name)
+        if number is None:
+            number = self._classes[name] = len(self.names)
             self.names.append(name)
-        return found
+        return number
 
     def add(self, op: Any, x=(0, -1), y=(0, -1), out=(0, -1)) -> int:
         """Add an instruction, and return its number."""
@@ -85,7 +86,7 @@ class Instructions:
         return len(self.rows) - 1
 
     def reads(self, at: int) -> list[tuple[int, int]]:
-        """Return (class, place) of all that an instruction reads."""
+        """Return (class, index) of all operands of an instruction."""
         code, *reads = self.rows[at][:5]
         op = self.ops[code]
         inline = op[-1] if isinstance(op, tuple) and op[5] else ()
@@ -93,30 +94,30 @@ class Instructions:
         return [(kind, place) for kind, place in pairs if place >= 0]
 
     def ordered(self, order: Sequence[int]) -> Instructions:
-        """Return the same instructions in another order: those at `order`."""
+        """Return the same instructions in another order, by their numbers in `order`."""
         other, to = Instructions(), {old: new for new, old in enumerate(order)}
         other.names = self.names
 
-        def moved(kind: int, place: int) -> tuple[int, int]:
+        def renumbered(kind: int, place: int) -> tuple[int, int]:
             return kind, to.get(place, place) if kind == 0 else place
 
         for old in order:
             code, *reads, target, place = self.rows[old]
             op = self.ops[code]
             if isinstance(op, tuple) and op[5]:
-                op = (*op[:-1], tuple(moved(*x) for x in op[-1]))
-            other.add(op, moved(*reads[:2]), moved(*reads[2:]), (target, place))
+                op = (*op[:-1], tuple(renumbered(*x) for x in op[-1]))
+            other.add(op, renumbered(*reads[:2]), renumbered(*reads[2:]), (target, place))
         return other
 
 
 CYCLES = {t.ADD: 2, t.SUB: 2, t.MUL: 3, t.DIV: 14, t.NEG: 1, t.SQRT: 18, t.PART: 40}
-"""About what operations take until others can go on; inputs and constants wait for nothing."""
+"""Approximate latencies of operations, in cycles; those of inputs and constants are 0."""
 
 
 def by_urgency(tape: Tape, places: Sequence[int]) -> list[int]:
-    """Return `places` in another order: first what most time passes after, up to an output.
+    """Return the entries `places` ordered by the latency of the path to an output, longest first.
 
-    A processor looks ahead of what waits by some hundred operations, and finds others to do.
+    A processor executes out of order within a window of some hundred operations.
     """
     left = dict.fromkeys(places, 0)
     for place in reversed(places):
@@ -136,7 +137,7 @@ def by_urgency(tape: Tape, places: Sequence[int]) -> list[int]:
 def instructions_of(
     tape: Tape, places: Sequence[int], outputs: Mapping[str, Sequence[int]]
 ) -> tuple[Instructions, dict[str, int]]:
-    """Return what is done for `outputs`, in the order of `places`, and the sizes of arrays."""
+    """Return the instructions that compute `outputs`, in the order of `places`, and array sizes."""
     lines, arrays = Instructions(), {}
     made: dict[int, int] = {}
     done: dict[int, int] = {}
@@ -157,10 +158,10 @@ def instructions_of(
 
     def put(reads: Sequence[int | None], array: str) -> None:
         target = lines.class_of(array)
-        # In the order in which they were made: what stands on both sides of a diagonal is put twice
-        # in one step of a loop.
-        given = ((place, i) for i, place in enumerate(reads) if place is not None)
-        for place, i in sorted(given):
+        # In the order in which they were computed: an entry on both sides of a diagonal is written
+        # twice in one iteration of a loop.
+        entries = ((place, i) for i, place in enumerate(reads) if place is not None)
+        for place, i in sorted(entries):
             if tape.value(place) != 0:
                 lines.add("put", read(place), out=(target, i))
 
@@ -169,20 +170,20 @@ def instructions_of(
             return
         kind, name, shape, reads, by = tape.groups[number]
         if kind is t.FACTORS and reads in factored:
-            done[number] = factored[reads]  # of one matrix, whatever it is called
+            done[number] = factored[reads]  # the same matrix under another name
             return
         if by >= 0:
             group(by)
-        mine = done[number] = len(done)
+        new = done[number] = len(done)
         factors = done.get(by, -1)
         if kind is t.FACTORS:
-            factored[reads] = mine
+            factored[reads] = new
         order = shape[0]
         inline = kind is t.ANGLES and order <= FEW_ANGLES
         if kind in (t.FACTORS, t.SOLVE):
             inline = order <= INLINE
         size = 2 * padded_count(order) if kind is t.ANGLES else int(np.prod(shape))
-        arrays[f"x{mine}"] = order * (order + 2) if kind is t.FACTORS else size
+        arrays[f"x{new}"] = order * (order + 2) if kind is t.FACTORS else size
         given: Tree = ()
         if inline:
             given = tuple(read(place) for place in reads)
@@ -190,9 +191,9 @@ def instructions_of(
             given = row
         else:
             ordered = _ordered(kind, reads, order)
-            arrays[f"r{mine}"] = len(ordered)
-            put(ordered, f"r{mine}")
-        lines.add(("group", mine, kind, name, shape, inline, factors, given))
+            arrays[f"r{new}"] = len(ordered)
+            put(ordered, f"r{new}")
+        lines.add(("group", new, kind, name, shape, inline, factors, given))
 
     for place in places:
         op, x, y = tape.operations[place]
@@ -208,8 +209,8 @@ def instructions_of(
 
 
 def _ordered(kind: str, reads: Sequence[int], order: int) -> Sequence[int | None]:
-    """Return what a group reads as it is to stand in memory; None is nothing."""
-    if kind is t.FACTORS:  # column by column, as LAPACK wants it
+    """Return the entries that a group reads in the order in memory; None for unused memory."""
+    if kind is t.FACTORS:  # column by column, as in LAPACK
         return [reads[i * order + j] for j in range(order) for i in range(order)]
     if kind is t.BAND:  # diagonal by diagonal, the right-hand side as the last one
         rest = [None] * (padded(order) - order)
@@ -222,7 +223,7 @@ def _ordered(kind: str, reads: Sequence[int], order: int) -> Sequence[int | None
 
 
 def _in_a_row(tape: Tape, reads: Sequence[int]) -> Tree:
-    """Return (array, first place, count) of entries that follow one another in it, or ()."""
+    """Return (array, first index, count) of entries that are contiguous in an array, or ()."""
     first = tape.operations[reads[0]]
     for i, place in enumerate(reads):
         if tape.operations[place] != (t.INPUT, first.x, _plus(first.y, i)):
@@ -237,11 +238,12 @@ def _plus(y: Any, i: int) -> Any:
 # ---- Loop fusion ---------------------------------------------------------------------------------
 
 RAGGED = 8
-"""Loops along one chain differ by fewer iterations: some begin or end a few links later."""
+"""Difference in iterations from which loops are not along one chain: in one chain some begin or end
+a few links later."""
 
 
 def fused(lines: Instructions, stretches: Sequence[Stretch]) -> Instructions:
-    """Return instructions in the order of iterations; as they are unless all go along one chain."""
+    """Return instructions in the order of iterations; unchanged if there are several chains."""
     counts = [count for _, _, count in stretches]
     if len(counts) < 2 or max(counts) - min(counts) >= RAGGED:
         return lines
@@ -257,11 +259,11 @@ def fused(lines: Instructions, stretches: Sequence[Stretch]) -> Instructions:
 
 
 class _Times:
-    """When each instruction is done: in which iteration of the one loop.
+    """The time of each instruction: the iteration of the fused loop in which it is executed.
 
     Attributes:
-        found: of each instruction so far.
-        arrays: of each array: when all is there that was written to it.
+        found: times of the instructions so far.
+        arrays: time from which on each array is complete, by name.
     """
 
     def __init__(self, lines: Instructions):
@@ -270,7 +272,7 @@ class _Times:
         self.arrays: dict[str, int] = {}
 
     def straight(self, at: int) -> int:
-        """Return when an instruction outside of loops can be done."""
+        """Return the earliest time of an instruction outside of loops."""
         op = self.lines.ops[self.lines.rows[at][0]]
         values, arrays = self._reads(at)
         if isinstance(op, tuple):
@@ -278,7 +280,7 @@ class _Times:
         return max([0, *(self.found[p] for p in values), *(self._when(name) for name in arrays)])
 
     def stretch(self, start: int, period: int, count: int) -> None:
-        """Note the times of all iterations: each instruction goes along the chain on its own."""
+        """Add the times of all iterations; each instruction of the loop has its own offset."""
         first = [0] * period
         reads = [self._reads(start + i) for i in range(period * count)]
         settled = False
@@ -287,8 +289,8 @@ class _Times:
             for i, (values, arrays) in enumerate(reads):
                 turn, inner = divmod(i, period)
                 for place in values:
-                    other, there = divmod(place - start, period)
-                    when = self.found[place] if place < start else first[there] + other
+                    other, position = divmod(place - start, period)
+                    when = self.found[place] if place < start else first[position] + other
                     first[inner] = max(first[inner], when - turn)
                 for name in arrays:
                     first[inner] = max(first[inner], self._when(name) - turn)
@@ -299,14 +301,14 @@ class _Times:
             self.note(start + i)
 
     def note(self, at: int) -> None:
-        """Note what an instruction writes, if it does, or that a group is there."""
+        """Update the time of the array that an instruction, or a group, writes, if any."""
         op, out = self.lines.ops[self.lines.rows[at][0]], self.lines.rows[at][5]
         name = f"x{op[1]}" if isinstance(op, tuple) else self.lines.names[out]
         if name is not None:
             self.arrays[name] = max(self._when(name), self.found[at])
 
     def _reads(self, at: int) -> tuple[list[int], list[str]]:
-        """Return the places of values, and the arrays, that an instruction reads."""
+        """Return the numbers of values, and the names of arrays, that an instruction reads."""
         reads, names = self.lines.reads(at), self.lines.names
         return (
             [place for kind, place in reads if kind == 0],
@@ -320,25 +322,25 @@ class _Times:
 # ---- Loop rerolling ------------------------------------------------------------------------------
 
 FEWEST = 4
-"""Iterations of a loop, at least."""
+"""Smallest number of iterations of a loop."""
 
 FARTHEST = 4
-"""What a loop makes is handed on to so many later iterations, at most."""
+"""Largest number of iterations over which a loop passes values in registers."""
 
 LONGEST = 256
-"""Operations in one iteration of a loop, at most."""
+"""Largest number of operations in one iteration of a loop."""
 
 
 def stretches_of(lines: Instructions) -> list[Stretch]:
-    """Return stretches that step evenly, in order, not overlapping: the longest that there are.
+    """Return the longest stretches with even steps, in order, not overlapping.
 
-    In each, from one period to the next every instruction is the same, and every place it names
-    moves by as much as it did before.
+    In each, from one period to the next every instruction is the same, and every index in it
+    increases by the same step as from the period before.
     """
     rows = np.array(lines.rows, np.int64).reshape(-1, 7)
     kinds = np.unique(rows[:, (0, 1, 3, 5)], axis=0, return_inverse=True)[1].ravel()
     places = rows[:, (2, 4, 6)]
-    found = []
+    candidates = []
     for period in range(1, min(LONGEST, len(rows) // FEWEST) + 1):
         same = kinds[period:] == kinds[:-period]
         steady = same[:-period] & same[period:]
@@ -349,13 +351,13 @@ def stretches_of(lines: Instructions) -> list[Stretch]:
         for start, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
             count = (end - start) // period + 2
             if count >= FEWEST:
-                found.append((-count * period, period, start, count))
+                candidates.append((-count * period, period, start, count))
     taken = np.zeros(len(rows), bool)
     chosen = []
-    for _, period, start, count in sorted(found):
-        here = taken[start : start + count * period]
-        if here.any():
-            free = np.flatnonzero(np.diff(np.concatenate(([1], here.view(np.int8), [1]))))
+    for _, period, start, count in sorted(candidates):
+        used = taken[start : start + count * period]
+        if used.any():
+            free = np.flatnonzero(np.diff(np.concatenate(([1], used.view(np.int8), [1]))))
             lengths = free[1::2] - free[::2]
             if not len(lengths):
                 continue
@@ -378,7 +380,7 @@ def items_of(lines: Instructions, stretches: Sequence[Stretch]) -> Tree:
 class _Encoder:
     def __init__(self, lines: Instructions):
         self.lines, self.table = lines, lines.rows
-        # Where a value is: its loop, or -1, its operation there, or its number, its iteration.
+        # The location of each value: its loop or -1, its operation there or number, its iteration.
         self.loop = np.full(len(self.table), -1)
         self.inner = np.zeros(len(self.table), np.int64)
         self.turn = np.zeros(len(self.table), np.int64)
@@ -399,7 +401,7 @@ class _Encoder:
         return tuple(self.found)
 
     def one(self, kind: int, place: int) -> Tree | None:
-        """Return what an instruction outside of loops reads."""
+        """Return the operand of an instruction outside of loops."""
         if kind == 0:
             if place < 0:
                 return None
@@ -427,7 +429,7 @@ class _Encoder:
             self.found.append(item)
 
     def _values(self, start: int, period: int) -> Iterator[tuple[int, int]]:
-        """Yield (place, step) of each value that an iteration reads."""
+        """Yield (number, step) of each value that an iteration reads."""
         for at in range(start, start + period):
             for column in (1, 3):
                 kind, place = self.table[at][column : column + 2]
@@ -435,7 +437,7 @@ class _Encoder:
                     yield place, self.table[at + period][column + 1] - place
 
     def _even_part(self, start: int, period: int, count: int) -> tuple[int, int]:
-        """Return (iterations to skip, iterations) of the longest part that steps evenly."""
+        """Return (iterations to skip, iterations) of the longest part with even steps."""
         good = np.ones(max(count - 1, 0), bool)
         even = np.ones(max(count - 2, 0), bool)
         end, turns = start + count * period, np.arange(count)
@@ -473,15 +475,15 @@ class _Encoder:
                 body.append(("put", args[0], self.lines.names[target], place, step))
             else:
                 body.append(("op", op, *args))
-        here = np.arange(start, end)
-        self.loop[here] = self.loops
-        self.inner[here] = (here - start) % period
-        self.turn[here] = (here - start) // period
+        numbers = np.arange(start, end)
+        self.loop[numbers] = self.loops
+        self.inner[numbers] = (numbers - start) % period
+        self.turn[numbers] = (numbers - start) // period
         self.loops += 1
         self.found.append(("loop", count, tuple(body)))
 
     def _inside(self, kind: int, place: int, later: int, where: Stretch) -> Tree | None:
-        """Return what an instruction of a loop reads: `place` first, then `later`."""
+        """Return the operand of an instruction of a loop: index `place` first, then `later`."""
         step = later - place
         if kind == 0 and place >= 0 and step:
             if _own(place, step, *where):
@@ -496,21 +498,21 @@ class _Encoder:
 
 
 def _own(place: int, step: int, start: int, period: int, count: int) -> bool:
-    """Return whether what is read, `place` first, is made by the loop itself, after a while."""
+    """Return whether an operand, `place` first, is a result of the loop itself later on."""
     return step == period and place >= start - min(FARTHEST, count - 1) * period
 
 
 # ---- Programs ------------------------------------------------------------------------------------
 
 SHORT = 2500
-"""A program of fewer entries of a tape stays straight: it is faster, and soon there."""
+"""Largest number of entries of a tape without loops in its program: faster, and soon compiled."""
 
 
 class Program(NamedTuple):
-    """What a kernel does.
+    """The operations of a kernel.
 
     Attributes:
-        items: in order.
+        items: operations, groups and loops, in order.
         arrays: number of entries of each array that is not an input.
     """
 
@@ -519,13 +521,13 @@ class Program(NamedTuple):
 
 
 class NotRegularError(EomcheckError):
-    """Programs of different sizes do not follow one pattern."""
+    """Error for programs of different sizes that do not follow one pattern."""
 
 
 def program_of(tape: Tape, outputs: Mapping[str, Sequence[int]], short: int = SHORT) -> Program:
-    """Return the program that writes the entries of `tape` at `outputs`, by name of array.
+    """Return the program that computes the entries `outputs` of `tape`, by name of array.
 
-    With `short` entries or fewer it stays straight, in the order in which they are urgent.
+    With `short` entries or fewer it has no loops, and is in the order of `by_urgency`.
     """
     places, _ = live_entries(tape, [p for roots in outputs.values() for p in roots])
     straight = len(places) <= short
@@ -543,10 +545,10 @@ def program_of(tape: Tape, outputs: Mapping[str, Sequence[int]], short: int = SH
 def extrapolate_program(
     programs: Callable[[int], Program], size: int, first: int, step: int
 ) -> Program:
-    """Return the program of `size` that those of first, first + step, first + 2 step continue.
+    """Return the program of `size`, extrapolated from those of first, first + step, first + 2 step.
 
     Raises:
-        NotRegularError: they do not follow one pattern, in which every whole number is affine.
+        NotRegularError: they do not follow one pattern, in which every integer is affine in size.
     """
     one, two, three = (programs(first + i * step) for i in range(3))
     if _extrapolate(one, two, 2) != three:
