@@ -1,4 +1,4 @@
-"""The formulations: one file each, one line each in `FORMULATIONS`."""
+"""The formulations: one file each, registered in `FORMULATIONS`, one line each."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FORMULATIONS: dict[str, Formulation] = {
         uk.UK,
     )
 }
-"""Key -> formulation: those of the paper in the order of its Table I, then ours."""
+"""Key -> formulation: those of the paper in the order of its Table I, then the others."""
 
 
 def formulation_of(key: str) -> Formulation:
@@ -55,7 +55,7 @@ def formulations_for(
 def formulations_among(
     scenes: Sequence[Scene | type[Scene]], keys: Iterable[str] | None = None
 ) -> tuple[Formulation, ...]:
-    """Return those called `keys`, each once; by default all that apply to any of `scenes`.
+    """Return the formulations called `keys`, each once; by default all that apply to any scene.
 
     Raises:
         InputError: one of them applies to none of `scenes`.

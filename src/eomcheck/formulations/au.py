@@ -24,7 +24,7 @@ def system(M, F, a, gamma):
 
 @generic
 def split(x, a):
-    """Return (v̇, λ) of the unknowns x; λ is None where there is no constraint."""
+    """Return the parts (v̇, λ) of the unknowns x; λ is None without constraints."""
     if a is None:
         return x, None
     n = a.shape[1]

@@ -5,8 +5,8 @@ Of all accelerations that the joints allow, the true one deviates least from the
     minimize Σ_k (ẋ_k - D_k⁻¹ f_k)ᵀ D_k (ẋ_k - D_k⁻¹ f_k) / 2,  A_k ẋ_{k-1} + C_k ẋ_k + d_k = 0.
 
 With the unknowns in the order ẋ_1, ρ_2, ẋ_2, ρ_3, ẋ_3, ... the conditions of the minimum are a
-symmetric system with entries near its diagonal only. No body's mass is inverted, nothing is passed
-along the chain, and elimination with partial pivoting is O(N).
+symmetric banded system. No mass is inverted, there is no recursion along the chain, and elimination
+with partial pivoting is O(N).
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def system(mass, force, before, after, rest):
 
 @generic
 def joint_gaps(before, after, x):
-    """Return A_k x_{k-1} + C_k x_k (n_b-1, 2), m/s: 0 where the joints hold together."""
+    """Return the gaps A_k x_{k-1} + C_k x_k (n_b-1, 2), m/s; 0 where the joints hold."""
     gaps = np.zeros(before.shape[:2], x.dtype)
     for k in range(before.shape[0]):
         for i in range(2):

@@ -1,4 +1,4 @@
-"""Elimination method: multipliers solved out of r rows and put into the others, Eqs. (10)-(11)."""
+"""Elimination method: multipliers eliminated by r of the rows, Eqs. (10)-(11)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def system(M, F, a, gamma, partition):
         return M, F
     n, r = F.size, gamma.size
     first, second = partition.dependent, partition.independent
-    # a′⁻ᵀ on M′ and F′ together: one matrix is solved once.
+    # a′⁻ᵀ applied to M′ and F′ in one solve.
     primed = np.zeros((r, n + 1), M.dtype)
     primed[:, :n] = M[first]
     primed[:, n] = F[first]

@@ -1,7 +1,7 @@
 """Embedding method: the constraints solved for r of the velocities, Eqs. (14)-(18).
 
-`project`, the projection of the equations of motion on the motions that the constraints allow, is
-the last step of ML too.
+The last step, `project`, projects the equations of motion on the motions that the constraints
+allow. ML shares it.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from eomcheck.numbers.linear import matrix_product, solve
 def project(M, F, W, rest):
     """Return (Wᵀ M W, Wᵀ (F - M rest)): Eq. (18) with the paper's w, Eq. (21) with w′.
 
-    a W = 0 takes the multipliers out; v̇ = W u̇ + rest. Without W there is nothing to project.
+    a W = 0 eliminates the multipliers; v̇ = W u̇ + rest. Without W there is nothing to project.
     """
     if W is None:
         return M, F
     n, p = W.shape
-    # M on W and the rest together: one matrix is read once.
+    # M applied to W and rest in one product.
     columns = np.zeros((n, p + 1), M.dtype)
     columns[:, :p] = W
     columns[:, p] = rest
@@ -35,8 +35,8 @@ def project(M, F, W, rest):
 def partition_embedding(a, gamma, partition):
     """Return (w (n, n-r), rest (n,)) with v̇ = w v̇₂ + rest, v₂ the independent velocities.
 
-    a₁ v̇₁ + a₂ v̇₂ = -gamma gives both at once: rest is ẇ v₂ + ẋ of Eq. (16), without ever forming
-    ẇ, for it is what v̇ is at v̇₂ = 0.
+    a₁ v̇₁ + a₂ v̇₂ = -gamma gives both at once: rest = ẇ v₂ + ẋ of Eq. (16) is v̇ at v̇₂ = 0, and
+    needs no ẇ.
     """
     r, n = a.shape
     first, second = partition.dependent, partition.independent

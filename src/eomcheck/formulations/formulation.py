@@ -1,10 +1,11 @@
-"""Formulations as data: facts about each, and one generic function.
+"""Formulations as data: facts about each, and one generic function, `solution`.
 
-A formulation gets its numbers in one of four ways (`uses`), each the function of a scene:
+The inputs of `solution` come from one of four functions of a scene (`uses`):
 
 - "terms": `solution(M, F, a, gamma, v, partition) -> (vdot, multipliers or None)`
 - "speeds": `solution(M, F, W, rest) -> udot`
-- "bodies": `solution(*Bodies) -> udot`; a `sparse` one also takes the scene's `support` behind them
+- "bodies": `solution(*Bodies) -> udot`; a `sparse` one also takes the scene's `support` as its last
+  argument
 - "chain": `solution(*Chain) -> (xdot, joint forces)`
 
 From "speeds" and "bodies" v̇ = W u̇ + rest, from "chain" it is the scene's `chain_acceleration`.
@@ -22,39 +23,38 @@ import numpy as np
 from eomcheck.mechanics.scene import Scene
 
 Choice = tuple[tuple[int, ...] | None, ...]
-"""A `Partition` as tuples."""
+"""A `Partition` as hashable tuples."""
 
 
 class Partition(NamedTuple):
     """A choice of r dependent and n - r independent coordinates (El and Em), as column indices.
 
-    Where constraints depend on each other, also of ρ of them that do not, and that imply the rest
-    (UK).
+    For dependent constraints also a choice of ρ independent rows that imply the others (UK).
     """
 
     dependent: Any
-    """(r,), integers."""
+    """Indices of dependent coordinates (r,), integers."""
     independent: Any
-    """(n-r,), integers."""
+    """Indices of independent coordinates (n-r,), integers."""
     kept: Any = None
-    """(ρ,), integers: the constraints that are independent; None where all are."""
+    """Indices of independent constraints (ρ,), integers; None if all are independent."""
     redundant: Any = None
-    """(constraints less ρ,), integers: those that the kept ones imply; None where there is none."""
+    """Indices of the constraints that the kept ones imply, integers; None if there are none."""
 
     @property
     def choice(self) -> Choice:
-        """The same as tuples, which can be compared."""
+        """The partition as tuples, which can be compared and hashed."""
         return tuple(None if part is None else tuple(map(int, part)) for part in self)
 
     @classmethod
     def chosen(cls, choice: Choice) -> Partition:
-        """Return the partition that has this `choice`."""
+        """Return the partition with this `choice`."""
         return cls(*(None if part is None else np.array(part, int) for part in choice))
 
 
 @dataclass(frozen=True)
 class Formulation:
-    """One way to get accelerations, as data.
+    """A method that computes accelerations, as data.
 
     Attributes:
         key: short name, used everywhere.
@@ -62,18 +62,18 @@ class Formulation:
         equations: the paper's equations, "" for a formulation that is not in the paper.
         order: coefficients of the order of the final system: (i, j) of i n + j r (paper, Table I),
             or (i, j, k) of i n + j r + k s for a chain of bodies with s quasi-velocities.
-        level: at which constraints enter, "acceleration" or "velocity".
-        multipliers: whether multipliers come out here.
-        multipliers_in_paper: whether Table I says so; None where it says nothing.
-        state: what an integration carries: "q, v, μ" with μ the integrals of the multipliers,
+        level: level at which constraints enter, "acceleration" or "velocity".
+        multipliers: whether this implementation returns multipliers.
+        multipliers_in_paper: the entry of Table I about multipliers; None where it has none.
+        state: the integrated state vector: "q, v, μ" with μ the integrals of the multipliers,
             "q, v", "q, v2" with the independent velocities, "q, u", or "q, x" with the quasi-
             velocities of a chain.
-        uses: which numbers `solution` gets, see the module.
-        partitioned: whether it splits the coordinates; then a pivoted split is an option.
-        limits: what it cannot do, in one or two sentences, N = 1 and N = 2 of the snake included.
+        uses: function of the scene that provides the inputs of `solution`, see the module.
+        partitioned: whether it partitions the coordinates; a pivoted partition is then an option.
+        limits: its limitations, in one or two sentences, N = 1 and N = 2 of the snake included.
         solution: the generic function.
-        redundant: whether constraint rows may depend on each other; its partition tells which.
-        sparse: whether `solution` takes which speeds move which body, see `Scene.support`.
+        redundant: whether constraint rows may be dependent; its partition names the dependent ones.
+        sparse: whether `solution` takes the mask of speeds that move each body, `Scene.support`.
     """
 
     key: str
@@ -98,16 +98,16 @@ class Formulation:
 
     @property
     def in_speeds(self) -> bool:
-        """Whether it needs the scene's generalized speeds."""
+        """Whether it uses the scene's generalized speeds."""
         return self.state == "q, u"
 
     @property
     def linear(self) -> bool:
-        """Whether it forms no matrix that grows with the number of bodies but a banded one."""
+        """Whether its matrices are all banded or of a size independent of the number of bodies."""
         return self.uses in ("bodies", "chain")
 
     def applies_to(self, scene: Scene | type[Scene]) -> bool:
-        """Return whether `scene` has what the formulation uses."""
+        """Return whether `scene` has the functions that the formulation uses."""
         return hasattr(scene, self.uses)
 
     def unknowns(self, n: int, r: int, s: int = 0) -> int:
@@ -122,7 +122,7 @@ class Formulation:
 
     @property
     def order_text(self) -> str:
-        """The order as Table I prints it, such as "2n + r"."""
+        """The order as printed in Table I, such as "2n + r"."""
         text = ""
         for i, size in sorted(zip(self.order, "nrs", strict=False), key=lambda term: -term[0]):
             if i:

@@ -9,16 +9,16 @@ from eomcheck.numbers.generic import generic
 from eomcheck.numbers.linear import matrix_product, solve
 
 MOBILITY = "a M^-1 aT"
-"""What refusals call the matrix of Eq. (12)."""
+"""Name of the matrix of Eq. (12) in refusals."""
 
 
 @generic
 def greenwood_multipliers(M, F, a, gamma):
-    """Return λ (r,) of Eq. (12), or None where there is no constraint."""
+    """Return λ (r,) of Eq. (12), or None without constraints."""
     if a is None:
         return None
     n, r = F.size, gamma.size
-    # M⁻¹ on aᵀ and F together: one matrix is solved once.
+    # M⁻¹ applied to aᵀ and F in one solve.
     columns = np.zeros((n, r + 1), M.dtype)
     columns[:, :r] = a.T
     columns[:, r] = F

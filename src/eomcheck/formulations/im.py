@@ -1,7 +1,7 @@
 """Integrated multiplier method: velocities, accelerations and multipliers at once, Eqs. (6)-(7).
 
-The first block row of Eq. (7) says q̇ = q̇. It is solved all the same: this is the method as
-published, and its size is what Table I counts.
+The first block row of Eq. (7) is the trivial q̇ = q̇. It is solved all the same: this is the
+published method, and Table I counts its size.
 """
 
 from __future__ import annotations

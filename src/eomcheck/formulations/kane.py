@@ -24,7 +24,7 @@ def inertia_sums(
     """Return M_Kane (p, p) and N_Kane q̇ + G_Kane (p,), the inertia forces at u̇ = 0 (Eq. (23)).
 
     Neither N_Kane nor G_Kane is formed: their sum over q_j and t is the total rate of each body's
-    velocities at constant u, which the scene gives.
+    velocities at constant u, which the scene provides.
     """
     p = partial_velocity.shape[2]
     both = np.zeros((p, p + 1), partial_velocity.dtype)
@@ -40,7 +40,7 @@ def inertia_sums(
 
 @generic
 def right_hand_side(force, left):
-    """Return F_Kane - (N_Kane q̇ + G_Kane) (p,), in the place of `left`."""
+    """Return F_Kane - (N_Kane q̇ + G_Kane) (p,), written into `left`."""
     for i in range(left.size):
         left[i] = -left[i] if force is None else force[i] - left[i]
     return left

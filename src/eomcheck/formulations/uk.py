@@ -4,8 +4,8 @@ Udwadia and Kalaba's equation (1992) takes the Moore-Penrose inverse ⁺ of a M�
 
     v̇ = M⁻¹ (F + aᵀ λ),  λ = -(a M⁻¹ aᵀ)⁺ (gamma + a M⁻¹ F),
 
-which has no need for independent rows, and makes λ the smallest of all multipliers that give v̇. It
-is found here without roots, without M⁻¹ and without squaring a condition number. Let rows k of a be
+which needs no independent rows, and makes λ the smallest of all multipliers that give v̇. It is
+computed here without roots, without M⁻¹ and without squaring a condition number. Let rows k of a be
 independent and imply the other rows d, a_d = G a_k. The augmented system of rows k alone,
 
     M v̇ - a_kᵀ μ = F,  -a_k v̇ = gamma_k,
@@ -15,8 +15,8 @@ gives v̇. Of all λ with aᵀ λ = a_kᵀ μ, that is
     λ_k + Gᵀ λ_d = μ,
 
 the smallest has λ_k = μ - Gᵀ λ_d and (1 + G Gᵀ) λ_d = G μ. With -a_dᵀ and 0 on its right-hand side
-the augmented system would give G too, but eliminated by M: where the rows kept are nearly dependent
-G would lose twice the digits that they lose. It has a system of its own.
+the augmented system would give G too, but eliminated by M: for nearly dependent kept rows G would
+lose twice the digits that they lose. Therefore G has a system of its own.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ from eomcheck.numbers.generic import generic
 from eomcheck.numbers.linear import solve
 
 FIT_WEIGHT = 2**128
-"""What rows are multiplied by where M only counts for coordinates that they say nothing of."""
+"""Weight of the constraint rows in the fit, so that M only counts for coordinates not in them."""
 
 
 @generic
 def redundancy_coefficients(M, a, kept, redundant):
-    """Return G (r-ρ, ρ): what the redundant rows have of those kept.
+    """Return G (r-ρ, ρ), the coefficients of the redundant rows in terms of the kept ones.
 
     A least-squares fit, K x = a_dᵀ - a_kᵀ Gᵀ and a_k x = 0, whose x is 0. Gᵀ comes first of the
     unknowns, so that elimination takes its pivots from a; K is diagonal, of the size of a².
@@ -73,7 +73,7 @@ def smallest_multipliers(mu, G, kept, redundant):
 
 @generic
 def solution_with_redundant_rows(M, F, a, gamma, kept, redundant):
-    """Return (v̇ (n,), λ (r,)) where some rows depend on those kept."""
+    """Return (v̇ (n,), λ (r,)) if some rows depend on the kept ones."""
     M_UK, F_UK = au.system(M, F, a[kept], gamma[kept])
     vdot, mu = au.split(solve(M_UK, F_UK, "M_UK"), a)
     G = redundancy_coefficients(M, a, kept, redundant)
@@ -82,7 +82,7 @@ def solution_with_redundant_rows(M, F, a, gamma, kept, redundant):
 
 @generic
 def solution_of_rows(M, F, a, gamma, kept, redundant):
-    """Return (v̇ (n,), λ (r,) or None); where no row depends on others, M_UK is M_Au."""
+    """Return (v̇ (n,), λ (r,) or None); if no row depends on others, M_UK is M_Au."""
     if redundant is None:
         M_UK, F_UK = au.system(M, F, a, gamma)
         return au.split(solve(M_UK, F_UK, "M_UK"), a)

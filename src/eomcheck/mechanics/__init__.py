@@ -1,1 +1,1 @@
-"""The field's words: records, scenes, and what scenes are put together from."""
+"""Scenes: their base class, the records of their equations, parameters, sketches and bodies."""

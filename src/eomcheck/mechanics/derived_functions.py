@@ -1,14 +1,15 @@
 """Functions of a scene derived from its small contract: terms, speeds, bodies, energies.
 
-A scene writes `jacobians`, `forces`, `velocities` and so on (see `Scene`); `derive_missing` gives
-it the others:
+A scene writes `jacobians`, `forces`, `velocities` and so on (see `Scene`); `derive_missing` adds
+the others to its class:
 
 - `prepare`: the angles, their cosines and sines
-- `terms`: M = Σ Jᵀ m J + Σ Jᵀ I J and what belongs to it, `constraints`, `drift` and `forces`
+- `terms`: M = Σ Jᵀ m J + Σ Jᵀ I J and the bias B that belongs to it, `constraints`, `drift` and
+  `forces`
 - `kinematics`, `speeds`, `speeds_of`: u is the independent part of v, the paper's partition with
   the first r velocities dependent: W = [-a₁⁻¹ a₂; 1], offset = [-a₁⁻¹ b; 0], and
   rest = [-a₁⁻¹ gamma; 0], for which no ẇ is needed. Without constraints there is no W: u is v
-- `bodies`: partial velocities J W, remainders J rest + J̇ v
+- `bodies`: partial velocities J W, accelerations at u̇ = 0, J rest + J̇ v
 - `energies`: T from `velocities`, U from `potential`
 """
 
@@ -26,7 +27,7 @@ from eomcheck.numbers.linear import solve
 
 
 class PartitionedSpeeds(NamedTuple):
-    """Generalized speeds by a partition, and what they share with the bodies."""
+    """Generalized speeds by a partition, with the matrices that `speeds` and `bodies` share."""
 
     q: Any
     v: Any
@@ -41,7 +42,7 @@ class PartitionedSpeeds(NamedTuple):
 
 @generic
 def inertia_terms(mass, inertia, linear, angular, linear_rest, angular_rest, gyroscopic):
-    """Return (M (n, n), B (n,)): the inertia forces J^T (m V̇, I ω̇ + ω × I ω), body by body."""
+    """Return (M (n, n), B (n,)) of the inertia forces J^T (m V̇, I ω̇ + ω × I ω), body by body."""
     bodies, d, n = linear.shape
     e = angular.shape[1]
     inertia = inertia.reshape(bodies, e, e)
@@ -89,7 +90,7 @@ def _terms(jacobians, assemble):
 
 @generic
 def leading_embedding(a, b):
-    """Return (W (n, p), offset (n,)) by the first r columns of a; None where there is neither."""
+    """Return (W (n, p), offset (n,)) by the first r columns of a; None for an absent one."""
     if a is None:
         return None, None
     r, n = a.shape
@@ -155,15 +156,17 @@ def _speeds_of(jacobians, constraints):
 
 
 def support_of(scene: Any, movable: Any) -> Any:
-    """Return which generalized speeds can move each body, bool (n_b, p), see `Scene.support`.
+    """Return a mask of the generalized speeds that can move each body, bool (n_b, p).
+
+    See `Scene.support`.
 
     Args:
         scene: the scene.
-        movable: which coordinates can, bool (n_b, n).
+        movable: mask of the coordinates that can move each body, bool (n_b, n).
     """
     if not {"kinematics", "bodies"} <= scene.derived_functions:
         return None
-    # The first r velocities follow from all the others.
+    # The first r velocities depend on all the others.
     dependent = movable[:, : scene.r].any(axis=1, keepdims=True)
     return movable[:, scene.r :] | dependent
 
@@ -179,7 +182,7 @@ def partials(J, W):
 
 @generic
 def remainders(J, J_rest, rest):
-    """Return J rest + J̇ v (n_b, c)."""
+    """Return the accelerations at u̇ = 0, J rest + J̇ v (n_b, c)."""
     if rest is None:
         return J_rest
     bodies, c, n = J.shape
@@ -188,7 +191,7 @@ def remainders(J, J_rest, rest):
 
 @generic
 def projected_forces(W, Q):
-    """Return Wᵀ Q (p,), or None."""
+    """Return Wᵀ Q (p,), or None without Q."""
     if Q is None:
         return None
     if W is None:
@@ -272,21 +275,20 @@ _DERIVATIONS: dict[str, Callable[..., Callable]] = {
     "bodies": _bodies,
     "energies": _energies,
 }
-"""Name of a scene's function -> what composes it from those that its arguments name."""
+"""Name of a scene's function -> function that derives it from those named by its arguments."""
 
 
 def derive_missing(kind: Any) -> None:
-    """Give a kind of scene the functions that it does not write itself, where it has their parts.
+    """Add to a scene class the functions that it does not write itself, if their parts exist.
 
-    `composed` then says which they are; those that it inherits are composed anew, of its own parts.
+    Sets `derived_functions` to the names of the added functions. Inherited derived functions are
+    derived again from the parts of the subclass.
     """
     composed = set()
     for name, composer in _DERIVATIONS.items():
         owner = next((base for base in kind.__mro__ if name in vars(base)), None)
         parts = [getattr(kind, part, None) for part in signature(composer).parameters]
-        if (
-            owner is None or name in vars(owner).get("derived_functions", ())
-        ) and None not in parts:
+        if (owner is None or name in vars(owner).get("derived_functions", ())) and None not in parts:
             function = composer(*parts)
             function.__module__ = kind.__module__
             function.__qualname__ = f"{kind.__name__}.{name}"

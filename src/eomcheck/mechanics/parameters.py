@@ -1,6 +1,8 @@
 """Parameters of a scene, each declared once: the field `parameter`, the base class `Parametric`.
 
-Scenes are frozen dataclasses. Those with a number of links to choose have the base class `OfLinks`.
+A declaration holds description, unit, sign, shape, default and sampling range of a parameter;
+checks, documentation and `repr` of a scene follow from it. Scenes are frozen dataclasses. Those
+whose number of links can be chosen have the base class `OfLinks`.
 """
 
 from __future__ import annotations
@@ -21,11 +23,11 @@ from eomcheck.mechanics.scene import Scene, finite_array
 from eomcheck.numbers.generic import FLOAT64, Arithmetic, generic
 
 MOST_LINKS = 1_000_000
-"""Links of a scene: its parameters then take some 50 MB."""
+"""Largest number of links of a scene; its parameters then take some 50 MB."""
 
 
 def number_of_links(links: Any) -> int:
-    """Number of links as an int.
+    """Return the number of links as an int.
 
     Raises:
         InputError: it is no whole number, below 1 or above `MOST_LINKS`.
@@ -58,7 +60,7 @@ class _Declared(NamedTuple):
         return self.shape(links) if callable(self.shape) else self.shape
 
     def checked(self, name: str, value: Any, links: int) -> np.ndarray | None:
-        """Return the value as an array that cannot be changed, None where it is absent."""
+        """Return the value as a read-only array; None if it is absent."""
         if value is None and self.optional:
             return None
         shape = self.shape_of(links)
@@ -85,19 +87,23 @@ def parameter(
     optional: bool = False,
     read: bool = True,
 ) -> Any:
-    """Return the field of a `Parametric` scene that is a number or an array of numbers.
+    """Return a field of a `Parametric` scene that holds a number or an array of numbers.
 
     Args:
-        what: what it is, for its documentation.
+        what: description of the parameter, for its documentation.
         unit: its SI unit.
-        sign: of its entries.
-        sample_range: what it is drawn from in ordinary scenes, in its own shape: low, high and,
-            where it may also be None, None.
-        shape: of the array, () for one number, or how it follows from the number of links.
-        default: its default, if any; or what makes it of the scene where it is None.
-        optional: whether it may be None though it is not drawn so.
-        read: whether the equations read it as it is; what only the initial state or `derived`
-            parameters are made of, they do not.
+        sign: sign of its entries.
+        sample_range: range from which ordinary scenes are sampled, in the parameter's own shape:
+            low, high and, if it may also be None, None.
+        shape: shape of the array, () for one number, or a function of the number of links.
+        default: its default, if any; or a function of the scene that computes the value of a
+            parameter that is None.
+        optional: whether it may be None although it is never sampled so.
+        read: whether the equations read it unchanged; False for parameters that enter only the
+            initial state or the `derived` parameters.
+
+    Returns:
+        A dataclass field; its declaration is in the metadata.
     """
     absent = sample_range is not None and len(sample_range) == 3
     among = (
@@ -109,22 +115,25 @@ def parameter(
 
 
 def of_links(links: int) -> tuple[int, ...]:
-    """Return the shape of what every link has one of."""
+    """Return the shape (links,) of a parameter with one entry per link."""
     return (links,)
 
 
 def of_joints(links: int) -> tuple[int, ...]:
-    """Return the shape of what every joint between two links has one of."""
+    """Return the shape (links - 1,) of a parameter with one entry per joint between two links."""
     return (links - 1,)
 
 
 def stretched(scene: Any) -> np.ndarray:
-    """Return the angles 0 of all links."""
+    """Return the angles of a stretched chain, 0 for all links."""
     return np.zeros(scene.links)
 
 
 def settable(scene: Any) -> dict[str, Field]:
-    """Return the parameters of a scene that can be given, by name; none if it is no dataclass."""
+    """Return the parameters that the scene's constructor takes, by name.
+
+    Empty if the scene is no dataclass.
+    """
     return {one.name: one for one in fields(scene) if one.init} if is_dataclass(scene) else {}
 
 
@@ -133,8 +142,8 @@ def with_parameters(scene: Any, changes: Mapping[str, Sequence[float] | None]) -
 
     Args:
         scene: the scene.
-        changes: name -> its numbers in order, one that stands for all entries, or None where the
-            parameter is to be absent.
+        changes: name -> its numbers in order, one number for all entries, or None to leave the
+            parameter out.
 
     Raises:
         UnknownNameError: the scene has no such parameter.
@@ -172,13 +181,13 @@ def _record(name: str, names: tuple[str, ...]) -> Callable[..., NamedTuple]:
 class Parametric(Scene):
     """A scene that is a frozen dataclass, every field of it a `parameter`.
 
-    Their documentation, checks, ranges, their record for the equations and the Python that makes
-    the scene again follow from the declarations.
+    Documentation, checks and ranges of the fields, their record for the equations and the `repr`
+    as Python code follow from the declarations.
     """
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
     declared: ClassVar[dict[str, _Declared]] = {}
-    """What was said of each parameter, by name."""
+    """Declaration of each parameter, by name."""
 
     def __init_subclass__(cls, **options):
         super().__init_subclass__(**options)
@@ -197,11 +206,11 @@ class Parametric(Scene):
     def __setstate__(self, state: dict[str, Any]):
         for name, value in state.items():
             if name in self.declared and value is not None:
-                value.setflags(write=False)  # which an array does not keep
+                value.setflags(write=False)  # the flag is not kept in a copied or unpickled array
             object.__setattr__(self, name, value)
 
     def check_fields(self, links: int = 0) -> None:
-        """Replace all fields by checked arrays that cannot be changed.
+        """Replace all fields by checked, read-only arrays.
 
         Raises:
             InputError: wrong shape, not finite, or of another sign.
@@ -214,7 +223,7 @@ class Parametric(Scene):
 
     @classmethod
     def ranges(cls, links: int | None = None) -> dict[str, Range]:
-        """Return what ordinary scenes of this kind are drawn from, by name of argument."""
+        """Return the sampling ranges of ordinary scenes of this class, by name of argument."""
         count = number_of_links(links) if cls.has_links else 0
         return {
             name: one.sample_range._replace(shape=one.shape_of(count))
@@ -223,11 +232,11 @@ class Parametric(Scene):
         }
 
     def derived(self, arithmetic: Arithmetic) -> dict[str, Any]:
-        """Return what the equations read besides the parameters, or in their place, by name."""
+        """Return derived parameters by name, which equations read beside or instead of the fields."""
         return {}
 
     def parameters(self, arithmetic: Arithmetic) -> NamedTuple:
-        """Return what the equations read in the numbers of `arithmetic`, one number as (1,)."""
+        """Return the inputs of the equations in the numbers of `arithmetic`, one number as (1,)."""
         return _float64_parameters(self) if arithmetic is FLOAT64 else self._numbers_in(arithmetic)
 
     def _numbers_in(self, arithmetic: Arithmetic) -> NamedTuple:
@@ -240,7 +249,7 @@ class Parametric(Scene):
         return _record(f"{type(self).__name__}Parameters", tuple(numbers))(**numbers)
 
     def __repr__(self) -> str:
-        """Return the Python that makes it again, defaults left out."""
+        """Return Python code that reconstructs the scene, defaults left out."""
         shown = []
         for one in fields(self):
             value, usual = getattr(self, one.name), one.default
@@ -252,28 +261,28 @@ class Parametric(Scene):
 
 @lru_cache(16)
 def _float64_parameters(scene: Parametric) -> NamedTuple:
-    """Return the parameters in doubles: the same record each time, so that who reads it knows."""
+    """Return the float64 parameters, the same record each time, so that caches can use its id."""
     return scene._numbers_in(FLOAT64)
 
 
 class OfLinks(Parametric):
-    """A scene with a number of links to choose, N: `mass`, the first parameter, tells it."""
+    """A scene with a free number of links N, given by the length of `mass`, its first parameter."""
 
     has_links = True
     one_mass_each = "one mass each"
-    """How many masses there are, for who gives another number."""
+    """Expected number of masses, for error messages."""
     mass: Any
 
     @staticmethod
     def links_of(masses: int) -> int:
-        """Return N for so many masses."""
+        """Return the number of links N of a scene with so many masses."""
         return masses
 
     def __post_init__(self):
         self.check_fields(self.counted_links())
 
     def counted_links(self) -> int:
-        """Return N while nothing is checked yet.
+        """Return N before the parameters are checked.
 
         Raises:
             InputError: no number of links has so many masses.
@@ -289,7 +298,7 @@ class OfLinks(Parametric):
 
     @property
     def links(self) -> int:
-        """N."""
+        """Number of links N."""
         return self.links_of(self.mass.size)
 
     @property

@@ -1,6 +1,6 @@
 """Symmetries of a scene on a plane without directions: rotation, translation, mirror image.
 
-The first two coordinates are a place (x, y) on the plane.
+The first two coordinates are a position (x, y) on the plane, m.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from eomcheck.numbers.generic import Array
 from eomcheck.numbers.pivots import EPS
 
 TURN = 0.75
-"""rad."""
+"""Angle of the rotation, rad."""
 SHIFT = 3.0, -2.0
-"""m."""
+"""Components of the translation, m."""
 
 
 def rotation(scene: Scene, q: Array, v: Array, headings: slice) -> Symmetry:
-    """Return the scene turned about the origin; coordinates `headings` are angles that turn too."""
+    """Return the rotation of the scene about the origin; the angles `headings` turn with it."""
     image = np.eye(scene.n)
     image[:2, :2] = [[np.cos(TURN), -np.sin(TURN)], [np.sin(TURN), np.cos(TURN)]]
     turned = image @ q
@@ -29,15 +29,15 @@ def rotation(scene: Scene, q: Array, v: Array, headings: slice) -> Symmetry:
 
 
 def translation(scene: Scene, q: Array, v: Array) -> Symmetry:
-    """Return the scene shifted."""
+    """Return the translation of the scene by `SHIFT`."""
     moved = q.copy()
     moved[:2] += SHIFT
     return Symmetry("translation", scene, moved, v, np.eye(scene.n))
 
 
 def mirror(scene: Scene, q: Array, v: Array, unflipped: tuple[int, ...]) -> Symmetry:
-    """Return the mirror image in the x axis: `scene` is mirrored, coordinates but `unflipped`
-    flip.
+    """Return the mirror image in the x axis: `scene` is mirrored, all coordinates but `unflipped`
+    change their sign.
     """
     signs = -np.ones(scene.n)
     signs[list(unflipped)] = 1.0
@@ -45,7 +45,7 @@ def mirror(scene: Scene, q: Array, v: Array, unflipped: tuple[int, ...]) -> Symm
 
 
 def full_turns(scene: Scene, q: Array, v: Array) -> Symmetry:
-    """Return the scene with every coordinate turned by 2π, which changes nothing."""
+    """Return a rotation by 2π of every coordinate, which changes nothing."""
     return Symmetry("full turns", scene, q + 2.0 * np.pi, v, np.eye(scene.n))
 
 

@@ -1,4 +1,4 @@
-"""Sources of random choices: a NumPy generator, or hypothesis, that draws a scene."""
+"""Sources of random choices for the sampling of scenes: a NumPy generator or hypothesis."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import numpy as np
 T = TypeVar("T")
 
 Factors = dict[str, tuple[str, ...]]
-"""Name of a property -> the ways there are."""
+"""Property -> its possible levels: the factors of a pairwise design."""
 
 
 class Choices(Protocol):
-    """A source of choices. The first of several, and 0, are the simplest: to these draws shrink."""
+    """A source of choices; hypothesis shrinks towards the simplest, first options and 0."""
 
     def one_of(self, among: Sequence[T]) -> T:
-        """Return one of several, one at least."""
+        """Return one of at least one option."""
         ...
 
     def whole(self, low: int, high: int) -> int:
@@ -30,7 +30,7 @@ class Choices(Protocol):
 
 
 class GeneratorChoices:
-    """Choices by a generator of NumPy's: all that there are equally often.
+    """Choices by a NumPy generator, all options with the same probability.
 
     Args:
         random: the generator.
@@ -40,7 +40,7 @@ class GeneratorChoices:
         self._random = random
 
     def one_of(self, among: Sequence[T]) -> T:
-        """Return one of several, one at least."""
+        """Return one of at least one option."""
         return among[int(self._random.integers(len(among)))]
 
     def whole(self, low: int, high: int) -> int:

@@ -1,4 +1,4 @@
-"""What a scene gives: its terms, speeds and bodies, in the symbols of the paper.
+"""Records of a scene's equations: terms, speeds and bodies, in the symbols of the paper.
 
 The rules that they follow are numbered in `eomcheck.mechanics.scene`.
 """
@@ -30,11 +30,11 @@ class Terms(NamedTuple):
 
 
 class Jacobians(NamedTuple):
-    """Velocities of the bodies as J v, and their accelerations as J v̇ + rest.
+    """Jacobians of the body velocities: V = J v, V̇ = J v̇ + rest, rest the bias acceleration.
 
-    V of the centres of mass in any directions, of which `linear_rest` is the whole acceleration
-    left even if they turn; in space ω in directions that turn with the body, or otherwise keep its
-    inertia constant, of which `angular_rest` is the whole acceleration left too.
+    V of the centres of mass along any directions, of which `linear_rest` is the whole bias
+    acceleration even if they turn; in space ω along directions that turn with the body, or
+    otherwise keep its inertia constant, of which `angular_rest` is the whole bias too.
     """
 
     linear: Any
@@ -42,15 +42,15 @@ class Jacobians(NamedTuple):
     angular: Any
     """∂ω_k/∂v (n_b, e, n)."""
     linear_rest: Any
-    """J̇ v of the centres of mass (n_b, d)."""
+    """Bias acceleration J̇ v of the centres of mass (n_b, d)."""
     angular_rest: Any
-    """J̇ v of the rotations (n_b, e)."""
+    """Bias angular acceleration J̇ v (n_b, e)."""
     gyroscopic: Any = None
     """ω × I ω (n_b, e), or None in the plane."""
 
 
 class Speeds(NamedTuple):
-    """How velocities follow from generalized speeds (rule 4; paper, Eq. (20)).
+    """Map from generalized speeds to velocities, v = W u + offset (rule 4; paper, Eq. (20)).
 
     All three are None where nothing is constrained and u is v itself.
     """
@@ -58,7 +58,7 @@ class Speeds(NamedTuple):
     W: Any
     """The paper's w′ (n, p)."""
     rest: Any
-    """The part of v̇ that is left at u̇ = 0 (n,)."""
+    """Acceleration v̇ at u̇ = 0 (n,)."""
     offset: Any
     """The paper's x′ (n,), or None."""
 
@@ -74,7 +74,7 @@ def velocity_from_speeds(u, W, offset):
 
 
 class Bodies(NamedTuple):
-    """Partial velocities of the bodies and what moves them (rule 5; paper, Eqs. (22)-(23))."""
+    """Partial velocities of the bodies and the forces on them (rule 5; paper, Eqs. (22)-(23))."""
 
     partial_velocity: Any
     """∂V_k/∂u of the centres of mass (n_b, d, p)."""
@@ -85,9 +85,9 @@ class Bodies(NamedTuple):
     angular_remainder: Any
     """Angular accelerations at u̇ = 0 (n_b, e)."""
     mass: Any
-    """(n_b,), kg."""
+    """Masses (n_b,), kg."""
     inertia: Any
-    """About the centres of mass (n_b, e, e), kg m²."""
+    """Moments of inertia about the centres of mass (n_b, e, e), kg m²."""
     gyroscopic: Any
     """ω × I ω (n_b, e), or None in the plane."""
     force: Any
@@ -95,7 +95,7 @@ class Bodies(NamedTuple):
 
 
 class Chain(NamedTuple):
-    """Bodies that hang on each other in a row (rule 10).
+    """Bodies connected in a row, each with two quasi-velocities (rule 10).
 
     Of all accelerations that satisfy the constraint of each body by itself, ẋ_k are those of body k
     in the directions of x_k. Joint k = 2 .. n_b adds A_k ẋ_{k-1} + C_k ẋ_k + d_k = 0 and its forces
@@ -116,7 +116,7 @@ class Chain(NamedTuple):
 
 
 class State(NamedTuple):
-    """Where a scene is looked at."""
+    """A state of a scene: coordinates, velocities and time."""
 
     q: Array
     """Coordinates (n,)."""
@@ -127,7 +127,7 @@ class State(NamedTuple):
 
 
 class Symmetry(NamedTuple):
-    """A motion of the whole scene under which accelerations are known to follow."""
+    """A motion of the whole scene that maps its accelerations in a known way."""
 
     name: str
     scene: Any
@@ -135,22 +135,19 @@ class Symmetry(NamedTuple):
     q: Array
     v: Array
     image: Array
-    """(n, n), with which the moved scene has v̇ = image @ (v̇ of the scene as it was)."""
+    """(n, n): the transformed scene has v̇ = image @ (v̇ of the original scene)."""
 
 
 class Range(NamedTuple):
-    """What a number, or each entry of an array, is drawn from."""
+    """A sampling range of a number, or of each entry of an array."""
 
     low: float
     high: float
     shape: tuple[int, ...] = ()
-    """() for a number."""
+    """Shape of the array, () for a number."""
     optional: bool = False
-    """Whether it may also be None: absent."""
+    """Whether None, an absent parameter, is sampled too."""
 
 
 ANYWHERE, ANY_ANGLE = Range(-10.0, 10.0), Range(-math.pi, math.pi)
-"""m from the origin; rad."""
-
-
-__getattr__ = getattr_of(__name__)
+"""Ranges of a position, m from the origin, and of an angle, rad."""

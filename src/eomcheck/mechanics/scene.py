@@ -1,6 +1,6 @@
-"""The contracts: what a scene gives and what a formulation may rely on.
+"""The contracts between scenes and formulations: the functions of a scene and their rules.
 
-Numbered, so that an error or a note can point at a rule.
+The rules are numbered, so that an error or a note can point at one.
 
 1.  Units are SI. Everything public takes the time t (s), by default 0; of a scene's functions only
     `prepare` sees it. The velocity v is always q̇.
@@ -9,18 +9,18 @@ Numbered, so that an error or a note can point at a rule.
     gamma = ȧ v + ḃ. F = Q - B. Q and B stay apart so that a failure names the term.
 4.  `Speeds`: v = W u + offset and v̇ = W u̇ + rest, rest = Ẇ u + d(offset)/dt, hence
     a W = 0 and a rest + gamma = 0.
-5.  `Bodies`: what Eq. (23) sums over. Components in which all partial velocities vanish may be
+5.  `Bodies`: the summands of Eq. (23). Components in which all partial velocities vanish may be
     left out: the snake has d = e = 1, a scene in space has 3.
 6.  An absent term is `None`, never an array of zeros: no constraint, no b, no spring, no
     gyroscopic part. Functions test `None` on their own arguments only.
-7.  The functions of a scene are written once, for every kind of number (`@generic`). What is not
-    rational (sines, cosines, distances, what a clock drives) is prepared before by `prepare`,
-    which alone is handed an arithmetic, and handed in.
+7.  The functions of a scene are written once, for every scalar type (`@generic`). Expressions that
+    are not rational (sines, cosines, distances, clock-driven quantities) are precomputed by
+    `prepare`, the only function that gets an arithmetic, and passed to the others as `prepared`.
 8.  `velocities`, `energies` and `constraint` are a second derivation, written from positions and
     velocities directly and never from M or a. Engines differentiate them.
 9.  A scene knows nothing of formulations, engines or checks.
-10. A scene whose bodies form a chain may say so by a `Chain`: body k moves with two quasi-
-    velocities, read off from any v, in which its mass is diagonal, and two equations tie it to
+10. A scene whose bodies form a chain may provide a `Chain`: body k moves with two quasi-
+    velocities, computed from any v, in which its mass is diagonal, and two equations tie it to
     body k-1. x lists them body by body.
 """
 
@@ -51,13 +51,13 @@ Functions = Mapping[str, Any] | tuple[ModuleType, ...]
 
 @generic
 def no_velocity_term(parameters, prepared, q, v):
-    """Return what a scene has not that depends on v: drift, forces or constraints."""
+    """Return None, for a drift, forces or constraints that a scene does not have."""
     return
 
 
 @generic
 def no_potential(parameters, prepared, q):
-    """Return the potential energy of a scene that has none."""
+    """Return None, the potential energy of a scene without one."""
     return
 
 
@@ -67,14 +67,14 @@ class Scene(ABC):
 
     The equations are generic functions held as static attributes; `functions=globals()` behind the
     base class takes those of these names from the module. All take first `parameters`, a NamedTuple
-    made by `parameters(arithmetic)` whose fields `mass` (n_b,) and `inertia` (n_b, e, e), or
-    (n_b,) in the plane, belong to the bodies that `velocities` lists, and `prepared`, which the
-    first of them makes. These are what a scene has to write, those it has:
+    constructed by `parameters(arithmetic)` whose fields `mass` (n_b,) and `inertia` (n_b, e, e), or
+    (n_b,) in the plane, belong to the bodies that `velocities` lists, and `prepared`, the result of
+    the first of them. A scene has to write these, as far as it has them:
 
-    - `prepare(arithmetic, parameters, q, t)`: what is not rational in q and t, by the methods
-      `angles` and `root` of the arithmetic; by default the `Angles` of `angle_coordinates`, or
-      None where there are none
-    - `jacobians(parameters, prepared, q, v) -> Jacobians`: how the bodies move with v
+    - `prepare(arithmetic, parameters, q, t)`: expressions that are not rational in q and t, by the
+      methods `angles` and `root` of the arithmetic; by default the `Angles` of `angle_coordinates`,
+      or None where there are none
+    - `jacobians(parameters, prepared, q, v) -> Jacobians`: body velocities as J v
     - `constraints(parameters, prepared, q) -> (a, b)` and
       `drift(parameters, prepared, q, v) -> gamma`
     - `forces(parameters, prepared, q, v) -> Q (n,)` or None
@@ -82,15 +82,15 @@ class Scene(ABC):
     - `potential(parameters, prepared, q) -> U`, J, or None
     - `constraint(parameters, prepared, q, v) -> c (r,)` or None
 
-    The others follow, see `eomcheck.mechanics.derived_functions`; `derived_functions` tells which.
-    A scene that knows a shorter way writes it itself. In Lagrange's terms, and then `jacobians`,
-    `drift` and `forces` may be left out where the speeds are written too:
+    The others are derived, see `eomcheck.mechanics.derived_functions`; `derived_functions` names
+    them. A scene with a shorter expression writes it itself. For Lagrange's terms (`jacobians`,
+    `drift` and `forces` may then be left out if the speeds are written too):
 
     - `terms(parameters, prepared, q, v) -> Terms`
 
     Natural generalized speeds, all of them:
 
-    - `kinematics(parameters, prepared, q, u)`: whatever `speeds` and `bodies` share
+    - `kinematics(parameters, prepared, q, u)`: intermediate results of `speeds` and `bodies`
     - `speeds(parameters, prepared, kinematics) -> Speeds`
     - `bodies(parameters, prepared, kinematics) -> Bodies`
     - `speeds_of(parameters, prepared, q, v) -> u`
@@ -101,12 +101,12 @@ class Scene(ABC):
 
     - `energies(parameters, prepared, q, v) -> (T, U or None)`, J
     - `dissipation(parameters, prepared, q, v) -> R` or None, W: half the power that dampers take,
-      -∂R/∂v being their part of Q; None, and no function, where there are none. A scene that gives
+      -∂R/∂v being their part of Q; None, and no function, where there are none. A scene that has
       it loses energy in no other way, unless a clock drives its constraints
-    - `positions(parameters, prepared, q) -> (n_b, d)`: where the centres of mass are, in fixed
-      directions; V of `velocities` is held against it. None, and no function, where nobody said
-    - `position_residual(parameters, prepared, q) -> (h,)`, of which `constraint`, or those of its
-      rows that `holonomic` tells, are the rate; None, and no function, where none is holonomic
+    - `positions(parameters, prepared, q) -> (n_b, d)`: the centres of mass, along fixed directions;
+      V of `velocities` is compared with their rates. None, and no function, where not provided
+    - `position_residual(parameters, prepared, q) -> (h,)`, whose rate is `constraint`, or the rows
+      `holonomic` of it; None, and no function, where no constraint is holonomic
 
     A chain has these as well, any other scene leaves them out:
 
@@ -120,31 +120,31 @@ class Scene(ABC):
 
     key: ClassVar[str]
     conserves_energy: bool
-    """Whether T + U keeps its value; one scene may lose what others of its kind conserve."""
+    """Whether T + U is constant; one scene may dissipate though others of its class conserve it."""
     why_not_conserved: str = ""
-    """What changes the energy where it is not conserved."""
+    """Reason why the energy is not conserved, "" if it is."""
     usually_absent: ClassVar[frozenset[str]] = frozenset()
-    """Terms that are absent unless asked for."""
+    """Names of terms that are absent by default."""
     depends_on_time: ClassVar[bool] = False
-    """Whether anything in it depends on t."""
+    """Whether any function depends on the time t."""
     derived_functions: ClassVar[frozenset[str]] = frozenset()
-    """Names of the functions that the scene does not write but are made of those it does."""
+    """Names of the functions that are derived from those the scene writes."""
     has_links: ClassVar[bool] = False
-    """Whether scenes of this kind have a number of links to choose."""
+    """Whether the number of links of this scene class can be chosen."""
     most_links: ClassVar[int | None] = None
-    """The largest number of links; None where any will do."""
+    """The largest number of links; None if there is no limit."""
     holonomic: ClassVar[slice] = slice(None)
-    """Which constraints are rates of `position_residual`, where there is one."""
+    """Constraints that are rates of `position_residual`, if it exists."""
     angle_coordinates: ClassVar[slice] = slice(0, 0)
-    """Which coordinates are angles."""
+    """Coordinates that are angles."""
     named_coordinates: ClassVar[tuple[str, ...]] = ()
-    """Names of the coordinates where all scenes of the kind have the same."""
+    """Names of the coordinates, if all scenes of the class have the same."""
     coordinate_sample_ranges: ClassVar[tuple[Range, ...] | None] = None
-    """What they are drawn from, see `coordinate_ranges`."""
+    """Sampling ranges of the coordinates, see `coordinate_ranges`."""
     display_pose: ClassVar[tuple[float, ...]] = ()
-    """Pose q (n,) that a picture of the kind shows; empty for the initial one."""
+    """Pose q (n,) in pictures of the class; empty for the initial one."""
     named_constraints: ClassVar[tuple[str, ...]] = ()
-    """Names of the constraints where all scenes of the kind have the same."""
+    """Names of the constraints, if all scenes of the class have the same."""
 
     prepare: ClassVar[Callable[..., Any]]
     jacobians: ClassVar[Callable[..., Any]]
@@ -156,7 +156,7 @@ class Scene(ABC):
     constraint: ClassVar[Callable[..., Any]] = staticmethod(no_velocity_term)
 
     assemble: ClassVar[Callable[..., Any]]
-    """`terms` of Jacobians that are known."""
+    """`terms` from known Jacobians."""
     terms: ClassVar[Callable[..., Any]]
     kinematics: ClassVar[Callable[..., Any]]
     speeds: ClassVar[Callable[..., Any]]
@@ -174,14 +174,14 @@ class Scene(ABC):
     chain_multipliers: ClassVar[Callable[..., Any]]
 
     def __init_subclass__(cls, functions: Functions = (), **options):
-        """Take the functions of the scene from where they are written, by their names.
+        """Take the functions of the scene by their names from the namespaces that define them.
 
         All functions written there are generic from then on, those that they call included.
 
         Args:
             functions: a namespace, such as `globals()`, or modules; other names in it do not count,
-                and what the body of the class gives itself stays.
-            options: for other classes that it derives from.
+                and functions in the class body have priority.
+            options: for other base classes.
         """
         super().__init_subclass__(**options)
         take_old_attributes(cls, Scene)
@@ -199,7 +199,7 @@ class Scene(ABC):
 
     @property
     def natural_speeds(self) -> bool:
-        """Whether the generalized speeds are a choice of the scene's own.
+        """Whether the scene has its own choice of generalized speeds.
 
         If they are a partition of the velocities, the modified Lagrange method is the embedding
         method by another name, and its agreement is no separate evidence.
@@ -218,32 +218,32 @@ class Scene(ABC):
 
     @property
     def p(self) -> int:
-        """Number of generalized speeds; none where there are more constraints than coordinates."""
+        """Number of generalized speeds; 0 if there are more constraints than coordinates."""
         return max(self.n - self.r, 0)
 
     @property
     def s(self) -> int:
-        """Number of quasi-velocities of its `Chain`, 0 where it is no chain."""
+        """Number of quasi-velocities of its `Chain`; 0 if it is no chain."""
         return 0
 
     @property
     def support(self) -> Array | None:
-        """Which generalized speeds can move each of its `Bodies`, bool (n_b, p).
+        """Mask of the generalized speeds that can move each of its `Bodies`, bool (n_b, p).
 
-        Partial velocities of the others vanish in every state. None where all may move all.
+        Partial velocities of the others vanish in every state. None if all may move all.
         """
         return None
 
     @property
     def name(self) -> str:
-        """What reports call this scene, by default its key."""
+        """Name of this scene in reports, by default its key."""
         return self.key
 
     @property
     def structure(self) -> str:
-        """The name, what is absent, and what is there that usually is absent.
+        """Structural variant: the name, the absent terms, and the usually absent terms it has.
 
-        That decides which functions run, apart from numbers.
+        It determines which functions run, apart from numbers.
         """
         said = [self.name]
         for name, value in vars(self).items():
@@ -253,13 +253,13 @@ class Scene(ABC):
 
     @classmethod
     def structures(cls, links: int | None = None) -> Iterator[Scene]:
-        """Yield one scene for each choice of terms that can be absent.
+        """Yield one scene for each structural variant, a choice of terms that can be absent.
 
         Args:
-            links: number of links, for a kind of scene that has one.
+            links: number of links, for a scene class that has one.
 
         Raises:
-            InputError: a scene of this kind has no such number of links.
+            InputError: a scene of this class has no such number of links.
         """
         if links is not None:
             raise InputError(f"links = {links!r}: {cls.key} has no number of links to choose")
@@ -272,28 +272,28 @@ class Scene(ABC):
 
     @classmethod
     def example(cls) -> Scene:
-        """Return the scene of this kind that is looked at first."""
+        """Return the scene of this class that is checked first."""
         return next(cls.structures(3 if cls.has_links else None))
 
     @classmethod
     def ranges(cls, links: int | None = None) -> dict[str, Range]:
-        """Return what ordinary scenes of this kind are drawn from, by name of argument.
+        """Return the sampling ranges of ordinary scenes of this class, by name of argument.
 
         Arguments that are not named keep their defaults.
 
         Args:
-            links: number of links, for a kind of scene that has one.
+            links: number of links, for a scene class that has one.
         """
         return {}
 
     @classmethod
     def topologies(cls, links: int | None = None) -> Sequence[Factors]:
-        """Return in which ways scenes of this kind hang together, where that is drawn too.
+        """Return the possible topologies of this class, if the topology is sampled too.
 
-        Each entry names properties and, of each, the ways that go with all others of the entry.
+        Each entry maps properties to their levels, all of which can be combined within the entry.
 
         Args:
-            links: number of links, for a kind of scene that has one.
+            links: number of links, for a scene class that has one.
         """
         return ({},)
 
@@ -301,21 +301,22 @@ class Scene(ABC):
     def of_topology(
         cls, links: int | None, levels: Mapping[str, str], choices: Choices
     ) -> type[Scene]:
-        """Return a kind of scenes that hang together in these ways; itself where there is one.
+        """Return the scene class with this topology; the class itself if there is only one.
 
         Args:
-            links: number of links, for a kind of scene that has one.
-            levels: one of each property in an entry of `topologies`; other names do not count.
-            choices: what chooses all else.
+            links: number of links, for a scene class that has one.
+            levels: one level of each property in an entry of `topologies`; other names are
+                ignored.
+            choices: the source of all other choices.
 
         Raises:
-            RefusedError: what was chosen does not fit together.
+            RefusedError: the choices do not fit together.
         """
         return cls
 
     @property
     def topology(self) -> dict[str, str]:
-        """The ways in which it hangs together, as it is; see `topologies`."""
+        """Levels of this scene's topology; see `topologies`."""
         return {}
 
     @property
@@ -329,10 +330,10 @@ class Scene(ABC):
         return self.named_constraints
 
     def coordinate_ranges(self) -> tuple[Range, ...] | None:
-        """Return what each coordinate of ordinary states is drawn from.
+        """Return the sampling range of each coordinate of ordinary states.
 
         None for up to 10 m from the origin and all angles. Where there is a `position_residual`,
-        what is drawn is where the search for a closed position starts.
+        the sampled pose is the initial guess of the search for an assembled one.
         """
         return self.coordinate_sample_ranges
 
@@ -342,14 +343,14 @@ class Scene(ABC):
 
     @abstractmethod
     def initial_state(self) -> tuple[Array, Array]:
-        """Return a consistent (q, v) to start from."""
+        """Return a consistent initial state (q (n,), v (n,))."""
 
     def refuse_speeds(self, q: Array) -> None:
         """Raise `RefusedError` if the natural generalized speeds do not exist at q (n,)."""
         return
 
     def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
-        """Yield the motions of the whole scene that must not change its dynamics."""
+        """Yield motions of the whole scene that must not change its dynamics."""
         yield from ()
 
     def tree(self) -> Tree | None:
@@ -358,22 +359,22 @@ class Scene(ABC):
 
     @classmethod
     def sketched(cls, links: int | None = None) -> tuple[Scene, Array]:
-        """Return the scene and the pose q (n,) that a picture of its kind shows.
+        """Return the scene and the pose q (n,) for a picture of its class.
 
-        The pose need not be closed: the closed one next to it is drawn.
+        The pose need not be assembled: the nearest assembled one is drawn.
 
         Args:
-            links: number of links, for a kind of scene that has one.
+            links: number of links, for a scene class that has one.
         """
         scene = cls.example() if links is None else next(cls.structures(links))
         return scene, np.array(cls.display_pose) if cls.display_pose else scene.initial_state()[0]
 
     def sketch(self, q: Array, t: float = 0.0) -> Sketch | None:
-        """Return what a picture of it in the pose q (n,) is made of; None where nobody said."""
+        """Return the sketch of the scene in the pose q (n,); None if it defines none."""
         return None
 
     def check_state(self, q, v, t: float = 0.0) -> tuple[Array, Array]:
-        """Return q and v as doubles of shape (n,).
+        """Return q and v as float64 of shape (n,).
 
         Raises:
             InputError: wrong shape, not numbers, or not finite.
@@ -383,11 +384,11 @@ class Scene(ABC):
 
 
 FUNCTIONS = {name for name, of in get_annotations(Scene).items() if "Callable[" in str(of)}
-"""Names under which scenes hold functions."""
+"""Names of the functions that scenes may have."""
 
 
 def _wrap_user_functions(kind: type[Scene]) -> None:
-    """Have what the body of a user's scene gives called by `eomcheck.calls.call`."""
+    """Wrap functions and properties of a user's scene class in `eomcheck.calls.call`."""
     for name, value in list(vars(kind).items()):
         word = f"{kind.__name__}.{name}"
         if isinstance(value, property) and value.fget is not None:
@@ -418,12 +419,16 @@ def _pair(word: str, function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _inner(value: Any) -> Any:
-    """Return the function of a property or of a method that needs no object."""
+    """Return the underlying function of a property, static method or class method."""
     return getattr(value, "fget", None) or getattr(value, "__func__", value)
 
 
 def checked_scene(scene: Any) -> Scene:
-    """Return `scene`; raise `InputError` where it is none, or has no sensible number n."""
+    """Return `scene` if it is a scene with a valid n.
+
+    Raises:
+        InputError: it is no scene, or n is no whole number from 0 to `MAX_COORDINATES`.
+    """
     if not isinstance(scene, Scene):
         raise InputError(f"scene = {safe_repr(scene)}, expected a scene such as Snake.paper()")
     n = scene.n
@@ -434,14 +439,14 @@ def checked_scene(scene: Any) -> Scene:
 
 
 MAX_COORDINATES = 20_000
-"""Coordinates of a scene: a matrix of n x n doubles takes 3.2 GB."""
+"""Largest number of coordinates of a scene: a matrix (n, n) of float64 takes 3.2 GB."""
 
 
 def finite_array(name: str, value, shape: tuple[int, ...]) -> Array:
-    """Return `value` as a new array of doubles of `shape`.
+    """Return `value` as a new float64 array of `shape`.
 
     Raises:
-        InputError: it cannot be read as such, or an entry is not finite.
+        InputError: it is no such array of real numbers, or an entry is not finite.
     """
     try:
         given = np.asarray(value)

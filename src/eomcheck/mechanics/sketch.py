@@ -1,4 +1,4 @@
-"""What a picture of a scene is made of: bodies, joints, coordinates and constraints in one pose.
+"""Parts of a picture of a scene: bodies, joints, coordinates and constraints in one pose.
 
 Points and directions have 2 components in the plane and 3 in space, in m and along axes that do not
 turn. Nothing here draws; `eomcheck.lab.show.sketch_drawing` does.
@@ -18,13 +18,13 @@ class Body(NamedTuple):
     """A rigid body as lines through points of it."""
 
     points: Any
-    """(k, d)."""
+    """Points (k, d), m."""
     name: str = ""
     closed: bool = False
 
 
 class Disk(NamedTuple):
-    """A round body, or a wheel, or a ball: a circle about an axis in space."""
+    """A round body, a wheel or a ball: a circle about an axis in space."""
 
     center: Any
     axis: Any
@@ -32,7 +32,7 @@ class Disk(NamedTuple):
     radius: float
     name: str = ""
     ball: bool = False
-    """Whether it is round from all sides."""
+    """Whether it is a ball, round in every view."""
 
 
 class JointMark(NamedTuple):
@@ -42,7 +42,7 @@ class JointMark(NamedTuple):
     ground: bool = False
     name: str = ""
     axis: Any = None
-    """(3,), or None where it is drawn as a point."""
+    """Direction (3,), or None if it is drawn as a point."""
 
 
 class Wheel(NamedTuple):
@@ -73,7 +73,7 @@ class SpringMark(NamedTuple):
 class Angle(NamedTuple):
     """An angle: an arc about a point, from the direction `first`, towards `second` where positive.
 
-    Where it is too small to be seen, an arc tells in which sense it grows.
+    If it is too small to be visible, an arc shows its positive sense.
     """
 
     name: str
@@ -98,13 +98,13 @@ class Arrow(NamedTuple):
     name: str
     at: Any
     along: Any
-    """With its length, m."""
+    """Direction times its length, m."""
     frame: bool = True
-    """Whether it is an axis of a frame; a given direction of force or motion otherwise."""
+    """Whether it is an axis of a frame; otherwise a direction of force or motion."""
 
 
 class ConstraintMark(NamedTuple):
-    """What some rows of the constraints hold, and where."""
+    """A label of some constraint rows, at a point."""
 
     name: str
     at: Any
@@ -112,13 +112,13 @@ class ConstraintMark(NamedTuple):
 
 
 class Trail(NamedTuple):
-    """A point whose path a moving picture draws."""
+    """A point whose path an animation draws."""
 
     at: Any
 
 
 class Plane(NamedTuple):
-    """The ground in space, as a patch: its corners (k, 3)."""
+    """A patch of the ground in space by its corners (k, 3), m."""
 
     points: Any
 
@@ -140,10 +140,10 @@ Part = (
 
 
 class Sketch(NamedTuple):
-    """A scene in one pose.
+    """A scene in one pose, as the parts of a picture.
 
-    In space it is seen from `azimuth` about the direction `up` and `elevation` above what is
-    horizontal, rad; without perspective.
+    The viewpoint in space has the `azimuth` about the direction `up` and the `elevation` above the
+    horizontal plane, rad; there is no perspective.
     """
 
     parts: tuple[Part, ...]
@@ -166,12 +166,12 @@ def plane_angle(name: str, at: Any, angle: float, radius: float, start: float = 
 def position_dimensions(
     x: float, y: float, origin: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[Part, Part]:
-    """Return the coordinates x and y of a point in the plane."""
+    """Return two lengths, the coordinates x and y of a point in the plane."""
     return Distance("x", (origin[0], y), (x, y)), Distance("y", (x, origin[1]), (x, y))
 
 
 def fixed_axes(size: float, dimensions: int = 2) -> tuple[Part, ...]:
-    """Return the axes that do not turn, from the origin."""
+    """Return the axes of the ground, from the origin."""
     axes = size * np.eye(dimensions)
     return tuple(
         Arrow(f"{axis} axis", np.zeros(dimensions), along)

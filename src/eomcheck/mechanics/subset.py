@@ -1,7 +1,7 @@
-"""A scene with some of its constraints: those that are independent, chosen by name.
+"""A scene with some of its constraints: the independent ones, selected by name.
 
-Formulations that cannot do with redundant constraints are handed such a scene. It is a kind of its
-own, whose functions are those of the scene, less the other rows.
+Formulations that cannot handle redundant constraints get such a scene. It has a class of its
+own, whose functions are those of the scene without the other rows.
 """
 
 from __future__ import annotations
@@ -19,18 +19,21 @@ from eomcheck.numbers.generic import Array, generic
 
 
 def with_constraints(scene: Scene, names: Iterable[str]) -> Scene:
-    """Return `scene` with these of its constraints only.
+    """Return `scene` with a subset of its constraints.
 
-    The others are not checked, nor held: they are to be implied by those kept, see
+    The others are neither checked nor enforced: the selected ones have to imply them, see
     `eomcheck.independent_constraints`.
 
     Args:
         scene: the scene.
-        names: of its constraints, among `scene.constraint_names`.
+        names: names of constraints, among `scene.constraint_names`.
+
+    Returns:
+        A scene with these rows, the holonomic ones first; `scene` itself if they are all.
 
     Raises:
         InputError: `names` is no list of names, no constraint is left, or the scene has generalized
-            speeds of its own, which are made for all of its constraints.
+            speeds of its own, which are constructed for all of its constraints.
         UnknownNameError: it has no such constraint.
     """
     known = {name: i for i, name in enumerate(checked_scene(scene).constraint_names)}
@@ -45,7 +48,7 @@ def with_constraints(scene: Scene, names: Iterable[str]) -> Scene:
             "can be left out"
         )
     closed = range(scene.r)[scene.holonomic] if scene.position_residual else ()
-    # Those come first, so that they are a slice again.
+    # Holonomic rows come first, so that they are a slice again.
     order = tuple(sorted(rows, key=lambda i: i not in closed))
     other = object.__new__(_scene_class_with_rows(type(scene), order, scene.r))
     vars(other).update(vars(scene))
@@ -53,7 +56,7 @@ def with_constraints(scene: Scene, names: Iterable[str]) -> Scene:
 
 
 def _restored(kind: type[Scene], rows: tuple[int, ...], of: int, state: dict[str, Any]) -> Scene:
-    """Return a scene with these rows; what pickles are read back by."""
+    """Return an unpickled scene with these rows of its class `kind`."""
     scene: Any = object.__new__(_scene_class_with_rows(kind, rows, of))
     if hasattr(scene, "__setstate__"):
         scene.__setstate__(state)
@@ -64,7 +67,7 @@ def _restored(kind: type[Scene], rows: tuple[int, ...], of: int, state: dict[str
 
 @cache
 def _scene_class_with_rows(kind: Any, rows: tuple[int, ...], of: int) -> type[Scene]:
-    """Return the kind of scenes with these rows (k,) of so many, the holonomic ones first."""
+    """Return the scene class with these rows (k,) of `of` rows, the holonomic ones first."""
     closed = list(range(of)[kind.holonomic]) if kind.position_residual else []
     count = sum(i in closed for i in rows)
     all_constraints, all_drift, every = kind.constraints, kind.drift, kind.constraint
@@ -102,10 +105,10 @@ def _scene_class_with_rows(kind: Any, rows: tuple[int, ...], of: int) -> type[Sc
     held |= {name: staticmethod(generic(function)) for name, function in functions.items()}
 
     def constraint_names(self) -> tuple[str, ...]:
-        """Names of the constraints that are left.
+        """Names of the remaining constraints.
 
         Raises:
-            InputError: a change of the scene has made more or fewer of them.
+            InputError: a change of the scene has changed the number of its constraints.
         """
         names = super(found, self).constraint_names
         if len(names) != of:
@@ -115,7 +118,7 @@ def _scene_class_with_rows(kind: Any, rows: tuple[int, ...], of: int) -> type[Sc
         return tuple(names[i] for i in rows)
 
     def structure(self) -> str:
-        """The structure of the scene, and which constraints are left out."""
+        """The structural variant of the scene, with the names of the constraints left out."""
         whole = super(found, self)
         out = [name for i, name in enumerate(whole.constraint_names) if i not in rows]
         return f"{whole.structure}, without the constraint of {', '.join(out)}"
@@ -124,7 +127,7 @@ def _scene_class_with_rows(kind: Any, rows: tuple[int, ...], of: int) -> type[Sc
         """Return None: pictures are of all constraints."""
 
     def represented(self) -> str:
-        """Return the Python that makes it again."""
+        """Return Python code that reconstructs the scene."""
         return (
             f"eomcheck.with_constraints({super(found, self).__repr__()}, {self.constraint_names})"
         )
@@ -148,7 +151,7 @@ def _scene_class_with_rows(kind: Any, rows: tuple[int, ...], of: int) -> type[Sc
 
 @generic
 def selected_rows(x, rows):
-    """Return these rows (k,) of x; None of what is absent."""
+    """Return these rows (k,) of x; None if x is."""
     if x is None:
         return None
     return x[np.array(rows)]

@@ -1,4 +1,4 @@
-"""A tree of rigid bodies as engines build it: a neutral description without any equations."""
+"""A tree of rigid bodies for external engines: a neutral description without any equations."""
 
 from __future__ import annotations
 
@@ -12,36 +12,36 @@ KINDS = ("px", "py", "pz", "rx", "ry", "rz")
 """Kinds of joints: prismatic along, or revolute about, an axis of their own frame."""
 
 PLANAR = ("px", "py", "rz")
-"""Those that leave nothing out of the plane z = 0."""
+"""Kinds of joints that keep a body in the plane z = 0."""
 
 
 class Tree(NamedTuple):
     """Rigid bodies on joints with one coordinate each.
 
-    Joint j sits on joint `parent[j]` (-1: the ground), turned by `rotation[j]` and displaced by
-    `offset[j]`, and carries one body, or none: mass and inertia 0. Depth first: what sits on a
-    joint follows it before anything else does. Joint coordinates are x = `coordinates` q + `shift`.
+    Joint j is mounted on joint `parent[j]` (-1: the ground), turned by `rotation[j]` and displaced
+    by `offset[j]`, and carries one body, or none: mass and inertia 0. The order is depth first: the
+    subtree of a joint follows it immediately. Joint coordinates are x = `coordinates` q + `shift`.
     """
 
     parent: tuple[int, ...]
     joint: tuple[str, ...]
     """Kind of each joint, one of `KINDS`."""
     rotation: Array
-    """Orientation of each joint's seat in the frame of its parent (n_j, 3, 3)."""
+    """Orientation of each joint at coordinate 0 in the frame of its parent (n_j, 3, 3)."""
     offset: Array
-    """Its position there (n_j, 3), m."""
+    """Position of each joint at coordinate 0 in the frame of its parent (n_j, 3), m."""
     mass: Array
-    """(n_j,), kg."""
+    """Masses (n_j,), kg."""
     center: Array
     """Centre of mass in the frame of the joint (n_j, 3), m."""
     inertia: Array
-    """About the centre of mass, along the axes of the joint (n_j, 3, 3), kg m²."""
+    """Inertia about the centre of mass, along the axes of the joint (n_j, 3, 3), kg m²."""
     coordinates: Array
-    """(n_j, n)."""
+    """Matrix from q to the joint coordinates (n_j, n)."""
     shift: Array
-    """(n_j,), m or rad."""
+    """Constant part of the joint coordinates (n_j,), m or rad."""
     armature: Array
-    """What each joint's own coordinate has to move besides (n_j,), kg m² or kg."""
+    """Rotor inertia added along each joint's own coordinate (n_j,), kg m² or kg."""
 
 
 def planar_tree(
@@ -53,10 +53,10 @@ def planar_tree(
     inertia: Array,
     coordinates: Array,
 ) -> Tree:
-    """Return bodies that stay in the plane z = 0, with one moment of inertia each (n_j,), about z.
+    """Return a tree in the plane z = 0, with one moment of inertia about z per joint (n_j,).
 
-    In the plane no other counts. It is given to all three axes, because many libraries refuse a
-    body that cannot exist, such as one with (0, 0, I).
+    In the plane no other moment counts. All three axes get it, because many libraries refuse a
+    physically impossible body, such as one with (0, 0, I).
     """
     turned, joints = np.asarray(inertia, np.float64)[:, None, None] * np.eye(3), len(joint)
     seats = np.broadcast_to(np.eye(3), (joints, 3, 3))
