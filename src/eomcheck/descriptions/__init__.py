@@ -1,5 +1,5 @@
-"""Descriptions of mechanisms by links, joints and constraints, and the scenes made of them.
+"""Declarative descriptions of mechanisms by links, joints and constraints, and their scenes.
 
-A description is written in Python (`build.mechanism`, or `described_scene` with parameters of one's
-own), read from a URDF or MJCF file, or drawn at random.
+A description is written in Python (`build.mechanism`, or `described_scene` with user-defined
+parameters), read from a URDF or MJCF file, or sampled at random.
 """

@@ -1,7 +1,7 @@
-"""Builder of mechanisms: validates the elements of a description and makes the scene class of them.
+"""Builder of mechanisms: validates the elements of a description and makes its scene class.
 
-Elements are validated before anything is made of them; each error is a sentence that names the
-element.
+Elements (links, joints, constraints) are validated before anything is constructed from them; each
+error is a sentence that names the element.
 """
 
 from __future__ import annotations
@@ -52,11 +52,11 @@ COUNTS = {
 NOT_NEGATIVE = "expected a number that is not negative"
 
 NUMBERS = {"distance": 1, "coupling": 2, "drive": 3, "on-quadric": 7, **dict.fromkeys(ROLLING, 1)}
-"""Kind of constraint -> numbers that it has; others have none."""
+"""Kind of constraint -> count of its numbers; others have none."""
 
 
 LENGTHS = {"distance": "length", **dict.fromkeys(ROLLING, "radius")}
-"""Kind of constraint -> what its number is, m."""
+"""Kind of constraint -> name of its one number, m."""
 
 
 def checked_elements(what: str, kind: type, things: Any) -> tuple[Any, ...]:
@@ -84,10 +84,10 @@ def validate_elements(
     gravity: Any,
     pose: Any,
 ) -> None:
-    """Refuse what is no number, has too few or too many, is not finite, or has no direction.
+    """Validate every number of a description: type, count, finiteness, length of directions.
 
     Raises:
-        InputError: names the word, what it has, and what is expected.
+        InputError: names the element, its value, and the expected one.
     """
     for link in links:
         _check_link(link)
@@ -181,8 +181,9 @@ def _check_length(said: str, value: Any, count: int) -> None:
 # ---- From elements to a class --------------------------------------------------------------------
 
 REGULAR = 1e-12
-"""Below this reciprocal condition number of M, its diagonal scaled to 1, something has no inertia:
-far below what bodies of very different size come to, far above what rounding leaves of 0."""
+"""Threshold of the reciprocal condition number of M, its diagonal scaled to 1, for zero inertia:
+far below that of bodies of very different size, far above the rounding error of 0.
+"""
 
 
 @old_keywords
@@ -196,21 +197,24 @@ def mechanism(
     dependent: Iterable[str] = (),
     pose: dict[str, float] | None = None,
 ) -> type[Mechanism]:
-    """Return the kind of scene that a description describes; its parameters are those given.
+    """Return the scene class of a declarative description, its numbers the default parameters.
 
     Args:
-        name: of the class; give the class this name.
+        name: name of the class; assign the class to this name.
         links: rigid bodies. The one that is no joint's child is the ground.
-        joints: in the order of their coordinates.
-        constraints: what else holds; holonomic ones come first in the scene.
+        joints: joints, in the order of their coordinates.
+        constraints: constraints besides the joints; holonomic ones come first in the scene.
         gravity: acceleration, m/s², or None.
-        dependent: names of the coordinates that come first, those that constraints always
+        dependent: names of the coordinates to put first, those that constraints always
             determine.
         pose: coordinates at t = 0 that are not 0, by name.
 
+    Returns:
+        A subclass of `Mechanism`; the same one for the same description.
+
     Raises:
         InputError: the description contradicts itself, has numbers that are none, or more than
-            `MOST` coordinates.
+            `MAX_DESCRIBED_COORDINATES` coordinates.
     """
     made = mechanism_source(
         name, links, joints, constraints, gravity=gravity, dependent=dependent, pose=pose
@@ -229,7 +233,7 @@ def mechanism_source(
     dependent: Iterable[str] = (),
     pose: dict[str, float] | None = None,
 ) -> MechanismSource:
-    """Return what the kind of a description is made of; see `mechanism`."""
+    """Return the source of a description's scene class; see `mechanism`."""
     bodies, between = (
         checked_elements("link", Link, links),
         checked_elements("joint", Joint, joints),
@@ -263,7 +267,7 @@ def _source_of(
     slots = [slot._replace(body=places.get(k)) for k, slot in enumerate(slots)]
     for one in bodies.values():
         _add_body(frames, one, planar)
-    held = sorted(constraints, key=lambda one: not KINDS[one.kind].holonomic)  # stable
+    held = sorted(constraints, key=lambda one: not KINDS[one.kind].holonomic)  # a stable sort
     closures = tuple(_constraint_spec(frames, one, planar) for one in held)
     numbers = {name: tuple(given) for name, given in frames.numbers.items()}
     if planar and "offset" in numbers:
@@ -295,7 +299,7 @@ def _coordinate(what: str, frames: JointTree, name: str) -> int:
 
 
 def _joints_reordered(frames: JointTree, first: tuple[str, ...]) -> list[ScalarJoint]:
-    """Return the slots once those named have the first coordinates."""
+    """Return the scalar joints reordered so that those named `first` have the first coordinates."""
     for name in first:
         _coordinate("dependent", frames, name)
     before = frames.coordinates
@@ -310,7 +314,7 @@ def _joints_reordered(frames: JointTree, first: tuple[str, ...]) -> list[ScalarJ
 def _is_planar(
     frames: JointTree, bodies: dict[int, RigidBody], constraints: tuple[Constraint, ...]
 ) -> bool:
-    """Return whether nothing leaves the plane z = 0."""
+    """Return whether all motion stays in the plane z = 0."""
     flat = [one[2] for one in frames.numbers.get("offset", [])]
     flat += [one.center[2] for one in bodies.values()]
     flat += [at[2] for one in constraints for _, at in one.points]
@@ -347,7 +351,7 @@ def _constraint_spec(frames: JointTree, one: Constraint, planar: bool) -> Constr
         number: Any = keep(name, tuple(there[:d].tolist()))
         return place.joint, number
 
-    # All rows of what rolls are about one contact.
+    # All rows of a rolling contact share one radius.
     keep = frames.add_shared_parameter if one.kind in ROLLING else frames.add_parameter
 
     points = tuple(kept("points", *point, True) for point in one.points)
@@ -359,7 +363,7 @@ def _constraint_spec(frames: JointTree, one: Constraint, planar: bool) -> Constr
 
 
 def _weld_directions(frames: JointTree, one: Constraint) -> tuple[tuple[str, Triple], ...]:
-    """Return the directions of a link that are the axes of the slot on which the other link is."""
+    """Return directions of one link: the axes of the scalar joint that carries the other link."""
     (link, _), (other, _) = one.points
     axes = np.array([along for _, along in one.directions])
     if other in frames.link_frames:
@@ -371,7 +375,7 @@ def _check_regular(made: MechanismSource) -> None:
     """Refuse a description in which something moves without any inertia."""
     scene, names = made.scene_class()(), made.topology.coordinates
     n = len(names)
-    # Anywhere: where M is singular for want of inertia, it is so everywhere near.
+    # Any pose will do: if M is singular for want of inertia, it is so in a whole neighbourhood.
     q = 0.3 + 0.7 * np.sin(1.0 + np.arange(n))
     given = scene.parameters(FLOAT64)
     prepared = scene.prepare(FLOAT64, given, q, 0.0)

@@ -1,12 +1,11 @@
 """Constraints by declaration: their kinds, their rows, and the functions a, b, gamma, c of a scene.
 
-A row is made of vectors that move: points of frames and directions that turn with them
-(`MovingVector`).
-Here it is written once how a row follows from their values, rates, columns and rests; each
-derivation (`FirstDerivation`, `SecondDerivation`) brings its own vectors.
+A row is composed of moving vectors (`MovingVector`): points of frames and directions fixed in them.
+This module derives each row once, from the values, rates, columns and bias accelerations of its
+vectors; the two derivations of the vectors (`FirstDerivation`, `SecondDerivation`) are independent.
 
 - "pin": a point of one frame is a point of another: 2 rows in the plane, 3 in space
-- "weld": and they do not turn against each other: 1 row more in the plane, 3 in space
+- "weld": a pin without relative rotation: 1 row more in the plane, 3 in space
 - "hinge": a pin in space about a direction of the second frame: 2 rows more
 - "distance": two points keep their distance
 - "on-plane": a point of the first frame stays on a plane of the second
@@ -14,15 +13,15 @@ derivation (`FirstDerivation`, `SecondDerivation`) brings its own vectors.
 - "square": a direction of the first frame is perpendicular to one of the second
 - "coupling": q_i = ratio q_j + shift
 - "drive": q_i = p + r t + a t²/2
-- "edge": a point does not move along a direction of its frame, and the position is free
+- "edge": a point has no velocity along a direction of its frame; its position is free
 - "touching": a ball or the rim of a disk touches a plane of the second frame
-- "rolling": where it touches the plane it does not slip along a direction
+- "rolling": the point of contact with the plane does not slip along a direction
 
 Rolling: a ball touches the plane straight below its centre, at -R e with the plane's normal e. The
 rim of a disk with the axis n is lowest at -R n × (e × n) / s with s = |e × n|, a root, for e and n
-of length 1. Where some link has the direction of the spoke that touches, as the frame that leans
-with a disk but does not spin, it is given instead, and there is no root. The point of contact
-belongs to the rim for a moment only: it wanders along it while the disk leans.
+of length 1. If some link has the direction of the spoke that touches, as the frame that leans
+with a disk but does not spin, this direction is used instead, and there is no root. The point of
+contact belongs to the rim for an instant only: it moves along the rim while the disk leans.
 """
 
 from __future__ import annotations
@@ -69,31 +68,31 @@ Columns = dict[int, Vector]
 
 
 class MovingVector(NamedTuple):
-    """A vector along the axes of the ground, and what a derivation knows of its motion."""
+    """A vector along the axes of the ground, with the derivatives that a derivation knows."""
 
     value: Vector
     rate: Vector
     columns: Columns
-    """∂(rate)/∂v by coordinate; none in the second derivation."""
+    """Derivatives ∂(rate)/∂v by coordinate; none in the second derivation."""
     acceleration: Vector
-    """Second rate at v̇ = 0; nothing in the second derivation."""
+    """Second rate at v̇ = 0; None in the second derivation."""
 
 
 class ConstraintRow(NamedTuple):
-    """One constraint; what is absent is 0."""
+    """A row of the constraints; an absent term is 0."""
 
     position: Any
     rate: Any
-    """c, the rate of the position."""
+    """Velocity constraint c, the rate of the position."""
     columns: dict[int, Any]
-    """Its row of a."""
+    """Entries of the row of a, by coordinate."""
     drift: Any
-    """gamma."""
+    """Entry of gamma."""
     b: Any = None
 
 
 class Derivation(Protocol):
-    """What a row is made of."""
+    """A source of the moving vectors of a row."""
 
     def point(self, k: int, a: Vector) -> MovingVector:
         """Return the point a of frame k, -1 for the ground."""
@@ -104,7 +103,7 @@ class Derivation(Protocol):
         ...
 
     def rotation(self, k: int) -> MovingVector:
-        """Return how frame k turns: the angular velocity as a rate, and nothing as its value."""
+        """Return the rotation of frame k: its angular velocity as the rate, and no value."""
         ...
 
     def rim(self, axis: MovingVector, normal: MovingVector) -> tuple[Vector, Vector]:
@@ -118,21 +117,21 @@ class Derivation(Protocol):
 
 
 class ConstraintInputs(NamedTuple):
-    """What the rows of a closure are made of."""
+    """Inputs of the functions that return the rows of a constraint."""
 
     points: list[MovingVector]
     directions: list[MovingVector]
     frames: tuple[int, ...]
-    """Those of the points."""
+    """Frames of the points."""
     spec: ConstraintSpec
     parameters: Any
-    """Parameters."""
+    """Parameters of the scene, see `DescriptionParameters`."""
     derivation: Derivation
     planar: bool
     cache: dict[Any, Any]
-    """What closures share, kept by whoever found it first."""
+    """Intermediate results that constraints share."""
     sine: Any = None
-    """Of the angle between the axis of a disk and the normal of its plane."""
+    """Sine of the angle between the axis of a disk and the normal of its plane."""
 
     @property
     def second_axes(self) -> list[MovingVector]:
@@ -141,12 +140,12 @@ class ConstraintInputs(NamedTuple):
 
     @property
     def rotations(self) -> list[MovingVector]:
-        """How the frames of the points turn."""
+        """Rotations of the frames of the points."""
         return [self.derivation.rotation(k) for k in self.frames]
 
     @property
     def separation(self) -> MovingVector:
-        """The first point as seen from the second."""
+        """Vector to the first point from the second."""
         return relative_vector(*self.points)
 
 
@@ -164,7 +163,7 @@ def relative_vector(a: MovingVector, b: MovingVector) -> MovingVector:
 
 
 def dot_row(a: MovingVector, b: MovingVector) -> ConstraintRow:
-    """Return that a · b = 0."""
+    """Return the row of a · b = 0."""
     columns = {
         i: plus(
             dot(a.columns.get(i, ZERO_VECTOR), b.value), dot(a.value, b.columns.get(i, ZERO_VECTOR))
@@ -181,7 +180,7 @@ def dot_row(a: MovingVector, b: MovingVector) -> ConstraintRow:
 
 
 def scaled_row(row: ConstraintRow, factor: Any) -> ConstraintRow:
-    """Return so many times a row."""
+    """Return a row multiplied by a factor."""
     columns = {i: times(factor, x) for i, x in row.columns.items()}
     numbers = (times(factor, x) for x in (row.position, row.rate, row.drift, row.b))
     position, rate, rest, b = numbers
@@ -192,7 +191,7 @@ def scaled_row(row: ConstraintRow, factor: Any) -> ConstraintRow:
 
 
 def with_sines(plan: TopologyPlan, prepare: Callable) -> Callable:
-    """Return a function that prepares too how far the axes of disks are from upright."""
+    """Return a `prepare` that also computes the sines of angles between disk axes and normals."""
     if not plan.disks:
         return prepare
 
@@ -206,7 +205,7 @@ def with_sines(plan: TopologyPlan, prepare: Callable) -> Callable:
                 )
                 for k, j in pair
             )
-            across = cross(normal, axis)  # 1 - (e · n)² has no digit left of a small sine
+            across = cross(normal, axis)  # 1 - (e · n)² loses all digits of a small sine
             square[i] = dot(across, across)
         return prepared._replace(sines=arithmetic.root(square))
 
@@ -214,12 +213,12 @@ def with_sines(plan: TopologyPlan, prepare: Callable) -> Callable:
 
 
 def radius(read: ConstraintInputs) -> Any:
-    """Return R, m."""
+    """Return the radius R, m."""
     return read.parameters.lengths[read.spec.number]
 
 
 def contact_arm(read: ConstraintInputs) -> tuple[Vector, Vector]:
-    """Return from the centre to the point of contact, and the rate of that."""
+    """Return the vector from the centre to the point of contact, and its rate."""
     R, (_, *told) = radius(read), read.directions
     if len(told) == 1:
         (spoke,) = told
@@ -234,7 +233,7 @@ def contact_arm(read: ConstraintInputs) -> tuple[Vector, Vector]:
 
 
 def slip_velocity(read: ConstraintInputs) -> MovingVector:
-    """Return how fast the point of contact moves against the plane that it touches."""
+    """Return the slip velocity of the point of contact, relative to the plane that it touches."""
     (center, foot), (spin, turn) = read.points, read.rotations
     arm, wandering = contact_arm(read)
     reach = add_vectors(subtract_vectors(center.value, foot.value), arm)
@@ -255,7 +254,7 @@ def slip_velocity(read: ConstraintInputs) -> MovingVector:
 
 
 def rolling_rows(read: ConstraintInputs) -> list[ConstraintRow]:
-    """Return that the point of contact does not slip along a direction."""
+    """Return the row: the point of contact does not slip along a direction."""
     _, *told = read.spec.directions
     place = slip_velocity, read.spec.points, tuple(told), read.spec.number
     if place not in read.cache:
@@ -272,14 +271,14 @@ def rolling_rows(read: ConstraintInputs) -> list[ConstraintRow]:
 
 
 def touching_rows(read: ConstraintInputs) -> list[ConstraintRow]:
-    """Return that the point of contact is on the plane, whose normal is the first direction.
+    """Return the row: the point of contact is on the plane, whose normal is the first direction.
 
-    Its height is found where it is, and its row from how the point of contact moves.
+    Its position is the height of the point of contact, its rate the velocity of that point.
     """
     R, (normal, *told) = radius(read), read.directions
     if (
         read.spec.directions[1:] == read.spec.directions[:1]
-    ):  # a ball: R below its centre, however the plane turns
+    ):  # a ball: contact R below its centre, for any rotation of the plane
         row = dot_row(read.separation, normal)
         return [row._replace(position=minus(row.position, R))]
     (row,) = rolling_rows(read)
@@ -292,7 +291,7 @@ def touching_rows(read: ConstraintInputs) -> list[ConstraintRow]:
 
 
 def pin_rows(read: ConstraintInputs) -> list[ConstraintRow]:
-    """Return that two points are one."""
+    """Return the rows: two points coincide."""
     a = read.separation
     return [
         ConstraintRow(
@@ -303,7 +302,7 @@ def pin_rows(read: ConstraintInputs) -> list[ConstraintRow]:
 
 
 def weld_rows(read: ConstraintInputs) -> list[ConstraintRow]:
-    """Return that two frames are one."""
+    """Return the rows: two frames coincide."""
     x, *others = read.directions
     along_x, along_y, along_z = read.second_axes
     rows = [*pin_rows(read), dot_row(x, along_y)]
@@ -314,13 +313,13 @@ def weld_rows(read: ConstraintInputs) -> list[ConstraintRow]:
 
 
 def hinge_rows(read: ConstraintInputs) -> list[ConstraintRow]:
-    """Return that two points are one, and a direction across two others."""
+    """Return the rows: two points coincide, and a direction is perpendicular to two others."""
     first, second, axis = read.directions
     return [*pin_rows(read), dot_row(first, axis), dot_row(second, axis)]
 
 
 def distance_rows(read: ConstraintInputs) -> list[ConstraintRow]:
-    """Return that (d² - L²)/2 = 0."""
+    """Return the row of (d² - L²)/2 = 0."""
     apart, length = read.separation, read.parameters.lengths[read.spec.number]
     square = minus(dot(apart.value, apart.value), length * length)
     return [
@@ -334,12 +333,12 @@ def distance_rows(read: ConstraintInputs) -> list[ConstraintRow]:
 
 
 def on_plane_rows(read: ConstraintInputs) -> list[ConstraintRow]:
-    """Return that a point is on the plane across a direction through another."""
+    """Return the row: a point is on a plane, given by its normal and another point."""
     return [dot_row(read.separation, read.directions[0])]
 
 
 def on_quadric_rows(read: ConstraintInputs) -> list[ConstraintRow]:
-    """Return that Σ (k_i s_i²/2 + g_i s_i) - h = 0 of a point's places s along three directions."""
+    """Return the row of Σ (k_i s_i²/2 + g_i s_i) - h = 0, s a point's coordinates on three axes."""
     numbers, apart = read.parameters.surfaces[read.spec.number], read.separation
     position = rate = rest = None
     columns: dict[int, Any] = {}
@@ -355,13 +354,13 @@ def on_quadric_rows(read: ConstraintInputs) -> list[ConstraintRow]:
 
 
 def perpendicular_rows(read: ConstraintInputs) -> list[ConstraintRow]:
-    """Return that two directions are perpendicular."""
+    """Return the row: two directions are perpendicular."""
     a, b = read.directions
     return [dot_row(a, b)]
 
 
 def knife_edge_rows(read: ConstraintInputs) -> list[ConstraintRow]:
-    """Return that a point has no velocity along a direction."""
+    """Return the row: a point has no velocity along a direction."""
     (point,), (along,) = read.points, read.directions
     return [
         ConstraintRow(
@@ -374,7 +373,7 @@ def knife_edge_rows(read: ConstraintInputs) -> list[ConstraintRow]:
 
 
 def coupling_rows(read: ConstraintInputs) -> list[ConstraintRow]:
-    """Return that one coordinate follows another."""
+    """Return the row: one coordinate is a linear function of another."""
     (i, j), (ratio, shift) = read.spec.coordinates, read.parameters.couplings[read.spec.number]
     q, v = read.derivation.q, read.derivation.v
     rate = None if v is None else v[i] - ratio * v[j]
@@ -382,7 +381,7 @@ def coupling_rows(read: ConstraintInputs) -> list[ConstraintRow]:
 
 
 def drive_rows(read: ConstraintInputs) -> list[ConstraintRow]:
-    """Return that a coordinate follows a clock."""
+    """Return the row: a coordinate is a function of time."""
     (i,) = read.spec.coordinates
     position, rate, acceleration = read.derivation.driven[:, read.spec.number]
     moved = None if read.derivation.v is None else read.derivation.v[i] - rate
@@ -390,7 +389,7 @@ def drive_rows(read: ConstraintInputs) -> list[ConstraintRow]:
 
 
 class ConstraintKind(NamedTuple):
-    """A kind of closure."""
+    """A kind of constraint: the function that returns its rows, and their number."""
 
     rows: Callable[[ConstraintInputs], list[ConstraintRow]]
     planar: int
@@ -398,7 +397,7 @@ class ConstraintKind(NamedTuple):
     spatial: int
     points: int = 0
     numbers: str = ""
-    """The parameter that its numbers are part of."""
+    """Name of the parameter that holds its numbers."""
     holonomic: bool = True
 
 
@@ -419,15 +418,15 @@ KINDS = {
 
 
 def row_count(closure: ConstraintSpec, planar: bool) -> int:
-    """Return how many rows a closure has."""
+    """Return the number of rows of a constraint."""
     kind = KINDS[closure.kind]
     return kind.planar if planar else kind.spatial
 
 
 def all_rows(plan: TopologyPlan, given: Any, at: Derivation) -> list[ConstraintRow]:
-    """Return all rows, closure by closure."""
+    """Return all rows, constraint by constraint."""
     found: list[ConstraintRow] = []
-    seen: dict[Any, Any] = {}  # many closures share a point, or a place where something rolls
+    seen: dict[Any, Any] = {}  # many constraints share a point or a contact
 
     def of(what: Callable, k: int, i: int, numbers: Any) -> MovingVector:
         if (what, k, i) not in seen:
@@ -453,7 +452,7 @@ def all_rows(plan: TopologyPlan, given: Any, at: Derivation) -> list[ConstraintR
 
 
 class FirstDerivation:
-    """Vectors by columns and rests; without v only where they are and their columns."""
+    """Vectors with columns and bias accelerations; without v only with values and columns."""
 
     def __init__(self, plan: TopologyPlan, parameters: Any, prepared: Any, q: Any, v: Any = None):
         self.plan, self.q, self.v = plan, q, v
@@ -480,7 +479,7 @@ class FirstDerivation:
         return MovingVector(along, cross(rates.omega, along), found, rest)
 
     def rotation(self, k: int) -> MovingVector:
-        """Return how frame k turns."""
+        """Return the rotation of frame k."""
         rates = GROUND_RATES if self.rates is None or k < 0 else self.rates[k]
         found = turning_columns(self.plan, self.frames, k)
         return MovingVector(ZERO_VECTOR, rates.omega, found, rates.alpha)
@@ -503,7 +502,7 @@ class FirstDerivation:
 
 
 class SecondDerivation:
-    """Vectors by positions and velocities that are passed on; without v only where they are."""
+    """Vectors by recursion of positions and velocities; without v only with values."""
 
     def __init__(self, plan: TopologyPlan, parameters: Any, prepared: Any, q: Any, v: Any = None):
         self.here, self.q, self.v = (plan, parameters, prepared), q, v
@@ -534,7 +533,7 @@ class SecondDerivation:
         return MovingVector(along, rate, {}, ZERO_VECTOR)
 
     def rotation(self, k: int) -> MovingVector:
-        """Return how frame k turns."""
+        """Return the rotation of frame k."""
         omega = ZERO_VECTOR if self.rates is None or k < 0 else self.rates[k][1]
         return MovingVector(
             ZERO_VECTOR,
@@ -549,14 +548,14 @@ class SecondDerivation:
 
 
 def holonomic_rows(plan: TopologyPlan) -> list[int]:
-    """Return which rows are rates of positions."""
+    """Return the indices of the rows that are rates of positions."""
     planar, closures = plan.topology.planar, plan.topology.constraints
     each = [KINDS[one.kind].holonomic for one in closures for _ in range(row_count(one, planar))]
     return [i for i, one in enumerate(each) if one]
 
 
 def make_constraint_functions(plan: TopologyPlan) -> dict[str, Any]:
-    """Return the functions of a scene that are about its closures."""
+    """Return the constraint functions of a scene by name."""
     closures = plan.topology.constraints
     if not closures:
         return {}

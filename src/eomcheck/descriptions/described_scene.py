@@ -1,8 +1,9 @@
 """Scenes written as a `Description`: elements whose numbers are the parameters of the scene.
 
-A scene gives one function, description(parameters) -> `Description`, of which all its functions are
-made. It is read anew in every kind of number. What is literally 0 is absent and costs nothing, what
-is literally 1 or -1 is no operation; all other numbers are parameters or made of them.
+A scene provides one function, description(parameters) -> `Description`, from which all its
+functions are constructed. It is evaluated anew for every scalar type. A literal 0 is absent and
+costs nothing, a literal 1 or -1 costs no operation; all other numbers are parameters or computed
+from them.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from eomcheck.mechanics.tree import Tree
 from eomcheck.numbers.generic import FLOAT64, Array, generic
 
 GROUND = "ground"
-"""The link on which everything stands."""
+"""Name of the ground, the link on which all others are mounted."""
 
 SCALAR_KINDS = {
     "revolute": ("r",),
@@ -39,26 +40,26 @@ SCALAR_KINDS = {
 
 
 class Description(NamedTuple):
-    """A mechanism in words.
+    """A declarative description of a mechanism: its elements.
 
-    Bodies are the links with a mass, in their order: they have the moments of inertia that the
-    parameter `inertia` tells, (n_b, e, e) or so many numbers.
+    Bodies are the links with a mass, in their order: their moments of inertia are in the parameter
+    `inertia` of the scene, (n_b, e, e) or (n_b,).
     """
 
     links: Iterable[Link]
     joints: Iterable[Joint]
-    """Depth first: what hangs on a joint follows it before anything else does."""
+    """Joints in depth-first order: the subtree of a joint follows it immediately."""
     coordinates: tuple[str, ...] = ()
-    """Those of the joints in the order of q; by default in the order of the joints."""
+    """Names of the joints' coordinates in the order of q; by default in the order of the joints."""
     constraints: Iterable[Constraint] = ()
-    """In the order of their rows."""
+    """Constraints, in the order of their rows."""
     springs: Iterable[Spring] = ()
     gravity: Triple | None = None
     planar: bool = False
 
 
 class DescriptionParameters(NamedTuple):
-    """What the functions of a plan read."""
+    """Parameters of the functions of a plan."""
 
     mass: Any
     inertia: Any
@@ -79,12 +80,12 @@ class DescriptionParameters(NamedTuple):
 
 
 def zeros_as_none(entries: Iterable[Any]) -> tuple[Any, ...]:
-    """Return entries of which those that are literally 0 are None."""
+    """Return the entries, literal zeros replaced by None."""
     return tuple(None if type(x) in (int, float) and x == 0 else x for x in entries)
 
 
 class _DescriptionReader:
-    """A description while it is read: slots and, in the order of their places, numbers."""
+    """Reader of a `Description`: collects scalar joints and, by index, numbers."""
 
     def __init__(self, told: Description):
         self.description, self.slots = told, []
@@ -131,14 +132,14 @@ class _DescriptionReader:
         self.link_joints[joint.child] = len(self.slots) - 1
 
     def add_parameter(self, name: str, x: Any) -> int | None:
-        """Keep a number and return its place; None where there is none."""
+        """Append a number to the parameters and return its index; None for an absent one."""
         if x is None:
             return None
         self.numbers[name].append(x)
         return len(self.numbers[name]) - 1
 
     def add_shared_parameter(self, name: str, x: Any) -> int | None:
-        """Keep a number, once for all who share it, and return its place."""
+        """Add a number, once for all elements that share it, and return its index."""
         if x is None:
             return None
         if (name, id(x)) not in self.places:
@@ -147,14 +148,14 @@ class _DescriptionReader:
         return self.places[name, id(x)]
 
     def add_vector(self, name: str, x: Triple) -> int:
-        """Keep a point or a direction, once for all who share it, and return its place."""
+        """Add a point or a direction, once for all elements that share it, and return its index."""
         if (name, id(x)) not in self.places:
             self.places[name, id(x)] = len(self.numbers[name])
             self.numbers[name].append(zeros_as_none(x))
         return self.places[name, id(x)]
 
     def constraint_spec(self, one: Constraint) -> ConstraintSpec:
-        """Return a constraint by places."""
+        """Return a constraint with indices for its frames and numbers."""
         return ConstraintSpec(
             one.kind,
             one.name,
@@ -170,13 +171,13 @@ class _DescriptionReader:
         )
 
     def spring_spec(self, one: Spring) -> ConstraintSpec:
-        """Return a spring by places."""
+        """Return a spring with indices for its frames and numbers."""
         ends = (one.link, one.at), (one.other, one.at_other)
         points = tuple((self.link_joints[link], self.add_vector("points", at)) for link, at in ends)
         return ConstraintSpec("spring", one.name, points, number=self.add_parameter("springs", one))
 
     def topology(self) -> Topology:
-        """Return what all such mechanisms have in common."""
+        """Return the topology, which all such mechanisms share."""
         told = self.description
         closures = tuple(self.constraint_spec(one) for one in told.constraints)
         springs = tuple(self.spring_spec(one) for one in told.springs)
@@ -187,7 +188,7 @@ class _DescriptionReader:
 
 
 def any_present(entries: tuple[Any, ...]) -> bool:
-    """Return whether any entry is there."""
+    """Return whether any entry is present."""
     return any(x is not None for x in entries)
 
 
@@ -198,7 +199,7 @@ def _axis(axis: Triple) -> tuple[str, int]:
 
 
 def _seat(turn: Any) -> Any:
-    """Return the rotation of a seat, None where it is not turned."""
+    """Return the rotation of a joint's seat; None for the identity."""
     if np.shape(turn) == (3, 3):
         return np.array([zeros_as_none(row) for row in turn], object)
     return _quarters(turn)
@@ -206,7 +207,7 @@ def _seat(turn: Any) -> Any:
 
 @lru_cache(64)
 def _quarters(turn: Quaternion) -> Any:
-    """Return the rotation of a seat as whole numbers, None where it is not turned."""
+    """Return the rotation of a joint's seat in whole numbers; None for the identity."""
     if turn == IDENTITY:
         return None
     whole = np.rint(rotation_matrix(turn)).astype(int)
@@ -216,17 +217,17 @@ def _quarters(turn: Quaternion) -> Any:
 
 
 class ParsedDescription(NamedTuple):
-    """A description that has been read."""
+    """A parsed description: plan, functions and numbers."""
 
     plan: TopologyPlan
     functions: dict[str, Callable]
     parameters: DescriptionParameters
     link_joints: dict[str, int]
-    """Those that move the links, by name; -1 for the ground."""
+    """Name of a link -> index of the scalar joint that moves it; -1 for the ground."""
 
 
 CACHE_SIZE = 4
-"""Readings in doubles that are remembered: of a state that is looked at there are hundreds."""
+"""Number of cached float64 descriptions: the check of one state reads its own hundreds of times."""
 
 _cache: tuple[tuple[Callable, Any, ParsedDescription], ...] = ()
 
@@ -234,8 +235,8 @@ _cache: tuple[tuple[Callable, Any, ParsedDescription], ...] = ()
 def parse_description(description: Callable, parameters: Any) -> ParsedDescription:
     """Return plan, functions and numbers of a description.
 
-    The same doubles are read once. All other numbers are read anew: what is made of them is
-    counted, or rounds in its own way.
+    Descriptions of the same float64 parameters are cached. Parameters of any other scalar type are
+    read anew: operations on them are counted, or round in their own way.
     """
     global _cache
     for by, of, understood in _cache:
@@ -248,7 +249,7 @@ def parse_description(description: Callable, parameters: Any) -> ParsedDescripti
 
 
 def _is_doubles(x: Any) -> bool:
-    """Return whether x is None or an array of doubles, or of objects that are doubles."""
+    """Return whether x is None or an array of float64, or of objects that are floats."""
     return x is None or (
         type(x) is np.ndarray
         and (x.dtype == np.float64 or all(type(one) is float for one in x.flat))
@@ -274,7 +275,7 @@ DAMPED = ("dissipation",)
 
 
 def _inertia(parameters: Any, plan: TopologyPlan) -> Any:
-    """Return moments of inertia (n_b, e, e) out of a scene's parameters."""
+    """Return moments of inertia (n_b, e, e) from a scene's parameters."""
     shape = plan.bodies, plan.e, plan.e
     told = getattr(parameters, "inertia", None)
     if told is None or told.size != math.prod(shape):
@@ -307,7 +308,7 @@ def _called(at: ParsedDescription, name: str, *arguments: Any) -> Any:
     try:
         return at.functions[name](*arguments)
     except TypeError as error:
-        # Exact numbers take whole ones beside them, and no doubles.
+        # Exact scalar types combine with whole numbers, not with float64.
         written = [x for x in _flat(at.parameters) if type(x) is float and not x.is_integer()]
         if not written:
             raise
@@ -316,7 +317,7 @@ def _called(at: ParsedDescription, name: str, *arguments: Any) -> Any:
 
 
 def _flat(x: Any) -> Iterator[Any]:
-    """Yield the entries of lists and tuples in each other."""
+    """Yield the leaves of nested lists and tuples."""
     if isinstance(x, list | tuple):
         for part in x:
             yield from _flat(part)
@@ -325,7 +326,7 @@ def _flat(x: Any) -> Iterator[Any]:
 
 
 class Described(Parametric):
-    """A scene made of a description, whose numbers are its parameters."""
+    """A scene constructed from a description, whose numbers are its parameters."""
 
     description: ClassVar[Callable[[Any], Description]]
 
@@ -337,14 +338,14 @@ class Described(Parametric):
         damped: bool = False,
         **options,
     ):
-        """Take the functions of the scene from a description.
+        """Construct the functions of the scene from a description.
 
         Args:
-            description: gives it by the parameters in any kind of number.
+            description: function of the parameters, in any scalar type, that returns it.
             closed: whether there are constraints.
             held: whether any of them is holonomic.
             damped: whether there may be dampers.
-            options: for other classes that it derives from.
+            options: for other base classes.
         """
         if description is not None:
             cls.description = staticmethod(description)
@@ -356,17 +357,17 @@ class Described(Parametric):
 
     @property
     def support(self) -> Array | None:
-        """Which generalized speeds can move each body, bool (n_b, p)."""
+        """Mask of the generalized speeds that can move each body, bool (n_b, p)."""
         plan = parse_description(type(self).description, self.parameters(FLOAT64)).plan
         return support_of(self, plan.support)
 
     def tree(self) -> Tree | None:
-        """Return its bodies, joint by joint."""
+        """Return the tree of its bodies, joint by joint."""
         at = parse_description(type(self).description, self.parameters(FLOAT64))
         return tree_by(at.plan, at.parameters)
 
     def frames(self, q: Array, t: float = 0.0) -> dict[str, tuple[Array, Array]]:
-        """Return origin (3,) and axes (3, 3), one a row, of each link in the pose q (n,)."""
+        """Return origin (3,) and axes (3, 3), in rows, of each link in the pose q (n,), by name."""
         plan, functions, given, slots = parse_description(
             type(self).description, self.parameters(FLOAT64)
         )

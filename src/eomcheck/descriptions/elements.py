@@ -14,7 +14,7 @@ Triple = tuple[float, float, float]
 ORIGIN: Triple = (0.0, 0.0, 0.0)
 
 SHORTEST, LONGEST = 1e-100, 1e100
-"""Lengths of quaternions and directions whose squares doubles hold."""
+"""Range of lengths of quaternions and directions whose squares are finite in float64."""
 
 COORDINATES = {
     "revolute": ("",),
@@ -24,7 +24,7 @@ COORDINATES = {
     "spherical": ("_yaw", "_pitch", "_roll"),
     "floating": ("_x", "_y", "_z", "_yaw", "_pitch", "_roll"),
 }
-"""Kind of joint -> what its coordinates are called, behind its own name."""
+"""Kind of joint -> suffixes of its coordinates' names, behind its own name."""
 
 
 class Link(NamedTuple):
@@ -32,22 +32,23 @@ class Link(NamedTuple):
 
     name: str
     mass: float = 0.0
-    """kg."""
+    """Mass, kg."""
     center: Triple = ORIGIN
     """Centre of mass, m."""
     moments: Triple = ORIGIN
-    """I_xx, I_yy, I_zz about the centre of mass, along the axes of the link, kg m²."""
+    """Moments I_xx, I_yy, I_zz about the centre of mass, along the axes of the link, kg m²."""
     products: Triple = ORIGIN
-    """Entries xy, xz, yz of that matrix, kg m²."""
+    """Entries xy, xz, yz of the inertia matrix, kg m²."""
 
 
 @old_keywords
 class Joint(NamedTuple):
-    """How one link moves against another.
+    """A joint: the relative motion of one link, the child, against another, the parent.
 
-    Positive, it turns the child about the axis, or slides it along, as seen from the parent. A
-    planar joint slides along x and y and then turns about z of the frame whose z is the axis; a
-    spherical one turns about z, y and x in a row; a floating one slides along x, y, z before.
+    A positive coordinate turns the child about the axis, or slides it along, as seen from the
+    parent. A planar joint slides along x and y and then turns about z of the frame whose z is the
+    axis; a spherical one turns about z, y and x in this order; a floating one first slides along
+    x, y, z.
     """
 
     name: str
@@ -55,47 +56,49 @@ class Joint(NamedTuple):
     parent: str
     child: str
     origin: Triple = ORIGIN
-    """Of the child in the frame of the parent where all coordinates are 0, m."""
+    """Origin of the child in the frame of the parent where all coordinates are 0, m."""
     orientation: Any = IDENTITY
-    """Its orientation there, a quaternion of any length. In a `Description` a quarter turn, or a
-    matrix (3, 3) whose columns are its axes."""
+    """Orientation of the child there, a quaternion of any length. In a `Description` a quarter
+    turn, or a matrix (3, 3) whose columns are its axes.
+    """
     axis: Triple = (0.0, 0.0, 1.0)
-    """In the frame of the child, of any length."""
+    """Direction in the frame of the child, of any length."""
     damping: float | None = None
-    """N m s/rad or N s/m; None without a damper."""
+    """Damping coefficient, N m s/rad or N s/m; None without a damper."""
     stiffness: float | None = None
-    """N m/rad or N/m; None without a spring."""
+    """Spring stiffness, N m/rad or N/m; None without a spring."""
     rest_position: float = 0.0
-    """Where the spring rests, rad or m."""
+    """Coordinate at which the spring is relaxed, rad or m."""
     armature: float | None = None
     """Inertia of a rotor that turns with the coordinate, kg m² or kg; None without."""
     mimics: tuple[str, float, float] | None = None
-    """Another joint, ratio and shift; its coordinate is ratio times the other's, plus shift."""
+    """Another joint, ratio and shift; this coordinate is ratio times the other's, plus shift."""
     absolute: bool = False
     """Whether a hinge's coordinate is the angle to the axes of the ground, not of the parent."""
     torque: float | None = None
-    """A constant one along its coordinate, N m or N; None without."""
+    """Constant torque or force along its coordinate, N m or N; None without."""
     symmetric: bool = False
-    """Whether all that it turns is alike all round its axis, as wheels are; then half of the
-    equations need no sine of it. Of a `Description` alone; the other half checks it."""
+    """Whether its whole subtree is rotationally symmetric about its axis, as wheels are; then half
+    of the equations need no sine of its angle. Only for a `Description`; the other half checks it.
+    """
 
 
 class Constraint(NamedTuple):
-    """What else holds; made by the functions below."""
+    """A constraint besides the joints, constructed by the functions below."""
 
     kind: str
     name: str
     points: tuple[tuple[str, Triple], ...] = ()
-    """Links, and where on them, m."""
+    """Links and points on them, m."""
     directions: tuple[tuple[str, Triple], ...] = ()
     joints: tuple[str, ...] = ()
     numbers: Any = None
     factor: Any = None
-    """So many times its rows are taken; None for once."""
+    """Factor by which its rows are multiplied; None for 1."""
 
 
 class Spring(NamedTuple):
-    """A spring between two points, with a damper or without."""
+    """A spring between two points, with or without a damper."""
 
     name: str
     link: str
@@ -103,17 +106,25 @@ class Spring(NamedTuple):
     at: Triple
     at_other: Triple
     stiffness: float
-    """N/m."""
+    """Stiffness, N/m."""
     length: float
-    """At rest, m."""
+    """Length at rest, m."""
     damping: float | None = None
-    """N s/m."""
+    """Damping coefficient, N s/m."""
 
 
 def pin(
     name: str, link: str, other: str, at: Triple = ORIGIN, at_other: Triple = ORIGIN
 ) -> Constraint:
-    """Return that a point of one link is a point of another."""
+    """Return a pin constraint: a point of one link coincides with a point of another.
+
+    Args:
+        name: name of the constraint.
+        link: name of one link.
+        other: name of the other link.
+        at: the point on the link, m.
+        at_other: the point on the other link, m.
+    """
     return Constraint("pin", name, ((link, at), (other, at_other)))
 
 
@@ -121,8 +132,15 @@ def weld(
     name: str, link: str, other: str, at: Triple = ORIGIN, at_other: Triple = ORIGIN,
     turn: Quaternion = IDENTITY,
 ) -> Constraint:  # fmt: skip
-    """Return that two frames are one: the other's, and what `at` and `random_orientation` make of
-    the link's.
+    """Return a weld constraint: a frame of one link coincides with a frame of another.
+
+    Args:
+        name: name of the constraint.
+        link: name of one link.
+        other: name of the other link.
+        at: origin of the frame on the link, m.
+        at_other: origin of the frame on the other link, m; its axes are those of this link.
+        turn: orientation of the frame on the link, a quaternion of any length.
     """
     _check_turns(name, turn)
     axes = tuple((link, _triple(one)) for one in rotation_matrix(turn).T)
@@ -133,7 +151,17 @@ def hinge(
     name: str, link: str, other: str, at: Triple = ORIGIN, at_other: Triple = ORIGIN,
     axis: Triple = (0.0, 0.0, 1.0), axis_of_other: Triple = (0.0, 0.0, 1.0),
 ) -> Constraint:  # fmt: skip
-    """Return a pin about an axis of both."""
+    """Return a hinge constraint: a pin about an axis that two links share, in space.
+
+    Args:
+        name: name of the constraint.
+        link: name of one link.
+        other: name of the other link.
+        at: the point on the link, m.
+        at_other: the point on the other link, m.
+        axis: direction of the axis on the link, of any length.
+        axis_of_other: direction of the axis on the other link, of any length.
+    """
     _check_turns(name, axis)
     across = rotation_matrix(to_z(axis)).T[:2]
     directions = tuple((link, _triple(one)) for one in across)
@@ -144,14 +172,32 @@ def hinge(
 def distance(
     name: str, link: str, other: str, length: float, at: Triple = ORIGIN, at_other: Triple = ORIGIN
 ) -> Constraint:
-    """Return a massless rod between two points."""
+    """Return a distance constraint, a massless rod between two points.
+
+    Args:
+        name: name of the constraint.
+        link: name of one link.
+        other: name of the other link.
+        length: length of the rod, m.
+        at: the point on the link, m.
+        at_other: the point on the other link, m.
+    """
     return Constraint("distance", name, ((link, at), (other, at_other)), numbers=length)
 
 
 def on_plane(
     name: str, link: str, other: str, across: Triple, at: Triple = ORIGIN, at_other: Triple = ORIGIN
 ) -> Constraint:
-    """Return that a point of one link stays on a plane of another, given by what is across it."""
+    """Return an on-plane constraint: a point of one link stays on a plane of another.
+
+    Args:
+        name: name of the constraint.
+        link: name of the link with the point.
+        other: name of the link with the plane.
+        across: normal of the plane, of any length.
+        at: the point on the link, m.
+        at_other: a point of the plane, m.
+    """
     return Constraint("on-plane", name, ((link, at), (other, at_other)), ((other, across),))
 
 
@@ -159,23 +205,23 @@ def on_quadric(
     name: str, link: str, other: str, bends: Triple, level: float, slopes: Triple = ORIGIN,
     at: Triple = ORIGIN, at_other: Triple = ORIGIN, turn: Quaternion = IDENTITY,
 ) -> Constraint:  # fmt: skip
-    """Return that a point of one link stays on a surface of the second order of another.
+    """Return an on-quadric constraint: a point of a link stays on a second-order surface of another.
 
-    Of its place s along axes of the other link Σ (bends_i s_i²/2 + slopes_i s_i) = level. A sphere
-    has bends (1, 1, 1)/R and the level R/2, a cylinder of this radius (1, 1, 0)/R, a cone
-    (1, 1, -c) and 0; a paraboloid has slopes (0, 0, -1) and the level 0. In the plane it is a
-    conic. Where it has no slope, as in the tip of a cone, it holds nothing.
+    With the point's coordinates s along axes of the other link, Σ (bends_i s_i²/2 + slopes_i s_i) =
+    level. A sphere has bends (1, 1, 1)/R and the level R/2, a cylinder of this radius (1, 1, 0)/R,
+    a cone (1, 1, -c) and 0; a paraboloid has slopes (0, 0, -1) and the level 0. In the plane it is
+    a conic. Where its gradient vanishes, as at the tip of a cone, it constrains nothing.
 
     Args:
-        name: of the constraint.
-        link: what the point belongs to.
-        other: what the surface belongs to.
-        bends: 1/m.
-        level: a length, m.
-        slopes: of the surface where s is 0.
-        at: the point, m.
-        at_other: where s is 0, m.
-        turn: of the axes against those of the other link.
+        name: name of the constraint.
+        link: name of the link with the point.
+        other: name of the link with the surface.
+        bends: coefficients of s_i²/2, 1/m.
+        level: right-hand side, a length, m.
+        slopes: coefficients of s_i, the gradient of the surface where s is 0.
+        at: the point on the link, m.
+        at_other: the origin of s on the other link, m.
+        turn: orientation of the axes of s against those of the other link, a quaternion.
     """
     _check_turns(name, turn)
     axes = tuple((other, _triple(one)) for one in rotation_matrix(turn).T)
@@ -186,33 +232,75 @@ def on_quadric(
 def perpendicular(
     name: str, link: str, along: Triple, other: str, along_other: Triple
 ) -> Constraint:
-    """Return that two directions are perpendicular."""
+    """Return a constraint that keeps two directions perpendicular.
+
+    Args:
+        name: name of the constraint.
+        link: name of one link.
+        along: direction on the link.
+        other: name of the other link.
+        along_other: direction on the other link.
+    """
     return Constraint("square", name, directions=((link, along), (other, along_other)))
 
 
 def coupling(name: str, joint: str, other: str, ratio: float, shift: float = 0.0) -> Constraint:
-    """Return that one joint's coordinate is ratio times another's, plus shift: gears."""
+    """Return a gear constraint: one joint's coordinate is ratio times another's, plus shift.
+
+    Args:
+        name: name of the constraint.
+        joint: name of the driven joint.
+        other: name of the other joint.
+        ratio: transmission ratio, in units of the coordinates.
+        shift: constant part, rad or m.
+    """
     return Constraint("coupling", name, joints=(joint, other), numbers=(ratio, shift))
 
 
 def drive(
     name: str, joint: str, position: float = 0.0, rate: float = 0.0, acceleration: float = 0.0
 ) -> Constraint:
-    """Return that a joint's coordinate follows position + rate t + acceleration t²/2."""
+    """Return a drive: a joint's coordinate is position + rate t + acceleration t²/2.
+
+    Args:
+        name: name of the constraint.
+        joint: name of the joint.
+        position: coordinate at t = 0, rad or m.
+        rate: its rate at t = 0, rad/s or m/s.
+        acceleration: its constant second rate, rad/s² or m/s².
+    """
     return Constraint("drive", name, joints=(joint,), numbers=(position, rate, acceleration))
 
 
 def knife_edge(name: str, link: str, across: Triple, at: Triple = ORIGIN) -> Constraint:
-    """Return that a point of a link does not move along a direction of the link."""
+    """Return a nonholonomic constraint: a point of a link has no velocity along a direction of it.
+
+    Args:
+        name: name of the constraint.
+        link: name of the link.
+        across: direction on the link, perpendicular to the knife edge.
+        at: the point on the link, m.
+    """
     return Constraint("edge", name, ((link, at),), ((link, across),))
 
 
 def on_line(
     name: str, link: str, other: str, along: Triple, at: Triple = ORIGIN, at_other: Triple = ORIGIN
 ) -> tuple[Constraint, Constraint]:
-    """Return that a point of one link stays on a line of another, in space: on two planes.
+    """Return two on-plane constraints: a point of one link stays on a line of another, in space.
 
-    In the plane a line is what `on_plane` says.
+    In the plane a line is an `on_plane` constraint.
+
+    Args:
+        name: name of the constraint; ", x" and ", y" are appended.
+        link: name of the link with the point.
+        other: name of the link with the line.
+        along: direction of the line, of any length.
+        at: the point on the link, m.
+        at_other: a point of the line, m.
+
+    Returns:
+        The constraints of two perpendicular planes through the line.
     """
     _check_turns(name, along)
     x, y, _ = _axes_about(along)
@@ -224,34 +312,35 @@ def on_line(
 
 @old_attributes
 class Contact(NamedTuple):
-    """Where a ball, or the rim of a disk, touches a plane; what holds there are its methods.
+    """A contact of a ball, or of the rim of a disk, with a plane; its methods return constraints.
 
     Directions are of length 1.
     """
 
     center: tuple[str, Triple]
-    """A link, and where on it the centre is, m."""
+    """Link of the ball or disk, and the centre on it, m."""
     floor: tuple[str, Triple]
-    """Another, which may move, and a point of its plane, m."""
+    """Link of the plane, which may move, and a point of the plane, m."""
     radius: float
-    """m."""
+    """Radius, m."""
     directions: tuple[tuple[str, Triple], ...]
-    """Links and directions. Of a ball one, the plane's normal. Of a disk its axis and then the
-    normal; or, where some link has it, only the direction from the point of contact to the centre:
-    then no root is needed."""
+    """Links and directions. For a ball one, the plane's normal. For a disk its axis and then the
+    normal; or, if some link has it, only the direction from the point of contact to the centre:
+    then no root is needed.
+    """
 
     def touching(self, name: str, across: tuple[str, Triple]) -> Constraint:
-        """Return that the height above the plane is 0, by the plane's normal."""
+        """Return the constraint that the height above the plane is 0, by the plane's normal."""
         points, numbers = (self.center, self.floor), self.radius
         return Constraint("touching", name, points, (across, *self.directions), numbers=numbers)
 
     def rolling(self, name: str, along: tuple[str, Triple]) -> Constraint:
-        """Return that nothing slips along a direction of some link."""
+        """Return the constraint that nothing slips along a direction of some link."""
         points, numbers = (self.center, self.floor), self.radius
         return Constraint("rolling", name, points, (along, *self.directions), numbers=numbers)
 
     def rows(self, name: str, across: Triple, *along: Triple) -> tuple[Constraint, ...]:
-        """Return that it touches the plane and does not slip along directions of the plane."""
+        """Return the constraints of contact with the plane and of no slip along its directions."""
         link, _ = self.floor
         slips = zip("xy", along, strict=False)
         return (
@@ -264,16 +353,19 @@ def rolling_ball(
     name: str, link: str, other: str, radius: float, at: Triple = ORIGIN,
     at_other: Triple = ORIGIN, across: Triple = (0.0, 0.0, 1.0),
 ) -> tuple[Constraint, ...]:  # fmt: skip
-    """Return that a ball rolls on a plane of another link without slipping, in three rows.
+    """Return three constraints: a ball rolls on a plane of another link without slipping.
 
     Args:
-        name: of the constraint; rows add what they are about.
-        link: what the ball belongs to.
-        other: what the plane belongs to; it may move.
-        radius: of the ball, m.
-        at: centre of the ball.
-        at_other: a point of the plane.
-        across: its normal, to the side of the ball.
+        name: name of the constraint; each row appends its own.
+        link: name of the link of the ball.
+        other: name of the link of the plane; it may move.
+        radius: radius of the ball, m.
+        at: centre of the ball, m.
+        at_other: a point of the plane, m.
+        across: normal of the plane, to the side of the ball.
+
+    Returns:
+        The constraints of contact and of no slip along two directions.
     """
     _check_turns(name, across)
     x, y, normal = _axes_about(across)
@@ -285,7 +377,7 @@ def rolling_disk(
     name: str, link: str, other: str, radius: float, at: Triple = ORIGIN,
     at_other: Triple = ORIGIN, axis: Triple = (0.0, 0.0, 1.0), across: Triple = (0.0, 0.0, 1.0),
 ) -> tuple[Constraint, ...]:  # fmt: skip
-    """Return that a disk rolls on its rim on a plane without slipping, in three rows.
+    """Return three constraints: a disk rolls on its rim on a plane without slipping.
 
     It must not lie flat. Args: see `rolling_ball`; `axis` is the axis of the disk.
     """
@@ -300,7 +392,9 @@ def rolling_circle(
     name: str, link: str, other: str, radius: float, along: Triple, at: Triple = ORIGIN,
     at_other: Triple = ORIGIN,
 ) -> tuple[Constraint, ...]:  # fmt: skip
-    """Return that a circle rolls on a line of another link without slipping, all in the plane.
+    """Return two constraints: a circle rolls on a line of another link without slipping.
+
+    All in the plane z = 0.
 
     Args: see `rolling_ball`; `along` is the direction of the line, the circle to its left.
     """
@@ -321,7 +415,7 @@ def _axes_about(z: Triple) -> tuple[Triple, Triple, Triple]:
 
 
 def _check_turns(name: str, parts: Any) -> None:
-    """Refuse what no rotation can be made of.
+    """Check that a direction or quaternion has a valid length.
 
     Raises:
         InputError: zeros, or numbers that are none.

@@ -1,15 +1,16 @@
-"""First derivation of the equations: frames along the axes of the ground, slot by slot.
+"""First derivation of the equations: frames along the axes of the ground, joint by scalar joint.
 
-Positions: the `Frame` of each slot, seen from the ground. Velocities: columns a × arm, of which
-only those of joints on the way from the ground to a body are formed, and `FrameRates` at v̇ = 0.
-Angular velocities in `jacobians` are along the axes of the bodies, in which inertia keeps its
-value.
+A scalar joint is a joint with one coordinate (`ScalarJoint`). Positions: the `Frame` of each scalar
+joint, in ground axes. Velocities: columns a × arm, formed only for joints on the path from the
+ground to a body, and `FrameRates` at v̇ = 0. Angular velocities in `jacobians` are along the axes
+of the bodies, in which inertia is constant.
 
 Lagrange's terms need no Jacobians: M by composite bodies, B by Newton and Euler, tip to ground.
-What hangs on a slot moves as one body where only joints before it move. So the momentum that the
-rate of one joint gives it, about one joint before it after the other, is a row of M: O(n depth) and
-not O(n depth²), and no formula shared with the Jacobians of the bodies, which Kane's method reads.
-These terms are along the axes of the ground, about the origins of the slots.
+The subtree of a scalar joint moves as one composite body if only earlier joints move. So the
+momentum of this body by the rate of its joint, taken about one earlier joint after the other, is a
+row of M: O(n depth) and not O(n depth²), and no formula shared with the Jacobians of the bodies,
+which Kane's method reads. These terms are along the axes of the ground, about the origins of the
+scalar joints.
 
 Source: Featherstone, Rigid Body Dynamics Algorithms (2008), Sections 5.3 and 6.2.
 """
@@ -49,44 +50,44 @@ from eomcheck.numbers.generic import generic
 
 
 class PreparedMechanism(NamedTuple):
-    """What is not rational in q and t, and the coordinates of the joints."""
+    """Precomputed expressions that are not rational in q and t, and the joint coordinates."""
 
     x: Any
-    """Coordinate of each slot (n_j,), m or rad."""
+    """Coordinate of each scalar joint (n_j,), m or rad."""
     angles: Any
-    """Those of the hinges, or None without any."""
+    """Angles of the hinges, as cosines and sines, or None without any."""
     driven: Any
-    """Position, rate and acceleration of what a clock drives (3, drives), or None."""
+    """Position, rate and acceleration of clock-driven coordinates (3, drives), or None."""
     lengths: Any = None
     """Lengths of the springs between points, or None without any, m."""
     sines: Any = None
-    """Of the angles between axes of disks and normals of planes, or None without any."""
+    """Sines of the angles between axes of disks and normals of planes, or None without any."""
 
 
 class Frame(NamedTuple):
-    """A frame that a slot moves, seen from the ground."""
+    """A frame moved by a scalar joint, in ground axes."""
 
     axes: tuple[Vector, Vector, Vector]
     origin: Vector
     arm: Vector
-    """From the origin of the frame before."""
+    """Vector from the origin of the previous frame."""
     axis: Vector
-    """Direction in which, or about which, its coordinate moves it."""
+    """Direction of the joint axis."""
 
 
 GROUND = Frame(AXES, ZERO_VECTOR, ZERO_VECTOR, ZERO_VECTOR)
 
 
 def factor(slot: ScalarJoint, parameters: Any) -> Any:
-    """Return ∂x/∂q of a slot: a number, or 1 or -1."""
+    """Return ∂x/∂q of a scalar joint: a number, or 1 or -1."""
     if slot.mimics is None:
         return slot.sense
     return times(slot.sense, parameters.ratio[slot.mimics])
 
 
 def make_prepare(plan: TopologyPlan) -> Any:
-    """Return the function of a scene that prepares the `PreparedMechanism` at q (n,) and the time
-    t.
+    """Return the function `prepare` of a scene: (arithmetic, parameters, q (n,), t) ->
+    `PreparedMechanism`.
     """
 
     def prepare(arithmetic, parameters, q, t):
@@ -115,7 +116,7 @@ def driven(parameters: Any, q: Any, t: Any) -> Any:
 
 @generic
 def joint_frames(plan, parameters, prepared):
-    """Return the `Frame` of each slot."""
+    """Return the `Frame` of each scalar joint."""
     frames = []
     for k, slot in enumerate(plan.joints):
         before = frames[slot.parent] if slot.parent >= 0 else GROUND
@@ -126,7 +127,7 @@ def joint_frames(plan, parameters, prepared):
 def joint_frame(
     before: Frame, plan: TopologyPlan, k: int, parameters: Any, prepared: PreparedMechanism
 ) -> Frame:
-    """Return the frame of slot k, which sits on the frame `before`."""
+    """Return the frame of scalar joint k, whose parent frame is `before`."""
     slot, axes, arm = plan.joints[k], before.axes, ZERO_VECTOR
     if slot.offset is not None:
         arm = from_local(axes, as_vector(parameters.offset[slot.offset]))
@@ -156,14 +157,14 @@ def hinged(axes, axis, cos, sin):
 
 
 def arm_and_position(frames: list[Frame], k: int, a: Vector) -> tuple[Vector, Vector]:
-    """Return a point a of frame k, -1 for the ground, as arm from its origin and as place."""
+    """Return a point a of frame k, -1 for the ground, as arm from its origin and as position."""
     frame = frames[k] if k >= 0 else GROUND
     arm = from_local(frame.axes, a)
     return arm, add_vectors(frame.origin, arm)
 
 
 def height(parameters: Any, at: Vector) -> Any:
-    """Return -g · place, m²/s²; absent where nothing weighs."""
+    """Return the potential -g · position, m²/s²; None without gravity."""
     found = None
     for g, x in zip(parameters.gravity, at, strict=False):
         found = plus(found, None if x is None else -(g * x))
@@ -177,11 +178,11 @@ Columns = dict[int, Vector]
 
 
 class FrameRates(NamedTuple):
-    """How a frame moves, along the axes of the ground."""
+    """Velocity and acceleration of a frame, along the axes of the ground."""
 
     omega: Vector
     alpha: Vector
-    """ω̇ at v̇ = 0."""
+    """Angular acceleration ω̇ at v̇ = 0."""
     acceleration: Vector
     """Acceleration of its origin at v̇ = 0."""
 
@@ -192,7 +193,7 @@ GROUND_RATES = FrameRates(ZERO_VECTOR, ZERO_VECTOR, ZERO_VECTOR)
 def point_columns(
     plan: TopologyPlan, frames: list[Frame], k: int, point: tuple[Vector, Vector]
 ) -> Columns:
-    """Return how a point of frame k moves with v, given as arm from its origin and as place."""
+    """Return the velocity columns of a point of frame k: arm from its origin, and position."""
     found: Columns = {}
     for i, runs in plan.movers[k] if k >= 0 else ():
         axis, reach = frames[i].axis, ZERO_VECTOR
@@ -208,7 +209,7 @@ def point_columns(
 
 
 def turning_columns(plan: TopologyPlan, frames: list[Frame], k: int) -> Columns:
-    """Return how fast frame k turns with v, along the axes of the ground."""
+    """Return the angular velocity columns of frame k, along the axes of the ground."""
     found: Columns = {}
     for i in plan.turned_by[k] if k >= 0 else ():
         slot = plan.joints[i]
@@ -220,7 +221,7 @@ def turning_columns(plan: TopologyPlan, frames: list[Frame], k: int) -> Columns:
 
 @generic
 def local_turning_columns(plan, parameters, prepared):
-    """Return, slot by slot, how fast each frame turns with v, along its own axes (`Columns`)."""
+    """Return the angular velocity `Columns` of each frame along its own axes, in order."""
     found: list[Columns] = []
     for k, slot in enumerate(plan.joints):
         here = dict(found[plan.orientation_parent(k)]) if plan.orientation_parent(k) >= 0 else {}
@@ -260,14 +261,14 @@ def frame_rates(plan, parameters, frames, v):
 
 
 def relative_acceleration(rates: FrameRates, arm: Vector) -> Vector:
-    """Return the acceleration of the end of an arm against its other end, at v̇ = 0."""
+    """Return the acceleration of the end of an arm relative to its other end, at v̇ = 0."""
     return add_vectors(cross(rates.alpha, arm), centripetal(rates.omega, arm))
 
 
 def centers(
     plan: TopologyPlan, parameters: Any, frames: list[Frame]
 ) -> list[tuple[Vector, Vector]]:
-    """Return the arm to the centre of mass of each body, and its place."""
+    """Return the arm to the centre of mass of each body, and its position."""
     return [
         arm_and_position(frames, k, as_vector(parameters.center[b]))
         for b, k in enumerate(plan.carriers)
@@ -318,28 +319,28 @@ def make_jacobians(plan: TopologyPlan) -> Any:
 
 @generic
 def momentum(inertia, omega):
-    """Return I ω."""
+    """Return the angular momentum I ω."""
     return tuple(dot(as_vector(inertia[i]), omega) for i in range(3))
 
 
 # ---- Lagrange's terms: composite bodies ----------------------------------------------------------
 
 Symmetric = dict[tuple[int, int], Any]
-"""Entries (i, j), i <= j, of a matrix (3, 3); in the plane (2, 2) alone."""
+"""Entries (i, j), i <= j, of a symmetric matrix (3, 3); in the plane (2, 2) alone."""
 
 
 class CompositeBody(NamedTuple):
-    """What hangs on a slot, as one body."""
+    """A composite body: the subtree of a scalar joint as one rigid body."""
 
     mass: Any
     first_moment: Vector
-    """Σ m r from the origin of the slot, kg m."""
+    """First moment Σ m r from the origin of the scalar joint, kg m."""
     inertia: Symmetric
-    """About the origin of the slot, kg m²."""
+    """Moment of inertia about the origin of the scalar joint, kg m²."""
 
 
 def inertia_entries(plan: TopologyPlan) -> tuple[tuple[int, int], ...]:
-    """Return which entries of a moment of inertia count."""
+    """Return the indices of the entries of a moment of inertia that count."""
     if plan.topology.planar:
         return ((2, 2),)
     return tuple((i, j) for i in range(3) for j in range(i, 3))
@@ -348,7 +349,7 @@ def inertia_entries(plan: TopologyPlan) -> tuple[tuple[int, int], ...]:
 def inertia_along_ground(
     inertia: Any, axes: tuple[Vector, Vector, Vector], plan: TopologyPlan
 ) -> Symmetric:
-    """Return a body's I, given along its axes (e, e), along those of the ground."""
+    """Return a body's I along the axes of the ground, from I along its own (e, e)."""
     if plan.topology.planar:
         return {(2, 2): inertia[0, 0]}
     halves = [from_local(axes, as_vector(inertia[:, k])) for k in range(3)]
@@ -361,7 +362,7 @@ def inertia_along_ground(
 
 
 def inertia_times(inertia: Symmetric, a: Vector) -> Vector:
-    """Return I a."""
+    """Return the product I a."""
 
     def row(i: int) -> Any:
         x, y, z = (times(inertia.get((min(i, j), max(i, j))), a[j]) for j in range(3))
@@ -388,12 +389,12 @@ def shifted_body(one: CompositeBody, away: Vector) -> CompositeBody:
 
 
 def as_point_mass(one: CompositeBody) -> CompositeBody:
-    """Return what a slot carries for those before it that do not turn it: a point at its origin."""
+    """Return the body reduced to its point mass, for earlier joints that do not turn it."""
     return CompositeBody(one.mass, ZERO_VECTOR, dict.fromkeys(one.inertia))
 
 
 def combined_body(one: CompositeBody | None, other: CompositeBody) -> CompositeBody:
-    """Return two bodies as one."""
+    """Return the union of two bodies as one body."""
     if one is None:
         return other
     inertia = {at: plus(x, other.inertia[at]) for at, x in one.inertia.items()}
@@ -440,14 +441,14 @@ def terms_of_bodies(plan, parameters, frames, rates, dtype):
 
 
 def euler_moment(inertia: Symmetric, rates: FrameRates) -> Vector:
-    """Return I ω̇ + ω × I ω at v̇ = 0."""
+    """Return the moment I ω̇ + ω × I ω at v̇ = 0."""
     return add_vectors(
         inertia_times(inertia, rates.alpha), cross(rates.omega, inertia_times(inertia, rates.omega))
     )
 
 
 def add_rows(plan: TopologyPlan, frames: list[Frame], k: int, one: CompositeBody, M: Any) -> None:
-    """Add to M what the rate of slot k gives what hangs on it, along all slots before."""
+    """Add a row to M: momentum of k's composite body by k's rate, along all earlier joints."""
     axis, i = frames[k].axis, plan.joints[k].coordinate
     if plan.joints[k].slides:
         P, L = scale_vector(one.mass, axis), cross(one.first_moment, axis)

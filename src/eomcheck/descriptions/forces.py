@@ -1,7 +1,7 @@
 """Forces on a mechanism: gravity, springs and dampers at joints and between points, torques.
 
-The generalized forces Q are of the first derivation. Of springs and dampers between two points the
-energy stored and the power taken are here too, in the second derivation.
+The generalized forces Q belong to the first derivation. The stored energy and the dissipated power
+of springs and dampers between two points are here too, in the second derivation.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from eomcheck.descriptions.topology import TopologyPlan
 
 
 def with_lengths(plan: TopologyPlan, prepare: Callable) -> Callable:
-    """Return a function that prepares the lengths of springs too."""
+    """Return a `prepare` that also computes the lengths of springs."""
     if not plan.topology.springs:
         return prepare
 
@@ -57,7 +57,7 @@ def with_lengths(plan: TopologyPlan, prepare: Callable) -> Callable:
 def _spring_ends(
     plan: TopologyPlan, parameters: Any, at: Any
 ) -> Iterator[tuple[int, Any, MovingVector]]:
-    """Yield the place of each spring, what it is, and how its ends are apart."""
+    """Yield the index of each spring, its parameters, and the vector between its ends."""
     for i, spring in enumerate(plan.topology.springs):
         a, b = (at.point(k, as_vector(parameters.points[j])) for k, j in spring.points)
         yield i, parameters.springs[spring.number], relative_vector(a, b)
@@ -66,12 +66,12 @@ def _spring_ends(
 def add_spring_forces(
     plan: TopologyPlan, parameters: Any, prepared: Any, q: Any, v: Any, Q: Any
 ) -> None:
-    """Add what springs and dampers pull to Q (n,)."""
+    """Add the forces of springs and dampers between points to Q (n,)."""
     if not plan.topology.springs:
         return
     at = FirstDerivation(plan, parameters, prepared, q)
     for i, spring, apart in _spring_ends(plan, parameters, at):
-        # Their products with the distance are columns of its length, times the length.
+        # Products of columns with the distance: columns of the length, times the length.
         length = prepared.lengths[i]
         along = {j: dot(apart.value, x) for j, x in apart.columns.items()}
         along = {j: x for j, x in along.items() if x is not None}
@@ -84,7 +84,7 @@ def add_spring_forces(
 
 
 def spring_energy(plan: TopologyPlan, parameters: Any, prepared: Any) -> Any:
-    """Return the energy of springs, J; None without any."""
+    """Return the potential energy of springs between points, J; None without any."""
     U = None
     for i, spring in enumerate(plan.topology.springs):
         given = parameters.springs[spring.number]
@@ -95,7 +95,7 @@ def spring_energy(plan: TopologyPlan, parameters: Any, prepared: Any) -> Any:
 
 
 def spring_dissipation(plan: TopologyPlan, parameters: Any, prepared: Any, q: Any, v: Any) -> Any:
-    """Return half the power that the dampers of springs take, W; None without any."""
+    """Return half the power that the dampers of springs dissipate, W; None without any."""
     R = None
     for i, spring, apart in _spring_ends(
         plan, parameters, SecondDerivation(plan, parameters, prepared, q, v)
@@ -126,7 +126,7 @@ def make_forces(plan: TopologyPlan) -> Any:
         for k, slot in enumerate(plan.joints):
             i, grows = slot.coordinate, factor(slot, parameters)
             if slot.spring is not None:
-                # Along its axis; where that is negative it is -1 times the joint's coordinate.
+                # Along its axis; on a negative axis it is -1 times the joint's coordinate.
                 rest = times(slot.sense, parameters.relaxed[slot.spring])
                 stretch = prepared.x[k] - rest
                 Q[i] -= times(grows, parameters.stiffness[slot.spring] * stretch)
@@ -142,7 +142,7 @@ def make_forces(plan: TopologyPlan) -> Any:
 
 
 def add_gravity_forces(plan: TopologyPlan, parameters: Any, prepared: Any, Q: Any) -> None:
-    """Add what gravity does to Q (n,), its forces and moments passed on from tips to ground."""
+    """Add gravity to Q (n,), its forces and moments accumulated from tips to ground."""
     frames, g = joint_frames(plan, parameters, prepared), as_vector(parameters.gravity)
     force, moment = [ZERO_VECTOR] * len(frames), [ZERO_VECTOR] * len(frames)
     for b, (arm, _) in enumerate(centers(plan, parameters, frames)):

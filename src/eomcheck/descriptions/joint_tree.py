@@ -1,8 +1,8 @@
-"""Tree of links and joints: ordered depth first, split into joints with one coordinate each.
+"""Tree of links and joints: ordered depth first, split into scalar joints with one coordinate each.
 
-`depth_first_joints` orders the joints from the ground outwards, or refuses links that are no tree.
-`JointTree` splits each joint into slots and places every link on one; bodies that are fixed to each
-other are joined to one `RigidBody`.
+`depth_first_joints` orders the joints from the ground outwards, or refuses links that form no tree.
+`JointTree` splits each joint into scalar joints and assigns every link to one; bodies that are
+fixed to each other are merged into one `RigidBody`.
 """
 
 from __future__ import annotations
@@ -29,22 +29,24 @@ from eomcheck.numbers.generic import Array
 # ---- Rigid bodies --------------------------------------------------------------------------------
 
 ROUNDED = 1e-12
-"""Relative to the largest moment of inertia, what rounding may have made of 0."""
+"""Rounding error of an exact 0, relative to the largest moment of inertia."""
 TOUCHING = 1e-9
-"""Relative: a plate's largest moment is the sum of the others, and files have few digits."""
+"""Relative tolerance of the triangle inequality: a plate's largest moment is the sum of the
+others, and files have few digits.
+"""
 
 
 class RigidBody(NamedTuple):
-    """A body in the frame of its slot."""
+    """A body in the frame of its scalar joint."""
 
     mass: float
     center: Array
     inertia: Array
-    """About its centre of mass (3, 3), kg m²."""
+    """Inertia about its centre of mass (3, 3), kg m²."""
 
 
 def merged_body(bodies: list[RigidBody]) -> RigidBody:
-    """Return several bodies that are fixed to each other as one."""
+    """Return one body merged from several that are fixed to each other."""
     if len(bodies) == 1:
         return bodies[0]
     mass = sum(one.mass for one in bodies)
@@ -58,7 +60,7 @@ def merged_body(bodies: list[RigidBody]) -> RigidBody:
 
 
 def rigid_body_of(link: Link, turn: Quaternion, offset: Array) -> RigidBody | None:
-    """Return a link in the frame of the slot on which it sits; None where it has no inertia."""
+    """Return a link's body in the frame of its scalar joint; None without inertia."""
     if not any((link.mass, *link.moments, *link.products)):
         return None
     R, (xy, xz, yz) = rotation_matrix(turn), link.products
@@ -67,15 +69,15 @@ def rigid_body_of(link: Link, turn: Quaternion, offset: Array) -> RigidBody | No
 
 
 def has_impossible_inertia(link: Link) -> bool:
-    """Return whether no body has the moments of inertia: one exceeds the sum of the others."""
+    """Return whether moments of inertia are impossible: one exceeds the sum of the others."""
     (x, y, z), (xy, xz, yz) = link.moments, link.products
     moments = np.linalg.eigvalsh([[x, xy, xz], [xy, y, yz], [xz, yz, z]])
-    # One below 0 too, but for rounding: the sum of the lower two is then below the larger of them.
+    # A negative one too, but for rounding: the sum of the lower two is below the larger of them.
     return bool(moments[2] > moments[:2].sum() * (1 + TOUCHING))
 
 
 def inertia_warning(links: Iterable[Link]) -> str:
-    """Return in one sentence which links have moments of inertia that no body has; "" of none."""
+    """Return a sentence on links with impossible moments of inertia; "" without any."""
     names = ", ".join(repr(link.name) for link in links if has_impossible_inertia(link))
     if not names:
         return ""
@@ -83,10 +85,13 @@ def inertia_warning(links: Iterable[Link]) -> str:
 
 
 def check_positive(bodies: dict[str, RigidBody]) -> None:
-    """Refuse a moment of inertia below 0, but for rounding of the largest one.
+    """Check that no moment of inertia is negative, but for rounding of the largest one.
 
     Args:
         bodies: name of the joint that carries it -> body.
+
+    Raises:
+        InputError: one is.
     """
     moments = {name: np.linalg.eigvalsh(one.inertia) for name, one in bodies.items()}
     largest = max((float(np.abs(one).max()) for one in moments.values()), default=0.0)
@@ -102,12 +107,12 @@ def check_positive(bodies: dict[str, RigidBody]) -> None:
 
 
 def depth_first_joints(links: dict[str, Link], joints: dict[str, Joint]) -> tuple[str, list[Joint]]:
-    """Return the link that is the ground, and the joints from it outwards.
+    """Return the ground link, and the joints from it outwards in depth-first order.
 
-    What hangs on a joint follows it before anything else does.
+    The subtree of a joint follows it immediately.
 
     Raises:
-        InputError: they are no tree.
+        InputError: they form no tree.
     """
     children: dict[str, list[Joint]] = {name: [] for name in links}
     child_of: dict[str, str] = {}
@@ -142,7 +147,7 @@ def depth_first_joints(links: dict[str, Link], joints: dict[str, Joint]) -> tupl
 
 
 def _cycle(at: str, joints: dict[str, Joint], child_of: dict[str, str]) -> str:
-    """Return the links in a circle that hang on each other, at most five of them."""
+    """Return the names of links that form a cycle, at most five of them."""
     seen: dict[str, None] = {}
     while at not in seen:
         seen[at] = None
@@ -170,14 +175,16 @@ def by_name(what: str, things: tuple[Any, ...]) -> dict[str, Any]:
 # ---- Slots ---------------------------------------------------------------------------------------
 
 MAX_DESCRIBED_COORDINATES = 200
-"""Coordinates that a description may have: identities of more are not proved in reasonable time."""
+"""Largest number of coordinates of a description: identities of more are not proved in reasonable
+time.
+"""
 
 
 def check_coordinates(coordinates: int) -> None:
-    """Check that a description has no more coordinates than `MAX_DESCRIBED_COORDINATES`.
+    """Check the number of coordinates of a description.
 
     Raises:
-        InputError: it has.
+        InputError: more than `MAX_DESCRIBED_COORDINATES`.
     """
     if coordinates > MAX_DESCRIBED_COORDINATES:
         raise InputError(
@@ -199,7 +206,7 @@ STRAIGHT = {(1.0, 0.0, 0.0): "x", (0.0, 1.0, 0.0): "y", (0.0, 0.0, 1.0): "z"}
 
 
 class LinkFrame(NamedTuple):
-    """Where a link is: on a slot (-1: the ground), displaced and turned."""
+    """Frame of a link: offset and orientation on its scalar joint (-1: the ground)."""
 
     joint: int
     orientation: Quaternion
@@ -207,10 +214,10 @@ class LinkFrame(NamedTuple):
 
 
 class JointTree:
-    """The slots of a tree of links, and the numbers that they are at.
+    """The scalar joints of a tree of links, and their numbers by index.
 
     Raises:
-        InputError: links and joints are no tree, or a joint contradicts itself.
+        InputError: links and joints form no tree, or a joint contradicts itself.
     """
 
     def __init__(self, links: tuple[Link, ...], joints: tuple[Joint, ...]):
@@ -218,21 +225,21 @@ class JointTree:
         self.coordinates = self._coordinates()
         self.coordinate_index = {name: i for i, name in enumerate(self.coordinates)}
         self.numbers: dict[str, list[Any]] = {}
-        """Name of a parameter -> what there is of it, by place."""
+        """Name of a parameter -> its entries, by index."""
         self._shared_index: dict[Any, int | None] = {}
         self.scalar_joints: list[ScalarJoint] = []
         self.bodies: dict[int, list[RigidBody]] = {}
-        """Slot -> what is fixed to it."""
+        """Scalar joint -> bodies fixed to it."""
         root, order = depth_first_joints(self.links, self.joints)
         self.link_frames = {root: LinkFrame(-1, IDENTITY, np.zeros(3))}
-        """Name of a link -> where it is."""
+        """Name of a link -> its frame."""
         for joint in order:
             self._attach(joint)
         if not self.coordinates:
             raise InputError("no joint of it moves: there are no coordinates")
 
     def add_parameter(self, name: str, value: Any) -> int | None:
-        """Keep a parameter and return its place; None where there is none."""
+        """Append an entry to a parameter and return its index; None for an absent one."""
         if value is None:
             return None
         kept = self.numbers.setdefault(name, [])
@@ -240,7 +247,7 @@ class JointTree:
         return len(kept) - 1
 
     def add_shared_parameter(self, name: str, value: Any) -> int | None:
-        """Keep a parameter, once for all that share it, and return its place."""
+        """Add an entry, once for all elements that share it, and return its index."""
         if (name, value) not in self._shared_index:
             self._shared_index[name, value] = self.add_parameter(name, value)
         return self._shared_index[name, value]
@@ -261,14 +268,14 @@ class JointTree:
         return found
 
     def _attach(self, joint: Joint) -> None:
-        """Place the child of a joint, on slots of its own where it moves."""
+        """Attach the child of a joint, on new scalar joints if it moves."""
         before = self.link_frames[joint.parent]
         turn = multiply_quaternions(before.orientation, joint.orientation)
         offset = before.offset + rotation_matrix(before.orientation) @ np.array(joint.origin)
         if joint.kind == "fixed":
             self.link_frames[joint.child] = LinkFrame(before.joint, turn, offset)
         else:
-            # The frame of the slots has the axis along x, y or z, if need be a turned one's z.
+            # The axis is x, y or z of the scalar joint's frame, if necessary the z of a tilted one.
             axis, sense, tilt = self._axis(joint)
             turn = multiply_quaternions(turn, tilt)
             self._add_slots(joint, before.joint, turn, offset, axis, sense)

@@ -1,10 +1,9 @@
 """Scene classes of descriptions: a `Mechanism` class for each topology, all numbers its parameters.
 
-`scene_class_of` makes the class from a `MechanismSource`, the record of all that it is made of.
-Before it stand the
-parts of the class: its parameters, the state in which it starts (the pose, closed, as slow as its
-constraints allow), its `Tree` for engines that build models of their own, and its `Sketch`: links
-from joint to joint, axes, centres of mass.
+`scene_class_of` makes the class from a `MechanismSource`, the record of topology and numbers.
+The rest of the module defines the parts of the class: its parameters, the initial state (the
+assembled pose, with the slowest velocity that its constraints allow), its `Tree` for engines that
+build models of their own, and its `Sketch`: links from joint to joint, axes, centres of mass.
 """
 
 from __future__ import annotations
@@ -85,21 +84,21 @@ DRAWN: dict[str, tuple[str, str, Any, Any]] = {
     "couplings": ("ratio and shift", "1, rad or m", "", (0.2, 2.0)),
     "drives": ("position, rate, acceleration", "rad or m, /s, /s²", "", (-1.0, 1.0)),
 }
-"""Name -> what it is, its unit, its sign, what it is drawn from."""
+"""Name of a parameter -> description, unit, sign, sampling range."""
 
 GEOMETRY = frozenset(
     {"orientation", "offset", "points", "directions", "lengths", "surfaces", "couplings"}
 )
-"""What decides whether a mechanism closes."""
+"""Parameters that decide whether a mechanism can be assembled."""
 
 NOT_READ = ("orientation", "moments", "products", "armature")
-"""What equations read as something else."""
+"""Parameters that equations read only through `derived` ones."""
 
 OPTIONAL = frozenset({"gravity", "damping"})
 
 
 def fields_of(made: MechanismSource) -> dict[str, Any]:
-    """Return the fields of the class of a description, its parameters."""
+    """Return the dataclass fields of a description's scene class, its parameters."""
     found = {}
     for name, value in made.defaults:
         what, unit, sign, drawn = DRAWN[name]
@@ -134,18 +133,18 @@ def inertias(moments: Any, products: Any, armature: Any, e: int) -> Any:
 # ---- Initial state -------------------------------------------------------------------------------
 
 STEPS = 30
-"""Of Newton's method, which takes ten or does not arrive."""
+"""Steps of Newton's method, which converges within ten or not at all."""
 
 
 def float64_parameters(scene: Mechanism) -> Any:
-    """Return the parameters of a scene as the equations read them, in doubles."""
+    """Return the parameters of a scene as the equations read them, in float64."""
     return scene.parameters(FLOAT64)
 
 
 def assembled_start(scene: Mechanism) -> tuple[Array, Array]:
-    """Return the pose (n,) closed by Newton's method, and the least v (n,) with a v + b = 0.
+    """Return the pose (n,) assembled by Newton's method, and the least v (n,) with a v + b = 0.
 
-    A pose that does not close nearby is returned as it is.
+    A pose without an assembled one nearby is returned unchanged.
     """
     pose = np.array(scene.source.pose, np.float64)
     if not scene.r:
@@ -167,7 +166,7 @@ def assembled_start(scene: Mechanism) -> tuple[Array, Array]:
 
 
 def _held(scene: Mechanism, given: Any, q: Array) -> tuple[Array, Array | None, Array | None]:
-    """Return a, b and how far positions are from closed, None where none is held."""
+    """Return a, b and the position residual; None for absent ones."""
     prepared = scene.prepare(FLOAT64, given, q, 0.0)
     a, b = scene.constraints(given, prepared, q)
     held = scene.position_residual
@@ -178,18 +177,18 @@ def _held(scene: Mechanism, given: Any, q: Array) -> tuple[Array, Array | None, 
 
 
 def tree_of(scene: Mechanism) -> Tree:
-    """Return the bodies of a mechanism, joint by joint."""
+    """Return the tree of a mechanism's bodies, joint by joint."""
     return tree_by(scene.plan, float64_parameters(scene))
 
 
 def none_as_zero(entries: Any) -> Array:
-    """Return entries as doubles, what is absent as 0."""
+    """Return entries as float64, absent ones as 0."""
     given = np.asarray(entries, object)
     return np.where(given == None, 0.0, given).astype(np.float64)  # noqa: E711
 
 
 def tree_by(plan: TopologyPlan, given: Any) -> Tree:
-    """Return the bodies of a plan by its numbers; absolute joints must be in the plane."""
+    """Return the tree of a plan's bodies; absolute joints must be in the plane."""
     slots, joints = plan.joints, len(plan.joints)
     rotation = np.tile(np.eye(3), (joints, 1, 1))
     offset, center, inertia = (np.zeros((joints, *shape)) for shape in ((3,), (3,), (3, 3)))
@@ -197,7 +196,7 @@ def tree_by(plan: TopologyPlan, given: Any) -> Tree:
     coordinates = np.zeros((joints, plan.n))
     for k, slot in enumerate(slots):
         coordinates[k, slot.coordinate] = slot.sense
-        if slot.absolute:  # a joint's own coordinate is that less all turns before
+        if slot.absolute:  # relative coordinate: the absolute one less all earlier rotations
             for before in plan.path_to(slot.parent):
                 coordinates[k] -= coordinates[before] if not slots[before].slides else 0.0
         if slot.mimics is not None:
@@ -209,7 +208,7 @@ def tree_by(plan: TopologyPlan, given: Any) -> Tree:
             offset[k, : plan.d] = none_as_zero(given.offset[slot.offset])[: plan.d]
     for b, k in enumerate(plan.carriers):
         mass[k], center[k, : plan.d] = given.mass[b], none_as_zero(given.center[b])[: plan.d]
-        # In the plane one moment counts, and is given to all axes, so that such a body can be.
+        # In the plane one moment counts; all axes get it, so that the body is physically possible.
         inertia[k] = given.inertia[b] if plan.e == 3 else given.inertia[b, 0, 0] * np.eye(3)
     for b, k in enumerate(plan.rotors, len(plan.carriers)):
         armature[k] = given.inertia[b, -1, -1]
@@ -222,7 +221,7 @@ def tree_by(plan: TopologyPlan, given: Any) -> Tree:
 # ---- Sketch --------------------------------------------------------------------------------------
 
 NEAR = 1e-9
-"""Points are one that are nearer than this share of the whole."""
+"""Distance, relative to the size of the whole, below which points are drawn as one."""
 
 
 def _place(a: Any, d: int) -> Array:
@@ -230,7 +229,7 @@ def _place(a: Any, d: int) -> Array:
 
 
 def mechanism_sketch(scene: Mechanism, q: Array, t: float = 0.0) -> Sketch:
-    """Return the mechanism in the pose q (n,)."""
+    """Return the sketch of the mechanism in the pose q (n,)."""
     plan, given = scene.plan, float64_parameters(scene)
     prepared = scene.prepare(FLOAT64, given, np.asarray(q, np.float64), t)
     frames, d = joint_frames(plan, given, prepared), plan.d
@@ -243,7 +242,7 @@ def mechanism_sketch(scene: Mechanism, q: Array, t: float = 0.0) -> Sketch:
     size = float(np.ptp(everything, axis=0).max()) or 1.0
     parts: list[Part] = [*fixed_axes(0.15 * size, d)]
     for k, slot in enumerate(plan.joints):
-        # From joint to joint, which is a line of the body before, or of the ground.
+        # From joint to joint, a line of the previous body, or of the ground.
         start = at[slot.parent] if slot.parent >= 0 else np.zeros(d)
         if slot.parent >= 0 and np.abs(at[k] - start).max() > NEAR * size:
             parts.append(Body((start, at[k])))
@@ -275,45 +274,45 @@ def mechanism_sketch(scene: Mechanism, q: Array, t: float = 0.0) -> Sketch:
 # ---- The class -----------------------------------------------------------------------------------
 
 SLIDING, AWAY = Range(-1.0, 1.0), Range(-1.2, 1.2)
-"""m; rad, for a hinge between two others that it could bring in line."""
+"""Ranges of slides, m, and of hinges that could align two others, rad."""
 
 
 @old_attributes
 class MechanismSource(NamedTuple):
-    """All that a kind of mechanism is made of, in numbers and names."""
+    """Source of a mechanism class, in numbers and names."""
 
     key: str
-    """Also the name of the class."""
+    """Key of the scenes and name of the class."""
     topology: Topology
     defaults: tuple[tuple[str, Any], ...]
-    """Parameters, by name."""
+    """Default values of the parameters, by name."""
     pose: tuple[float, ...]
-    """q at t = 0."""
+    """Coordinates q at t = 0."""
     compound_coordinates: tuple[str, ...] = ()
-    """Coordinates of joints that have more than one."""
+    """Coordinates of joints with more than one coordinate."""
     pitch_coordinates: tuple[int, ...] = ()
     """Coordinates of hinges that ordinary states keep away from their singularity."""
     fixed_geometry: bool = False
-    """Whether geometry keeps its numbers, because others might not close."""
+    """Whether sampling keeps the geometry, because another might not assemble."""
     code: str = ""
-    """Python that makes the scene; by default the name of the class, called."""
+    """Python code that constructs the scene; by default the name of the class, called."""
     imports: str = ""
-    """What that Python imports."""
+    """Imports of that code."""
     module: str = __name__
     ignored: str = ""
-    """What of its source is not in it, in one sentence."""
+    """Sentence on the parts of its source that are left out."""
     warnings: str = ""
-    """What of its numbers no body has, in one sentence."""
+    """Sentence on numbers that no physical body has."""
     file: str = ""
-    """The file that it was read from."""
+    """Path of its source file."""
     format: str = ""
-    """Of that file: "urdf" or "mjcf"."""
+    """Format of that file: "urdf" or "mjcf"."""
     floating: str = ""
-    """Name of the link of the file that is free to move because that was asked for."""
+    """Name of the link of the file that is free to move by request."""
     base: Any = None
-    """The class that it derives from and has its `key` of; by default `Mechanism`."""
+    """Base class of its class, which has the same `key`; by default `Mechanism`."""
     description: Any = None
-    """What it was made of, where that is kept."""
+    """Description from which it was constructed, if stored."""
 
     def scene_class(self) -> type[Mechanism]:
         """Return the class of these scenes; the same one for the same description."""
@@ -321,7 +320,7 @@ class MechanismSource(NamedTuple):
 
 
 class _Kind(ABCMeta):
-    """The class of kinds of mechanisms, which pickle finds by what they are made of."""
+    """The metaclass of mechanism classes, which pickle by their source."""
 
 
 def _reduced(kind: Any) -> Any:
@@ -334,8 +333,8 @@ copyreg.pickle(_Kind, _reduced)
 
 @old_attributes
 class Mechanism(Parametric, metaclass=_Kind):
-    """A tree of rigid bodies with what closes it; `scene_class_of` makes the classes that have
-    any.
+    """A tree of rigid bodies with constraints; `scene_class_of` makes its subclasses, which have
+    equations.
     """
 
     source: ClassVar[MechanismSource]
@@ -351,11 +350,11 @@ class Mechanism(Parametric, metaclass=_Kind):
 
     @property
     def coordinate_names(self) -> tuple[str, ...]:
-        """Those of the joints."""
+        """Names of the joints' coordinates."""
         return self.source.topology.coordinates
 
     def coordinate_ranges(self) -> tuple[Range, ...]:
-        """Return any angle, but for hinges that have to stay away; 1 m to either side."""
+        """Return the sampling ranges: any angle, except near a singularity; 1 m to either side."""
         return self._coordinate_ranges
 
     _coordinate_ranges: ClassVar[tuple[Range, ...]] = ()
@@ -378,7 +377,7 @@ class Mechanism(Parametric, metaclass=_Kind):
         return found
 
     def initial_state(self) -> tuple[Array, Array]:
-        """Return the pose of the description, closed, and the slowest velocity there is."""
+        """Return the assembled pose of the description, and the least velocity there."""
         return assembled_start(self)
 
     @property
@@ -391,7 +390,7 @@ class Mechanism(Parametric, metaclass=_Kind):
         return replace(self, **parameters)
 
     def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
-        """Yield one turn by 2π about every hinge that has no spring and is followed by none."""
+        """Yield a rotation by 2π of every hinge that has no spring and that no joint mimics."""
         told = {slot.coordinate for slot in self.plan.joints if slot.slides}
         told |= {slot.coordinate for slot in self.plan.joints if slot.spring is not None}
         told |= {slot.coordinate for slot in self.plan.joints if slot.mimics is not None}
@@ -403,7 +402,7 @@ class Mechanism(Parametric, metaclass=_Kind):
 
     @classmethod
     def structures(cls, links: int | None = None) -> Iterator[Scene]:
-        """Yield the mechanism of the description, and one without gravity."""
+        """Yield the structural variants: the described mechanism, and one without gravity."""
         yield from super().structures(links)
         plain = cls()
         if getattr(plain, "gravity", None) is not None:
@@ -411,11 +410,11 @@ class Mechanism(Parametric, metaclass=_Kind):
 
     @property
     def support(self) -> Array | None:
-        """Which generalized speeds can move each body, bool (n_b, p)."""
+        """Mask of the generalized speeds that can move each body, bool (n_b, p)."""
         return support_of(self, self.plan.support)
 
     def tree(self) -> Tree:
-        """Return its bodies, joint by joint."""
+        """Return the tree of its bodies, joint by joint."""
         return tree_of(self)
 
     def sketch(self, q: Array, t: float = 0.0) -> Sketch:
@@ -423,7 +422,7 @@ class Mechanism(Parametric, metaclass=_Kind):
         return mechanism_sketch(self, q, t)
 
     def __repr__(self) -> str:
-        """Return the Python that makes it again: that of its kind, and what is changed."""
+        """Return Python code that reconstructs the scene: its class and changed parameters."""
         made, plain = self.source, Parametric.__repr__(self)
         if not made.code:
             return plain
@@ -442,7 +441,7 @@ def _ranges_of(made: MechanismSource, plan: TopologyPlan) -> tuple[Range, ...]:
 
 
 def make_functions(plan: TopologyPlan) -> dict[str, Callable]:
-    """Return the functions of a scene."""
+    """Return the functions of a scene by name."""
     functions = {
         "prepare": with_sines(plan, with_lengths(plan, make_prepare(plan))),
         "jacobians": make_jacobians(plan),
@@ -484,10 +483,10 @@ def make_dissipation(plan: TopologyPlan) -> Callable | None:
 
 
 def _rotations_in(arithmetic: Arithmetic, orientation: Array) -> Array:
-    """Rotations (k, 3, 3) of quaternions (k, 4), of which doubles are rounded once, at the end.
+    """Return rotations (k, 3, 3) of quaternions (k, 4), float64 results rounded once, at the end.
 
-    A perturbed sample changes each entry by a share of itself. Where squares cancel, as for a
-    quarter turn, rounding them would leave an error larger than the entry.
+    In perturbation analysis each entry of a sample has a relative perturbation. Where squares
+    cancel, as for a quarter turn, rounding them would leave an error larger than the entry.
     """
     if arithmetic is not FLOAT64:
         return rotation_matrices(orientation)
@@ -501,14 +500,14 @@ def _no_constraints(parameters, prepared, q):
 
 @lru_cache(256)
 def plan_and_functions(topology: Topology) -> tuple[TopologyPlan, dict[str, Callable]]:
-    """Return the plan of a topology and the functions of its scenes, made once."""
+    """Return the plan of a topology and the functions of its scenes, cached."""
     plan = TopologyPlan(topology)
     return plan, make_functions(plan)
 
 
 @lru_cache(256)
 def scene_class_of(made: MechanismSource) -> type[Mechanism]:
-    """Return the class of scenes of a description; the same one for the same description."""
+    """Return the scene class of a description; the same one for the same description."""
     plan, functions = plan_and_functions(made.topology)
     planar, closures = made.topology.planar, made.topology.constraints
     names = [

@@ -1,10 +1,10 @@
-"""Reader of MJCF files: compiled by MuJoCo, then elements of a description and a scene of ours.
+"""Reader of MJCF files: compiled by MuJoCo, then elements of a description and a `Mechanism`.
 
 Defaults, classes, inertias that follow from shapes and the many ways to write an orientation are
-left to MuJoCo, which comes with an extra. A file is compiled once it is known to be of bounded size
-and is stripped bare. MuJoCo's model is written in elements of a description: the equations are as
-much ours as those of any other. Its equalities become constraints by declaration, which hold
-exactly here.
+left to MuJoCo, which comes with an extra. A file is compiled only after its size has been checked
+and everything that no equation needs has been removed. MuJoCo's model is converted to elements of a
+description: the equations are those of any other description, independent of MuJoCo. Its equalities
+become constraints by declaration, which hold exactly here.
 
 A body may have several joints in a row, each about a point of its own: between them are links
 without inertia. The frame of a link is that of the body, moved to the point of its last joint.
@@ -65,7 +65,7 @@ MJCF = Format("MJCF", ("mujoco", "mujocoinclude"), deepest=500)
 NOT_UNDERSTOOD = frozenset(
     {"attach", "composite", "extension", "flex", "flexcomp", "model", "plugin", "replicate"}
 )
-"""Elements that bring more than they say, or bodies that are not rigid."""
+"""Elements that add more than they contain, or bodies that are not rigid."""
 
 JOINTS = "joint", "freejoint"
 
@@ -81,23 +81,23 @@ FORCELESS = {
     "numerics": "",
     "texts": "",
 }
-"""What a model has that no body is made of -> what it is called where it is left out."""
+"""Collection of a model without effect on bodies -> its name in the summary of ignored parts."""
 
 LARGEST_SIZE = 2000
-"""Of fields of heights and of data of users, for which MuJoCo makes room while it reads."""
+"""Largest size of height fields and user data, for which MuJoCo allocates memory while it reads."""
 
 FINEST = 100
-"""Largest parameter of a mesh that MuJoCo makes; 300 by 300 faces take it 9 s."""
+"""Largest parameter of a generated mesh; 300 by 300 faces take MuJoCo 9 s."""
 
 SIZES = {"hfield": ("nrow", "ncol"), "size": ("nuser_",)}
-"""Element -> how its attributes begin that are such sizes."""
+"""Element -> prefixes of its attributes that are such sizes."""
 
 MOST_FILES = 100
-"""Files that may be included, this one among them."""
+"""Largest number of included files, this one among them."""
 
 
 def compile_model(path: Path) -> tuple[Any, Counter[str]]:
-    """Return MuJoCo's model of a file without what is left out, and how much of that there was.
+    """Return MuJoCo's model of a file without ignored parts, and the counts of those parts.
 
     Raises:
         InputError: it cannot be read, is no MJCF, or MuJoCo refuses it.
@@ -107,19 +107,23 @@ def compile_model(path: Path) -> tuple[Any, Counter[str]]:
     for root in _roots(path):
         _check(root, path)
         joints += sum(len(body.findall(tag)) for body in root.iter("body") for tag in JOINTS)
-    _check_coordinates(path, joints)  # at least a coordinate each
+    _check_coordinates(path, joints)  # at least one coordinate each
     require_supervision()
     library = required("mujoco", "mujoco")
     try:
         return call(f"MuJoCo, reading {path.name},", _compiled, library, path, slow=True)
     except Unreadable:
         raise
-    except Exception as error:  # its own kinds, and those of Python
+    except Exception as error:  # exceptions of MuJoCo's own and of Python
         raise Unreadable(f"{str(path)!r} is refused by MuJoCo: {message_of(error)}") from None
 
 
 def _check_coordinates(path: Path, coordinates: int) -> None:
-    """Check the number of coordinates before MuJoCo takes minutes over a large file."""
+    """Check the number of coordinates before MuJoCo takes minutes over a large file.
+
+    Raises:
+        InputError: it is above the limit.
+    """
     try:
         check_coordinates(coordinates)
     except InputError as error:
@@ -136,7 +140,7 @@ def _compiled(library: Any, path: Path) -> tuple[Any, Counter[str]]:
 
 
 def _read(library: Any, path: Path) -> Any:
-    """Return a file as MuJoCo reads it, which by itself reads only what is called .xml."""
+    """Return MuJoCo's specification of a file; copied if its name does not end in .xml."""
     if path.suffix == ".xml":
         return library.MjSpec.from_file(str(path))
     spec = library.MjSpec.from_string(path.read_text(encoding="utf-8"))
@@ -145,7 +149,7 @@ def _read(library: Any, path: Path) -> Any:
 
 
 def _roots(path: Path) -> Iterator[Element]:
-    """Yield the root of a file and of all that it includes, wherever that is included."""
+    """Yield the root of a file and of all included ones, at any depth."""
     left, seen = [path], set[Path]()
     while left:
         one = left.pop()
@@ -185,9 +189,10 @@ def _check(root: Element, path: Path) -> None:
 
 
 def _strip(library: Any, spec: Any, path: str) -> Counter[str]:
-    """Take out of a model what no equation needs: no mesh of it is then looked for.
+    """Remove from a specification all that no equation needs: its meshes are then not searched for.
 
-    What is counted is what a motion would notice.
+    Returns:
+        Counts of the removed parts that would affect a motion.
 
     Raises:
         InputError: it has an equality that is not understood.
@@ -238,29 +243,29 @@ def _strip(library: Any, spec: Any, path: str) -> Counter[str]:
 CONNECT, WELD, JOINT = range(3)
 
 SITE = 6
-"""MuJoCo's number for that kind of object."""
+"""MuJoCo's number of the object type "site"."""
 
 
 class EqualityContext(NamedTuple):
-    """What of a model has been read."""
+    """Parts of a model that equalities refer to."""
 
     model: Any
     where: str
-    """The file, in what is refused."""
+    """Path of the file, for error messages."""
     bodies: list[str]
-    """Names of their links; the ground first."""
+    """Names of the bodies' links; the ground first."""
     joints: list[str]
     anchors: list[Array]
     """Origin of each body's link in the frame of the body (3,), m."""
     reference: dict[str, float]
-    """Coordinate of joints that have one, where the file draws them."""
+    """Reference coordinate of joints that have one, at which the file draws them."""
 
 
 def equality_constraint(read: EqualityContext, i: int) -> Constraint:
     """Return equality number i of a model.
 
     Raises:
-        InputError: it is between other things, or no linear one.
+        InputError: it is between other objects, or not linear.
     """
     m = read.model
     name, kind = m.equality(i).name or f"equality{i}", int(m.eq_type[i])
@@ -301,13 +306,13 @@ def _coupled(
 
 
 def triple_of(a: Any) -> Triple:
-    """Return three numbers of an array."""
+    """Return three numbers of an array as a tuple."""
     x, y, z = (float(part) for part in a)
     return x, y, z
 
 
 def quaternion_of(a: Any) -> Quaternion:
-    """Return four numbers of an array."""
+    """Return four numbers of an array as a tuple."""
     w, x, y, z = (float(part) for part in a)
     return w, x, y, z
 
@@ -315,17 +320,17 @@ def quaternion_of(a: Any) -> Quaternion:
 # ---- Elements ------------------------------------------------------------------------------------
 
 GROUND = "world"
-"""What MuJoCo calls it, and no other body."""
+"""MuJoCo's name of the ground, which no other body has."""
 
 FREE_JOINT, BALL_JOINT, SLIDE, HINGE = range(4)
-"""MuJoCo's numbers for kinds of joints."""
+"""MuJoCo's numbers of joint types."""
 
 STEEPEST = 1.2
-"""rad; a pose that is turned further about y is left at 0, near where such angles are singular."""
+"""Largest pitch of an initial pose, rad; a steeper one, near the singularity, is left at 0."""
 
 
 class MjcfModel(NamedTuple):
-    """What a file says."""
+    """The contents of an MJCF file as elements of a description."""
 
     name: str
     links: tuple[Link, ...]
@@ -335,7 +340,7 @@ class MjcfModel(NamedTuple):
     pose: dict[str, float]
     ignored: str
     compiled: Any
-    """MuJoCo's own model."""
+    """MuJoCo's compiled model."""
 
     @property
     def coordinates(self) -> list[str]:
@@ -344,7 +349,7 @@ class MjcfModel(NamedTuple):
 
 
 def read_mjcf(path: Path) -> MjcfModel:
-    """Return what an MJCF file says.
+    """Return the contents of an MJCF file.
 
     Raises:
         InputError, EngineError: see `from_mjcf`.
@@ -354,23 +359,23 @@ def read_mjcf(path: Path) -> MjcfModel:
 
 
 class _MjcfReader:
-    """A model of MuJoCo's while it is read."""
+    """Converter of a MuJoCo model to elements of a description."""
 
     def __init__(self, path: Path, model: Any, out: Counter[str]):
         self.where, self.m, self.out, self.path = repr(str(path)), model, out, path
         self.bodies = _names([model.body(i).name for i in range(model.nbody)], "body")
         self.names = _names([model.joint(i).name for i in range(model.njnt)], "joint")
         self.reference: dict[str, float] = {}
-        """Coordinate at which a joint of one coordinate is where the file draws it."""
+        """Joint with one coordinate -> coordinate at which the file draws it."""
         self.links, self.joints = [Link(GROUND)], []
         self.anchors: list[Array] = [np.zeros(3)]
-        """Origin of a body's link in the frame of the body."""
+        """Origin of each body's link in the frame of the body (3,), m."""
         self.pose: dict[str, float] = {}
         off = int(model.opt.disableflags)
         self.off = {name: bool(off & bit) for name, bit in DISABLED.items()}
 
     def model(self) -> MjcfModel:
-        """Return all of it."""
+        """Return the whole model."""
         m = self.m
         self._refuse()
         for body in range(1, m.nbody):
@@ -395,7 +400,7 @@ class _MjcfReader:
         )
 
     def _refuse(self) -> None:
-        """Refuse forces that are not linear, and what else is no part of a description."""
+        """Refuse forces that are not linear, and other parts outside of a description."""
         for name in ("jnt_stiffnesspoly", "dof_dampingpoly"):
             if np.any(getattr(self.m, name, 0)):
                 raise Unreadable(f"{self.where}: springs or dampers that are not linear")
@@ -419,7 +424,7 @@ class _MjcfReader:
             self._add_joint(joint, before, after, place + rotation_matrix(tuple(turn)) @ step, turn)
             before, anchor = after, m.jnt_pos[joint]
             place, turn = np.zeros(3), np.array(IDENTITY)
-        if not count:  # it is part of the body that it is on
+        if not count:  # a site is part of its body
             self.joints.append(
                 Joint(f"{name} fixed", "fixed", before, name, triple_of(place), quaternion_of(turn))
             )
@@ -456,7 +461,7 @@ class _MjcfReader:
             return
         axis, rest = m.jnt_axis[joint], float(m.qpos0[at])
         self.reference[name] = rest
-        if rest:  # the coordinate is not 0 where the file draws the joint
+        if rest:  # the file draws the joint at another coordinate than 0
             self.pose[name] = rest
             if kind == SLIDE:
                 place = place - rest * (rotation_matrix(quaternion_of(turn)) @ axis)
@@ -483,7 +488,7 @@ class _MjcfReader:
         )
 
     def _start(self, name: str, told: Array) -> None:
-        """Keep where a free joint is at first; a ball joint is at 0."""
+        """Store the initial pose of a free joint; a ball joint starts at 0."""
         if len(told) < 7:
             return
         self.pose |= {f"{name}_{axis}": float(x) for axis, x in zip("xyz", told, strict=False)}
@@ -500,11 +505,11 @@ DISABLED = {
     "damper": 1 << 6,
     "gravity": 1 << 7,
 }
-"""What an option of the file may switch off -> MuJoCo's bit."""
+"""Option of a file that can be disabled -> MuJoCo's bit."""
 
 
 def _names(given: list[str], called: str) -> list[str]:
-    """Return a name for each, numbered where the file has none."""
+    """Return a name for each object, numbered if the file has none."""
     known = set(given)
     found = []
     for i, name in enumerate(given):
@@ -524,19 +529,22 @@ FILES: Any = "the file's own"
 def from_mjcf(path: str | os.PathLike[str], *, gravity: Triple | str | None = FILES) -> Mechanism:
     """Return the robot in an MJCF file, with the parameters of the file.
 
-    Its coordinates are those of the file's joints, in their order, but for those that constraints
-    determine, which come first; a free joint has three slides
-    along axes of the ground, then turns about z, y and x, a ball joint such turns. Equalities
-    between bodies, sites and joints are constraints that hold exactly. Its `made.ignored` says
-    what of the file is left out.
+    Its coordinates are those of the file's joints, in their order, except that coordinates
+    determined by constraints come first; a free joint has three slides along axes of the ground,
+    then turns about z, y and x, a ball joint such turns. Equalities between bodies, sites and
+    joints are constraints that hold exactly. Its `source.ignored` names the parts of the file that
+    are left out.
 
     Args:
         path: the file.
         gravity: acceleration, m/s², or None without; by default that of the file.
 
+    Returns:
+        A scene, an instance of a `Mechanism` class of its own.
+
     Raises:
-        InputError: the file cannot be read, is no MJCF, is refused by MuJoCo, has something that is
-            not understood here, or more than 200 coordinates.
+        InputError: the file cannot be read, is no MJCF, is refused by MuJoCo, has an element that
+            is not understood here, or more than 200 coordinates.
         EngineError: MuJoCo is not installed.
     """
     return mjcf_kind(path, gravity=gravity)()
@@ -545,7 +553,7 @@ def from_mjcf(path: str | os.PathLike[str], *, gravity: Triple | str | None = FI
 def mjcf_kind(
     path: str | os.PathLike[str], *, gravity: Triple | str | None = FILES
 ) -> type[Mechanism]:
-    """Return the kind of scene of which `from_mjcf` returns the one with the file's parameters."""
+    """Return the scene class of a file, of which `from_mjcf` returns the default scene."""
     try:
         file = Path(path)
     except TypeError:
@@ -575,9 +583,9 @@ def mjcf_kind(
 
 
 def _dependent_coordinates(scene: Mechanism) -> list[str]:
-    """Return names of as many coordinates as there are constraints, which these determine."""
+    """Return the names of dependent coordinates, as many as there are constraints."""
     q = scene.initial_state()[0]
-    # Beside the pose, which may be a singular one: many are drawn stretched.
+    # Perturbed from the pose, which may be a singular configuration: many are drawn stretched.
     q = q + 0.1 * np.sin(1.0 + np.arange(scene.n))
     given = scene.parameters(FLOAT64)
     a, _ = scene.constraints(given, scene.prepare(FLOAT64, given, q, 0.0), q)

@@ -1,8 +1,8 @@
-"""Scalars and vectors with absent components, so that a term that is not there costs no operation.
+"""Scalars and vectors with absent components, so that an absent term costs no operation.
 
 An absent number is None and stands for 0; the literals 1 and -1 stand for themselves. A vector has
-three components, each a number or absent: of what moves in the plane the third one always is.
-Nothing here looks at the value of a number of the model, which is never an `int`.
+three components, each a number or absent: in the plane the third one is always absent. Functions
+never branch on the value of a number of the model, which is never an `int`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ Vector = tuple[Any, Any, Any]
 
 ZERO_VECTOR: Vector = (None, None, None)
 AXES: tuple[Vector, Vector, Vector] = ((1, None, None), (None, 1, None), (None, None, 1))
-"""Those of the ground."""
+"""Axes of the ground."""
 
 
 # ---- Numbers -------------------------------------------------------------------------------------
@@ -66,7 +66,7 @@ def _literal(x: Any) -> Any:
 
 @generic
 def total(terms):
-    """Return the sum of numbers, absent if all are."""
+    """Return the sum of numbers; None if all are absent."""
     found = None
     for one in terms:
         found = plus(found, one)
@@ -118,7 +118,7 @@ def centripetal(omega, arm):
 
 @generic
 def from_local(axes, a):
-    """Return a vector given along `axis_names` in the directions in which these are given."""
+    """Return a vector from its components along `axes`, in the frame of the components of `axes`."""
     x, y, z = axes
     return add_vectors(
         add_vectors(scale_vector(a[0], x), scale_vector(a[1], y)), scale_vector(a[2], z)
@@ -127,13 +127,13 @@ def from_local(axes, a):
 
 @generic
 def to_local(axes, a):
-    """Return the components of a vector along `axis_names`."""
+    """Return the components of a vector along `axes`."""
     return dot(axes[0], a), dot(axes[1], a), dot(axes[2], a)
 
 
 @generic
 def rotate_back(a, axis, cos, sin):
-    """Return a vector along axes that are turned about their `axis`-th, of which it is given."""
+    """Return the components of a vector along axes turned about their `axis`-th."""
     i, j = (axis + 1) % 3, (axis + 2) % 3
     return _with(
         a,
@@ -146,13 +146,13 @@ def rotate_back(a, axis, cos, sin):
 
 @generic
 def rotate(a, axis, cos, sin):
-    """Return a vector that is turned about the `axis`-th axis."""
+    """Return a vector rotated about the `axis`-th axis."""
     return rotate_back(a, axis, cos, negative(sin))
 
 
 @generic
 def unit(axis, x):
-    """Return x times the `axis`-th axis."""
+    """Return x times the `axis`-th unit vector."""
     return _with(ZERO_VECTOR, {axis: x})
 
 
@@ -162,18 +162,18 @@ def _with(a: Vector, parts: dict[int, Any]) -> Vector:
 
 
 def as_vector(entries: Iterable[Any]) -> Vector:
-    """Return the vector of two or three numbers."""
+    """Return a vector of two or three numbers."""
     x, y, *rest = entries
     return x, y, (rest[0] if rest else None)
 
 
 def put(array: Any, place: Any, x: Any) -> None:
-    """Write a number, if it is there, into an array of zeros."""
+    """Write a number, if present, into an array of zeros."""
     if x is not None:
         array[place] = x
 
 
 def put_vector(array: Any, place: tuple[Any, ...], a: Vector, size: int = 3) -> None:
-    """Write the first `size` components of a vector, where they are there, along the axis None."""
+    """Write the first `size` components of a vector, if present; None in `place` is their axis."""
     for i in range(size):
         put(array, tuple(i if one is None else one for one in place), a[i])

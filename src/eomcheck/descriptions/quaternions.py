@@ -14,7 +14,7 @@ IDENTITY: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
 
 def multiply_quaternions(a: Quaternion, b: Quaternion) -> Quaternion:
-    """Return the rotation b in the frame that a turns."""
+    """Return the product: rotation b in the frame that a turns."""
     w, x, y, z = a
     p, i, j, k = b
     return (
@@ -33,13 +33,13 @@ def of_length_one(a: Quaternion) -> Quaternion:
 
 
 def is_turned(a: Quaternion) -> bool:
-    """Return whether it turns anything."""
+    """Return whether the rotation is not the identity."""
     return any(a[1:])
 
 
 @generic
 def rotation_matrices(orientation):
-    """Return the rotations (k, 3, 3) that quaternions (k, 4) of any length stand for."""
+    """Return rotation matrices (k, 3, 3) of quaternions (k, 4) of any length."""
     R = np.zeros((orientation.shape[0], 3, 3), orientation.dtype)
     for k in range(orientation.shape[0]):
         w, x, y, z = orientation[k, 0], orientation[k, 1], orientation[k, 2], orientation[k, 3]
@@ -59,7 +59,7 @@ def rotation_matrix(a: Quaternion) -> Array:
 
 
 def axis_rotation(axis: int, angle: float) -> Quaternion:
-    """Return the turn by an angle, rad, about an axis of the frame."""
+    """Return the rotation by an angle, rad, about an axis of the frame."""
     if angle == 0:
         return IDENTITY
     parts = [math.cos(angle / 2), 0.0, 0.0, 0.0]
@@ -68,25 +68,25 @@ def axis_rotation(axis: int, angle: float) -> Quaternion:
 
 
 def roll_pitch_yaw(roll: float, pitch: float, yaw: float) -> Quaternion:
-    """Return turns about x, then y, then z of axes that stay, rad."""
+    """Return the rotation about x, then y, then z of fixed axes, angles in rad."""
     return multiply_quaternions(
         multiply_quaternions(axis_rotation(2, yaw), axis_rotation(1, pitch)), axis_rotation(0, roll)
     )
 
 
 def roll_pitch_yaw_of(R: Array) -> tuple[float, float, float]:
-    """Return angles, rad, of which `roll_pitch_yaw` makes the rotation R (3, 3)."""
+    """Return the angles, rad, whose `roll_pitch_yaw` is the rotation R (3, 3)."""
     yaw = math.atan2(R[1, 0], R[0, 0])
     pitch = math.atan2(-R[2, 0], math.hypot(R[0, 0], R[1, 0]))
-    # Of what is left without yaw: right also where pitch is π/2 and yaw could be anything.
+    # After removing yaw: also right where pitch is π/2 and yaw is arbitrary.
     cos, sin = math.cos(yaw), math.sin(yaw)
     roll = math.atan2(sin * R[0, 2] - cos * R[1, 2], cos * R[1, 1] - sin * R[0, 1])
     return roll, pitch, yaw
 
 
 def to_z(axis: tuple[float, float, float]) -> Quaternion:
-    """Return a turn that brings z to a direction of any length."""
+    """Return a rotation that maps z to a direction of any length."""
     x, y, z = axis
-    if z < 0:  # half a turn first, for z and the axis are nearly opposite
+    if z < 0:  # half a turn first: z and the axis are nearly opposite
         return multiply_quaternions(to_z((-x, -y, -z)), (0.0, 1.0, 0.0, 0.0))
     return of_length_one((math.hypot(x, y, z) + z, -y, x, 0.0))

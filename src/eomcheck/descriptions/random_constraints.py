@@ -1,7 +1,8 @@
-"""Random constraints of random trees: closed in the pose of the tree, their rows independent.
+"""Random constraints of random trees: satisfied in the pose of the tree, their rows independent.
 
-A constraint is made to fit the pose of the tree, whatever that is, by where the links are there
-(`poses`). It is kept if its rows of a, with those before, are far from dependent.
+A constraint is constructed from the positions of the links in the pose of the tree (`poses`), so
+that it holds there. It is accepted if its rows of a, with the previous ones, are far from
+dependent.
 """
 
 from __future__ import annotations
@@ -41,27 +42,29 @@ from eomcheck.mechanics.random_source import Choices
 from eomcheck.numbers.generic import FLOAT64, Array
 
 INDEPENDENT = 0.05
-"""Smallest singular value, every row of length 1, of rows that are kept: those of states nearby are
-seldom dependent."""
+"""Smallest singular value of accepted rows, each scaled to length 1: nearby states then seldom have
+dependent rows.
+"""
 
 ATTEMPTS = 12
-"""Constraints of one kind that are tried."""
+"""Number of attempts for a constraint of one kind."""
 
 
 UPRIGHT = 0.5
-"""Least sine of the angle between the axis of a disk and the normal of its plane: where they are
-along each other no point of the rim is the lowest."""
+"""Least sine of the angle between the axis of a disk and the normal of its plane: if they are
+parallel no point of the rim is the lowest.
+"""
 
 
 def row_count_with_contact(kind: str, planar: bool) -> int:
-    """Return how many rows a constraint has; of what rolls, all those that let it roll."""
+    """Return the number of rows of a constraint; of a rolling one, with the rows of its contact."""
     if kind == "rolling":
         return 2 if planar else 3
     return KINDS[kind].planar if planar else KINDS[kind].spatial
 
 
 def with_random_pose(tree: RandomDescription, choices: Choices) -> RandomDescription:
-    """Return a tree in a pose that is no special one."""
+    """Return a tree in a random pose, generically not a singular one."""
     slides = {f"{joint.name}{part}" for joint in tree.joints for part in _slides(joint.kind)}
     pose = [
         (name, choices.number(-0.5, 0.5) if name in slides else choices.number(-1.0, 1.0))
@@ -79,10 +82,10 @@ def _slides(kind: str) -> tuple[str, ...]:
 def with_random_constraint(
     tree: RandomDescription, kind: str, planar: bool, choices: Choices
 ) -> RandomDescription:
-    """Return a tree in a pose, with one more constraint of a kind; coordinates in good order.
+    """Return a tree in its pose with one more constraint of a kind, dependent coordinates first.
 
     Raises:
-        RefusedError: those that were tried have rows that depend on others.
+        RefusedError: all attempted constraints have rows that depend on others.
     """
     size = 0.0
     for _ in range(ATTEMPTS):
@@ -93,7 +96,7 @@ def with_random_constraint(
         a = _jacobian(found)
         rows = np.linalg.norm(a, axis=1, keepdims=True)
         if not rows.all():
-            continue  # one that is held anyway
+            continue  # a constraint that holds anyway
         size = np.linalg.svd(a / rows, compute_uv=False)[-1]
         if size >= INDEPENDENT:
             *_, order = qr(a / rows, mode="r", pivoting=True)
@@ -104,7 +107,7 @@ def with_random_constraint(
 
 
 def _jacobian(description: RandomDescription) -> Array:
-    """Return a (r, n) in the pose, columns in the order of the joints."""
+    """Return the constraint Jacobian a (r, n) in the pose, columns in the order of the joints."""
     scene = description.source("Closed").scene_class()()
     given, q = scene.parameters(FLOAT64), np.array([x for _, x in description.pose])
     return scene.constraints(given, scene.prepare(FLOAT64, given, q, 0.0), q)[0]
@@ -116,9 +119,9 @@ def _jacobian(description: RandomDescription) -> Array:
 def _constraint(
     tree: RandomDescription, kind: str, planar: bool, choices: Choices
 ) -> tuple[Constraint, ...] | None:
-    """Return a constraint that is closed in the pose; None where no two links can have it.
+    """Return the constraints that hold in the pose; None if no two links can have such a one.
 
-    It is one word, but for what rolls.
+    There is one, except that a rolling contact has several.
     """
     name = f"c{len(tree.constraints) + 1}"
     if kind in ("coupling", "drive"):
@@ -142,7 +145,7 @@ def _constraint(
 
 
 def _pairs(tree: RandomDescription, rows: int, alone: bool) -> list[tuple[str, str]]:
-    """Return the pairs of links that `rows` coordinates at least move against each other."""
+    """Return the pairs of links with at least `rows` coordinates of relative motion."""
     before: dict[str, frozenset[str]] = {GROUND: frozenset()}
     for joint in tree.joints:
         own = joint.name if joint.mimics is None else joint.mimics[0]
@@ -174,7 +177,7 @@ def _turning(tree: RandomDescription) -> list[tuple[str, str]]:
 def _of_coordinates(
     tree: RandomDescription, kind: str, name: str, choices: Choices
 ) -> Constraint | None:
-    """Return a constraint of coordinates; not of hinges that have to stay away from a pose."""
+    """Return a constraint of coordinates; not of hinges that must avoid a singular pose."""
     q = {one: x for one, x in tree.pose if not one.endswith("_pitch")}
     if len(q) < (1 if kind == "drive" else 2):
         return None
@@ -239,7 +242,7 @@ def _on_quadric(
     name: str, link: str, other: str, at: Triple, here: Pose, there: Pose, planar: bool,
     choices: Choices,
 ) -> Constraint:  # fmt: skip
-    """Return that a point stays on a surface through where it is, which has a slope there."""
+    """Return an on-quadric constraint whose surface passes through the point, with a slope."""
     bends, s = (np.array([choices.number(-1.0, 1.0) for _ in range(3)]) for _ in range(2))
     s[2] = 0.0 if planar else s[2]
     along = np.asarray(random_elements.random_direction(choices, planar))
@@ -277,7 +280,7 @@ def _rolling(
     name: str, link: str, other: str, at: Triple, here: Pose, there: Pose, planar: bool,
     choices: Choices,
 ) -> tuple[Constraint, ...]:  # fmt: skip
-    """Return that a ball, a disk or, in the plane, a circle rolls; the first is that it touches."""
+    """Return the constraints of a rolling ball, disk or (in the plane) circle, contact first."""
     radius, across = (
         choices.number(0.2, 1.0),
         np.asarray(random_elements.random_direction(choices, planar)),
@@ -306,7 +309,7 @@ def _rolling(
 
 
 def _upright(choices: Choices, normal: Array) -> Triple:
-    """Return an axis that is far from along a normal (3,) of length 1."""
+    """Return an axis that is far from parallel to a normal (3,) of length 1."""
     axis = random_elements.random_direction(choices, planar=False)
     if np.linalg.norm(np.cross(normal, axis)) >= UPRIGHT * np.linalg.norm(axis):
         return axis

@@ -1,7 +1,7 @@
-"""Random elements: places, directions, bodies; and a random description of them as data.
+"""Random elements: positions, directions, bodies; and a random description of them as data.
 
-Of all numbers that may be drawn the simplest comes first. A `RandomDescription` tells where its
-links are in a pose (`poses`), and writes the Python that makes its scene (`code`).
+Simple numbers come first, so that hypothesis shrinks to them. A `RandomDescription` computes the
+pose of its links (`poses`), and writes the Python code of its scene (`code`).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ IN_PLANE = tuple(one for one in STRAIGHT if not one[2])
 ACROSS = tuple(one for one in STRAIGHT if one[2])
 
 SMALLEST = 0.1
-"""Shorter directions and arms than this are replaced, so that nothing is singular by accident."""
+"""Shortest direction or arm; shorter ones are replaced, to exclude accidental singularities."""
 
 
 def random_point(choices: Choices, planar: bool) -> Triple:
@@ -47,13 +47,13 @@ def random_point(choices: Choices, planar: bool) -> Triple:
 
 
 def random_triple(choices: Choices, planar: bool, most: float = 1.0) -> Triple:
-    """Return three numbers, in the plane z = 0 where asked for."""
+    """Return three numbers, in the plane z = 0 if `planar`."""
     x, y = (choices.number(-most, most) for _ in range(2))
     return x, y, 0.0 if planar else choices.number(-most, most)
 
 
 def random_direction(choices: Choices, planar: bool, most: float = 1.0) -> Triple:
-    """Return a direction, of any length that is not small."""
+    """Return a random direction, of any length that is not small."""
     x, y, z = random_triple(choices, planar, most)
     if max(abs(x), abs(y), abs(z)) < SMALLEST * most:
         return most, y, z
@@ -61,7 +61,7 @@ def random_direction(choices: Choices, planar: bool, most: float = 1.0) -> Tripl
 
 
 def random_transverse(choices: Choices, along: Triple) -> Triple:
-    """Return a direction that is not nearly along another."""
+    """Return a direction that is not nearly parallel to another."""
     other = random_direction(choices, planar=False)
     sine = np.linalg.norm(np.cross(along, other)) / np.linalg.norm(along) / np.linalg.norm(other)
     if sine >= SMALLEST:
@@ -71,19 +71,19 @@ def random_transverse(choices: Choices, along: Triple) -> Triple:
 
 
 def random_orientation(choices: Choices) -> Quaternion:
-    """Return a rotation as a quaternion of any length, often none at all."""
+    """Return a rotation as a quaternion of any length, often the identity."""
     if not choices.one_of((False, True, True)):
         return IDENTITY
     return choices.number(SMALLEST, 1.0), *random_triple(choices, planar=False)
 
 
 def random_magnitude(choices: Choices, low: float, high: float) -> float:
-    """Return 10 to the power of a number in [low, high]: all magnitudes alike."""
+    """Return 10 to a uniform power in [low, high]: all magnitudes are equally likely."""
     return 10.0 ** choices.number(low, high)
 
 
 def random_link(choices: Choices, name: str, planar: bool) -> Link:
-    """Return a link with the inertia of some homogeneous block, turned anyhow."""
+    """Return a link with the inertia of a homogeneous block in a random orientation."""
     mass, center = random_magnitude(choices, -1.0, 1.0), random_point(choices, planar)
     x, y, z = (random_magnitude(choices, -2.0, 0.0) for _ in range(3))
     moments = mass * np.array([y + z, x + z, x + y])
@@ -103,21 +103,21 @@ IMPORTED = (
     "from eomcheck.descriptions.build import mechanism\n"
     "from eomcheck.descriptions.elements import Constraint, Joint, Link"
 )
-"""What the Python of a description imports."""
+"""Imports of a description's Python code."""
 
 
 class RandomDescription(NamedTuple):
-    """What `mechanism` is handed."""
+    """Arguments of `mechanism`, chosen at random."""
 
     links: tuple[Link, ...]
-    """The ground first."""
+    """Links, the ground first."""
     joints: tuple[Joint, ...]
-    """Each after the joints that carry it."""
+    """Joints, each after the joints that carry it."""
     constraints: tuple[Constraint, ...] = ()
     gravity: Triple | None = None
     dependent: tuple[str, ...] = ()
     pose: tuple[tuple[str, float], ...] = ()
-    """q at t = 0, by name."""
+    """Coordinates q at t = 0, by name."""
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -126,7 +126,7 @@ class RandomDescription(NamedTuple):
         return tuple(joint.name + part for joint in own for part in COORDINATES[joint.kind])
 
     def source(self, name: str) -> MechanismSource:
-        """Return what the kind that it describes is made of.
+        """Return the source of the described scene class.
 
         Raises:
             InputError: see `mechanism`.
@@ -140,7 +140,7 @@ class RandomDescription(NamedTuple):
         return made._replace(code=self.code(name), imports=IMPORTED, module=__name__)
 
     def code(self, name: str) -> str:
-        """Return Python that makes the scene."""
+        """Return Python code that constructs the scene."""
         return (
             f"mechanism({name!r}, {list(self.links)!r}, {list(self.joints)!r}, "
             f"{list(self.constraints)!r}, gravity={self.gravity!r}, dependent={self.dependent!r}, "
@@ -152,32 +152,32 @@ class RandomDescription(NamedTuple):
 
 
 class Pose(NamedTuple):
-    """Where a link is."""
+    """Position and orientation of a link."""
 
     orientation: Quaternion
     origin: Array
-    """(3,), m."""
+    """Origin (3,), m."""
 
     def point(self, at: Any) -> Array:
-        """Return a point of the link, seen from the ground."""
+        """Return a point of the link in ground axes."""
         return self.origin + self.direction(at)
 
     def direction(self, along: Any) -> Array:
-        """Return a direction of the link, seen from the ground."""
+        """Return a direction of the link in ground axes."""
         return rotation_matrix(self.orientation) @ np.asarray(along, np.float64)
 
     def local_point(self, at: Array) -> Triple:
-        """Return a point of the ground as the link sees it."""
+        """Return a point of the ground in the frame of the link."""
         return self.local_direction(at - self.origin)
 
     def local_direction(self, along: Array) -> Triple:
-        """Return a direction of the ground as the link sees it."""
+        """Return a direction of the ground in the frame of the link."""
         x, y, z = (rotation_matrix(self.orientation).T @ along).tolist()
         return x, y, z
 
 
 def poses(description: RandomDescription) -> dict[str, Pose]:
-    """Return where all links are in the pose of a description, from its words alone."""
+    """Return the poses of all links, computed from the elements of a description alone."""
     q, found = dict(description.pose), {GROUND: Pose(IDENTITY, np.zeros(3))}
     by_name = {joint.name: joint for joint in description.joints}
     for joint in description.joints:
@@ -198,7 +198,7 @@ def _coordinates(joint: Joint, by_name: dict[str, Joint], q: dict[str, float]) -
 
 
 def _joint_displacement(joint: Joint, x: list[float]) -> tuple[Quaternion, Array]:
-    """Return how a joint turns and displaces its child, in the frame of its seat."""
+    """Return rotation and displacement of a joint's child, against coordinate 0."""
     axis, still = np.asarray(joint.axis), np.zeros(3)
     if joint.kind == "prismatic":
         return IDENTITY, x[0] * axis / np.linalg.norm(axis)
@@ -217,7 +217,7 @@ def _joint_displacement(joint: Joint, x: list[float]) -> tuple[Quaternion, Array
 
 
 def _about_z(tilt: Quaternion, angle: float) -> Quaternion:
-    """Return the turn about z of a frame that is tilted."""
+    """Return the rotation about z of a tilted frame."""
     w, x, y, z = tilt
     return multiply_quaternions(
         multiply_quaternions(tilt, axis_rotation(2, angle)), (w, -x, -y, -z)

@@ -1,4 +1,4 @@
-"""Random mechanisms: scene classes of which every draw has another topology (`RANDOM`)."""
+"""Random mechanisms: scene classes of which every sample has another topology (`RANDOM`)."""
 
 from __future__ import annotations
 
@@ -35,16 +35,16 @@ CONSTRAINTS, MOTION = "constraints", "motion"
 NOTHING = "nothing"
 
 MAX_RANDOM_LINKS = 30
-"""Links that a random scene may have: a floating joint has six coordinates, and they have 200."""
+"""Largest number of links of a random scene: at six coordinates per link, 200 are allowed."""
 
 PROVED = 3
-"""Scenes of each number of links that `structures` yields."""
+"""Number of scenes of each number of links that `structures` yields."""
 
 
 class RandomScene(Mechanism):
-    """A mechanism that was drawn with its description; a class of its own for each.
+    """A mechanism that was sampled together with its description; each has a class of its own.
 
-    What is drawn is all in the description, so that its parameters have no ranges.
+    All random numbers are in the description, so that its parameters have no sampling ranges.
     """
 
     has_links = True
@@ -52,7 +52,7 @@ class RandomScene(Mechanism):
 
     @property
     def links(self) -> int:
-        """N, the ground not counted."""
+        """Number of links N, the ground not counted."""
         return len(self.source.description.joints)
 
     @property
@@ -62,7 +62,7 @@ class RandomScene(Mechanism):
 
     @property
     def structure(self) -> str:
-        """The name, every joint and where it is, the constraints, what is there besides."""
+        """The structural variant: name, joints with their parents, constraints, optional terms."""
         given: RandomDescription = self.source.description
         places = {link.name: str(i) for i, link in enumerate(given.links)}
         joints = " ".join(f"{one.kind}-{places[one.parent]}" for one in given.joints)
@@ -77,22 +77,22 @@ class RandomScene(Mechanism):
 
     @property
     def topology(self) -> dict[str, str]:
-        """The ways in which it is, as its description says; see `topologies`."""
+        """Levels of its topology, computed from its description; see `topologies`."""
         return levels_of(self.source.description, self.source.topology.planar)
 
     @classmethod
     def ranges(cls, links: int | None = None) -> dict[str, Range]:
-        """Return none."""
+        """Return no sampling ranges."""
         return {}
 
     @classmethod
     def example(cls) -> Scene:
-        """Return the one scene that is always looked at first, whichever class is asked."""
+        """Return the one scene that is always checked first, for every such class."""
         return _example(_base(cls))
 
     @classmethod
     def structures(cls, links: int | None = None) -> Iterator[Any]:
-        """Yield a few scenes with so many links, always the same; none is like another.
+        """Yield a few scenes with so many links, always the same; no two are alike.
 
         Raises:
             InputError: there are no scenes with so many links.
@@ -101,7 +101,7 @@ class RandomScene(Mechanism):
         random = np.random.default_rng(links)
         known: set[str] = set()
         choices = GeneratorChoices(random)
-        # Entries that have more kinds of constraints count more.
+        # Entries with more kinds of constraints have more weight.
         entries = [x for x in cls.topologies(links) for _ in x.get(CONSTRAINTS, ("",))]
         while len(known) < PROVED:
             ways = {name: choices.one_of(of) for name, of in choices.one_of(entries).items()}
@@ -115,7 +115,7 @@ class RandomScene(Mechanism):
 
     @classmethod
     def of_description(cls, description: RandomDescription) -> type[Self]:
-        """Return the kind of the scene of a description."""
+        """Return the scene class of a description."""
         made = description.source(_class_name(cls.key))
         return made._replace(base=_base(cls), description=description).scene_class()  # type: ignore
 
@@ -127,7 +127,7 @@ class RandomTree(RandomScene):
 
     @classmethod
     def topologies(cls, links: int | None = None) -> Sequence[Factors]:
-        """Return in which ways trees of so many links may be."""
+        """Return the possible topologies of trees of so many links."""
         links = checked_links(links)
         return [tree_factors(room, links) for room in joint_budgets(links)]
 
@@ -135,7 +135,7 @@ class RandomTree(RandomScene):
     def of_topology(
         cls, links: int | None, levels: Mapping[str, str], choices: Choices
     ) -> type[Self]:
-        """Return the kind of one tree."""
+        """Return the class of one random tree."""
         return cls.of_description(random_tree(levels, checked_links(links), choices))
 
 
@@ -146,15 +146,15 @@ class RandomMechanism(RandomScene):
 
     @property
     def topology(self) -> dict[str, str]:
-        """The ways in which it is, the kind of its first constraint among them."""
+        """Levels of its topology, the kind of its first constraint among them."""
         first = self.source.description.constraints[:1]
         return super().topology | {CONSTRAINTS: first[0].kind if first else NOTHING}
 
     @classmethod
     def topologies(cls, links: int | None = None) -> Sequence[Factors]:
-        """Return in which ways mechanisms of so many links may be.
+        """Return the possible topologies of mechanisms of so many links.
 
-        What a clock drives is never at rest.
+        With a clock-driven constraint the initial state is never one of rest.
         """
         links = checked_links(links)
         found = []
@@ -171,7 +171,7 @@ class RandomMechanism(RandomScene):
     def of_topology(
         cls, links: int | None, levels: Mapping[str, str], choices: Choices
     ) -> type[Self]:
-        """Return the kind of one mechanism.
+        """Return the class of one random mechanism.
 
         Raises:
             RefusedError: no independent constraints are found.
@@ -191,7 +191,7 @@ class RandomMechanism(RandomScene):
             if row_count_with_contact(one, planar) < left and one != "drive"
         ]
         if among:
-            with suppress(RefusedError):  # one constraint will do
+            with suppress(RefusedError):  # one constraint is enough
                 found = with_random_constraint(found, choices.one_of(among), planar, choices)
         return cls.of_description(found)
 
@@ -201,7 +201,7 @@ def _kinds(planar: bool) -> list[str]:
 
 
 def _fitting(room: JointBudget) -> tuple[str, ...]:
-    """Return the kinds of constraints for which there is room, one motion left."""
+    """Return the kinds of constraints that fit in the budget and leave one degree of freedom."""
     planar = room.space == PLANE
     return tuple(
         kind for kind in _kinds(planar) if row_count_with_contact(kind, planar) < room.coordinates
@@ -209,7 +209,7 @@ def _fitting(room: JointBudget) -> tuple[str, ...]:
 
 
 def checked_links(links: object, name: str = "links") -> int:
-    """Return a number of links.
+    """Return a number of links as an int.
 
     Raises:
         InputError: no random scene has so many.
@@ -232,13 +232,13 @@ def _example(kind: type[RandomScene]) -> Scene:
 
 
 def _base(kind: type[RandomScene]) -> type[RandomScene]:
-    """Return the class that all scenes of a random kind derive from."""
-    return next(one for one in kind.__mro__ if "source" not in vars(one))
+    """Return the base class of all scenes of a random class."""
+    return next(one for one in kind.__mro__ if "made" not in vars(one))
 
 
 RANDOM: dict[str, type[Scene]] = {
     kind.key: type(kind.example()) for kind in (RandomTree, RandomMechanism)
 }
-"""Key -> class: that of its example, for only such a class has equations."""
+"""Key -> class of its example, for only such a class has equations."""
 
 __all__ = ["RANDOM", "RandomMechanism", "RandomTree"]

@@ -1,4 +1,4 @@
-"""Random trees of rigid bodies: their properties, a tree that has those asked for, its URDF text.
+"""Random trees of rigid bodies: their properties, a tree with required properties, its URDF text.
 
 URDF texts are for `from_urdf`, and for the parsers of engines.
 """
@@ -42,24 +42,24 @@ TURNING = ALL - {"fixed", "prismatic"}
 """Kinds of joints that turn links against each other."""
 
 PROPERTIES = (SPRINGS, DAMPERS, ROTORS)
-"""What only joints with one coordinate have."""
+"""Properties that only joints with one coordinate have."""
 
 
 class JointBudget(NamedTuple):
-    """How many joints there are, and of which kinds they have to be."""
+    """A budget of joints: how many there are, and of which kinds they must be."""
 
     space: str
     root: str
     fixed: int
-    """Joints that are fixed for sure."""
+    """Number of joints that must be fixed."""
     singles: int
-    """Joints with one coordinate that there are for sure, the root among them; 2 suffice."""
+    """Number of joints that must have one coordinate, the root among them; 2 suffice."""
     free: int
-    """Joints of any kind."""
+    """Number of joints of any kind."""
 
     @property
     def coordinates(self) -> int:
-        """So many at least can be had, one joint with one coordinate following another."""
+        """Number of coordinates that can always be reached, even if one joint mimics another."""
         followed = int(self.singles > 1)
         most = 3 if self.space == PLANE else 6
         return len(COORDINATES[self.root]) + self._others - followed + most * self.free
@@ -70,7 +70,7 @@ class JointBudget(NamedTuple):
 
 
 def joint_budgets(links: int, among: frozenset[str] = ALL) -> Iterator[JointBudget]:
-    """Yield what there is room for with so many links, on joints of these kinds."""
+    """Yield the joint budgets of trees with so many links, on joints of these kinds."""
     for space, kinds in KINDS.items():
         for root in (kind for kind in kinds if kind in among):
             for fixed in (0, 1) if links > 1 and "fixed" in among else (0,):
@@ -80,7 +80,7 @@ def joint_budgets(links: int, among: frozenset[str] = ALL) -> Iterator[JointBudg
 
 
 def tree_factors(room: JointBudget, links: int) -> Factors:
-    """Return the ways in which trees of so many links may be, with this room."""
+    """Return the factors, properties with levels, of trees of so many links with this budget."""
     either = ABSENT, PRESENT
     single, pair = ((either if room.singles >= count else (ABSENT,)) for count in (1, 2))
     some_axis = room.singles > 0 or room.root == "planar"
@@ -98,7 +98,7 @@ def tree_factors(room: JointBudget, links: int) -> Factors:
 
 
 def levels_of(description: RandomDescription, planar: bool) -> dict[str, str]:
-    """Return the ways in which a description is, whatever was asked for."""
+    """Return the actual levels of a description, independent of the requested ones."""
     joints, links = description.joints, {one.name: one for one in description.links}
     parents = [one.parent for one in joints]
     axes = [one.axis for one in joints if one.kind in (*SINGLE, "planar")]
@@ -133,14 +133,14 @@ def random_tree(
     among: frozenset[str] = ALL,
     turning: bool = False,
 ) -> RandomDescription:
-    """Return a tree that is in all `levels`.
+    """Return a random tree that has all `levels`.
 
     Args:
-        levels: one of each property of an entry of `tree_factors`.
+        levels: one level of each property of an entry of `tree_factors`.
         links: number of links, the ground not counted.
-        choices: what chooses all else.
-        least: number of coordinates that it has at least, if there is room for them.
-        among: kinds of joints that there may be, one with one coordinate among them.
+        choices: the source of all other choices.
+        least: least number of coordinates, if the budget allows.
+        among: allowed kinds of joints, one with one coordinate among them.
         turning: whether some joint has to turn; there is a second one that moves, or the root does.
     """
     return _Tree(levels, links, choices, least, among, turning).description()
@@ -148,7 +148,7 @@ def random_tree(
 
 @dataclass
 class _Tree:
-    """A tree while it grows. Links are numbered as their joints are, from 1; the ground is 0."""
+    """A tree under construction. Links have the indices of their joints, plus 1; the ground is 0."""
 
     levels: Mapping[str, str]
     links: int
@@ -159,10 +159,10 @@ class _Tree:
     kinds: list[str] = field(default_factory=list)
     parents: list[int] = field(default_factory=list)
     carrier: int | None = None
-    """Position of the joint whose link has no mass; the next joint is on it."""
+    """Index of the joint whose link has no mass; the next joint is on it."""
     follower: int | None = None
     last_axis: Triple = (0.0, 0.0, 1.0)
-    """Of the joint before."""
+    """Axis of the previous joint."""
 
     def __post_init__(self):
         self.planar = self.levels[SPACE] == PLANE
@@ -190,7 +190,7 @@ class _Tree:
         no_axis = self.levels[AXES] == OBLIQUE and root not in (*SINGLE, "planar")
         wanted = no_axis or any(map(self._has, PROPERTIES))
         pair = self._has(CARRIERS) or self._has(FOLLOWERS)
-        # Joints with one coordinate that are needed beside the root.
+        # Required joints with one coordinate besides the root.
         single = max(0, min(2 if pair else int(wanted), room.singles) - int(root in SINGLE))
         free = self.links - 1 - fixed - single
         blocks = [["fixed"]] * fixed + self._free_kinds(free, room, root, single)
@@ -211,13 +211,13 @@ class _Tree:
                 self.carrier = len(self.kinds)
             self.kinds += block
         if self.carrier is not None and self.kinds[self.carrier] == "prismatic":
-            # Two slides may be along one line.
+            # Two slides may be parallel.
             self.kinds[self.carrier + 1] = "revolute"
         if self.turning and TURNING.isdisjoint(self.kinds):
             self.kinds[self._singles()[-1]] = "revolute"
 
     def _free_kinds(self, free: int, room: JointBudget, root: str, single: int) -> list[list[str]]:
-        """Return kinds of joints that may be any, with as many coordinates as are wanted."""
+        """Return the kinds of the unconstrained joints, with as many coordinates as required."""
         kinds = [kind for kind in KINDS[room.space] if kind in self.among]
         among = (*kinds[:1] * 2, *kinds, *(("fixed",) if room.fixed else ()))
         found = [self.choices.one_of(among) for _ in range(free)]
@@ -247,7 +247,7 @@ class _Tree:
     # ---- What they are in numbers ----------------------------------------------------------------
 
     def description(self) -> RandomDescription:
-        """Return the description."""
+        """Return the description of the tree."""
         joints = tuple(map(self._joint, range(self.links)))
         links = tuple(map(self._link, range(self.links)))
         gravity = (
@@ -312,12 +312,12 @@ class _Tree:
         oblique = self.levels[AXES] == OBLIQUE
         if oblique and (i == first or choices.one_of((False, True))):
             x, y, z = random_elements.random_direction(choices, planar=False)
-            # Never along an axis of the frame, also where the numbers are as simple as can be.
+            # Never along an axis of the frame, even for the simplest numbers.
             return (x, y, z) if np.count_nonzero((x, y, z)) > 1 else (x, y + 0.5, z + 0.5)
         return choices.one_of(random_elements.STRAIGHT)
 
     def _off_axis(self, at: Triple, before: int) -> Triple:
-        """Return a place away from the axis of the joint before, so that two hinges differ."""
+        """Return a position off the axis of the previous joint, so that two hinges differ."""
         axis, place = np.asarray(self.last_axis), np.asarray(at)
         away = np.linalg.norm(np.cross(axis, place)) / np.linalg.norm(axis)
         if self.kinds[before] != "revolute" or away >= random_elements.SMALLEST:
@@ -332,7 +332,7 @@ def _link_name(i: int) -> str:
 # ---- Trees as URDF texts -------------------------------------------------------------------------
 
 EVERYWHERE = ("revolute", "prismatic", "fixed")
-"""Kinds of joints that all parsers know."""
+"""Kinds of joints that all parsers support."""
 
 URDF_JOINTS = frozenset({*EVERYWHERE, "planar", "floating"})
 """Kinds of joints that a URDF may have."""
@@ -346,13 +346,13 @@ def urdf_tree(
     massless: bool = True,
     dampers: bool = True,
 ) -> RandomDescription:
-    """Return a tree in space of which a URDF can tell everything, its joints in any order.
+    """Return a random tree in space that a URDF can represent, its joints in any order.
 
     Args:
         links: number of links, the ground not counted.
-        choices: what chooses.
-        joints: kinds that there may be, "revolute" among them.
-        mimic: whether some joints may follow others.
+        choices: the source of random choices.
+        joints: allowed kinds, "revolute" among them.
+        mimic: whether some joints may mimic others.
         massless: whether some links may have no inertia.
         dampers: whether some joints may have dampers.
     """
@@ -382,16 +382,16 @@ def _with_inertia(link: Link) -> Link:
 def urdf_text(description: RandomDescription, name: str = "robot") -> str:
     """Return the URDF of a tree, every number with all its digits.
 
-    What a URDF cannot tell is not in it: gravity, springs, rotors, constraints. Of a revolute joint
-    without limits it says that it is continuous; where joints slide limits have to be given, and
-    mean nothing here.
+    Parts that URDF cannot represent are not in it: gravity, springs, rotors, constraints. Revolute
+    joints are written as continuous ones, which need no limits; joints that slide need limits,
+    which mean nothing here.
     """
     robot = ElementTree.Element("robot", name=name)
     for link in description.links:
         _add_link(robot, link)
     for joint in description.joints:
         _add_joint(robot, joint)
-    ElementTree.indent(robot)  # some parsers cut long lines off
+    ElementTree.indent(robot)  # some parsers truncate long lines
     return ElementTree.tostring(robot, encoding="unicode") + "\n"
 
 
@@ -421,7 +421,7 @@ def _add_joint(robot: ElementTree.Element, joint: Joint) -> None:
         rpy=_text(roll_pitch_yaw_of(rotation_matrix(joint.orientation))),
     )
     if joint.kind not in ("fixed", "floating", "spherical"):
-        size = math.hypot(*joint.axis)  # parsers do not all make it 1
+        size = math.hypot(*joint.axis)  # not all parsers normalize it
         _child(element, "axis", xyz=_text(tuple(x / size for x in joint.axis)))
     if joint.kind == "prismatic":
         _child(element, "limit", lower="-10", upper="10", effort="1e3", velocity="1e3")

@@ -14,18 +14,18 @@ URDF, MJCF = (".urdf",), (".xml", ".mjcf")
 
 
 def _parts(name: str) -> tuple[str, str | None]:
-    """Return file, and what stands behind a colon; None where there is none."""
+    """Return the file and the suffix behind a colon; None without a colon."""
     home, colon, how = name.rpartition(":")
     return (home, how) if colon and home.lower().endswith(URDF + MJCF) else (name, None)
 
 
 def is_robot(name: str) -> bool:
-    """Return whether a name is that of a robot in a file."""
+    """Return whether a name is that of a robot file."""
     return _parts(name)[0].lower().endswith(URDF + MJCF)
 
 
 def robot_named(name: str) -> type[Mechanism]:
-    """Return the kind of the robot that is named, the root of a URDF free if it says so.
+    """Return the scene class of a robot file; ":floating" frees the root of a URDF.
 
     Raises:
         InputError: see `from_urdf` and `from_mjcf`; or something else stands behind the colon.

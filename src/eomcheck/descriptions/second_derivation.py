@@ -1,8 +1,8 @@
 """Second derivation of a mechanism: velocities, energies and dissipation, along axes that turn.
 
-Velocities are passed on from frame to frame. Nothing is shared with the first derivation but the
-numbers and the algebra of vectors: no axis is seen from the ground, no column is formed, and
-positions are found from the outside inwards.
+Velocities are computed by recursion from frame to frame, in local axes. Only the numbers and the
+vector algebra are shared with the first derivation: no axis is expressed in the ground frame, no
+column is formed, and positions are computed from the tips inwards.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from eomcheck.numbers.generic import generic
 
 
 def _seat(parameters: Any, turn: int) -> tuple[Vector, Vector, Vector]:
-    """Return the columns of the rotation of a seat."""
+    """Return the columns of the rotation of a joint at coordinate 0."""
     R = parameters.rotation[turn]
     return as_vector(R[:, 0]), as_vector(R[:, 1]), as_vector(R[:, 2])
 
@@ -66,14 +66,14 @@ def frame_velocities(plan, parameters, prepared, v):
 def direction_in_ground(
     plan: TopologyPlan, parameters: Any, prepared: PreparedMechanism, k: int, a: Vector
 ) -> Vector:
-    """Return a vector given along the axes of frame k along those of the ground."""
+    """Return a direction of frame k, a along its axes, along the axes of the ground."""
     return _outwards(plan, parameters, prepared, k, a, False)
 
 
 def point_in_ground(
     plan: TopologyPlan, parameters: Any, prepared: PreparedMechanism, k: int, a: Vector
 ) -> Vector:
-    """Return where a point a of frame k is, seen from the ground."""
+    """Return the position of a point a of frame k, in ground axes."""
     return _outwards(plan, parameters, prepared, k, a, True)
 
 
@@ -132,12 +132,12 @@ def make_velocities(plan: TopologyPlan) -> Any:
 
 
 def make_joint_potential(plan: TopologyPlan) -> Any:
-    """Return the function `potential` of a scene but for springs between points."""
+    """Return the function `potential` of a scene without springs between points."""
     sprung = [k for k, slot in enumerate(plan.joints) if slot.spring is not None]
     driven = [k for k, slot in enumerate(plan.joints) if slot.torque is not None]
 
     def own(k, prepared):
-        # The coordinate of a joint, which turns or slides against its slot on a negative axis.
+        # Coordinate of the joint, of opposite sign to its scalar joint's on a negative axis.
         return times(plan.joints[k].sense, prepared.x[k])
 
     def potential(parameters, prepared, q):
@@ -165,7 +165,7 @@ def _less(U: Any, x: Any) -> Any:
 
 
 def make_joint_dissipation(plan: TopologyPlan) -> Any:
-    """Return the function `dissipation` of a scene but for springs, or None without dampers."""
+    """Return the function `dissipation` of a scene without springs, or None without dampers."""
     damped = [k for k, slot in enumerate(plan.joints) if slot.damper is not None]
     if not damped:
         return None

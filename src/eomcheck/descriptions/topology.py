@@ -1,8 +1,8 @@
-"""Topology of a mechanism, in whole numbers: slots and closures, the structure without parameters.
+"""Topology of a mechanism in whole numbers: scalar joints and constraints without their parameters.
 
-A slot is a joint with one coordinate, and the frame that it moves; a closure is a constraint that
-names frames and parameters by index. A `TopologyPlan` holds what follows from a `Topology` alone:
-which slots are on the way to each frame, and which coordinates move each body.
+A scalar joint is a joint with one coordinate, and the frame that it moves; a constraint names its
+frames and parameters by index. A `TopologyPlan` holds data that depend on a `Topology` alone: the
+scalar joints on the path to each frame, and the coordinates that move each body.
 """
 
 from __future__ import annotations
@@ -13,41 +13,42 @@ from typing import Any, NamedTuple
 import numpy as np
 
 ROLLING = frozenset({"touching", "rolling"})
-"""Kinds of closures that are about what rolls on a plane."""
+"""Kinds of constraints of bodies that roll on a plane."""
 
 
 class ScalarJoint(NamedTuple):
-    """A joint with one coordinate, or one that follows another's: the frame that it moves.
+    """A joint with one coordinate, or one that mimics another's: the frame that it moves.
 
-    All numbers but those of `sense` and `kind` are places: of slots, coordinates, parameters.
+    All numbers but `sense` are indices: of scalar joints, coordinates, parameters.
     """
 
     parent: int
-    """An earlier slot, or -1: the ground."""
+    """Index of an earlier scalar joint, or -1: the ground."""
     kind: str
-    """Slides along ("p") or turns about ("r") an axis of its own frame: "px" ... "rz"."""
+    """Motion, a slide along ("p") or turn about ("r") an axis of its frame: "px" ... "rz"."""
     coordinate: int
     sense: int = 1
-    """1 or -1: along its axis it is so many times the joint's coordinate."""
+    """Sign of the axis, 1 or -1: along it the coordinate is so many times the joint's."""
     mimics: int | None = None
-    """Place of the `ratio` and `shift` by which the joint's follows from it; None if it is that."""
+    """Index of the `ratio` and `shift` to the coordinate that it mimics; None if it is its own."""
     orientation: int | None = None
-    """Orientation of its seat; None where it is that of the frame before."""
+    """Index of the orientation at coordinate 0 in the parent frame; None for the identity."""
     offset: int | None = None
-    """Position of its seat; None at the origin of the frame before."""
+    """Index of the position at coordinate 0 in the parent frame; None for the origin."""
     body: int | None = None
-    """None where it only carries others."""
+    """Index of the body it carries; None if there is none."""
     spring: int | None = None
     damper: int | None = None
     rotor: int | None = None
-    """Its armature."""
+    """Index of its armature; None without a rotor."""
     absolute: bool = False
-    """Whether it turns against the axes of the ground and not those of the frame before."""
+    """Whether it turns against the axes of the ground and not those of the previous frame."""
     torque: int | None = None
-    """A constant one, or a force, along its coordinate."""
+    """Index of a constant torque or force along its coordinate."""
     symmetric: bool = False
-    """Whether all that it turns is alike all round its axis: the first derivation does not turn
-    its frame then, the second does."""
+    """Whether its whole subtree is rotationally symmetric about its axis: the first derivation then
+    does not turn its frame, the second does.
+    """
     name: str = ""
 
     @property
@@ -57,52 +58,52 @@ class ScalarJoint(NamedTuple):
 
     @property
     def axis(self) -> int:
-        """Which of its axes: 0, 1 or 2."""
+        """Index of its axis: 0, 1 or 2."""
         return "xyz".index(self.kind[1])
 
 
 class ConstraintSpec(NamedTuple):
-    """A constraint by declaration; what `kind` asks of the rest is said in `closures`."""
+    """A constraint by declaration; the requirements of each `kind` are in `constraint_rows`."""
 
     kind: str
     name: str
     points: tuple[tuple[int, int], ...] = ()
-    """Frames, -1 for the ground, and places among the `points`."""
+    """Frames, -1 for the ground, and indices into the `points`."""
     directions: tuple[tuple[int, int], ...] = ()
-    """Frames, and places among the `directions`."""
+    """Frames, and indices into the `directions`."""
     coordinates: tuple[int, ...] = ()
     number: int | None = None
-    """Place among the `lengths` (radii too), the `couplings`, the `drives` or the `springs`."""
+    """Index into the `lengths` (radii too), the `couplings`, the `drives` or the `springs`."""
     factor: int | None = None
-    """Place among the `factors`: so many times its rows are taken."""
+    """Index into the `factors`, by which its rows are multiplied."""
 
 
 class Topology(NamedTuple):
-    """What all mechanisms of a kind have in common."""
+    """The topology that all mechanisms of a class share."""
 
     joints: tuple[ScalarJoint, ...]
     coordinates: tuple[str, ...]
-    """Their names."""
+    """Names of the coordinates."""
     planar: bool = False
-    """Whether nothing leaves the plane z = 0: then no third component is there."""
+    """Whether all motion stays in the plane z = 0: third components are then absent."""
     constraints: tuple[ConstraintSpec, ...] = ()
     springs: tuple[ConstraintSpec, ...] = ()
-    """Those between two points, each with a place among the `springs`."""
+    """Springs between two points, each with an index into the `springs`."""
 
 
 class RigidSegment(NamedTuple):
-    """A part of the way from the ground to a point that turns as one."""
+    """A part of the path from the ground to a point that turns as one rigid segment."""
 
     start: int
-    """Slot at whose origin it starts."""
+    """Index of the scalar joint at whose origin it starts."""
     end: int | None
-    """Slot at whose origin it ends; None at the point."""
+    """Index of the scalar joint at whose origin it ends; None at the point."""
     arm: bool
     """Whether it is a single arm, from one origin to the next."""
 
 
 class TopologyPlan:
-    """What follows from a topology, found once."""
+    """Precomputed data that follow from a topology."""
 
     def __init__(self, topology: Topology):
         self.topology = topology
@@ -111,22 +112,22 @@ class TopologyPlan:
         self.d, self.e = (2, 1) if topology.planar else (3, 3)
         carriers = (k for k, slot in enumerate(slots) if slot.body is not None)
         self.carriers = tuple(sorted(carriers, key=lambda k: slots[k].body or 0))
-        """The slots of the bodies, in their order."""
+        """Scalar joints of the bodies, in their order."""
         self.rotors = tuple(k for k, slot in enumerate(slots) if slot.rotor is not None)
         self.hinges = tuple(k for k, slot in enumerate(slots) if not slot.slides)
         self.hinge_index = {k: place for place, k in enumerate(self.hinges)}
-        """Slot -> place among the hinges."""
+        """Scalar joint -> index among the hinges."""
         rolling = (one for one in topology.constraints if one.kind in ROLLING)
         self.disks = tuple(dict.fromkeys(x for one in rolling if len(x := one.directions[1:]) == 2))
-        """Pairs of an axis and a normal, each a frame and a place among the `directions`."""
+        """Pairs of an axis and a normal, each a frame and an index into the `directions`."""
         self.disk_index: dict[Any, int] = {pair: place for place, pair in enumerate(self.disks)}
         self.from_ground: list[tuple[int, ...]] = []
-        """Slots on the way to each from the ground, itself the last."""
+        """Scalar joints on the path from the ground to each one, itself the last."""
         for k, slot in enumerate(slots):
             before = self.from_ground[slot.parent] if slot.parent >= 0 else ()
             self.from_ground.append((*before, k))
         self.turned_by: list[tuple[int, ...]] = []
-        """Slots whose axes turn each of the frames, itself the last."""
+        """Scalar joints that turn the axes of each frame, itself the last."""
         for k in range(len(slots)):
             before = (
                 self.turned_by[self.orientation_parent(k)]
@@ -135,23 +136,22 @@ class TopologyPlan:
             )
             self.turned_by.append((*before, k))
         self.movers = tuple(tuple(self._movers(k)) for k in range(len(slots)))
-        """Per frame the slots that move a point of it, a hinge with the `RigidSegment`s that it
-        turns.
-        """
+        """Scalar joints that move a point of each frame, hinges with their `RigidSegment`s."""
         self.support = np.zeros((self.bodies, self.n), bool)
-        """Which coordinates can move each body."""
+        """Mask of the coordinates that can move each body, bool (n_b, n)."""
         for b, k in enumerate(self.carriers):
             self.support[b, [slots[i].coordinate for i, _ in self.movers[k]]] = True
         for b, k in enumerate(self.rotors, len(self.carriers)):
             self.support[b, slots[k].coordinate] = True
 
     def orientation_parent(self, k: int) -> int:
-        """Return the slot against whose frame slot k turns; -1 for the ground."""
+        """Return the scalar joint against whose frame scalar joint k turns; -1 for the ground."""
         return -1 if self.joints[k].absolute else self.joints[k].parent
 
     def _movers(self, k: int) -> Iterator[tuple[int, tuple[RigidSegment, ...]]]:
         way = self.from_ground[k]
-        # The arm to the first slot stays; arm j > 0 turns with slot j - 1, the last is the point's.
+        # The arm to the first joint is fixed; arm j > 0 turns with joint j - 1, the last arm is that
+        # of the point.
         turning = [set(self.turned_by[i]) for i in way]
         for i in sorted({*way, *(i for some in turning for i in some)}):
             if self.joints[i].slides:
@@ -174,5 +174,5 @@ class TopologyPlan:
         return len(self.carriers) + len(self.rotors)
 
     def path_to(self, k: int) -> tuple[int, ...]:
-        """Return the slots between the ground and slot k, itself the last; none for -1."""
+        """Return the scalar joints between the ground and k, itself the last; none for -1."""
         return self.from_ground[k] if k >= 0 else ()

@@ -1,9 +1,9 @@
 """Reader of URDF files: the robot in a file as elements of a description, and as a scene.
 
-The XML of a robot is read with care: of bounded size, nothing expanded, every number a number. The
-reader is our own, on the XML parser of the standard library: models that other libraries make of
-the same file are something to compare with. What a file holds beside rigid bodies and ideal joints
-is left out, and named in one sentence; what is not understood is refused.
+The XML of a robot is untrusted input: of bounded size, no entity expanded, every number checked.
+The reader is independent, on the XML parser of the standard library, so that models that other
+libraries build from the same file can be compared with it. Contents of a file besides rigid bodies
+and ideal joints are left out, and named in one sentence; unknown elements are refused.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from eomcheck.mechanics.scene import finite_array
 # ---- XML -----------------------------------------------------------------------------------------
 
 LARGEST = 20_000_000
-"""Bytes that a file may have."""
+"""Largest size of a file, bytes."""
 
 MOST_ELEMENTS, DEEPEST = 200_000, 60
 
@@ -44,17 +44,17 @@ Element = ElementTree.Element
 
 
 class Unreadable(InputError):
-    """A robot description that is none, or not one that is understood."""
+    """A robot description that is invalid or not understood."""
 
 
 class Format(NamedTuple):
-    """What a file should hold."""
+    """Expected contents of a file."""
 
     name: str
     roots: tuple[str, ...]
     """Tags that its root may have."""
     deepest: int = DEEPEST
-    """Elements inside each other."""
+    """Largest depth of nested elements."""
 
 
 URDF = Format("URDF", ("robot",))
@@ -65,7 +65,7 @@ def root_of(path: Path, expected: Format = URDF) -> Element:
 
     Raises:
         InputError: it is no file, cannot be read, is empty, too large or no XML, declares entities,
-            or holds something else.
+            or has other contents.
     """
     check_regular(path)
     try:
@@ -92,7 +92,7 @@ def root_of(path: Path, expected: Format = URDF) -> Element:
 
 
 def _check_xml(data: bytes, name: str, deepest: int) -> None:
-    """Refuse what could grow while it is parsed, before it is."""
+    """Check for entities and deep nesting, which could grow while parsed, before parsing."""
     parser, count, depth = expat.ParserCreate(), 0, 0
 
     def declared(*_: object) -> None:
@@ -122,7 +122,7 @@ def _check_xml(data: bytes, name: str, deepest: int) -> None:
 
 
 def text_attribute(element: Element, name: str, where: str) -> str:
-    """Return an attribute that has to be there."""
+    """Return a required attribute."""
     value = element.get(name)
     if value is None or not value.strip():
         raise Unreadable(f"{where}: <{element.tag}> has no attribute {name!r}")
@@ -156,7 +156,7 @@ def triple_attribute(
 
 
 def finite_number(value: str, said: str) -> float:
-    """A finite number of its text.
+    """Return a finite number of its text.
 
     Raises:
         InputError: it is none.
@@ -173,7 +173,7 @@ def finite_number(value: str, said: str) -> float:
 
 
 def single_child(element: Element, tag: str, where: str) -> Element | None:
-    """Return the one child of this tag, None without any."""
+    """Return the only child with this tag; None without any."""
     found = element.findall(tag)
     if len(found) > 1:
         raise Unreadable(f"{where} has {len(found)} of <{tag}>, expected one")
@@ -181,7 +181,7 @@ def single_child(element: Element, tag: str, where: str) -> Element | None:
 
 
 def ignored_tags(element: Element, known: frozenset[str], where: str) -> Iterator[str]:
-    """Yield the tags of children that are known to be left out.
+    """Yield the tags of children that are known but left out.
 
     Raises:
         InputError: one is not known at all.
@@ -205,7 +205,7 @@ KINDS = {
 }
 
 MAX_FILE_ELEMENTS = 5000
-"""Links or joints that a file may have, those that are fixed included."""
+"""Largest number of links or joints of a file, fixed ones included."""
 
 READ = frozenset({"link", "joint"})
 OF_ROBOT = frozenset(
@@ -219,17 +219,17 @@ OF_JOINT = frozenset({"limit", "safety_controller", "calibration", "joint_proper
 
 
 class Robot(NamedTuple):
-    """What a file says."""
+    """The contents of a URDF file."""
 
     name: str
     links: tuple[Link, ...]
     joints: tuple[Joint, ...]
     ignored: str
-    """What of the file is not in it, in one sentence; "" if all is."""
+    """Sentence on the parts of the file that are left out; "" without any."""
 
 
 def read_urdf(path: Path) -> Robot:
-    """Return what a URDF file says.
+    """Return the contents of a URDF file.
 
     Raises:
         InputError: see `from_urdf`.
@@ -252,13 +252,13 @@ def read_urdf(path: Path) -> Robot:
 
 
 def identifier(name: str) -> str:
-    """Return what a robot of this name is called in Python."""
+    """Return a Python identifier for the name of a robot."""
     name = re.sub(r"\W+", "_", name).strip("_") or "robot"
     return name if name.isidentifier() else f"robot_{name}"
 
 
 def ignored_summary(counts: Counter[str]) -> str:
-    """Return in one sentence what of a file is left out, and how much of it; "" of nothing."""
+    """Return a sentence that counts the parts of a file that are left out; "" without any."""
     some = sorted((tag, count) for tag, count in counts.items() if count)
     said = ", ".join(f"{_PLURAL.get(tag, tag)} ({count})" for tag, count in some)
     return f"Left out: {said}." if said else ""
@@ -374,14 +374,17 @@ def from_urdf(
     """Return the robot in a URDF file, with the parameters of the file.
 
     Its coordinates are those of the file's joints, in their order; fixed joints have none, nor have
-    joints that mimic others. Its `made.ignored` says what of the file is left out, `made.warnings`
-    which of its numbers no body has: they are taken as they are.
+    joints that mimic others. Its `source.ignored` names the parts of the file that are left out,
+    `source.warnings` the numbers that no physical body has: they are used unchanged.
 
     Args:
         path: the file.
         floating: whether its root is free to move: three slides, then turns about z, y and x, come
             first. Otherwise the root is fixed to the ground.
         gravity: acceleration, m/s², or None without.
+
+    Returns:
+        A scene, an instance of a `Mechanism` class of its own.
 
     Raises:
         InputError: the file cannot be read, is no URDF, contradicts itself, has more than
@@ -396,7 +399,7 @@ def urdf_kind(
     floating: bool = False,
     gravity: Triple | None = (0.0, 0.0, -9.81),
 ) -> type[Mechanism]:
-    """Return the kind of scene of which `from_urdf` returns the one with the file's parameters."""
+    """Return the scene class of a file, of which `from_urdf` returns the default scene."""
     try:
         file = Path(path)
     except TypeError:
@@ -445,7 +448,7 @@ def _floating(robot: Robot) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
     children = {joint.child for joint in robot.joints}
     roots = [link.name for link in robot.links if link.name not in children]
     if len(roots) != 1:
-        return robot.links, robot.joints  # which is refused there
+        return robot.links, robot.joints  # refused later
     ground = "the ground"
     joint = Joint(roots[0], "floating", ground, roots[0])
     return (Link(ground), *robot.links), (joint, *robot.joints)

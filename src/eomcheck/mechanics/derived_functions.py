@@ -288,7 +288,9 @@ def derive_missing(kind: Any) -> None:
     for name, composer in _DERIVATIONS.items():
         owner = next((base for base in kind.__mro__ if name in vars(base)), None)
         parts = [getattr(kind, part, None) for part in signature(composer).parameters]
-        if (owner is None or name in vars(owner).get("derived_functions", ())) and None not in parts:
+        if (
+            owner is None or name in vars(owner).get("derived_functions", ())
+        ) and None not in parts:
             function = composer(*parts)
             function.__module__ = kind.__module__
             function.__qualname__ = f"{kind.__name__}.{name}"
