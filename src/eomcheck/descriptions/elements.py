@@ -205,7 +205,7 @@ def on_quadric(
     name: str, link: str, other: str, bends: Triple, level: float, slopes: Triple = ORIGIN,
     at: Triple = ORIGIN, at_other: Triple = ORIGIN, turn: Quaternion = IDENTITY,
 ) -> Constraint:  # fmt: skip
-    """Return an on-quadric constraint: a point of a link stays on a second-order surface of another.
+    """Return an on-quadric constraint: a point stays on a second-order surface of another link.
 
     With the point's coordinates s along axes of the other link, Σ (bends_i s_i²/2 + slopes_i s_i) =
     level. A sphere has bends (1, 1, 1)/R and the level R/2, a cylinder of this radius (1, 1, 0)/R,

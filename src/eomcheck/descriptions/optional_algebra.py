@@ -118,7 +118,7 @@ def centripetal(omega, arm):
 
 @generic
 def from_local(axes, a):
-    """Return a vector from its components along `axes`, in the frame of the components of `axes`."""
+    """Return a vector from its components along `axes`, in the frame that `axes` refer to."""
     x, y, z = axes
     return add_vectors(
         add_vectors(scale_vector(a[0], x), scale_vector(a[1], y)), scale_vector(a[2], z)

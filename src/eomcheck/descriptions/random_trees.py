@@ -148,7 +148,7 @@ def random_tree(
 
 @dataclass
 class _Tree:
-    """A tree under construction. Links have the indices of their joints, plus 1; the ground is 0."""
+    """A tree under construction. Links are numbered as their joints, from 1; the ground is 0."""
 
     levels: Mapping[str, str]
     links: int

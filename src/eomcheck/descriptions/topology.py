@@ -150,8 +150,8 @@ class TopologyPlan:
 
     def _movers(self, k: int) -> Iterator[tuple[int, tuple[RigidSegment, ...]]]:
         way = self.from_ground[k]
-        # The arm to the first joint is fixed; arm j > 0 turns with joint j - 1, the last arm is that
-        # of the point.
+        # The arm to the first joint is fixed; arm j > 0 turns with joint j - 1, the last arm ends in
+        # the point.
         turning = [set(self.turned_by[i]) for i in way]
         for i in sorted({*way, *(i for some in turning for i in some)}):
             if self.joints[i].slides:

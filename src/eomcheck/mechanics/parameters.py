@@ -232,7 +232,7 @@ class Parametric(Scene):
         }
 
     def derived(self, arithmetic: Arithmetic) -> dict[str, Any]:
-        """Return derived parameters by name, which equations read beside or instead of the fields."""
+        """Return derived parameters by name, which equations read beside or instead of fields."""
         return {}
 
     def parameters(self, arithmetic: Arithmetic) -> NamedTuple:

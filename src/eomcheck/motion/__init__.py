@@ -1,1 +1,1 @@
-"""Motions: compiled right-hand sides, integrators, trajectories, and reference solutions."""
+"""Simulation of motions: compiled right-hand sides, integrators, trajectories and references."""

@@ -1,12 +1,12 @@
-"""Batches of motions: `simulate_many` integrates motions of one scene class side by side.
+"""Batches of motions: `simulate_many` integrates motions of one scene class in SIMD lanes.
 
-Each motion has a lane of a SIMD vector, and its own steps (`eomcheck.kernels.dop853`).
+Each motion has one lane of a SIMD vector, and its own step sizes (`eomcheck.kernels.dop853`).
 
-Initial state vectors are computed and checked in lanes too; one by one only where a start is in
-doubt. It is where a velocity hardly satisfies the constraints, or where the digits of one computed
-from generalized speeds may be lost: where perturbing its inputs changes it too much; and where
+Initial state vectors are computed and checked in lanes too; one by one only if a start is in
+doubt. It is in doubt if a velocity hardly satisfies the constraints, if the digits of a velocity
+computed from generalized speeds may be lost (perturbing its inputs changes it too much), or if
 constraints nearly depend on each other, or on the independent velocities alone. Such a start is
-then checked as that of a single motion is.
+then checked in the same way as that of a single motion.
 """
 
 from __future__ import annotations
@@ -64,11 +64,11 @@ from eomcheck.safe_output import counted
 # ---- Initial states ------------------------------------------------------------------------------
 
 MARGIN = 100.0
-"""Of digits lost, for numbers are moved where they come in only."""
+"""Safety factor of lost digits, because only the inputs are perturbed."""
 
 
 class Start(NamedTuple):
-    """What a motion starts from: coordinates (n,), and velocities (n,) or speeds (p,)."""
+    """Initial values of a motion: coordinates (n,), and velocities (n,) or speeds (p,)."""
 
     scene: Scene
     q: Array
@@ -76,10 +76,10 @@ class Start(NamedTuple):
 
 
 def starts_of(scene: Scene, q0, v0, u0, parameters: dict[str, Any]) -> list[Start]:
-    """Return what motions start from; see `simulate_many`.
+    """Return the initial values of all motions; see `simulate_many`.
 
     Raises:
-        InputError: what is given is not valid, or nothing tells how many motions there are.
+        InputError: the values are not valid, or none of them determines the number of motions.
         UnknownNameError: the scene has no such parameter.
     """
     if v0 is not None and u0 is not None:
@@ -110,7 +110,7 @@ def starts_of(scene: Scene, q0, v0, u0, parameters: dict[str, Any]) -> list[Star
 def _shape(name: str, x: Any) -> tuple[int, ...]:
     try:
         shape = np.shape(x)
-    except ValueError:  # lists of different lengths
+    except ValueError:  # nested lists of different lengths
         shape = ()
     if not shape or shape[0] == 0:
         raise InputError(f"{name} = {x!r}, expected an array with an entry for each motion")
@@ -130,11 +130,11 @@ def _scene(scene: Any, values: dict[str, Array], i: int) -> Scene:
 
 
 def trace_starts(scene: Scene, formulation: Formulation, by_speeds: bool) -> Traced:
-    """Put on a tape what follows from (q, u) `by_speeds`, or (q, v).
+    """Trace the start of a motion from (q, u) if `by_speeds`, or (q, v).
 
-    Its outputs are `v` (n,), the `speeds` of the state vector, and, where there are constraints,
-    a v + b as `residual` (r,), |a| |v| + |b| as `size` (r,), and what is solved of a as `solved`
-    (`_solved`).
+    Outputs of the trace are `v` (n,), the `speeds` of the state vector, and, with constraints,
+    a v + b as `residual` (r,), |a| |v| + |b| as `size` (r,), and the solved columns of a as
+    `solved` (`_solved`).
     """
     tape, n = Tape(), scene.n
     y = tape.inputs("y", (n + (scene.p if by_speeds else n),))
@@ -159,7 +159,7 @@ def trace_starts(scene: Scene, formulation: Formulation, by_speeds: bool) -> Tra
 
 
 def _solved(at: Quantities, formulation: Formulation) -> Array:
-    """Return the columns of a without which no start is in doubt: where they are dependent."""
+    """Return the indices of the columns of a that must be independent for a start beyond doubt."""
     if formulation.linear or formulation.redundant:
         return np.empty(0, int)
     if solves_partition(at.scene, formulation):
@@ -168,7 +168,7 @@ def _solved(at: Quantities, formulation: Formulation) -> Array:
 
 
 def lane_groups(count: int, width: int) -> list[Array]:
-    """Return the numbers (width,) of motions, group by group; the last one fills its group."""
+    """Return the indices (width,) of motions, group by group; the last group is padded."""
     groups = range(0, count, width)
     return [np.minimum(np.arange(first, first + width), count - 1) for first in groups]
 
@@ -183,13 +183,13 @@ def lane_parameters(scenes: Sequence[Scene]) -> dict[str, Array]:
 def state_vectors(
     starts: Sequence[Start], by_speeds: bool, formulation: Formulation, width: int
 ) -> tuple[Array, list[str]]:
-    """Return the initial state vectors (m, size), NaN where refused, and why (m,), "" if not.
+    """Return the initial state vectors (m, size), NaN if refused, and the reasons (m,), "" if not.
 
     Args:
-        starts: of scenes with the same terms and sizes.
-        by_speeds: whether they have generalized speeds, not velocities.
+        starts: initial values of scenes with the same terms and sizes.
+        by_speeds: whether they have generalized speeds instead of velocities.
         formulation: the formulation.
-        width: lanes.
+        width: number of SIMD lanes.
     """
     scene = starts[0].scene
     outputs = {"v": scene.n, "speeds": number_of_speeds(scene, formulation)}
@@ -224,7 +224,7 @@ def state_vectors(
 def _checked_speeds(
     kernel: Kernel, parameters: dict[str, Array], y: Array, by_speeds: bool
 ) -> tuple[Array, Array]:
-    """Return the speeds (_, lanes) of state vectors, and which of them (lanes,) are in no doubt."""
+    """Return the speeds (_, lanes) of state vectors, and a mask (lanes,) of those beyond doubt."""
 
     def at(parameters: dict[str, Array], y: Array) -> dict[str, Array]:
         found = kernel.rows(kernel.block(parameters), np.zeros((1, kernel.width)), y[None])
@@ -249,10 +249,10 @@ def _checked_speeds(
 
 
 def _independent(a: Array) -> Array:
-    """Return of which matrices (lanes, r, columns) the rows are independent beyond doubt.
+    """Return a mask (lanes,) of the matrices (lanes, r, columns) with clearly independent rows.
 
-    Columns are not scaled: from one that is small follow velocities that are large, and what they
-    are projected on is singular in its turn.
+    Columns are not scaled: a small column makes large velocities, and the matrix onto which they
+    are projected is singular in its turn.
     """
     lanes, r, columns = a.shape
     if columns == 0:
@@ -267,19 +267,19 @@ def _independent(a: Array) -> Array:
 # ---- Motions -------------------------------------------------------------------------------------
 
 OUTPUTS = 101
-"""Output times unless the caller gives others."""
+"""Default number of output times."""
 
 GROUPS = 8
-"""Groups of lanes in a piece of the work."""
+"""Groups of lanes in one task of an executor."""
 PIECES = 32
-"""Work that is spread has at least so many pieces, if there are so many groups."""
+"""Least number of tasks for an executor, if there are so many groups."""
 
 
 @dataclass(frozen=True)
 class Trajectories:
-    """Many motions by one formulation and DOP853, m of them at k times.
+    """A batch of m trajectories by one formulation and DOP853, at k times.
 
-    What a motion did not reach, all of it if it was refused, is NaN.
+    Entries that a motion did not reach are NaN, all of them if it was refused.
 
     Attributes:
         scenes: the scene of each motion (m,).
@@ -295,8 +295,8 @@ class Trajectories:
         right_hand_sides: right-hand sides evaluated (m,).
         steps: steps taken (m,).
         status: "finished", "failed" if the end was not reached, or "refused" at the start (m,).
-        reason: why not (m,), "" for what finished.
-        seconds: time of the integration of all, s, added up over processes.
+        reason: reason why it was not finished (m,), "" if it was.
+        seconds: time of the integration of all, s, summed over processes.
     """
 
     scenes: tuple[Scene, ...]
@@ -319,7 +319,10 @@ class Trajectories:
         return len(self.scenes)
 
     def __getitem__(self, i: int) -> Trajectory:
-        """Return motion i up to where it came; its time is its share, its multipliers None."""
+        """Return the trajectory of motion i up to its last state.
+
+        Its `seconds` are an equal share of the total; its multipliers are None.
+        """
         kept = np.isfinite(self.q[i]).all(axis=1)
         residual = self.constraint_residual
         return Trajectory(
@@ -360,10 +363,10 @@ def simulate_many(
 ) -> Trajectories:
     """Integrate m motions of `scene` from t = 0 to `t_end` by DOP853, several at a time.
 
-    Each motion has its own steps and errors. Its results are the same bits whatever m, `lanes` and
-    the executor are. A start where constraints nearly depend on each other is refused as by
-    `simulate`; later no condition number is looked at: a matrix that is singular to rounding only
-    goes unnoticed. A pose that a partition cannot cross is noticed if it is crossed once between
+    Each motion has its own step sizes and error estimates. Its results are bitwise identical for
+    every m, `lanes` and executor. A start where constraints nearly depend on each other is refused
+    as by `simulate`; later no condition number is checked: a matrix that is singular to rounding
+    goes unnoticed. A pose that a partition cannot cross is detected if it is crossed once between
     two output times.
 
     Args:
@@ -373,19 +376,19 @@ def simulate_many(
         q0: initial coordinates (m, n), by default the scene's own state.
         u0: initial generalized speeds (m, p), or
         v0: initial velocities (m, n); by default the scene's own, at rest if q0 is given.
-        parameters: arguments of the scene by name, of which each motion has its own: arrays whose
+        parameters: arguments of the scene by name that differ between motions: arrays whose
             first axis is m. At least one of q0, u0, v0 and these is given.
         rtol: relative tolerance of a step.
         atol: absolute tolerance of a step, SI units.
-        output_times: times (k,) in [0, t_end] at which the motions are wanted, rising; by default
-            101 even ones from 0 to t_end.
+        output_times: times (k,) in [0, t_end] of the output, rising; by default 101 equally
+            spaced ones from 0 to t_end.
         max_steps: give up after so many steps; 0 for no limit.
-        executor: what spreads the work: a `concurrent.futures.Executor`, a dask client, anything
-            with a `submit`. By default it is done in this process.
-        lanes: motions side by side: 1, 2, 4 or 8.
+        executor: runs the tasks in parallel: a `concurrent.futures.Executor`, a dask client, any
+            object with a `submit`. By default they run in this process.
+        lanes: number of motions in one SIMD vector: 1, 2, 4 or 8.
 
     Returns:
-        The motions. One that cannot start or go on says so by its `status` and `reason`.
+        The trajectories. A motion that cannot start or continue has a `status` and a `reason`.
 
     Raises:
         InputError: values that are not valid, a formulation that does not apply to the scene.
@@ -433,14 +436,14 @@ class _Options(NamedTuple):
 
 
 def _integrated(options: _Options, starts: list[Start]) -> dict[str, Any]:
-    """Return the fields of `Trajectories` that are found, of these motions."""
+    """Return the integrated fields of `Trajectories` for these motions, by name."""
     scene, width = starts[0].scene, options.width
     formulation = formulation_for(scene, options.key)
     y0, reasons = state_vectors(starts, options.by_speeds, formulation, width)
     choices = _choices(starts, formulation, reasons)
     observer = observer_of(scene, formulation, width)
     m, count = len(starts), len(options.times)
-    # Behind the outputs stands the state in which a motion ended.
+    # The last entry, behind the outputs, is the final state of a motion.
     y = np.full((m, count + 1, y0.shape[1]), np.nan)
     seen = {name: np.full((m, count + 1, k), np.nan) for name, k in observer.outputs.items()}
     records = np.zeros((m, dop853.FIELDS))
@@ -500,7 +503,7 @@ def _integrated(options: _Options, starts: list[Start]) -> dict[str, Any]:
 def _choices(
     starts: list[Start], formulation: Formulation, reasons: list[str]
 ) -> list[Choice | None]:
-    """Return which constraints each motion keeps; add the reason of those that cannot tell."""
+    """Return the independent constraints of each motion; add a reason where they are not clear."""
     found: list[Choice | None] = [None] * len(starts)
     for i, start in enumerate(starts if formulation.redundant and starts[0].scene.r else ()):
         try:
@@ -514,7 +517,7 @@ def _choices(
 def _groups_by_choice(
     motions: Array, choices: list[Choice | None], width: int
 ) -> Iterator[tuple[Array, Choice | None]]:
-    """Yield groups (width,) of motions that keep the same constraints, and which."""
+    """Yield groups (width,) of motions with the same independent constraints, and those."""
     for choice in dict.fromkeys(choices[i] for i in motions):
         same = np.array([i for i in motions if choices[i] == choice])
         for group in lane_groups(same.size, width):
@@ -548,7 +551,7 @@ def _integrated_lanes(
 def _reason(
     scene: Scene, formulation: Formulation, q: Array, v: Array, record: Array, max_steps: int
 ) -> str:
-    """Say why an integration did not reach its end, but this last state."""
+    """Return the reason why an integration ended before its end, in this last state."""
     status, t = record[dop853.STATUS], record[dop853.T]
     if status == dop853.TOO_MANY:
         return f"{max_steps} steps do not reach the end, only t = {t:.9g} s"

@@ -1,9 +1,9 @@
 """CyRK's integrators, called with a right-hand side in machine code.
 
-CyRK's own entry in Python wants numba; it only hands its arguments to C functions, and so does this
-file. `import CyRK` imports numba for its interfaces in Python, which nothing here uses: a fifth of
-a second, and a package that needs a writable directory for its files. So the C functions are loaded
-from their extension modules, without running CyRK's packages.
+CyRK's own Python entry requires numba; it only passes its arguments to C functions, and so does
+this module. `import CyRK` imports numba for Python interfaces that are not needed here: a fifth of
+a second, and a package that needs a writable cache directory. So the C functions are loaded from
+their extension modules, without running CyRK's packages.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ SOLVE = (
     *(c_void_p, c_size_t, c_size_t, c_size_t, c_bool, c_void_p, c_size_t, c_void_p),
     *(c_void_p, c_size_t, c_void_p, c_size_t, c_void_p, c_size_t, c_double, c_double, c_bool),
 )
-"""Arguments of its `numba_cysolve_ivp`, as `eomcheck.motion.integrators` hands them over."""
+"""Argument types of CyRK's `numba_cysolve_ivp`."""
 
 FUNCTIONS: dict[str, tuple[Any, ...]] = {
     "solve": (c_void_p, *SOLVE),
@@ -43,11 +43,11 @@ FUNCTIONS: dict[str, tuple[Any, ...]] = {
     "message_buffer": (None, c_size_t, c_size_t, c_size_t),
     "free": (None, c_void_p),
 }
-"""Name in CyRK -> result and arguments."""
+"""Name of CyRK's function -> types of its result and arguments."""
 
 
 _lock = Lock()
-"""Modules are imported by one thread at a time."""
+"""Lock for imports by one thread at a time."""
 
 
 @cache
@@ -64,7 +64,7 @@ def load_cyrk() -> Any:
 
 
 def _extension(name: str) -> ModuleType:
-    """Import an extension module below CyRK, of whose packages no Python is run."""
+    """Import an extension module of CyRK without running the Python code of its packages."""
     if "CyRK" in sys.modules:
         return importlib.import_module(f"CyRK.{name}")
     spec = find_spec("CyRK")
@@ -78,11 +78,11 @@ def _extension(name: str) -> ModuleType:
             if folder is not None:
                 sys.modules[part] = module_from_spec(folder)
         if name.startswith("nb"):
-            # Its extensions are built for such a machine, and would otherwise only crash.
+            # Its extensions are built for such a processor, and would otherwise crash.
             importlib.import_module("CyRK._cpu_check").check_cpu()
         return importlib.import_module(f"CyRK.{name}")
     finally:
-        # Somebody who imports CyRK gets all of it.
+        # A user's own `import CyRK` then gets the whole package.
         for part in parts:
             sys.modules.pop(part, None)
         del package
@@ -91,11 +91,12 @@ def _extension(name: str) -> ModuleType:
 # ---- Integrators ---------------------------------------------------------------------------------
 
 MEMORY = 2000
-"""Most memory for the steps of one run, MB."""
+"""Memory limit of the steps of one run, MB."""
 
 MOST_STEPS = 1_000_000
-"""Most steps of one run unless the caller says otherwise. Near t = 0 no step is too small to be
-told from the time, so that a run whose steps shrink would not end."""
+"""Default limit of the steps of one run. Near t = 0 every step size is resolved in float64, so that
+a run with shrinking steps would not end.
+"""
 
 
 class Integrator(NamedTuple):
@@ -105,7 +106,7 @@ class Integrator(NamedTuple):
         key: its name.
         order: nominal order of convergence, or None where it varies.
         implicit: whether it solves equations in each step.
-        what: what it is.
+        what: description of the method.
     """
 
     key: str
@@ -139,14 +140,14 @@ def integrator_of(key: str) -> Integrator:
 
 
 class Steps(NamedTuple):
-    """What an integrator returns.
+    """The result of an integration.
 
     Attributes:
         t: times (k,), s.
         y: states (k, size).
         steps: steps taken.
         success: whether the end was reached.
-        message: what CyRK says.
+        message: CyRK's message.
     """
 
     t: Array
@@ -174,18 +175,21 @@ def integrate(
     """Integrate from `t_start` to `t_end` by a C callback.
 
     Args:
-        address: of the callback, which gets (derivatives, t, state, arguments).
-        arguments: doubles, which CyRK copies.
+        address: address of the callback, which gets (derivatives, t, state, arguments).
+        arguments: float64 array, which CyRK copies.
         y0: initial state (size,).
         t_end: end, s.
         t_start: start, s.
         integrator: a key of `INTEGRATORS`.
         rtol: relative tolerance.
         atol: absolute tolerance.
-        output_times: where the state is wanted (k,), by interpolation; by default at each step.
+        output_times: times (k,) of the output, by interpolation; by default each step.
         max_step: largest step, s.
         first_step: first step, s; 0 lets the integrator choose.
         max_steps: give up after so many steps; 0 for no limit but memory.
+
+    Returns:
+        Times, states and counts of the steps.
 
     Raises:
         UnknownNameError: no such integrator.

@@ -1,10 +1,11 @@
 """Observables of a state vector: velocities, speeds, energy, constraint error; singular crossings.
 
-They are compiled like the right-hand side, and read its parameters.
+They are compiled like the right-hand side, and read the same parameters.
 
-A motion cannot cross a configuration in which the partition of its formulation is singular. No step
-need hit it, and one that goes over it divides by no zero: it comes out on the other side with some
-of its digits. `singular_crossings` finds the states before and behind it.
+A motion cannot cross a singular configuration of its formulation's partition. But no step need
+fall on it, and an integration step over it divides by no zero: the motion continues on the other
+side with fewer correct digits. `singular_crossings` finds the states A and B before and behind it
+by negative real eigenvalues of A⁻¹ B.
 """
 
 from __future__ import annotations
@@ -38,10 +39,10 @@ from eomcheck.numbers.tape import BAND, FACTORS, live_entries
 
 
 def trace_observables(scene: Scene, formulation: Formulation) -> Traced:
-    """Put on a tape what is seen of a state vector of `formulation`.
+    """Trace the observables of a state vector of `formulation`.
 
-    Its outputs are `v` (n,), `u` (p,), the `energy` T + U (1,), J, and, where there are
-    constraints, their values `constraint` (r,), m/s, by the scene's second derivation.
+    Outputs of the trace are `v` (n,), `u` (p,), the `energy` T + U (1,), J, and, with constraints,
+    their values `constraint` (r,), m/s, by the scene's second derivation.
     """
     tape, at, y, speeds = state_on_tape(scene, formulation)
     here = at.parameters, at.prepared, at.q
@@ -57,12 +58,12 @@ def trace_observables(scene: Scene, formulation: Formulation) -> Traced:
 
 
 def observer_of(scene: Scene, formulation: Formulation, width: int = 1) -> Kernel:
-    """Return the kernel of `trace_observables`, made once for scenes of this kind.
+    """Return the kernel of `trace_observables`, cached for scenes of the same class and terms.
 
     Args:
         scene: the scene.
         formulation: the formulation.
-        width: lanes.
+        width: number of SIMD lanes.
 
     Raises:
         NotRationalError: a function of the scene branches on a value.
@@ -74,10 +75,11 @@ def observer_of(scene: Scene, formulation: Formulation, width: int = 1) -> Kerne
 
 
 def as_integrated(at: Evaluation, formulation: Formulation) -> tuple[Evaluation, Array]:
-    """Return the evaluation at what the state vector of `formulation` stands for, and that vector.
+    """Return the evaluation at the state vector of `formulation`, and that vector.
 
-    Where it holds speeds or the independent velocities, all velocities follow from them: others
-    than those given, by rounding times the condition of what is solved, or by what cancels in W u.
+    If it holds speeds or the independent velocities, all velocities are computed from them and
+    differ from the given ones: by rounding times the condition number of the solved matrix, or by
+    cancellation in W u.
     """
     y = state_of(at, formulation)
     if formulation.state in ("q, v", "q, v, μ"):
@@ -88,9 +90,9 @@ def as_integrated(at: Evaluation, formulation: Formulation) -> tuple[Evaluation,
 
 
 def trace_solves(scene: Scene, formulation: Formulation) -> Traced:
-    """Put a right-hand side on a tape; its outputs are the matrices that it solves, by name.
+    """Trace a right-hand side; its outputs are the matrices that it solves, by name.
 
-    A band matrix has its right-hand side behind it.
+    A band matrix is followed by its right-hand side.
     """
     tape, at, y, rates = trace_rates(scene, formulation)
     used = sorted(live_entries(tape, rates["rates"])[1])
@@ -104,10 +106,10 @@ def trace_solves(scene: Scene, formulation: Formulation) -> Traced:
 
 
 def solves_of(scene: Scene, formulation: Formulation, t: float, y: Array) -> list[SolveRecord]:
-    """Return what there is to know of each matrix that machine code solves at a state.
+    """Return the solve records of all matrices that machine code solves at a state.
 
-    Its reciprocal condition number, the sign and size of its determinant and the steps of
-    refinement are found by the law that machine code follows, from the matrix that it made.
+    Reciprocal condition number, sign and size of the determinant and number of refinement steps
+    are computed from the matrix in machine code, by the same algorithm.
 
     Args:
         scene: the scene.
@@ -134,7 +136,7 @@ def solves_of(scene: Scene, formulation: Formulation, t: float, y: Array) -> lis
 # ---- Singular configurations between states ------------------------------------------------------
 
 ENTRIES = 2**20
-"""Most entries of matrices that are looked at at a time."""
+"""Largest number of matrix entries that are checked at a time."""
 
 
 def solves_partition(scene: Scene, formulation: Formulation) -> bool:
@@ -144,7 +146,7 @@ def solves_partition(scene: Scene, formulation: Formulation) -> bool:
 
 
 def trace_partition(scene: Scene, formulation: Formulation) -> Traced:
-    """Put on a tape a_1 (r, r), the columns of a of the paper's dependent velocities."""
+    """Trace a_1 (r, r), the columns of a of the paper's dependent velocities."""
     tape, at, y, _ = state_on_tape(scene, formulation)
     a, _ = at.call(scene.constraints, at.parameters, at.prepared, at.q)
     a_1 = a[:, at.partition.dependent].ravel()
@@ -154,17 +156,20 @@ def trace_partition(scene: Scene, formulation: Formulation) -> Traced:
 def singular_crossings(
     scene: Scene, formulation: Formulation, parameters: dict[str, Array], t: Array, y: Array
 ) -> list[tuple[int, int] | None]:
-    """Return, of each motion, the states before and behind such a pose, or None.
+    """Return for each motion the states before and behind a singular configuration, or None.
 
-    States that are not finite are passed over, and those in which a_1 is singular exactly: there
-    the right-hand side itself is not finite.
+    States that are not finite are skipped, and those in which a_1 is exactly singular: there the
+    right-hand side itself is not finite.
 
     Args:
-        scene: a scene of this kind, where `solves_partition`.
+        scene: a scene of this class, where `solves_partition`.
         formulation: the formulation.
-        parameters: of each motion, by name.
+        parameters: parameters of each motion, by name.
         t: times (k, motions), s.
         y: state vectors (k, size, motions).
+
+    Returns:
+        A pair of indices into the states, or None, for each motion.
     """
     r, motions = scene.r, t.shape[1]
     kernel = traced_kernel(trace_partition, scene, formulation, {"a_1": r * r}, motions)
@@ -193,14 +198,14 @@ def singular_between(A: Array) -> Array:
     """Return whether matrices are singular between each of A (k, r, r), invertible, and the next.
 
     On the straight line from A to B = A (1 + X) a matrix is singular where A⁻¹ B has a negative
-    real eigenvalue: one such, and the determinant changes its sign; two, as where two equal windows
-    of a linkage fold at once, and it does not. Of r equal eigenvalues rounding makes complex ones,
-    up to an angle of ε^(1/r).
+    real eigenvalue: with one such eigenvalue the determinant changes its sign; with two, as where
+    two equal windows of a linkage fold at once, it does not. Rounding makes r equal eigenvalues
+    complex, up to an angle of ε^(1/r).
     """
     A, B = A[:-1], A[1:]
     found = np.zeros(len(A), bool)
     with np.errstate(all="ignore"):
-        # A sum of 1 and what is smaller has no negative eigenvalue.
+        # The sum of 1 and a matrix of smaller norm has no negative eigenvalue.
         size = np.abs(np.linalg.solve(A, B - A)).sum(axis=2).max(axis=1, initial=0.0)
         far = np.flatnonzero((size >= 1.0) & np.isfinite(size))
         if far.size:
@@ -211,7 +216,7 @@ def singular_between(A: Array) -> Array:
 
 
 def crossing_refusal(before: float, behind: float) -> RefusedError:
-    """Return what is said of a motion that went over such a pose between two times, s."""
+    """Return the error of a motion that crossed a singular configuration between two times, s."""
     return RefusedError(
         "a_1",
         0.0,

@@ -41,19 +41,19 @@ from eomcheck.numbers.symbolic import BITS, HeyokaArithmetic
 # ---- Extrapolation -------------------------------------------------------------------------------
 
 MOST = 24
-"""Midpoint results that are extrapolated at most: order 48."""
+"""Largest number of extrapolated midpoint results: order 48."""
 
 LEAST, FIRST = 3, 8
-"""Midpoint results that a step is planned with at least, and those of the first step."""
+"""Least planned number of midpoint results of a step, and that of the first step."""
 
 SAFETY, SHRINK, GROW = 0.9, 0.02, 4.0
-"""Share of the step that the error allows, and how much a step may change at once."""
+"""Safety factor of the step size, and the limits of its change in one step."""
 
 TINY = 1e-99
-"""An error of 0 counts as this, one that is infinite as its inverse."""
+"""Replacement of an error of 0; its inverse replaces an infinite one."""
 
 SMALLEST = 1e-12
-"""A step below this share of the whole time gives the integration up."""
+"""Smallest step as a share of the whole time; below it the integration fails."""
 
 
 class GaveUpError(EomcheckError, ArithmeticError):
@@ -61,33 +61,33 @@ class GaveUpError(EomcheckError, ArithmeticError):
 
 
 def unchanged(y: Array) -> Array:
-    """Return y."""
+    """Return y unchanged."""
     return y
 
 
 @dataclass
 class IntegrationCounts:
-    """What an integration took."""
+    """Work counts of an integration."""
 
     steps: int = 0
     rejected: int = 0
     evaluations: int = 0
     orders: set[int] = field(default_factory=set)
-    """Orders of the steps that were taken."""
+    """Orders of the accepted steps."""
     longest: float = 0.0
     """The longest step, s."""
 
 
 @dataclass(frozen=True)
 class Extrapolation:
-    """An integrator of ẏ = f(y), y an array of any numbers that add, multiply and divide.
+    """An integrator of ẏ = f(y), y an array of any scalar type with +, * and /.
 
     Args:
         f: y (n,) -> ẏ (n,).
-        tolerance: error allowed in each step and entry, times 1 + |y|; to be above the rounding
-            of the numbers, a hundred times at least.
-        number: a step, which is a `Fraction`, as a number to multiply with; by default a double.
-        clean: applied to y after each step: what must not build up in it is taken off here.
+        tolerance: error allowed in each step and entry, times 1 + |y|; must be above the rounding
+            of the numbers, by a factor of a hundred at least.
+        number: converts a step, a `Fraction`, to a factor of this scalar type; by default to float.
+        clean: applied to y after each step, to remove accumulating parts such as radii of balls.
     """
 
     f: Callable[[Array], Array]
@@ -106,9 +106,9 @@ class Extrapolation:
         return now
 
     def columns(self, y: Array, step: Fraction) -> Iterator[tuple[Array, float]]:
-        """Yield (y after `step` of order 2k, its error over the one allowed) for k = 1, 2, ...
+        """Yield (y after `step` of order 2k, its error over the tolerance) for k = 1, 2, ...
 
-        The error is that of order 2k - 2: the better result is kept. There is none at k = 1.
+        The error is that of order 2k - 2: the better result is returned. There is none at k = 1.
         """
         slope = self.f(y)
         self.effort.evaluations += 1
@@ -125,7 +125,7 @@ class Extrapolation:
             row = new
 
     def error(self, y: Array, better: Array, worse: Array) -> float:
-        """Return the largest difference over what is allowed there, inf if it is not a number."""
+        """Return the largest difference over the tolerance, inf if it is not a number."""
         apart = np.abs(np.array([float(x) for x in better - worse]))
         size = np.array([max(abs(float(a)), abs(float(b))) for a, b in zip(y, better, strict=True)])
         error = float((apart / (1.0 + size)).max()) / self.tolerance
@@ -138,13 +138,13 @@ class Extrapolation:
         first: float | None = None,
         watch: Callable[[Fraction, Array], None] = lambda t, y: None,
     ) -> list[Array]:
-        """Return y at each of `times`, which begin with the time of the `y` given and rise.
+        """Return y at each of `times`, which rise from the time of the initial `y`.
 
         Steps end at these times, there is no interpolation.
 
         Args:
-            y: where to start (n,).
-            times: doubles, taken for the numbers that they are.
+            y: initial state (n,).
+            times: float64 numbers, taken exactly.
             first: the first step to try; by default 1/1000 of the whole time.
             watch: called with t and y after every step.
 
@@ -160,7 +160,7 @@ class Extrapolation:
         t, found = exact[0], [y]
         for end in exact[1:]:
             while t < end:
-                # Equal steps up to `end`, so that none is cut to a stump.
+                # Equal steps up to `end`, so that none is very short.
                 parts = ceil(float(end - t) / step * (1 - 1e-9))
                 equal = Fraction(float(end - t) / parts) if parts > 1 else end - t
                 after, step, target = self.attempt(y, equal, target)
@@ -176,7 +176,7 @@ class Extrapolation:
         """Return (y after `step`, or None if the error is too large; next step; next target).
 
         Args:
-            y: where to start (n,).
+            y: initial state (n,).
             step: the step.
             target: the number of midpoint results by which the error should be small enough.
         """
@@ -192,7 +192,7 @@ class Extrapolation:
                     self.effort.longest = max(self.effort.longest, float(step))
                     allowed, target = next_step_and_target(steps)
                     return self.clean(after), min(allowed, GROW * float(step)), target
-                # Each column divides the error by at least as much as the one before did.
+                # Each column reduces the error at least as much as the previous one did.
                 if k > target or not error * (error / before) ** (target + 1 - k) <= 1.0:
                     break
             before = error
@@ -204,12 +204,12 @@ class Extrapolation:
 
 
 def evaluations_for(k: int) -> int:
-    """Return the evaluations of f that k midpoint results take."""
+    """Return the number of evaluations of f for k midpoint results."""
     return 1 + k * k
 
 
 def next_step_and_target(steps: list[float]) -> tuple[float, int]:
-    """Return (next step, next target) from the steps that each order, 2 to 2k, would allow."""
+    """Return (next step, next target) from the allowed steps of each order, 2 to 2k."""
     k = len(steps)
     work, before = evaluations_for(k) / steps[-1], evaluations_for(k - 1) / steps[-2]
     if work < 0.9 * before and k < MOST - 1:
@@ -222,17 +222,17 @@ def next_step_and_target(steps: list[float]) -> tuple[float, int]:
 # ---- References ----------------------------------------------------------------------------------
 
 EXTENDED_BITS, TOLERANCE = 160, 1e-28
-"""Precision of the second integration, and the error that it allows in each step."""
+"""Precision of the second integration, bits, and its error tolerance in each step."""
 
 FIRST_SHARE = 2.0**-14
-"""The first Taylor step is at most this share of the whole time, see `taylor_reference`."""
+"""First Taylor step as a share of the whole time at most, see `taylor_reference`."""
 
 CONSISTENT = 1e-40
-"""Largest |c| / (1 + |v|) of a velocity to start with, c the scene's own `constraint`."""
+"""Largest |c| / (1 + |v|) of a consistent initial velocity, c the scene's own `constraint`."""
 
 
 def _checked(scene: Scene, q0, times) -> tuple[Array, list[float]]:
-    """Return q0 (n,) and the times as doubles."""
+    """Return q0 (n,) and the times as float64."""
     q0, _ = scene.check_state(q0, np.zeros(scene.n))
     times = finite_array("times", times, np.shape(times)).tolist()
     if not isinstance(times, list) or len(times) < 2 or any(b <= a for a, b in pairwise(times)):
@@ -260,10 +260,10 @@ def taylor_reference(
 ) -> ReferenceRun:
     """Return the motion of `scene` from (q0, u0) by Taylor series in quad precision.
 
-    heyoka takes its steps from the last two Taylor coefficients. At rest, where the motion is the
-    same forwards and backwards, every second coefficient of each variable vanishes, and with more
-    symmetry more do: the first step can be far too long. So it is a tiny one here, off the state
-    of rest, the next ones are at most twice the one before, and the energy is looked at after
+    heyoka computes its steps from the last two Taylor coefficients. At rest, where the motion is
+    symmetric in time, every second coefficient of each variable vanishes, and with more symmetry
+    more do: the first step can be far too long. So the first step is tiny, away from the state of
+    rest, every further one is at most twice the previous one, and the energy is checked after
     every step.
 
     Args:
@@ -271,7 +271,10 @@ def taylor_reference(
         q0: coordinates at times[0] (n,).
         u0: generalized speeds at times[0] (p,).
         times: output times, s, rising; the first is that of (q0, u0).
-        longest_step: a limit to the steps, s: for a second run that ought to agree.
+        longest_step: upper limit of the steps, s, for a second run as a check.
+
+    Returns:
+        The integration with all its digits.
 
     Raises:
         EngineError: heyoka is not installed.
@@ -315,7 +318,7 @@ def taylor_reference(
 def _taylor_system(
     scene: Scene, numbers: HeyokaArithmetic, start: Array, t0: float
 ) -> tuple[Any, Any]:
-    """Return (integrator of (q, u), compiled function (q, u) -> v and, where kept, energy)."""
+    """Return (integrator of (q, u), compiled function (q, u) -> v and, if conserved, energy)."""
     q, u = numbers.variables("q", scene.n), numbers.variables("u", scene.p)
     clock = numbers.variables("t", 1 if scene.depends_on_time else 0)
     at = Quantities(scene, numbers, q, *clock)
@@ -326,7 +329,7 @@ def _taylor_system(
     if scene.conserves_energy:
         T, U = scene.energies(at.parameters, at.prepared, q, at.v)
         outputs.append(T if U is None else T + U)
-    # Time is one more unknown, whose rate is 1.
+    # Time is one more unknown, with the rate 1.
     state, rates = [*q, *u, *clock], [*rates, *(numbers.expression(1) for _ in clock)]
     integrator = numbers.heyoka.taylor_adaptive(
         list(zip(state, rates, strict=True)),
@@ -370,13 +373,15 @@ def _quad_decimals(x: Array) -> Array:
 
 
 def extended_velocity(scene: Scene, q0, u0, t0: float = 0.0) -> Array:
-    """Velocity W u0 + offset (n,) in `flint.arb` numbers of `EXTENDED_BITS` without radius.
+    """Return the velocity W u0 + offset (n,) in `flint.arb` numbers without radius.
+
+    Their precision is `EXTENDED_BITS`.
 
     Args:
         scene: the scene.
         q0: coordinates (n,).
         u0: generalized speeds (p,).
-        t0: time, s: of a scene that depends on it.
+        t0: time, s, for a scene that depends on it.
 
     Raises:
         InputError: wrong shapes, or values that are not finite.
@@ -403,17 +408,20 @@ def extended_reference(
 ) -> ReferenceRun:
     """Return the motion of `scene` from (q0, v0) by extrapolation in numbers of 160 bits.
 
-    Balls serve as floating-point numbers here: their radii are taken off after each acceleration
-    and each step, lest they grow until nothing is known. So the result is not enclosed; what it is
-    worth shows in the comparison with `taylor_reference`.
+    Balls of ball arithmetic serve as floating-point numbers here: their radii are removed after
+    each acceleration and each step, because they would grow without limit. So the result is not a
+    certified enclosure; its accuracy follows from the comparison with `taylor_reference`.
 
     Args:
         scene: the scene.
-        q0: coordinates at times[0] (n,), doubles.
-        v0: velocities at times[0] (n,): doubles or `flint.arb` numbers, see `extended_velocity`.
+        q0: coordinates at times[0] (n,), float64.
+        v0: velocities at times[0] (n,): float64 or `flint.arb` numbers, see `extended_velocity`.
         times: output times, s, rising; the first is that of (q0, v0).
         tolerance: error allowed in each step, times 1 + |y| in each entry y of (q, v).
         watch: called with the time reached after every step.
+
+    Returns:
+        The integration with all its digits.
 
     Raises:
         InputError: wrong shapes, values that are not finite, times that do not rise.
@@ -429,7 +437,7 @@ def extended_reference(
     with precision(EXTENDED_BITS):
         parameters = scene.parameters(balls)
 
-        # Time is one more unknown, whose rate is 1.
+        # Time is one more unknown, with the rate 1.
         clock = [times[0]] if scene.depends_on_time else []
         last = 2 * scene.n
 

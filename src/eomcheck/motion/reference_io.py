@@ -25,18 +25,18 @@ from eomcheck.scenes import SCENES
 # ---- Integrations in many digits -----------------------------------------------------------------
 
 DIGITS = 36
-"""Significant decimal digits that are kept: as many as quad precision has."""
+"""Number of stored significant decimal digits, that of quad precision."""
 
 
 @dataclass(frozen=True)
 class ReferenceRun:
-    """One integration; its numbers are of the type `finite_number.Decimal`.
+    """The result of one integration; its numbers are of the type `finite_number.Decimal`.
 
     Attributes:
-        times: output times (k,), s, doubles.
+        times: output times (k,), s, float64.
         q: coordinates (k, n).
         v: velocities (k, n).
-        energy: T + U (k,), J; None if the scene does not keep it.
+        energy: T + U (k,), J; None if the scene does not conserve it.
         drift: largest |E - E_0| / |E_0| over all steps, not only at the output times; None
             without energy.
         facts: method, library, precision, orders, steps, seconds.
@@ -51,7 +51,7 @@ class ReferenceRun:
 
 
 def decimals(x: Array) -> Array:
-    """Return the strings of digits x as finite `finite_number.Decimal`s, same shape.
+    """Return decimal strings x as finite `finite_number.Decimal`s, same shape.
 
     Raises:
         ValueError: one is no finite number.
@@ -85,20 +85,20 @@ def difference(one: ReferenceRun, other: ReferenceRun) -> list[float]:
 
 @dataclass(frozen=True)
 class Reference:
-    """A motion known to more digits than doubles hold, and how well it is known.
+    """A motion known to more digits than float64 holds, with its uncertainty.
 
     Attributes:
         name: its name, that of its file.
-        description: scene and start in words.
+        description: scene and start, as text.
         scene: the scene.
         q0: coordinates at times[0] (n,), m and rad.
         u0: generalized speeds at times[0] (p,).
         times: output times (k,), s.
-        q: coordinates (k, n), rounded to doubles.
-        v: velocities (k, n), rounded to doubles.
+        q: coordinates (k, n), rounded to float64.
+        v: velocities (k, n), rounded to float64.
         differences: largest |difference| of the two integrations over q and v, at each time (k,).
         runs: the integrations, all digits: Taylor series first, from which q and v are taken.
-        check: the Taylor series again, with shorter steps: what that changed.
+        check: the Taylor series again, with shorter steps, and the resulting change.
     """
 
     name: str
@@ -115,12 +115,12 @@ class Reference:
 
     @property
     def uncertainty(self) -> float:
-        """The largest of `differences`, below which nothing is to be judged."""
+        """The largest of `differences`; smaller errors against this reference mean nothing."""
         return float(self.differences.max())
 
     @property
     def rounding(self) -> float:
-        """What rounding q and v to doubles has added at most."""
+        """Bound on the rounding error of q and v in float64."""
         return float(max(np.spacing(np.abs(x)).max() for x in (self.q, self.v)) / 2)
 
 
@@ -133,10 +133,10 @@ def reference_from_runs(
     runs: tuple[ReferenceRun, ReferenceRun],
     check: dict,
 ) -> Reference:
-    """Return the `Reference` that two integrations make.
+    """Return the `Reference` of two integrations.
 
     Raises:
-        InputError: they are of different times or sizes.
+        InputError: they have different times or sizes.
     """
     first = runs[0]
     return Reference(
@@ -155,7 +155,7 @@ def reference_from_runs(
 
 
 def save_reference(reference: Reference, path: Path, **more: Any) -> None:
-    """Write `reference` to `path`; `more` is written along, for readers.
+    """Write `reference` to `path`; the entries `more` are added for human readers.
 
     Raises:
         InputError: the file cannot be written.

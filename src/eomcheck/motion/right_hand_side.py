@@ -1,11 +1,11 @@
 """Right-hand sides of formulations in machine code: sines and cosines, terms, formulation, solve.
 
-The generic functions of a scene and a formulation are run once on a tape, and the tape is compiled
-(`eomcheck.kernels`). A kernel is compiled once for all scenes of a class with the same terms and
-sizes, whose parameters it reads from a block of memory. A matrix that is singular gives NaN:
-machine code does not raise.
+The generic functions of a scene and a formulation are traced once on a tape, and the tape is
+compiled (`eomcheck.kernels`). A kernel, the compiled function, is shared by all scenes of a class
+with the same terms and sizes; it reads their parameters from a block of memory. A singular matrix
+gives NaN: machine code does not raise.
 
-The state vector is q and what the formulation integrates beside it, `Formulation.state` (paper,
+The state vector consists of q and the other integrated variables, `Formulation.state` (paper,
 Eqs. (6), (8), (14), (19)):
 
 - "q, v, μ": velocities, and the integrals μ of the multipliers, μ̇ = λ
@@ -43,7 +43,7 @@ from eomcheck.numbers.tape import Tape, jacobian
 
 
 def number_of_speeds(scene: Scene, formulation: Formulation) -> int:
-    """Return how many speeds a state vector holds beside q: v, v2, u or x."""
+    """Return the number of speeds in a state vector: entries of v, v2, u or x."""
     return {"q, v2": scene.p, "q, u": scene.p, "q, x": scene.s}.get(formulation.state, scene.n)
 
 
@@ -63,7 +63,7 @@ def state_of(at: Quantities, formulation: Formulation) -> Array:
 
 
 def state_vector(y: Array, size: int) -> Array:
-    """Return y (size,), contiguous doubles: machine code reads what it is given.
+    """Return y (size,) as contiguous float64, which machine code requires.
 
     Raises:
         InputError: y has another shape.
@@ -74,12 +74,12 @@ def state_vector(y: Array, size: int) -> Array:
 
 
 def set_speeds(at: Quantities, formulation: Formulation, speeds: Any) -> None:
-    """Give `at` the velocities that the speeds of a state vector stand for, in any numbers.
+    """Set the velocities of `at` from the speeds of a state vector, in any scalar type.
 
     Args:
         at: the scene at the coordinates of the state vector.
         formulation: the formulation.
-        speeds: those of the state vector (`number_of_speeds`,).
+        speeds: speeds of the state vector (`number_of_speeds`,).
     """
     here = at.parameters, at.prepared, at.q
     if formulation.state == "q, u":
@@ -96,29 +96,30 @@ def set_speeds(at: Quantities, formulation: Formulation, speeds: Any) -> None:
 # ---- Kernels of a scene --------------------------------------------------------------------------
 
 MANY_LINKS = 48
-"""A longer chain continues the programs of shorter ones."""
+"""Number of links above which a chain's program is extrapolated from those of shorter chains."""
 
 SHORTER = 20, 4
-"""Their numbers of links: from 20 on, in steps of 4, for a pattern may take turns."""
+"""First number of links of the shorter chains, and its increment: patterns may have a period."""
 
 
 FEEDBACK = "rate_of_feedback"
-"""Name of the parameter that a stabilized right-hand side has besides those of the scene, 1/s."""
+"""Name of the additional parameter of a stabilized right-hand side, 1/s."""
 
 
 JACOBIAN, ACCELERATION = "jacobian", "acceleration"
-"""What a right-hand side gives besides, if asked: `jacobian`, the derivatives of its rates by the
-state, row by row; or the whole `vdot` and, if the formulation has them, `multipliers`."""
+"""Names of optional outputs of a right-hand side: `jacobian`, the derivatives of its rates by the
+state, row by row; or the whole `vdot` and, if the formulation has them, `multipliers`.
+"""
 
 
 class Traced(NamedTuple):
-    """A tape, and its entries that are parameters, state and outputs.
+    """A tape with the indices of its parameters, state and outputs.
 
     Attributes:
         tape: the tape.
         at: the scene at the state y.
         y: the state vector.
-        outputs: places of the outputs, by name.
+        outputs: indices of the outputs, by name.
     """
 
     tape: Tape
@@ -128,14 +129,14 @@ class Traced(NamedTuple):
 
 
 def parameter_arrays(scene: Scene) -> dict[str, Array]:
-    """Return the parameters of `scene` as arrays of doubles, by name; absent ones are left out."""
+    """Return the parameters of `scene` as float64 arrays, by name; absent ones are left out."""
     record = scene.parameters(FLOAT64)
     fields = zip(record._fields, record, strict=True)
     return {name: np.asarray(x, np.float64) for name, x in fields if x is not None}
 
 
 def quantities_on(tape: Tape, scene: Scene, q: Array) -> Quantities:
-    """Return the scene on a tape; its parameters and the time are inputs."""
+    """Return the scene's quantities on a tape; its parameters and the time are inputs."""
     at = Quantities(scene, tape, q, tape.inputs("t", (1,))[0])
     given = {name: tape.inputs(name, x.shape) for name, x in parameter_arrays(scene).items()}
     at.parameters = parameter_record(scene, given)
@@ -149,7 +150,7 @@ def parameter_record(scene: Scene, given: Mapping[str, Any]) -> Any:
 
 
 def state_on_tape(scene: Scene, formulation: Formulation) -> tuple[Tape, Quantities, Array, Array]:
-    """Return a new tape, the scene on it, the state vector, an input, and the speeds in it."""
+    """Return a new tape, the scene on it, the state vector as an input, and the speeds in it."""
     tape, n = Tape(), scene.n
     y = tape.inputs("y", (state_size(scene, formulation),))
     speeds = y[n : n + number_of_speeds(scene, formulation)]
@@ -157,7 +158,7 @@ def state_on_tape(scene: Scene, formulation: Formulation) -> tuple[Tape, Quantit
 
 
 CACHED_KERNELS = 128
-"""Kernels that a process keeps: of more than these the ones that were used last."""
+"""Size of the kernel cache of a process; the least recently used ones are dropped."""
 
 _kernels: dict[Any, Kernel] = {}
 
@@ -171,16 +172,16 @@ def traced_kernel(
     effort: int = EFFORT,
     **options: Any,
 ) -> Kernel:
-    """Return the kernel of a trace, made once for scenes of this kind, terms and sizes.
+    """Return the compiled kernel of a trace, cached for scenes of this class, terms and sizes.
 
     Args:
-        trace: (scene, formulation, **options) to what is on the tape.
+        trace: function (scene, formulation, **options) that returns the tape.
         scene: the scene.
         formulation: the formulation.
         outputs: number of entries of each output, by name.
-        width: lanes.
-        effort: LLVM's in generating code.
-        options: as in `kernel_of`.
+        width: number of SIMD lanes.
+        effort: optimization level of LLVM.
+        options: options of the trace, as in `kernel_of`.
     """
     sizes = {name: x.shape for name, x in parameter_arrays(scene).items()}
     size = state_size(scene, formulation)
@@ -201,7 +202,7 @@ def traced_kernel(
 
 
 def _program(trace: Callable[[Scene], Traced], scene: Scene, along: bool) -> Program:
-    """Return the program of a trace; `along` a chain of many links, that of shorter ones."""
+    """Return the program of a trace; `along` a long chain, extrapolated from shorter ones."""
     links = getattr(scene, "links", 0)
     if scene.has_links and along and links > MANY_LINKS:
         first, step = SHORTER
@@ -214,16 +215,16 @@ def _program(trace: Callable[[Scene], Traced], scene: Scene, along: bool) -> Pro
         try:
             return extrapolate_program(shorter, links, first, step)
         except NotRegularError:
-            pass  # what follows no pattern is traced as it is
+            pass  # without a regular pattern it is traced in full
     traced = trace(scene)
     return program_of(traced.tape, traced.outputs)
 
 
 def _shorter_scene(scene: Scene, links: int) -> Scene:
-    """Return a scene of this kind, with the same terms, of so many links.
+    """Return a scene of this class, with the same terms, of so many links.
 
     Raises:
-        NotRegularError: the kind has none.
+        NotRegularError: the class has none.
     """
     names = parameter_arrays(scene).keys()
     for other in type(scene).structures(links):
@@ -233,7 +234,7 @@ def _shorter_scene(scene: Scene, links: int) -> Scene:
 
 
 def block_of(kernel: Kernel, scene: Scene, **more: float) -> Array:
-    """Return the block of a kernel with the parameters of `scene`, and more by name."""
+    """Return the block of a kernel with the parameters of `scene`, and of `more` by name."""
     given = {name: np.ravel(x) for name, x in parameter_arrays(scene).items()}
     return kernel.block({**given, **{name: np.array([x]) for name, x in more.items()}})
 
@@ -248,14 +249,14 @@ def trace_rates(
     also: str = "",
     choice: Choice | None = None,
 ) -> Traced:
-    """Run a right-hand side on a tape; its outputs are `rates`, those of the state vector.
+    """Trace a right-hand side; its outputs are `rates`, those of the state vector.
 
     Args:
         scene: the scene.
         formulation: the formulation.
         stabilized: with Baumgarte's feedback, whose rate is a parameter.
         also: one further output, `JACOBIAN` or `ACCELERATION`.
-        choice: of the partition, by default the paper's, with all constraints.
+        choice: choice of the partition, by default the paper's, with all constraints.
     """
     tape, at, y, speeds = state_on_tape(scene, formulation)
     set_speeds(at, formulation, speeds)
@@ -281,7 +282,7 @@ def trace_rates(
 
 
 def choice_for(at: Evaluation, formulation: Formulation) -> Choice | None:
-    """Return the choice of independent constraints at a state; None where nothing is to choose.
+    """Return the choice of independent constraints at a state; None if all are independent.
 
     Raises:
         RefusedError: it is not clear which they are.
@@ -300,16 +301,16 @@ def kernel_of(
     choice: Choice | None = None,
     effort: int = EFFORT,
 ) -> Kernel:
-    """Return the kernel of a right-hand side.
+    """Return the compiled kernel of a right-hand side.
 
     Args:
         scene: the scene.
         formulation: the formulation.
         stabilized: whether it reads a rate of feedback.
         also: a further output, as for `trace_rates`.
-        width: lanes.
-        choice: of the partition, as for `trace_rates`.
-        effort: LLVM's in generating code.
+        width: number of SIMD lanes.
+        choice: choice of the partition, as for `trace_rates`.
+        effort: optimization level of LLVM.
 
     Raises:
         NotRationalError: a function of the scene branches on a value.
@@ -333,11 +334,11 @@ class RightHandSide:
         scene: the scene.
         formulation: the formulation.
         feedback: rate of Baumgarte's feedback, 1/s, or None without.
-        choice: of the partition, as for `trace_rates`.
+        choice: choice of the partition, as for `trace_rates`.
 
     Attributes:
-        address: of the C function (derivatives, t, state, arguments).
-        arguments: what it is to be given: the address of the block, as a double.
+        address: address of the C function (derivatives, t, state, arguments).
+        arguments: its last argument: the address of the block, as a float64.
     """
 
     def __init__(
@@ -357,22 +358,22 @@ class RightHandSide:
 
     @property
     def calls(self) -> int:
-        """Right-hand sides evaluated."""
+        """Number of evaluated right-hand sides."""
         return int(self._counts[CALLS])
 
     @property
     def failed(self) -> int:
-        """How many of them were not finite."""
+        """Number of evaluations that were not finite."""
         return int(self._counts[FAILED])
 
     @property
     def failure_time(self) -> float:
-        """When the first of these was evaluated, s; NaN without any."""
+        """Time of the first evaluation that was not finite, s; NaN without any."""
         return float(self.block[FAILURE_TIME])
 
     @property
     def time(self) -> float:
-        """Where the last of them was evaluated, s; another thread may ask while they run."""
+        """Time of the last evaluation, s; another thread may read it during a run."""
         return float(self.block[TIME])
 
     def reset(self) -> None:
@@ -404,12 +405,12 @@ def acceleration_in_machine_code(
     """Return v̇ (n,) by machine code; NaN where a matrix is singular.
 
     Args:
-        at: where; its coordinates, velocities and time.
+        at: evaluation with coordinates, velocities and time.
         formulation: the formulation.
-        y: state vector in place of the one that follows from `at`.
+        y: state vector instead of the one of `at`.
 
     Raises:
-        RefusedError: which constraints are independent is not clear.
+        RefusedError: it is not clear which constraints are independent.
     """
     choice = choice_for(at, formulation)
     kernel = kernel_of(at.scene, formulation, also=ACCELERATION, choice=choice, effort=LEAST_EFFORT)
@@ -420,9 +421,9 @@ def acceleration_in_machine_code(
 def exact_jacobian(
     scene: Scene, formulation: Formulation, choice: Choice | None = None
 ) -> Callable[[float, Array], Array]:
-    """Return the function (t, y (k,)) -> ∂ẏ/∂y (k, k), differentiated on the tape.
+    """Return the function (t, y (k,)) -> ∂ẏ/∂y (k, k), by automatic differentiation of the tape.
 
-    For implicit integrators that take one (SciPy's). Not for two threads at once. It raises
+    For implicit integrators that take a Jacobian (SciPy's). Not for two threads at once. It raises
     `InputError` for a y of another shape. `choice` of the partition is that of `trace_rates`.
     """
     kernel = kernel_of(scene, formulation, also=JACOBIAN, choice=choice)

@@ -1,7 +1,8 @@
 """Simulation of one motion: `simulate` integrates it by one formulation and one integrator.
 
 A `Motion` is a formulation of a scene in machine code, ready to be integrated from a state; no
-Python is called in between. A `Trajectory` is the computed motion with its error estimates.
+Python is called during the integration. A `Trajectory` is the computed motion with its error
+estimates.
 """
 
 from __future__ import annotations
@@ -45,10 +46,10 @@ from eomcheck.numbers.generic import Array
 # ---- Compiled motions ----------------------------------------------------------------------------
 
 LARGEST_CHUNK = 2**20
-"""Numbers that are seen at once, of as many states as that makes."""
+"""Number of float64 in one chunk of states whose observables are computed at once."""
 
 OBSERVED = "v", "energy", "constraint"
-"""What is kept of what `trace_observables` shows."""
+"""Outputs of `trace_observables` that a trajectory stores."""
 
 
 class Motion:
@@ -65,7 +66,7 @@ class Motion:
     Raises:
         InputError: `baumgarte` is not positive or does not apply.
         RefusedError: the generalized speeds do not exist, or it is not clear which constraints are
-            independent. Those of the start are kept all along the motion.
+            independent. Those of the start are used all along the motion.
     """
 
     def __init__(
@@ -92,12 +93,12 @@ class Motion:
         self.solves_partition = solves_partition(scene, formulation)
 
     def solve(self, t_end: float, projection: float | None = None, **options) -> Steps:
-        """Return `integrate`'s result for this motion; counts are set anew.
+        """Return the `Steps` of an integration of this motion; counts are reset.
 
         Args:
             t_end: end, s.
             projection: interval at which the velocity is projected onto the constraints, s.
-            options: of `integrate`.
+            options: options of `integrate`.
         """
         self.rates.reset()
         label = f"integrating by {self.formulation.key}"
@@ -107,10 +108,10 @@ class Motion:
     def every_step(
         self, t_end: float, projection: float | None = None, *, output_times=None, **options
     ) -> Steps | None:
-        """Return all states that `solve` steps to on its way to `output_times`.
+        """Return all integrator steps of `solve` on its way to `output_times`.
 
-        None where those are its output, or where it has no pose that it cannot cross: poses lie
-        between steps, and between output times that are further apart the way is not straight.
+        None if those are its output, or if its formulation has no singular configuration to cross:
+        a crossing lies between two steps, while the path between distant output times is curved.
         """
         if output_times is None or not self.solves_partition:
             return None
@@ -161,10 +162,10 @@ class Motion:
         return at.q, at.v
 
     def observables(self, t: Array, y: Array) -> dict[str, Array]:
-        """Return v, energy, constraint and multipliers, each (k, ·), of states y (k, size).
+        """Return v, energy, constraint, multipliers, each (k, ·), of states y (k, size), by name.
 
-        Constraint and multipliers only where there are any. States are seen a few at a time, so
-        that little memory is taken but for what is returned.
+        Constraint and multipliers only if they exist. States are processed in chunks, so that
+        little memory is needed besides the result.
         """
         observer = observer_of(self.scene, self.formulation)
         here = self.scene, self.formulation
@@ -191,18 +192,18 @@ class Motion:
         return found
 
     def singular_crossing(self, t: Array, y: Array) -> tuple[float, float] | None:
-        """Return the times, s, between which states y (k, size) went over such a pose, or None."""
+        """Return the times, s, between which states y (k, size) crossed a singularity, or None."""
         if not self.solves_partition or len(t) == 0:
             return None
         parameters = {name: np.ravel(x) for name, x in parameter_arrays(self.scene).items()}
         here = self.scene, self.formulation, parameters
-        # From where it started, which need not be an output.
+        # Includes the initial state, which need not be an output.
         t, y = np.concatenate(([0.0], t)), np.vstack((self.y0, y))
         (place,) = singular_crossings(*here, t[:, None], y[:, :, None])
         return None if place is None else (float(t[place[0]]), float(t[place[1]]))
 
     def evaluation(self, y: Array, t: float) -> Evaluation | None:
-        """Return the evaluation at a state vector; None where doubles cannot hold it."""
+        """Return the evaluation at a state vector; None if it overflows float64."""
         q, v = self.split(y, t)
         if not np.isfinite((q, v)).all():
             return None
@@ -216,12 +217,12 @@ class Motion:
 # ---- Trajectories --------------------------------------------------------------------------------
 
 MOST_CHECKED_STATES = 200
-"""Most states of a trajectory at which the matrices solved are looked at."""
+"""Largest number of states of a trajectory at which the solved matrices are checked."""
 
 
 @dataclass(frozen=True)
 class Trajectory:
-    """A motion, as one formulation and one integrator found it.
+    """A computed trajectory of one formulation and one integrator, with its error estimates.
 
     Attributes:
         scene: the scene.
@@ -238,14 +239,13 @@ class Trajectory:
         right_hand_sides: right-hand sides evaluated.
         steps: steps taken.
         status: "finished", or "failed" if the end was not reached.
-        reason: why not.
+        reason: reason why it was not reached.
         seconds: time of the integration alone, s.
-        refusal: what the formulation says to the state where it failed, if it refuses it.
-        rcond: smallest reciprocal condition number of each matrix solved, by name, at the states
-            looked at: `MOST_CHECKED_STATES` of them at most, first and last included.
-        rate_error: bound on the relative error of v̇ that rounding alone makes, the largest of the
-            first, the last and the worst conditioned of these states; infinite where none can be
-            measured.
+        refusal: the formulation's error at the state where it failed, if it refuses that state.
+        rcond: smallest reciprocal condition number of each solved matrix, by name, at the checked
+            states: `MOST_CHECKED_STATES` of them at most, first and last included.
+        rate_error: bound on the relative rounding error of v̇, the largest at the first, the last
+            and the worst conditioned of these states; infinite where none can be measured.
         baumgarte: rate of Baumgarte's feedback, 1/s, or None without.
         projection: interval at which the velocity was projected, s, or None.
     """
@@ -282,9 +282,9 @@ def trajectory_of(
     seconds: float,
     every: Steps | None,
 ) -> Trajectory:
-    """Return what the last `solve` of `motion`, which found these steps, says of the scene.
+    """Return the trajectory of the last `solve` of `motion`, whose steps are `found`.
 
-    Poses that it cannot cross are looked for in `every` step, see `Motion.every_step`.
+    Crossings of singular configurations are searched in `every` step, see `Motion.every_step`.
     """
     scene, formulation = motion.scene, motion.formulation
     course = _ObservedMotion(motion, found, found if every is None else every)
@@ -317,10 +317,10 @@ def trajectory_of(
 
 
 class _ObservedMotion:
-    """What follows from the states of a motion, up to the first that fails.
+    """Observables of the states of a motion, up to the first state that fails.
 
-    Seen in machine code. At `MOST_CHECKED_STATES` of the states, and where a multiplier is no
-    number, the public path looks at the matrices that are solved.
+    They are computed in machine code. At `MOST_CHECKED_STATES` of the states, and where a
+    multiplier is not a number, the evaluation of the public functions checks the solved matrices.
     """
 
     def __init__(self, motion: Motion, found: Steps, every: Steps):
@@ -373,7 +373,7 @@ class _ObservedMotion:
         found = at.acceleration(self.formulation).rcond
         for name, rcond in found.items():
             self.rcond[name] = min(rcond, self.rcond.get(name, 1.0))
-        # No more of them than are asked again: what they know grows with the matrices.
+        # Only those that are evaluated again: their caches grow with the matrices.
         self._checked.setdefault("first", at)
         self._checked["last"] = at
         if min(found.values(), default=math.inf) < self._worst:
@@ -381,7 +381,7 @@ class _ObservedMotion:
             self._checked["worst"] = at
 
     def rows(self, name: str) -> Array | None:
-        """Return what was seen at the states kept (k, ·), or None."""
+        """Return an observable at the retained states (k, ·), or None."""
         return self.observables[name][: self.valid_count] if name in self.observables else None
 
     def rate_error(self) -> float:
@@ -398,7 +398,7 @@ class _ObservedMotion:
 
 
 def _reason(motion: Motion, found: Steps) -> tuple[str, RefusedError | None]:
-    """Say why an integration did not reach its end."""
+    """Return the reason why an integration did not reach its end, and the refusal, if any."""
     if motion.rates.failed == 0:
         return "the energy overflows" if found.success else found.message, None
     when = motion.rates.failure_time
@@ -406,7 +406,7 @@ def _reason(motion: Motion, found: Steps) -> tuple[str, RefusedError | None]:
     why, refusal = "it overflows, or a matrix is singular there", None
     try:
         q, v = motion.split(y, when)
-        # A velocity that the independent ones do not determine is what a_1 refuses as well.
+        # a_1 also refuses a velocity that the independent ones do not determine.
         at = Evaluation(motion.scene, q, np.nan_to_num(v), when)
         at.independent_partition = motion.partition
         at.acceleration(motion.formulation)
@@ -440,7 +440,7 @@ def simulate(
 
     Each formulation integrates its own state (Eqs. (6), (8), (14), (19)): IM and Au (q, v, μ), El
     and GW (q, v), Em (q, v₂), ML and Kane (q, u), and banded (q, x) with the quasi-velocities. No
-    Python is called in between.
+    Python is called during the integration.
 
     Args:
         scene: the scene.
@@ -449,8 +449,7 @@ def simulate(
         rtol: relative tolerance of a step.
         atol: absolute tolerance of a step, SI units.
         integrator: a key of `eomcheck.INTEGRATORS`.
-        output_times: times (k,) in [0, t_end] at which the motion is wanted, rising; by default
-            every step.
+        output_times: times (k,) in [0, t_end] of the output, rising; by default every step.
         q0: initial coordinates (n,), by default the scene's own state.
         v0: initial velocities (n,), or
         u0: initial generalized speeds (p,); by default the scene's own velocities, at rest if q0
@@ -464,17 +463,17 @@ def simulate(
             acceleration level, and off by default; see `eomcheck.motion.stabilization`.
 
     Returns:
-        The trajectory. An integration that cannot go on, that came to a state which the
-        formulation refuses, or went over a pose in which its partition is singular, is a result
-        with `status` "failed" and a reason, up to where it came. Such a pose is noticed where it
-        was crossed once between two steps; with `output_times` all steps are made once more.
+        The trajectory. If an integration fails, reaches a state that the formulation refuses, or
+        crosses a singular configuration of its partition, the trajectory ends at the last valid
+        state, with `status` "failed" and a reason. A crossing is detected if it happens once
+        between two steps; with `output_times` all steps are computed a second time.
 
     Raises:
         InputError: values that are not valid, velocities that violate the constraints, a
             formulation that does not apply to the scene, a stabilization that does not apply to the
             formulation.
         UnknownNameError: no such formulation or integrator.
-        RefusedError: the generalized speeds do not exist, or no doubles hold the velocities.
+        RefusedError: the generalized speeds do not exist, or the velocities overflow float64.
     """
     formulation = formulation_for(checked_scene(scene), key)
     check_stabilization(scene, formulation, baumgarte, projection)
@@ -506,7 +505,11 @@ def _number(value) -> bool:
 
 
 def check_options(max_steps: int, **positive: float) -> None:
-    """Raise InputError unless these are positive, of which only `max_step` may be infinite."""
+    """Check that these options are positive, of which only `max_step` may be infinite.
+
+    Raises:
+        InputError: one is not.
+    """
     for name, value in positive.items():
         if not _number(value) or not value > 0 or (name != "max_step" and math.isinf(value)):
             raise InputError(f"{name} = {value!r}, expected a positive number")
@@ -515,10 +518,14 @@ def check_options(max_steps: int, **positive: float) -> None:
 
 
 def checked_times(output_times, t_end: float) -> Array:
-    """Return the times (k,), s, if they rise within [0, t_end]."""
+    """Return the times (k,), s, after checking that they rise within [0, t_end].
+
+    Raises:
+        InputError: they do not.
+    """
     try:
         shape = np.shape(output_times)
-    except ValueError:  # lists of different lengths
+    except ValueError:  # nested lists of different lengths
         shape = ()
     times = finite_array("output_times", output_times, shape)
     rising = times.ndim == 1 and times.size > 0 and bool((np.diff(times) > 0).all())
@@ -528,7 +535,7 @@ def checked_times(output_times, t_end: float) -> Array:
 
 
 def initial_values(scene: Scene, q0, v0, u0) -> tuple[Array, Array, Array | None]:
-    """Return (q0, v0, u0 or None) that a motion starts from; see `simulate`."""
+    """Return the initial values (q0, v0, u0 or None) of a motion; see `simulate`."""
     if v0 is not None and u0 is not None:
         raise InputError("v0 and u0 are both given, expected at most one of them")
     q, v = scene.initial_state()

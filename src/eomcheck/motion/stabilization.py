@@ -1,11 +1,12 @@
 """Constraint stabilization: Baumgarte's feedback, and projection of the velocity.
 
-A formulation whose constraints enter at acceleration level knows only that the rate of c = a v + b
-is 0. The errors of the steps stay in c. Two remedies, both off by default:
+A formulation whose constraints enter at acceleration level only enforces that the rate of
+c = a v + b is 0, so that the errors of the steps accumulate in c. Two remedies, both off by
+default:
 
 - feedback (Baumgarte 1972): ċ = -rate c in the place of ċ = 0, so that gamma becomes gamma + rate c
   and c decays with exp(-rate t);
-- projection (Eich 1993; Ascher, Chin and Reich 1994): every so often v is changed by the δv that
+- projection (Eich 1993; Ascher, Chin and Reich 1994): at intervals v is changed by the δv that
   is smallest in the norm of the mass matrix among those that bring c to 0,
 
       M δv = aᵀ λ,  a δv = -c.
@@ -13,8 +14,8 @@ is 0. The errors of the steps stay in c. Two remedies, both off by default:
   This is the formulation's own system at F = 0 and gamma = c: no other matrix is solved. c is
   linear in v, so that one such change is enough.
 
-In a chain c are the gaps of the joints, A_k x_{k-1} + C_k x_k, and the same holds of x. A gap is a
-vector in the plane, given along axes that turn; as a vector it decays with exp(-rate t).
+In a chain c are the gaps of the joints, A_k x_{k-1} + C_k x_k, and the same holds for x. A gap is a
+vector in the plane, along axes that turn; as a vector it decays with exp(-rate t).
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ from eomcheck.numbers.generic import Array, generic
 
 @generic
 def drift_with_feedback(a, gamma, b, v, rate):
-    """Return gamma + rate (a v + b) (r,); gamma as it is without a rate, 1/s."""
+    """Return gamma + rate (a v + b) (r,), rate in 1/s; gamma itself without a rate."""
     if rate is None:
         return gamma
     if b is None:
@@ -47,14 +48,14 @@ def drift_with_feedback(a, gamma, b, v, rate):
 
 @generic
 def joint_drift_with_feedback(before, after, rest, x, rate):
-    """Return d_k + rate (A_k x_{k-1} + C_k x_k) (n_b-1, 2); d as it is without a rate, 1/s."""
+    """Return d_k + rate (A_k x_{k-1} + C_k x_k) (n_b-1, 2), rate in 1/s; d without a rate."""
     if rate is None:
         return rest
     return rest + rate * joint_gaps(before, after, x)
 
 
 def feed_back(at: Quantities, formulation: Formulation, rate: Any) -> None:
-    """Give `at` the constraint drift with feedback at this rate, 1/s, in any numbers."""
+    """Add feedback at this rate, 1/s, to the constraint drift of `at`, in any scalar type."""
     if formulation.uses == "chain":
         before, after, rest = at.chain.before, at.chain.after, at.chain.rest
         at.chain = at.chain._replace(
@@ -68,7 +69,7 @@ def feed_back(at: Quantities, formulation: Formulation, rate: Any) -> None:
 def check_stabilization(
     scene: Scene, formulation: Formulation, baumgarte: float | None, projection: float | None
 ) -> None:
-    """Check that both options, where given, are positive numbers and apply.
+    """Check that both options, if not None, are positive numbers and apply.
 
     Raises:
         InputError: they are not, or do not: there is no constraint, or the formulation cannot leave
@@ -113,7 +114,7 @@ def project_speeds(
 
 
 Piece = Callable[[float, float, Array, float, "Array | None", int], Steps]
-"""(start, end, state, first step, output times, most steps) -> what an integrator found."""
+"""Integrator of one piece: (start, end, state, first step, output times, most steps) -> `Steps`."""
 
 
 def integrate_in_pieces(
@@ -128,8 +129,8 @@ def integrate_in_pieces(
 ) -> Steps:
     """Integrate from 0 to `t_end` in pieces of `interval`, s, and project after each.
 
-    The state at the end of a piece is the projected one. Every piece begins with 0.9 mean
-    steps of the one before; a multistep method begins anew with order 1.
+    The state at the end of a piece is the projected one. The first step of a piece is 0.9 mean
+    steps of the previous piece; a multistep method restarts with order 1.
     """
     count = max(1, math.ceil(t_end / interval * (1 - 1e-12)))
     ends = [min(k * interval, t_end) for k in range(1, count)] + [t_end]

@@ -22,10 +22,10 @@ def constraint_error(trajectory: Trajectory) -> Array:
 
 
 def energy_error(trajectory: Trajectory) -> Array:
-    """Return T + U - E_0 at each time (k,), J (Eq. (31)).
+    """Return the energy error T + U - E_0 at each time (k,), J (Eq. (31)).
 
     Raises:
-        InputError: the scene does not keep its energy, so that this is no error.
+        InputError: the scene does not conserve its energy, so that this is no error.
     """
     if not trajectory.scene.conserves_energy:
         raise InputError(f"{trajectory.scene.name} has no energy error: {_loss(trajectory.scene)}")
@@ -39,10 +39,10 @@ def error_norm(errors: Array) -> float:
 
 @dataclass(frozen=True)
 class Drift:
-    """How an error grows with time t, up to the end T: |error| ≈ rate T (t/T)^exponent.
+    """A law of growth of an error with time t, up to the end T: |error| ≈ rate T (t/T)^exponent.
 
     Attributes:
-        rate: what the law gives at the end over T, unit of the error per s.
+        rate: value of the law at the end over T, unit of the error per s.
         exponent: 1 grows in proportion to time, less than 1 levels off, more grows ever faster.
     """
 
@@ -51,16 +51,16 @@ class Drift:
 
 
 FEWEST = 4
-"""Errors that a law is fitted to, at least."""
+"""Least number of errors that a law is fitted to."""
 
 
 def drift_of(times: Array, errors: Array) -> Drift | None:
-    """Return the law by which errors (k,) grow over times (k,), s; None of fewer than `FEWEST`.
+    """Return the law of growth of errors (k,) over times (k,), s; None for fewer than `FEWEST`.
 
     The exponent is the median slope between any two points in logarithms (Theil and Sen), the rate
-    that of the line with the median residual. Least squares would follow single times where the
-    interpolation between two steps is bad, and the earliest times, far out on a logarithm. Times
-    and errors that are 0 have no logarithm and are left out.
+    that of the line with the median residual. Least squares would be dominated by single times with
+    a bad interpolation between two steps, and by the earliest times, which are outliers in
+    logarithms. Times and errors that are 0 have no logarithm and are left out.
     """
     times, errors = np.asarray(times), np.abs(errors)
     seen = (times > 0) & (errors > 0)
@@ -74,11 +74,11 @@ def drift_of(times: Array, errors: Array) -> Drift | None:
 
 
 def constraint_error_drift(trajectory: Trajectory) -> Drift | None:
-    """Return how ‖c‖₂ grows, m/s per s; None where nothing lets the motion leave a v + b = 0.
+    """Return the law of growth of ‖c‖₂, m/s per s; None if the motion cannot leave a v + b = 0.
 
-    Formulations whose constraints enter at acceleration level drift: they know only that the rate
-    of c is 0, so that every error of a step stays. The others cannot leave the constraints by more
-    than rounding.
+    Formulations whose constraints enter at acceleration level drift: they only enforce that the
+    rate of c is 0, so that every error of a step persists. The others cannot leave the constraints
+    by more than rounding.
     """
     if formulation_of(trajectory.key).level == "velocity":
         return None
@@ -86,7 +86,10 @@ def constraint_error_drift(trajectory: Trajectory) -> Drift | None:
 
 
 def energy_error_drift(trajectory: Trajectory) -> Drift | None:
-    """Return how |T + U - E_0| over the largest |T + U| grows, per s; None if it is not kept."""
+    """Return the law of growth of |T + U - E_0| over the largest |T + U|, per s.
+
+    None if the energy is not conserved.
+    """
     if not trajectory.scene.conserves_energy:
         return None
     scale = np.abs(trajectory.energy).max()
@@ -95,7 +98,7 @@ def energy_error_drift(trajectory: Trajectory) -> Drift | None:
 
 @dataclass(frozen=True)
 class Errors:
-    """How far a trajectory is off. Norms of a state (q, v) are its largest entry, SI units.
+    """Errors of a trajectory. Norms of a state (q, v) are its largest entry, SI units.
 
     Attributes:
         final: error of the state at the end.
@@ -106,8 +109,8 @@ class Errors:
             -log10 max |error_i| / (atol/rtol + |true_i|).
         energy: largest |T + U - E_0| over the largest |T + U|; NaN where energy is not conserved.
         constraint: largest ‖c‖₂, m/s; NaN without constraints.
-        floor: what rounding the reference to doubles and its own uncertainty add: nothing is to be
-            judged below it.
+        floor: sum of the reference's float64 rounding error and its uncertainty: smaller errors
+            are not significant.
     """
 
     final: float
@@ -124,7 +127,7 @@ def errors_of(trajectory: Trajectory, reference: Reference) -> Errors:
     """Return the errors of a trajectory whose output times are those of the reference.
 
     Raises:
-        InputError: the trajectory did not come to its end, or has other times.
+        InputError: the trajectory did not reach its end, or has other times.
     """
     if trajectory.status != "finished":
         raise InputError(f"the trajectory ended at {_end(trajectory)}: {trajectory.reason}")
@@ -155,7 +158,7 @@ def _largest_energy_error(trajectory: Trajectory) -> float:
 
 
 def _relative(error: float, top: float) -> float:
-    """Error per largest true number; where all are 0, 0 or infinite."""
+    """Return the error over the largest true number; 0 or infinite where all are 0."""
     return float(error / top) if top > 0 else (0.0 if error == 0 else math.inf)
 
 
