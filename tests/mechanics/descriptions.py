@@ -1,4 +1,4 @@
-"""Small mechanisms by description, of every kind of joint and constraint."""
+"""Small mechanisms by description, with every kind of joint and constraint."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ FourBar = mechanism(
 
 
 def beside(name: str, kind: str, constraint: Any, first: tuple[str, ...] = ()) -> type[Mechanism]:
-    """Return an arm and a second body on a joint of its own, held to it."""
+    """Return the class of an arm and a second body on a joint of its own, constrained to it."""
     joints = [turning("α", "ground", "a", axis=(0.0, 1.0, 0.0)),
               Joint("β", kind, "ground", "b", (2.0, 0.0, 0.0))]  # fmt: skip
     return mechanism(name, [GROUND, bent("a"), bent("b")], joints, [constraint], dependent=first)

@@ -1,4 +1,4 @@
-"""Mechanisms by description: every kind of joint and constraint is proved, and its faults seen."""
+"""Mechanisms by description: every kind of joint and constraint is proved, its faults detected."""
 
 from __future__ import annotations
 
@@ -257,7 +257,7 @@ def test_random_mechanisms_of_a_topology_pass_every_claim(key: str):
 
 
 def on(name: str, constraint: elements.Constraint) -> Mechanism:
-    """Return a small ball that hangs in space but for a constraint."""
+    """Return a small ball, free in space except for a constraint."""
     links = [GROUND, Link("ball", 2.0, moments=(0.1, 0.1, 0.1))]
     return mechanism(
         name, links, [elements.Joint("b", "floating", "ground", "ball")], [constraint]
@@ -294,7 +294,7 @@ SLIDES = [
 
 
 def sliding(constraint: elements.Constraint) -> Mechanism:
-    """Return a body that slides along x and y but for a constraint."""
+    """Return a body that slides along x and y, except for a constraint."""
     return mechanism("Sliding", [GROUND, Link("carriage"), rod("b")], SLIDES, [constraint])()
 
 
@@ -433,7 +433,7 @@ def test_angles_of_a_rotation_make_it_again_however_near_the_pitch_is_to_a_quart
         found = roll_pitch_yaw_of(R)
         assert np.abs(rotation_matrix(roll_pitch_yaw(*found)) - R).max() <= 8 * EPS
         assert found[1] == pytest.approx(pitch, abs=4 * EPS)
-    R[2, 0] = np.copysign(1.0 + EPS, R[2, 0])  # as rounding may leave it
+    R[2, 0] = np.copysign(1.0 + EPS, R[2, 0])  # possible rounding error
     assert np.isfinite(roll_pitch_yaw_of(R)).all()
 
 

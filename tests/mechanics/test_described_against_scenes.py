@@ -1,4 +1,4 @@
-"""Descriptions of what scenes write by hand: the same terms modulo primes, at no higher price."""
+"""Descriptions against hand-written scenes: the same terms modulo primes, at no higher cost."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ ROD = (1.0 / 12.0,) * 3
 
 
 def chain(links: int, free: bool = False, away: float = 0.0, **more: Any) -> type[Mechanism]:
-    """Return rods in a row on a pin, or the first of them free in the plane."""
+    """Return the class of a chain of rods on a pin, or with the first of them free in the plane."""
     names = [f"rod {i + 1}" for i in range(links)]
     joints = [
         Joint(f"φ_{i + 1}", "revolute", before, name, (float(i > 0), 0.0, 0.0))
@@ -43,7 +43,7 @@ def chain(links: int, free: bool = False, away: float = 0.0, **more: Any) -> typ
 
 
 def relative(angles: Angles) -> tuple[Any, Any]:
-    """Return cosines and sines of each angle against the one before."""
+    """Return cosines and sines of each angle relative to the previous one."""
     cos, sin = angles.cos + 0, angles.sin + 0
     for i in range(1, cos.size):
         c, s, C, S = angles.cos[i], angles.sin[i], angles.cos[i - 1], angles.sin[i - 1]
@@ -83,7 +83,7 @@ def test_a_chain_by_description_has_the_terms_of_the_scene_by_hand(links: int, h
 
 
 def counted(scene: Scene) -> Tally:
-    """Return what Lagrange's terms cost."""
+    """Return the operation counts of Lagrange's terms."""
     counting = Counting()
     at = Quantities(scene, counting, counting.vector(scene.n), counting.vector(1)[0])
     at.v = counting.vector(scene.n)
@@ -106,7 +106,7 @@ def cost(scene: Scene) -> int:
 def test_in_the_plane_a_description_costs_hardly_more_than_equations_by_hand(
     links, by_hand, relative, absolute
 ):
-    # What the terms of the chain pendulum took when they were written by hand, by all columns.
+    # Operation count of the hand-written terms of the chain pendulum, by all columns.
     assert cost(chain(links)()) <= relative * by_hand
     assert cost(ChainPendulum.rods(links)) <= absolute * by_hand
 
@@ -137,12 +137,12 @@ def test_only_joints_on_the_way_to_a_body_are_paid_for():
 
 
 def test_the_bicycle_in_words_costs_less_than_equations_by_hand():
-    # What its terms took when they were written by hand, by all columns of all bodies.
+    # Operation count of its hand-written terms, by all columns of all bodies.
     assert cost(Bicycle()) <= 0.26 * 9769
 
 
 def rolls(told: Callable | None, on: str = "ground", table: bool = True) -> Mechanism:
-    """Return a body that rolls on the ground or on a table that turns, or neither."""
+    """Return a body that rolls on the ground or on a table that turns, or does neither."""
     links, joints = [Link("ground")], [Joint("p", "floating", "ground", "body")]
     if table:
         links.append(Link("table", 1.0, (0.1, 0.0, 0.0), ROD))
@@ -164,7 +164,7 @@ def test_a_plane_that_stands_costs_nothing_whatever_else_moves(told: Callable, p
 
 
 def test_scenes_in_turn_are_each_read_with_their_own_numbers():
-    """Readings in doubles are remembered."""
+    """Descriptions in float64 are cached."""
     light, heavy = (FlyballGovernor(center=x) for x in (0.3, 0.5))
     q, v = light.initial_state()
     found = [acceleration(one, "au", q, v).vdot for one in (light, heavy, light)]

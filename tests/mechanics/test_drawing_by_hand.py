@@ -1,4 +1,4 @@
-"""What a picture of a description shows: every part by hand."""
+"""Pictures of descriptions: every part by hand."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from eomcheck.mechanics.sketch import JointMark as Pivot
 
 
 def plain(x: Any) -> Any:
-    """Numbers of a part as tuples, rounded far above the rounding of doubles."""
+    """Return the numbers of a part as tuples, rounded far above float64 rounding."""
     if isinstance(x, np.ndarray):
         return tuple(np.round(x, 12) + 0.0)
     return tuple(map(plain, x)) if isinstance(x, tuple) else x
 
 
 def shown(kind: Any, q: list[float]) -> list[tuple[str, Any]]:
-    """Parts of the sketch of a mechanism, by class, without the axes of the ground."""
+    """Return the parts of the sketch of a mechanism, by class, without the axes of the ground."""
     scene = kind.example()
     parts = scene.sketch(np.array(q)).parts
     return [(type(one).__name__, plain(tuple(one))) for one in parts]

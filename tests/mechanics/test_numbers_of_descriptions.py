@@ -1,4 +1,4 @@
-"""Words, parameters, trees and pictures of descriptions, number by number as they are by hand."""
+"""Elements, parameters, trees and pictures of descriptions, with numbers computed by hand."""
 
 from __future__ import annotations
 

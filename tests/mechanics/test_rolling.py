@@ -1,4 +1,4 @@
-"""What rolls by declaration against scenes that were derived by hand, in speeds of their own."""
+"""Rolling constraints by declaration against hand-derived scenes with generalized speeds."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from eomcheck.scenes import RollingDisk, TurntableBall
 X, Y, Z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
 EULER = ("ψ", Z, "heading"), ("θ", X, "leaning"), ("φ", Y, "body")
 LEAN = 4
-"""Place of θ among x, y, z, ψ, θ, φ."""
+"""Index of θ in x, y, z, ψ, θ, φ."""
 
 
 def free(**last: Any) -> list[Joint]:
-    """Return joints from the ground to a body by x, y, z, ψ, θ, φ."""
+    """Return the joints from the ground to a body by x, y, z, ψ, θ, φ."""
     slides = zip("xyz", (X, Y, Z), ("ahead", "aside", "above"), strict=True)
     found, before = [], "ground"
     for name, axis, child in slides:
@@ -89,7 +89,7 @@ def test_a_disk_in_words_has_exactly_the_terms_of_the_disk_by_hand():
     theirs.v = v
     cos, sin, R = theirs.prepared.cos[1], theirs.prepared.sin[1], theirs.parameters.radius[0]
     zero = 0 * R
-    # z = R cos θ, of which the disk by hand knows nothing.
+    # z = R cos θ, which the hand-written disk does not have.
     T = np.insert(np.eye(5, dtype=int).astype(object) + zero, 2, zero, axis=0)
     T[2, 3], more = -R * sin, np.full(6, zero)
     more[2] = -R * cos * v[3] * v[3]
@@ -102,7 +102,7 @@ def test_a_disk_in_words_has_exactly_the_terms_of_the_disk_by_hand():
     assert ((a @ T)[:2] == theirs.terms.a).all()
     assert ((gamma + a @ more)[:2] == theirs.terms.gamma).all()
     assert b is None
-    # And up it stays where it is.
+    # And its height is constant.
     assert (a @ T)[2].tolist() == [0] * 5
     assert (gamma + a @ more)[2] == 0
     (height,) = described.position_residual(ours.parameters, ours.prepared, ours.q)
@@ -111,13 +111,13 @@ def test_a_disk_in_words_has_exactly_the_terms_of_the_disk_by_hand():
 
 def test_a_wheel_that_is_not_alike_all_round_is_disproved():
     disk, described = disks(1)
-    # In a proof its inertia is any: what turns it no more is then wrong, and nothing else.
+    # In a proof its inertia is arbitrary: only claims on the rotational symmetry then fail.
     found = {f.claim for f in eomcheck.prove(described, points=1, seed=0) if f.verdict == "failed"}
     assert "mass-matrix" in found
     assert not found & {"constraint-jacobian", "constraint-drift", "position-rate"}
 
     class Round(DiskInWords):
-        """The same, its inertia that of a disk."""
+        """The same disk with the inertia of a disk."""
 
         def derived(self, arithmetic):
             given = arithmetic.numbers(self.inertia)
@@ -129,7 +129,7 @@ def test_a_wheel_that_is_not_alike_all_round_is_disproved():
 
 
 def leaning(disk: RollingDisk) -> Any:
-    """Return the disk whose rim is told by its axis alone, on a plane that stands askew."""
+    """Return the disk whose rim is given by its axis alone, on a tilted plane."""
     R, half = float(disk.radius), (0.8, 0.3, -0.2, 0.1)
     across, axial = float(disk.across), float(disk.axial)
     body = Link("body", float(disk.mass), moments=(across, axial, across))
@@ -156,7 +156,7 @@ def test_a_rim_told_by_its_axis_rolls_as_the_disk_by_hand(seed: int, lean: float
     order = [("x", "y", "z", "ψ", "θ", "φ").index(name) for name in scene.coordinate_names]
     full = np.insert(q, 2, R * cos)[order], np.insert(v, 2, -R * sin * v[3])[order]
     at = Evaluation(scene, *full)
-    # The normal was turned and rounded, so that the slides are not quite along the plane.
+    # The normal was rotated and rounded, so that the slides are not quite along the plane.
     assert np.abs(at.terms.a @ at.v).max() < 1e-14 * np.abs(at.v).max()
     assert np.abs(scene.position_residual(at.parameters, at.prepared, at.q)).max() < 1e-15 * (1 + R)
     expected = acceleration(disk, "im", q, v).vdot
@@ -170,7 +170,7 @@ def test_a_rim_told_by_its_axis_rolls_as_the_disk_by_hand(seed: int, lean: float
 
 
 def on_table(ball: TurntableBall, turning: bool, R: float, rates: tuple[float, float]) -> Any:
-    """Return a ball on a table that a clock turns, or on one that stands and is driven over."""
+    """Return a ball on a table that a clock turns, or on a fixed one that it is driven over."""
     body = Link("body", float(ball.mass), moments=(float(ball.inertia),) * 3)
     joints = [
         Joint("α", "revolute", "ground", "table", axis=Z),
@@ -200,7 +200,7 @@ def test_a_ball_on_a_driven_table_rolls_as_the_ball_by_hand(seed: int):
     ]
     scene = on_table(ball, True, float(ball.radius), (rates[0], rates[1]))
     assert scene.depends_on_time
-    # The first row is the clock's: holonomic ones come before the others.
+    # The first row is the drive: holonomic ones come before the others.
     full = np.insert(q, 0, 0.4), np.insert(v, 0, rates[0])
     check_consistent(Evaluation(scene, *full))
     expected = np.insert(acceleration(ball, "im", q, v, t).vdot, 0, rates[1])

@@ -1,4 +1,4 @@
-"""Which speeds move which body: known from how a mechanism is connected, and all that it costs."""
+"""Support of generalized speeds, the bodies that each one moves: correctness and cost."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def state(scene: Scene) -> Evaluation:
 
 
 def moved(at: Evaluation) -> np.ndarray:
-    """Return which speeds move each body here (n_b, p)."""
+    """Return a mask of the speeds that move each body at a state (n_b, p)."""
     turning, sliding = at.bodies.partial_angular_velocity, at.bodies.partial_velocity
     return (np.concatenate((turning, sliding), axis=1) != 0).any(axis=1)
 
@@ -75,7 +75,7 @@ def test_the_tape_of_a_tree_grows_with_the_square_of_its_joints():
 def test_all_that_is_perturbed_of_a_tree_of_50_joints_is_kept_at_once(
     monkeypatch: pytest.MonkeyPatch,
 ):
-    moves = TraceRunner()  # without the lists of tests before
+    moves = TraceRunner()  # without the cached traces of earlier tests
     for module in (evaluation, perturbed, batched_evaluation):
         monkeypatch.setattr(module, "MOVES", moves)
     scene = chain(50)

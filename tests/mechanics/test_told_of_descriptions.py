@@ -1,4 +1,4 @@
-"""What the kind of a description says of itself, and what is refused: every cell by hand."""
+"""Properties of described scene classes, and refused descriptions: every entry by hand."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ A_PIN = pin("p", "b", "ground", (0.3, 0.0, 0.0), (0.1, 0.0, 0.0))
 
 
 def in_plane(link: Link = FLAT, constraint: Constraint | None = None, **more: Any) -> bool:
-    """Return whether two links on hinges about z are in the plane, the second one changed."""
+    """Return whether two links on hinges about z are planar, the second one modified."""
     second = Joint("β", **({"kind": "revolute", "parent": "a", "child": "b"} | more))
     given = [GROUND, FLAT._replace(name="a"), link], [turning("α", "ground", "a"), second]
     made = mechanism_source("Flat", *given, [] if constraint is None else [constraint])

@@ -1,4 +1,4 @@
-"""The scenes: one file each, one line each in `SCENES`."""
+"""The built-in scenes: one file each, registered in `SCENES`, one line each."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ SCENES: dict[str, type[Scene]] = {
         Bicycle,
     )
 }
-"""Key -> class."""
+"""Key -> scene class."""
 
 __all__ = [
     "SCENES",

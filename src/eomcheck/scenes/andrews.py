@@ -1,8 +1,8 @@
 """Andrews' squeezing mechanism: seven bodies in the plane, three closed loops, a motor, a spring.
 
 Bodies K1 .. K7 turn about joints. K1, K3, K5 and K7 are pinned to the ground (K1 at O, K3 at B, K5
-and K7 at A); K2 hangs on the tip of K1, K4 on that of K5, K6 on that of K7. The tips of K2, K3, K4
-and K6 are one point P. Coordinates are the angles of the joints as published,
+and K7 at A); K2 is pinned to the tip of K1, K4 to that of K5, K6 to that of K7. The tips of K2, K3,
+K4 and K6 are one point P. Coordinates are the angles of the joints as published,
 
     q = [θ, γ, φ, δ, Ω, ε, β],
 
@@ -29,14 +29,14 @@ from eomcheck.mechanics.records import Range
 from eomcheck.numbers.generic import Array
 
 TURNS = {"K1": "β", "K2": "θ", "K5": "δ", "K4": "φ", "K7": "ε", "K6": "Ω", "K3": "γ"}
-"""Body -> coordinate that turns it against what carries it; what it carries comes next."""
+"""Body -> coordinate of its rotation against its carrier; in depth-first order."""
 CARRIERS = {"K2": "K1", "K4": "K5", "K6": "K7"}
-"""Body -> body whose tip carries it, if one does."""
+"""Body -> body whose tip carries it, if any."""
 PINS_OF = {"K1": 0, "K3": 1, "K5": 2, "K7": 2}
-"""Body -> its pin on the ground: O, B or A."""
+"""Body -> index of its pin on the ground: O, B or A."""
 NAMES = "θ", "γ", "φ", "δ", "Ω", "ε", "β"
 MEETING = "K3", "K4", "K6"
-"""Bodies whose tips meet that of K2."""
+"""Bodies whose tips coincide with that of K2."""
 
 
 MASS = 0.04325, 0.00365, 0.02373, 0.00706, 0.07050, 0.00706, 0.05498
@@ -55,11 +55,11 @@ POSE = (
     *(0.487364979543842550225598953530, -0.222668390165885884674473185609),
     *(1.23054744454982119249735015568, -0.0617138900142764496358948458001),
 )
-"""Data of the test set."""
+"""Initial angles of the test set, rad."""
 
 
 def description(parameters):
-    """Return the mechanism in words."""
+    """Return the declarative description of the mechanism."""
     mass, center, tip, pins = parameters.mass, parameters.center, parameters.tip, parameters.pins
     tips = {f"K{k + 1}": (tip[k, 0], tip[k, 1], 0) for k in range(7)}
     links = [elements.Link(f"K{k + 1}", mass[k], (center[k, 0], center[k, 1], 0)) for k in range(7)]
@@ -86,7 +86,8 @@ class Andrews(Described, description=description, closed=True):
     """Andrews' squeezing mechanism, by default that of the test set, starting from rest.
 
     Bodies are K1 .. K7 in that order. Points of a body are given from its joint, along axes that
-    turn with it: `tip` is where K1, K5, K7 carry the next body and K2, K3, K4, K6 meet.
+    turn with it: `tip` is the point of K1, K5, K7 that carries the next body and the common point
+    of K2, K3, K4, K6.
     """
 
     mass: Any = parameter("m", "kg", "> 0", (0.001, 0.1), (7,), default=MASS)
@@ -123,7 +124,7 @@ class Andrews(Described, description=description, closed=True):
         return scene, scene.pose + np.array([-0.9, 0.0, 0.0, 0.0, 0.0, 0.0, 0.9])
 
     def sketch(self, q: Array, t: float = 0.0) -> draw.Sketch:
-        """Return the bodies from joint to tip, by their centres of mass; angles to their x axes."""
+        """Return the bodies from joint to tip with centres of mass; angles to their x axes."""
         tip: dict[str, Any] = {}
         parts: list[Any] = [
             draw.JointMark(pin, True, name) for pin, name in zip(self.pins, "OBA", strict=True)

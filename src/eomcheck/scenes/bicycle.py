@@ -1,7 +1,7 @@
-"""A bicycle that nobody holds: two wheels, a frame with its rider, a front fork that can steer.
+"""A bicycle without a rider's control: two wheels, a frame with its rider, a steerable front fork.
 
 Whipple's model: knife-edged wheels roll without slipping. Its nine coordinates are those of
-Basu-Mandal et al. 2007, in an order of our own:
+Basu-Mandal et al. 2007, in another order:
 
     q = [x, y, z, θ, φ, β_f, ψ, ψ_f, β_r].
 
@@ -11,7 +11,7 @@ turns the fork about the steering axis, β_r and β_f the wheels about their axl
 ψ = π/2, φ = π the bicycle stands upright and rolls with positive spins, against h: along -x.
 
 Axes b_1, b_2, b_3 of the rear frame are then ahead, down and left; g_1, g_2, g_3 are those of the
-front frame, the same where nothing is steered. Axles are along b_3 and g_3.
+front frame, the same at zero steering angle. Axles are along b_3 and g_3.
 
 Constraints are along the heading, across it and up. Those up are holonomic, four are not. The last
 three velocities, of leaning, of steering and of the rear wheel's spin, are the generalized speeds.
@@ -37,20 +37,20 @@ from eomcheck.numbers.generic import FLOAT64, Arithmetic, Array
 from eomcheck.numbers.pivots import EPS
 
 REAR, FRAME, FORK, FRONT = range(4)
-"""Bodies: rear wheel, rear frame with the rider, front frame, front wheel."""
+"""Indices of the bodies: rear wheel, rear frame with the rider, front frame, front wheel."""
 HEIGHT, HEADING, PITCH, FRONT_SPIN, LEAN, STEER, REAR_SPIN = range(2, 9)
-"""Coordinates z, θ, φ, β_f, ψ, ψ_f, β_r."""
+"""Indices of the coordinates z, θ, φ, β_f, ψ, ψ_f, β_r."""
 NAMES = "x", "y", "z", "θ", "φ", "β_f", "ψ", "ψ_f", "β_r"
 X, Y, Z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
 AHEAD, LEFT, UP = ("heading", X), ("heading", Y), (GROUND, Z)
-"""Links and their directions, along which the constraints are."""
+"""Links and their directions along which the constraints are."""
 
 
 def description(parameters):
-    """Return the bicycle in words.
+    """Return the declarative description of the bicycle.
 
     Frames that only lean or head somewhere have no mass. Points and inertia of the front frame are
-    along the steering axis, see `derived`: nothing is turned back from it.
+    along the steering axis, see `derived`, so that nothing is turned back from it.
     """
     mass, (cos, sin) = parameters.mass, parameters.tilted
     pivot, hub = (*parameters.pivot, 0), (*parameters.hub, 0)
@@ -75,12 +75,12 @@ def description(parameters):
         ),
     ]
     floor, (rear_radius, front_radius) = (GROUND, elements.ORIGIN), parameters.radius
-    # Where the rear wheel touches is known of the frame that leans, of the front wheel it is not.
+    # The leaning frame has the direction of the rear wheel's contact, no frame that of the front's.
     rear = elements.Contact(("rear wheel", elements.ORIGIN), floor, rear_radius, (("leaning", Y),))
     told = ("front wheel", Z), UP
     front = elements.Contact(("front wheel", elements.ORIGIN), floor, front_radius, told)
-    # Taken in this order, with the first velocities dependent, elimination divides by nothing small
-    # for a bicycle that stands, also where it cannot choose (expressions).
+    # In this order, with the first velocities dependent, elimination divides by no small pivot for
+    # an upright bicycle, even where it cannot choose pivots (expressions).
     closing = [
         rear.rolling("rear wheel along", AHEAD),
         rear.rolling("rear wheel across", LEFT),
@@ -96,11 +96,11 @@ def description(parameters):
 class Bicycle(Described, description=description, closed=True):
     """A bicycle without hands, by default the benchmark, rolling upright and pushed to lean.
 
-    As published, points and moments of inertia refer to axes ahead, right and down from where the
-    rear wheel touches the ground, the bicycle being upright and not steered; the product of inertia
-    is that of the matrix, which is positive definite. Bodies are rear wheel, rear frame with the
-    rider, front frame, front wheel. The steering axis meets the ground `trail` ahead of the front
-    wheel's contact.
+    As published, points and moments of inertia refer to axes ahead, right and down from the point
+    of contact of the rear wheel, for the upright bicycle at zero steering angle; the product of
+    inertia is the matrix entry, and the matrix is positive definite. Bodies are rear wheel, rear
+    frame with the rider, front frame, front wheel. The steering axis meets the ground `trail` ahead
+    of the front wheel's contact.
     """
 
     wheelbase: Any = parameter("w", "m", "> 0", (0.8, 1.5), default=1.02, read=False)
@@ -155,12 +155,12 @@ class Bicycle(Described, description=description, closed=True):
                 )
 
     def derived(self, arithmetic: Arithmetic) -> dict[str, Any]:
-        """Return inertia along b, or of the front the steering axis, and where points are, m.
+        """Return inertia along b, for the front along the steering axis, and positions, m.
 
-        The rider from the centre of the rear wheel, as `pivot`, where the steering axis meets the
-        ground if the bicycle is upright; from there the centre of mass of the front frame, `fork`,
-        and of the front wheel, `hub`: these along axes that are tilted by λ, whose cosine and
-        sine are `tilted`.
+        `rider` is its centre of mass from the centre of the rear wheel; `pivot` is the point where
+        the steering axis meets the ground if the bicycle is upright; from there `fork` is the
+        centre of mass of the front frame and `hub` that of the front wheel, both along axes that
+        are tilted by λ, whose cosine and sine are `tilted`.
         """
         number = arithmetic.numbers
         wheelbase, trail = number(np.array([self.wheelbase, self.trail]))
@@ -196,7 +196,7 @@ class Bicycle(Described, description=description, closed=True):
         return {"inertia": inertia, "radius": radius, **made}
 
     def initial_state(self) -> tuple[Array, Array]:
-        """Return the bicycle upright, heading along -x: it rolls, and tilts about its track."""
+        """Return the state of rolling upright along -x, with a rate of lean about the track."""
         q, v = np.zeros(9), np.zeros(9)
         rear, front = self.radius
         q[HEIGHT], q[LEAN], q[PITCH] = rear, np.pi / 2, np.pi
@@ -235,7 +235,7 @@ class Bicycle(Described, description=description, closed=True):
 
     def sketch(self, q: Array, t: float = 0.0) -> draw.Sketch:
         """Return wheels and frames, and each angle about its own axis."""
-        # `frames` of the bicycle itself are moments of inertia.
+        # `frames` of the bicycle itself is a parameter, moments of inertia.
         frames, (east, north, up) = Described.frames(self, q), np.eye(3)
         here: Any = self.parameters(FLOAT64)
         (heading, across, _), (_, spoke, _) = frames["heading"][1], frames["leaning"][1]

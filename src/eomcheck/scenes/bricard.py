@@ -1,4 +1,4 @@
-"""Bricard's mechanism: six hinges in a ring that ought to be rigid, and is not.
+"""Bricard's mechanism: six hinges in a ring, rigid by the count of constraints, yet movable.
 
 Five rods and the ground, all of one length, form a ring; the hinges at the ends of each are
 perpendicular to it and to each other. With all coordinates
@@ -10,9 +10,9 @@ hinge closes it, and along the ground back. θ_k turns the rods from the k-th on
 P_k. There is gravity along -y.
 
 The ring is closed where the tip of rod 5 is at P_6 and its hinge there is along x: five equations
-for five angles. Yet it moves, for wherever all five hold they depend on each other. Count of rows
-and rank tell different stories, and no formulation that divides by a matrix of rank r can be given
-all of them. One row is left out therefore: near the ring the other four imply it.
+for five angles. Yet it moves: wherever all five hold they depend on each other. The number of rows
+exceeds their rank, and no formulation that divides by a matrix of rank r can be given all of them.
+One row is left out therefore: near the ring the other four imply it.
 
 Source: A04 of the IFToMM benchmark library (Gonzalez et al. 2006); Bricard 1897.
 """
@@ -36,23 +36,23 @@ from eomcheck.numbers.generic import Arithmetic, Array
 RODS = 5
 NAMES = "θ_2", "θ_3", "θ_4", "θ_5", "θ_1"
 AXIS, FIRST, SECOND = (1, 2, 0, 1, 2), (2, 0, 1, 2, 0), (0, 1, 2, 0, 1)
-"""Hinge -> axis of the rod before that it is along, and the two that it turns into each other."""
+"""Hinge -> index of its axis on the previous rod, and of the two axes that it turns."""
 ALONG, SENSE = SECOND, (1, -1, 1, -1, 1)
-"""Rod -> axis of its own that it is along, and in which sense."""
+"""Rod -> index of its own axis that it is along, and the sense."""
 X, Y, Z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
 
 
 def axis_vector(axis: int, x: Any) -> elements.Triple:
-    """Return the vector x along an axis."""
+    """Return the vector of length x along an axis."""
     a, b, c = (x if i == axis else 0 for i in range(3))
     return a, b, c
 
 
 def description(parameters):
-    """Return the ring in words.
+    """Return the declarative description of the ring.
 
-    Taken in this order, with the first velocities dependent, elimination of the constraints divides
-    by nothing small all along the motion, also where it cannot choose (expressions).
+    In this order, with the first velocities dependent, elimination of the constraints divides by no
+    small pivot during the motion, even where it cannot choose pivots (expressions).
     """
     mass, length = parameters.mass, parameters.length[0]
     ends = [axis_vector(ALONG[k], SENSE[k] * length) for k in range(RODS)]
@@ -92,8 +92,8 @@ class Bricard(Described, description=description, closed=True):
     """Bricard's mechanism, by default slender rods of 1 m and 1 kg, released along a cube's edges.
 
     About its own axis a rod has no moment of inertia. Where sin `angle` is -1/2 or below, the ring
-    is open. With `redundant`, the row that the others imply is taken as well, so many times: no
-    formulation solves then where the ring is closed.
+    is open. With `redundant`, the row that the others imply is added, multiplied by this factor: no
+    formulation can then solve where the ring is closed.
     """
 
     mass: Any = parameter("of rods", "kg", "> 0", (0.1, 10.0), (5,), default=(1.0,) * RODS)
@@ -122,7 +122,7 @@ class Bricard(Described, description=description, closed=True):
 
     @property
     def constraint_names(self) -> tuple[str, ...]:
-        """The tip along y, its hinge along y, the tip along z and x; where taken, the hinge."""
+        """Names of the rows: tip y, hinge y, tip z and x; if added, the redundant hinge row."""
         names = "tip along y", "hinge along y", "tip along z", "tip along x"
         return names if self.redundant is None else (*names, "hinge along z")
 
@@ -133,7 +133,7 @@ class Bricard(Described, description=description, closed=True):
         return {"inertia": diagonal(moments)}
 
     def closed(self, angle: float, rate: float) -> tuple[Array, Array]:
-        """Return (q, v) where θ_1 = θ_3 = θ_5 are `angle` and turn at `rate`.
+        """Return the state (q, v) with θ_1 = θ_3 = θ_5 = `angle`, turning at `rate`.
 
         The ring keeps its threefold symmetry: with a = θ_1 and b = θ_2 = θ_4 it is closed where
         sin a + sin b + sin a sin b = 0.
@@ -146,11 +146,11 @@ class Bricard(Described, description=description, closed=True):
         return q, v
 
     def initial_state(self) -> tuple[Array, Array]:
-        """Return the ring closed at `angle`, turning at `rate`."""
+        """Return the state of the ring closed at `angle`, turning at `rate`."""
         return self.closed(float(self.angle), float(self.rate))
 
     def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
-        """Yield one turn about every hinge by 2π, which changes nothing."""
+        """Yield a rotation by 2π about every hinge, which changes nothing."""
         yield full_turns(self, q, v)
 
     @classmethod

@@ -1,4 +1,4 @@
-"""A planar chain of rigid links that hangs on a pin: gravity, and no constraint at all.
+"""A planar chain of rigid links on a pin, under gravity and without any constraint.
 
 q = [θ_1 .. θ_N], absolute angles of the links from the horizontal x axis, y up. The centre of mass
 of a link is in its middle. One link is a compound pendulum, whose period is known by the complete
@@ -22,7 +22,7 @@ from eomcheck.numbers.generic import Array
 
 
 def description(parameters):
-    """Return the chain in words: each link on the tip of the one before."""
+    """Return the declarative description: each link on the tip of the previous one."""
     mass, length, gravity = parameters.mass, parameters.length, parameters.gravity
     names = [GROUND, *(f"link {k + 1}" for k in range(mass.size))]
     links, joints = [], []
@@ -38,7 +38,7 @@ def description(parameters):
 
 
 class ChainPendulum(Described, OfLinks, description=description):
-    """An N-link planar chain that hangs on a pin, N >= 1, without any constraint."""
+    """An N-link planar chain on a pin, N >= 1, without any constraint."""
 
     mass: Any = parameter("m", "kg", "> 0", (0.1, 10.0), of_links)
     length: Any = parameter("L", "m", "> 0", (0.1, 10.0), of_links)
@@ -59,14 +59,14 @@ class ChainPendulum(Described, OfLinks, description=description):
 
     @classmethod
     def structures(cls, links: int | None = None) -> Iterator[ChainPendulum]:
-        """Yield a chain of rods with gravity, and one without."""
+        """Yield the structural variants: a chain of rods with gravity, and one without."""
         rods = cls.rods(number_of_links(links))
         yield rods
         yield replace(rods, gravity=None)
 
     @property
     def coordinate_names(self) -> tuple[str, ...]:
-        """θ_1 .. θ_N."""
+        """Names θ_1 .. θ_N."""
         return tuple(f"θ_{i + 1}" for i in range(self.links))
 
     def initial_state(self) -> tuple[Array, Array]:
@@ -75,12 +75,12 @@ class ChainPendulum(Described, OfLinks, description=description):
 
     @classmethod
     def sketched(cls, links: int | None = None) -> tuple[ChainPendulum, Array]:
-        """Return a chain that swings."""
+        """Return a swinging chain and its pose."""
         scene = cls.rods(3 if links is None else links)
         return scene, -1.2 + 0.9 * np.linspace(-0.5, 1.0, scene.links)
 
     def sketch(self, q: Array, t: float = 0.0) -> draw.Sketch:
-        """Return the links from the pin on."""
+        """Return the links, from the pin to the tip."""
         size, at = self.length.mean(), np.zeros(2)
         parts = [*draw.fixed_axes(0.5 * size), draw.JointMark(at, ground=True)]
         for i, angle in enumerate(q):

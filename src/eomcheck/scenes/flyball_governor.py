@@ -1,11 +1,11 @@
-"""A flyball governor whose coupler rods are stiff springs with dampers: three dimensions.
+"""A flyball governor whose coupler rods are stiff springs with dampers, in space.
 
 A shaft turns freely about the vertical. A slider moves along it and turns with it; two equal arms
-hang on hinges near its top and carry the balls. From the slider to each arm runs a spring with a
-damper. q = [s, ψ, θ_1, θ_2]: the height of the slider, the turn of the shaft, and how far each arm
-points below the horizontal. Arm and spring lie in one vertical plane through the shaft; the
-directions radial, tangential and up belong to an arm and turn with the shaft. There is no
-constraint, so every formulation reduces to M q̈ = F. Springs and dampers make it stiff.
+on hinges near its top carry the balls. A spring with a damper connects the slider to each arm.
+q = [s, ψ, θ_1, θ_2]: the height of the slider, the rotation of the shaft, and the angle of each arm
+below the horizontal. Arm and spring lie in one vertical plane through the shaft; the directions
+radial, tangential and up belong to an arm and turn with the shaft. There is no constraint, so every
+formulation reduces to M q̈ = F. Springs and dampers make it stiff.
 
 Source: A05 of the IFToMM benchmark library; González, Dopico, Lugrís and Cuadrado 2006. The
 defaults are its data: rods and shaft of 1 m with a section of 0.01 m by 0.01 m and a slider of
@@ -29,23 +29,23 @@ from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Arithmetic, Array
 
 ROD, BALL = 0.3, 5.0
-"""Of the benchmark's arms, kg; the rod is 1 m long."""
+"""Masses of the benchmark's arms, kg; the rod is 1 m long."""
 ARM = ROD + BALL
 CENTER = (ROD / 2 + BALL) / ARM
 ACROSS = ROD * (1 + 0.01**2) / 12 + ROD * (CENTER - 0.5) ** 2 + BALL * (1 - CENTER) ** 2
 ALONG = ROD * 0.01**2 / 6
 SLIDER = 3.0
 SPINNING = SLIDER * 0.1**2 / 6 + ALONG
-"""Slider and shaft."""
+"""Moment of inertia of slider and shaft about the vertical, kg m²."""
 
 SQUARE = (-1, -1), (1, -1), (1, 1), (-1, 1)
 NAMES = "s", "ψ", "θ_1", "θ_2"
 HALF_TURN = 0.0, 0.0, 0.0, 1.0
-"""About the shaft."""
+"""Quaternion of half a turn about the shaft."""
 
 
 def description(parameters):
-    """Return the governor in words: slider and arms on a shaft, springs between them."""
+    """Return the declarative description: slider and arms on a shaft, springs between them."""
     mass, (out, top) = parameters.mass, parameters.hinge
     hook = (parameters.attachment[0], 0, 0)
     damping = None if parameters.damping is None else parameters.damping[0]
@@ -69,7 +69,7 @@ def description(parameters):
 
 
 class FlyballGovernor(Described, description=description, damped=True):
-    """A flyball governor with springs for couplers, by default that of the benchmark.
+    """A flyball governor with springs as couplers, by default that of the benchmark.
 
     At t = 0 it turns at `rate`, both arms at `angle` below the horizontal, the slider at `height`.
     """
@@ -112,7 +112,7 @@ class FlyballGovernor(Described, description=description, damped=True):
 
     @classmethod
     def structures(cls, links: int | None = None) -> Iterator[Scene]:
-        """Yield the governor of the benchmark, and one without dampers."""
+        """Yield the structural variants: the governor of the benchmark, and one without dampers."""
         (governor,) = super().structures(links)
         yield governor
         yield cls(damping=None)
@@ -129,12 +129,12 @@ class FlyballGovernor(Described, description=description, damped=True):
         return {"mass": mass, "inertia": diagonal(moments), "hinge": hinge}
 
     def initial_state(self) -> tuple[Array, Array]:
-        """Return both arms at `angle`, the slider at `height`, all turning at `rate`."""
+        """Return the state: arms at `angle`, slider at `height`, all turning at `rate`."""
         q = np.array([self.height, 0.0, self.angle, self.angle])
         return q, np.array([0.0, self.rate, 0.0, 0.0])
 
     def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
-        """Yield a turn about the shaft, the mirror image, and the arms exchanged."""
+        """Yield a rotation about the shaft, the mirror image, and the exchange of the arms."""
         turned = q + np.array([0.0, plane_symmetries.TURN, 0.0, 0.0])
         yield Symmetry("rotation", self, turned, v, np.eye(4))
         mirror = np.diag([1.0, -1.0, 1.0, 1.0])

@@ -5,9 +5,9 @@ windows, all of them parallelograms. q = [θ_1 .. θ_N, φ_1 .. φ_N, θ_0]: abs
 and of the couplers from the horizontal x axis, y up. The crank θ_0 comes last, where the paper's
 partition takes the independent coordinate. Coupler k goes from the tip of rod k-1 to that of rod k.
 
-Each window must close, which is two equations between positions; their rates are the constraints.
-Where all links lie on one line the rates depend on each other: n + r directions are left for a
-moment, and the mechanism might go on as an antiparallelogram.
+The loop closure of each window is two equations between positions; their rates are the constraints.
+Where all links lie on one line, a singular configuration, the rates depend on each other: n + r
+directions are free for an instant, and the mechanism might continue as an antiparallelogram.
 
 Source: the N four-bar mechanism of the IFToMM benchmark library, A02 (Gonzalez et al. 2006).
 """
@@ -37,7 +37,7 @@ def names_of(windows):
 
 
 def description(parameters):
-    """Return the chain in words: rods on the ground, couplers on their tips, and what closes it."""
+    """Return the declarative description: rods on the ground, couplers on tips, loop closures."""
     mass, length, gravity = parameters.mass, parameters.length, parameters.gravity
     windows = mass.size // 2
     names, rod, span = names_of(windows), length[-1], length[windows]
@@ -62,7 +62,7 @@ def description(parameters):
 
 
 def coordinates(windows):
-    """Return θ_1 .. θ_N, φ_1 .. φ_N, θ_0."""
+    """Return the names θ_1 .. θ_N, φ_1 .. φ_N, θ_0."""
     numbers = range(1, windows + 1)
     return (*(f"θ_{k}" for k in numbers), *(f"φ_{k}" for k in numbers), "θ_0")
 
@@ -71,12 +71,12 @@ def coordinates(windows):
 
 
 def of_bodies(windows: int) -> tuple[int, ...]:
-    """Return the shape of what every rod and every coupler has one of."""
+    """Return the shape of a parameter with one entry for every rod and coupler."""
     return (2 * windows + 1,)
 
 
 class FourBarChain(Described, OfLinks, description=description, closed=True):
-    """N four-bar linkages side by side, N >= 1: closed loops through singular poses.
+    """N four-bar linkages side by side, N >= 1: closed loops through singular configurations.
 
     Bodies are rods 1 .. N, couplers 1 .. N and rod 0. Without gravity, it is None. If the last row
     of the constraints is repeated, the rows depend on each other at every state.
@@ -98,7 +98,7 @@ class FourBarChain(Described, OfLinks, description=description, closed=True):
 
     @staticmethod
     def links_of(masses: int) -> int:
-        """Return the number of windows for so many masses."""
+        """Return the number of windows for a number of masses."""
         return masses // 2
 
     @classmethod
@@ -109,29 +109,29 @@ class FourBarChain(Described, OfLinks, description=description, closed=True):
 
     @classmethod
     def structures(cls, links: int | None = None) -> Iterator[FourBarChain]:
-        """Yield the benchmark with `links` windows, and the same without gravity."""
+        """Yield the structural variants: the benchmark with `links` windows, and without gravity."""
         rods = cls.rods(number_of_links(links))
         yield rods
         yield replace(rods, gravity=None)
 
     def coordinate_ranges(self) -> tuple[Range, ...]:
-        """Return rods within 0.5 rad of upright and couplers within 0.1 rad of horizontal."""
+        """Return sampling ranges, rods 0.5 rad about upright, couplers 0.1 rad about horizontal."""
         rod, coupler = Range(1.1, 2.1), Range(-0.1, 0.1)
         return (*[rod] * self.windows, *[coupler] * self.windows, rod)
 
     @property
     def windows(self) -> int:
-        """N."""
+        """Number of windows N."""
         return self.links
 
     @property
     def coordinate_names(self) -> tuple[str, ...]:
-        """θ_1 .. θ_N, φ_1 .. φ_N, θ_0."""
+        """Names θ_1 .. θ_N, φ_1 .. φ_N, θ_0."""
         return coordinates(self.windows)
 
     @property
     def constraint_names(self) -> tuple[str, ...]:
-        """Each window along x and along y, the last one once more if it is repeated."""
+        """Names of the rows: each window along x and y, the last one again if it is repeated."""
         numbers = range(1, self.windows + 1)
         names = [f"window {k}, {axis}" for k in numbers for axis in "xy"]
         return (*names, *(() if self.repeated is None else ("repeated",)))
@@ -142,7 +142,7 @@ class FourBarChain(Described, OfLinks, description=description, closed=True):
         return {"length": np.concatenate((*[length] * self.links, *[span] * self.links, length))}
 
     def initial_state(self) -> tuple[Array, Array]:
-        """Return all rods at `angle`, turning at `rate`, couplers horizontal."""
+        """Return the state with all rods at `angle`, turning at `rate`, couplers horizontal."""
         q, v = np.zeros(self.n), np.zeros(self.n)
         is_rod = np.ones(self.n, dtype=bool)
         is_rod[self.windows : 2 * self.windows] = False
@@ -150,17 +150,17 @@ class FourBarChain(Described, OfLinks, description=description, closed=True):
         return q, v
 
     def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
-        """Yield one turn of every link by 2π, which changes nothing."""
+        """Yield a rotation of every link by 2π, which changes nothing."""
         yield full_turns(self, q, v)
 
     @classmethod
     def sketched(cls, links: int | None = None) -> tuple[FourBarChain, Array]:
-        """Return the rods leaning."""
+        """Return the mechanism with leaning rods, and its pose."""
         scene = replace(cls.rods(3 if links is None else links), angle=1.1)
         return scene, scene.initial_state()[0]
 
     def sketch(self, q: Array, t: float = 0.0) -> draw.Sketch:
-        """Return rods from left to right, each coupler from the tip before it."""
+        """Return the rods from left to right, each coupler from the previous tip."""
         N, length, span = self.windows, float(self.length), float(self.span)
         feet = [np.array([k * span, 0.0]) for k in range(N + 1)]
         tips = [feet[k] + length * draw.direction(q[k - 1]) for k in range(N + 1)]

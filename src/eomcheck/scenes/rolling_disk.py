@@ -1,7 +1,7 @@
-"""A disk that leans and rolls on the plane without slipping: three dimensions.
+"""A disk that leans and rolls on the plane without slipping, in space.
 
-q = [x, y, ψ, θ, φ]: where the centre is above the plane, the heading ψ about the vertical, the lean
-θ about the heading (0 upright), the spin φ about the disk's axis. The height of the centre is
+q = [x, y, ψ, θ, φ]: the horizontal position of the centre, the heading ψ about the vertical, the
+lean θ about the heading (0 upright), the spin φ about the disk's axis. The height of the centre is
 R cos θ. Below, e_1 is the heading, horizontal, e_2 the axis and e_3 points from the contact to the
 centre; these axes turn with ψ and θ, not with φ. The generalized speeds are the components of the
 angular velocity along them:
@@ -29,7 +29,7 @@ from eomcheck.numbers.generic import Arithmetic, Array
 
 
 def constraints(parameters, angles, q):
-    """Return (a (2, 5), None): what touches the ground moves neither along nor across."""
+    """Return (a (2, 5), None): the point of contact moves neither along the heading nor across."""
     R, cos, sin = parameters.radius[0], angles.cos, angles.sin
     a = [[cos[0], sin[0], -R * sin[1], 0, -R], [-sin[0], cos[0], 0, R * cos[1], 0]]
     return np.array(a, q.dtype), None
@@ -65,7 +65,7 @@ def terms(parameters, angles, q, v):
 
 
 class DiskKinematics(NamedTuple):
-    """Generalized speeds u (3,), and q̇ (5,)."""
+    """Kinematics of the disk: generalized speeds u (3,), and q̇ (5,)."""
 
     u: Any
     v: Any
@@ -81,7 +81,7 @@ def kinematics(parameters, angles, q, u):
 
 
 def speeds(parameters, angles, rolling):
-    """Return the `Speeds`."""
+    """Return the `Speeds` of the disk."""
     R, cos, sin, v = parameters.radius[0], angles.cos, angles.sin, rolling.v
     turn, lean = v[2], v[3]
     W = [
@@ -100,7 +100,7 @@ def speeds(parameters, angles, rolling):
 
 
 def qdot(parameters, angles, rolling):
-    """Return W u (5,)."""
+    """Return the velocity W u (5,)."""
     return rolling.v
 
 
@@ -123,7 +123,7 @@ def bodies(parameters, angles, rolling):
 
 
 def speeds_of(parameters, angles, q, v):
-    """Return u (3,) of a velocity v."""
+    """Return the generalized speeds u (3,) of a velocity v."""
     return np.array([v[3], v[4] + v[2] * angles.sin[1], v[2] * angles.cos[1]], v.dtype)
 
 
@@ -140,12 +140,12 @@ def velocities(parameters, angles, q, v):
 
 
 def positions(parameters, angles, q):
-    """Return where the centre is (1, 3)."""
+    """Return the position of the centre (1, 3)."""
     return np.array([[q[0], q[1], parameters.radius[0] * angles.cos[1]]], q.dtype)
 
 
 def potential(parameters, angles, q):
-    """Return U, J."""
+    """Return the potential energy U, J."""
     return parameters.mass[0] * parameters.gravity[0] * parameters.radius[0] * angles.cos[1]
 
 
@@ -203,7 +203,7 @@ class RollingDisk(Parametric, functions=globals()):
         return {"inertia": diagonal(moments[[[0, 1, 0]]])}
 
     def steady_turn(self) -> float:
-        """Return ψ̇, rad/s, with which the disk keeps its lean and its roll, the slower of two.
+        """Return ψ̇, rad/s, of a steady turn with the disk's lean and roll, the slower of two.
 
         Balance about the heading: across ψ̇² sin θ cos θ - (axial + m R²) u_2 ψ̇ cos θ =
         m g R sin θ.
@@ -218,7 +218,7 @@ class RollingDisk(Parametric, functions=globals()):
         return float(2.0 * weight / (linear + np.copysign(root, linear)))
 
     def initial_state(self) -> tuple[Array, Array]:
-        """Return the disk above the origin, heading along x, on its circle."""
+        """Return the state of the disk above the origin, heading along x, on its circle."""
         turn = self.steady_turn()
         spin = self.roll - turn * np.sin(self.lean)
         q = np.array([0.0, 0.0, 0.0, float(self.lean), 0.0])

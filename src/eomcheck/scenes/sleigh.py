@@ -1,7 +1,7 @@
 """Chaplygin's sleigh: a body in the plane on one knife edge, its centre of mass off the edge.
 
-q = [x, y, θ], (x, y) where the edge touches, θ its direction. Below t = (cos θ, sin θ) and
-n = (-sin θ, cos θ); the centre of mass is at (x, y) + ℓ t. The edge moves along t only. The
+q = [x, y, θ], (x, y) the point of contact of the edge, θ its direction. Below t = (cos θ, sin θ)
+and n = (-sin θ, cos θ); the centre of mass is at (x, y) + ℓ t. The edge moves along t only. The
 generalized speeds are u = (s, ω): the speed of the edge along t, and θ̇. Source: Chaplygin 1911;
 Neimark and Fufaev 1972, Ch. III.
 """
@@ -46,7 +46,7 @@ def terms(parameters, angle, q, v):
 
 
 def kinematics(parameters, angle, q, u):
-    """Return u (2,)."""
+    """Return the generalized speeds u (2,)."""
     return u
 
 
@@ -58,7 +58,7 @@ def speeds(parameters, angle, u):
 
 
 def qdot(parameters, angle, u):
-    """Return W u (3,)."""
+    """Return the velocity W u (3,)."""
     return np.array([u[0] * angle.cos[0], u[0] * angle.sin[0], u[1]], u.dtype)
 
 
@@ -74,7 +74,7 @@ def bodies(parameters, angle, u):
 
 
 def speeds_of(parameters, angle, q, v):
-    """Return u = (s, ω) of a velocity v."""
+    """Return the generalized speeds u = (s, ω) of a velocity v."""
     return np.array([v[0] * angle.cos[0] + v[1] * angle.sin[0], v[2]], v.dtype)
 
 
@@ -89,7 +89,7 @@ def velocities(parameters, angle, q, v):
 
 
 def positions(parameters, angle, q):
-    """Return where the centre of mass is (1, 2)."""
+    """Return the position of the centre of mass (1, 2)."""
     offset = parameters.offset[0]
     return np.array([[q[0] + offset * angle.cos[0], q[1] + offset * angle.sin[0]]], q.dtype)
 
@@ -120,7 +120,7 @@ class Sleigh(Parametric, functions=globals()):
     angle_coordinates = slice(2, None)
 
     def initial_state(self) -> tuple[Array, Array]:
-        """Return the edge at the origin along x, turning."""
+        """Return the state of the edge at the origin along x, turning."""
         return np.zeros(3), np.array([0.0, 0.0, float(self.rate)])
 
     def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
@@ -130,7 +130,7 @@ class Sleigh(Parametric, functions=globals()):
         yield plane_symmetries.mirror(self, q, v, unflipped=(0,))
 
     def tree(self) -> Tree:
-        """Return PX, PY and RZ."""
+        """Return the joints PX, PY and RZ with the body."""
         center, mass, inertia = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
         center[2, 0], mass[2], inertia[2] = self.offset, self.mass, self.inertia
         joints = "px", "py", "rz"

@@ -1,4 +1,4 @@
-"""The paper's N-link snake robot on passive wheels, sliding nowhere sideways (Sec. 10).
+"""The paper's N-link snake robot on passive wheels that do not slip sideways (Sec. 10).
 
 N rigid links in the plane, coupled by torsion springs. Wheel i sits at the centre of mass of link
 i, turned by the constant angle α_i against it; q = [x, y, θ_1 .. θ_N], (x, y) the free tip of link
@@ -12,7 +12,7 @@ velocity of link 1 (Eq. (29)).
 - A chain of wheels, in O(N): link k moves with its rolling speed s_k = V_k · t_k and with ω_k. The
   wheel keeps V̇_k · e_k = -s_k ω_k, so V̇_k = ṡ_k t_k - s_k ω_k e_k and the mass is diagonal in
   x = (s_1, ω_1, s_2, ω_2, ...). The joint between links k-1 and k moves with both of them, which
-  gives two equations, written along t_k and e_k. Nothing is divided by: α_k = ±π/2 is allowed. It
+  gives two equations, written along t_k and e_k. There is no division: α_k = ±π/2 is allowed. It
   is derived apart from the terms; ψ_k = φ_k - θ_{k-1} and δ_k = φ_k - φ_{k-1}
 - The second derivation (rule 8 of `eomcheck.mechanics.scene`): energies, dissipation and the
   sideways speeds of the wheels, from positions and velocities only. Nothing in it reads M or a, and
@@ -208,7 +208,7 @@ class SnakeKinematics(NamedTuple):
 
 
 def kinematics(parameters, angles, q, u):
-    """Pass (s, ω) from link to link.
+    """Return the kinematics by recursion of (s, ω) from link to link.
 
     The joint between links k-1 and k moves with both: s' t' + L'/2 ω' n' = s t - L/2 ω n (dashed:
     link k-1). Its component along e_k gives ω_k and is divided by L_k/2 cos α_k, the one along t_k
@@ -255,7 +255,7 @@ def kinematics(parameters, angles, q, u):
         spin = before * omega_before * omega_before
         turning = s_before * omega_before
         along_axle = s * omega - turning * cos_delta - spin * sin_psi - offset * omega * omega
-        # What comes from the link before is added last: nothing else waits for it.
+        # The term of the previous link is added last: nothing else waits for it.
         rate = along_axle / lever + ww_s * s_rest[k - 1, 0] + ww_w * omega_rest[k - 1, 0]
         omega_rest[k, 0] = rate
         s_rest[k, 0] = (
@@ -290,7 +290,7 @@ def speeds(parameters, angles, rolling):
 
 
 def qdot(parameters, angles, rolling):
-    """Return W u of `speeds`, passed from link to link with the recursion."""
+    """Return W u of `speeds` from the recursion, without forming W."""
     return rolling.v
 
 
@@ -383,7 +383,7 @@ def wheel_masses(mass, inertia):
 
 
 def torques_on(stiffness, damping, theta, omega):
-    """Return what each joint turns its front link with (N-1,), N m; None without all of it."""
+    """Return the torque of each joint on its front link (N-1,), N m; None without both."""
     if damping is None:
         if stiffness is None:
             return None
@@ -441,7 +441,7 @@ def chain(parameters, angles, q, x):
 
 
 def chain_multipliers(parameters, angles, chain, x, forces):
-    """Return λ (N,), N: wheel k is held by m_k V̇_k · e_k less what its two joints give along e_k.
+    """Return λ (N,), N: m_k V̇_k · e_k less the components of the two joint forces along e_k.
 
     Joint k+1 pulls body k by ρ_{k+1}, whose component along e_k is (-sin δ, cos δ) · ρ_{k+1}, and
     joint k pushes it by -ρ_k.
@@ -464,7 +464,7 @@ def chain_multipliers(parameters, angles, chain, x, forces):
 def link_velocities(length, angles, x, y, omega):
     """Return the velocities of links one behind the other, centres (N, 2) and rotation (N, 1).
 
-    Passed on from joint to joint: the first moves with (x, y), link i turns at omega_i.
+    Recursion from joint to joint: the first moves with (x, y), link i turns at omega_i.
     """
     links = length.size
     V = np.zeros((links, 2), omega.dtype)
@@ -482,7 +482,7 @@ def velocities(parameters, angles, q, v):
 
 
 def positions(parameters, angles, q):
-    """Return where the centres of mass are (N, 2)."""
+    """Return the positions of the centres of mass (N, 2)."""
     length = parameters.length
     found, x, y = np.zeros((length.size, 2), q.dtype), q[0], q[1]
     for i in range(length.size):
@@ -504,12 +504,12 @@ def half_squares(factor, x):
 
 
 def potential(parameters, angles, q):
-    """Return U, J, of the springs, Eq. (26); None without."""
+    """Return the potential energy U, J, of the springs, Eq. (26); None without."""
     return half_squares(parameters.stiffness, angles.value)
 
 
 def dissipation(parameters, angles, q, v):
-    """Return R, W: half the power that the dampers take; None without dampers."""
+    """Return the dissipation R, W, half the power of the dampers; None without dampers."""
     _, omega = velocities(parameters, angles, q, v)
     return half_squares(parameters.damping, omega[:, 0])
 
@@ -529,7 +529,7 @@ def constraint(parameters, angles, q, v):
 # ---- The scene -----------------------------------------------------------------------------------
 
 OF_JOINTS = ("stiffness", "damping")
-"""The parameters of which every joint has one."""
+"""Parameters with one entry per joint."""
 
 
 class Snake(OfLinks, functions=globals()):
@@ -609,7 +609,7 @@ class Snake(OfLinks, functions=globals()):
 
     @classmethod
     def ranges(cls, links: int | None = None) -> dict[str, Range]:
-        """Return what ordinary snakes are drawn from; what a seed draws depends on the order."""
+        """Return the sampling ranges of ordinary snakes; a seed samples in this order."""
         found = super().ranges(links)
         found["wheel_angle"] = found.pop("wheel_angle")
         return found
@@ -644,12 +644,12 @@ class Snake(OfLinks, functions=globals()):
 
     @property
     def coordinate_names(self) -> tuple[str, ...]:
-        """x, y, θ_1 .. θ_N."""
+        """Names x, y, θ_1 .. θ_N."""
         return ("x", "y", *(f"θ_{i + 1}" for i in range(self.links)))
 
     @property
     def constraint_names(self) -> tuple[str, ...]:
-        """wheel 1 .. wheel N."""
+        """Names wheel 1 .. wheel N."""
         return tuple(f"wheel {i + 1}" for i in range(self.links))
 
     def derived(self, arithmetic: Arithmetic) -> dict[str, Any]:
@@ -660,7 +660,7 @@ class Snake(OfLinks, functions=globals()):
     def refuse_speeds(self, q: Array) -> None:
         """Refuse |cos α_i| <= 4 eps for i >= 2: the recursion divides by it.
 
-        The double nearest to π/2 has the cosine 6e-17, so "exactly" needs this margin.
+        The float64 nearest to π/2 has the cosine 6e-17, so "exactly" needs this margin.
         """
         cosine = np.abs(np.cos(self.wheel_angle))
         cosine[0] = 1.0
@@ -683,7 +683,7 @@ class Snake(OfLinks, functions=globals()):
         )
 
     def tree(self) -> Tree:
-        """Return PX, PY and RZ for link 1, then RZ in the joints: relative angles."""
+        """Return the joints PX, PY and RZ for link 1, then RZ for the others: relative angles."""
         n, none = self.n, np.zeros(2)
         offset, center = np.zeros((2, n, 3))
         offset[3:, 0], center[2:, 0] = self.length[:-1], self.length / 2
@@ -701,14 +701,14 @@ class Snake(OfLinks, functions=globals()):
 
     @classmethod
     def sketched(cls, links: int | None = None) -> tuple[Snake, Array]:
-        """Return a snake whose wheels are seen to be turned."""
+        """Return a snake whose wheels are visibly turned, and its pose."""
         scene = cls.paper() if links is None else cls.coil(number_of_links(links))
         angle = np.full(scene.links, 0.35)
         pose = 0.45 + 2.4 / scene.links * np.arange(scene.links)
         return replace(scene, wheel_angle=angle), np.r_[0.9, 0.7, pose] * scene.length.mean()
 
     def sketch(self, q: Array, t: float = 0.0) -> draw.Sketch:
-        """Return links from the free tip on, and a wheel across each axle."""
+        """Return the links from the free tip on, and a wheel across each axle."""
         x, y, *theta = q
         size = self.length.mean()
         parts, at = (

@@ -1,10 +1,10 @@
 """A homogeneous ball that rolls on a turntable: constraints that depend on time.
 
-q = [x, y, ψ, θ, φ]: the centre as seen from the axis of the table, in directions that do not turn,
-and Euler's angles: ψ about the vertical, θ about the line ψ points to, φ about the axis they bring
-the ball's second axis to. The table spins at Ω(t) = Ω_0 + Ω_1 sin(κ t), and where the ball touches
-it both move alike: b ≠ 0, and ḃ has Ω̇ in it. The generalized speeds are the components of the
-angular velocity along x, y and the vertical. They do not exist where cos θ = 0.
+q = [x, y, ψ, θ, φ]: the centre relative to the axis of the table, along directions that do not
+turn, and Euler's angles: ψ about the vertical, θ about the line ψ points to, φ about the resulting
+direction of the ball's second axis. The table spins at Ω(t) = Ω_0 + Ω_1 sin(κ t), and at the point
+of contact both have the same velocity: b ≠ 0, and ḃ has Ω̇ in it. The generalized speeds are the
+components of the angular velocity along x, y and the vertical. They do not exist where cos θ = 0.
 
 Source: Neimark and Fufaev 1972, Ch. III; Weltner 1979 for the circles at 2Ω/7.
 """
@@ -27,14 +27,14 @@ from eomcheck.numbers.generic import Arithmetic, Array
 
 
 class PreparedTable(NamedTuple):
-    """What is not rational in q and t."""
+    """Precomputed expressions that are not rational in q and t."""
 
     angles: Any
-    """ψ, θ, φ, as `Angles` (3,)."""
+    """Euler's angles ψ, θ, φ, as `Angles` (3,)."""
     rate: Any
-    """Ω (1,), rad/s."""
+    """Spin rate Ω (1,), rad/s."""
     acceleration: Any
-    """Ω̇ (1,), rad/s², or None."""
+    """Spin acceleration Ω̇ (1,), rad/s², or None."""
 
 
 def table_spin(arithmetic, rate, swing, frequency, t, dtype):
@@ -58,12 +58,12 @@ def prepare(arithmetic, parameters, q, t):
 
 
 def table_velocity(rate, q):
-    """Return Ω e_z × r (2,): how the table moves under the ball."""
+    """Return Ω e_z × r (2,), the velocity of the table under the ball."""
     return np.array([-rate[0] * q[1], rate[0] * q[0]], q.dtype)
 
 
 def table_acceleration(rate, acceleration, q, v):
-    """Return the rate of `table_velocity` (2,) as the ball moves on; Ω̇ may be None."""
+    """Return the rate of `table_velocity` (2,) along the ball's motion; Ω̇ may be None."""
     change = table_velocity(rate, v)
     if acceleration is not None:
         change[0] -= acceleration[0] * q[1]
@@ -103,7 +103,7 @@ def terms(parameters, prepared, q, v):
 
 
 class BallKinematics(NamedTuple):
-    """Coordinates q (5,), generalized speeds u (3,), and q̇ (5,)."""
+    """Kinematics of the ball: coordinates q (5,), generalized speeds u (3,), and q̇ (5,)."""
 
     q: Any
     u: Any
@@ -124,7 +124,7 @@ def kinematics(parameters, prepared, q, u):
 
 
 def speeds(parameters, prepared, rolling):
-    """Return the `Speeds`."""
+    """Return the `Speeds` of the ball."""
     R, cos, sin, v = parameters.radius[0], prepared.angles.cos, prepared.angles.sin, rolling.v
     turn, lean, spin = v[2], v[3], v[4]
     W, rest, offset = np.zeros((5, 3), v.dtype), np.zeros(5, v.dtype), np.zeros(5, v.dtype)
@@ -141,7 +141,7 @@ def speeds(parameters, prepared, rolling):
 
 
 def qdot(parameters, prepared, rolling):
-    """Return W u + offset (5,)."""
+    """Return the velocity W u + offset (5,)."""
     return rolling.v
 
 
@@ -160,7 +160,7 @@ def bodies(parameters, prepared, rolling):
 
 
 def angular_velocity(angles, v):
-    """Return ω (3,) along x, y and the vertical."""
+    """Return the angular velocity ω (3,) along x, y and the vertical."""
     cos, sin = angles.cos, angles.sin
     ahead, left = v[3], v[4] * cos[1]
     east, north = ahead * cos[0] - left * sin[0], ahead * sin[0] + left * cos[0]
@@ -168,7 +168,7 @@ def angular_velocity(angles, v):
 
 
 def speeds_of(parameters, prepared, q, v):
-    """Return u = ω (3,) of a velocity v."""
+    """Return the generalized speeds u = ω (3,) of a velocity v."""
     return angular_velocity(prepared.angles, v)
 
 
@@ -181,12 +181,12 @@ def velocities(parameters, prepared, q, v):
 
 
 def positions(parameters, prepared, q):
-    """Return where the centre is (1, 2)."""
+    """Return the position of the centre (1, 2)."""
     return q[:2].reshape(1, 2)
 
 
 def constraint(parameters, prepared, q, v):
-    """Return c (2,), m/s: where they touch, how the ball moves against the table."""
+    """Return c (2,), m/s: the velocity of ball relative to table at the point of contact."""
     R, rate, omega = parameters.radius[0], prepared.rate[0], angular_velocity(prepared.angles, v)
     c = [v[0] - R * omega[1] + rate * q[1], v[1] + R * omega[0] - rate * q[0]]
     return np.array(c, v.dtype)
@@ -196,10 +196,10 @@ def constraint(parameters, prepared, q, v):
 
 
 class TurntableBall(Parametric, functions=globals()):
-    """A homogeneous ball that rolls on a turntable, whose spin may swing.
+    """A homogeneous ball that rolls on a turntable with an optionally oscillating spin.
 
     The table spins at Ω_0 + Ω_1 sin(κ t). A fast spin of the ball keeps Euler's angles away from
-    where they are singular.
+    their singular configuration.
     """
 
     mass: Any = parameter("m", "kg", "> 0", (0.1, 10.0), default=1.0)
@@ -234,7 +234,7 @@ class TurntableBall(Parametric, functions=globals()):
 
     @classmethod
     def structures(cls, links: int | None = None) -> Iterator[Scene]:
-        """Yield a table whose spin swings and one whose spin is constant."""
+        """Yield the structural variants: tables with an oscillating and with a constant spin."""
         (steady,) = super().structures(links)
         yield cls(swing=1.0, frequency=3.0)
         yield steady
@@ -244,13 +244,13 @@ class TurntableBall(Parametric, functions=globals()):
         return {"inertia": diagonal(arithmetic.numbers(self.inertia.reshape(1))[[[0, 0, 0]]])}
 
     def initial_state(self) -> tuple[Array, Array]:
-        """Return the ball at `start`, its angles 0, spinning so that it rolls."""
+        """Return the state of the ball at `start`, its angles 0, spinning so that it rolls."""
         (x, y), (along, across) = self.start, self.speed
         lean, roll = (self.rate * x - across) / self.radius, (along + self.rate * y) / self.radius
         return np.array([x, y, 0.0, 0.0, 0.0]), np.array([along, across, self.spin, lean, roll])
 
     def refuse_speeds(self, q: Array) -> None:
-        """Refuse |cos θ| <= 4 eps."""
+        """Refuse |cos θ| <= 4 eps, where Euler's angles are singular."""
         plane_symmetries.refuse_flat(q[3])
 
     def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
@@ -262,7 +262,7 @@ class TurntableBall(Parametric, functions=globals()):
         )
 
     def sketch(self, q: Array, t: float = 0.0) -> draw.Sketch:
-        """Return table and ball, with the angles at the centre of the ball."""
+        """Return the table and the ball, with the angles at the centre of the ball."""
         x, y, heading, lean, spin = q
         east, north, up = np.eye(3)
         R = float(self.radius)
