@@ -266,7 +266,7 @@ def _parse(description: Callable, parameters: Any) -> ParsedDescription:
     return ParsedDescription(plan, functions, DescriptionParameters(**given), reading.link_joints)
 
 
-# ---- For a kind of scene -------------------------------------------------------------------------
+# ---- Scene class ---------------------------------------------------------------------------------
 
 OPEN = "jacobians", "terms", "forces", "velocities", "potential"
 CLOSED = "constraints", "drift", "constraint"

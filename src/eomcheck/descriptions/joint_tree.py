@@ -172,7 +172,7 @@ def by_name(what: str, things: tuple[Any, ...]) -> dict[str, Any]:
     return found
 
 
-# ---- Slots ---------------------------------------------------------------------------------------
+# ---- Scalar joints -------------------------------------------------------------------------------
 
 MAX_DESCRIBED_COORDINATES = 200
 """Largest number of coordinates of a description: identities of more are not proved in reasonable

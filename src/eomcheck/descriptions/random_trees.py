@@ -177,7 +177,7 @@ class _Tree:
     def _singles(self) -> list[int]:
         return [i for i, kind in enumerate(self.kinds) if kind in SINGLE]
 
-    # ---- Kinds of joints, and how they hang together ---------------------------------------------
+    # ---- Kinds and parents of joints -------------------------------------------------------------
 
     def _choose_kinds(self) -> None:
         root, fixed = self.levels[ROOT], int(self._has(FIXED))
@@ -244,7 +244,7 @@ class _Tree:
     def _is_carried(self, i: int) -> bool:
         return self.carrier is not None and i == self.carrier + 1
 
-    # ---- What they are in numbers ----------------------------------------------------------------
+    # ---- Numbers of links and joints -------------------------------------------------------------
 
     def description(self) -> RandomDescription:
         """Return the description of the tree."""

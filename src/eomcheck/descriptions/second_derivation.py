@@ -128,7 +128,7 @@ def make_velocities(plan: TopologyPlan) -> Any:
     return velocities
 
 
-# ---- Forces and what they do ---------------------------------------------------------------------
+# ---- Power and energy of forces ------------------------------------------------------------------
 
 
 def make_joint_potential(plan: TopologyPlan) -> Any:

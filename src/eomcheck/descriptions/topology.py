@@ -150,7 +150,7 @@ class TopologyPlan:
 
     def _movers(self, k: int) -> Iterator[tuple[int, tuple[RigidSegment, ...]]]:
         way = self.from_ground[k]
-        # The arm to the first joint is fixed; arm j > 0 turns with joint j - 1, the last one ends in
+        # Arm 0, to the first joint, is fixed; arm j > 0 turns with joint j - 1; the last ends in
         # the point.
         turning = [set(self.turned_by[i]) for i in way]
         for i in sorted({*way, *(i for some in turning for i in some)}):

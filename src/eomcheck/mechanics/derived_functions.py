@@ -244,7 +244,7 @@ def _energies(velocities, potential):
     return energies
 
 
-# ---- For a kind of scene -------------------------------------------------------------------------
+# ---- Scene class ---------------------------------------------------------------------------------
 
 
 def _prepare(angle_coordinates):

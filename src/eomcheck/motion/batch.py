@@ -264,7 +264,7 @@ def _independent(a: Array) -> Array:
     return usable & (values[:, -1] > MARGIN * r * EPS * values[:, 0])
 
 
-# ---- Motions -------------------------------------------------------------------------------------
+# ---- Trajectories --------------------------------------------------------------------------------
 
 OUTPUTS = 101
 """Default number of output times."""

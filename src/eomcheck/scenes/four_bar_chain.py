@@ -109,7 +109,7 @@ class FourBarChain(Described, OfLinks, description=description, closed=True):
 
     @classmethod
     def structures(cls, links: int | None = None) -> Iterator[FourBarChain]:
-        """Yield the structural variants: the benchmark with `links` windows, and without gravity."""
+        """Yield the benchmark with `links` windows, and the same without gravity."""
         rods = cls.rods(number_of_links(links))
         yield rods
         yield replace(rods, gravity=None)
