@@ -66,15 +66,15 @@ def checked_elements(what: str, kind: type, things: Any) -> tuple[Any, ...]:
         InputError: they are none, or one of them has no name.
     """
     try:
-        found = tuple(things)
+        elements = tuple(things)
     except TypeError:
-        found = (things,)
-    for one in found:
+        elements = (things,)
+    for one in elements:
         if not isinstance(one, kind):
             raise InputError(f"{one!r} is no {what}: expected a {kind.__name__}")
         if not isinstance(one.name, str) or not one.name:
             raise InputError(f"a {what} has the name {one.name!r}, expected some text")
-    return found
+    return elements
 
 
 def validate_elements(
@@ -344,12 +344,12 @@ def _constraint_spec(frames: JointTree, one: Constraint, planar: bool) -> Constr
     def kept(name: str, link: str, at: Triple, shifted: bool) -> tuple[int, int]:
         if link not in frames.link_frames:
             raise InputError(f"{what} is on the link {link!r}, no such link")
-        place: LinkFrame = frames.link_frames[link]
-        there = rotation_matrix(place.orientation) @ np.array(at) + shifted * place.offset
-        if one.kind in ROLLING and name == "directions" and not there[:d].any():
+        frame: LinkFrame = frames.link_frames[link]
+        vector = rotation_matrix(frame.orientation) @ np.array(at) + shifted * frame.offset
+        if one.kind in ROLLING and name == "directions" and not vector[:d].any():
             raise InputError(f"{what} has the direction {at!r}, and all stays in the plane z = 0")
-        number: Any = keep(name, tuple(there[:d].tolist()))
-        return place.joint, number
+        number: Any = keep(name, tuple(vector[:d].tolist()))
+        return frame.joint, number
 
     # All rows of a rolling contact share one radius.
     keep = frames.add_shared_parameter if one.kind in ROLLING else frames.add_parameter

@@ -219,17 +219,17 @@ def radius(read: ConstraintInputs) -> Any:
 
 def contact_arm(read: ConstraintInputs) -> tuple[Vector, Vector]:
     """Return the vector from the centre to the point of contact, and its rate."""
-    R, (_, *told) = radius(read), read.directions
-    if len(told) == 1:
-        (spoke,) = told
+    R, (_, *directions) = radius(read), read.directions
+    if len(directions) == 1:
+        (spoke,) = directions
         return scale_vector(-R, spoke.value), scale_vector(-R, spoke.rate)
-    axis, normal = told
+    axis, normal = directions
     upright, s = dot_row(axis, normal), read.sine
     share = -(R / s)
-    spoke, moved = read.derivation.rim(axis, normal)
+    spoke, spoke_rate = read.derivation.rim(axis, normal)
     arm = scale_vector(share, spoke)
     shorter = times(times(upright.position, upright.rate), 1 / (s * s))
-    return arm, add_vectors(scale_vector(share, moved), scale_vector(shorter, arm))
+    return arm, add_vectors(scale_vector(share, spoke_rate), scale_vector(shorter, arm))
 
 
 def slip_velocity(read: ConstraintInputs) -> MovingVector:
@@ -256,10 +256,10 @@ def slip_velocity(read: ConstraintInputs) -> MovingVector:
 def rolling_rows(read: ConstraintInputs) -> list[ConstraintRow]:
     """Return the row: the point of contact does not slip along a direction."""
     _, *told = read.spec.directions
-    place = slip_velocity, read.spec.points, tuple(told), read.spec.number
-    if place not in read.cache:
-        read.cache[place] = slip_velocity(read)
-    slip, along = read.cache[place], read.directions[0]
+    key = slip_velocity, read.spec.points, tuple(told), read.spec.number
+    if key not in read.cache:
+        read.cache[key] = slip_velocity(read)
+    slip, along = read.cache[key], read.directions[0]
     return [
         ConstraintRow(
             None,
@@ -425,13 +425,13 @@ def row_count(closure: ConstraintSpec, planar: bool) -> int:
 
 def all_rows(plan: TopologyPlan, given: Any, at: Derivation) -> list[ConstraintRow]:
     """Return all rows, constraint by constraint."""
-    found: list[ConstraintRow] = []
-    seen: dict[Any, Any] = {}  # many constraints share a point or a contact
+    rows: list[ConstraintRow] = []
+    cache: dict[Any, Any] = {}  # many constraints share a point or a contact
 
     def of(what: Callable, k: int, i: int, numbers: Any) -> MovingVector:
-        if (what, k, i) not in seen:
-            seen[what, k, i] = what(k, as_vector(numbers[i]))
-        return seen[what, k, i]
+        if (what, k, i) not in cache:
+            cache[what, k, i] = what(k, as_vector(numbers[i]))
+        return cache[what, k, i]
 
     for closure in plan.topology.constraints:
         points = [of(at.point, k, i, given.points) for k, i in closure.points]
@@ -440,12 +440,12 @@ def all_rows(plan: TopologyPlan, given: Any, at: Derivation) -> list[ConstraintR
         disk = plan.disk_index.get(closure.directions[1:])
         sine = None if disk is None else at.sines[disk]
         planar = plan.topology.planar
-        read = ConstraintInputs(points, directions, frames, closure, given, at, planar, seen, sine)
+        read = ConstraintInputs(points, directions, frames, closure, given, at, planar, cache, sine)
         some = KINDS[closure.kind].rows(read)
         if closure.factor is not None:
             some = [scaled_row(row, given.factors[closure.factor]) for row in some]
-        found += some
-    return found
+        rows += some
+    return rows
 
 
 # ---- Two derivations, and the functions of a scene -----------------------------------------------
@@ -576,24 +576,24 @@ def make_constraint_functions(plan: TopologyPlan) -> dict[str, Any]:
 
     def drift(parameters, prepared, q, v):
         gamma = np.zeros(r, v.dtype)
-        found = all_rows(plan, parameters, FirstDerivation(plan, parameters, prepared, q, v))
-        for i, row in enumerate(found):
+        functions = all_rows(plan, parameters, FirstDerivation(plan, parameters, prepared, q, v))
+        for i, row in enumerate(functions):
             put(gamma, i, row.drift)
         return gamma
 
     def constraint(parameters, prepared, q, v):
         c = np.zeros(r, v.dtype)
-        found = all_rows(plan, parameters, SecondDerivation(plan, parameters, prepared, q, v))
-        for i, row in enumerate(found):
+        functions = all_rows(plan, parameters, SecondDerivation(plan, parameters, prepared, q, v))
+        for i, row in enumerate(functions):
             put(c, i, row.rate)
         return c
 
     def position_residual(parameters, prepared, q):
         residual = np.zeros(len(held), q.dtype)
-        found = all_rows(plan, parameters, SecondDerivation(plan, parameters, prepared, q))
+        functions = all_rows(plan, parameters, SecondDerivation(plan, parameters, prepared, q))
         for i, k in enumerate(held):
-            put(residual, i, found[k].position)
+            put(residual, i, functions[k].position)
         return residual
 
-    found = {"constraints": constraints, "drift": drift, "constraint": constraint}
-    return found | ({"position_residual": position_residual} if held else {})
+    functions = {"constraints": constraints, "drift": drift, "constraint": constraint}
+    return functions | ({"position_residual": position_residual} if held else {})

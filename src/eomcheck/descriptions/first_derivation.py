@@ -194,7 +194,7 @@ def point_columns(
     plan: TopologyPlan, frames: list[Frame], k: int, point: tuple[Vector, Vector]
 ) -> Columns:
     """Return the velocity columns of a point of frame k: arm from its origin, and position."""
-    found: Columns = {}
+    columns: Columns = {}
     for i, runs in plan.movers[k] if k >= 0 else ():
         axis, reach = frames[i].axis, ZERO_VECTOR
         for run in runs:
@@ -204,8 +204,8 @@ def point_columns(
             )
         moved = axis if plan.joints[i].slides else cross(axis, reach)
         j = plan.joints[i].coordinate
-        found[j] = add_vectors(found.get(j, ZERO_VECTOR), moved)
-    return found
+        columns[j] = add_vectors(columns.get(j, ZERO_VECTOR), moved)
+    return columns
 
 
 def turning_columns(plan: TopologyPlan, frames: list[Frame], k: int) -> Columns:
@@ -222,32 +222,36 @@ def turning_columns(plan: TopologyPlan, frames: list[Frame], k: int) -> Columns:
 @generic
 def local_turning_columns(plan, parameters, prepared):
     """Return the angular velocity `Columns` of each frame along its own axes, in order."""
-    found: list[Columns] = []
+    columns_of_frames: list[Columns] = []
     for k, slot in enumerate(plan.joints):
-        here = dict(found[plan.orientation_parent(k)]) if plan.orientation_parent(k) >= 0 else {}
+        columns = (
+            dict(columns_of_frames[plan.orientation_parent(k)])
+            if plan.orientation_parent(k) >= 0
+            else {}
+        )
         if slot.orientation is not None:
             R = parameters.rotation[slot.orientation]
             seat = tuple(as_vector(R[:, i]) for i in range(3))
-            here = {i: to_local(seat, one) for i, one in here.items()}
+            columns = {i: to_local(seat, one) for i, one in columns.items()}
         if not slot.slides:
             at, axis, j = plan.hinge_index[k], slot.axis, slot.coordinate
             if not slot.symmetric:
                 cos, sin = prepared.angles.cos[at], prepared.angles.sin[at]
-                here = {i: rotate_back(one, axis, cos, sin) for i, one in here.items()}
+                columns = {i: rotate_back(one, axis, cos, sin) for i, one in columns.items()}
             own = unit(axis, factor(slot, parameters))
-            here[j] = add_vectors(here.get(j, ZERO_VECTOR), own)
-        found.append(here)
-    return found
+            columns[j] = add_vectors(columns.get(j, ZERO_VECTOR), own)
+        columns_of_frames.append(columns)
+    return columns_of_frames
 
 
 @generic
 def frame_rates(plan, parameters, frames, v):
     """Return the `FrameRates` of each frame."""
-    found = []
+    rates = []
     for k, slot in enumerate(plan.joints):
-        before, frame = found[slot.parent] if slot.parent >= 0 else GROUND_RATES, frames[k]
+        before, frame = rates[slot.parent] if slot.parent >= 0 else GROUND_RATES, frames[k]
         omega, alpha, _ = (
-            found[plan.orientation_parent(k)] if plan.orientation_parent(k) >= 0 else GROUND_RATES
+            rates[plan.orientation_parent(k)] if plan.orientation_parent(k) >= 0 else GROUND_RATES
         )
         rest = add_vectors(before.acceleration, relative_acceleration(before, frame.arm))
         rate = scale_vector(v[slot.coordinate], frame.axis)
@@ -256,8 +260,8 @@ def frame_rates(plan, parameters, frames, v):
             rest = add_vectors(rest, scale_vector(2, carried))
         else:
             omega, alpha = add_vectors(omega, rate), add_vectors(alpha, carried)
-        found.append(FrameRates(omega, alpha, rest))
-    return found
+        rates.append(FrameRates(omega, alpha, rest))
+    return rates
 
 
 def relative_acceleration(rates: FrameRates, arm: Vector) -> Vector:

@@ -134,16 +134,16 @@ def depth_first_joints(links: dict[str, Link], joints: dict[str, Joint]) -> tupl
     if not roots:
         around = _cycle(next(iter(links)), joints, child_of)
         raise InputError(f"every link is a joint's child: {around}")
-    found, waiting = [], deque(children[roots[0]])
+    ordered, waiting = [], deque(children[roots[0]])
     while waiting:
         joint = waiting.popleft()
-        found.append(joint)
+        ordered.append(joint)
         waiting.extendleft(reversed(children[joint.child]))
-    if len(found) < len(joints):
-        reached = {roots[0], *(joint.child for joint in found)}
+    if len(ordered) < len(joints):
+        reached = {roots[0], *(joint.child for joint in ordered)}
         left = next(name for name in links if name not in reached)
         raise InputError(f"links go round in a circle: {_cycle(left, joints, child_of)}")
-    return roots[0], found
+    return roots[0], ordered
 
 
 def _cycle(at: str, joints: dict[str, Joint], child_of: dict[str, str]) -> str:

@@ -391,12 +391,12 @@ class Mechanism(Parametric, metaclass=_Kind):
 
     def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
         """Yield a rotation by 2π of every hinge that has no spring and that no joint mimics."""
-        told = {slot.coordinate for slot in self.plan.joints if slot.slides}
-        told |= {slot.coordinate for slot in self.plan.joints if slot.spring is not None}
-        told |= {slot.coordinate for slot in self.plan.joints if slot.mimics is not None}
+        excluded = {slot.coordinate for slot in self.plan.joints if slot.slides}
+        excluded |= {slot.coordinate for slot in self.plan.joints if slot.spring is not None}
+        excluded |= {slot.coordinate for slot in self.plan.joints if slot.mimics is not None}
         for closure in self.source.topology.constraints:
-            told |= set(closure.coordinates)
-        turns = np.array([i not in told for i in range(self.n)])
+            excluded |= set(closure.coordinates)
+        turns = np.array([i not in excluded for i in range(self.n)])
         if turns.any():
             yield Symmetry("full turns", self, q + 2.0 * np.pi * turns, v, np.eye(self.n))
 

@@ -104,21 +104,21 @@ def levels_of(description: RandomDescription, planar: bool) -> dict[str, str]:
     axes = [one.axis for one in joints if one.kind in (*SINGLE, "planar")]
     moving = {one.child for one in joints if one.kind != "fixed"}
 
-    def there(*flags: bool) -> str:
+    def presence(*flags: bool) -> str:
         return PRESENT if any(flags) else ABSENT
 
     return {
         SPACE: PLANE if planar else SOLID,
         ROOT: joints[0].kind,
-        FIXED: there(*(one.kind == "fixed" for one in joints)),
+        FIXED: presence(*(one.kind == "fixed" for one in joints)),
         SHAPE: BRANCHED if len(set(parents)) < len(parents) else CHAIN,
         AXES: STRAIGHT if all(one in random_elements.STRAIGHT for one in axes) else OBLIQUE,
-        CARRIERS: there(*(links[name].mass == 0 for name in moving)),
-        FOLLOWERS: there(*(one.mimics is not None for one in joints)),
-        SPRINGS: there(*(one.stiffness is not None for one in joints)),
-        DAMPERS: there(*(one.damping is not None for one in joints)),
-        ROTORS: there(*(one.armature is not None for one in joints)),
-        GRAVITY: there(description.gravity is not None),
+        CARRIERS: presence(*(links[name].mass == 0 for name in moving)),
+        FOLLOWERS: presence(*(one.mimics is not None for one in joints)),
+        SPRINGS: presence(*(one.stiffness is not None for one in joints)),
+        DAMPERS: presence(*(one.damping is not None for one in joints)),
+        ROTORS: presence(*(one.armature is not None for one in joints)),
+        GRAVITY: presence(description.gravity is not None),
     }
 
 

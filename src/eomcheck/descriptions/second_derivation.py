@@ -41,9 +41,9 @@ def _seat(parameters: Any, turn: int) -> tuple[Vector, Vector, Vector]:
 @generic
 def frame_velocities(plan, parameters, prepared, v):
     """Return (V of the origin, ω) of each frame, along its own axes."""
-    found = []
+    velocities = []
     for k, slot in enumerate(plan.joints):
-        V, omega = found[slot.parent] if slot.parent >= 0 else (ZERO_VECTOR, ZERO_VECTOR)
+        V, omega = velocities[slot.parent] if slot.parent >= 0 else (ZERO_VECTOR, ZERO_VECTOR)
         if slot.offset is not None:
             V = add_vectors(V, cross(omega, as_vector(parameters.offset[slot.offset])))
         if slot.absolute:
@@ -59,8 +59,8 @@ def frame_velocities(plan, parameters, prepared, v):
             cos, sin = prepared.angles.cos[at], prepared.angles.sin[at]
             V, omega = rotate_back(V, axis, cos, sin), rotate_back(omega, axis, cos, sin)
             omega = add_vectors(omega, own)
-        found.append((V, omega))
-    return found
+        velocities.append((V, omega))
+    return velocities
 
 
 def direction_in_ground(

@@ -53,8 +53,8 @@ class _Declared(NamedTuple):
     def documented(self) -> str:
         shape = self.shape.__name__.replace("_", " ") if callable(self.shape) else self.shape
         absent = "or None without" if self.optional else ""
-        said = self.what, str(shape or ""), self.unit, self.sign, absent
-        return ", ".join(filter(None, said))
+        parts = self.what, str(shape or ""), self.unit, self.sign, absent
+        return ", ".join(filter(None, parts))
 
     def shape_of(self, links: int) -> tuple[int, ...]:
         return self.shape(links) if callable(self.shape) else self.shape

@@ -89,10 +89,10 @@ def _scene_class_with_rows(kind: Any, rows: tuple[int, ...], of: int) -> type[Sc
     def constraint(parameters, prepared, q, v):
         return selected_rows(every(parameters, prepared, q, v), rows)
 
-    places = tuple(closed.index(i) for i in rows[:count])
+    indices = tuple(closed.index(i) for i in rows[:count])
 
     def position_residual(parameters, prepared, q):
-        return selected_rows(all_closed(parameters, prepared, q), places)
+        return selected_rows(all_closed(parameters, prepared, q), indices)
 
     functions = {"constraints": constraints, "drift": drift, "constraint": constraint}
     if "terms" not in kind.derived_functions:
@@ -110,7 +110,7 @@ def _scene_class_with_rows(kind: Any, rows: tuple[int, ...], of: int) -> type[Sc
         Raises:
             InputError: a change of the scene has changed the number of its constraints.
         """
-        names = super(found, self).constraint_names
+        names = super(subset, self).constraint_names
         if len(names) != of:
             raise InputError(
                 f"the scene has {len(names)} constraints, those left were chosen of {of}"
@@ -119,7 +119,7 @@ def _scene_class_with_rows(kind: Any, rows: tuple[int, ...], of: int) -> type[Sc
 
     def structure(self) -> str:
         """The structural variant of the scene, with the names of the constraints left out."""
-        whole = super(found, self)
+        whole = super(subset, self)
         out = [name for i, name in enumerate(whole.constraint_names) if i not in rows]
         return f"{whole.structure}, without the constraint of {', '.join(out)}"
 
@@ -129,7 +129,7 @@ def _scene_class_with_rows(kind: Any, rows: tuple[int, ...], of: int) -> type[Sc
     def represented(self) -> str:
         """Return Python code that reconstructs the scene."""
         return (
-            f"eomcheck.with_constraints({super(found, self).__repr__()}, {self.constraint_names})"
+            f"eomcheck.with_constraints({super(subset, self).__repr__()}, {self.constraint_names})"
         )
 
     def reduce(self):
@@ -145,8 +145,8 @@ def _scene_class_with_rows(kind: Any, rows: tuple[int, ...], of: int) -> type[Sc
         "__module__": kind.__module__,
         "__doc__": kind.__doc__,
     }
-    found: Any = type(kind)(kind.__name__, (kind,), held | body)
-    return found
+    subset: Any = type(kind)(kind.__name__, (kind,), held | body)
+    return subset
 
 
 @generic

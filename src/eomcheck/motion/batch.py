@@ -146,15 +146,15 @@ def trace_starts(scene: Scene, formulation: Formulation, by_speeds: bool) -> Tra
     speeds = at.speeds_read(formulation)
     if formulation.state == "q, v2":
         speeds = speeds[at.partition.independent]
-    found = {"v": at.v, "speeds": speeds}
+    traced = {"v": at.v, "speeds": speeds}
     if scene.r > 0:
         a, b = scene.constraints(at.parameters, at.prepared, at.q)
         parts = [a * at.v] if b is None else [a * at.v, b[:, None]]
         terms = np.concatenate([tape.numbers(part) for part in parts], axis=1)
-        found["residual"] = terms.sum(axis=1)
-        found["size"] = map_entries(lambda x: (x * x).sqrt(), terms).sum(axis=1)
-        found["solved"] = a[:, _solved(at, formulation)].ravel()
-    outputs = {name: [tape.number(x).index for x in values] for name, values in found.items()}
+        traced["residual"] = terms.sum(axis=1)
+        traced["size"] = map_entries(lambda x: (x * x).sqrt(), terms).sum(axis=1)
+        traced["solved"] = a[:, _solved(at, formulation)].ravel()
+    outputs = {name: [tape.number(x).index for x in values] for name, values in traced.items()}
     return Traced(tape, at, y, outputs)
 
 
@@ -231,19 +231,19 @@ def _checked_speeds(
         return {name: x[0] for name, x in found.items()}
 
     with np.errstate(all="ignore"):
-        here = at(parameters, y)
-        v, speeds = here["v"], here["speeds"]
+        exact = at(parameters, y)
+        v, speeds = exact["v"], exact["speeds"]
         sound = np.isfinite(np.concatenate((v, speeds))).all(axis=0)
-        if "size" in here:
-            allowed = allowed_error(1.0) * here["size"]
-            sound = sound & (np.abs(here["residual"]) <= allowed / 4).all(axis=0)
-            sound = sound & _independent(here["solved"].T.reshape(kernel.width, len(allowed), -1))
+        if "size" in exact:
+            allowed = allowed_error(1.0) * exact["size"]
+            sound = sound & (np.abs(exact["residual"]) <= allowed / 4).all(axis=0)
+            sound = sound & _independent(exact["solved"].T.reshape(kernel.width, len(allowed), -1))
         size = np.abs(v).max(axis=0)
         for seed in range(SAMPLES if by_speeds and size.any() else 0):
             noise = Noise(seed)
-            moved = {name: x + x * noise.changes((len(x), 1)) for name, x in parameters.items()}
-            there = at(moved, y + y * noise.changes((len(y), 1)))["v"]
-            spread = size + np.abs(there - v).max(axis=0) / STEP
+            perturbed = {name: x + x * noise.changes((len(x), 1)) for name, x in parameters.items()}
+            perturbed_v = at(perturbed, y + y * noise.changes((len(y), 1)))["v"]
+            spread = size + np.abs(perturbed_v - v).max(axis=0) / STEP
             sound = sound & (MARGIN * allowed_error(1.0) * spread <= NOTICEABLE * size)
     return speeds, np.asarray(sound)
 
@@ -445,7 +445,7 @@ def _integrated(options: _Options, starts: list[Start]) -> dict[str, Any]:
     m, count = len(starts), len(options.times)
     # The last entry, behind the outputs, is the final state of a motion.
     y = np.full((m, count + 1, y0.shape[1]), np.nan)
-    seen = {name: np.full((m, count + 1, k), np.nan) for name, k in observer.outputs.items()}
+    observed = {name: np.full((m, count + 1, k), np.nan) for name, k in observer.outputs.items()}
     records = np.zeros((m, dop853.FIELDS))
     good = np.array([i for i, why in enumerate(reasons) if not why], int)
     seconds, behind = 0.0, {}
@@ -459,38 +459,38 @@ def _integrated(options: _Options, starts: list[Start]) -> dict[str, Any]:
         found = observer.rows(observer.block(parameters), t, out)
         y[lanes], records[lanes] = out.transpose(2, 0, 1), record.T
         for name, x in found.items():
-            seen[name][lanes] = x.transpose(2, 0, 1)
+            observed[name][lanes] = x.transpose(2, 0, 1)
         if solves_partition(scene, formulation):
             t, out = np.vstack((np.zeros(width), t)), np.concatenate((y0[lanes].T[None], out))
-            places = singular_crossings(scene, formulation, parameters, t, out)
-            for lane, (i, place) in enumerate(zip(lanes, places, strict=True)):
+            crossings = singular_crossings(scene, formulation, parameters, t, out)
+            for lane, (i, place) in enumerate(zip(lanes, crossings, strict=True)):
                 if place is not None:
                     behind[i] = place[1] - 1, str(crossing_refusal(*t[place, lane]))
     for i, (place, why) in behind.items():
         reasons[i] = why
-        for x in (y, *seen.values()):
+        for x in (y, *observed.values()):
             x[i, place:] = np.nan
     reached = np.isfinite(y[:, :-1]).all(axis=2)
-    known = np.concatenate(list(seen.values()), axis=2)[:, :-1]
+    known = np.concatenate(list(observed.values()), axis=2)[:, :-1]
     overflows = np.any(reached & ~np.isfinite(known).all(axis=2), axis=1)
     for i in good:
         if i in behind:
             continue
         if records[i, dop853.STATUS] != dop853.FINISHED:
-            state = starts[i].scene, formulation, y[i, -1, : scene.n], seen["v"][i, -1]
+            state = starts[i].scene, formulation, y[i, -1, : scene.n], observed["v"][i, -1]
             reasons[i] = _reason(*state, records[i], options.max_steps)
         elif overflows[i]:
             reasons[i] = "the energy overflows"
     started = np.isin(np.arange(m), good)
     status = np.where(started, "failed", "refused")
     status = np.where(np.array(reasons) == "", "finished", status)
-    residual = seen.get("constraint")
+    residual = observed.get("constraint")
     constraint = {} if residual is None else {"constraint_residual": np.abs(residual[:, :-1])}
     return {
         "q": y[:, :-1, : scene.n],
-        "v": seen["v"][:, :-1],
-        "u": seen["u"][:, :-1],
-        "energy": seen["energy"][:, :-1, 0],
+        "v": observed["v"][:, :-1],
+        "u": observed["u"][:, :-1],
+        "energy": observed["energy"][:, :-1, 0],
         **constraint,
         "right_hand_sides": records[:, dop853.CALLS].astype(int),
         "steps": records[:, dop853.STEPS].astype(int),

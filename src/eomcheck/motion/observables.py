@@ -174,24 +174,24 @@ def singular_crossings(
     r, motions = scene.r, t.shape[1]
     kernel = traced_kernel(trace_partition, scene, formulation, {"a_1": r * r}, motions)
     block, piece = kernel.block(parameters), max(1, ENTRIES // (r * r * motions))
-    found: list[tuple[int, int] | None] = [None] * motions
+    crossings: list[tuple[int, int] | None] = [None] * motions
     known = [(np.empty(0, int), np.empty((0, r, r)))] * motions
     for first in range(0, len(t), piece):
         some = slice(first, first + piece)
         a_1 = kernel.rows(block, t[some], y[some])["a_1"]
         for i in range(motions):
-            here = a_1[:, :, i].reshape(-1, r, r)
+            all_matrices = a_1[:, :, i].reshape(-1, r, r)
             usable = np.isfinite(y[some, :, i]).all(axis=1)
             with np.errstate(all="ignore"):
-                usable &= np.linalg.slogdet(here).sign != 0
-            places = np.concatenate((known[i][0], first + np.flatnonzero(usable)))
-            matrices = np.concatenate((known[i][1], here[usable]))
+                usable &= np.linalg.slogdet(all_matrices).sign != 0
+            indices = np.concatenate((known[i][0], first + np.flatnonzero(usable)))
+            matrices = np.concatenate((known[i][1], all_matrices[usable]))
             between = np.flatnonzero(singular_between(matrices))
-            if found[i] is None and between.size:
-                before, behind = places[between[0] :][:2]
-                found[i] = int(before), int(behind)
-            known[i] = places[-1:], matrices[-1:]
-    return found
+            if crossings[i] is None and between.size:
+                before, behind = indices[between[0] :][:2]
+                crossings[i] = int(before), int(behind)
+            known[i] = indices[-1:], matrices[-1:]
+    return crossings
 
 
 def singular_between(A: Array) -> Array:

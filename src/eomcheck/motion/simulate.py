@@ -196,11 +196,11 @@ class Motion:
         if not self.solves_partition or len(t) == 0:
             return None
         parameters = {name: np.ravel(x) for name, x in parameter_arrays(self.scene).items()}
-        here = self.scene, self.formulation, parameters
+        inputs = self.scene, self.formulation, parameters
         # Includes the initial state, which need not be an output.
         t, y = np.concatenate(([0.0], t)), np.vstack((self.y0, y))
-        (place,) = singular_crossings(*here, t[:, None], y[:, :, None])
-        return None if place is None else (float(t[place[0]]), float(t[place[1]]))
+        (crossing,) = singular_crossings(*inputs, t[:, None], y[:, :, None])
+        return None if crossing is None else (float(t[crossing[0]]), float(t[crossing[1]]))
 
     def evaluation(self, y: Array, t: float) -> Evaluation | None:
         """Return the evaluation at a state vector; None if it overflows float64."""
@@ -343,24 +343,22 @@ class _ObservedMotion:
             self.valid_count = min(
                 self.valid_count, int(np.searchsorted(found.t, between[0], "right"))
             )
-        places = set(
+        indices = set(
             np.linspace(0, count - 1, min(count, MOST_CHECKED_STATES)).astype(int).tolist()
         )
         if "multipliers" in self.observables:
             without = np.isnan(self.observables["multipliers"]).any(axis=1)
-            places |= set(np.flatnonzero(without)[:MOST_CHECKED_STATES].tolist())
-        looks = sorted(place for place in places if place < self.valid_count)
-        place = 0
-        with polled_progress(
-            f"looking at matrices of {self.formulation.key}", count, lambda: place
-        ):
-            for place in looks:
-                t = float(found.t[place])
+            indices |= set(np.flatnonzero(without)[:MOST_CHECKED_STATES].tolist())
+        checked_indices = sorted(index for index in indices if index < self.valid_count)
+        index = 0
+        with polled_progress(f"checking matrices of {self.formulation.key}", count, lambda: index):
+            for index in checked_indices:
+                t = float(found.t[index])
                 try:
-                    self._check_state(motion, t, found.y[place])
+                    self._check_state(motion, t, found.y[index])
                 except RefusedError as refusal:
                     self.refused = f"the state at t = {t:.9g} s is refused: {refusal}", refusal
-                    self.valid_count = place
+                    self.valid_count = index
                     break
         self.whole = self.valid_count == count
 
@@ -370,14 +368,14 @@ class _ObservedMotion:
             raise RefusedError("v", math.nan, 0.0, "v overflows: doubles cannot hold it")
         if motion.choice is not None:
             check_rank_kept(at, motion.partition)
-        found = at.acceleration(self.formulation).rcond
-        for name, rcond in found.items():
+        rcond_by_name = at.acceleration(self.formulation).rcond
+        for name, rcond in rcond_by_name.items():
             self.rcond[name] = min(rcond, self.rcond.get(name, 1.0))
         # Only those that are evaluated again: their caches grow with the matrices.
         self._checked.setdefault("first", at)
         self._checked["last"] = at
-        if min(found.values(), default=math.inf) < self._worst:
-            self._worst = min(found.values())
+        if min(rcond_by_name.values(), default=math.inf) < self._worst:
+            self._worst = min(rcond_by_name.values())
             self._checked["worst"] = at
 
     def rows(self, name: str) -> Array | None:
