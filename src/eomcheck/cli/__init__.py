@@ -1,8 +1,9 @@
-"""The command line: `eomcheck validate`, `eomcheck report`, `eomcheck bench`, `eomcheck study`.
+"""Command line entry point: `main` runs a command and returns one of `eomcheck.cli.app.EXIT_CODES`.
 
-Exit codes are those of `eomcheck.cli.app.EXIT_CODES`. Files are written before anything is printed,
-and what becomes of the printing changes no exit code, unless it is lost on its way to a reader (2).
-Each command imports what it needs when it runs.
+Result files are written before anything is printed, and a failed print changes no exit code, unless
+output is lost on its way to a reader (2). Each command imports its dependencies when it runs. A
+command that executes user-supplied code or an outside library runs in a supervised process of its
+own.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from eomcheck.errors import DiedError, EomcheckError, WorkerError, described_err
 from eomcheck.safe_output import unfailing_output
 
 SUPERVISED = "validate", "fuzz"
-"""Commands that ask outside libraries, Pinocchio and CasADi, unless told otherwise."""
+"""Commands that call outside libraries, Pinocchio and CasADi, by default."""
 
 for group in (bench, study, draw):
     app.add_typer(group)
@@ -40,8 +41,8 @@ for group in (bench, study, draw):
 def main() -> None:
     """Run the command line; bad input is one sentence and exit code 2.
 
-    A command that runs code of a user's file or of an outside library runs in a process of its own,
-    which `eomcheck.supervisor` watches.
+    A command that runs user-supplied code or an outside library runs in a separate process under
+    `eomcheck.supervisor`.
     """
     pipe = supervisor.accept_supervision()
     if pipe is not None:
@@ -49,18 +50,18 @@ def main() -> None:
         sys.exit(code)
     if not supervisor.can_supervise():
         _run()
-    told = sys.argv[1:]
-    if told[:1] not in [[x] for x in SUPERVISED] and not any(".py:" in word for word in told):
+    words = sys.argv[1:]
+    if words[:1] not in [[x] for x in SUPERVISED] and not any(".py:" in word for word in words):
         try:
             with calls.supervision_required():
                 _run()
         except calls.UnsupervisedError:
-            pass  # another way in which such code is named: a package's engine, a corpus
-    sys.exit(supervisor.run_supervised(told))
+            pass  # such code was named in another way: a package's engine, a stored failure
+    sys.exit(supervisor.run_supervised(words))
 
 
 def _exit_code() -> int:
-    """Run the command line, and return its exit code when all its output is written."""
+    """Run the command line and return its exit code once all output is written."""
     code: Any = 1
     try:
         _run()
@@ -80,8 +81,8 @@ def _run() -> NoReturn:
     Raises:
         SystemExit: with the exit code.
     """
-    # Matrices of a few hundred rows gain nothing from threads, and lose much where other programs
-    # run. Libraries read this when they are loaded, which is after this line.
+    # Matrices of a few hundred rows gain nothing from threads, and lose much beside other
+    # programs. The libraries, not loaded yet, read these variables when they are.
     for library in ("OPENBLAS", "MKL", "OMP"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     with unfailing_output():
@@ -90,30 +91,32 @@ def _run() -> NoReturn:
                 how = {"prog_name": "eomcheck", "terminal_width": help_width()}
                 code = app(**how, standalone_mode=False)
         except WorkerError as error:
-            code = _said(str(error), 1 if isinstance(error, DiedError) else 2)
+            code = _reported(str(error), 1 if isinstance(error, DiedError) else 2)
         except EomcheckError as error:
-            code = _said(str(error), 2)
+            code = _reported(str(error), 2)
         except (KeyboardInterrupt, calls.UnsupervisedError):
             raise
         except BaseException as error:
-            if (said := usage_error(error)) is not None:
-                print(said, file=sys.stderr)
+            if (message := usage_error(error)) is not None:
+                print(message, file=sys.stderr)
                 code = 2
-            elif said := outside_error(error):
-                code = _said(said, 1)
+            elif message := outside_error(error):
+                code = _reported(message, 1)
             elif isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
-                # Wherever a file is first asked for: not even whether it exists can be asked.
+                # Raised by the first access to a file, even by a test whether it exists.
                 name = Path(error.filename or "").name
-                code = _said(f"{name[:40]!r}...: {len(name)} characters are no name of a file", 2)
+                code = _reported(
+                    f"{name[:40]!r}...: {len(name)} characters are no name of a file", 2
+                )
             elif isinstance(error, Exception) or not has_run_user_code():
                 raise
             else:
-                # No command of ours ends so: code that is not ours wants the process to end.
-                code = _said(f"no verdict: raised {described_error(error)}", 1)
+                # No built-in command ends so: user-supplied code is ending the process.
+                code = _reported(f"no verdict: raised {described_error(error)}", 1)
         sys.exit(code if isinstance(code, int) else 0)
 
 
-def _said(sentence: str, code: int) -> int:
+def _reported(sentence: str, code: int) -> int:
     print(f"eomcheck: {sentence}", file=sys.stderr)
     return code
 

@@ -1,4 +1,4 @@
-"""The command line application: its help, exit codes and usage errors; commands register here."""
+"""Command line application: its help, exit codes and usage errors; commands register here."""
 
 from __future__ import annotations
 
@@ -28,33 +28,33 @@ QUICK_START = {
     "an engine of your own": "eomcheck validate --engine FILE:CLASS",
     "a scene: ours, yours, a URDF": "eomcheck validate --scene SCENE",
 }
-"""What somebody has -> what to type."""
+"""Starting point of a user -> the call or command to type."""
 
 MAX_WIDTH = 80
-"""Help is no wider, however wide the terminal is."""
+"""Largest width of help, columns, on terminals of any width."""
 
 
 VALUES = {"int": "N", "float": "X", "str": "TEXT", "path": "FILE"}
-"""What typer calls a value -> what help does; the names of options say more of some."""
+"""Typer's name of a value type -> its name in help; some option names override it."""
 FOLDERS = ("--figures", "--folder", "--references", "--suite")
 
 
 def _option_label(name: str) -> str:
-    """Return an option or argument as help shows it: `--links N`, not `--links <int>`."""
-    found = re.fullmatch(r"(.+) <(.+)>", name)
-    if found is None:
+    """Return the help label of an option or argument: `--links N`, not `--links <int>`."""
+    match = re.fullmatch(r"(.+) <(.+)>", name)
+    if match is None:
         return name
-    what, kind = found.groups()
-    if not what.startswith("-"):
-        return what
-    return f"{what} {'FOLDER' if what in FOLDERS else VALUES.get(kind, kind.upper())}"
+    option, kind = match.groups()
+    if not option.startswith("-"):
+        return option
+    return f"{option} {'FOLDER' if option in FOLDERS else VALUES.get(kind, kind.upper())}"
 
 
 class Command(TyperCommand):
-    """A command, whose help names values by what they are and not by their types in Python."""
+    """Command whose help names values by their meaning, not by their Python types."""
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
-        """Write the help."""
+        """Write the help with the labels of `_option_label`."""
         write = formatter.write_dl
         formatter.write_dl = lambda rows, **how: write(
             [(_option_label(n), x) for n, x in rows], **how
@@ -62,36 +62,36 @@ class Command(TyperCommand):
         super().format_help(ctx, formatter)
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
-        """Return the words of the line that shows how to call it."""
+        """Return the pieces of the usage line."""
         pieces = super().collect_usage_pieces(ctx)
         plain = [re.sub(r"^\{(.*)\}|^\[(\[.*\])\]$", r"\1\2", one) for one in pieces]
         return [one.replace("END...", "END") for one in plain]
 
 
 class CommandLine(typer.Typer):
-    """What commands join; each is a `Command`."""
+    """Group of commands, each of class `Command`."""
 
     def command(self, name: str | None = None, **how: Any) -> Any:
-        """Return the decorator that adds a command."""
+        """Return a decorator that adds a command."""
         return super().command(name, cls=Command, **how)
 
 
 class CommandGroup(TyperGroup):
-    """Commands, whose help says the first sentence of each, whole, in lines that fit."""
+    """Command group whose help quotes the first sentence of each command in full."""
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Write what each command does."""
+        """Write the table of commands with their first sentences."""
         rows = [(name, _first_sentence(self.get_command(ctx, name))) for name in self.names(ctx)]
         with formatter.section("Commands"):
             formatter.write_dl(rows)
 
     def names(self, ctx: Any) -> list[str]:
-        """Return the names of the commands that are shown."""
+        """Return the names of the visible commands."""
         commands = ((name, self.get_command(ctx, name)) for name in self.list_commands(ctx))
         return [name for name, command in commands if command and not command.hidden]
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:
-        """Write the exit codes, below all commands."""
+        """Write the exit codes below all commands."""
         if ctx.parent is None:
             with formatter.section("Exit codes"):
                 formatter.write_dl([(str(code), what) for code, what in EXIT_CODES.items()])
@@ -102,10 +102,11 @@ def _first_sentence(command: Any) -> str:
 
 
 def usage_error(error: BaseException) -> str | None:
-    """Return what is said of words that are no command line; None of any other error.
+    """Return the message for words that are not a command line; None for any other error.
 
-    One sentence in one line, or the help of a group of commands of which none is named. What
-    parses them is a part of typer in newer versions and click in older ones: told by what it has.
+    The message is one sentence in one line, or the help of a group whose command is missing. The
+    parser is part of typer in newer versions and of click in older ones, so its errors are
+    recognized by their attributes.
     """
     if not hasattr(error, "format_message"):
         return None
@@ -121,7 +122,7 @@ def usage_error(error: BaseException) -> str | None:
 
 
 def help_width() -> int:
-    """Return the width of help: that of the terminal, or COLUMNS, less a margin."""
+    """Return the width of help, columns: that of the terminal, or COLUMNS, less a margin."""
     return min(get_terminal_size().columns, MAX_WIDTH) - 2
 
 

@@ -1,6 +1,4 @@
-"""Commands that check and report: `validate_command`, `prove_command`, `list`, `report_command`,
-`export`, `reference_command`.
-"""
+"""Commands that check and report: `validate`, `prove`, `list`, `report`, `export`, `reference`."""
 
 from __future__ import annotations
 
@@ -44,7 +42,7 @@ from eomcheck.lab.option_parsing import (
 )
 
 REGISTRIES = ("formulations", "scenes", "engines", "claims")
-"""What `eomcheck list` can list."""
+"""Arguments of `eomcheck list`."""
 
 
 @app.command("validate")
@@ -140,7 +138,7 @@ def validate_command(
         kinds = represented(tried if scene is None and tried else engines, kinds)
     if links is not None and not any(kind.has_links for kind in kinds):
         raise InputError(f"links = {links!r}: {kinds[0].key} has no number of links to choose")
-    # With all our scenes an engine is on trial, and not they.
+    # On all built-in scenes the engine is under test, not the scenes.
     claims = [one.id for one in CLAIMS.values() if one.asks] if scene is None and tried else None
     selection = RunSelection.of(formulation, engine, claims, scenes=kinds)
     if len(kinds) == 1:
@@ -150,8 +148,8 @@ def validate_command(
             own = "a scene or an engine of your own is looked at in one process"
             raise InputError(f"executor = {executor!r}: {own}")
     check_executor(executor)
-    for made in selection.engines:
-        version_of(made)  # a missing library is bad input, said before anything is computed
+    for kind in selection.engines:
+        version_of(kind)  # a missing library is bad input, reported before anything is computed
     runs = {kind.key: ValidationRun() for kind in kinds}
     how = selection, bounds, examples, seed
     interrupted, lost, unwritten = False, None, None
@@ -171,7 +169,7 @@ def validate_command(
             lost = error
         except UnwrittenError as error:
             unwritten = error
-        # Files first: whatever becomes of the printing, they are there.
+        # Files first, so that they are written even if printing fails.
         try:
             with deferring_interrupts():
                 if json is not None:
@@ -184,12 +182,12 @@ def validate_command(
             unwritten = unwritten or error
     findings = [finding for run in runs.values() for finding in run.findings]
     print_runs(runs, selection, wide)
-    for said in robot_file_warnings(kinds):
-        print(said)
+    for warning in robot_file_warnings(kinds):
+        print(warning)
     if interrupted:
         console.print("interrupted: the table holds what was checked until then")
     if unwritten is not None:
-        raise unwritten  # what it was to hold is printed
+        raise unwritten  # its content is printed
     if json is not None:
         print(f"written: {json}")
     if interrupted:
@@ -253,8 +251,8 @@ def prove_command(
             except UnwrittenError as error:
                 unwritten = error
     print_proofs(proofs)
-    for said in robot_file_warnings(scene_classes_named(scene)):
-        print(said)
+    for warning in robot_file_warnings(scene_classes_named(scene)):
+        print(warning)
     if unwritten is not None:
         raise unwritten
     if json is not None:
@@ -314,7 +312,7 @@ def report_command(
         typer.Option(help="Folder of the suite, of which that page names tests. [validation]"),
     ] = None,
 ) -> None:
-    """Report what was found: verdict, claims, failing states, and the studies there are.
+    """Report stored results: verdict, claims, failing states, and the studies there are.
 
     Exit code 1 if a claim fails.
     """
@@ -400,7 +398,7 @@ def reference_command(
     for name in cases:
         check_writable(folder / f"{name}.json")
     check_executor(executor)
-    for made in produce_all(cases, executor):
-        path = write_reference(made, folder)
-        print_tables([reference_table([made])])
+    for reference in produce_all(cases, executor):
+        path = write_reference(reference, folder)
+        print_tables([reference_table([reference])])
         print(f"written: {path}")

@@ -1,4 +1,4 @@
-"""Command `eomcheck compare`: one robot description as several libraries read it."""
+"""Command `eomcheck compare`: one robot description, read and evaluated by several libraries."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def compare_command(
     json: Json = None,
     patience: Patience = PATIENCE,
 ) -> None:
-    """Compare how libraries read one file, by M, bias, forces and accelerations.
+    """Compare the equations that libraries read from one file: M, bias, forces and accelerations.
 
     Exit code 1 if some differ by more than rounding, or one that is installed gives no answer; 2 if
     nothing was decided about any.

@@ -1,4 +1,4 @@
-"""Command `eomcheck fuzz`: random and hill-climbed states; failures are stored and replayed."""
+"""Command `eomcheck fuzz`: random states and hill climbing; failures are stored and replayed."""
 
 from __future__ import annotations
 
@@ -38,15 +38,15 @@ UNITS = {"s": 1.0, "m": 60.0, "h": 3600.0}
 
 
 def parse_duration(text: str) -> float:
-    """Return the seconds that a text such as "20s", "10m" or "1.5h" says.
+    """Return the seconds of a duration such as "20s", "10m" or "1.5h".
 
     Raises:
-        InputError: it says none.
+        InputError: the text is no duration.
     """
-    found = re.fullmatch(r"(\d+(?:\.\d+)?)([smh])", text)
-    if found is None or not float(found[1]):
+    match = re.fullmatch(r"(\d+(?:\.\d+)?)([smh])", text)
+    if match is None or not float(match[1]):
         raise InputError(f"time = {text!r}, expected a time such as 20s, 10m or 3h")
-    return float(found[1]) * UNITS[found[2]]
+    return float(match[1]) * UNITS[match[2]]
 
 
 def _parse_check_frequency(text: str) -> list[int]:
@@ -131,12 +131,12 @@ def fuzz_command(
     ] = None,
     patience: Patience = PATIENCE,
 ) -> None:
-    """Look for states at which a claim fails, by the thousand, and keep them.
+    """Search thousands of states for one at which a claim fails, and store the failures.
 
-    States are screened side by side; whatever looks bad is judged by `eomcheck.check_state`, as are
+    States are screened in batches; every suspicious one is judged by `eomcheck.check_state`, as are
     a few of the others. With --motions, motions by all formulations are compared. A campaign with
-    --records goes on where it stopped. Exit code 1 if there is a find, 2 if a kept one cannot be
-    checked again, 130 if interrupted.
+    --records goes on where it stopped. Exit code 1 if there is a failure, 2 if a stored one cannot
+    be checked again, 130 if interrupted.
     """
     check_writable(keep)
     if replay is not None:
@@ -161,7 +161,7 @@ def fuzz_command(
     from eomcheck.lab.store.executors import check_executor
 
     if keep is not None:
-        read_failures(keep)  # a damaged file is bad input, said before anything is computed
+        read_failures(keep)  # a damaged file is bad input, reported before anything is computed
     low, high = parse_interval("1..12" if links is None else links)
     if executor is not None:
         check_executor(executor)
@@ -207,7 +207,7 @@ def fuzz_command(
     if interrupted:
         console.print("interrupted: the tables hold what was looked at until then")
     if unwritten is not None:
-        raise unwritten  # what it was to hold is printed
+        raise unwritten  # its content is printed
     if keep is not None and campaign.failure_records:
         print(f"written: {keep}")
     if interrupted:
@@ -239,13 +239,13 @@ def _selection(
     from eomcheck.engines import ALWAYS, version_of
     from eomcheck.engines.answers import represented
 
-    # Random robots have other parameters than their files, whose library could say nothing.
+    # Random robots have other parameters than their files, so the files' library has no result.
     engines = ALWAYS if engine is None else selected_engines(engine)
     selection = RunSelection.of(formulation, engines, claim, scenes=[kind])
     if engine and engines:
         represented(selection.engines, (kind,))
-    for made in selection.engines:
-        version_of(made)  # a missing library is bad input, said before anything is computed
+    for needed in selection.engines:
+        version_of(needed)  # a missing library is bad input, reported before anything is computed
     return selection
 
 
@@ -315,7 +315,7 @@ def _motions(
 
 
 def _replay(path: Path, formulation: list[str] | None, scene: str | None) -> None:
-    """Check kept failures again.
+    """Check stored failures again.
 
     Raises:
         InputError: there are none, or one could not be checked and none fails.

@@ -1,6 +1,4 @@
-"""Commands about one scene: `eomcheck simulate`, `acceleration_command` and
-`constraints_command`.
-"""
+"""Commands about one scene: `eomcheck simulate`, `acceleration` and `constraints`."""
 
 from __future__ import annotations
 
@@ -42,17 +40,17 @@ SpeedsOption = Annotated[
 
 
 def _speeds(scene: Scene, texts: list[str] | None) -> list[float] | None:
-    """Return p generalized speeds, None where none were given.
+    """Return p generalized speeds, or None by default.
 
     Raises:
-        InputError: these are no numbers, or not p.
+        InputError: a text is no number, or there are not p of them.
     """
     if not texts:
         return None
-    found = parse_numbers("speeds", texts)
-    if len(found) != scene.p:
-        raise InputError(f"speeds = {found}: {scene.name} has {scene.p}, expected so many numbers")
-    return found
+    speeds = parse_numbers("speeds", texts)
+    if len(speeds) != scene.p:
+        raise InputError(f"speeds = {speeds}: {scene.name} has {scene.p}, expected so many numbers")
+    return speeds
 
 
 def _many(
@@ -102,7 +100,7 @@ def _many(
 
 
 def _scene_and_end(words: list[str], scene: str | None) -> tuple[str | None, float]:
-    """Return the scene that is named, and when a motion ends."""
+    """Return the named scene, if any, and the end time of a motion, s."""
     *names, end = words
     if len(names) > 1:
         raise InputError(f"{' '.join(words)!r}, expected one scene and the time of the end")
@@ -153,12 +151,12 @@ def simulate_command(
     plot: Annotated[Path | None, typer.Option(help="Draw --draws to .png, .svg or .pdf.")] = None,
     patience: Patience = PATIENCE,
 ) -> None:
-    """Integrate a motion by each formulation, and print how well it kept energy and constraints.
+    """Integrate a motion by each formulation, and print its errors of energy and constraints.
 
-    With --baumgarte or --projection, by each formulation to which it applies. With --draws, motions
-    by one formulation, kane by default, and DOP853: a normal deviate is added to each coordinate
-    and generalized speed at the start, and printed is how far their ends are apart. Exit code 1 if
-    a motion does not reach its end.
+    With --baumgarte or --projection, by each formulation to which it applies. With --draws, many
+    motions by one formulation, kane by default, and DOP853: a normal deviate is added to each
+    coordinate and generalized speed at the start, and the spread of their ends is printed. Exit
+    code 1 if a motion does not reach its end.
     """
     name, t_end = _scene_and_end(words, scene)
     if draws is None:
@@ -221,7 +219,7 @@ def acceleration_command(
     formulation: Formulations = None,
     patience: Patience = PATIENCE,
 ) -> None:
-    """Print what each formulation says at the start, how far to trust it, or why it refuses.
+    """Print the accelerations at the start by each formulation: error bound, or reason of refusal.
 
     Exit code 1 if one refuses.
     """
@@ -241,7 +239,7 @@ def constraints_command(
     given: SetOption = None,
     patience: Patience = PATIENCE,
 ) -> None:
-    """Tell which constraints of a scene are redundant at its start: which the others imply.
+    """Print which constraints of a scene are redundant at its start: implied by the others.
 
     Exit code 1 if some are.
     """

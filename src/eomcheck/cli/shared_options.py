@@ -1,7 +1,7 @@
 """Shared options of commands: their types, shell completion, and checks of their values.
 
-Completion reads the keys of scenes, formulations and engines from the source files as text:
-nothing is imported for it, so it takes no longer than the command line takes to start.
+Completion reads the keys of scenes, formulations and engines from the source files as text: nothing
+is imported for it, so it takes no longer than the command line takes to start.
 """
 
 from __future__ import annotations
@@ -43,29 +43,27 @@ KEY_PATTERNS = {
     "engine": ("engines", r"^class (?!Tree|File)(\w+)Engine\(\w*Engine\):"),
     "robot": ("", r'^    "(\w+)": lambda links'),
 }
-"""What is named -> the folder of its files, and how a file says the key."""
+"""Kind of key -> folder of its source files, and the pattern of a key in one."""
 
 
 def declared_keys(word: str) -> list[str]:
-    """Return the keys of all that a word of `KEY_PATTERNS` names, and those that packages
-    announce.
-    """
+    """Return the keys of one kind of `KEY_PATTERNS`: built-in, and announced by packages."""
     folder, pattern = KEY_PATTERNS[word]
-    found = [
+    built_in = [
         key.lower()
         for file in sorted((ROOT / folder).glob("*.py"))
         for key in re.findall(pattern, file.read_text(encoding="utf-8"), re.MULTILINE)
     ]
     announced = [point.name for point in entry_points(group=f"eomcheck.{word}s")]
-    return [*found, *announced]
+    return [*built_in, *announced]
 
 
 def completer(*words: str, more: Sequence[str] = ()) -> Callable[[str], list[str]]:
-    """Return what completes a key, or the last one of keys with commas between.
+    """Return the shell completion of a key, or of the last of several keys with commas between.
 
     Args:
-        words: of what, see `KEY_PATTERNS`.
-        more: other names that can stand there.
+        words: kinds of keys, see `KEY_PATTERNS`.
+        more: other names to complete.
     """
 
     def complete(incomplete: str) -> list[str]:
@@ -88,7 +86,7 @@ SceneClassOption = Annotated[
     str, typer.Option(metavar="SCENE", help=SCENE_HELP, autocompletion=_SCENES)
 ]
 DEFAULT_SCENE = "paper"
-"""The scene of commands that look at one, unless another is named."""
+"""Default scene of commands about one scene."""
 SceneOption = Annotated[
     str, typer.Option(metavar="SCENE", help=ONE_HELP, autocompletion=completer("scene", "robot"))
 ]
@@ -156,7 +154,7 @@ Patience = Annotated[
 
 
 def selected_scene(name: str, links: int | None, given: list[str] | None) -> Scene:
-    """Return the one scene that `--scene`, `--links` and `--set` stand for.
+    """Return the scene selected by `--scene`, `--links` and `--set`.
 
     Raises:
         InputError: there is none, see `eomcheck.scene_lookup.scene_named`.
@@ -168,16 +166,16 @@ def selected_scene(name: str, links: int | None, given: list[str] | None) -> Sce
 
 
 def selected_engines(names: list[str] | None) -> list[str] | None:
-    """Return the engines that `--engine` names; an empty list of "none", None if not given."""
+    """Return the engines named by `--engine`: an empty list for "none", None by default."""
     return [] if names == ["none"] else names
 
 
 def check_used(condition: str, **options: object) -> None:
-    """Raise InputError if an option was given that says nothing here.
+    """Raise InputError if an option is set that has no effect under a condition.
 
     Args:
-        condition: what it would need, such as "without --draws".
-        options: name -> value, None or False where it was not given.
+        condition: requirement that is not met, such as "without --draws".
+        options: name -> value, None or False if it is not set.
     """
     for name, value in options.items():
         if value is not None and value is not False:
@@ -185,7 +183,7 @@ def check_used(condition: str, **options: object) -> None:
 
 
 def records_or_none(path: Path | None) -> AbstractContextManager[Records | None]:
-    """Return the Records in a file, to enter; None without a file."""
+    """Return a context manager of the Records in a file; of None without a file."""
     if path is None:
         return nullcontext()
     from eomcheck.lab.store.record_file import Records
@@ -195,10 +193,10 @@ def records_or_none(path: Path | None) -> AbstractContextManager[Records | None]
 
 @contextmanager
 def records_to_report(path: Path | None, page: Path | None) -> Iterator[Records | None]:
-    """Yield the Records in a file, or for a page without one, in a file that is thrown away.
+    """Yield the Records in a file; without a file but for a page, those in a temporary file.
 
     Raises:
-        EngineError: there is to be a page, and what draws it is not installed.
+        EngineError: there is to be a page, and a library that draws it is not installed.
     """
     if page is not None:
         from eomcheck.lab.report.report_formats import check_installed
@@ -210,31 +208,34 @@ def records_to_report(path: Path | None, page: Path | None) -> Iterator[Records 
 
 
 def check_output(path: Path | None, records: list[Path]) -> None:
-    """Check that `path` can be written and is none of the files of records, there yet or not."""
+    """Raise InputError unless `path` can be written and is none of the files of records.
+
+    Files that do not exist yet are compared by name.
+    """
     check_writable(path)
     if path is None:
         return
-    for one in records:
-        there = path.exists() and one.exists()
-        if path.samefile(one) if there else path.resolve() == one.resolve():
+    for file in records:
+        both_exist = path.exists() and file.exists()
+        if path.samefile(file) if both_exist else path.resolve() == file.resolve():
             raise InputError(f"{str(path)!r} holds the records themselves")
 
 
 def raise_unread(unread: list[str]) -> None:
-    """Raise InputError, once what can be read is shown, if something could not be read."""
+    """Raise InputError for unreadable content, if any; called after the readable part is shown."""
     if unread:
         more = f" (and {len(unread) - 1} more)" if len(unread) > 1 else ""
         raise InputError(f"not all is shown: {unread[0]}{more}")
 
 
 def check_folder(path: Path | None) -> None:
-    """Raise InputError unless `path` is a folder that exists; None needs no folder."""
+    """Raise InputError unless `path` is an existing folder or None."""
     if path is not None and not path.is_dir():
         raise InputError(f"{str(path)!r} is not a folder that exists")
 
 
 def check_figure(path: Path | None) -> None:
-    """Raise InputError unless `path` can be written and its name is a figure's, or it is None."""
+    """Raise InputError unless `path` is None, or can be written and has the suffix of a figure."""
     if path is not None and path.suffix not in (".png", ".svg", ".pdf"):
         raise InputError(f"{str(path)!r}: a figure is written as .png, .svg or .pdf")
     check_writable(path)

@@ -1,7 +1,7 @@
 """Commands `eomcheck study`, `bench` and `draw`: one for every study, and pictures of scenes.
 
-The command of a study is generated: its options are those of the study's cells and worker.
-`draw` also has `draw scene` and `draw structure`: pictures of mechanisms and of matrices.
+The command of a study is generated: its options are those of the study's cells and worker. `draw`
+also has `draw scene` and `draw structure`: pictures of mechanisms and of matrices.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ Figures = Annotated[
 
 
 class _Studies(CommandGroup):
-    """The studies of a group; the command of one is made, its code imported, when it is run."""
+    """Command group of studies; a command is generated, and its module imported, when it is run."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         return [*GROUPS[self.name or ""], *super().list_commands(ctx)]
@@ -78,7 +78,7 @@ GROUPS = {
     "bench": BENCHMARKS,
     "draw": DRAWN,
 }
-"""Group of commands -> the studies in it."""
+"""Command group -> keys of its studies."""
 
 study, bench, draw = (
     CommandLine(name=name, help=help, no_args_is_help=True, cls=_Studies)
@@ -91,11 +91,11 @@ study, bench, draw = (
 
 
 def command_of(key: str, figure_only: bool = False) -> Any:
-    """Return the command of a study: the file of its Records, its own options, and those of all.
+    """Return the command of a study: its file of Records, its own options, and the shared ones.
 
     Args:
-        key: the study.
-        figure_only: whether the command draws the first chart into a file and does nothing else.
+        key: key of the study.
+        figure_only: whether the command only draws the first chart into a file.
     """
     one = study_of(key)
 
@@ -126,36 +126,37 @@ COMPLETED = {
     "formulation": completer("formulation"),
     "engine": completer("engine"),
 }
-"""Name of an option -> what completes its values."""
+"""Option name -> shell completion of its values."""
 METAVARS = {
     **{"links": "N..M", "set": "NAME=VALUE", "executor": "PLACE", "scene": "SCENE"},
     **{"robot": "FILE,FILE", "free": "FILE,FILE"},
 }
-"""Name of an option -> what help writes for its value."""
+"""Option name -> placeholder of its value in help."""
 
 
 def _option(name: str, annotation: Any) -> Any:
-    """Return what typer reads of an option: its kind and help, a flag without its opposite.
+    """Return the typer annotation of an option: its type and help, a flag without its opposite.
 
-    Lists are read as "1,0.5" and repeated; parameters of a scene have commas of their own.
+    Lists are parsed from "1,0.5" and from repeated options; values of `--set` contain commas of
+    their own.
     """
-    kind, said = get_args(annotation)
-    read = None
+    kind, help_text = get_args(annotation)
+    parse = None
     lists = [get_args(one)[0] for one in (kind, *get_args(kind)) if get_origin(one) is list]
     if lists and name != "set":
         (of,) = lists
         kinds = {str: split_list, int: lambda texts: _whole(name, texts)}
-        read = kinds.get(of, lambda texts: parse_numbers(name, texts, of) or None)
+        parse = kinds.get(of, lambda texts: parse_numbers(name, texts, of) or None)
         kind = list[str] | None
     flag = [f"--{name}"] if kind is bool else []
     listed_as = "KEY,KEY" if str in lists else "X,X" if lists else None
     shown = METAVARS.get(name, listed_as)
-    how = {"callback": read, "metavar": shown, "autocompletion": COMPLETED.get(name)}
-    return Annotated[kind, typer.Option(*flag, help=said, **how)]
+    how = {"callback": parse, "metavar": shown, "autocompletion": COMPLETED.get(name)}
+    return Annotated[kind, typer.Option(*flag, help=help_text, **how)]
 
 
 def _whole(name: str, texts: list[str] | None) -> list[int] | None:
-    """Return whole numbers; those of links may be ranges, as in all commands."""
+    """Return the whole numbers of a list option; those of `--links` may be ranges."""
     if name != "links":
         return parse_numbers(name, texts, int) or None
     return (
@@ -180,7 +181,7 @@ def _run(
     from eomcheck.lab.show.table import print_tables, say
 
     found = _run_study(one, records, fresh, options)
-    # Files first: whatever becomes of the printing, they are there.
+    # Files first, so that they are written even if printing fails.
     written, unwritten = [], None
     try:
         written += [] if figures is None else one.write(found, figures)
@@ -193,7 +194,7 @@ def _run(
     for sentence in one.remarks(found):
         say(sentence)
     if unwritten is not None:
-        raise unwritten  # what it was to hold is printed
+        raise unwritten  # its content is printed
     if written:
         print(f"written: {', '.join(map(str, written))}")
     if one.alarm(found):
@@ -203,7 +204,7 @@ def _run(
 def _run_study(
     one: Study, records: Path | None, fresh: bool, options: dict[str, Any]
 ) -> list[Record]:
-    """Run a study; where it is interrupted, say where it goes on."""
+    """Run a study; on an interrupt, print how to resume it."""
     from eomcheck.console import interruptible
 
     try:
@@ -288,7 +289,7 @@ def draw_structure_command(
     given: SetOption = None,
     dark: Dark = False,
 ) -> None:
-    """Draw which entries of a formulation's matrices are not zero, with their blocks named."""
+    """Draw the nonzero entries of a formulation's matrices, with their blocks named."""
     check_figure(path)
     known = parse_parameters(given)
     from eomcheck.formulations import formulation_of
