@@ -1,1 +1,3 @@
-"""Reports: tables and figures made of Findings and Records; they compute nothing."""
+"""Reports: tables and figures of stored Findings and Records, without any computation of
+dynamics.
+"""

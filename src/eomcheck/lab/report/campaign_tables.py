@@ -23,13 +23,13 @@ EVERY = 10.0
 
 
 class ProgressPrinter:
-    """Prints a line of progress now and then: states, their rate, the worst ratio, finds."""
+    """Prints progress of a campaign: states, their rate, the worst ratio, number of failures."""
 
     def __init__(self) -> None:
         self._start = self._last = time.perf_counter()
 
     def __call__(self, campaign: Campaign) -> None:
-        """Print a line if the last one is old enough."""
+        """Print a line if the last one is older than `EVERY`."""
         now = time.perf_counter()
         if now - self._last < EVERY:
             return
@@ -53,7 +53,9 @@ def rate_of(campaign: Campaign) -> float:
 
 
 def campaign_table(campaign: Campaign) -> ResultTable:
-    """Return how many states or motions were looked at, and by what."""
+    """Return the table of counts: states or trajectories checked, by family and by method of
+    checking.
+    """
     counts = campaign.counts
     rows = [
         (f"{campaign.plan.noun}s", str(campaign.states)),
@@ -82,20 +84,22 @@ def campaign_table(campaign: Campaign) -> ResultTable:
 
 
 def variant_table(campaign: Campaign) -> ResultTable:
-    """Return the number of states by structure."""
+    """Return the number of states by structural variant."""
     of = campaign.by_variant
-    rows = [(_said(one.name), str(of[one.name])) for one in campaign.variants]
+    rows = [(_variant_label(one.name), str(of[one.name])) for one in campaign.variants]
     noun = f"{campaign.plan.noun}s"
     return ResultTable("strata", f"{noun.capitalize()} by structure", ("structure", noun), rows)
 
 
-def _said(name: str) -> str:
-    # Files of records know structures by these names, so they stay as they are.
+def _variant_label(name: str) -> str:
+    # Stored records identify structural variants by these names, so the names themselves stay.
     return re.sub(r"^1 links\b", "1 link", name)
 
 
 def crossing_table(campaign: Campaign) -> ResultTable | None:
-    """Return how many motions went over poses in which a_1 is singular, by formulation."""
+    """Return the number of trajectories through singular configurations (a_1 singular), by
+    formulation.
+    """
     counts = campaign.counts
     keys = [key for key in FORMULATIONS if counts[CROSSED + key] or counts[STOPPED + key]]
     rows = [(key, str(counts[CROSSED + key]), str(counts[STOPPED + key])) for key in keys]
@@ -104,18 +108,18 @@ def crossing_table(campaign: Campaign) -> ResultTable | None:
 
 
 def highest_score_table(campaign: Campaign) -> ResultTable:
-    """Return the largest observed / allowed of each claim, and of which formulation it is."""
+    """Return the largest observed / allowed of each claim, and its formulation."""
     best: dict[str, tuple[float, str]] = defaultdict(lambda: (0.0, ""))
     for (claim, formulation), candidate in campaign.worst.items():
         best[claim] = max(best[claim], (candidate.score, formulation))
-    rows = [(claim, f"{height:.2g}", f) for claim, (height, f) in sorted(best.items())]
+    rows = [(claim, f"{score:.2g}", f) for claim, (score, f) in sorted(best.items())]
     return ResultTable(
         "worst", "Observed / allowed at most", ("claim", "ratio", "formulation"), rows
     )
 
 
 def failure_table(campaign: Campaign) -> ResultTable:
-    """Return the finds, one a cause."""
+    """Return the table of failures, one per cause."""
     rows = [
         (Cell(one.claim, "failed"), one.subject, one.whose, one.detail, one.evidence)
         for one in campaign.failure_records.values()
@@ -125,7 +129,9 @@ def failure_table(campaign: Campaign) -> ResultTable:
 
 
 def print_replayed(results: Sequence[ReplayResult]) -> None:
-    """Print how many kept failures hold now, and each other one with its reason or its code."""
+    """Print the number of stored failures by present outcome, and the reason or code of each that
+    does not hold.
+    """
     counts = Counter(one.outcome for one in results)
     inconclusive = f", {counts['inconclusive']} inconclusive" if counts["inconclusive"] else ""
     unchecked = f", {counts['not checked']} not checked" if counts["not checked"] else ""
@@ -143,7 +149,9 @@ def print_replayed(results: Sequence[ReplayResult]) -> None:
 
 
 def print_campaign(campaign: Campaign) -> None:
-    """Print what a campaign came to: of each find the code that shows it; what was not told."""
+    """Print the result of a campaign: tables, code that reproduces each failure, and undecided
+    claims.
+    """
     sheets = [campaign_table(campaign), variant_table(campaign), crossing_table(campaign)]
     worst = highest_score_table(campaign)
     print_tables([*(sheet for sheet in sheets if sheet is not None), *[worst] * bool(worst.rows)])

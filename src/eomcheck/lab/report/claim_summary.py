@@ -1,8 +1,8 @@
-"""Summary of the findings on each claim, and the tables made of it.
+"""Summary of the findings on each claim, and its tables.
 
-`ClaimSummary` is a set of findings on one claim: its worst finding, its verdict, its levels of
+A `ClaimSummary` is a set of findings on one claim: its worst finding, its verdict, its levels of
 evidence, and the findings by scene, formulation or engine. Tables show claims by formulation, by
-scene and by level of evidence, the certified digits, and the states drawn.
+scene and by level of evidence, the certified digits, and the sampled states.
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ LEVELS = ("proved", "enclosed", "property-tested", "compared")
 
 
 def participants(row: StoredFinding) -> set[str]:
-    """Return the formulations and engines that a Finding is about."""
+    """Return the keys of the formulations and engines that a Finding is about."""
     return set(re.findall(r"\w+", row.subject))
 
 
 def anchor(row: StoredFinding) -> str:
-    """Return the id of the state, or the structure, of a Finding in the page."""
+    """Return the HTML id of a Finding's state, or of its structural variant."""
     return "state-" + re.sub(r"\W+", "-", row.location).strip("-")
 
 
 @dataclass(frozen=True)
 class ClaimSummary:
-    """Findings, all of one claim, and what they come to together.
+    """Set of Findings on one claim, with their common verdict.
 
     Attributes:
         rows: the Findings.
@@ -49,13 +49,15 @@ class ClaimSummary:
 
     @property
     def claim(self) -> Claim:
-        """The claim; of one that is not registered only its id is known."""
+        """The claim; of an unregistered one only the id is known."""
         key = self.rows[0].claim
         return CLAIMS.get(key) or Claim(key, "", "", "", None)
 
     @cached_property
     def worst(self) -> StoredFinding | None:
-        """A failed Finding, else the one with the largest observed / allowed that counts."""
+        """The worst Finding: a failed one, else the passed one with the largest observed /
+        allowed.
+        """
         rank = {"failed": 2, "passed": 1}
         # The last of equals.
         ranked = reversed(self.rows)
@@ -63,7 +65,9 @@ class ClaimSummary:
 
     @property
     def kind(self) -> str:
-        """ "failed", "passed", "open" where nothing could be checked, or "none"."""
+        """Verdict as kind of a cell: "failed", "passed", "open" if nothing could be checked, or
+        "none".
+        """
         verdict = self.worst.verdict if self.worst else "none"
         return verdict if verdict in DECIDED or verdict == "none" else "open"
 
@@ -77,20 +81,20 @@ class ClaimSummary:
 
     @property
     def cell(self) -> Cell:
-        """What a table shows of them."""
+        """Cell of a table: the worst ratio, with a tooltip."""
         if self.worst is None:
             return Cell(self.text, self.kind)
-        said = f"{self.worst}; {counted(len(self.rows), 'finding')}{self.undecided}"
-        return Cell(self.text, self.kind, hover_text=said)
+        tooltip = f"{self.worst}; {counted(len(self.rows), 'finding')}{self.undecided}"
+        return Cell(self.text, self.kind, hover_text=tooltip)
 
     @property
     def evidence(self) -> str:
-        """Levels of evidence, number of Findings, and how many of them say nothing."""
+        """Levels of evidence, number of Findings, and number of undecided ones."""
         return f"{', '.join(self.levels)}, {len(self.rows)}{self.undecided}"
 
     @property
     def states(self) -> int:
-        """Number of states looked at."""
+        """Number of checked states."""
         return len({(row.scene, row.case) for row in self.rows if row.case is not None})
 
     @property
@@ -116,7 +120,7 @@ class ClaimSummary:
 
     @property
     def unresolved(self) -> list[StoredFinding]:
-        """Findings that list entries which no state resolves."""
+        """Findings whose entries are resolved in no state."""
         return [
             row
             for row in self.rows
@@ -125,45 +129,45 @@ class ClaimSummary:
 
     @property
     def links(self) -> str:
-        """The numbers of links covered, "" for scenes that have none."""
+        """Numbers of links covered, "" for scenes without links."""
         return ranges(row.links for row in self.rows if row.links is not None)
 
     @property
     def failed(self) -> list[StoredFinding]:
-        """The first failure of each subject on each scene."""
+        """First failure of each subject on each scene."""
         failures = [row for row in self.rows if row.verdict == "failed"]
         return [rows[0] for rows in group(failures, lambda r: (r.subject, r.scene)).values()]
 
     @property
     def failure_probability(self) -> float | None:
-        """Bound on the probability that any of its proofs is a mistake, None without proofs."""
-        found = [row.proof.failure_probability for row in self.rows if row.proof is not None]
-        return sum(found) if found else None
+        """Bound on the probability that any of its proofs is wrong, None without proofs."""
+        bounds = [row.proof.failure_probability for row in self.rows if row.proof is not None]
+        return sum(bounds) if bounds else None
 
     def by(self, key: Callable[[StoredFinding], Any]) -> dict[Any, ClaimSummary]:
-        """Return those that are alike in `key`, in order."""
+        """Return the Findings grouped by `key`, in order."""
         return {value: ClaimSummary(tuple(rows)) for value, rows in group(self.rows, key).items()}
 
     def of(self, name: str) -> ClaimSummary:
-        """Return those about one formulation or engine."""
+        """Return the Findings about one formulation or engine."""
         return ClaimSummary(tuple(row for row in self.rows if name in participants(row)))
 
     @cached_property
     def scenes(self) -> dict[str, ClaimSummary]:
-        """Key of a scene -> those on it."""
+        """Key of a scene -> its Findings."""
         return self.by(lambda row: row.scene)
 
     @cached_property
     def levels(self) -> dict[str, ClaimSummary]:
-        """Level of evidence -> those of that level, strongest first."""
-        found = self.by(lambda row: row.level)
-        return {level: found[level] for level in (*LEVELS, *found) if level in found}
+        """Level of evidence -> its Findings, strongest first."""
+        groups = self.by(lambda row: row.level)
+        return {level: groups[level] for level in (*LEVELS, *groups) if level in groups}
 
 
 def by_claim(rows: Iterable[StoredFinding]) -> list[ClaimSummary]:
-    """Return the Findings by claim, in the order of the registry, those not in it last."""
-    found = ClaimSummary(tuple(rows)).by(lambda row: row.claim)
-    return [found[key] for key in dict.fromkeys((*CLAIMS, *found)) if key in found]
+    """Return the Findings by claim, in the order of the registry, unregistered claims last."""
+    groups = ClaimSummary(tuple(rows)).by(lambda row: row.claim)
+    return [groups[key] for key in dict.fromkeys((*CLAIMS, *groups)) if key in groups]
 
 
 # ---- Tables of claims ----------------------------------------------------------------------------
@@ -180,19 +184,19 @@ WORST = (
 
 
 def claim_link(judged: ClaimSummary) -> Cell:
-    """Return the id of a claim, which leads to what it rests on."""
+    """Return the id of a claim as a link to its evidence."""
     return Cell(judged.claim.id, "name", f"#claim-{judged.claim.id}")
 
 
 def participant_table(
     claims: Iterable[ClaimSummary], names: Sequence[str], seconds: Mapping[str, float] | None = None
 ) -> ResultTable:
-    """Return claims × formulations and engines; a cell is the worst observed / allowed.
+    """Return the table claims × formulations and engines; a cell is the worst observed / allowed.
 
     Args:
-        claims: what was found.
+        claims: the findings by claim.
         names: keys of the formulations and engines.
-        seconds: id of a claim -> what looking at it took, if that is to be told.
+        seconds: id of a claim -> time to check it, s; None for no such column.
     """
     rows = []
     for one in claims:
@@ -206,7 +210,7 @@ def participant_table(
 
 
 def worst_table(claims: Iterable[ClaimSummary]) -> ResultTable:
-    """Return what is worst of each claim: observed / allowed, by whom, and where."""
+    """Return the worst case of each claim: observed / allowed, its subject, and its state."""
     rows = []
     for one in claims:
         worst = one.worst if one.kind in DECIDED and one.text != "0" else None
@@ -217,13 +221,13 @@ def worst_table(claims: Iterable[ClaimSummary]) -> ResultTable:
 
 
 def state_label(row: StoredFinding) -> str:
-    """Return the scene and the number of the state of a Finding, in short."""
+    """Return the short label of a Finding's state: scene[links] #state."""
     links = "" if row.links is None else f"[{row.links}]"
     return f"{row.scene}{links}" + ("" if row.case is None else f" #{row.case}")
 
 
 def scene_table(claims: Iterable[ClaimSummary], scenes: Iterable[str]) -> ResultTable:
-    """Return claims × scenes, with what a claim says; a cell is the worst observed / allowed."""
+    """Return the table claims × scenes with statements; a cell is the worst observed / allowed."""
     scenes = list(scenes)
     rows = []
     for one in claims:
@@ -239,13 +243,13 @@ def digits_table(rows: Iterable[StoredFinding]) -> ResultTable:
     """Return the certified digits of v̇ of each formulation on each scene: fewest and median."""
     certified = group([row for row in rows if row.digits is not None], lambda row: row.subject)
     scenes = list(dict.fromkeys(row.scene for found in certified.values() for row in found))
-    made = []
+    table = []
     for key in (key for key in FORMULATIONS if key in certified):
         on = group(certified[key], lambda row: row.scene)
         cells = (_digits([row.digits or 0.0 for row in on.get(scene, [])]) for scene in scenes)
-        made.append((key, str(len(certified[key])), *cells))
+        table.append((key, str(len(certified[key])), *cells))
     title = "Decimal digits of q̈ in doubles that are right, against its true value: fewest (median)"
-    return ResultTable("digits", title, ("formulation", "states solved", *scenes), made)
+    return ResultTable("digits", title, ("formulation", "states solved", *scenes), table)
 
 
 def _digits(digits: list[float]) -> str:
@@ -253,10 +257,10 @@ def _digits(digits: list[float]) -> str:
 
 
 def factor_table(strata: Mapping[str, Mapping[str, Mapping[str, int]]]) -> ResultTable:
-    """Return the strata that were drawn from.
+    """Return the table of sampled states by factor of the pairwise design.
 
     Args:
-        strata: key of a kind of scene -> name of a stratum -> way -> number of states.
+        strata: key of a scene class -> name of a factor -> level -> number of states.
     """
     rows = [
         (scene, name, ", ".join(_ways(ways)))
@@ -267,7 +271,9 @@ def factor_table(strata: Mapping[str, Mapping[str, Mapping[str, int]]]) -> Resul
 
 
 def _ways(ways: Mapping[str, int]) -> Iterator[str]:
-    """Yield each way with its states in brackets, the first time with the word for them."""
+    """Yield each level of a factor with its number of states in brackets, the first with the
+    noun.
+    """
     for i, (way, states) in enumerate(ways.items()):
         yield f"{way} ({states if i else counted(states, 'state')})"
 
@@ -276,15 +282,15 @@ def _ways(ways: Mapping[str, int]) -> Iterator[str]:
 
 
 def evidence_table(judged: ClaimSummary) -> ResultTable:
-    """Return what a claim rests on: scenes × levels of evidence."""
-    found = judged.by(lambda row: (row.scene, row.level))
+    """Return the evidence of a claim: scenes × levels of evidence."""
+    groups = judged.by(lambda row: (row.scene, row.level))
     levels = dict.fromkeys((*LEVELS, *judged.levels))
     columns = ["scene", "evidence", "N", "states", "findings", "inconclusive", "skipped"]
     rows = [
-        [scene, level, *_evidence(found[scene, level])]
+        [scene, level, *_evidence(groups[scene, level])]
         for scene in judged.scenes
         for level in levels
-        if (scene, level) in found
+        if (scene, level) in groups
     ]
     sheet = ResultTable("", "", [*columns, "ratio", "observed", "allowed", "where"], rows)
     return sheet if judged.skipped else sheet.without("skipped")
@@ -297,8 +303,8 @@ def _evidence(one: ClaimSummary) -> list[str]:
     cells += [str(count or "") for count in (one.inconclusive, len(one.skipped))]
     if sure is not None:
         bound = number_text(sure)
-        told = f"{counted(len(one.rows), 'identity')}, wrong with a probability below {bound}"
-        return [*cells, "", "", "", Cell(told, link=f"#{anchor(worst)}")]
+        proofs = f"{counted(len(one.rows), 'identity')}, wrong with a probability below {bound}"
+        return [*cells, "", "", "", Cell(proofs, link=f"#{anchor(worst)}")]
     where = (
         f"{worst.subject}, {f'state {worst.case}' if worst.case is not None else worst.location}"
     )

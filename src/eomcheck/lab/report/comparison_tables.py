@@ -20,11 +20,11 @@ NOBODY = (
 )
 
 MOST_LINES = 4
-"""Of what a library says while it reads a file."""
+"""Largest number of lines quoted of a library's messages on reading a file."""
 
 
 def library_table(found: LibraryComparison) -> ResultTable:
-    """Return the table of libraries: how far from us they are, where, and why."""
+    """Return the table of libraries: their largest differences from eomcheck, and the verdict."""
     rows = []
     for i, (key, version) in enumerate(found.versions.items()):
         good = "open" if key in found.undecided_libraries else "passed"
@@ -49,7 +49,7 @@ def library_table(found: LibraryComparison) -> ResultTable:
 
 
 def pair_tables(found: LibraryComparison) -> Iterator[ResultTable]:
-    """Yield one table for each quantity: libraries by libraries, the largest difference of two."""
+    """Yield one table per quantity: libraries × libraries, their largest difference."""
     names = [REFERENCE_NAME, *found.versions]
     for quantity, table in found.differences.items():
         rows = [
@@ -62,7 +62,7 @@ def pair_tables(found: LibraryComparison) -> Iterator[ResultTable]:
 
 
 def sentences(found: LibraryComparison) -> Iterator[str]:
-    """Yield what is to be said of each library that differs or gave no answer."""
+    """Yield sentences on each library that differs or gave no answer."""
     for key, version in found.versions.items():
         if found.differs(key):
             where = (
@@ -73,8 +73,8 @@ def sentences(found: LibraryComparison) -> Iterator[str]:
             yield f"{version} differs: {where}. Why: {why}."
             if found.messages[key]:
                 more = len(found.messages[key]) - MOST_LINES
-                said = " / ".join(found.messages[key][:MOST_LINES])
-                yield f"    It said: {said}" + (
+                quoted = " / ".join(found.messages[key][:MOST_LINES])
+                yield f"    It said: {quoted}" + (
                     f" (and {counted(more, 'line')} more)" if more > 0 else ""
                 )
     for (key, claim), left in found.unresolved_entries.items():
@@ -103,24 +103,24 @@ def _cell(x: float) -> str:
 
 
 def print_comparison(found: LibraryComparison, pairs: bool = False) -> None:
-    """Print how far libraries are from us, and from each other if asked for."""
+    """Print the differences of libraries from eomcheck and, on demand, from each other."""
     print_tables([library_table(found), *(pair_tables(found) if pairs else ())])
-    for said in sentences(found):
-        say(said)
+    for sentence in sentences(found):
+        say(sentence)
     if found.agree:
-        said = (
+        caveats = (
             [f"{', '.join(found.undecided_libraries)} undecided"]
             if found.undecided_libraries
             else []
         )
-        said += ["without q̈"] if len(found.skipped) >= found.states else []
+        caveats += ["without q̈"] if len(found.skipped) >= found.states else []
         who = "all others" if found.undecided_libraries else "all that answered"
         where = " where decided" if any(map(found.undecided_claims, found.versions)) else ""
-        console.print(", ".join([f"{who} agree to rounding{where}", *said]))
+        console.print(", ".join([f"{who} agree to rounding{where}", *caveats]))
 
 
 def write_comparison(found: LibraryComparison, path: Path) -> None:
-    """Write all that was found as JSON."""
+    """Write the whole comparison as JSON."""
     plain = {
         "scene": found.scene.name,
         "coordinates": list(found.scene.coordinate_names),

@@ -1,8 +1,8 @@
-"""Page of verified equivalences: every claim, its evidence, and the test that shows it.
+"""Page of verified equivalences: every claim, its evidence, and the tests that verify it.
 
-Generated from Records of `validate` and `prove` and from the sources of the validation suite, never
-by hand. Tests are found by the claims that their sources name. A parameter of a scene is covered if
-an engine takes it from the scene's `tree()`, independently of `parameters()`.
+The page is generated from Records of `validate` and `prove` and from the sources of the validation
+suite, never by hand. A test belongs to the claims that its source names. A parameter of a scene is
+independently covered if an engine derives it from the scene's `tree()` instead of `parameters()`.
 """
 
 from __future__ import annotations
@@ -34,25 +34,28 @@ PROVED = LEVELS[0]
 
 
 def named_tests(suite: Path) -> dict[str, tuple[str, ...]]:
-    """Return the tests of each claim: those that name it, or have it for a parameter.
+    """Return the tests of each claim: those that name it, or are parametrized by it.
 
-    Those that prove are under "proved".
+    Tests that prove are under "proved".
 
     Raises:
         InputError: there is no such folder, or no test in it.
+
+    Returns:
+        Id of a claim, or "proved" -> test names `folder/file.py::test`.
     """
     files = sorted(suite.glob("test_*.py"))
     if not files:
         raise InputError(f"{str(suite)!r} holds no validation suite")
-    found: dict[str, tuple[str, ...]] = {}
+    tests: dict[str, tuple[str, ...]] = {}
     for file in files:
         for test in ast.parse(file.read_text(encoding="utf-8")).body:
             if isinstance(test, ast.FunctionDef) and test.name.startswith("test_"):
                 chosen = {x for one in test.decorator_list for x in _constants(one)}
                 for key in sorted(_claims_in(test)):
                     name = f"{test.name}[{key}]" if key in chosen else test.name
-                    found[key] = (*found.get(key, ()), f"{suite.name}/{file.name}::{name}")
-    return found
+                    tests[key] = (*tests.get(key, ()), f"{suite.name}/{file.name}::{name}")
+    return tests
 
 
 def _constants(tree: ast.AST) -> set[Any]:
@@ -72,33 +75,33 @@ def _claims_in(test: ast.FunctionDef) -> set[str]:
 
 
 class IndependentParameters(NamedTuple):
-    """How the parameters of a kind of scene are seen to be the right ones in its equations."""
+    """Parameters of a scene class, split by whether an engine verifies them independently."""
 
     scene: str
     covered: str
-    """Those that an engine takes from elsewhere, and the engine."""
+    """Parameters that an engine reads from another source than `parameters()`, and the engine."""
     common: str
-    """Those that both derivations take from `parameters()`."""
+    """Parameters that both derivations read from `parameters()`."""
 
 
 def independent_parameters(overview: Overview) -> Iterator[IndependentParameters]:
-    """Yield, per scene validated, which of its parameters an engine has by another way.
+    """Yield, per validated scene, its parameters that an engine obtains independently.
 
-    Those are the parameters that change the scene's `tree()`, if an engine that is built of the
-    tree took part.
+    Those are the parameters that change the scene's `tree()`, if an engine built from the tree took
+    part.
     """
     for run in overview.runs:
         if (kind := SCENES.get(run.settings["scene"])) is None:
             continue
         scene: Any = kind.example()
         names = list(kind.ranges(link_count(scene)))
-        ours = [key for key in run.series["engines"] if key in ENGINES]
-        by = [key for key in ours if not ENGINES[key].reads_parameters]
+        built_in = [key for key in run.series["engines"] if key in ENGINES]
+        by = [key for key in built_in if not ENGINES[key].reads_parameters]
         seen = [name for name in names if by and _in_tree(scene, name)]
         common = ", ".join(name for name in names if name not in seen)
         covered = f"{', '.join(seen)} ({', '.join(by)}, from the tree)" if seen else "-"
-        said = f"common mode not covered: {common}" if common else "-"
-        yield IndependentParameters(kind.key, covered, said)
+        uncovered = f"common mode not covered: {common}" if common else "-"
+        yield IndependentParameters(kind.key, covered, uncovered)
 
 
 def _in_tree(scene: Any, name: str) -> bool:
@@ -112,20 +115,20 @@ def _in_tree(scene: Any, name: str) -> bool:
 # ---- The page ------------------------------------------------------------------------------------
 
 RUN = "## The run"
-"""Heading of the section that is about one run alone."""
+"""Heading of the section about one run alone."""
 
 
 def write_equivalences(overview: Overview, path: Path, suite: Path) -> None:
-    """Write the page.
+    """Write the page of verified equivalences.
 
     Args:
-        overview: Records of a validation that came to its end, and of proofs.
-        path: where.
+        overview: Records of a finished validation, and of proofs.
+        path: file to write.
         suite: folder of the validation suite.
 
     Raises:
-        InputError: the Records hold no finished validation, or one in which a claim fails; there is
-            no suite; a claim has no test in it.
+        InputError: the Records contain no finished validation, or one in which a claim fails; there
+            is no suite; a claim has no test in it.
         EngineError: jinja2 is not installed.
     """
     if not overview.runs or overview.verdict in ("not finished", "nothing checked"):
@@ -149,7 +152,7 @@ def write_equivalences(overview: Overview, path: Path, suite: Path) -> None:
 
 
 def commands(overview: Overview) -> Iterator[str]:
-    """Yield the commands that made the Records; of `prove`, for each kind of scene."""
+    """Yield the commands that reproduce the Records; of `prove`, one for each scene class."""
     asked = {one.settings["scene"]: one.counts for one in overview.runs}
     same = len({tuple(counts.items()) for counts in map(_options, asked.values())}) == 1
     whole = same and asked.keys() == SCENES.keys()
@@ -173,7 +176,7 @@ def _options(counts: dict[str, int]) -> dict[str, int | str]:
 def claim_entries(
     overview: Overview, suite: Path
 ) -> Iterator[tuple[ClaimSummary, tuple[str, ...]]]:
-    """Yield every claim, with its evidence and its tests.
+    """Yield every claim with its evidence, and its tests.
 
     Raises:
         InputError: see `write_equivalences`.
@@ -181,11 +184,11 @@ def claim_entries(
     tests = named_tests(suite)
     for judged in overview.claims:
         key = judged.claim.id
-        looked_at = [row for row in judged.rows if row.level in LEVELS]
-        looked_at.sort(key=lambda row: overview.scenes.index(row.scene))
+        evidence = [row for row in judged.rows if row.level in LEVELS]
+        evidence.sort(key=lambda row: overview.scenes.index(row.scene))
         shown = tests.get(key, ())
-        if any(row.level == PROVED for row in looked_at):
+        if any(row.level == PROVED for row in evidence):
             shown += tests.get(PROVED, ())
         if not shown:
             raise InputError(f"claim {key!r} has no test in {str(suite)!r}")
-        yield ClaimSummary(tuple(looked_at)), shown
+        yield ClaimSummary(tuple(evidence)), shown

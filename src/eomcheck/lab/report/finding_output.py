@@ -1,7 +1,7 @@
 """Output of findings: a validation or proofs on a terminal, and findings as a JSON document.
 
-A terminal shows tables of claims, the findings that were skipped or not resolved, and the failures
-last. In the document each state stands once.
+A terminal shows tables of claims, then the skipped and the unresolved findings, and the failures
+last. The JSON document contains each state once; findings refer to it by index.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ from eomcheck.safe_output import counted
 def print_runs(
     runs: Mapping[str, ValidationRun], selection: RunSelection, wide: bool = False
 ) -> None:
-    """Print the table, what it says, and the smallest failing state as Python.
+    """Print the table of claims, notes on it, and the smallest failing state as Python code.
 
     Args:
-        runs: key of a kind of scene -> its run. Of several the table is one of scenes.
-        selection: what took part.
+        runs: key of a scene class -> its run; for several, the table has one column per scene.
+        selection: formulations, engines and claims of the runs.
         wide: show each formulation and engine, or each scene, beside the worst of them.
     """
     engines = ", ".join(_called(one, selection) for one in selection.engines) or "no engine"
@@ -89,7 +89,7 @@ def _called(engine: type[Engine], selection: RunSelection) -> str:
 
 
 def _totals(runs: Mapping[str, ValidationRun]) -> tuple[list[str], list[list[str]]]:
-    """Return what was looked at on each scene: headings and rows."""
+    """Return the table of runs by scene (states, findings, verdicts, time): headings and rows."""
     counts = {
         "states": lambda run: run.cases,
         "findings": lambda run: len(run.findings),
@@ -112,7 +112,7 @@ def _smallest(run: ValidationRun) -> Any:
 
 
 def print_failures(claims: Iterable[ClaimSummary]) -> None:
-    """Print what fails: of each claim the worst Finding on a scene, and how many else there are."""
+    """Print the worst failed Finding of each claim on each scene, and the number of the others."""
     for one in claims:
         for failed in group(one.failed, lambda row: row.scene).values():
             row, others = max(failed, key=lambda row: row.ratio), len(failed) - 1
@@ -121,7 +121,9 @@ def print_failures(claims: Iterable[ClaimSummary]) -> None:
 
 
 def print_unrepresented(runs: Mapping[str, ValidationRun], engines: Iterable[type[Engine]]) -> None:
-    """Print of which scenes an engine represents none that was looked at: nothing was compared."""
+    """Print the scene classes of which an engine represents no checked state: nothing was
+    compared.
+    """
     for key, run in runs.items():
         subjects = {word for one in run.findings for word in one.subject.split(" ~ ")}
         for engine in engines:
@@ -132,7 +134,7 @@ def print_unrepresented(runs: Mapping[str, ValidationRun], engines: Iterable[typ
 
 
 def print_unresolved(claims: Iterable[ClaimSummary]) -> None:
-    """Print the entries that no state resolves, which no table shows beside those that passed."""
+    """Print the entries that are resolved in no state; tables show them as passed."""
     for one in claims:
         for row in one.unresolved:
             say(f"inconclusive: {one.claim.id} on {row.scene}: {row.detail}")
@@ -149,7 +151,7 @@ def print_skipped(claims: Iterable[ClaimSummary]) -> None:
 
 
 def proof_table(claims: Iterable[ClaimSummary]) -> ResultTable:
-    """Return what was proved of each claim, and how surely."""
+    """Return the table of proofs by claim: verdicts, degrees, heights and failure probability."""
     counts = {"proved": "passed", "disproved": "failed", "skipped": "skipped"}
     bounds = "degree ≤", "height ≤", "failure probability <"
     rows = []
@@ -201,7 +203,7 @@ def print_proofs(proofs: Proofs) -> None:
 
 
 def write_findings(path: Path, runs: Iterable[ValidationRun], selection: RunSelection) -> None:
-    """Write every Finding of `runs`, each case once, to `path`."""
+    """Write every Finding of `runs`, each state once, to a JSON file."""
     runs = list(runs)
     minimal = [run.minimal.as_python() for run in runs if run.minimal is not None]
     cases: list[dict[str, Any]] = []

@@ -1,7 +1,7 @@
-"""Tables of one scene on a terminal: accelerations, redundant constraints, and motions.
+"""Tables of one scene on a terminal: accelerations, redundant constraints, and trajectories.
 
-Accelerations and constraints are at the initial state. Motions are by several formulations, a line
-each, or many by one formulation, as quantiles and as a chart.
+Accelerations and constraints are those at the initial state. Trajectories are by several
+formulations, a line each, or many by one formulation, as quantiles and as a chart.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from eomcheck.safe_output import counted
 
 
 def units(scene: Scene) -> list[str]:
-    """Return the unit of each coordinate (n,)."""
+    """Return the unit of each coordinate (n,), "m" or "rad"."""
     angles = set(range(scene.n)[scene.angle_coordinates])
-    if isinstance(scene, Mechanism):  # of which only some need be angles, anywhere in the row
+    if isinstance(scene, Mechanism):  # only some of its coordinates are angles, in any order
         angles = {one.coordinate for one in scene.source.topology.joints if not one.slides}
     return ["rad" if i in angles else "m" for i in range(scene.n)]
 
@@ -38,7 +38,7 @@ def units(scene: Scene) -> list[str]:
 # ---- Accelerations -------------------------------------------------------------------------------
 
 MOST = 12
-"""Coordinates of a state that are told."""
+"""Largest number of coordinates printed of a state."""
 NOTE = (
     "error bound: of every entry of q̈, m/s² of lengths and rad/s² of angles; rcond: reciprocal "
     "condition number of the matrix that is solved, 0 where it is singular."
@@ -47,17 +47,17 @@ KKT = "KKT: the matrix of the equations of motion and the constraints together."
 
 
 def print_accelerations(scene: Scene, u=None, keys: Iterable[str] | None = None) -> int:
-    """Print the accelerations in the pose of the scene, and return how many refused.
+    """Print the accelerations in the initial pose of a scene; return the number of refusals.
 
     Args:
         scene: the scene.
-        u: generalized speeds (p,), by default those that it starts with; at rest they need not
+        u: generalized speeds (p,), by default those of the initial state; at rest they need not
             exist.
         keys: formulations, by default all that apply.
 
     Raises:
         InputError, UnknownNameError: bad speeds, no such formulation, or one that does not apply.
-        RefusedError: the scene has no such speeds here.
+        RefusedError: the scene has no such speeds at this pose.
     """
     chosen = [one.key for one in formulations_for(scene, keys)]
     q, v = scene.initial_state()
@@ -66,26 +66,28 @@ def print_accelerations(scene: Scene, u=None, keys: Iterable[str] | None = None)
     rows, refusals = [], []
     for key in chosen:
         try:
-            found = acceleration(scene, key, q, v)
+            result = acceleration(scene, key, q, v)
         except RefusedError as refusal:
             refusals.append(f"{key} refuses: {refusal}")
             continue
-        matrix = min(found.rcond, key=found.rcond.__getitem__)
-        i = int(np.argmax(np.abs(found.vdot)))
-        most = f"{abs(found.vdot[i]):.10g} {units(scene)[i]}/s²", scene.coordinate_names[i]
-        rows.append((key, *most, f"{found.error_bound:.2g}", f"{found.rcond[matrix]:.2g}", matrix))
+        matrix = min(result.rcond, key=result.rcond.__getitem__)
+        i = int(np.argmax(np.abs(result.vdot)))
+        most = f"{abs(result.vdot[i]):.10g} {units(scene)[i]}/s²", scene.coordinate_names[i]
+        rows.append(
+            (key, *most, f"{result.error_bound:.2g}", f"{result.rcond[matrix]:.2g}", matrix)
+        )
     columns = ("formulation", "largest |q̈|", "of", "error bound", "smallest rcond", "matrix")
     title = f"{scene.name}: accelerations at its start"
     print_tables([ResultTable("accelerations", title, columns, rows, note=NOTE if rows else "")])
     if any(row[-1] == "KKT" for row in rows):
         say(KKT)
-    for said in (*refusals, _state(scene, q, v)):
-        say(said)
+    for sentence in (*refusals, _state(scene, q, v)):
+        say(sentence)
     return len(refusals)
 
 
 def _state(scene: Scene, q: Array, v: Array) -> str:
-    """Return coordinates and velocities with their units, the first ones of many."""
+    """Return coordinates and velocities with their units, at most `MOST` of each."""
     names = [*zip(scene.coordinate_names, units(scene), strict=True)][:MOST]
     more = f" and {scene.n - MOST} more" if scene.n > MOST else ""
     at = ", ".join(f"{name} = {x:.4g} {unit}" for (name, unit), x in zip(names, q, strict=False))
@@ -99,10 +101,10 @@ def _state(scene: Scene, q: Array, v: Array) -> str:
 
 
 def print_constraints(scene: Scene) -> int:
-    """Print which constraints depend on others where the scene begins; return how many do.
+    """Print the constraints that depend on others at the initial state; return their number.
 
     Raises:
-        RefusedError: the rank of a is not clear, or another one in positions nearby.
+        RefusedError: the rank of a is uncertain, or differs in nearby positions.
     """
     q, _ = scene.initial_state()
     at = Evaluation(scene, q, np.zeros(scene.n))
@@ -131,9 +133,9 @@ def print_constraints(scene: Scene) -> int:
 
 
 def print_trajectories(trajectories: Iterable[Trajectory]) -> None:
-    """Print one line per motion of one scene, then why motions failed."""
-    found = list(trajectories)
-    scene = found[0].scene
+    """Print one line per trajectory of one scene, then the reasons of failures."""
+    trajectories = list(trajectories)
+    scene = trajectories[0].scene
     rows = [
         (
             one.key,
@@ -144,16 +146,16 @@ def print_trajectories(trajectories: Iterable[Trajectory]) -> None:
             _energy(one),
             f"{constraint_error(one).max():.1e}" if scene.r and one.times.size else "",
         )
-        for one in found
+        for one in trajectories
     ]
     energy = "energy error" if scene.conserves_energy else "energy left"
     kept = "run time (s)", energy, "constraint error (m/s)"
     columns = ("formulation", "end (s)", "steps", "right-hand sides", *kept)
-    said = f"The energy is no error here: {scene.why_not_conserved}."
-    note = "" if scene.conserves_energy else said
+    why = f"The energy is no error here: {scene.why_not_conserved}."
+    note = "" if scene.conserves_energy else why
     title = f"{scene.name}: motions from its start"
     print_tables([ResultTable("motions", title, columns, rows, note=note)])
-    for one in found:
+    for one in trajectories:
         if one.status != "finished":
             say(f"{one.key} {one.status}: {one.reason}")
 
@@ -170,13 +172,13 @@ def _energy(one: Trajectory) -> str:
 
 QUANTILES = {"least": 0.0, "quartile": 0.25, "median": 0.5, "3rd quartile": 0.75, "largest": 1.0}
 PANELS = 12
-"""Coordinates in a figure at most, even ones where there are more."""
+"""Largest number of coordinates in a figure; of more, evenly spaced ones are shown."""
 ACROSS = 3
-"""Panels of a row."""
+"""Number of panels in a row."""
 
 
 def print_many(found: Trajectories) -> None:
-    """Print the ends of the motions that came to theirs, their errors, and why others did not."""
+    """Print the end states and errors of the finished trajectories, and the reasons of failures."""
     good = found.status == "finished"
     title = f"{found.key}, t = {found.t[-1]:g} s"
     rows = list(_quantile_rows(found, good)) if good.any() else []
@@ -211,7 +213,9 @@ def _quantiles(x: Array) -> Array:
 
 
 def chart_of_many(found: Trajectories) -> Chart:
-    """Return how far half and all of the motions are from the median, coordinate by coordinate."""
+    """Return a chart of deviations from the median over time: bands of half and of all
+    trajectories.
+    """
     scene, q = found.scenes[0], found.q[found.status == "finished"]
     shown = np.unique(np.linspace(0, scene.n - 1, min(scene.n, PANELS)).astype(int))
     whole = f"{counted(len(q), 'motion')} of {scene.name} by {found.key}"

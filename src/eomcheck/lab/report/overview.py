@@ -1,7 +1,7 @@
 """Overview of the Records in some files: verdict, findings by claim, and sections of studies.
 
-Everything that a report shows is decided here, once; HTML, Markdown and JUnit only lay it out. A
-section is present only where there is data.
+The content of a report is decided once, in this module; HTML, Markdown and JUnit only lay it out. A
+section is present only if there is data for it.
 """
 
 from __future__ import annotations
@@ -34,39 +34,39 @@ Verdict = Literal["failed", "not finished", "passed", "nothing checked"]
 
 
 def read_records(paths: Iterable[Path], unread: list[str] | None = None) -> list[Record]:
-    """Return the Records of all files; of one cell that is in several, the last one given.
+    """Return the Records of all files; of a cell that is in several, the last one.
 
     Args:
         paths: the files.
-        unread: where to note what cannot be read of a damaged one, as for `Records`.
+        unread: list to append unreadable content of a damaged file to, as for `Records`.
 
     Raises:
         InputError: a file is missing, is not one of Records, or all of them are empty.
     """
     paths = list(paths)
-    found: dict[tuple[str, str], Record] = {}
+    by_cell: dict[tuple[str, str], Record] = {}
     for path in paths:
         with Records(path, readonly=True, unread=unread) as records:
-            found |= {(one.study, key_of(one.settings)): one for one in records.all()}
-    if not found:
+            by_cell |= {(one.study, key_of(one.settings)): one for one in records.all()}
+    if not by_cell:
         why = f": {unread[0]}" if unread else ""
         raise InputError(f"no records in {', '.join(repr(str(path)) for path in paths)}{why}")
-    return list(found.values())
+    return list(by_cell.values())
 
 
 def _registered(scenes: Iterable[str]) -> list[str]:
-    """Return keys of scenes in the order of the registry, then those that this install lacks."""
-    order = {key: place for place, key in enumerate(SCENES)}
+    """Return keys of scenes in the order of the registry, then unregistered ones."""
+    order = {key: index for index, key in enumerate(SCENES)}
     return sorted(scenes, key=lambda key: order.get(key, len(order)))
 
 
 class Overview:
-    """The Records of a report.
+    """Records of a report with their verdict.
 
     Attributes:
-        records: all of them that can be read.
+        records: all readable Records.
         rows: the Findings in them.
-        unread: what cannot be read, a sentence each; sections add to it.
+        unread: descriptions of unreadable content, a sentence each; sections add to it.
     """
 
     def __init__(self, records: Sequence[Record], unread: Sequence[str] = ()):
@@ -84,40 +84,40 @@ class Overview:
 
     @cached_property
     def runs(self) -> list[Record]:
-        """The validations, one per kind of scene, in the order of the registry."""
+        """Validation runs, one per scene class, in the order of the registry."""
         runs = {one.settings["scene"]: one for one in self.of(RUNS)}
         return [runs[scene] for scene in _registered(runs)]
 
     @cached_property
     def claims(self) -> list[ClaimSummary]:
-        """Every claim on which something was found, in the order of the registry."""
+        """Every claim with Findings, in the order of the registry."""
         return by_claim(self.rows)
 
     @cached_property
     def columns(self) -> list[str]:
-        """The formulations and engines that took part."""
-        seen = {name for row in self.rows for name in participants(row)}
+        """Keys of the formulations and engines that took part."""
+        present = {name for row in self.rows for name in participants(row)}
         own = (key for run in self.runs for key in run.series["engines"])
-        return [key for key in dict.fromkeys((*FORMULATIONS, *ENGINES, *own)) if key in seen]
+        return [key for key in dict.fromkeys((*FORMULATIONS, *ENGINES, *own)) if key in present]
 
     @cached_property
     def scenes(self) -> list[str]:
-        """The kinds of scenes looked at, in the order of the registry."""
+        """Keys of the checked scene classes, in the order of the registry."""
         return _registered(dict.fromkeys(row.scene for row in self.rows))
 
     @property
     def states(self) -> int:
-        """Number of states looked at."""
+        """Number of checked states."""
         return sum(run.counts.get("states", 0) for run in self.runs)
 
     @property
     def structures(self) -> int:
-        """Number of structures on which identities were proved."""
+        """Number of structural variants on which identities were proved."""
         return len(self.of(PROOFS))
 
     @property
     def undecided_count(self) -> int:
-        """Number of Findings that say nothing."""
+        """Number of undecided Findings."""
         return ClaimSummary(tuple(self.rows)).undecided_count
 
     @property
@@ -127,12 +127,12 @@ class Overview:
 
     @cached_property
     def failed(self) -> list[ClaimSummary]:
-        """The claims that fail somewhere."""
+        """Claims that fail on some scene."""
         return [judged for judged in self.claims if judged.kind == "failed"]
 
     @property
     def verdict(self) -> Verdict:
-        """What it all comes to."""
+        """Verdict over all claims and runs."""
         if self.failed:
             return "failed"
         if any(run.status != "done" for run in self.runs):
@@ -164,29 +164,29 @@ class Overview:
 
     @property
     def basis(self) -> str:
-        """What the verdict rests on, in a sentence."""
+        """Numbers on which the verdict rests, as a sentence."""
         parts = [counted(len(self.rows), "finding")]
         if self.states:
             parts.append(counted(self.states, "state"))
         if self.structures:
             parts.append(f"{counted(self.structures, 'structure')} proved")
-        said = f"{', '.join(parts)}, on {', '.join(self.scenes)}"
-        return f"{said}; {self.undecided}." if self.undecided else f"{said}."
+        text = f"{', '.join(parts)}, on {', '.join(self.scenes)}"
+        return f"{text}; {self.undecided}." if self.undecided else f"{text}."
 
     @property
     def engines(self) -> list[str]:
         """Names and versions of the engines compared with."""
-        found = (version for run in self.runs for version in run.series.get("engine versions", ()))
-        return list(dict.fromkeys(found))
+        versions = (x for run in self.runs for x in run.series.get("engine versions", ()))
+        return list(dict.fromkeys(versions))
 
     @property
     def provenance(self) -> list[str]:
-        """When, by which sources and where the Records were made, each once."""
+        """Origins of the Records (date, sources, machine), each once."""
         return list(dict.fromkeys(map(origin_of, sorted(self.records, key=lambda one: one.when))))
 
 
 def origin_of(record: Record) -> str:
-    """Return where a Record comes from: day, version, commit or digest, machine."""
+    """Return the origin of a Record: day, version, commit or digest, machine."""
     versions, machine = record.versions, record.machine
     source = versions.get("commit") or f"sources {versions.get('sources', 'unknown')}"
     return (
@@ -203,14 +203,14 @@ WRONG = AttributeError, TypeError, ValueError
 
 
 class Section(NamedTuple):
-    """A section of a report.
+    """Section of a report.
 
     Attributes:
         id: its anchor.
         title: its heading.
-        text: what it shows and how to read it.
+        text: its content, and how to read it.
         tables: its tables.
-        charts: makes its charts, of which only HTML has any.
+        charts: function that makes its charts, which only HTML shows.
     """
 
     id: str
@@ -221,7 +221,7 @@ class Section(NamedTuple):
 
 
 def sections_of(overview: Overview) -> list[Section]:
-    """Return the sections for which there is data."""
+    """Return the sections with data."""
     drawn = [one for one in (_digits(overview), _strata(overview)) if one.tables[0].rows]
     studies = (_of_study(key, overview) for key in STUDIES if overview.of(key))
     return [*drawn, *(one for one in studies if one is not None)]
@@ -230,28 +230,28 @@ def sections_of(overview: Overview) -> list[Section]:
 def _of_study(key: str, overview: Overview) -> Section | None:
     """Return the section of a study, None if its Records cannot be shown."""
     study = study_of(key)
-    found = study.of(overview.records)
+    records = study.of(overview.records)
 
-    def read(what: Callable[[Sequence[Record]], Iterable[T]]) -> list[T] | None:
-        # They may be of another eomcheck: of formulations, scenes or fields that this one lacks.
+    def read(derive: Callable[[Sequence[Record]], Iterable[T]]) -> list[T] | None:
+        # Records of another version may have formulations, scenes or fields that this one lacks.
         try:
-            return list(what(found))
+            return list(derive(records))
         except (EomcheckError, ArithmeticError, LookupError, *WRONG) as error:
             why = described_error(error)
             overview.unread.append(f"the records of {key!r} cannot be shown: {why}")
             return None
 
-    said, sheets = read(study.remarks), read(study.tables)
-    if said is None or sheets is None:
+    remarks, sheets = read(study.remarks), read(study.tables)
+    if remarks is None or sheets is None:
         return None
-    text = " ".join((STUDIES[key], study.reading, *said))
+    text = " ".join((STUDIES[key], study.reading, *remarks))
     tables = [sheet for sheet in sheets if sheet.rows and not sheet.detail]
     return Section(key, key.capitalize(), text, tables, lambda: read(study.charts) or [])
 
 
 def _digits(overview: Overview) -> Section:
-    """Return the certified digits of each formulation on each scene."""
-    # Where an acceleration is nothing but rounding it has no digits to be right.
+    """Return the section of certified digits by formulation and scene."""
+    # An acceleration that is nothing but rounding error has no correct digits.
     sheet = digits_table(row for row in overview.rows if row.verdict in DECIDED)
     return Section(
         "digits",
@@ -264,7 +264,7 @@ def _digits(overview: Overview) -> Section:
 
 
 def _strata(overview: Overview) -> Section:
-    """Return the states in each stratum of each scene."""
+    """Return the section of states by factor of the pairwise design and by scene."""
     strata: dict[str, dict[str, dict[str, int]]] = {}
     for run in overview.runs:
         names = ("strata", "ways", "states in them")

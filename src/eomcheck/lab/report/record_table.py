@@ -11,7 +11,7 @@ from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.record_file import Record
 
 GROUPS = ("settings", "counts", "errors", "series", "machine", "versions")
-"""Fields with names of their own: one column per name, `errors.energy`."""
+"""Fields of Record that are dictionaries: one column per entry, such as `errors.energy`."""
 
 
 def _flat(record: Record) -> dict[str, Any]:
@@ -28,7 +28,9 @@ def _flat(record: Record) -> dict[str, Any]:
 
 
 def record_columns(records: Sequence[Record]) -> list[str]:
-    """Return the columns of a table: in the order of Record's fields, names sorted in each."""
+    """Return the column names of a table, in the order of Record's fields, entries sorted in
+    each.
+    """
     order = [field.name for field in fields(Record)]
     names = dict.fromkeys(name for record in records for name in _flat(record))
 
@@ -46,13 +48,13 @@ def _cell(value: Any) -> str:
         case str():
             return value
         case float():
-            return repr(value)  # the shortest text that reads back as this very number
+            return repr(value)  # the shortest text that parses to the same float64
         case _:
             return json.dumps(value, ensure_ascii=False)
 
 
 def record_table(records: Sequence[Record]) -> ResultTable:
-    """Return one line per Record; what a Record does not have is empty."""
+    """Return a table with one line per Record; missing entries are empty."""
     names = record_columns(records)
     rows = [[_cell(row.get(name)) for name in names] for row in map(_flat, records)]
     return ResultTable("records", "", names, rows)

@@ -47,7 +47,7 @@ def registered_scenes() -> ResultTable:
 
 
 def _terms(at: Quantities) -> str:
-    """Return the terms that a scene has: those of Lagrange, then what only some scenes need."""
+    """Return the names of the terms present in a scene: Lagrange's, then offset and gyroscopic."""
     present = [name for name, term in at.terms._asdict().items() if term is not None]
     names = {"offset": at.speeds.offset, "gyroscopic": at.bodies.gyroscopic}
     return ", ".join((*present, *(name for name, part in names.items() if part is not None)))
@@ -60,7 +60,7 @@ def _speeds(at: Quantities) -> str:
 
 
 def _applying(kind: type[Scene]) -> str:
-    """Return which formulations apply."""
+    """Return the formulations that apply, as "all" or "all but ..."."""
     from eomcheck.formulations import FORMULATIONS
 
     others = [f.key for f in FORMULATIONS.values() if not f.applies_to(kind)]
@@ -81,33 +81,35 @@ def first_line(thing: type) -> str:
 # ---- Parameters of a scene class -----------------------------------------------------------------
 
 SHOWN = 5
-"""A default with more numbers is named, not shown."""
+"""Largest number of entries of a default that is shown; a larger one is named."""
 
 
 def parameter_table(kind: type[Parametric]) -> ResultTable:
-    """Return what a scene of this kind is made of, and what random ones are drawn from."""
+    """Return the table of a scene class's parameters: meaning, shape, unit, default, sampling
+    range.
+    """
     rows = []
     for one in fields(kind):
-        said = kind.declared[one.name]
-        shape: object = said.shape
-        if callable(said.shape):
-            shape = f"{said.shape.__name__.replace('_', ' ')}, {said.shape_of(3)} if N = 3"
+        spec = kind.declared[one.name]
+        shape: object = spec.shape
+        if callable(spec.shape):
+            shape = f"{spec.shape.__name__.replace('_', ' ')}, {spec.shape_of(3)} if N = 3"
         drawn = (
             ""
-            if said.sample_range is None
-            else f"{said.sample_range.low:g} to {said.sample_range.high:g}"
+            if spec.sample_range is None
+            else f"{spec.sample_range.low:g} to {spec.sample_range.high:g}"
         )
-        kept = [said.sign, "or None" if said.optional else ""]
-        about = said.what, str(shape or "number"), said.unit, " ".join(filter(None, kept))
+        values = [spec.sign, "or None" if spec.optional else ""]
+        about = spec.what, str(shape or "number"), spec.unit, " ".join(filter(None, values))
         rows.append(
-            (Cell(one.name, "name"), *about, _default(kind, one, said.computed_default), drawn)
+            (Cell(one.name, "name"), *about, _default(kind, one, spec.computed_default), drawn)
         )
     about = ("name", "what it is", "shape", "SI unit", "value", "default", "drawn from")
     return ResultTable("parameters", "", about, rows)
 
 
-def _default(kind: type, one: Field, made: object) -> str:
-    if made is not None:
+def _default(kind: type, one: Field, computed: object) -> str:
+    if computed is not None:
         return "follows"
     if one.default is MISSING:
         return "must be given"
@@ -120,12 +122,12 @@ def _default(kind: type, one: Field, made: object) -> str:
 
 
 def yes(flag: bool | None) -> str:
-    """Return a flag as a word."""
+    """Return a flag as "yes", "no", or "" for None."""
     return "" if flag is None else "yes" if flag else "no"
 
 
 def in_paper(f: Formulation) -> str:
-    """Return whether Table I has multipliers for a formulation."""
+    """Return whether Table I has multipliers for a formulation: "yes", "no" or "not there"."""
     return "not there" if f.multipliers_in_paper is None else yes(f.multipliers_in_paper)
 
 
@@ -150,7 +152,7 @@ def _formulations() -> ResultTable:
 
 
 def function_claim_table() -> ResultTable:
-    """Return what is claimed of somebody's functions, and which of them a claim needs."""
+    """Return the claims on user-supplied functions, and the functions that each claim needs."""
     from eomcheck.testing import FUNCTION_CLAIMS
 
     rows = [
@@ -182,9 +184,9 @@ def _engines() -> ResultTable:
         package = "" if point.dist is None else f"none: package {point.dist.name}"
         try:
             engine = engine_of(name)
-            told = version_of(engine), package, yes(engine.offers("constraint_jacobian"))
-            row = (*told, first_line(engine))
-        except Exception as error:  # whatever somebody else's does, the others are listed
+            facts = version_of(engine), package, yes(engine.offers("constraint_jacobian"))
+            row = (*facts, first_line(engine))
+        except Exception as error:  # one broken engine of another package hides no other
             row = "cannot be loaded", package, "", message_of(error)
         rows.append((Cell(name, "name"), *row))
     columns = ("key", "library", "installed by the extra", "own constraints", "what it is")

@@ -1,7 +1,7 @@
-"""Formats of a report: HTML, Markdown and JUnit XML.
+"""Report formats: HTML, Markdown and JUnit XML of an `Overview`.
 
-The HTML file needs no network: style, scripts and data are in it. Markdown is for the summary page
-of a CI system. JUnit XML has a suite per scene class and a test case per claim.
+The HTML file needs no network: style, scripts and data are embedded. Markdown is for the summary
+page of a CI system. JUnit XML has a suite per scene class and a test case per claim.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from eomcheck.safe_output import counted
 LIGHT, DARK = "#ffffff", "#15181c"
 """Backgrounds of the page."""
 CONTRAST = 4.0
-"""Least contrast of a formulation's colour with the background (WCAG asks 3 of graphics)."""
+"""Least contrast ratio of a formulation's colour with the background (WCAG asks 3 of graphics)."""
 
 
 def check_installed() -> None:
@@ -44,7 +44,7 @@ def check_installed() -> None:
 
 
 def write_page(overview: Overview, path: Path) -> None:
-    """Write the report.
+    """Write the HTML report.
 
     Raises:
         EngineError: jinja2 or plotly is not installed.
@@ -74,13 +74,15 @@ def write_page(overview: Overview, path: Path) -> None:
 
 
 def overview_formulations(overview: Overview, charts: list[Chart]) -> list[str]:
-    """Return the formulations that the report shows anywhere, in the order of the registry."""
+    """Return the keys of all formulations shown in the report, in the order of the registry."""
     drawn = keys_of(charts)
     return [key for key in FORMULATIONS if key in drawn or key in overview.columns]
 
 
 def _states(overview: Overview) -> list[StoredFinding]:
-    """Return one Finding of each state that the page points at: failures, and the worst of all."""
+    """Return one Finding of each state linked from the page: failures, and the worst of each
+    claim.
+    """
     pointed = [row for judged in overview.claims for row in _pointed(judged)]
     # Failures first.
     pointed.sort(key=lambda row: row.verdict != "failed")
@@ -96,7 +98,7 @@ def _pointed(judged: ClaimSummary) -> list[StoredFinding]:
 
 
 def on_dark(color: str) -> str:
-    """Return a colour for the dark page: black is white, others as light as they must be."""
+    """Return a colour for the dark page: white for black, others lightened up to `CONTRAST`."""
     rgb = _rgb(color)
     if rgb == (0.0, 0.0, 0.0):
         return "#ffffff"
@@ -107,7 +109,7 @@ def on_dark(color: str) -> str:
 
 
 def contrast(one: str, other: str) -> float:
-    """Return the contrast of two colours, 1 to 21 (WCAG 2)."""
+    """Return the contrast ratio of two colours "#rrggbb", 1 to 21 (WCAG 2)."""
     high, low = sorted((_luminance(one), _luminance(other)), reverse=True)
     return (high + 0.05) / (low + 0.05)
 
@@ -133,7 +135,7 @@ def _luminance(color: str) -> float:
 
 
 def write_markdown(overview: Overview, path: Path) -> None:
-    """Write verdict, failures, claims by scene, and the tables of the studies.
+    """Write verdict, failures, claims by scene, and the tables of the studies as Markdown.
 
     Raises:
         EngineError: jinja2 is not installed.
@@ -147,13 +149,14 @@ def write_markdown(overview: Overview, path: Path) -> None:
 # ---- JUnit XML -----------------------------------------------------------------------------------
 
 FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-"""Characters that XML cannot hold."""
+"""Characters that XML cannot contain."""
 
 
 def write_junit(overview: Overview, path: Path) -> None:
-    """Write every claim on every scene: failed, skipped where nothing could be checked, or passed.
+    """Write every claim on every scene as a test case: failed, skipped (nothing could be checked)
+    or passed.
 
-    A run that did not come to its end is an error of its suite.
+    An unfinished run is an error of its suite.
     """
     root = ElementTree.Element("testsuites", name="eomcheck")
     seconds = _seconds(overview)
@@ -195,16 +198,16 @@ def _case(suite: ElementTree.Element, scene: str, judged: ClaimSummary, seconds:
         failure = ElementTree.SubElement(case, "failure", message=_clean(str(row)))
         failure.text = _clean(row.python)
     out = ElementTree.SubElement(case, "system-out")
-    said = (
+    summary = (
         f"{judged.claim.statement} {judged.claim.equations}: "
         f"{counted(len(judged.rows), 'finding')}{judged.undecided}, "
         f"largest error {judged.text} of the error allowed"
     )
-    out.text = _clean("\n".join([said, *(row.detail for row in judged.unresolved)]))
+    out.text = _clean("\n".join([summary, *(row.detail for row in judged.unresolved)]))
 
 
 def _why_open(judged: ClaimSummary) -> str:
-    """Return why nothing could be checked."""
+    """Return the reason why nothing could be checked."""
     for row in judged.rows:
         if row.verdict == "skipped":
             return f"skipped: {row.detail}"
