@@ -418,7 +418,7 @@ def test_what_points_say_is_wrapped_and_no_markup():
         "word word word word word word word word word",
         "word word word",
     ]
-    told = chart_plotly._told("kane", [["a", "b"], ["c"]])
+    told = chart_plotly._trace_options("kane", [["a", "b"], ["c"]])
     assert (told["name"], told["hovertext"]) == ("kane", ["a<br>b", "c"])
     assert told["hovertemplate"] == "%{hovertext}<extra></extra>"
-    assert chart_plotly._told("au", ()) == {"name": "au", "meta": {"formulation": "au"}}
+    assert chart_plotly._trace_options("au", ()) == {"name": "au", "meta": {"formulation": "au"}}

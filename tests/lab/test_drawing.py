@@ -359,15 +359,15 @@ def test_points_along_a_line_are_four_pixels_apart_or_less_and_both_ends_are_amo
 
 
 def test_places_of_a_label_are_all_around_and_cost_distance_and_the_wrong_direction():
-    places = sketch_drawing._places(array(50, 50), array(20, 10), None)
+    places = sketch_drawing._positions(array(50, 50), array(20, 10), None)
     assert len(places) == 7 * 16
     assert places[0][0].tolist() == [69.0, 50.0] and places[0][1] == 0.25 * 9
     assert np.allclose(places[4][0], [50.0, 64.0]) and np.allclose(places[8][0], [31.0, 50.0])
     assert np.allclose(places[16][0], [76.0, 50.0]) and places[16][1] == 4.0
     for away in (array(0, 3), array(0, 0.1)):
-        costs = [cost for _, cost in sketch_drawing._places(array(50, 50), array(20, 10), away)]
+        costs = [cost for _, cost in sketch_drawing._positions(array(50, 50), array(20, 10), away)]
         assert np.allclose([costs[k] for k in (0, 4, 8, 12)], [7.25, 2.25, 7.25, 12.25])
-    still = sketch_drawing._places(array(50, 50), array(20, 10), array(0, 0))
+    still = sketch_drawing._positions(array(50, 50), array(20, 10), array(0, 0))
     assert [cost for _, cost in still[:16]] == [2.25] * 16
 
 

@@ -21,10 +21,10 @@ from eomcheck.motion.integrators import INTEGRATORS
 
 
 class Axis(NamedTuple):
-    """An axis: its title with the unit, in logarithms or not, over a range, with ticks.
+    """Axis of a panel: title with the unit, scale, range and ticks.
 
-    With a `unit` of its own each number has it, with a prefix, and the title has none.
-    Panels beside or above each other whose axes are alike have one scale, unless it is their `own`.
+    With a `unit` each tick label has it, with an SI prefix, and the title has none. Adjacent panels
+    with equal axes share one scale, unless `own` is set.
     """
 
     title: str
@@ -40,20 +40,20 @@ LINKS = Axis("number of links N", log=True, ticks=(1, 2, 3, 5, 7, 10, 20, 30, 50
 
 
 class Line(NamedTuple):
-    """A line of a formulation, an integrator or what else has a style.
+    """Line of a formulation, an integrator or another key with a style.
 
     Attributes:
-        key: of `eomcheck.lab.show.chart.STYLES`.
+        key: key of `eomcheck.lab.show.chart.STYLES`.
         x: abscissae, or categories of the axis.
         y: ordinates.
-        hover_text: lines of text at each point, which a page shows on demand; or nothing.
-        label: what the legend calls it, by default its key.
-        dashed: whether it is, whatever its style.
-        hollow: points that are drawn hollow, by default none.
+        hover_text: lines of text at each point, shown by a page on hover; or nothing.
+        label: text in the legend, by default the key.
+        dashed: whether it is dashed, regardless of its style.
+        hollow: flags of points with hollow markers, by default none.
         joined: whether its points are joined.
-        every: (first, step) of the points that are marked, where there are many.
-        appearance: "line", "thin" or "dotted" without marks, or only marks: "crosses", for what
-            could not be measured, or red "rings".
+        every: (first, step) of the points with markers, if there are many.
+        appearance: "line", "thin" or "dotted" without markers, or only markers: "crosses", for
+            values that could not be measured, or red "rings".
     """
 
     key: str
@@ -69,7 +69,7 @@ class Line(NamedTuple):
 
 
 class Band(NamedTuple):
-    """An area between two lines of a formulation, and what a legend calls it."""
+    """Area between two lines of a formulation, with its label in the legend."""
 
     key: str
     x: Sequence[float]
@@ -85,13 +85,13 @@ class Panel:
     Attributes:
         x: abscissa.
         y: ordinate.
-        lines: what is drawn.
-        title: above it.
-        unknown: below this ordinate the truth is not known, which is drawn in grey.
-        marks: abscissae at which a dotted line stands.
-        level: ordinate at which a line goes across.
+        lines: its lines.
+        title: text above it.
+        unknown: ordinate below which the true value is not known, drawn in grey.
+        marks: abscissae of dotted vertical lines.
+        level: ordinate of a horizontal line.
         legend: whether the legend of its lines stands in it, not above all panels.
-        bad: between these ordinates nothing is good, which is drawn in grey.
+        bad: range of ordinates in which no result is good, drawn in grey.
         equal: whether a unit is as long on both axes.
         bands: areas below the lines, each darker than the one before.
     """
@@ -110,7 +110,7 @@ class Panel:
 
     @property
     def keys(self) -> list[str]:
-        """Keys of what is drawn."""
+        """Keys of its lines."""
         return [line.key for line in self.lines]
 
 
@@ -118,13 +118,13 @@ class Panel:
 
 
 class Box(NamedTuple):
-    """A box of a heat map.
+    """Box of a heat map.
 
     Attributes:
-        value: what its colour tells, NaN where there is nothing to tell.
-        hatched: whether it is.
-        framed: whether it has a frame, for it is wrong.
-        hover_text: lines of text, which a page shows on demand.
+        value: value that its color shows, NaN for none.
+        hatched: whether it is hatched.
+        framed: whether it has a frame, as a wrong result.
+        hover_text: lines of text, shown by a page on hover.
     """
 
     value: float
@@ -135,16 +135,16 @@ class Box(NamedTuple):
 
 @dataclass(frozen=True)
 class Heat:
-    """A heat map: rows of boxes, under headings that some of them share.
+    """Heat map: rows of boxes, under headings that some of them share.
 
     Attributes:
         columns: heading -> number of boxes below it, in each row.
-        rows: what stands beside a row -> key of its formulation, its boxes or None where is none.
-        colors: what they tell: a title, and a range.
-        limit: the value from which on nothing is good.
-        hatched: what hatching tells.
-        framed: what a frame tells.
-        title: above it.
+        rows: label of a row -> key of its formulation, its boxes or None for no box.
+        colors: axis of the color scale: a title, and a range.
+        limit: the value from which on no result is good.
+        hatched: meaning of hatching.
+        framed: meaning of a frame.
+        title: text above it.
     """
 
     columns: Mapping[str, int]
@@ -157,13 +157,13 @@ class Heat:
 
     @property
     def edges(self) -> list[float]:
-        """Where boxes begin and end: each heading is 1 wide."""
-        shares = [(place, count) for place, count in enumerate(self.columns.values())]
+        """Edges of the boxes: each heading is 1 wide."""
+        shares = [(index, count) for index, count in enumerate(self.columns.values())]
         return [p + k / count for p, count in shares for k in range(count)] + [len(shares)]
 
     @property
     def keys(self) -> list[str]:
-        """Keys of what is drawn."""
+        """Keys of its rows."""
         return [key for key, _ in self.rows.values()]
 
 
@@ -171,7 +171,7 @@ class Heat:
 
 
 class File(NamedTuple):
-    """A figure in a file: its name, its title, and rows of choices that it shows."""
+    """Figure in a file: its name, its title, and the rows of choices that it shows."""
 
     name: str
     title: str
@@ -180,17 +180,17 @@ class File(NamedTuple):
 
 @dataclass(frozen=True)
 class Chart:
-    """Panels by what is chosen in some lists.
+    """Panels by choices from some lists.
 
     Attributes:
-        name: that of its file and its anchor.
-        title: what it shows.
-        lists: names of the lists in which something is chosen.
-        panels: what was chosen in each list -> panel.
+        name: name of its file and its anchor.
+        title: its title.
+        lists: names of the lists of choices.
+        panels: the choice from each list -> panel.
         grid: rows of choices that a figure shows. By default the last list runs along rows.
         size: width and height of a panel in a figure, in.
-        hollow: what a point is that is drawn hollow.
-        parts: figures in files of their own, if it is more than one, or stands in one file with
+        hollow: meaning of a hollow marker.
+        parts: figures in files of their own, if there are several, or if one stands in a file with
             other charts.
     """
 
@@ -205,12 +205,12 @@ class Chart:
 
     @property
     def choices(self) -> dict[str, list[str]]:
-        """Name of a list -> what can be chosen in it, in the order of the panels."""
+        """Name of a list -> its choices, in the order of the panels."""
         columns = enumerate(self.lists)
         return {name: list(dict.fromkeys(c[i] for c in self.panels)) for i, name in columns}
 
     def files(self) -> list[Chart]:
-        """Return what is drawn into files, one each; charts of one name stand in one file."""
+        """Return the charts to draw into files, one each; charts of one name share a file."""
         if self.parts is None:
             return [self]
         return [replace(self, **part._asdict(), parts=None) for part in self.parts]
@@ -221,16 +221,16 @@ class Chart:
             return [[c for c in row if c in self.panels] for row in self.grid]
         *others, last = self.choices.values()
         rows = ([(*first, end) for end in last] for first in product(*others))
-        return [found for row in rows if (found := [c for c in row if c in self.panels])]
+        return [shown for row in rows if (shown := [c for c in row if c in self.panels])]
 
 
 def in_rows(chosen: Sequence[tuple[str, ...]], across: int) -> list[Sequence[tuple[str, ...]]]:
-    """Return choices as rows of so many."""
+    """Return choices arranged in rows of `across`."""
     return [chosen[k : k + across] for k in range(0, len(chosen), across)]
 
 
 def keys_of(charts: Iterable[Chart]) -> list[str]:
-    """Return what is drawn in any of the charts: keys of formulations and integrators."""
+    """Return the keys in any of the charts: of formulations and integrators."""
     panels = (panel for chart in charts for panel in chart.panels.values())
     return list(dict.fromkeys(key for panel in panels for key in panel.keys))
 
@@ -238,24 +238,24 @@ def keys_of(charts: Iterable[Chart]) -> list[str]:
 # ---- Styles of lines -----------------------------------------------------------------------------
 
 PALETTE = (
-    # Okabe and Ito's, told apart by colour-blind readers, without its yellow, too pale on white;
+    # Okabe and Ito's, safe for colour-blind readers, without its yellow, too pale on white;
     # then Tol's wine, and two to spare
     *("#000000", "#0072B2", "#E69F00", "#009E73", "#CC79A7"),
     *("#56B4E9", "#D55E00", "#882255", "#999933", "#888888"),
 )
 WRONG = "#B00020"
-"""What must not be: a limit that is passed, an error that nobody told."""
+"""Color of a violation: a limit exceeded, an unreported error."""
 
 
 class Style(NamedTuple):
-    """How the lines of one formulation or integrator look.
+    """Line style of one formulation or integrator.
 
     Attributes:
         color: "#rrggbb", for a white background.
-        marker: matplotlib's sign.
-        symbol: the same as plotly calls it.
-        dashed: whether its lines are.
-        width: of its lines, pt.
+        marker: matplotlib's marker.
+        symbol: plotly's name of the same marker.
+        dashed: whether its lines are dashed.
+        width: width of its lines, pt.
     """
 
     color: str
@@ -291,5 +291,5 @@ STYLES |= {
     "links": Style("#404040", "o", "circle", width=3.0),
     "wheels": Style(PALETTE[6], "", "", width=6.0),
 }
-"""Key of a formulation, an integrator or what else is drawn -> its style. Implicit integrators are
+"""Key of a formulation, an integrator or another line -> its style; implicit integrators are
 dashed."""

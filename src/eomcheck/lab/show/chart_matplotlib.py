@@ -38,11 +38,11 @@ from eomcheck.lab.show.chart import STYLES, WRONG, Axis, Chart, Heat, Line, Pane
 from eomcheck.lab.show.pyplot import plt
 
 WIDEST = 13.0
-"""Width up to which blocks of panels stand side by side, in."""
+"""Largest total width of blocks side by side, in."""
 
 
 def draw_charts(charts: Sequence[Chart], path: Path) -> None:
-    """Draw charts into one figure, each a block of panels; axes that are alike are shared."""
+    """Draw charts into one figure file, each as a block of panels with shared equal axes."""
     rows = [chart.rows() for chart in charts]
     sizes = [
         (chart.size[0] * max(map(len, grid)) + 0.6, chart.size[1] * len(grid))
@@ -102,7 +102,7 @@ def _draw_block(block: SubFigure, rows: Sequence[Sequence[Panel | Heat]]) -> lis
     abscissae = [panel.x for panel in panels.values()]
     room = 10 * block.bbox.width / block.dpi / len(rows[0])
     if abscissae and all(x == abscissae[0] for x in abscissae) and len(abscissae[0].title) > room:
-        # Below each panel it would run into the next one.
+        # Below each panel the title would run into that of the next one.
         for axes in drawn:
             axes.set_xlabel("")
         block.supxlabel(abscissae[0].title, fontsize="medium")
@@ -110,7 +110,7 @@ def _draw_block(block: SubFigure, rows: Sequence[Sequence[Panel | Heat]]) -> lis
 
 
 def _share(row: Iterable[Axes], which: str) -> None:
-    """Give axes the limits that hold what is in each of them."""
+    """Set the common limits of several axes."""
     limits = [getattr(axes, f"get_{which}lim")() for axes in row]
     for axes in row:
         getattr(axes, f"set_{which}lim")(min(low for low, _ in limits), max(h for _, h in limits))
@@ -121,12 +121,12 @@ def _share(row: Iterable[Axes], which: str) -> None:
 
 def draw_panel(axes: Axes, panel: Panel) -> None:
     """Draw one panel into axes."""
-    for place, band in enumerate(panel.bands):
-        look = {"color": STYLES[band.key].color, "alpha": 0.25 + 0.3 * place, "lw": 0}
-        axes.fill_between(band.x, band.low, band.high, label=band.label, **look)
-    places: dict[Any, int] = {name: place for place, name in enumerate(panel.x.categories)}
+    for index, band in enumerate(panel.bands):
+        style = {"color": STYLES[band.key].color, "alpha": 0.25 + 0.3 * index, "lw": 0}
+        axes.fill_between(band.x, band.low, band.high, label=band.label, **style)
+    indices: dict[Any, int] = {name: index for index, name in enumerate(panel.x.categories)}
     for line in panel.lines:
-        draw_line(axes, line._replace(x=[places[x] for x in line.x]) if places else line)
+        draw_line(axes, line._replace(x=[indices[x] for x in line.x]) if indices else line)
     for x in panel.marks:
         axes.axvline(x, color="0.5", lw=1, ls=":")
     if panel.level is not None:
@@ -189,7 +189,7 @@ def _set_up(axes: Axes, which: str, axis: Axis) -> None:
 # ---- Heat maps -----------------------------------------------------------------------------------
 
 COLORS = plt.get_cmap("YlOrRd")
-"""Of heat maps."""
+"""Color map of heat maps."""
 
 
 def draw_heat(axes: Axes, heat: Heat) -> None:
@@ -199,7 +199,7 @@ def draw_heat(axes: Axes, heat: Heat) -> None:
         for box, (left, right) in zip(boxes, pairwise(heat.edges), strict=True):
             if box is None:
                 continue
-            # A heading's boxes touch each other, and not those of the next.
+            # Boxes below one heading touch each other, but not those of the next.
             begin = left // 1 + 0.04 + 0.92 * (left % 1)
             where = (begin, row + 0.1), 0.92 * (right - left), 0.8
             empty = np.isnan(box.value)
@@ -222,7 +222,7 @@ def draw_heat(axes: Axes, heat: Heat) -> None:
 
 
 def color_bar(block: SubFigure, drawn: list[Axes], heat: Heat) -> None:
-    """Say what colours tell, and where the limit is."""
+    """Add the color scale, with its limit."""
     scale = Normalize(*(heat.colors.range or (None, None)))
     shown = plt.cm.ScalarMappable(scale, COLORS)
     bar = block.colorbar(shown, ax=drawn, pad=0.015, fraction=0.025, aspect=24)
@@ -234,13 +234,13 @@ def color_bar(block: SubFigure, drawn: list[Axes], heat: Heat) -> None:
 
 
 def tick(drawn: XAxis | YAxis, axis: Axis) -> None:
-    """Choose ticks once the limits are known, so that the numbers of a narrow panel stand apart."""
+    """Set ticks once the limits are known, so that the numbers of a narrow panel stand apart."""
     low, high = drawn.get_view_interval()
     if axis.categories:
-        # As many as there is room for, the last one among them.
+        # As many as fit, the last one among them.
         step = -(-len(axis.categories) // 4)
-        places = range(len(axis.categories) - 1, -1, -step)
-        drawn.set_ticks(places, [axis.categories[place] for place in places], fontsize=8)
+        indices = range(len(axis.categories) - 1, -1, -step)
+        drawn.set_ticks(indices, [axis.categories[i] for i in indices], fontsize=8)
     elif axis.ticks:
         ticks = [tick for tick in axis.ticks if low <= tick <= high]
         drawn.set_major_locator(FixedLocator(ticks))
@@ -249,7 +249,7 @@ def tick(drawn: XAxis | YAxis, axis: Axis) -> None:
     elif axis.log:
         decades = np.log10(high / low)
         subs = (1.0, 2.0, 5.0) if decades < 1 else (1.0, 3.0) if decades < 2 else (1.0,)
-        # Within a factor of four LogLocator would take as many ticks as it likes.
+        # Within a factor of four LogLocator ignores its number of ticks.
         narrow = decades < np.log10(4)
         drawn.set_major_locator(MaxNLocator(3) if narrow else LogLocator(subs=subs, numticks=5))
         drawn.set_minor_formatter(NullFormatter())
@@ -262,11 +262,11 @@ def tick(drawn: XAxis | YAxis, axis: Axis) -> None:
 # ---- Legends and files ---------------------------------------------------------------------------
 
 HOLLOW = "hollow"
-"""Mark of points that are drawn hollow."""
+"""Group id of hollow markers."""
 
 
 def save_chart(figure: Figure, path: Path, dpi: int = 150) -> None:
-    """Write a figure that is finished; a PNG with a palette, which is half the size."""
+    """Write a finished figure; a PNG with a palette, which is half the size."""
     with replacing(path) as beside:
         figure.savefig(beside, dpi=dpi)
         plt.close(figure)
@@ -276,7 +276,7 @@ def save_chart(figure: Figure, path: Path, dpi: int = 150) -> None:
 
 
 def handles_of(drawn: Iterable[Axes]) -> dict[str, Any]:
-    """Return label -> what is drawn in any of the axes, each label once."""
+    """Return label -> legend handle of several axes, each label once."""
     handles: dict[str, Any] = {}
     for axes in drawn:
         for line, label in zip(*axes.get_legend_handles_labels(), strict=True):
@@ -287,7 +287,7 @@ def handles_of(drawn: Iterable[Axes]) -> dict[str, Any]:
 def legend_above(
     figure: Figure, drawn: Iterable[Axes], columns: int, hollow: str = "", title: str = ""
 ) -> None:
-    """Put what is drawn into a legend above all panels, and what `hollow` points are."""
+    """Add a legend of all lines above all panels, with the meaning of `hollow` markers."""
     handles = handles_of(drawn)
     if hollow and any(line.get_gid() == HOLLOW for axes in drawn for line in axes.lines):
         look = {"color": "0.4", "mfc": "white", "ms": 4}

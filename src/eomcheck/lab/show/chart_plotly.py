@@ -1,7 +1,7 @@
 """Charts as interactive plotly figures for an HTML page.
 
-Colors are not in the figures: the page gives each formulation its own, in light and dark mode, and
-dims the others where one is highlighted.
+Colors are not in the figures: the page assigns one to each formulation, in light and dark mode, and
+dims the others when one is highlighted.
 """
 
 from __future__ import annotations
@@ -29,7 +29,9 @@ except ImportError as error:
 
 
 def chart_json(chart: Chart) -> str:
-    """Return the figures as JSON that can stand in a page: the choices, one a line, as keys."""
+    """Return the figures of a chart as JSON that can be embedded in HTML; keys are choices, one a
+    line.
+    """
     figures = {
         "\n".join(chosen): json.loads(figure_of(panel).to_json() or "{}")
         for chosen, panel in chart.panels.items()
@@ -38,7 +40,7 @@ def chart_json(chart: Chart) -> str:
 
 
 def figure_of(panel: Panel | Heat) -> Figure:
-    """Return one panel as a figure."""
+    """Return the plotly figure of one panel."""
     figure = go.Figure(
         layout={
             "template": go.layout.Template(),
@@ -70,14 +72,18 @@ def _add_heat(figure: Figure, heat: Heat) -> None:
             y=[row - 0.5, row + 0.5],
             z=[[None if box is None else box.value for box in boxes]],
             coloraxis="coloraxis",
-            **_told(key, [[() if box is None else box.hover_text for box in boxes]]),
+            **_trace_options(key, [[() if box is None else box.hover_text for box in boxes]]),
         )
-        for what, symbol in (("hatched", "x-thin-open"), ("framed", "square-open")):
-            at = [x for x, b in zip(centres, boxes, strict=True) if b and getattr(b, what)]
+        for mark, symbol in (("hatched", "x-thin-open"), ("framed", "square-open")):
+            at = [x for x, b in zip(centres, boxes, strict=True) if b and getattr(b, mark)]
             if at:
                 marker = {"symbol": symbol, "size": 7}
                 figure.add_scatter(
-                    x=at, y=[row] * len(at), mode="markers", marker=marker, **_told(key, ())
+                    x=at,
+                    y=[row] * len(at),
+                    mode="markers",
+                    marker=marker,
+                    **_trace_options(key, ()),
                 )
     ticks = {"tickvals": [k + 0.5 for k in range(len(heat.columns))]}
     bar = {"thickness": 12, "title": {"text": heat.colors.title, "side": "right"}}
@@ -122,28 +128,30 @@ def _add(figure: Figure, line: Line) -> None:
         mode=mode if lines else "markers",
         line={"width": style.width + 0.4, "dash": dash},
         marker={"symbol": marks or symbols or style.symbol or None, "size": 7 if marks else 8},
-        **_told(line.key, line.hover_text),
+        **_trace_options(line.key, line.hover_text),
     )
 
 
-def _told(key: str, said: Sequence) -> dict[str, Any]:
-    """Return whose a trace is, and what each of its points (rows of points) says on demand."""
+def _trace_options(key: str, hover_text: Sequence) -> dict[str, Any]:
+    """Return the plotly options of a trace: its key, and the hover text of each point (or row of
+    points).
+    """
 
     def text(lines: Sequence) -> Any:
         nested = bool(lines) and not isinstance(lines[0], str)
         return [*map(text, lines)] if nested else "<br>".join(_wrapped(lines))
 
-    told = {"name": key, "meta": {"formulation": key}}
-    if not said:
-        return told
-    return told | {"hovertext": text(said), "hovertemplate": "%{hovertext}<extra></extra>"}
+    options = {"name": key, "meta": {"formulation": key}}
+    if not hover_text:
+        return options
+    return options | {"hovertext": text(hover_text), "hovertemplate": "%{hovertext}<extra></extra>"}
 
 
 def _wrapped(lines: Sequence[str]) -> list[str]:
-    """Return lines of a width that a telephone has room for, as plotly's markup."""
+    """Return lines wrapped to the width of a telephone, escaped as plotly's markup."""
     return [escape(part, quote=False) for line in lines for part in wrap(line, 44)]
 
 
 def plotly_js() -> str:
-    """Return the source of plotly.js, for the page to hold."""
+    """Return the source of plotly.js, to be embedded in the page."""
     return get_plotlyjs()

@@ -1,7 +1,7 @@
 """Text of documents: numbers with units, JSON files, and filled-in jinja2 templates.
 
 The templates are those of `eomcheck.lab.report`; HTML is escaped, Markdown is not. jinja2 comes
-with the extra `report_command` and is imported when a template is first filled in.
+with the extra `report` and is imported when a template is first filled in.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def seconds_text(value: float) -> str:
-    """Return a time with its unit."""
+    """Return a time with three digits and its unit, s to ns."""
     for unit, scale in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
         if value >= scale:
             return f"{value / scale:.3g} {unit}"
@@ -38,7 +38,7 @@ def grouped(value: int) -> str:
 
 
 def ranges(numbers: Iterable[int], to: str = " to ", then: str = ", ") -> str:
-    """Return whole numbers as "1 to 4, 20"."""
+    """Return whole numbers as text such as "1 to 4, 20"."""
     runs: list[list[int]] = []
     for number in sorted(set(numbers)):
         if runs and number == runs[-1][1] + 1:
@@ -49,18 +49,18 @@ def ranges(numbers: Iterable[int], to: str = " to ", then: str = ", ") -> str:
 
 
 def write_json(path: Path, document: Mapping[str, Any]) -> None:
-    """Write a document as JSON, with the version that made it."""
+    """Write a document as JSON, with the version of eomcheck."""
     text = json.dumps({"eomcheck": __version__, **document}, indent=1, ensure_ascii=False)
     write_text(path, text + "\n")
 
 
 # ---- Templates -----------------------------------------------------------------------------------
 
-EXTRA = "it comes with the extra `report_command`"
+EXTRA = "it comes with the extra `report`"
 
 
 def environment() -> Environment:
-    """Return the environment; HTML is escaped, Markdown is not.
+    """Return the jinja2 environment; HTML is escaped, Markdown is not.
 
     Raises:
         EngineError: jinja2 is not installed.
@@ -81,7 +81,7 @@ def environment() -> Environment:
 
 
 def render(template: str, **values: Any) -> str:
-    """Return a template filled in."""
+    """Return a template filled in with values."""
     return environment().get_template(template).render(**values)
 
 

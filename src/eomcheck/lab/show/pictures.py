@@ -1,9 +1,8 @@
 """Pictures by matplotlib: mechanisms, motions (GIF) and matrix structures.
 
-`draw_scene` paints a `Drawing` with all names and a legend, `draw_motion` paints one frame for
-every so many sketches of a motion, `draw_structure` shows which entries of a formulation's matrices
-are not zero and how their blocks are called. SVG files have no ground and the same bytes every
-time.
+`draw_scene` paints a `Drawing` with all names and a legend, `draw_motion` paints every k-th sketch
+of a motion as a frame, `draw_structure` shows the nonzero entries of a formulation's matrices and
+the names of their blocks. SVG files have a transparent background and reproducible bytes.
 """
 
 from __future__ import annotations
@@ -29,11 +28,13 @@ from eomcheck.mechanics import sketch as s
 WIDTH = 7.0
 """Width of a picture, in: 700 px."""
 MARGIN = 0.09
-"""Around what is drawn, of the larger side."""
+"""Margin around the drawing, as a share of its larger side."""
 
 
 def canvas(bounds: np.ndarray, colors: Colors, width: float, below: float = 0.0) -> Any:
-    """Return axes that show what is between bounds, as wide as a page, and `below` free, in."""
+    """Return axes that show the points within bounds, m, `width` in wide, with `below` in left free
+    under them.
+    """
     margin = MARGIN * np.ptp(bounds, axis=0).max()
     low, high = bounds[0] - margin, bounds[1] + margin
     height = width * (high[1] - low[1]) / (high[0] - low[0])
@@ -52,7 +53,7 @@ def canvas(bounds: np.ndarray, colors: Colors, width: float, below: float = 0.0)
 
 
 def paint(axes: Any, drawing: Drawing) -> None:
-    """Put the strokes and dots of a drawing on axes."""
+    """Add the strokes and dots of a drawing to axes."""
     for stroke in drawing.strokes:
         x, y = stroke.points.T
         if stroke.fill:
@@ -61,7 +62,7 @@ def paint(axes: Any, drawing: Drawing) -> None:
             x, y, color=stroke.color, lw=stroke.width, ls=stroke.style, solid_capstyle="round"
         )
         if stroke.head:
-            # The last bit of the line gives the direction of the head.
+            # The last segment of the line gives the direction of the arrow's head.
             arrow = {"arrowstyle": "-|>", "color": stroke.color, "lw": stroke.width}
             arrow |= {"shrinkA": 0, "shrinkB": 0, "mutation_scale": 12}
             axes.annotate("", stroke.points[-1], stroke.points[-2], arrowprops=arrow)
@@ -70,7 +71,7 @@ def paint(axes: Any, drawing: Drawing) -> None:
 
 
 def save_picture(figure: Any, path: Path) -> None:
-    """Write a figure, an SVG without a ground and with the same bytes every time."""
+    """Write a figure; an SVG with a transparent background and reproducible bytes."""
     with replacing(path) as beside, plt.rc_context({"svg.hashsalt": "eomcheck"}):
         svg = {"transparent": True, "metadata": {"Date": None}} if path.suffix == ".svg" else {}
         figure.savefig(beside, **svg)
@@ -91,9 +92,9 @@ def draw_scene(sketch: s.Sketch, coordinates: Collection[str], path: Path, dark:
 def scene_figure(
     sketch: s.Sketch, coordinates: Collection[str], dark: bool = False
 ) -> tuple[Any, list[Any]]:
-    """Return the figure of a sketch, and the texts of its labels.
+    """Return the figure of a sketch, and the text artists of its labels.
 
-    Angles and distances that have the name of a coordinate look like one.
+    Angles and distances with the name of a coordinate have the coordinates' color.
     """
     colors = DARK if dark else LIGHT
     drawing = Drawing(sketch, colors, coordinates)
@@ -107,10 +108,10 @@ def scene_figure(
         if kind in drawing.kinds
     ]
     if "center" in drawing.kinds:
-        look = {"ls": "", "marker": "o", "ms": 6, "color": colors.ink}
-        lines.append(Line2D([], [], label="centre of mass", **look))
-    place = {"loc": "lower center", "ncols": len(lines), "frameon": False, "fontsize": 11}
-    axes.figure.legend(handles=lines, labelcolor=colors.ink, **place)
+        style = {"ls": "", "marker": "o", "ms": 6, "color": colors.ink}
+        lines.append(Line2D([], [], label="centre of mass", **style))
+    layout = {"loc": "lower center", "ncols": len(lines), "frameon": False, "fontsize": 11}
+    axes.figure.legend(handles=lines, labelcolor=colors.ink, **layout)
     return axes.figure, texts
 
 
@@ -120,7 +121,7 @@ def scene_figure(
 def draw_motion(
     sketches: Sequence[s.Sketch], times: Sequence[float], path: Path, every: int
 ) -> None:
-    """Draw a motion into a GIF: every so many sketches a frame, and the paths of what has one."""
+    """Draw a motion into a GIF: one frame per `every` sketches, with the paths of traced points."""
     drawings = [Drawing(one, LIGHT) for one in sketches]
     bounds = np.array([one.bounds for one in drawings])
     seen = np.array([bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)])
@@ -145,15 +146,17 @@ def draw_motion(
 # ---- Matrices ------------------------------------------------------------------------------------
 
 LARGEST = 0.21
-"""Side of an entry, in; less where there are many."""
+"""Largest side of a matrix entry, in; smaller in large matrices."""
 GAP = 3.0
-"""Between matrices, entries."""
+"""Distance between matrices, in entries."""
 BESIDE = 38
-"""Up to this width, entries, all matrices stand side by side."""
+"""Largest total width, in entries, up to which all matrices stand side by side."""
 
 
 def draw_structure(structure: Structure, path: Path, dark: bool) -> None:
-    """Draw the matrices of a formulation into a file: what it reads left, what it solves right."""
+    """Draw the matrices of a formulation into a file: inputs on the left, systems solved on the
+    right.
+    """
     save_picture(structure_figure(structure, dark), path)
 
 
@@ -184,7 +187,7 @@ def structure_figure(structure: Structure, dark: bool = False) -> Any:
 
 
 def _draw(axes: Any, one: Matrix, x: float, y: float, colors: Colors, points: float) -> None:
-    """Draw a matrix with its first entry at (x, y); an entry is so many `points` wide."""
+    """Draw a matrix with its first entry at (x, y); an entry is `points` pt wide."""
     rows, columns = one.entries.shape
     of = {"M": colors.coordinate, "D": colors.coordinate, "a": colors.constraint, "I": colors.faint}
     of |= {"A": colors.constraint, "C": colors.constraint}
@@ -226,7 +229,7 @@ def _draw(axes: Any, one: Matrix, x: float, y: float, colors: Colors, points: fl
 
 
 def _title(one: Matrix) -> str:
-    """Return the name of a matrix, or what it equals, if that says more."""
+    """Return the title of a matrix: its name, its only block, or an equation of both."""
     base, _, index = one.name.partition("_")
     name = rf"$\mathrm{{{base}}}_\mathrm{{{index}}}$" if index.isalnum() else one.name
     whole = one.blocks[0].name if len(one.blocks) == 1 else ""

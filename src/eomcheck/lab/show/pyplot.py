@@ -1,4 +1,4 @@
-"""matplotlib's pyplot with the Agg backend, which opens no window."""
+"""Pyplot of matplotlib with the Agg backend, which opens no window."""
 
 from __future__ import annotations
 

@@ -1,12 +1,11 @@
 """Drawings of mechanisms: a `Sketch` turned into strokes, dots and labels on the page.
 
 A `Sketch` (`eomcheck.mechanics.sketch`) lists the parts of a mechanism in one pose, in m. A `View`
-projects their points: the plane as it is, space without perspective. A `Drawing` turns each part
-into strokes, dots and labels in the colors of a light or a dark ground. `place_labels` puts each
-label where it covers neither another label nor what is drawn: it tries 16 directions and 7
+projects their points: planar ones unchanged, spatial ones orthographically. A `Drawing` turns each
+part into strokes, dots and labels in the colors of a light or a dark background. `place_labels`
+puts each label where it covers neither another label nor a stroke: it tries 16 directions and 7
 distances around the named point and takes the position of least cost; a label far from its point
-gets a leader line. Everything but the writing of labels works without matplotlib
-(`eomcheck.lab.show.pictures` paints).
+gets a leader line. Only the labels need matplotlib (`eomcheck.lab.show.pictures` paints).
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from eomcheck.mechanics import sketch as s
 
 
 class Colors(NamedTuple):
-    """Those of Okabe and Ito, or darker ones of the same hue, so that text stands out."""
+    """Color scheme: Okabe and Ito's colors, or darker ones of the same hue, for legible text."""
 
     ground: str
     ink: str
@@ -48,7 +47,7 @@ DARK = Colors(
 
 
 class Stroke(NamedTuple):
-    """A line on the page, in m as seen."""
+    """Polyline on the page, in projected m."""
 
     points: np.ndarray
     color: str
@@ -60,7 +59,7 @@ class Stroke(NamedTuple):
 
 
 class View:
-    """How points of a sketch are seen: in the plane as they are, in space without perspective."""
+    """Projection of a sketch's points: identity in the plane, orthographic in space."""
 
     def __init__(self, sketch: s.Sketch):
         up = np.eye(3)[sketch.up]
@@ -71,7 +70,7 @@ class View:
         self.axes = np.array([right, np.cross(towards, right)])
 
     def __call__(self, points: Any) -> np.ndarray:
-        """Return points (k, d), or one (d,), as seen (k, 2)."""
+        """Return points (k, d), or one (d,), projected to the page (k, 2)."""
         array = np.atleast_2d(np.asarray(points, dtype=float))
         return array if array.shape[1] == 2 else array @ self.axes.T
 
@@ -79,18 +78,20 @@ class View:
 # ---- Parts as strokes ----------------------------------------------------------------------------
 
 SENSE = 0.7
-"""Arc that tells the sense of an angle too small to be seen, rad."""
+"""Arc drawn for an angle too small to be visible, to show its sense, rad."""
 SMALL = 0.15
-"""Angles below this are, rad."""
+"""Angles below this are too small to be visible, rad."""
 
 
 class Drawing:
-    """Strokes and labels of a sketch, in the order in which they are drawn."""
+    """Strokes, dots and labels of a sketch, in drawing order."""
 
     def __init__(
         self, sketch: s.Sketch, colors: Colors, coordinates: Collection[str] | None = None
     ):
-        """Collect the strokes; without the names of `coordinates`, of what moves alone."""
+        """Collect the strokes; without names of `coordinates`, no labels and only the parts that
+        move.
+        """
         self.see, self.colors, self.named = View(sketch), colors, coordinates is not None
         self.coordinates = coordinates or ()
         self.strokes: list[Stroke] = []
@@ -99,8 +100,8 @@ class Drawing:
         self.kinds: set[str] = set()
         self.trails: list[np.ndarray] = []
         points = [p for part in sketch.parts for p in _points_of(part)]
-        seen = np.vstack([self.see(p) for p in points])
-        self.size = float(np.ptp(seen, axis=0).max())
+        projected = np.vstack([self.see(p) for p in points])
+        self.size = float(np.ptp(projected, axis=0).max())
         ranks = [s.Plane, s.Disk, s.SpringMark, s.Body, s.Wheel, s.Distance, s.Arrow, s.Angle]
         ranked = {kind: rank for rank, kind in enumerate(ranks)}
         for part in sorted(sketch.parts, key=lambda part: ranked.get(type(part), len(ranks))):
@@ -159,7 +160,7 @@ class Drawing:
         self._label(one.name, at, self.colors.ink)
 
     def _hatching(self, at: np.ndarray) -> None:
-        """Draw what a pin stands on."""
+        """Draw the ground below a pin joint."""
         size = 0.022 * self.size
         foot = at + size * np.array([[-1.0, -1.6], [0.0, 0.0], [1.0, -1.6], [-1.0, -1.6]])
         self.strokes.append(Stroke(foot, self.colors.body, 1.5))
@@ -195,7 +196,7 @@ class Drawing:
         self._label(one.name, seen.mean(axis=0), self.colors.spring, across)
 
     def _measure(self, name: str) -> str:
-        """Return the colour of a coordinate, or of a length or angle that is none."""
+        """Return the color of an angle or length: a coordinate's, or ink."""
         if name not in self.coordinates:
             return self.colors.ink
         self.kinds.add("coordinate")
@@ -245,7 +246,7 @@ class Drawing:
 
     @property
     def bounds(self) -> np.ndarray:
-        """Least and largest of what is drawn (2, 2), m."""
+        """Least and largest coordinates of the drawing (2, 2), m."""
         points = np.vstack(
             [*(stroke.points for stroke in self.strokes), *(d[0] for d in self.dots)]
         )
@@ -264,18 +265,18 @@ def _points_of(part: s.Part) -> list[Any]:
 # ---- Placement of labels -------------------------------------------------------------------------
 
 SIZE = 15
-"""Of letters, pt."""
+"""Font size of labels, pt."""
 AWAY = (9, 16, 26, 40, 58, 80, 105)
-"""Distances from what a label names at which it is tried, px."""
+"""Distances from the named point that are tried for a label, px."""
 DIRECTIONS = 16
 LEADER = 22
-"""From this distance on, px, a thin line leads to what a label names."""
+"""Distance of a label from its point from which on it has a leader line, px."""
 STEP = 4.0
-"""Distance of the points of lines that labels keep off, px."""
+"""Distance of the sample points on lines that labels avoid, px."""
 
 
 class Label(NamedTuple):
-    """What is to be written beside a point, if possible in the direction `away` from it."""
+    """Text to be written beside a point, preferably in the direction `away` from it."""
 
     text: str
     at: np.ndarray
@@ -284,14 +285,14 @@ class Label(NamedTuple):
 
 
 def symbol(name: str) -> str:
-    """Return the name as it is written: what stands behind a _ is an index."""
+    """Return a name in mathtext; the part after "_" is a subscript."""
     return re.sub(r"(\w+?)_(\w+)", r"$\\mathrm{\1}_{\\mathrm{\2}}$", name)
 
 
 def place_labels(
     axes: Any, labels: Sequence[Label], strokes: Sequence[np.ndarray], faint: str
 ) -> list[Any]:
-    """Write labels into axes whose limits are final; return the texts."""
+    """Write labels into axes whose limits are final; return the text artists."""
     figure = axes.figure
     renderer = figure.canvas.get_renderer()
     seen = axes.transData.transform
@@ -299,7 +300,7 @@ def place_labels(
     frame = axes.get_window_extent(renderer)
     taken: list[np.ndarray] = []
     texts = []
-    # Those that can go least far first: short names of coordinates, then sentences.
+    # Short names of coordinates first: they must stay close to their points, sentences need not.
     for label in sorted(labels, key=lambda one: len(one.text)):
         text = axes.text(
             *label.at, label.text, color=label.color, fontsize=SIZE, ha="center", va="center"
@@ -326,31 +327,33 @@ def _best(
     points: np.ndarray,
     frame: Any,
 ) -> np.ndarray:
-    """Return the centre (2,), px, of a label at its best place."""
-    places = _places(at, size, away)
-    costs = [against + _cost(place, size, taken, points, frame) for place, against in places]
+    """Return the centre (2,), px, of a label at the position of least cost."""
+    positions = _positions(at, size, away)
+    costs = [base + _cost(center, size, taken, points, frame) for center, base in positions]
     best, least = at, np.inf
     for k in np.argsort(costs, kind="stable"):
         if costs[k] >= least:
             break
-        place = places[k][0]
-        cost = costs[k] + _cost_of_leader(_leader(at, place, size), taken, points)
+        center = positions[k][0]
+        cost = costs[k] + _cost_of_leader(_leader(at, center, size), taken, points)
         if cost < least:
-            best, least = place, cost
+            best, least = center, cost
     return best
 
 
-def _places(at: np.ndarray, size: np.ndarray, away: np.ndarray | None) -> list[Any]:
-    """Return (centre of the label, what speaks against it), around a point."""
-    found = []
+def _positions(at: np.ndarray, size: np.ndarray, away: np.ndarray | None) -> list[Any]:
+    """Return candidates (centre of the label, cost of its distance and direction) around a
+    point.
+    """
+    candidates = []
     for gap, k in product(AWAY, range(DIRECTIONS)):
         turn = 2 * np.pi * k / DIRECTIONS
         unit = np.array([np.cos(turn), np.sin(turn)])
-        against = 0.25 * gap
+        cost = 0.25 * gap
         if away is not None and np.hypot(*away) > 0:
-            against += 5 * (1 - unit @ away / np.hypot(*away))
-        found.append((at + unit * (gap + np.abs(unit) @ size / 2), against))
-    return found
+            cost += 5 * (1 - unit @ away / np.hypot(*away))
+        candidates.append((at + unit * (gap + np.abs(unit) @ size / 2), cost))
+    return candidates
 
 
 def _cost(
@@ -377,7 +380,7 @@ def _leader(at: np.ndarray, center: np.ndarray, size: np.ndarray) -> np.ndarray 
 def _cost_of_leader(
     leader: np.ndarray | None, taken: list[np.ndarray], points: np.ndarray
 ) -> float:
-    """Return what speaks against a line to a label: labels and lines that it crosses."""
+    """Return the cost of a leader line: labels and lines that it crosses."""
     if leader is None:
         return 0.0
     along = _sampled(leader)
@@ -388,7 +391,7 @@ def _cost_of_leader(
 
 
 def _sampled(points: np.ndarray) -> np.ndarray:
-    """Return points along a line (k, 2), px, close to each other."""
+    """Return closely spaced points along a line (k, 2), px."""
     parts = [points[-1:]]
     for start, end in pairwise(points):
         count = max(int(np.hypot(*(end - start)) / STEP), 1)

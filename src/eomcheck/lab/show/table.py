@@ -2,9 +2,9 @@
 
 A `ResultTable` is a table: headings and rows of cells, no layout. A `Cell` is a string that also
 carries its kind ("name", or the verdict "passed", "failed", "open", "none"), a link and a tooltip,
-for those outputs that can show them (HTML pages are filled in from the same data). In Markdown no
-text is read as markup that is not meant to be. On a terminal, columns that do not fit wrap; where
-they cannot, each row becomes a list of its cells.
+for those outputs that can show them (HTML pages are filled in from the same data). Markdown escapes
+all text but intended markup. On a terminal, columns that do not fit wrap; where they cannot, each
+row becomes a list of its cells.
 """
 
 from __future__ import annotations
@@ -29,13 +29,12 @@ from eomcheck.safe_output import printable, without_control_characters
 
 
 class Cell(str):
-    """The text of a cell that is more than text.
+    """Text of a table cell with a kind, a link and a tooltip.
 
     Attributes:
-        kind: "name" of something registered, or what a cell says is "passed", "failed", "open" or
-            "none".
-        link: where it leads in a page.
-        hover_text: what a page says on demand.
+        kind: "name" of something registered, or the verdict "passed", "failed", "open" or "none".
+        link: address that a page links it to.
+        hover_text: tooltip in a page.
     """
 
     kind: str
@@ -43,18 +42,18 @@ class Cell(str):
     hover_text: str
 
     def __new__(cls, text: str, kind: str = "", link: str = "", hover_text: str = "") -> Self:
-        """Make it of its text."""
+        """Make a cell from its text."""
         made = super().__new__(cls, text)
         made.kind, made.link, made.hover_text = kind, link, hover_text
         return made
 
 
 CELL_STYLES = {"failed": "bold red", "open": "yellow", "passed": "green", "none": "dim"}
-"""Kind of a cell -> how a terminal shows it."""
+"""Kind of a cell -> its style on a terminal."""
 
 
 def styled(cell: str) -> Text:
-    """Return a cell as a terminal shows it."""
+    """Return a cell as styled terminal text."""
     return Text(
         without_control_characters(cell),
         CELL_STYLES.get(cell.kind, "") if isinstance(cell, Cell) else "",
@@ -65,22 +64,22 @@ def styled(cell: str) -> Text:
 
 _NUMBER = re.compile(r"[<>~≤+−-]?(\d|∞|inf|nan|never)")
 _NO_NUMBER = {"", "-", "·", "?", "FAIL"}
-"""What stands in a column of numbers where there is none."""
+"""Placeholders of missing values in a column of numbers."""
 MANY = 4
-"""Short cells of more columns than this are listed side by side, not one a line."""
+"""Number of columns above which short cells are listed side by side, not one a line."""
 
 
 class ResultTable(NamedTuple):
-    """A table.
+    """Table of results.
 
     Attributes:
-        name: that of its file and its anchor.
-        title: what it shows.
+        name: name of its file and its anchor.
+        title: its title.
         columns: headings.
         rows: cells of text, one a column.
-        widths: of the columns to each other, where they hold sentences.
+        widths: relative widths of the columns, if they contain sentences.
         note: a sentence below it.
-        detail: whether only a terminal shows it, beside a table that says the same in short.
+        detail: whether only a terminal shows it, beside a shorter table of the same content.
     """
 
     name: str
@@ -98,12 +97,12 @@ class ResultTable(NamedTuple):
         return self._replace(columns=[self.columns[i] for i in kept], rows=rows)
 
     def of_numbers(self, column: int) -> bool:
-        """Return whether all that stands in a column are numbers, which end at the right."""
+        """Return whether a column has only numbers, to be aligned at the right."""
         cells = [row[column] for row in self.rows if row[column] not in _NO_NUMBER]
         return bool(cells) and all(_NUMBER.match(cell) for cell in cells)
 
     def markdown(self) -> str:
-        """Return the table in Markdown, nothing in it read as markup; names are code."""
+        """Return the table in Markdown, all text escaped; names are code."""
         rows = (map(escaped, row) for row in self.rows)
         numbers = map(self.of_numbers, range(len(self.columns)))
         return markdown_table(map(escaped, self.columns), rows, numbers)
@@ -115,7 +114,7 @@ class ResultTable(NamedTuple):
         return text.getvalue()
 
     def text(self, width: int) -> RenderableType:
-        """Return the table for a terminal of so many columns.
+        """Return the table for a terminal of `width` columns.
 
         Where it does not fit, words wrap, then headings break at hyphens, and where they do not fit
         either, each row becomes a list of its cells.
@@ -129,7 +128,7 @@ class ResultTable(NamedTuple):
         return table
 
     def _columns(self, width: int) -> list[Column] | None:
-        """Return the columns if they fit."""
+        """Return the columns if they fit, else None."""
         if self.widths:
             made = self._shared(width - 3 * len(self.columns) - 1) if width >= 100 else None
             if made is None:
@@ -148,19 +147,23 @@ class ResultTable(NamedTuple):
         return None
 
     def _fitted(self, heads: Sequence[str], room: int) -> list[int] | None:
-        """Return the widths of the columns in so much room, the widest ones narrowed; or None."""
+        """Return the widths of the columns within `room`, the widest ones narrowed; None if
+        impossible.
+        """
         least = [self._least(i, head) for i, head in enumerate(heads)]
         texts = ("\n".join(column).split("\n") for column in zip(heads, *self.rows, strict=True))
         return _narrowed([max(map(cell_len, lines)) for lines in texts], least, room)
 
     def _shared(self, room: int) -> list[int] | None:
-        """Return so much room in the shares of the columns, none less than it needs; or None."""
+        """Return widths within `room` in proportion to `widths`, none below its least; None if
+        impossible.
+        """
         least = [self._least(i, head) for i, head in enumerate(self.columns)]
         shares = [room * share // sum(self.widths) for share in self.widths]
         return _narrowed(list(map(max, least, shares)), least, room)
 
     def _least(self, column: int, head: str) -> int:
-        """Return the width that a column needs: that of its longest word, or its longest number."""
+        """Return the least width of a column: its longest word, or its longest number."""
         cells = [row[column] for row in self.rows]
         whole, words = (cells, []) if self.of_numbers(column) else ([], cells)
         apart = [word for text in (head, *words) for word in text.split()]
@@ -171,8 +174,8 @@ class ResultTable(NamedTuple):
         lines: list[RenderableType] = []
         for name, *cells in self.rows:
             lines.append(Text(without_control_characters(f"{first} {name}").strip(), style="bold"))
-            told = [(h, c) for h, c in zip(heads, cells, strict=True) if c not in ("", "·")]
-            texts = [Text.assemble(f"{h}: " if h else "", styled(c)) for h, c in told]
+            filled = [(h, c) for h, c in zip(heads, cells, strict=True) if c not in ("", "·")]
+            texts = [Text.assemble(f"{h}: " if h else "", styled(c)) for h, c in filled]
             if len(self.columns) > MANY and not self.widths:
                 texts = _filled(texts, room)
             lines += [Padding(text, (0, 0, 0, 2), expand=False) for text in texts]
@@ -190,7 +193,7 @@ def _narrowed(widths: list[int], least: list[int], room: int) -> list[int] | Non
 
 
 def _filled(texts: Iterable[Text], room: int) -> list[Text]:
-    """Return texts joined into lines of so much room, none of them broken that fits."""
+    """Return texts joined into lines of width `room`; a text that fits is never broken."""
     lines: list[Text] = []
     for text in texts:
         if lines and lines[-1].cell_len + 2 + text.cell_len <= room:
@@ -204,7 +207,7 @@ def _filled(texts: Iterable[Text], room: int) -> list[Text]:
 
 
 def escaped(text: str) -> str:
-    """Return `text` for a Markdown table, nothing in it read as markup; a name is code."""
+    """Return `text` for a Markdown table, all markup escaped; a name is code."""
     if isinstance(text, Cell) and text.kind == "name":
         name = printable(text)
         return f"`{name}`" if not set(name) & set("`|") else escaped(str(name))
@@ -214,7 +217,7 @@ def escaped(text: str) -> str:
 def markdown_table(
     columns: Iterable[str], rows: Iterable[Iterable[str]], numbers: Iterable[bool] = ()
 ) -> str:
-    """Return a table in Markdown, whose cells are Markdown already; numbers end at the right."""
+    """Return a table in Markdown from cells in Markdown; numbers are aligned at the right."""
     heading = list(columns)
     ends = ["---:" if at_right else "---" for at_right in numbers] or ["---"] * len(heading)
     lines = [heading, ends, *rows]
@@ -236,9 +239,9 @@ def print_tables(sheets: Iterable[ResultTable]) -> None:
 
 
 def say(text: str, style: str = "") -> None:
-    """Print a sentence in lines that fit where somebody said how wide they may be.
+    """Print a sentence, wrapped to the width of the terminal where that is known.
 
-    Elsewhere, and of text that has lines of its own, such as code, lines are as long as they are.
+    Elsewhere, and for text with lines of its own, such as code, lines keep their length.
     """
     console.print(
         Text(without_control_characters(text), style), soft_wrap=not WIDTH_KNOWN or "\n" in text
