@@ -320,7 +320,7 @@ def test_robots_are_counted_by_what_checks_and_proofs_came_to(monkeypatch, tmp_p
     path = tmp_path / "arm.urdf"
     path.write_text("")
     settings = {"robot": str(path), "free": True, "states": 9, "seed": 3}
-    record = robots._look(settings)
+    record = robots._check_robot(settings)
     assert asked == [f"{path}:floating", {"examples": 9, "seed": 3}, (4, 3), (None, 9, 3)]
     assert record.counts == {
         **{"coordinates": 3, "passed": 5, "failed": 1, "proved": 7, "disproved": 4}

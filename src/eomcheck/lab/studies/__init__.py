@@ -1,4 +1,6 @@
-"""The studies, one line each: their commands, sections and lines of documentation follow."""
+"""Registry of the studies, one line each, from which commands, sections and documentation
+follow.
+"""
 
 from __future__ import annotations
 
@@ -31,13 +33,12 @@ STUDIES: dict[str, str] = {
     "tolerance": "Measure observed / (κ ε scale) per claim: what the constant C of the tolerances "
     "rests on.",
 }
-"""Key -> what it does. A study of key a-b is STUDY of the module a_b, imported when it is asked
-for."""
+"""Key -> description. A study of key a-b is STUDY of the module a_b, imported on demand."""
 
 BENCHMARKS = ("rhs", "motion", "tolerance")
-"""Those that are commands of `eomcheck bench`, not of `eomcheck study`."""
+"""Keys of the commands of `eomcheck bench`, not of `eomcheck study`."""
 DRAWN = ("accuracy", "agreement")
-"""Those whose figure `eomcheck draw` makes."""
+"""Keys of the studies with a figure by `eomcheck draw`."""
 
 
 def study_of(key: str) -> Study:

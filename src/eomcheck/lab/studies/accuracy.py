@@ -1,4 +1,9 @@
-"""Certified float64 errors of every formulation over random states."""
+"""Certified float64 errors of every formulation over random states.
+
+Each float64 result is compared with a value certified by ball arithmetic, and its true error with
+two predictions: κ ε scale, on which the constant C of the tolerances rests, and the error bound
+that the public functions return.
+"""
 
 from __future__ import annotations
 
@@ -37,25 +42,27 @@ from eomcheck.safe_output import counted
 from eomcheck.scenes import Snake
 
 FLOOR = 1e-3
-"""Ratios below this, exact results included, are drawn here."""
+"""Abscissa at which smaller ratios, exact results included, are drawn."""
 
 
 @dataclass(frozen=True)
 class Delivered:
-    """What one formulation delivered at one state.
+    """Accuracy of one formulation at one state.
 
     Attributes:
         key: the formulation.
         links: number of links.
-        refused: what stood in the way, or None.
+        refused: quantity that made the formulation refuse, or None.
         digits: decimal digits of v̇ that are certainly right.
         relative: largest error over largest true entry.
         ulps: largest error of an entry in units in the last place.
         condition: largest condition number of a matrix solved.
-        kappa: how strongly the computation amplifies relative changes.
-        ratio: observed error / (κ ε scale), NaN where nothing is foreseen or nothing can be lost.
-        of_bound: error over the error bound that the public path states; 0 where that is infinite.
-        machine_of_bound: that of machine code over the same bound; NaN where it gives no number.
+        kappa: amplification of relative input changes by the computation.
+        ratio: observed error / (κ ε scale), NaN where no error is predicted or no digit can be
+            lost.
+        of_bound: error over the error bound of the public path; 0 where that is infinite.
+        machine_of_bound: error of machine code over the same bound; NaN where its result is not
+            finite.
         state: the state as code, where either exceeds 1.
     """
 
@@ -87,8 +94,8 @@ def cells(
     """
     drawn = {"links": parse_interval(links), "examples": examples, "seed": seed, "hostile": hostile}
     check_count(examples=examples)
-    for place in range(examples):
-        yield drawn | {"state": place}
+    for index in range(examples):
+        yield drawn | {"state": index}
 
 
 @lru_cache(1)
@@ -138,13 +145,13 @@ def _delivered(formulation: Formulation, truth: Enclosure, at: Evaluation) -> De
 
 
 def _bound(found: Accuracy) -> float:
-    """Return the bound that the public path states, over the largest true entry."""
+    """Return the error bound of the public path, over the largest true entry."""
     least = UNDERFLOW / max(largest(found.truth.doubles()), UNDERFLOW)
     return max(found.relative_bound, least)
 
 
 def _of_machine_code(formulation: Formulation, found: Accuracy, at: Evaluation) -> float:
-    """Return the error of machine code over the bound of the public path for the same question."""
+    """Return the error of machine code over the bound of the public path for the same state."""
     same, y = as_integrated(at, formulation)
     if same is not at:
         try:
@@ -157,11 +164,11 @@ def _of_machine_code(formulation: Formulation, found: Accuracy, at: Evaluation) 
     return relative_error(machine, found.truth) / _bound(found)
 
 
-# ---- What it comes to ----------------------------------------------------------------------------
+# ---- Results -------------------------------------------------------------------------------------
 
 
 def _known(found: Sequence[Record]) -> tuple[list[Delivered], list[Delivered]]:
-    """Return everything, and of it what is not exact, as results at rest without forces are."""
+    """Return all results, and the inexact ones; results at rest without forces are exact."""
     rows = rows_in(found, Delivered)
     return rows, [one for one in rows if one.refused is not None or one.relative != 0.0]
 
@@ -179,11 +186,13 @@ ERRORS = (
     ("largest error / bound", max, "of_bound", ".2g"),
     ("in machine code", max, "machine_of_bound", ".2g"),
 )
-"""Columns of the tables: heading, and what is done with which field of the states solved."""
+"""Columns of the tables: heading, reduction over the states solved, field, format."""
 
 
 def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
-    """Yield, per formulation, what doubles delivered, and what the constant C rests on."""
+    """Yield, per formulation, the accuracy of float64, and the ratios on which the constant C
+    rests.
+    """
     digits, errors = [], []
     rows, moving = _known(found)
     for key in dict.fromkeys(one.key for one in rows):
@@ -212,7 +221,7 @@ def _numbers(rows: Iterable[Delivered], name: str) -> list[float]:
 
 
 def remarks(found: Sequence[Record]) -> Iterator[str]:
-    """Yield what the tables rest on, the largest ratio of all, and states beyond their bound."""
+    """Yield the basis of the tables, the largest ratio of all, and states beyond their bound."""
     yield from unfinished(found)
     rows, moving = _known(found)
     top = max(_numbers(moving, "ratio"), default=0.0)
@@ -233,7 +242,9 @@ def alarm(found: Sequence[Record]) -> bool:
 
 
 def charts(found: Sequence[Record]) -> Iterator[Chart]:
-    """Yield certified digits over the number of links, and what the constant C rests on."""
+    """Yield certified digits over the number of links, and the distribution of error / (κ ε
+    scale).
+    """
     solved = [one for one in rows_in(found, Delivered) if one.refused is None]
     digits, shares = [], []
     for key, aside in zip(FORMULATIONS, np.linspace(-0.3, 0.3, len(FORMULATIONS)), strict=True):

@@ -1,4 +1,9 @@
-"""Differences between formulations on random snakes, beside the rounding bound and a fault."""
+"""Differences between formulations on random snakes, beside the rounding bound and a fault.
+
+Each formulation's q̈ is compared with that of a reference formulation, relative to max |q̈|. The
+fault is a flipped sign of gamma in the reference: it shows how far the rounding bound is below the
+effect of an error.
+"""
 
 from __future__ import annotations
 
@@ -27,17 +32,17 @@ from eomcheck.scenes import Snake
 
 REFERENCE = "au"
 FLOOR = 1e-18
-"""Exact agreement is drawn here: a logarithm has no zero."""
+"""Ordinate at which exact agreement is drawn, since a logarithm has no zero."""
 SPARE = 4
-"""Snakes are drawn so many times as often as they are looked at."""
+"""Number of sampled snakes per compared one."""
 
 
 @dataclass(frozen=True)
 class Agreement:
     """Distance of one formulation from the reference at one state, relative to max |q̈|.
 
-    `observed` is the distance, `allowed` what rounding allows of it. `faulty` is the distance of
-    the reference itself when the sign of gamma is flipped.
+    `observed` is the distance, `allowed` its bound by rounding. `faulty` is the distance of the
+    reference itself when the sign of gamma is flipped.
     """
 
     key: str
@@ -69,9 +74,9 @@ def _compared(settings: Settings) -> Record:
     links, per_size, seed = (settings[name] for name in ("links", "per size", "seed"))
     drawn = strategies.scene_states(strategies.snakes(links, links))
     some = draw_samples(drawn, SPARE * per_size, seed)
-    # Of snakes that stay at rest, and the simplest are, nothing can be said relative to q̈.
-    told = (_compare(Evaluation(scene, *state)) for scene, state in some)
-    rows = chain.from_iterable(islice(filter(None, told), per_size))
+    # Snakes that stay at rest, as the simplest do, are left out: distances are relative to q̈.
+    compared = (_compare(Evaluation(scene, *state)) for scene, state in some)
+    rows = chain.from_iterable(islice(filter(None, compared), per_size))
     return record_of_rows(STUDY.key, settings, rows)
 
 
@@ -79,7 +84,7 @@ def _compare(at: Evaluation) -> list[Agreement]:
     reference = FORMULATIONS[REFERENCE]
     try:
         vdot = at.acceleration(reference).vdot
-        spread = acceleration_sensitivity(at, reference)
+        sensitivity = acceleration_sensitivity(at, reference)
     except RefusedError:
         return []
     M, _, _, a, gamma, _ = at.terms
@@ -93,7 +98,7 @@ def _compare(at: Evaluation) -> list[Agreement]:
             continue
         try:
             observed = largest(at.acceleration(formulation).vdot - vdot) / scale
-            allowed = allowed_error(acceleration_sensitivity(at, formulation) + spread) / scale
+            allowed = allowed_error(acceleration_sensitivity(at, formulation) + sensitivity) / scale
         except RefusedError:
             continue
         faulty = largest(flipped - vdot) / scale
@@ -101,11 +106,11 @@ def _compare(at: Evaluation) -> list[Agreement]:
     return records
 
 
-# ---- What it comes to ----------------------------------------------------------------------------
+# ---- Results -------------------------------------------------------------------------------------
 
 
 def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
-    """Yield how far each formulation is from the reference at most."""
+    """Yield the table of largest distances from the reference, by formulation."""
     rows = [
         (
             key,
@@ -139,15 +144,15 @@ def snake_panel(scene: Snake) -> Panel:
 
 
 def charts(found: Sequence[Record]) -> Iterator[Chart]:
-    """Yield how far each formulation is from the reference, beside the allowed and a fault."""
+    """Yield the chart of distances from the reference, beside the rounding bound and a fault."""
     rows = rows_in(found, Agreement)
 
     def points(key: str, value: Callable[[Agreement], float], some: list[Agreement]) -> Line:
-        said = [(f"{key}, N = {one.links}", f"{value(one):.1e}") for one in some]
+        hover = [(f"{key}, N = {one.links}", f"{value(one):.1e}") for one in some]
         at = [max(value(one), FLOOR) for one in some]
-        return Line(key, [one.links for one in some], at, said, joined=False)
+        return Line(key, [one.links for one in some], at, hover, joined=False)
 
-    # At rest the flipped sign is that of zero.
+    # At rest gamma is zero, and flipping its sign has no effect.
     states = list({(one.links, one.faulty): one for one in rows if one.faulty}.values())
     lines = [
         points("allowed by rounding", lambda one: one.allowed, rows),

@@ -1,4 +1,6 @@
-"""Differences between each engine and the scenes' own equations, and what each engine offers."""
+"""Differences between each engine and the scenes' own equations, and the quantities that each
+engine offers.
+"""
 
 from __future__ import annotations
 
@@ -36,25 +38,27 @@ QUANTITIES = {
     "engine-acceleration": "q̈",
     "engine-multipliers": "λ",
 }
-"""Claims that ask engines -> what they ask for."""
+"""Claims that call engines -> the quantity compared."""
 SHOWN = ("mass-matrix", "bias", "engine-acceleration", "engine-multipliers")
-"""Those whose differences the tables show; the others cancel in many poses, and are judged only."""
+"""Claims with columns in the tables; the other quantities cancel in many poses, and are judged
+only.
+"""
 
 CONSTRAINED = ("engine-acceleration", "engine-multipliers")
-"""Those that constraints which give way change."""
+"""Claims whose quantities change if constraints are compliant."""
 
 REFERENCE = "au"
 
 
 @dataclass(frozen=True)
 class EngineDifference:
-    """One quantity of an engine at all states of a kind of scenes.
+    """Difference of one quantity between an engine and scenes of one class, over all states.
 
-    `relative` is the largest difference from the scene's own, divided by its largest entry, or by
-    that of what cancels in it: B with one velocity of the other sign, the unconstrained
-    acceleration. `share` is the largest observed / allowed of what could be judged. Either is None
-    where there is none. `gives_way` says that the engine declares its constraints compliant, and
-    has some here: the difference is then one of model.
+    `relative` is the largest difference from the scene's own value, divided by its largest entry,
+    or by that of the quantities that cancel in it: B with one velocity of the other sign, the
+    unconstrained acceleration. `share` is the largest observed / allowed of the decided Findings.
+    Either is None if there is none. `gives_way` is whether the engine declares its constraints
+    compliant, and the scenes have some: the difference is then one of model.
     """
 
     engine: str
@@ -75,7 +79,7 @@ def cells(
     states: Annotated[int, "Random scenes of a kind, each in one state."] = 50,
     seed: Seed = 0,
 ) -> Iterator[Settings]:
-    """Yield a cell for each engine and each kind of scene that it represents.
+    """Yield a cell for each engine and each scene class that it represents.
 
     Raises:
         InputError, UnknownNameError: no such engine, no such numbers of links, or no states.
@@ -91,7 +95,7 @@ def cells(
 
 
 def _compare(settings: Settings) -> Record:
-    """Look at all states of one kind of scene that the engine represents."""
+    """Compare all states of one scene class that the engine represents."""
     key, kind = settings["engine"], SCENES[settings["scene"]]
     try:
         version = engine_of(key).version()
@@ -101,11 +105,11 @@ def _compare(settings: Settings) -> Record:
     run, differences, states, held = ValidationRun(), dict[str, float](), 0, False
     for scene, state in scene_cases(kind, *(settings[x] for x in ("links", "states", "seed"))):
         if not engine_of(key).represents(scene):
-            continue  # some libraries take no body but such as can be, and draws are of all
+            continue  # some libraries accept only physical inertias, sampled scenes have any
         engine, states, held = engine_of(key)(scene), states + 1, held or scene.r > 0
         allowed = {one.claim: one.allowed for one in run.check_state(scene, state, selection)}
         for claim, difference, size in _differences(engine, scene, state):
-            # What vanishes but for rounding has no size to be relative to.
+            # A quantity that is nothing but rounding has no size to be relative to.
             if size > allowed.get(claim, 0.0):
                 differences[claim] = max(difference / size, differences.get(claim, 0.0))
     rows, compliant = [], held and engine_of(key).compliant
@@ -123,19 +127,17 @@ def _compare(settings: Settings) -> Record:
 
 
 def _differences(engine: Engine, scene: Scene, state: State) -> Iterator[tuple[str, float, float]]:
-    """Yield claim, largest difference, and the size that it is relative to in
-    `EngineDifference`.
-    """
+    """Yield claim, largest difference, and its divisor for `EngineDifference.relative`."""
     at, answers = Evaluation(scene, *state), Answers(engine)
     turned = [Evaluation(scene, at.q, at.v * sign, at.t) for sign in 1 - 2 * np.eye(scene.n)]
     sizes = {
         "bias": max(largest(one.terms.B) for one in turned),
         "engine-acceleration": largest(np.linalg.solve(at.terms.M, at.F)),
     }
-    terms, here = at.terms, (at.q, at.v, at.t)
+    terms, state = at.terms, (at.q, at.v, at.t)
     pairs: dict[str, tuple[Array | None, Array | None]] = {
         "mass-matrix": (terms.M, answers.mass_matrix(at.q, at.t)),
-        "bias": (terms.B, answers.bias(*here)),
+        "bias": (terms.B, answers.bias(*state)),
     }
     others = {
         "generalized-forces": ("forces", terms.Q),
@@ -144,7 +146,7 @@ def _differences(engine: Engine, scene: Scene, state: State) -> Iterator[tuple[s
     }
     for claim, (method, ours) in others.items():
         if ours is not None and engine.offers(method):
-            pairs[claim] = ours, getattr(answers, method)(*here)
+            pairs[claim] = ours, getattr(answers, method)(*state)
     if engine.offers("acceleration"):
         Q = np.zeros(scene.n) if terms.Q is None else terms.Q
         with suppress(RefusedError):
@@ -157,32 +159,36 @@ def _differences(engine: Engine, scene: Scene, state: State) -> Iterator[tuple[s
             yield claim, largest(ours - theirs), max(largest(ours), sizes.get(claim, 0.0))
 
 
-# ---- What it comes to ----------------------------------------------------------------------------
+# ---- Results -------------------------------------------------------------------------------------
 
 
 def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
-    """Yield what each engine can say, how far it is from ours, and the same by scenes."""
+    """Yield the table of engines (quantities offered, largest differences), and the same by
+    scenes.
+    """
     rows = rows_in(found, EngineDifference)
     engines = dict.fromkeys(one.engine for one in rows)
-    says, by_scene = [], []
+    by_engine, by_scene = [], []
     for key in engines:
         mine = [one for one in rows if one.engine == key]
         of_scenes = {one.scene: one.states for one in mine}
         cells = (_cell([one for one in mine if one.claim == claim]) for claim in SHOWN)
         others = [name for claim, name in QUANTITIES.items() if claim not in SHOWN]
-        told = [QUANTITIES[claim] for claim in dict.fromkeys(one.claim for one in mine)]
+        offered = [QUANTITIES[claim] for claim in dict.fromkeys(one.claim for one in mine)]
         failures = str(sum(one.failed for one in mine))
         states = str(sum(of_scenes.values()))
-        also = ", ".join(name for name in others if name in told) or "-"
+        also = ", ".join(name for name in others if name in offered) or "-"
         name = Cell(mine[0].version, "name")
-        says.append((name, str(len(of_scenes)), states, failures, *cells, also))
+        by_engine.append((name, str(len(of_scenes)), states, failures, *cells, also))
         for scene in of_scenes:
-            here = [one for one in mine if one.scene == scene]
-            cells = (_cell([one for one in here if one.claim == claim]) for claim in SHOWN)
+            on_scene = [one for one in mine if one.scene == scene]
+            cells = (_cell([one for one in on_scene if one.claim == claim]) for claim in SHOWN)
             by_scene.append((Cell(key, "name"), scene, *cells))
     shown = [QUANTITIES[claim] for claim in SHOWN]
     columns = ("engine", "scenes", "states", "failures", *shown, "also says")
-    yield ResultTable("engines", "Largest relative difference from the scene's own", columns, says)
+    yield ResultTable(
+        "engines", "Largest relative difference from the scene's own", columns, by_engine
+    )
     columns = ("engine", "scene", *shown)
     yield ResultTable("engines-by-scene", "The same, scene by scene", columns, by_scene)
 
@@ -190,7 +196,7 @@ def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
 def _cell(rows: Sequence[EngineDifference]) -> Cell:
     known = [one.relative for one in rows if one.relative is not None]
     if any(one.failed for one in rows):
-        # What fails where it is too small to be relative to has no number.
+        # A failure in a quantity too small for a relative difference has no number.
         return Cell(f"{max(known):.0e} FAIL" if known else "FAIL", "failed")
     if not known:
         return Cell("-", "none")
@@ -203,7 +209,7 @@ def _cell(rows: Sequence[EngineDifference]) -> Cell:
 
 
 def remarks(found: Sequence[Record]) -> Iterator[str]:
-    """Yield what was not installed, and how much of what rounding allows was used."""
+    """Yield the libraries that are not installed, and the largest observed / allowed."""
     missing = {record.reason: None for record in found if record.status == "refused"}
     yield from missing
     yield from unfinished([record for record in found if record.status != "refused"])

@@ -1,9 +1,9 @@
-"""Long runs: by which laws the errors of constraints and energy grow, and what stops them.
+"""Long runs: growth laws of constraint and energy errors, with and without stabilization.
 
-The paper's robot, released from rest, for 1 000 s by every formulation; by those that can leave the
-constraints also with Baumgarte's feedback and with projection. Each error is fitted by
-rate · T (t/T)^exponent (`eomcheck.motion.trajectory_errors.drift_of`): exponent 0 levels off, 1/2
-is a random walk, 1 a steady drift.
+The paper's robot, released from rest, for 1 000 s by every formulation; by those at acceleration
+level, which drift off the constraints, also with Baumgarte's feedback and with projection. Each
+error is fitted by rate · T (t/T)^exponent (`eomcheck.motion.trajectory_errors.drift_of`): exponent
+0 levels off, 1/2 is a random walk, 1 a steady drift.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ REMEDIES: dict[str, dict[str, Any]] = {
 TOLERANCE = 1e-6
 INTEGRATOR = "DOP853"
 TIMES = 200
-"""Output times, evenly apart in logarithms."""
+"""Number of output times, evenly spaced in logarithms."""
 
 
 QUICK_END, QUICK_KEYS = 30.0, ("au", "kane")
@@ -53,7 +53,7 @@ TITLES = {
 LAWS = {"end": ".1e", "exponent": ".2f", "rate": ".1e"}
 ERRORS = {"constraint": "‖c‖ / (m/s)", "energy": "|E - E₀| / E₀"}
 FLOOR = 1e-18
-"""Errors that are exactly 0 are drawn here: a logarithm has no zero."""
+"""Ordinate at which errors of exactly 0 are drawn, since a logarithm has no zero."""
 
 
 def cells(
@@ -63,7 +63,7 @@ def cells(
     tolerance: Annotated[float | None, "rtol = atol. [1e-6]"] = None,
     quick: Annotated[bool, "30 s by two formulations only."] = False,
 ) -> Iterator[Settings]:
-    """Yield a cell for each formulation, and for each remedy where it can leave the constraints.
+    """Yield a cell for each formulation, and for each remedy if it is at acceleration level.
 
     Raises:
         InputError: an end of 2 s or less, or a tolerance that is not in (0, 1).
@@ -85,7 +85,8 @@ def cells(
 def output_times(t_end: float) -> Array:
     """Return times from 0.5 s to half an interval of projection before the end, s.
 
-    The velocity has just been projected at whole intervals: there an error is not seen.
+    Whole multiples of the interval are avoided: the velocity has just been projected there, and its
+    error would be invisible.
     """
     return np.geomspace(0.5, t_end - INTERVAL / 2, TIMES)
 
@@ -133,7 +134,7 @@ def _long_run(settings: dict[str, Any]) -> Record:
 
 
 def _start_energy(scene: Scene) -> float:
-    """Return E_0, J: the first output time comes later."""
+    """Return the initial energy E_0, J; the first output time comes later."""
     at = Evaluation(scene, *scene.initial_state())
     T, U = at.call(scene.energies, at.parameters, at.prepared, at.q, at.v)
     return float(T if U is None else T + U)
@@ -146,28 +147,28 @@ def find_run(records: Iterable[Record], key: str, remedy: str) -> Record | None:
 
 
 def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
-    """Yield the growth law and the end of both errors of every run."""
+    """Yield the growth law and the final value of both errors of every run."""
     rows = []
     for r in found:
         laws = {f"{error}_{law}": how for error in ERRORS for law, how in LAWS.items()}
-        told = (format(r.errors[x], how) if x in r.errors else "" for x, how in laws.items())
+        numbers = (format(r.errors[x], how) if x in r.errors else "" for x, how in laws.items())
         cpu = "" if r.cpu_seconds is None else f"{r.cpu_seconds:.3g}"
         where = r.settings["formulation"], r.settings["remedy"]
-        rows.append((*where, *told, f"{r.counts.get('right-hand sides', 0):,}", cpu))
+        rows.append((*where, *numbers, f"{r.counts.get('right-hand sides', 0):,}", cpu))
     heads = (x for name in ERRORS for x in (f"{name} at the end", "exponent", "rate per s"))
     columns = ("formulation", "remedy", *heads, "right-hand sides", "CPU s")
     yield ResultTable("long-run", "Laws of growth: rate · T (t/T)^exponent", columns, rows)
 
 
 def remarks(found: Sequence[Record]) -> Iterator[str]:
-    """Yield why runs failed."""
+    """Yield the reasons of failed runs."""
     for r in found:
         if r.status != "done":
             yield "{formulation}, {remedy} ".format(**r.settings) + f"{r.status}: {r.reason}"
 
 
 def charts(found: Sequence[Record]) -> Iterator[Chart]:
-    """Yield both errors over time, a column a remedy."""
+    """Yield both errors over time, a column per remedy."""
     panels = {}
     for (error, label), remedy in product(ERRORS.items(), REMEDIES):
         lines = [
@@ -175,9 +176,9 @@ def charts(found: Sequence[Record]) -> Iterator[Chart]:
                 key,
                 r.series["times"],
                 [max(x, FLOOR) for x in r.series[error]],
-                every=(3 * place, 30),
+                every=(3 * index, 30),
             )
-            for place, key in enumerate(FORMULATIONS)
+            for index, key in enumerate(FORMULATIONS)
             for r in [find_run(found, key, remedy)]
             if r is not None and r.series
         ]

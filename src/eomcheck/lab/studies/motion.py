@@ -1,4 +1,4 @@
-"""Time of a whole motion, of the paper's robot for 1 s, in machine code and through Python.
+"""Run time of a whole motion, of the paper's robot for 1 s, in machine code and through Python.
 
 Both integrators are DOP853 with the very same right-hand side in machine code: CyRK calls it from
 C, SciPy from Python.
@@ -23,24 +23,26 @@ from eomcheck.scene_lookup import scene_named
 
 PAPER = "paper"
 END = 1.0
-"""s."""
+"""End of the motion, s."""
 TOLERANCE = 1e-12
 """rtol = atol."""
 ROUNDS = 6
-"""Every formulation is timed in each: a slow minute of the machine is one of all of them."""
+"""Number of rounds; every formulation is timed in each, so that a slow minute of the machine
+affects all of them.
+"""
 RUNS, IN_PYTHON = 5, 2
-"""Runs in a round, by CyRK and through SciPy."""
+"""Numbers of runs in a round, by CyRK and through SciPy."""
 
 
 @dataclass(frozen=True)
 class MotionTime:
-    """What one motion takes.
+    """Run time of one motion.
 
     Attributes:
         formulation: key.
-        seconds: best run by CyRK; NaN where it does not reach the end.
-        right_hand_sides: evaluated in it.
-        seconds_in_python: best run by SciPy.
+        seconds: best run by CyRK, s; NaN if it does not reach the end.
+        right_hand_sides: number of evaluations in it.
+        seconds_in_python: best run by SciPy, s.
     """
 
     formulation: str
@@ -62,9 +64,9 @@ def cells(*, scene: One = PAPER, formulation: Formulations = None) -> Iterator[S
 
 
 def time_motion(settings: Settings) -> Record:
-    """Time the motion of a scene from its start by some formulations."""
+    """Time the motion of a scene from its initial state by some formulations."""
     keys, scene = settings["formulations"], scene_named(settings.get("scene", PAPER))
-    found: dict[str, MotionTime] = {}
+    times: dict[str, MotionTime] = {}
     motions = []
     with progress("making code and timing it in {step}", (1 + ROUNDS) * len(keys)) as advance:
         for key in keys:
@@ -72,20 +74,20 @@ def time_motion(settings: Settings) -> Record:
             if motion.solve(END, rtol=TOLERANCE, atol=TOLERANCE).success:
                 motions.append(motion)
             else:
-                found[key] = MotionTime(key, math.nan, motion.rates.calls, math.nan)
+                times[key] = MotionTime(key, math.nan, motion.rates.calls, math.nan)
             advance()
         for _ in range(ROUNDS):
             for motion in motions:
                 new = _measure(motion)
-                old = found.get(new.formulation, new)
-                found[new.formulation] = MotionTime(
+                old = times.get(new.formulation, new)
+                times[new.formulation] = MotionTime(
                     new.formulation,
                     min(old.seconds, new.seconds),
                     new.right_hand_sides,
                     min(old.seconds_in_python, new.seconds_in_python),
                 )
                 advance()
-    return record_of_rows(STUDY.key, settings, found.values())
+    return record_of_rows(STUDY.key, settings, times.values())
 
 
 def _measure(motion: Motion) -> MotionTime:
@@ -103,7 +105,7 @@ def _by_scipy(motion: Motion) -> None:
 
 
 def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
-    """Yield the time of a motion by CyRK and by SciPy, and their ratio."""
+    """Yield the run time of a motion by CyRK and by SciPy, and their ratio."""
     known = rows_in(found, MotionTime)
     rows = [
         (

@@ -1,4 +1,4 @@
-"""Robot descriptions from installed packages: checked, proved, and read by several libraries."""
+"""Robot descriptions from installed packages: checked, proved, and compared between libraries."""
 
 from __future__ import annotations
 
@@ -41,15 +41,17 @@ ROBOTS = {
     "fish": ("dm_control", "dm_control/suite/fish.xml"),
     "jaco": ("dm_control", "third_party/kinova/jaco_arm.xml"),
 }
-"""Name -> package on PyPI that its description comes with, and how the path there ends."""
+"""Name -> package on PyPI that contains its description, and the end of the path in it."""
 
 WALKING = "solo12", "anymal"
-"""Those that are looked at with a free base as well."""
+"""Names of the robots that are also checked with a free base."""
 
 
 @dataclass(frozen=True)
 class LibraryReading:
-    """What one library makes of one robot: largest differences from us, relative."""
+    """Result of one library for one robot: verdict and largest relative differences from
+    eomcheck.
+    """
 
     robot: str
     library: str
@@ -59,10 +61,10 @@ class LibraryReading:
 
 
 def robot_path(robot: str) -> Path:
-    """Return the file of a robot of `ROBOTS`, or the path that `robot` is.
+    """Return the file of a robot of `ROBOTS`, or `robot` itself as a path.
 
     Raises:
-        EngineError: the package that it comes with is not installed.
+        EngineError: the package with its description is not installed.
         InputError: it is neither a known name nor a file.
     """
     if robot not in ROBOTS:
@@ -103,7 +105,7 @@ def cells(
         yield {"robot": name, "free": floating, "states": states, "seed": seed}
 
 
-def _look(settings: Settings) -> Record:
+def _check_robot(settings: Settings) -> Record:
     """Check, prove and compare one robot."""
     name, states, seed = (settings[x] for x in ("robot", "states", "seed"))
     called = _called(settings)
@@ -144,11 +146,11 @@ def _called(settings: Settings) -> str:
     return settings["robot"] + (", free" if settings["free"] else "")
 
 
-# ---- What it comes to ----------------------------------------------------------------------------
+# ---- Results -------------------------------------------------------------------------------------
 
 
 def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
-    """Yield what came of our own equations, and what each library makes of each robot."""
+    """Yield the table of checks and proofs by robot, and the table of libraries by robot."""
     done = [record for record in found if record.status == "done"]
     names = ("coordinates", "passed", "failed", "proved", "disproved")
     rows = [
@@ -174,8 +176,8 @@ def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
     yield ResultTable("robots-by-library", title, ("robot", *libraries), rows)
 
 
-_LOOKS = {"agrees where decided": "passed", "inconclusive": "open", "nothing compared": "open"}
-"""Verdict of a library that differs nowhere -> how its cell looks."""
+_CELL_KINDS = {"agrees where decided": "passed", "inconclusive": "open", "nothing compared": "open"}
+"""Verdict of a library without differences -> kind of its cell."""
 
 
 def _key(one: LibraryReading) -> str:
@@ -190,11 +192,11 @@ def _cell(one: LibraryReading | None) -> Cell:
     number = f"{one.apart['M']:.0e}"
     if one.verdict == "agrees":
         return Cell(number, "passed")
-    return Cell(f"{number} {one.verdict}", _LOOKS.get(one.verdict, "failed"))
+    return Cell(f"{number} {one.verdict}", _CELL_KINDS.get(one.verdict, "failed"))
 
 
 def remarks(found: Sequence[Record]) -> Iterator[str]:
-    """Yield why libraries differ or gave no answer."""
+    """Yield the reasons why libraries differ or gave no answer."""
     yield from unfinished(found)
     for one in rows_in(found, LibraryReading):
         if one.verdict not in ("agrees", "agrees where decided", "no damping"):
@@ -203,7 +205,7 @@ def remarks(found: Sequence[Record]) -> Iterator[str]:
 
 
 def alarm(found: Sequence[Record]) -> bool:
-    """Return whether our own equations of a robot failed, or a robot could not be looked at."""
+    """Return whether a check or proof of a robot failed, or a robot could not be checked."""
     bad = (one.counts.get("failed", 0) + one.counts.get("disproved", 0) for one in found)
     return failed(found) or any(bad)
 
@@ -211,7 +213,7 @@ def alarm(found: Sequence[Record]) -> bool:
 STUDY = Study(
     key="robots",
     cells=cells,
-    worker=lambda known: _look,
+    worker=lambda known: _check_robot,
     tables=tables,
     remarks=remarks,
     label="looking at {robot}",

@@ -31,10 +31,10 @@ def cells(
     examples: Examples = 200,
     seed: Seed = 0,
 ) -> Iterator[Settings]:
-    """Yield a cell for each kind of scene: all its states are drawn together.
+    """Yield a cell for each scene class: all its states are sampled together.
 
     Raises:
-        InputError: no such numbers of links, links of a kind without, or no examples.
+        InputError: no such numbers of links, links of a scene class without, or no examples.
         UnknownNameError: no such scene.
     """
     check_count(examples=examples)
@@ -47,13 +47,13 @@ def cells(
 
 
 def worker(known: Sequence[Record], *, scene: Kind = "snake") -> Callable[[Settings], Record]:
-    """Return what finds the ratios of a kind of scene."""
+    """Return the function that computes the ratios of one scene class."""
     kinds = {kind.key: kind for kind in scene_classes_named(scene)}
     return lambda settings: _ratios(kinds[settings.get("scene", Snake.key)], settings)
 
 
 def _ratios(kind: type[Scene], settings: Settings) -> Record:
-    """Find, per claim, observed / (κ ε scale) of every conclusive Finding."""
+    """Return, per claim, observed / (κ ε scale) of every conclusive Finding."""
     run, selection, examples = ValidationRun(), RunSelection.of(scenes=[kind]), settings["examples"]
     links, seed = settings["links"], settings["seed"]
     with progress("measuring errors at {state}", examples) as advance:
@@ -83,14 +83,14 @@ def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
 
 
 def remarks(found: Sequence[Record]) -> Iterator[str]:
-    """Yield the largest ratio of all, beside C."""
+    """Yield the largest ratio of all claims, beside C."""
     yield from unfinished(found)
     top = max(chain.from_iterable(x for r in found for x in r.series.values()), default=0.0)
     yield f"observed / (κ ε scale): largest {top:.3g}; the constant C is {C:g}."
 
 
 def alarm(found: Sequence[Record]) -> bool:
-    """Return whether an error exceeds what the constant C allows."""
+    """Return whether an error exceeds the bound by the constant C."""
     ratios = chain.from_iterable(x for r in found for x in r.series.values())
     return failed(found) or any(ratio > C for ratio in ratios)
 

@@ -31,7 +31,7 @@ from eomcheck.safe_output import counted
 
 TOLERANCES = tuple(10.0**-k for k in range(3, 14, 2))
 TARGETS = (1e-3, 1e-6, 1e-9)
-"""Errors of the end state whose run times are compared."""
+"""Errors of the end state for which run times are compared."""
 
 
 ERRORS = {
@@ -44,7 +44,7 @@ AGAINST = {
     "right-hand sides": Axis("right-hand sides", log=True),
 }
 NOTHING = 1e-17
-"""Errors that are exactly 0 are drawn here."""
+"""Ordinate at which errors of exactly 0 are drawn."""
 
 
 def cells(
@@ -70,7 +70,7 @@ def cells(
     for one in tolerance or ():
         if not 0 < one < 1:
             raise InputError(f"tolerance = {one!r}, expected a number between 0 and 1")
-    # Tolerances innermost: the code made for the first one serves the others.
+    # Tolerances innermost: the code compiled for the first one serves the others.
     for name in reference or ("paper-rest",):
         scene = stored_reference(name, references).scene
         keys = [f.key for f in formulations_for(scene, formulation or None)]
@@ -79,7 +79,9 @@ def cells(
 
 
 def worker(known: Sequence[Record], *, references: References = REFERENCES) -> CellWorker:
-    """Return what integrates a motion, compares it with its reference, and takes its time."""
+    """Return the function that integrates a motion, compares it with its reference, and times
+    it.
+    """
 
     @cache
     def prepared(name: str, key: str) -> tuple[Reference, Motion, float]:
@@ -119,7 +121,7 @@ def _drifts(found: Trajectory) -> dict[str, float]:
     return errors
 
 
-# ---- What follows from the Records ---------------------------------------------------------------
+# ---- Rankings of Records -------------------------------------------------------------------------
 
 
 def fastest_to(records: Iterable[Record], target: float) -> dict[tuple[str, str], Record]:
@@ -133,7 +135,7 @@ def fastest_to(records: Iterable[Record], target: float) -> dict[tuple[str, str]
 
 
 def _best(records: Iterable[Record], target: float) -> dict[str, Record]:
-    """Return the same per formulation, whatever the integrator."""
+    """Return the fastest Record per formulation, with any integrator."""
     of = by_setting(fastest_to(records, target).values(), "formulation")
     return {key: best for key, (best, *_) in of.items()}
 
@@ -149,7 +151,9 @@ def most_accurate(records: Iterable[Record]) -> dict[str, Record]:
 
 
 def pareto_front(records: Iterable[Record]) -> list[Record]:
-    """Return the Records than which no other is both faster and more accurate, fastest first."""
+    """Return the Pareto-optimal Records, fastest first: none is both slower and less accurate than
+    another.
+    """
     front: list[Record] = []
     for record in sorted(select(records), key=lambda r: (r.seconds, r.errors["final"])):
         if not front or record.errors["final"] < front[-1].errors["final"]:
@@ -158,7 +162,7 @@ def pareto_front(records: Iterable[Record]) -> list[Record]:
 
 
 def summary(records: Sequence[Record]) -> str:
-    """Return one paragraph made from the numbers of one scene."""
+    """Return a one-paragraph summary of the numbers of one scene."""
     sentences = [f"{len(select(records))} of {counted(len(records), 'run')} finished."]
     for target in TARGETS:
         best = _best(records, target)
@@ -167,16 +171,16 @@ def summary(records: Sequence[Record]) -> str:
             continue
         key, *_, slowest = [*best] * 2
         first, last = best[key], best[slowest]
-        told = (
+        sentence = (
             f"An error of {target:.0e} is reached first by {key} with "
             f"{first.settings['integrator']} in {1e3 * _seconds(first):.3g} ms"
         )
         if slowest != key:
-            told += (
+            sentence += (
                 f"; the slowest formulation, {slowest}, takes "
                 f"{_seconds(last) / _seconds(first):.3g} times as long with its best integrator"
             )
-        sentences.append(told + ".")
+        sentences.append(sentence + ".")
     return " ".join(sentences)
 
 
@@ -203,7 +207,7 @@ def remarks(found: Sequence[Record]) -> Iterator[str]:
 
 
 def _run(record: Record) -> tuple[str, ...]:
-    """Return formulation, integrator and tolerance."""
+    """Return formulation, integrator and tolerance as text."""
     settings = record.settings
     return settings["formulation"], settings["integrator"], f"{settings['tolerance']:.0e}"
 
@@ -263,7 +267,9 @@ def _drift_laws(name: str, records: Sequence[Record]) -> ResultTable:
 
 
 def errors_shown(records: Sequence[Record]) -> dict[str, str]:
-    """Return the errors that the scene of these Records has, and their labels; all, of none."""
+    """Return the errors defined for the scene of these Records, with their labels; all without
+    Records.
+    """
     return {
         error: label
         for error, label in ERRORS.items()
@@ -272,7 +278,7 @@ def errors_shown(records: Sequence[Record]) -> dict[str, str]:
 
 
 def _absent(name: str, errors: Iterable[str]) -> str:
-    """Return why there is no panel for an error, if so."""
+    """Return the reasons why errors have no panel, or ""."""
     case = REFERENCE_CASES.get(name)
     reason = case.scene().why_not_conserved if case else ""
     missing = []
@@ -332,14 +338,14 @@ def _lines(records: Sequence[Record], error: str, against: str) -> list[Line]:
                 key,
                 [_seconds(r) if timed else r.counts[against] for r in mine],
                 [max(r.errors[error], NOTHING) for r in mine],
-                [_told(r) for r in mine],
+                [_hover_text(r) for r in mine],
                 hollow=[timed and was_contended(r) for r in mine],
             )
         )
     return lines
 
 
-def _told(record: Record) -> list[str]:
+def _hover_text(record: Record) -> list[str]:
     key, integrator, tolerance = _run(record)
     counts = record.counts
     status = "disturbed: shared its core" if was_contended(record) else record.status
