@@ -1,4 +1,4 @@
-"""Repetition of the paper's simulations: its table, its figures, and its claims judged by them."""
+"""Repetition of the paper's simulations: its table, its figures, and verdicts on its claims."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""The paper's simulations over again: the snake of 2 to 100 links by its seven formulations.
+"""Measurements of the paper's simulations: the snake of 2 to 100 links by its seven formulations.
 
-The paper gives neither integrator nor tolerance, output step or end time, nor parameters for N ≠ 7.
-Here: the snakes of `Snake.coil` (at N = 7 the paper's printed digits), from rest, 1 s, 101 output
-times, and three pairs of integrator and tolerance, the same for every formulation and N.
+The paper states neither integrator nor tolerance, output step or end time, nor parameters for N ≠
+7. Chosen instead: the snakes of `Snake.coil` (at N = 7 the paper's printed digits), from rest, 1 s,
+101 output times, and three pairs of integrator and tolerance, the same for every formulation and N.
 
 There are two kinds of cell, each one Record: "equations" is one state (systems solved, multipliers,
 q̈, a wheel across its link), "motion" one integration (errors over time, CPU time).
@@ -39,16 +39,16 @@ PAPER_LINKS = 7
 END = 1.0
 """End of every motion, s; Fig. 2 goes to 0.8 s."""
 OUTPUTS = 101
-"""Output times, of Eq. (32) too: dt = 0.01 s."""
+"""Number of output times, also of Eq. (32): dt = 0.01 s."""
 ROLLING = (1.0, 0.5)
-"""u = (s_1, ω_1) of the state whose equations are looked at, m/s and rad/s: at rest B = 0."""
+"""u = (s_1, ω_1) of the state of "equations" cells, m/s and rad/s; at rest B would be 0."""
 
 LONG = 0.3
-"""Motions that take longer than this, in s, are timed twice only."""
+"""Run time above which a motion is timed only twice, s."""
 
 
 class Solver(NamedTuple):
-    """An integrator (a key) and its rtol = atol."""
+    """Integrator (a key) with its rtol = atol."""
 
     integrator: str
     tolerance: float
@@ -59,7 +59,7 @@ class Solver(NamedTuple):
 
 @dataclass(frozen=True)
 class StudyPlan:
-    """What a run of the study covers.
+    """Coverage of a run of the study.
 
     Attributes:
         links: numbers of links.
@@ -82,7 +82,7 @@ QUICK = StudyPlan((2, 7, 20, 40), (Solver("RK45", 1e-6),), runs=3)
 
 
 def coil_of(links: int) -> Snake:
-    """Return the coil of N links; at N = 7 the paper's digits."""
+    """Return the coil of N links; at N = 7 with the paper's digits."""
     return Snake.paper() if links == PAPER_LINKS else Snake.coil(links)
 
 
@@ -103,7 +103,7 @@ def cells(*, quick: Quick = False) -> Iterator[Settings]:
 
 
 def worker(known: Sequence[Record], *, quick: Quick = False) -> CellWorker:
-    """Return what works off a cell."""
+    """Return the function that measures a cell."""
     runs = (QUICK if quick else FULL).runs
     prepared = cache(lambda links, key: prepare_motion(coil_of(links), key))
 
@@ -123,7 +123,7 @@ def _equations(settings: Settings) -> Record:
     """Solve for the acceleration in one state; with a wheel across its link at rest.
 
     Raises:
-        RefusedError: the formulation cannot.
+        RefusedError: the formulation refuses.
     """
     scene, wheel = coil_of(settings["links"]), settings["across"]
     q, v = scene.initial_state()
@@ -135,7 +135,7 @@ def _equations(settings: Settings) -> Record:
         v = velocity(scene, q, ROLLING)
     formulation = formulation_of(settings["formulation"])
     at = Evaluation(scene, q, v)
-    with recording_solves() as watch:
+    with recording_solves() as recorder:
         multipliers = at.solution(formulation).multipliers
     found = acceleration(scene, formulation.key, q, v)
     counts = {
@@ -143,12 +143,12 @@ def _equations(settings: Settings) -> Record:
         "r": scene.r,
         "degrees of freedom": scene.n - np.linalg.matrix_rank(at.terms.a),
         "multipliers": 0 if multipliers is None else multipliers.size,
-        "final system": watch.solves[-1].size,
+        "final system": recorder.solves[-1].size,
     }
     return Record(
         STUDY,
         settings,
-        counts=counts | {f"order of {solve.name}": solve.size for solve in watch.solves},
+        counts=counts | {f"order of {solve.name}": solve.size for solve in recorder.solves},
         errors={"bound": found.error_bound},
         series={"vdot": found.vdot.tolist()},
     )
@@ -206,11 +206,13 @@ QUANTITIES = {
     "energy": "energy error",
     "cpu_seconds": "CPU time",
 }
-"""Norms of the errors over the output times (Eq. (33)), m/s and J; time of the integration, s."""
+"""Norms of the errors over the output times (Eq. (33)), m/s and J; CPU time of the integration,
+s.
+"""
 
 
 class PaperRecords:
-    """The Records of the study, by what they are about.
+    """Records of the study, indexed by their settings.
 
     Attributes:
         links: numbers of links.
@@ -240,12 +242,12 @@ class PaperRecords:
         self.formulations = list(dict.fromkeys(key for _, key, _ in self.motions))
 
     def finished(self, links: int, key: str, solver: Solver) -> Record | None:
-        """Return the Record of a motion, None where it was not finished."""
+        """Return the Record of a motion, None if it was not finished."""
         record = self.motions.get((links, key, solver))
         return record if record is not None and record.status == "done" else None
 
     def value(self, quantity: str, links: int, key: str, solver: Solver) -> float | None:
-        """Return one of `QUANTITIES`, None where the motion was not finished."""
+        """Return one of `QUANTITIES`, None if the motion was not finished."""
         record = self.finished(links, key, solver)
         if record is None:
             return None
@@ -253,18 +255,20 @@ class PaperRecords:
 
     @property
     def solved(self) -> dict[tuple[int, str], Record]:
-        """Those of `equations` that were solved."""
+        """Entries of `equations` that were solved."""
         return {at: record for at, record in self.equations.items() if record.status == "done"}
 
     @property
     def unfinished(self) -> list[Record]:
-        """What went wrong, a wheel across its link apart: that is asked for."""
+        """Records that are not done, without those of a wheel across its link, which are meant to
+        fail.
+        """
         records = [*self.equations.values(), *self.motions.values()]
         return [record for record in records if record.status != "done"]
 
 
 LARGE = 20
-"""The growth with N is fitted from here on."""
+"""Number of links from which on the growth with N is fitted."""
 
 
 def growth(found: PaperRecords, key: str) -> list[float]:

@@ -1,9 +1,9 @@
 """Claims of the paper, each judged by comparisons between Records of the study.
 
-A claim is a number of comparisons. It holds where all of them come out as the paper says, partly
-where at least half of them do. A difference below a factor of `CLEAR` is none: a change of the
-tolerance or another machine makes as much. Claims register in the order in which they stand here:
-equations (Table I, Secs. 1 to 10), errors (Figs. 3 to 6), CPU time (Fig. 7 and the conclusion).
+A claim is a number of comparisons. It holds if all of them come out as in the paper, partly if at
+least half of them do. A difference below a factor of `CLEAR` does not count: another tolerance or
+another machine makes as much. Claims register in the order of this module: equations (Table I,
+Secs. 1 to 10), errors (Figs. 3 to 6), CPU time (Fig. 7 and the conclusion).
 """
 
 from __future__ import annotations
@@ -42,7 +42,9 @@ KANE, ML = kane.KANE.key, ml.ML.key
 
 
 class Evidence(NamedTuple):
-    """Comparisons that are as the paper says, all comparisons, and a sentence of numbers."""
+    """Number of comparisons as in the paper, number of all comparisons, and a sentence of
+    numbers.
+    """
 
     good: int
     of: int
@@ -54,11 +56,11 @@ class PaperClaim:
     """One claim of the paper.
 
     Attributes:
-        place: where.
-        says: what, in our words.
-        measure: what the Records say.
-        true: why it holds, where it does.
-        false: why not, where it does not or only in part.
+        place: section, equation or figure of the paper.
+        says: statement of the claim, in our words.
+        measure: function that computes the evidence from Records.
+        true: reason why it holds.
+        false: reason why it does not hold, or only in part.
     """
 
     place: str
@@ -69,7 +71,7 @@ class PaperClaim:
 
 
 class Judgement(NamedTuple):
-    """A claim, the numbers measured, the verdict, and why it is so."""
+    """Verdict on a claim, with the numbers measured and the reason."""
 
     claim: PaperClaim
     measured: str
@@ -78,11 +80,11 @@ class Judgement(NamedTuple):
 
 
 PAPER_CLAIMS: list[PaperClaim] = []
-"""Equations first, then errors, then CPU time."""
+"""All claims: equations first, then errors, then CPU time."""
 
 
 def verdict_of(evidence: Evidence) -> Verdict:
-    """Return what the comparisons amount to."""
+    """Return the verdict that the comparisons amount to."""
     if evidence.of == 0:
         return "not measured"
     if evidence.good == evidence.of:
@@ -91,7 +93,7 @@ def verdict_of(evidence: Evidence) -> Verdict:
 
 
 def judge_paper_claim(claim: PaperClaim, found: PaperRecords) -> Judgement:
-    """Return what the Records say to one claim."""
+    """Return the judgement of one claim by the Records."""
     evidence = claim.measure(found)
     verdict = verdict_of(evidence)
     why = {"holds": claim.true, "not measured": "These Records do not show it."}
@@ -99,17 +101,24 @@ def judge_paper_claim(claim: PaperClaim, found: PaperRecords) -> Judgement:
 
 
 def judgements(records: Iterable[Record]) -> list[Judgement]:
-    """Return what the Records say to every claim."""
+    """Return the judgement of every claim by the Records."""
     found = PaperRecords(records)
     return [judge_paper_claim(claim, found) for claim in PAPER_CLAIMS]
 
 
 def paper_claim(place: str, says: str, true: str = UNFORESEEN, false: str = UNFORESEEN) -> Callable:
-    """Register the decorated function as the `look` of a claim."""
+    """Register the decorated function as the `measure` of a claim.
 
-    def register(look: Callable[[PaperRecords], Evidence]) -> Callable:
-        PAPER_CLAIMS.append(PaperClaim(place, says, look, true, false))
-        return look
+    Args:
+        place: section, equation or figure of the paper.
+        says: statement of the claim.
+        true: reason why it holds.
+        false: reason why it does not hold, or only in part.
+    """
+
+    def register(measure: Callable[[PaperRecords], Evidence]) -> Callable:
+        PAPER_CLAIMS.append(PaperClaim(place, says, measure, true, false))
+        return measure
 
     return register
 
@@ -118,7 +127,7 @@ def paper_claim(place: str, says: str, true: str = UNFORESEEN, false: str = UNFO
 
 
 class Ratio(NamedTuple):
-    """How many times larger one value is than another, and where."""
+    """Ratio of two values, with the formulations, number of links and solver."""
 
     times: float
     where: str
@@ -129,7 +138,7 @@ class Ratio(NamedTuple):
 
 
 def at_level(found: PaperRecords, level: str) -> list[str]:
-    """Return the formulations of a level."""
+    """Return the formulations with constraints at a level, "velocity" or "acceleration"."""
     return [key for key in found.formulations if FORMULATIONS[key].level == level]
 
 
@@ -150,7 +159,7 @@ def ratios_of(
     small: Iterable[str],
     points: Iterable[tuple[int, Solver]] | None = None,
 ) -> list[Ratio]:
-    """Return how many times larger the errors or times of `large` are than those of `small`."""
+    """Return the ratios of the errors or times of `large` formulations to those of `small` ones."""
     ratios = []
     chosen, pairs = points_of(found) if points is None else points, product(large, small)
     for (links, solver), (one, other) in product(chosen, pairs):
@@ -162,7 +171,7 @@ def ratios_of(
 
 
 def clearly_larger(what: str, ratios: list[Ratio]) -> Evidence:
-    """Count the ratios above `CLEAR`; those below its inverse are worth saying too."""
+    """Return the ratios above `CLEAR` as evidence, with the number of those below its inverse."""
     if not ratios:
         return Evidence(0, 0, NOTHING)
     above = Counter(ratio.solver for ratio in ratios if ratio.times > CLEAR)
@@ -179,7 +188,7 @@ def clearly_larger(what: str, ratios: list[Ratio]) -> Evidence:
 
 
 def share(good: Iterable[bool]) -> tuple[int, int]:
-    """Return how many are good, and of how many."""
+    """Return the number of true flags, and the number of flags."""
     flags = list(good)
     return sum(flags), len(flags)
 
@@ -202,8 +211,8 @@ def _across(found: PaperRecords) -> Evidence:
             refused[key].append(wheel)
     alike = group(refused, lambda key: ranges(refused[key]) or "none")
     good = ((wheel in refused[key]) == (wheel >= 2) for wheel, key in found.across)
-    said = "; ".join(f"{', '.join(keys)}: {wheels}" for wheels, keys in alike.items())
-    return Evidence(*share(good), f"Wheels refused at N = {PAPER_LINKS}: {said}.")
+    wheels_by_key = "; ".join(f"{', '.join(keys)}: {wheels}" for wheels, keys in alike.items())
+    return Evidence(*share(good), f"Wheels refused at N = {PAPER_LINKS}: {wheels_by_key}.")
 
 
 @paper_claim(
@@ -223,9 +232,9 @@ def _states(found: PaperRecords) -> Evidence:
         i, j = printed[key]
         good.append(size == i * (links + 2) + j * links)
     largest = max(found.links, default=0)
-    said = ", ".join(f"{key} {size}" for (links, key), size in sizes.items() if links == largest)
+    text = ", ".join(f"{key} {size}" for (links, key), size in sizes.items() if links == largest)
     count, of = share(good)
-    return Evidence(count, of, f"As printed in {count} of {of} cases. At N = {largest}: {said}.")
+    return Evidence(count, of, f"As printed in {count} of {of} cases. At N = {largest}: {text}.")
 
 
 @paper_claim(
@@ -241,7 +250,7 @@ def _orders(found: PaperRecords) -> Evidence:
         for (_, key), record in found.solved.items()
     )
     largest = max(found.links, default=0)
-    said = ", ".join(
+    orders = ", ".join(
         f"{key} {record.counts['final system']}"
         for (links, key), record in found.solved.items()
         if links == largest
@@ -249,7 +258,7 @@ def _orders(found: PaperRecords) -> Evidence:
     return Evidence(
         good,
         of,
-        f"The last system has this order in {good} of {of} cases. At N = {largest}: {said}.",
+        f"The last system has this order in {good} of {of} cases. At N = {largest}: {orders}.",
     )
 
 
@@ -261,19 +270,20 @@ def _orders(found: PaperRecords) -> Evidence:
     "acceleration level each step adds its own error.",
 )
 def _levels(found: PaperRecords) -> Evidence:
-    kept: dict[str, list[float]] = {"acceleration": [], "velocity": []}
+    by_level: dict[str, list[float]] = {"acceleration": [], "velocity": []}
     for (_, key, _), record in found.motions.items():
         if record.status == "done":
             over = record.errors["constraint"] / record.errors["constraint allowed"]
-            kept[FORMULATIONS[key].level].append(over)
-    good = [over > 1 for over in kept["acceleration"]] + [over <= 1 for over in kept["velocity"]]
-    said = "; ".join(
+            by_level[FORMULATIONS[key].level].append(over)
+    good = [over > 1 for over in by_level["acceleration"]]
+    good += [over <= 1 for over in by_level["velocity"]]
+    ratios = "; ".join(
         f"{level} level {min(overs):.1g} to {max(overs):.1g}"
-        for level, overs in kept.items()
+        for level, overs in by_level.items()
         if overs
     )
     return Evidence(
-        *share(good), f"Norm of the constraint error over what rounding explains: {said}."
+        *share(good), f"Norm of the constraint error over what rounding explains: {ratios}."
     )
 
 
@@ -284,9 +294,9 @@ def _levels(found: PaperRecords) -> Evidence:
     false="gw computes them by Eq. (12) before it needs the accelerations; they come out as well.",
 )
 def _multipliers(found: PaperRecords) -> Evidence:
-    given = {key: record.counts["multipliers"] > 0 for (_, key), record in found.solved.items()}
-    good = (here == FORMULATIONS[key].multipliers_in_paper for key, here in given.items())
-    with_them = [key for key, here in given.items() if here]
+    present = {key: record.counts["multipliers"] > 0 for (_, key), record in found.solved.items()}
+    good = (flag == FORMULATIONS[key].multipliers_in_paper for key, flag in present.items())
+    with_them = [key for key, flag in present.items() if flag]
     return Evidence(*share(good), f"They come out with {', '.join(with_them) or 'none'}.")
 
 
@@ -531,10 +541,10 @@ def _ten_times(found: PaperRecords) -> Evidence:
     passes = []
     for solver in found.solvers:
         for links in found.links:
-            here = ratios_of(
+            at_links = ratios_of(
                 found, "cpu_seconds", other_formulations(found), [KANE], [(links, solver)]
             )
-            if here and mean(ratio.times for ratio in here) > 10:
+            if at_links and mean(ratio.times for ratio in at_links) > 10:
                 passes.append(f"N = {links} ({solver})")
                 break
     return Evidence(
@@ -565,13 +575,10 @@ def _superior(found: PaperRecords) -> Evidence:
         errors = found.motions[links, KANE, solver].errors
         rounding = quantity == "constraint" and ours <= errors["constraint allowed"]
         good[quantity].append(rounding or ours <= CLEAR * min(done))
-    said = ", ".join(
+    text = ", ".join(
         f"{QUANTITIES[quantity]} in {sum(some)} of {len(some)}"
         for quantity, some in good.items()
         if some
     )
     flags = [flag for some in good.values() for flag in some]
-    return Evidence(*share(flags), f"No other is clearly better: {said} cases.")
-
-
-# In this order the claims register.
+    return Evidence(*share(flags), f"No other is clearly better: {text} cases.")

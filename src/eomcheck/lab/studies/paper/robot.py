@@ -19,9 +19,9 @@ from eomcheck.lab.studies.paper.show import POSES, robot
 
 FRAMES_PER_SECOND = 10
 EVERY = 2
-"""Of so many output times, one is a frame."""
+"""Number of output times per frame."""
 GREYS = ("0.78", "0.62", "0.46", "0.3", "0.0")
-"""Of the poses of Fig. 2, the last one darkest."""
+"""Greys of the poses of Fig. 2, the last one darkest."""
 
 
 def write_robot(records: Iterable[Record], folder: Path) -> list[Path]:

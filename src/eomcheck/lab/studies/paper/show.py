@@ -1,4 +1,4 @@
-"""Tables and charts of the paper's table and figures, with its claims judged, from Records."""
+"""Tables and charts of the paper's table and figures, with verdicts on its claims, from Records."""
 
 from __future__ import annotations
 
@@ -25,25 +25,25 @@ from eomcheck.safe_output import counted
 POSES = (0.0, 0.2, 0.4, 0.6, 0.8)
 """Times of the poses of Fig. 2, s."""
 NOTHING = 1e-18
-"""Norms that are exactly 0 are drawn here."""
+"""Ordinate at which norms of exactly 0 are drawn."""
 HEIGHT = 1 / 20
-"""Share of the axis by which the cross of what was not finished is above what was measured."""
+"""Distance of the cross of an unfinished motion above the finished ones, as a share of the axis."""
 
 
 def tables(records: Iterable[Record]) -> list[ResultTable]:
     """Return every table of the study."""
     records = list(records)
     found = PaperRecords(records)
-    made = [_table_i(found), _fig_2(found), _figs_3_and_4(found)]
+    sheets = [_table_i(found), _fig_2(found), _figs_3_and_4(found)]
     for figure, quantity, unit in ((5, "constraint", "m/s"), (6, "energy", "J")):
-        what = f"Fig. {figure}: norm of the {QUANTITIES[quantity]} (Eqs. (32)-(33)), {unit}"
-        made.append(_over_links(found, f"paper-fig{figure}", what, quantity, "{:.1e}".format))
-    made += [_fig_7(found), _claims(records)]
-    return [sheet for sheet in made if sheet.rows]
+        title = f"Fig. {figure}: norm of the {QUANTITIES[quantity]} (Eqs. (32)-(33)), {unit}"
+        sheets.append(_over_links(found, f"paper-fig{figure}", title, quantity, "{:.1e}".format))
+    sheets += [_fig_7(found), _claims(records)]
+    return [sheet for sheet in sheets if sheet.rows]
 
 
 def remarks(records: Iterable[Record]) -> Iterator[str]:
-    """Yield on which machines it was measured, and what could not be."""
+    """Yield the machines of the measurements, and the reasons of unfinished cells."""
     records = list(records)
     for machine in dict.fromkeys(map(_machine, records)):
         yield f"Measured on {machine}."
@@ -95,8 +95,8 @@ def _table_i(found: PaperRecords) -> ResultTable:
 
 
 def _order(counts: Iterable[dict[str, int]], name: str) -> str:
-    """Return the order of a system in n and r, or all orders where there are too few to tell."""
-    known = [(here["n"], here["r"], here[name]) for here in counts]
+    """Return the order of a system in n and r, or all orders if they are too few for a fit."""
+    known = [(one["n"], one["r"], one[name]) for one in counts]
     fitted = fit_order(known)
     if fitted is None:
         return ", ".join(str(order) for _, _, order in known)
@@ -154,7 +154,7 @@ def _over_links(
     text: Callable[[float], str],
     over: str | None = None,
 ) -> ResultTable:
-    """Return a quantity by solver, N and formulation; beside it the ratio to that of `over`."""
+    """Return a quantity by solver, N and formulation; in brackets its ratio to that of `over`."""
     rows = []
     for solver, links in product(found.solvers, found.links):
         of = {key: found.value(quantity, links, key, solver) for key in found.formulations}
@@ -218,7 +218,7 @@ PARTS = "all formulations", "velocity level, enlarged"
 
 
 def charts(records: Iterable[Record]) -> Iterator[Chart]:
-    """Yield Figs. 5 to 7, and Figs. 3 and 4 where the paper's robot is among the motions."""
+    """Yield Figs. 5 to 7, and Figs. 3 and 4 if the paper's robot is among the motions."""
     found = PaperRecords(records)
     solvers = [*map(str, found.solvers)]
     if not solvers:
@@ -249,7 +249,7 @@ def charts(records: Iterable[Record]) -> Iterator[Chart]:
 
 
 def _norms(found: PaperRecords, quantity: str, solver: Solver) -> Iterator[Line]:
-    """Yield a line a formulation; one of CPU times tells how they grow."""
+    """Yield a line per formulation; labels of CPU times contain the fitted power of N."""
     for key in found.formulations:
         done = [r for links in found.links if (r := found.finished(links, key, solver))]
         norms = (found.value(quantity, one.settings["links"], key, solver) or 0.0 for one in done)
@@ -259,13 +259,13 @@ def _norms(found: PaperRecords, quantity: str, solver: Solver) -> Iterator[Line]
             key,
             [one.settings["links"] for one in done],
             [max(norm, NOTHING) for norm in norms],
-            [_told(one) for one in done],
+            [_hover_text(one) for one in done],
             f"{key} ~ N$^{{{powers[found.solvers.index(solver)]:.2f}}}$" if fitted else key,
         )
 
 
 def _unfinished(found: PaperRecords, quantity: str, solver: Solver) -> Iterator[Line]:
-    """Yield crosses for motions that were not finished, each above all of as many links."""
+    """Yield crosses for unfinished motions, each above all values at the same number of links."""
     points = product(found.links, found.formulations, found.solvers)
     known = {at: max(x, NOTHING) for at in points if (x := found.value(quantity, *at)) is not None}
     least, most = (end(known.values(), default=1.0) for end in (min, max))
@@ -289,7 +289,7 @@ def _unfinished(found: PaperRecords, quantity: str, solver: Solver) -> Iterator[
             )
 
 
-def _told(record: Record) -> list[str]:
+def _hover_text(record: Record) -> list[str]:
     settings = record.settings
     return [
         f"{settings['formulation']}, N = {settings['links']}",
@@ -302,7 +302,9 @@ def _told(record: Record) -> list[str]:
 
 
 def _over_time(found: PaperRecords, solvers: Sequence[str], width: float) -> Chart:
-    """Return the errors of the robot, of all formulations and enlarged those at velocity level."""
+    """Return the chart of the robot's errors: all formulations, and enlarged those at velocity
+    level.
+    """
     panels = {}
     for (error, axes), solver in product(OVER_TIME.items(), found.solvers):
         for part, y in zip(PARTS, axes, strict=True):

@@ -1,4 +1,4 @@
-"""The stability atlas: every formulation through families of growing severity, certified."""
+"""Stability atlas: every formulation on families of increasingly severe states, certified."""
 
 from __future__ import annotations
 

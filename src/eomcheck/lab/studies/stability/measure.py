@@ -1,9 +1,9 @@
-"""Measurements of the stability atlas: every formulation through families of growing severity.
+"""Measurements of the stability atlas: every formulation on families of increasingly severe states.
 
-A family is a sequence of states that grow more severe by one number; `FAMILIES` lists them all.
-Each cell, one formulation at one state, is one Record: the true relative error against ball
-arithmetic, the error bound and κ ε beside it, the condition number of each matrix solved, or the
-refusal and its reason. Verdicts are read off the Records.
+A family is a sequence of states whose severity is one number; `FAMILIES` lists them all. Each cell,
+one formulation at one state, is one Record: the true relative error against ball arithmetic, the
+error bound and κ ε beside it, the condition number of each matrix solved, or the refusal and its
+reason. Verdicts are derived from the Records.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ FAMILIES: dict[str, Family] = {
 
 
 def families_about(kinds: Iterable[type[Scene]]) -> tuple[Family, ...]:
-    """Return the families that say something of these kinds of scene."""
+    """Return the families shown under these scene classes."""
     keys = {kind.key for kind in kinds}
     return tuple(family for family in FAMILIES.values() if family.about in keys)
 
@@ -74,11 +74,11 @@ def families_about(kinds: Iterable[type[Scene]]) -> tuple[Family, ...]:
 
 STUDY = "stability"
 STATE = ("family", "variant", "severity")
-"""What tells a state of a family from others."""
+"""Settings that identify a state of a family."""
 
 
 class Method(NamedTuple):
-    """A formulation, with the paper's partition or a pivoted one."""
+    """Formulation, with the paper's partition or a pivoted one."""
 
     key: str
     pivoted: bool = False
@@ -106,10 +106,10 @@ def cells(
 ) -> Iterator[Settings]:
     """Yield a cell for each state of each family, and each method that applies to its scenes.
 
-    Families that are not named are those about the kinds of scene.
+    The default families are those of the scene classes.
 
     Raises:
-        InputError: there is no family about any of these kinds.
+        InputError: none of these scene classes has a family.
         UnknownNameError: no such scene, family or formulation.
     """
     if scene is not None and family is not None:
@@ -139,11 +139,12 @@ def settings_of(family: str, variant: str, severity: float, method: Method) -> S
 
 
 State = tuple[Posed, Enclosure | None, Evaluation] | EomcheckError
-"""What was posed, the truth (None: each method has its own) and the evaluation in doubles; or why
-there is none."""
+"""Posed state, certified value (None: each method has its own) and float64 evaluation; or the error
+that prevents them.
+"""
 
 
-# The methods at one state follow each other in one process, and share it.
+# Consecutive cells are the methods at one state, in one process, and share it.
 @lru_cache(maxsize=1)
 def _state(family: str, variant: str, severity: float) -> State:
     posed = FAMILIES[family].pose(variant, severity)
@@ -190,30 +191,30 @@ def _unsolved(settings: Settings, error: EomcheckError) -> Record:
     return Record(STUDY, settings, "failed", str(error))
 
 
-# ---- What follows from the Records ---------------------------------------------------------------
+# ---- Outcomes of Records -------------------------------------------------------------------------
 
 
 class CellOutcome(IntEnum):
-    """What a cell came to, from good to bad."""
+    """Outcome of a cell, from good to bad."""
 
     GOOD = 0
     """The true relative error is at most 1e-6."""
     REFUSED = 1
-    """The formulation declines, and says why."""
+    """The formulation declines, with a reason."""
     REPORTED = 2
-    """It is larger, and the error bound says so."""
+    """The error is larger, and the error bound reports it."""
     SILENT = 3
-    """It is larger, and nothing says so."""
+    """The error is larger, and nothing reports it."""
 
 
 def outcome_of(record: Record) -> CellOutcome:
-    """Return what one cell came to; a cell that failed counts as refused."""
+    """Return the outcome of one cell; a cell that failed counts as refused."""
     if record.status != "done":
         return CellOutcome.REFUSED
     if record.errors["relative"] <= NOTICEABLE:
         return CellOutcome.GOOD
-    told = record.errors["relative"] <= record.errors["bound"]
-    return CellOutcome.REPORTED if told else CellOutcome.SILENT
+    reported = record.errors["relative"] <= record.errors["bound"]
+    return CellOutcome.REPORTED if reported else CellOutcome.SILENT
 
 
 def method_of(record: Record) -> Method:
@@ -222,19 +223,19 @@ def method_of(record: Record) -> Method:
 
 
 def digits_lost(relative: float) -> float:
-    """Return the decimal digits, of those that doubles have, that a relative error takes."""
+    """Return the decimal digits, of the `FLOAT64_DIGITS`, that a relative error destroys."""
     return FLOAT64_DIGITS - certified_digits(relative)
 
 
 class Step(NamedTuple):
-    """What a method came to at one severity of a family, over all variants."""
+    """Cells of a method at one severity of a family, over all variants."""
 
     severity: float
     records: list[Record]
 
     @property
     def solved(self) -> list[Record]:
-        """The cells with a result."""
+        """Cells with a result."""
         return [record for record in self.records if record.status == "done"]
 
     @property
@@ -244,21 +245,21 @@ class Step(NamedTuple):
 
     @property
     def lost(self) -> float:
-        """The most digits lost, NaN where nothing was solved."""
+        """The most digits lost, NaN if nothing was solved."""
         return self._most("relative")
 
     @property
     def predicted(self) -> float:
-        """The most digits that κ ε foresaw to be lost, NaN where nothing was solved or lost."""
+        """The most digits lost by the prediction κ ε, NaN if nothing was solved or lost."""
         return self._most("predicted")
 
     @property
     def refused(self) -> float:
-        """The share of cells that were refused."""
+        """The share of refused cells."""
         return 1.0 - len(self.solved) / len(self.records)
 
     def _most(self, error: str) -> float:
-        # What is exact, as at rest without forces, has no digits to lose.
+        # An exact result, as at rest without forces, has no digits to lose.
         inexact = [r for r in self.solved if r.errors["relative"] > 0 or error == "relative"]
         return max((digits_lost(r.errors[error]) for r in inexact), default=math.nan)
 
@@ -268,7 +269,7 @@ Atlas = dict[str, dict[Method, list[Step]]]
 
 
 def atlas_of(records: Iterable[Record]) -> Atlas:
-    """Return the steps of every method through every family, as `FAMILIES` orders them."""
+    """Return the steps of every method through every family, in the order of `FAMILIES`."""
     of = by_setting(records, "family")
     return {
         family: {
@@ -286,25 +287,25 @@ def _steps(severities: Sequence[float], records: list[Record]) -> list[Step]:
 
 
 class Break(NamedTuple):
-    """Where a method first fails to give a good result."""
+    """First severity at which a method gives no good result."""
 
     severity: float
     outcome: CellOutcome
     record: Record
     """The worst cell there."""
     lost: float
-    """The most digits lost before, NaN where nothing was solved."""
+    """The most digits lost before, NaN if nothing was solved."""
 
 
 def lost_in(steps: Iterable[Step]) -> float:
-    """Return the most digits lost in any of these steps, NaN where nothing was solved."""
+    """Return the most digits lost in any of these steps, NaN if nothing was solved."""
     return max((step.lost for step in steps if not math.isnan(step.lost)), default=math.nan)
 
 
 def break_of(steps: Sequence[Step]) -> Break | None:
-    """Return where a method breaks in a family, or None: it gives good results throughout."""
-    for place, step in enumerate(steps):
+    """Return the break of a method in a family, or None: it gives good results throughout."""
+    for index, step in enumerate(steps):
         if step.worst is not CellOutcome.GOOD:
             worst = max(step.records, key=outcome_of)
-            return Break(step.severity, step.worst, worst, lost_in(steps[:place]))
+            return Break(step.severity, step.worst, worst, lost_in(steps[:index]))
     return None

@@ -1,11 +1,11 @@
-"""Families of states of growing severity: their type, those of every scene, those of single ones.
+"""Families of increasingly severe states: their type, those of every scene, those of single scenes.
 
 A `Family` is data: a severity with its values, and a function from a severity to a state. Every
 scene but the snake goes through mass, speed, turns and violated constraints; the snake has families
-of its own (`snake_families`), of which these are the outlines. Single scenes also have the
-configurations in which they become singular (a disk or ball lying flat, rods in one line, a
-stretched linkage), stiff springs and long chains: each limit is approached step by step, and
-reached where float64 holds it.
+of its own (`snake_families`), of which these are the outlines. Single scenes also have their
+singular configurations (a disk or ball lying flat, rods in one line, a stretched linkage), stiff
+springs and long chains: each limit is approached step by step, and reached if float64 can represent
+it.
 """
 
 from __future__ import annotations
@@ -27,31 +27,31 @@ from eomcheck.scenes import Snake, bicycle
 
 
 class Posed(NamedTuple):
-    """A state of a family. Either u or v is given."""
+    """State of a family, with either u or v."""
 
     scene: Scene
     q: Array
     """Coordinates (n,)."""
     u: Array | None
-    """Generalized speeds (p,): the truth is one and the same for all formulations."""
+    """Generalized speeds (p,); all formulations then share one certified value."""
     v: Array | None = None
-    """Velocities (n,), perhaps inconsistent: each formulation has an exact answer of its own."""
+    """Velocities (n,), possibly inconsistent; each formulation then has its own certified value."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Family:
-    """States that grow more severe, by one number.
+    """Family of states whose severity is one number.
 
     Attributes:
         key: short name, used everywhere.
-        name: what it is about, for headings.
+        name: subject, for headings.
         severity: the number that grows severe, with its symbol and unit, for an axis.
-        values: from mild to severe; all but 0 are drawn on a logarithmic axis.
-        quick: those of `values` that a quick run takes.
-        variants: names of the ways in which each severity is looked at.
+        values: severities, from mild to severe; all but 0 are drawn on a logarithmic axis.
+        quick: severities of a quick run, a subset of `values`.
+        variants: names of the variants in which each severity is measured.
         pose: (variant, severity) -> the state.
-        scene: kind of its scenes.
-        about: key of the kind of scene that it says something of, by default that of its scenes.
+        scene: scene class of its states.
+        about: key of the scene class that it is shown under, by default that of `scene`.
     """
 
     key: str
@@ -82,8 +82,8 @@ def decades(first: int, last: int, step: int = 1) -> tuple[float, ...]:
 def violating(scene: Scene, q: Array, u: Array, violation: float) -> Posed:
     """Return the state of (q, u) with every constraint violated by a share of the largest speed.
 
-    Formulations then answer different questions: those in Lagrange's terms take v as it is, those
-    in generalized speeds its u and nothing else. Each is compared with its own exact answer.
+    Formulations then solve different problems: those in Lagrange's terms take v as it is, those in
+    generalized speeds only its u. Each is compared with its own exact solution.
     """
     v = velocity(scene, q, u)
     a = Evaluation(scene, q, v).terms.a
@@ -95,11 +95,13 @@ def violating(scene: Scene, q: Array, u: Array, violation: float) -> Posed:
 
 SEED = 1
 ANYWHERE = (-1.0, 1.0)
-"""m or rad: where coordinates are drawn from if a scene says nothing."""
+"""Sampling range of coordinates without one of their own, m or rad."""
 
 
 def ordinary(scene: Scene) -> tuple[Array, Array]:
-    """Return (q (n,), u (p,)) of an ordinary state: closed, and moving in every way."""
+    """Return (q (n,), u (p,)) of an ordinary state: loops closed, every generalized speed
+    nonzero.
+    """
     random = np.random.default_rng(SEED)
     ranges = scene.coordinate_ranges()
     bounds = [ANYWHERE] * scene.n if ranges is None else [(one.low, one.high) for one in ranges]
@@ -136,7 +138,7 @@ def _violated(kind: type[Scene], variant: str, violation: float) -> Posed:
 
 
 def families_of_kind(kind: type[Scene]) -> Iterator[Family]:
-    """Yield the families of a kind of scene."""
+    """Yield the families of a scene class."""
     yield Family(
         key=f"{kind.key}-mass",
         name="Mass",
@@ -183,7 +185,9 @@ def families_of_kind(kind: type[Scene]) -> Iterator[Family]:
 # ---- Families of single scenes -------------------------------------------------------------------
 
 LEAN = 3
-"""The Euler angle of disk and ball at whose right angle the others are one."""
+"""Index of the Euler angle of disk and ball that is singular at a right angle: the other two
+coincide.
+"""
 
 
 def _flat(kind: type[Scene], variant: str, distance: float) -> Posed:
@@ -231,7 +235,7 @@ def _stretched(variant: str, distance: float) -> Posed:
 def _lying(variant: str, lean: float) -> Posed:
     scene = scenes.Bicycle()
     q, _ = scene.initial_state()
-    # It tilts about the line on the ground between the wheels.
+    # The bicycle tilts about the line on the ground between the wheels.
     q[bicycle.LEAN], q[bicycle.HEIGHT] = lean, scene.radius[0] * math.sin(lean)
     return Posed(scene, q, 1.0 / np.arange(1, scene.p + 1))
 

@@ -1,4 +1,4 @@
-"""The stability atlas as tables, a heat map of all, and digits lost in each family."""
+"""Stability atlas as tables, a heat map of all families, and digits lost in each family."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ WORDS = {
     CellOutcome.SILENT: "SILENT",
 }
 LIMIT = digits_lost(NOTICEABLE)
-"""Digits lost at which a result is no longer good."""
+"""Digits lost from which on a result is no longer good."""
 CROSSES, STEP = FLOAT64_DIGITS + 1.0, 0.4
-"""Where refusals are drawn, one row a method."""
+"""Ordinate of the first row of crosses for refusals, and distance of the rows, one a method."""
 ALL = "all"
 READING = (
     f"A result is good up to a true relative error of {NOTICEABLE:g}. Digits lost are those of the "
@@ -44,7 +44,7 @@ READING = (
 
 
 def scenes_of(atlas: Atlas) -> list[str]:
-    """Return the keys of the scenes that an atlas is about, in the order of the registry."""
+    """Return the keys of the scenes of an atlas, in the order of the registry."""
     return list(dict.fromkeys(FAMILIES[family].about for family in atlas))
 
 
@@ -54,19 +54,19 @@ def methods_in(atlas: Atlas) -> list[Method]:
 
 
 def wrong(record: Record) -> bool:
-    """Return whether a cell failed, or is wrong and nothing says so."""
+    """Return whether a cell failed, or is wrong without a report."""
     return record.status == "failed" or outcome_of(record) is CellOutcome.SILENT
 
 
 def alarm(found: Sequence[Record]) -> bool:
-    """Return whether any cell failed, or is wrong and nothing says so."""
+    """Return whether any cell failed, or is wrong without a report."""
     return any(map(wrong, found))
 
 
 def parts(atlas: Atlas) -> Iterator[tuple[str, Atlas]]:
-    """Yield a name and what is shown together under it.
+    """Yield the parts of an atlas shown together, each with its name.
 
-    The snake, or a scene that is alone, is shown by itself; several others share what is shown.
+    The snake, or a single scene, has a part of its own; several other scenes share one.
     """
     scenes = scenes_of(atlas)
     alone = scenes if len(scenes) == 1 else [key for key in scenes if key == Snake.key]
@@ -81,9 +81,11 @@ def parts(atlas: Atlas) -> Iterator[tuple[str, Atlas]]:
 
 
 def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
-    """Yield where each method breaks in each family and why, all of that in short, what is wrong.
+    """Yield the breaks of each method in each family with reasons, a summary of them, and wrong
+    cells.
 
-    Of several scenes, which have many families, a family is a line; of one it is a column.
+    In the summary of several scenes, which have many families, a family is a line; of one it is a
+    column.
     """
     atlas = atlas_of(found)
     for family, methods in atlas.items():
@@ -116,14 +118,14 @@ def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
 
 
 def _row(mine: Sequence[Step]) -> tuple[str, ...]:
-    found = break_of(mine)
-    lost = lost_in(mine) if found is None else found.lost
+    first = break_of(mine)
+    lost = lost_in(mine) if first is None else first.lost
     text = "" if math.isnan(lost) else f"{lost:.1f}"
-    if found is None:
+    if first is None:
         return "", "", text, ""
-    record = found.record
+    record = first.record
     why = record.reason if record.status != "done" else _large(record)
-    return f"{found.severity:.3g}", WORDS[found.outcome], text, why
+    return f"{first.severity:.3g}", WORDS[first.outcome], text, why
 
 
 def _large(record: Record) -> str:
@@ -136,14 +138,16 @@ def _large(record: Record) -> str:
 
 
 def _short(mine: Sequence[Step] | None) -> str:
-    """Return where a method breaks, such as "1e-08 refused"; what its bound tells needs no word."""
+    """Return the break of a method, such as "1e-08 refused"; a break reported by the error bound is
+    only a severity.
+    """
     if mine is None:
         return "–"
-    found = break_of(mine)
-    if found is None:
+    first = break_of(mine)
+    if first is None:
         return ""
-    told = found.outcome is CellOutcome.REPORTED
-    return f"{found.severity:.3g}" if told else f"{found.severity:.3g} {WORDS[found.outcome]}"
+    reported = first.outcome is CellOutcome.REPORTED
+    return f"{first.severity:.3g}" if reported else f"{first.severity:.3g} {WORDS[first.outcome]}"
 
 
 def _wrong(record: Record) -> tuple[str, ...]:
@@ -154,7 +158,7 @@ def _wrong(record: Record) -> tuple[str, ...]:
 
 
 def remarks(found: Sequence[Record]) -> Iterator[str]:
-    """Yield how many cells came to which outcome."""
+    """Yield the number of cells by outcome."""
     counts = Counter(outcome_of(r) for r in found if r.settings["family"] in FAMILIES)
     yield (
         f"{counted(counts.total(), 'cell')}: {counts[CellOutcome.GOOD]} good "
@@ -168,9 +172,10 @@ def remarks(found: Sequence[Record]) -> Iterator[str]:
 
 
 def charts(found: Sequence[Record]) -> Iterator[Chart]:
-    """Yield a heat map of all, and digits lost over severity: all methods, or one by its variants.
+    """Yield the heat map of each part, and digits lost over severity: all methods, or one by its
+    variants.
 
-    A scene that is alone has a figure a family, a panel a method.
+    A single scene has a figure per family, with a panel per method.
     """
     atlas = atlas_of(found)
     if not atlas:
@@ -201,17 +206,17 @@ def _heat_map(name: str, part: Atlas) -> Chart:
     scenes = scenes_of(part)
     panels = {}
     for scene in scenes:
-        here = {key: of for key, of in part.items() if FAMILIES[key].about == scene}
-        order = {key: _severities(key, of) for key, of in here.items()}
+        families = {key: of for key, of in part.items() if FAMILIES[key].about == scene}
+        order = {key: _severities(key, of) for key, of in families.items()}
         rows = {}
-        for method in methods_in(here):
+        for method in methods_in(families):
             boxes: list[Box | None] = []
-            for key, of in here.items():
+            for key, of in families.items():
                 mine = {step.severity: step for step in of.get(method, ())}
                 boxes += [_box(method, mine.get(severity)) for severity in order[key]]
             rows[method.name] = method.key, boxes
         panels[(scene,)] = Heat(
-            {FAMILIES[key].name: len(order[key]) for key in here},
+            {FAMILIES[key].name: len(order[key]) for key in families},
             rows,
             Axis("digits lost, worst variant", range=(0.0, FLOAT64_DIGITS)),
             LIMIT,
@@ -233,15 +238,15 @@ def _heat_map(name: str, part: Atlas) -> Chart:
 
 
 def _severities(family: str, methods: dict[Method, list[Step]]) -> list[float]:
-    looked_at = {step.severity for mine in methods.values() for step in mine}
-    return [severity for severity in FAMILIES[family].values if severity in looked_at]
+    measured = {step.severity for mine in methods.values() for step in mine}
+    return [severity for severity in FAMILIES[family].values if severity in measured]
 
 
 def _box(method: Method, step: Step | None) -> Box | None:
     if step is None:
         return None
     wrong = step.worst is CellOutcome.SILENT
-    return Box(step.lost, step.refused > 0, wrong, _said(method, step))
+    return Box(step.lost, step.refused > 0, wrong, _hover_text(method, step))
 
 
 def _at(severity: float) -> str:
@@ -250,7 +255,7 @@ def _at(severity: float) -> str:
 
 def _panel(family: str, methods: dict[Method, list[Step]], title: str = "") -> Panel:
     facts = FAMILIES[family]
-    # A category an entry: severities include 0, which a logarithm has no place for.
+    # Categories, not a logarithmic axis: severities include 0.
     x = Axis(facts.severity, categories=[*map(_at, facts.values)])
     top = CROSSES + STEP * len(methods) + 0.5
     y = Axis("digits lost", range=(-0.5, top), ticks=(0, 4, 8, 12, 16))
@@ -261,17 +266,19 @@ def _panel(family: str, methods: dict[Method, list[Step]], title: str = "") -> P
 
 
 def _lines(method: Method, mine: list[Step], height: float, alone: bool) -> Iterator[Line]:
-    """Yield the worst variant of a method and, alone, what was foreseen and each variant."""
+    """Yield the worst variant of a method and, if `alone`, the prediction by κ ε and each
+    variant.
+    """
     x = [_at(step.severity) for step in mine]
-    told = [_said(method, step) for step in mine]
+    hover = [_hover_text(method, step) for step in mine]
     key = method.key
     refused = [k for k, step in enumerate(mine) if step.refused > 0]
     lost = [step.lost for step in mine]
     if alone:
-        # Where some variant is refused, the worst of the others would look like a recovery.
+        # Where some variant is refused, the worst of the others would seem a recovery.
         lost = [math.nan if step.refused else step.lost for step in mine]
-        foreseen = [math.nan if step.refused else step.predicted for step in mine]
-        yield Line(key, x, foreseen, label="foreseen by κ ε", appearance="dotted")
+        predicted = [math.nan if step.refused else step.predicted for step in mine]
+        yield Line(key, x, predicted, label="foreseen by κ ε", appearance="dotted")
         for variant in dict.fromkeys(r.settings["variant"] for step in mine for r in step.records):
             y = [_lost_by(variant, step) for step in mine]
             yield Line(key, x, y, label="each variant", appearance="thin")
@@ -279,13 +286,13 @@ def _lines(method: Method, mine: list[Step], height: float, alone: bool) -> Iter
             at, y = [_at(step.severity) for step in wrong], [step.lost for step in wrong]
             yield Line(key, at, y, label="silently wrong", appearance="rings")
     partly = [step.refused > 0 for step in mine]
-    yield Line(key, x, lost, told, "worst variant", dashed=method.pivoted, hollow=partly)
+    yield Line(key, x, lost, hover, "worst variant", dashed=method.pivoted, hollow=partly)
     if refused:
         yield Line(
             key,
             [x[k] for k in refused],
             [height] * len(refused),
-            [told[k] for k in refused],
+            [hover[k] for k in refused],
             "refused (hollow: in part)",
             hollow=[mine[k].refused < 1 for k in refused],
             appearance="crosses",
@@ -297,7 +304,7 @@ def _lost_by(variant: str, step: Step) -> float:
     return digits_lost(mine[0].errors["relative"]) if mine else math.nan
 
 
-def _said(method: Method, step: Step) -> list[str]:
+def _hover_text(method: Method, step: Step) -> list[str]:
     solved = len(step.solved)
     lines = [
         f"{method.name}, severity {step.severity:g}",

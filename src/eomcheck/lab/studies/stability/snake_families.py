@@ -20,14 +20,14 @@ MOVING = np.array([1.0, 0.5])
 
 
 def _rods(alpha, theta, **others: Any) -> Snake:
-    """Return rods of 1 m and 1 kg with joints of 10 N m/rad, but for what is given."""
+    """Return a snake of rods of 1 m and 1 kg with joints of 10 N m/rad, except for `others`."""
     one = np.ones(len(theta))
     usual = {"mass": one, "length": one, "inertia": one / 12, "stiffness": 10.0 * one[1:]}
     return Snake(**usual | others, wheel_angle=alpha, pose=theta)
 
 
 def bent(links: int, **others: Any) -> Snake:
-    """Return rods of which each is turned by 0.4 rad against the one before, wheels by 0.1 rad."""
+    """Return a snake of rods, each turned by 0.4 rad against the one before, wheels by 0.1 rad."""
     k = np.arange(links)
     return _rods(0.1 * k, 0.4 * k, **others)
 
@@ -61,20 +61,20 @@ STIFFNESS = Family(
 )
 
 
-# ---- A wheel that comes to stand across its link, at each place in the chain ---------------------
+# ---- A wheel that comes to stand across its link, at each position in the chain ------------------
 
 WHEELS = 5
 ACROSS = 6.123233995736766e-17
-"""Distance of π/2 from its nearest double."""
+"""Distance of π/2 from its nearest float64."""
 NEXT = ACROSS + 2.0**-52
-"""Distance of π/2 from the double before that."""
+"""Distance of π/2 from the float64 before that."""
 
 
 def _across(variant: str, distance: float) -> Posed:
     sign, wheel = variant[0], int(variant[-1])
     alpha = 0.1 * np.arange(1, WHEELS + 1)
     alpha[wheel - 1] = (1.0 if sign == "+" else -1.0) * (math.pi / 2 - distance)
-    # What turns the link of this wheel at 1 rad/s, and hardly moves the others.
+    # These speeds turn the link of this wheel at 1 rad/s, and hardly move the others.
     return _posed(_rods(alpha, 0.4 * np.arange(WHEELS)), MOVING * max(distance, ACROSS))
 
 
@@ -119,10 +119,10 @@ PATTERNS: dict[str, Callable] = {
 }
 
 
-def _unequal(what: str, variant: str, ratio: float) -> Posed:
+def _unequal(quantity: str, variant: str, ratio: float) -> Posed:
     chosen = PATTERNS[variant.split()[-1]](np.arange(UNEQUAL))
     sizes = {"mass": np.ones(UNEQUAL), "length": np.ones(UNEQUAL)}
-    sizes[what] = np.where(chosen, ratio, 1.0)
+    sizes[quantity] = np.where(chosen, ratio, 1.0)
     return _posed(bent(UNEQUAL, **sizes, inertia=sizes["mass"] * sizes["length"] ** 2 / 12))
 
 
@@ -140,7 +140,7 @@ MASS_RATIO, LENGTH_RATIO = (
 )
 
 
-# ---- Speeds at the ends of what doubles hold, and angles of many turns ---------------------------
+# ---- Speeds at the ends of the range of float64, and angles of many turns ------------------------
 
 
 def _speed(variant: str, factor: float) -> Posed:
@@ -196,7 +196,7 @@ CHAINS: dict[str, Callable[[int], Snake]] = {
 def _long(variant: str, links: float) -> Posed:
     scene = CHAINS[variant](int(links))
     if variant == "pattern":
-        return _posed(scene, np.zeros(2))  # no doubles hold the velocities of 500 links and more
+        return _posed(scene, np.zeros(2))  # velocities of 500 links and more overflow float64
     q, _ = scene.initial_state()
     fastest = np.abs(midpoints(enclose(scene, "kane", q, MOVING, digits=1).v)).max()
     return Posed(scene, q, MOVING / fastest)

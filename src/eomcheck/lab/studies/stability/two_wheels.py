@@ -1,8 +1,8 @@
 """Nearly dependent constraints: a snake with a second wheel on link 1, at almost the same angle.
 
-Two wheels at different angles hold their centre still, however little the angles differ; then the
-whole chain can only turn around that point. Two wheels at the same angle are one constraint,
-written twice.
+Two wheels at different angles fix their centre, however little the angles differ; then the whole
+chain can only turn around that point. Two wheels at the same angle are one constraint, written
+twice.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ LINKS = 5
 
 
 class Parameters(NamedTuple):
-    """Those of the snake, and of the second wheel."""
+    """Parameters of the snake, and of the second wheel."""
 
     snake: Any
     cos_alpha: Any
-    """Of the second wheel against link 1 (1,)."""
+    """Cosine of the angle of the second wheel against link 1 (1,)."""
     sin_alpha: Any
-    """(1,)."""
+    """Sine of that angle (1,)."""
     sin_second: Any
     """Sine of the angle between the two wheels (1,)."""
 
@@ -45,7 +45,7 @@ def _second(parameters):
 
 @generic
 def _with_row(x, row):
-    """Return x with one row more."""
+    """Return x with one row appended."""
     out = np.zeros((x.shape[0] + 1, *x.shape[1:]), x.dtype)
     out[:-1] = x
     out[-1] = row
@@ -121,7 +121,7 @@ def energies(parameters, angles, q, v):
 
 
 class TwoWheels(Scene, functions=globals()):
-    """A snake with a second wheel on its first link.
+    """Snake with a second wheel on its first link.
 
     Args:
         first: the snake.
@@ -153,17 +153,17 @@ class TwoWheels(Scene, functions=globals()):
         return (*self.first.constraint_names, "second wheel")
 
     def parameters(self, arithmetic: Arithmetic) -> Parameters:
-        """Return the parameters in the numbers of `arithmetic`."""
+        """Return the parameters as numbers of `arithmetic`."""
         wheel = arithmetic.angles(self.first.wheel_angle[:1] + self.second)
         between = arithmetic.angles(np.array([self.second]))
         return Parameters(self.first.parameters(arithmetic), wheel.cos, wheel.sin, between.sin)
 
     def initial_state(self) -> tuple[Array, Array]:
-        """Return the state of rest of the snake."""
+        """Return the snake's initial state, at rest."""
         return self.first.initial_state()
 
     def refuse_speeds(self, q: Array) -> None:
-        """Refuse wheels at one angle to rounding: the only motion left is not the only one then."""
+        """Refuse wheels at one angle to rounding: then the only motion left is not the only one."""
         apart = abs(float(np.sin(self.second)))
         if apart <= 4 * EPS:
             raise RefusedError(
@@ -176,7 +176,7 @@ class TwoWheels(Scene, functions=globals()):
 
 
 def _pose(variant: str, angle: float) -> Posed:
-    # Wheel 1 lies along its link, so that the angle of the second wheel is one double, not a sum.
+    # Wheel 1 lies along its link, so that the angle of the second wheel is one float64, not a sum.
     first = bent(LINKS)
     u = np.zeros(1) if variant == "at rest" else np.ones(1)
     return Posed(TwoWheels(first, angle), first.initial_state()[0], u)
