@@ -3,10 +3,10 @@
 Two families of the paper's robot, released from rest, k from 5e3 to 1e10 N m/rad:
 
 - "undamped": springs alone. k only sets the unit of time: q(t) at k is q(t √(k/5000)) at k = 5000,
-  so that the stored reference solution, read on another clock, is the true motion at every k.
+  so that the stored reference solution, rescaled in time, is the true motion at every k.
 - "damped": dampers d = τ k with the retardation time τ = 10 ms (Kelvin and Voigt). Joints creep
-  with τ at any k, while what they do not agree with dies away at rates that grow with k. Here the
-  truth is integrated twice, by the banded formulation and Radau IIA, and by Kane's and an explicit
+  with τ at any k, while their disagreements decay at rates that grow with k. The reference motion
+  is integrated twice, by the banded formulation and Radau IIA, and by Kane's and an explicit
   method, above k = 1e9, where that would take 10 million steps, by Radau IIA with other steps; the
   difference is its uncertainty.
 
@@ -57,25 +57,25 @@ PROBLEMS = ("undamped", "damped")
 COMPILED = ("DOP853", "Tsit5", "Radau", "BDF", "LSODA")
 EXPLICIT = tuple(key for key in COMPILED if not INTEGRATORS[key].implicit)
 IMPLICIT = ("Radau", "BDF")
-"""LSODA is neither one nor the other: where nothing is stiff it uses Adams' methods."""
+"""Implicit integrators; LSODA is neither, as it uses Adams' methods where nothing is stiff."""
 IN_SCIPY = IMPLICIT
 JACOBIANS = ("differences", "exact")
 MOST_STEPS = 200_000
 EXPLICIT_UP_TO = 1e9
-"""Largest stiffness at which a true motion is integrated by an explicit method, N m/rad."""
+"""Largest stiffness at which a reference motion is integrated by an explicit method, N m/rad."""
 RUNS = 5
 
 
 DECADES = (SOFTEST, *(10.0**e for e in range(5, 11)))
 TOLERANCES, IN_SCIPY_AT = (1e-3, 1e-5, 1e-7, 1e-9), (1e-4, 1e-7)
 QUICK = ((SOFTEST, 1e6, 1e7), (1e-3, 1e-6, 1e-9), (1e-5,))
-"""Stiffnesses, tolerances of CyRK's integrators and of SciPy's."""
+"""Quick run: stiffnesses, tolerances of CyRK's integrators and of SciPy's."""
 
 Stiffnesses = Annotated[list[float] | None, "Joint stiffness, N m/rad, or several: 1e4,1e5."]
 
 
 def stiffnesses_of(quick: bool, stiffness: Sequence[float] | None) -> tuple[float, ...]:
-    """Return the stiffnesses to look at, N m/rad.
+    """Return the stiffnesses of a run, N m/rad.
 
     Raises:
         InputError: one is not positive.
@@ -87,7 +87,7 @@ def stiffnesses_of(quick: bool, stiffness: Sequence[float] | None) -> tuple[floa
 
 
 def truth_cells(*, quick: Quick = False, stiffness: Stiffnesses = None) -> Iterator[Settings]:
-    """Yield a cell for each stiffness whose damped motion is to be known."""
+    """Yield a cell for each stiffness of a damped reference motion."""
     yield from ({"stiffness": k} for k in stiffnesses_of(quick, stiffness))
 
 
@@ -101,10 +101,10 @@ def cells(
     """Yield a cell for each integrator, tolerance, stiffness, formulation and problem.
 
     Raises:
-        InputError: a stiffness that is not positive, or the true undamped motion is not stored.
+        InputError: a stiffness that is not positive, or the undamped reference is not stored.
         UnknownNameError: no such formulation.
     """
-    stored_reference(REFERENCE, references)  # before hours are spent on what needs it
+    stored_reference(REFERENCE, references)  # raises before hours are spent on cells that need it
     keys = [f.key for f in formulations_for(Snake, formulation or ["kane"])]
     _, tolerances, in_scipy = QUICK if quick else (DECADES, TOLERANCES, IN_SCIPY_AT)
     for problem, key, k in product(PROBLEMS, keys, stiffnesses_of(quick, stiffness)):
@@ -134,12 +134,12 @@ def end_of(problem: str, stiffness: float) -> float:
     return unit_of_time(problem, stiffness) if problem == "undamped" else DAMPED_END
 
 
-# ---- The truth -----------------------------------------------------------------------------------
+# ---- Reference motions ---------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Truth:
-    """The state at the end.
+    """Reference state at the end of a motion.
 
     Attributes:
         state: (q, v T) (2n,).
@@ -151,7 +151,7 @@ class Truth:
 
 
 def damped_truth(settings: dict[str, Any]) -> Record:
-    """Return the end of a damped motion, integrated twice."""
+    """Return the Record of a damped motion's end state, integrated twice."""
     scene = stiff_robot("damped", settings["stiffness"])
     first = _end_state(scene, "banded", "Radau", 1e-12)
     explicit = settings["stiffness"] <= EXPLICIT_UP_TO
@@ -169,28 +169,33 @@ def _end_state(scene: Snake, key: str, integrator: str, tolerance: float) -> Arr
     motion = Motion(scene, formulation_of(key), *scene.initial_state())
     end = np.array([DAMPED_END])
     options = {"rtol": tolerance, "atol": tolerance, "output_times": end, "max_steps": 0}
-    found = motion.solve(DAMPED_END, integrator=integrator, **options)
-    if not found.success:
-        raise EomcheckError(f"{key} with {integrator} fails: {found.message}")
-    return np.concatenate(motion.split(found.y[-1]))
+    steps = motion.solve(DAMPED_END, integrator=integrator, **options)
+    if not steps.success:
+        raise EomcheckError(f"{key} with {integrator} fails: {steps.message}")
+    return np.concatenate(motion.split(steps.y[-1]))
 
 
 def scaled_truth(folder: Path) -> Truth:
-    """Return the true end of every undamped motion, in units of its own time."""
+    """Return the reference end state of every undamped motion, in units of its own time."""
     reference = stored_reference(REFERENCE, folder)
     q, v = reference.q[-1], reference.v[-1]
     state = np.concatenate((q, v))
-    # √(5000/k) is rounded twice, and with it the end.
-    moved = 2 * EPS * float(np.abs(v).max())
-    known = reference.uncertainty + reference.rounding + moved
-    return Truth(state, known / float(np.abs(state).max()))
+    # √(5000/k) is rounded twice, and the end time with it.
+    end_rounding = 2 * EPS * float(np.abs(v).max())
+    uncertainty = reference.uncertainty + reference.rounding + end_rounding
+    return Truth(state, uncertainty / float(np.abs(state).max()))
 
 
 # ---- One cell ------------------------------------------------------------------------------------
 
 
 def worker(truths: Sequence[Record], *, references: References = REFERENCES) -> CellWorker:
-    """Return what integrates a motion and compares its end with the truth; `truths` are damped."""
+    """Return the function that integrates a motion and compares its end with the reference.
+
+    Args:
+        truths: Records of the damped reference motions.
+        references: folder of the stored references, for the undamped ones.
+    """
     damped = {r.settings["stiffness"]: r for r in truths}
     prepared = cache(lambda problem, k, key: prepare_motion(stiff_robot(problem, k), key))
     scaled = cache(scaled_truth)
@@ -250,10 +255,10 @@ def _by_cyrk(motion: Motion, end: float, settings: dict[str, Any]) -> _Found:
 
 
 def _in_scipy(motion: Motion, end: float, settings: dict[str, Any]) -> _Found:
-    """Integrate by SciPy, whose right-hand side is the same."""
+    """Integrate by SciPy with the same right-hand side."""
     motion.rates.reset()
     exact = settings["jacobian"] == "exact"
-    # Its differences for the Jacobian try larger and larger changes of what does not matter.
+    # Its finite differences enlarge the step of a variable without effect until it overflows.
     with np.errstate(over="ignore"):
         found = solve_ivp(
             motion.rates,
@@ -270,13 +275,13 @@ def _in_scipy(motion: Motion, end: float, settings: dict[str, Any]) -> _Found:
 
 
 _jacobian_of = cache(exact_jacobian)
-"""Of one scene and formulation, made once."""
+"""Jacobian of one scene and formulation, compiled once."""
 
 
 # ---- Tables and charts: costs, crossovers, savings by exact Jacobians ----------------------------
 
 TARGETS = (1e-3, 1e-6)
-"""Relative errors whose costs are compared."""
+"""Relative errors for which costs are compared."""
 RATES = "right-hand sides"
 COSTS = {"seconds": "CPU time / s", RATES: RATES}
 STIFFNESS = Axis("joint stiffness k / (N m/rad)", log=True)
@@ -285,12 +290,12 @@ STIFFNESS = Axis("joint stiffness k / (N m/rad)", log=True)
 def cheapest(
     records: Iterable[Record], target: float, integrators: Sequence[str], what: str = "seconds"
 ) -> Record | None:
-    """Return the run whose error is at most `target` that is cheapest; None if there is none.
+    """Return the cheapest run with an error of at most `target`; None if there is none.
 
     Args:
         records: runs.
         target: largest relative error.
-        integrators: keys that are looked at.
+        integrators: keys of the integrators compared.
         what: "seconds" or "right-hand sides".
     """
     good = [
@@ -302,9 +307,9 @@ def cheapest(
 
 
 def run_cost(record: Record, what: str = "seconds") -> float:
-    """Return what a run took: CPU time of the best run, s, or a count.
+    """Return the cost of a run: CPU time of the best run, s, or a count.
 
-    CPU time is compared, not run time, for it does not tell what else ran on the machine.
+    CPU time is compared, not run time, as it does not depend on other load of the machine.
     """
     return (record.cpu_seconds or 0.0) if what == "seconds" else float(record.counts[what])
 
@@ -316,24 +321,24 @@ def crossover(
 
     Interpolated in logarithms between the two stiffnesses where the ratio of the best of both kinds
     passes 1; None where explicit ones remain cheaper up to the largest. Where none of the explicit
-    ones gets there, the implicit ones count as cheaper.
+    ones reaches the error, the implicit ones count as cheaper.
     """
     mine = select(records, KEY, problem=problem, formulation=key)
     ratios: list[tuple[float, float]] = []
     for k in sorted({r.settings["stiffness"] for r in mine}):
-        here = [r for r in mine if r.settings["stiffness"] == k]
-        explicit, implicit = (cheapest(here, target, kind, what) for kind in (EXPLICIT, IMPLICIT))
+        at_k = [r for r in mine if r.settings["stiffness"] == k]
+        explicit, implicit = (cheapest(at_k, target, kind, what) for kind in (EXPLICIT, IMPLICIT))
         if implicit is None:
             continue
         ratio = (
             math.inf if explicit is None else run_cost(explicit, what) / run_cost(implicit, what)
         )
         ratios.append((k, ratio))
-    for place, (k, ratio) in enumerate(ratios):
-        if ratio > 1 and all(later > 1 for _, later in ratios[place:]):
-            if place == 0 or math.isinf(ratio):
+    for i, (k, ratio) in enumerate(ratios):
+        if ratio > 1 and all(later > 1 for _, later in ratios[i:]):
+            if i == 0 or math.isinf(ratio):
                 return k
-            before_k, before = ratios[place - 1]
+            before_k, before = ratios[i - 1]
             share = math.log(1 / before) / math.log(ratio / before)
             return before_k * (k / before_k) ** share
     return None
@@ -343,7 +348,9 @@ def crossover(
 
 
 def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
-    """Yield how well the truth is known, costs, crossovers, and what Jacobians save."""
+    """Yield the uncertainty of the references, costs, crossovers, and savings by exact
+    Jacobians.
+    """
     yield _truths(found)
     for problem, key, target in product(PROBLEMS, values(found, "formulation"), TARGETS):
         yield _costs(found, problem, key, target)
@@ -353,7 +360,7 @@ def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
 
 
 def remarks(found: Sequence[Record]) -> Iterator[str]:
-    """Yield how many runs were disturbed."""
+    """Yield the number of runs with contended timing."""
     shared = sum(map(was_contended, found))
     yield f"{shared} of {counted(len(select(found, KEY)), 'best run')} had to share a core."
 
@@ -398,8 +405,8 @@ def _costs(found: Sequence[Record], problem: str, key: str, target: float) -> Re
 def _crossovers(found: Sequence[Record]) -> ResultTable:
     rows = []
     for problem, target, key in product(PROBLEMS, TARGETS, values(found, "formulation")):
-        places = (crossover(found, target, problem, key, what) for what in ("seconds", RATES))
-        cells = ("never" if k is None else f"{k:.1e}" for k in places)
+        crossovers = (crossover(found, target, problem, key, x) for x in ("seconds", RATES))
+        cells = ("never" if k is None else f"{k:.1e}" for k in crossovers)
         rows.append((problem, f"{target:.0e}", key, *cells))
     return ResultTable(
         "stiff-crossover",
@@ -430,7 +437,9 @@ def _jacobians(found: Sequence[Record]) -> ResultTable:
 
 
 def _pairs(found: Sequence[Record]) -> Iterator[tuple[str, float, float, list[Record]]]:
-    """Yield integrator, tolerance, stiffness, and the runs by differences and by exact Jacobian."""
+    """Yield integrator, tolerance, stiffness, and the runs by finite differences and by exact
+    Jacobian.
+    """
     for integrator in IN_SCIPY:
         for tolerance, k in product(values(found, "tolerance"), values(found, "stiffness")):
             how = {"integrator": integrator, "tolerance": tolerance, "stiffness": k}
@@ -445,7 +454,7 @@ def _failures(found: Sequence[Record]) -> ResultTable:
     alike = group(failed, lambda r: (*(r.settings[name] for name in what), r.reason))
     where = "{stiffness:.0e} at {tolerance:.0e}"
     rows = [
-        (*told, "; ".join(where.format(**r.settings) for r in mine)) for told, mine in alike.items()
+        (*key, "; ".join(where.format(**r.settings) for r in mine)) for key, mine in alike.items()
     ]
     columns = ("joints", "formulation", "integrator", "reason", "k at rtol")
     title = "Runs that failed" if rows else "No run failed."
@@ -456,14 +465,16 @@ def _failures(found: Sequence[Record]) -> ResultTable:
 
 
 def charts(found: Sequence[Record]) -> Iterator[Chart]:
-    """Yield work-precision, cost over stiffness, and what exact Jacobians save."""
+    """Yield work-precision, cost over stiffness, and savings by exact Jacobians."""
     yield _work_precision(found)
     yield _cost_over_stiffness(found)
     yield _saved(found)
 
 
 def _work_precision(found: Sequence[Record]) -> Chart:
-    """Error against CPU time of Kane's formulation; in the grey the truth is not known."""
+    """Return error against CPU time of Kane's formulation; grey: below the uncertainty of the
+    reference.
+    """
     panels = {}
     stiffnesses = values(found, "stiffness")
     for problem, k in product(PROBLEMS, stiffnesses):
@@ -476,7 +487,7 @@ def _work_precision(found: Sequence[Record]) -> Chart:
                 integrator,
                 [run_cost(r) for r in line],
                 [max(r.errors["final"], r.errors["floor"]) for r in line],
-                [_told(r) for r in line],
+                [_hover_text(r) for r in line],
             )
             for integrator in COMPILED
             if (line := [r for r in mine if r.settings["integrator"] == integrator])
@@ -496,7 +507,7 @@ def _work_precision(found: Sequence[Record]) -> Chart:
     )
 
 
-def _told(record: Record) -> list[str]:
+def _hover_text(record: Record) -> list[str]:
     how = "{integrator}, tolerance {tolerance:.0e}".format(**record.settings)
     return [
         how,
@@ -517,13 +528,13 @@ def _cost_over_stiffness(found: Sequence[Record]) -> Chart:
             ]
             if points:
                 lines.append(Line(integrator, [k for k, _ in points], [y for _, y in points]))
-        place = crossover(found, target, problem, "kane", what)
+        stiffness = crossover(found, target, problem, "kane", what)
         panels[label, problem] = Panel(
             STIFFNESS,
             Axis(label, log=True),
             lines,
             f"{problem}: to a relative error of {target:.0e}",
-            marks=[] if place is None else [place],
+            marks=[] if stiffness is None else [stiffness],
         )
     title = "Cost over stiffness, Kane's formulation; dotted: implicit integrators are cheaper on"
     return Chart("stiff-cost", title, ["cost", "joints"], panels, size=(4.4, 3.2))
@@ -537,7 +548,9 @@ def _cheapest_at(
 
 
 def _saved(found: Sequence[Record]) -> Chart:
-    """The shares of right-hand sides and time that exact Jacobians leave."""
+    """Return the cost with exact Jacobians over that with finite differences: right-hand sides and
+    time.
+    """
     panels, pairs = {}, group(_pairs(found), lambda one: one[:2])
     for what, label in {RATES: RATES, "seconds": "CPU time"}.items():
         lines = [

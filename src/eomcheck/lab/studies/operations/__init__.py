@@ -29,7 +29,7 @@ def cells(
     """Yield a cell for each number of links and formulation; for the last one also with springs.
 
     Raises:
-        InputError: no such numbers of links, or what `absent.cells` raises.
+        InputError: no such numbers of links, or an error of `measure.cells`.
         UnknownNameError: no such formulation or scene.
     """
     low, high = parse_interval(links if links is not None else "2..100" if scene is None else "3")
@@ -50,7 +50,7 @@ def cells(
 
 
 def worker(known: Sequence[Record], *, scene: Absent = None) -> Callable[[Settings], Record]:
-    """Return what counts a cell."""
+    """Return the function that counts the operations of a cell."""
     kinds = {} if scene is None else {kind.key: kind for kind in scene_classes_named(scene)}
 
     def work(settings: Settings) -> Record:

@@ -1,14 +1,14 @@
-"""Operation counts of one right-hand side, and what leaving out absent terms saves.
+"""Operation counts of one right-hand side, and savings by absent terms.
 
-The functions that `eomcheck.motion.right_hand_side` traces are run on numbers that count
-(`eomcheck.numbers.counting` defines what counts). What depends on the parameters alone is computed
-once per scene and not counted. Linear systems are listed, and the operations of their elimination
-are kept apart: they are computed from the orders.
+The functions traced by `eomcheck.motion.right_hand_side` are run on counting numbers
+(`eomcheck.numbers.counting` defines the operations). Quantities that depend on the parameters alone
+are computed once per scene and not counted. Linear systems are recorded, and the operations of
+their elimination are kept apart: they are computed from the orders.
 
 Savings are measured by comparing a scene with `with_zeros(scene)`, the same scene whose functions
-return arrays in the place of every `None`: zeros for forces, b, offset and the gyroscopic part;
-without constraints a Jacobian of no rows and the identity for W. Both are counted, and timed in
-machine code, which leaves literal zeros out.
+return arrays instead of every `None`: zeros for forces, b, offset and the gyroscopic part; without
+constraints a Jacobian of no rows and the identity for W. Both are counted, and timed in machine
+code, which leaves literal zeros out.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ from eomcheck.scenes.snake import active_forces, joint_forces, torques_on, wheel
 
 @dataclass(frozen=True)
 class Operations:
-    """One right-hand side of a formulation, for a snake of `links` links.
+    """Operation count of one right-hand side of a formulation, for a snake of `links` links.
 
-    `solves` are the linear systems in the order in which they are solved. What their elimination
-    takes is in `elimination` and nowhere else.
+    `solves` are the linear systems in the order of solution. The operations of their elimination
+    are in `elimination` and nowhere else.
     """
 
     formulation: str
@@ -63,7 +63,7 @@ class Operations:
 
     @property
     def elimination(self) -> int:
-        """What the linear systems take by LU."""
+        """Operations of LU for the linear systems."""
         return sum(lu_operations(system) for system in self.solves)
 
 
@@ -84,7 +84,7 @@ def count_record(counted: Operations) -> Record:
 
 
 def operations_of(record: Record) -> Operations:
-    """Return the count that a Record holds."""
+    """Return the count in a Record."""
     solves = tuple(System(*system) for system in record.series["solves"])
     return Operations(record.settings["formulation"], **record.counts, solves=solves)
 
@@ -94,7 +94,7 @@ def lu_operations(system: System) -> int:
 
     A full one: m (m-1) (4m+1) / 6 for the factors and m (2m-1) for each right-hand side. A banded
     one: see `banded_operations`. Neither the comparisons of pivoting nor an estimate of the
-    condition are in it.
+    condition number are included.
     """
     m = system.order
     if system.half is not None:
@@ -106,8 +106,8 @@ def banded_operations(m: int, half: int) -> int:
     """Return the operations of `solve_banded`: LU of m rows and one solution, refined once.
 
     Below a pivot are at most `half` rows and, as rows are exchanged, beside it at most 2 `half`
-    columns. The refinement takes the residual, a second solution and their sum; what tells whether
-    another step is needed is not in it.
+    columns. The refinement takes the residual, a second solution and their sum; the test for
+    another step is not included.
     """
     rows = [min(half, m - 1 - k) for k in range(m)]
     columns = [min(2 * half, m - 1 - k) for k in range(m)]
@@ -119,23 +119,23 @@ def banded_operations(m: int, half: int) -> int:
 
 def count(scene: Snake, formulation: Formulation) -> Operations:
     """Count one right-hand side of a snake."""
-    found = tally(scene, formulation, Counting())
+    total = tally(scene, formulation, Counting())
     return Operations(
         formulation.key,
         scene.links,
         scene.n,
         scene.r,
         scene.s,
-        found.additions,
-        found.multiplications,
-        found.divisions,
-        found.trigonometric_pairs,
-        tuple(found.systems),
+        total.additions,
+        total.multiplications,
+        total.divisions,
+        total.trigonometric_pairs,
+        tuple(total.systems),
     )
 
 
 def outline(scene: Scene, counting: Counting) -> Quantities:
-    """Return what the scene says in numbers that only count: which terms it has."""
+    """Return the scene's quantities in counting numbers, which show the terms that are present."""
     at = Quantities(scene, counting, counting.vector(scene.n), counting.vector(1)[0])
     at.u = counting.vector(scene.p)
     return at
@@ -144,7 +144,7 @@ def outline(scene: Scene, counting: Counting) -> Quantities:
 def tally(scene: Scene, formulation: Formulation, counting: Counting) -> Tally:
     """Count one right-hand side, composed as in `eomcheck.motion.right_hand_side`."""
     at = Quantities(scene, counting, counting.vector(scene.n), counting.vector(1)[0])
-    at.parameters  # noqa: B018  (prepared once, so before counting starts)
+    at.parameters  # noqa: B018  (precomputed once, so before counting starts)
     counting.tally.clear()
     if formulation.uses == "terms":
         at.v = counting.vector(scene.n)
@@ -164,14 +164,15 @@ def tally(scene: Scene, formulation: Formulation, counting: Counting) -> Tally:
     return counting.tally
 
 
-# ---- What absent springs cost --------------------------------------------------------------------
+# ---- Costs of springs ----------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Springs:
-    """One right-hand side with springs and without: (additions, multiplications, divisions) each.
+    """Counts of one right-hand side with springs and without: (additions, multiplications,
+    divisions) each.
 
-    `alone` is what the functions that only springs need cost when they are run by themselves.
+    `alone` is the count of the functions that only springs need, run by themselves.
     """
 
     formulation: str
@@ -182,7 +183,7 @@ class Springs:
 
     @property
     def difference(self) -> tuple[int, ...]:
-        """What the springs add to the right-hand side."""
+        """Operations that the springs add to the right-hand side."""
         return tuple(x - y for x, y in zip(self.present, self.absent, strict=True))
 
 
@@ -218,14 +219,15 @@ def _springs(scene: Snake, formulation: Formulation) -> tuple[int, int, int]:
 
 @dataclass(frozen=True)
 class Saving:
-    """One right-hand side with a scene's absent terms absent, and with zeros in their place.
+    """Cost of one right-hand side with a scene's absent terms absent, and with zeros in their
+    place.
 
     Attributes:
-        structure: of the scene.
+        structure: structural variant of the scene.
         absent: names of the terms that are absent.
         formulation: key.
         operations: additions, multiplications and divisions outside of solves: (absent, zeros).
-        seconds: median times of one call: (absent, zeros), or None where they were not measured.
+        seconds: median times of one call, s: (absent, zeros), or None if they were not measured.
     """
 
     structure: str
@@ -236,7 +238,7 @@ class Saving:
 
 
 class CountingLiterals(Counting):
-    """Counts operations on two literals too: explicit zeros are numbers like any other."""
+    """Counts operations on two literals too: explicit zeros count as any other number."""
 
     def literal(self, x: int) -> Counted:
         """Return the one number there is."""
@@ -248,7 +250,7 @@ class CountingLiterals(Counting):
 
 @generic
 def zeros_for(x, size, dtype):
-    """Return x (size,), zeros where it is None."""
+    """Return x (size,), zeros if it is None."""
     if x is None:
         return np.zeros(size, dtype)
     return x
@@ -256,7 +258,7 @@ def zeros_for(x, size, dtype):
 
 @generic
 def table_for(x, rows, columns, dtype):
-    """Return x (rows, columns), zeros where it is None."""
+    """Return x (rows, columns), zeros if it is None."""
     if x is None:
         return np.zeros((rows, columns), dtype)
     return x
@@ -264,13 +266,13 @@ def table_for(x, rows, columns, dtype):
 
 @generic
 def identity_for(W, kinematics, dtype):
-    """Return W, the identity (n, n) where it is None."""
+    """Return W, the identity (n, n) if it is None."""
     if W is None:
         size = kinematics.q.size
-        one = np.zeros((size, size), dtype)
+        identity = np.zeros((size, size), dtype)
         for i in range(size):
-            one[i, i] = 1
-        return one
+            identity[i, i] = 1
+        return identity
     return W
 
 
@@ -333,14 +335,16 @@ def _kind_with_zeros(kind: type[Scene]) -> type[Scene]:
 
 
 def with_zeros(scene: Scene) -> Scene:
-    """Return `scene` with arrays in the place of all that it has not."""
-    made = copy(scene)
-    object.__setattr__(made, "__class__", _kind_with_zeros(type(scene)))
-    return made
+    """Return a copy of `scene` with arrays of zeros instead of absent terms (for W the
+    identity).
+    """
+    changed = copy(scene)
+    object.__setattr__(changed, "__class__", _kind_with_zeros(type(scene)))
+    return changed
 
 
 def absent_terms(scene: Scene) -> tuple[str, ...]:
-    """Return the names of the terms that `scene` has not."""
+    """Return the names of the terms that are absent in `scene`."""
     at = outline(scene, CountingLiterals())
     records = at.terms, at.speeds, at.bodies
     return tuple(name for record in records for name, x in record._asdict().items() if x is None)
@@ -358,11 +362,11 @@ def _moving(scene: Scene) -> State:
 def cells(
     kinds: Iterable[type[Scene]], links: int, keys: Sequence[str] | None, repeats: int
 ) -> Iterator[Settings]:
-    """Yield a cell for each structure of `kinds` and formulation that applies.
+    """Yield a cell for each structural variant of `kinds` and formulation that applies.
 
     Args:
-        kinds: kinds of scenes.
-        links: number of links, for kinds that have one.
+        kinds: scene classes.
+        links: number of links, for scene classes that have one.
         keys: formulations, by default all that apply.
         repeats: timed batches per median; 0 for counts alone.
 
@@ -374,7 +378,7 @@ def cells(
         raise InputError(f"repeats = {repeats}, expected at least 0")
     kinds = tuple(kinds)
     for kind, formulation in product(kinds, formulations_among(kinds, keys)):
-        # A chain has nothing that is absent but the springs, which its bodies have as well.
+        # The only absent terms of a chain are the springs, and its bodies lack those as well.
         if not formulation.applies_to(kind) or formulation.uses == "chain":
             continue
         size = links if kind.has_links else None
@@ -384,7 +388,7 @@ def cells(
 
 
 def saving(kind: type[Scene], settings: Settings) -> Saving:
-    """Return what leaving out saves in a cell."""
+    """Return the saving by absent terms in a cell."""
     formulation, repeats = FORMULATIONS[settings["formulation"]], settings["repeats"]
     scenes = kind.structures(settings["links"])
     scene = next(scene for scene in scenes if scene.structure == settings["structure"])
@@ -395,8 +399,8 @@ def saving(kind: type[Scene], settings: Settings) -> Saving:
 
 
 def _count(scene: Scene, formulation: Formulation) -> int:
-    found = tally(scene, formulation, CountingLiterals())
-    return found.additions + found.multiplications + found.divisions
+    total = tally(scene, formulation, CountingLiterals())
+    return total.additions + total.multiplications + total.divisions
 
 
 def _times(

@@ -25,11 +25,11 @@ from eomcheck.numbers.counting import System
 # ---- Exact polynomials through counts ------------------------------------------------------------
 
 MAX_DEGREE = 4
-"""No polynomial of a higher degree is tried."""
+"""Largest degree of a fitted polynomial."""
 
 
 def by_formulation(records: Iterable[Operations]) -> dict[str, list[Operations]]:
-    """Return the Records of each formulation, in the order of the number of links."""
+    """Return the counts of each formulation, in the order of the number of links."""
     return group(sorted(records, key=lambda one: one.links), lambda one: one.formulation)
 
 
@@ -41,12 +41,12 @@ KINDS: dict[str, Callable[[Operations], int]] = {
     "outside of solves": lambda record: record.outside_solves,
     "solves, by LU": lambda record: record.elimination,
 }
-"""What is fitted, and where a Record has it."""
+"""Kind of operation -> function that returns its count."""
 
 
 @dataclass(frozen=True)
 class Fit:
-    """The polynomials in N of one formulation by kind of operation; None where none fits."""
+    """Polynomials in N of one formulation by kind of operation; None if none fits."""
 
     formulation: str
     polynomials: dict[str, fmpq_poly | None]
@@ -61,7 +61,7 @@ def fit_polynomial(points: Iterable[tuple[int, int]]) -> fmpq_poly | None:
     known = sorted(set(points))
     N, polynomial, vanishing = fmpq_poly([0, 1]), fmpq_poly(), fmpq_poly([1])
     for size, value in known[: min(MAX_DEGREE + 1, len(known) - 1)]:
-        # Newton's form: the term added vanishes where the polynomial is right already.
+        # Newton's form: the added term vanishes at the points already interpolated.
         if vanishing(size) == 0:  # two counts for one N
             return None
         polynomial += vanishing * ((value - polynomial(size)) / vanishing(size))
@@ -111,7 +111,7 @@ class SolvedSystem:
 def fit_order(points: Iterable[tuple[int, int, int]]) -> tuple[int, int] | None:
     """Return the integers (i, j) with order = i n + j r at all points (n, r, order), if any.
 
-    Two points determine them, so at least three are asked for.
+    Two points determine them, so at least three are required.
     """
     known = sorted(set(points))
     if len(known) < 3:
@@ -128,15 +128,15 @@ def fit_order(points: Iterable[tuple[int, int, int]]) -> tuple[int, int] | None:
 
 
 def solved_systems(records: Iterable[Operations]) -> list[SolvedSystem]:
-    """Return every system that every formulation solves, in the order in which it does."""
-    found = []
+    """Return every system that every formulation solves, in the order of solution."""
+    systems = []
     for key, rows in by_formulation(records).items():
         at: dict[tuple[int, str], list[tuple[Operations, System]]] = {}
         for row in rows:
-            for place, system in enumerate(row.solves):
-                at.setdefault((place, system.name), []).append((row, system))
-        found += [_solved_system(formulation_of(key), solved) for _, solved in sorted(at.items())]
-    return found
+            for index, system in enumerate(row.solves):
+                at.setdefault((index, system.name), []).append((row, system))
+        systems += [_solved_system(formulation_of(key), solved) for _, solved in sorted(at.items())]
+    return systems
 
 
 def _solved_system(
@@ -168,7 +168,7 @@ OF_CHAIN = (
 )
 POWERS: tuple[str, ...] = ("", "N", "N²", "N³", "N⁴")
 TOTALS = ("outside of solves", "solves, by LU")
-"""The kinds of `KINDS` that are sums of others: they have a table of their own."""
+"""Kinds of `KINDS` that are sums of others, with a table of their own."""
 
 
 def counted_in(found: Sequence[Record]) -> list[Operations]:
@@ -178,19 +178,19 @@ def counted_in(found: Sequence[Record]) -> list[Operations]:
 
 
 def springs_in(found: Sequence[Record]) -> list[Springs]:
-    """Return what was counted with springs and without."""
+    """Return the counts with springs and without."""
     return rows_in((one for one in found if "springs" in one.settings), Springs)
 
 
 def savings_in(found: Sequence[Record]) -> list[Saving]:
-    """Return what leaving out saves."""
+    """Return the savings by absent terms."""
     return rows_in((one for one in found if "scene" in one.settings), Saving)
 
 
 def signed_sum(terms: list[tuple[str, str]], between: str = " ") -> str:
-    """Return the sum of terms (factor, symbol), such as "9/2 N² - 3"; "" stands for no symbol.
+    """Return the sum of terms (factor, symbol), such as "9/2 N² - 3"; "" is no symbol.
 
-    `relative_vector` stands between a factor and its symbol.
+    `between` stands between a factor and its symbol.
     """
     text = ""
     for factor, symbol in terms:
@@ -211,7 +211,7 @@ def polynomial_text(polynomial: fmpq_poly | None) -> str:
 
 
 def order_text(system: SolvedSystem) -> str:
-    """Return the order of a system in n and r, or as it was measured where nothing fits."""
+    """Return the order of a system in n and r, or as measured at the least N if nothing fits."""
     if system.order is None:
         return f"{system.smallest.order} at N = {system.links}"
     factors = sorted(zip(system.order, "nr", strict=True), key=lambda term: -term[0])
@@ -219,14 +219,14 @@ def order_text(system: SolvedSystem) -> str:
 
 
 def columns_text(system: SolvedSystem) -> str:
-    """Return the number of right-hand sides, as `order_text` does."""
+    """Return the number of right-hand sides as a polynomial in N, or as measured at the least N."""
     if system.columns is None:
         return f"{system.smallest.columns} at N = {system.links}"
     return polynomial_text(system.columns)
 
 
 def table_i_text(system: SolvedSystem) -> str:
-    """Return what Table I says about a system."""
+    """Return the comparison of a system with Table I."""
     if not system.final:
         return "not counted"
     formulation = formulation_of(system.formulation)
@@ -239,7 +239,9 @@ def table_i_text(system: SolvedSystem) -> str:
 
 
 def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
-    """Yield counts, polynomials, systems beside Table I, what springs cost, what absence saves."""
+    """Yield counts, polynomials, systems beside Table I, costs of springs, savings by absent
+    terms.
+    """
     counted = counted_in(found)
     if counted:
         yield from _over_links(counted)
@@ -311,7 +313,9 @@ def _savings(savings: list[Saving]) -> Iterator[ResultTable]:
 
 
 def remarks(found: Sequence[Record]) -> Iterator[str]:
-    """Yield why cells are not done, what is not fitted, and what savings are."""
+    """Yield the reasons of unfinished cells, a note on missing fits, and the definition of
+    savings.
+    """
     yield from unfinished(found)
     if any(p is None for one in fit(counted_in(found)) for p in one.polynomials.values()):
         yield (
@@ -356,7 +360,9 @@ def _parts(one: Operations) -> list[str]:
 
 
 def document(found: Sequence[Record]) -> dict[str, Any]:
-    """Return counts, polynomials (coefficients exact, as text), systems; or savings, for JSON."""
+    """Return the JSON document: counts, polynomials (coefficients exact, as text), systems; or
+    savings.
+    """
     counted = counted_in(found)
     if not counted:
         return {"savings": [asdict(one) for one in savings_in(found)]}
