@@ -134,10 +134,10 @@ def _differences(engine: Engine, scene: Scene, state: State) -> Iterator[tuple[s
         "bias": max(largest(one.terms.B) for one in turned),
         "engine-acceleration": largest(np.linalg.solve(at.terms.M, at.F)),
     }
-    terms, state = at.terms, (at.q, at.v, at.t)
+    terms, moving = at.terms, (at.q, at.v, at.t)
     pairs: dict[str, tuple[Array | None, Array | None]] = {
         "mass-matrix": (terms.M, answers.mass_matrix(at.q, at.t)),
-        "bias": (terms.B, answers.bias(*state)),
+        "bias": (terms.B, answers.bias(*moving)),
     }
     others = {
         "generalized-forces": ("forces", terms.Q),
@@ -146,7 +146,7 @@ def _differences(engine: Engine, scene: Scene, state: State) -> Iterator[tuple[s
     }
     for claim, (method, ours) in others.items():
         if ours is not None and engine.offers(method):
-            pairs[claim] = ours, getattr(answers, method)(*state)
+            pairs[claim] = ours, getattr(answers, method)(*moving)
     if engine.offers("acceleration"):
         Q = np.zeros(scene.n) if terms.Q is None else terms.Q
         with suppress(RefusedError):

@@ -219,8 +219,7 @@ def _springs(scene: Snake, formulation: Formulation) -> tuple[int, int, int]:
 
 @dataclass(frozen=True)
 class Saving:
-    """Cost of one right-hand side with a scene's absent terms absent, and with zeros in their
-    place.
+    """Cost of one right-hand side with a scene's absent terms left out, and with zeros for them.
 
     Attributes:
         structure: structural variant of the scene.

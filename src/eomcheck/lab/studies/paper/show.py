@@ -95,7 +95,7 @@ def _table_i(found: PaperRecords) -> ResultTable:
 
 
 def _order(counts: Iterable[dict[str, int]], name: str) -> str:
-    """Return the order of a system in n and r, or all orders if they are too few for a fit."""
+    """Return the order of a system in n and r, or all orders if none fits."""
     known = [(one["n"], one["r"], one[name]) for one in counts]
     fitted = fit_order(known)
     if fitted is None:
