@@ -38,7 +38,10 @@ MODULES = {
     "eomcheck.motion.errors": "eomcheck.motion.trajectory_errors",
     "eomcheck.testing.registry": "eomcheck.testing.function_claim",
 }
-"""Old -> new path of modules that the pages of 0.2 or stored failures import from."""
+"""Old -> new path of modules that pages of 0.2 or stored failures import from.
+
+`from PACKAGE import MODULE` asks the package under its new name: hence `descriptions.words`.
+"""
 
 
 def warn(old: str, new: str, stacklevel: int = 3) -> None:
@@ -81,15 +84,30 @@ def current(value: str) -> str:
     return VALUES.get(value, value)
 
 
-NAMES: dict[str, dict[str, str]] = {}
-"""Module -> old name -> new name of its objects."""
+NAMES: dict[str, dict[str, str]] = {
+    "eomcheck": {"Dependence": "ConstraintRank"},
+    "eomcheck.testing": {"Functions": "EquationsOfMotion"},
+    "eomcheck.descriptions.elements": {"square": "perpendicular"},
+    "eomcheck.descriptions.mechanism_class": {"kind_of": "scene_class_of"},
+    "eomcheck.mechanics.records": {"velocity": "velocity_from_speeds"},
+    "eomcheck.mechanics.sketch": {
+        "Constraint": "ConstraintMark",
+        "Joint": "JointMark",
+        "Spring": "SpringMark",
+        "place": "position_dimensions",
+        "turned_by": "plane_angle",
+    },
+    "eomcheck.motion.reference": {"consistent_velocity": "extended_velocity"},
+    "eomcheck.motion.reference_io": {"Run": "ReferenceRun"},
+}
+"""Module -> old name -> new name of an object in it; the module has a `__getattr__` for these."""
 
 
 def renamed(module: str, name: str) -> Any:
-    """Return the object of a module formerly called `name`, with a warning.
+    """Return the object of a module by an old name.
 
     Raises:
-        AttributeError: no object had that name.
+        AttributeError: there was none of this name.
     """
     new = NAMES.get(module, {}).get(name)
     if new is None:

@@ -88,7 +88,7 @@ def equations_residual(at: Quantities, context: EvaluationContext) -> Iterator[C
             terms = magnitude(motions.T, terms + cancelled)
             residual = motions.T @ residual
             names = speed_names(at) if context.exact else numbered("allowed motion ", residual.size)
-            sensitivity = select(resolved, sensitivity, np.inf)
+            sensitivity = lane_select(resolved, sensitivity, np.inf)
         yield vanishing(f.key, residual, (names,), terms, sensitivity + largest(terms))
 
 
@@ -550,7 +550,7 @@ def _of_power(
         return terms, np.inf
     # Energies are summed over the bodies, which rounds as often.
     rounding = case.at.scene.n * (largest(shares) + summed_sensitivity) + _of_constraints(case, f)
-    return terms, select(resolved, case.sensitivity(power, batched=True) + rounding, np.inf)
+    return terms, lane_select(resolved, case.sensitivity(power, batched=True) + rounding, np.inf)
 
 
 def _of_constraints(case: Any, f: Formulation) -> Any:

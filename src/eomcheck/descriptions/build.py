@@ -219,7 +219,8 @@ def mechanism(
     made = mechanism_source(
         name, links, joints, constraints, gravity=gravity, dependent=dependent, pose=pose
     )
-    module = sys._getframe(1).f_globals.get("__name__", __name__)
+    # The class belongs to the caller, one call further up than what accepts old keywords.
+    module = sys._getframe(2).f_globals.get("__name__", __name__)
     return made._replace(module=module).scene_class()
 
 

@@ -233,7 +233,7 @@ def _example(kind: type[RandomScene]) -> Scene:
 
 def _base(kind: type[RandomScene]) -> type[RandomScene]:
     """Return the base class of all scenes of a random class."""
-    return next(one for one in kind.__mro__ if "made" not in vars(one))
+    return next(one for one in kind.__mro__ if "source" not in vars(one))
 
 
 RANDOM: dict[str, type[Scene]] = {

@@ -87,7 +87,7 @@ class PerturbedEvaluation(Evaluation):
         return recording_solves(self.noise, self._original.solves.get(key) if key else None)
 
     def speeds_solved(self, watch: SolveRecorder) -> None:
-        """Store the matrices solved for generalized speeds; perturbed ones have no condition number."""
+        """Store the matrices solved for generalized speeds, without condition numbers."""
         super().speeds_solved(watch)
         self.speeds_rcond = {}
 

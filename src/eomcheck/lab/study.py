@@ -18,6 +18,7 @@ from typing import Annotated, Any
 
 from eomcheck.atomic_write import write_text
 from eomcheck.console import progress
+from eomcheck.deprecated import old_keywords
 from eomcheck.errors import EomcheckError, InputError, RefusedError
 from eomcheck.lab.show.chart import Chart
 from eomcheck.lab.show.table import ResultTable
@@ -28,6 +29,7 @@ from eomcheck.lab.store.record_file import Record, Records, Settings, group, key
 # ---- Cells ---------------------------------------------------------------------------------------
 
 
+@old_keywords
 def run_cells(
     records: Records,
     study: str,

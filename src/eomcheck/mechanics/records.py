@@ -151,3 +151,6 @@ class Range(NamedTuple):
 
 ANYWHERE, ANY_ANGLE = Range(-10.0, 10.0), Range(-math.pi, math.pi)
 """Ranges of a position, m from the origin, and of an angle, rad."""
+
+
+__getattr__ = getattr_of(__name__)

@@ -304,7 +304,7 @@ def as_float64(x: Any) -> Any:
     return LaneArray(lane_data(x, count)) if count else np.asarray(x, np.float64)
 
 
-def select(condition: Any, x: Any, y: Any) -> Any:
+def lane_select(condition: Any, x: Any, y: Any) -> Any:
     """Return x where the condition holds, otherwise y, lane by lane; each may be lanes or plain."""
     count = next((n for n in map(lanes_in, (condition, x, y)) if n), 0)
     if not count:
