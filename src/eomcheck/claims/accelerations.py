@@ -341,7 +341,7 @@ def machine_code(case: Case) -> Iterator[Finding]:
     for formulation in case.solved:
         try:
             at, y = as_integrated(case.at, formulation)
-            found = acceleration_in_machine_code(at, formulation, y)
+            compiled = acceleration_in_machine_code(at, formulation, y)
             public = at.acceleration(formulation).vdot
         except NotRationalError as error:
             outcome = 0.0, 0.0, "skipped", "property-tested", f"not rational: {error}"
@@ -350,20 +350,20 @@ def machine_code(case: Case) -> Iterator[Finding]:
         except RefusedError:  # at the integrator's velocity, which differs by rounding
             continue
         extreme = can_overflow(at.v, at.F, at.terms.M) or _subnormal(at.terms.a)
-        if extreme and not np.isfinite(found).all():
+        if extreme and not np.isfinite(compiled).all():
             # Solves in machine code scale no columns: their products and quotients are larger.
             outcome = math.inf, 0.0, "inconclusive", "property-tested"
             yield case.finding(formulation.key, *outcome, "overflows in machine code: NaN")
             continue
         # Velocities that differ by rounding have the same sensitivity.
         sensitivity = 2 * case.vdot_sensitivity(formulation)
-        if np.isinf(sensitivity) and np.isnan(found).all():
+        if np.isinf(sensitivity) and np.isnan(compiled).all():
             # Rows of rounding error only: they are scaled in Python, not in machine code.
             outcome = math.inf, math.inf, "inconclusive", "property-tested"
             yield case.finding(formulation.key, *outcome, "no digit is left: NaN in machine code")
             continue
         names = (scene.coordinate_names,)
-        yield case.compare(formulation.key, found, public, sensitivity, names=names)
+        yield case.compare(formulation.key, compiled, public, sensitivity, names=names)
 
 
 def _subnormal(a: Array | None) -> bool:
@@ -568,7 +568,7 @@ def invariance(case: Case) -> Iterator[Finding]:
         longest = largest(np.abs(symmetry.image).sum(axis=1))
         for formulation in case.solved:
             try:
-                found = there.acceleration(formulation).vdot
+                actual = there.acceleration(formulation).vdot
             except RefusedError as refused:
                 why = "skipped", "property-tested", f"refused after that: {refused}"
                 yield case.finding(f"{symmetry.name}: {formulation.key}", 0.0, 0.0, *why)
@@ -579,7 +579,7 @@ def invariance(case: Case) -> Iterator[Finding]:
             sensitivity = (
                 2 * longest * turn * case.part_sensitivity(formulation, "vdot", coordinates=True)
             )
-            if not largest(found - expected) <= allowed_error(sensitivity):
+            if not largest(actual - expected) <= allowed_error(sensitivity):
                 # An angle of 0 has no rounding error to measure; the transformed angle has.
                 try:
                     sensitivity += acceleration_sensitivity(there, formulation, coordinates=True)
@@ -587,4 +587,4 @@ def invariance(case: Case) -> Iterator[Finding]:
                     sensitivity = np.inf
             names = (at.scene.coordinate_names,)
             subject = f"{symmetry.name}: {formulation.key}"
-            yield case.compare(subject, found, expected, sensitivity, names=names)
+            yield case.compare(subject, actual, expected, sensitivity, names=names)

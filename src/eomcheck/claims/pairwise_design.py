@@ -81,27 +81,27 @@ def factors(kind: type[Scene], links: int | None) -> list[Factors]:
     If the class has several topologies, with levels that cannot all be combined, there is one entry
     for each of `Scene.topologies`. Scenes driven by the clock are never drawn at rest.
     """
-    found: Factors = {} if links is None else {LINKS: (str(links),)}
+    levels: Factors = {} if links is None else {LINKS: (str(links),)}
     topologies = kind.topologies(links)
     # Random mechanisms have motion among their topologies, whether or not the example is driven.
     driven = kind.depends_on_time and not any(MOTION in ways for ways in topologies)
-    found[MOTION] = (MOVING,) if driven else (MOVING, AT_REST)
-    found |= {name: levels_of_range(one) for name, one in kind.ranges(links).items()}
-    return [found | ways for ways in topologies]
+    levels[MOTION] = (MOVING,) if driven else (MOVING, AT_REST)
+    levels |= {name: levels_of_range(one) for name, one in kind.ranges(links).items()}
+    return [levels | ways for ways in topologies]
 
 
 def levels_of_case(scene: Scene, state: State) -> Row:
     """Return the level of each factor, as measured on the case itself."""
     links = link_count(scene)
     ranges = type(scene).ranges(links)
-    found = {} if links is None else {LINKS: str(links)}
-    found[MOTION] = MOVING if state.v.any() else AT_REST
-    found |= scene.topology
+    levels = {} if links is None else {LINKS: str(links)}
+    levels[MOTION] = MOVING if state.v.any() else AT_REST
+    levels |= scene.topology
     for name, one in ranges.items():
         if hasattr(scene, name):
             way = level_of_value(getattr(scene, name))
-            found[name] = way if way in (ABSENT, *levels_of_range(one)) else PRESENT
-    return found
+            levels[name] = way if way in (ABSENT, *levels_of_range(one)) else PRESENT
+    return levels
 
 
 def count_levels(cases: Iterable[tuple[Scene, State]]) -> dict[str, dict[str, int]]:
@@ -145,11 +145,11 @@ def pairs_in(row: Row) -> set[Pair]:
 
 def level_pairs(choices: Iterable[Factors]) -> set[Pair]:
     """Return every pair of levels of two factors in one of `choices`."""
-    found: set[Pair] = set()
+    pairs: set[Pair] = set()
     for ways in choices:
         each = [[(name, way) for way in of] for name, of in sorted(ways.items())]
-        found |= {(x, y) for one, other in combinations(each, 2) for x in one for y in other}
-    return found
+        pairs |= {(x, y) for one, other in combinations(each, 2) for x in one for y in other}
+    return pairs
 
 
 def covering_array(choices: list[Factors], random: np.random.Generator) -> list[Row]:

@@ -287,7 +287,7 @@ def _cartesian_coordinates(scene: Scene) -> dict[str, list[int]]:
     return {axis: [of[axis] for of in points.values() if axis in of] for axis in "xyz"}
 
 
-def _in_turning_frame(at: Evaluation, J: Array, moved: list[int]) -> bool:
+def _in_turning_frame(at: Evaluation, J: Array, cartesian: list[int]) -> bool:
     """Return whether the directions of Cartesian coordinates turn: they are none in fixed axes.
 
     Directions that differ at another position, with the same lengths and angles between them, have
@@ -296,13 +296,13 @@ def _in_turning_frame(at: Evaluation, J: Array, moved: list[int]) -> bool:
     Args:
         at: the state.
         J: ∂V/∂v (n_b, d, n) there.
-        moved: indices of the Cartesian coordinates.
+        cartesian: indices of the Cartesian coordinates.
     """
-    others = np.setdiff1d(np.arange(at.scene.n), moved)
+    others = np.setdiff1d(np.arange(at.scene.n), cartesian)
     q = at.q.copy()
     q[others] += ELSEWHERE
     elsewhere = _along_each(Evaluation(at.scene, q, at.v, at.t), _linear_along)
-    before, after = J[..., moved], elsewhere[..., moved]
+    before, after = J[..., cartesian], elsewhere[..., cartesian]
 
     def differ(a: Array, b: Array) -> Array:
         return np.abs(a - b).max(axis=(1, 2)) > NOTICEABLE * np.abs(a).max(axis=(1, 2))
@@ -329,10 +329,10 @@ def tried_motions(at: Evaluation) -> Iterator[Symmetry]:
     J, turns = (_along_each(at, along) for along in (_linear_along, _angular_along))
     if not (np.isfinite(J).all() and np.isfinite(turns).all()):
         return
-    moved = [i for of in places.values() for i in of]
-    if turns[:, :, moved].any() or not J[:, :, moved].any(axis=(1, 2)).all():
+    cartesian = [i for of in places.values() for i in of]
+    if turns[:, :, cartesian].any() or not J[:, :, cartesian].any(axis=(1, 2)).all():
         return
-    if _in_turning_frame(at, J, moved):
+    if _in_turning_frame(at, J, cartesian):
         return
     shifted = q.copy()
     for axis, shift in zip("xyz", SHIFT, strict=True):
@@ -340,7 +340,7 @@ def tried_motions(at: Evaluation) -> Iterator[Symmetry]:
     yield Symmetry("translation", scene, shifted, v, np.eye(scene.n))
     angles = np.arange(scene.n)[scene.angle_coordinates]
     level = J.shape[1] == 2 and turns.shape[1] == 1 and not places["z"]
-    if not level or len(angles) + len(moved) < scene.n:
+    if not level or len(angles) + len(cartesian) < scene.n:
         return
     heading, _, rank, _ = np.linalg.lstsq(turns[:, 0, angles], np.ones(len(turns)))
     if rank < len(angles) or largest(turns[:, 0, angles] @ heading - 1.0) > NOTICEABLE:
@@ -364,15 +364,15 @@ def moved_energy(case: Case) -> Iterator[Finding]:
     at = case.at
     declared = tuple(at.scene.symmetries(at.q, at.v))
     names = {symmetry.name for symmetry in declared}
-    for moved in (*declared, *(x for x in tried_motions(at) if x.name not in names)):
-        there = Evaluation(moved.scene, moved.q, moved.v, at.t)
+    for symmetry in (*declared, *(x for x in tried_motions(at) if x.name not in names)):
+        there = Evaluation(symmetry.scene, symmetry.q, symmetry.v, at.t)
         actual, expected = (np.array([float(_kinetic_energy(e))]) for e in (there, at))
         sensitivity = float(expected[0])
         if not abs(actual[0] - expected[0]) <= allowed_error(sensitivity):
             # A larger sensitivity only allows more.
             each_way = (sensitivity_of(e, _kinetic_energy, coordinates=True) for e in (at, there))
             sensitivity = sum(each_way)
-        finding = case.compare(moved.name, actual, expected, sensitivity, names=(("T",),))
-        if finding.verdict == "failed" and moved.name not in names:
+        finding = case.compare(symmetry.name, actual, expected, sensitivity, names=(("T",),))
+        if finding.verdict == "failed" and symmetry.name not in names:
             finding = finding.because("coordinates called x, y, z are places in fixed directions")
         yield finding

@@ -294,8 +294,8 @@ def prove_structure(
     except (RefusedError, ZeroDivisionError) as error:
         return [_failed(scene, ("finite-terms", "speeds"), REDRAWS, f"defined nowhere: {error}")]
     except Exception as error:
-        if said := scene_function_that_raised(scene, error):
-            return [_skipped(scene, ("finite-terms", "terms"), f"not rational: {said}")]
+        if origin := scene_function_that_raised(scene, error):
+            return [_skipped(scene, ("finite-terms", "terms"), f"not rational: {origin}")]
         raise
     findings = [
         _failed(scene, ("equivalence", key), REDRAWS, f"{what} is singular at every state")
@@ -427,8 +427,8 @@ def prove_unresolved(
         if not wrong:
             proved += about
             names.append(one.name)
-    found = [*failed.values(), *([(max(proved, key=_chance), names)] if proved else ())]
-    return [_beside(x, each, left[0].states) for x, each in found], rest
+    results = [*failed.values(), *([(max(proved, key=_chance), names)] if proved else ())]
+    return [_beside(x, each, left[0].states) for x, each in results], rest
 
 
 def _chance(proved: Finding) -> float:
