@@ -246,7 +246,7 @@ def test_what_an_answer_leaves_out_is_the_dampers_or_what_the_library_wrote(tmp_
         one = silent(names, scene, undamped=undamped, line=line)
         told = one.leaves_out("acceleration"), one.leaves_out("bias")
         assert told == (acceleration, other)
-        assert one.said == [x for x in line.splitlines() if x]
+        assert one.library_output == [x for x in line.splitlines() if x]
 
 
 def test_accelerations_come_of_the_librarys_terms_and_joints_that_follow_are_eliminated(tmp_path):

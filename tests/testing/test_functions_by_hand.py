@@ -138,7 +138,7 @@ def test_a_claim_applies_where_all_it_needs_is_there_and_nothing_that_breaks_it(
     def look(at: Any) -> Any:
         yield from ()
 
-    how: dict[str, Any] = {"natural": True, "blind": ("x",)}
+    how: dict[str, Any] = {"natural": True, "blind_spots": ("x",)}
     register = claim("one", "M = Mᵀ", "M", ("M", "T|U"), without=("a", "b"), **how)
     assert register(look) is look
     one = function_claim.FUNCTION_CLAIMS["one"]

@@ -360,7 +360,7 @@ def test_processes_of_xdist_share_the_work(session, pytester):
 WORK = """
 import sys, time
 from pathlib import Path
-from eomcheck.testing.suite import done_once
+from eomcheck.testing.suite import compute_once
 
 folder, log = map(Path, sys.argv[1:])
 
@@ -372,7 +372,7 @@ def work():
 
 while not (folder / "go").exists():
     time.sleep(0.001)
-assert done_once(folder, "work", work) == ["found"]
+assert compute_once(folder, "work", work) == ["found"]
 """
 
 
