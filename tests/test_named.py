@@ -85,8 +85,8 @@ def test_names_that_are_known_are_told_with_single_snakes_where_one_may_be_meant
 
 def test_what_is_left_out_of_files_is_told_before_what_is_doubtful_and_of_each_file():
     def kind(**made: str) -> Any:
-        usual = {"source": "arm.urdf", "left_out": "", "doubtful": ""}
-        return SimpleNamespace(made=SimpleNamespace(**usual | made))
+        usual = {"file": "arm.urdf", "ignored": "", "warnings": ""}
+        return SimpleNamespace(source=SimpleNamespace(**usual | made))
 
     kinds = [
         kind(ignored="a mesh", warnings="a mass"),

@@ -29,10 +29,10 @@ EDITS = (
     Edit("kernels/batched_solves.py", *RESIDUAL),
     Edit(
         "evaluation/perturbed.py",
-        "if not told.all():",
+        "if not resolved.all():",
         "if False:",
     ),
-    Edit("evaluation/batched_evaluation.py", "unsure |= solve.sign != here[name].sign", "pass"),
+    Edit("evaluation/batched_evaluation.py", "unsure |= solve.sign != exact[name].sign", "pass"),
     Edit(
         "evaluation/batched_evaluation.py",
         "unsure |= ~(allowed_error(1.0) * (change / STEP) <= INCONCLUSIVE)",

@@ -31,6 +31,7 @@ MODULES = {
     "eomcheck.evaluation.doubles": "eomcheck.evaluation.evaluation",
     "eomcheck.numbers.contract": "eomcheck.numbers.generic",
     "eomcheck.numbers.differentiate": "eomcheck.numbers.tape",
+    "eomcheck.lab.store.workers": "eomcheck.lab.store.parallel_map",
     "eomcheck.motion.extrapolation": "eomcheck.motion.reference",
     "eomcheck.motion.run": "eomcheck.motion.reference_io",
     "eomcheck.motion.stored": "eomcheck.motion.reference_io",
@@ -89,6 +90,8 @@ NAMES: dict[str, dict[str, str]] = {
     "eomcheck.testing": {"Functions": "EquationsOfMotion"},
     "eomcheck.descriptions.elements": {"square": "perpendicular"},
     "eomcheck.descriptions.mechanism_class": {"kind_of": "scene_class_of"},
+    "eomcheck.lab.store.parallel_map": {"spread": "parallel_map"},
+    "eomcheck.lab.studies.paper.measure": {"scene_of": "coil_of"},
     "eomcheck.mechanics.records": {"velocity": "velocity_from_speeds"},
     "eomcheck.mechanics.sketch": {
         "Constraint": "ConstraintMark",

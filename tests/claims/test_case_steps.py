@@ -414,7 +414,7 @@ def test_a_copy_has_no_sensitivity_of_its_own(monkeypatch):
     here.at.is_perturbed = True
     assert here.sensitivity(quantity) == 0.0
     both = (here.at, quantity)
-    assert asked == [(both, {"together": False}), (both, {"together": True})]
+    assert asked == [(both, {"batched": False}), (both, {"batched": True})]
 
 
 def test_parts_of_results_are_measured_once_each(monkeypatch):

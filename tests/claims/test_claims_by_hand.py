@@ -163,7 +163,7 @@ class Reader:
 
 def told(asked: Any, claim: Any, findings: list[Finding], monkeypatch) -> list[Finding]:
     """Return what is told of these findings."""
-    case: Any = SimpleNamespace(look=lambda one: findings if one is claim else [])
+    case: Any = SimpleNamespace(evaluate=lambda one: findings if one is claim else [])
     skipped = finding("skipped", detail="", subject="?")
     monkeypatch.setattr(
         run,
@@ -182,7 +182,7 @@ def test_what_the_library_of_a_file_fails_is_of_either_reading_and_what_it_leave
         finding("failed", subject="other", engine=Own, detail="half"),
         finding("failed", subject="au", detail="half"),
     ]
-    asked: Any = SimpleNamespace(reader=Reader(), unread=None)
+    asked: Any = SimpleNamespace(reader=Reader(), failed_reader=None)
     claim: Any = SimpleNamespace(asks="bias")
     one, *others = told(asked, claim, found, monkeypatch)
     either = "the file is read in two ways: either reading may be wrong"
@@ -196,7 +196,7 @@ def test_what_the_library_of_a_file_fails_is_of_either_reading_and_what_it_leave
 
 
 def test_a_file_that_cannot_be_read_is_told_with_the_mass_matrix_alone(monkeypatch):
-    asked: Any = SimpleNamespace(reader=None, unread=(Reader, "no such mesh"))
+    asked: Any = SimpleNamespace(reader=None, failed_reader=(Reader, "no such mesh"))
     found = [finding("passed")]
     claim: Any = SimpleNamespace(asks="mass_matrix")
     first, last = told(asked, claim, found, monkeypatch)
@@ -230,7 +230,7 @@ def test_a_row_that_follows_from_others_changes_neither_motion_nor_forces(monkey
     monkeypatch.setattr(accelerations, "sensitivity_where", lambda digits: ("where", digits))
     terms = M, None, None, a, gamma, None
     scene = SimpleNamespace(coordinate_names=("x", "y", "θ"))
-    point: Any = SimpleNamespace(terms=terms, F=F, v=v, scene=scene, solved=at_solved)
+    point: Any = SimpleNamespace(terms=terms, F=F, v=v, scene=scene, call_solving=at_solved)
     look: Any = SimpleNamespace(added_row=(weights, partition))
     look.solutions = [
         (formulation("no", takes=False), x),

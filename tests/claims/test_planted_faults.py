@@ -110,7 +110,7 @@ def kind_in(module: ModuleType, file: str, other: type[Scene] | None = None) -> 
         if file == COMPOSED:
             if other is not None:  # of its Jacobians, as of who writes no terms
                 scene.derived_functions = scene.derived_functions | {"terms"}
-            module.compose(scene)
+            module.derive_missing(scene)
     return scene
 
 

@@ -26,7 +26,7 @@ SEED = 0
 
 SINGULAR = "finite-terms", "a_1 is singular"
 OTHERWISE = {
-    "subtracted(a.columns.get": SINGULAR,
+    "subtract_vectors(a.columns.get": SINGULAR,
     "x[i] for j, x in": SINGULAR,
     "cross(rates.alpha, along), ": ("constraint-drift", "constraint drift, row tip along y"),
 }

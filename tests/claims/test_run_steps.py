@@ -135,7 +135,7 @@ def test_drawing_ends_at_the_first_failure_and_that_is_made_smaller(monkeypatch)
         yield from looks
 
     one, chosen, cases = ValidationRun(), selected(), [(SCENE, state(1.0))]
-    how = {"on_case": lambda: count.append(one.cases), "seed": 11, "looks": looking}
+    how = {"on_case": lambda: count.append(one.cases), "seed": 11, "runner": looking}
     one.explore(cases, chosen, shrink_among=lambda scene: ("smaller", scene), **how)
     assert calls == [(cases, chosen)]
     assert count == [1, 2]
@@ -148,7 +148,7 @@ def test_drawing_ends_at_the_first_failure_and_that_is_made_smaller(monkeypatch)
     again.explore(cases, chosen, runner=looking)
     assert again.minimal is failing[1], "nobody says what is smaller"
     right = ValidationRun()
-    how = {"smaller": lambda scene: 1 / 0, "looks": lambda *_: (one for one in looks[::2])}
+    how = {"shrink_among": lambda scene: 1 / 0, "runner": lambda *_: (one for one in looks[::2])}
     right.explore(cases, chosen, **how)
     assert right.minimal is None and right.cases == 2
 
@@ -182,7 +182,7 @@ def test_the_states_of_a_run_are_drawn_as_asked(monkeypatch, named: bool, kind: 
             calls.append(("explore", list(cases), on_case, seed, runner))
             shrink_among("scene")
 
-    chosen, count, scene = selected(named=named), [], Snake.coil(2)
+    chosen, count, scene = selected(engines_named=named), [], Snake.coil(2)
     on_case, looks = lambda: count.append(1), object()
     if kind:
         Recording().validate_kind(Snake, chosen, (2, 5), 9, 4, on_case, looks)
@@ -299,7 +299,7 @@ def test_a_validation_asks_for_what_it_was_told(monkeypatch):
     assert eomcheck.validate(SCENE, examples=6, seed=8, **how) == ["finished"]
     chosen = calls[-1]
     assert calls == [(asked, {"scenes": [SCENE]}), (SCENE, chosen, 6, 8), chosen]
-    assert (chosen.claims, chosen.named) == (("bias", "coverage"), True)
+    assert (chosen.claims, chosen.engines_named) == (("bias", "coverage"), True)
     assert [f.key for f in chosen.formulations] == ["kane"]
     calls.clear()
     q, v = SCENE.initial_state()

@@ -107,7 +107,7 @@ STUBS: dict[str, dict[str, Any]] = {
     },
     "export": {"eomcheck.cli.check_commands.write_text": None},
     "reference": {
-        "eomcheck.lab.references.produce_all": lambda cases, where=None: ["made"],
+        "eomcheck.lab.references.produce_all": lambda cases, executor=None: ["made"],
         "eomcheck.lab.references.write_reference": Path("there.json"),
         "eomcheck.lab.references.reference_table": None,
         "eomcheck.lab.show.table.print_tables": None,
@@ -178,29 +178,32 @@ PATIENT = {"patience": ("--patience 7", {"set_patience.seconds": 7.0})}
 CASES: dict[str, dict[str, Case]] = {
     "validate": {
         **PATIENT,
-        "scene": ("--scene sleigh", {"look_at_kind.kind": "Sleigh"}),
-        "links": ("--links 2..5", {"look_at_kind.links": [2, 5]}),
-        "given": ("--set mass=2 --scene sleigh", {"look_at_kind.one": "~mass=2"}),
-        "examples": ("--examples 7", {"look_at_kind.examples": 7}),
-        "seed": ("--seed 9", {"look_at_kind.seed": 9}),
-        "engine": ("--engine casadi", {"look_at_kind.selection": "~'engines': ['CasadiEngine']"}),
-        "engine that is named": ("--engine casadi", {"look_at_kind.selection": "~'named': True"}),
-        "engine none": ("--engine none", {"look_at_kind.selection": "~'engines': []"}),
+        "scene": ("--scene sleigh", {"validate_kind.kind": "Sleigh"}),
+        "links": ("--links 2..5", {"validate_kind.links": [2, 5]}),
+        "given": ("--set mass=2 --scene sleigh", {"validate_kind.one": "~mass=2"}),
+        "examples": ("--examples 7", {"validate_kind.examples": 7}),
+        "seed": ("--seed 9", {"validate_kind.seed": 9}),
+        "engine": ("--engine casadi", {"validate_kind.selection": "~'engines': ['CasadiEngine']"}),
+        "engine that is named": (
+            "--engine casadi",
+            {"validate_kind.selection": "~'engines_named': True"},
+        ),
+        "engine none": ("--engine none", {"validate_kind.selection": "~'engines': []"}),
         "engine of one's own": (
             f"--engine {PLANAR}",
-            {"look_at_kinds.runs": "~'random-trees': {'findings'"},
+            {"validate_kinds.runs": "~'random-trees': {'findings'"},
         ),
         "engine of one's own and mechanisms": (
             f"--engine {PLANAR}",
-            {"look_at_kinds.runs": "~'random-mechanisms': {'findings'"},
+            {"validate_kinds.runs": "~'random-mechanisms': {'findings'"},
         ),
         "formulation": (
             "--formulation au,el",
-            {"look_at_kind.selection": "~'formulations': ['au', 'el']"},
+            {"validate_kind.selection": "~'formulations': ['au', 'el']"},
         ),
-        "executor": ("--executor local:2", {"look_at_kind.where": "local:2"}),
-        "json": ("--json a.json", {"write_json.path": "a.json"}),
-        "records": ("--records new.db", {"look_at_kind.records": "records"}),
+        "executor": ("--executor local:2", {"validate_kind.executor": "local:2"}),
+        "json": ("--json a.json", {"write_findings.path": "a.json"}),
+        "records": ("--records new.db", {"validate_kind.records": "records"}),
         "report": ("--report a.html --records new.db", {"_write_page.path": "a.html"}),
         "wide": ("--wide", {"print_runs.wide": True}),
     },
@@ -211,13 +214,13 @@ CASES: dict[str, dict[str, Case]] = {
         "seed": ("--seed 8", {"proof_jobs.seed": 8}),
         "scene": ("--scene sleigh", {"proof_jobs.scene": "sleigh"}),
         "formulation": ("--formulation au", {"proof_jobs.formulations": ["au"]}),
-        "executor": ("--executor local:2", {"Proofs.where": "local:2"}),
+        "executor": ("--executor local:2", {"Proofs.executor": "local:2"}),
         "json": ("--json a.json", {"Proofs.path": "a.json"}),
         "records": ("--records new.db", {"Proofs.records": "records"}),
     },
-    "list": {"registry": ("scenes", {"registry_sheet.name": "scenes"}, "")},
+    "list": {"registry": ("scenes", {"registry_table.name": "scenes"}, "")},
     "report": {
-        "records": ("--junit a.xml other.db", {"read.paths": ["r.db", "other.db"]}),
+        "records": ("--junit a.xml other.db", {"read_records.paths": ["r.db", "other.db"]}),
         "html": ("--html a.html", {"write_page.path": "a.html"}),
         "markdown": ("--markdown a.md", {"write_markdown.path": "a.md"}),
         "junit": ("--junit a.xml", {"write_junit.path": "a.xml"}),
@@ -235,7 +238,7 @@ CASES: dict[str, dict[str, Case]] = {
     "reference": {
         "names": ("disk", {"produce_all.cases": "~{'disk': {"}),
         "folder": ("--folder .", {"write_reference.folder": "."}),
-        "executor": ("--executor local:2", {"produce_all.where": "local:2"}),
+        "executor": ("--executor local:2", {"produce_all.executor": "local:2"}),
     },
     "fuzz": {
         **PATIENT,
@@ -266,10 +269,10 @@ CASES: dict[str, dict[str, Case]] = {
             "--ration 1,2,3,4,5",
             {
                 "plan.check_frequency.enclosures": 1,
-                "plan.ration.balls": 2,
-                "plan.ration.engines": 3,
-                "plan.ration.checks": 4,
-                "plan.ration.unlifted": 5,
+                "plan.check_frequency.balls": 2,
+                "plan.check_frequency.engines": 3,
+                "plan.check_frequency.checks": 4,
+                "plan.check_frequency.scalar_only": 5,
             },
         ),
         "executor": ("--executor local:2", {"run.executor": "local:2"}),
@@ -277,19 +280,19 @@ CASES: dict[str, dict[str, Case]] = {
         "replay": (
             REPLAY,
             {
-                "read_finds.path": "f.json",
-                "replayed.finds": ["kept"],
-                "replayed.formulations": list(FORMULATIONS),
-                "replayed.allowed": [],
+                "read_failures.path": "f.json",
+                "replay_failures.finds": ["kept"],
+                "replay_failures.formulations": list(FORMULATIONS),
+                "replay_failures.allowed": [],
             },
             "",
         ),
         "formulation of a replay": (
             "--formulation au,el",
-            {"replayed.formulations": ["au", "el"]},
+            {"replay_failures.formulations": ["au", "el"]},
             REPLAY,
         ),
-        "scene of a replay": ("--scene sleigh", {"replayed.allowed": ["sleigh"]}, REPLAY),
+        "scene of a replay": ("--scene sleigh", {"replay_failures.allowed": ["sleigh"]}, REPLAY),
         "seed of motions": ("--seed 9", {"plan.seed": 9}, "--motions --states 1"),
         "formulation of motions": (
             "--formulation au,el",
@@ -308,7 +311,7 @@ CASES: dict[str, dict[str, Case]] = {
         "climb of functions": ("--no-climb", {"plan.climbing": False}, FUNCTIONS),
         "keep": (
             "--keep k.json",
-            {"write_finds.path": "k.json", "write_finds.finds": ["kept", "find"]},
+            {"write_failures.path": "k.json", "write_failures.finds": ["kept", "find"]},
         ),
     },
     "simulate": {
@@ -339,7 +342,7 @@ CASES: dict[str, dict[str, Case]] = {
             {"simulate_many.executor": "<ProcessPoolExecutor>"},
             MANY,
         ),
-        "plot": ("--plot a.svg", {"draw.path": "a.svg"}, MANY),
+        "plot": ("--plot a.svg", {"draw_charts.path": "a.svg"}, MANY),
     },
     "acceleration": {
         **PATIENT,
@@ -364,10 +367,13 @@ CASES: dict[str, dict[str, Case]] = {
     },
     "compare": {
         **PATIENT,
-        "robot": ("", {"compare.scene": "~crane"}),
-        "engine": ("--engine mujoco,pinocchio", {"compare.engines": ["mujoco", "pinocchio"]}),
-        "states": ("--states 3", {"compare.states": 3}),
-        "seed": ("--seed 4", {"compare.seed": 4}),
+        "robot": ("", {"compare_libraries.scene": "~crane"}),
+        "engine": (
+            "--engine mujoco,pinocchio",
+            {"compare_libraries.engines": ["mujoco", "pinocchio"]},
+        ),
+        "states": ("--states 3", {"compare_libraries.states": 3}),
+        "seed": ("--seed 4", {"compare_libraries.seed": 4}),
         "pairs": ("--pairs", {"print_comparison.pairs": True}),
         "json": ("--json a.json", {"write_comparison.path": "a.json"}),
     },
@@ -452,12 +458,12 @@ class Campaign:
     """A campaign that finds something at once, and notes what it is given."""
 
     def __init__(self, seen: Seen, plan: Any, name: str, strata: Any, kept: Any):
-        self.seen, self.finds = seen, {"key": "find"}
+        self.seen, self.failure_records = seen, {"key": "find"}
         seen |= {"plan": type(plan).__name__, "name": name, "records": plain(kept)}
         seen["strata"] = [one.name for one in strata]
         for key, x in plan._asdict().items():
-            for inner, y in (x._asdict() if key == "ration" else {}).items():
-                seen[f"plan.ration.{inner}"] = y
+            for inner, y in (x._asdict() if key == "check_frequency" else {}).items():
+                seen[f"plan.check_frequency.{inner}"] = y
             seen[f"plan.{key}"] = plain(x)
 
     def run(self, states: int | None, seconds: float | None, executor: str | None, told: Any):
@@ -540,7 +546,7 @@ def test_every_option_of_every_study_is_handed_on(group, key, here, monkeypatch)
         lambda files, path: given.update(path=path),
     )
     chart = SimpleNamespace(files=list)
-    how = {"charts": lambda found: [chart], "sheets": lambda found: [], "said": lambda found: []}
+    how = {"charts": lambda found: [chart], "tables": lambda found: [], "remarks": lambda found: []}
     for name, value in (how | {"alarm": lambda found: False}).items():
         monkeypatch.setitem(study.__dict__, name, value)
     command = command_of(key, figure_only=group == "draw")

@@ -314,7 +314,7 @@ def test_alone_it_greets_with_its_version_and_whole_commands(monkeypatch, capsys
     ],
 )
 def test_help_names_values_by_what_they_are(name, told):
-    assert app._told(name) == told
+    assert app._option_label(name) == told
 
 
 def test_a_usage_error_is_a_sentence_that_leads_to_help():
@@ -347,7 +347,9 @@ def test_help_is_two_columns_narrower_than_a_terminal_and_never_wide(monkeypatch
 
 
 def test_commands_are_listed_with_their_first_sentence_and_hidden_ones_are_not(monkeypatch, capsys):
-    made = app.CommandLine(name="own", cls=app.Group, rich_markup_mode=None, add_completion=False)
+    made = app.CommandLine(
+        name="own", cls=app.CommandGroup, rich_markup_mode=None, add_completion=False
+    )
 
     @made.command("first")
     def first(links: int = 3, figures: Path | None = None) -> None:
@@ -441,7 +443,9 @@ def drawn(monkeypatch, tmp_path) -> list[Any]:
     lab = "eomcheck.lab"
     monkeypatch.setattr(f"{lab}.figure_data.sketches_of_motion", moved)
     monkeypatch.setattr(f"{lab}.show.pictures.draw_motion", lambda *x: seen.append(x))
-    monkeypatch.setattr(f"{lab}.figure_data.posed", lambda scene, q: (scene.structure, "names"))
+    monkeypatch.setattr(
+        f"{lab}.figure_data.posed_sketch", lambda scene, q: (scene.structure, "names")
+    )
     monkeypatch.setattr(f"{lab}.show.pictures.draw_scene", lambda *x: seen.append(x))
     monkeypatch.setattr(f"{lab}.figure_data.structure_of", structure)
     monkeypatch.setattr(f"{lab}.show.pictures.draw_structure", lambda *x: seen.append(x))
@@ -495,7 +499,7 @@ def test_an_interrupted_study_says_what_it_kept_and_with_which_words_it_goes_on(
         (Path("r.db"), True, goes_on.format(" without --fresh")),
     ):
         with pytest.raises(typer.Exit) as stop:
-            study._found(one, records, fresh, {})
+            study._run_study(one, records, fresh, {})
         assert stop.value.exit_code == 130
         assert capsys.readouterr().out == said
 
@@ -512,8 +516,8 @@ def test_a_study_writes_prints_says_and_exits_by_its_alarm(alarm, monkeypatch, c
         run=lambda records, fresh, **options: (order.append((records, fresh, options)), found)[1],
         write=noting("write", [tmp_path / "b.md"]),
         document=noting("document", {"a": 1}),
-        tables=noting("sheets", []),
-        said=noting("said", ["First.", "Second."]),
+        tables=noting("tables", []),
+        remarks=noting("remarks", ["First.", "Second."]),
         alarm=noting("alarm", alarm),
     )
     code = 0
@@ -522,7 +526,7 @@ def test_a_study_writes_prints_says_and_exits_by_its_alarm(alarm, monkeypatch, c
     except typer.Exit as stop:
         code = stop.exit_code
     assert code == alarm
-    names = "write", "document", "sheets", "said", "alarm"
+    names = "write", "document", "tables", "remarks", "alarm"
     assert order == [(Path("r.db"), True, {"links": [3]}), *((name, True) for name in names)]
     said = capsys.readouterr().out.splitlines()
     assert said == ["First.", "Second.", f"written: {tmp_path / 'b.md'}, {tmp_path / 'a.json'}"]
@@ -530,5 +534,5 @@ def test_a_study_writes_prints_says_and_exits_by_its_alarm(alarm, monkeypatch, c
     order.clear()
     if not alarm:
         study._run(one, None, False, None, None)
-        assert [x[0] for x in order] == [None, "sheets", "said", "alarm"]
+        assert [x[0] for x in order] == [None, "tables", "remarks", "alarm"]
         assert "written" not in capsys.readouterr().out

@@ -59,7 +59,7 @@ def size_alone(at, quantity, coordinates=False, solved=False, **_):
 def test_the_size_of_a_result_alone_bounds_no_error_of_nearly_dependent_constraints(key: str):
     snake = Snake([1.0, 2.0], [1.0, 2.0], [0.1, 0.2], [3.0], [0.25, 0.0])
     truth, at = true_state(snake, [0, 0, 0.5, 0.75 + 1e-4], [1.0, 0.5])
-    nothing_moved = {"sensitivity_of": size_alone, "_of_what_is_read": lambda *_: 0.0}
+    nothing_moved = {"sensitivity_of": size_alone, "_input_sensitivity": lambda *_: 0.0}
     alone = bound(at, key, patch.multiple(sensitivity, **nothing_moved))
     assert 10 * alone < error(at, key, truth) < bound(at, key)
 

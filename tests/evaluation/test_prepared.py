@@ -120,7 +120,7 @@ def test_rates_of_what_is_prepared_are_those_of_moved_angles():
     q, v = scene.initial_state()
     at = Evaluation(scene, q, v, 0.0)
     still = at.prepared_duals(v)[0].sines[0].rate
-    moved = [copy.moving(v)[0].sines[0].rate for copy in perturbed_samples(at)[:-1]]
+    moved = [copy.prepared_duals(v)[0].sines[0].rate for copy in perturbed_samples(at)[:-1]]
     assert all(abs(one - still) < allowed_error(1.0) / EPS * STEP for one in moved)
     assert len({float(one) for one in moved}) > 1
     assert set(moved) != {still}

@@ -61,7 +61,7 @@ def test_a_determinant_is_told_where_all_copies_have_its_sign_and_its_size(
 
     def perturbed(at: Any, coordinates: bool) -> Any:
         asked.append(coordinates)
-        return [SimpleNamespace(together=SimpleNamespace(solves={key: copies}))]
+        return [SimpleNamespace(batch=SimpleNamespace(solves={key: copies}))]
 
     monkeypatch.setattr(sensitivity, "perturbed_samples", perturbed)
     at: Any = SimpleNamespace(solves={key: own})
@@ -80,7 +80,7 @@ def test_what_is_read_counts_by_its_size_and_the_change_of_the_copy_that_moves_m
 
     def perturbed(at: Any, coordinates: bool) -> Any:
         asked.append(coordinates)
-        return [SimpleNamespace(together=SimpleNamespace(solution_without_noise=read))]
+        return [SimpleNamespace(batch=SimpleNamespace(solution_without_noise=read))]
 
     monkeypatch.setattr(sensitivity, "perturbed_samples", perturbed)
     at: Any = SimpleNamespace(acceleration=lambda f, pivoted: SimpleNamespace(vdot=here))
@@ -105,8 +105,8 @@ def test_an_acceleration_is_as_sensitive_as_what_makes_most_of_it(
 ):
     asked: list[Any] = []
 
-    def sensitivity_of(at, quantity, coordinates, solved, together) -> float:
-        asked.append((quantity(at), coordinates, solved, together))
+    def sensitivity_of(at, quantity, coordinates, solved, batched) -> float:
+        asked.append((quantity(at), coordinates, solved, batched))
         return found
 
     def told(at, formulation, coordinates, pivoted) -> bool:
@@ -118,8 +118,8 @@ def test_an_acceleration_is_as_sensitive_as_what_makes_most_of_it(
         return read
 
     for name, function in (
-        *(("sensitivity_of", sensitivity_of), ("_determined", told)),
-        ("_of_what_is_read", of_read),
+        *(("sensitivity_of", sensitivity_of), ("_matrices_resolved", told)),
+        ("_input_sensitivity", of_read),
     ):
         monkeypatch.setattr(sensitivity, name, function)
     answer = {False: "the paper's", True: "the pivoted"}
@@ -133,18 +133,18 @@ def test_an_acceleration_is_as_sensitive_as_what_makes_most_of_it(
     assert len(asked) == (3 if np.isfinite(expected) else 0 if len(rcond) > 1 else len(asked))
 
 
-def copies_of(here: np.ndarray, moves: Any, together: Any) -> list[Any]:
+def copies_of(here: np.ndarray, moves: Any, batched: Any) -> list[Any]:
     """Return copies that moved by so many steps, each by itself and side by side."""
     within = {"computing": lambda name: nullcontext()}
-    side_by_side = SimpleNamespace(x=here + STEP * np.array(together), **within)
+    side_by_side = SimpleNamespace(x=here + STEP * np.array(batched), **within)
     return [
-        SimpleNamespace(x=here + STEP * np.array(move), together=side_by_side, **within)
+        SimpleNamespace(x=here + STEP * np.array(move), batch=side_by_side, **within)
         for move in moves
     ]
 
 
-@pytest.mark.parametrize("together", [False, True])
-def test_a_quantity_is_asked_of_each_copy_or_of_all_together(monkeypatch, together: bool):
+@pytest.mark.parametrize("batched", [False, True])
+def test_a_quantity_is_asked_of_each_copy_or_of_all_together(monkeypatch, batched: bool):
     here, asked = np.array([1.0, -2.0]), []
     alone = [[1, 0], [-3, 0], [0, 2], [0, 0], [9, 0]]
     both = [[1, 0], [0, 0], [0, -5], [0, 0], [9, 0]]
@@ -159,9 +159,9 @@ def test_a_quantity_is_asked_of_each_copy_or_of_all_together(monkeypatch, togeth
     def x(e: Any) -> np.ndarray:
         return e.x
 
-    how: dict[str, Any] = {"together": together}
-    assert sensitivity.sensitivity_of(at, x, **how) == 2.0 + (5.0 if together else 3.0)
-    assert sensitivity.sensitivity_of(at, x, coordinates=True, **how) == (7.0 if together else 5.0)
+    how: dict[str, Any] = {"batched": batched}
+    assert sensitivity.sensitivity_of(at, x, **how) == 2.0 + (5.0 if batched else 3.0)
+    assert sensitivity.sensitivity_of(at, x, coordinates=True, **how) == (7.0 if batched else 5.0)
     assert asked == [False, True]
     alone[4] = both[4] = [0, 0]  # what does not grow with the noise; it is too small to matter
     assert np.isfinite(sensitivity.sensitivity_of(at, x, solved=True, **how))
@@ -209,7 +209,7 @@ class Told:
     def __init__(self, drawn: np.ndarray):
         self.drawn = drawn
 
-    def entries(self, x: np.ndarray) -> np.ndarray:
+    def perturb(self, x: np.ndarray) -> np.ndarray:
         return x + 2.0 * STEP * np.abs(x)
 
     def changes(self, shape: tuple[int, ...]) -> np.ndarray:
@@ -221,7 +221,7 @@ def slipping(a: Any, kept: Any = None) -> Any:
     terms = Terms(None, None, None, None if a is None else np.array(a), None, None)
     r, n = (0, 3) if a is None else np.shape(a)
     at: Any = SimpleNamespace(terms=terms, scene=SimpleNamespace(r=r))
-    at.v, at.kept = np.array([1.0, -4.0, 8.0][:n]), lambda function: function(at)
+    at.v, at.cached = np.array([1.0, -4.0, 8.0][:n]), lambda function: function(at)
     at.independent_partition = SimpleNamespace(kept=kept)
     return at
 
@@ -313,7 +313,7 @@ def ranked(monkeypatch, a: Any, unsure: Any, own: Any = 0.0) -> Any:
     at: Any = SimpleNamespace(
         terms=SimpleNamespace(a=a), scene=SimpleNamespace(constraint_names=names)
     )
-    at.kept = lambda function: function(at)
+    at.cached = lambda function: function(at)
     return constraint_rank.rank_of(at)
 
 
@@ -323,7 +323,7 @@ def test_rows_are_kept_by_the_largest_that_is_left(monkeypatch):
     assert (found.kept.tolist(), found.redundant.tolist()) == ([0, 2, 3], [1])
     assert found.distance == pytest.approx([1.2, 0.0, 5.0, 1e-9], abs=1e-14)
     wide = np.sqrt(3.0) * 1e-14
-    assert found.inconclusive_counts == pytest.approx(
+    assert found.uncertainty == pytest.approx(
         [1.32 * wide, 2 * wide, wide, wide], rel=1e-6, abs=0.0
     )
 
@@ -360,7 +360,9 @@ def test_an_entry_that_is_certain_tells_rows_apart_though_others_are_not(monkeyp
     unsure = [[1e-9, 1e-9, 1e-9]] * 2
     known = [[1.0, 1.0, 4e-14]] * 2
     assert ranked(monkeypatch, a, unsure, [[1.0, 1.0, 6e-14]] * 2).kept.tolist() == [0]
-    with pytest.raises(RefusedError, match=r"row 1 is within .* small entry that is certain"):
+    with pytest.raises(
+        RefusedError, match=r"row 1 depends .* within .* small entry that is certain"
+    ):
         ranked(monkeypatch, a, unsure, known)
 
 

@@ -164,7 +164,7 @@ def test_work_and_precision_draw_each_error_over_time_and_over_right_hand_sides(
     final = panels["Radau", "error", time]
     assert (final.unknown, final.y.range) == (1e-13, (pytest.approx(2e-10), None))
     assert panels["Radau", "energy", time].unknown is None
-    first, second = final.lines[0].said
+    first, second = final.lines[0].hover_text
     assert first[:2] == ["kane, Radau", "tolerance 1e-03"] and "1 step" in first[3]
     assert second[2] == "run time 4 s, disturbed: shared its core"
 

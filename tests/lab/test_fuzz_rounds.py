@@ -452,31 +452,31 @@ class Worked:
     """Rounds of five states each, that are written down."""
 
     seed: int = 0
-    most: int = 10
+    max_states: int = 10
     each: int = 5
     settings: dict = field(default_factory=dict)
     rounds: list = field(default_factory=list)
     failing: Sequence[Finding] = ()
 
-    def run(self, given: Round) -> RoundResult:
-        self.rounds.append(given)
+    def run(self, round_: Round) -> RoundResult:
+        self.rounds.append(round_)
         assert len(self.rounds) < 50
-        population: Any = dict(given.population)
-        key = "bias", given.variant.name
-        height = {0: 0.5, 1: 0.75}.get(given.number, 0.25)
-        population[key] = [ScoredCase(height, f"case {given.number}"), *population.get(key, ())]
+        population: Any = dict(round_.population)
+        key = "bias", round_.variant.name
+        height = {0: 0.5, 1: 0.75}.get(round_.number, 0.25)
+        population[key] = [ScoredCase(height, f"case {round_.number}"), *population.get(key, ())]
         return RoundResult(
-            given.number,
-            given.variant,
+            round_.number,
+            round_.variant,
             population,
             Counter({"states": self.each, "ordinary": 3}),
             list(self.failing),
-            undecided={"bias": f"why {given.number}"},
+            undecided={"bias": f"why {round_.number}"},
             seconds=2.0,
             cpu_seconds=0.5,
         )
 
-    def find(self, failed, name, known=None):
+    def record_failure(self, failed, name, known=None):
         suffix = "" if known is None else f", of {len(known)}"
         return failure_record(failed, name, Diagnosis("scene", f"by hand{suffix}"))
 
@@ -527,9 +527,9 @@ def test_a_campaign_ends_when_its_time_is_up_or_its_states_are_many_whichever_is
     now = [0.0]
 
     class Slow(Worked):
-        def run(self, given):
+        def run(self, round_):
             now[0] += 2.0
-            return super().run(given)
+            return super().run(round_)
 
     monkeypatch.setattr(campaigns.time, "perf_counter", lambda: now[0])
     for limits, expected in (
@@ -591,7 +591,7 @@ def test_what_is_merged_is_each_case_once_the_highest_first():
 CHANGED: dict[str, Any] = {
     "seed": 8, "claims": ("motion",), "formulations": ("au",), "engines": ("casadi",),
     "families": ("special",), "climbing": False, "batch": 3,
-    "ration": CheckFrequency(0, 0, 1, 0, 0), "wide": True,
+    "check_frequency": CheckFrequency(0, 0, 1, 0, 0), "wide": True,
 }  # fmt: skip
 """Another value of each field of a plan, but of what the campaign's name tells."""
 

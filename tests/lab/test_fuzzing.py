@@ -442,7 +442,7 @@ def test_what_fails_is_looked_for_at_finds_before_it_is_made_small_itself(monkey
         made_small.append(finding)
         return finding
 
-    monkeypatch.setattr("eomcheck.lab.fuzzing.state_rounds.shrunk", small)
+    monkeypatch.setattr("eomcheck.lab.fuzzing.state_rounds.shrink", small)
     claims = ("power-balance", "equivalence", "constraint-acceleration")
     wrong = Campaign(plan(kind=Wrong, claims=claims, families=(ORDINARY,)), "wrong", (STRATUM,))
     wrong.run(states=1)

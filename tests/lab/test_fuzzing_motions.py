@@ -254,8 +254,7 @@ def spoilt(monkeypatch, spoil, alone: tuple[str, ...] = ()) -> list:
         found = runs[tolerance]
         return spoil("alone", tolerance, found.y.copy(), found.energy.copy())[0]
 
-    for module in (motion_comparison, motion_comparison):
-        monkeypatch.setattr(module, "moved", moved)
+    monkeypatch.setattr(motion_comparison, "simulate_batch", moved)
     monkeypatch.setattr(motion_comparison, "simulate_single", by_itself)
     q = np.array([0.1, 0.2, 0.3])
     here = Sleigh(mass=1.0, inertia=1.0, offset=0.3, rate=0.1)

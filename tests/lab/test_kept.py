@@ -178,7 +178,7 @@ def test_cells_that_share_settings_are_handed_over_together_and_come_back_in_the
             yield one, work(one)
 
     with Records(None) as records, pytest.MonkeyPatch.context() as patched:
-        patched.setattr("eomcheck.lab.study.spread", spread)
+        patched.setattr("eomcheck.lab.study.parallel_map", spread)
         how: dict[str, Any] = {"executor": "local:2", "by": ("key", "m")}
         found = run_cells(records, "s", cells, lambda one: Record("s", one), **how)
         assert [one.settings for one in found] == cells
@@ -298,9 +298,9 @@ def test_robots_are_counted_by_what_checks_and_proofs_came_to(monkeypatch, tmp_p
 
     asked = []
     made = SimpleNamespace(ignored="a mesh")
-    scene = type("Arm", (Sleigh,), {"made": made, "key": "arm"})
-    checked = verdicts(passed=5, failed=1, inconclusive=2, not_looked_at=3)
-    proved = verdicts(passed=7, failed=4, not_looked_at=2)
+    scene = type("Arm", (Sleigh,), {"source": made, "key": "arm"})
+    checked = verdicts(passed=5, failed=1, inconclusive=2, skipped=3)
+    proved = verdicts(passed=7, failed=4, skipped=2)
     found = LibraryComparison(
         SLEIGH, {"one": "One 1", "two": "Two 2"}, {"three": "cannot"}, states=9
     )
@@ -313,7 +313,7 @@ def test_robots_are_counted_by_what_checks_and_proofs_came_to(monkeypatch, tmp_p
         "robot_named": lambda name: asked.append(name) or scene,
         "validate": lambda one, **how: asked.append(how) or checked,
         "prove_structure": lambda one, formulations, *how: asked.append(how) or proved,
-        "compare": lambda one, *how: asked.append(how) or found,
+        "compare_libraries": lambda one, *how: asked.append(how) or found,
     }
     for name, stub in stubs.items():
         monkeypatch.setattr(robots, name, stub)

@@ -210,7 +210,7 @@ def test_charts_of_one_file_are_drawn_together_and_tables_with_rows_are_written(
         text = f"table {name}\n"
         return SimpleNamespace(name=name, rows=[0] * rows, detail=detail, markdown=lambda: text)
 
-    stub = SimpleNamespace(draw=lambda of, file: drawn.append(([x.name for x in of], file)))
+    stub = SimpleNamespace(draw_charts=lambda of, file: drawn.append(([x.name for x in of], file)))
     monkeypatch.setitem(sys.modules, "eomcheck.lab.show.chart_matplotlib", stub)  # slow to import
     study = of(
         charts=lambda found: [chart("a", "b"), chart("a")],

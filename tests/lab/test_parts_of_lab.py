@@ -321,7 +321,7 @@ def test_what_is_left_out_by_dampers_is_measured_by_what_the_largest_takes(tmp_p
         assert not changed(one, "bias", 1e-6).leaves_out_damping
         assert not one._replace(v=-one.v).leaves_out_damping
     assert not at.leaves_out_damping  # nothing differs
-    assert not at_of(tmp_path)._replace(theirs=at.library | {"q̈": theirs}).leaves_out_damping
+    assert not at_of(tmp_path)._replace(library=at.library | {"q̈": theirs}).leaves_out_damping
 
 
 def test_differences_are_relative_to_what_cancelled_where_it_is_a_thousand_times_as_large():
@@ -568,7 +568,7 @@ def test_documents_of_rows_have_null_for_what_is_not_finite(monkeypatch):
         x: float
 
     rows = [Row("nan", np.nan), Row("a", 0.0), Row("b", -np.inf), Row("c", 2.5)]
-    monkeypatch.setattr("eomcheck.lab.study.rows_of", lambda found, kind: rows)
+    monkeypatch.setattr("eomcheck.lab.study.rows_in", lambda found, kind: rows)
     assert document_of("rows", Row)([]) == {
         "rows": [
             {"name": "nan", "x": None},

@@ -81,9 +81,10 @@ def test_findings_are_saved_state_by_state(tmp_path: Path):
         if len(seen) == 2:
             raise KeyboardInterrupt
 
-    selection = reports.Selection.of(["au"], [], ["kinetic-energy"], scenes=[reports.Sleigh])
+    selection = reports.RunSelection.of(["au"], [], ["kinetic-energy"], scenes=[reports.Sleigh])
     with Records(tmp_path / "r.db") as records, pytest.raises(KeyboardInterrupt):
-        reports.validate_kind(reports.Sleigh, reports.Run(), selection, (1, 1), 5, 0, look, records)
+        how = selection, (1, 1), 5, 0, look, records
+        reports.validate_kind(reports.Sleigh, reports.ValidationRun(), *how)
     assert seen == [(1, "failed"), (2, "failed")]
     assert Overview(read_records([tmp_path / "r.db"])).verdict == "not finished"
 
@@ -92,10 +93,10 @@ def test_findings_are_saved_state_by_state(tmp_path: Path):
 def test_kinds_of_scenes_are_looked_at_alike_in_any_number_of_processes(tmp_path: Path):
     keys = ("sleigh", "rolling-disk", "chain-pendulum")
     kinds = [SCENES[key] for key in keys]
-    selection = reports.Selection.of(None, [], ["kinetic-energy", "equivalence"], scenes=kinds)
+    selection = reports.RunSelection.of(None, [], ["kinetic-energy", "equivalence"], scenes=kinds)
     found, cases = [], []
     for count in (1, 2):
-        runs = {key: reports.Run() for key in keys}
+        runs = {key: reports.ValidationRun() for key in keys}
         how = selection, (1, 3), 4, 0, lambda: cases.append(1)
         with Records(tmp_path / f"{count}.db") as records:
             validate_kinds(runs, *how, records, f"local:{count}")

@@ -119,8 +119,8 @@ def test_a_default_of_more_than_five_numbers_is_named_and_not_shown(default: Any
         mass: Any = default
         declared = {  # noqa: RUF012
             "mass": SimpleNamespace(
-                **{"shape": (), "drawn": None, "sign": "", "optional": False},
-                **{"what": "m", "unit": "kg", "made": None},
+                **{"shape": (), "sample_range": None, "sign": "", "optional": False},
+                **{"what": "m", "unit": "kg", "computed_default": None},
             )
         }
 
@@ -345,7 +345,7 @@ def raising(error: Exception) -> Any:
         *(AttributeError("no"), TypeError("no"), ValueError("no")),
     ],
 )
-@pytest.mark.parametrize("what", ["said", "sheets", "charts"])
+@pytest.mark.parametrize("what", ["remarks", "tables", "charts"])
 def test_records_that_a_study_cannot_show_are_said_and_leave_no_section(monkeypatch, what, error):
     study(monkeypatch, **{what: raising(error)})
     overview = Overview([record("own-study", {})])

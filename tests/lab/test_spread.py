@@ -177,10 +177,10 @@ from functools import partial
 signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.path.insert(0, {path!r})
 import spread_work
-from eomcheck.lab.store.parallel_map import spread
+from eomcheck.lab.store.parallel_map import parallel_map
 
 {guard}
-    for item, result in spread("local:2", partial(spread_work.square, {notes!r}, {seconds}), range(50)):
+    for item, result in parallel_map("local:2", partial(spread_work.square, {notes!r}, {seconds}), range(50)):
         print(item, flush=True)
 """  # noqa: E501
 

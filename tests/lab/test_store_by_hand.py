@@ -148,13 +148,13 @@ def test_a_record_of_wrong_kinds_is_refused_by_the_name_of_its_field(given, mess
 def test_a_place_has_as_many_processes_as_its_text_says_and_else_one_a_core(monkeypatch):
     monkeypatch.setattr("os.cpu_count", lambda: 17)
     places: list[Any] = [backend_of(text) for text in (None, "local", "local:1", "local:203")]
-    assert [(place.workers, place.width) for place in places] == [
+    assert [(place.workers, place.max_pending) for place in places] == [
         (17, 18), (17, 18), (1, 2), (203, 204),
     ]  # fmt: skip
     monkeypatch.setattr("os.cpu_count", lambda: None)
     assert backend_of(None).max_pending == 2 and Local(3, ahead=0).max_pending == 3
     dask: Any = backend_of("dask:tcp://here:8786")
-    assert (dask.address, dask.width, dask.killed_error, dask.every) == (
+    assert (dask.address, dask.max_pending, dask.killed_error, dask.check_seconds) == (
         *("tcp://here:8786", 1024, "KilledWorker", 1.0),
     )
 

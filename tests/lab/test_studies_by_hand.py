@@ -634,14 +634,14 @@ def test_a_run_is_integrated_to_the_end_of_its_reference_compared_and_timed(monk
     drift = SimpleNamespace(rate=2e-9, exponent=1.5)
     of = "eomcheck.lab.studies.work_precision."
     monkeypatch.setattr(
-        f"{of}stored", lambda name, folder: asked.append((name, folder)) or reference
+        f"{of}stored_reference", lambda name, folder: asked.append((name, folder)) or reference
     )
-    monkeypatch.setattr(f"{of}ready", ready)
+    monkeypatch.setattr(f"{of}prepare_motion", ready)
     monkeypatch.setattr(f"{of}simulate", simulate)
     monkeypatch.setattr(f"{of}run_time", run_time)
     monkeypatch.setattr(f"{of}errors_of", lambda run, of: Errors())
-    monkeypatch.setattr(f"{of}constraint_drift", lambda run: None)
-    monkeypatch.setattr(f"{of}energy_drift", lambda run: drift)
+    monkeypatch.setattr(f"{of}constraint_error_drift", lambda run: None)
+    monkeypatch.setattr(f"{of}energy_error_drift", lambda run: drift)
     work = work_precision.worker([], references="folder")  # type: ignore[arg-type]
     settings = {"reference": "own", "formulation": "kane", "integrator": "BDF", "tolerance": 1e-5}
     record = work(settings)

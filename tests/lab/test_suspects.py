@@ -62,7 +62,7 @@ def looked_at(monkeypatch, found: ScreeningResult, **options) -> RoundResult:
 def test_of_many_suspects_the_most_suspect_are_judged(judged, monkeypatch):
     found = ScreeningResult(6, {("bias", ""): np.array([2.0, 9.0, 3.0, 0.5, 8.0, 7.0])})
     found.suspects = {i: {"bias"} for i in (0, 1, 2, 4, 5)}
-    result = looked_at(monkeypatch, found, max_states=2)
+    result = looked_at(monkeypatch, found, most=2)
     assert judged == [(1, frozenset({"bias"})), (4, frozenset({"bias"}))]
     assert (result.counts["suspect"], result.counts["suspects judged"]) == (5, 2)
     # Of the others nobody knows how high they are.
@@ -77,7 +77,7 @@ def test_a_suspect_is_as_high_as_it_is_judged_to_be(monkeypatch, verdict, height
     said = Finding("bias", "casadi", *case, 1.5, 0.5, verdict, "made up")
     monkeypatch.setattr(state_rounds, "check_case", lambda *_: [said])
     found = ScreeningResult(1, {("bias", ""): np.array([9.0])}, {0: {"bias"}})
-    looked_at(monkeypatch, found, max_states=1)
+    looked_at(monkeypatch, found, most=1)
     assert found.scores["bias", ""].tolist() == [height]
 
 

@@ -190,7 +190,7 @@ def test_the_totals_of_scenes_are_those_of_their_runs():
     one: Any = SimpleNamespace(
         cases=7,
         findings=[SimpleNamespace(verdict=x) for x in verdicts],
-        drawn=[SimpleNamespace(refused=x) for x in ((), ("im",), ("im", "em"))],
+        sampled=[SimpleNamespace(refused=x) for x in ((), ("im",), ("im", "em"))],
         seconds={"bias": 1.5, "motion": 2.0},
     )
     heads, rows = finding_output._totals({"sleigh": one})
@@ -540,7 +540,7 @@ def test_libraries_about_which_nothing_is_decided_are_not_said_to_agree(
 def shown(monkeypatch, module: Any) -> list[ResultTable]:
     """Return a list to which the tables that a module prints are added."""
     sheets: list[ResultTable] = []
-    monkeypatch.setattr(module, "print_sheets", sheets.extend)
+    monkeypatch.setattr(module, "print_tables", sheets.extend)
     return sheets
 
 

@@ -181,8 +181,8 @@ def course(
 
     motion: Any = SimpleNamespace(
         formulation=FORMULATIONS["au"],
-        seen=lambda t, y: seen,
-        crossed=lambda t, y: crossed,
+        observables=lambda t, y: seen,
+        singular_crossing=lambda t, y: crossed,
         evaluation=evaluation,
         choice=None,
     )

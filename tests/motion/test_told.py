@@ -164,7 +164,7 @@ def test_the_worst_state_looked_at_is_kept_wherever_it_is():
         at = SimpleNamespace(acceleration=lambda f, x=rcond: SimpleNamespace(rcond={"M": x}))
         at.told = rcond
         motion: Any = SimpleNamespace(evaluation=lambda y, t, at=at: at, choice=None)
-        course._look(motion, 0.0, np.zeros(1))
+        course._check_state(motion, 0.0, np.zeros(1))
     assert course.rcond == {"M": 0.125}
     assert {name: at.told for name, at in course._checked.items()} == {
         **{"first": 0.5, "last": 0.25, "worst": 0.125}

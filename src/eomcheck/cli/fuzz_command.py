@@ -179,7 +179,7 @@ def fuzz_command(
                 raise InputError(f"links = {links!r}: {scene} has no number of links to choose")
             strata = variants_of(kind, range(low, high + 1))
             if motions:
-                check_used("with --motions", engine=engine, claim=claim, check_frequency=ration)
+                check_used("with --motions", engine=engine, claim=claim, ration=ration)
                 plan = _motions(kind, formulation, seed, family, climb)
             else:
                 selection = _selection(kind, engine, formulation, claim)

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import Any, TypeVar
 
-from eomcheck.deprecated import old_keywords
+from eomcheck.deprecated import getattr_of, old_keywords
 from eomcheck.errors import DiedError, WorkerError
 from eomcheck.lab.store.executors import ExecutorBackend, Local, backend_of
 from eomcheck.safe_output import counted
@@ -163,3 +163,6 @@ def _check_start(pool: Executor) -> None:
 def _short(item: object) -> str:
     text = str(getattr(item, "structure", item))
     return text if len(text) <= 60 else text[:57] + "..."
+
+
+__getattr__ = getattr_of(__name__)

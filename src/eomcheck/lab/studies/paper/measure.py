@@ -18,6 +18,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from eomcheck.deprecated import getattr_of
 from eomcheck.evaluation.dynamics import acceleration, velocity
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.violations import violation
@@ -280,3 +281,6 @@ def growth(found: PaperRecords, key: str) -> list[float]:
         if len(points) > 1:
             slopes.append(slope(points))
     return slopes
+
+
+__getattr__ = getattr_of(__name__)
