@@ -176,7 +176,7 @@ class Claim:
         term: the term to suspect first when the claim fails.
         check: function of a `Case` that yields one Finding per subject.
         sides: function of a point (`Quantities`) and an `EvaluationContext` that yields
-            `Comparison`s.
+            `Comparison` records.
         rate_of: subject of the sides that need the rate of precomputed values (`prepare`).
         asks: name of the engine method that the claim compares with.
         against: field of `Terms` compared with engines in float64, in place of the sides.

@@ -24,6 +24,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from eomcheck.deprecated import getattr_of
 from eomcheck.errors import InputError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.scene_quantities import Quantities
@@ -434,3 +435,6 @@ def exact_jacobian(
         return found["jacobian"].reshape(size, size)
 
     return at
+
+
+__getattr__ = getattr_of(__name__)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from eomcheck.deprecated import getattr_of
 from eomcheck.errors import InputError
 from eomcheck.formulations import formulation_of
 from eomcheck.mechanics.scene import Scene
@@ -168,3 +169,6 @@ def _loss(scene: Scene) -> str:
 
 def _end(trajectory: Trajectory) -> str:
     return f"t = {trajectory.times[-1]:g} s" if len(trajectory.times) else "its start"
+
+
+__getattr__ = getattr_of(__name__)

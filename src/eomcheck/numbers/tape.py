@@ -27,6 +27,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from eomcheck.deprecated import getattr_of
 from eomcheck.numbers.banded_solve import BANDED_SOLVERS
 from eomcheck.numbers.generic import (
     BRANCH,
@@ -506,3 +507,6 @@ def _collected(parts: int, by_input: dict[int, np.ndarray]) -> list[Rates]:
             if not (isinstance(value, int) and value == 0):
                 out[part][i] = value
     return out
+
+
+__getattr__ = getattr_of(__name__)

@@ -190,7 +190,7 @@ def check(
         ['bias-of-mass-matrix']
     """
     if isinstance(subject, Scene):
-        if not state:
+        if not state and not older:
             raise InputError(
                 f"subject = {subject!r}, a scene: eomcheck.validate checks it in random states, "
                 "eomcheck.check_state in one"
