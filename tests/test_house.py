@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 from tests.house import (
@@ -11,7 +13,6 @@ from tests.house import (
     comments_of,
     identifier_parts,
     matches,
-    profiled,
     sorts_of,
     source_passages,
     walk_of,
@@ -122,10 +123,18 @@ def test_a_walk_counts_crossings_by_the_stack_and_changes_by_the_events():
     assert walk_of([Event(True, "errors.py"), Event(False, "errors.py")]).rooms == 1
 
 
-def test_only_frames_of_the_package_are_recorded():
-    here = Path(__file__).parent
-    assert profiled(lambda: sorted([2, 1]), here) == [
-        Event(True, "test_house.py"),
-        Event(False, "test_house.py"),
-    ]
-    assert profiled(lambda: None, here / "claims") == []
+def test_only_frames_of_the_package_are_recorded(tmp_path: Path):
+    # In a process of its own, where nothing else runs that a profiler would have to follow.
+    inside, outside = tmp_path / "inside" / "one.py", tmp_path / "other.py"
+    inside.parent.mkdir()
+    inside.write_text("def run():\n    return sorted([2, 1])\n", encoding="utf-8")
+    outside.write_text("def run():\n    return 1\n", encoding="utf-8")
+    code = (
+        "import sys; from pathlib import Path; from tests.house import profiled; "
+        f"sys.path[:0] = [{str(inside.parent)!r}, {str(tmp_path)!r}]; import one, other; "
+        f"here = Path({str(inside.parent)!r}); "
+        "print([tuple(x) for file in (one, other) for x in profiled(file.run, here)])"
+    )
+    run = [sys.executable, "-c", code]
+    done = subprocess.run(run, capture_output=True, text=True, check=True, timeout=60)
+    assert done.stdout.strip() == "[(True, 'one.py'), (False, 'one.py')]"
