@@ -92,13 +92,9 @@ def sensitivity_where(resolved: Any) -> Any:
 
     Resolved: larger than their own rounding.
     """
-    return (
-        lane_select(resolved, np.nan, np.inf)
-        if lanes_in(resolved)
-        else None
-        if resolved
-        else np.inf
-    )
+    if lanes_in(resolved):
+        return lane_select(resolved, np.nan, np.inf)
+    return None if resolved else np.inf
 
 
 def along_directions(

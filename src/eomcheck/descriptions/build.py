@@ -235,10 +235,8 @@ def mechanism_source(
     pose: dict[str, float] | None = None,
 ) -> MechanismSource:
     """Return the source of a description's scene class; see `mechanism`."""
-    bodies, between = (
-        checked_elements("link", Link, links),
-        checked_elements("joint", Joint, joints),
-    )
+    bodies = checked_elements("link", Link, links)
+    between = checked_elements("joint", Joint, joints)
     more = checked_elements("constraint", Constraint, constraints)
     pose = {} if pose is None else pose
     validate_elements(bodies, between, more, gravity, pose)

@@ -518,10 +518,8 @@ class SecondDerivation:
             if self.rates is None
             else second_derivation.point_velocity(self.rates, k, a)
         )
-        at, moved = (
-            second_derivation.point_in_ground(*self.here, k, a),
-            second_derivation.direction_in_ground(*self.here, k, rate),
-        )
+        at = second_derivation.point_in_ground(*self.here, k, a)
+        moved = second_derivation.direction_in_ground(*self.here, k, rate)
         return MovingVector(at, moved, {}, ZERO_VECTOR)
 
     def direction(self, k: int, a: Vector) -> MovingVector:

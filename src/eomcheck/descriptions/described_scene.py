@@ -18,6 +18,7 @@ import numpy as np
 from eomcheck.descriptions.constraint_rows import KINDS
 from eomcheck.descriptions.elements import COORDINATES, Constraint, Joint, Link, Spring, Triple
 from eomcheck.descriptions.first_derivation import joint_frames
+from eomcheck.descriptions.joint_tree import SCALAR_KINDS
 from eomcheck.descriptions.mechanism_class import none_as_zero, plan_and_functions, tree_by
 from eomcheck.descriptions.quaternions import IDENTITY, Quaternion, rotation_matrix
 from eomcheck.descriptions.topology import ConstraintSpec, ScalarJoint, Topology, TopologyPlan
@@ -29,14 +30,6 @@ from eomcheck.numbers.generic import FLOAT64, Array, generic
 
 GROUND = "ground"
 """Name of the ground, the link on which all others are mounted."""
-
-SCALAR_KINDS = {
-    "revolute": ("r",),
-    "prismatic": ("p",),
-    "planar": ("px", "py", "rz"),
-    "spherical": ("rz", "ry", "rx"),
-    "floating": ("px", "py", "pz", "rz", "ry", "rx"),
-}
 
 
 class Description(NamedTuple):

@@ -289,10 +289,8 @@ def make_jacobians(plan: TopologyPlan) -> Any:
 
     def jacobians(parameters, prepared, q, v):
         frames = joint_frames(plan, parameters, prepared)
-        turning, rates = (
-            local_turning_columns(plan, parameters, prepared),
-            frame_rates(plan, parameters, frames, v),
-        )
+        turning = local_turning_columns(plan, parameters, prepared)
+        rates = frame_rates(plan, parameters, frames, v)
         linear = np.zeros((plan.bodies, d, plan.n), v.dtype)
         angular = np.zeros((plan.bodies, e, plan.n), v.dtype)
         rest, turned = np.zeros((plan.bodies, d), v.dtype), np.zeros((plan.bodies, e), v.dtype)
@@ -414,10 +412,8 @@ def terms_of_bodies(plan, parameters, frames, rates, dtype):
     force, moment = [ZERO_VECTOR] * len(frames), [ZERO_VECTOR] * len(frames)
     for b, k in enumerate(plan.carriers):
         arm = from_local(frames[k].axes, as_vector(parameters.center[b]))
-        mass, inertia = (
-            parameters.mass[b],
-            inertia_along_ground(parameters.inertia[b], frames[k].axes, plan),
-        )
+        mass = parameters.mass[b]
+        inertia = inertia_along_ground(parameters.inertia[b], frames[k].axes, plan)
         heavy[k] = shifted_body(CompositeBody(mass, ZERO_VECTOR, inertia), arm)
         force[k] = scale_vector(
             mass, add_vectors(rates[k].acceleration, relative_acceleration(rates[k], arm))

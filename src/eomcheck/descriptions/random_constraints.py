@@ -281,10 +281,8 @@ def _rolling(
     choices: Choices,
 ) -> tuple[Constraint, ...]:  # fmt: skip
     """Return the constraints of a rolling ball, disk or (in the plane) circle, contact first."""
-    radius, across = (
-        choices.number(0.2, 1.0),
-        np.asarray(random_elements.random_direction(choices, planar)),
-    )
+    radius = choices.number(0.2, 1.0)
+    across = np.asarray(random_elements.random_direction(choices, planar))
     normal = across / np.linalg.norm(across)
     is_disk = not planar and choices.one_of((False, True))
     if is_disk:

@@ -264,11 +264,9 @@ class _Tree:
         return random_elements.random_link(self.choices, _link_name(i + 1), self.planar)
 
     def _joint(self, i: int) -> Joint:
-        kind, at, choices = (
-            self.kinds[i],
-            random_elements.random_point(self.choices, self.planar),
-            self.choices,
-        )
+        kind = self.kinds[i]
+        at = random_elements.random_point(self.choices, self.planar)
+        choices = self.choices
         axis = self._axis(i)
         if self._is_carried(i):
             at = self._off_axis(at, i - 1)

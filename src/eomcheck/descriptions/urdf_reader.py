@@ -329,10 +329,8 @@ def _joint(element: Element, file: str, out: Counter[str]) -> Joint:
         more["axis"] = triple_attribute(axis, "xyz", where, (1.0, 0.0, 0.0))
     else:
         more["axis"] = (1.0, 0.0, 0.0)
-    dynamics, mimic = (
-        single_child(element, "dynamics", where),
-        single_child(element, "mimic", where),
-    )
+    dynamics = single_child(element, "dynamics", where)
+    mimic = single_child(element, "mimic", where)
     if dynamics is not None and kind != "fixed":
         damping = number_attribute(dynamics, "damping", where, 0.0)
         if damping < 0:

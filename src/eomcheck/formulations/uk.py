@@ -47,10 +47,8 @@ def redundancy_coefficients(M, a, kept, redundant):
     """
     n, rank = a.shape[1], kept.size
     heavy = FIT_WEIGHT * a
-    fit, right = (
-        np.zeros((rank + n, rank + n), M.dtype),
-        np.zeros((rank + n, redundant.size), M.dtype),
-    )
+    fit = np.zeros((rank + n, rank + n), M.dtype)
+    right = np.zeros((rank + n, redundant.size), M.dtype)
     fit[:n, :rank] = heavy[kept].T
     fit[n:, rank:] = a[kept]
     for j in range(n):

@@ -711,10 +711,8 @@ class Snake(OfLinks, functions=globals()):
         """Return the links from the free tip on, and a wheel across each axle."""
         x, y, *theta = q
         size = self.length.mean()
-        parts, at = (
-            [*draw.fixed_axes(0.5 * size), *draw.position_dimensions(x, y), draw.Trail(q[:2])],
-            q[:2],
-        )
+        parts = [*draw.fixed_axes(0.5 * size), *draw.position_dimensions(x, y), draw.Trail(q[:2])]
+        at = q[:2]
         for i, angle in enumerate(theta):
             end = at + self.length[i] * draw.direction(angle)
             wheel, middle = angle + self.wheel_angle[i], (at + end) / 2

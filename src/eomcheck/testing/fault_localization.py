@@ -274,10 +274,8 @@ def _of_residual(at: FunctionState, found: frozenset[str]) -> frozenset[str]:
     if not values:
         return found
     state = points[1]
-    left, qdd = (
-        velocity_dependence(values),
-        velocity_dependence([x.quantity("qdd") for x in points]),
-    )
+    left = velocity_dependence(values)
+    qdd = velocity_dependence([x.quantity("qdd") for x in points])
     free = exact(state.free().T) if state.has("a") else exact(np.eye(len(state.v)))
     parts = {name: [free @ x.parts()[name] for x in points] for name in state.parts()}
     only = [name for name, of in parts.items() if _in_proportion(values, of)]

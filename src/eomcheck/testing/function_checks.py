@@ -227,13 +227,7 @@ def check_equations(
     """
     ids = tuple(FUNCTION_CLAIMS if claims is None else at_least_one("claims", claims))
     selected = [registered("claim", one, FUNCTION_CLAIMS) for one in ids]
-    given = (
-        states
-        if isinstance(states, int | np.integer)
-        else list(states)
-        if isinstance(states, Iterable)
-        else states
-    )
+    given = list(states) if isinstance(states, Iterable) else states
     wanted = checked_states(functions, given)
     reference = None if against is None else reference_functions(against)
     if reference is not None and (reference.n, reference.p) != (functions.n, functions.p):
