@@ -7,9 +7,11 @@ import sys
 from typing import Any
 
 import pytest
+import typer
+from click import Context
 
 import eomcheck
-from eomcheck import deprecated
+from eomcheck import cli, deprecated
 from eomcheck.descriptions.build import mechanism
 from eomcheck.descriptions.elements import Joint, Link
 from eomcheck.descriptions.random_mechanisms import RANDOM
@@ -140,3 +142,45 @@ def test_check_of_a_scene_in_one_state_is_check_state_and_warns():
 def test_every_old_field_is_gone_from_what_it_was_of():
     for owner, names in deprecated.FIELDS.items():
         assert not names.keys() & set(names.values()), owner
+
+
+# ---- Options of the command line -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("command", "old", "new"),
+    [(c, old, new) for c, names in deprecated.OPTIONS.items() for old, new in names.items()],
+)
+def test_an_old_option_is_read_as_the_new_one(command: str, old: str, new: str, capsys):
+    words = command.split()
+    given = [*words, "first", f"{old}=3", old, "x", "--", old]
+    expected = [*words, "first", f"{new}=3", new, "x", "--", old]
+    assert deprecated.current_options(given) == expected
+    notice = f"eomcheck: {old} is now {new}; the old name is removed in the next release\n"
+    assert capsys.readouterr() == ("", 2 * notice)
+    options = {option for parameter in command_at(words).params for option in parameter.opts}
+    assert new in options and old not in options
+
+
+def command_at(words: list[str]) -> Any:
+    """Return the command of the command line with this name, such as ["study", "paper"]."""
+    command: Any = typer.main.get_command(cli.app)
+    for word in words:
+        command = command.resolve_command(Context(command), [word])[1]
+    return command
+
+
+def test_words_without_old_options_stay_as_they_are(capsys):
+    for words in ([], ["--version"], ["prove"], ["prove", "--links=3"], ["report", "--points"]):
+        assert deprecated.current_options(words) == words
+    assert capsys.readouterr() == ("", "")
+
+
+def test_an_old_option_of_the_command_line_warns_once(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["eomcheck", "prove", "--points", "0"])
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    assert end.value.code == 2
+    first, second = capsys.readouterr().err.splitlines()
+    assert first.startswith("eomcheck: --points is now --examples;")
+    assert second == "eomcheck: --examples 0, expected a whole number of at least 1"

@@ -52,10 +52,14 @@ MODULES = {
 """
 
 
+def _notice(old: str, new: str) -> str:
+    """Return the sentence that a name has changed."""
+    return f"{old} is now {new}; the old name is removed in the next release"
+
+
 def warn(old: str, new: str, stacklevel: int = 3) -> None:
     """Emit a DeprecationWarning, `old` is now `new`, at the line `stacklevel` calls above."""
-    text = f"{old} is now {new}; the old name is removed in the next release"
-    warnings.warn(text, DeprecationWarning, stacklevel=stacklevel)
+    warnings.warn(_notice(old, new), DeprecationWarning, stacklevel=stacklevel)
 
 
 class _Finder(MetaPathFinder):
@@ -81,6 +85,26 @@ def install() -> None:
     if not any(isinstance(finder, _Finder) for finder in sys.meta_path):
         # Before the finder of files, which would still find the files of a moved package.
         sys.meta_path.insert(0, _Finder())
+
+
+OPTIONS: dict[str, dict[str, str]] = {
+    "prove": {"--points": "--examples"},
+    "simulate": {"--draws": "--examples"},
+}
+"""Command, such as "fuzz" or "study paper" -> old -> new name of its options."""
+
+
+def current_options(words: Sequence[str]) -> list[str]:
+    """Return a command line with the new names of its options; print one line for each old one."""
+    current = list(words)
+    names = OPTIONS.get(" ".join(words[:2])) or OPTIONS.get(" ".join(words[:1]), {})
+    end = current.index("--") if "--" in current else len(current)
+    for i, word in enumerate(current[:end]):
+        option, equals, value = word.partition("=")
+        if option in names:
+            current[i] = f"{names[option]}{equals}{value}"
+            print(f"eomcheck: {_notice(option, names[option])}", file=sys.stderr)
+    return current
 
 
 VALUES = {"not looked at": "skipped"}

@@ -39,10 +39,10 @@ def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["validate", "--links", "0"], "links = '0'"),
-        (["validate", "--links", "5..2"], "links = '5..2'"),
-        (["validate", "--links", "many"], "links = 'many'"),
-        (["validate", "--examples", "0"], "examples = 0"),
+        (["validate", "--links", "0"], "--links '0'"),
+        (["validate", "--links", "5..2"], "--links '5..2'"),
+        (["validate", "--links", "many"], "--links 'many'"),
+        (["validate", "--examples", "0"], "--examples 0"),
         (["validate", "--examples", "9" * 40], "expected at most 1000000000"),
         (["validate", "--json", "x" * 5000], "5000 characters are no name of a file"),
         (["validate", "--scene", "x" * 5000 + ".py:S"], "5003 characters are no name of a file"),
@@ -57,21 +57,21 @@ def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
             ["validate", "--scene", "tests/lab/test_states.py:HeavyInside", "--executor", "local"],
             "executor = 'local': a scene or an engine of your own is looked at in one process",
         ),
-        (["fuzz", "--links", "0"], "links = '0'"),
-        (["fuzz", "--time", "5"], "time = '5', expected a time such as 20s"),
-        (["fuzz", "--time", "0s"], "time = '0s'"),
+        (["fuzz", "--links", "0"], "--links '0'"),
+        (["fuzz", "--time", "5"], "--time '5', expected a time such as 20s"),
+        (["fuzz", "--time", "0s"], "--time '0s'"),
         (["fuzz", "--time", "5s", "--states", "5"], "--time and --states: expected one"),
-        (["fuzz", "--states", "0"], "states = 0"),
+        (["fuzz", "--states", "0"], "--states 0"),
         (["fuzz", "--family", "mild"], "unknown family 'mild'; known: ordinary, wide"),
-        (["fuzz", "--ration", "1,2"], "ration = '1,2', expected five"),
+        (["fuzz", "--ration", "1,2"], "--ration '1,2', expected five"),
         (["fuzz", "--scene", "all"], "expected one kind of scene"),
         (["fuzz", "--claim", "beauty"], "unknown claim 'beauty'"),
         (["fuzz", "--executor", "ray:1"], "expected local, local:NUMBER"),
         (["fuzz", "--replay", "no-such.json"], "'no-such.json' is no file"),
         (["fuzz", "--keep", "no/such/folder/x.json"], "not a file in a folder that exists"),
-        (["prove", "--links", "3,0"], "links = '0'"),
-        (["prove", "--links", "2..1"], "links = '2..1'"),
-        (["prove", "--points", "0"], "points = 0"),
+        (["prove", "--links", "3,0"], "--links '0'"),
+        (["prove", "--links", "2..1"], "--links '2..1'"),
+        (["prove", "--examples", "0"], "--examples 0"),
         (["prove", "--scene", "worm"], "unknown scene 'worm'; known: snake"),
         (["prove", "--formulation", "xx"], "unknown formulation 'xx'"),
         (["prove", "--json", "no/such/folder/x.json"], "not a file in a folder that exists"),
@@ -79,30 +79,30 @@ def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
         (["export", "no-such.db"], "no such file"),
         (["export", "pyproject.toml", "--csv"], "'pyproject.toml' is not a file of records"),
         (["export", "no-such.db", "--csv", "no/such/folder/x"], "not a file in a folder"),
-        (["study", "accuracy", "--links", "x"], "links = 'x'"),
+        (["study", "accuracy", "--links", "x"], "--links 'x'"),
         (["study", "work-precision", "x.db", "--reference", "none"], "none.json"),
         (["study", "work-precision", "x.db", "--integrator", "Euler"], "integrator 'Euler'"),
-        (["study", "work-precision", "x.db", "--tolerance", "2"], "tolerance = 2.0"),
+        (["study", "work-precision", "x.db", "--tolerance", "2"], "--tolerance 2.0"),
         (["study", "work-precision", "x.db", "--figures", "no/such"], "not a folder that exists"),
-        (["study", "accuracy", "--examples", "0"], "examples = 0"),
+        (["study", "accuracy", "--examples", "0"], "--examples 0"),
         (["study", "stability", "x.db", "--family", "none"], "unknown family 'none'; known: stiff"),
         (["study", "stability", "x.db", "--formulation", "xx"], "unknown formulation 'xx'"),
         (["study", "stability", "x.db", "--figures", "no/such"], "not a folder that exists"),
         (["study", "stability", "x.db", "--executor", "ray:1"], "expected local, local:NUMBER"),
-        (["acceleration", "coil", "--links", "0"], "links = 0"),
+        (["acceleration", "coil", "--links", "0"], "--links 0"),
         (["acceleration", "paper", "--formulation", "xx"], "unknown formulation 'xx'"),
         (["acceleration", "pattern", "--links", "95", "--speeds", "1,1"], "wheel_angle[89]"),
-        (["draw", "accuracy", "a.png", "--examples", "0"], "examples = 0"),
+        (["draw", "accuracy", "a.png", "--examples", "0"], "--examples 0"),
         (["draw", "accuracy", "picture.gif"], "written as .png, .svg or .pdf"),
-        (["bench", "rhs", "--links", "0"], "links = '0'"),
-        (["study", "agreement", "--per-size", "0"], "per-size = 0"),
-        (["bench", "rhs", "--repeats", "0"], "repeats = 0"),
-        (["bench", "tolerance", "--examples", "-3"], "examples = -3"),
-        (["study", "operations", "--links", "0"], "links = '0'"),
+        (["bench", "rhs", "--links", "0"], "--links '0'"),
+        (["study", "agreement", "--per-size", "0"], "--per-size 0"),
+        (["bench", "rhs", "--repeats", "0"], "--repeats 0"),
+        (["bench", "tolerance", "--examples", "-3"], "--examples -3"),
+        (["study", "operations", "--links", "0"], "--links '0'"),
         (["study", "operations", "--formulation", "xx"], "unknown formulation 'xx'; known: im, au"),
         (["study", "operations", "--json", "no/such/folder/x"], "not a file in a folder"),
         (["draw", "agreement", "picture.gif"], "written as .png, .svg or .pdf"),
-        (["draw", "agreement", "a.png", "--links", "0"], "links = '0'"),
+        (["draw", "agreement", "a.png", "--links", "0"], "--links '0'"),
     ],
 )
 def test_bad_input_is_one_sentence_and_exit_code_2(arguments, says, monkeypatch, capsys):
@@ -115,7 +115,7 @@ def test_bad_input_is_one_sentence_and_exit_code_2(arguments, says, monkeypatch,
 
 
 def test_a_count_is_1_to_1000000000():
-    check_count(draws=1, states=10**9)
+    check_count(examples=1, states=10**9)
     for number in (0, 10**9 + 1, 10**400):
         with pytest.raises(InputError, match="states = "):
             check_count(states=number)
@@ -429,7 +429,8 @@ def test_a_scene_of_which_nothing_can_be_proved_is_exit_code_2_and_told_why(
 
 def test_prove_prints_the_bounds_and_the_probability(monkeypatch, capsys):
     assert (
-        run("prove", "--links", "1,3", "--points", "2", "--seed", "7", monkeypatch=monkeypatch) == 0
+        run("prove", "--links", "1,3", "--examples", "2", "--seed", "7", monkeypatch=monkeypatch)
+        == 0
     )
     printed = capsys.readouterr().out
     assert "0 disproved on 5 of 5 structures" in printed

@@ -204,7 +204,7 @@ def test_one_motion_that_does_not_reach_its_end_is_1(place, status, code, monkey
     many = SimpleNamespace(status=np.array(both))
     monkeypatch.setattr("eomcheck.simulate_many", lambda *how, **more: many)
     monkeypatch.setattr("eomcheck.lab.report.motion_tables.print_many", lambda found: None)
-    assert code_of(monkeypatch, "simulate", "1", "--draws", "2") == code
+    assert code_of(monkeypatch, "simulate", "1", "--examples", "2") == code
 
 
 @pytest.mark.parametrize("command", ["acceleration", "constraints"])

@@ -128,7 +128,17 @@ def test_validate_of_one_scene_looks_at_that_scene_alone(monkeypatch, capsys, tm
 def test_simulate_moves_any_scene_and_keeps_loops_closed_in_draws(monkeypatch, capsys):
     assert run("simulate", "rolling-disk", "0.05", monkeypatch=monkeypatch) == 0
     assert "banded" not in capsys.readouterr().out, "it does not apply"
-    many = ("0.01", "--scene", "four-bar-chain", "--links", "2", "--draws", "3", "--scale", "0.05")
+    many = (
+        "0.01",
+        "--scene",
+        "four-bar-chain",
+        "--links",
+        "2",
+        "--examples",
+        "3",
+        "--scale",
+        "0.05",
+    )
     assert run("simulate", *many, monkeypatch=monkeypatch) == 0
     printed = capsys.readouterr().out
     (row,) = [line for line in printed.splitlines() if line.startswith("│ θ_1")]
@@ -144,21 +154,21 @@ def test_simulate_moves_any_scene_and_keeps_loops_closed_in_draws(monkeypatch, c
     ("arguments", "says"),
     [
         (["acceleration", "--scene", "sleigh", "--links", "3"], "sleigh has no number of links"),
-        (["acceleration", "paper", "--links", "9"], "links = 9: the robot of the paper has 7"),
+        (["acceleration", "paper", "--links", "9"], "--links 9: the robot of the paper has 7"),
         (["acceleration", "paper", "--scene", "coil"], "two scenes are named, 'paper' and 'coil'"),
         (["acceleration", "--scene", "all"], "'all': expected one scene"),
         (["acceleration", "papr"], "did you mean 'paper'"),
-        (["acceleration", "--speeds", "1"], "speeds = [1.0]: snake[7] has 2"),
-        (["acceleration", "--speeds", "1,x"], "speeds = 'x', expected numbers"),
-        (["acceleration", "--set", "mass"], "set = 'mass', expected NAME=VALUE"),
+        (["acceleration", "--speeds", "1"], "--speeds [1.0]: snake[7] has 2"),
+        (["acceleration", "--speeds", "1,x"], "--speeds 'x', expected numbers"),
+        (["acceleration", "--set", "mass"], "--set 'mass', expected NAME=VALUE"),
         (["acceleration", "--set", "mass=1", "--set", "mass=2"], "mass is given twice"),
         (["acceleration", "--set", "mass=,"], "expected a number after mass="),
         (["acceleration", "--formulation", "kane,aux"], "'aux' (did you mean 'au'?)"),
         (["simulate", "paper"], "END = 'paper', expected a time"),
         (["simulate", "paper", "coil", "1"], "expected one scene"),
-        (["simulate", "paper", "1", "--scale", "0"], "--scale says nothing without --draws"),
-        (["simulate", "paper", "1", "--seed", "0"], "--seed says nothing without --draws"),
-        (["simulate", "paper", "1", "--plot", "x.png"], "--plot says nothing without --draws"),
+        (["simulate", "paper", "1", "--scale", "0"], "--scale says nothing without --examples"),
+        (["simulate", "paper", "1", "--seed", "0"], "--seed says nothing without --examples"),
+        (["simulate", "paper", "1", "--plot", "x.png"], "--plot says nothing without --examples"),
         (["simulate", "paper", "1", "--integrator", "DOP85"], "did you mean 'DOP853'"),
         (["draw", "scene", "x.png", "--frames", "9"], "--frames says nothing in a picture"),
         (["draw", "scene", "x.svg", "--end", "2"], "--end says nothing in a picture"),
@@ -170,7 +180,7 @@ def test_simulate_moves_any_scene_and_keeps_loops_closed_in_draws(monkeypatch, c
         (["study", "operations", "--repeats", "3"], "nothing is timed without a scene"),
         (["study", "operations", "--scene", "sleigh", "--links", "3"], "sleigh has no number"),
         (["study", "engines", "--engine", "casadi,pinochio"], "did you mean 'pinocchio'"),
-        (["bench", "rhs", "--links", "3,x"], "links = 'x', expected a number or a range"),
+        (["bench", "rhs", "--links", "3,x"], "--links 'x', expected a number or a range"),
         (["bench", "rhs", "--links", "3", "--set", "mas=1"], "did you mean 'mass'"),
         (["bench", "rhs", "--scene", "sleigh", "--links", "3"], "sleigh has no number of links"),
         (["validate", "--scene", "sleig"], "did you mean 'sleigh'"),

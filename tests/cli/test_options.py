@@ -162,7 +162,7 @@ BASES = {
 }
 """Command -> what it needs at least."""
 
-MANY, GIF, REPLAY = "0.1 --draws 2", "a.gif", "--replay f.json"
+MANY, GIF, REPLAY = "0.1 --examples 2", "a.gif", "--replay f.json"
 FUNCTIONS = "--scene of_options.py:own --states 1"
 """Other words to begin with, for options that say nothing otherwise."""
 
@@ -201,6 +201,10 @@ CASES: dict[str, dict[str, Case]] = {
             "--formulation au,el",
             {"validate_kind.selection": "~'formulations': ['au', 'el']"},
         ),
+        "claim": (
+            "--claim bias,kinetic-energy",
+            {"validate_kind.selection": "~'claims': ['bias', 'kinetic-energy']"},
+        ),
         "executor": ("--executor local:2", {"validate_kind.executor": "local:2"}),
         "json": ("--json a.json", {"write_findings.path": "a.json"}),
         "records": ("--records new.db", {"validate_kind.records": "records"}),
@@ -210,7 +214,7 @@ CASES: dict[str, dict[str, Case]] = {
     "prove": {
         **PATIENT,
         "links": ("--links 2..3,7", {"proof_jobs.links": [2, 3, 7]}),
-        "points": ("--points 9", {"proof_jobs.points": 9}),
+        "examples": ("--examples 9", {"proof_jobs.points": 9}),
         "seed": ("--seed 8", {"proof_jobs.seed": 8}),
         "scene": ("--scene sleigh", {"proof_jobs.scene": "sleigh"}),
         "formulation": ("--formulation au", {"proof_jobs.formulations": ["au"]}),
@@ -327,14 +331,14 @@ CASES: dict[str, dict[str, Case]] = {
         "max_steps": ("--max-steps 7", {"simulate.max_steps": 7}),
         "baumgarte": ("--baumgarte 10", {"simulate.baumgarte": 10.0}),
         "projection": ("--projection 0.5", {"simulate.projection": 0.5}),
-        "draws": ("--draws 3", {"simulate_many.t_end": 0.1, "simulate_many.key": "kane"}),
-        "tolerance of draws": (
+        "examples": ("--examples 3", {"simulate_many.t_end": 0.1, "simulate_many.key": "kane"}),
+        "tolerance of examples": (
             "--tolerance 1e-5",
             {"simulate_many.rtol": 1e-5, "simulate_many.atol": 1e-5},
             MANY,
         ),
-        "max_steps of draws": ("--max-steps 7", {"simulate_many.max_steps": 7}, MANY),
-        "formulation of draws": ("--formulation au", {"simulate_many.key": "au"}, MANY),
+        "max_steps of examples": ("--max-steps 7", {"simulate_many.max_steps": 7}, MANY),
+        "formulation of examples": ("--formulation au", {"simulate_many.key": "au"}, MANY),
         "scale": ("--scale 0", {}, MANY),
         "seed": ("--seed 5", {}, MANY),
         "executor": (

@@ -67,7 +67,7 @@ def code(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
 def test_draws_are_normal_about_the_start_of_the_scene_first_of_q_then_of_u(
     words, scene, scale, seed, speeds, asked, monkeypatch
 ):
-    assert code(monkeypatch, scene.key, END, "--draws", "4", *words) == 0
+    assert code(monkeypatch, scene.key, END, "--examples", "4", *words) == 0
     (found,) = asked
     q, v = scene.initial_state()
     u = eomcheck.speeds_of(scene, q, v) if v.any() else np.zeros(scene.p)
@@ -85,7 +85,7 @@ def test_draws_are_plotted_if_some_end_and_are_1_unless_all_do(
     draws, ended, drawn, asked, monkeypatch, capsys, tmp_path
 ):
     path = tmp_path / "a.svg"
-    words = "--draws", draws, "--plot", str(path)
+    words = "--examples", draws, "--plot", str(path)
     assert code(monkeypatch, "sleigh", END, *words) == ended
     assert asked[1:] == [path.name] * drawn
     assert ("written: " in capsys.readouterr().out) == bool(drawn)
@@ -94,20 +94,20 @@ def test_draws_are_plotted_if_some_end_and_are_1_unless_all_do(
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (("--scale", "-0.5"), "scale = -0.5"),
-        (("--scale", "inf"), "scale = inf"),
-        (("--scale", "nan"), "scale = nan"),
-        (("--integrator", "RK45"), "draws are integrated by DOP853, without stabilization"),
+        (("--scale", "-0.5"), "--scale -0.5"),
+        (("--scale", "inf"), "--scale inf"),
+        (("--scale", "nan"), "--scale nan"),
+        (("--integrator", "RK45"), "--examples are integrated by DOP853, without stabilization"),
         (("--baumgarte", "0"), "without stabilization"),
         (("--projection", "1"), "without stabilization"),
-        (("--formulation", "au,el"), "expected one for draws"),
+        (("--formulation", "au,el"), "expected one for --examples"),
         (("--speeds", "1"), "sleigh has 2"),
     ],
 )
 def test_what_draws_cannot_do_is_bad_input_and_nothing_is_integrated(
     words, says, asked, monkeypatch, capsys
 ):
-    assert code(monkeypatch, "sleigh", END, "--draws", "4", *words) == 2
+    assert code(monkeypatch, "sleigh", END, "--examples", "4", *words) == 2
     assert says in capsys.readouterr().err and not asked
 
 

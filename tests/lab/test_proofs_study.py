@@ -148,7 +148,7 @@ def test_a_killed_command_resumes(tmp_path: Path):
     part = path.with_name("proofs.json.part")
     command = [
         *(sys.executable, "-c", "from eomcheck.cli import main; main()"),
-        *("prove", "--links", "1..60", "--points", "1", "--json", str(path)),
+        *("prove", "--links", "1..60", "--examples", "1", "--json", str(path)),
     ]
     killed = subprocess.Popen(
         command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True

@@ -315,16 +315,16 @@ def command(*options: str):
 @pytest.mark.night
 def test_the_command_prints_and_draws_how_far_motions_are_apart(tmp_path: Path):
     plot = tmp_path / "spread.png"
-    shown = command("--draws", "12", "--scale", "0.1", "--plot", str(plot))
+    shown = command("--examples", "12", "--scale", "0.1", "--plot", str(plot))
     assert shown.exit_code == 0, shown.output
     for text in ("kane, t = 0.05 s", "θ_3 / rad", "median", "energy error / J", "12 finished"):
         assert text in shown.output
     assert plot.stat().st_size > 10_000
-    assert "x / m" in command("--draws", "12", "--seed", "1", "--formulation", "gw").output
+    assert "x / m" in command("--examples", "12", "--seed", "1", "--formulation", "gw").output
 
 
 def test_draws_that_fail_are_counted_and_the_exit_code_tells():
-    shown = command("--draws", "3", "--max-steps", "2")
+    shown = command("--examples", "3", "--max-steps", "2")
     assert shown.exit_code == 1
     assert "3 motions: 3 failed" in shown.output
     assert "motion 2 failed: 2 steps do not reach the end" in shown.output
@@ -333,12 +333,18 @@ def test_draws_that_fail_are_counted_and_the_exit_code_tells():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--draws", "0"], "draws = 0, expected a whole number of at least 1"),
-        (["--draws", "2", "--scale", "-1"], "scale = -1"),
-        (["--draws", "2", "--integrator", "Radau"], "integrated by DOP853, without stabilization"),
-        (["--draws", "2", "--formulation", "im", "--formulation", "el"], "expected one for draws"),
-        (["--draws", "2", "--plot", "no/such/x.png"], "not a file in a folder that exists"),
-        (["--draws", "2", "--executor", "moon"], "executor = 'moon'"),
+        (["--examples", "0"], "examples = 0, expected a whole number of at least 1"),
+        (["--examples", "2", "--scale", "-1"], "scale = -1"),
+        (
+            ["--examples", "2", "--integrator", "Radau"],
+            "integrated by DOP853, without stabilization",
+        ),
+        (
+            ["--examples", "2", "--formulation", "im", "--formulation", "el"],
+            "expected one for --examples",
+        ),
+        (["--examples", "2", "--plot", "no/such/x.png"], "not a file in a folder that exists"),
+        (["--examples", "2", "--executor", "moon"], "executor = 'moon'"),
     ],
 )
 def test_draws_say_what_does_not_go_with_them(options: list[str], message: str):

@@ -79,8 +79,8 @@ OPTIONS = {
         "--scene", "--links", "--set", "--examples", "--seed", "--engine", "--formulation",
         "--executor", "--json", "--records",
     ),
-    ("prove", "--scene", "sleigh", "--points", "1"): (
-        "--scene", "--links", "--points", "--seed", "--formulation", "--executor",
+    ("prove", "--scene", "sleigh", "--examples", "1"): (
+        "--scene", "--links", "--examples", "--seed", "--formulation", "--executor",
     ),
     ("fuzz", "--scene", "sleigh", "--states", "1", "--engine", "none", "--no-climb"): (
         "--scene", "--links", "--engine", "--formulation", "--claim", "--states", "--seed",

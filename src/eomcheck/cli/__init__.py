@@ -25,9 +25,10 @@ from eomcheck.cli import (
     scene_commands,
     study_commands,
 )
-from eomcheck.cli.app import app, help_width, usage_error
+from eomcheck.cli.app import app, as_typed, help_width, usage_error
 from eomcheck.cli.study_commands import bench, draw, study
 from eomcheck.console import slow_work_notice
+from eomcheck.deprecated import current_options
 from eomcheck.errors import DiedError, EomcheckError, WorkerError, described_error
 from eomcheck.safe_output import unfailing_output
 
@@ -48,9 +49,9 @@ def main() -> None:
     if pipe is not None:
         supervisor.report_exit_code(pipe, code := _exit_code())
         sys.exit(code)
+    sys.argv[1:] = words = current_options(sys.argv[1:])
     if not supervisor.can_supervise():
         _run()
-    words = sys.argv[1:]
     if words[:1] not in [[x] for x in SUPERVISED] and not any(".py:" in word for word in words):
         try:
             with calls.supervision_required():
@@ -117,7 +118,7 @@ def _run() -> NoReturn:
 
 
 def _reported(sentence: str, code: int) -> int:
-    print(f"eomcheck: {sentence}", file=sys.stderr)
+    print(f"eomcheck: {as_typed(sentence, sys.argv[1:])}", file=sys.stderr)
     return code
 
 

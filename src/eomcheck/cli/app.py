@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from shutil import get_terminal_size
 from typing import Annotated, Any
 
@@ -121,6 +122,19 @@ def usage_error(error: BaseException) -> str | None:
     return f"eomcheck: {' '.join(text.split()).rstrip('.')} (see {command} --help)"
 
 
+def as_typed(message: str, words: Sequence[str]) -> str:
+    """Return an error that begins with "links = 0" with the option as it was typed: "--links 0".
+
+    Args:
+        message: message of the error, which names a parameter of a function.
+        words: command line.
+    """
+    name, equals, problem = message.partition(" = ")
+    option = f"--{name.replace('_', '-')}"
+    typed = any(word == option or word.startswith(f"{option}=") for word in words)
+    return f"{option} {problem}" if equals and typed else message
+
+
 def help_width() -> int:
     """Return the width of help, columns: that of the terminal, or COLUMNS, less a margin."""
     return min(get_terminal_size().columns, MAX_WIDTH) - 2
@@ -132,6 +146,7 @@ app = CommandLine(
     help="gradcheck for equations of motion: are they right, how accurate are they, what do they "
     "cost?",
     invoke_without_command=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )

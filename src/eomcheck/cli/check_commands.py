@@ -14,6 +14,7 @@ from eomcheck.cli.app import app
 from eomcheck.cli.shared_options import (
     REFERENCES,
     SUITE,
+    Claims,
     Engines,
     ExecutorOption,
     Formulations,
@@ -73,6 +74,7 @@ def validate_command(
     seed: Seed = 0,
     engine: Engines = None,
     formulation: Formulations = None,
+    claim: Claims = None,
     executor: Annotated[
         str | None,
         typer.Option(
@@ -138,9 +140,9 @@ def validate_command(
         kinds = represented(tried if scene is None and tried else engines, kinds)
     if links is not None and not any(kind.has_links for kind in kinds):
         raise InputError(f"links = {links!r}: {kinds[0].key} has no number of links to choose")
-    # On all built-in scenes the engine is under test, not the scenes.
-    claims = [one.id for one in CLAIMS.values() if one.asks] if scene is None and tried else None
-    selection = RunSelection.of(formulation, engine, claims, scenes=kinds)
+    if claim is None and scene is None and tried:  # the engine is under test, not the scenes
+        claim = [one.id for one in CLAIMS.values() if one.asks]
+    selection = RunSelection.of(formulation, engine, claim, scenes=kinds)
     if len(kinds) == 1:
         if executor is None:
             executor = default_executor(examples, kinds, selection.engines)
@@ -209,7 +211,7 @@ def prove_command(
             help="Numbers of links, such as 2..100 or 1..12,20,50. [1..12,20,50,100]",
         ),
     ] = None,
-    points: Annotated[int, typer.Option(help="Random points per identity.")] = 4,
+    examples: Annotated[int, typer.Option(help="Number of random points per identity.")] = 4,
     seed: Annotated[
         int | None, typer.Option(help="Seed of the draws. Default: drawn by the operating system.")
     ] = None,
@@ -222,6 +224,7 @@ def prove_command(
 ) -> None:
     """Prove the claims that are identities, for all parameters and states of a scene at once."""
     numbers = None if links is None else parse_whole_numbers(links)
+    check_count(examples=examples)
     check_writable(json)
 
     from eomcheck.console import interruptible
@@ -230,7 +233,7 @@ def prove_command(
     from eomcheck.lab.store.executors import check_executor
     from eomcheck.scene_lookup import robot_file_warnings, scene_classes_named
 
-    jobs = proof_jobs(scene, numbers, points, seed, formulation)
+    jobs = proof_jobs(scene, numbers, examples, seed, formulation)
     check_executor(executor)
     with interruptible(), records_or_none(records) as kept:
         proofs = Proofs(jobs, json, executor, kept)

@@ -12,6 +12,7 @@ from eomcheck.atomic_write import check_writable
 from eomcheck.calls import PATIENCE
 from eomcheck.cli.app import app
 from eomcheck.cli.shared_options import (
+    Claims,
     Engines,
     Formulations,
     Patience,
@@ -70,14 +71,7 @@ def fuzz_command(
     ] = None,
     engine: Engines = None,
     formulation: Formulations = None,
-    claim: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="KEY,KEY",
-            help="Claim to look at, or several: a,b. Default all.",
-            callback=split_list,
-        ),
-    ] = None,
+    claim: Claims = None,
     time: Annotated[
         str | None,
         typer.Option(metavar="TIME", help="How long: 20s, 10m, 3h. [1m, without --states]"),

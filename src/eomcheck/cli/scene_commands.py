@@ -60,7 +60,7 @@ def _many(
     speeds: list[float] | None,
     options: dict,
     *,
-    draws: int,
+    examples: int,
     scale: float,
     seed: int,
     executor: str | None,
@@ -74,7 +74,7 @@ def _many(
     from eomcheck.lab.report.motion_tables import chart_of_many, print_many
     from eomcheck.lab.store import executors
 
-    check_count(draws=draws)
+    check_count(examples=examples)
     if not 0 <= scale < np.inf:
         raise InputError(f"scale = {scale}, expected a number that is not negative")
     if plot is not None:
@@ -82,8 +82,8 @@ def _many(
     random = np.random.default_rng(seed)
     q, v = scene.initial_state()
     u = eomcheck.speeds_of(scene, q, v) if speeds is None and v.any() else speeds or scene.p * [0.0]
-    q0 = q + scale * random.standard_normal((draws, scene.n))
-    u0 = u + scale * random.standard_normal((draws, scene.p))
+    q0 = q + scale * random.standard_normal((examples, scene.n))
+    u0 = u + scale * random.standard_normal((examples, scene.p))
     if scene.position_residual is not None:
         q0 = np.array([assembled_position(scene, one) for one in q0])
     there = nullcontext() if executor is None else executors.executor(executor)
@@ -137,30 +137,34 @@ def simulate_command(
     projection: Annotated[
         float | None, typer.Option(help="Project the velocity at intervals of so many s.")
     ] = None,
-    draws: Annotated[
-        int | None, typer.Option(help="Integrate so many motions near this one instead.")
+    examples: Annotated[
+        int | None, typer.Option(help="Number of motions to integrate near this one instead.")
     ] = None,
     scale: Annotated[
         float | None,
-        typer.Option(help="Standard deviation of --draws: of q, m, rad; of u, m/s, rad/s. [0.01]"),
+        typer.Option(
+            help="Standard deviation of --examples: of q, m, rad; of u, m/s, rad/s. [0.01]"
+        ),
     ] = None,
-    seed: Annotated[int | None, typer.Option(help="Seed of --draws. [0]")] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of --examples. [0]")] = None,
     executor: Annotated[
-        str | None, typer.Option(metavar="PLACE", help="Where to compute --draws.")
+        str | None, typer.Option(metavar="PLACE", help="Where to compute --examples.")
     ] = None,
-    plot: Annotated[Path | None, typer.Option(help="Draw --draws to .png, .svg or .pdf.")] = None,
+    plot: Annotated[
+        Path | None, typer.Option(help="Draw --examples to .png, .svg or .pdf.")
+    ] = None,
     patience: Patience = PATIENCE,
 ) -> None:
     """Integrate a motion by each formulation, and print its errors of energy and constraints.
 
-    With --baumgarte or --projection, by each formulation to which it applies. With --draws, many
+    With --baumgarte or --projection, by each formulation to which it applies. With --examples, many
     motions by one formulation, kane by default, and DOP853: a normal deviate is added to each
     coordinate and generalized speed at the start, and the spread of their ends is printed. Exit
     code 1 if a motion does not reach its end.
     """
     name, t_end = _scene_and_end(words, scene)
-    if draws is None:
-        check_used("without --draws", scale=scale, seed=seed, executor=executor, plot=plot)
+    if examples is None:
+        check_used("without --examples", scale=scale, seed=seed, executor=executor, plot=plot)
 
     import eomcheck
     from eomcheck.formulations import formulations_for
@@ -168,14 +172,14 @@ def simulate_command(
 
     one = selected_scene(name or DEFAULT_SCENE, links, given)
     u0 = _speeds(one, speeds)
-    if draws is not None:
+    if examples is not None:
         if baumgarte is not None or projection is not None or integrator != "DOP853":
-            raise InputError("draws are integrated by DOP853, without stabilization")
+            raise InputError("--examples are integrated by DOP853, without stabilization")
         chosen = formulation or ["kane"]
         if len(chosen) > 1:
-            raise InputError(f"formulation = {chosen}, expected one for draws")
+            raise InputError(f"formulation = {chosen}, expected one for --examples")
         options = {"rtol": tolerance, "atol": tolerance, "max_steps": max_steps}
-        near = {"draws": draws, "scale": 0.01 if scale is None else scale, "seed": seed or 0}
+        near = {"examples": examples, "scale": 0.01 if scale is None else scale, "seed": seed or 0}
         if _many(one, chosen[0], t_end, u0, options, **near, executor=executor, plot=plot):
             raise typer.Exit(1)
         return

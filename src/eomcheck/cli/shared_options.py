@@ -123,6 +123,12 @@ Engines = Annotated[
         autocompletion=completer("engine", more=["none"]),
     ),
 ]
+Claims = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="KEY,KEY", help="Claim to check, or several: a,b. Default all.", callback=split_list
+    ),
+]
 References = Annotated[Path, typer.Option(help="Folder of the reference solutions.")]
 RecordsArgument = Annotated[
     Path, typer.Argument(help="SQLite file of the results, made or continued.")
@@ -174,7 +180,7 @@ def check_used(condition: str, **options: object) -> None:
     """Raise InputError if an option is set that has no effect under a condition.
 
     Args:
-        condition: requirement that is not met, such as "without --draws".
+        condition: requirement that is not met, such as "without --examples".
         options: name -> value, None or False if it is not set.
     """
     for name, value in options.items():
