@@ -9,7 +9,7 @@ import pytest
 from tests.reports import Heavy
 
 import eomcheck
-from eomcheck.claims.finding import Finding, ratio
+from eomcheck.claims.finding import Finding, ratio, worst
 from eomcheck.mechanics.records import State
 
 SCENE = Heavy()
@@ -46,3 +46,13 @@ def test_the_code_of_a_finding_prints_the_finding(
 def test_a_result_without_a_certain_digit_has_0_digits_and_one_not_enclosed_has_none():
     assert replace(FOUND, digits=0.0).as_dict()["digits"] == 0.0
     assert "digits" not in FOUND.as_dict()
+
+
+def test_the_worst_finding_is_a_failed_one_then_one_that_passed_then_the_largest_ratio():
+    order = ["failed", "passed", "inconclusive", "skipped"]
+    each = [replace(FOUND, verdict=verdict, observed=k) for k, verdict in enumerate(order)]
+    for k, finding in enumerate(each):
+        assert worst(each[k:]) is worst(reversed(each[k:])) is finding
+    larger, same = replace(FOUND, observed=7.0), replace(FOUND, subject="kane")
+    assert worst([each[1], FOUND, larger, same]) is larger
+    assert worst([FOUND, same]) is worst([each[1], FOUND, larger], first=True) is FOUND

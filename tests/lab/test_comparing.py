@@ -12,7 +12,6 @@ import pytest
 from tests.robots import LINK, arm, body, joint
 from typer.testing import CliRunner
 
-from eomcheck.claims.finding import Finding
 from eomcheck.claims.run import ValidationRun
 from eomcheck.cli import app
 from eomcheck.descriptions.quaternions import rotation_matrix
@@ -29,7 +28,6 @@ from eomcheck.lab.discrepancy import Discrepancy, Explanation, explain
 from eomcheck.lab.library_comparison import (
     QUANTITIES,
     LibraryComparison,
-    _worse,
     compare_libraries,
     relative_difference,
 )
@@ -500,15 +498,6 @@ def test_a_quantity_unsure_in_one_state_has_the_difference_of_the_others(
     found = compare_libraries(scene, ["pinocchio"], states=2)
     assert len(seen) == 2 and set(found.inconclusive_counts.values()) == {1}
     assert all(0 <= table[0, 1] < 1e-9 for table in found.differences.values())
-
-
-def test_a_failure_counts_in_place_of_what_is_inconclusive_by_more():
-    inconclusive, failed = (
-        Finding("bias", "B", None, None, 1.0, allowed, verdict, "compared")
-        for allowed, verdict in ((0.0, "inconclusive"), (0.5, "failed"))
-    )
-    assert _worse(failed, inconclusive) and not _worse(inconclusive, failed)
-    assert _worse(replace(failed, observed=2.0), failed) and not _worse(failed, failed)
 
 
 @pytest.mark.parametrize("verdict", ["inconclusive", "skipped"])

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from tests.testing.own import given, guide
 
+from eomcheck.claims.finding import VERDICTS
 from eomcheck.errors import InputError
 from eomcheck.evaluation.tolerance import C
 from eomcheck.testing import FUNCTION_CLAIMS, EquationsOfMotion, check, check_functions
 from eomcheck.testing.equations_of_motion import FunctionCaller
 from eomcheck.testing.function_checks import (
-    RANKS,
     check_functions_at,
     judge_entries,
     judge_output,
@@ -44,7 +44,7 @@ def test_each_entry_is_judged_by_the_errors_of_both_sides():
         np.ones((2, 3)),
     )
     judged = judge_entries(EVEN, UncertainComparison("M", found, expected, NAMES))
-    verdicts = [[RANKS[int(x)] for x in row] for row in judged.verdicts]
+    verdicts = [[VERDICTS[int(x)] for x in row] for row in judged.verdicts]
     assert verdicts == [["passed", "passed", "passed"], ["failed", "passed", "passed"]]
     np.testing.assert_allclose(judged.allowed / C, [[1.5e-6, 1e-6, 0], [0.8e-6, 2e-5, 1e-7]])
     np.testing.assert_allclose(judged.observed, np.abs(off), rtol=1e-6)
@@ -81,7 +81,7 @@ def test_each_entry_is_judged_by_the_errors_of_both_sides():
 def test_a_number_is_resolved_beside_the_larger_side(found, expected, verdict: str):
     judged = judge_entries(EVEN, UncertainComparison("M", found, expected, ()))
     assert judged.decision.verdict == verdict
-    assert RANKS[int(judged.verdicts)] == verdict
+    assert VERDICTS[int(judged.verdicts)] == verdict
 
 
 def test_what_is_not_known_does_not_hide_what_fails():
@@ -89,7 +89,7 @@ def test_what_is_not_known_does_not_hide_what_fails():
     judged = judge_entries(
         EVEN, UncertainComparison("bias", found, measured([1.0, 2.5, 1.0], 0.0), (("a", "b", "c"),))
     )
-    assert [RANKS[int(x)] for x in judged.verdicts] == ["inconclusive", "failed", "inconclusive"]
+    assert [VERDICTS[int(x)] for x in judged.verdicts] == ["inconclusive", "failed", "inconclusive"]
     assert judged.decision.detail == "bias, row b: 2, expected 2.5"
     assert judged.allowed.tolist() == [np.inf, pytest.approx(C * 1e-9), np.inf]
 
@@ -109,7 +109,7 @@ def test_a_row_that_is_missing_or_too_much_is_resolved_as_wrong():
     judged = judge_entries(
         EVEN, UncertainComparison("bias", found, expected, (("a", "b", "c", "d"),))
     )
-    assert [RANKS[int(x)] for x in judged.verdicts] == ["failed", "passed", "failed", "passed"]
+    assert [VERDICTS[int(x)] for x in judged.verdicts] == ["failed", "passed", "failed", "passed"]
     assert judged.vanish.tolist() == [False, False, False, True]
     resolved, hidden = (np.unpackbits(np.frombuffer(x, np.uint8)) for x in judged.entries[1:])
     assert (resolved[:4].tolist(), hidden[:4].tolist()) == ([1, 1, 1, 0], [0, 0, 0, 0])

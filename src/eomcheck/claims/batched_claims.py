@@ -17,7 +17,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.claims.finding import FAILED_CODE, INCONCLUSIVE_CODE, PASSED_CODE, verdict_codes
+from eomcheck.claims.finding import (
+    FAILED_CODE,
+    INCONCLUSIVE_CODE,
+    PASSED_CODE,
+    SKIPPED_CODE,
+    verdict_codes,
+)
 from eomcheck.claims.registry import CLAIMS, Claim, Comparison, FloatContext
 from eomcheck.errors import RefusedError, described_error
 from eomcheck.evaluation.batched_evaluation import (
@@ -73,7 +79,7 @@ class BatchResult(NamedTuple):
         return np.where(np.isin(self.verdict, (PASSED_CODE, FAILED_CODE)), ratio, 0.0)
 
 
-ABSENT = 0
+ABSENT = SKIPPED_CODE
 
 
 @dataclass

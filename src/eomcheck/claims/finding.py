@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -24,7 +24,12 @@ from eomcheck.numbers.pivots import EPS
 
 Verdict = Literal["passed", "failed", "inconclusive", "skipped"]
 
-DECIDED: tuple[Verdict, ...] = ("passed", "failed")
+VERDICTS: tuple[Verdict, ...] = ("failed", "passed", "inconclusive", "skipped")
+"""All verdicts by precedence, see `worst`; their indices are their codes in arrays."""
+
+FAILED_CODE, PASSED_CODE, INCONCLUSIVE_CODE, SKIPPED_CODE = range(len(VERDICTS))
+
+DECIDED: tuple[Verdict, ...] = VERDICTS[:INCONCLUSIVE_CODE]
 """The verdicts that decide a claim."""
 
 EVERY_ROW = ", in every row"
@@ -163,6 +168,35 @@ def ratio(observed: float, allowed: float) -> float:
     return 0.0 if observed == 0 else float("inf")
 
 
+class _Judged(Protocol):
+    """A verdict with its ratio: a `Finding`, or a stored one."""
+
+    @property
+    def verdict(self) -> str:
+        """One of `VERDICTS`."""
+        ...
+
+    @property
+    def ratio(self) -> float:
+        """The ratio observed / allowed."""
+        ...
+
+
+J = TypeVar("J", bound=_Judged)
+
+
+def worst(findings: Iterable[J], first: bool = False) -> J:
+    """Return the finding that decides for all: a failed one, else one that passed, and so on.
+
+    Entries and states that are not resolved are listed beside it (`never_resolved`).
+
+    Args:
+        findings: at least one.
+        first: return the first of that verdict, not the first with the largest ratio.
+    """
+    return min(findings, key=lambda x: (VERDICTS.index(x.verdict), 0.0 if first else -x.ratio))
+
+
 def judge(observed: float, sensitivity: float, scale: float) -> tuple[float, Verdict]:
     """Judge an observed error by perturbation analysis.
 
@@ -186,10 +220,6 @@ def judge(observed: float, sensitivity: float, scale: float) -> tuple[float, Ver
     if allowed < observed <= UNDERFLOW:
         return allowed, "inconclusive"
     return allowed, "passed" if observed <= allowed else "failed"
-
-
-PASSED_CODE, FAILED_CODE, INCONCLUSIVE_CODE = 1, 2, 3
-"""Integer codes of verdicts in arrays."""
 
 
 def verdict_codes(observed: Array, allowed: Array, scale: Array) -> Array:

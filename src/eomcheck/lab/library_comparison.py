@@ -17,7 +17,7 @@ import numpy as np
 from eomcheck import strategies
 from eomcheck.calls import call
 from eomcheck.claims import CLAIMS
-from eomcheck.claims.finding import DECIDED, Finding, Unresolved, unresolved_by_claim
+from eomcheck.claims.finding import DECIDED, Finding, Unresolved, unresolved_by_claim, worst
 from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.engines import Answers, Engine, EngineFault, version_of
@@ -301,11 +301,6 @@ def compare_libraries(
     return comparison
 
 
-def _worse(one: Finding, other: Finding) -> bool:
-    """Return whether a finding counts in place of another: failures first, then larger errors."""
-    return (one.verdict == "failed", one.ratio) > (other.verdict == "failed", other.ratio)
-
-
 def _refusals_text(refused: dict[str, str]) -> str:
     return "; ".join(f"{key}: {why}" for key, why in refused.items())
 
@@ -347,9 +342,8 @@ def _compare_at(
         if one.verdict == "skipped":
             continue
         comparison.decided[key] = comparison.decided.get(key, False) or one.verdict in DECIDED
-        before = comparison.findings.get((key, one.claim))
-        if before is None or _worse(one, before):
-            comparison.findings[key, one.claim] = one
+        before = comparison.findings.get((key, one.claim), one)
+        comparison.findings[key, one.claim] = worst((before, one))
     description = next(iter(libraries.values())).description
     if failed:
         own = RunSelection.of(["gw"], [], SELF_CHECKS, scenes=[scene])

@@ -17,6 +17,9 @@ import numpy as np
 
 from eomcheck import deprecated
 from eomcheck.claims.finding import (
+    INCONCLUSIVE_CODE,
+    PASSED_CODE,
+    VERDICTS,
     Entries,
     Finding,
     Verdict,
@@ -26,6 +29,7 @@ from eomcheck.claims.finding import (
     never_resolved,
     unresolved_detail,
     verdict_codes,
+    worst,
     worst_entry,
 )
 from eomcheck.claims.registry import Names, Skipped
@@ -65,15 +69,6 @@ from eomcheck.testing.uncertain import NEAR
 
 GATHERED = claims_answers, claims_terms, claims_terms, claims_terms, claims_motions, claims_motions
 """Modules that register claims."""
-
-RANKS: tuple[Verdict, ...] = ("failed", "passed", "inconclusive", "skipped")
-"""Verdicts by precedence: over several states or entries the first of these that occurs counts, and
-entries that were not resolved are listed beside it."""
-
-BY_NUMBER = np.array([3, *(RANKS.index(x) for x in ("passed", "failed", "inconclusive"))])
-"""Index into `RANKS` of each verdict of `eomcheck.claims.finding.verdict_codes`, which count from
-1.
-"""
 
 LAST = "answers-repeat", "arguments-unchanged"
 """Claims that are checked last, in this order: they are about all calls of a run."""
@@ -343,7 +338,7 @@ class EntryVerdicts(NamedTuple):
 
     Attributes:
         decision: decision about all entries, that of the worst one that is resolved.
-        verdicts: indices into `RANKS`, an array of the shape of the compared quantity.
+        verdicts: their codes, indices into `VERDICTS`, an array of the shape of the quantity.
         same: whether both sides are equal in bits, same shape.
         vanish: whether both sides are exactly 0, same shape.
         observed: errors, same shape.
@@ -363,7 +358,7 @@ class EntryVerdicts(NamedTuple):
     def entries(self) -> Entries:
         """Resolved and hidden entries; an entry that is the same in bits is not hidden."""
         assert self.names is not None
-        resolved = (self.verdicts < RANKS.index("inconclusive")) & ~np.asarray(self.vanish, bool)
+        resolved = (self.verdicts < INCONCLUSIVE_CODE) & ~np.asarray(self.vanish, bool)
         hidden = ~resolved & ~np.asarray(self.same, bool)
         return entries_of(self.names, resolved, hidden)
 
@@ -374,6 +369,16 @@ class FindingAtState(NamedTuple):
     finding: Finding
     entry_verdicts: EntryVerdicts
     at: FunctionState
+
+    @property
+    def verdict(self) -> Verdict:
+        """Verdict of the finding."""
+        return self.finding.verdict
+
+    @property
+    def ratio(self) -> float:
+        """Its ratio observed / allowed."""
+        return self.finding.ratio
 
 
 def worst_findings(
@@ -392,7 +397,7 @@ def worst_findings(
             by_subject.setdefault(one.finding.subject, []).append(one)
     hidden: list[UnresolvedEntry] = []
     for subject, all_ in by_subject.items():
-        chosen = min(all_, key=lambda x: (RANKS.index(x.finding.verdict), -x.finding.ratio))
+        chosen = worst(all_)
         unresolved = [one for group in _same_shape(all_) for one in _unresolved(subject, group)]
         hidden += unresolved
         finding = chosen.finding
@@ -460,7 +465,7 @@ def _not_resolved(all_: list[FindingAtState]) -> str:
     """Return the number of unresolved entries of a subject that passes, as text; "" for none."""
     compared_ = [one for one in all_ if one.finding.verdict != "skipped"]
     skipped = [one for one in all_ if one.finding.verdict == "skipped"]
-    open_ = RANKS.index("inconclusive")
+    open_ = INCONCLUSIVE_CODE
     hidden = sum(int((one.entry_verdicts.verdicts == open_).sum()) for one in compared_)
     parts = []
     if hidden:
@@ -587,7 +592,7 @@ def judge_output(claim: FunctionClaim, outcome: ClaimOutput) -> EntryVerdicts:
         if isinstance(outcome, Skipped)
         else outcome
     )
-    verdict, none = np.asarray(RANKS.index(decision.verdict)), np.zeros(())
+    verdict, none = np.asarray(VERDICTS.index(decision.verdict)), np.zeros(())
     return EntryVerdicts(decision, verdict, none, none, none, none, None)
 
 
@@ -611,24 +616,25 @@ def judge_entries(claim: FunctionClaim, sides: UncertainComparison) -> EntryVerd
             np.abs(expected.value) > C * expected.error
         )
         blind = known & (expected.value != 0.0) & (allowed > INCONCLUSIVE * larger)
-        verdicts = BY_NUMBER[
-            verdict_codes(observed, allowed, np.maximum(actual.size, expected.size))
-        ]
+        verdicts = verdict_codes(observed, allowed, np.maximum(actual.size, expected.size))
         finite = np.isfinite(error) & np.isfinite(observed)
-        verdicts = np.where(blind & (verdicts == RANKS.index("passed")) | ~finite, 2, verdicts)
+        hidden = blind & (verdicts == PASSED_CODE) | ~finite
+        verdicts = np.where(hidden, INCONCLUSIVE_CODE, verdicts)
         ratio = np.where(allowed > 0.0, observed / allowed, np.where(observed > 0.0, np.inf, 0.0))
     allowed = np.where(finite, allowed, np.inf)
     same = actual.value == expected.value
     vanish = same & (actual.value == 0.0)
     order = np.lexsort((-np.nan_to_num(ratio, nan=0.0).ravel(), verdicts.ravel()))
     index = tuple(int(i) for i in np.unravel_index(int(order[0]), observed.shape))
-    verdict, detail = RANKS[int(verdicts[index])], ""
+    verdict, detail = VERDICTS[int(verdicts[index])], ""
     if verdict == "failed":
         detail = failure_detail(claim, sides, index, float(allowed[index]))
     elif verdict == "inconclusive":
         detail = "the error of what is measured is as large as its value"
-    worst = Decision(sides.subject, float(observed[index]), float(allowed[index]), verdict, detail)
-    return EntryVerdicts(worst, verdicts, same, vanish, observed, allowed, sides.names)
+    decision = Decision(
+        sides.subject, float(observed[index]), float(allowed[index]), verdict, detail
+    )
+    return EntryVerdicts(decision, verdicts, same, vanish, observed, allowed, sides.names)
 
 
 def failure_detail(

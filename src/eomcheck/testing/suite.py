@@ -24,7 +24,7 @@ from typing import Any, NamedTuple, NoReturn, Protocol, TypeVar
 
 from eomcheck.atomic_write import read_text
 from eomcheck.claims import CLAIMS, Finding, State
-from eomcheck.claims.finding import Verdict, is_unresolved_detail
+from eomcheck.claims.finding import Verdict, is_unresolved_detail, worst
 from eomcheck.claims.pairwise_design import scene_cases, state_cases, with_wide
 from eomcheck.claims.run import (
     RunSelection,
@@ -195,17 +195,11 @@ def claim_results(
 
 def result_or_failure(findings: list[Finding]) -> ClaimResult | Finding:
     """Return the first failure among the Findings of one claim, or else the result of the claim."""
-    by: dict[Verdict, Finding] = {}
-    for finding in findings:
-        by.setdefault(finding.verdict, finding)
-    if "failed" in by:
-        return by["failed"]
-    if "passed" in by:
-        return ClaimResult("passed")
-    if "inconclusive" in by:
-        return ClaimResult("inconclusive", str(by["inconclusive"]))
-    why = by["skipped"]
-    return ClaimResult("skipped", f"{why.subject}: {why.detail}")
+    chosen = worst(findings, first=True)
+    if chosen.verdict == "failed":
+        return chosen
+    texts = {"passed": "", "skipped": f"{chosen.subject}: {chosen.detail}"}
+    return ClaimResult(chosen.verdict, texts.get(chosen.verdict, str(chosen)))
 
 
 def _folded(shown: Finding) -> ClaimResult:

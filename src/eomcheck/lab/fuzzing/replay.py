@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 from eomcheck.claims import CLAIMS, Finding
-from eomcheck.claims.finding import Verdict
+from eomcheck.claims.finding import worst
 from eomcheck.class_lookup import home_of_code
 from eomcheck.descriptions.robot_files import is_robot
 from eomcheck.engines import ALWAYS, ENGINES
@@ -138,15 +138,11 @@ def _undecided(
             f"{', '.join(absent)} takes no part" if absent else f"nothing is about {one.subject!r}"
         )
         return ReplayResult(one, "not checked", why)
-    by_verdict = {x.verdict: x for x in about}
     # Of all claims some are undecided in any state. A single claim holds if all of it is decided.
-    order: tuple[Verdict, ...] = "inconclusive", "passed", "skipped"
-    if not one.claim:
-        order = "passed", "inconclusive", "skipped"
-    verdict = next(x for x in order if x in by_verdict)
-    if verdict == "passed":
+    inconclusive = [x for x in about if one.claim and x.verdict == "inconclusive"]
+    chosen = worst(inconclusive or about)
+    if chosen.verdict == "passed":
         return ReplayResult(one, "holds")
-    undecided = by_verdict[verdict]
-    outcome: ReplayOutcome = "inconclusive" if verdict == "inconclusive" else "not checked"
-    sizes = f"observed {undecided.observed:.3g}, allowed {undecided.allowed:.3g}"
-    return ReplayResult(one, outcome, f"{undecided.subject}: {undecided.detail or sizes}")
+    outcome: ReplayOutcome = "not checked" if chosen.verdict == "skipped" else "inconclusive"
+    sizes = f"observed {chosen.observed:.3g}, allowed {chosen.allowed:.3g}"
+    return ReplayResult(one, outcome, f"{chosen.subject}: {chosen.detail or sizes}")

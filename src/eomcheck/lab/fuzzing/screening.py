@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.claims.batched_claims import BatchedCase, batchable_claims, batched_cases
-from eomcheck.claims.finding import DECIDED as VERDICTS
-from eomcheck.claims.finding import FAILED_CODE, INCONCLUSIVE_CODE, PASSED_CODE
+from eomcheck.claims.finding import DECIDED as DECIDING
+from eomcheck.claims.finding import FAILED_CODE, SKIPPED_CODE, VERDICTS
 from eomcheck.errors import EomcheckError
 from eomcheck.evaluation.batched_evaluation import LaneEvaluation
 from eomcheck.evaluation.certified import (
@@ -146,14 +146,10 @@ def _screen_batch(
 ) -> None:
     keys = {f.key for f in case.formulations}
     for one in case.evaluate(ids):
-        for number, name in (
-            (PASSED_CODE, "passed"),
-            (FAILED_CODE, "failed"),
-            (INCONCLUSIVE_CODE, "inconclusive"),
-        ):
+        for number, name in enumerate(VERDICTS[:SKIPPED_CODE]):
             count = int(np.count_nonzero(one.verdict == number))
             result.verdicts[name] += count
-            result.by_claim[OPEN if name == "inconclusive" else DECIDED, one.claim] += count
+            result.by_claim[DECIDED if name in DECIDING else OPEN, one.claim] += count
         ratio = np.where(one.allowed > UNDERFLOW, one.ratio, 0.0)  # no climbing by underflow
         for key in keys_in_subject(one.subject, keys) or ("",):
             scores = result.score((one.claim, key))
@@ -180,11 +176,11 @@ def _screen_one_by_one(
         for one in check_case(case, ids, sorted(keys)):
             result.verdicts[one.verdict] += 1
             if one.verdict != "skipped":
-                how = DECIDED if one.verdict in VERDICTS else OPEN
+                how = DECIDED if one.verdict in DECIDING else OPEN
                 result.by_claim[how, one.claim] += 1
             if one.verdict == "failed":
                 result.suspects.setdefault(index, set()).add(one.claim)
-            if one.verdict in ("passed", "failed"):
+            if one.verdict in DECIDING:
                 for key in keys_in_subject(one.subject, keys) or ("",):
                     scores = result.score((one.claim, key))
                     scores[index] = max(scores[index], one.ratio)

@@ -17,6 +17,7 @@ import numpy as np
 
 from eomcheck.claims import CLAIMS, Finding
 from eomcheck.claims.batched_claims import batchable_claims
+from eomcheck.claims.finding import DECIDED
 from eomcheck.claims.pairwise_design import with_wide
 from eomcheck.engines import ENGINES, Engine, is_under_test
 from eomcheck.errors import EomcheckError
@@ -399,7 +400,7 @@ def _judge(
     if how == "suspects judged":
         scores: dict[str, float] = dict.fromkeys(claims, 0.0)
         for one in judged:
-            if one.verdict in ("passed", "failed"):
+            if one.verdict in DECIDED:
                 scores[one.claim] = max(scores[one.claim], one.ratio)
         _settle(screening, i, scores)
 

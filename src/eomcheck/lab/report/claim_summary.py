@@ -15,7 +15,7 @@ from statistics import median
 from typing import Any
 
 from eomcheck.claims import CLAIMS, Claim
-from eomcheck.claims.finding import DECIDED, is_unresolved_detail
+from eomcheck.claims.finding import DECIDED, is_unresolved_detail, worst
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.show.document_text import number_text, ranges
 from eomcheck.lab.show.table import Cell, ResultTable
@@ -55,13 +55,8 @@ class ClaimSummary:
 
     @cached_property
     def worst(self) -> StoredFinding | None:
-        """The worst Finding: a failed one, else the passed one with the largest observed /
-        allowed.
-        """
-        rank = {"failed": 2, "passed": 1}
-        # The last of equals.
-        ranked = reversed(self.rows)
-        return max(ranked, key=lambda row: (rank.get(row.verdict, 0), row.ratio), default=None)
+        """The worst Finding, see `eomcheck.claims.finding.worst`."""
+        return worst(reversed(self.rows)) if self.rows else None  # the last of equals
 
     @property
     def kind(self) -> str:

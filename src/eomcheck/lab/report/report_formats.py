@@ -84,7 +84,6 @@ def _states(overview: Overview) -> list[StoredFinding]:
     claim.
     """
     pointed = [row for judged in overview.claims for row in _pointed(judged)]
-    # Failures first.
     pointed.sort(key=lambda row: row.verdict != "failed")
     return list({anchor(row): row for row in reversed(pointed)}.values())[::-1]
 
