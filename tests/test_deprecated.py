@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import subprocess
 import sys
 from typing import Any
 
@@ -84,6 +85,11 @@ def test_a_joint_takes_its_old_keywords_and_has_its_old_fields():
     assert {one.filename for one in warned} == {__file__}
     new = deprecated.FIELDS["Joint"]
     assert joint == Joint(*head, **{new[old]: x for old, x in JOINT.items()})
+    with pytest.warns(
+        DeprecationWarning, match=r"Joint\._replace\(place=\) is now origin=;"
+    ) as one:
+        moved = joint._replace(**{"place": (0.0, 0.0, 1.0)})  # type: ignore
+    assert moved == joint._replace(origin=(0.0, 0.0, 1.0)) and one[0].filename == __file__
     for old, value in JOINT.items():
         with pytest.warns(DeprecationWarning, match=rf"Joint\.{old} is now {new[old]};") as one:
             assert getattr(joint, old) == value
@@ -110,11 +116,42 @@ def test_a_scene_may_name_its_sample_ranges_and_its_picture_by_their_old_names()
             pictured = 1.0, 2.0, 3.0
             drawn_coordinates = (Range(0.0, 1.0),) * 3
 
-    assert len(warned) == 2
+    assert [one.filename for one in warned] == [__file__] * 2
     assert Posed.display_pose == (1.0, 2.0, 3.0)
     assert Posed.coordinate_sample_ranges == (Range(0.0, 1.0),) * 3
     with pytest.warns(DeprecationWarning, match=r"Posed\.pictured is now display_pose;"):
         assert Posed.pictured == (1.0, 2.0, 3.0)  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_an_old_attribute_of_a_mixin_counts_and_one_that_is_assigned_later():
+    class Mixin:
+        pictured = 1.0, 2.0, 3.0
+
+    with pytest.warns(DeprecationWarning, match=r"Mixin\.pictured is now display_pose;") as warned:
+
+        class Mixed(Mixin, Sleigh):
+            pass
+
+    assert warned[0].filename == __file__
+    assert Mixed.display_pose == Mixin.pictured == (1.0, 2.0, 3.0)
+    Mixed.pictured = 3.0, 2.0, 1.0
+    with pytest.warns(DeprecationWarning, match=r"Mixed\.pictured is now display_pose;") as warned:
+        _, pose = Mixed.sketched()
+    assert warned[0].filename == __file__ and pose.tolist() == [3.0, 2.0, 1.0]
+
+
+def test_an_old_attribute_in_a_file_that_a_command_loads_is_reported(tmp_path):
+    file = tmp_path / "posed_sleigh.py"
+    file.write_text(
+        "from eomcheck.scenes import Sleigh\n\nclass Posed(Sleigh):\n    pictured = 1.0, 2.0, 3.0\n"
+    )
+    command = "from eomcheck.cli import main; main()"
+    words = [sys.executable, "-c", command, "validate", "--scene", f"{file}:Posed"]
+    done = subprocess.run(
+        [*words, "--examples", "1", "--engine", "none"], capture_output=True, text=True
+    )
+    warning = f"{file}:3: DeprecationWarning: Posed.pictured is now display_pose;"
+    assert done.returncode == 0 and done.stderr.count(warning) == 1
 
 
 def test_what_a_robot_file_became_is_found_by_its_old_names():

@@ -20,6 +20,7 @@ from types import ModuleType
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from eomcheck import calls
+from eomcheck.deprecated import shown
 from eomcheck.errors import (
     CallError,
     EomcheckError,
@@ -205,7 +206,8 @@ def _importable(folder: str) -> Iterator[None]:
 def _run(home: str, load: Callable[[], ModuleType]) -> ModuleType:
     calls.require_supervision()
     try:
-        module = calls.call(f"import of {home}", load, slow=True)
+        with shown():
+            module = calls.call(f"import of {home}", load, slow=True)
     except EomcheckError:
         raise
     except Exception as error:

@@ -9,10 +9,12 @@ from __future__ import annotations
 import importlib
 import sys
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import wraps
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
+from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar, cast
 
@@ -52,14 +54,45 @@ MODULES = {
 """
 
 
+REMOVED = "the old name is removed in the next release"
+
+
 def _notice(old: str, new: str) -> str:
     """Return the sentence that a name has changed."""
-    return f"{old} is now {new}; the old name is removed in the next release"
+    return f"{old} is now {new}; {REMOVED}"
 
 
-def warn(old: str, new: str, stacklevel: int = 3) -> None:
-    """Emit a DeprecationWarning, `old` is now `new`, at the line `stacklevel` calls above."""
-    warnings.warn(_notice(old, new), DeprecationWarning, stacklevel=stacklevel)
+def warn(old: str, new: str, stacklevel: int | None = 3) -> None:
+    """Emit a DeprecationWarning, `old` is now `new`, at the line `stacklevel` calls above.
+
+    Without a `stacklevel`, at the innermost line outside this package.
+    """
+    text = _notice(old, new)
+    if stacklevel is not None:
+        warnings.warn(text, DeprecationWarning, stacklevel=stacklevel)
+        return
+    frame = sys._getframe(1)
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(_INSIDE):
+        frame = frame.f_back
+    place = frame.f_code.co_filename, frame.f_lineno, frame.f_globals.get("__name__")
+    registry = frame.f_globals.setdefault("__warningregistry__", {})
+    warnings.warn_explicit(text, DeprecationWarning, *place, registry)
+
+
+_INSIDE = str(Path(__file__).parent), "<frozen abc>"
+"""Beginnings of the names of files of this package, and of what runs between it and a user."""
+
+
+@contextmanager
+def shown() -> Iterator[None]:
+    """Show warnings of this module inside the block: by default Python shows none of a module's.
+
+    Unless options of Python decide about warnings.
+    """
+    with warnings.catch_warnings():
+        if not sys.warnoptions:
+            warnings.filterwarnings("default", f".*{REMOVED}", DeprecationWarning)
+        yield
 
 
 class _Finder(MetaPathFinder):
@@ -193,20 +226,26 @@ C = TypeVar("C", bound=type)
 
 def old_keywords(function: F) -> F:
     """Decorate a function, or a NamedTuple, so that it takes its old keywords too."""
-    names = FIELDS[function.__name__]
-    inner = function.__new__ if isinstance(function, type) else function
-
-    @wraps(inner)
-    def called(*arguments: Any, **given: Any) -> Any:
-        for old in names.keys() & given.keys():
-            warn(f"{function.__name__}({old}=)", f"{names[old]}=")
-            given[names[old]] = given.pop(old)
-        return inner(*arguments, **given)
-
     if not isinstance(function, type):
-        return cast(F, called)
-    function.__new__ = cast(Any, called)
-    return cast(F, old_attributes(function))
+        return _taking_old(function, function.__name__)
+    kind: Any = function
+    kind.__new__ = _taking_old(kind.__new__, kind.__name__)
+    kind._replace = _taking_old(kind._replace, kind.__name__, "._replace")
+    return cast(F, old_attributes(kind))
+
+
+def _taking_old(function: F, owner: str, method: str = "") -> F:
+    """Return a function that takes the old keywords of `owner` too."""
+    names = FIELDS[owner]
+
+    @wraps(function)
+    def called(*arguments: Any, **options: Any) -> Any:
+        for old in names.keys() & options.keys():
+            warn(f"{owner}{method}({old}=)", f"{names[old]}=")
+            options[names[old]] = options.pop(old)
+        return function(*arguments, **options)
+
+    return cast(F, called)
 
 
 def old_attributes(kind: C) -> C:
@@ -229,9 +268,18 @@ class _Attribute:
 
 
 def take_old_attributes(kind: type, base: type) -> None:
-    """Give a new subclass of `base` what its body names by an old name under the new one."""
+    """Give a subclass of `base` under its new name what it, or a mixin, has by an old name.
+
+    Called again where such an attribute is read, because it may be assigned later.
+    """
+    # Not by `issubclass`: classes under construction have no cache of their own yet (`abc`).
+    owners = [one for one in kind.__mro__ if one not in base.__mro__]
     for old, new in FIELDS[base.__name__].items():
-        if old in vars(kind) and not isinstance(vars(kind)[old], _Attribute):
-            warn(f"{kind.__name__}.{old}", new, 4)
-            setattr(kind, new, vars(kind)[old])
-            delattr(kind, old)
+        owner = next((one for one in owners if {old, new} & vars(one).keys()), None)
+        if owner is None or old not in vars(owner):
+            continue
+        warn(f"{owner.__name__}.{old}", new, stacklevel=None)
+        home = owner if base in owner.__mro__ else kind
+        setattr(home, new, vars(owner)[old])
+        if home is owner:
+            delattr(owner, old)

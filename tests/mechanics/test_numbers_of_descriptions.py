@@ -36,7 +36,7 @@ from eomcheck.descriptions.quaternions import (
     multiply_quaternions,
     roll_pitch_yaw,
     rotation_matrix,
-    to_z,
+    z_to_axis,
 )
 from eomcheck.errors import InputError
 from eomcheck.mechanics.random_source import GeneratorChoices
@@ -114,7 +114,7 @@ def test_turns_are_these_matrices():
     for axis in ((1.0, 2.0, 2.0), (1.0, 2.0, -2.0), (0.0, 0.0, -5.0), (0.0, 0.0, 5.0)):
         length = np.hypot.reduce(axis)
         np.testing.assert_allclose(
-            rotation_matrix(to_z(axis))[:, 2], np.array(axis) / length, atol=1e-15
+            rotation_matrix(z_to_axis(axis))[:, 2], np.array(axis) / length, atol=1e-15
         )
 
 
@@ -333,13 +333,13 @@ def test_a_picture_in_the_plane_has_these_parts():
          FLAT._replace(center=(0.25, 0.0, 0.0)), FLAT._replace(name="c", center=(0.0, -0.5, 0.0)),
          FLAT._replace(name="d", center=(0.25, 0.0, 0.0))],
         [turning("left_turn", "ground", "a", (1.0, 0.0, 0.0)), slide, turning("wrist", "b", "c"),
-         turning("right_turn", "ground", "d", (0.0, 0.25, 0.0))],
+         turning("right_turn", "a", "d", (0.5, 0.25, 0.0))],
         [distance("rod", "ground", "a", 1.0, (2.0, 0.0, 0.0), (1.0, 0.0, 0.0)),
          drive("clock", "wrist", 0.1),
          pin("tip", "c", "ground", (0.5, 0.0, 0.0), (1.0, 2.0, 0.0))],
         gravity=(0.0, -10.0, 0.0),
     )  # fmt: skip
-    # a stands upright on (1, 0); b has slid down from (0.5, 1); c stands on its head.
+    # a stands upright on (1, 0); b has slid down from (0.5, 1); c stands on its head; d is on a.
     sketch = made().sketch(np.array([np.pi / 2, 0.25, np.pi, 0.0]))
     assert [written(part) for part in sketch.parts] == [
         "Arrow: name x axis, at [0.0, 0.0], along [0.15, 0.0], frame True",
@@ -353,10 +353,11 @@ def test_a_picture_in_the_plane_has_these_parts():
         "Center: at [0.0, 0.75]",
         "Body: points [[0.5, 0.75], [0.0, 0.75]]",
         "Trail: at [0.0, 0.75]",
-        "JointMark: at [0.0, 0.25], ground True, name right turn",
-        "Center: at [0.25, 0.25]",
-        "Body: points [[0.0, 0.25], [0.25, 0.25]]",
-        "Trail: at [0.25, 0.25]",
+        "Body: points [[1.0, 0.0], [0.75, 0.5]]",
+        "JointMark: at [0.75, 0.5], name right turn",
+        "Center: at [0.75, 0.75]",
+        "Body: points [[0.75, 0.5], [0.75, 0.75]]",
+        "Trail: at [0.75, 0.75]",
         "ConstraintMark: name rod, at [2.0, 0.0], rows [0.0]",
         "ConstraintMark: name tip, at [0.5, 0.25], rows [2.0, 3.0]",
         "Body: points [[0.5, 0.75], [0.5, 0.25]]",

@@ -214,7 +214,7 @@ SAID = {
         "0 1 2 3 4 5",
         True,
         False,
-        ["four-bar-chain[3], no repeated", "four-bar-chain[3], no gravity, no repeated"],
+        ["four-bar-chain[3]", "four-bar-chain[3], no gravity"],
         ["full turns"],
     ),
     "andrews": (

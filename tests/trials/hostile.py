@@ -217,9 +217,17 @@ def functions(folder: Path, rng: random.Random) -> Iterator[Input]:
 METHODS = "mass_matrix", "bias", "forces", "constraint_jacobian", "constraint_drift", "acceleration"
 
 
+def replaced(owner: type, names: tuple[str, ...]) -> Iterator[str]:
+    """Yield names, each of a function that a class has: another one would replace nothing."""
+    for name in names:
+        if not callable(getattr(owner, name, None)):
+            raise LookupError(f"{owner.__name__} has no function {name!r} to replace")
+        yield name
+
+
 def engines(folder: Path, rng: random.Random) -> Iterator[Input]:
     """Engines of which one method answers what is none."""
-    for name in METHODS:
+    for name in replaced(CasadiEngine, METHODS):
         for answer, of in ANSWERS.items():
             engine = type("Wrong", (CasadiEngine,), {name: lambda self, *_, of=of, **__: of()})
             yield Input("engines", f"{name} {answer}", partial(_checked, Sleigh, engine))
@@ -230,9 +238,12 @@ def _checked(kind: type[Sleigh], engine: Any) -> object:
     return eomcheck.check_state(scene, *scene.initial_state(), engines=[engine] if engine else [])
 
 
+FUNCTIONS = "terms", "energies", "velocities", "constraint", "prepare", "speeds"
+
+
 def scenes(folder: Path, rng: random.Random) -> Iterator[Input]:
     """Scenes of which one function answers what is none."""
-    for name in ("terms", "potential_energy", "kinetic_energy", "constraint", "prepare", "speeds"):
+    for name in replaced(Sleigh, FUNCTIONS):
         for answer, of in ANSWERS.items():
             wrong = staticmethod(lambda *_, of=of: of())
             kind = partial(type, "Wrong", (Sleigh,), {name: wrong})

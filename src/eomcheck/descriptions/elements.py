@@ -6,7 +6,7 @@ import math
 from typing import Any, NamedTuple
 
 from eomcheck.deprecated import getattr_of, old_attributes, old_keywords
-from eomcheck.descriptions.quaternions import IDENTITY, Quaternion, rotation_matrix, to_z
+from eomcheck.descriptions.quaternions import IDENTITY, Quaternion, rotation_matrix, z_to_axis
 from eomcheck.errors import InputError
 
 Triple = tuple[float, float, float]
@@ -163,7 +163,7 @@ def hinge(
         axis_of_other: direction of the axis on the other link, of any length.
     """
     _check_turns(name, axis)
-    across = rotation_matrix(to_z(axis)).T[:2]
+    across = rotation_matrix(z_to_axis(axis)).T[:2]
     directions = tuple((link, _triple(one)) for one in across)
     points = (link, at), (other, at_other)
     return Constraint("hinge", name, points, (*directions, (other, axis_of_other)))
@@ -410,7 +410,7 @@ def rolling_circle(
 
 def _axes_about(z: Triple) -> tuple[Triple, Triple, Triple]:
     """Return axes of length 1, the last along a direction of any length."""
-    x, y, along = rotation_matrix(to_z(z)).T
+    x, y, along = rotation_matrix(z_to_axis(z)).T
     return _triple(x), _triple(y), _triple(along)
 
 

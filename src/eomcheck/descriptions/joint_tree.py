@@ -20,7 +20,7 @@ from eomcheck.descriptions.quaternions import (
     is_turned,
     multiply_quaternions,
     rotation_matrix,
-    to_z,
+    z_to_axis,
 )
 from eomcheck.descriptions.topology import ScalarJoint
 from eomcheck.errors import InputError
@@ -295,7 +295,7 @@ class JointTree:
             for sense in (1, -1):
                 if (found := STRAIGHT.get((sense * x, sense * y, sense * z))) is not None:
                     return found, sense, IDENTITY
-        return "z", 1, to_z(joint.axis)
+        return "z", 1, z_to_axis(joint.axis)
 
     def _add_slots(
         self, joint: Joint, parent: int, turn: Quaternion, offset: Array, axis: str, sense: int

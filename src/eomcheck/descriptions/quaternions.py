@@ -84,9 +84,9 @@ def roll_pitch_yaw_of(R: Array) -> tuple[float, float, float]:
     return roll, pitch, yaw
 
 
-def to_z(axis: tuple[float, float, float]) -> Quaternion:
+def z_to_axis(axis: tuple[float, float, float]) -> Quaternion:
     """Return a rotation that maps z to a direction of any length."""
     x, y, z = axis
     if z < 0:  # half a turn first: z and the axis are nearly opposite
-        return multiply_quaternions(to_z((-x, -y, -z)), (0.0, 1.0, 0.0, 0.0))
+        return multiply_quaternions(z_to_axis((-x, -y, -z)), (0.0, 1.0, 0.0, 0.0))
     return of_length_one((math.hypot(x, y, z) + z, -y, x, 0.0))

@@ -19,7 +19,7 @@ from eomcheck.descriptions.quaternions import (
     axis_rotation,
     multiply_quaternions,
     rotation_matrix,
-    to_z,
+    z_to_axis,
 )
 from eomcheck.mechanics.random_source import Choices
 from eomcheck.numbers.generic import Array
@@ -203,9 +203,9 @@ def _joint_displacement(joint: Joint, x: list[float]) -> tuple[Quaternion, Array
     if joint.kind == "prismatic":
         return IDENTITY, x[0] * axis / np.linalg.norm(axis)
     if joint.kind == "revolute":
-        return _about_z(to_z(joint.axis), x[0]), still
+        return _about_z(z_to_axis(joint.axis), x[0]), still
     if joint.kind == "planar":
-        tilt = to_z(joint.axis)
+        tilt = z_to_axis(joint.axis)
         return _about_z(tilt, x[2]), rotation_matrix(tilt) @ [x[0], x[1], 0.0]
     if joint.kind in ("spherical", "floating"):
         yaw, pitch, roll = (

@@ -93,7 +93,7 @@ BANDED = Formulation(
     limits=(
         "Needs a scene whose bodies form a chain. As Au: needs independent constraints and a mass "
         "that is positive on the motions they allow. A snake may have any cos α_i, 0 included, as "
-        "long as its constraints are independent; one of 1 or 2 links has no other exception."
+        "long as its constraints are independent; with 1 or 2 links it fails in no other state."
     ),
     solution=solution,
 )

@@ -46,7 +46,7 @@ IM = Formulation(
     partitioned=False,
     limits=(
         "As Au: needs independent constraints and a mass matrix that is positive on the motions "
-        "they allow. Snakes of 1 or 2 links have no other exception."
+        "they allow. Snakes of 1 or 2 links have no other states where it fails."
     ),
     solution=solution,
 )

@@ -107,7 +107,7 @@ UK = Formulation(
     limits=(
         "Needs a mass matrix that is positive on the motions allowed, as Au, but not independent "
         "constraints; their rank must be clear, and the same in positions nearby. Multipliers are "
-        "the smallest there are. A snake of 1 or 2 links has no other exception."
+        "the smallest there are. Snakes of 1 or 2 links have no other states where it fails."
     ),
     solution=solution,
     redundant=True,

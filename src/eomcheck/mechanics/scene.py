@@ -335,6 +335,7 @@ class Scene(ABC):
         None for up to 10 m from the origin and all angles. Where there is a `position_residual`,
         the sampled pose is the initial guess of the search for an assembled one.
         """
+        take_old_attributes(type(self), Scene)
         return self.coordinate_sample_ranges
 
     @abstractmethod
@@ -366,6 +367,7 @@ class Scene(ABC):
         Args:
             links: number of links, for a scene class that has one.
         """
+        take_old_attributes(cls, Scene)
         scene = cls.example() if links is None else next(cls.structures(links))
         return scene, np.array(cls.display_pose) if cls.display_pose else scene.initial_state()[0]
 

@@ -92,6 +92,7 @@ class FourBarChain(Described, OfLinks, description=description, closed=True):
     repeated: Any = parameter("times the last row is repeated", "1", default=None, optional=True)
 
     key = "four-bar-chain"
+    usually_absent = frozenset({"repeated"})
     one_mass_each = "N >= 1 windows have 2N+1 links, one mass each"
     conserves_energy = True
     angle_coordinates = slice(0, None)
