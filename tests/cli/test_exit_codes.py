@@ -346,4 +346,4 @@ def test_an_option_of_no_characters_is_not_its_default(words, monkeypatch, capsy
     assert code_of(monkeypatch, *words) == 2
     name = words[-1].strip("-=")
     said = "".join(capsys.readouterr())
-    assert f"{name} = ''" in said or f"unknown {name} ''" in said
+    assert f"--{name} ''" in said or f"unknown {name} ''" in said

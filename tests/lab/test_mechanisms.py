@@ -221,10 +221,10 @@ def test_a_moving_picture_has_its_frames_and_moves(tmp_path, monkeypatch):
     [
         (("scene", "x.svg", "--scene", "all"), "'all': expected one scene"),
         (("scene", "x.svg", "--scene", "snak"), "snak"),
-        (("scene", "x.svg", "--scene", "sleigh", "--links", 3), "links = 3"),
+        (("scene", "x.svg", "--scene", "sleigh", "--links", 3), "--links 3"),
         (("scene", "x.txt"), "a figure is written as"),
         (("scene", "x.gif", "--dark"), "a .gif, which has a light ground"),
-        (("scene", "x.gif", "--frames", 1), "frames = 1"),
+        (("scene", "x.gif", "--frames", 1), "--frames 1"),
         (("scene", "x.gif", "--end", -1), "-1"),
         (
             ("scene", "x.svg", "--scene", f"{PENDULUM.with_name('trailer.py')}:Trailer"),

@@ -588,7 +588,7 @@ def test_several_are_spread_over_processes_and_as_good(
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["reference", "free-3", "--executor", "nowhere"], "executor = 'nowhere'"),
+        (["reference", "free-3", "--executor", "nowhere"], "--executor 'nowhere'"),
         (["reference", "none"], "unknown reference 'none'; known: paper-rest"),
         (["reference", "free-3", "--folder", "no/such"], "not a folder that exists"),
     ],
