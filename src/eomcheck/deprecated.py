@@ -123,6 +123,7 @@ def install() -> None:
 OPTIONS: dict[str, dict[str, str]] = {
     "prove": {"--points": "--examples"},
     "simulate": {"--draws": "--examples"},
+    "study long-run": {"--t-end": "--end"},
 }
 """Command, such as "fuzz" or "study paper" -> old -> new name of its options."""
 
@@ -136,8 +137,13 @@ def current_options(words: Sequence[str]) -> list[str]:
         option, equals, value = word.partition("=")
         if option in names:
             current[i] = f"{names[option]}{equals}{value}"
-            print(f"eomcheck: {_notice(option, names[option])}", file=sys.stderr)
+            print_notice(option, names[option])
     return current
+
+
+def print_notice(old: str, new: str) -> None:
+    """Print that an old form of a command line is now another one."""
+    print(f"eomcheck: {_notice(old, new)}", file=sys.stderr)
 
 
 VALUES = {"not looked at": "skipped"}

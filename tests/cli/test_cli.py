@@ -80,15 +80,33 @@ def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
         (["export", "pyproject.toml", "--csv"], "'pyproject.toml' is not a file of records"),
         (["export", "no-such.db", "--csv", "no/such/folder/x"], "not a file in a folder"),
         (["study", "accuracy", "--links", "x"], "--links 'x'"),
-        (["study", "work-precision", "x.db", "--reference", "none"], "none.json"),
-        (["study", "work-precision", "x.db", "--integrator", "Euler"], "integrator 'Euler'"),
-        (["study", "work-precision", "x.db", "--tolerance", "2"], "--tolerance 2.0"),
-        (["study", "work-precision", "x.db", "--figures", "no/such"], "not a folder that exists"),
+        (["study", "work-precision", "--records", "x.db", "--reference", "none"], "none.json"),
+        (
+            ["study", "work-precision", "--records", "x.db", "--integrator", "Euler"],
+            "integrator 'Euler'",
+        ),
+        (["study", "work-precision", "--records", "x.db", "--tolerance", "2"], "--tolerance 2.0"),
+        (
+            ["study", "work-precision", "--records", "x.db", "--figures", "no/such"],
+            "not a folder that exists",
+        ),
         (["study", "accuracy", "--examples", "0"], "--examples 0"),
-        (["study", "stability", "x.db", "--family", "none"], "unknown family 'none'; known: stiff"),
-        (["study", "stability", "x.db", "--formulation", "xx"], "unknown formulation 'xx'"),
-        (["study", "stability", "x.db", "--figures", "no/such"], "not a folder that exists"),
-        (["study", "stability", "x.db", "--executor", "ray:1"], "expected local, local:NUMBER"),
+        (
+            ["study", "stability", "--records", "x.db", "--family", "none"],
+            "unknown family 'none'; known: stiff",
+        ),
+        (
+            ["study", "stability", "--records", "x.db", "--formulation", "xx"],
+            "unknown formulation 'xx'",
+        ),
+        (
+            ["study", "stability", "--records", "x.db", "--figures", "no/such"],
+            "not a folder that exists",
+        ),
+        (
+            ["study", "stability", "--records", "x.db", "--executor", "ray:1"],
+            "expected local, local:NUMBER",
+        ),
         (["acceleration", "coil", "--links", "0"], "--links 0"),
         (["acceleration", "paper", "--formulation", "xx"], "unknown formulation 'xx'"),
         (["acceleration", "pattern", "--links", "95", "--speeds", "1,1"], "wheel_angle[89]"),
@@ -142,7 +160,16 @@ def test_units_are_those_of_each_coordinate(monkeypatch, capsys):
     printed = capsys.readouterr().out
     assert "slew = 0 rad, travel = 0 m, swing = 0 rad" in printed
     assert (
-        run("simulate", str(crane), "0.01", "--formulation", "kane", monkeypatch=monkeypatch) == 0
+        run(
+            "simulate",
+            str(crane),
+            "--end",
+            "0.01",
+            "--formulation",
+            "kane",
+            monkeypatch=monkeypatch,
+        )
+        == 0
     )
     assert "run time (s)" in capsys.readouterr().out
 

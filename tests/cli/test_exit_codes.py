@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -200,11 +201,11 @@ def test_one_motion_that_does_not_reach_its_end_is_1(place, status, code, monkey
     left = [SimpleNamespace(status=x) for x in both]
     monkeypatch.setattr("eomcheck.simulate", lambda *how, **more: left.pop(0))
     monkeypatch.setattr("eomcheck.lab.report.motion_tables.print_trajectories", lambda found: None)
-    assert code_of(monkeypatch, "simulate", "1", "--formulation", "au,el") == code
+    assert code_of(monkeypatch, "simulate", "--end", "1", "--formulation", "au,el") == code
     many = SimpleNamespace(status=np.array(both))
     monkeypatch.setattr("eomcheck.simulate_many", lambda *how, **more: many)
     monkeypatch.setattr("eomcheck.lab.report.motion_tables.print_many", lambda found: None)
-    assert code_of(monkeypatch, "simulate", "1", "--examples", "2") == code
+    assert code_of(monkeypatch, "simulate", "--end", "1", "--examples", "2") == code
 
 
 @pytest.mark.parametrize("command", ["acceleration", "constraints"])
@@ -271,8 +272,7 @@ def told(
 def test_a_cell_that_failed_is_1_where_a_study_is_no_measurement_of_failures(
     group, key, monkeypatch, tmp_path
 ):
-    records = ["--records"] if study_of(key).small else []
-    words = group, key, *records, str(tmp_path / "r.db")
+    words = group, key, "--records", str(tmp_path / "r.db")
     told(monkeypatch, key, [Record(key, {}, "failed", "overflow")])
     assert code_of(monkeypatch, *words) == (0 if key in MEASURES else 1)
     told(monkeypatch, key, [])
@@ -321,12 +321,23 @@ ALARMS = {
 @pytest.mark.parametrize("key", ALARMS)
 def test_a_study_that_finds_an_error_that_nothing_tells_is_1(key, monkeypatch, tmp_path):
     (group,) = (group for group, one in STUDIES if one == key)
-    words = [group, key, *(["--records"] if study_of(key).small else []), str(tmp_path / "r.db")]
+    words = group, key, "--records", str(tmp_path / "r.db")
     well, wrong = ALARMS[key]
     told(monkeypatch, key, [well])
     assert code_of(monkeypatch, *words) == 0
     told(monkeypatch, key, [well, wrong, well])
     assert code_of(monkeypatch, *words) == 1
+
+
+@pytest.mark.parametrize("old", [("r.db", "--end", "5"), ("--records", "r.db", "--t-end=5")])
+def test_old_forms_of_a_study_s_command_are_accepted_and_warned_of(old, monkeypatch, capsys):
+    asked = []
+    study = told(monkeypatch, "long-run", [])
+    monkeypatch.setattr(
+        type(study), "run", lambda self, file, fresh, **how: asked.append((file, how["end"])) or []
+    )
+    assert code_of(monkeypatch, "study", "long-run", *old) == 0
+    assert asked == [(Path("r.db"), 5.0)] and "is now" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

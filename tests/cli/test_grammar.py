@@ -126,7 +126,7 @@ def test_validate_of_one_scene_looks_at_that_scene_alone(monkeypatch, capsys, tm
 
 
 def test_simulate_moves_any_scene_and_keeps_loops_closed_in_draws(monkeypatch, capsys):
-    assert run("simulate", "rolling-disk", "0.05", monkeypatch=monkeypatch) == 0
+    assert run("simulate", "rolling-disk", "--end", "0.05", monkeypatch=monkeypatch) == 0
     assert "banded" not in capsys.readouterr().out, "it does not apply"
     many = (
         "0.01",
@@ -164,19 +164,22 @@ def test_simulate_moves_any_scene_and_keeps_loops_closed_in_draws(monkeypatch, c
         (["acceleration", "--set", "mass=1", "--set", "mass=2"], "mass is given twice"),
         (["acceleration", "--set", "mass=,"], "expected a number after mass="),
         (["acceleration", "--formulation", "kane,aux"], "'aux' (did you mean 'au'?)"),
-        (["simulate", "paper"], "END = 'paper', expected a time"),
-        (["simulate", "paper", "coil", "1"], "expected one scene"),
-        (["simulate", "paper", "1", "--scale", "0"], "--scale says nothing without --examples"),
-        (["simulate", "paper", "1", "--seed", "0"], "--seed says nothing without --examples"),
-        (["simulate", "paper", "1", "--plot", "x.png"], "--plot says nothing without --examples"),
-        (["simulate", "paper", "1", "--integrator", "DOP85"], "did you mean 'DOP853'"),
+        (["simulate", "paper"], "no end of the motion is given, expected s: --end END"),
+        (["simulate", "paper", "coil", "--end", "1"], "expected one scene"),
+        (["simulate", "--end", "1", "--scale", "0"], "--scale says nothing without --examples"),
+        (["simulate", "--end", "1", "--seed", "0"], "--seed says nothing without --examples"),
+        (["simulate", "--end", "1", "--plot", "x.png"], "--plot says nothing without --examples"),
+        (["simulate", "--end", "1", "--integrator", "DOP85"], "did you mean 'DOP853'"),
         (["draw", "scene", "x.png", "--frames", "9"], "--frames says nothing in a picture"),
         (["draw", "scene", "x.svg", "--end", "2"], "--end says nothing in a picture"),
         (["draw", "scene", "x.svg", "--formulation", "em"], "--formulation says nothing in a pict"),
         (["draw", "scen", "x.png"], "unknown command of draw 'scen' (did you mean 'scene'?)"),
         (["study", "stabilty"], "did you mean 'stability'"),
-        (["study", "stability", "x.db", "--scene", "snake", "--family", "speed"], "both given"),
-        (["study", "stability", "x.db", "--family", "sped"], "did you mean 'speed'"),
+        (
+            ["study", "stability", "--records", "x.db", "--scene", "snake", "--family", "speed"],
+            "both given",
+        ),
+        (["study", "stability", "--records", "x.db", "--family", "sped"], "did you mean 'speed'"),
         (["study", "operations", "--repeats", "3"], "nothing is timed without a scene"),
         (["study", "operations", "--scene", "sleigh", "--links", "3"], "sleigh has no number"),
         (["study", "engines", "--engine", "casadi,pinochio"], "did you mean 'pinocchio'"),
@@ -189,8 +192,14 @@ def test_simulate_moves_any_scene_and_keeps_loops_closed_in_draws(monkeypatch, c
         (["prove", "--scene", "coil"], "'coil' is a single snake"),
         (["report", "x.db", "--suite", "x"], "--suite says nothing without --equivalences"),
         (["list", "claim"], "did you mean 'claims'"),
-        (["study", "stiff", "x.db", "--quick"], "compute it: eomcheck reference paper-rest"),
-        (["study", "work-precision", "x.db", "--reference", "own"], "references of eomcheck are"),
+        (
+            ["study", "stiff", "--records", "x.db", "--quick"],
+            "compute it: eomcheck reference paper-rest",
+        ),
+        (
+            ["study", "work-precision", "--records", "x.db", "--reference", "own"],
+            "references of eomcheck are",
+        ),
         (["reference", "paper-res"], "did you mean 'paper-rest'"),
         (["fuzz", "--family", "ordinary,wid", "--states", "1"], "did you mean 'wide'"),
         (["fuzz", "--claim", "bias,bia", "--states", "1"], "did you mean 'bias'"),
@@ -205,18 +214,19 @@ def test_simulate_moves_any_scene_and_keeps_loops_closed_in_draws(monkeypatch, c
         (["prove", "--formulation", ""], "'' names nothing"),
         (["acceleration", "--formulation", ","], "',' names nothing"),
         (["acceleration", "--speeds", ","], "',' names nothing"),
-        (["simulate", "1", "--formulation", ",,"], "',,' names nothing"),
+        (["simulate", "--end", "1", "--formulation", ",,"], "',,' names nothing"),
         (["compare", "x.urdf", "--engine", ","], "',' names nothing"),
         (["fuzz", "--claim", ","], "',' names nothing"),
         (["fuzz", "--family", ","], "',' names nothing"),
         (["fuzz", "--engine", ","], "',' names nothing"),
         (["fuzz", "--formulation", ","], "',' names nothing"),
-        (["study", "stability", "x.db", "--family", ","], "',' names nothing"),
+        (["study", "stability", "--records", "x.db", "--family", ","], "',' names nothing"),
         (["bench", "rhs", "--links", ","], "',' names nothing"),
         (["valdate"], "Did you mean 'validate'"),
         (["validate", "--sceen", "x"], "--sceen (did you mean '--scene'?)"),
         (["validate", "--seed"], "'--seed' requires an argument"),
-        (["simulate"], "Missing argument '[SCENE] END'"),
+        (["simulate"], "no end of the motion is given, expected s: --end END"),
+        (["study", "paper", "--quick"], "no file is given, and paper takes long: --records FILE"),
     ],
 )
 def test_what_says_nothing_is_refused_and_names_are_hinted_at(

@@ -67,7 +67,7 @@ def code(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
 def test_draws_are_normal_about_the_start_of_the_scene_first_of_q_then_of_u(
     words, scene, scale, seed, speeds, asked, monkeypatch
 ):
-    assert code(monkeypatch, scene.key, END, "--examples", "4", *words) == 0
+    assert code(monkeypatch, scene.key, "--end", END, "--examples", "4", *words) == 0
     (found,) = asked
     q, v = scene.initial_state()
     u = eomcheck.speeds_of(scene, q, v) if v.any() else np.zeros(scene.p)
@@ -86,7 +86,7 @@ def test_draws_are_plotted_if_some_end_and_are_1_unless_all_do(
 ):
     path = tmp_path / "a.svg"
     words = "--examples", draws, "--plot", str(path)
-    assert code(monkeypatch, "sleigh", END, *words) == ended
+    assert code(monkeypatch, "sleigh", "--end", END, *words) == ended
     assert asked[1:] == [path.name] * drawn
     assert ("written: " in capsys.readouterr().out) == bool(drawn)
 
@@ -107,7 +107,7 @@ def test_draws_are_plotted_if_some_end_and_are_1_unless_all_do(
 def test_what_draws_cannot_do_is_bad_input_and_nothing_is_integrated(
     words, says, asked, monkeypatch, capsys
 ):
-    assert code(monkeypatch, "sleigh", END, "--examples", "4", *words) == 2
+    assert code(monkeypatch, "sleigh", "--end", END, "--examples", "4", *words) == 2
     assert says in capsys.readouterr().err and not asked
 
 
@@ -139,7 +139,7 @@ LEVELS = {key: f.level for key, f in FORMULATIONS.items() if f.applies_to(Sleigh
 def test_motions_are_by_all_formulations_or_with_stabilization_by_those_that_it_is_for(
     words, keys, how, asked, monkeypatch
 ):
-    assert code(monkeypatch, "sleigh", END, *words) == 0
+    assert code(monkeypatch, "sleigh", "--end", END, *words) == 0
     assert sorted(one.key for one in asked) == sorted(keys)
     assert 0 < len(keys) <= len(LEVELS) and set(LEVELS.values()) == {"acceleration", "velocity"}
     for one in asked:
@@ -148,9 +148,16 @@ def test_motions_are_by_all_formulations_or_with_stabilization_by_those_that_it_
 
 
 def test_the_scene_of_a_motion_is_the_paper_s_robot_unless_another_is_named(asked, monkeypatch):
-    for words in ((END,), ("coil", END, "--links", "3"), (END, "--scene", "coil")):
-        assert code(monkeypatch, *words, "--formulation", "kane") == 0
+    for words in ((), ("coil", "--links", "3"), ("--scene", "coil")):
+        assert code(monkeypatch, *words, "--end", END, "--formulation", "kane") == 0
     scenes = [one.scene for one in asked]
     assert [one.links for one in scenes] == [7, 3, 7]
     assert np.array_equal(scenes[0].inertia, Snake.paper().inertia)
     assert not np.array_equal(scenes[0].wheel_angle, scenes[2].wheel_angle)
+
+
+def test_the_end_as_the_last_word_is_accepted_until_the_next_release(asked, monkeypatch, capsys):
+    for words in ((END,), ("coil", END)):
+        assert code(monkeypatch, *words, "--formulation", "kane") == 0
+        assert "simulate END is now simulate --end END" in capsys.readouterr().err
+    assert [(one.scene.links, one.t_end) for one in asked] == [(7, 0.5), (7, 0.5)]

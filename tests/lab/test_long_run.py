@@ -15,7 +15,7 @@ from eomcheck.lab.studies import long_run
 from eomcheck.lab.studies.long_run import REMEDIES, STUDY, cells, find_run
 
 ENDS = "end", "largest"
-SHORT = {"t_end": 6.0, "formulation": ["au", "kane"]}
+SHORT = {"end": 6.0, "formulation": ["au", "kane"]}
 
 
 def test_every_formulation_runs_and_remedies_only_where_constraints_can_be_left():
@@ -64,7 +64,7 @@ def test_remedies_stop_the_drift_and_are_told_with_their_laws(tmp_path, capsys):
     assert (tmp_path / "long-run.png").stat().st_size > 10_000
 
 
-@pytest.mark.parametrize("wrong", [{"t_end": 1.0}, {"t_end": np.nan}, {"tolerance": 0.0}])
+@pytest.mark.parametrize("wrong", [{"end": 1.0}, {"end": np.nan}, {"tolerance": 0.0}])
 def test_an_end_or_tolerance_that_makes_no_sense_is_refused(wrong):
     with pytest.raises(InputError, match=next(iter(wrong))):
         list(cells(**wrong))
@@ -76,5 +76,5 @@ def keys_of(**options) -> set[str]:
 
 def test_the_quick_study_is_a_part_of_the_full_one():
     assert keys_of(quick=True) < keys_of()
-    ends = {(c["t_end"], c["tolerance"]) for c in cells(t_end=50.0, formulation=["kane"])}
-    assert ends == {(50.0, 1e-6)} and keys_of(t_end=50.0, formulation=["kane"]) == {"kane"}
+    ends = {(c["t_end"], c["tolerance"]) for c in cells(end=50.0, formulation=["kane"])}
+    assert ends == {(50.0, 1e-6)} and keys_of(end=50.0, formulation=["kane"]) == {"kane"}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from inspect import signature
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Annotated, Any
@@ -22,6 +23,7 @@ from eomcheck.lab.option_parsing import (
     split_list,
 )
 from eomcheck.lab.store.record_file import Record, Records
+from eomcheck.lab.studies import STUDIES, study_of
 from eomcheck.lab.study import Study
 
 # ---- Options -------------------------------------------------------------------------------------
@@ -119,12 +121,17 @@ def test_counts_are_one_at_least_and_the_one_that_is_not_is_named():
 # ---- Studies -------------------------------------------------------------------------------------
 
 
-def cells(*, links: Annotated[int, "Links."] = 2) -> list[dict]:
+def cells(
+    *,
+    links: Annotated[int, "Links."] = 2,
+    seed: Annotated[int, "Seed."] = 7,
+    free: Annotated[bool, "Free."] = False,
+) -> list[dict]:
     """Return two cells."""
     return [{"case": 1, "n": links}, {"case": 2, "n": links}]
 
 
-def worker(known: Any, *, seed: Annotated[int, "Seed."] = 7) -> Any:
+def worker(known: Any, *, seed: int = 7) -> Any:
     """Return what makes Records with the seed and with what is known."""
     return lambda one: Record("x", one, counts={"seed": seed, "known": len(known)})
 
@@ -143,11 +150,20 @@ def of(**more: Any) -> Study:
 FIRST = Study(key="first", cells=lambda: [{"a": 1}], worker=first_worker, tables=lambda found: ())
 
 
-def test_a_study_has_the_options_of_its_cells_its_worker_and_of_those_before_it():
-    assert [*of().options()] == ["links", "seed"]
+def test_a_study_has_the_options_of_its_cells_and_the_executor_of_a_parallel_one():
+    assert [*of().options()] == ["links", "seed", "free"]
     found = of(before=(FIRST,), parallel_by=("case",)).options()
-    assert [*found] == ["free", "links", "seed", "executor"]
+    assert [*found] == ["links", "seed", "free", "executor"]
     assert found["executor"].default == "local" and found["links"].default == 2
+
+
+@pytest.mark.parametrize("key", STUDIES)
+def test_workers_have_no_options_that_cells_do_not_have(key):
+    study = study_of(key)
+    for one in (study, *study.before):
+        for function in (one.cells, one.worker):
+            own = signature(function).parameters.values()
+            assert {x.name for x in own if x.kind is x.KEYWORD_ONLY} <= study.options().keys()
 
 
 def test_records_of_studies_before_are_known_first_and_are_those_of_the_study_too(monkeypatch):

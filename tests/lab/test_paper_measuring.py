@@ -97,7 +97,7 @@ def test_a_study_that_goes_on_repeats_nothing(measured, monkeypatch: pytest.Monk
 
 
 def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
-    monkeypatch.setattr(sys, "argv", ["eomcheck", "study", "paper", *arguments])
+    monkeypatch.setattr(sys, "argv", ["eomcheck", "study", "paper", "--records", *arguments])
     with pytest.raises(SystemExit) as stop:
         cli.main()
     return stop.value.code or 0

@@ -209,8 +209,8 @@ def test_cells_tables_and_charts_of_long_runs_name_remedies_and_axes():
     ]
     usual = next(iter(long_run.cells(tolerance=1e-3)))
     assert (usual["t_end"], usual["tolerance"]) == (1000.0, 1e-3)
-    assert next(iter(long_run.cells(quick=True, t_end=5.0)))["t_end"] == 5.0
-    for wrong in ({"t_end": 2.0}, {"tolerance": 1.0}, {"t_end": np.inf}):
+    assert next(iter(long_run.cells(quick=True, end=5.0)))["t_end"] == 5.0
+    for wrong in ({"end": 2.0}, {"tolerance": 1.0}, {"end": np.inf}):
         with pytest.raises(InputError, match=f"{next(iter(wrong))} = {next(iter(wrong.values()))}"):
             list(long_run.cells(**wrong))
     (sheet,) = long_run.tables([])

@@ -279,7 +279,16 @@ cli.main()
 @pytest.mark.night
 def test_kill_9_of_the_study_loses_at_most_the_cell_in_flight_and_repeats_nothing(tmp_path: Path):
     path, log = tmp_path / "records.db", tmp_path / "log"
-    command = [sys.executable, "-c", CLI, str(log), "study", "work-precision", str(path)]
+    command = [
+        sys.executable,
+        "-c",
+        CLI,
+        str(log),
+        "study",
+        "work-precision",
+        "--records",
+        str(path),
+    ]
     command += ["--reference", "free-3", "--formulation", "kane"]
     for integrator in ("DOP853", "RK45", "Tsit5"):
         command += ["--integrator", integrator]

@@ -35,6 +35,9 @@ MAX_WIDTH = 80
 """Largest width of help, columns, on terminals of any width."""
 
 
+OLD_FORM = "OLD-FORM"
+"""Placeholder of an argument that is accepted as in an older release, and not shown."""
+
 VALUES = {"int": "N", "float": "X", "str": "TEXT", "path": "FILE"}
 """Typer's name of a value type -> its name in help; some option names override it."""
 FOLDERS = ("--figures", "--folder", "--references", "--suite")
@@ -66,7 +69,7 @@ class Command(TyperCommand):
         """Return the pieces of the usage line."""
         pieces = super().collect_usage_pieces(ctx)
         plain = [re.sub(r"^\{(.*)\}|^\[(\[.*\])\]$", r"\1\2", one) for one in pieces]
-        return [one.replace("END...", "END") for one in plain]
+        return [one.replace("[[SCENE]]...", "[SCENE]") for one in plain if OLD_FORM not in one]
 
 
 class CommandLine(typer.Typer):

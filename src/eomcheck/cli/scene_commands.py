@@ -23,6 +23,7 @@ from eomcheck.cli.shared_options import (
     completer,
     selected_scene,
 )
+from eomcheck.deprecated import print_notice
 from eomcheck.errors import InputError
 from eomcheck.lab.option_parsing import check_count, parse_numbers
 
@@ -99,30 +100,40 @@ def _many(
     return not finished.all()
 
 
-def _scene_and_end(words: list[str], scene: str | None) -> tuple[str | None, float]:
-    """Return the named scene, if any, and the end time of a motion, s."""
-    *names, end = words
+def _scene_and_end(
+    words: list[str] | None, scene: str | None, end: float | None
+) -> tuple[str | None, float]:
+    """Return the named scene, if any, and the end of a motion, s.
+
+    Until the next release the end may also be the last word.
+    """
+    *names, last = words or [""]
+    if end is not None:
+        names = words or []
+    else:
+        try:
+            end = float(last)
+        except ValueError:
+            raise InputError("no end of the motion is given, expected s: --end END") from None
+        print_notice("simulate END", "simulate --end END")
     if len(names) > 1:
-        raise InputError(f"{' '.join(words)!r}, expected one scene and the time of the end")
-    try:
-        t_end = float(end)
-    except ValueError:
-        raise InputError(f"END = {end!r}, expected a time in s as the last word") from None
+        raise InputError(f"{' '.join(names)!r}, expected one scene")
     if names and scene is not None:
         raise InputError(f"two scenes are named, {names[0]!r} and {scene!r}")
-    return (names[0] if names else scene), t_end
+    return (names[0] if names else scene), end
 
 
 @app.command("simulate")
 def simulate_command(
     words: Annotated[
-        list[str],
+        list[str] | None,
         typer.Argument(
-            metavar="[SCENE] END",
-            help="Scene, as --scene names it, and the end, s.",
+            metavar="[SCENE]",
+            help="Scene, as --scene names it. Default the paper's robot.",
             autocompletion=completer("robot", "scene"),
         ),
-    ],
+    ] = None,
+    end: Annotated[float | None, typer.Option(metavar="END", help="End of the motion, s.")] = None,
     scene: OptionalSceneOption = None,
     links: Links = None,
     given: SetOption = None,
@@ -162,7 +173,7 @@ def simulate_command(
     coordinate and generalized speed at the start, and the spread of their ends is printed. Exit
     code 1 if a motion does not reach its end.
     """
-    name, t_end = _scene_and_end(words, scene)
+    name, t_end = _scene_and_end(words, scene, end)
     if examples is None:
         check_used("without --examples", scale=scale, seed=seed, executor=executor, plot=plot)
 

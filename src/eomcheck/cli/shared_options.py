@@ -18,6 +18,7 @@ import typer
 
 from eomcheck import calls
 from eomcheck.atomic_write import check_writable
+from eomcheck.cli.app import OLD_FORM
 from eomcheck.errors import InputError
 from eomcheck.lab.option_parsing import (
     ONE_HELP,
@@ -130,14 +131,15 @@ Claims = Annotated[
     ),
 ]
 References = Annotated[Path, typer.Option(help="Folder of the reference solutions.")]
-RecordsArgument = Annotated[
-    Path, typer.Argument(help="SQLite file of the results, made or continued.")
-]
+OldRecords = Annotated[Path | None, typer.Argument(metavar=OLD_FORM, hidden=True)]
 Fresh = Annotated[bool, typer.Option("--fresh", help="Measure everything anew.")]
 Json = Annotated[Path | None, typer.Option("--json", help="Write the results to this file.")]
 RecordsOption = Annotated[
     Path | None,
-    typer.Option("--records", help="Keep the results in this SQLite file, for `eomcheck report`."),
+    typer.Option(
+        "--records",
+        help="Keep the results in this SQLite file, made or continued, for `eomcheck report`.",
+    ),
 ]
 
 

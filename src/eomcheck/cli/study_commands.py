@@ -20,8 +20,8 @@ from eomcheck.cli.shared_options import (
     Fresh,
     Json,
     Links,
+    OldRecords,
     Patience,
-    RecordsArgument,
     RecordsOption,
     SceneOption,
     SetOption,
@@ -31,7 +31,8 @@ from eomcheck.cli.shared_options import (
     completer,
     selected_scene,
 )
-from eomcheck.errors import UnknownNameError, UnwrittenError
+from eomcheck.deprecated import print_notice
+from eomcheck.errors import InputError, UnknownNameError, UnwrittenError
 from eomcheck.lab.option_parsing import (
     no_more_than,
     parse_numbers,
@@ -91,7 +92,10 @@ study, bench, draw = (
 
 
 def command_of(key: str, figure_only: bool = False) -> Any:
-    """Return the command of a study: its file of Records, its own options, and the shared ones.
+    """Return the command of a study: its own options, and those that all studies share.
+
+    Typer reads options from a signature. This one is composed, of the shared options and those of
+    `Study.cells`, so that no option is declared twice.
 
     Args:
         key: key of the study.
@@ -99,23 +103,31 @@ def command_of(key: str, figure_only: bool = False) -> Any:
     """
     one = study_of(key)
 
-    def command(**given: Any) -> None:
-        del given["patience"]
-        (_draw if figure_only else _run)(one, **given)
+    def command(file: Path | None = None, **options: Any) -> None:
+        del options["patience"]
+        if file is not None:
+            print_notice(f"study {key} FILE", f"study {key} --records FILE")
+            options["records"] = file
+        if options["records"] is None and not one.small:
+            raise InputError(f"no file is given, and {key} takes long: --records FILE")
+        (_draw if figure_only else _run)(one, **options)
 
-    shared: dict[str, Any] = {"path": (Picture, Parameter.empty)} if figure_only else {}
-    shared["records"] = (RecordsOption, None) if one.small else (RecordsArgument, Parameter.empty)
-    shared |= {"fresh": (Fresh, False), "patience": (Patience, PATIENCE)}
-    if not figure_only:
-        shared |= {"json": (Json, None), "figures": (Figures, None)}
-    parameters = {
-        name: Parameter(name, Parameter.KEYWORD_ONLY, annotation=kind, default=default)
-        for name, (kind, default) in shared.items()
+    options: dict[str, tuple[Any, Any]] = {
+        **({"path": (Picture, Parameter.empty)} if figure_only else {}),
+        **({} if one.small else {"file": (OldRecords, None)}),
+        "records": (RecordsOption, None),
+        "fresh": (Fresh, False),
+        "patience": (Patience, PATIENCE),
+        **({} if figure_only else {"json": (Json, None), "figures": (Figures, None)}),
+        **{x: (_option(x, p.annotation), p.default) for x, p in one.options().items()},
     }
-    for name, parameter in one.options().items():
-        parameters[name] = parameter.replace(annotation=_option(name, parameter.annotation))
-    command.__signature__ = Signature([*parameters.values()])  # type: ignore[attr-defined]
-    command.__annotations__ = {name: p.annotation for name, p in parameters.items()}
+    command.__signature__ = Signature(  # type: ignore[attr-defined]
+        [
+            Parameter(name, Parameter.KEYWORD_ONLY, annotation=kind, default=default)
+            for name, (kind, default) in options.items()
+        ]
+    )
+    command.__annotations__ = {name: kind for name, (kind, _) in options.items()}
     alone = CommandLine(rich_markup_mode=None, add_completion=False)
     alone.command(key, help=STUDIES[key])(command)
     return typer.main.get_command(alone)
@@ -245,7 +257,7 @@ def draw_scene_command(
     given: SetOption = None,
     dark: Dark = False,
     end: Annotated[
-        float | None, typer.Option(help="A .gif: time at which the motion ends, s. [2]")
+        float | None, typer.Option(metavar="END", help="A .gif: end of its motion, s. [2]")
     ] = None,
     frames: Annotated[int | None, typer.Option(help="A .gif: number of its pictures. [40]")] = None,
     formulation: Annotated[

@@ -148,9 +148,10 @@ class Study:
 
     Attributes:
         key: its name in commands and in Records.
-        cells: options -> settings, one per cell. Its arguments are the options of its command, each
-            `Annotated` with its help.
-        worker: the Records of the studies `before`, and more options -> function that runs a cell.
+        cells: options -> settings, one per cell. Its keyword arguments are the options of the
+            study's command, each `Annotated` with its help.
+        worker: the Records of the studies `before`, and some of these options -> function that runs
+            a cell.
         tables: Records -> tables.
         charts: Records -> charts.
         remarks: Records -> sentences below the tables; by default the reasons of cells not done.
@@ -183,12 +184,10 @@ class Study:
     parallel_by: Sequence[str] = ()
 
     def options(self) -> dict[str, Parameter]:
-        """Return the options of the study, by name."""
-        parameters: dict[str, Parameter] = {}
-        functions: list[Callable] = [f for b in self.before for f in (b.cells, b.worker)]
-        for function in (*functions, self.cells, self.worker, *([_at] if self.parallel_by else [])):
-            parameters |= signature(function, eval_str=True).parameters
-        return {name: one for name, one in parameters.items() if one.kind is Parameter.KEYWORD_ONLY}
+        """Return the options of the study, by name: those of `cells`, and where they are run."""
+        own = signature(self.cells, eval_str=True).parameters
+        where = signature(_at, eval_str=True).parameters if self.parallel_by else {}
+        return {**own, **where}
 
     def check(self, **options: Any) -> None:
         """Raise InputError (or EngineError) if an option has an invalid value."""

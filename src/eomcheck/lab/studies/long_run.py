@@ -59,7 +59,7 @@ FLOOR = 1e-18
 def cells(
     *,
     formulation: Formulations = None,
-    t_end: Annotated[float | None, "End, s. [1000]"] = None,
+    end: Annotated[float | None, "End of the motion, s. [1000]"] = None,
     tolerance: Annotated[float | None, "rtol = atol. [1e-6]"] = None,
     quick: Annotated[bool, "30 s by two formulations only."] = False,
 ) -> Iterator[Settings]:
@@ -69,9 +69,9 @@ def cells(
         InputError: an end of 2 s or less, or a tolerance that is not in (0, 1).
         UnknownNameError: no such formulation.
     """
-    end = t_end if t_end is not None else QUICK_END if quick else 1000.0
+    end = end if end is not None else QUICK_END if quick else 1000.0
     if not 2 < end < np.inf:
-        raise InputError(f"t_end = {t_end!r}, expected more than 2 s")
+        raise InputError(f"end = {end!r}, expected more than 2 s")
     tolerance = TOLERANCE if tolerance is None else tolerance
     if not 0 < tolerance < 1:
         raise InputError(f"tolerance = {tolerance!r}, expected a number between 0 and 1")
