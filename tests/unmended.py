@@ -26,7 +26,6 @@ RESIDUAL = "residual = b - self.times(x) + noise.changes", "residual = noise.cha
 EDITS = (
     Edit("numbers/pivots.py", "REFINED = BAND_TERMS * EPS", "REFINED = 1.0"),
     Edit("numbers/banded_solve.py", *RESIDUAL),
-    Edit("kernels/batched_solves.py", *RESIDUAL),
     Edit(
         "evaluation/perturbed.py",
         "if not resolved.all():",

@@ -25,7 +25,7 @@ from eomcheck.evaluation.perturbed import sensitivity_of
 from eomcheck.evaluation.scene_quantities import net_force
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS, applicable
-from eomcheck.kernels import band, jit, sincos
+from eomcheck.kernels import jit, sincos
 from eomcheck.kernels.emit import HEADER, layout_of
 from eomcheck.kernels.kernel import Kernel
 from eomcheck.kernels.program import (
@@ -52,7 +52,7 @@ from eomcheck.motion.right_hand_side import (
 from eomcheck.numbers import tape as tapes
 from eomcheck.numbers.banded_solve import WIDTH, solve_banded
 from eomcheck.numbers.generic import Array, NotRationalError
-from eomcheck.numbers.linear import solve
+from eomcheck.numbers.linear import EPS, solve
 from eomcheck.numbers.tape import Tape
 from eomcheck.scenes import SCENES, Sleigh, Snake
 
@@ -462,16 +462,16 @@ def hostile_band(size: int) -> tuple[Array, Array]:
     return bands * units[:, None], b * units
 
 
-@pytest.mark.sampled(9)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("size", [*range(65, 73), 120])
-def test_a_band_has_the_same_bits_in_however_many_parts_its_rows_are_made_ready(size, monkeypatch):
+def test_a_band_of_any_length_in_memory_is_solved_to_the_rounding_of_each_row(size):
     bands, b = hostile_band(size)
-    found = []
-    for part in (2, 10**6):
-        monkeypatch.setattr(band, "PART", part)
-        found.append(MachineCode(lambda A, b: solve_banded(A, b, "A"), bands, b)(bands, b))
-    assert np.isfinite(found[0]).all()
-    assert found[0].tobytes() == found[1].tobytes()
+    x = MachineCode(lambda A, b: solve_banded(A, b, "A"), bands, b)(bands, b)
+    columns = np.arange(size)[:, None] + np.arange(-3, 4)
+    bands[(columns < 0) | (columns >= size)] = 0.0
+    terms = bands * x[np.clip(columns, 0, size - 1)]
+    rounding = 10 * EPS * (np.abs(terms).sum(axis=1) + np.abs(b))
+    assert (np.abs(b - terms.sum(axis=1)) <= rounding + 1e-322).all()  # or lost to underflow
 
 
 # ---- Lanes ---------------------------------------------------------------------------------------

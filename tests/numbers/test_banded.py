@@ -29,12 +29,11 @@ from eomcheck.kernels.batched_solves import solve_banded_in_lanes
 from eomcheck.motion.right_hand_side import RightHandSide
 from eomcheck.numbers import ball, degree, finite_field
 from eomcheck.numbers.banded_solve import (
+    DIAGONAL,
     HALF,
-    REACH,
     TERMS,
     WIDTH,
-    _BandFactors,
-    band_columns,
+    BandFactors,
     solve_banded,
     to_dense,
 )
@@ -378,8 +377,8 @@ def test_refinement_goes_on_until_the_backward_error_is_that_of_rounding():
 def test_refinement_ends_with_the_first_step_that_does_not_halve_the_backward_error(left, steps):
     size = 5
     bands = np.where(np.arange(7) == 3, 1.0, np.zeros((size, 7)))
-    factored = _BandFactors(bands, *band_columns(size))
-    factored.lu[2 * REACH] /= 1.0 - left  # a step leaves this share of the residual
+    factored = BandFactors(bands)
+    factored.lu[DIAGONAL] /= 1.0 - left  # a step leaves this share of the residual
     _, error, taken = factored.solve(np.ones(size))
     assert (taken, error > REFINED) == (steps, True)
 

@@ -19,8 +19,15 @@ from eomcheck.kernels.dense import address_of
 from eomcheck.kernels.jit import JitModule
 from eomcheck.kernels.llvm_builder import IRBuilder
 from eomcheck.kernels.perturbed_solves import NEGLIGIBLE
-from eomcheck.numbers import banded_solve, linear
-from eomcheck.numbers.banded_solve import BANDED_SOLVERS, REACH, TERMS, WIDTH
+from eomcheck.numbers import linear
+from eomcheck.numbers.banded_solve import (
+    BANDED_SOLVERS,
+    DIAGONAL,
+    HALF,
+    TERMS,
+    BandFactors,
+    scaled_factors,
+)
 from eomcheck.numbers.lanes import LaneArray, lane_data, lanes_in, perturbation_scale
 from eomcheck.numbers.linear import (
     ROUNDS,
@@ -28,21 +35,13 @@ from eomcheck.numbers.linear import (
     FactorMagnitudes,
     Rounding,
     SolveRecord,
-    column_scale,
     determinant,
     elimination_order,
     scale_rows,
     singular_below,
 )
 from eomcheck.numbers.noise import NORMAL, Noise
-from eomcheck.numbers.pivots import (
-    LEAST_STEPS,
-    MOST_STEPS,
-    REFINED,
-    SMALLEST_SHARE,
-    SMALLEST_SIZE,
-    STALLED,
-)
+from eomcheck.numbers.pivots import REFINED
 
 # ---- LAPACK in a loop ----------------------------------------------------------------------------
 
@@ -253,100 +252,32 @@ def _reciprocal_conditions(factors: LaneFactors, sizes: FactorMagnitudes) -> np.
 # ---- Bands ---------------------------------------------------------------------------------------
 
 
-class _BatchedBandFactors:
-    """A batch of banded matrices and their factors; see `eomcheck.numbers.banded_solve`."""
+class BatchedBandFactors(BandFactors):
+    """Factors of a batch of banded matrices, one per lane, with all arrays column by column."""
 
-    def __init__(self, bands: np.ndarray, columns: np.ndarray, inside: np.ndarray):
-        self.bands, self.columns, self.inside = bands, columns, inside
-        count, size, _ = bands.shape
-        self.order, rows, stored_columns = banded_solve.lapack_positions(size)
-        # Column by column, as in LAPACK.
-        stored = np.zeros((count, size, 3 * REACH + 1))
-        stored[:, stored_columns, rows] = bands[:, inside]
-        self.lu, self.pivots = stored, np.zeros((count, size), np.int32)
-        info, width = [np.zeros(1, np.int32)], 3 * REACH + 1
-        lapack_per_lane("dgbtrf", size, size, REACH, REACH, self.lu, width, self.pivots, info)
-        diagonal = self.lu[:, :, 2 * REACH]
-        self.invertible = np.isfinite(self.lu).all(axis=(1, 2)) & diagonal.all(axis=1)
+    def factor(self, stored: np.ndarray) -> None:
+        """Set the factors of matrices in LAPACK's storage (L, 10, m)."""
+        self.lu, info = np.ascontiguousarray(stored.swapaxes(-1, -2)), [np.zeros(1, np.int32)]
+        count, size, width = self.lu.shape
+        pivots = np.zeros((count, size), np.int32)
+        lapack_per_lane("dgbtrf", size, size, HALF, HALF, self.lu, width, pivots, info)
+        self.diagonal, self.pivots = self.lu[:, :, DIAGONAL], pivots - 1
 
-    def solve(self, b: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return x (L, m), its backward errors (L,), and the numbers of refinement steps (L,)."""
-        x = self.eliminated(b)
-        steps, error, before = (np.full(len(b), y) for y in (0.0, 0.0, np.inf))
-        error = self._backward_error(x, b)
-        while True:
-            go = (steps < LEAST_STEPS) | (
-                (steps < MOST_STEPS) & (error > REFINED) & (error < STALLED * before)
-            )
-            if not go.any():
-                break
-            refined = x + self.eliminated(b - self.times(x))
-            x = np.where(go[:, None], refined, x)
-            steps += go
-            now = self._backward_error(x, b)
-            before, error = np.where(go, error, before), np.where(go, now, error)
-        x[~self.invertible], error[~self.invertible] = np.nan, np.nan
-        return x, error, steps
-
-    def _backward_error(self, x: np.ndarray, b: np.ndarray) -> np.ndarray:
-        return (np.abs(b - self.times(x)) / self.sizes(x, b)).max(axis=1)
-
-    def sizes(self, x: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Return |A||x| + |b| (L, m), no entry below the rounding error of the other rows."""
-        sizes = self.size(np.abs(x)) + np.abs(b)
-        least = np.maximum(SMALLEST_SIZE, SMALLEST_SHARE * sizes.max(axis=1, keepdims=True))
-        return np.maximum(sizes, least)
-
-    def moved(self, x: np.ndarray, b: np.ndarray, noise: Noise) -> np.ndarray:
-        """Return the solutions x (L, m) with the effect of a random backward error added."""
-        residual = b - self.times(x) + noise.changes(b.shape[1:]) * self.sizes(x, b)
-        return x + self.eliminated(residual)
-
-    def eliminated(self, b: np.ndarray) -> np.ndarray:
+    def substitute(self, b: np.ndarray) -> np.ndarray:
         """Return the unrefined solutions for b (L, m) or (L, m, k)."""
-        many, width = 1 if b.ndim == 2 else b.shape[2], 3 * REACH + 1
-        ordered = b[:, self.order] if b.ndim == 2 else b[:, self.order].swapaxes(-1, -2)
-        ordered, info = np.ascontiguousarray(ordered), [np.zeros(1, np.int32)]
-        size = self.order.size
-        read = "N", size, REACH, REACH, many, self.lu, width, self.pivots, ordered, size, info
-        lapack_per_lane("dgbtrs", *read)
-        x = np.empty(b.shape)
-        x[:, self.order] = ordered if b.ndim == 2 else ordered.swapaxes(-1, -2)
-        return x
-
-    def times(self, x: np.ndarray) -> np.ndarray:
-        """Return A x."""
-        return (self.bands * x[:, self.columns]).sum(axis=2)
-
-    def size(self, x: np.ndarray) -> np.ndarray:
-        """Return |A| x."""
-        return (np.abs(self.bands) * x[:, self.columns]).sum(axis=2)
-
-    def reciprocal_conditions(self) -> np.ndarray:
-        """Return 1 / ρ(|A⁻¹||A|) (L,) by LAPACK's condition estimator; 0 where A is singular."""
-        count, size, _ = self.bands.shape
-        weights, rcond, open_ = np.ones((count, size)), np.zeros(count), self.invertible.copy()
-        signs = banded_solve.random_signs(size)
-        for _ in range(ROUNDS):
-            open_ &= np.isfinite(weights).all(axis=1)
-            if not open_.any():
-                break
-            rows = self.size(weights)
-            scaled = self.bands * weights[:, self.columns] / rows[..., None]
-            other, before = _BatchedBandFactors(scaled, self.columns, self.inside), rcond
-            rcond = np.where(open_, np.fmax(rcond, other.condition()), rcond)
-            open_ &= ~(rcond < before / 0.9)
-            weights = np.abs(self.eliminated(rows[..., None] * signs)).max(axis=2)
-            weights = np.maximum(weights / weights.max(axis=1, keepdims=True), NORMAL)
-        return np.minimum(rcond, 1.0)
+        columns = np.array(b if b.ndim == 2 else b.swapaxes(-1, -2), order="C")
+        many, size, info = b[0].size // b.shape[1], b.shape[1], [np.zeros(1, np.int32)]
+        inputs = "N", size, HALF, HALF, many, self.lu, self.lu.shape[2], self.pivots + 1
+        lapack_per_lane("dgbtrs", *inputs, columns, size, info)
+        return columns if b.ndim == 2 else columns.swapaxes(-1, -2)
 
     def condition(self) -> np.ndarray:
         """Return LAPACK's estimates (L,) of reciprocal condition numbers of matrices of norm 1."""
         count, size = self.pivots.shape
         rcond, info = np.zeros((count, 1)), [np.zeros(1, np.int32)]
-        work, whole, width = [np.zeros(3 * size)], [np.zeros(size, np.int32)], 3 * REACH + 1
-        read = "I", size, REACH, REACH, self.lu, width, self.pivots, 1.0, rcond, work, whole, info
-        lapack_per_lane("dgbcon", *read)
+        work, whole = [np.zeros(3 * size)], [np.zeros(size, np.int32)]
+        inputs = "I", size, HALF, HALF, self.lu, self.lu.shape[2], self.pivots + 1, 1.0, rcond
+        lapack_per_lane("dgbcon", *inputs, work, whole, info)
         return rcond[:, 0]
 
 
@@ -355,26 +286,19 @@ def solve_banded_in_lanes(bands: Any, b: Any, name: str) -> LaneArray:
     count = lanes_in(bands) or lanes_in(b)
     bands, b = (_lanes_first(lane_data(x, count)) for x in (bands, b))
     size, noise = b.shape[1], linear.active_noise()
-    columns, inside = banded_solve.band_columns(size)
     with np.errstate(all="ignore"):
         if noise is not None:
             bands, b = _perturbed(bands, noise), _perturbed(b, noise)
-        row_scale = column_scale(bands.swapaxes(-1, -2))
-        bands = np.where(inside, bands * row_scale[..., None], 0.0)
-        by_column = np.zeros((count, WIDTH, size))
-        rows = np.broadcast_to(np.arange(WIDTH)[::-1], inside.shape)
-        by_column[:, rows[inside], columns[inside]] = bands[:, inside]
-        scale = column_scale(by_column)
-        A = _BatchedBandFactors(bands * scale[:, columns], columns, inside)
-        det = determinant(A.lu[:, :, 2 * REACH], A.pivots - 1, scale, row_scale)
+        A, row_scale, scale = scaled_factors(bands, BatchedBandFactors)
+        det = determinant(A.diagonal, A.pivots, scale, row_scale)
         x, error, steps = A.solve(b * row_scale)
         if noise is None:
-            rcond = A.reciprocal_conditions() if _conditions_wanted() else np.ones(count)
+            rcond = A.reciprocal_condition() if _conditions_wanted() else np.ones(count)
             refused = ~(rcond > singular_below(TERMS)) | ((error > REFINED) & (error < np.inf))
             _record(SolveRecord(name, size, rcond, *det, steps), refused)
             x[refused] = np.nan
             return LaneArray(_lanes_last(x * scale))
-        perturbed = A.moved(x, b * row_scale, noise) * scale
+        perturbed = A.perturbed(x, b * row_scale, noise) * scale
         perturbed[~(error <= REFINED)] = np.nan
         _record(SolveRecord(name, size, np.nan, *det, steps), np.zeros(count, bool))
         return LaneArray(_lanes_last(_perturbed(perturbed, noise)), noise)

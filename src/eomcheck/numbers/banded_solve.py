@@ -4,9 +4,8 @@ Matrices for two unknowns of each body and two of each joint, ordered along a ch
 Row i of the matrix is `bands[i]`: entry (i, j) is `bands[i, 3 + j - i]`, a zero if there is no
 column j. The cost is O(m).
 
-float64 matrices are eliminated from both ends at once with partial pivoting, which may fill 3 more
-entries of a row, and the solution is refined in the same precision, see `eomcheck.numbers.pivots`.
-In the order in which columns are eliminated the matrix is a band of twice the width. Without
+float64 matrices are eliminated by LAPACK with partial pivoting, which may fill 3 more entries of a
+row, and the solution is refined in the same precision, see `eomcheck.numbers.pivots`. Without
 refinement a residual that is small for one row can be large for another if rows are of very
 different size, as with masses over many decades; with it the residual of every row is small, or the
 matrix is refused. One step is nearly always enough (Skeel 1980; Higham 2002, Thm. 12.4).
@@ -42,7 +41,6 @@ from eomcheck.numbers.pivots import (
     SMALLEST_SHARE,
     SMALLEST_SIZE,
     STALLED,
-    from_both_ends,
 )
 
 _gbtrf, _gbcon, _gbtrs = get_lapack_funcs(("gbtrf", "gbcon", "gbtrs"), dtype=np.float64)
@@ -52,13 +50,11 @@ HALF = 3
 
 WIDTH = 2 * HALF + 1
 
-REACH = 2 * HALF
-"""Entries on each side of the diagonal in the order of elimination."""
+DIAGONAL = 2 * HALF
+"""Row of the diagonal in LAPACK's storage of factors, below the rows for fill-in."""
 
-TERMS = 3 * HALF
-"""Largest number of terms in a sum of elimination. On the way to the middle these are products with
-6 earlier pivot rows. The last of 7 columns in the middle meets 3 pivot rows of an end and 6 of the
-middle."""
+TERMS = WIDTH
+"""Largest number of terms in a sum of elimination: an entry, and products with 6 pivot rows."""
 
 BANDED_SOLVERS: dict[type, Callable] = {}
 """Scalar type -> function (bands, b, name) -> x. For other types in `SOLVERS` the full matrix is
@@ -107,19 +103,15 @@ def _lapack_solve(bands, b, name):
         each = for_each_noise(noise, lambda i, _: _lapack_solve(bands[i], b[i], name))
         return noise.as_perturbed(np.stack(each))
     size = len(bands)
-    columns, inside = band_columns(size)
     with np.errstate(all="ignore"):
         if noise is not None:
             bands, b = noise.perturb(bands), noise.perturb(b)
-        # As in `solve`: first rows, then columns, by powers of two.
-        row_scale = column_scale(bands.T)
-        bands = np.where(inside, bands * row_scale[:, None], 0.0)
-        scale = column_scale(_by_column(bands, columns, inside))
-        A = _BandFactors(bands * scale[columns], columns, inside)
-        sign, log = determinant(A.lu[2 * REACH], A.pivots, scale, row_scale)
-        rcond = A.reciprocal_condition() if noise is None else np.nan
+        A, row_scale, scale = scaled_factors(bands, BandFactors)
+        sign, log = determinant(A.diagonal, A.pivots, scale, row_scale)
+        rcond = float(A.reciprocal_condition()) if noise is None else np.nan
         x, error, steps = A.solve(b * row_scale)
-        record(SolveRecord(name, size, rcond, float(sign), float(log), steps), A.bands, terms=TERMS)
+        solve_record = SolveRecord(name, size, rcond, float(sign), float(log), int(steps))
+        record(solve_record, A.bands, terms=TERMS)
         if noise is None:
             # An error that is not finite is an overflow, and is reported as an overflow.
             if REFINED < error < np.inf:
@@ -136,7 +128,7 @@ def _lapack_solve(bands, b, name):
             return x * scale
         if not error <= REFINED:
             return np.full(size, np.nan)
-        x = A.moved(x, b * row_scale, noise) * scale
+        x = A.perturbed(x, b * row_scale, noise) * scale
     return noise.as_perturbed(noise.perturb(x))
 
 
@@ -158,115 +150,140 @@ def random_signs(size):
     return np.random.default_rng(0).choice((-1.0, 1.0), (size, PROBES))
 
 
-@lru_cache(64)
-def lapack_positions(size):
-    """Return the order of elimination, and LAPACK's row and column of each entry of the matrix.
+def scaled_factors(bands, factors_class):
+    """Return the factors of a scaled matrix, and the scales of its rows and columns.
 
-    Entry (i, j) is stored at row 6 + i - j of column j, below the rows for fill-in.
+    As in `eomcheck.numbers.linear.solve`: first rows, then columns, by powers of two.
     """
-    columns, inside = band_columns(size)
-    order = from_both_ends(size)
-    rank = np.argsort(order)
-    i, j = (np.broadcast_to(x, columns.shape)[inside] for x in (rank[:, None], rank[columns]))
-    return order, 2 * REACH + i - j, j
+    columns, inside = band_columns(bands.shape[-2])
+    row_scale = column_scale(bands.swapaxes(-1, -2))
+    bands = np.where(inside, bands * row_scale[..., None], 0.0)
+    scale = column_scale(by_column(bands))
+    return factors_class(bands * scale[..., columns]), row_scale, scale
 
 
-class _BandFactors:
-    """A banded matrix and its factors.
+def by_column(bands):
+    """Return bands (..., m, 7) in LAPACK's storage (..., 7, m), zeros outside of the matrix.
+
+    Entry (i, j) is stored at row 3 + i - j of column j.
+    """
+    columns, inside = band_columns(bands.shape[-2])
+    out = np.zeros((*bands.shape[:-2], WIDTH, len(columns)))
+    rows = np.broadcast_to(np.arange(WIDTH)[::-1], inside.shape)
+    out[..., rows[inside], columns[inside]] = bands[..., inside]
+    return out
+
+
+class BandFactors:
+    """Factors of a banded matrix, by LAPACK.
+
+    All but the three calls of LAPACK is written for a matrix or, in a subclass, a batch of them on
+    the leading axis: "..." in shapes.
 
     Args:
-        bands: its rows (m, 7), zero outside of the matrix.
-        columns: the column (m, 7) of each entry of `bands`.
-        inside: whether an entry of `bands` belongs to the matrix (m, 7).
+        bands: its rows (..., m, 7), zero outside of the matrix.
+
+    Attributes:
+        lu: LAPACK's factors.
+        diagonal: the diagonal of U (..., m).
+        pivots: the row (..., m) that each row was exchanged with.
     """
 
-    def __init__(self, bands, columns, inside):
-        self.bands, self.columns, self.inside = bands, columns, inside
-        size = len(bands)
-        self.order, rows, stored_columns = lapack_positions(size)
-        A = np.zeros((3 * REACH + 1, size))
-        A[rows, stored_columns] = bands[inside]
-        self.lu, self.pivots, _ = _gbtrf(A, REACH, REACH)
-        self.invertible = bool(np.isfinite(self.lu).all() and self.lu[2 * REACH].all())
+    lu: np.ndarray
+    diagonal: np.ndarray
+    pivots: np.ndarray
+
+    def __init__(self, bands):
+        self.bands, (self.columns, _) = bands, band_columns(bands.shape[-2])
+        filled = np.zeros((*bands.shape[:-2], HALF, bands.shape[-2]))
+        self.factor(np.concatenate((filled, by_column(bands)), axis=-2))
+        finite = np.isfinite(self.lu).all(axis=(-2, -1))
+        self.invertible = np.asarray(finite & self.diagonal.all(axis=-1))
+
+    def factor(self, stored):
+        """Set the factors of a matrix in LAPACK's storage (..., 10, m)."""
+        self.lu, self.pivots, _ = _gbtrf(stored, HALF, HALF)
+        self.diagonal = self.lu[DIAGONAL]
+
+    def substitute(self, b):
+        """Return the unrefined solutions for b (..., m) or (..., m, k)."""
+        return _gbtrs(self.lu, HALF, HALF, b, self.pivots)[0]
+
+    def condition(self):
+        """Return LAPACK's estimate (...,) of the reciprocal condition number if the norm is 1."""
+        return _gbcon(HALF, HALF, self.lu, self.pivots, 1.0, norm="I")[0]
 
     def solve(self, b):
-        """Return x (m,), its backward error, and the number of refinement steps.
+        """Return x (..., m), its backward errors (...,), and numbers of refinement steps (...,).
 
         Refinement has converged if the error is at most `REFINED`; NaN stands for an overflow, or
         for a singular matrix.
         """
-        if not self.invertible:
-            return np.full(b.shape, np.nan), np.nan, 0
-        x, steps = self._eliminated(b), 0
-        error, before = self._backward_error(x, b), np.inf
-        while steps < LEAST_STEPS or (steps < MOST_STEPS and REFINED < error < STALLED * before):
-            x, steps = x + self._eliminated(b - self.times(x)), steps + 1
-            error, before = self._backward_error(x, b), error
-        return x, error, steps
+        x, steps = self.substitute(b), np.zeros(self.invertible.shape, int)
+        error, before = self._backward_error(x, b), np.full(self.invertible.shape, np.inf)
+        while True:
+            unrefined = (error > REFINED) & (error < STALLED * before)
+            more = (steps < LEAST_STEPS) | ((steps < MOST_STEPS) & unrefined)
+            more = more & self.invertible
+            if not more.any():
+                break
+            refined = x + self.substitute(b - self.times(x))
+            x, steps = np.where(more[..., None], refined, x), steps + more
+            before = np.where(more, error, before)
+            error = np.where(more, self._backward_error(x, b), error)
+        solved = self.invertible
+        return np.where(solved[..., None], x, np.nan), np.where(solved, error, np.nan), steps
 
     def _backward_error(self, x, b):
         """Return the largest |b - A x|_i / (|A||x| + |b|)_i."""
-        return float((np.abs(b - self.times(x)) / self._sizes(x, b)).max())
+        return (np.abs(b - self.times(x)) / self._sizes(x, b)).max(axis=-1)
 
     def _sizes(self, x, b):
-        """Return |A||x| + |b| (m,), no entry below the rounding error of the other rows."""
+        """Return |A||x| + |b| (..., m), no entry below the rounding error of the other rows."""
         sizes = self.size(np.abs(x)) + np.abs(b)
-        return np.maximum(sizes, max(SMALLEST_SIZE, SMALLEST_SHARE * sizes.max()))
+        least = np.maximum(SMALLEST_SIZE, SMALLEST_SHARE * sizes.max(axis=-1, keepdims=True))
+        return np.maximum(sizes, least)
 
-    def moved(self, x, b, noise):
-        """Return the solution x (m,) with the effect of a random backward error added.
+    def perturbed(self, x, b, noise):
+        """Return solutions x (..., m) with the effect of a random backward error added.
 
         A refined x has no larger backward error than that of its residual, whatever the factors.
         """
-        residual = b - self.times(x) + noise.changes(b.shape) * self._sizes(x, b)
-        return x + self._eliminated(residual)
-
-    def _eliminated(self, b):
-        x = np.empty_like(b)
-        x[self.order] = _gbtrs(self.lu, REACH, REACH, b[self.order], self.pivots)[0]
-        return x
+        residual = b - self.times(x) + noise.changes(b.shape[-1:]) * self._sizes(x, b)
+        return x + self.substitute(residual)
 
     def times(self, x):
         """Return A x."""
-        return (self.bands * x[self.columns]).sum(axis=1)
+        return (self.bands * x[..., self.columns]).sum(axis=-1)
 
     def size(self, x):
         """Return |A| x."""
-        return (np.abs(self.bands) * x[self.columns]).sum(axis=1)
+        return (np.abs(self.bands) * x[..., self.columns]).sum(axis=-1)
 
     def reciprocal_condition(self):
-        """Return 1 / ρ(|A⁻¹||A|) by LAPACK's condition estimator; 0 where A is singular.
+        """Return 1 / ρ(|A⁻¹||A|) (...,) by LAPACK's condition estimator; 0 where A is singular.
 
         As `eomcheck.numbers.linear.reciprocal_condition`, with |A| for |L||U|: refinement leaves
         no larger backward error (Skeel 1980). With units w of the unknowns, and rows in units of
         |A| w, the matrix has the norm 1, and its inverse the largest row sum of |A⁻¹||A| w / w. The
         best w are iterated as there, with |A⁻¹| estimated by random signs: the cost is O(m).
         """
-        weights, rcond = np.ones(len(self.bands)), 0.0
-        signs = random_signs(len(weights))
+        weights, rcond = np.ones(self.bands.shape[:-1]), np.zeros(self.invertible.shape)
+        signs, unsettled = random_signs(weights.shape[-1]), self.invertible
         for _ in range(ROUNDS):
-            if not (self.invertible and np.isfinite(weights).all()):
+            unsettled = unsettled & np.isfinite(weights).all(axis=-1)
+            if not unsettled.any():
                 break
-            rows = self.size(weights)
-            scaled = self.bands * weights[self.columns] / rows[:, None]
-            other = _BandFactors(scaled, self.columns, self.inside)
-            before = rcond
-            rcond = max(
-                rcond, float(_gbcon(REACH, REACH, other.lu, other.pivots, 1.0, norm="I")[0])
-            )
-            if rcond < before / 0.9:
+            rows, before = self.size(weights), rcond
+            scaled = self.bands * weights[..., self.columns] / rows[..., None]
+            condition = type(self)(scaled).condition()
+            rcond = np.where(unsettled, np.fmax(rcond, condition), rcond)
+            unsettled = unsettled & ~(rcond < before / 0.9)
+            if not unsettled.any():
                 break
-            weights = np.abs(self._eliminated(rows[:, None] * signs)).max(axis=1)
-            weights = np.maximum(weights / weights.max(), NORMAL)
-        return min(rcond, 1.0)
-
-
-def _by_column(bands, columns, inside):
-    """Return bands in LAPACK's storage (7, m): entry (i, j) at row 3 + i - j of column j."""
-    out = np.zeros((WIDTH, len(bands)))
-    rows = np.broadcast_to(np.arange(WIDTH)[::-1], bands.shape)
-    out[rows[inside], columns[inside]] = bands[inside]
-    return out
+            weights = np.abs(self.substitute(rows[..., None] * signs)).max(axis=-1)
+            weights = np.maximum(weights / weights.max(axis=-1, keepdims=True), NORMAL)
+        return np.minimum(rcond, 1.0)
 
 
 # ---- Exact numbers and ball arithmetic -----------------------------------------------------------

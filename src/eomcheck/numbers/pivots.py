@@ -5,10 +5,8 @@ machine code (`eomcheck.kernels`).
 
 - Rows are scaled by powers of two, which round nothing, so that the largest entry of each is near
   1. The scale of rows decides which pivots are taken.
-- The pivot of a column is its largest remaining entry, the first of several equal ones. In machine
-  code of a band it may be another entry, smaller by a share of less than 2^-18; factors of
-  elimination are then larger than 1 by as little.
-- A band is eliminated from both ends at once, independently of each other, to the middle.
+- The pivot of a column is its largest remaining entry, the first of several equal ones; in machine
+  code of a band, of entries that agree to 2^-50, any.
 - A band solve is refined in the same precision until its backward error β, the largest of
   |b - A x|_i / (|A||x| + |b|)_i, is at most `REFINED`, but at least `LEAST_STEPS` times. A step
   that does not bring it below `STALLED` times its value before is the last one, and the matrix is
@@ -48,12 +46,6 @@ SMALLEST_SIZE = 2.0**-960
 
 SMALLEST_SHARE = EPS
 """Lower limit of |A||x| + |b| as a share of its largest entry; rows are scaled."""
-
-
-def from_both_ends(size: int) -> np.ndarray:
-    """Return the columns (size,) of a band in the order of elimination: 0, -1, 1, -2, ..."""
-    columns = np.arange(size)
-    return np.where(columns % 2 == 0, columns // 2, size - 1 - columns // 2)
 
 
 _LEAST = 1100
