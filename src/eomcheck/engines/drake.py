@@ -5,7 +5,6 @@ In a model read from a URDF, the base is welded to the world or free.
 
 from __future__ import annotations
 
-from importlib import metadata
 from typing import Any
 
 import numpy as np
@@ -13,21 +12,15 @@ import numpy as np
 from eomcheck.engines.engine import EngineAcceleration
 from eomcheck.engines.file_engine import FileEngine, RobotDescription
 from eomcheck.engines.floating_base import BaseVelocity, FreeBase
-from eomcheck.engines.tree_engine import TreeEngine, TreeLink
+from eomcheck.engines.tree_engine import SolvingTreeEngine, TreeLink
 from eomcheck.errors import EngineError, required
 from eomcheck.numbers.generic import Array
 
 
-class DrakeEngine(TreeEngine):
+class DrakeEngine(SolvingTreeEngine):
     """Tree of rigid bodies as a Drake plant."""
 
     module, extra = "pydrake.multibody.plant", "drake"
-
-    @classmethod
-    def version(cls) -> str:
-        """Return name and version of the library."""
-        cls._library()
-        return f"drake {metadata.version('drake')}"
 
     def _build(self, library: Any, links: list[TreeLink]) -> None:
         parts, math = required("pydrake.multibody.tree"), required("pydrake.math")
@@ -70,21 +63,13 @@ class DrakeEngine(TreeEngine):
         port = self.plant.get_generalized_acceleration_output_port()
         return np.array(port.Eval(self.context))[self._place]
 
-    def acceleration(
-        self,
-        q: Array,
-        v: Array,
-        Q: Array,
-        a: Array | None,
-        gamma: Array | None,
-        t: float = 0.0,
+    def solved(
+        self, q: Array, v: Array, Q: Array, a: Array | None, gamma: Array | None
     ) -> EngineAcceleration:
         """Return v̇ and λ by forward dynamics: under Q, and at rest under each row of a.
 
         Accelerations are linear in forces; λ solves a v̇ + gamma = 0 of the scene's a and gamma.
         """
-        if self.follow:
-            return self.eliminated(q, v, Q, a, gamma, t)
         self._move_to(q, v)
         free = self._under(Q)
         if a is None or gamma is None:
@@ -127,12 +112,8 @@ class DrakeFile(FileEngine, DrakeEngine):
         joints = [plant.get_joint(i) for i in plant.GetJointIndices(robot)]
         moving = sorted((x for x in joints if x.num_velocities()), key=lambda x: x.velocity_start())
         # Drake adds a joint of its own for a free base.
-        self._names = [x.name() for x in moving if x.num_velocities() == 1]
+        self._joints = [x.name() for x in moving if x.num_velocities() == 1]
         self._damping = np.concatenate([x.default_damping_vector() for x in moving])
-
-    def joints(self) -> list[str]:
-        """Return the names of its joints."""
-        return self._names
 
     def _move_to(self, x: Array, rate: Array) -> None:
         self.plant.SetPositionsAndVelocities(self.context, np.concatenate([x, rate]))

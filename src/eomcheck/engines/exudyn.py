@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from eomcheck.engines.engine import EngineAcceleration
-from eomcheck.engines.tree_engine import TreeEngine, TreeLink
+from eomcheck.engines.tree_engine import SolvingTreeEngine, TreeLink
 from eomcheck.errors import required
 from eomcheck.numbers.generic import Array
 
 
-class ExudynEngine(TreeEngine):
+class ExudynEngine(SolvingTreeEngine):
     """Tree of rigid bodies as an Exudyn kinematic tree."""
 
     module = extra = "exudyn"
@@ -91,27 +91,19 @@ class ExudynEngine(TreeEngine):
         self._static.ComputeODE2RHS(self.system)
         return -np.array(self._static.GetSystemResidual())[: self._n]
 
-    def acceleration(
-        self,
-        q: Array,
-        v: Array,
-        Q: Array,
-        a: Array | None,
-        gamma: Array | None,
-        t: float = 0.0,
+    def solved(
+        self, q: Array, v: Array, Q: Array, a: Array | None, gamma: Array | None
     ) -> EngineAcceleration:
         """Return the initial v̇ and λ of the implicit solver, from the scene's Q, a and gamma.
 
         Its initial accelerations satisfy a v̇ = 0 whatever gamma is. So v̇ is its result plus some
         z with a z = -gamma, whose inertia forces M z are subtracted from Q.
         """
-        if self.follow:
-            return self.eliminated(q, v, Q, a, gamma, t)
         z = np.zeros(self._n)
         if a is not None and gamma is not None:
             z = np.linalg.lstsq(a, -gamma, rcond=None)[0]
             self.system.SetObjectParameter(self._constraints, "scalingMarker1", a)
-            Q = Q - self.mass_matrix(q, t) @ z
+            Q = Q - self.mass_matrix(q) @ z
         self.system.SetObjectParameter(self._tree, "jointForceVector", Q)
         self._move_to(q, v, "Initial")
         solver, where = self._exu.MainSolverImplicitSecondOrder(), self._exu.ConfigurationType

@@ -153,9 +153,6 @@ def few(names: Iterable[str]) -> str:
 
 # ---- Engines -------------------------------------------------------------------------------------
 
-FILE = "_file"
-"""Suffix of the key of an engine that reads files."""
-
 
 class FileEngine(TreeEngine):
     """Engine of a robot description as the library itself reads the file.
@@ -165,6 +162,9 @@ class FileEngine(TreeEngine):
     coordinates of a free base come first; `pose` returns them.
 
     Attributes:
+        file: the file of the robot.
+        description: the robot in it.
+        base: number of coordinates of a free base, 6 or 0.
         library_output: lines that the library wrote while it read the file.
     """
 
@@ -176,12 +176,15 @@ class FileEngine(TreeEngine):
     undamped: ClassVar[bool] = False
     """Whether its accelerations leave out the dampers of the file."""
 
+    _joints: list[str]
+
     def __init__(self, scene: Scene):
         self.scene = scene
-        file = file_of(scene)
-        if file is None or not self.represents(scene):
+        if not (isinstance(scene, Mechanism) and self.represents(scene)):
             raise EngineError(f"{self.key} cannot represent {scene.name} by its file")
-        self.description, self.base = read_description(file), FREE if is_free(scene) else 0
+        self.file = Path(scene.source.file)
+        self.description = self._described()
+        self.base = FREE if is_free(scene) else 0
         self._gravity = np.zeros(3)
         if (gravity := getattr(scene, "gravity", None)) is not None:
             self._gravity[: len(gravity)] = gravity  # a plane scene has two components
@@ -216,11 +219,6 @@ class FileEngine(TreeEngine):
         return S, shift
 
     @classmethod
-    def version(cls) -> str:
-        """Return name and version of the library."""
-        return super().version().replace(FILE, "")
-
-    @classmethod
     def represents(cls, scene: Scene) -> bool:
         """Return whether the scene is a robot with the parameters of its file."""
         return file_of(scene) is not None
@@ -236,13 +234,20 @@ class FileEngine(TreeEngine):
         dropped = [line for line in self.library_output if "inertia" in line.lower()]
         return f"while it read the file it wrote {dropped[0]!r}" if dropped else ""
 
-    @abstractmethod
-    def _read(self, library: Any, description: RobotDescription) -> None:
-        """Build the library's model by its own parser, the base fixed unless `base` is not 0."""
+    def _described(self) -> RobotDescription:
+        """Return the description of the robot in its file."""
+        return read_description(self.file)
 
     @abstractmethod
+    def _read(self, library: Any, description: RobotDescription) -> None:
+        """Build the library's model by its own parser, the base fixed unless `base` is not 0.
+
+        It sets `_joints`, see `joints`.
+        """
+
     def joints(self) -> list[str]:
         """Return the names of its joints, one for each entry of its velocity after the base's."""
+        return self._joints
 
     def velocity_map(self, q: Array, v: Array) -> VelocityMap:
         """Return (S q + shift, S, 0); a free base comes first, with its `pose`, own S and Ṡ v."""
@@ -275,9 +280,12 @@ class FileEngine(TreeEngine):
         gamma: Array | None,
         t: float = 0.0,
     ) -> EngineAcceleration:
-        """Return ẍ (m,) under the library's own forces."""
-        if self.follow:  # joints that most libraries leave to a constraint solver
-            return self.eliminated(q, v, self.forces(q, v, t), None, None, t)
+        """Return ẍ (m,) under the library's own forces; λ by the scene's a and gamma, if any.
+
+        Most libraries leave joints that follow others, and constraints, to soft solvers.
+        """
+        if self.follow or a is not None:
+            return self.eliminated(q, v, self.forces(q, v, t), a, gamma, t)
         return EngineAcceleration(self.free_acceleration(q, v))
 
     def free_acceleration(self, q: Array, v: Array) -> Array:

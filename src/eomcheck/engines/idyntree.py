@@ -6,7 +6,6 @@ In a model read from a URDF, the base is fixed or free; iDynTree has no damping.
 from __future__ import annotations
 
 import warnings
-from importlib import metadata
 from typing import Any
 
 import numpy as np
@@ -32,12 +31,6 @@ class IdyntreeEngine(TreeEngine):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             return super()._library()
-
-    @classmethod
-    def version(cls) -> str:
-        """Return name and version of the library."""
-        cls._library()
-        return f"idyntree {metadata.version('idyntree')}"
 
     def _build(self, library: Any, links: list[TreeLink]) -> None:
         self._idt = idt = library
@@ -69,18 +62,24 @@ class IdyntreeEngine(TreeEngine):
         self.dynamics.setRobotState(*state, np.zeros(3))
 
     def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
-        """Return M (n, n), the joints' part of the mass matrix of a floating base."""
+        """Return M (n, n), without the part of a base that is held."""
         self._move_to(q, np.zeros(self._n))
-        matrix = self._idt.MatrixDynSize(BASE + self._n, BASE + self._n)
+        held = BASE - self.base
+        matrix = self._idt.MatrixDynSize(held + self._n, held + self._n)
         self.dynamics.getFreeFloatingMassMatrix(matrix)
-        return matrix.toNumPy()[BASE:, BASE:][np.ix_(self._place, self._place)]
+        return matrix.toNumPy()[held:, held:][np.ix_(self._place, self._place)]
+
+    def _forces_by(self, method: Any) -> Array:
+        """Return the generalized forces (n,) of a method of the library, of a free base first."""
+        forces = self._idt.FreeFloatingGeneralizedTorques(self.dynamics.model())
+        method(forces)
+        wrench, torques = forces.baseWrench().toNumPy(), forces.jointTorques().toNumPy()
+        return np.concatenate([wrench[: self.base], torques])[self._place]
 
     def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
-        """Return B (n,), the joints' part of the bias of a floating base at rest."""
+        """Return B (n,), without the part of a base that is held."""
         self._move_to(q, v)
-        forces = self._idt.FreeFloatingGeneralizedTorques(self.dynamics.model())
-        self.dynamics.generalizedBiasForces(forces)
-        return forces.jointTorques().toNumPy()[self._place]
+        return self._forces_by(self.dynamics.generalizedBiasForces)
 
 
 def _inertia(idt: Any, link: TreeLink) -> Any:
@@ -124,11 +123,7 @@ class IdyntreeFile(FileEngine, IdyntreeEngine):
             joint = model.getJoint(i)
             if joint.getNrOfDOFs():
                 moving[joint.getDOFsOffset()] = model.getJointName(i)
-        self._names = [moving[i] for i in sorted(moving)]
-
-    def joints(self) -> list[str]:
-        """Return the names of its joints."""
-        return self._names
+        self._joints = [moving[i] for i in sorted(moving)]
 
     def pose(self, base: FreeBase) -> Array:
         """Return the position and the rotation matrix."""
@@ -153,27 +148,7 @@ class IdyntreeFile(FileEngine, IdyntreeEngine):
             self.dynamics.getCenterOfMassPosition()
             self.dynamics.setRobotState(*state)
 
-    def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
-        """Return M (m, m), of a free base and the joints, or the joints' part of it."""
-        self._move_to(q, np.zeros(self._n))
-        size = self._n + BASE - self.base
-        matrix = self._idt.MatrixDynSize(size, size)
-        self.dynamics.getFreeFloatingMassMatrix(matrix)
-        return matrix.toNumPy()[BASE - self.base :, BASE - self.base :]
-
-    def _told(self, ask: Any) -> Array:
-        """Return the generalized forces (m,) that the function `ask` of the library computes."""
-        forces = self._idt.FreeFloatingGeneralizedTorques(self.dynamics.model())
-        ask(forces)
-        of_joints = forces.jointTorques().toNumPy()
-        return np.concatenate([forces.baseWrench().toNumPy()[: self.base], of_joints])
-
-    def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
-        """Return B (m,)."""
-        self._move_to(q, v)
-        return self._told(self.dynamics.generalizedBiasForces)
-
     def forces(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return Q (m,) of gravity."""
         self._under(q, np.zeros(self._n), self._gravity)
-        return -self._told(self.dynamics.generalizedGravityForces)
+        return -self._forces_by(self.dynamics.generalizedGravityForces)

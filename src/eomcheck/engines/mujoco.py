@@ -11,7 +11,6 @@ as MuJoCo's own model, without the elements that `from_mjcf` leaves out.
 from __future__ import annotations
 
 import warnings
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,12 @@ from eomcheck.descriptions.mjcf_reader import BALL_JOINT, FREE_JOINT, GROUND, re
 from eomcheck.engines.engine import EngineAcceleration, VelocityMap
 from eomcheck.engines.file_engine import FileEngine, RobotDescription
 from eomcheck.engines.floating_base import FREE, BaseVelocity, free_base
-from eomcheck.engines.tree_engine import BodyWithJoints, TreeEngine, TreeLink, bodies_with_mass
+from eomcheck.engines.tree_engine import (
+    BodyWithJoints,
+    SolvingTreeEngine,
+    TreeLink,
+    bodies_with_mass,
+)
 from eomcheck.errors import EngineError
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
@@ -30,7 +34,7 @@ STIFFEST = 0.9999
 """Largest impedance that MuJoCo accepts: 1e-4 of the unconstrained response remains."""
 
 
-class MujocoEngine(TreeEngine):
+class MujocoEngine(SolvingTreeEngine):
     """Tree of rigid bodies as a MuJoCo model."""
 
     module = extra = "mujoco"
@@ -117,18 +121,10 @@ class MujocoEngine(TreeEngine):
         self._forward(q, v)
         return self.data.qfrc_bias[self._place]
 
-    def acceleration(
-        self,
-        q: Array,
-        v: Array,
-        Q: Array,
-        a: Array | None,
-        gamma: Array | None,
-        t: float = 0.0,
+    def solved(
+        self, q: Array, v: Array, Q: Array, a: Array | None, gamma: Array | None
     ) -> EngineAcceleration:
         """Return v̇ and λ by MuJoCo's own solver, from the scene's Q, a and gamma."""
-        if self.follow:
-            return self.eliminated(q, v, Q, a, gamma, t)
         if a is not None and gamma is not None:
             self.model.wrap_prm[:] = a.ravel()
             self.model.eq_data[:, 0] = a @ q - gamma
@@ -164,10 +160,8 @@ class MujocoFile(FileEngine, MujocoEngine):
         off = library.mjtDisableBit
         model.opt.disableflags |= int(off.mjDSBL_CONSTRAINT)
         self.data = library.MjData(model)
-
-    def joints(self) -> list[str]:
-        """Return the names of its joints, without that of a free base, the first one."""
-        return [self.model.joint(i).name for i in range(bool(self.base), self.model.njnt)]
+        # The first joint is that of a free base.
+        self._joints = [model.joint(i).name for i in range(bool(self.base), model.njnt)]
 
     def _move_to(self, x: Array, rate: Array) -> None:
         self.data.qpos[:], self.data.qvel[:] = x, rate
@@ -202,32 +196,21 @@ class MjcfFile(MujocoFile):
 
     key = "mjcf_file"
 
-    def __init__(self, scene: Scene):
-        self.scene, self.library_output = scene, []
-        if not (isinstance(scene, Mechanism) and self.represents(scene)):
-            raise EngineError(f"{self.key} cannot represent {scene.name} by its file")
-        self._mj, self.base = self._library(), 0
-        read = read_mjcf(Path(scene.source.file))
-        self.model = read.compiled
-        self.model.opt.disableflags |= int(self._mj.mjtDisableBit.mjDSBL_CONSTRAINT)
-        self.model.opt.disableflags &= ~int(self._mj.mjtDisableBit.mjDSBL_GRAVITY)
-        self.model.opt.gravity[:] = 0.0
-        self._gravity = np.zeros(3)
-        if (gravity := getattr(scene, "gravity", None)) is not None:
-            self._gravity[: len(gravity)] = gravity
-        self.data = self._mj.MjData(self.model)
-        self._n, self._place = self.model.nv, np.arange(self.model.nv)
-        index = {name: i for i, name in enumerate(scene.coordinate_names)}
-        self._in_file = [index[name] for name in read.coordinates]
-        self.coordinates, self.shift = np.eye(self._n)[self._in_file], np.zeros(self._n)
-        damped = zip(read.coordinates, self.model.dof_damping, strict=True)
-        names = frozenset(name for name, damping in damped if damping)
-        self.description = RobotDescription("", GROUND, {}, names, (), (), ())
+    def _described(self) -> RobotDescription:
+        """Return a description without what only URDFs have; `_read` adds the dampers."""
+        return RobotDescription("", GROUND, {}, frozenset(), (), (), ())
 
-    @classmethod
-    def version(cls) -> str:
-        """Return name and version of the library."""
-        return f"mujoco {cls._library().__version__}"
+    def _read(self, library: Any, description: RobotDescription) -> None:
+        self._mj = library
+        robot = read_mjcf(self.file)
+        model, self._joints = robot.compiled, robot.coordinates
+        model.opt.disableflags |= int(library.mjtDisableBit.mjDSBL_CONSTRAINT)
+        model.opt.disableflags &= ~int(library.mjtDisableBit.mjDSBL_GRAVITY)
+        model.opt.gravity[:] = 0.0
+        self.model, self.data = model, library.MjData(model)
+        damped = zip(self._joints, model.dof_damping, strict=True)
+        names = frozenset(name for name, damping in damped if damping)
+        self.description = description._replace(damped=names)
 
     @classmethod
     def represents(cls, scene: Scene) -> bool:
@@ -243,7 +226,7 @@ class MjcfFile(MujocoFile):
         the axes of the ground.
         """
         x: list[float] = []
-        q, v = q[self._in_file], v[self._in_file]
+        q, v = self.coordinates @ q, self.coordinates @ v  # in the order of the file
         S, rest, i = np.eye(self._n), np.zeros(self._n), 0
         for kind in self.model.jnt_type:
             if kind not in (FREE_JOINT, BALL_JOINT):
@@ -259,20 +242,3 @@ class MjcfFile(MujocoFile):
             x += [*(base.position if count == FREE else ()), *base.quaternion]
             i += count
         return VelocityMap(np.array(x), S @ self.coordinates, rest)
-
-    def acceleration(
-        self,
-        q: Array,
-        v: Array,
-        Q: Array,
-        a: Array | None,
-        gamma: Array | None,
-        t: float = 0.0,
-    ) -> EngineAcceleration:
-        """Return ẇ under MuJoCo's own forces; with constraints ẇ and λ by the scene's a and gamma.
-
-        MuJoCo's own constraints are soft.
-        """
-        if a is None:
-            return EngineAcceleration(self.free_acceleration(q, v))
-        return self.eliminated(q, v, self.forces(q, v, t), a, gamma, t)

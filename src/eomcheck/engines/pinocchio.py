@@ -13,11 +13,11 @@ import numpy as np
 from eomcheck.engines.engine import EngineAcceleration, VelocityMap
 from eomcheck.engines.file_engine import FileEngine, RobotDescription
 from eomcheck.engines.floating_base import BaseVelocity, FreeBase
-from eomcheck.engines.tree_engine import TreeEngine, TreeLink
+from eomcheck.engines.tree_engine import SolvingTreeEngine, TreeLink
 from eomcheck.numbers.generic import Array
 
 
-class PinocchioEngine(TreeEngine):
+class PinocchioEngine(SolvingTreeEngine):
     """Tree of rigid bodies as a Pinocchio model."""
 
     module = "pinocchio"
@@ -52,18 +52,10 @@ class PinocchioEngine(TreeEngine):
         """Return B (n,) by the recursive Newton-Euler algorithm; gravity is zero in the model."""
         return np.array(self._pin.nonLinearEffects(self.model, self.data, q, v))
 
-    def acceleration(
-        self,
-        q: Array,
-        v: Array,
-        Q: Array,
-        a: Array | None,
-        gamma: Array | None,
-        t: float = 0.0,
+    def solved(
+        self, q: Array, v: Array, Q: Array, a: Array | None, gamma: Array | None
     ) -> EngineAcceleration:
         """Return v̇ and λ by `pinocchio.forwardDynamics` with the scene's a, gamma and Q."""
-        if self.follow:
-            return self.eliminated(q, v, Q, a, gamma, t)
         state = (self.model, self.data, q, v, Q)
         if a is None or gamma is None:
             return EngineAcceleration(np.array(self._pin.aba(*state)), None)
@@ -87,15 +79,13 @@ class PinocchioFile(FileEngine, PinocchioEngine):
         self.model = library.buildModelFromXML(description.text, *base)
         self.model.gravity.linear = np.zeros(3)
         self.data = self.model.createData()
-
-    def joints(self) -> list[str]:
-        """Return the names of its joints, without the universe and a free base before them."""
-        return list(self.model.names)[2 if self.base else 1 :]
+        # The first joint is the universe, the next one that of a free base.
+        self._joints = list(self.model.names)[2 if self.base else 1 :]
 
     def velocity_map(self, q: Array, v: Array) -> VelocityMap:
         """Return (x, S, Ṡ v); x holds cosine and sine of joints without limits."""
         x, S, rest = super().velocity_map(q, v)
-        joints = list(self.model.joints)[2 if self.base else 1 :]
+        joints = list(self.model.joints)[-len(self._joints) :]
         pose, moved = np.split(x, [len(x) - len(joints)])
         parts = pose.tolist()
         for joint, angle in zip(joints, moved, strict=True):
@@ -120,5 +110,8 @@ class PinocchioFile(FileEngine, PinocchioEngine):
         return -gravity - self.model.damping * v
 
     def free_acceleration(self, q: Array, v: Array) -> Array:
-        """Return ẇ (m,) by the articulated body algorithm."""
+        """Return ẇ (m,) by the articulated body algorithm, which leaves out all dampers.
+
+        So it differs from ẇ = M⁻¹ (Q - B) of `forces` where a joint is damped (`undamped`).
+        """
         return self._under_gravity(self._pin.aba, q, v, np.zeros(len(v)))

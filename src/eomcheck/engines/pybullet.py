@@ -9,9 +9,7 @@ the rate of the velocity along the axes of the base.
 from __future__ import annotations
 
 import tempfile
-import weakref
 from collections.abc import Iterable
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -23,6 +21,7 @@ from eomcheck.descriptions.quaternions import roll_pitch_yaw_of
 from eomcheck.engines.file_engine import FileEngine, RobotDescription
 from eomcheck.engines.floating_base import FREE, BaseVelocity, FreeBase, free_base
 from eomcheck.engines.tree_engine import TreeEngine, TreeLink
+from eomcheck.errors import required
 from eomcheck.numbers.generic import Array
 
 BASE = 7
@@ -33,12 +32,7 @@ class PybulletEngine(TreeEngine):
     """Tree of rigid bodies as a PyBullet multibody."""
 
     module = extra = "pybullet"
-
-    @classmethod
-    def version(cls) -> str:
-        """Return name and version of the library."""
-        cls._library()
-        return f"pybullet {metadata.version('pybullet')}"
+    _unit = 1.0
 
     @classmethod
     def takes(cls, link: TreeLink) -> bool:
@@ -50,25 +44,25 @@ class PybulletEngine(TreeEngine):
         return super().takes(link) and bool(moments[0] > 0 or not moments.any())
 
     def _build(self, library: Any, links: list[TreeLink]) -> None:
-        self._bullet = library
-        # The number of connections is limited: one is closed when the engine is deleted.
-        self._client = library.connect(library.DIRECT)
-        weakref.finalize(self, library.disconnect, self._client)
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder, "tree.urdf")
-            self._unit = _unit_of_mass(links)
-            write_text(path, _urdf(links, self._unit))
-            # Without this flag moments of inertia are estimated from the shape, and there is none.
-            flags = library.URDF_USE_INERTIA_FROM_FILE
-            self._body = library.loadURDF(
-                str(path), useFixedBase=True, flags=flags, physicsClientId=self._client
-            )
-        infos = [
-            library.getJointInfo(self._body, j, physicsClientId=self._client)
-            for j in range(self._n)
-        ]
-        index = {info[1].decode(): info[3] - BASE for info in infos}
+        self._unit = _unit_of_mass(links)
+        index = {name: i for i, name in self._load(_urdf(links, self._unit)).items()}
         self._place = np.array([index[f"joint_of_{link.name}"] for link in links])
+
+    def _load(self, urdf: str, fixed: bool = True) -> dict[int, str]:
+        """Load the text of a URDF into a world of its own; return index -> name of its joints."""
+        # A connection of its own, of which the number is limited: closed with the engine.
+        client = required("pybullet_utils.bullet_client", self.extra)
+        self._bullet = bullet = client.BulletClient(self._library().DIRECT)
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder, "robot.urdf")
+            write_text(path, urdf)
+            # Without this flag moments of inertia are estimated from the shape, and there is none.
+            flags = bullet.URDF_USE_INERTIA_FROM_FILE
+            self._body = bullet.loadURDF(str(path), useFixedBase=fixed, flags=flags)
+        joints = (
+            bullet.getJointInfo(self._body, i) for i in range(bullet.getNumJoints(self._body))
+        )
+        return {info[3] - BASE: info[1].decode() for info in joints if info[3] >= BASE}
 
     def _ordered(self, x: Array) -> list[float]:
         result = np.zeros(self._n)
@@ -77,17 +71,13 @@ class PybulletEngine(TreeEngine):
 
     def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
         """Return M (n, n)."""
-        M = self._bullet.calculateMassMatrix(
-            self._body, self._ordered(q), physicsClientId=self._client
-        )
+        M = self._bullet.calculateMassMatrix(self._body, self._ordered(q))
         return self._unit * np.array(M)[np.ix_(self._place, self._place)]
 
     def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return B (n,) by inverse dynamics; a new world has no gravity."""
         state = self._ordered(q), self._ordered(v), [0.0] * self._n
-        forces = self._bullet.calculateInverseDynamics(
-            self._body, *state, physicsClientId=self._client
-        )
+        forces = self._bullet.calculateInverseDynamics(self._body, *state)
         return self._unit * np.array(forces)[self._place]
 
 
@@ -154,29 +144,11 @@ class PybulletFile(FileEngine, PybulletEngine):
     base_velocity = BaseVelocity("base", "base", turns_first=True)
 
     def _read(self, library: Any, description: RobotDescription) -> None:
-        self._bullet = library
-        self._client = library.connect(library.DIRECT)
-        weakref.finalize(self, library.disconnect, self._client)
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder, "robot.urdf")
-            write_text(path, description.text)
-            flags = library.URDF_USE_INERTIA_FROM_FILE
-            self._body = library.loadURDF(
-                str(path), useFixedBase=not self.base, flags=flags, physicsClientId=self._client
-            )
-        info = library.getDynamicsInfo(self._body, -1, physicsClientId=self._client)
+        moving = self._load(description.text, not self.base)
+        self._joints = [moving[i] for i in sorted(moving)]
+        info = self._bullet.getDynamicsInfo(self._body, -1)
         self._center = np.array(info[3])
         self._axes = np.array(library.getMatrixFromQuaternion(info[4])).reshape(3, 3)
-        count = library.getNumJoints(self._body, physicsClientId=self._client)
-        infos = [
-            library.getJointInfo(self._body, j, physicsClientId=self._client) for j in range(count)
-        ]
-        moving = {info[3] - BASE: info[1].decode() for info in infos if info[3] >= BASE}
-        self._names = [moving[i] for i in sorted(moving)]
-
-    def joints(self) -> list[str]:
-        """Return the names of its joints."""
-        return self._names
 
     def base_frame(self, q: Array, v: Array) -> FreeBase:
         """Return the frame of the principal axes of the base, at its centre of mass."""
@@ -191,11 +163,8 @@ class PybulletFile(FileEngine, PybulletEngine):
         pose, joints = np.split(x, [POSE if self.base else 0])
         return pose.reshape(-1, 3) if self.base else self._axes, joints.tolist()
 
-    def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
-        """Return M (m, m)."""
-        _, joints = self._split(q)
-        M = self._bullet.calculateMassMatrix(self._body, joints, physicsClientId=self._client)
-        return np.array(M)
+    def _ordered(self, x: Array) -> list[float]:
+        return self._split(x)[1]
 
     def _inverse(self, joints: list[float], rate: Array, acceleration: Array) -> Array:
         """Return forces (m,) by inverse dynamics, the axes of the base those of the ground.
@@ -206,9 +175,8 @@ class PybulletFile(FileEngine, PybulletEngine):
             acceleration: accelerations (m,), of a free base those of its centre of mass.
         """
         pose = [*NOWHERE, *joints] if self.base else joints
-        forces = self._bullet.calculateInverseDynamics(
-            self._body, pose, rate.tolist(), acceleration.tolist(), physicsClientId=self._client
-        )
+        state = pose, rate.tolist(), acceleration.tolist()
+        forces = self._bullet.calculateInverseDynamics(self._body, *state)
         # With a free base forces come before moments, though angular velocities come first.
         return np.concatenate([forces[3:6], forces[:3], forces[6:]] if self.base else [forces])
 
@@ -217,13 +185,13 @@ class PybulletFile(FileEngine, PybulletEngine):
         acceleration = np.zeros(self._n)
         if self.base:
             acceleration[3:6] = np.cross(v[:3], v[3:6])
-        return self._inverse(self._split(q)[1], v, acceleration)
+        return self._inverse(self._ordered(q), v, acceleration)
 
     def forces(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return Q (m,) of gravity."""
-        world, (R, joints) = {"physicsClientId": self._client}, self._split(q)
-        self._bullet.setGravity(*(R.T @ self._gravity), **world)
+        R, joints = self._split(q)
+        self._bullet.setGravity(*(R.T @ self._gravity))
         at_rest = np.zeros(self._n)
         weights = self._inverse(joints, at_rest, at_rest)
-        self._bullet.setGravity(0.0, 0.0, 0.0, **world)
+        self._bullet.setGravity(0.0, 0.0, 0.0)
         return -weights

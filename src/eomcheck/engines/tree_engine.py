@@ -8,6 +8,7 @@ encoding of a `Tree`.
 from __future__ import annotations
 
 from abc import abstractmethod
+from importlib import metadata
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -155,6 +156,9 @@ def _carried(parent: int, chain: list[TreeLink]) -> BodyWithJoints:
 
 # ---- Engines -------------------------------------------------------------------------------------
 
+FILE = "_file"
+"""Suffix of the key of an engine that reads files."""
+
 TOUCHING = 1e-12
 """Relative tolerance of the triangle inequality of principal moments: for a thin rod or plate one
 moment is the sum of the others."""
@@ -177,6 +181,9 @@ class TreeEngine(Engine):
     solves_like = "gw"
     reads_parameters = False
 
+    base = 0
+    """Number of coordinates of a free base, which come first: that of a tree is fixed."""
+
     def __init__(self, scene: Scene):
         super().__init__(scene)
         tree = scene.tree()
@@ -196,7 +203,8 @@ class TreeEngine(Engine):
     @classmethod
     def version(cls) -> str:
         """Return name and version of the library."""
-        return f"{cls.key} {cls._library().__version__}"
+        name = (cls.extra or cls.key).removesuffix(FILE)
+        return f"{name} {getattr(cls._library(), '__version__', None) or metadata.version(name)}"
 
     @classmethod
     def represents(cls, scene: Scene) -> bool:
@@ -259,6 +267,30 @@ class TreeEngine(Engine):
         responses = np.linalg.solve(M, rows.T)
         multipliers = np.linalg.solve(rows @ responses, -gamma - rows @ free)
         return EngineAcceleration(T @ (free + responses @ multipliers), multipliers)
+
+
+class SolvingTreeEngine(TreeEngine):
+    """Engine of a tree whose library also solves for accelerations, with the scene's constraints."""
+
+    def acceleration(
+        self,
+        q: Array,
+        v: Array,
+        Q: Array,
+        a: Array | None,
+        gamma: Array | None,
+        t: float = 0.0,
+    ) -> EngineAcceleration:
+        """Return v̇ and λ as `solved`, or by `eliminated` where joints follow others."""
+        if self.follow:
+            return self.eliminated(q, v, Q, a, gamma, t)
+        return self.solved(q, v, Q, a, gamma)
+
+    @abstractmethod
+    def solved(
+        self, q: Array, v: Array, Q: Array, a: Array | None, gamma: Array | None
+    ) -> EngineAcceleration:
+        """Return v̇ (n,) and λ (r,) by the library, from Q, a and gamma of the scene."""
 
 
 def all_move(tree: Tree) -> bool:
