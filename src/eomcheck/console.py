@@ -157,7 +157,7 @@ def polled_progress(label: str, total: float, reached: Callable[[], float]) -> I
         reached: returns the present value; called from another thread.
     """
     if not Console(stderr=True).is_terminal:
-        with activity(label):
+        with activity(_NOUN.sub(_with(total), label)):
             yield
         return
     over = Event()

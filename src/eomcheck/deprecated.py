@@ -30,6 +30,7 @@ MODULES = {
     "eomcheck.robots": "eomcheck.descriptions.robot_files",
     "eomcheck.random_mechanisms": "eomcheck.descriptions.random_mechanisms",
     "eomcheck.engines.base": "eomcheck.engines.engine",
+    "eomcheck.engines.files": "eomcheck.engines",
     "eomcheck.engines.tree": "eomcheck.engines.tree_engine",
     "eomcheck.engines.walk": "eomcheck.engines.tree_engine",
     "eomcheck.evaluation.doubles": "eomcheck.evaluation.evaluation",

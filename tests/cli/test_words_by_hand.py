@@ -196,6 +196,8 @@ def test_what_goes_on_is_named_by_the_innermost_with_its_count():
             assert now[-1] == "proving 1 identity"
         with console.polled_progress("moving", 1.0, lambda: 0.5):
             assert now[-1] == "moving"
+        with console.polled_progress("checking {state}", 3, lambda: 1):
+            assert now[-1] == "checking 3 states", "off a terminal the noun is no pattern either"
     assert now == before
     with pytest.raises(ValueError), console.activity("failing"):
         raise ValueError

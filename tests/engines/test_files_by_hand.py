@@ -12,18 +12,18 @@ import pytest
 from tests.robots import arm, body, joint
 
 from eomcheck.descriptions.robot_files import from_mjcf
-from eomcheck.engines import Answers
+from eomcheck.engines import BY_FORMAT, DEFAULT, READERS, Answers, MjcfFile, default_reader
 from eomcheck.engines.file_engine import (
+    BaseVelocity,
     FileEngine,
     RobotDescription,
     capture_output,
     few,
     file_of,
+    free_base,
     is_free,
     read_description,
 )
-from eomcheck.engines.files import BY_FORMAT, DEFAULT, READERS, MjcfFile, default_reader
-from eomcheck.engines.floating_base import BaseVelocity, free_base
 from eomcheck.engines.idyntree import IdyntreeFile
 from eomcheck.engines.mujoco import MujocoFile
 from eomcheck.engines.pinocchio import PinocchioFile

@@ -128,7 +128,7 @@ def with_gravity(sign: float) -> Callable[[Any], None]:
         elif engine.key == "exudyn":
             engine.system.SetObjectParameter(engine._tree, "gravity", down)
         else:
-            engine._bullet.setGravity(*down)
+            engine._ask("setGravity", *down)
 
     return change
 

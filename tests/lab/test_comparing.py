@@ -16,11 +16,15 @@ from eomcheck.claims.run import ValidationRun
 from eomcheck.cli import app
 from eomcheck.descriptions.quaternions import rotation_matrix
 from eomcheck.descriptions.robot_files import from_mjcf
-from eomcheck.engines import Answers, VelocityMap
+from eomcheck.engines import READERS, Answers, PinocchioFile, VelocityMap
 from eomcheck.engines.answers import weight_size
-from eomcheck.engines.file_engine import capture_output, read_description
-from eomcheck.engines.files import READERS, PinocchioFile
-from eomcheck.engines.floating_base import AXES, BaseVelocity, free_base
+from eomcheck.engines.file_engine import (
+    AXES,
+    BaseVelocity,
+    capture_output,
+    free_base,
+    read_description,
+)
 from eomcheck.errors import EngineError, InputError, UnknownNameError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.lab import library_comparison

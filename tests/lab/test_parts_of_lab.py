@@ -14,8 +14,8 @@ from tests.lab.test_comparing import Heavy, parting
 from tests.robots import arm
 
 from eomcheck.claims.finding import Finding
+from eomcheck.engines import PinocchioFile
 from eomcheck.engines.file_engine import read_description
-from eomcheck.engines.files import PinocchioFile
 from eomcheck.errors import EngineError, InputError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.lab import library_comparison, proofs, run_time

@@ -18,7 +18,7 @@ from eomcheck.cli import app
 from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.descriptions.random_trees import EVERYWHERE, urdf_text, urdf_tree
 from eomcheck.descriptions.robot_files import from_mjcf
-from eomcheck.engines.files import MjcfFile, PinocchioFile
+from eomcheck.engines import MjcfFile, PinocchioFile
 from eomcheck.mechanics.random_source import GeneratorChoices
 from eomcheck.scenes import Snake, from_urdf
 

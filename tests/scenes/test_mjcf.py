@@ -15,7 +15,7 @@ from eomcheck.cli import app
 from eomcheck.descriptions import mjcf_reader
 from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.descriptions.robot_files import from_mjcf
-from eomcheck.engines.files import MjcfFile
+from eomcheck.engines import MjcfFile
 from eomcheck.errors import EngineError, InputError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.lab.library_comparison import compare_libraries

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from eomcheck.claims.proof import prove
+from eomcheck.engines import PinocchioFile
 from eomcheck.engines.answers import Answers
-from eomcheck.engines.files import PinocchioFile
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.scenes import from_urdf
 

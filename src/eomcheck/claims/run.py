@@ -42,8 +42,15 @@ from eomcheck.claims.pairwise_design import (
 from eomcheck.claims.proof import prove_unresolved
 from eomcheck.claims.registry import Claim
 from eomcheck.claims.user_scenes import check_shapes, failing_function, scene_function_that_raised
-from eomcheck.engines import Engine, EngineFault, engines_among, make_engine, represents
-from eomcheck.engines.files import FileEngine, default_reader
+from eomcheck.engines import (
+    Engine,
+    EngineFault,
+    FileEngine,
+    default_reader,
+    engines_among,
+    make_engine,
+    represents,
+)
 from eomcheck.errors import EomcheckError, InputError, at_least_one, message_of, registered
 from eomcheck.evaluation.dynamics import CONSISTENT_HINT, check_consistent
 from eomcheck.evaluation.evaluation import Evaluation

@@ -1,6 +1,10 @@
 """Engines: adapters to multibody dynamics libraries, the independent references of eomcheck.
 
 Each engine has one file, and one line in `ENGINES`. Importing this package imports no library.
+`READERS` are engines whose libraries read a robot description by their own parser:
+
+eomcheck validate --scene arm.urdf --engine eomcheck.engines:PinocchioFile
+eomcheck validate --scene ant.xml --engine eomcheck.engines:MjcfFile
 """
 
 from __future__ import annotations
@@ -12,15 +16,18 @@ from eomcheck import calls
 from eomcheck.class_lookup import LookupKind, class_named
 from eomcheck.engines.answers import Answers, EngineFault, make_engine, represents, version_of
 from eomcheck.engines.casadi import CasadiEngine
-from eomcheck.engines.drake import DrakeEngine
+from eomcheck.engines.drake import DrakeEngine, DrakeFile
 from eomcheck.engines.engine import OPTIONAL, Engine, EngineAcceleration, VelocityMap
 from eomcheck.engines.exudyn import ExudynEngine
-from eomcheck.engines.idyntree import IdyntreeEngine
-from eomcheck.engines.mujoco import MujocoEngine
-from eomcheck.engines.pinocchio import PinocchioEngine
-from eomcheck.engines.pybullet import PybulletEngine
+from eomcheck.engines.file_engine import FileEngine
+from eomcheck.engines.idyntree import IdyntreeEngine, IdyntreeFile
+from eomcheck.engines.mujoco import MjcfFile, MujocoEngine, MujocoFile
+from eomcheck.engines.pinocchio import PinocchioEngine, PinocchioFile
+from eomcheck.engines.pybullet import PybulletEngine, PybulletFile
+from eomcheck.engines.tree_engine import FILE
 from eomcheck.errors import InputError, distinct
 from eomcheck.formulations import FORMULATIONS
+from eomcheck.mechanics.scene import Scene
 
 ENGINES: dict[str, type[Engine]] = {
     engine.key: engine
@@ -109,23 +116,6 @@ def checked_engine(kind: type[Engine]) -> type[Engine]:
     return kind
 
 
-__all__ = [
-    "ALWAYS",
-    "ENGINES",
-    "OPTIONAL",
-    "Answers",
-    "Engine",
-    "EngineAcceleration",
-    "EngineFault",
-    "VelocityMap",
-    "engine_of",
-    "engines_among",
-    "make_engine",
-    "represents",
-    "version_of",
-]
-
-
 def is_under_test(kind: type[Engine]) -> bool:
     """Return whether an engine is user-supplied, not built in, and so the code under test."""
     return kind not in ENGINES.values()
@@ -134,3 +124,46 @@ def is_under_test(kind: type[Engine]) -> bool:
 def engine_class_of(engine: Engine | type[Engine]) -> type[Engine]:
     """Return the class of an engine, or the class itself of one that could not be constructed."""
     return engine if isinstance(engine, type) else type(engine)
+
+
+# ---- Readers of robot descriptions ---------------------------------------------------------------
+
+READERS: dict[str, type[FileEngine]] = {
+    engine.key.removesuffix(FILE): engine
+    for engine in (PinocchioFile, MujocoFile, DrakeFile, IdyntreeFile, PybulletFile)
+}
+"""Key of the library -> class that reads a URDF."""
+
+DEFAULT: dict[str, type[FileEngine]] = {"urdf": PinocchioFile, "mjcf": MjcfFile}
+"""Format of a file -> class that reads it in a validation unless engines are named."""
+
+BY_FORMAT: dict[str, dict[str, type[FileEngine]]] = {"urdf": READERS, "mjcf": {"mujoco": MjcfFile}}
+"""Format of a file -> classes that read it, by key of the library."""
+
+
+def default_reader(scene: Scene | type[Scene]) -> type[FileEngine] | None:
+    """Return the class that reads the file of a robot by default; None for any other scene."""
+    return DEFAULT.get(getattr(getattr(scene, "source", None), "format", ""))
+
+
+__all__ = [
+    "ALWAYS",
+    "BY_FORMAT",
+    "ENGINES",
+    "OPTIONAL",
+    "READERS",
+    "Answers",
+    "Engine",
+    "EngineAcceleration",
+    "EngineFault",
+    "FileEngine",
+    "MjcfFile",
+    "PinocchioFile",
+    "VelocityMap",
+    "default_reader",
+    "engine_of",
+    "engines_among",
+    "make_engine",
+    "represents",
+    "version_of",
+]

@@ -11,7 +11,7 @@ import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -32,6 +32,7 @@ NEAR = 2.0**-26
 """Distance, per size above 1, of states that a cache by rounded numbers takes for the same."""
 
 Shape = tuple[int | None, ...]
+T = TypeVar("T")
 
 
 class EngineFault(Exception):
@@ -53,12 +54,8 @@ def make_engine(kind: type[Engine], scene: Scene) -> Engine:
         EngineFault: it cannot be constructed, though its `represents` is true of the scene.
         EngineError: its library is not installed.
     """
-    try:
-        return call(f"{kind.__name__}(scene)", kind, scene)
-    except EngineError:
-        raise
-    except Exception as error:
-        raise EngineFault(f"{kind.__name__}(scene) {_raised(error)}") from error
+    name = f"{kind.__name__}(scene)"
+    return _called(name, name, EngineFault, lambda: kind(scene))
 
 
 def represents(kind: type[Engine], scene: Scene) -> bool:
@@ -68,13 +65,9 @@ def represents(kind: type[Engine], scene: Scene) -> bool:
         InputError: it raises an exception instead.
         EngineError: its library is not installed.
     """
-    try:
-        return bool(call(f"{kind.__name__}.represents", kind.represents, scene))
-    except EngineError:
-        raise
-    except Exception as error:
-        message = f"engine {kind.__name__}: represents({scene.name}) {_raised(error)}"
-        raise InputError(message) from error
+    name, what = kind.__name__, f"represents({scene.name})"
+    message = f"engine {name}: {what}"
+    return _called(f"{name}.represents", message, InputError, lambda: bool(kind.represents(scene)))
 
 
 def version_of(kind: type[Engine]) -> str:
@@ -84,16 +77,22 @@ def version_of(kind: type[Engine]) -> str:
         InputError: the engine raises an exception instead, or returns no text.
         EngineError: its library is not installed.
     """
+    name = kind.__name__
+    version = _called(f"{name}.version", f"engine {name}: version()", InputError, kind.version)
+    if not isinstance(version, str) or not version.strip():
+        what = repr(version) if isinstance(version, str) else _kind(version)
+        raise InputError(f"engine {name}: version() returned {what}, expected a text")
+    return printable(version.strip())
+
+
+def _called(name: str, what: str, fault: type[Exception], function: Callable[[], T]) -> T:
+    """Return the result of a function of an engine class; `fault` names `what` and its error."""
     try:
-        version = call(f"{kind.__name__}.version", kind.version)
+        return call(name, function)
     except EngineError:
         raise
     except Exception as error:
-        raise InputError(f"engine {kind.__name__}: version() {_raised(error)}") from error
-    if not isinstance(version, str) or not version.strip():
-        what = repr(version) if isinstance(version, str) else _kind(version)
-        raise InputError(f"engine {kind.__name__}: version() returned {what}, expected a text")
-    return printable(version.strip())
+        raise fault(f"{what} {_raised(error)}") from error
 
 
 class Answers:

@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 
 from eomcheck.engines.engine import EngineAcceleration
-from eomcheck.engines.file_engine import FileEngine, RobotDescription
-from eomcheck.engines.floating_base import BaseVelocity, FreeBase
-from eomcheck.engines.tree_engine import SolvingTreeEngine, TreeLink
+from eomcheck.engines.file_engine import BaseVelocity, FileEngine, FreeBase, RobotDescription
+from eomcheck.engines.tree_engine import TreeLink, TreeSolverEngine
 from eomcheck.errors import EngineError, required
 from eomcheck.numbers.generic import Array
 
 
-class DrakeEngine(SolvingTreeEngine):
+class DrakeEngine(TreeSolverEngine):
     """Tree of rigid bodies as a Drake plant."""
 
     module, extra = "pydrake.multibody.plant", "drake"

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from eomcheck.engines.engine import EngineAcceleration
-from eomcheck.engines.tree_engine import SolvingTreeEngine, TreeLink
+from eomcheck.engines.tree_engine import TreeLink, TreeSolverEngine
 from eomcheck.errors import required
 from eomcheck.numbers.generic import Array
 
 
-class ExudynEngine(SolvingTreeEngine):
+class ExudynEngine(TreeSolverEngine):
     """Tree of rigid bodies as an Exudyn kinematic tree."""
 
     module = extra = "exudyn"

@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.engines.file_engine import FileEngine, RobotDescription
-from eomcheck.engines.floating_base import BaseVelocity, FreeBase
+from eomcheck.engines.file_engine import BaseVelocity, FileEngine, FreeBase, RobotDescription
 from eomcheck.engines.tree_engine import TreeEngine, TreeLink
 from eomcheck.errors import EngineError
 from eomcheck.numbers.generic import Array

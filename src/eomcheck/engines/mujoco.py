@@ -18,12 +18,11 @@ import numpy as np
 from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.descriptions.mjcf_reader import BALL_JOINT, FREE_JOINT, GROUND, read_mjcf
 from eomcheck.engines.engine import EngineAcceleration, VelocityMap
-from eomcheck.engines.file_engine import FileEngine, RobotDescription
-from eomcheck.engines.floating_base import FREE, BaseVelocity, free_base
+from eomcheck.engines.file_engine import FREE, BaseVelocity, FileEngine, RobotDescription, free_base
 from eomcheck.engines.tree_engine import (
     BodyWithJoints,
-    SolvingTreeEngine,
     TreeLink,
+    TreeSolverEngine,
     bodies_with_mass,
 )
 from eomcheck.errors import EngineError
@@ -34,7 +33,7 @@ STIFFEST = 0.9999
 """Largest impedance that MuJoCo accepts: 1e-4 of the unconstrained response remains."""
 
 
-class MujocoEngine(SolvingTreeEngine):
+class MujocoEngine(TreeSolverEngine):
     """Tree of rigid bodies as a MuJoCo model."""
 
     module = extra = "mujoco"

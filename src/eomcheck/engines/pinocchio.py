@@ -11,13 +11,12 @@ from typing import Any
 import numpy as np
 
 from eomcheck.engines.engine import EngineAcceleration, VelocityMap
-from eomcheck.engines.file_engine import FileEngine, RobotDescription
-from eomcheck.engines.floating_base import BaseVelocity, FreeBase
-from eomcheck.engines.tree_engine import SolvingTreeEngine, TreeLink
+from eomcheck.engines.file_engine import BaseVelocity, FileEngine, FreeBase, RobotDescription
+from eomcheck.engines.tree_engine import TreeLink, TreeSolverEngine
 from eomcheck.numbers.generic import Array
 
 
-class PinocchioEngine(SolvingTreeEngine):
+class PinocchioEngine(TreeSolverEngine):
     """Tree of rigid bodies as a Pinocchio model."""
 
     module = "pinocchio"

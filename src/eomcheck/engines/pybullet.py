@@ -9,6 +9,7 @@ the rate of the velocity along the axes of the base.
 from __future__ import annotations
 
 import tempfile
+import weakref
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -18,10 +19,15 @@ import numpy as np
 
 from eomcheck.atomic_write import write_text
 from eomcheck.descriptions.quaternions import roll_pitch_yaw_of
-from eomcheck.engines.file_engine import FileEngine, RobotDescription
-from eomcheck.engines.floating_base import FREE, BaseVelocity, FreeBase, free_base
+from eomcheck.engines.file_engine import (
+    FREE,
+    BaseVelocity,
+    FileEngine,
+    FreeBase,
+    RobotDescription,
+    free_base,
+)
 from eomcheck.engines.tree_engine import TreeEngine, TreeLink
-from eomcheck.errors import required
 from eomcheck.numbers.generic import Array
 
 BASE = 7
@@ -50,19 +56,23 @@ class PybulletEngine(TreeEngine):
 
     def _load(self, urdf: str, fixed: bool = True) -> dict[int, str]:
         """Load the text of a URDF into a world of its own; return index -> name of its joints."""
-        # A connection of its own, of which the number is limited: closed with the engine.
-        client = required("pybullet_utils.bullet_client", self.extra)
-        self._bullet = bullet = client.BulletClient(self._library().DIRECT)
+        self._bullet = self._library()
+        # The number of connections is limited: one is closed when the engine is deleted.
+        self._client = self._bullet.connect(self._bullet.DIRECT)
+        weakref.finalize(self, self._bullet.disconnect, self._client)
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder, "robot.urdf")
             write_text(path, urdf)
             # Without this flag moments of inertia are estimated from the shape, and there is none.
-            flags = bullet.URDF_USE_INERTIA_FROM_FILE
-            self._body = bullet.loadURDF(str(path), useFixedBase=fixed, flags=flags)
-        joints = (
-            bullet.getJointInfo(self._body, i) for i in range(bullet.getNumJoints(self._body))
-        )
+            flags = self._bullet.URDF_USE_INERTIA_FROM_FILE
+            self._body = self._ask("loadURDF", str(path), useFixedBase=fixed, flags=flags)
+        indices = range(self._ask("getNumJoints", self._body))
+        joints = [self._ask("getJointInfo", self._body, i) for i in indices]
         return {info[3] - BASE: info[1].decode() for info in joints if info[3] >= BASE}
+
+    def _ask(self, function: str, *arguments: Any, **options: Any) -> Any:
+        """Return the result of a function of PyBullet in the world of this engine."""
+        return getattr(self._bullet, function)(*arguments, physicsClientId=self._client, **options)
 
     def _ordered(self, x: Array) -> list[float]:
         result = np.zeros(self._n)
@@ -71,13 +81,13 @@ class PybulletEngine(TreeEngine):
 
     def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
         """Return M (n, n)."""
-        M = self._bullet.calculateMassMatrix(self._body, self._ordered(q))
+        M = self._ask("calculateMassMatrix", self._body, self._ordered(q))
         return self._unit * np.array(M)[np.ix_(self._place, self._place)]
 
     def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return B (n,) by inverse dynamics; a new world has no gravity."""
         state = self._ordered(q), self._ordered(v), [0.0] * self._n
-        forces = self._bullet.calculateInverseDynamics(self._body, *state)
+        forces = self._ask("calculateInverseDynamics", self._body, *state)
         return self._unit * np.array(forces)[self._place]
 
 
@@ -146,7 +156,7 @@ class PybulletFile(FileEngine, PybulletEngine):
     def _read(self, library: Any, description: RobotDescription) -> None:
         moving = self._load(description.text, not self.base)
         self._joints = [moving[i] for i in sorted(moving)]
-        info = self._bullet.getDynamicsInfo(self._body, -1)
+        info = self._ask("getDynamicsInfo", self._body, -1)
         self._center = np.array(info[3])
         self._axes = np.array(library.getMatrixFromQuaternion(info[4])).reshape(3, 3)
 
@@ -176,7 +186,7 @@ class PybulletFile(FileEngine, PybulletEngine):
         """
         pose = [*NOWHERE, *joints] if self.base else joints
         state = pose, rate.tolist(), acceleration.tolist()
-        forces = self._bullet.calculateInverseDynamics(self._body, *state)
+        forces = self._ask("calculateInverseDynamics", self._body, *state)
         # With a free base forces come before moments, though angular velocities come first.
         return np.concatenate([forces[3:6], forces[:3], forces[6:]] if self.base else [forces])
 
@@ -190,8 +200,8 @@ class PybulletFile(FileEngine, PybulletEngine):
     def forces(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return Q (m,) of gravity."""
         R, joints = self._split(q)
-        self._bullet.setGravity(*(R.T @ self._gravity))
+        self._ask("setGravity", *(R.T @ self._gravity))
         at_rest = np.zeros(self._n)
         weights = self._inverse(joints, at_rest, at_rest)
-        self._bullet.setGravity(0.0, 0.0, 0.0)
+        self._ask("setGravity", 0.0, 0.0, 0.0)
         return -weights

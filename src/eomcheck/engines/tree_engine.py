@@ -269,8 +269,8 @@ class TreeEngine(Engine):
         return EngineAcceleration(T @ (free + responses @ multipliers), multipliers)
 
 
-class SolvingTreeEngine(TreeEngine):
-    """Engine of a tree whose library also solves for accelerations, with the scene's constraints."""
+class TreeSolverEngine(TreeEngine):
+    """Engine of a tree whose library also solves for constrained accelerations."""
 
     def acceleration(
         self,

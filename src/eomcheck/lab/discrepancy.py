@@ -14,8 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eomcheck.engines.file_engine import RobotDescription, few
-from eomcheck.engines.floating_base import AXES, FREE, BaseVelocity, FreeBase
+from eomcheck.engines.file_engine import AXES, FREE, BaseVelocity, FreeBase, RobotDescription, few
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, largest
 from eomcheck.numbers.generic import Array
 

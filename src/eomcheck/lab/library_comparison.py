@@ -20,9 +20,8 @@ from eomcheck.claims import CLAIMS
 from eomcheck.claims.finding import DECIDED, Finding, Unresolved, unresolved_by_claim, worst
 from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.descriptions.mechanism_class import Mechanism
-from eomcheck.engines import Answers, Engine, EngineFault, version_of
+from eomcheck.engines import BY_FORMAT, Answers, Engine, EngineFault, FileEngine, version_of
 from eomcheck.engines.answers import inertia_size, weight_size
-from eomcheck.engines.files import BY_FORMAT, FileEngine
 from eomcheck.errors import EngineError, InputError, RefusedError, UnknownNameError, message_of
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import largest
@@ -251,7 +250,7 @@ def compare_libraries(
 
     Args:
         scene: scene by `eomcheck.scenes.from_urdf` or `from_mjcf`.
-        engines: keys of `eomcheck.engines.files.BY_FORMAT`; by default those that are installed.
+        engines: keys of `eomcheck.engines.BY_FORMAT`; by default those that are installed.
         states: number of random states.
         seed: seed of their draws.
         advance: called after each state.
