@@ -47,7 +47,7 @@ MODULES = {
     "eomcheck.motion.stored": "eomcheck.motion.reference_io",
     "eomcheck.motion.observe": "eomcheck.motion.observables",
     "eomcheck.motion.errors": "eomcheck.motion.trajectory_errors",
-    "eomcheck.testing.registry": "eomcheck.testing.function_claim",
+    "eomcheck.testing.registry": "eomcheck.claims.registry",
 }
 """Old -> new path of modules that pages of 0.2 or stored failures import from.
 

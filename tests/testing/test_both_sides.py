@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from eomcheck.claims.registry import ClaimOutput, Comparison, Decision, Skipped
 from eomcheck.errors import InputError
 from eomcheck.evaluation.tolerance import C
 from eomcheck.numbers.pivots import EPS
@@ -15,7 +16,6 @@ from eomcheck.testing.claims_motions import FORCES, check_reference, is_nonzero,
 from eomcheck.testing.claims_terms import proportional
 from eomcheck.testing.equations_of_motion import FunctionCaller
 from eomcheck.testing.function_checks import claim_outputs
-from eomcheck.testing.function_claim import ClaimOutput, Decision, Skipped, UncertainComparison
 from eomcheck.testing.function_state import FunctionState
 from eomcheck.testing.uncertain import UncertainArray
 
@@ -72,7 +72,7 @@ def says(claim: str, here: FunctionState) -> list[ClaimOutput]:
 
 def holds(one: ClaimOutput, subject: str, found: Any, expected: Any, names: Any) -> None:
     """Assert what both sides of a comparison are, to 1e-9."""
-    assert isinstance(one, UncertainComparison), one
+    assert isinstance(one, Comparison), one
     assert (one.subject, one.names) == (subject, names)
     for side, value in ((one.actual, found), (one.expected, expected)):
         np.testing.assert_allclose(side.value, value, rtol=1e-9, atol=1e-9)
@@ -176,7 +176,7 @@ def test_a_force_by_which_motion_is_off_is_named_with_what_that_looks_like(
     own: dict[str, Any] = {"a": lambda q: np.array([[1.0, -2.0, 0.5]])} if constrained else {}
     here = at(**TERMS, **FORCED, **own)
     (one,) = says("motion", here)
-    assert isinstance(one, UncertainComparison) and one.explain is not None
+    assert isinstance(one, Comparison) and one.explain is not None
     free = here.free().T
     found = free @ (EXPECTED + factor * of)
     said = one.explain(found, free @ EXPECTED, 1e-9, (0,))
@@ -260,7 +260,7 @@ def test_rows_with_a_linear_damper_are_told_and_the_others_judged():
     )
     row = 2.0 * 0.8**3
     holds(one, "q̈", [0.0, 0.1 + row, 0.0], [0.0, 0.1 - row, 0.0], (ROWS,))
-    assert isinstance(one, UncertainComparison) and one.explain is not None
+    assert isinstance(one, Comparison) and one.explain is not None
     said = one.explain(one.actual.value, one.expected.value, 0.0, (1,))
     assert said == "odd in v, and not linear: drag and friction would be in R or Q"
 
@@ -331,7 +331,7 @@ def test_the_drift_is_the_rate_of_a_v_and_b_with_speeds_held():
     own = {"a": a, "gamma": lambda q, v: np.array([v[0] ** 2, 3.0])}
     (one,) = says("constraint-drift", held(**own))
     holds(one, "γ", [U_[0] ** 2, 3.0], drift, TWO)
-    assert isinstance(one, UncertainComparison) and one.explain is proportional
+    assert isinstance(one, Comparison) and one.explain is proportional
     clock = {"b": lambda q, t: np.array([2.0 * t * q[0], q[1] ** 2 - 5.0 * t])}
     (one,) = says("constraint-drift", held(**own, **clock))
     clocked = drift + np.array([2.0 * Q[0], 2.0 * Q[1] * rates[1] - 5.0])
@@ -348,7 +348,7 @@ def test_accelerations_keep_the_constraints_by_the_drift_that_is_given_or_follow
     given = held(a=a, qdd=udot, gamma=lambda q, v: np.array([0.3, -0.7]))
     (one,) = says("constraint-acceleration", given)
     holds(one, "a q̈ ~ -γ", a(Q) @ udot(Q, U_), [-0.3, 0.7], TWO)
-    assert isinstance(one, UncertainComparison) and one.explain is proportional
+    assert isinstance(one, Comparison) and one.explain is proportional
 
 
 # ---- References ----------------------------------------------------------------------------------
@@ -403,7 +403,7 @@ def test_what_a_reference_cannot_tell_is_skipped_with_the_reason():
     here = at(**TERMS, against=book("qdd", M=broken, bias=lambda q, v: v))
     first, *others = says("reference", here)
     assert first == Skipped("M ~ a book", "the reference breaks: M: ValueError: no licence")
-    assert [type(one) for one in others] == [UncertainComparison, UncertainComparison]
+    assert [type(one) for one in others] == [Comparison, Comparison]
     closed = {"a": lambda q: np.array([[1.0, 0.0, 0.0]]), "c": lambda q: np.array([q[0] ** 2 + 1])}
     (one,) = says("reference", at(qdd=qdd, **closed, against=book("qdd")))
     assert one == Skipped("qdd ~ a book", "no consistent state is found nearby")

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from eomcheck.claims.registry import FUNCTION_CLAIMS, ClaimRegistry, FunctionClaim, has_any
 from eomcheck.engines import Engine
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import SCENES, Sleigh, Snake, TurntableBall
-from eomcheck.testing import EquationsOfMotion, function_checks, function_claim
+from eomcheck.testing import EquationsOfMotion, function_checks
 from eomcheck.testing.converters import from_engine, from_scene, reference_functions
 from eomcheck.testing.equations_of_motion import (
     INPUTS,
@@ -24,8 +26,6 @@ from eomcheck.testing.equations_of_motion import (
     checked_states,
     equations_from,
 )
-from eomcheck.testing.function_claim import FUNCTION_CLAIMS, FunctionClaim, has_any
-from eomcheck.testing.function_claim import function_claim as claim
 
 # ---- Functions -----------------------------------------------------------------------------------
 
@@ -132,8 +132,9 @@ def there(*names: str) -> Any:
     return SimpleNamespace(has=lambda name: name in names)
 
 
-def test_a_claim_applies_where_all_it_needs_is_there_and_nothing_that_breaks_it(monkeypatch):
-    monkeypatch.setattr(function_claim, "FUNCTION_CLAIMS", {})
+def test_a_claim_applies_where_all_it_needs_is_there_and_nothing_that_breaks_it():
+    claims = ClaimRegistry(FunctionClaim)
+    claim = partial(claims.register, "evaluate")
 
     def look(at: Any) -> Any:
         yield from ()
@@ -141,7 +142,7 @@ def test_a_claim_applies_where_all_it_needs_is_there_and_nothing_that_breaks_it(
     how: dict[str, Any] = {"natural": True, "blind_spots": ("x",)}
     register = claim("one", "M = Mᵀ", "M", ("M", "T|U"), without=("a", "b"), **how)
     assert register(look) is look
-    one = function_claim.FUNCTION_CLAIMS["one"]
+    one = claims["one"]
     assert one == FunctionClaim(
         "one",
         "M = Mᵀ",
@@ -154,7 +155,7 @@ def test_a_claim_applies_where_all_it_needs_is_there_and_nothing_that_breaks_it(
         look,  # type: ignore[arg-type]
     )
     claim("other", "s", "t", consistent=True)(look)
-    other = function_claim.FUNCTION_CLAIMS["other"]
+    other = claims["other"]
     assert other == FunctionClaim("other", "s", "t", (), (), False, True, (), look)
     for names, applies in (
         (("M", "T"), True),

@@ -9,17 +9,16 @@ import pytest
 from tests.testing.own import given, guide
 
 from eomcheck.claims.finding import VERDICTS
+from eomcheck.claims.registry import Comparison
 from eomcheck.errors import InputError
 from eomcheck.evaluation.tolerance import C
 from eomcheck.testing import FUNCTION_CLAIMS, EquationsOfMotion, check, check_functions
 from eomcheck.testing.equations_of_motion import FunctionCaller
 from eomcheck.testing.function_checks import (
     check_functions_at,
-    judge_entries,
     judge_output,
     sample_states,
 )
-from eomcheck.testing.function_claim import UncertainComparison
 from eomcheck.testing.function_state import FunctionState
 from eomcheck.testing.uncertain import UncertainArray
 
@@ -43,19 +42,18 @@ def test_each_entry_is_judged_by_the_errors_of_both_sides():
         np.array([[0.5e-6, 1e-6, 0.0], [0.8e-6, 0.0, 0.0]]),
         np.ones((2, 3)),
     )
-    judged = judge_entries(EVEN, UncertainComparison("M", found, expected, NAMES))
+    judged = judge_output(EVEN, Comparison("M", found, expected, NAMES))
     verdicts = [[VERDICTS[int(x)] for x in row] for row in judged.verdicts]
     assert verdicts == [["passed", "passed", "passed"], ["failed", "passed", "passed"]]
     np.testing.assert_allclose(judged.allowed / C, [[1.5e-6, 1e-6, 0], [0.8e-6, 2e-5, 1e-7]])
     np.testing.assert_allclose(judged.observed, np.abs(off), rtol=1e-6)
-    assert judged.decision.verdict == "failed"
-    assert judged.decision.detail.startswith("bias, entry (y, a): ")
-    assert judged.decision.observed == pytest.approx(C * 0.9e-6)
-    assert judged.decision.allowed == pytest.approx(C * 0.8e-6)
-    assert judged.same.tolist() == [[False, False, True], [False, False, True]]
-    assert judged.vanish.tolist() == [[False, False, True], [False, False, True]]
+    assert judged.finding.verdict == "failed"
+    assert judged.finding.detail.startswith("bias, entry (y, a): ")
+    assert judged.finding.observed == pytest.approx(C * 0.9e-6)
+    assert judged.finding.allowed == pytest.approx(C * 0.8e-6)
+    assert judged.finding.entries is not None
     resolved, hidden = (
-        np.unpackbits(np.frombuffer(x, np.uint8))[:6].tolist() for x in judged.entries[1:]
+        np.unpackbits(np.frombuffer(x, np.uint8))[:6].tolist() for x in judged.finding.entries[1:]
     )
     assert (resolved, hidden) == ([1, 1, 0, 1, 1, 0], [0] * 6)
 
@@ -79,57 +77,54 @@ def test_each_entry_is_judged_by_the_errors_of_both_sides():
     ],
 )
 def test_a_number_is_resolved_beside_the_larger_side(found, expected, verdict: str):
-    judged = judge_entries(EVEN, UncertainComparison("M", found, expected, ()))
-    assert judged.decision.verdict == verdict
+    judged = judge_output(EVEN, Comparison("M", found, expected, ()))
+    assert judged.finding.verdict == verdict
     assert VERDICTS[int(judged.verdicts)] == verdict
 
 
 def test_what_is_not_known_does_not_hide_what_fails():
     found = measured([1.0, 2.0, np.inf], [np.inf, 1e-9, 0.0])
-    judged = judge_entries(
-        EVEN, UncertainComparison("bias", found, measured([1.0, 2.5, 1.0], 0.0), (("a", "b", "c"),))
+    judged = judge_output(
+        EVEN, Comparison("bias", found, measured([1.0, 2.5, 1.0], 0.0), (("a", "b", "c"),))
     )
     assert [VERDICTS[int(x)] for x in judged.verdicts] == ["inconclusive", "failed", "inconclusive"]
-    assert judged.decision.detail == "bias, row b: 2, expected 2.5"
+    assert judged.finding.detail == "bias, row b: 2, expected 2.5"
     assert judged.allowed.tolist() == [np.inf, pytest.approx(C * 1e-9), np.inf]
 
 
 def test_exact_numbers_that_differ_fail_before_all_others():
     found = measured([1.0, 2.0], [1e-9, 0.0])
-    judged = judge_entries(
-        EVEN, UncertainComparison("bias", found, measured([2.0, 2.5], 0.0), (("a", "b"),))
-    )
-    assert "row b: 2, expected 2.5" in judged.decision.detail
-    assert (judged.decision.observed, judged.decision.allowed) == (0.5, 0.0)
+    judged = judge_output(EVEN, Comparison("bias", found, measured([2.0, 2.5], 0.0), (("a", "b"),)))
+    assert "row b: 2, expected 2.5" in judged.finding.detail
+    assert (judged.finding.observed, judged.finding.allowed) == (0.5, 0.0)
 
 
 def test_a_row_that_is_missing_or_too_much_is_resolved_as_wrong():
     found = measured([0.0, 1.0, 3.0, 0.0], 1e-9)
     expected = measured([2.0, 1.0, 0.0, 0.0], 0.0)
-    judged = judge_entries(
-        EVEN, UncertainComparison("bias", found, expected, (("a", "b", "c", "d"),))
-    )
+    judged = judge_output(EVEN, Comparison("bias", found, expected, (("a", "b", "c", "d"),)))
     assert [VERDICTS[int(x)] for x in judged.verdicts] == ["failed", "passed", "failed", "passed"]
-    assert judged.vanish.tolist() == [False, False, False, True]
-    resolved, hidden = (np.unpackbits(np.frombuffer(x, np.uint8)) for x in judged.entries[1:])
+    assert judged.finding.entries is not None
+    resolved, hidden = (
+        np.unpackbits(np.frombuffer(x, np.uint8)) for x in judged.finding.entries[1:]
+    )
     assert (resolved[:4].tolist(), hidden[:4].tolist()) == ([1, 1, 1, 0], [0, 0, 0, 0])
 
 
 def test_nothing_to_compare_passes():
     empty = measured(np.zeros((0, 3)), 0.0)
-    told = judge_entries(
-        EVEN, UncertainComparison("a", empty, empty, ((), ("x", "y", "z")))
-    ).decision
-    assert told == ("a", 0.0, 0.0, "passed", "")
+    told = judge_output(EVEN, Comparison("a", empty, empty, ((), ("x", "y", "z")))).finding
+    assert (told.subject, told.verdict, told.detail) == ("a", "passed", "")
+    assert told.observed == told.allowed == 0.0
 
 
 def test_a_failure_names_the_function_where_its_claim_blames_none():
     one, two = measured(1.0, 1e-9), measured(3.0, 0.0)
     claim = FUNCTION_CLAIMS["same-answer"]
     for subject, words in (("qdd", "acceleration"), ("C v ~ B", "C v"), ("R ~ x", "dissipation f")):
-        assert judge_entries(
-            claim, UncertainComparison(subject, one, two, ())
-        ).decision.detail.startswith(words)
+        assert judge_output(claim, Comparison(subject, one, two, ())).finding.detail.startswith(
+            words
+        )
 
 
 # ---- Of several states ---------------------------------------------------------------------------

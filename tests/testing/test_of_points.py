@@ -10,6 +10,7 @@ import pytest
 from tests.testing.own import guide
 
 from eomcheck.claims.finding import Finding, Verdict
+from eomcheck.claims.registry import BlindSpot
 from eomcheck.errors import InputError
 from eomcheck.evaluation.tolerance import C
 from eomcheck.numbers.pivots import EPS
@@ -17,7 +18,6 @@ from eomcheck.scenes import SCENES
 from eomcheck.testing import EquationsOfMotion, check_functions, from_scene
 from eomcheck.testing.claims_answers import NOISE
 from eomcheck.testing.equations_of_motion import BrokenError, FunctionCaller
-from eomcheck.testing.function_claim import BlindSpot
 from eomcheck.testing.function_state import (
     FunctionState,
     clock_rate,

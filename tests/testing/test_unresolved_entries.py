@@ -10,9 +10,9 @@ import pytest
 from tests.testing.own import given, guide
 
 from eomcheck.claims.finding import VERDICTS, Finding
+from eomcheck.claims.registry import Comparison
 from eomcheck.testing import FUNCTION_CLAIMS, EquationsOfMotion, check_functions
-from eomcheck.testing.function_checks import judge_entries
-from eomcheck.testing.function_claim import UncertainComparison
+from eomcheck.testing.function_checks import judge_output
 from eomcheck.testing.suite import EquationsTarget
 from eomcheck.testing.uncertain import UncertainArray, noise
 
@@ -101,11 +101,11 @@ def test_an_entry_that_vanishes_where_it_is_not_hidden_is_not_resolved():
     assert "row q[0]" in of(found, "inconclusive")[claim]
 
 
-def sides(found: float, expected: float, error: float, size: float) -> UncertainComparison:
+def sides(found: float, expected: float, error: float, size: float) -> Comparison:
     def one(value: float) -> UncertainArray:
         return UncertainArray(np.array([value]), np.array([error]), np.array([size]))
 
-    return UncertainComparison(
+    return Comparison(
         "x", one(found), UncertainArray(np.array([expected]), np.zeros(1), np.ones(1)), (("0",),)
     )
 
@@ -126,7 +126,7 @@ def test_an_entry_that_would_pass_with_any_sign_is_not_resolved(
     found: float, error: float, verdict: str
 ):
     (claim,) = [FUNCTION_CLAIMS["bias-even"]]
-    judged = judge_entries(claim, sides(found, 1.0, error, 1e6))
+    judged = judge_output(claim, sides(found, 1.0, error, 1e6))
     assert VERDICTS[int(judged.verdicts[0])] == verdict
 
 

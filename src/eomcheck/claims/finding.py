@@ -161,6 +161,11 @@ class Finding:
         )
 
 
+def skipped_everywhere(claim: str, subject: str, scene: Any, reason: str) -> Finding:
+    """Return the Finding that a claim cannot be evaluated about `subject`, in any state."""
+    return Finding(claim, subject, scene, None, 0.0, 0.0, "skipped", "skipped", reason)
+
+
 def ratio(observed: float, allowed: float) -> float:
     """Return the ratio observed / allowed; 0 for 0 / 0."""
     if allowed > 0:
@@ -460,13 +465,21 @@ def unresolved_by_claim(findings: Iterable[Finding]) -> dict[str, list[Unresolve
     return left
 
 
-def unresolved_finding(left: Sequence[Unresolved]) -> Finding:
-    """Return the inconclusive finding of one claim that lists its unresolved entries."""
-    about = list(dict.fromkeys(one.subject for one in left))
+def unresolved_finding(
+    left: Sequence[Unresolved], shown: Unresolved | None = None, names: Sequence[str] = ()
+) -> Finding:
+    """Return the inconclusive finding of one claim that lists its unresolved entries.
+
+    Args:
+        left: the unresolved subjects and entries.
+        shown: the one whose numbers and state are shown, by default the first.
+        names: their names, by default those of subject and entry.
+    """
+    about, shown = list(dict.fromkeys(one.subject for one in left)), shown or left[0]
     return replace(
-        left[0].finding,
+        shown.finding,
         subject=", ".join(about) if len(about) <= LISTED else "all",
         verdict="inconclusive",
-        detail=unresolved_detail([one.name for one in left], left[0].states),
+        detail=unresolved_detail(names or [one.name for one in left], shown.states),
         entries=None,
     )

@@ -24,6 +24,7 @@ from eomcheck.claims.finding import (
     Unresolved,
     entry_name,
     looks_like,
+    skipped_everywhere,
     unresolved_detail,
 )
 from eomcheck.claims.registry import CLAIMS, Claim, Comparison, GenericPoint, NoRateError, Skipped
@@ -281,7 +282,7 @@ def prove_structure(
             f"{scene.r} constraints on {scene.n} coordinates: at a random point no velocity "
             "satisfies them (eomcheck.with_constraints leaves those that are independent)"
         )
-        return [_skipped(scene, ("finite-terms", "speeds"), why)]
+        return [skipped_everywhere("finite-terms", "speeds", scene, why)]
     draws = IdentitySampler(scene, formulations, random.Random(f"{seed} {scene.structure}"))
     try:
         for _ in range(points):
@@ -295,7 +296,7 @@ def prove_structure(
         return [_failed(scene, ("finite-terms", "speeds"), REDRAWS, f"defined nowhere: {error}")]
     except Exception as error:
         if origin := scene_function_that_raised(scene, error):
-            return [_skipped(scene, ("finite-terms", "terms"), f"not rational: {origin}")]
+            return [skipped_everywhere("finite-terms", "terms", scene, f"not rational: {origin}")]
         raise
     findings = [
         _failed(scene, ("equivalence", key), REDRAWS, f"{what} is singular at every state")
@@ -303,7 +304,7 @@ def prove_structure(
     ]
     for key, outcome in draws.results.items():
         if not outcome.primes:
-            findings.append(_skipped(scene, key, outcome.skipped))
+            findings.append(skipped_everywhere(*key, scene, outcome.skipped))
             continue
         if outcome.differs:
             findings.append(_failed(scene, key, outcome.differs, outcome.detail))
@@ -325,10 +326,6 @@ def _failed(scene: Scene, key: Key, points: int, detail: str) -> Finding:
     return Finding(*key, scene, None, float(points), 0.0, "failed", evidence, detail)
 
 
-def _skipped(scene: Scene, key: Key, reason: str) -> Finding:
-    return Finding(*key, scene, None, 0.0, 0.0, "skipped", "skipped", reason)
-
-
 def _not_rational(scene: Scene, error: Exception) -> Finding:
     """Return the skipped Finding on a function that does not run on exact numbers.
 
@@ -341,7 +338,7 @@ def _not_rational(scene: Scene, error: Exception) -> Finding:
     if ours and not isinstance(error, NotRationalError):
         raise error
     detail = f"not rational, in {last.name}: {error}"
-    return _skipped(scene, ("finite-terms", "terms"), detail)
+    return skipped_everywhere("finite-terms", "terms", scene, detail)
 
 
 def largest_bounds(at: GenericPoint) -> dict[Key, tuple[int, float]]:

@@ -13,15 +13,15 @@ bound by perturbation analysis; in a finite field (`eomcheck.claims.proof`) they
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, reduce
-from typing import Any, ClassVar, NamedTuple, Protocol
+from functools import cached_property, partial, reduce
+from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from eomcheck.claims.finding import Finding
-from eomcheck.errors import RefusedError
+from eomcheck.claims.finding import Finding, Verdict
+from eomcheck.errors import RefusedError, at_least_one, registered
 from eomcheck.evaluation.scene_quantities import Quantities, Solution
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import Formulation, Partition
@@ -35,6 +35,9 @@ Names = tuple[tuple[str, ...], ...]
 class Comparison(NamedTuple):
     """Two sides of an equation, actual = expected, about `subject`.
 
+    In claims about functions both sides are `UncertainArray`s, which carry their errors, and the
+    fields from `size` to `sizes` are not used.
+
     Attributes:
         subject: name of the compared quantity or formulations.
         actual: the quantity under test.
@@ -46,6 +49,8 @@ class Comparison(NamedTuple):
             and NaN stands for None.
         may_vanish: whether sides that are 0 are compared too.
         sizes: sizes of the terms that cancel in each entry, same shape; None if unknown.
+        explain: function (actual, expected, allowed error, index of the worst entry) -> diagnosis,
+            "" where it has none; None for the diagnosis of any two arrays.
     """
 
     subject: str
@@ -56,6 +61,17 @@ class Comparison(NamedTuple):
     sensitivity: Any = None
     may_vanish: bool = False
     sizes: Any = None
+    explain: Callable[[Array, Array, float, tuple[int, ...]], str] | None = None
+
+
+class Decision(NamedTuple):
+    """A verdict that a claim has reached by itself; attributes as in `Finding`."""
+
+    subject: str
+    observed: float
+    allowed: float
+    verdict: Verdict
+    detail: str = ""
 
 
 class Skipped(NamedTuple):
@@ -63,6 +79,9 @@ class Skipped(NamedTuple):
 
     subject: str
     reason: str
+
+
+ClaimOutput = Comparison | Decision | Skipped
 
 
 def vanishing(
@@ -198,51 +217,155 @@ class Claim:
         return self.sides is not None and self.provable
 
 
-CLAIMS: dict[str, Claim] = {}
-"""Id -> claim, single terms before whole accelerations: the first that fails is the closest."""
+class BlindSpot(NamedTuple):
+    """A fault of an input that cannot be detected while other inputs are missing.
 
-
-def case_claim(id: str, statement: str, equations: str, term: str, asks: str = "") -> Callable:
-    """Register the decorated check in float64 as a claim.
-
-    Args:
-        id: short name, key of `CLAIMS`.
-        statement: the claim in symbols of the paper.
-        equations: numbers of the equations in the paper.
-        term: the term to suspect first when the claim fails.
-        asks: name of the engine method that the claim compares with, "" for none.
-
-    Returns:
-        The decorator of a function that takes the `Case`, bound to the claim, and yields Findings.
+    Attributes:
+        about: the input, a key of `eomcheck.testing.equations_of_motion.INPUTS`.
+        what: description of the fault.
+        revealed_by: inputs any one of which would reveal it; "against" is the reference, "x & y"
+            both together, "x|y" either.
+        derived: whether this holds only where all functions result from one derivation.
     """
 
-    def register(function: Callable[[Any], Iterator[Finding]]) -> Callable:
-        CLAIMS[id] = Claim(id, statement, equations, term, function, asks=asks)
-        return function
+    about: str
+    what: str
+    revealed_by: tuple[str, ...]
+    derived: bool = False
 
-    return register
+    def revealing_inputs(self, at: Inputs) -> str:
+        """Return the missing inputs that would reveal it, as text; "" where none is missing."""
+        alternatives: list[str] = []
+        for one in self.revealed_by:
+            missing = [x for x in one.split(" & ") if not has_any(at, x)]
+            if not missing:
+                return ""
+            alternatives.append(" with ".join(missing).replace("|", " or "))
+        joined = ", ".join(alternatives[:-1])
+        return f"{joined} or {alternatives[-1]}" if joined else alternatives[-1]
 
 
-def claim(id: str, statement: str, equations: str, term: str, **options: Any) -> Callable:
-    """Register the decorated function as the sides of a claim.
+class Inputs(Protocol):
+    """Inputs of a check of functions, such as a `FunctionState`."""
 
-    Args:
-        id: short name, key of `CLAIMS`.
-        statement: the claim in symbols of the paper.
-        equations: numbers of the equations in the paper.
-        term: the term to suspect first when the claim fails.
-        options: further fields of `Claim`.
+    def has(self, name: str) -> bool:
+        """Return whether an input is available."""
+        ...
 
-    Returns:
-        The decorator of a function that takes a point (`Quantities`) and an `EvaluationContext`,
-        and yields `Comparison`s.
+
+def has_any(at: Inputs, names: str) -> bool:
+    """Return whether one of the quantities "x|y" is available."""
+    return any(map(at.has, names.split("|")))
+
+
+@dataclass(frozen=True)
+class FunctionClaim:
+    """A statement about user-supplied functions at a state.
+
+    Attributes:
+        id: short name.
+        statement: the statement, in symbols.
+        term: term to blame when it fails.
+        needs: names of quantities without which it is skipped; "T|M" is either.
+        without: names of inputs with which it does not hold.
+        natural: whether it holds only where T is quadratic in v, see `FunctionState.natural`.
+        consistent: whether it is checked where the constraints hold, see
+            `FunctionState.consistent`.
+        blind_spots: faults that cannot be detected while inputs it needs are missing.
+        evaluate: function of a `FunctionState` that yields the outcomes.
     """
 
-    def register(sides: Callable[[Any, Any], Iterator[Comparison | Skipped]]) -> Callable:
-        CLAIMS[id] = Claim(id, statement, equations, term, sides=sides, **options)
-        return sides
+    id: str
+    statement: str
+    term: str
+    needs: tuple[str, ...] = ()
+    without: tuple[str, ...] = ()
+    natural: bool = False
+    consistent: bool = False
+    blind_spots: tuple[BlindSpot, ...] = ()
+    evaluate: Callable[[Any], Iterator[ClaimOutput]] = field(
+        default=lambda at: iter(()), repr=False
+    )
 
-    return register
+    def applies(self, at: Inputs) -> bool:
+        """Return whether all it needs is available, and no input with which it does not hold."""
+        return all(has_any(at, x) for x in self.needs) and not any(map(at.has, self.without))
+
+
+# ---- Registries ----------------------------------------------------------------------------------
+
+K = TypeVar("K", Claim, FunctionClaim)
+F = TypeVar("F", bound=Callable)
+
+
+class ClaimRegistry(dict[str, K], Generic[K]):
+    """Id -> claim, ordered so that the first claim that fails is the closest to its cause.
+
+    Args:
+        kind: class of the claims.
+    """
+
+    def __init__(self, kind: type[K]):
+        super().__init__()
+        self._kind = kind
+
+    def register(self, body: str, *about: Any, **options: Any) -> Callable[[F], F]:
+        """Return a decorator that registers a function as a claim.
+
+        Args:
+            body: name of the field of the claim that holds the function.
+            about: fields of the claim in their order: its id, its statement and so on.
+            options: further fields.
+        """
+
+        def decorate(function: F) -> F:
+            claim = self._kind(*about, **options, **{body: function})
+            self[claim.id] = claim
+            return function
+
+        return decorate
+
+    def select(self, ids: Iterable[str] | None) -> tuple[K, ...]:
+        """Return the claims of these ids, at least one; None stands for all.
+
+        Raises:
+            InputError: `ids` is empty.
+            UnknownNameError: an id is not registered.
+        """
+        if ids is None:
+            return tuple(self.values())
+        return tuple(registered("claim", one, self) for one in at_least_one("claims", ids))
+
+    def by_name(self, claims: Collection) -> bool:
+        """Return whether claims were requested by name: fewer than all.
+
+        Such claims have a finding in any case: where one does not apply, it is skipped.
+        """
+        return len(claims) < len(self)
+
+
+CLAIMS = ClaimRegistry(Claim)
+"""Id -> claim about scenes: single terms, then relations, then whole accelerations."""
+
+FUNCTION_CLAIMS = ClaimRegistry(FunctionClaim)
+"""Id -> claim about functions: single functions, then relations between them."""
+
+claim = partial(CLAIMS.register, "sides")
+"""Decorator of the sides of a claim: (id, statement, equations, term), further fields of `Claim`.
+
+The function takes a point (`Quantities`) and an `EvaluationContext` and yields `Comparison`s.
+"""
+
+case_claim = partial(CLAIMS.register, "check")
+"""Decorator of a check in float64; see `claim`. The function takes a `Case` and yields Findings."""
+
+function_claim = partial(FUNCTION_CLAIMS.register, "evaluate")
+"""Decorator of a claim about functions: (id, statement, term, needs), fields of `FunctionClaim`.
+
+The function takes a `FunctionState` and yields `ClaimOutput`s.
+"""
+
+# ---- Helpers of claims ---------------------------------------------------------------------------
 
 
 def magnitude(*factors: Any) -> Any:

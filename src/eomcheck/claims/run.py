@@ -51,7 +51,7 @@ from eomcheck.engines import (
     make_engine,
     represents,
 )
-from eomcheck.errors import EomcheckError, InputError, at_least_one, message_of, registered
+from eomcheck.errors import EomcheckError, InputError, message_of
 from eomcheck.evaluation.dynamics import CONSISTENT_HINT, check_consistent
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import Formulation, formulations_among
@@ -97,9 +97,7 @@ class RunSelection:
             InputError: a formulation applies to none of `scenes`, or `claims` names none.
             UnknownNameError: a name is not registered.
         """
-        ids = tuple(CLAIMS if claims is None else at_least_one("claims", claims))
-        for one in ids:
-            registered("claim", one, CLAIMS)
+        ids = tuple(one.id for one in CLAIMS.select(claims))
         chosen, reader = engines_among(engines), None
         if engines is None and len(scenes) == 1 and (reader := default_reader(scenes[0])):
             chosen = (*chosen, reader)

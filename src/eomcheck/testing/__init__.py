@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 from eomcheck import deprecated
 
 if TYPE_CHECKING:
+    from eomcheck.claims.registry import FUNCTION_CLAIMS
     from eomcheck.strategies import settings
     from eomcheck.testing.converters import from_engine, from_kane, from_lagrange, from_scene
     from eomcheck.testing.equations_of_motion import EquationsOfMotion
     from eomcheck.testing.function_checks import check, check_functions
-    from eomcheck.testing.function_claim import FUNCTION_CLAIMS
     from eomcheck.testing.suite import parametrize_with_claims
 
 

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from eomcheck.claims.registry import Comparison, Decision, function_claim
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.numbers.generic import Array
 from eomcheck.numbers.pivots import EPS
@@ -21,7 +22,6 @@ from eomcheck.testing.equations_of_motion import (
     FunctionCaller,
     equations_from,
 )
-from eomcheck.testing.function_claim import Decision, UncertainComparison, function_claim
 from eomcheck.testing.function_state import FunctionState
 from eomcheck.testing.uncertain import UncertainArray
 
@@ -90,7 +90,7 @@ def arguments_unchanged(at: FunctionState) -> Iterator[Decision]:
 
 
 @function_claim("same-answer", "f(x) after f(y) is f(x)", "")
-def same_answer(at: FunctionState) -> Iterator[UncertainComparison]:
+def same_answer(at: FunctionState) -> Iterator[Comparison]:
     """Compare the result of each function before and after calls at another state."""
     # Each coordinate by another amount: a chain of links is the same turned as a whole.
     width_q, width_v = (x * np.linspace(1.0, 1.3, len(x)) for x in (at.width_q, at.width_v))
@@ -124,7 +124,7 @@ CACHED_DOUBLES = (*CACHED, (2.0**-21, 2.0**-31, 2.0**-24))
 
 
 @function_claim("answers-repeat", "f(x) is the same in every call of a run", "")
-def answers_repeat(at: FunctionState) -> Iterator[UncertainComparison | Decision]:
+def answers_repeat(at: FunctionState) -> Iterator[Comparison | Decision]:
     """Compare results at earlier states, called again after all other claims, to rounding.
 
     Each call is at another state than the one before, so that a repeated previous result differs;
@@ -162,7 +162,7 @@ def answers_repeat(at: FunctionState) -> Iterator[UncertainComparison | Decision
 
 
 @function_claim("fresh-answer", "f(x) of a fresh instance is f(x)", "", ("factory",))
-def fresh_answer(at: FunctionState) -> Iterator[UncertainComparison | Decision]:
+def fresh_answer(at: FunctionState) -> Iterator[Comparison | Decision]:
     """Compare the result of each function with that of a fresh instance without earlier calls."""
     fresh = FunctionCaller(fresh_functions(at.functions))
     for name in working_functions(at):
@@ -180,9 +180,7 @@ def fresh_answer(at: FunctionState) -> Iterator[UncertainComparison | Decision]:
         yield _again(at, name, anew, first)
 
 
-def _again(
-    at: FunctionState, name: str, again: Array, first: UncertainArray
-) -> UncertainComparison:
+def _again(at: FunctionState, name: str, again: Array, first: UncertainArray) -> Comparison:
     """Return the comparison of a repeated result with the first one, to rounding at most."""
 
     def explain(*_: object) -> str:
@@ -191,7 +189,7 @@ def _again(
     error = np.where(again == first.value, 0.0, first.error)
     actual, none = UncertainArray(again, error, first.size), np.zeros(first.shape)
     expected = UncertainArray(first.value, none, first.size)
-    return UncertainComparison(name, actual, expected, axis_names(at, name), explain)
+    return Comparison(name, actual, expected, axis_names(at, name), explain=explain)
 
 
 def fresh_functions(functions: EquationsOfMotion) -> EquationsOfMotion:

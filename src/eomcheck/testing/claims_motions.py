@@ -11,21 +11,27 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from eomcheck.claims.registry import (
+    BlindSpot,
+    Comparison,
+    Decision,
+    Skipped,
+    function_claim,
+    has_any,
+)
 from eomcheck.errors import InputError
 from eomcheck.evaluation.tolerance import C
 from eomcheck.numbers.generic import Array
 from eomcheck.numbers.pivots import EPS
 from eomcheck.testing.claims_answers import axis_names
-from eomcheck.testing.claims_terms import kinetic_rate, proportional, row_names, within_allowed
-from eomcheck.testing.equations_of_motion import BrokenError, FunctionCaller
-from eomcheck.testing.function_claim import (
-    BlindSpot,
-    Decision,
-    Skipped,
-    UncertainComparison,
-    function_claim,
-    has_any,
+from eomcheck.testing.claims_terms import (
+    compare,
+    kinetic_rate,
+    proportional,
+    row_names,
+    within_allowed,
 )
+from eomcheck.testing.equations_of_motion import BrokenError, FunctionCaller
 from eomcheck.testing.function_state import (
     FunctionState,
     inertia,
@@ -66,7 +72,7 @@ def is_nonzero(x: UncertainArray) -> Array:
         BlindSpot("Q", "applied forces of wrong sign or size", ("qdd & M|T", "against")),
     ),
 )
-def motion(at: FunctionState) -> Iterator[UncertainComparison | Decision | Skipped]:
+def motion(at: FunctionState) -> Iterator[Comparison | Decision | Skipped]:
     """Compare M q̈ + B with the forces, in the directions the constraints leave.
 
     M and B are those given, else those that follow from T, C or M. Where no force is given at all,
@@ -97,9 +103,9 @@ def motion(at: FunctionState) -> Iterator[UncertainComparison | Decision | Skipp
         odd, along = inertial - back, exact(free.value @ at.v)
         if not at.natural() and is_nonzero(odd).any() and not is_nonzero(along @ odd):
             # Dampers do work; terms of T that are linear in v do none.
-            yield UncertainComparison(subject, odd, exact(np.zeros(odd.shape)), (names,))
+            yield Comparison(subject, odd, exact(np.zeros(odd.shape)), (names,))
             return
-        yield UncertainComparison(subject, inertial + back, 2.0 * rest, (names,))
+        yield Comparison(subject, inertial + back, 2.0 * rest, (names,))
         worst = float(np.abs(inertial.value).max())
         yield Decision("forces", worst, 0.0, "inconclusive", f"M q̈ + B is not 0, and {FORCES}")
         return
@@ -114,7 +120,7 @@ def motion(at: FunctionState) -> Iterator[UncertainComparison | Decision | Skipp
                     return f"off by {name}: {what}"
         return ""
 
-    yield UncertainComparison(subject, inertial, forces, (names,), explain)
+    yield Comparison(subject, inertial, forces, (names,), explain=explain)
 
 
 @function_claim(
@@ -126,16 +132,14 @@ def motion(at: FunctionState) -> Iterator[UncertainComparison | Decision | Skipp
     consistent=True,
     natural=True,
 )
-def power_balance(at: FunctionState) -> Iterator[UncertainComparison | Skipped]:
+def power_balance(at: FunctionState) -> Iterator[Comparison | Skipped]:
     """Compare the rate of the kinetic energy with the power of forces; constraints do no work."""
     qdd, forces, v = at.quantity("qdd"), at.forces(), exact(at.v)
     rate = kinetic_rate(at, qdd)
     if not at.parts() and is_nonzero(rate).any():
         yield Skipped("Ṫ ~ v·forces", FORCES)
         return
-    yield UncertainComparison(
-        "Ṫ ~ v·forces", rate, v @ forces + violation_power(at, qdd, forces), ()
-    )
+    yield compare(at, "Ṫ ~ v·forces", rate, v @ forces + violation_power(at, qdd, forces))
 
 
 def violation_power(
@@ -163,7 +167,7 @@ def violation_power(
     natural=True,
     consistent=True,
 )
-def acceleration_even(at: FunctionState) -> Iterator[UncertainComparison | Decision]:
+def acceleration_even(at: FunctionState) -> Iterator[Comparison | Decision]:
     """Compare q̈ at -v and v: without damping a motion can run backwards.
 
     Rows with an odd part that is linear in v, which may be a damper, are inconclusive.
@@ -183,9 +187,7 @@ def acceleration_even(at: FunctionState) -> Iterator[UncertainComparison | Decis
 
     none = exact(np.zeros(len(at.v)))
     back = _where(damped, none, at.with_velocity(-at.v).quantity("qdd"))
-    yield UncertainComparison(
-        "q̈", back, _where(damped, none, at.quantity("qdd")), (row_names(at),), explain
-    )
+    yield compare(at, "q̈", back, _where(damped, none, at.quantity("qdd")), explain)
 
 
 def _odd(at: FunctionState) -> UncertainArray:
@@ -220,7 +222,7 @@ def _where(chosen: Array, x: UncertainArray, y: UncertainArray) -> UncertainArra
     natural=True,
     consistent=True,
 )
-def acceleration_quadratic(at: FunctionState) -> Iterator[UncertainComparison]:
+def acceleration_quadratic(at: FunctionState) -> Iterator[Comparison]:
     """Compare q̈(2v) - q̈(0) with 4 (q̈(v) - q̈(0)), without damping.
 
     In rows with a linear damper the mean of both directions of v is compared.
@@ -231,7 +233,7 @@ def acceleration_quadratic(at: FunctionState) -> Iterator[UncertainComparison]:
     if damped.any():
         once = _where(damped, once - 0.5 * _odd(at), once)
         far = _where(damped, far - 0.5 * _odd(twice), far)
-    yield UncertainComparison("q̈", far - rest, 4.0 * (once - rest), (row_names(at),))
+    yield compare(at, "q̈", far - rest, 4.0 * (once - rest))
 
 
 # ---- Reference -----------------------------------------------------------------------------------
@@ -321,7 +323,7 @@ def check_reference(points: list[FunctionState]) -> None:
         ),
     ),
 )
-def reference(at: FunctionState) -> Iterator[UncertainComparison | Skipped]:
+def reference(at: FunctionState) -> Iterator[Comparison | Skipped]:
     """Compare each quantity with that of the reference."""
     assert at.reference is not None
     for name, (shaped, of) in QUANTITIES.items():
@@ -348,6 +350,10 @@ def reference(at: FunctionState) -> Iterator[UncertainComparison | Skipped]:
                 f"{name} ~ {at.reference.name}", why_no_bias(point if actual is None else theirs)
             )
             continue
-        yield UncertainComparison(
-            f"{name} ~ {at.reference.name}", actual, expected, axis_names(at, shaped), proportional
+        yield Comparison(
+            f"{name} ~ {at.reference.name}",
+            actual,
+            expected,
+            axis_names(at, shaped),
+            explain=proportional,
         )

@@ -13,17 +13,11 @@ from contextlib import suppress
 import numpy as np
 
 from eomcheck.claims.finding import EVERY_ROW
+from eomcheck.claims.registry import BlindSpot, Comparison, Decision, Skipped, function_claim
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, C, allowed_error
 from eomcheck.numbers.generic import Array
 from eomcheck.numbers.pivots import EPS
 from eomcheck.testing.equations_of_motion import BrokenError
-from eomcheck.testing.function_claim import (
-    BlindSpot,
-    Decision,
-    Skipped,
-    UncertainComparison,
-    function_claim,
-)
 from eomcheck.testing.function_state import (
     BUILT_IN,
     REST_ENERGY,
@@ -51,8 +45,35 @@ def row_names(at: FunctionState) -> tuple[str, ...]:
     return at.functions.velocity_names
 
 
+Explain = Callable[[Array, Array, float, tuple[int, ...]], str]
+
+
+def compare(
+    at: FunctionState,
+    subject: str,
+    actual: UncertainArray,
+    expected: UncertainArray,
+    explain: Explain | None = None,
+) -> Comparison:
+    """Return the comparison of two arrays whose axes are rows of M; see `Comparison`."""
+    names = (row_names(at),) * len(actual.shape)
+    return Comparison(subject, actual, expected, names, explain=explain)
+
+
+def compare_constraints(
+    at: FunctionState,
+    subject: str,
+    actual: UncertainArray,
+    expected: UncertainArray,
+    explain: Explain | None = None,
+) -> Comparison:
+    """Return the comparison of two arrays whose first axis are constraints; see `Comparison`."""
+    names = (constraint_row_names(at), row_names(at))[: len(actual.shape)]
+    return Comparison(subject, actual, expected, names, explain=explain)
+
+
 @function_claim("mass-matrix-symmetric", "M = Mᵀ", "mass matrix", ("M",))
-def mass_matrix_symmetric(at: FunctionState) -> Iterator[UncertainComparison]:
+def mass_matrix_symmetric(at: FunctionState) -> Iterator[Comparison]:
     """Compare M with its transpose."""
     M = at.quantity("M")
 
@@ -64,7 +85,7 @@ def mass_matrix_symmetric(at: FunctionState) -> Iterator[UncertainComparison]:
         x, y = actual[worst], expected[worst]
         return f"{x:.6g}, and entry ({other}) is {y:.6g}{sign_hint(x, y, allowed)}"
 
-    yield UncertainComparison("M", M, M.T, (row_names(at), row_names(at)), explain)
+    yield compare(at, "M", M, M.T, explain)
 
 
 def sign_hint(x: float, y: float, allowed: float) -> str:
@@ -100,7 +121,7 @@ def mass_matrix_positive(at: FunctionState) -> Iterator[Decision]:
 
 
 @function_claim("bias-at-rest", "B(q, 0) = 0", "bias", ("bias",), natural=True)
-def bias_at_rest(at: FunctionState) -> Iterator[UncertainComparison]:
+def bias_at_rest(at: FunctionState) -> Iterator[Comparison]:
     """Compare the bias at rest with 0; a difference is often gravity.
 
     With `bias_has_gravity` the bias at rest is compared with gravity.
@@ -109,9 +130,7 @@ def bias_at_rest(at: FunctionState) -> Iterator[UncertainComparison]:
     if at.functions.bias_has_gravity:
         if at.functions.gravity is not None or at.has("U"):
             g = at.quantity("gravity") if at.functions.gravity is not None else at.U_q()
-            yield UncertainComparison(
-                "bias at rest ~ ∂U/∂q", rest.quantity("bias"), g, (row_names(at),)
-            )
+            yield compare(at, "bias at rest ~ ∂U/∂q", rest.quantity("bias"), g)
         return
 
     def explain(actual: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
@@ -124,9 +143,7 @@ def bias_at_rest(at: FunctionState) -> Iterator[UncertainComparison]:
         potential = at.functions.qdot is None and _symmetric(_by_q(rest))
         return "should vanish, and has a potential: gravity in it?" if potential else ""
 
-    yield UncertainComparison(
-        "bias", rest.quantity("bias"), zero(at.quantity("bias")), (row_names(at),), explain
-    )
+    yield compare(at, "bias", rest.quantity("bias"), zero(at.quantity("bias")), explain)
 
 
 def _by_q(rest: FunctionState) -> UncertainArray:
@@ -143,17 +160,15 @@ def _symmetric(jacobian: UncertainArray) -> bool:
 
 
 @function_claim("bias-quadratic", "B(2v) = 4 B(v)", "bias", ("bias",), natural=True)
-def bias_quadratic(at: FunctionState) -> Iterator[UncertainComparison]:
+def bias_quadratic(at: FunctionState) -> Iterator[Comparison]:
     """Compare the bias at 2 v with 4 times the bias at v: it is quadratic in v."""
-    yield UncertainComparison(
-        "bias", at.with_velocity(2.0 * at.v).B(), 4.0 * at.B(), (row_names(at),)
-    )
+    yield compare(at, "bias", at.with_velocity(2.0 * at.v).B(), 4.0 * at.B())
 
 
 @function_claim("bias-even", "B(-v) = B(v)", "bias", ("bias",), natural=True)
-def bias_even(at: FunctionState) -> Iterator[UncertainComparison]:
+def bias_even(at: FunctionState) -> Iterator[Comparison]:
     """Compare the bias at -v and v: unlike damping it does not change when motion is reversed."""
-    yield UncertainComparison("bias", at.with_velocity(-at.v).B(), at.B(), (row_names(at),))
+    yield compare(at, "bias", at.with_velocity(-at.v).B(), at.B())
 
 
 @function_claim(
@@ -166,7 +181,7 @@ def bias_even(at: FunctionState) -> Iterator[UncertainComparison]:
         BlindSpot("M", "whether M depends on q as it should", ("bias", "C", "T", "qdd", "against")),
     ),
 )
-def check_bias_of_mass_matrix(at: FunctionState) -> Iterator[UncertainComparison | Skipped]:
+def check_bias_of_mass_matrix(at: FunctionState) -> Iterator[Comparison | Skipped]:
     """Compare the bias with that of the derivatives of M.
 
     Terms of T that are not quadratic in v, as where the system is driven by time, may add to B. So
@@ -180,7 +195,7 @@ def check_bias_of_mass_matrix(at: FunctionState) -> Iterator[UncertainComparison
     if not at.natural() and not within_allowed(at.B().value, expected.value, allowed):
         yield Skipped("bias", at.why_not_natural())
         return
-    yield UncertainComparison("bias", at.B(), expected, (row_names(at),), proportional)
+    yield compare(at, "bias", at.B(), expected, proportional)
 
 
 def proportional(found: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
@@ -219,11 +234,11 @@ def proportional(found: Array, expected: Array, allowed: float, worst: tuple[int
 
 
 @function_claim("bias-power", "vᵀ B = ½ vᵀ Ṁ v", "bias", ("M|T", "bias"), natural=True)
-def bias_power(at: FunctionState) -> Iterator[UncertainComparison]:
+def bias_power(at: FunctionState) -> Iterator[Comparison]:
     """Compare the power of the bias with ½ vᵀ Ṁ v, which follows from M or T."""
     v = exact(at.v)
     power = 0.5 * (v @ (inertia_rate(at) @ v)) if uses_mass_matrix(at) else at.rate_of(at.raw("T"))
-    yield UncertainComparison("bias", v @ at.B(), power, ())
+    yield compare(at, "bias", v @ at.B(), power)
 
 
 @function_claim(
@@ -234,15 +249,13 @@ def bias_power(at: FunctionState) -> Iterator[UncertainComparison]:
     natural=True,
     blind_spots=(BlindSpot("C", "what C should be", ("bias", "M", "T")),),
 )
-def coriolis_bias(at: FunctionState) -> Iterator[UncertainComparison | Skipped]:
+def coriolis_bias(at: FunctionState) -> Iterator[Comparison | Skipped]:
     """Compare C v with the bias: as given, else as it follows from M or T."""
     expected = at.B() if at.has("bias") else bias_of_inertia(at)
     if expected is None:
         yield Skipped("C v", why_no_bias(at))
         return
-    yield UncertainComparison(
-        "C v", at.quantity("C") @ exact(at.v), expected, (row_names(at),), proportional
-    )
+    yield compare(at, "C v", at.quantity("C") @ exact(at.v), expected, proportional)
 
 
 @function_claim(
@@ -254,16 +267,16 @@ def coriolis_bias(at: FunctionState) -> Iterator[UncertainComparison | Skipped]:
     natural=True,
     blind_spots=(BlindSpot("C", "whether Ṁ - 2 C is skew-symmetric", ("M", "T")),),
 )
-def coriolis_skew(at: FunctionState) -> Iterator[UncertainComparison]:
+def coriolis_skew(at: FunctionState) -> Iterator[Comparison]:
     """Compare C + Cᵀ with Ṁ: they are equal if C is made of Christoffel symbols."""
     twice = at.quantity("C") + at.quantity("C").T
-    yield UncertainComparison("C + Cᵀ ~ Ṁ", twice, inertia_rate(at), (row_names(at), row_names(at)))
+    yield compare(at, "C + Cᵀ ~ Ṁ", twice, inertia_rate(at))
 
 
 @function_claim(
     "gravity-potential", "∂g_i/∂q_k = ∂g_k/∂q_i", "gravity", ("gravity",), without=("qdot",)
 )
-def gravity_potential(at: FunctionState) -> Iterator[UncertainComparison]:
+def gravity_potential(at: FunctionState) -> Iterator[Comparison]:
     """Compare ∂g/∂q with its transpose: gravity has a potential."""
     given = at.functions.gravity is not None
     rest = at.with_velocity(np.zeros(len(at.v)))
@@ -275,8 +288,7 @@ def gravity_potential(at: FunctionState) -> Iterator[UncertainComparison]:
         each = f"row {i} changes by {x:.6g} per {k}, and row {k} by {y:.6g} per {i}"
         return each + sign_hint(x, y, allowed)
 
-    names = row_names(at), row_names(at)
-    yield UncertainComparison("gravity", jacobian, jacobian.T, names, explain)
+    yield compare(at, "gravity", jacobian, jacobian.T, explain)
 
 
 @function_claim(
@@ -297,13 +309,13 @@ def gravity_potential(at: FunctionState) -> Iterator[UncertainComparison]:
         ),
     ),
 )
-def gravity_of_potential(at: FunctionState) -> Iterator[UncertainComparison]:
+def gravity_of_potential(at: FunctionState) -> Iterator[Comparison]:
     """Compare gravity with the derivative of the potential energy."""
-    yield UncertainComparison("gravity", at.gravity(), at.U_q(), (row_names(at),), proportional)
+    yield compare(at, "gravity", at.gravity(), at.U_q(), proportional)
 
 
 @function_claim("gravity-velocity", "g does not depend on v", "gravity", ("gravity",))
-def gravity_velocity(at: FunctionState) -> Iterator[UncertainComparison]:
+def gravity_velocity(at: FunctionState) -> Iterator[Comparison]:
     """Compare gravity at two velocities, after calls of all functions at the other one."""
     if at.functions.gravity is None:
         return  # gravity is the bias at rest
@@ -313,22 +325,20 @@ def gravity_velocity(at: FunctionState) -> Iterator[UncertainComparison]:
         with suppress(BrokenError):
             moved.raw(name)(moved.q, moved.v)
     again = moved.caller("gravity", moved.q, moved.v)
-    yield UncertainComparison(
-        "gravity", UncertainArray(again, first.error, first.size), first, (row_names(at),)
-    )
+    yield compare(at, "gravity", UncertainArray(again, first.error, first.size), first)
 
 
 # ---- Energies ------------------------------------------------------------------------------------
 
 
 @function_claim("energy-quadratic", "T is at most quadratic in v", "kinetic energy", ("T",))
-def energy_quadratic(at: FunctionState) -> Iterator[UncertainComparison | Skipped]:
+def energy_quadratic(at: FunctionState) -> Iterator[Comparison | Skipped]:
     """Compare both sides of T(3v) + 3 T(v) = 3 T(2v) + T(0).
 
     T(q, 0) may change with q where the system is driven by time.
     """
     T = [at.with_velocity(k * at.v).quantity("T") for k in range(4)]
-    yield UncertainComparison("T", T[3] + 3.0 * T[1], 3.0 * T[2] + T[0], ())
+    yield compare(at, "T", T[3] + 3.0 * T[1], 3.0 * T[2] + T[0])
     tells = [name for name in ("bias", "qdd", "against") if at.has(name)]
     if not tells and at.rest_energy_changes():
         yield Skipped("T at rest", f"{REST_ENERGY} bias, qdd or against would tell")
@@ -341,7 +351,7 @@ def energy_quadratic(at: FunctionState) -> Iterator[UncertainComparison | Skippe
     ("M", "T"),
     blind_spots=(BlindSpot("M", "a constant added to M", ("T", "qdd", "against")),),
 )
-def kinetic_energy(at: FunctionState) -> Iterator[UncertainComparison]:
+def kinetic_energy(at: FunctionState) -> Iterator[Comparison]:
     """Compare M with ∂²T/∂v², entry by entry; terms of T that are not quadratic in v drop out."""
 
     def explain(actual: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
@@ -355,10 +365,7 @@ def kinetic_energy(at: FunctionState) -> Iterator[UncertainComparison]:
             return f"on the diagonal {numbers} {size}, nothing elsewhere{armature}"
         return proportional(actual, expected, allowed, worst)
 
-    names = row_names(at), row_names(at)
-    yield UncertainComparison(
-        "M ~ ∂²T/∂v²", at.quantity("M"), second_differences(at), names, explain
-    )
+    yield compare(at, "M ~ ∂²T/∂v²", at.quantity("M"), second_differences(at), explain)
 
 
 @function_claim(
@@ -368,11 +375,11 @@ def kinetic_energy(at: FunctionState) -> Iterator[UncertainComparison]:
     ("T", "bias"),
     without=("qdot",),
 )
-def check_bias_of_energy(at: FunctionState) -> Iterator[UncertainComparison]:
+def check_bias_of_energy(at: FunctionState) -> Iterator[Comparison]:
     """Compare the bias with that of T by Lagrange's equations, also where T has linear terms."""
     expected = bias_of_energy(at)
     assert expected is not None
-    yield UncertainComparison("bias ~ T", at.B(), expected, (row_names(at),), proportional)
+    yield compare(at, "bias ~ T", at.B(), expected, proportional)
 
 
 @function_claim(
@@ -452,25 +459,25 @@ def constraint_row_names(at: FunctionState) -> tuple[str, ...]:
     ("a", "c"),
     blind_spots=(BlindSpot("a", "whether a belongs to the constraints", ("c", "against")),),
 )
-def constraint_jacobian(at: FunctionState) -> Iterator[UncertainComparison]:
+def constraint_jacobian(at: FunctionState) -> Iterator[Comparison]:
     """Compare a with the derivative of the constraints c."""
     c, a = at.raw("c"), at.quantity("a")
     if at.caller.reads("c") == "qv":
         expected = at.by_v(c).T
     else:
         expected = contract("nr,np->rp", at.by_q(c), at.S())
-    yield UncertainComparison("a", a, expected, (constraint_row_names(at), row_names(at)))
+    yield compare_constraints(at, "a", a, expected)
 
 
 @function_claim("constraint-velocity", "c(q, v) = a v + b", "constraint velocity", ("a", "c"))
-def constraint_velocity(at: FunctionState) -> Iterator[UncertainComparison]:
+def constraint_velocity(at: FunctionState) -> Iterator[Comparison]:
     """Compare a v + b with constraints at velocity level."""
     if at.caller.reads("c") != "qv":
         return
     velocity = at.quantity("a") @ exact(at.v)
     if at.has("b"):
         velocity = velocity + at.quantity("b")
-    yield UncertainComparison("a v + b", velocity, at.quantity("c"), (constraint_row_names(at),))
+    yield compare_constraints(at, "a v + b", velocity, at.quantity("c"))
 
 
 @function_claim(
@@ -483,11 +490,9 @@ def constraint_velocity(at: FunctionState) -> Iterator[UncertainComparison]:
         BlindSpot("a", "whether a depends on q as it should", ("c", "gamma", "qdd", "against")),
     ),
 )
-def constraint_drift(at: FunctionState) -> Iterator[UncertainComparison]:
+def constraint_drift(at: FunctionState) -> Iterator[Comparison]:
     """Compare γ with the rate of a v + b at v̇ = 0, for every v."""
-    yield UncertainComparison(
-        "γ", at.quantity("gamma"), drift_of_jacobian(at), (constraint_row_names(at),), proportional
-    )
+    yield compare_constraints(at, "γ", at.quantity("gamma"), drift_of_jacobian(at), proportional)
 
 
 @function_claim(
@@ -497,9 +502,7 @@ def constraint_drift(at: FunctionState) -> Iterator[UncertainComparison]:
     ("a", "qdd"),
     consistent=True,
 )
-def constraint_acceleration(at: FunctionState) -> Iterator[UncertainComparison]:
+def constraint_acceleration(at: FunctionState) -> Iterator[Comparison]:
     """Compare a q̈ with -γ: accelerations keep the constraints; γ as given, else of a and b."""
     left = at.quantity("a") @ at.quantity("qdd")
-    yield UncertainComparison(
-        "a q̈ ~ -γ", left, -supplied_or_derived_drift(at), (constraint_row_names(at),), proportional
-    )
+    yield compare_constraints(at, "a q̈ ~ -γ", left, -supplied_or_derived_drift(at), proportional)

@@ -17,10 +17,10 @@ from typing import NamedTuple
 import numpy as np
 
 from eomcheck.claims.finding import Finding
+from eomcheck.claims.registry import FUNCTION_CLAIMS
 from eomcheck.evaluation.tolerance import C
 from eomcheck.testing.claims_motions import FOLLOWS
 from eomcheck.testing.equations_of_motion import INPUTS, BrokenError, EquationsOfMotion
-from eomcheck.testing.function_claim import FUNCTION_CLAIMS
 from eomcheck.testing.function_state import (
     REST_ENERGY,
     FunctionState,

@@ -9,7 +9,8 @@ claim can show because an input is missing.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -22,18 +23,26 @@ from eomcheck.claims.finding import (
     VERDICTS,
     Entries,
     Finding,
+    Unresolved,
     Verdict,
     diagnose,
     entries_of,
     entry_name,
     never_resolved,
-    unresolved_detail,
+    skipped_everywhere,
+    unresolved_finding,
     verdict_codes,
     worst,
-    worst_entry,
 )
-from eomcheck.claims.registry import Names, Skipped
-from eomcheck.errors import InputError, at_least_one, registered, whole_number
+from eomcheck.claims.registry import (
+    FUNCTION_CLAIMS,
+    ClaimOutput,
+    Comparison,
+    Decision,
+    FunctionClaim,
+    Skipped,
+)
+from eomcheck.errors import InputError, whole_number
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, C, allowed_error
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
@@ -55,19 +64,12 @@ from eomcheck.testing.equations_of_motion import (
     equations_from,
 )
 from eomcheck.testing.fault_localization import localize_faults
-from eomcheck.testing.function_claim import (
-    FUNCTION_CLAIMS,
-    ClaimOutput,
-    Decision,
-    FunctionClaim,
-    UncertainComparison,
-)
 from eomcheck.testing.function_state import NOT_QUADRATIC, FunctionState
 from eomcheck.testing.uncertain import NEAR
 
 # In the order in which a failure is closest to its cause.
 
-GATHERED = claims_answers, claims_terms, claims_terms, claims_terms, claims_motions, claims_motions
+GATHERED = claims_answers, claims_terms, claims_motions
 """Modules that register claims."""
 
 LAST = "answers-repeat", "arguments-unchanged"
@@ -220,10 +222,8 @@ def check_equations(
         states, seed, against, claims: see `check_functions`.
         holonomic: value that replaces `functions.holonomic`, see `EquationsOfMotion.holonomic`.
     """
-    ids = tuple(FUNCTION_CLAIMS if claims is None else at_least_one("claims", claims))
-    selected = [registered("claim", one, FUNCTION_CLAIMS) for one in ids]
-    given = list(states) if isinstance(states, Iterable) else states
-    wanted = checked_states(functions, given)
+    selected = FUNCTION_CLAIMS.select(claims)
+    wanted = checked_states(functions, list(states) if isinstance(states, Iterable) else states)
     reference = None if against is None else reference_functions(against)
     if reference is not None and (reference.n, reference.p) != (functions.n, functions.p):
         raise InputError(
@@ -234,39 +234,43 @@ def check_equations(
         functions = replace(functions, holonomic=holonomic)
     if against is not None:
         functions = ComparedEquations.of(functions, against)
-    where = sample_states(functions, wanted, seed) if isinstance(wanted, int) else list(wanted)
-    answers = FunctionCaller(functions)
-    points = [
-        FunctionState(answers, state.q, state.v, seed + k, reference)
-        for k, state in enumerate(where)
-    ]
+    caller = FunctionCaller(functions)
+    drawn = sample_states(functions, wanted, seed) if isinstance(wanted, int) else wanted
+    points = _points(caller, drawn, seed, reference)
     if reference is not None:
         claims_motions.check_reference(points)
     findings = {
-        claim.id: [
-            *worst_findings(functions, claim, points),
-            *undetectable(functions, claim, points[0]),
-        ]
+        claim.id: [*worst_findings(claim, points), *undetectable(claim, points[0])]
         for claim in selected
         if claim.id not in LAST
     }
     if isinstance(wanted, int) and functions.ranges is None:
-        for one in outside_default_ranges(functions, answers, findings, seed + wanted, reference):
+        for one in outside_default_ranges(caller, findings, seed + wanted, reference):
             findings[one.claim].append(one)
-    for claim in sorted(selected, key=lambda one: one.id in LAST and 1 + LAST.index(one.id)):
-        if claim.id in LAST:
-            findings[claim.id] = [*worst_findings(functions, claim, points)]
-    if claims is not None:
-        for claim in selected:
-            findings[claim.id] = findings[claim.id] or [inapplicable(functions, claim)]
+    for id in LAST:
+        findings |= {x.id: [*worst_findings(x, points)] for x in selected if x.id == id}
+    if FUNCTION_CLAIMS.by_name(selected):
+        findings = {x.id: findings[x.id] or [inapplicable(functions, x)] for x in selected}
     ordered = [one for claim in selected for one in findings[claim.id]]
     return localize_faults(functions, ordered, points)
 
 
+def _points(
+    caller: FunctionCaller,
+    states: Sequence[State],
+    seed: int,
+    reference: EquationsOfMotion | None = None,
+) -> list[FunctionState]:
+    """Return the functions at each state, with a seed of its own."""
+    return [
+        FunctionState(caller, state.q, state.v, seed + k, reference)
+        for k, state in enumerate(states)
+    ]
+
+
 def outside_default_ranges(
-    functions: EquationsOfMotion,
-    answers: FunctionCaller,
-    found: Mapping[str, list[Finding]],
+    caller: FunctionCaller,
+    inside: Mapping[str, list[Finding]],
     seed: int,
     reference: EquationsOfMotion | None = None,
 ) -> Iterator[Finding]:
@@ -276,27 +280,23 @@ def outside_default_ranges(
     domain may end outside the ranges, as of tables and of arccos: a failure there is inconclusive.
 
     Args:
-        functions: the functions, without `ranges` of their own.
-        answers: caller of the functions.
-        found: id -> Findings inside the ranges, of the requested claims.
+        caller: caller of the functions, without `ranges` of their own.
+        inside: id -> Findings inside the ranges, of the requested claims.
         seed: seed of the random states.
         reference: functions that they are compared with, or None.
     """
-    wide = []
-    if not any(one.verdict == "failed" for all_ in found.values() for one in all_):
+    functions, wide = caller.functions, []
+    if not any(one.verdict == "failed" for each in inside.values() for one in each):
         middle, half = functions.half_ranges()
         half[: functions.n] = np.pi
-        wide = [
-            FunctionState(answers, state.q, state.v, seed + k, reference)
-            for k, state in enumerate(_draws(functions, middle, half, WIDE, seed))
-            if _finite(answers, state)
-        ]
-    for id in found:
-        for one in worst_findings(functions, FUNCTION_CLAIMS[id], wide):
+        points = _points(caller, _draws(functions, middle, half, WIDE, seed), seed, reference)
+        wide = [at for at in points if _finite(at)]
+    for id in inside:
+        for one in worst_findings(FUNCTION_CLAIMS[id], wide):
             if one.verdict == "failed":
                 detail = f"outside the ranges only, with q in [-π, π]: {one.detail}; say `ranges`"
                 yield replace(one, verdict="inconclusive", detail=detail)
-    if {"answers", "reference"} <= set(found):  # in a report about all claims
+    if {"answers", "reference"} <= set(inside):  # in a report about all claims
         more = f", and {len(wide)} of {WIDE} states with q in [-π, π]" if wide else ""
         yield _within(functions, more)
 
@@ -304,17 +304,15 @@ def outside_default_ranges(
 def _within(functions: EquationsOfMotion, more: str = "") -> Finding:
     """Return the Finding with the ranges that were checked: the default ones, and `more`."""
     detail = f"checked q in [-1, 1], v in [-1, 1]{more}: `ranges` for more"
-    skipped: Verdict = "skipped"
-    about = "reference", functions.name, functions, None
-    return Finding(*about, 0.0, 0.0, skipped, skipped, detail)
+    return skipped_everywhere("reference", functions.name, functions, detail)
 
 
-def _finite(answers: FunctionCaller, state: State) -> bool:
+def _finite(at: FunctionState) -> bool:
     """Whether every function has a value at a state."""
     try:
         with np.errstate(all="ignore"):
-            for name in answers.functions.given:
-                answers(name, state.q, state.v)
+            for name in at.functions.given:
+                at.caller(name, at.q, at.v)
     except BrokenError:
         return False
     return True
@@ -333,42 +331,24 @@ def _draws(
     return [State(x[:n], x[n:]) for x in draws]
 
 
-class EntryVerdicts(NamedTuple):
-    """Verdicts of a comparison at a state, entry by entry.
+# ---- Verdicts ------------------------------------------------------------------------------------
+
+
+class JudgedEntries(NamedTuple):
+    """A Finding at a state, with the verdict of each entry.
 
     Attributes:
-        decision: decision about all entries, that of the worst one that is resolved.
+        finding: Finding about all entries, that of the worst one that is resolved. It holds the
+            entries unless the claim decides by itself.
         verdicts: their codes, indices into `VERDICTS`, an array of the shape of the quantity.
-        same: whether both sides are equal in bits, same shape.
-        vanish: whether both sides are exactly 0, same shape.
         observed: errors, same shape.
         allowed: errors that are allowed, same shape.
-        names: names along each axis, None where a claim decides by itself.
     """
 
-    decision: Decision
+    finding: Finding
     verdicts: Array
-    same: Array
-    vanish: Array
     observed: Array
     allowed: Array
-    names: Names | None
-
-    @property
-    def entries(self) -> Entries:
-        """Resolved and hidden entries; an entry that is the same in bits is not hidden."""
-        assert self.names is not None
-        resolved = (self.verdicts < INCONCLUSIVE_CODE) & ~np.asarray(self.vanish, bool)
-        hidden = ~resolved & ~np.asarray(self.same, bool)
-        return entries_of(self.names, resolved, hidden)
-
-
-class FindingAtState(NamedTuple):
-    """Finding at a state, with the verdict of each entry."""
-
-    finding: Finding
-    entry_verdicts: EntryVerdicts
-    at: FunctionState
 
     @property
     def verdict(self) -> Verdict:
@@ -381,9 +361,7 @@ class FindingAtState(NamedTuple):
         return self.finding.ratio
 
 
-def worst_findings(
-    functions: EquationsOfMotion, claim: FunctionClaim, points: list[FunctionState]
-) -> Iterator[Finding]:
+def worst_findings(claim: FunctionClaim, points: Sequence[FunctionState]) -> Iterator[Finding]:
     """Yield the worst Finding of each subject of a claim, and one of all unresolved entries.
 
     An entry is resolved where a state shows whether it is right, other than by 0 = 0; one that is
@@ -391,115 +369,72 @@ def worst_findings(
     no state is listed by name in one Finding of the claim, with the verdict "inconclusive": it
     never hides behind those that are.
     """
-    by_subject: dict[str, list[FindingAtState]] = {}
+    by_subject: dict[str, list[JudgedEntries]] = defaultdict(list)
     for at in points:
-        for one in _compared_at(functions, claim, at):
-            by_subject.setdefault(one.finding.subject, []).append(one)
-    hidden: list[UnresolvedEntry] = []
-    for subject, all_ in by_subject.items():
-        chosen = worst(all_)
-        unresolved = [one for group in _same_shape(all_) for one in _unresolved(subject, group)]
+        for one in judged_at(claim, at):
+            by_subject[one.finding.subject].append(one)
+    hidden: list[Unresolved] = []
+    for subject, each in by_subject.items():
+        chosen, unresolved = worst(each), list(_unresolved(subject, each))
         hidden += unresolved
         finding = chosen.finding
         if finding.verdict == "failed":
-            named_ = chosen.entry_verdicts.names is not None
-            yield _with_jump(claim, finding, chosen.at) if named_ else finding
+            yield _with_jump(claim, finding, points)
         elif finding.verdict == "passed":
-            if len(unresolved) < chosen.entry_verdicts.verdicts.size or not unresolved:
-                yield replace(finding, detail=_not_resolved(all_))
+            if len(unresolved) < chosen.verdicts.size or not unresolved:
+                yield replace(finding, detail=_not_resolved(each))
         elif not unresolved:
             yield finding
     if hidden:
-        yield _listed(functions, claim, hidden)
+        # Where the least error is allowed.
+        first = min(hidden, key=lambda one: one.finding.allowed)
+        names = [f"{input_description(one.subject)}, {one.entry}" for one in hidden]
+        yield _with_jump(claim, unresolved_finding(hidden, first, names), points, hidden=True)
 
 
-class UnresolvedEntry(NamedTuple):
-    """Entry that is resolved in no state.
-
-    Attributes:
-        name: name of its subject and of the entry.
-        subject: compared quantity.
-        states: number of states in which it was compared.
-        observed: error in the state where the least is allowed.
-        allowed: least error that is allowed in a state.
-        at: state in which the least error is allowed.
-    """
-
-    name: str
-    subject: str
-    states: int
-    observed: float
-    allowed: float
-    at: FunctionState
-
-
-def _same_shape(all_: list[FindingAtState]) -> list[list[FindingAtState]]:
-    """Group the comparisons of named entries by shape."""
-    groups: dict[tuple[int, ...], list[FindingAtState]] = {}
-    for one in all_:
-        if one.entry_verdicts.names is not None:
-            groups.setdefault(one.entry_verdicts.verdicts.shape, []).append(one)
-    return list(groups.values())
+def _unresolved(subject: str, each: Sequence[JudgedEntries]) -> Iterator[Unresolved]:
+    """Yield the entries that no state resolves, with the state where the least is allowed."""
+    by_shape: dict[tuple[int, ...], list[JudgedEntries]] = defaultdict(list)
+    for one in each:
+        if one.finding.entries is not None:
+            by_shape[one.verdicts.shape].append(one)
+    for shape, group in by_shape.items():
+        entries = [one.finding.entries for one in group if one.finding.entries is not None]
+        left = set(never_resolved(entries))
+        for index in np.ndindex(shape) if left else ():
+            if (name := entry_name(index, entries[0].names)) in left:
+                least = min(group, key=lambda one, index=index: one.allowed[index])
+                errors = {
+                    "observed": float(least.observed[index]),
+                    "allowed": float(least.allowed[index]),
+                }
+                yield Unresolved(subject, name, replace(least.finding, **errors), len(group))
 
 
-def _unresolved(subject: str, group: list[FindingAtState]) -> Iterator[UnresolvedEntry]:
-    """Yield the entries that none of the comparisons resolves; all have one shape."""
-    names = group[0].entry_verdicts.names
-    assert names is not None
-    left = set(never_resolved(one.entry_verdicts.entries for one in group))
-    for where in np.ndindex(group[0].entry_verdicts.verdicts.shape) if left else ():
-        if entry_name(where, names) not in left:
-            continue
-        least = min(group, key=lambda one: one.entry_verdicts.allowed[where])
-        yield UnresolvedEntry(
-            f"{input_description(subject)}, {entry_name(where, names)}",
-            subject,
-            len(group),
-            float(least.entry_verdicts.observed[where]),
-            float(least.entry_verdicts.allowed[where]),
-            least.at,
-        )
-
-
-def _not_resolved(all_: list[FindingAtState]) -> str:
+def _not_resolved(each: Sequence[JudgedEntries]) -> str:
     """Return the number of unresolved entries of a subject that passes, as text; "" for none."""
-    compared_ = [one for one in all_ if one.finding.verdict != "skipped"]
-    skipped = [one for one in all_ if one.finding.verdict == "skipped"]
-    open_ = INCONCLUSIVE_CODE
-    hidden = sum(int((one.entry_verdicts.verdicts == open_).sum()) for one in compared_)
+    compared = [one for one in each if one.verdict != "skipped"]
+    skipped = [one.finding.detail for one in each if one.verdict == "skipped"]
+    hidden = sum(int((one.verdicts == INCONCLUSIVE_CODE).sum()) for one in compared)
     parts = []
     if hidden:
-        count = sum(one.entry_verdicts.verdicts.size for one in compared_)
-        states = counted(len(compared_), "state")
+        count = sum(one.verdicts.size for one in compared)
+        states = counted(len(compared), "state")
         parts.append(f"{hidden} of {count} entries in {states} not resolved")
     if skipped:
-        why = skipped[0].finding.detail
-        parts.append(f"skipped in {len(skipped)} of {counted(len(all_), 'state')}: {why}")
+        of_all = f"{len(skipped)} of {counted(len(each), 'state')}"
+        parts.append(f"skipped in {of_all}: {skipped[0]}")
     return "; ".join(parts)
 
 
-def _listed(
-    functions: EquationsOfMotion, claim: FunctionClaim, hidden: list[UnresolvedEntry]
+def _with_jump(
+    claim: FunctionClaim, finding: Finding, points: Sequence[FunctionState], hidden: bool = False
 ) -> Finding:
-    """Return one Finding about all entries of a claim that are resolved in no state."""
-    first = min(hidden, key=lambda one: one.allowed)
-    names = [one.name for one in hidden]
-    finding = Finding(
-        claim.id,
-        ", ".join(dict.fromkeys(one.subject for one in hidden)),
-        functions,
-        State(first.at.q, first.at.v),
-        first.observed,
-        first.allowed,
-        "inconclusive",
-        "property-tested",
-        unresolved_detail(names, first.states),
-    )
-    return _with_jump(claim, finding, first.at)
-
-
-def _with_jump(claim: FunctionClaim, finding: Finding, at: FunctionState) -> Finding:
-    """Return the Finding with the names of the functions that jump near the state."""
+    """Return a Finding about entries with the names of the functions that jump near its state."""
+    if finding.entries is None and not hidden:
+        return finding
+    assert finding.state is not None
+    (at,) = [x for x in points if x.q is finding.state.q and x.v is finding.state.v]
     about = {name for need in claim.needs for name in need.split("|")}
     about.add(finding.subject.split(" ~ ")[0])
     state = (at.consistent() if claim.consistent else at) or at
@@ -520,42 +455,20 @@ def check_functions_at(
         claims: ids, keys of `FUNCTION_CLAIMS`.
         seed: seed of the directions in which noise is measured.
     """
-    at = FunctionState(FunctionCaller(functions), state.q, state.v, seed)
-    return [one for id in claims for one in findings_at(functions, FUNCTION_CLAIMS[id], at)]
-
-
-def findings_at(
-    functions: EquationsOfMotion, claim: FunctionClaim, at: FunctionState
-) -> Iterator[Finding]:
-    """Yield the Findings of a claim at a state."""
-    for one in _compared_at(functions, claim, at):
-        finding = one.finding
-        if one.entry_verdicts.names is not None:
+    points = _points(FunctionCaller(functions), [state], seed)
+    findings: list[Finding] = []
+    for claim in map(FUNCTION_CLAIMS.__getitem__, claims):
+        for finding in (one.finding for one in judged_at(claim, points[0])):
             failed = finding.verdict == "failed"
-            finding = _with_jump(claim, finding, at) if failed else finding
-            finding = replace(finding, entries=one.entry_verdicts.entries)
-        yield finding
+            findings.append(_with_jump(claim, finding, points) if failed else finding)
+    return findings
 
 
-def _compared_at(
-    functions: EquationsOfMotion, claim: FunctionClaim, at: FunctionState
-) -> Iterator[FindingAtState]:
+def judged_at(claim: FunctionClaim, at: FunctionState) -> Iterator[JudgedEntries]:
+    """Yield the Findings of a claim at a state, with the verdicts of all entries."""
     state = State(at.q, at.v)
     for outcome in claim_outputs(claim, at):
-        judged = judge_output(claim, outcome)
-        decision = judged.decision
-        finding = Finding(
-            claim.id,
-            decision.subject,
-            functions,
-            state,
-            decision.observed,
-            decision.allowed,
-            decision.verdict,
-            "property-tested" if decision.verdict != "skipped" else "skipped",
-            decision.detail,
-        )
-        yield FindingAtState(finding, judged, at)
+        yield judge_output(claim, outcome, at.functions, state)
 
 
 def claim_outputs(claim: FunctionClaim, at: FunctionState) -> Iterator[ClaimOutput]:
@@ -583,30 +496,48 @@ def claim_outputs(claim: FunctionClaim, at: FunctionState) -> Iterator[ClaimOutp
         yield Skipped(claim.term, f"not computed here: {error}")
 
 
-def judge_output(claim: FunctionClaim, outcome: ClaimOutput) -> EntryVerdicts:
-    """Return the verdicts of an outcome."""
-    if isinstance(outcome, UncertainComparison):
-        return judge_entries(claim, outcome)
-    decision = (
-        Decision(outcome.subject, 0.0, 0.0, "skipped", outcome.reason)
-        if isinstance(outcome, Skipped)
-        else outcome
-    )
-    verdict, none = np.asarray(VERDICTS.index(decision.verdict)), np.zeros(())
-    return EntryVerdicts(decision, verdict, none, none, none, none, None)
+def judge_output(
+    claim: FunctionClaim, outcome: ClaimOutput, functions: Any = None, state: State | None = None
+) -> JudgedEntries:
+    """Return the Finding of an outcome, with the verdicts of its entries.
+
+    Args:
+        claim: the claim.
+        outcome: the outcome.
+        functions, state: scene and state of the Finding.
+    """
+    if isinstance(outcome, Skipped):
+        outcome = Decision(outcome.subject, 0.0, 0.0, "skipped", outcome.reason)
+    if isinstance(outcome, Comparison):
+        decision, entries, *arrays = judge_entries(claim, outcome)
+    else:
+        decision, entries, none = outcome, None, np.zeros(())
+        arrays = [np.asarray(VERDICTS.index(outcome.verdict)), none, none]
+    subject, observed, allowed, verdict, detail = decision
+    evidence = "skipped" if verdict == "skipped" else "property-tested"
+    about = claim.id, subject, functions, state
+    finding = Finding(*about, observed, allowed, verdict, evidence, detail, entries=entries)
+    return JudgedEntries(finding, *arrays)
 
 
-def judge_entries(claim: FunctionClaim, sides: UncertainComparison) -> EntryVerdicts:
-    """Return the verdicts of two sides, each entry judged by its own error.
+def judge_entries(
+    claim: FunctionClaim, sides: Comparison
+) -> tuple[Decision, Entries, Array, Array, Array]:
+    """Judge each entry of two sides by its own error.
 
     An entry is inconclusive also where one side is known not to be 0, and more than a thousandth of
-    the larger one is allowed: then it would pass with any sign.
+    the larger one is allowed: then it would pass with any sign. An entry that is the same in bits
+    is not hidden.
+
+    Returns:
+        The decision of the worst entry, the resolved and hidden entries, and for each entry the
+        code of its verdict, its error and its allowed error.
     """
     actual, expected = sides.actual, sides.expected
     if actual.value.size == 0:
-        nothing = np.zeros(actual.shape)
-        decision = Decision(sides.subject, 0.0, 0.0, "passed")
-        return EntryVerdicts(decision, nothing, nothing, nothing, nothing, nothing, sides.names)
+        none = np.zeros(actual.shape, bool)
+        passed = Decision(sides.subject, 0.0, 0.0, "passed")
+        return passed, entries_of(sides.names, none, none), none, none, none
     error = actual.error + expected.error
     with np.errstate(all="ignore"):
         observed = np.abs(actual.value - expected.value)
@@ -623,7 +554,7 @@ def judge_entries(claim: FunctionClaim, sides: UncertainComparison) -> EntryVerd
         ratio = np.where(allowed > 0.0, observed / allowed, np.where(observed > 0.0, np.inf, 0.0))
     allowed = np.where(finite, allowed, np.inf)
     same = actual.value == expected.value
-    vanish = same & (actual.value == 0.0)
+    resolved = (verdicts < INCONCLUSIVE_CODE) & ~(same & (actual.value == 0.0))
     order = np.lexsort((-np.nan_to_num(ratio, nan=0.0).ravel(), verdicts.ravel()))
     index = tuple(int(i) for i in np.unravel_index(int(order[0]), observed.shape))
     verdict, detail = VERDICTS[int(verdicts[index])], ""
@@ -631,29 +562,35 @@ def judge_entries(claim: FunctionClaim, sides: UncertainComparison) -> EntryVerd
         detail = failure_detail(claim, sides, index, float(allowed[index]))
     elif verdict == "inconclusive":
         detail = "the error of what is measured is as large as its value"
-    decision = Decision(
-        sides.subject, float(observed[index]), float(allowed[index]), verdict, detail
+    numbers = float(observed[index]), float(allowed[index])
+    decision = Decision(sides.subject, *numbers, verdict, detail)
+    return (
+        decision,
+        entries_of(sides.names, resolved, ~resolved & ~same),
+        verdicts,
+        observed,
+        allowed,
     )
-    return EntryVerdicts(decision, verdicts, same, vanish, observed, allowed, sides.names)
 
 
 def failure_detail(
-    claim: FunctionClaim, sides: UncertainComparison, index: tuple[int, ...], allowed: float
+    claim: FunctionClaim, sides: Comparison, index: tuple[int, ...], allowed: float
 ) -> str:
     """Return the detail of a failure: the term to blame, the entry, and its diagnosis."""
     actual, expected = sides.actual.value, sides.expected.value
-    only: Array = np.zeros(actual.shape)
-    only[index] = 1.0
     term = claim.term or input_description(sides.subject)
-    where = worst_entry(only, sides.names) if actual.ndim else "value"
     own = sides.explain(actual, expected, allowed, index) if sides.explain is not None else ""
-    return f"{term}, {where}: {own or diagnose(actual, expected, allowed, index)}"
+    why = own or diagnose(actual, expected, allowed, index)
+    return f"{term}, {entry_name(index, sides.names)}: {why}"
 
 
 def input_description(subject: str) -> str:
     """Return the description of the input that a subject is about, or else its name."""
     name = subject.split(" ~ ")[0]
     return INPUTS[name].what if name in INPUTS else name
+
+
+# ---- Claims that do not apply --------------------------------------------------------------------
 
 
 def caveats(functions: EquationsOfMotion, claims: Iterable[str]) -> list[Finding]:
@@ -665,14 +602,14 @@ def caveats(functions: EquationsOfMotion, claims: Iterable[str]) -> list[Finding
     """
     middle, _ = functions.half_ranges()
     at = FunctionState(FunctionCaller(functions), middle[: functions.n], middle[functions.n :])
-    ids = tuple(claims)
+    selected = FUNCTION_CLAIMS.select(claims)
     findings: list[Finding] = []
-    for claim in map(FUNCTION_CLAIMS.__getitem__, ids):
-        each = list(undetectable(functions, claim, at))
-        if not (each or claim.applies(at) or len(ids) == len(FUNCTION_CLAIMS)):
+    for claim in selected:
+        each = list(undetectable(claim, at))
+        if FUNCTION_CLAIMS.by_name(selected) and not (each or claim.applies(at)):
             each = [inapplicable(functions, claim)]
         findings += each
-    if functions.ranges is None and {"answers", "reference"} <= {*ids}:
+    if functions.ranges is None and {"answers", "reference"} <= {one.id for one in selected}:
         findings.append(_within(functions))
     return findings
 
@@ -685,21 +622,16 @@ def inapplicable(functions: EquationsOfMotion, claim: FunctionClaim) -> Finding:
     detail = f"needs {needs}" if needs else "does not hold"
     if claim.without:
         detail += f", without {' or '.join(claim.without)}"
-    about = claim.id, functions.name, functions, None
-    return Finding(*about, 0.0, 0.0, "skipped", "skipped", detail)
+    return skipped_everywhere(claim.id, functions.name, functions, detail)
 
 
-def undetectable(
-    functions: EquationsOfMotion, claim: FunctionClaim, at: FunctionState
-) -> Iterator[Finding]:
+def undetectable(claim: FunctionClaim, at: FunctionState) -> Iterator[Finding]:
     """Yield a Finding for each blind spot of a claim that does not apply: inputs are missing."""
-    if claim.applies(at):
-        return
-    for blind in claim.blind_spots:
+    functions = at.functions
+    for blind in () if claim.applies(at) else claim.blind_spots:
         if blind.derived and not functions.derived:
             continue
-        about = not blind.about or at.has(blind.about)
-        if about and (would := blind.revealing_inputs(at)):
+        if (not blind.about or at.has(blind.about)) and (would := blind.revealing_inputs(at)):
+            about = blind.about or functions.name
             detail = f"{blind.what}: {would} would tell"
-            about_ = blind.about or functions.name
-            yield Finding(claim.id, about_, functions, None, 0.0, 0.0, "skipped", "skipped", detail)
+            yield skipped_everywhere(claim.id, about, functions, detail)

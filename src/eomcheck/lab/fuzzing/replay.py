@@ -17,8 +17,7 @@ from eomcheck.lab.fuzzing.failures import FUNCTIONS, FailureRecord, failure_reco
 from eomcheck.lab.fuzzing.motion_comparison import MOTION_CLAIMS, findings_of_motion
 from eomcheck.lab.fuzzing.triage import Diagnosis, check_case, keys_in_subject
 from eomcheck.testing.equations_of_motion import EquationsOfMotion
-from eomcheck.testing.function_checks import check_functions_at
-from eomcheck.testing.function_claim import FUNCTION_CLAIMS
+from eomcheck.testing.function_checks import FUNCTION_CLAIMS, check_functions_at
 
 ReplayOutcome = Literal["failed", "holds", "inconclusive", "not checked"]
 
