@@ -8,31 +8,14 @@ dependent.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import qr
 
-from eomcheck.descriptions import random_elements
+from eomcheck.descriptions import elements, random_elements
 from eomcheck.descriptions.constraint_rows import KINDS
-from eomcheck.descriptions.elements import (
-    COORDINATES,
-    Constraint,
-    Triple,
-    coupling,
-    distance,
-    drive,
-    hinge,
-    knife_edge,
-    on_plane,
-    on_quadric,
-    perpendicular,
-    pin,
-    rolling_ball,
-    rolling_circle,
-    rolling_disk,
-    weld,
-)
+from eomcheck.descriptions.elements import COORDINATES, Constraint, Triple
 from eomcheck.descriptions.quaternions import multiply_quaternions
 from eomcheck.descriptions.random_elements import GROUND, Pose, RandomDescription, poses
 from eomcheck.descriptions.random_trees import TURNING
@@ -127,50 +110,37 @@ def _constraint(
     if kind in ("coupling", "drive"):
         found = _of_coordinates(tree, kind, name, choices)
         return None if found is None else (found,)
-    pairs = (
-        _turning(tree)
-        if kind == "square"
-        else _pairs(tree, row_count_with_contact(kind, planar), kind == "edge")
-    )
+    pairs = _pairs(tree, kind, row_count_with_contact(kind, planar))
     if not pairs:
         return None
     link, other = choices.one_of(pairs)
-    there = poses(tree)
+    pose = poses(tree)
     at = random_elements.random_triple(choices, planar)
-    here = name, link, other, at, there[link], there[other], planar, choices
+    fit = Fit(name, link, other, at, pose[link], pose[other], planar, choices)
     if kind in ROLLING:
-        up, *slips = _rolling(*here)
+        up, *slips = _rolling(fit)
         return (*slips, up) if kind == "rolling" else (up,)
-    return (_FITTING[kind](*here),)
+    return (_FITTED[kind](fit),)
 
 
-def _pairs(tree: RandomDescription, rows: int, alone: bool) -> list[tuple[str, str]]:
-    """Return the pairs of links with at least `rows` coordinates of relative motion."""
-    before: dict[str, frozenset[str]] = {GROUND: frozenset()}
+def _pairs(tree: RandomDescription, kind: str, rows: int) -> list[tuple[str, str]]:
+    """Return the pairs of links with at least `rows` coordinates of relative motion.
+
+    Where directions stay perpendicular, those with at least a joint between them that turns.
+    """
+    between: dict[str, frozenset[str]] = {GROUND: frozenset()}
     for joint in tree.joints:
-        own = joint.name if joint.mimics is None else joint.mimics[0]
-        here = {own + part for part in COORDINATES[joint.kind]}
-        before[joint.child] = before[joint.parent] ^ here
-    names = list(before)
+        own = {joint.name} if joint.kind in TURNING else set()
+        if kind != "square":
+            leader = joint.name if joint.mimics is None else joint.mimics[0]
+            own = {leader + part for part in COORDINATES[joint.kind]}
+        between[joint.child] = between[joint.parent] ^ own
+    names = list(between)
     return [
         (link, other)
         for i, link in enumerate(names)
-        for other in (names[:1] if alone else names[:i])
-        if len(before[link] ^ before[other]) >= rows
-    ]
-
-
-def _turning(tree: RandomDescription) -> list[tuple[str, str]]:
-    """Return the pairs of links between which some joint turns."""
-    before: dict[str, frozenset[str]] = {GROUND: frozenset()}
-    for joint in tree.joints:
-        here = {joint.name} if joint.kind in TURNING else set()
-        before[joint.child] = before[joint.parent] ^ here
-    return [
-        (link, other)
-        for i, link in enumerate(before)
-        for other in list(before)[:i]
-        if before[link] != before[other]
+        for other in (names[:1] if kind == "edge" else names[:i])
+        if len(between[link] ^ between[other]) >= rows
     ]
 
 
@@ -183,74 +153,86 @@ def _of_coordinates(
         return None
     i = choices.one_of(list(q))
     if kind == "drive":
-        return drive(name, i, q[i], choices.number(-1.0, 1.0), choices.number(-0.1, 0.1))
+        return elements.drive(name, i, q[i], choices.number(-1.0, 1.0), choices.number(-0.1, 0.1))
     j = choices.one_of([one for one in q if one != i])
     ratio = choices.one_of((1.0, -1.0)) * choices.number(0.2, 2.0)
-    return coupling(name, i, j, ratio, q[i] - ratio * q[j])
+    return elements.coupling(name, i, j, ratio, q[i] - ratio * q[j])
 
 
-Fitting = Callable[..., Constraint]
+class Fit(NamedTuple):
+    """Two links in their poses and a point of the first, to which a constraint is fitted."""
+
+    name: str
+    """Name of the constraint."""
+    link: str
+    other: str
+    at: Triple
+    """Point of the link, m."""
+    here: Pose
+    there: Pose
+    """Poses of the link and of the other one."""
+    planar: bool
+    choices: Choices
+
+    @property
+    def head(self) -> tuple[str, str, str]:
+        """Return the first arguments of most functions that make a constraint."""
+        return self.name, self.link, self.other
+
+    @property
+    def at_other(self) -> Triple:
+        """Return the point in the frame of the other link."""
+        return self.there.local_point(self.here.point(self.at))
+
+    def to_other(self, along: Any) -> Triple:
+        """Return a direction of the link in the frame of the other one."""
+        return self.there.local_direction(self.here.direction(along))
+
+    def direction(self) -> Triple:
+        """Return a random direction."""
+        return random_elements.random_direction(self.choices, self.planar)
+
+    def triple(self) -> Triple:
+        """Return three random numbers."""
+        return random_elements.random_triple(self.choices, self.planar)
 
 
-def _pin(
-    name: str, link: str, other: str, at: Triple, here: Pose, there: Pose, *_: Any
-) -> Constraint:
-    return pin(name, link, other, at, there.local_point(here.point(at)))
+def _weld(fit: Fit) -> Constraint:
+    w, x, y, z = fit.here.orientation
+    turn = multiply_quaternions((w, -x, -y, -z), fit.there.orientation)
+    return elements.weld(*fit.head, fit.at, fit.at_other, turn)
 
 
-def _weld(
-    name: str, link: str, other: str, at: Triple, here: Pose, there: Pose, *_: Any
-) -> Constraint:
-    w, x, y, z = here.orientation
-    turn = multiply_quaternions((w, -x, -y, -z), there.orientation)
-    return weld(name, link, other, at, there.local_point(here.point(at)), turn)
+def _hinge(fit: Fit) -> Constraint:
+    axis = random_elements.random_direction(fit.choices, planar=False)
+    return elements.hinge(*fit.head, fit.at, fit.at_other, axis, fit.to_other(axis))
 
 
-def _hinge(
-    name: str, link: str, other: str, at: Triple, here: Pose, there: Pose, planar: bool,
-    choices: Choices,
-) -> Constraint:  # fmt: skip
-    axis = random_elements.random_direction(choices, planar=False)
-    own = there.local_point(here.point(at)), axis, there.local_direction(here.direction(axis))
-    return hinge(name, link, other, at, *own)
-
-
-def _distance(
-    name: str, link: str, other: str, at: Triple, here: Pose, there: Pose, planar: bool,
-    choices: Choices,
-) -> Constraint:  # fmt: skip
-    at_other = random_elements.random_triple(choices, planar)
-    rod = here.point(at) - there.point(at_other)
+def _distance(fit: Fit) -> Constraint:
+    at_other = fit.triple()
+    rod = fit.here.point(fit.at) - fit.there.point(at_other)
     if np.linalg.norm(rod) < 5 * random_elements.SMALLEST:
         rod = np.array([1.0, 0.0, 0.0])
-        at_other = there.local_point(here.point(at) - rod)
-    return distance(name, link, other, float(np.linalg.norm(rod)), at, at_other)
+        at_other = fit.there.local_point(fit.here.point(fit.at) - rod)
+    return elements.distance(*fit.head, float(np.linalg.norm(rod)), fit.at, at_other)
 
 
-def _on_plane(
-    name: str, link: str, other: str, at: Triple, here: Pose, there: Pose, planar: bool,
-    choices: Choices,
-) -> Constraint:  # fmt: skip
-    across = random_elements.random_direction(choices, planar)
-    normal, away = np.asarray(across), np.asarray(random_elements.random_triple(choices, planar))
+def _on_plane(fit: Fit) -> Constraint:
+    across = fit.direction()
+    normal, away = np.asarray(across), np.asarray(fit.triple())
     along = away - away @ normal / (normal @ normal) * normal
-    x, y, z = (np.asarray(there.local_point(here.point(at))) - along).tolist()
-    return on_plane(name, link, other, across, at, (x, y, z))
+    return elements.on_plane(*fit.head, across, fit.at, _triple(np.asarray(fit.at_other) - along))
 
 
-def _on_quadric(
-    name: str, link: str, other: str, at: Triple, here: Pose, there: Pose, planar: bool,
-    choices: Choices,
-) -> Constraint:  # fmt: skip
+def _on_quadric(fit: Fit) -> Constraint:
     """Return an on-quadric constraint whose surface passes through the point, with a slope."""
-    bends, s = (np.array([choices.number(-1.0, 1.0) for _ in range(3)]) for _ in range(2))
-    s[2] = 0.0 if planar else s[2]
-    along = np.asarray(random_elements.random_direction(choices, planar))
+    bends, s = (np.array([fit.choices.number(-1.0, 1.0) for _ in range(3)]) for _ in range(2))
+    s[2] = 0.0 if fit.planar else s[2]
+    along = np.asarray(fit.direction())
     slopes = along / np.linalg.norm(along) - bends * s
     level = float((bends * s * s / 2 + slopes * s).sum())
     surface = _triple(bends), level, _triple(slopes)
-    at_other = _triple(np.asarray(there.local_point(here.point(at))) - s)
-    return on_quadric(name, link, other, *surface, at, at_other)
+    return elements.on_quadric(*fit.head, *surface, fit.at, _triple(np.asarray(fit.at_other) - s))
 
 
 def _triple(a: Array) -> Triple:
@@ -258,52 +240,37 @@ def _triple(a: Array) -> Triple:
     return x, y, z
 
 
-def _square(
-    name: str, link: str, other: str, at: Triple, here: Pose, there: Pose, planar: bool,
-    choices: Choices,
-) -> Constraint:  # fmt: skip
-    along, away = random_elements.random_direction(choices, planar), np.array([0.0, 0.0, 1.0])
-    if not planar:
-        away = np.asarray(random_elements.random_transverse(choices, along))
-    across = there.local_direction(here.direction(np.cross(along, away)))
-    return perpendicular(name, link, along, other, across)
+def _square(fit: Fit) -> Constraint:
+    along, away = fit.direction(), np.array([0.0, 0.0, 1.0])
+    if not fit.planar:
+        away = np.asarray(random_elements.random_transverse(fit.choices, along))
+    across = fit.to_other(np.cross(along, away))
+    return elements.perpendicular(fit.name, fit.link, along, fit.other, across)
 
 
-def _edge(
-    name: str, link: str, other: str, at: Triple, here: Pose, there: Pose, planar: bool,
-    choices: Choices,
-) -> Constraint:  # fmt: skip
-    return knife_edge(name, link, random_elements.random_direction(choices, planar), at)
-
-
-def _rolling(
-    name: str, link: str, other: str, at: Triple, here: Pose, there: Pose, planar: bool,
-    choices: Choices,
-) -> tuple[Constraint, ...]:  # fmt: skip
+def _rolling(fit: Fit) -> tuple[Constraint, ...]:
     """Return the constraints of a rolling ball, disk or (in the plane) circle, contact first."""
-    radius = choices.number(0.2, 1.0)
-    across = np.asarray(random_elements.random_direction(choices, planar))
+    radius = fit.choices.number(0.2, 1.0)
+    across = np.asarray(fit.direction())
     normal = across / np.linalg.norm(across)
-    is_disk = not planar and choices.one_of((False, True))
-    if is_disk:
-        axis = _upright(choices, np.asarray(here.local_direction(there.direction(normal))))
-        n = here.direction(axis) / np.linalg.norm(axis)
-        up = there.direction(normal)
+    up, axis = fit.there.direction(normal), None
+    if not fit.planar and fit.choices.one_of((False, True)):
+        axis = _upright(fit.choices, np.asarray(fit.here.local_direction(up)))
+        n = fit.here.direction(axis) / np.linalg.norm(axis)
         rim = up - up @ n * n
         arm = -radius * rim / np.linalg.norm(rim)
     else:
-        axis, arm = None, -radius * there.direction(normal)
-    aside = np.asarray(random_elements.random_triple(choices, planar))
+        arm = -radius * up
+    aside = np.asarray(fit.triple())
     aside -= aside @ normal * normal
-    x, y, z = (np.asarray(there.local_point(here.point(at) + arm)) + aside).tolist()
-    given = name, link, other, radius
-    if planar:
-        left_x, left_y, _ = normal.tolist()
-        return rolling_circle(*given, (left_y, -left_x, 0.0), at, (x, y, 0.0))
-    a, b, c = normal.tolist()
+    foot = np.asarray(fit.there.local_point(fit.here.point(fit.at) + arm)) + aside
+    x, y, z = _triple(foot)
+    a, b, c = _triple(normal)
+    if fit.planar:
+        return elements.rolling_circle(*fit.head, radius, (b, -a, 0.0), fit.at, (x, y, 0.0))
     if axis is None:
-        return rolling_ball(*given, at, (x, y, z), (a, b, c))
-    return rolling_disk(*given, at, (x, y, z), axis, (a, b, c))
+        return elements.rolling_ball(*fit.head, radius, fit.at, (x, y, z), (a, b, c))
+    return elements.rolling_disk(*fit.head, radius, fit.at, (x, y, z), axis, (a, b, c))
 
 
 def _upright(choices: Choices, normal: Array) -> Triple:
@@ -311,17 +278,17 @@ def _upright(choices: Choices, normal: Array) -> Triple:
     axis = random_elements.random_direction(choices, planar=False)
     if np.linalg.norm(np.cross(normal, axis)) >= UPRIGHT * np.linalg.norm(axis):
         return axis
-    x, y, z = np.eye(3)[np.argmin(np.abs(normal))].tolist()
-    return x, y, z
+    return _triple(np.eye(3)[np.argmin(np.abs(normal))])
 
 
-_FITTING: dict[str, Fitting] = {
-    "pin": _pin,
+_FITTED: dict[str, Callable[[Fit], Constraint]] = {
+    "pin": lambda fit: elements.pin(*fit.head, fit.at, fit.at_other),
     "weld": _weld,
     "hinge": _hinge,
     "distance": _distance,
     "on-plane": _on_plane,
     "on-quadric": _on_quadric,
     "square": _square,
-    "edge": _edge,
+    "edge": lambda fit: elements.knife_edge(fit.name, fit.link, fit.direction(), fit.at),
 }
+"""Kind of constraint -> function that fits one."""
