@@ -27,7 +27,7 @@ MODULES = {
     "eomcheck.descriptions.words": "eomcheck.descriptions.elements",
     "eomcheck.descriptions.description": "eomcheck.descriptions.described_scene",
     "eomcheck.descriptions.mechanism": "eomcheck.descriptions.mechanism_class",
-    "eomcheck.robots": "eomcheck.descriptions.robot_files",
+    "eomcheck.robots": "eomcheck.scenes",
     "eomcheck.random_mechanisms": "eomcheck.descriptions.random_mechanisms",
     "eomcheck.engines.base": "eomcheck.engines.engine",
     "eomcheck.engines.files": "eomcheck.engines",

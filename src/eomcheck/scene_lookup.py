@@ -8,9 +8,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 from eomcheck.class_lookup import LookupKind, class_named
+from eomcheck.descriptions.mechanism_class import Mechanism
+from eomcheck.descriptions.mjcf_reader import mjcf_kind
 from eomcheck.descriptions.random_mechanisms import RANDOM
-from eomcheck.descriptions.robot_files import is_robot, robot_named
-from eomcheck.descriptions.urdf_reader import FLOATING
+from eomcheck.descriptions.urdf_reader import FLOATING, urdf_kind
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.mechanics.parameters import with_parameters
 from eomcheck.mechanics.scene import Scene
@@ -35,6 +36,38 @@ def _paper(links: int | None) -> Snake:
     if links is not None:
         raise InputError(f"links = {links}: the robot of the paper has {ROBOT_LINKS}; coil has any")
     return Snake.paper()
+
+
+URDF, MJCF = (".urdf",), (".xml", ".mjcf")
+"""Ends of the names of robot files."""
+
+
+def _file_and_suffix(name: str) -> tuple[str, str | None]:
+    """Return the file and the suffix behind a colon; None without a colon."""
+    file, colon, suffix = name.rpartition(":")
+    return (file, suffix) if colon and file.lower().endswith(URDF + MJCF) else (name, None)
+
+
+def is_robot(name: str) -> bool:
+    """Return whether a name is that of a robot file."""
+    return _file_and_suffix(name)[0].lower().endswith(URDF + MJCF)
+
+
+def robot_named(name: str) -> type[Mechanism]:
+    """Return the scene class of a robot file; ":floating" frees the root of a URDF.
+
+    Raises:
+        InputError: see `from_urdf` and `from_mjcf`; or something else stands behind the colon.
+        EngineError: MuJoCo, which reads an MJCF, is not installed.
+    """
+    file, suffix = _file_and_suffix(name)
+    if file.lower().endswith(MJCF):
+        if suffix is not None:
+            raise InputError(f"scene = {name!r}: {file} says itself what is free")
+        return mjcf_kind(file)
+    if suffix not in (None, FLOATING):
+        raise InputError(f"scene = {name!r}, expected {file} or {file}:{FLOATING}")
+    return urdf_kind(file, floating=suffix is not None)
 
 
 def robot_file_warnings(kinds: Iterable[type[Scene]]) -> Iterator[str]:

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from tests.robots import arm, body, joint
 
-from eomcheck.descriptions.robot_files import from_mjcf
 from eomcheck.engines import BY_FORMAT, DEFAULT, READERS, Answers, MjcfFile, default_reader
 from eomcheck.engines.file_engine import (
     BaseVelocity,
@@ -30,7 +29,7 @@ from eomcheck.engines.pinocchio import PinocchioFile
 from eomcheck.engines.pybullet import PybulletFile
 from eomcheck.errors import EngineError
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.scenes import ChainPendulum, from_urdf
+from eomcheck.scenes import ChainPendulum, from_mjcf, from_urdf
 
 # ---- What is in a file ---------------------------------------------------------------------------
 

@@ -15,7 +15,6 @@ from typer.testing import CliRunner
 from eomcheck.claims.run import ValidationRun
 from eomcheck.cli import app
 from eomcheck.descriptions.quaternions import rotation_matrix
-from eomcheck.descriptions.robot_files import from_mjcf
 from eomcheck.engines import READERS, Answers, PinocchioFile, VelocityMap
 from eomcheck.engines.answers import weight_size
 from eomcheck.engines.file_engine import (
@@ -37,7 +36,7 @@ from eomcheck.lab.library_comparison import (
 )
 from eomcheck.lab.report.comparison_tables import print_comparison, write_comparison
 from eomcheck.mechanics.records import State
-from eomcheck.scenes import ChainPendulum, Snake, from_urdf
+from eomcheck.scenes import ChainPendulum, Snake, from_mjcf, from_urdf
 
 FINGERS = (
     body("left")

@@ -17,10 +17,9 @@ from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.cli import app
 from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.descriptions.random_trees import EVERYWHERE, urdf_text, urdf_tree
-from eomcheck.descriptions.robot_files import from_mjcf
 from eomcheck.engines import MjcfFile, PinocchioFile
 from eomcheck.mechanics.random_source import GeneratorChoices
-from eomcheck.scenes import Snake, from_urdf
+from eomcheck.scenes import Snake, from_mjcf, from_urdf
 
 TERMS = ("mass-matrix", "bias", "generalized-forces")
 ASKED = (*TERMS, "engine-acceleration")

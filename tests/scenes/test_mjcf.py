@@ -14,12 +14,12 @@ from eomcheck.claims.run import RunSelection, ValidationRun, validate
 from eomcheck.cli import app
 from eomcheck.descriptions import mjcf_reader
 from eomcheck.descriptions.mechanism_class import Mechanism
-from eomcheck.descriptions.robot_files import from_mjcf
 from eomcheck.engines import MjcfFile
 from eomcheck.errors import EngineError, InputError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.lab.library_comparison import compare_libraries
 from eomcheck.scene_lookup import scene_named
+from eomcheck.scenes import from_mjcf
 
 mujoco = pytest.importorskip("mujoco")
 

@@ -13,7 +13,6 @@ import pytest
 from eomcheck.descriptions import mjcf_reader, urdf_reader
 from eomcheck.descriptions.elements import Joint, Link, coupling, drive, pin, weld
 from eomcheck.descriptions.mjcf_reader import EqualityContext, equality_constraint, read_mjcf
-from eomcheck.descriptions.robot_files import from_mjcf, robot_named
 from eomcheck.descriptions.urdf_reader import (
     URDF,
     Unreadable,
@@ -26,7 +25,8 @@ from eomcheck.descriptions.urdf_reader import (
     triple_attribute,
 )
 from eomcheck.errors import InputError
-from eomcheck.scenes import from_urdf
+from eomcheck.scene_lookup import robot_named
+from eomcheck.scenes import from_mjcf, from_urdf
 
 # ---- XML -----------------------------------------------------------------------------------------
 

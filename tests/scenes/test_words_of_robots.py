@@ -10,9 +10,9 @@ import pytest
 
 from eomcheck.descriptions.elements import Joint, Link
 from eomcheck.descriptions.mjcf_reader import read_mjcf
-from eomcheck.descriptions.robot_files import is_robot, robot_named
 from eomcheck.descriptions.urdf_reader import identifier, ignored_summary, read_urdf
 from eomcheck.errors import InputError
+from eomcheck.scene_lookup import is_robot, robot_named
 
 # ---- Names ---------------------------------------------------------------------------------------
 

@@ -34,13 +34,12 @@ import numpy as np
 import eomcheck
 from eomcheck import cli
 from eomcheck.console import progress
-from eomcheck.descriptions.robot_files import from_mjcf, from_urdf
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.errors import EomcheckError, message_of
 from eomcheck.lab.report.overview import Overview, read_records
 from eomcheck.lab.show.table import ResultTable, print_tables
 from eomcheck.lab.store.record_file import Record, Records
-from eomcheck.scenes import Sleigh
+from eomcheck.scenes import Sleigh, from_mjcf, from_urdf
 from eomcheck.testing import check_functions
 
 LEAST = 2000

@@ -49,10 +49,9 @@ def compare_command(
     check_count(states=states)
     check_writable(json)
     from eomcheck.console import progress
-    from eomcheck.descriptions.robot_files import is_robot
     from eomcheck.lab.library_comparison import compare_libraries as compared
     from eomcheck.lab.report.comparison_tables import print_comparison, write_comparison
-    from eomcheck.scene_lookup import scene_named
+    from eomcheck.scene_lookup import is_robot, scene_named
 
     if not is_robot(robot):
         raise InputError(

@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from eomcheck.deprecated import getattr_of, old_attributes, old_keywords
 from eomcheck.descriptions.quaternions import IDENTITY, Quaternion, rotation_matrix, z_to_axis
 from eomcheck.errors import InputError
+from eomcheck.numbers.generic import Array
 
 Triple = tuple[float, float, float]
 
@@ -39,6 +42,23 @@ class Link(NamedTuple):
     """Moments I_xx, I_yy, I_zz about the centre of mass, along the axes of the link, kg m²."""
     products: Triple = ORIGIN
     """Entries xy, xz, yz of the inertia matrix, kg m²."""
+
+    @classmethod
+    def with_inertia(cls, name: str, mass: float, center: Triple, inertia: Array) -> Link:
+        """Return a link with an inertia matrix (3, 3) about its centre of mass, kg m²."""
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = np.asarray(inertia).tolist()
+        return cls(name, mass, center, (xx, yy, zz), (xy, xz, yz))
+
+    @property
+    def inertia(self) -> Array:
+        """The inertia matrix (3, 3) about the centre of mass, kg m²."""
+        (xx, yy, zz), (xy, xz, yz) = self.moments, self.products
+        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], np.float64)
+
+    @property
+    def has_inertia(self) -> bool:
+        """Whether its mass or an entry of its inertia matrix is not 0."""
+        return any((self.mass, *self.moments, *self.products))
 
 
 @old_keywords

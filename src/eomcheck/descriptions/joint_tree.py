@@ -61,17 +61,15 @@ def merged_body(bodies: list[RigidBody]) -> RigidBody:
 
 def rigid_body_of(link: Link, turn: Quaternion, offset: Array) -> RigidBody | None:
     """Return a link's body in the frame of its scalar joint; None without inertia."""
-    if not any((link.mass, *link.moments, *link.products)):
+    if not link.has_inertia:
         return None
-    R, (xy, xz, yz) = rotation_matrix(turn), link.products
-    inertia = np.diag(link.moments) + np.array([[0, xy, xz], [xy, 0, yz], [xz, yz, 0]])
-    return RigidBody(link.mass, offset + R @ np.array(link.center), R @ inertia @ R.T)
+    R = rotation_matrix(turn)
+    return RigidBody(link.mass, offset + R @ np.array(link.center), R @ link.inertia @ R.T)
 
 
 def has_impossible_inertia(link: Link) -> bool:
     """Return whether moments of inertia are impossible: one exceeds the sum of the others."""
-    (x, y, z), (xy, xz, yz) = link.moments, link.products
-    moments = np.linalg.eigvalsh([[x, xy, xz], [xy, y, yz], [xz, yz, z]])
+    moments = np.linalg.eigvalsh(link.inertia)
     # A negative one too, but for rounding: the sum of the lower two is below the larger of them.
     return bool(moments[2] > moments[:2].sum() * (1 + TOUCHING))
 

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
+from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -313,6 +314,19 @@ class MechanismSource(NamedTuple):
     """Base class of its class, which has the same `key`; by default `Mechanism`."""
     description: Any = None
     """Description from which it was constructed, if stored."""
+
+    def of_file(
+        self, kind: str, path: Any, options: str, ignored: str, warnings: str = ""
+    ) -> MechanismSource:
+        """Return the source of a scene that `from_urdf` or `from_mjcf` reads in a file."""
+        return self._replace(
+            code=f"from_{kind}({str(path)!r}{options})",
+            imports=f"from eomcheck.scenes import from_{kind}",
+            ignored=ignored,
+            warnings=warnings,
+            file=str(Path(path)),
+            format=kind,
+        )
 
     def scene_class(self) -> type[Mechanism]:
         """Return the class of these scenes; the same one for the same description."""

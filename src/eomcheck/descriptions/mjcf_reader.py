@@ -24,7 +24,6 @@ from scipy.linalg import qr
 from eomcheck.calls import call, require_supervision
 from eomcheck.descriptions.build import mechanism_source
 from eomcheck.descriptions.elements import (
-    COORDINATES,
     Constraint,
     Joint,
     Link,
@@ -47,15 +46,18 @@ from eomcheck.descriptions.urdf_reader import (
     MAX_FILE_ELEMENTS,
     Element,
     Format,
+    Robot,
     Unreadable,
+    errors_of,
     finite_number,
     gravity_of,
     identifier,
     ignored_summary,
     number_attribute,
+    path_of,
     root_of,
 )
-from eomcheck.errors import InputError, message_of, required
+from eomcheck.errors import message_of, required
 from eomcheck.numbers.generic import FLOAT64, Array
 
 # ---- File ----------------------------------------------------------------------------------------
@@ -124,10 +126,8 @@ def _check_coordinates(path: Path, coordinates: int) -> None:
     Raises:
         InputError: it is above the limit.
     """
-    try:
+    with errors_of(path):
         check_coordinates(coordinates)
-    except InputError as error:
-        raise Unreadable(f"{str(path)!r}: {error}") from None
 
 
 def _compiled(library: Any, path: Path) -> tuple[Any, Counter[str]]:
@@ -329,26 +329,7 @@ STEEPEST = 1.2
 """Largest pitch of an initial pose, rad; a steeper one, near the singularity, is left at 0."""
 
 
-class MjcfModel(NamedTuple):
-    """The contents of an MJCF file as elements of a description."""
-
-    name: str
-    links: tuple[Link, ...]
-    joints: tuple[Joint, ...]
-    constraints: tuple[Constraint, ...]
-    gravity: Triple | None
-    pose: dict[str, float]
-    ignored: str
-    compiled: Any
-    """MuJoCo's compiled model."""
-
-    @property
-    def coordinates(self) -> list[str]:
-        """Names of the coordinates, in the order of the file."""
-        return [one.name + part for one in self.joints for part in COORDINATES[one.kind]]
-
-
-def read_mjcf(path: Path) -> MjcfModel:
+def read_mjcf(path: Path) -> Robot:
     """Return the contents of an MJCF file.
 
     Raises:
@@ -374,7 +355,7 @@ class _MjcfReader:
         off = int(model.opt.disableflags)
         self.off = {name: bool(off & bit) for name, bit in DISABLED.items()}
 
-    def model(self) -> MjcfModel:
+    def model(self) -> Robot:
         """Return the whole model."""
         m = self.m
         self._refuse()
@@ -388,14 +369,14 @@ class _MjcfReader:
         self.out["limits of joints"] += int(np.count_nonzero(m.jnt_limited))
         self.out["friction of joints"] += int(np.count_nonzero(m.dof_frictionloss))
         x, y, z = m.opt.gravity.tolist()
-        return MjcfModel(
+        return Robot(
             identifier(self.path.stem),
             tuple(self.links),
             tuple(self.joints),
+            ignored_summary(self.out),
             tuple(constraints),
             None if self.off["gravity"] or not any((x, y, z)) else (x, y, z),
             self.pose,
-            ignored_summary(self.out),
             m,
         )
 
@@ -434,12 +415,9 @@ class _MjcfReader:
     def _link(self, body: int, anchor: Array) -> Link:
         m = self.m
         R = rotation_matrix(quaternion_of(m.body_iquat[body]))
-        I = R @ np.diag(m.body_inertia[body]) @ R.T  # noqa: E741
+        name, mass = self.bodies[body], float(m.body_mass[body])
         center = triple_of(m.body_ipos[body] - anchor)
-        moments, products = triple_of(np.diagonal(I)), (I[0, 1], I[0, 2], I[1, 2])
-        return Link(
-            self.bodies[body], float(m.body_mass[body]), center, moments, triple_of(products)
-        )
+        return Link.with_inertia(name, mass, center, R @ np.diag(m.body_inertia[body]) @ R.T)
 
     def _add_joint(self, joint: int, before: str, after: str, place: Array, turn: Array) -> None:
         m, name = self.m, self.names[joint]
@@ -554,32 +532,19 @@ def mjcf_kind(
     path: str | os.PathLike[str], *, gravity: Triple | str | None = FILES
 ) -> type[Mechanism]:
     """Return the scene class of a file, of which `from_mjcf` returns the default scene."""
-    try:
-        file = Path(path)
-    except TypeError:
-        raise InputError(f"path = {path!r}, expected the path of an MJCF file") from None
+    file = path_of(path, "an MJCF")
     changed = not isinstance(gravity, str)
     pulls = gravity_of(gravity) if changed else None
-    model = read_mjcf(file)
-    try:
-        words = model.name, model.links, model.joints, model.constraints
-        more = {"gravity": pulls if changed else model.gravity, "pose": model.pose}
-        made = mechanism_source(*words, **more)
-        if model.constraints:
-            made = mechanism_source(
-                *words, **more, dependent=_dependent_coordinates(made.scene_class()())
-            )
-        return made._replace(
-            code=f"from_mjcf({str(path)!r}{f', gravity={pulls!r}' if changed else ''})",
-            imports="from eomcheck.scenes import from_mjcf",
-            ignored=model.ignored,
-            file=str(file),
-            format="mjcf",
-        ).scene_class()
-    except Unreadable:
-        raise
-    except InputError as error:
-        raise Unreadable(f"{str(path)!r}: {error}") from None
+    robot = read_mjcf(file)
+    with errors_of(path):
+        elements = robot.name, robot.links, robot.joints, robot.constraints
+        more = {"gravity": pulls if changed else robot.gravity, "pose": robot.pose}
+        made = mechanism_source(*elements, **more)
+        if robot.constraints:
+            dependent = _dependent_coordinates(made.scene_class()())
+            made = mechanism_source(*elements, **more, dependent=dependent)
+        options = f", gravity={pulls!r}" if changed else ""
+        return made.of_file("mjcf", path, options, robot.ignored).scene_class()
 
 
 def _dependent_coordinates(scene: Mechanism) -> list[str]:

@@ -91,8 +91,7 @@ def random_link(choices: Choices, name: str, planar: bool) -> Link:
         a, b, c = moments.tolist()
         return Link(name, mass, center, (a, b, c))
     R = rotation_matrix(random_orientation(choices))
-    I = (R * moments @ R.T).tolist()  # noqa: E741
-    return Link(name, mass, center, (I[0][0], I[1][1], I[2][2]), (I[0][1], I[0][2], I[1][2]))
+    return Link.with_inertia(name, mass, center, R * moments @ R.T)
 
 
 # ---- A description as data -----------------------------------------------------------------------

@@ -395,7 +395,7 @@ def urdf_text(description: RandomDescription, name: str = "robot") -> str:
 
 def _add_link(robot: ElementTree.Element, link: Link) -> None:
     element = _child(robot, "link", name=link.name)
-    if not any((link.mass, *link.moments, *link.products)):
+    if not link.has_inertia:
         return
     inertial = _child(element, "inertial")
     _child(inertial, "origin", xyz=_text(link.center), rpy="0 0 0")

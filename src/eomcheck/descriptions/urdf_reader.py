@@ -12,15 +12,24 @@ import math
 import os
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 from xml.parsers import expat
 
 from eomcheck.atomic_write import check_regular
 from eomcheck.descriptions.build import mechanism_source
-from eomcheck.descriptions.elements import ORIGIN, Joint, Link, Triple
+from eomcheck.descriptions.elements import (
+    COORDINATES,
+    ORIGIN,
+    Constraint,
+    Joint,
+    Link,
+    Triple,
+)
 from eomcheck.descriptions.joint_tree import inertia_warning
 from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.descriptions.quaternions import (
@@ -219,13 +228,25 @@ OF_JOINT = frozenset({"limit", "safety_controller", "calibration", "joint_proper
 
 
 class Robot(NamedTuple):
-    """The contents of a URDF file."""
+    """The contents of a robot file as elements of a description."""
 
     name: str
     links: tuple[Link, ...]
     joints: tuple[Joint, ...]
     ignored: str
     """Sentence on the parts of the file that are left out; "" without any."""
+    constraints: tuple[Constraint, ...] = ()
+    gravity: Triple | None = None
+    """Gravity by the file; a URDF has none."""
+    pose: Mapping[str, float] = MappingProxyType({})
+    """Coordinates q at t = 0 that are not 0, by name."""
+    compiled: Any = None
+    """MuJoCo's compiled model of an MJCF."""
+
+    @property
+    def coordinates(self) -> list[str]:
+        """Names of the coordinates of all joints, in the order of the file."""
+        return [one.name + part for one in self.joints for part in COORDINATES[one.kind]]
 
 
 def read_urdf(path: Path) -> Robot:
@@ -302,11 +323,11 @@ def _link(element: Element, file: str, out: Counter[str]) -> Link:
         number_attribute(inertia, f"i{axes}", where)
         for axes in ("xx", "yy", "zz", "xy", "xz", "yz")
     )
-    if turn != IDENTITY:
-        R = rotation_matrix(turn)
-        I = (R @ [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]] @ R.T).tolist()  # noqa: E741
-        xx, yy, zz, xy, xz, yz = I[0][0], I[1][1], I[2][2], I[0][1], I[0][2], I[1][2]
-    return Link(name, heavy, center, (xx, yy, zz), (xy, xz, yz))
+    link = Link(name, heavy, center, (xx, yy, zz), (xy, xz, yz))
+    if turn == IDENTITY:
+        return link
+    R = rotation_matrix(turn)
+    return Link.with_inertia(name, heavy, center, R @ link.inertia @ R.T)
 
 
 def _joint(element: Element, file: str, out: Counter[str]) -> Joint:
@@ -398,11 +419,7 @@ def urdf_kind(
     gravity: Triple | None = (0.0, 0.0, -9.81),
 ) -> type[Mechanism]:
     """Return the scene class of a file, of which `from_urdf` returns the default scene."""
-    try:
-        file = Path(path)
-    except TypeError:
-        raise InputError(f"path = {path!r}, expected the path of a URDF file") from None
-    gravity = gravity_of(gravity)
+    file, gravity = path_of(path, "a URDF"), gravity_of(gravity)
     robot = read_urdf(file)
     if not (robot.joints or floating):
         name = str(path)
@@ -412,17 +429,32 @@ def urdf_kind(
     )
     links, joints = _floating(robot) if floating else (robot.links, robot.joints)
     name = f"{robot.name}_{FLOATING}" if floating else robot.name
-    try:
+    with errors_of(path):
         made = mechanism_source(name, links, joints, gravity=gravity)
-        return made._replace(
-            code=f"from_urdf({str(path)!r}{options})",
-            imports="from eomcheck.scenes import from_urdf",
-            ignored=robot.ignored,
-            warnings=inertia_warning(robot.links),
-            file=str(file),
-            format="urdf",
-            floating=joints[0].name if floating else "",
-        ).scene_class()
+        return (
+            made.of_file("urdf", path, options, robot.ignored, inertia_warning(robot.links))
+            ._replace(floating=joints[0].name if floating else "")
+            .scene_class()
+        )
+
+
+def path_of(path: Any, what: str) -> Path:
+    """Return the path of a robot file.
+
+    Raises:
+        InputError: it is something else.
+    """
+    try:
+        return Path(path)
+    except TypeError:
+        raise InputError(f"path = {path!r}, expected the path of {what} file") from None
+
+
+@contextmanager
+def errors_of(path: Any) -> Iterator[None]:
+    """Name the file in errors of its description inside the block."""
+    try:
+        yield
     except Unreadable:
         raise
     except InputError as error:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from eomcheck.descriptions.robot_files import from_mjcf, from_urdf
+from eomcheck.descriptions.mjcf_reader import from_mjcf
+from eomcheck.descriptions.urdf_reader import from_urdf
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes.andrews import Andrews
 from eomcheck.scenes.bicycle import Bicycle

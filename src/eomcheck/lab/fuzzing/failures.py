@@ -26,7 +26,6 @@ from eomcheck.class_lookup import object_named
 from eomcheck.descriptions.elements import Constraint, Joint, Link
 from eomcheck.descriptions.random_elements import RandomDescription
 from eomcheck.descriptions.random_mechanisms import RandomScene
-from eomcheck.descriptions.robot_files import is_robot
 from eomcheck.errors import EomcheckError, InputError, message_of
 from eomcheck.evaluation.dynamics import consistent_velocity
 from eomcheck.evaluation.evaluation import Evaluation
@@ -43,7 +42,7 @@ from eomcheck.mechanics.parameters import settable
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene, finite_array
 from eomcheck.numbers.generic import Array
-from eomcheck.scene_lookup import scene_classes_named
+from eomcheck.scene_lookup import is_robot, scene_classes_named
 from eomcheck.scenes import SCENES
 from eomcheck.testing.equations_of_motion import EquationsOfMotion
 

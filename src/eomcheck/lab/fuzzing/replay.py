@@ -9,13 +9,13 @@ from typing import Literal, NamedTuple
 from eomcheck.claims import CLAIMS, Finding
 from eomcheck.claims.finding import worst
 from eomcheck.class_lookup import home_of_code
-from eomcheck.descriptions.robot_files import is_robot
 from eomcheck.engines import ALWAYS, ENGINES
 from eomcheck.errors import EomcheckError, described_error, message_of
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing.failures import FUNCTIONS, FailureRecord, failure_record
 from eomcheck.lab.fuzzing.motion_comparison import MOTION_CLAIMS, findings_of_motion
 from eomcheck.lab.fuzzing.triage import Diagnosis, check_case, keys_in_subject
+from eomcheck.scene_lookup import is_robot
 from eomcheck.testing.equations_of_motion import EquationsOfMotion
 from eomcheck.testing.function_checks import FUNCTION_CLAIMS, check_functions_at
 

@@ -11,7 +11,6 @@ from typing import Annotated
 
 from eomcheck.claims.proof import prove_structure
 from eomcheck.claims.run import validate
-from eomcheck.descriptions.robot_files import robot_named
 from eomcheck.descriptions.urdf_reader import FLOATING
 from eomcheck.errors import EngineError, InputError
 from eomcheck.formulations import FORMULATIONS
@@ -20,6 +19,7 @@ from eomcheck.lab.option_parsing import Seed, check_count
 from eomcheck.lab.show.table import Cell, ResultTable
 from eomcheck.lab.store.record_file import Record, Settings, rows_in
 from eomcheck.lab.study import Study, failed, unfinished
+from eomcheck.scene_lookup import robot_named
 
 ROBOTS = {
     "ur5": ("example-robot-data", "ur_description/urdf/ur5_robot.urdf"),
