@@ -48,7 +48,7 @@ from eomcheck.descriptions.urdf_reader import (
     Format,
     Robot,
     Unreadable,
-    errors_of,
+    errors_naming,
     finite_number,
     gravity_of,
     identifier,
@@ -126,7 +126,7 @@ def _check_coordinates(path: Path, coordinates: int) -> None:
     Raises:
         InputError: it is above the limit.
     """
-    with errors_of(path):
+    with errors_naming(path):
         check_coordinates(coordinates)
 
 
@@ -536,7 +536,7 @@ def mjcf_kind(
     changed = not isinstance(gravity, str)
     pulls = gravity_of(gravity) if changed else None
     robot = read_mjcf(file)
-    with errors_of(path):
+    with errors_naming(path):
         elements = robot.name, robot.links, robot.joints, robot.constraints
         more = {"gravity": pulls if changed else robot.gravity, "pose": robot.pose}
         made = mechanism_source(*elements, **more)

@@ -116,7 +116,7 @@ def _constraint(
     link, other = choices.one_of(pairs)
     pose = poses(tree)
     at = random_elements.random_triple(choices, planar)
-    fit = Fit(name, link, other, at, pose[link], pose[other], planar, choices)
+    fit = PosedPair(name, link, other, at, pose[link], pose[other], planar, choices)
     if kind in ROLLING:
         up, *slips = _rolling(fit)
         return (*slips, up) if kind == "rolling" else (up,)
@@ -159,7 +159,7 @@ def _of_coordinates(
     return elements.coupling(name, i, j, ratio, q[i] - ratio * q[j])
 
 
-class Fit(NamedTuple):
+class PosedPair(NamedTuple):
     """Two links in their poses and a point of the first, to which a constraint is fitted."""
 
     name: str
@@ -197,18 +197,18 @@ class Fit(NamedTuple):
         return random_elements.random_triple(self.choices, self.planar)
 
 
-def _weld(fit: Fit) -> Constraint:
+def _weld(fit: PosedPair) -> Constraint:
     w, x, y, z = fit.here.orientation
     turn = multiply_quaternions((w, -x, -y, -z), fit.there.orientation)
     return elements.weld(*fit.head, fit.at, fit.at_other, turn)
 
 
-def _hinge(fit: Fit) -> Constraint:
+def _hinge(fit: PosedPair) -> Constraint:
     axis = random_elements.random_direction(fit.choices, planar=False)
     return elements.hinge(*fit.head, fit.at, fit.at_other, axis, fit.to_other(axis))
 
 
-def _distance(fit: Fit) -> Constraint:
+def _distance(fit: PosedPair) -> Constraint:
     at_other = fit.triple()
     rod = fit.here.point(fit.at) - fit.there.point(at_other)
     if np.linalg.norm(rod) < 5 * random_elements.SMALLEST:
@@ -217,14 +217,14 @@ def _distance(fit: Fit) -> Constraint:
     return elements.distance(*fit.head, float(np.linalg.norm(rod)), fit.at, at_other)
 
 
-def _on_plane(fit: Fit) -> Constraint:
+def _on_plane(fit: PosedPair) -> Constraint:
     across = fit.direction()
     normal, away = np.asarray(across), np.asarray(fit.triple())
     along = away - away @ normal / (normal @ normal) * normal
     return elements.on_plane(*fit.head, across, fit.at, _triple(np.asarray(fit.at_other) - along))
 
 
-def _on_quadric(fit: Fit) -> Constraint:
+def _on_quadric(fit: PosedPair) -> Constraint:
     """Return an on-quadric constraint whose surface passes through the point, with a slope."""
     bends, s = (np.array([fit.choices.number(-1.0, 1.0) for _ in range(3)]) for _ in range(2))
     s[2] = 0.0 if fit.planar else s[2]
@@ -240,7 +240,7 @@ def _triple(a: Array) -> Triple:
     return x, y, z
 
 
-def _square(fit: Fit) -> Constraint:
+def _square(fit: PosedPair) -> Constraint:
     along, away = fit.direction(), np.array([0.0, 0.0, 1.0])
     if not fit.planar:
         away = np.asarray(random_elements.random_transverse(fit.choices, along))
@@ -248,7 +248,7 @@ def _square(fit: Fit) -> Constraint:
     return elements.perpendicular(fit.name, fit.link, along, fit.other, across)
 
 
-def _rolling(fit: Fit) -> tuple[Constraint, ...]:
+def _rolling(fit: PosedPair) -> tuple[Constraint, ...]:
     """Return the constraints of a rolling ball, disk or (in the plane) circle, contact first."""
     radius = fit.choices.number(0.2, 1.0)
     across = np.asarray(fit.direction())
@@ -281,7 +281,7 @@ def _upright(choices: Choices, normal: Array) -> Triple:
     return _triple(np.eye(3)[np.argmin(np.abs(normal))])
 
 
-_FITTED: dict[str, Callable[[Fit], Constraint]] = {
+_FITTED: dict[str, Callable[[PosedPair], Constraint]] = {
     "pin": lambda fit: elements.pin(*fit.head, fit.at, fit.at_other),
     "weld": _weld,
     "hinge": _hinge,

@@ -429,7 +429,7 @@ def urdf_kind(
     )
     links, joints = _floating(robot) if floating else (robot.links, robot.joints)
     name = f"{robot.name}_{FLOATING}" if floating else robot.name
-    with errors_of(path):
+    with errors_naming(path):
         made = mechanism_source(name, links, joints, gravity=gravity)
         return (
             made.of_file("urdf", path, options, robot.ignored, inertia_warning(robot.links))
@@ -451,7 +451,7 @@ def path_of(path: Any, what: str) -> Path:
 
 
 @contextmanager
-def errors_of(path: Any) -> Iterator[None]:
+def errors_naming(path: Any) -> Iterator[None]:
     """Name the file in errors of its description inside the block."""
     try:
         yield
