@@ -25,8 +25,8 @@ import numpy as np
 from tests.mutants import PACKAGE, ROOT
 from tests.unmended import unmended
 
+from eomcheck.draws.fuzz_cases import structural_variants
 from eomcheck.lab.fuzzing.campaign import Campaign
-from eomcheck.lab.fuzzing.cases import structural_variants
 from eomcheck.lab.fuzzing.failures import read_failures
 from eomcheck.lab.fuzzing.screening import TRUTH, CheckFrequency
 from eomcheck.lab.fuzzing.state_rounds import StatePlan

@@ -12,9 +12,9 @@ from __future__ import annotations
 import argparse
 
 from eomcheck.claims import CLAIMS
+from eomcheck.draws.fuzz_cases import structural_variants
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing.campaign import Campaign
-from eomcheck.lab.fuzzing.cases import structural_variants
 from eomcheck.lab.fuzzing.screening import CheckFrequency
 from eomcheck.lab.fuzzing.state_rounds import StatePlan
 from eomcheck.lab.option_parsing import parse_interval

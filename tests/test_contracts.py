@@ -174,6 +174,7 @@ LAYERS = (
     "evaluation",
     "engines",
     "motion",
+    "draws",
     "strategies",
     "claims",
     "testing",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,20 +12,24 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eomcheck import strategies
+from eomcheck.draws.states import (
+    angles_of,
+    draw_array,
+    draw_magnitude,
+    ordinary_state,
+    scene_within,
+    state_ranges,
+)
 from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.lab.strategy_samples import draw_samples
 from eomcheck.mechanics.records import Range
 from eomcheck.scenes import SCENES, Snake, TurntableBall
-from eomcheck.strategies.scene_strategies import (
+from eomcheck.strategies import (
     HypothesisChoices,
-    entry_of,
-    links_between,
-    magnitudes,
-    parameter_of,
+    draw_samples,
+    drawn,
     without_tiny,
 )
-from eomcheck.strategies.state_strategies import angles_of, ordinary_state, state_ranges
 
 
 @pytest.mark.parametrize(
@@ -36,26 +41,33 @@ def test_numbers_below_a_millionth_are_drawn_as_zero(x: float, drawn: float):
 
 
 def test_only_numbers_of_both_signs_are_drawn_as_zero_where_they_are_small():
-    small = draw_samples(entry_of(Range(1e-9, 1e-7)), 30, 0)
+    small = draw_samples(drawn(lambda choices: choices.number(1e-9, 1e-7)), 30, 0)
     assert all(1e-9 <= x <= 1e-7 for x in small)
-    both = draw_samples(entry_of(Range(-1e-7, 1e-7)), 30, 0)
+    both = draw_samples(drawn(lambda choices: choices.number(-1e-7, 1e-7)), 30, 0)
     assert {*both} == {0.0}
-    assert draw_samples(entry_of(Range(-1e-7, 0.0)), 30, 0) != [0.0] * 30
+    one_sided = draw_samples(drawn(lambda choices: choices.number(-1e-7, 0.0)), 30, 0)
+    assert one_sided != [0.0] * 30
+    tiny = draw_samples(drawn(lambda choices: choices.number(-1e-7, 1e-7), tiny=True), 30, 0)
+    assert {*tiny} != {0.0}
 
 
 def test_numbers_of_links_are_all_between_the_bounds_and_the_bounds():
-    assert {*draw_samples(links_between(2, 5), 100, 0)} == {2, 3, 4, 5}
+    links = draw_samples(strategies.snakes(2, 5).map(lambda snake: snake.links), 100, 0)
+    assert {*links} == {2, 3, 4, 5}
 
 
 def test_magnitudes_are_powers_of_ten():
-    found = np.log10(draw_samples(magnitudes(-3.0, 5.0), 80, 0))
-    assert -3.0 <= found.min() < -2.0 and 4.0 < found.max() <= 5.0 + 1e-12
+    strategy = drawn(lambda choices: draw_magnitude(choices, -3.0, 5.0))
+    exponents = np.log10(draw_samples(strategy, 80, 0))
+    assert -3.0 <= exponents.min() < -2.0 and 4.0 < exponents.max() <= 5.0 + 1e-12
 
 
 def test_parameters_have_the_shape_of_their_range_and_may_be_absent():
-    table = draw_samples(parameter_of(Range(2.0, 3.0, (4, 2))), 20, 0)
+    table = draw_samples(drawn(lambda x: draw_array(Range(2.0, 3.0, (4, 2)), x)), 20, 0)
     assert {np.shape(x) for x in table} == {(4, 2)}
-    either = draw_samples(parameter_of(Range(2.0, 3.0, (3,), optional=True)), 60, 0)
+    ranges = {"only": Range(2.0, 3.0, (3,), optional=True)}
+    of: Any = lambda only: (only,)  # noqa: E731
+    either = [x for (x,) in draw_samples(drawn(lambda x: scene_within(of, ranges, x)), 60, 0)]
     there = [x for x in either if x is not None]
     assert 10 < len(there) < 60
     assert {len(x) for x in there} == {3}
@@ -87,7 +99,9 @@ def test_angles_are_drawn_around_a_curve_with_a_heading_and_positions_are_not():
     coil = Snake.coil(3)
     assert angles_of(coil) == [False, False, True, True, True]
     given_ = [1.5, -2.5, 0.1, 0.2, 0.3]
-    q = ordinary_state(coil, given_, 0.7, [0.0] * coil.p, 0.0).q
+    numbers = iter([*given_, 0.7, *[0.0] * coil.p, 0.0])
+    choices: Any = SimpleNamespace(number=lambda low, high: next(numbers))
+    q = ordinary_state(coil, choices).q
     assert q == pytest.approx([1.5, -2.5, 0.1 + 1.1, 0.2 + 1.5, 0.3 + 1.9])
 
 

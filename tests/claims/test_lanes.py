@@ -20,17 +20,17 @@ from eomcheck.claims.finding import (
     judge,
     verdict_codes,
 )
-from eomcheck.claims.pairwise_design import scene_cases
 from eomcheck.descriptions.build import mechanism
 from eomcheck.descriptions.elements import Joint, Link, distance
+from eomcheck.draws.pairwise_design import scene_cases
 from eomcheck.engines import ENGINES
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import UNDERFLOW, allowed_error
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.strategy_samples import draw_samples
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import SCENES, Snake
+from eomcheck.strategies import draw_samples
 
 NAMES = {
     ABSENT: "absent",

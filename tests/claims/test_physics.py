@@ -7,7 +7,7 @@ import pytest
 
 import eomcheck
 from eomcheck.claims.accelerations import _Rates
-from eomcheck.claims.pairwise_design import state_cases
+from eomcheck.draws.pairwise_design import state_cases
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.perturbed import perturbed_samples
 from eomcheck.formulations import FORMULATIONS

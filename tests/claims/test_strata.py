@@ -13,8 +13,10 @@ import numpy as np
 import pytest
 
 import eomcheck
-from eomcheck.claims import pairwise_design as module
-from eomcheck.claims.pairwise_design import (
+from eomcheck.claims.run import RunSelection, ValidationRun
+from eomcheck.cli.check_commands import validate_command
+from eomcheck.draws import pairwise_design as module
+from eomcheck.draws.pairwise_design import (
     AT_REST,
     BOTH,
     LINKS,
@@ -35,8 +37,6 @@ from eomcheck.claims.pairwise_design import (
     scene_cases,
     state_cases,
 )
-from eomcheck.claims.run import RunSelection, ValidationRun
-from eomcheck.cli.check_commands import validate_command
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.records import Range
@@ -128,7 +128,7 @@ def test_what_is_measured_is_what_was_drawn_not_what_was_meant():
 SAME = """
 import sys
 {more}
-from eomcheck.claims.pairwise_design import scene_cases
+from eomcheck.draws.pairwise_design import scene_cases
 from eomcheck.scenes import Snake
 for scene, state in scene_cases(Snake, (1, 12), 20, {seed}):
     print(repr(scene), state.q.tolist(), state.v.tolist())
@@ -153,7 +153,7 @@ def test_negative_seeds_are_seeds_of_their_own():
 
 
 def test_a_scene_that_cannot_be_closed_is_said(monkeypatch: pytest.MonkeyPatch):
-    def refuse(*arguments):
+    def refuse(*arguments, **options):
         raise RefusedError("loops", 0.0, 1.0, "the loops are open")
 
     monkeypatch.setattr(module, "ordinary_state", refuse)

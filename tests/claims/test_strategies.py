@@ -15,7 +15,6 @@ from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.strategy_samples import UNHURRIED
 from eomcheck.scenes import SCENES, Snake, TurntableBall
 
 every_formulation = pytest.mark.parametrize("key", FORMULATIONS)
@@ -125,12 +124,11 @@ def drawn(strategy, count: int) -> list:
     found = []
 
     @settings(
+        strategies.settings,
         max_examples=count,
         derandomize=True,
         database=None,
         phases=[Phase.generate],
-        suppress_health_check=UNHURRIED,
-        deadline=None,
     )
     @given(strategy)
     def collect(case):

@@ -4,85 +4,62 @@ from __future__ import annotations
 
 import importlib
 import math
-from collections.abc import Callable
-from types import SimpleNamespace
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck
-from hypothesis import strategies as st
 from scipy.linalg import null_space
 
 from eomcheck import strategies
 from eomcheck.descriptions.random_mechanisms import RandomMechanism, RandomTree
-from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.lab.strategy_samples import draw_samples
-from eomcheck.mechanics.records import Range
-from eomcheck.scenes import ChainPendulum, FourBarChain, Sleigh, Snake, TurntableBall
-from eomcheck.strategies import scene_strategies, state_strategies
-from eomcheck.strategies.state_strategies import (
+from eomcheck.draws.states import (
     StateRanges,
     angles_of,
     consistent_state,
+    draw_array,
+    draw_magnitude,
+    hostile_state,
     ordinary_state,
-    state_or_reject,
     state_ranges,
+    zero_or_magnitude,
 )
+from eomcheck.errors import InputError, RefusedError
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.mechanics.records import Range
+from eomcheck.scenes import Bricard, ChainPendulum, FourBarChain, Sleigh, Snake, TurntableBall
+from eomcheck.strategies import check_bounds, draw_samples, without_tiny
 
-of_scenes: Any = importlib.import_module("eomcheck.strategies.scene_strategies")
-of_states: Any = importlib.import_module("eomcheck.strategies.state_strategies")
-
-
-class Said:
-    """A strategy that draws nothing and says what it is made of, for two links."""
-
-    def __init__(self, text: str):
-        self.text = text
-
-    def __or__(self, other: Said) -> Said:
-        return Said(f"{self.text} | {other.text}")
-
-    def map(self, function: Callable) -> Said:
-        """Say what becomes of 3."""
-        try:
-            return Said(f"[{self.text}: 3 -> {function(3.0)}]")
-        except TypeError:
-            return Said(f"[{self.text}: made]")
-
-    def flatmap(self, function: Callable) -> Said:
-        """Say what is drawn for 2."""
-        return Said(f"{self.text}: {function(2).text}")
+module: Any = importlib.import_module("eomcheck.strategies")
 
 
-def _builds(made: Any, **parts: Said) -> Said:
-    return Said(", ".join(f"{name} {one.text}" for name, one in parts.items()))
+class Scripted:
+    """A source of choices that lists what it is asked: the option `pick`, 2, given numbers or 3."""
 
+    def __init__(self, pick: int = 0, numbers: Sequence[float] = ()):
+        self.pick, self.numbers, self.asked = pick, list(numbers), []
 
-def _built(made: Any, *parts: Said, **named: Said) -> Said:
-    if named:
-        return _builds(made, **named)
-    return Said(f"[{', '.join(one.text for one in parts)}: 1, 0.5 -> {made(1.0, 0.5):g}]")
+    def one_of(self, among: Sequence[Any]) -> Any:
+        """Return the option `pick`, or the last one."""
+        self.asked.append(f"of {tuple(among)}")
+        return among[min(self.pick, len(among) - 1)]
 
+    def whole(self, low: int, high: int) -> int:
+        """Return 2."""
+        self.asked.append(f"{low}..{high}")
+        return 2
 
-SAYING = SimpleNamespace(
-    floats=lambda low, high: Said(f"{low:g}..{high:g}"),
-    integers=lambda low, high: Said(f"{low}..{high}"),
-    sampled_from=lambda among: Said(f"of {among}"),
-    just=lambda x: Said(str(x)),
-    none=lambda: Said("None"),
-    lists=lambda one, min_size, max_size: Said(f"{min_size}-{max_size} of ({one.text})"),
-    tuples=lambda *parts: Said(" and ".join(one.text for one in parts)),
-    builds=_built,
-)
+    def number(self, low: float, high: float) -> float:
+        """Return the next of the numbers."""
+        self.asked.append(f"[{low:g}..{high:g}]")
+        return self.numbers.pop(0) if self.numbers else 3.0
 
 
 @pytest.fixture
-def saying(monkeypatch):
-    """Have strategies say what they are made of."""
-    for module in (scene_strategies, state_strategies, of_scenes, of_states):
-        monkeypatch.setattr(module, "st", SAYING)
+def plain(monkeypatch):
+    """Have strategies be the function that makes a case, and whether numbers may be tiny."""
+    monkeypatch.setattr(module, "drawn", lambda make, tiny=False: (make, tiny))
 
 
 # ---- Numbers -------------------------------------------------------------------------------------
@@ -101,79 +78,101 @@ def saying(monkeypatch):
 )
 def test_bounds_that_are_none_are_refused_in_these_words(bounds: Any, lowest: float, said: str):
     with pytest.raises(InputError) as error:
-        scene_strategies.bounded_floats("x", bounds, lowest)
+        check_bounds("x", bounds, lowest)
     assert str(error.value) == said
 
 
 def test_numbers_of_links_that_are_in_no_order_are_refused_in_these_words():
     said = r"^min_links, max_links = 4, 3, expected min_links <= max_links$"
-    with pytest.raises(InputError, match=said):
-        scene_strategies.links_between(4, 3)
-    with pytest.raises(InputError, match=r"^max_links = 0"):
-        scene_strategies.links_between(1, 0)
+    for make in (
+        strategies.snakes,
+        strategies.hostile_snakes,
+        lambda *x: strategies.scenes(Snake, *x),
+    ):
+        with pytest.raises(InputError, match=said):
+            make(4, 3)
+        with pytest.raises(InputError, match=r"^max_links = 0"):
+            make(1, 0)
 
 
 def test_only_what_is_below_a_millionth_is_nothing():
     tiny = np.nextafter(1e-6, 0.0)
     for x, kept in ((1e-6, 1e-6), (-1e-6, -1e-6), (tiny, 0.0), (-tiny, 0.0), (-2.0, -2.0)):
-        assert scene_strategies.without_tiny(x) == kept
+        assert without_tiny(x) == kept
 
 
-def test_strategies_for_numbers_are_made_of_these(saying):
-    one, absent = Range(1.0, 2.0, (4, 3)), Range(-1.0, 2.0, (2,), True)
-    found: dict[str, Any] = {
-        "1..2": scene_strategies.bounded_floats("x", (1.0, 2.0), 1.0),
-        "3..3": scene_strategies.links_between(3, 3),
-        "[-2..4: 3 -> 1000.0]": scene_strategies.magnitudes(-2.0, 4.0),
-        "0..2": scene_strategies.entry_of(Range(0.0, 2.0)),
-        "-2..0": scene_strategies.entry_of(Range(-2.0, 0.0)),
-        "[-1..2: 3 -> 3.0]": scene_strategies.entry_of(Range(-1.0, 2.0)),
-        "4-4 of (3-3 of (1..2))": scene_strategies.parameter_of(one),
-        "None | 2-2 of ([-1..2: 3 -> 3.0]) | 2-2 of ([-1..2: 3 -> 3.0])": (
-            scene_strategies.parameter_of(absent)
-        ),
-        "mass 1..2, more 0..3": scene_strategies.from_ranges(
-            Snake, {"mass": Range(1.0, 2.0), "more": Range(0.0, 3.0)}
-        ),
-    }
-    assert [one.text for one in found.values()] == list(found)
+def test_strategies_for_numbers_are_made_of_these():
+    choices = Scripted()
+    table = draw_array(Range(1.0, 2.0, (2, 3)), Scripted(numbers=[1, 2, 3, 4, 5, 6]))
+    assert table.tolist() == [[1, 2, 3], [4, 5, 6]]
+    assert draw_array(Range(0.0, 2.0), choices) == 3.0
+    assert draw_magnitude(choices, -2.0, 4.0) == 1000.0
+    assert choices.asked == ["[0..2]", "[-2..4]"]
+    assert zero_or_magnitude(Scripted(0), -2.0, 4.0) == 0.0
+    signed = Scripted(1)
+    assert zero_or_magnitude(signed, -2.0, 4.0) == 1000.0
+    assert zero_or_magnitude(signed, -2.0, 4.0, (1.0, -1.0)) == -1000.0
+    assert signed.asked[2:] == ["of (True, False)", "of (1.0, -1.0)", "[-2..4]"]
 
 
 # ---- Scenes --------------------------------------------------------------------------------------
 
 
-USUAL = (
-    "1..8: mass 2-2 of (0.1..10), length 2-2 of (0.1..10), inertia 2-2 of (0.01..10), "
-    "stiffness None | 1-1 of (0..10000) | 1-1 of (0..10000), "
-    "damping None | 1-1 of (0..100) | 1-1 of (0..100), wheel_angle 2-2 of ([-1..1: 3 -> 3.0])"
-)
-GIVEN = (
-    "2..3: mass 2-2 of (1..2), length 2-2 of (3..4), inertia 2-2 of (0..5), "
-    "stiffness None | 1-1 of (6..7) | 1-1 of (6..7), damping None | 1-1 of (8..9) | 1-1 of (8..9), "
-    "wheel_angle 2-2 of ([-0.5..0.5: 3 -> 3.0])"
-)
-HARD = (
-    "1..8: mass 2-2 of ([-8..8: 3 -> 1000.0]), length 2-2 of ([-8..8: 3 -> 1000.0]), "
-    "inertia 2-2 of (0.0 | [-8..8: 3 -> 1000.0]), "
-    "stiffness None | 1-1 of (0.0 | [-8..12: 3 -> 1000.0]), "
-    "wheel_angle 2-2 of (of (0.0, -0.0) | -3.14159..3.14159 | "
-    "[of (-1.0, 1.0), 0.0 | [-16..-1: 3 -> 1000.0]: 1, 0.5 -> 1.0708]), "
-    "damping None | 1-1 of (0.0 | [-8..12: 3 -> 1000.0])"
-)
+MASSES = 2 * ["[0.1..10]"] + 2 * ["[0.1..10]"] + 2 * ["[0.01..10]"]
+OPTIONAL = "of (True, False, False)"
+USUAL = [
+    *("1..8", *MASSES, OPTIONAL, "[0..10000]", OPTIONAL, "[0..100]", "[-1..1]", "[-1..1]"),
+]
+GIVEN = [
+    *("2..3", "[1..2]", "[1..2]", "[3..4]", "[3..4]", "[0..5]", "[0..5]"),
+    *(OPTIONAL, "[6..7]", OPTIONAL, "[8..9]", "[-0.5..0.5]", "[-0.5..0.5]"),
+]
+EITHER, SIZE = "of (True, False)", "[-8..8]"
+WHEEL = "of ('zero', 'any', 'across')"
+HARD = [
+    *("1..8", SIZE, SIZE, SIZE, SIZE, EITHER, SIZE, EITHER, SIZE, EITHER, EITHER, "[-8..12]"),
+    *(WHEEL, "[-3.14159..3.14159]", WHEEL, "[-3.14159..3.14159]", EITHER, EITHER, "[-8..12]"),
+]
 
 
-def test_snakes_are_drawn_from_these_ranges_unless_others_are_given(saying):
-    found: Any = strategies.snakes()
-    assert found.text == USUAL
-    found = strategies.snakes(
+def test_snakes_are_drawn_from_these_ranges_unless_others_are_given(plain):
+    def asked(strategy: Any, pick: int, tiny: bool) -> list[str]:
+        make, of_any_size = strategy
+        choices = Scripted(pick)
+        assert make(choices).links == 2 and of_any_size == tiny
+        return choices.asked
+
+    assert asked(strategies.snakes(), 1, False) == USUAL
+    given = strategies.snakes(
         2, 3, mass=(1.0, 2.0), length=(3.0, 4.0), inertia=(0.0, 5.0), stiffness=(6.0, 7.0),
         damping=(8.0, 9.0), wheel_angle=0.5,
     )  # fmt: skip
-    assert found.text == GIVEN
-    found = strategies.hostile_snakes()
-    assert found.text == HARD
-    found = strategies.hostile_snakes(3, 4)
-    assert found.text.startswith("3..4: ")
+    assert asked(given, 1, False) == GIVEN
+    assert asked(strategies.hostile_snakes(), 1, True) == HARD
+    assert asked(strategies.hostile_snakes(3, 4), 1, True)[0] == "3..4"
+    absent: Any = strategies.snakes()
+    assert absent[0](Scripted(0)).stiffness is absent[0](Scripted(0)).damping is None
+    absent = strategies.hostile_snakes()
+    assert absent[0](Scripted(0)).stiffness is absent[0](Scripted(0)).damping is None
+
+
+def test_wheels_of_hostile_snakes_are_straight_anywhere_or_next_to_across():
+    def wheel(*picks: int) -> tuple[float, list[str]]:
+        choices, left = Scripted(), list(picks)
+
+        def one_of(among: Sequence[Any]) -> Any:
+            choices.asked.append(f"of {tuple(among)}")
+            return among[left.pop(0)]
+
+        choices.one_of = one_of
+        return module._wheel_angle(choices), choices.asked
+
+    assert wheel(0, 1)[1] == [WHEEL, "of (0.0, -0.0)"]
+    assert math.copysign(1.0, wheel(0, 1)[0]) == -1.0
+    assert wheel(1) == (3.0, [WHEEL, "[-3.14159..3.14159]"])
+    assert wheel(2, 1, 0)[0] == math.pi / 2
+    assert wheel(2, 0, 1)[0] == -(math.pi / 2 - 1000.0)
+    assert wheel(2, 0, 1)[1] == [WHEEL, "of (-1.0, 1.0)", EITHER, "[-16..-1]"]
 
 
 @pytest.mark.parametrize("name", ["mass", "length", "inertia", "stiffness", "damping"])
@@ -189,18 +188,13 @@ def test_bounds_of_snakes_are_checked_each_by_its_name_and_its_smallest(name: st
         strategies.snakes(wheel_angle=-0.5)
 
 
-def test_links_are_one_to_eight_by_default_and_of_no_account_to_a_scene_without_them(monkeypatch):
-    kept: list[Any] = []
-    topologies = lambda kind, n: kept.append((kind, n)) or st.none()  # noqa: E731
-    monkeypatch.setattr(of_scenes, "_topologies", topologies)
-    monkeypatch.setattr(of_scenes, "_of_kind", lambda kind, n: st.just((kind, n)))
-    assert draw_samples(strategies.scenes(Sleigh, 0, -1), 1, 0) == [(None, None)]
-    assert kept == [(Sleigh, None)]
-    monkeypatch.setattr(scene_strategies, "st", SAYING)
-    monkeypatch.setattr(of_scenes, "_topologies", lambda kind, n: Said(f"{kind.__name__} {n}"))
-    monkeypatch.setattr(of_scenes, "_of_kind", lambda kind, n: Said(f"{kind} {n}"))
-    found: Any = strategies.scenes(ChainPendulum)
-    assert found.text == "1..8: ChainPendulum 2: 2 2"
+def test_links_are_one_to_eight_by_default_and_of_no_account_to_a_scene_without_them(plain):
+    choices = Scripted()
+    make: Any = strategies.scenes(Sleigh, 0, -1)[0]  # type: ignore[index]
+    assert isinstance(make(choices), Sleigh) and not any(".." in x[:5] for x in choices.asked[:1])
+    make = strategies.scenes(ChainPendulum)[0]  # type: ignore[index]
+    choices = Scripted()
+    assert make(choices).links == 2 and choices.asked[0] == "1..8"
 
 
 def test_a_draw_that_is_refused_is_no_case_and_the_ways_are_those_of_one_entry(monkeypatch):
@@ -225,7 +219,7 @@ def test_a_draw_that_is_refused_is_no_case_and_the_ways_are_those_of_one_entry(m
 
 
 def test_random_mechanisms_are_of_their_kind_and_numbers_of_bodies(monkeypatch):
-    monkeypatch.setattr(scene_strategies, "scenes", lambda *given: given)
+    monkeypatch.setattr(module, "scenes", lambda *given: given)
     assert strategies.random_trees() == (RandomTree, 1, 12)
     assert strategies.random_mechanisms() == (RandomMechanism, 1, 12)
     assert strategies.random_trees(2, 3) == (RandomTree, 2, 3)
@@ -245,9 +239,9 @@ def test_random_mechanisms_are_of_their_kind_and_numbers_of_bodies(monkeypatch):
 def test_urdfs_are_made_with_the_options_that_are_given(monkeypatch):
     made: list[Any] = []
     monkeypatch.setattr(
-        scene_strategies, "urdf_tree", lambda links, choices, *more: made.append((links, *more))
+        module, "urdf_tree", lambda links, choices, *more: made.append((links, *more))
     )
-    monkeypatch.setattr(scene_strategies, "urdf_text", lambda tree: "text")
+    monkeypatch.setattr(module, "urdf_text", lambda tree: "text")
     given: list[dict[str, Any]] = [
         {},
         {"joints": ["fixed", "revolute"], "mimic": False},
@@ -308,34 +302,35 @@ def test_states_are_drawn_from_these_ranges():
 def test_ordinary_states_are_around_a_curved_pose_that_is_turned():
     chain = ChainPendulum.rods(3)
     assert chain.coordinate_ranges() is None
-    state = ordinary_state(chain, [0.1, 0.2, 0.3], 2.0, [1.0, -2.0, 3.0], 0.0)
+    state = ordinary_state(chain, Scripted(numbers=[0.1, 0.2, 0.3, 2.0, 1.0, -2.0, 3.0, 0.0]))
     assert state.q == pytest.approx([0.1 + 0.4 + 2, 0.2 + 0.8 + 2, 0.3 + 1.2 + 2])
     assert (state.v.tolist(), state.t, strategies.CURVATURE) == ([1.0, -2.0, 3.0], 0.0, 0.4)
     snake = Snake.coil(2)
-    q, v, _ = ordinary_state(snake, [5.0, -6.0, 0.1, 0.2], -1.0, [1.5, -0.5], 0.0)
+    numbers = [5.0, -6.0, 0.1, 0.2, -1.0, 1.5, -0.5, 0.0]
+    q, v, _ = ordinary_state(snake, Scripted(numbers=numbers))
     assert q == pytest.approx([5.0, -6.0, 0.1 + 0.4 - 1, 0.2 + 0.8 - 1])
     a = Evaluation(snake, q, 0 * q).terms.a
     assert v == pytest.approx(null_space(a) @ [1.5, -0.5])
-    assert consistent_state(snake, q, [1.5], 0.0).v == pytest.approx(null_space(a)[:, 0] * 1.5)
-    many = consistent_state(snake, q, [1.5, -0.5, 7.0], 0.0)
+    resting = Scripted(numbers=numbers)
+    assert not ordinary_state(snake, resting, at_rest=True).v.any() and len(resting.asked) == 8
+    one = consistent_state(snake, q, np.array([1.5]), 0.0)
+    assert one.v == pytest.approx(null_space(a)[:, 0] * 1.5)
+    many = consistent_state(snake, q, np.array([1.5, -0.5, 7.0]), 0.0)
     assert many.v == pytest.approx(v)
     bars = FourBarChain.example()
     near = bars.initial_state()[0] + 0.01
-    same = ordinary_state(bars, near, 3.0, [0.5] * bars.p, 0.0)
+    same = ordinary_state(bars, Scripted(numbers=[*near, 3.0, *[0.5] * bars.p, 0.0]))
     assert np.abs(same.q - near).max() < 0.1, "a scene with ranges of its own is not turned"
 
 
 def test_a_state_near_which_nothing_is_closed_is_no_case():
-    def make(scene: Any, *numbers: Any) -> Any:
-        if numbers == (1, 2):
+    def make(choices: Any) -> int:
+        number = choices.one_of((12, 34))
+        if number == 12:
             raise RefusedError("a", 0.0, 1.0, "no")
-        return scene, numbers
+        return number
 
-    made: Any = state_or_reject(make, Sleigh())
-    assert made((3, 4))[1] == (3, 4)
-    pairs = st.sampled_from([(1, 2), (3, 4)]).map(made)
-    found = {numbers for _, numbers in draw_samples(pairs, 20, 0)}
-    assert found == {(3, 4)}
+    assert set(draw_samples(strategies.drawn(make), 20, 0)) == {34}
 
 
 @pytest.mark.parametrize("name", ["position", "angle", "speed", "time"])
@@ -349,14 +344,30 @@ def test_bounds_of_states_are_checked_each_by_its_name(name: str):
         strategies.states(wrong)
 
 
-def test_strategies_for_states_are_made_of_these(saying):
-    found: Any = strategies.states(Snake.coil(2))
-    half, turned = "[-10..10: 3 -> 3.0]", "[-1..1: 3 -> 3.0]"
-    more = "[-3.14159..3.14159: 3 -> 3.0] and 2-2 of ([-5..5: 3 -> 3.0]) and 0..0"
-    assert found.text == f"[{half} and {half} and {turned} and {turned} and {more}: made]"
-    found = strategies.states(TurntableBall.example(), time=3.0)
-    assert found.text.endswith(" and 0..3: made]")
-    found = strategies.hostile_states(Snake.coil(3))
-    q = "[-3.14159..3.14159: 3 -> [3.0, 3.0, 3.0, 3.0, 3.0]] | 5-5 of (-1e+09..1e+09)"
-    v = "2-2 of (0.0 | [of (-1.0, 1.0), [-150..150: 3 -> 1000.0]: 1, 0.5 -> 0.5])"
-    assert found.text == f"[{q} and {v} and 0.0: made]"
+def test_strategies_for_states_are_made_of_these(plain):
+    def asked(strategy: Any, pick: int, tiny: bool) -> list[str]:
+        make, of_any_size = strategy
+        choices = Scripted(pick)
+        make(choices)
+        assert of_any_size == tiny
+        return choices.asked
+
+    angle, speeds = "[-1..1]", 2 * ["[-5..5]"]
+    found = asked(strategies.states(Snake.coil(2)), 0, False)
+    wide = 2 * ["[-10..10]"]
+    assert found == [*wide, angle, angle, "[-3.14159..3.14159]", *speeds, "[0..0]"]
+    assert asked(strategies.states(TurntableBall.example(), time=3.0), 0, False)[-1] == "[0..3]"
+    snake = Snake.coil(3)
+    straight = asked(strategies.hostile_states(snake), 0, True)
+    assert straight == [EITHER, "[-3.14159..3.14159]", EITHER, EITHER]
+    speed = [EITHER, "of (-1.0, 1.0)", "[-150..150]"]
+    anywhere = asked(strategies.hostile_states(snake), 1, True)
+    assert anywhere == [EITHER, *5 * ["[-1e+09..1e+09]"], *speed, *speed]
+    assert hostile_state(snake, Scripted(0)).q.tolist() == 5 * [3.0]
+
+
+def test_velocities_are_drawn_where_dependent_rows_leave_motion_and_p_is_0():
+    scene = Bricard(angle=1.0, redundant=1.0)
+    assert scene.p == 0
+    for strategy in (strategies.states(scene), strategies.hostile_states(scene)):
+        assert any(state.v.any() for state in draw_samples(strategy, 20, 0))

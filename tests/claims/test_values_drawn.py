@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from tests.claims.test_checks import SNAKE, Q, V
 
-from eomcheck.claims import State, pairwise_design
-from eomcheck.claims.pairwise_design import (
+from eomcheck.claims import State
+from eomcheck.draws import pairwise_design
+from eomcheck.draws.pairwise_design import (
     ABSENT,
     AT_REST,
     BOTH,

@@ -10,8 +10,8 @@ from scipy.linalg import null_space
 
 from eomcheck import strategies
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.lab.strategy_samples import draw_samples
 from eomcheck.scenes import SCENES, Snake, TurntableBall
+from eomcheck.strategies import draw_samples
 
 COIL = Snake.coil(3)
 
@@ -56,7 +56,7 @@ def test_links_of_a_snake_differ_in_every_parameter(name: str):
 
 def test_a_scene_with_a_clock_is_drawn_at_many_times():
     table = TurntableBall(swing=1.0, frequency=3.0)
-    times = [state.t for state in draw_samples(strategies.states(table), 100, 0)]
+    times = [state.t for state in draw_samples(strategies.states(table), 200, 0)]
     assert len(set(times)) > 20
     assert min(times) < 2.0 < 8.0 < max(times)
 

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 import eomcheck
-from eomcheck.claims.pairwise_design import (
+from eomcheck.claims.run import RunSelection, ValidationRun
+from eomcheck.descriptions.random_mechanisms import RANDOM
+from eomcheck.draws.pairwise_design import (
     FAST,
     SLOW,
     TURNS,
@@ -17,8 +19,6 @@ from eomcheck.claims.pairwise_design import (
     state_cases,
     with_wide,
 )
-from eomcheck.claims.run import RunSelection, ValidationRun
-from eomcheck.descriptions.random_mechanisms import RANDOM
 from eomcheck.engines import CasadiEngine
 from eomcheck.evaluation.dynamics import assembly_error
 from eomcheck.evaluation.evaluation import Evaluation

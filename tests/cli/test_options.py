@@ -17,9 +17,9 @@ import typer
 
 from eomcheck import cli
 from eomcheck.cli.study_commands import GROUPS, command_of
+from eomcheck.draws.fuzz_cases import structural_variants
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import campaign as campaigns
-from eomcheck.lab.fuzzing.cases import structural_variants
 from eomcheck.lab.store.record_file import Record, Records
 from eomcheck.lab.studies import study_of
 from eomcheck.mechanics.scene import Scene

@@ -9,9 +9,9 @@ from tests.scenes.test_not_rational import Blade
 
 import eomcheck
 from eomcheck.claims.finding import Finding
-from eomcheck.claims.pairwise_design import scene_cases
 from eomcheck.descriptions.build import mechanism
 from eomcheck.descriptions.elements import Joint, Link, knife_edge, rolling_ball
+from eomcheck.draws.pairwise_design import scene_cases
 from eomcheck.engines import ENGINES, Answers, Engine, represents
 from eomcheck.engines.answers import inertia_size, mass_size
 from eomcheck.engines.casadi import CasadiEngine

@@ -9,7 +9,7 @@ import pytest
 
 import eomcheck
 from eomcheck.claims.finding import judge
-from eomcheck.claims.pairwise_design import scene_cases
+from eomcheck.draws.pairwise_design import scene_cases
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.certified import true_state
 from eomcheck.evaluation.dynamics import _check_digits

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from eomcheck.descriptions.random_mechanisms import RANDOM
+from eomcheck.draws import fuzz_cases as velocities
+from eomcheck.draws.fuzz_cases import consistent
 from eomcheck.errors import EomcheckError, InputError, RefusedError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import allowed_error
-from eomcheck.lab.fuzzing import cases as velocities
 from eomcheck.lab.fuzzing import failures as parameters
 from eomcheck.lab.fuzzing import motion_comparison, motion_rounds
-from eomcheck.lab.fuzzing.cases import consistent
 from eomcheck.lab.fuzzing.failures import (
     fuzz_case,
     parameters_of,

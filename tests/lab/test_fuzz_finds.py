@@ -12,15 +12,9 @@ import numpy as np
 import pytest
 
 from eomcheck.claims import CLAIMS, Finding
-from eomcheck.errors import EomcheckError, InputError
-from eomcheck.evaluation.dynamics import check_consistent
-from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.lab.fuzzing import cases as draws
-from eomcheck.lab.fuzzing import cases as structures
-from eomcheck.lab.fuzzing import failures, function_rounds, replay
-from eomcheck.lab.fuzzing import function_rounds as fuzzed
-from eomcheck.lab.fuzzing.campaign import Round, ScoredCase
-from eomcheck.lab.fuzzing.cases import (
+from eomcheck.draws import fuzz_cases as draws
+from eomcheck.draws import fuzz_cases as structures
+from eomcheck.draws.fuzz_cases import (
     ACROSS,
     FAST,
     MOST_STRUCTURES,
@@ -37,6 +31,12 @@ from eomcheck.lab.fuzzing.cases import (
     structural_variants,
     varied,
 )
+from eomcheck.errors import EomcheckError, InputError
+from eomcheck.evaluation.dynamics import check_consistent
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.lab.fuzzing import failures, function_rounds, replay
+from eomcheck.lab.fuzzing import function_rounds as fuzzed
+from eomcheck.lab.fuzzing.campaign import Round, ScoredCase
 from eomcheck.lab.fuzzing.failures import (
     FUNCTIONS,
     FailureRecord,

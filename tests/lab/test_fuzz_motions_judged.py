@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from eomcheck.draws.fuzz_cases import StructuralVariant
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, C
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import motion_comparison, motion_rounds, triage
 from eomcheck.lab.fuzzing import motion_rounds as motion_finds
 from eomcheck.lab.fuzzing.campaign import Round
-from eomcheck.lab.fuzzing.cases import StructuralVariant
 from eomcheck.lab.fuzzing.motion_comparison import (
     ALONE,
     COARSE,

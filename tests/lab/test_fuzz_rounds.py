@@ -16,6 +16,7 @@ from tests.lab.test_fuzzing_own import Rough, RoughAndWrong, planar
 
 from eomcheck.claims import CLAIMS, Finding
 from eomcheck.claims.batched_claims import BatchedCase
+from eomcheck.draws.fuzz_cases import FAMILIES, ORDINARY, StructuralVariant, draw_cases
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import campaign as campaigns
@@ -30,7 +31,6 @@ from eomcheck.lab.fuzzing.campaign import (
     generator,
     update_population,
 )
-from eomcheck.lab.fuzzing.cases import FAMILIES, ORDINARY, StructuralVariant, draw_cases
 from eomcheck.lab.fuzzing.failures import failure_record
 from eomcheck.lab.fuzzing.function_rounds import FunctionsPlan
 from eomcheck.lab.fuzzing.motion_rounds import MotionPlan

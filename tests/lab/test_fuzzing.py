@@ -14,17 +14,9 @@ from tests.unmended import unmended
 from eomcheck import strategies, velocity
 from eomcheck.claims import CLAIMS, Case, Finding
 from eomcheck.claims.batched_claims import NotBatchableError
-from eomcheck.claims.pairwise_design import levels_of_case as measured_strata
 from eomcheck.claims.registry import Comparison
-from eomcheck.errors import InputError
-from eomcheck.evaluation.batched_evaluation import LaneEvaluation
-from eomcheck.evaluation.dynamics import check_consistent
-from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.fuzzing import cases as draws
-from eomcheck.lab.fuzzing import state_rounds, triage
-from eomcheck.lab.fuzzing.campaign import Campaign, Round, RoundResult, ScoredCase
-from eomcheck.lab.fuzzing.cases import (
+from eomcheck.draws import fuzz_cases as draws
+from eomcheck.draws.fuzz_cases import (
     FAMILIES,
     FAST,
     ORDINARY,
@@ -35,6 +27,14 @@ from eomcheck.lab.fuzzing.cases import (
     mutated,
     structural_variants,
 )
+from eomcheck.draws.pairwise_design import levels_of_case as measured_strata
+from eomcheck.errors import InputError
+from eomcheck.evaluation.batched_evaluation import LaneEvaluation
+from eomcheck.evaluation.dynamics import check_consistent
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.lab.fuzzing import state_rounds, triage
+from eomcheck.lab.fuzzing.campaign import Campaign, Round, RoundResult, ScoredCase
 from eomcheck.lab.fuzzing.failures import (
     FailureRecord,
     add_failures,
@@ -49,9 +49,9 @@ from eomcheck.lab.fuzzing.screening import TRUTH, CheckFrequency, screen
 from eomcheck.lab.fuzzing.state_rounds import StatePlan, run_round
 from eomcheck.lab.fuzzing.triage import check_case, diagnose_failure, failed_findings
 from eomcheck.lab.store.record_file import Records
-from eomcheck.lab.strategy_samples import draw_samples
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import SCENES, ChainPendulum, Snake, snake
+from eomcheck.strategies import draw_samples
 
 ALL = tuple(one for one in CLAIMS if one != "coverage")
 KEYS = tuple(FORMULATIONS)

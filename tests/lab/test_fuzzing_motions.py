@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from eomcheck import velocity
+from eomcheck.draws.fuzz_cases import ORDINARY, StructuralVariant, structural_variants
 from eomcheck.errors import EomcheckError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import motion_comparison, motion_rounds, triage
 from eomcheck.lab.fuzzing.campaign import Campaign, Round
-from eomcheck.lab.fuzzing.cases import ORDINARY, StructuralVariant, structural_variants
 from eomcheck.lab.fuzzing.failures import read_failures, write_failures
 from eomcheck.lab.fuzzing.motion_comparison import (
     ALONE,

@@ -14,12 +14,12 @@ import pytest
 from eomcheck import cli
 from eomcheck.claims import CLAIMS
 from eomcheck.claims.finding import entries_of
+from eomcheck.draws.fuzz_cases import FAMILIES, ORDINARY, SPECIAL, StructuralVariant, draw_cases
 from eomcheck.errors import InputError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import function_rounds as fuzzed
 from eomcheck.lab.fuzzing import triage
 from eomcheck.lab.fuzzing.campaign import Campaign, Round, ScoredCase
-from eomcheck.lab.fuzzing.cases import FAMILIES, ORDINARY, SPECIAL, StructuralVariant, draw_cases
 from eomcheck.lab.fuzzing.failures import FUNCTIONS, read_failures, write_failures
 from eomcheck.lab.fuzzing.function_rounds import (
     SKIPPED,

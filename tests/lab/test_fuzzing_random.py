@@ -10,21 +10,20 @@ import pytest
 
 from eomcheck.claims import CLAIMS
 from eomcheck.descriptions.random_mechanisms import MOTION, NOTHING, RANDOM
-from eomcheck.evaluation.dynamics import check_consistent
-from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.fuzzing.campaign import Campaign, Round
-from eomcheck.lab.fuzzing.cases import (
+from eomcheck.draws.fuzz_cases import (
     FAMILIES,
     ORDINARY,
     WIDE,
     StructuralVariant,
-    TopologyVariant,
     draw_cases_with,
     draw_structure_kind,
-    variants_of,
+    structural_variants,
     varied,
 )
+from eomcheck.evaluation.dynamics import check_consistent
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.lab.fuzzing.campaign import Campaign, Round
 from eomcheck.lab.fuzzing.failures import (
     failure_record,
     fuzz_case,
@@ -37,9 +36,8 @@ from eomcheck.lab.fuzzing.screening import CheckFrequency
 from eomcheck.lab.fuzzing.state_rounds import STRUCTURES, RandomStatePlan, StatePlan
 from eomcheck.lab.fuzzing.triage import SCENE, Diagnosis, failed_findings
 from eomcheck.lab.store.record_file import Records
-from eomcheck.lab.strategy_samples import draw_samples
 from eomcheck.mechanics.records import State
-from eomcheck.strategies import scene_states, scenes
+from eomcheck.strategies import draw_samples, scene_states, scenes
 
 TREES, MECHANISMS = RANDOM["random-trees"], RANDOM["random-mechanisms"]
 ALL = tuple(one for one in CLAIMS if one != "coverage")
@@ -56,14 +54,14 @@ def plan(kind, **options) -> RandomStatePlan:
 
 @both
 def test_strata_are_topologies_and_what_is_drawn_is_of_its_stratum(kind):
-    strata = variants_of(kind, (2, 3))
+    strata = structural_variants(kind, (2, 3))
     assert len(strata) == len(set(strata)) == len({one.name for one in strata}) >= 16
     random = np.random.default_rng(0)
     for stratum in strata:
         scene = draw_structure_kind(kind, stratum, random)()
-        assert isinstance(stratum, TopologyVariant)
+        assert isinstance(stratum, StructuralVariant)
         assert scene.links == stratum.links
-        assert dict(stratum.ways).items() <= scene.topology.items()
+        assert dict(stratum.levels).items() <= scene.topology.items()
     structures = {draw_structure_kind(kind, strata[0], random)().structure for _ in range(12)}
     assert len(structures) > 2
 
@@ -71,14 +69,14 @@ def test_strata_are_topologies_and_what_is_drawn_is_of_its_stratum(kind):
 def test_other_kinds_have_the_strata_that_they_had():
     from eomcheck.scenes import Snake
 
-    assert variants_of(Snake, (1,)) == [StructuralVariant(1, ())]
+    assert structural_variants(Snake, (1,)) == [StructuralVariant(1, ())]
     assert draw_structure_kind(Snake, StructuralVariant(1, ()), np.random.default_rng(0)) is Snake
 
 
 @both
 def test_wide_cases_have_other_inertias_and_the_same_structure(kind):
     random = np.random.default_rng(2)
-    scene = draw_structure_kind(kind, variants_of(kind, (4,))[0], random)()
+    scene = draw_structure_kind(kind, structural_variants(kind, (4,))[0], random)()
     cases, families = draw_cases_with(
         lambda family: varied(scene, family, random), FAMILIES, 64, random
     )
@@ -97,7 +95,7 @@ def test_wide_cases_have_other_inertias_and_the_same_structure(kind):
 @pytest.mark.night
 @both
 def test_rounds_look_at_several_structures_find_nothing_and_can_be_repeated(kind):
-    stratum = variants_of(kind, (1,))[0]
+    stratum = structural_variants(kind, (1,))[0]
     one, again = (plan(kind).run(Round(1, stratum, {})) for _ in range(2))
     assert not one.failed and one.counts["structures"] == STRUCTURES
     assert one.counts == again.counts and one.counts["climbed"] > 0
@@ -130,7 +128,7 @@ def test_a_wrong_sum_of_terms_is_found_in_random_trees(monkeypatch):
     for one in caches:
         one.cache_clear()
     try:
-        stratum = next(x for x in variants_of(TREES, (3,)) if "spherical" in x.name)
+        stratum = next(x for x in structural_variants(TREES, (3,)) if "spherical" in x.name)
         result = plan(
             TREES, families=(ORDINARY,), check_frequency=CheckFrequency(0, 0, 0, 0, 0)
         ).run(Round(0, stratum, {}))
@@ -145,7 +143,7 @@ def test_a_wrong_sum_of_terms_is_found_in_random_trees(monkeypatch):
 @both
 def test_what_is_kept_of_a_random_scene_makes_it_again(kind, tmp_path: Path):
     random = np.random.default_rng(1)
-    for stratum in islice(variants_of(kind, (3,)), 0, None, 3):
+    for stratum in islice(structural_variants(kind, (3,)), 0, None, 3):
         scene = varied(draw_structure_kind(kind, stratum, random)(), WIDE, random)
         q, v = scene.initial_state()
         again, state = fuzz_case(kind, parameters_of(scene), q, v, 0.0)
@@ -181,7 +179,10 @@ def test_what_is_kept_of_a_random_scene_without_an_optional_parameter_makes_it_a
 @pytest.mark.night
 @both
 def test_a_campaign_of_random_scenes_goes_on_where_it_stopped(kind, tmp_path: Path):
-    strata, here = variants_of(kind, (1,))[:1], plan(kind, claims=("kinetic-energy",), batch=2)
+    strata, here = (
+        structural_variants(kind, (1,))[:1],
+        plan(kind, claims=("kinetic-energy",), batch=2),
+    )
     here = here._replace(formulations=("au",))
     whole = Campaign(here, kind.key, strata)
     whole.run(states=40)
@@ -201,7 +202,7 @@ def test_a_campaign_of_random_scenes_goes_on_where_it_stopped(kind, tmp_path: Pa
 @both
 def test_random_scenes_are_moved_too(kind):
     here = MotionPlan(kind, 0, tuple(FORMULATIONS), (ORDINARY,), batch=4)
-    stratum = variants_of(kind, (2,))[0]
+    stratum = structural_variants(kind, (2,))[0]
     cases, _ = draw_starts(here.kind, stratum, here.families, here.batch, np.random.default_rng(0))
     assert len({type(scene) for scene, _ in cases}) == 1
     result = here.run(Round(0, stratum, {}))
@@ -211,7 +212,7 @@ def test_random_scenes_are_moved_too(kind):
 @both
 @pytest.mark.night
 def test_fuzzing_and_hypothesis_draw_structures_and_numbers_from_the_same_ranges(kind):
-    random, strata = np.random.default_rng(0), variants_of(kind, (3,))
+    random, strata = np.random.default_rng(0), structural_variants(kind, (3,))
     fuzzed = [draw_structure_kind(kind, strata[i % len(strata)], random)() for i in range(60)]
     by_hypothesis = [scene for scene, _ in draw_samples(scene_states(scenes(kind, 3, 3)), 30, 0)]
     ways: dict[str, set[str]] = {}

@@ -13,11 +13,11 @@ from tests.lab.test_fuzzing import ALL, KEYS, STRATUM, Wrong, plan
 import eomcheck
 from eomcheck.claims.batched_claims import BatchedCase, batchable_claims
 from eomcheck.claims.finding import Finding
+from eomcheck.draws.fuzz_cases import ORDINARY, draw_cases
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import screening, state_rounds, triage
 from eomcheck.lab.fuzzing.campaign import Round, RoundResult
-from eomcheck.lab.fuzzing.cases import ORDINARY, draw_cases
 from eomcheck.lab.fuzzing.failures import FailureRecord, failure_record
 from eomcheck.lab.fuzzing.replay import replay_failures
 from eomcheck.lab.fuzzing.screening import (

@@ -13,15 +13,15 @@ import numpy as np
 import pytest
 
 from eomcheck.claims import Finding
+from eomcheck.draws import fuzz_cases as mutation
+from eomcheck.draws.fuzz_cases import StructuralVariant
 from eomcheck.errors import EomcheckError, InputError, RefusedError
 from eomcheck.evaluation.tolerance import NOTICEABLE, UNDERFLOW
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab import figure_data, references, run_time
 from eomcheck.lab import references as reference_runs
 from eomcheck.lab.fuzzing import campaign, motion_comparison, motion_rounds, triage
-from eomcheck.lab.fuzzing import cases as mutation
 from eomcheck.lab.fuzzing.campaign import Campaign, RoundResult
-from eomcheck.lab.fuzzing.cases import StructuralVariant
 from eomcheck.lab.references import REFERENCE_CASES, ReferenceCase
 from eomcheck.lab.show.table import Cell
 from eomcheck.mechanics.records import State

@@ -11,8 +11,8 @@ import pytest
 from tests.engines.planar import planar
 
 from eomcheck.claims import run
-from eomcheck.claims.pairwise_design import scene_cases
 from eomcheck.claims.run import RunSelection, ValidationRun
+from eomcheck.draws.pairwise_design import scene_cases
 from eomcheck.lab.store import validation_runs
 from eomcheck.lab.store.record_file import Records
 from eomcheck.lab.store.stored_findings import stored_findings_in

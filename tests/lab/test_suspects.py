@@ -10,10 +10,10 @@ from tests.lab.test_fuzzing import ALL, STRATUM, Wrong, plan
 
 from eomcheck.claims.batched_claims import batchable_claims
 from eomcheck.claims.finding import Finding
+from eomcheck.draws.fuzz_cases import ORDINARY, FuzzCase, StructuralVariant, draw_cases
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import state_rounds
 from eomcheck.lab.fuzzing.campaign import RoundResult
-from eomcheck.lab.fuzzing.cases import ORDINARY, FuzzCase, StructuralVariant, draw_cases
 from eomcheck.lab.fuzzing.screening import CheckFrequency, ScreeningResult, screen
 from eomcheck.lab.fuzzing.triage import check_case
 from eomcheck.scenes import Snake

@@ -13,10 +13,10 @@ import pytest
 from eomcheck.claims.finding import Finding, Proof
 from eomcheck.claims.numerical_accuracy import SampledState
 from eomcheck.claims.run import RunSelection, ValidationRun
+from eomcheck.draws.fuzz_cases import StructuralVariant
 from eomcheck.engines import CasadiEngine
 from eomcheck.lab.discrepancy import Explanation
 from eomcheck.lab.fuzzing.campaign import Campaign, ScoredCase
-from eomcheck.lab.fuzzing.cases import StructuralVariant
 from eomcheck.lab.fuzzing.failures import FailureRecord
 from eomcheck.lab.fuzzing.function_rounds import FunctionsPlan
 from eomcheck.lab.fuzzing.motion_rounds import CROSSED, STOPPED

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from typing import Any
 from unittest.mock import patch
 
-from eomcheck.claims import pairwise_design
 from eomcheck.descriptions.random_mechanisms import RANDOM
+from eomcheck.draws import pairwise_design
 from eomcheck.errors import RefusedError
 
 
@@ -18,9 +18,9 @@ def drawn_again(examples: int, seed: int = 0) -> tuple[Counter, Counter]:
     why: Counter[str] = Counter()
 
     def counting(reason: str, call: Callable) -> Callable:
-        def counted(*given: Any) -> Any:
+        def counted(*given: Any, **options: Any) -> Any:
             try:
-                return call(*given)
+                return call(*given, **options)
             except RefusedError:
                 why[reason] += 1
                 raise

@@ -16,17 +16,6 @@ from hypothesis import Phase
 
 from eomcheck import strategies
 from eomcheck.claims import CLAIMS
-from eomcheck.claims.pairwise_design import (
-    AT_REST,
-    LINKS,
-    MOTION,
-    count_levels,
-    factors,
-    level_pairs,
-    levels_of_case,
-    pairs_in,
-    scene_cases,
-)
 from eomcheck.claims.reproducer import reproducer_code
 from eomcheck.claims.run import RunSelection, ValidationRun, make_case_with_engines
 from eomcheck.descriptions import first_derivation, random_constraints
@@ -50,14 +39,25 @@ from eomcheck.descriptions.random_trees import (
     urdf_tree,
 )
 from eomcheck.descriptions.topology import ROLLING
+from eomcheck.draws.pairwise_design import (
+    AT_REST,
+    LINKS,
+    MOTION,
+    count_levels,
+    factors,
+    level_pairs,
+    levels_of_case,
+    pairs_in,
+    scene_cases,
+)
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluation.dynamics import assembly_error, check_consistent, position_residual
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.lab.strategy_samples import draw_samples
 from eomcheck.mechanics.random_source import GeneratorChoices
 from eomcheck.mechanics.records import State
 from eomcheck.scene_lookup import scene_classes_named
 from eomcheck.scenes import from_urdf
+from eomcheck.strategies import draw_samples
 
 both_kinds = pytest.mark.parametrize("kind", RANDOM.values(), ids=RANDOM)
 

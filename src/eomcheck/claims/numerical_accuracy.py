@@ -20,9 +20,9 @@ from scipy.linalg import null_space, solve_triangular
 
 from eomcheck.claims.case import Case
 from eomcheck.claims.finding import Finding, Verdict, abbreviated_list
-from eomcheck.claims.pairwise_design import levels_of_case
 from eomcheck.claims.registry import CLAIMS, Claim, case_claim, unordered_pairs
 from eomcheck.claims.user_scenes import why_not_rational
+from eomcheck.draws.pairwise_design import levels_of_case
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.certified import (
     REFERENCE_DIGITS,

@@ -32,16 +32,16 @@ from eomcheck.claims import CLAIMS, State
 from eomcheck.claims.case import OFTEN, ONCE, Case, skipped_finding
 from eomcheck.claims.finding import DECIDED, Finding, unresolved_by_claim, unresolved_finding
 from eomcheck.claims.numerical_accuracy import SampledState, coverage
-from eomcheck.claims.pairwise_design import (
+from eomcheck.claims.proof import prove_unresolved
+from eomcheck.claims.registry import Claim
+from eomcheck.claims.user_scenes import check_shapes, failing_function, scene_function_that_raised
+from eomcheck.draws.pairwise_design import (
     count_levels,
     link_count,
     scene_cases,
     state_cases,
     with_wide,
 )
-from eomcheck.claims.proof import prove_unresolved
-from eomcheck.claims.registry import Claim
-from eomcheck.claims.user_scenes import check_shapes, failing_function, scene_function_that_raised
 from eomcheck.engines import (
     Engine,
     EngineFault,
@@ -428,7 +428,7 @@ class ValidationRun:
             runner: yields the results of the random cases, by default computed in this process.
 
         Raises:
-            InputError: see `eomcheck.claims.pairwise_design.scene_cases`.
+            InputError: see `eomcheck.draws.pairwise_design.scene_cases`.
         """
         example = kind.example()
         self.check_state(example, State(*example.initial_state()), selection)
@@ -458,7 +458,7 @@ class ValidationRun:
             runner: yields the results of the random cases, by default computed in this process.
 
         Raises:
-            InputError: see `eomcheck.claims.pairwise_design.state_cases`.
+            InputError: see `eomcheck.draws.pairwise_design.state_cases`.
         """
         drawn = state_cases(scene, examples, seed)
         drawn = with_wide(drawn, seed) if selection.engines_named else drawn

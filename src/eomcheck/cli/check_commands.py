@@ -102,10 +102,10 @@ def validate_command(
         check_output(path, [records] if records else [])
 
     from eomcheck.claims import CLAIMS
-    from eomcheck.claims.pairwise_design import link_count
     from eomcheck.claims.run import RunSelection, ValidationRun, check_compared
     from eomcheck.console import console, deferring_interrupts, interruptible, progress
     from eomcheck.descriptions.random_mechanisms import RANDOM
+    from eomcheck.draws.pairwise_design import link_count
     from eomcheck.engines import engines_among, is_under_test, version_of
     from eomcheck.engines.answers import represented
     from eomcheck.lab.report.finding_output import print_runs, write_findings

@@ -148,8 +148,8 @@ def fuzz_command(
         check_count(states=states)
 
     from eomcheck.console import activity, console, deferring_interrupts, interruptible
+    from eomcheck.draws.fuzz_cases import StructuralVariant, structural_variants
     from eomcheck.lab.fuzzing.campaign import Campaign
-    from eomcheck.lab.fuzzing.cases import StructuralVariant, variants_of
     from eomcheck.lab.fuzzing.failures import add_failures, functions_named, read_failures
     from eomcheck.lab.report.campaign_tables import ProgressPrinter, print_campaign
     from eomcheck.lab.store.executors import check_executor
@@ -171,7 +171,7 @@ def fuzz_command(
             kind, name = _kind(scene)
             if links is not None and not kind.has_links:
                 raise InputError(f"links = {links!r}: {scene} has no number of links to choose")
-            strata = variants_of(kind, range(low, high + 1))
+            strata = structural_variants(kind, range(low, high + 1))
             if motions:
                 check_used("with --motions", engine=engine, claim=claim, ration=ration)
                 plan = _motions(kind, formulation, seed, family, climb)
@@ -269,8 +269,8 @@ def _plan(
 def _functions(
     name: str, seed: int, claim: list[str] | None, family: list[str] | None, climb: bool
 ) -> FunctionsPlan:
+    from eomcheck.draws.fuzz_cases import ORDINARY, SPECIAL
     from eomcheck.errors import distinct, registered
-    from eomcheck.lab.fuzzing.cases import ORDINARY, SPECIAL
     from eomcheck.lab.fuzzing.function_rounds import FunctionsPlan
     from eomcheck.testing.function_checks import FUNCTION_CLAIMS
 
@@ -284,8 +284,8 @@ def _functions(
 
 
 def _families(family: list[str] | None) -> tuple[str, ...]:
+    from eomcheck.draws.fuzz_cases import FAMILIES
     from eomcheck.errors import distinct, registered
-    from eomcheck.lab.fuzzing.cases import FAMILIES
 
     families = FAMILIES if family is None else tuple(distinct("family", family))
     for one in families:

@@ -27,10 +27,10 @@ from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.discrepancy import Discrepancy, Explanation, explain, relative_scale
-from eomcheck.lab.strategy_samples import draw_samples
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
+from eomcheck.strategies import draw_samples
 
 # ---- Result --------------------------------------------------------------------------------------
 

@@ -25,7 +25,6 @@ from typing import Any, NamedTuple, NoReturn, Protocol, TypeVar
 from eomcheck.atomic_write import read_text
 from eomcheck.claims import CLAIMS, Finding, State
 from eomcheck.claims.finding import Verdict, is_unresolved_detail, worst
-from eomcheck.claims.pairwise_design import scene_cases, state_cases, with_wide
 from eomcheck.claims.run import (
     RunSelection,
     ValidationRun,
@@ -34,6 +33,7 @@ from eomcheck.claims.run import (
     smallest_failure,
     states_of,
 )
+from eomcheck.draws.pairwise_design import scene_cases, state_cases, with_wide
 from eomcheck.engines import Engine, engine_of, represents
 from eomcheck.engines.answers import represents_some
 from eomcheck.errors import EomcheckError, InputError, required, whole_number

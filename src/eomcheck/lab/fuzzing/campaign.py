@@ -23,8 +23,8 @@ import numpy as np
 from eomcheck.claims import Finding
 from eomcheck.claims.finding import Entries, merged
 from eomcheck.deprecated import current
+from eomcheck.draws.fuzz_cases import FuzzCase, StructuralVariant
 from eomcheck.errors import InputError
-from eomcheck.lab.fuzzing.cases import FuzzCase, StructuralVariant
 from eomcheck.lab.fuzzing.failures import (
     FailureRecord,
     cause_of,

@@ -26,11 +26,11 @@ from eomcheck.class_lookup import object_named
 from eomcheck.descriptions.elements import Constraint, Joint, Link
 from eomcheck.descriptions.random_elements import RandomDescription
 from eomcheck.descriptions.random_mechanisms import RandomScene
+from eomcheck.draws.fuzz_cases import FuzzCase
 from eomcheck.errors import EomcheckError, InputError, message_of
 from eomcheck.evaluation.dynamics import consistent_velocity
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.fuzzing.cases import FuzzCase
 from eomcheck.lab.fuzzing.motion_comparison import MotionFinding, python_of_motion
 from eomcheck.lab.fuzzing.triage import (
     Diagnosis,

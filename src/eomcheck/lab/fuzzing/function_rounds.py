@@ -16,6 +16,14 @@ import numpy as np
 
 from eomcheck.claims import Finding
 from eomcheck.claims.finding import Entries, merged, never_resolved, unresolved_detail
+from eomcheck.draws.fuzz_cases import (
+    MOST_CHANGES,
+    ORDINARY,
+    SPECIAL,
+    FuzzCase,
+    changed_entries,
+    special_number,
+)
 from eomcheck.lab.fuzzing.campaign import (
     Population,
     Round,
@@ -23,14 +31,6 @@ from eomcheck.lab.fuzzing.campaign import (
     generator,
     record_time,
     update_population,
-)
-from eomcheck.lab.fuzzing.cases import (
-    MOST_CHANGES,
-    ORDINARY,
-    SPECIAL,
-    FuzzCase,
-    changed_entries,
-    special_number,
 )
 from eomcheck.lab.fuzzing.failures import (
     FUNCTIONS,

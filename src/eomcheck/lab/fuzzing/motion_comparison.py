@@ -17,12 +17,12 @@ import numpy as np
 
 from eomcheck.claims.finding import Finding, Verdict
 from eomcheck.claims.reproducer import reproducer_header
+from eomcheck.draws.fuzz_cases import FuzzCase, consistent
 from eomcheck.errors import EomcheckError
 from eomcheck.evaluation.batched_evaluation import LaneEvaluation
 from eomcheck.evaluation.dynamics import assembled_position
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, C
 from eomcheck.formulations import FORMULATIONS, Formulation
-from eomcheck.lab.fuzzing.cases import FuzzCase, consistent
 from eomcheck.mechanics.parameters import settable
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene

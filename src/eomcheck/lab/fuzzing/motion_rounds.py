@@ -14,6 +14,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.claims import Finding
+from eomcheck.draws.fuzz_cases import (
+    ORDINARY,
+    SPECIAL,
+    FuzzCase,
+    StructuralVariant,
+    consistent,
+    draw_cases,
+    draw_cases_with,
+    draw_structure_kind,
+)
 from eomcheck.errors import EomcheckError
 from eomcheck.evaluation.dynamics import assembled_position
 from eomcheck.lab.fuzzing.campaign import (
@@ -22,17 +32,6 @@ from eomcheck.lab.fuzzing.campaign import (
     generator,
     record_time,
     update_population,
-)
-from eomcheck.lab.fuzzing.cases import (
-    ORDINARY,
-    SPECIAL,
-    FuzzCase,
-    StructuralVariant,
-    TopologyVariant,
-    consistent,
-    draw_cases,
-    draw_cases_with,
-    draw_structure_kind,
 )
 from eomcheck.lab.fuzzing.failures import FailureRecord, failure_record, simplify_numbers
 from eomcheck.lab.fuzzing.motion_comparison import (
@@ -57,13 +56,13 @@ from eomcheck.numbers.generic import Array
 
 def draw_starts(
     kind: type[Scene],
-    stratum: StructuralVariant | TopologyVariant,
+    stratum: StructuralVariant,
     families: Sequence[str],
     count: int,
     random: np.random.Generator,
 ) -> tuple[list[FuzzCase], list[str]]:
     """Return up to `count` cases of a variant at t = 0, and the family of each."""
-    if isinstance(stratum, StructuralVariant):
+    if not stratum.levels:
         cases, case_families = draw_cases(kind, stratum, families, count, random)
     else:
         scene = draw_structure_kind(kind, stratum, random)()
@@ -208,7 +207,7 @@ class MotionPlan(NamedTuple):
             result.counts.update(families)
             self._look(result, cases, random)
             # Random scenes of one variant have several structures, which cannot be batched.
-            if self.climbing and population and isinstance(round_.variant, StructuralVariant):
+            if self.climbing and population and not round_.variant.levels:
                 higher, _ = at_start(hill_climbed(population, self.batch, random))
                 result.counts["climbed"] += len(higher)
                 self._look(result, higher, random)

@@ -18,6 +18,7 @@ import numpy as np
 from eomcheck.claims.batched_claims import BatchedCase, batchable_claims, batched_cases
 from eomcheck.claims.finding import DECIDED as DECIDING
 from eomcheck.claims.finding import FAILED_CODE, SKIPPED_CODE, VERDICTS
+from eomcheck.draws.fuzz_cases import FuzzCase
 from eomcheck.errors import EomcheckError
 from eomcheck.evaluation.batched_evaluation import LaneEvaluation
 from eomcheck.evaluation.certified import (
@@ -30,7 +31,6 @@ from eomcheck.evaluation.certified import (
 )
 from eomcheck.evaluation.tolerance import UNDERFLOW, allowed_error, largest
 from eomcheck.formulations import Formulation
-from eomcheck.lab.fuzzing.cases import FuzzCase
 from eomcheck.lab.fuzzing.triage import check_case, keys_in_subject
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene

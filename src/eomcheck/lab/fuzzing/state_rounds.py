@@ -18,7 +18,19 @@ import numpy as np
 from eomcheck.claims import CLAIMS, Finding
 from eomcheck.claims.batched_claims import batchable_claims
 from eomcheck.claims.finding import DECIDED
-from eomcheck.claims.pairwise_design import with_wide
+from eomcheck.draws.fuzz_cases import (
+    FAMILIES,
+    ORDINARY,
+    Changed,
+    FuzzCase,
+    draw_cases,
+    draw_cases_with,
+    draw_structure_kind,
+    mutated,
+    varied,
+)
+from eomcheck.draws.pairwise_design import with_wide
+from eomcheck.draws.states import state_ranges
 from eomcheck.engines import ENGINES, Engine, is_under_test
 from eomcheck.errors import EomcheckError
 from eomcheck.formulations import FORMULATIONS
@@ -31,24 +43,12 @@ from eomcheck.lab.fuzzing.campaign import (
     record_time,
     update_population,
 )
-from eomcheck.lab.fuzzing.cases import (
-    FAMILIES,
-    ORDINARY,
-    Changed,
-    FuzzCase,
-    draw_cases,
-    draw_cases_with,
-    draw_structure_kind,
-    mutated,
-    varied,
-)
 from eomcheck.lab.fuzzing.failures import FailureRecord, alike, failure_record, shrink
 from eomcheck.lab.fuzzing.screening import TRUTH, CheckFrequency, Key, ScreeningResult, screen
 from eomcheck.lab.fuzzing.triage import check_case
 from eomcheck.mechanics.records import Range
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
-from eomcheck.strategies.state_strategies import state_ranges
 
 # ---- User-supplied engines: ordinary cases only --------------------------------------------------
 
@@ -160,7 +160,7 @@ class StatePlan(NamedTuple):
         check_frequency: sampling rates of expensive checks.
         batch: number of states in a batch.
         wide: whether every other ordinary case is in a state that has joints turned by whole turns,
-            or moves fast or slowly, see `eomcheck.claims.pairwise_design`: for engines that were
+            or moves fast or slowly, see `eomcheck.draws.pairwise_design`: for engines that were
             named.
     """
 

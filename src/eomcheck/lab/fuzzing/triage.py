@@ -16,13 +16,13 @@ from typing import NamedTuple
 from eomcheck.claims import CLAIMS, Finding
 from eomcheck.claims.proof import prove
 from eomcheck.claims.run import check_state
+from eomcheck.draws.fuzz_cases import FuzzCase
 from eomcheck.engines import Engine, is_under_test
 from eomcheck.errors import EomcheckError, InputError
 from eomcheck.evaluation.certified import REFERENCE_DIGITS, enclose, true_error
 from eomcheck.evaluation.dynamics import acceleration
 from eomcheck.evaluation.tolerance import NOTICEABLE, UNDERFLOW, largest
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.fuzzing.cases import FuzzCase
 from eomcheck.mechanics.scene import Scene
 
 SILENT, ALARM, ENGINE, SCENE, REFUSAL, UNKNOWN = (

@@ -8,9 +8,9 @@ from collections import Counter, defaultdict
 from collections.abc import Sequence
 
 from eomcheck.console import console
+from eomcheck.draws.fuzz_cases import FAMILIES
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing.campaign import Campaign
-from eomcheck.lab.fuzzing.cases import FAMILIES
 from eomcheck.lab.fuzzing.function_rounds import SKIPPED, FunctionsPlan
 from eomcheck.lab.fuzzing.motion_rounds import CROSSED, STOPPED
 from eomcheck.lab.fuzzing.replay import ReplayResult

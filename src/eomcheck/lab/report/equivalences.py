@@ -18,7 +18,7 @@ import numpy as np
 from eomcheck import __version__
 from eomcheck.atomic_write import write_text
 from eomcheck.claims import CLAIMS
-from eomcheck.claims.pairwise_design import link_count
+from eomcheck.draws.pairwise_design import link_count
 from eomcheck.engines import ENGINES
 from eomcheck.errors import InputError
 from eomcheck.lab.report.claim_summary import LEVELS, ClaimSummary, evidence_table

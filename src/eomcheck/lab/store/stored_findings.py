@@ -14,10 +14,10 @@ from operator import attrgetter
 from typing import Any, get_args, get_type_hints
 
 from eomcheck.claims.finding import Finding, Proof, Verdict, ratio
-from eomcheck.claims.pairwise_design import link_count
 from eomcheck.claims.reproducer import reproducer_code
 from eomcheck.claims.run import ValidationRun
 from eomcheck.deprecated import current
+from eomcheck.draws.pairwise_design import link_count
 from eomcheck.errors import described_error
 from eomcheck.lab.store.record_file import Record
 

@@ -34,12 +34,12 @@ from eomcheck.lab.option_parsing import Examples, Links, Seed, check_count, pars
 from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
 from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.record_file import Record, Settings, record_of_rows, rows_in
-from eomcheck.lab.strategy_samples import draw_samples
 from eomcheck.lab.study import Study, document_of, failed, unfinished
 from eomcheck.motion.observables import as_integrated
 from eomcheck.motion.right_hand_side import acceleration_in_machine_code
 from eomcheck.safe_output import counted
 from eomcheck.scenes import Snake
+from eomcheck.strategies import draw_samples
 
 FLOOR = 1e-3
 """Abscissa at which smaller ratios, exact results included, are drawn."""

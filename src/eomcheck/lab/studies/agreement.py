@@ -26,9 +26,9 @@ from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
 from eomcheck.lab.show.sketch_drawing import link_ends
 from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.record_file import Record, Settings, group, record_of_rows, rows_in
-from eomcheck.lab.strategy_samples import draw_samples
 from eomcheck.lab.study import Study, failed
 from eomcheck.scenes import Snake
+from eomcheck.strategies import draw_samples
 
 REFERENCE = "au"
 FLOOR = 1e-18

@@ -13,8 +13,8 @@ import numpy as np
 
 from eomcheck.claims import CLAIMS
 from eomcheck.claims.finding import DECIDED
-from eomcheck.claims.pairwise_design import scene_cases
 from eomcheck.claims.run import RunSelection, ValidationRun
+from eomcheck.draws.pairwise_design import scene_cases
 from eomcheck.engines import ENGINES, Answers, Engine, engine_of
 from eomcheck.errors import EngineError, RefusedError
 from eomcheck.evaluation.evaluation import Evaluation

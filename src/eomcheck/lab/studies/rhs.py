@@ -38,7 +38,6 @@ from eomcheck.lab.run_time import slope
 from eomcheck.lab.show.document_text import seconds_text
 from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.record_file import Record, Settings, group, record_of_rows, rows_in
-from eomcheck.lab.strategy_samples import draw_samples
 from eomcheck.lab.study import Formulations, Study, document_of, failed
 from eomcheck.mechanics.parameters import with_parameters
 from eomcheck.mechanics.scene import Scene
@@ -55,6 +54,7 @@ from eomcheck.numbers.generic import FLOAT64, Angles, Array
 from eomcheck.numbers.symbolic import CasadiArithmetic
 from eomcheck.scene_lookup import scene_classes_named
 from eomcheck.scenes import Snake
+from eomcheck.strategies import draw_samples
 
 LINKS = (7, 20, 100, 1000, 10000)
 DENSE_LIMIT = 200

@@ -10,9 +10,9 @@ from typing import Annotated
 
 from eomcheck.claims import CLAIMS
 from eomcheck.claims.finding import DECIDED
-from eomcheck.claims.pairwise_design import scene_cases
 from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.console import progress
+from eomcheck.draws.pairwise_design import scene_cases
 from eomcheck.errors import InputError
 from eomcheck.evaluation.tolerance import C
 from eomcheck.lab.option_parsing import Examples, Kind, Seed, check_count, parse_interval

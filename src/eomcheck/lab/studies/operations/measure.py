@@ -27,7 +27,6 @@ from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.scene_quantities import Quantities, net_force
 from eomcheck.formulations import FORMULATIONS, Formulation, formulations_among, kane
 from eomcheck.lab.store.record_file import Record, Settings
-from eomcheck.lab.strategy_samples import draw_samples
 from eomcheck.lab.studies.rhs import rate_call, time_calls
 from eomcheck.mechanics.records import Bodies, Speeds, State, Terms
 from eomcheck.mechanics.scene import Scene
@@ -35,6 +34,7 @@ from eomcheck.numbers.counting import Counted, Counting, System, Tally
 from eomcheck.numbers.generic import generic
 from eomcheck.scenes import Snake
 from eomcheck.scenes.snake import active_forces, joint_forces, torques_on, wheel_forces
+from eomcheck.strategies import draw_samples
 
 
 @dataclass(frozen=True)

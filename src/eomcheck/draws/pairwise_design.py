@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from eomcheck.draws.states import angles_of, ordinary_state
 from eomcheck.errors import InputError, RefusedError, whole_number
 from eomcheck.evaluation.dynamics import assembled_position, consistent_velocity
 from eomcheck.evaluation.evaluation import Evaluation
@@ -29,7 +30,6 @@ from eomcheck.mechanics.random_source import Factors, GeneratorChoices
 from eomcheck.mechanics.records import Range, State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
-from eomcheck.strategies.state_strategies import angles_of, ordinary_state, state_ranges
 
 # ---- Pairwise design -----------------------------------------------------------------------------
 
@@ -92,8 +92,7 @@ def factors(kind: type[Scene], links: int | None) -> list[Factors]:
 
 def levels_of_case(scene: Scene, state: State) -> Row:
     """Return the level of each factor, as measured on the case itself."""
-    links = link_count(scene)
-    ranges = type(scene).ranges(links)
+    links, ranges = link_count(scene), ranges_of(scene)
     levels = {} if links is None else {LINKS: str(links)}
     levels[MOTION] = MOVING if state.v.any() else AT_REST
     levels |= scene.topology
@@ -124,6 +123,11 @@ def count_levels(cases: Iterable[tuple[Scene, State]]) -> dict[str, dict[str, in
     if LINKS in counts:
         counts[LINKS] = dict(sorted(counts[LINKS].items(), key=lambda item: int(item[0])))
     return {name: of for name, of in counts.items() if len(of) > 1 or name in (LINKS, MOTION)}
+
+
+def ranges_of(scene: Scene) -> dict[str, Range]:
+    """Return the ranges of the parameters of a scene of its size."""
+    return type(scene).ranges(link_count(scene))
 
 
 def link_count(scene: Scene) -> int | None:
@@ -248,17 +252,12 @@ def _generator(examples: int, seed: int) -> np.random.Generator:
 def _drawn(
     make: Callable[[], Scene], motion: str, random: np.random.Generator
 ) -> tuple[Scene, State]:
-    refused = ""
+    refused, choices = "", GeneratorChoices(random)
     for _ in range(ATTEMPTS):
         scene = None
         try:
             scene = make()
-            coordinates, *rest = state_ranges(scene)
-            q = [_entries(one, random) for one in coordinates]
-            heading, speeds, time = (_entries(one, random) for one in rest)
-            if motion == AT_REST:
-                speeds = np.zeros_like(speeds)
-            return scene, ordinary_state(scene, q, float(heading), speeds, float(time))
+            return scene, ordinary_state(scene, choices, at_rest=motion == AT_REST)
         except RefusedError as refusal:
             refused = str(refusal) if scene is None else f"{scene.name}: {refusal}"
     raise InputError(f"no position near any of {ATTEMPTS} draws is closed; {refused}")
@@ -296,10 +295,6 @@ def _magnitudes(
     if low >= 0 and smallest < high and random.random() < 0.5:
         return np.exp(random.uniform(np.log(smallest), np.log(high), shape)).clip(low, high)
     return random.uniform(low, high, shape)
-
-
-def _entries(one: Range, random: np.random.Generator) -> Array:
-    return random.uniform(one.low, one.high, one.shape)
 
 
 # ---- Wide states ---------------------------------------------------------------------------------

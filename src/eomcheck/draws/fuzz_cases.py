@@ -1,7 +1,7 @@
 """Cases (a scene and a state): drawn at random by structural variant and family, and mutated.
 
-A `StructuralVariant` of a scene class is a number of links and a set of optional terms; for random
-scene classes a `TopologyVariant` takes its place. A family is a distribution of numbers: the
+A `StructuralVariant` of a scene class is a number of links and a set of optional terms, or of
+random topologies. A family is a distribution of numbers: the
 ordinary ranges, or a hostile one (magnitudes of 16 decades, numbers next to special ones, extreme
 speeds). Velocities are projected onto the constraints, a batch of states at once. Mutated cases,
 for hill climbing, differ from their parents in a few numbers.
@@ -20,21 +20,35 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.claims.pairwise_design import ABSENT, ATTEMPTS, levels_of_range, sample_level
 from eomcheck.descriptions.random_mechanisms import CONSTRAINTS, RandomScene
 from eomcheck.descriptions.random_trees import ROOT, SPACE
+from eomcheck.draws.pairwise_design import (
+    ABSENT,
+    ATTEMPTS,
+    levels_of_range,
+    ranges_of,
+    sample_level,
+)
+from eomcheck.draws.states import (
+    FAR,
+    SPEEDS,
+    angles_of,
+    draw_array,
+    draw_coordinates,
+    draw_topology,
+    state_ranges,
+)
 from eomcheck.errors import EomcheckError, InputError, RefusedError
 from eomcheck.evaluation.batched_evaluation import LaneEvaluation
 from eomcheck.evaluation.dynamics import assembled_position, check_consistent, consistent_velocity
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import allowed_error
-from eomcheck.mechanics.random_source import GeneratorChoices
+from eomcheck.mechanics.random_source import Factors, GeneratorChoices
 from eomcheck.mechanics.records import Range, State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
 from eomcheck.numbers.lanes import LaneArray
 from eomcheck.numbers.linear import least_squares, null_space
-from eomcheck.strategies.state_strategies import CURVATURE, angles_of, state_ranges
 
 # ---- Families ------------------------------------------------------------------------------------
 
@@ -47,10 +61,6 @@ next to 0, ±π/2 and each other; speeds of 300 decades and angles of many turns
 
 DECADES = 8.0
 """Decades of `WIDE` parameters: their magnitudes go from 10^-8 to 10^8."""
-SPEEDS = 150.0
-"""Decades of `FAST` velocities: their components go from 10^-150 to 10^150."""
-FAR = 1e9
-"""Largest coordinate of a `FAST` state, m or rad."""
 
 
 # ---- Structures ----------------------------------------------------------------------------------
@@ -58,39 +68,6 @@ FAR = 1e9
 MOST_STRUCTURES = 16
 """Largest number of variants with one number of links; each optional parameter is present or
 absent."""
-
-
-class StructuralVariant(NamedTuple):
-    """A structural variant: number of links and absent parameters fix all terms and their sizes."""
-
-    links: int | None
-    absent: tuple[str, ...]
-
-    @property
-    def name(self) -> str:
-        """Name of the variant in reports."""
-        size = "" if self.links is None else f"{self.links} links"
-        without = f"without {', '.join(self.absent)}" if self.absent else ""
-        return ", ".join(part for part in (size, without) if part) or "all terms"
-
-
-def structural_variants(kind: type[Scene], links: Iterable[int]) -> list[StructuralVariant]:
-    """Return the structural variants of a scene class, for each number of links if it has links."""
-    variants: list[StructuralVariant] = []
-    for count in links if kind.has_links else (None,):
-        ranges = kind.ranges(count)
-        optional = [
-            name for name, entry in ranges.items() if entry.optional and 0 not in entry.shape
-        ]
-        for present in list(product((True, False), repeat=len(optional)))[:MOST_STRUCTURES]:
-            absent = (
-                name for name, is_present in zip(optional, present, strict=True) if not is_present
-            )
-            variants.append(StructuralVariant(count, tuple(absent)))
-    return variants
-
-
-# ---- Structures of random scene classes ----------------------------------------------------------
 
 MOST_TOPOLOGIES = 100
 """Topologies tried until one can be assembled."""
@@ -100,66 +77,71 @@ TOGETHER = ("mass",), ("moments", "products"), ("stiffness",), ("damping",), ("a
 group."""
 
 
-class TopologyVariant(NamedTuple):
-    """A class of topologies of random scenes: number of links and levels of design factors.
+class StructuralVariant(NamedTuple):
+    """A structural variant of a scene class: what fixes all terms, or the topologies to draw.
 
     Attributes:
-        links: number of links, the ground not counted.
-        ways: (factor, level) pairs that the topologies have in common.
+        links: number of links, the ground not counted; None if the class has no choice of links.
+        absent: optional parameters that are absent.
+        levels: of a random scene class, (factor, level) pairs that its topologies have in common.
     """
 
-    links: int
-    ways: tuple[tuple[str, str], ...]
+    links: int | None
+    absent: tuple[str, ...] = ()
+    levels: tuple[tuple[str, str], ...] = ()
 
     @property
     def name(self) -> str:
         """Name of the variant in reports."""
-        return ", ".join([f"{self.links} links", *(way for _, way in self.ways)])
+        size = [] if self.links is None else [f"{self.links} links"]
+        without = [f"without {', '.join(self.absent)}"] if self.absent else []
+        return ", ".join([*size, *without, *(level for _, level in self.levels)]) or "all terms"
 
 
-def variants_of(kind: type[Scene], links: Iterable[int]) -> list[Any]:
-    """Return the variants of a scene class: structural ones, or topologies for a random class.
+def structural_variants(kind: type[Scene], links: Iterable[int]) -> list[StructuralVariant]:
+    """Return the variants of a scene class, for each number of links if it has links.
 
-    Topologies of trees differ by the space and the joint at the root, those of mechanisms by their
-    constraint.
+    Random trees differ by the space and the joint at the root, random mechanisms by their
+    constraint, all others by which optional parameters are absent.
     """
-    if not issubclass(kind, RandomScene):
-        return list(structural_variants(kind, links))
-    variants: dict[TopologyVariant, None] = {}
-    for count in links:
-        for entry in kind.topologies(count):
-            if CONSTRAINTS in entry:
-                levels = [((CONSTRAINTS, way),) for way in entry[CONSTRAINTS]]
-            else:
-                levels = [((SPACE, entry[SPACE][0]), (ROOT, entry[ROOT][0]))]
-            variants |= dict.fromkeys(TopologyVariant(count, ways) for ways in levels)
-    return list(variants)
+    if issubclass(kind, RandomScene):
+        each = [(count, entry) for count in links for entry in kind.topologies(count)]
+        variants = [StructuralVariant(n, (), x) for n, entry in each for x in _levels(entry)]
+        return list(dict.fromkeys(variants))
+    variants = []
+    for count in links if kind.has_links else (None,):
+        ranges = kind.ranges(count).items()
+        optional = [name for name, one in ranges if one.optional and 0 not in one.shape]
+        for present in list(product((True, False), repeat=len(optional)))[:MOST_STRUCTURES]:
+            absent = tuple(name for name, there in zip(optional, present, strict=True) if not there)
+            variants.append(StructuralVariant(count, absent))
+    return variants
+
+
+def _levels(entry: Factors) -> list[tuple[tuple[str, str], ...]]:
+    """Return the levels by which random topologies are told apart, those of each variant."""
+    if CONSTRAINTS in entry:
+        return [((CONSTRAINTS, level),) for level in entry[CONSTRAINTS]]
+    return [((SPACE, entry[SPACE][0]), (ROOT, entry[ROOT][0]))]
 
 
 def draw_structure_kind(
-    kind: type[Scene], stratum: StructuralVariant | TopologyVariant, random: np.random.Generator
+    kind: type[Scene], variant: StructuralVariant, random: np.random.Generator
 ) -> type[Scene]:
     """Return a scene class of one topology drawn from a variant; `kind` itself if not random.
 
     Raises:
         InputError: none of the topologies tried can be assembled.
     """
-    if isinstance(stratum, StructuralVariant):
+    if not variant.levels:
         return kind
-    choices, asked = GeneratorChoices(random), dict(stratum.ways)
-    entries = [
-        entry
-        for entry in kind.topologies(stratum.links)
-        if all(way in entry.get(name, ()) for name, way in asked.items())
-    ]
     for _ in range(MOST_TOPOLOGIES):
-        ways = {name: choices.one_of(of) for name, of in choices.one_of(entries).items()} | asked
-        try:
-            return kind.of_topology(stratum.links, ways, choices)
-        except RefusedError:
-            continue
+        with suppress(RefusedError):
+            return draw_topology(
+                kind, variant.links, GeneratorChoices(random), dict(variant.levels)
+            )
     raise InputError(
-        f"{kind.key}: of {MOST_TOPOLOGIES} structures none fits together, {stratum.name}"
+        f"{kind.key}: of {MOST_TOPOLOGIES} structures none fits together, {variant.name}"
     )
 
 
@@ -189,7 +171,7 @@ ACROSS = math.pi / 2
 
 
 def draw_scene_of(
-    kind: type[Scene], stratum: StructuralVariant, family: str, random: np.random.Generator
+    kind: type[Scene], variant: StructuralVariant, family: str, random: np.random.Generator
 ) -> Scene:
     """Return a random scene of a structural variant.
 
@@ -198,16 +180,16 @@ def draw_scene_of(
     """
     return kind(
         **{
-            name: _parameter(name, one, stratum, family, random)
-            for name, one in kind.ranges(stratum.links).items()
+            name: _parameter(name, one, variant, family, random)
+            for name, one in kind.ranges(variant.links).items()
         }
     )
 
 
 def _parameter(
-    name: str, one: Range, stratum: StructuralVariant, family: str, random: np.random.Generator
+    name: str, one: Range, variant: StructuralVariant, family: str, random: np.random.Generator
 ) -> Any:
-    if name in stratum.absent:
+    if name in variant.absent:
         return None
     ways = [way for way in levels_of_range(one) if way != ABSENT] or [ABSENT]
     value = sample_level(one, str(random.choice(ways)), random)
@@ -377,38 +359,35 @@ def draw_position(
     Raises:
         RefusedError: no position near the drawn one closes the loops.
     """
-    coordinates, heading, components, time = state_ranges(scene)
-    q = np.array([random.uniform(one.low, one.high) for one in coordinates])
-    flags = np.array(angles_of(scene))
-    turn = random.uniform(heading.low, heading.high)
+    ranges, flags = state_ranges(scene), np.array(angles_of(scene))
+    q, heading = draw_coordinates(scene, ranges, GeneratorChoices(random))
     if scene.coordinate_ranges() is None:
-        q = q + (CURVATURE * np.cumsum(flags) + turn) * flags
         if family == SPECIAL and flags.any():
             near = 10.0 ** random.uniform(-16, -1, q.shape) * random.integers(0, 2, q.shape)
             near = near if random.random() < 0.5 else distances(random, q.shape)
             # About 0, differences far below the rounding of other angles are representable.
-            q = np.where(flags, random.choice((0.0, turn)) + near, q)
+            q = np.where(flags, random.choice((0.0, heading)) + near, q)
         if family == FAST and random.random() < 0.5:
             q = random.uniform(-FAR, FAR, q.shape)
-    c = random.uniform(components.low, components.high, components.shape)
+    c = draw_array(ranges.components, GeneratorChoices(random))
     if family == FAST:
         c = 10.0 ** random.uniform(-SPEEDS, SPEEDS, c.shape) * random.choice((-1, 0, 1), c.shape)
     elif random.random() < 1 / 16:
         c = np.zeros(c.shape)
-    t = float(random.uniform(time.low, time.high))
+    t = random.uniform(ranges.time.low, ranges.time.high)
     return assembled_position(scene, q, t), c, t
 
 
 def draw_cases(
     kind: type[Scene],
-    stratum: StructuralVariant,
+    variant: StructuralVariant,
     families: Sequence[str],
     count: int,
     random: np.random.Generator,
 ) -> tuple[list[FuzzCase], list[str]]:
     """Return up to `count` cases of a variant and the family of each; families take turns."""
     return draw_cases_with(
-        lambda family: draw_scene_of(kind, stratum, family, random), families, count, random
+        lambda family: draw_scene_of(kind, variant, family, random), families, count, random
     )
 
 
@@ -491,7 +470,7 @@ def mutated(
 
 def _changed(case: FuzzCase, other: FuzzCase, random: np.random.Generator) -> Changed:
     scene, (q, v, _) = case
-    ranges = type(scene).ranges(getattr(scene, "links", None) if scene.has_links else None)
+    ranges = ranges_of(scene)
     values = {name: getattr(scene, name) for name in ranges}
     present = [name for name, x in values.items() if x is not None and np.size(x)]
     # q and v as often as all parameters together: which of them matter depends on the claim.
