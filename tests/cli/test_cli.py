@@ -254,7 +254,7 @@ def test_validate_prints_a_table_writes_json_and_exits_0(monkeypatch, capsys, tm
     assert "0 failed" in printed
     assert {finding["verdict"] for finding in document["findings"]} <= {"passed", "inconclusive"}
     assert len(document["cases"]) == 5
-    for name, of in document["strata"]["snake"].items():
+    for name, of in document["factors"]["snake"].items():
         assert name in printed
         assert sum(of.values()) == 4, "all but the initial state are drawn"
     assert max(finding["case"] for finding in document["findings"]) == 4

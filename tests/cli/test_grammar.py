@@ -300,11 +300,17 @@ def test_a_study_reads_lists_both_ways(monkeypatch, capsys):
 # ---- Doors, exit codes, completion ---------------------------------------------------------------
 
 
-def test_alone_it_shows_the_three_doors_in_few_narrow_lines(monkeypatch, capsys):
+@pytest.mark.parametrize(("columns", "beside"), [(40, False), (80, True), (140, True)])
+def test_alone_it_shows_a_quick_start_as_wide_as_the_terminal(columns, beside, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", str(columns))
     assert run(monkeypatch=monkeypatch) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert len(lines) <= 15 and max(map(len, lines)) <= 40
-    assert len(QUICK_START) == 3 and all(f"  {typed}" in lines for typed in QUICK_START.values())
+    assert len(lines) <= 15 and max(map(len, lines)) <= min(columns, 100)
+    for have, typed in QUICK_START.items():
+        assert any(line.split("   ") == [have] for line in lines) != beside
+        assert (
+            any(line.startswith(have) and line.endswith(f"  {typed}") for line in lines) == beside
+        )
 
 
 def test_the_exit_codes_are_one_table_in_help_and_in_the_docs(monkeypatch, capsys):

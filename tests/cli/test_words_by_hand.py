@@ -279,20 +279,17 @@ def test_signals_are_heard_once_and_handlers_are_what_they_were(number):
 
 
 def test_alone_it_greets_with_its_version_and_whole_commands(monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "300")
     assert run(monkeypatch=monkeypatch) == 0
     assert capsys.readouterr().out.splitlines() == [
-        f"eomcheck {__version__}: are equations of",
-        "motion right, how exact, at what cost?",
+        f"eomcheck {__version__}: are equations of motion right, how accurate are they, what do they "
+        "cost?",
         "",
-        "functions of your own: M, bias and so on",
-        "  eomcheck.testing.check_functions(...)",
-        "an engine of your own",
-        "  eomcheck validate --engine FILE:CLASS",
-        "a scene: ours, yours, a URDF",
-        "  eomcheck validate --scene SCENE",
-        "",
-        "all at once: eomcheck validate",
-        "all commands: eomcheck --help",
+        "your functions: M, bias and so on   eomcheck.testing.check_functions(...)",
+        "your engine                         eomcheck validate --engine FILE:CLASS",
+        "a scene: built-in, yours, a URDF    eomcheck validate --scene SCENE",
+        "all at once                         eomcheck validate",
+        "all commands                        eomcheck --help",
     ]
     assert run("--version", monkeypatch=monkeypatch) == 0
     assert capsys.readouterr().out == f"eomcheck {__version__}\n"

@@ -105,7 +105,7 @@ def test_coverage_is_said_of_one_scene_whatever_its_verdict(capsys):
     run.sampled = [SampledState(SLEIGH, state, ())]
     said = said_of(capsys, {"sleigh": run})
     assert "coverage: 1 of 9 drawn states was refused" in said
-    assert "Drawn states by stratum" in said
+    assert "Drawn states by factor" in said
     two = said_of(capsys, {"sleigh": run, "four-bar-chain": ValidationRun()})
     assert "coverage:" not in two and "Drawn states" not in two
 
@@ -397,7 +397,7 @@ def test_a_document_has_each_state_once_and_each_finding_with_the_number_of_its_
         (0, "el", "passed", 0.5, 1.0),
         (2, "casadi", "passed", 0.5, 1.0),
     ]
-    assert (told["minimal"], [*told["strata"]]) == (small.as_python(), ["four-bar-chain"])
+    assert (told["minimal"], [*told["factors"]]) == (small.as_python(), ["four-bar-chain"])
     assert told["engines"] == [version_of(CasadiEngine)]
     assert sorted(told["formulations"]) == ["au", "el"] and told["eomcheck"] == __version__
     assert [*told["claims"]] == ["mass-matrix"]

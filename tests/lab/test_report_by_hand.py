@@ -249,7 +249,7 @@ def test_sheets_of_states_have_names_headings_and_titles():
         "Decimal digits of q̈ in doubles that are right, against its true value: fewest (median)"
     )
     strata = factor_table({"snake": {"a": {"b": 1}, "c": {"d": 2, "e": 1}}, "sleigh": {"a": {}}})
-    assert (strata.name, strata.title) == ("strata", "Drawn states by stratum")
+    assert (strata.name, strata.title) == ("strata", "Drawn states by factor")
     assert [tuple(row.values()) for row in table(strata)] == [
         ("snake", "a", "b (1 state)"),
         ("snake", "c", "d (2 states), e (1)"),

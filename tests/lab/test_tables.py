@@ -182,7 +182,7 @@ def test_digits_are_the_fewest_and_the_median_of_each_formulation_and_scene():
 
 def test_strata_are_told_with_their_states():
     found = table(factor_table({"snake": {"speeds": {"slow": 1, "fast": 30}}}))
-    assert found == [{"scene": "snake", "stratum": "speeds", "states": "slow (1 state), fast (30)"}]
+    assert found == [{"scene": "snake", "factor": "speeds", "states": "slow (1 state), fast (30)"}]
 
 
 def test_the_totals_of_scenes_are_those_of_their_runs():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from shutil import get_terminal_size
+from textwrap import wrap
 from typing import Annotated, Any
 
 import typer
@@ -24,15 +25,19 @@ EXIT_CODES = {
     130: "interrupted (Ctrl-C, SIGTERM); what was found is kept",
 }
 
+QUESTION = "are equations of motion right, how accurate are they, what do they cost?"
+
 QUICK_START = {
-    "functions of your own: M, bias and so on": "eomcheck.testing.check_functions(...)",
-    "an engine of your own": "eomcheck validate --engine FILE:CLASS",
-    "a scene: ours, yours, a URDF": "eomcheck validate --scene SCENE",
+    "your functions: M, bias and so on": "eomcheck.testing.check_functions(...)",
+    "your engine": "eomcheck validate --engine FILE:CLASS",
+    "a scene: built-in, yours, a URDF": "eomcheck validate --scene SCENE",
+    "all at once": "eomcheck validate",
+    "all commands": "eomcheck --help",
 }
 """Starting point of a user -> the call or command to type."""
 
-MAX_WIDTH = 80
-"""Largest width of help, columns, on terminals of any width."""
+MAX_WIDTH, MAX_GREETING = 80, 100
+"""Largest width of help, and of the quick start, columns, on terminals of any width."""
 
 
 OLD_FORM = "OLD-FORM"
@@ -61,7 +66,8 @@ class Command(TyperCommand):
         """Write the help with the labels of `_option_label`."""
         write = formatter.write_dl
         formatter.write_dl = lambda rows, **how: write(
-            [(_option_label(n), x) for n, x in rows], **how
+            [(_option_label(n), re.sub(r" +(?=\[(?:default|required))", " ", x)) for n, x in rows],
+            **how,
         )
         super().format_help(ctx, formatter)
 
@@ -138,9 +144,9 @@ def as_typed(message: str, words: Sequence[str]) -> str:
     return f"{option} {problem}" if equals and typed else message
 
 
-def help_width() -> int:
+def help_width(most: int = MAX_WIDTH) -> int:
     """Return the width of help, columns: that of the terminal, or COLUMNS, less a margin."""
-    return min(get_terminal_size().columns, MAX_WIDTH) - 2
+    return min(get_terminal_size().columns, most) - 2
 
 
 app = CommandLine(
@@ -162,10 +168,11 @@ def _print_version(wanted: bool) -> None:
 
 
 def _print_quick_start() -> None:
-    print(f"eomcheck {__version__}: are equations of\nmotion right, how exact, at what cost?\n")
+    width, left = help_width(MAX_GREETING), max(map(len, QUICK_START)) + 3
+    print("\n".join(wrap(f"eomcheck {__version__}: {QUESTION}", width)), end="\n\n")
+    beside = left + max(map(len, QUICK_START.values())) <= width
     for have, typed in QUICK_START.items():
-        print(f"{have}\n  {typed}")
-    print("\nall at once: eomcheck validate\nall commands: eomcheck --help")
+        print(f"{have:<{left}}{typed}" if beside else f"{have}\n  {typed}")
 
 
 @app.callback()

@@ -52,14 +52,14 @@ def validate_command(
         str | None,
         typer.Option(
             metavar="SCENE",
-            help=f"{SCENE_HELP} [snake; with an engine of your own all and random ones]",
+            help=f"{SCENE_HELP} [default: snake; with an engine of your own all and random ones]",
             autocompletion=completer("scene", "robot", more=["all"]),
         ),
     ] = None,
     links: Annotated[
         str | None,
         typer.Option(
-            metavar="N..M", help="Number of links of the random scenes, N or N..M. [1..12]"
+            metavar="N..M", help="Number of links of the random scenes, N or N..M. [default: 1..12]"
         ),
     ] = None,
     given: SetOption = None,
@@ -79,7 +79,7 @@ def validate_command(
         str | None,
         typer.Option(
             metavar="PLACE",
-            help="Where to compute: local, local:PROCESSES or dask:ADDRESS. [local]",
+            help="Where to compute: local, local:PROCESSES or dask:ADDRESS. [default: local]",
         ),
     ] = None,
     json: Json = None,
@@ -208,13 +208,11 @@ def prove_command(
         str | None,
         typer.Option(
             metavar="N..M",
-            help="Numbers of links, such as 2..100 or 1..12,20,50. [1..12,20,50,100]",
+            help="Numbers of links, such as 2..100 or 1..12,20,50. [default: 1..12,20,50,100]",
         ),
     ] = None,
     examples: Annotated[int, typer.Option(help="Number of random points per identity.")] = 4,
-    seed: Annotated[
-        int | None, typer.Option(help="Seed of the draws. Default: drawn by the operating system.")
-    ] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of the draws. [default: random]")] = None,
     scene: SceneClassOption = "snake",
     formulation: Formulations = None,
     executor: ExecutorOption = "local",
@@ -303,7 +301,8 @@ def report_command(
         ),
     ],
     html: Annotated[
-        Path | None, typer.Option(help="Page to write. Default, if nothing else: report.html.")
+        Path | None,
+        typer.Option(help="Page to write. [default: report.html, if nothing else is written]"),
     ] = None,
     markdown: Annotated[Path | None, typer.Option(help="Write Markdown into this file.")] = None,
     junit: Annotated[Path | None, typer.Option(help="Write JUnit XML into this file.")] = None,
@@ -312,7 +311,9 @@ def report_command(
     ] = None,
     suite: Annotated[
         Path | None,
-        typer.Option(help="Folder of the suite, of which that page names tests. [validation]"),
+        typer.Option(
+            help="Folder of the suite, of which that page names tests. [default: validation]"
+        ),
     ] = None,
 ) -> None:
     """Report stored results: verdict, claims, failing states, and the studies there are.
@@ -351,13 +352,14 @@ def report_command(
 
 @app.command("export")
 def export_records(
-    records: Annotated[Path, typer.Argument(help="File of records that a study wrote.")],
+    records: Annotated[
+        Path, typer.Argument(metavar="RECORDS", help="File of records that a study wrote.")
+    ],
     file: Annotated[
-        Path | None, typer.Argument(help="File to write. Default: standard output.")
+        Path | None,
+        typer.Argument(metavar="[FILE]", help="File to write. [default: standard output]"),
     ] = None,
-    csv: Annotated[
-        bool, typer.Option("--csv", help="As CSV; there is no other format yet.")
-    ] = True,
+    csv: Annotated[bool, typer.Option(help="As CSV, or as a table in Markdown.")] = True,
 ) -> None:
     """Write the records of a study as a table: one line per cell, one column per value."""
     check_output(file, [records])
@@ -366,7 +368,8 @@ def export_records(
 
     unread: list[str] = []
     with Records(records, readonly=True, unread=unread) as opened:
-        text = record_table(opened.all()).csv()
+        table = record_table(opened.all())
+    text = table.csv() if csv else table.markdown()
     if file is None:
         sys.stdout.write(text)
         raise_unread(unread)
@@ -380,7 +383,7 @@ def export_records(
 def reference_command(
     names: Annotated[
         list[str] | None,
-        typer.Argument(metavar="NAMES", help="References to compute. Default all."),
+        typer.Argument(metavar="NAMES", help="References to compute. [default: all]"),
     ] = None,
     folder: Annotated[Path, typer.Option(help="Folder to write to.")] = REFERENCES,
     executor: ExecutorOption = "local",

@@ -27,7 +27,7 @@ def compare_command(
         list[str] | None,
         typer.Option(
             metavar="KEY,KEY",
-            help="Library to compare with, or several: a,b. Default all installed.",
+            help="Library to compare with, or several: a,b. [default: all installed]",
             callback=split_list,
             autocompletion=completer("engine"),
         ),

@@ -67,14 +67,17 @@ def fuzz_command(
         ),
     ] = None,
     links: Annotated[
-        str | None, typer.Option(metavar="N..M", help="Number of links, N or N..M. [1..12]")
+        str | None,
+        typer.Option(metavar="N..M", help="Number of links, N or N..M. [default: 1..12]"),
     ] = None,
     engine: Engines = None,
     formulation: Formulations = None,
     claim: Claims = None,
     time: Annotated[
         str | None,
-        typer.Option(metavar="TIME", help="How long: 20s, 10m, 3h. [1m, without --states]"),
+        typer.Option(
+            metavar="TIME", help="How long: 20s, 10m, 3h. [default: 1m, without --states]"
+        ),
     ] = None,
     states: Annotated[
         int | None,
@@ -92,8 +95,8 @@ def fuzz_command(
         typer.Option(
             metavar="KEY,KEY",
             callback=split_list,
-            help="What is drawn, of ordinary, wide, special and fast: a,b. Default all; of motions "
-            "the first and the third.",
+            help="What is drawn, of ordinary, wide, special and fast: a,b. "
+            "[default: all; of motions the first and the third]",
         ),
     ] = None,
     climb: Annotated[bool, typer.Option(help="Climb, or only draw.")] = True,
@@ -102,14 +105,14 @@ def fuzz_command(
         typer.Option(
             metavar="N,N,N,N,N",
             help="One state in how many is looked at by enclosures, balls, engines, full checks, "
-            "and claims that lanes cannot tell; 0 for none. [4,20,10,200,20]",
+            "and claims that lanes cannot tell; 0 for none. [default: 4,20,10,200,20]",
         ),
     ] = None,
     executor: Annotated[
         str | None,
         typer.Option(
             metavar="PLACE",
-            help="Where to compute: local, local:PROCESSES or dask:ADDRESS. [here]",
+            help="Where to compute: local, local:PROCESSES or dask:ADDRESS. [default: here]",
         ),
     ] = None,
     records: RecordsOption = None,

@@ -35,7 +35,7 @@ SpeedsOption = Annotated[
     list[str] | None,
     typer.Option(
         metavar="X,X",
-        help="Generalized speeds at the start: 1,0.5, or repeated. Default the scene's own.",
+        help="Generalized speeds at the start: 1,0.5, or repeated. [default: the scene's]",
     ),
 ]
 
@@ -129,7 +129,7 @@ def simulate_command(
         list[str] | None,
         typer.Argument(
             metavar="[SCENE]",
-            help="Scene, as --scene names it. Default the paper's robot.",
+            help="Scene, as --scene names it. [default: paper]",
             autocompletion=completer("robot", "scene"),
         ),
     ] = None,
@@ -154,10 +154,10 @@ def simulate_command(
     scale: Annotated[
         float | None,
         typer.Option(
-            help="Standard deviation of --examples: of q, m, rad; of u, m/s, rad/s. [0.01]"
+            help="Standard deviation of --examples: of q, m, rad; of u, m/s, rad/s. [default: 0.01]"
         ),
     ] = None,
-    seed: Annotated[int | None, typer.Option(help="Seed of --examples. [0]")] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of --examples. [default: 0]")] = None,
     executor: Annotated[
         str | None, typer.Option(metavar="PLACE", help="Where to compute --examples.")
     ] = None,
@@ -223,7 +223,7 @@ def acceleration_command(
         str | None,
         typer.Argument(
             metavar="[SCENE]",
-            help="Scene, as --scene names it. Default the paper's robot.",
+            help="Scene, as --scene names it. [default: paper]",
             autocompletion=completer("robot", "scene"),
         ),
     ] = None,

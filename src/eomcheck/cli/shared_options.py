@@ -109,7 +109,7 @@ Formulations = Annotated[
     list[str] | None,
     typer.Option(
         metavar="KEY,KEY",
-        help="Formulation, or several: a,b. Default all.",
+        help="Formulation, or several: a,b. [default: all]",
         callback=split_list,
         autocompletion=completer("formulation"),
     ),
@@ -118,8 +118,8 @@ Engines = Annotated[
     list[str] | None,
     typer.Option(
         metavar="KEY,KEY",
-        help="Engine to compare with, several: a,b, or your own to check: FILE.py:CLASS. "
-        "Default those that no extra installs; none for no engine.",
+        help="Engine to compare with, several: a,b, or your own to check: FILE.py:CLASS; "
+        "none for no engine. [default: those that no extra installs]",
         callback=split_list,
         autocompletion=completer("engine", more=["none"]),
     ),
@@ -127,7 +127,9 @@ Engines = Annotated[
 Claims = Annotated[
     list[str] | None,
     typer.Option(
-        metavar="KEY,KEY", help="Claim to check, or several: a,b. Default all.", callback=split_list
+        metavar="KEY,KEY",
+        help="Claim to check, or several: a,b. [default: all]",
+        callback=split_list,
     ),
 ]
 References = Annotated[Path, typer.Option(help="Folder of the reference solutions.")]

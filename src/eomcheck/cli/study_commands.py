@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from eomcheck.lab.study import Study
 
 
-Picture = Annotated[Path, typer.Argument(help="File to write, .png, .svg or .pdf.")]
+Picture = Annotated[Path, typer.Argument(metavar="FILE", help="File to write, .png, .svg or .pdf.")]
 Figures = Annotated[
     Path | None, typer.Option(help="Draw the figures and write the tables into this folder.")
 ]
@@ -250,21 +250,26 @@ Dark = Annotated[bool, typer.Option("--dark", help="For a dark ground.")]
 @draw.command("scene")
 def draw_scene_command(
     path: Annotated[
-        Path, typer.Argument(help="File to write: .svg, .png, .pdf, or .gif, which moves.")
+        Path,
+        typer.Argument(
+            metavar="FILE", help="File to write: .svg, .png, .pdf, or .gif, which moves."
+        ),
     ],
     scene: SceneOption = "snake",
     links: Links = None,
     given: SetOption = None,
     dark: Dark = False,
     end: Annotated[
-        float | None, typer.Option(metavar="END", help="A .gif: end of its motion, s. [2]")
+        float | None, typer.Option(metavar="END", help="A .gif: end of its motion, s. [default: 2]")
     ] = None,
-    frames: Annotated[int | None, typer.Option(help="A .gif: number of its pictures. [40]")] = None,
+    frames: Annotated[
+        int | None, typer.Option(help="A .gif: number of its pictures. [default: 40]")
+    ] = None,
     formulation: Annotated[
         str | None,
         typer.Option(
             metavar="KEY",
-            help="A .gif: by which it moves. [au]",
+            help="A .gif: by which it moves. [default: au]",
             autocompletion=completer("formulation"),
         ),
     ] = None,
@@ -294,7 +299,7 @@ def draw_scene_command(
 
 @draw.command("structure")
 def draw_structure_command(
-    path: Annotated[Path, typer.Argument(help="File to write, .svg, .png or .pdf.")],
+    path: Picture,
     formulation: FormulationOption = "au",
     scene: SceneOption = "snake",
     links: Links = None,

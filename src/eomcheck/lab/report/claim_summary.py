@@ -251,18 +251,18 @@ def _digits(digits: list[float]) -> str:
     return f"{min(digits):.1f} ({median(digits):.1f})" if digits else "·"
 
 
-def factor_table(strata: Mapping[str, Mapping[str, Mapping[str, int]]]) -> ResultTable:
+def factor_table(counts: Mapping[str, Mapping[str, Mapping[str, int]]]) -> ResultTable:
     """Return the table of sampled states by factor of the pairwise design.
 
     Args:
-        strata: key of a scene class -> name of a factor -> level -> number of states.
+        counts: key of a scene class -> name of a factor -> level -> number of states.
     """
     rows = [
         (scene, name, ", ".join(_ways(ways)))
-        for scene, of in strata.items()
+        for scene, of in counts.items()
         for name, ways in of.items()
     ]
-    return ResultTable("strata", "Drawn states by stratum", ("scene", "stratum", "states"), rows)
+    return ResultTable("strata", "Drawn states by factor", ("scene", "factor", "states"), rows)
 
 
 def _ways(ways: Mapping[str, int]) -> Iterator[str]:

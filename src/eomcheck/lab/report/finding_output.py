@@ -65,9 +65,9 @@ def print_runs(
         print_tables([table, ResultTable("runs", "What was looked at", *_totals(runs))])
         if selection.engines_named and any(CLAIMS[claim].asks for claim in selection.claims):
             print_unrepresented(runs, selection.engines)
-    strata = {key: run.level_counts for key, run in runs.items() if run.sampled}
-    if strata and (wide or len(runs) == 1):
-        print_tables([factor_table(strata)])
+    counts = {key: run.level_counts for key, run in runs.items() if run.sampled}
+    if counts and (wide or len(runs) == 1):
+        print_tables([factor_table(counts)])
     print_skipped(claims)
     print_unresolved(claims)
     smallest = [_smallest(run) for run in runs.values()]
@@ -223,7 +223,7 @@ def write_findings(path: Path, runs: Iterable[ValidationRun], selection: RunSele
             id: {"statement": CLAIMS[id].statement, "equations": CLAIMS[id].equations}
             for id in selection.claims
         },
-        "strata": {run.sampled[0].scene.key: run.level_counts for run in runs if run.sampled},
+        "factors": {run.sampled[0].scene.key: run.level_counts for run in runs if run.sampled},
         "cases": cases,
         "findings": rows,
         "minimal": minimal[0] if minimal else None,

@@ -74,7 +74,7 @@ class EngineDifference:
 
 def cells(
     *,
-    engine: Annotated[list[str] | None, "Engine, or several: a,b. Default all."] = None,
+    engine: Annotated[list[str] | None, "Engine, or several: a,b. [default: all]"] = None,
     links: Annotated[str, "Number of links of the random scenes, N or N..M."] = "1..12",
     states: Annotated[int, "Random scenes of a kind, each in one state."] = 50,
     seed: Seed = 0,

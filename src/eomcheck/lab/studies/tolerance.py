@@ -27,7 +27,7 @@ from eomcheck.scenes import Snake
 def cells(
     *,
     scene: Kind = "snake",
-    links: Annotated[str | None, "Number of links, N or N..M. [1..40]"] = None,
+    links: Annotated[str | None, "Number of links, N or N..M. [default: 1..40]"] = None,
     examples: Examples = 200,
     seed: Seed = 0,
 ) -> Iterator[Settings]:

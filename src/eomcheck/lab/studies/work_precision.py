@@ -53,7 +53,7 @@ def cells(
         list[str] | None, "Reference solution; repeat for more. [paper-rest]"
     ] = None,
     formulation: Formulations = None,
-    integrator: Annotated[list[str] | None, "Integrator, or several: a,b. Default all."] = None,
+    integrator: Annotated[list[str] | None, "Integrator, or several: a,b. [default: all]"] = None,
     tolerance: Annotated[
         list[float] | None, "rtol = atol; repeat for more. [1e-3 .. 1e-13]"
     ] = None,

@@ -19,11 +19,13 @@ Absent = Annotated[str | None, "Show what absent terms save instead, on a kind o
 
 def cells(
     *,
-    links: Annotated[str | None, "Numbers of links, N or N..M. [2..100, with --scene 3]"] = None,
+    links: Annotated[
+        str | None, "Numbers of links, N or N..M. [default: 2..100, with --scene 3]"
+    ] = None,
     formulation: Formulations = None,
     scene: Absent = None,
     repeats: Annotated[
-        int | None, "With --scene: timed runs; the median counts. 0 for counts alone. [15]"
+        int | None, "With --scene: timed runs; the median counts. 0 for counts alone. [default: 15]"
     ] = None,
 ) -> Iterator[Settings]:
     """Yield a cell for each number of links and formulation; for the last one also with springs.

@@ -99,8 +99,8 @@ def methods_of(keys: Iterable[str]) -> Iterator[Method]:
 
 def cells(
     *,
-    scene: Annotated[str | None, "Kind of scene, or all of them. [snake]"] = None,
-    family: Annotated[list[str] | None, "Family of states, or several: a,b. Default all."] = None,
+    scene: Annotated[str | None, "Kind of scene, or all of them. [default: snake]"] = None,
+    family: Annotated[list[str] | None, "Family of states, or several: a,b. [default: all]"] = None,
     formulation: Formulations = None,
     quick: Annotated[bool, "A few severities of each family."] = False,
 ) -> Iterator[Settings]:
