@@ -282,8 +282,8 @@ def test_alone_it_greets_with_its_version_and_whole_commands(monkeypatch, capsys
     monkeypatch.setenv("COLUMNS", "300")
     assert run(monkeypatch=monkeypatch) == 0
     assert capsys.readouterr().out.splitlines() == [
-        f"eomcheck {__version__}: are equations of motion right, how accurate are they, what do they "
-        "cost?",
+        f"eomcheck {__version__}: are equations of motion right, how accurate are they, what do "
+        "they cost?",
         "",
         "your functions: M, bias and so on   eomcheck.testing.check_functions(...)",
         "your engine                         eomcheck validate --engine FILE:CLASS",
