@@ -13,6 +13,8 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.show.chart import Panel
 from eomcheck.lab.store.record_file import Record
 from eomcheck.lab.studies.paper import STUDY as PAPER_STUDY
+from eomcheck.lab.studies.paper import remarks
+from eomcheck.lab.studies.paper import tables as sheets
 from eomcheck.lab.studies.paper.measure import PAPER, STUDY, PaperRecords, Solver
 from eomcheck.lab.studies.paper.paper_claims import (
     PAPER_CLAIMS,
@@ -22,8 +24,6 @@ from eomcheck.lab.studies.paper.paper_claims import (
     judgements,
     verdict_of,
 )
-from eomcheck.lab.studies.paper.show import remarks
-from eomcheck.lab.studies.paper.show import tables as sheets
 
 SOLVERS = (Solver("RK45", 1e-3), Solver("DOP853", 1e-9))
 LINKS = (2, 7, 20)

@@ -619,11 +619,14 @@ def test_a_run_is_integrated_to_the_end_of_its_reference_compared_and_timed(monk
 
     def ready(scene, key, q, v, u):
         asked.append(("ready", key, np.allclose(v, velocity(scene, q, u)), u is reference.u0))
-        motion = SimpleNamespace(solve=lambda *given, **how: asked.append(("solve", *given, how)))
+        motion = SimpleNamespace(
+            every_step=lambda *given, **how: asked.append(("every step", *given, how)),
+            solve=lambda *given, **how: asked.append(("solve", *given, how)),
+        )
         return motion, 0.5
 
-    def simulate(scene, key, end, **how):
-        asked.append(("simulate", key, end, how))
+    def trajectory_of(motion, steps, integrator, rtol, atol, seconds, every):
+        asked.append((integrator, rtol, atol))
         return found["run"]
 
     def run_time(work, *, runs):
@@ -632,16 +635,17 @@ def test_a_run_is_integrated_to_the_end_of_its_reference_compared_and_timed(monk
         return SimpleNamespace(recorded=lambda: recorded)
 
     drift = SimpleNamespace(rate=2e-9, exponent=1.5)
-    of = "eomcheck.lab.studies.work_precision."
+    of, timing = "eomcheck.lab.studies.work_precision.", "eomcheck.lab.run_time."
     monkeypatch.setattr(
         f"{of}stored_reference", lambda name, folder: asked.append((name, folder)) or reference
     )
     monkeypatch.setattr(f"{of}prepare_motion", ready)
-    monkeypatch.setattr(f"{of}simulate", simulate)
-    monkeypatch.setattr(f"{of}run_time", run_time)
+    monkeypatch.setattr(f"{timing}trajectory_of", trajectory_of)
+    monkeypatch.setattr(f"{timing}run_time", run_time)
     monkeypatch.setattr(f"{of}errors_of", lambda run, of: Errors())
-    monkeypatch.setattr(f"{of}constraint_error_drift", lambda run: None)
-    monkeypatch.setattr(f"{of}energy_error_drift", lambda run: drift)
+    monkeypatch.setattr(
+        f"{of}DRIFTS", {"constraint": lambda run: None, "energy": lambda run: drift}
+    )
     work = work_precision.worker([], references="folder")  # type: ignore[arg-type]
     settings = {"reference": "own", "formulation": "kane", "integrator": "BDF", "tolerance": 1e-5}
     record = work(settings)
@@ -650,7 +654,9 @@ def test_a_run_is_integrated_to_the_end_of_its_reference_compared_and_timed(monk
     assert asked == [
         ("own", "folder"),
         ("ready", "kane", True, True),
-        ("simulate", "kane", 4.0, {"q0": q0, "u0": reference.u0} | times | options),
+        ("every step", 4.0, times | options),
+        ("solve", 4.0, times | options),
+        ("BDF", 1e-5, 1e-5),
         ("solve", 4.0, times | options),
     ]
     assert (record.status, record.seconds, record.cpu_seconds) == ("done", 3.0, 2.0)
@@ -661,7 +667,7 @@ def test_a_run_is_integrated_to_the_end_of_its_reference_compared_and_timed(monk
     record = work(settings | {"tolerance": 1e-3})
     assert (record.status, record.reason, record.errors) == ("failed", "too stiff", {})
     assert (record.seconds, record.counts["steps"]) == (None, 9)
-    assert len(asked) == 5, "the code is made once, and what fails is not timed"
+    assert len(asked) == 9, "the code is made once, and what fails is not timed"
 
 
 def test_why_an_error_has_no_panel_is_said_with_the_reason_of_its_scene():

@@ -8,9 +8,9 @@ from eomcheck.lab.show.chart import Chart, Panel
 from eomcheck.lab.store.record_file import Record
 from eomcheck.lab.studies import study_of
 from eomcheck.lab.studies.paper import measure as paper
+from eomcheck.lab.studies.paper import robot_motion
 from eomcheck.lab.studies.paper.measure import FULL, QUICK, STUDY, PaperRecords, Solver, growth
 from eomcheck.lab.studies.paper.paper_claims import PAPER_CLAIMS, judge_paper_claim
-from eomcheck.lab.studies.paper.show import robot
 
 FIRST, SECOND = SOLVERS = (Solver("RK45", 1e-3), Solver("DOP853", 1e-9))
 LINKS = (2, 7, 20)
@@ -312,14 +312,14 @@ def test_growth_is_fitted_from_20_links_on_and_for_each_solver():
 
 
 def test_the_robot_is_drawn_by_the_last_solver_that_finished(records):
-    shown = robot(PaperRecords(records))
+    shown = robot_motion(PaperRecords(records))
     assert shown is not None
     assert (shown.settings["formulation"], shown.settings["links"]) == ("kane", 7)
     assert shown.settings["integrator"] == "DOP853"
     failed = [
         Record(STUDY, one.settings, "failed", "stopped") if one is shown else one for one in records
     ]
-    other = robot(PaperRecords(failed))
+    other = robot_motion(PaperRecords(failed))
     assert other is not None and other.settings["integrator"] == "RK45"
 
 
@@ -351,5 +351,5 @@ def test_motions_are_timed_as_often_as_their_plan_says_each_made_once(quick, run
         for n, key, x in ((2, "au", 1e-3), (2, "au", 1e-6), (3, "au", 1e-3), (2, "el", 1e-3))
     ]
     for cell in cells:
-        assert work(cell) == (cell, None, 0.5, runs)
+        assert work(cell) == (cell, (None, 0.5), runs)
     assert made == [(2, "au"), (3, "au"), (2, "el")]

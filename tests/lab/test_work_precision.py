@@ -10,13 +10,12 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from functools import partialmethod
 from pathlib import Path
 
 import pytest
 from tests.widths import check_sheets_fit
 
-from eomcheck import simulate
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.run_time import was_contended
@@ -37,6 +36,7 @@ from eomcheck.lab.studies.work_precision import (
     tables,
 )
 from eomcheck.motion.integrators import INTEGRATORS
+from eomcheck.motion.simulate import Motion
 
 
 def record(
@@ -260,18 +260,18 @@ def test_a_record_tells_the_drift_of_what_drifts(
 CLI = """
 import sys, time
 from eomcheck import cli
-from eomcheck.lab.studies import work_precision
+from eomcheck.lab import run_time
 
 log = sys.argv.pop(1)
-simulate = work_precision.simulate
+trajectory_of = run_time.trajectory_of
 
-def noted(*arguments, **options):
+def noted(motion, steps, integrator, rtol, *more):
     with open(log, "a") as file:
-        file.write(f"{options['integrator']} {options['rtol']}\\n")
+        file.write(f"{integrator} {rtol}\\n")
     time.sleep(0.1)  # the cells alone are done before anybody can kill it twice
-    return simulate(*arguments, **options)
+    return trajectory_of(motion, steps, integrator, rtol, *more)
 
-work_precision.simulate = noted
+run_time.trajectory_of = noted
 cli.main()
 """
 
@@ -340,7 +340,7 @@ def test_kill_9_of_the_study_loses_at_most_the_cell_in_flight_and_repeats_nothin
 def test_a_run_that_fails_stays_as_a_cell_with_its_reason(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(work_precision, "simulate", partial(simulate, max_steps=10))
+    monkeypatch.setattr(Motion, "solve", partialmethod(Motion.solve, max_steps=10))
     planned = {"reference": ["free-3"], "formulation": ["kane"], "integrator": ["DOP853"]}
     with Records(tmp_path / "records.db") as records:
         (found,) = STUDY.measure(records, **planned, tolerance=[1e-6])

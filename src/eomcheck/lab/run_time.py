@@ -1,4 +1,4 @@
-"""Run time of some work: the best of many warm runs, pinned to one core, beside its CPU time.
+"""Run time of work and of motions: the best of many warm runs, pinned to one core, and CPU time.
 
 Timed work is done in this process, one cell at a time. Two at a time, each on its own core, share
 caches and memory, and their times are noisier.
@@ -17,11 +17,13 @@ from typing import Any
 
 import numpy as np
 
+from eomcheck.errors import InputError
 from eomcheck.formulations import formulation_of
 from eomcheck.lab.store.provenance import machine
-from eomcheck.lab.store.record_file import Record
+from eomcheck.lab.store.record_file import Record, Settings
 from eomcheck.mechanics.scene import Scene
-from eomcheck.motion.simulate import Motion
+from eomcheck.motion.simulate import Motion, Trajectory, trajectory_of
+from eomcheck.numbers.generic import Array
 
 RUNS = 20
 FEWEST = 3
@@ -96,13 +98,6 @@ def held_on_a_core() -> Iterator[int | None]:
         os.sched_setaffinity(0, allowed)
 
 
-def prepare_motion(scene: Scene, key: str, *start: Any) -> tuple[Motion, float]:
-    """Return the `Motion` from a start, by default the scene's, and its construction time, s."""
-    start, begin = start or scene.initial_state(), time.perf_counter()
-    motion = Motion(scene, formulation_of(key), *start)
-    return motion, time.perf_counter() - begin
-
-
 def was_contended(record: Record) -> bool:
     """Return whether another program had the core for a part of the best run."""
     if record.seconds is None or record.cpu_seconds is None:
@@ -114,3 +109,70 @@ def slope(points: Iterable[tuple[float, float]]) -> float:
     """Return the least-squares slope of log(y) over log(x): the power with which a time grows."""
     x, y = np.log(list(points)).T
     return float(np.polyfit(x, y, 1)[0])
+
+
+# ---- Motions -------------------------------------------------------------------------------------
+
+Judged = tuple[dict[str, float], dict[str, Any]]
+"""Errors and series of a trajectory, by name."""
+
+
+def prepare_motion(scene: Scene, key: str, *start: Any) -> tuple[Motion, float]:
+    """Return the `Motion` from a start, by default the scene's, and its construction time, s."""
+    start, begin = start or scene.initial_state(), time.perf_counter()
+    motion = Motion(scene, formulation_of(key), *start)
+    return motion, time.perf_counter() - begin
+
+
+def check_tolerances(tolerances: Iterable[float]) -> None:
+    """Raise InputError unless every tolerance is between 0 and 1."""
+    for one in tolerances:
+        if not 0 < one < 1:
+            raise InputError(f"tolerance = {one!r}, expected a number between 0 and 1")
+
+
+def solver_options(settings: Settings, times: Array) -> dict[str, Any]:
+    """Return the options of `Motion.solve` in a cell: integrator, tolerances, output times."""
+    tolerance, options = settings["tolerance"], {"integrator": settings["integrator"]}
+    return options | {"rtol": tolerance, "atol": tolerance, "output_times": times}
+
+
+def motion_record(
+    study: str,
+    settings: Settings,
+    prepared: tuple[Motion, float],
+    times: Array,
+    judge: Callable[[Trajectory], Judged],
+    counts: dict[str, int] | None = None,
+    **timing: Any,
+) -> Record:
+    """Return the Record of a motion: integrated and judged, then timed if it reaches its end.
+
+    Args:
+        study: key of the study.
+        settings: those of the cell, with an integrator and a tolerance.
+        prepared: the motion and its construction time, see `prepare_motion`.
+        times: output times (k,), s; the last one is the end.
+        judge: trajectory -> its errors and series.
+        counts: counts beside those of right-hand sides and steps.
+        timing: options of `run_time`.
+    """
+    motion, compile_seconds = prepared
+    end, options = float(times[-1]), solver_options(settings, times)
+    every, steps = motion.every_step(end, **options), motion.solve(end, **options)
+    integrator, tolerance = settings["integrator"], settings["tolerance"]
+    found = trajectory_of(motion, steps, integrator, tolerance, tolerance, 0.0, every)
+    counts = {"right-hand sides": found.right_hand_sides, "steps": found.steps} | (counts or {})
+    if found.status != "finished":
+        return Record(study, settings, "failed", found.reason, counts=counts)
+    taken = run_time(lambda: motion.solve(end, **options), **timing)
+    errors, series = judge(found)
+    return Record(
+        study,
+        settings,
+        **taken.recorded(),
+        compile_seconds=compile_seconds,
+        counts=counts,
+        errors=errors,
+        series=series,
+    )

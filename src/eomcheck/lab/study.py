@@ -20,7 +20,7 @@ from eomcheck.atomic_write import write_text
 from eomcheck.console import progress
 from eomcheck.deprecated import old_keywords
 from eomcheck.errors import EomcheckError, InputError, RefusedError
-from eomcheck.lab.show.chart import Chart
+from eomcheck.lab.show.chart import Chart, Line
 from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.executors import check_executor
 from eomcheck.lab.store.parallel_map import parallel_map
@@ -97,6 +97,41 @@ def _work_off_one(study: str, settings: Settings, work: Callable[[Settings], Rec
         # It would be stored under another key, and run again each time.
         raise InputError(f"the record of {study} {settings} is one of other settings: {record}")
     return record
+
+
+# ---- Tables and lines ----------------------------------------------------------------------------
+
+
+def table_of(
+    name: str,
+    title: str,
+    things: Iterable[Any],
+    columns: Iterable[tuple[str, Callable[[Any], str]]],
+    **more: Any,
+) -> ResultTable:
+    """Return a table with a row for each thing, from columns: heading, thing -> cell."""
+    heads, cells = zip(*columns, strict=True)
+    rows = [tuple(cell(thing) for cell in cells) for thing in things]
+    return ResultTable(name, title, heads, rows, **more)
+
+
+def cell_text(value: float | None, how: str) -> str:
+    """Return a number in a format, "" for None."""
+    return "" if value is None else format(value, how)
+
+
+def line_of(
+    key: str,
+    things: Iterable[Any],
+    x: Callable[[Any], Any],
+    y: Callable[[Any], float],
+    hover: Callable[[Any], Sequence[str]] | None = None,
+    **more: Any,
+) -> Line:
+    """Return the line through things, one point each: its abscissa, ordinate and hover text."""
+    points = list(things)
+    texts = [] if hover is None else [*map(hover, points)]
+    return Line(key, [*map(x, points)], [*map(y, points)], texts, **more)
 
 
 # ---- Studies -------------------------------------------------------------------------------------

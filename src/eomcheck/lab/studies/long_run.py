@@ -18,10 +18,11 @@ import numpy as np
 from eomcheck.errors import InputError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS, formulations_for
+from eomcheck.lab.run_time import check_tolerances, solver_options
 from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
 from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.record_file import Record, Settings
-from eomcheck.lab.study import Formulations, Study
+from eomcheck.lab.study import Formulations, Study, cell_text
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.simulate import simulate
 from eomcheck.motion.trajectory_errors import constraint_error, drift_of
@@ -72,13 +73,11 @@ def cells(
     end = end if end is not None else QUICK_END if quick else 1000.0
     if not 2 < end < np.inf:
         raise InputError(f"end = {end!r}, expected more than 2 s")
-    tolerance = TOLERANCE if tolerance is None else tolerance
-    if not 0 < tolerance < 1:
-        raise InputError(f"tolerance = {tolerance!r}, expected a number between 0 and 1")
+    how = {"t_end": end, "tolerance": TOLERANCE if tolerance is None else tolerance}
+    check_tolerances([how["tolerance"]])
     known = formulations_for(Snake, formulation or (QUICK_KEYS if quick else None))
     for remedy, f in product(REMEDIES, known):
         if remedy == "none" or f.level == "acceleration":
-            how = {"t_end": end, "tolerance": tolerance}
             yield {"formulation": f.key, "remedy": remedy} | how
 
 
@@ -92,29 +91,21 @@ def output_times(t_end: float) -> Array:
 
 
 def _long_run(settings: dict[str, Any]) -> Record:
-    t_end, tolerance = settings["t_end"], settings["tolerance"]
+    t_end, remedy = settings["t_end"], REMEDIES[settings["remedy"]]
+    options = solver_options(settings | {"integrator": INTEGRATOR}, output_times(t_end))
     start = time.thread_time()
-    found = simulate(
-        Snake.paper(),
-        settings["formulation"],
-        t_end,
-        rtol=tolerance,
-        atol=tolerance,
-        integrator=INTEGRATOR,
-        output_times=output_times(t_end),
-        **REMEDIES[settings["remedy"]],
-    )
+    found = simulate(Snake.paper(), settings["formulation"], t_end, **options, **remedy)
     used = time.thread_time() - start
-    times, constraint = found.times, constraint_error(found)
     start_energy = _start_energy(found.scene)
-    energy = np.abs(found.energy - start_energy) / start_energy
+    series = {
+        "constraint": constraint_error(found),
+        "energy": np.abs(found.energy - start_energy) / start_energy,
+    }
     errors: dict[str, float] = {}
-    for name, error in (("constraint", constraint), ("energy", energy)):
-        law = drift_of(times, error) if times.size else None
-        if law is not None:
+    for name, error in series.items() if found.times.size else ():
+        if (law := drift_of(found.times, error)) is not None:
             errors |= {f"{name}_exponent": law.exponent, f"{name}_rate": law.rate}
-        if times.size:
-            errors |= {f"{name}_end": error[-1], f"{name}_largest": error.max()}
+        errors |= {f"{name}_end": error[-1], f"{name}_largest": error.max()}
     return Record(
         STUDY.key,
         settings,
@@ -125,11 +116,7 @@ def _long_run(settings: dict[str, Any]) -> Record:
         runs=1,
         counts={"right-hand sides": found.right_hand_sides, "steps": found.steps},
         errors=errors,
-        series={
-            "times": times.tolist(),
-            "constraint": constraint.tolist(),
-            "energy": energy.tolist(),
-        },
+        series={name: x.tolist() for name, x in ({"times": found.times} | series).items()},
     )
 
 
@@ -148,13 +135,13 @@ def find_run(records: Iterable[Record], key: str, remedy: str) -> Record | None:
 
 def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
     """Yield the growth law and the final value of both errors of every run."""
+    laws = {f"{error}_{law}": how for error in ERRORS for law, how in LAWS.items()}
     rows = []
     for r in found:
-        laws = {f"{error}_{law}": how for error in ERRORS for law, how in LAWS.items()}
-        numbers = (format(r.errors[x], how) if x in r.errors else "" for x, how in laws.items())
-        cpu = "" if r.cpu_seconds is None else f"{r.cpu_seconds:.3g}"
+        numbers = (cell_text(r.errors.get(x), how) for x, how in laws.items())
+        calls = f"{r.counts.get('right-hand sides', 0):,}"
         where = r.settings["formulation"], r.settings["remedy"]
-        rows.append((*where, *numbers, f"{r.counts.get('right-hand sides', 0):,}", cpu))
+        rows.append((*where, *numbers, calls, cell_text(r.cpu_seconds, ".3g")))
     heads = (x for name in ERRORS for x in (f"{name} at the end", "exponent", "rate per s"))
     columns = ("formulation", "remedy", *heads, "right-hand sides", "CPU s")
     yield ResultTable("long-run", "Laws of growth: rate · T (t/T)^exponent", columns, rows)
@@ -173,14 +160,10 @@ def charts(found: Sequence[Record]) -> Iterator[Chart]:
     for (error, label), remedy in product(ERRORS.items(), REMEDIES):
         lines = [
             Line(
-                key,
-                r.series["times"],
-                [max(x, FLOOR) for x in r.series[error]],
-                every=(3 * index, 30),
+                key, r.series["times"], [max(x, FLOOR) for x in r.series[error]], every=(3 * i, 30)
             )
-            for index, key in enumerate(FORMULATIONS)
-            for r in [find_run(found, key, remedy)]
-            if r is not None and r.series
+            for i, key in enumerate(FORMULATIONS)
+            if (r := find_run(found, key, remedy)) is not None and r.series
         ]
         panels[label, remedy] = Panel(
             Axis("t / s", log=True), Axis(label, log=True), lines, TITLES[remedy]

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 from eomcheck.console import progress
 from eomcheck.formulations import FORMULATIONS, formulations_for
@@ -17,7 +18,7 @@ from eomcheck.lab.run_time import run_time
 from eomcheck.lab.show.document_text import seconds_text
 from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.record_file import Record, Settings, record_of_rows, rows_in
-from eomcheck.lab.study import Formulations, Study, document_of, failed
+from eomcheck.lab.study import Formulations, Study, document_of, failed, table_of
 from eomcheck.motion.simulate import Motion
 from eomcheck.scene_lookup import scene_named
 
@@ -51,6 +52,17 @@ class MotionTime:
     seconds_in_python: float
 
 
+SECONDS = "seconds", "seconds_in_python"
+COLUMNS = (
+    ("formulation", lambda one: one.formulation),
+    ("CyRK", lambda one: seconds_text(one.seconds)),
+    ("right-hand sides", lambda one: f"{one.right_hand_sides:,}"),
+    ("each", lambda one: seconds_text(one.seconds / one.right_hand_sides)),
+    ("SciPy", lambda one: seconds_text(one.seconds_in_python)),
+    ("ratio", lambda one: f"{one.seconds_in_python / one.seconds:.3g}"),
+)
+
+
 def cells(*, scene: One = PAPER, formulation: Formulations = None) -> Iterator[Settings]:
     """Yield one cell: all formulations are timed in turn.
 
@@ -80,47 +92,28 @@ def time_motion(settings: Settings) -> Record:
             for motion in motions:
                 new = _measure(motion)
                 old = times.get(new.formulation, new)
-                times[new.formulation] = MotionTime(
-                    new.formulation,
-                    min(old.seconds, new.seconds),
-                    new.right_hand_sides,
-                    min(old.seconds_in_python, new.seconds_in_python),
-                )
+                best = {name: min(getattr(old, name), getattr(new, name)) for name in SECONDS}
+                times[new.formulation] = replace(new, **best)
                 advance()
     return record_of_rows(STUDY.key, settings, times.values())
 
 
 def _measure(motion: Motion) -> MotionTime:
-    by_cyrk = run_time(lambda: motion.solve(END, rtol=TOLERANCE, atol=TOLERANCE), runs=RUNS)
-    calls = motion.rates.calls
-    python = run_time(lambda: _by_scipy(motion), runs=IN_PYTHON)
-    return MotionTime(motion.formulation.key, by_cyrk.seconds, calls, python.seconds)
-
-
-def _by_scipy(motion: Motion) -> None:
     from scipy.integrate import solve_ivp
 
-    options = {"method": "DOP853", "rtol": TOLERANCE, "atol": TOLERANCE}
-    solve_ivp(motion.rates, (0.0, END), motion.y0, **options)
+    options: dict[str, Any] = {"rtol": TOLERANCE, "atol": TOLERANCE}
+    by_cyrk = run_time(lambda: motion.solve(END, **options), runs=RUNS)
+    calls, start = motion.rates.calls, ((0.0, END), motion.y0)
+    python = run_time(
+        lambda: solve_ivp(motion.rates, *start, method="DOP853", **options), runs=IN_PYTHON
+    )
+    return MotionTime(motion.formulation.key, by_cyrk.seconds, calls, python.seconds)
 
 
 def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
     """Yield the run time of a motion by CyRK and by SciPy, and their ratio."""
     known = rows_in(found, MotionTime)
-    rows = [
-        (
-            one.formulation,
-            seconds_text(one.seconds),
-            f"{one.right_hand_sides:,}",
-            seconds_text(one.seconds / one.right_hand_sides),
-            seconds_text(one.seconds_in_python),
-            f"{one.seconds_in_python / one.seconds:.3g}",
-        )
-        for one in known
-        if math.isfinite(one.seconds)
-    ]
     failed = [one.formulation for one in known if not math.isfinite(one.seconds)]
-    columns = ("formulation", "CyRK", "right-hand sides", "each", "SciPy", "ratio")
     names = dict.fromkeys(one.settings.get("scene", PAPER) for one in found)
     of = ", ".join("the paper's robot" if name == PAPER else name for name in names)
     note = (
@@ -128,7 +121,8 @@ def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
         "with the same right-hand side in machine code."
         + (f" Do not reach the end: {', '.join(failed)}." if failed else "")
     )
-    yield ResultTable("motion", "Time of a motion", columns, rows, note=note)
+    finished = (one for one in known if math.isfinite(one.seconds))
+    yield table_of("motion", "Time of a motion", finished, COLUMNS, note=note)
 
 
 STUDY = Study(

@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any
@@ -30,11 +30,19 @@ from scipy.integrate import solve_ivp
 from eomcheck.errors import EomcheckError, InputError
 from eomcheck.formulations import formulation_of, formulations_for
 from eomcheck.lab.references import stored_reference
-from eomcheck.lab.run_time import prepare_motion, run_time, was_contended
-from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
+from eomcheck.lab.run_time import prepare_motion, run_time, solver_options, was_contended
+from eomcheck.lab.show.chart import Axis, Chart, Panel
 from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.record_file import Record, Settings, group, select, values
-from eomcheck.lab.study import REFERENCES, CellWorker, Quick, References, Study
+from eomcheck.lab.study import (
+    REFERENCES,
+    CellWorker,
+    Quick,
+    References,
+    Study,
+    line_of,
+    table_of,
+)
 from eomcheck.motion.integrators import INTEGRATORS
 from eomcheck.motion.right_hand_side import exact_jacobian
 from eomcheck.motion.simulate import Motion
@@ -156,13 +164,13 @@ def damped_truth(settings: dict[str, Any]) -> Record:
     first = _end_state(scene, "banded", "Radau", 1e-12)
     explicit = settings["stiffness"] <= EXPLICIT_UP_TO
     second = _end_state(scene, "kane", *(("DOP853", 1e-13) if explicit else ("Radau", 1e-11)))
-    apart = float(np.abs(first - second).max() / np.abs(first).max())
-    return Record(
-        TRUTH,
-        settings,
-        errors={"uncertainty": apart + 2 * EPS},
-        series={"state": (second if explicit else first).tolist()},
-    )
+    errors = {"uncertainty": _relative(second, first) + 2 * EPS}
+    series = {"state": (second if explicit else first).tolist()}
+    return Record(TRUTH, settings, errors=errors, series=series)
+
+
+def _relative(state: Array, true: Array) -> float:
+    return float(np.abs(state - true).max() / np.abs(true).max())
 
 
 def _end_state(scene: Snake, key: str, integrator: str, tolerance: float) -> Array:
@@ -212,23 +220,18 @@ def worker(truths: Sequence[Record], *, references: References = REFERENCES) -> 
         problem, k = settings["problem"], settings["stiffness"]
         motion, compile_seconds = prepared(problem, k, settings["formulation"])
         truth = truth_of(problem, k)
-        solve = _by_cyrk if settings["jacobian"] is None else _in_scipy
-        found = solve(motion, end_of(problem, k), settings)
+        by = _by_cyrk if settings["jacobian"] is None else _in_scipy
+        solve = partial(by, motion, end_of(problem, k), settings)
+        found = solve()
         counts = {"right-hand sides": motion.rates.calls, **found.counts}
         if found.state is None:
             return Record(KEY, settings, "failed", found.reason, counts=counts)
         q, v = motion.split(found.state)
         state = np.concatenate((q, v * unit_of_time(problem, k)))
-        error = float(np.abs(state - truth.state).max() / np.abs(truth.state).max())
-        taken = run_time(lambda: solve(motion, end_of(problem, k), settings), runs=RUNS)
-        return Record(
-            KEY,
-            settings,
-            **taken.recorded(),
-            compile_seconds=compile_seconds,
-            counts=counts,
-            errors={"final": error, "floor": truth.uncertainty},
-        )
+        errors = {"final": _relative(state, truth.state), "floor": truth.uncertainty}
+        timing = run_time(solve, runs=RUNS).recorded()
+        timing["compile_seconds"] = compile_seconds
+        return Record(KEY, settings, counts=counts, errors=errors, **timing)
 
     return work
 
@@ -241,15 +244,8 @@ class _Found:
 
 
 def _by_cyrk(motion: Motion, end: float, settings: dict[str, Any]) -> _Found:
-    tolerance = settings["tolerance"]
-    found = motion.solve(
-        end,
-        integrator=settings["integrator"],
-        rtol=tolerance,
-        atol=tolerance,
-        output_times=np.array([end]),
-        max_steps=MOST_STEPS,
-    )
+    options = solver_options(settings, np.array([end]))
+    found = motion.solve(end, max_steps=MOST_STEPS, **options)
     state = found.y[-1] if found.success and np.isfinite(found.y).all() else None
     return _Found(state, found.message, {"steps": found.steps})
 
@@ -366,40 +362,36 @@ def remarks(found: Sequence[Record]) -> Iterator[str]:
 
 
 def _truths(found: Sequence[Record]) -> ResultTable:
-    rows = [
+    columns = (
+        ("k / (N m/rad)", lambda r: f"{r.settings['stiffness']:.0e}"),
         (
-            f"{r.settings['stiffness']:.0e}",
-            f"{r.errors['uncertainty']:.1e}" if r.status == "done" else r.reason,
-        )
-        for r in found
-        if r.study == TRUTH
-    ]
+            "uncertainty",
+            lambda r: f"{r.errors['uncertainty']:.1e}" if r.status == "done" else r.reason,
+        ),
+    )
     title = "How well the damped motions are known, relative"
-    return ResultTable("stiff-truth", title, ("k / (N m/rad)", "uncertainty"), rows)
+    return table_of("stiff-truth", title, (r for r in found if r.study == TRUTH), columns)
 
 
 def _costs(found: Sequence[Record], problem: str, key: str, target: float) -> ResultTable:
     stiffnesses = values(found, "stiffness")
     rows = []
     for integrator in COMPILED:
-        best = (
-            cheapest(
-                select(found, KEY, problem=problem, formulation=key, stiffness=k),
-                target,
-                (integrator,),
-            )
-            for k in stiffnesses
-        )
+        best = (_cheapest_at(found, problem, key, k, target, integrator) for k in stiffnesses)
         cells = (
             "" if b is None else f"{1e3 * run_cost(b):.3g}  {run_cost(b, RATES):.0f}" for b in best
         )
         rows.append((integrator, *cells))
-    return ResultTable(
-        f"stiff-cost-{problem}-{key}-{target:.0e}",
-        f"{problem}, {key}: CPU time in ms, and right-hand sides, to an error of {target:.0e}",
-        ("integrator", *(f"{k:.0e}" for k in stiffnesses)),
-        rows,
-    )
+    title = f"{problem}, {key}: CPU time in ms, and right-hand sides, to an error of {target:.0e}"
+    columns = "integrator", *(f"{k:.0e}" for k in stiffnesses)
+    return ResultTable(f"stiff-cost-{problem}-{key}-{target:.0e}", title, columns, rows)
+
+
+def _cheapest_at(
+    found: Sequence[Record], problem: str, key: str, k: float, target: float, integrator: str, *what
+) -> Record | None:
+    mine = select(found, KEY, problem=problem, formulation=key, stiffness=k)
+    return cheapest(mine, target, (integrator,), *what)
 
 
 def _crossovers(found: Sequence[Record]) -> ResultTable:
@@ -425,38 +417,33 @@ def _jacobians(found: Sequence[Record]) -> ResultTable:
             cells += [f"{plain:.4g}", f"{exact:.4g}", f"{1 - exact / plain:.0%}"]
         errors = (f"{r.errors['final']:.0e}" for r in pair)
         rows.append((integrator, f"{tolerance:.0e}", f"{k:.0e}", *cells, *errors))
-    return ResultTable(
-        "stiff-jacobians",
-        "SciPy, kane, damped: exact Jacobian beside finite differences",
-        (
-            *("integrator", "rtol", "k / (N m/rad)", "right-hand sides", "exact", "saved"),
-            *("CPU ms", "exact", "saved", "error", "exact"),
-        ),
-        rows,
-    )
+    heads = "right-hand sides", "exact", "saved", "CPU ms", "exact", "saved", "error", "exact"
+    title = "SciPy, kane, damped: exact Jacobian beside finite differences"
+    columns = "integrator", "rtol", "k / (N m/rad)", *heads
+    return ResultTable("stiff-jacobians", title, columns, rows)
 
 
 def _pairs(found: Sequence[Record]) -> Iterator[tuple[str, float, float, list[Record]]]:
     """Yield integrator, tolerance, stiffness, and the runs by finite differences and by exact
     Jacobian.
     """
-    for integrator in IN_SCIPY:
-        for tolerance, k in product(values(found, "tolerance"), values(found, "stiffness")):
-            how = {"integrator": integrator, "tolerance": tolerance, "stiffness": k}
-            pair = [run for way in JACOBIANS for run in select(found, KEY, jacobian=way, **how)]
-            if len(pair) == 2:
-                yield integrator, tolerance, k, pair
+    tolerances, stiffnesses = (values(found, name) for name in ("tolerance", "stiffness"))
+    for integrator, tolerance, k in product(IN_SCIPY, tolerances, stiffnesses):
+        mine = select(found, KEY, integrator=integrator, tolerance=tolerance, stiffness=k)
+        pair = [run for way in JACOBIANS for run in select(mine, jacobian=way)]
+        if len(pair) == 2:
+            yield integrator, tolerance, k, pair
 
 
 def _failures(found: Sequence[Record]) -> ResultTable:
     what = "problem", "formulation", "integrator"
-    failed = (r for r in found if r.study == KEY and r.status != "done")
+    failed = [r for r in found if r.study == KEY and r.status != "done"]
     alike = group(failed, lambda r: (*(r.settings[name] for name in what), r.reason))
     where = "{stiffness:.0e} at {tolerance:.0e}"
     rows = [
         (*key, "; ".join(where.format(**r.settings) for r in mine)) for key, mine in alike.items()
     ]
-    columns = ("joints", "formulation", "integrator", "reason", "k at rtol")
+    columns = ("joints", *what[1:], "reason", "k at rtol")
     title = "Runs that failed" if rows else "No run failed."
     return ResultTable("stiff-failed", title, columns, rows, widths=(2, 2, 2, 6, 6))
 
@@ -483,14 +470,15 @@ def _work_precision(found: Sequence[Record]) -> Chart:
             continue
         mine.sort(key=lambda r: -r.settings["tolerance"])
         lines = [
-            Line(
+            line_of(
                 integrator,
-                [run_cost(r) for r in line],
-                [max(r.errors["final"], r.errors["floor"]) for r in line],
-                [_hover_text(r) for r in line],
+                select(mine, integrator=integrator),
+                run_cost,
+                lambda r: max(r.errors["final"], r.errors["floor"]),
+                _hover_text,
             )
             for integrator in COMPILED
-            if (line := [r for r in mine if r.settings["integrator"] == integrator])
+            if integrator in values(mine, "integrator")
         ]
         x = Axis("CPU time / s", log=True)
         y = Axis(f"{problem}\nrelative error", log=True, range=(1e-13, 3.0))
@@ -516,18 +504,15 @@ def _hover_text(record: Record) -> list[str]:
 
 
 def _cost_over_stiffness(found: Sequence[Record]) -> Chart:
-    target = TARGETS[0]
+    target, stiffnesses = TARGETS[0], values(found, "stiffness")
     panels = {}
     for (what, label), problem in product(COSTS.items(), PROBLEMS):
         lines = []
         for integrator in COMPILED:
-            points = [
-                (k, run_cost(best, what))
-                for k in values(found, "stiffness")
-                if (best := _cheapest_at(found, problem, k, target, integrator, what))
-            ]
-            if points:
-                lines.append(Line(integrator, [k for k, _ in points], [y for _, y in points]))
+            where = ((problem, "kane", k, target, integrator, what) for k in stiffnesses)
+            if best := [run for one in where if (run := _cheapest_at(found, *one))]:
+                cost = partial(run_cost, what=what)
+                lines.append(line_of(integrator, best, lambda r: r.settings["stiffness"], cost))
         stiffness = crossover(found, target, problem, "kane", what)
         panels[label, problem] = Panel(
             STIFFNESS,
@@ -540,13 +525,6 @@ def _cost_over_stiffness(found: Sequence[Record]) -> Chart:
     return Chart("stiff-cost", title, ["cost", "joints"], panels, size=(4.4, 3.2))
 
 
-def _cheapest_at(
-    found: Sequence[Record], problem: str, k: float, target: float, integrator: str, what: str
-) -> Record | None:
-    mine = select(found, KEY, problem=problem, stiffness=k, formulation="kane")
-    return cheapest(mine, target, (integrator,), what)
-
-
 def _saved(found: Sequence[Record]) -> Chart:
     """Return the cost with exact Jacobians over that with finite differences: right-hand sides and
     time.
@@ -554,10 +532,11 @@ def _saved(found: Sequence[Record]) -> Chart:
     panels, pairs = {}, group(_pairs(found), lambda one: one[:2])
     for what, label in {RATES: RATES, "seconds": "CPU time"}.items():
         lines = [
-            Line(
+            line_of(
                 integrator,
-                [k for _, _, k, _ in line],
-                [run_cost(exact, what) / run_cost(plain, what) for *_, (plain, exact) in line],
+                line,
+                lambda one: one[2],
+                lambda one: run_cost(one[3][1], what) / run_cost(one[3][0], what),  # noqa: B023
                 label=f"{integrator}, rtol {tolerance:.0e}",
                 dashed=tolerance == max(t for _, t in pairs),
             )

@@ -13,19 +13,33 @@ from itertools import product
 from math import isnan
 from typing import Annotated
 
-from eomcheck.errors import InputError
 from eomcheck.evaluation.dynamics import velocity
 from eomcheck.formulations import formulations_for
 from eomcheck.lab.references import REFERENCE_CASES, stored_reference
-from eomcheck.lab.run_time import RUNS, prepare_motion, run_time, was_contended
+from eomcheck.lab.run_time import (
+    RUNS,
+    Judged,
+    check_tolerances,
+    motion_record,
+    prepare_motion,
+    was_contended,
+)
 from eomcheck.lab.show.chart import Axis, Chart, File, Line, Panel
 from eomcheck.lab.show.document_text import seconds_text
 from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.record_file import Record, Settings, by_setting, group, select, values
-from eomcheck.lab.study import REFERENCES, CellWorker, Formulations, References, Study
+from eomcheck.lab.study import (
+    REFERENCES,
+    CellWorker,
+    Formulations,
+    References,
+    Study,
+    cell_text,
+    line_of,
+)
 from eomcheck.motion.integrators import INTEGRATORS, integrator_of
 from eomcheck.motion.reference_io import Reference
-from eomcheck.motion.simulate import Motion, Trajectory, simulate
+from eomcheck.motion.simulate import Motion, Trajectory
 from eomcheck.motion.trajectory_errors import constraint_error_drift, energy_error_drift, errors_of
 from eomcheck.safe_output import counted
 
@@ -67,9 +81,7 @@ def cells(
         UnknownNameError: no such formulation or integrator.
     """
     integrators = [integrator_of(key).key for key in (integrator or INTEGRATORS)]
-    for one in tolerance or ():
-        if not 0 < one < 1:
-            raise InputError(f"tolerance = {one!r}, expected a number between 0 and 1")
+    check_tolerances(tolerance or ())
     # Tolerances innermost: the code compiled for the first one serves the others.
     for name in reference or ("paper-rest",):
         scene = stored_reference(name, references).scene
@@ -84,39 +96,31 @@ def worker(known: Sequence[Record], *, references: References = REFERENCES) -> C
     """
 
     @cache
-    def prepared(name: str, key: str) -> tuple[Reference, Motion, float]:
+    def prepared(name: str, key: str) -> tuple[Reference, tuple[Motion, float]]:
         reference = stored_reference(name, references)
         scene, q0, u0 = reference.scene, reference.q0, reference.u0
-        return reference, *prepare_motion(scene, key, q0, velocity(scene, q0, u0), u0)
+        return reference, prepare_motion(scene, key, q0, velocity(scene, q0, u0), u0)
 
     def work(settings: Settings) -> Record:
-        key, tolerance = settings["formulation"], settings["tolerance"]
-        reference, motion, compile_seconds = prepared(settings["reference"], key)
-        end, times = float(reference.times[-1]), {"output_times": reference.times}
-        options = {"integrator": settings["integrator"], "rtol": tolerance, "atol": tolerance}
-        start = {"q0": reference.q0, "u0": reference.u0}
-        found = simulate(reference.scene, key, end, **start, **times, **options)
-        counts = {"right-hand sides": found.right_hand_sides, "steps": found.steps}
-        if found.status != "finished":
-            return Record(STUDY.key, settings, "failed", found.reason, counts=counts)
-        taken = run_time(lambda: motion.solve(end, **times, **options), runs=RUNS)
-        return Record(
-            STUDY.key,
-            settings,
-            **taken.recorded(),
-            compile_seconds=compile_seconds,
-            counts=counts,
-            errors=asdict(errors_of(found, reference)) | _drifts(found),
-        )
+        reference, motion = prepared(settings["reference"], settings["formulation"])
+
+        def judge(found: Trajectory) -> Judged:
+            return asdict(errors_of(found, reference)) | _drifts(found), {}
+
+        return motion_record(STUDY.key, settings, motion, reference.times, judge, runs=RUNS)
 
     return work
 
 
+DRIFTS = {"constraint": constraint_error_drift, "energy": energy_error_drift}
+LAWS = {"drift": ".1e", "exponent": ".1f"}
+"""Number of a drift in a Record, behind the name of the error -> its format."""
+
+
 def _drifts(found: Trajectory) -> dict[str, float]:
-    drifts = {"constraint": constraint_error_drift(found), "energy": energy_error_drift(found)}
     errors: dict[str, float] = {}
-    for name, drift in drifts.items():
-        if drift is not None:
+    for name, drift_in in DRIFTS.items():
+        if (drift := drift_in(found)) is not None:
             errors |= {f"{name}_drift": drift.rate, f"{name}_exponent": drift.exponent}
     return errors
 
@@ -193,10 +197,11 @@ def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
         yield _targets(name, mine)
         yield _front(name, mine)
         yield _drift_laws(name, mine)
-    failed = [r for r in found if r.seconds is None]
-    rows = [(r.settings["reference"], *_run(r), r.status, r.reason) for r in failed]
-    columns = ("reference", "formulation", "integrator", "tolerance", "status", "reason")
+    rows = [
+        (r.settings["reference"], *_run(r), r.status, r.reason) for r in found if r.seconds is None
+    ]
     title = "Runs that did not finish" if rows else "All runs finished."
+    columns = "reference", *RUN, "status", "reason"
     yield ResultTable("work-precision-unfinished", title, columns, rows)
 
 
@@ -206,6 +211,10 @@ def remarks(found: Sequence[Record]) -> Iterator[str]:
         yield f"{name}: {summary(mine)}"
 
 
+RUN = ("formulation", "integrator", "tolerance")
+"""Headings of `_run`."""
+
+
 def _run(record: Record) -> tuple[str, ...]:
     """Return formulation, integrator and tolerance as text."""
     settings = record.settings
@@ -213,21 +222,21 @@ def _run(record: Record) -> tuple[str, ...]:
 
 
 def _targets(name: str, records: Sequence[Record]) -> ResultTable:
-    found = {target: _best(records, target) for target in TARGETS}
-    rows = []
-    for key in values(records, "formulation"):
-        cells = []
-        for best in found.values():
-            if key not in best:
-                cells += ["", "", ""]
-                continue
-            seconds, first = _seconds(best[key]), _seconds(next(iter(best.values())))
-            integrator = best[key].settings["integrator"]
-            cells += [seconds_text(seconds), integrator, f"{seconds / first:.3g}"]
-        rows.append((key, *cells))
+    rows: dict[str, tuple[str, ...]] = {key: (key,) for key in values(records, "formulation")}
+    for target in TARGETS:
+        best = _best(records, target)
+        for key in rows:
+            rows[key] += _beside_fastest(best[key], best) if key in best else ("", "", "")
     heads = (head for target in TARGETS for head in (f"{target:.0e}", "with", "ratio"))
     title = f"{name}: best time of a run whose end state is right to ..."
-    return ResultTable(f"work-precision-targets-{name}", title, ("formulation", *heads), rows)
+    columns = "formulation", *heads
+    return ResultTable(f"work-precision-targets-{name}", title, columns, [*rows.values()])
+
+
+def _beside_fastest(record: Record, best: dict[str, Record]) -> tuple[str, str, str]:
+    """Return run time, integrator, and the ratio to the fastest formulation, which comes first."""
+    seconds, fastest = _seconds(record), _seconds(next(iter(best.values())))
+    return seconds_text(seconds), record.settings["integrator"], f"{seconds / fastest:.3g}"
 
 
 def _front(name: str, records: Sequence[Record]) -> ResultTable:
@@ -235,7 +244,7 @@ def _front(name: str, records: Sequence[Record]) -> ResultTable:
     return ResultTable(
         f"work-precision-front-{name}",
         f"{name}: no run is both faster and more accurate than these",
-        ("formulation", "integrator", "tolerance", "run time", "error of the end state"),
+        (*RUN, "run time", "error of the end state"),
         [
             (*_run(r), seconds_text(_seconds(r)), f"{r.errors['final']:.1e}")
             for r in pareto_front(records)
@@ -245,20 +254,16 @@ def _front(name: str, records: Sequence[Record]) -> ResultTable:
 
 
 def _drift_laws(name: str, records: Sequence[Record]) -> ResultTable:
-    laws = {
-        f"{kind}_{law}": how
-        for kind in ("constraint", "energy")
-        for law, how in (("drift", ".1e"), ("exponent", ".1f"))
-    }
-    rows = [
-        (*_run(r), *(format(r.errors[x], how) if x in r.errors else "" for x, how in laws.items()))
-        for r in most_accurate(records).values()
-    ]
+    rows = []
+    for record in most_accurate(records).values():
+        laws = [record.errors.get(f"{error}_{law}") for error, law in product(DRIFTS, LAWS)]
+        formats = (*LAWS.values(), *LAWS.values())
+        rows.append((*_run(record), *map(cell_text, laws, formats)))
     heads = ("constraints, m/s per s", "t^", "energy, relative, per s", "t^")
     return ResultTable(
         f"work-precision-drift-{name}",
         f"{name}: drift in the most accurate run of each, and the power of time it goes with",
-        ("formulation", "integrator", "tolerance", *heads),
+        (*RUN, *heads),
         rows,
     )
 
@@ -329,19 +334,13 @@ def charts(found: Sequence[Record]) -> Iterator[Chart]:
 
 
 def _lines(records: Sequence[Record], error: str, against: str) -> list[Line]:
-    lines = []
+    timed, lines = against == "seconds", []
     for key, found in by_setting(select(records), "formulation").items():
         mine = sorted(found, key=lambda r: -r.settings["tolerance"])
-        timed = against == "seconds"
-        lines.append(
-            Line(
-                key,
-                [_seconds(r) if timed else r.counts[against] for r in mine],
-                [max(r.errors[error], NOTHING) for r in mine],
-                [_hover_text(r) for r in mine],
-                hollow=[timed and was_contended(r) for r in mine],
-            )
-        )
+        hollow = [timed and was_contended(r) for r in mine]
+        x = _seconds if timed else lambda r: r.counts[against]
+        y = lambda r: max(r.errors[error], NOTHING)  # noqa: E731
+        lines.append(line_of(key, mine, x, y, _hover_text, hollow=hollow))
     return lines
 
 

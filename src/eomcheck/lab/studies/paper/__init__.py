@@ -2,18 +2,347 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import product
 from pathlib import Path
 
+from eomcheck.formulations import FORMULATIONS
+from eomcheck.lab.show.chart import Axis, Chart, File, Line, Panel
+from eomcheck.lab.show.document_text import seconds_text
+from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.record_file import Record
-from eomcheck.lab.studies.paper import measure, show
-from eomcheck.lab.study import Study
+from eomcheck.lab.studies.operations.show import fit_order, signed_sum
+from eomcheck.lab.studies.paper import measure
+from eomcheck.lab.studies.paper.measure import (
+    LARGE,
+    PAPER_LINKS,
+    QUANTITIES,
+    PaperRecords,
+    Solver,
+    growth,
+)
+from eomcheck.lab.studies.paper.paper_claims import KANE, judgements
+from eomcheck.lab.study import Study, line_of, table_of
+from eomcheck.safe_output import counted
+
+POSES = (0.0, 0.2, 0.4, 0.6, 0.8)
+"""Times of the poses of Fig. 2, s."""
+NOTHING = 1e-18
+"""Ordinate at which norms of exactly 0 are drawn."""
+HEIGHT = 1 / 20
+"""Distance of the cross of an unfinished motion above the finished ones, as a share of the axis."""
+
+
+def tables(records: Iterable[Record]) -> list[ResultTable]:
+    """Return every table of the study."""
+    records = list(records)
+    found = PaperRecords(records)
+    sheets = [_table_i(found), _fig_2(found), _figs_3_and_4(found)]
+    for figure, quantity, unit in ((5, "constraint", "m/s"), (6, "energy", "J")):
+        title = f"Fig. {figure}: norm of the {QUANTITIES[quantity]} (Eqs. (32)-(33)), {unit}"
+        sheets.append(_over_links(found, f"paper-fig{figure}", title, quantity, "{:.1e}".format))
+    sheets += [_fig_7(found), _claims(records)]
+    return [sheet for sheet in sheets if sheet.rows]
+
+
+def remarks(records: Iterable[Record]) -> Iterator[str]:
+    """Yield the machines of the measurements, and the reasons of unfinished cells."""
+    records = list(records)
+    for machine in dict.fromkeys(map(_machine, records)):
+        yield f"Measured on {machine}."
+    for record in PaperRecords(records).unfinished:
+        yield f"{record.status}: {', '.join(_what(record))}: {record.reason}"
+
+
+def _machine(record: Record) -> str:
+    """Return the machine of a Record, such as "a CPU (2 cores), numpy 2.2"."""
+    libraries = ("numpy", "llvmlite", "CyRK")
+    versions = [f"{name} {record.versions.get(name, '?')}" for name in libraries]
+    cpu, cores = record.machine["cpu"], record.machine["cores"]
+    return ", ".join((f"{cpu} ({cores} cores)", *versions))
+
+
+def _what(record: Record) -> list[str]:
+    settings = record.settings
+    what = [settings["formulation"], counted(settings["links"], "link")]
+    if settings["cell"] == "motion":
+        what.append(str(Solver(settings["integrator"], settings["tolerance"])))
+    return what
+
+
+# ---- Table I, and the robot of Figs. 2 to 4 ------------------------------------------------------
+
+
+def _table_i(found: PaperRecords) -> ResultTable:
+    rows = []
+    for key in found.formulations:
+        f = FORMULATIONS[key]
+        solved = {n: record.counts for (n, other), record in found.solved.items() if other == key}
+        if not solved:
+            continue
+        last = solved[max(solved)]
+        systems = [name for name in last if name.startswith("order of ")]
+        orders = (
+            f"{name.removeprefix('order of ')}: {_order(solved.values(), name)}" for name in systems
+        )
+        solving = (f.order_text, ", then ".join(orders), f"{last['final system']}")
+        multipliers = ("yes" if x else "no" for x in (f.multipliers_in_paper, last["multipliers"]))
+        rows.append((key, *solving, f"{f.level} level", *multipliers))
+    largest = max((links for links, _ in found.equations), default=0)
+    columns = (
+        *("formulation", "number of equations (paper)", "systems really solved"),
+        *(f"last one at N = {largest}", "constraints at"),
+        *("multipliers (paper)", "multipliers (here)"),
+    )
+    return ResultTable("paper-table1", "Table I, with the systems really solved", columns, rows)
+
+
+def _order(counts: Iterable[dict[str, int]], name: str) -> str:
+    """Return the order of a system in n and r, or all orders if none fits."""
+    known = [(one["n"], one["r"], one[name]) for one in counts]
+    fitted = fit_order(known)
+    if fitted is None:
+        return ", ".join(str(order) for _, _, order in known)
+    return signed_sum([(str(factor), of) for factor, of in zip(fitted, "nr", strict=True)], "")
+
+
+def _fig_2(found: PaperRecords) -> ResultTable:
+    rows = []
+    if (record := robot_motion(found)) is not None:
+        for pose in POSES:
+            q = record.series["q"][_nearest(record.series["times"], pose)]
+            rows.append((f"{pose:g}", *(f"{x:.6f}" for x in q)))
+    angles = (f"θ_{i + 1} / rad" for i in range(PAPER_LINKS))
+    title = f"Fig. 2: five poses of the robot, by {KANE}"
+    return ResultTable("paper-fig2", title, ("t / s", "x / m", "y / m", *angles), rows)
+
+
+def robot_motion(found: PaperRecords) -> Record | None:
+    """Return the motion of Fig. 2: the paper's robot by Kane's method and the last solver."""
+    motions = (found.finished(PAPER_LINKS, KANE, solver) for solver in reversed(found.solvers))
+    return next(filter(None, motions), None)
+
+
+def _nearest(times: Sequence[float], time: float) -> int:
+    return min(range(len(times)), key=lambda i: abs(times[i] - time))
+
+
+def _figs_3_and_4(found: PaperRecords) -> ResultTable:
+    rows = []
+    for solver, key in product(found.solvers, found.formulations):
+        if record := found.finished(PAPER_LINKS, key, solver):
+            numbers = []
+            for error in ("constraint", "energy"):
+                numbers += [max(map(abs, record.series[error])), record.errors[error]]
+            rows.append((str(solver), key, *(f"{number:.2e}" for number in numbers)))
+    heads = ("constraint error, largest, m/s", "norm, m/s", "energy error, largest, J", "norm, J")
+    title = f"Figs. 3 and 4: errors of the robot of {PAPER_LINKS} links"
+    return ResultTable("paper-fig3-4", title, ("solver", "formulation", *heads), rows)
+
+
+# ---- Figs. 5 to 7, and the claims ----------------------------------------------------------------
+
+
+def _over_links(
+    found: PaperRecords,
+    name: str,
+    title: str,
+    quantity: str,
+    text: Callable[[float], str],
+    over: str | None = None,
+) -> ResultTable:
+    """Return a quantity by solver, N and formulation; in brackets its ratio to that of `over`."""
+    rows = []
+    for solver, links in product(found.solvers, found.links):
+        of = {key: found.value(quantity, links, key, solver) for key in found.formulations}
+        ours = of.get(over or "")
+        cells = []
+        for key, value in of.items():
+            ratio = f" ({_short(value / ours)})" if value and ours and key != over else ""
+            cells.append("-" if value is None else f"{text(value)}{ratio}")
+        rows.append((str(solver), str(links), *cells))
+    return ResultTable(name, title, ("solver", "N", *found.formulations), rows)
+
+
+def _fig_7(found: PaperRecords) -> ResultTable:
+    title = f"Fig. 7: CPU time (its ratio to that of {KANE}); it grows as N^p from N = {LARGE} on"
+    sheet = _over_links(found, "paper-fig7", title, "cpu_seconds", seconds_text, KANE)
+    slopes = [growth(found, key) for key in found.formulations]
+    powers = []
+    for i, solver in enumerate(found.solvers):
+        cells = [f"{of[i]:.2f}" if len(of) == len(found.solvers) else "-" for of in slopes]
+        powers.append((str(solver), "N^p", *cells))
+    return sheet._replace(rows=[*sheet.rows, *powers])
+
+
+def _short(ratio: float) -> str:
+    return f"{ratio:.1f}" if ratio < 99.95 else f"{ratio:.0f}"
+
+
+def _claims(records: Iterable[Record]) -> ResultTable:
+    columns = (
+        ("where", lambda one: one.claim.place),
+        ("what the paper says", lambda one: one.claim.says),
+        ("measured here", lambda one: one.measured),
+        ("verdict", lambda one: one.verdict),
+        ("why", lambda one: one.why),
+    )
+    widths = (2, 5, 8, 2, 6)
+    made = judgements(records)
+    return table_of("paper-claims", "The paper's claims", made, columns, widths=widths)
+
+
+# ---- Charts --------------------------------------------------------------------------------------
+
+NORMS = {
+    "constraint": Axis("norm of the constraint error / (m/s)", log=True),
+    "energy": Axis("norm of the energy error / J", log=True),
+    "cpu_seconds": Axis("CPU time of a motion / s", log=True),
+}
+LINKS = Axis("number of links N", log=True, ticks=(2, 5, 10, 20, 50, 100))
+TIME = Axis("t / s")
+OVER_TIME = {
+    "constraint error": (
+        Axis("constraint error ‖c‖ / (m/s)", log=True),
+        Axis("enlarged / (m/s)", own=True),
+    ),
+    "energy error": (
+        Axis("energy error |T + U - E₀| / J", log=True),
+        Axis("enlarged: (T + U - E₀) / J", own=True),
+    ),
+}
+PARTS = "all formulations", "velocity level, enlarged"
+
+
+def charts(records: Iterable[Record]) -> Iterator[Chart]:
+    """Yield Figs. 5 to 7, and Figs. 3 and 4 if the paper's robot is among the motions."""
+    found = PaperRecords(records)
+    solvers = [*map(str, found.solvers)]
+    if not solvers:
+        return
+    width = max(3.4, 5.4 / len(solvers))
+    yield Chart(
+        "paper",
+        "Figs. 5 to 7: one line a formulation, one point a number of links",
+        ["quantity", "solver"],
+        {
+            (label, str(solver)): Panel(
+                LINKS,
+                NORMS[quantity],
+                [*_norms(found, quantity, solver), *_unfinished(found, quantity, solver)],
+                str(solver),
+                legend=quantity == "cpu_seconds",
+            )
+            for (quantity, label), solver in product(QUANTITIES.items(), found.solvers)
+        },
+        size=(width, 3.5),
+        parts=[
+            File(f"paper-fig{figure}", label, [[(label, solver) for solver in solvers]])
+            for figure, label in enumerate(QUANTITIES.values(), 5)
+        ],
+    )
+    if PAPER_LINKS in found.links:
+        yield _over_time(found, solvers, width)
+
+
+def _norms(found: PaperRecords, quantity: str, solver: Solver) -> Iterator[Line]:
+    """Yield a line per formulation; labels of CPU times contain the fitted power of N."""
+    for key in found.formulations:
+        powers = growth(found, key) if quantity == "cpu_seconds" else []
+        fitted = len(powers) == len(found.solvers)
+        yield line_of(
+            key,
+            [r for links in found.links if (r := found.finished(links, key, solver))],
+            _links,
+            lambda r: max(
+                found.value(quantity, _links(r), r.settings["formulation"], solver) or 0.0, NOTHING
+            ),
+            _hover_text,
+            label=f"{key} ~ N$^{{{powers[found.solvers.index(solver)]:.2f}}}$" if fitted else key,
+        )
+
+
+def _links(record: Record) -> int:
+    return record.settings["links"]
+
+
+def _unfinished(found: PaperRecords, quantity: str, solver: Solver) -> Iterator[Line]:
+    """Yield crosses for unfinished motions, each above all values at the same number of links."""
+    points = product(found.links, found.formulations, found.solvers)
+    known = {at: max(x, NOTHING) for at in points if (x := found.value(quantity, *at)) is not None}
+    least, most = (end(known.values(), default=1.0) for end in (min, max))
+    step, height = (most / least) ** HEIGHT, dict.fromkeys(found.links, least)
+    for (links, _, by), value in known.items():
+        if by == solver:
+            height[links] = max(height[links], value)
+    for key in found.formulations:
+        mine = {"cell": "motion", "formulation": key} | solver._asdict()
+        failed = [one for one in found.unfinished if mine.items() <= one.settings.items()]
+        for one in failed:
+            height[_links(one)] *= step
+        if failed:
+            yield line_of(
+                key,
+                failed,
+                _links,
+                lambda one: height[_links(one)],
+                lambda one: [", ".join(_what(one)), f"{one.status}: {one.reason}"],
+                label="not finished",
+                appearance="crosses",
+            )
+
+
+def _hover_text(record: Record) -> list[str]:
+    settings = record.settings
+    return [
+        f"{settings['formulation']}, N = {settings['links']}",
+        f"{settings['integrator']}, tolerance {settings['tolerance']:.0e}, {record.status}",
+        f"CPU time {seconds_text(record.cpu_seconds or 0.0)}",
+        f"constraint error {record.errors['constraint']:.2e} m/s",
+        f"energy error {record.errors['energy']:.2e} J",
+        ", ".join(f"{value} {name}" for name, value in record.counts.items()),
+    ]
+
+
+def _over_time(found: PaperRecords, solvers: Sequence[str], width: float) -> Chart:
+    """Return the chart of the robot's errors: all formulations, and enlarged those at velocity
+    level.
+    """
+    panels = {}
+    for (error, axes), solver in product(OVER_TIME.items(), found.solvers):
+        for part, y in zip(PARTS, axes, strict=True):
+            lines = []
+            for i, key in enumerate(found.formulations):
+                record = found.finished(PAPER_LINKS, key, solver)
+                if record is None:
+                    continue
+                times, values = record.series["times"], record.series[error.split()[0]]
+                if y.log:
+                    times, values = times[1:], [abs(value) for value in values[1:]]
+                elif FORMULATIONS[key].level != "velocity":
+                    continue
+                # Where lines coincide, their markers are set apart.
+                lines.append(Line(key, times, values, every=(3 * i, 3 * len(FORMULATIONS))))
+            panels[error, part, str(solver)] = Panel(TIME, y, lines, str(solver))
+    return Chart(
+        "paper-robot",
+        f"Figs. 3 and 4: errors of the robot of {PAPER_LINKS} links over time",
+        ["error", "shown", "solver"],
+        panels,
+        size=(width, 2.8),
+        parts=[
+            File(
+                f"paper-fig{figure}", error, [[(error, part, s) for s in solvers] for part in PARTS]
+            )
+            for figure, error in enumerate(OVER_TIME, 3)
+        ],
+    )
 
 
 def _files(found: Sequence[Record], folder: Path) -> list[Path]:
     from eomcheck.lab.studies.paper.robot import write_robot
 
-    return write_robot(found, folder)
+    return write_robot(robot_motion(PaperRecords(found)), folder)
 
 
 STUDY = Study(
@@ -21,9 +350,9 @@ STUDY = Study(
     cells=measure.cells,
     label="measuring {case}",
     worker=measure.worker,
-    tables=show.tables,
-    charts=show.charts,
-    remarks=show.remarks,
+    tables=tables,
+    charts=charts,
+    remarks=remarks,
     files=_files,
     reading="The snake of growing length by the paper's seven formulations, from rest over 1 s: "
     "norms of the errors over the output times (Eqs. (32) and (33)), and CPU time.",

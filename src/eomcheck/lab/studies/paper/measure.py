@@ -23,11 +23,10 @@ from eomcheck.evaluation.dynamics import acceleration, velocity
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.violations import violation
 from eomcheck.formulations import FORMULATIONS, formulation_of
-from eomcheck.lab.run_time import prepare_motion, run_time, slope
+from eomcheck.lab.run_time import Judged, motion_record, prepare_motion, slope
 from eomcheck.lab.store.record_file import Record, Settings
 from eomcheck.lab.study import CellWorker
-from eomcheck.motion.integrators import Steps
-from eomcheck.motion.simulate import Motion, trajectory_of
+from eomcheck.motion.simulate import Motion, Trajectory
 from eomcheck.motion.trajectory_errors import constraint_error, energy_error, error_norm
 from eomcheck.numbers.linear import recording_solves
 from eomcheck.scenes import Snake
@@ -111,8 +110,7 @@ def worker(known: Sequence[Record], *, quick: Quick = False) -> CellWorker:
     def work(settings: Settings) -> Record:
         if settings["cell"] == "equations":
             return _equations(settings)
-        motion = prepared(settings["links"], settings["formulation"])
-        return _simulate(settings, *motion, runs)
+        return _simulate(settings, prepared(settings["links"], settings["formulation"]), runs)
 
     return work
 
@@ -158,46 +156,27 @@ def _equations(settings: Settings) -> Record:
 # ---- One motion ----------------------------------------------------------------------------------
 
 
-def _simulate(settings: Settings, motion: Motion, compile_seconds: float, runs: int) -> Record:
-    end, tolerance = settings["end"], settings["tolerance"]
-    options = {
-        "output_times": np.linspace(0.0, end, settings["outputs"]),
-        "integrator": settings["integrator"],
-        "rtol": tolerance,
-        "atol": tolerance,
-    }
-    every = motion.every_step(end, **options)
-    steps: list[Steps] = []
-    taken = run_time(lambda: steps.append(motion.solve(end, **options)), runs, 2, LONG)
-    solver = settings["integrator"], tolerance, tolerance
-    found = trajectory_of(motion, steps[-1], *solver, taken.seconds, every)
-    counts = {
-        "right-hand sides": found.right_hand_sides,
-        "steps": found.steps,
-        "state": motion.y0.size,
-    }
-    if found.status != "finished":
-        return Record(STUDY, settings, "failed", found.reason, counts=counts)
-    constraint, energy = constraint_error(found), energy_error(found)
-    states = zip(found.q, found.v, strict=True)
-    rounding = [violation(Evaluation(motion.scene, q, v), v)[1] for q, v in states]
-    series = {"times": found.times, "constraint": constraint, "energy": energy}
-    if settings["links"] == PAPER_LINKS:
-        series["q"] = found.q
-    return Record(
-        STUDY,
-        settings,
-        **taken.recorded(),
-        compile_seconds=compile_seconds,
-        counts=counts,
-        errors={
+def _simulate(settings: Settings, prepared: tuple[Motion, float], runs: int) -> Record:
+    scene = prepared[0].scene
+
+    def judge(found: Trajectory) -> Judged:
+        constraint, energy = constraint_error(found), energy_error(found)
+        states = zip(found.q, found.v, strict=True)
+        rounding = [violation(Evaluation(scene, q, v), v)[1] for q, v in states]
+        errors = {
             "constraint": error_norm(constraint),
             "constraint allowed": error_norm(np.array(rounding)),
             "energy": error_norm(energy),
             "initial energy": found.energy[0],
-        },
-        series={name: value.tolist() for name, value in series.items()},
-    )
+        }
+        series = {"times": found.times, "constraint": constraint, "energy": energy}
+        if settings["links"] == PAPER_LINKS:
+            series["q"] = found.q
+        return errors, {name: values.tolist() for name, values in series.items()}
+
+    times, size = np.linspace(0.0, settings["end"], settings["outputs"]), prepared[0].y0.size
+    how = {"runs": runs, "fewest": 2, "long": LONG}
+    return motion_record(STUDY, settings, prepared, times, judge, {"state": size}, **how)
 
 
 # ---- The Records, by cell ------------------------------------------------------------------------

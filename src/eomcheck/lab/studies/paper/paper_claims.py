@@ -37,6 +37,7 @@ Verdict = Literal["holds", "holds partly", "does not hold here", "not measured"]
 CLEAR = 2.0
 UNFORESEEN = "Not foreseen: no reason is known."
 NOTHING = "Nothing to compare."
+GOOD = "GOOD of OF"
 
 KANE, ML = kane.KANE.key, ml.ML.key
 
@@ -193,6 +194,19 @@ def share(good: Iterable[bool]) -> tuple[int, int]:
     return sum(flags), len(flags)
 
 
+def counted_evidence(good: Iterable[bool], measured: str) -> Evidence:
+    """Return evidence of flags; `GOOD` in its sentence stands for "3 of 4"."""
+    count, of = share(good)
+    return Evidence(count, of, measured.replace(GOOD, f"{count} of {of}"))
+
+
+def at_most_links(found: PaperRecords, values: dict[tuple[int, str], int]) -> str:
+    """Return the values (links, key) -> value at the largest number of links, as text."""
+    largest = max(found.links, default=0)
+    text = ", ".join(f"{key} {x}" for (links, key), x in values.items() if links == largest)
+    return f"At N = {largest}: {text}."
+
+
 # ---- Equations: Table I, Secs. 1 to 10 -----------------------------------------------------------
 
 
@@ -227,14 +241,12 @@ def _states(found: PaperRecords) -> Evidence:
     sizes = {
         (links, key): record.counts["state"] for (links, key, _), record in found.motions.items()
     }
-    good = []
-    for (links, key), size in sizes.items():
-        i, j = printed[key]
-        good.append(size == i * (links + 2) + j * links)
-    largest = max(found.links, default=0)
-    text = ", ".join(f"{key} {size}" for (links, key), size in sizes.items() if links == largest)
-    count, of = share(good)
-    return Evidence(count, of, f"As printed in {count} of {of} cases. At N = {largest}: {text}.")
+    good = [
+        size == i * (links + 2) + j * links
+        for (links, key), size in sizes.items()
+        for i, j in [printed[key]]
+    ]
+    return counted_evidence(good, f"As printed in {GOOD} cases. {at_most_links(found, sizes)}")
 
 
 @paper_claim(
@@ -244,22 +256,14 @@ def _states(found: PaperRecords) -> Evidence:
     "and one of order r, which the table does not count.",
 )
 def _orders(found: PaperRecords) -> Evidence:
-    good, of = share(
-        record.counts["final system"]
-        == FORMULATIONS[key].unknowns(record.counts["n"], record.counts["r"])
-        for (_, key), record in found.solved.items()
-    )
-    largest = max(found.links, default=0)
-    orders = ", ".join(
-        f"{key} {record.counts['final system']}"
-        for (links, key), record in found.solved.items()
-        if links == largest
-    )
-    return Evidence(
-        good,
-        of,
-        f"The last system has this order in {good} of {of} cases. At N = {largest}: {orders}.",
-    )
+    counts = {where: record.counts for where, record in found.solved.items()}
+    orders = {where: one["final system"] for where, one in counts.items()}
+    good = [
+        orders[links, key] == FORMULATIONS[key].unknowns(one["n"], one["r"])
+        for (links, key), one in counts.items()
+    ]
+    text = f"The last system has this order in {GOOD} cases. {at_most_links(found, orders)}"
+    return counted_evidence(good, text)
 
 
 @paper_claim(
@@ -309,21 +313,14 @@ def _multipliers(found: PaperRecords) -> Evidence:
 )
 def _order_tells_time(found: PaperRecords) -> Evidence:
     orders = {key: FORMULATIONS[key].order for key in found.formulations}
-    pairs = [(x, y) for x, y in product(orders, orders) if x != y]
     size = {key: FORMULATIONS[key].unknowns(102, 100) for key in orders}
-    larger = [
-        ratio
-        for x, y in pairs
-        if size[x] > size[y]
-        for ratio in ratios_of(found, "cpu_seconds", [x], [y])
-    ]
-    equal = [
-        ratio
-        for x, y in pairs
-        if orders[x] == orders[y]
-        for ratio in ratios_of(found, "cpu_seconds", [x], [y])
-        if ratio.times >= 1
-    ]
+
+    def ratios(pairs: Iterable[tuple[str, str]]) -> list[Ratio]:
+        return [r for x, y in pairs for r in ratios_of(found, "cpu_seconds", [x], [y])]
+
+    pairs = [(x, y) for x, y in product(orders, orders) if x != y]
+    larger = ratios((x, y) for x, y in pairs if size[x] > size[y])
+    equal = [r for r in ratios(p for p in pairs if orders[p[0]] == orders[p[1]]) if r.times >= 1]
     if not larger or not equal:
         return Evidence(0, 0, NOTHING)
     slower, alike = share(r.times > 1 for r in larger), share(r.times <= CLEAR for r in equal)
@@ -351,11 +348,9 @@ def _kane_is_ml(found: PaperRecords) -> Evidence:
             shares.append(float(apart / (one.errors["bound"] + other.errors["bound"])))
     if not shares:
         return Evidence(0, 0, NOTHING)
-    good, of = share(share <= 1 for share in shares)
-    return Evidence(
-        good,
-        of,
-        f"In {good} of {of} states, one for each N, q̈ is the same within the bounds of rounding; "
+    return counted_evidence(
+        (share <= 1 for share in shares),
+        f"In {GOOD} states, one for each N, q̈ is the same within the bounds of rounding; "
         f"the largest difference is {max(shares):.1g} of what they allow.",
     )
 
@@ -534,23 +529,20 @@ def _grows(found: PaperRecords) -> Evidence:
     "which it does not say.",
 )
 def _ten_times(found: PaperRecords) -> Evidence:
-    ratios = ratios_of(found, "cpu_seconds", other_formulations(found), [KANE])
+    others = other_formulations(found)
+    ratios = ratios_of(found, "cpu_seconds", others, [KANE])
     if not ratios:
         return Evidence(0, 0, NOTHING)
-    good, of = share(10 / CLEAR <= ratio.times <= 10 * CLEAR for ratio in ratios)
     passes = []
     for solver in found.solvers:
         for links in found.links:
-            at_links = ratios_of(
-                found, "cpu_seconds", other_formulations(found), [KANE], [(links, solver)]
-            )
-            if at_links and mean(ratio.times for ratio in at_links) > 10:
+            here = ratios_of(found, "cpu_seconds", others, [KANE], [(links, solver)])
+            if here and mean(ratio.times for ratio in here) > 10:
                 passes.append(f"N = {links} ({solver})")
                 break
-    return Evidence(
-        good,
-        of,
-        f"{good} of {of} ratios lie between {10 / CLEAR:g} and {10 * CLEAR:g}; they go from "
+    return counted_evidence(
+        (10 / CLEAR <= ratio.times <= 10 * CLEAR for ratio in ratios),
+        f"{GOOD} ratios lie between {10 / CLEAR:g} and {10 * CLEAR:g}; they go from "
         f"{min(ratios)} to {max(ratios)}, median {median(r.times for r in ratios):.3g}. The mean "
         f"over the methods first exceeds 10 at {', '.join(passes) or 'no N'}.",
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +13,8 @@ from eomcheck.lab.show.chart_matplotlib import save_chart
 from eomcheck.lab.show.pyplot import plt
 from eomcheck.lab.show.sketch_drawing import link_ends
 from eomcheck.lab.store.record_file import Record
-from eomcheck.lab.studies.paper.measure import PAPER_LINKS, PaperRecords, coil_of
-from eomcheck.lab.studies.paper.show import POSES, robot
+from eomcheck.lab.studies.paper import POSES
+from eomcheck.lab.studies.paper.measure import PAPER_LINKS, coil_of
 
 FRAMES_PER_SECOND = 10
 EVERY = 2
@@ -24,9 +23,8 @@ GREYS = ("0.78", "0.62", "0.46", "0.3", "0.0")
 """Greys of the poses of Fig. 2, the last one darkest."""
 
 
-def write_robot(records: Iterable[Record], folder: Path) -> list[Path]:
-    """Draw the poses and the animation, if the motion is among the Records; return the files."""
-    record = robot(PaperRecords(records))
+def write_robot(record: Record | None, folder: Path) -> list[Path]:
+    """Draw the poses and the animation of a motion, if there is one; return the files."""
     if record is None:
         return []
     poses, moving = folder / "paper-fig2.png", folder / "paper-fig2.gif"
