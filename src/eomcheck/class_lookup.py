@@ -81,18 +81,25 @@ def class_named(kind: LookupKind[T], name: object) -> type[T]:
     return _class_in(_installed(value.partition(":")[0]), value.partition(":")[2], kind, value)
 
 
-def object_named(name: str) -> Any:
+def object_named(name: str, required: bool = False) -> Any:
     """Return the object `path/to/file.py:NAME` or `package.module:NAME`; None for other names.
 
+    Args:
+        name: name of the object.
+        required: reject a NAME that does not exist; otherwise the object is None.
+
     Raises:
-        InputError: no such file or module, or it cannot be run.
+        InputError: no such file or module, it cannot be run, or no such NAME.
     """
     code = home_of_code(name)
     if code is None:
         return None
     home, of = code
-    module = _in_file(Path(home)) if home.endswith(".py") else _installed(home)
-    return getattr(module, of, None)
+    names = vars(_in_file(Path(home)) if home.endswith(".py") else _installed(home))
+    if required and of not in names:
+        public = [key for key in names if not key.startswith("_")]
+        raise InputError(f"{home!r} has no {of!r}{did_you_mean(of, public)}")
+    return names.get(of)
 
 
 def home_of_code(name: object) -> tuple[str, str] | None:

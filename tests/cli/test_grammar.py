@@ -262,7 +262,7 @@ def test_functions_where_a_scene_is_expected_are_told_where_to_go(
     assert run(command, "--scene", name, monkeypatch=monkeypatch) == 2
     said = capsys.readouterr().err
     assert f"good in 'fun_{command}.py' is no scene" in said
-    assert f"`eomcheck fuzz --scene {name}`" in said and "check_functions" in said
+    assert f"`eomcheck fuzz --scene {name}`" in said and f"eomcheck.check({name!r})" in said
     other = name.replace("good", "other")
     assert run(command, "--scene", other, monkeypatch=monkeypatch) == 2
     assert "has no scene 'other'; it has: none" in capsys.readouterr().err

@@ -520,7 +520,7 @@ def test_an_engine_that_does_not_represent_the_scene_is_refused():
 
 
 def test_functions_in_a_dict_are_no_reference_and_it_is_said_what_is():
-    with pytest.raises(InputError, match=r"Functions; of functions make Functions\(n, M=M, ...\)"):
+    with pytest.raises(InputError, match=r"of functions make one: EquationsOfMotion\(n, M"):
         check_functions(2, M=lambda q: np.eye(2), against={"M": np.eye})
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,12 +11,12 @@ import numpy as np
 import pytest
 
 from eomcheck.claims.registry import FUNCTION_CLAIMS, ClaimRegistry, FunctionClaim, has_any
-from eomcheck.engines import Engine
+from eomcheck.engines import ENGINES, Engine
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import SCENES, Sleigh, Snake, TurntableBall
-from eomcheck.testing import EquationsOfMotion, function_checks
+from eomcheck.testing import EquationsOfMotion, check, function_checks
 from eomcheck.testing.converters import from_engine, from_scene, reference_functions
 from eomcheck.testing.equations_of_motion import (
     INPUTS,
@@ -294,15 +295,67 @@ def test_an_engine_gives_what_it_overrides_and_constraints_only_where_there_are_
 
 @pytest.mark.parametrize(
     ("against", "hint"),
-    [(3, ""), ({"M": 1}, "; of functions make Functions(n, M=M, ...)"), (("casadi", 3), "")],
+    [
+        (3, ""),
+        ({"M": 1}, "; of functions make one: EquationsOfMotion(n, M=M, ...)"),
+        (("casadi", 3), ""),
+    ],
 )
 def test_what_nothing_can_be_compared_with_is_refused_in_a_sentence(against, hint):
     with pytest.raises(InputError) as error:
         reference_functions(against)
     assert str(error.value) == (
         f"against = {against!r}, expected a scene, an engine made for one, (engine, scene), or "
-        f"Functions{hint}"
+        f"EquationsOfMotion{hint}"
     )
+
+
+@pytest.mark.parametrize(
+    ("subject", "message"),
+    [
+        (Sleigh, "a scene class: eomcheck.validate and eomcheck.check_state check a scene of it"),
+        (
+            Sleigh.example(),
+            "a scene: eomcheck.validate checks it in random states, eomcheck.check_state in one",
+        ),
+        (
+            ENGINES["casadi"],
+            "an engine: eomcheck.validate(scene, engines=[...]) compares it with a scene",
+        ),
+        ({"M": len}, "a dict: of functions call eomcheck.testing.check_functions(n, **functions)"),
+        (
+            len,
+            "a single function: call eomcheck.testing.check_functions(n, M=...), or bias=...",
+        ),
+        (
+            "sleigh",
+            "expected EquationsOfMotion, a KanesMethod or LagrangesMethod of SymPy, or the name "
+            "FILE.py:NAME of one",
+        ),
+    ],
+)
+def test_each_wrong_subject_of_a_check_is_told_what_checks_it(subject: Any, message: str):
+    with pytest.raises(InputError) as error:
+        check(subject)
+    assert str(error.value) == f"subject = {subject!r}, {message}"
+
+
+def test_a_name_that_a_file_has_not_is_reported_with_the_nearest_one(tmp_path: Path):
+    file = tmp_path / "swing.py"
+    file.write_text("pendulum = {}\n")
+    with pytest.raises(InputError) as error:
+        check(f"{file}:pendulm")
+    assert str(error.value) == f"{str(file)!r} has no 'pendulm' (did you mean 'pendulum'?)"
+    with pytest.raises(InputError, match="a dict: of functions call "):
+        check(f"{file}:pendulum")
+
+
+def test_numbers_of_a_model_that_are_no_keyword_are_told_their_keyword():
+    with pytest.raises(InputError) as error:
+        check(EquationsOfMotion(1, M=len), {"m": 1})
+    assert str(error.value) == "numbers of a SymPy model are parameters={'m': 1}"
+    with pytest.raises(InputError, match=r"^arguments 1, 2: of a scene alone"):
+        check(EquationsOfMotion(1, M=len), 1, 2)
 
 
 def test_what_functions_are_compared_with_may_be_given_in_four_ways():

@@ -251,6 +251,22 @@ def test_sympy_can_be_what_functions_are_compared_with():
         (lambda: from_lagrange(3), "lagrange = 3, expected a sympy.physics.mechanics.Lagranges"),
         (lambda: from_kane(disc(), {m: 1.0}), "parameters of kane have no number for g, r"),
         (
+            lambda: from_kane(disc(), NUMBERS | {m: "a"}),
+            "parameters of kane have m: 'a', expected a finite real number",
+        ),
+        (
+            lambda: from_lagrange(pendulum(False), NUMBERS | {r: float("nan")}),
+            "parameters of lagrange have r: nan, expected a finite real number",
+        ),
+        (
+            lambda: from_kane(disc(), NUMBERS | {g: m}),
+            "parameters of kane have g: m, expected a finite real number",
+        ),
+        (
+            lambda: from_kane(disc(), 3),  # type: ignore[arg-type]
+            "parameters = 3, expected a dict, symbol -> number",
+        ),
+        (
             lambda: from_lagrange(pendulum(False), {}),
             "parameters of lagrange have no number for g, m, r",
         ),

@@ -28,7 +28,7 @@ EXIT_CODES = {
 QUESTION = "are equations of motion right, how accurate are they, what do they cost?"
 
 QUICK_START = {
-    "your functions: M, bias and so on": "eomcheck.testing.check_functions(...)",
+    "your functions: M, bias and so on": "eomcheck.check(...)",
     "your engine": "eomcheck validate --engine FILE:CLASS",
     "a scene: built-in, yours, a URDF": "eomcheck validate --scene SCENE",
     "all at once": "eomcheck validate",

@@ -27,7 +27,10 @@ amount and with the worst signs."""
 
 
 def violation(at: Evaluation, v: Array) -> tuple[Array, Array]:
-    """Return (a v + b, its allowed rounding error), each (r,), m/s; `at` has constraints."""
+    """Return the signed residual a v + b and its allowed rounding error, each (r,), m/s.
+
+    `at` has constraints.
+    """
     a, b = at.terms.a, at.terms.b
     with np.errstate(all="ignore"):
         residual = a @ v if b is None else a @ v + b

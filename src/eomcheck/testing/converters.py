@@ -8,13 +8,15 @@ and `LagrangesMethod` become functions of arrays: their symbolic expressions are
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
+from math import isfinite
 from typing import Any
 
 import numpy as np
 
 from eomcheck.class_lookup import object_named
 from eomcheck.engines import Answers, Engine, EngineFault, engine_of, make_engine, represents
-from eomcheck.errors import InputError, required
+from eomcheck.errors import InputError, required, safe_repr
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS, formulations_among
 from eomcheck.mechanics.scene import Scene, checked_scene
@@ -137,10 +139,14 @@ def reference_functions(against: Any) -> EquationsOfMotion:
                 raise InputError(f"against = {kind.key}: {fault.what}") from fault
     if hasattr(against, "mass_matrix") and hasattr(against, "scene"):
         return from_engine(against)
-    hint = "; of functions make Functions(n, M=M, ...)" if isinstance(against, Mapping) else ""
+    hint = (
+        "; of functions make one: EquationsOfMotion(n, M=M, ...)"
+        if isinstance(against, Mapping)
+        else ""
+    )
     raise InputError(
         f"against = {against!r}, expected a scene, an engine made for one, (engine, scene), or "
-        f"Functions{hint}"
+        f"EquationsOfMotion{hint}"
     )
 
 
@@ -160,11 +166,16 @@ class _Numbers:
     def __init__(self, what: str, q: Any, v: Any, parameters: Mapping[Any, float] | None):
         self._sympy = required("sympy", "sympy")
         self.what = what
+        if not isinstance(parameters, Mapping | None):
+            shown = safe_repr(parameters)
+            raise InputError(f"parameters = {shown}, expected a dict, symbol -> number")
         symbols = [self._sympy.Dummy(str(i)) for i in range(len(q) + len(v))]
         # Rates are replaced before the coordinates that they are rates of.
         self._names = dict(zip([*v, *q], [*symbols[len(q) :], *symbols[: len(q)]], strict=True))
         self._arguments = symbols
-        self._parameters = {self._sympy.sympify(x): y for x, y in (parameters or {}).items()}
+        self._parameters = {
+            self._sympy.sympify(x): _number(what, x, y) for x, y in (parameters or {}).items()
+        }
 
     def plain(self, expression: Any) -> Any:
         """Return an expression as a matrix in symbols for q and v alone."""
@@ -208,6 +219,16 @@ class _Numbers:
             return np.asarray(function(*q, *v), np.float64)
 
         return numbers
+
+
+def _number(what: str, symbol: Any, value: Any) -> Any:
+    """Return the number of a symbol, checked to be a finite real one."""
+    with suppress(TypeError, ValueError, OverflowError):
+        if not isinstance(value, str) and isfinite(float(value)):
+            return value
+    raise InputError(
+        f"parameters of {what} have {symbol}: {safe_repr(value)}, expected a finite real number"
+    )
 
 
 def _symbols(expressions: Iterable[Any]) -> set[Any]:
@@ -387,18 +408,35 @@ def as_equations(subject: Any, parameters: Mapping[Any, float] | None = None) ->
         parameters: symbol -> number, for a SymPy model.
 
     Raises:
-        InputError: it is none of these; or see `from_kane` and `from_lagrange`.
+        InputError: it is none of these, with the call that checks it; or see `from_kane` and
+            `from_lagrange`.
     """
-    given = subject
+    named = subject
     if isinstance(subject, str):
-        subject = object_named(subject)
+        subject = object_named(subject, required=True)
     if isinstance(subject, EquationsOfMotion):
         return subject
     convert = {"KanesMethod": from_kane, "LagrangesMethod": from_lagrange}
     for kind in type(subject).__mro__:
         if kind.__module__.startswith("sympy.") and kind.__name__ in convert:
             return convert[kind.__name__](subject, parameters)
-    raise InputError(
-        f"subject = {given!r}, expected EquationsOfMotion, a KanesMethod or LagrangesMethod of "
-        "SymPy, or the name FILE.py:NAME of one"
+    raise InputError(f"subject = {safe_repr(named)}, {_instead_of(subject)}")
+
+
+def _instead_of(subject: Any) -> str:
+    """Return the sort of an object that holds no equations, and the call that checks it."""
+    kind = subject if isinstance(subject, type) else type(subject)
+    if issubclass(kind, Scene) and kind is subject:
+        return "a scene class: eomcheck.validate and eomcheck.check_state check a scene of it"
+    if issubclass(kind, Scene):
+        return "a scene: eomcheck.validate checks it in random states, eomcheck.check_state in one"
+    if issubclass(kind, Engine):
+        return "an engine: eomcheck.validate(scene, engines=[...]) compares it with a scene"
+    if isinstance(subject, Mapping):
+        return "a dict: of functions call eomcheck.testing.check_functions(n, **functions)"
+    if callable(subject):
+        return "a single function: call eomcheck.testing.check_functions(n, M=...), or bias=..."
+    return (
+        "expected EquationsOfMotion, a KanesMethod or LagrangesMethod of SymPy, or the name "
+        "FILE.py:NAME of one"
     )

@@ -88,9 +88,10 @@ class EquationsOfMotion:
     """
 
     instead: ClassVar[str] = (
-        "functions are checked by `eomcheck fuzz --scene {}`, and in Python by check_functions"
+        "functions are checked by `eomcheck fuzz --scene {0}`, and in Python by "
+        "eomcheck.check({0!r})"
     )
-    """Advice in errors where a scene is expected; {} stands for FILE:NAME."""
+    """Advice in errors where a scene is expected; {0} stands for FILE:NAME."""
     n: int
     """Number of coordinates."""
     M: Function | None = None

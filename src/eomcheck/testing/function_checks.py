@@ -42,7 +42,7 @@ from eomcheck.claims.registry import (
     FunctionClaim,
     Skipped,
 )
-from eomcheck.errors import InputError, whole_number
+from eomcheck.errors import InputError, safe_repr, whole_number
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, C, allowed_error
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
@@ -186,19 +186,16 @@ def check(
         >>> sorted({one.claim for one in eomcheck.check(rod) if one.verdict == "failed"})
         ['bias-of-mass-matrix']
     """
-    if isinstance(subject, Scene):
-        if not state and not older:
-            raise InputError(
-                f"subject = {subject!r}, a scene: eomcheck.validate checks it in random states, "
-                "eomcheck.check_state in one"
-            )
+    if isinstance(subject, Scene) and (state or older):
         # Not at the top: hypothesis is loaded with it, which functions do not need.
         from eomcheck.claims.run import check_state
 
         deprecated.warn("eomcheck.check(scene, q, v)", "eomcheck.check_state(scene, q, v)")
         return check_state(subject, *state, claims=claims, **older)
+    if len(state) == 1 and isinstance(state[0], Mapping):
+        raise InputError(f"numbers of a SymPy model are parameters={safe_repr(state[0])}")
     if state or older:
-        more = ", ".join([*map(repr, state), *older])
+        more = ", ".join([*map(safe_repr, state), *older])
         raise InputError(f"arguments {more}: of a scene alone, not of equations of motion")
     functions = as_equations(subject, parameters)
     return check_equations(
