@@ -350,8 +350,9 @@ def _constraint_spec(frames: JointTree, one: Constraint, planar: bool) -> Constr
         number: Any = keep(name, tuple(vector[:d].tolist()))
         return frame.joint, number
 
-    # All rows of a rolling contact share one radius.
-    keep = frames.add_shared_parameter if one.kind in ROLLING else frames.add_parameter
+    def keep(name: str, entry: Any) -> int | None:
+        # All rows of a rolling contact share one radius.
+        return frames.add_parameter(name, entry, entry if one.kind in ROLLING else None)
 
     points = tuple(kept("points", *point, True) for point in one.points)
     turned = tuple(kept("directions", *direction, False) for direction in directions)

@@ -18,10 +18,10 @@ import numpy as np
 from eomcheck.descriptions.constraint_rows import KINDS
 from eomcheck.descriptions.elements import COORDINATES, Constraint, Joint, Link, Spring, Triple
 from eomcheck.descriptions.first_derivation import joint_frames
-from eomcheck.descriptions.joint_tree import SCALAR_KINDS
+from eomcheck.descriptions.joint_tree import ElementReader
 from eomcheck.descriptions.mechanism_class import none_as_zero, plan_and_functions, tree_by
 from eomcheck.descriptions.quaternions import IDENTITY, Quaternion, rotation_matrix
-from eomcheck.descriptions.topology import ConstraintSpec, ScalarJoint, Topology, TopologyPlan
+from eomcheck.descriptions.topology import ConstraintSpec, Topology, TopologyPlan
 from eomcheck.errors import InputError
 from eomcheck.mechanics.derived_functions import support_of
 from eomcheck.mechanics.parameters import Parametric
@@ -77,107 +77,79 @@ def zeros_as_none(entries: Iterable[Any]) -> tuple[Any, ...]:
     return tuple(None if type(x) in (int, float) and x == 0 else x for x in entries)
 
 
-class _DescriptionReader:
-    """Reader of a `Description`: collects scalar joints and, by index, numbers."""
+class _DescriptionReader(ElementReader):
+    """A reader of a `Description`: absent numbers are None, vectors are shared by identity."""
 
-    def __init__(self, told: Description):
-        self.description, self.slots = told, []
-        self.links = {link.name: link for link in told.links}
+    def __init__(self, description: Description):
+        super().__init__()
+        self.description = description
+        self.links = {link.name: link for link in description.links}
         self.bodies = [
             name for name, link in self.links.items() if any_present(zeros_as_none((link.mass,)))
         ]
-        self.numbers: dict[str, list[Any]] = {name: [] for name in DescriptionParameters._fields}
-        self.places: dict[Any, int] = {}
-        joints = tuple(told.joints)
+        joints = tuple(description.joints)
         names = [joint.name + part for joint in joints for part in COORDINATES[joint.kind]]
-        self.coordinates = told.coordinates or tuple(names)
-        place = {name: i for i, name in enumerate(self.coordinates)}
+        self.coordinates = description.coordinates or tuple(names)
+        self.index = {name: i for i, name in enumerate(self.coordinates)}
         self.link_joints = {GROUND: -1}
         for joint in joints:
-            self._attach(joint, place)
+            self.link_joints[joint.child] = self._attach(joint)
 
-    def _attach(self, joint: Joint, place: dict[str, int]) -> None:
-        kinds, parent = SCALAR_KINDS[joint.kind], self.link_joints[joint.parent]
-        offset = zeros_as_none(joint.origin)
-        for i, (kind, part) in enumerate(zip(kinds, COORDINATES[joint.kind], strict=True)):
-            axis, sense = _axis(joint.axis)
-            first, last = i == 0, i == len(kinds) - 1
-            link = joint.child if last and joint.child in self.bodies else None
-            self.slots.append(
-                ScalarJoint(
-                    parent if first else len(self.slots) - 1,
-                    kind if len(kind) == 2 else kind + axis,
-                    place[joint.name + part],
-                    sense if len(kinds) == 1 else 1,
-                    orientation=self.add_parameter("rotation", _seat(joint.orientation))
-                    if first
-                    else None,
-                    offset=self.add_parameter("offset", offset)
-                    if first and any_present(offset)
-                    else None,
-                    body=None if link is None else self.bodies.index(link),
-                    absolute=joint.absolute,
-                    torque=self.add_parameter("torque", joint.torque),
-                    symmetric=joint.symmetric,
-                    name=joint.name + part,
-                )
-            )
-        self.link_joints[joint.child] = len(self.slots) - 1
+    def _attach(self, joint: Joint) -> int:
+        offset, (axis, sense) = zeros_as_none(joint.origin), _axis(joint.axis)
+        seat = {
+            "orientation": self.add_parameter("rotation", _seat(joint.orientation)),
+            "offset": self.add_parameter("offset", offset if any_present(offset) else None),
+        }
 
-    def add_parameter(self, name: str, x: Any) -> int | None:
-        """Append a number to the parameters and return its index; None for an absent one."""
-        if x is None:
-            return None
-        self.numbers[name].append(x)
-        return len(self.numbers[name]) - 1
+        def fields(name: str) -> dict[str, Any]:
+            return {
+                "coordinate": self.index[name],
+                "sense": sense if name == joint.name else 1,
+                "absolute": joint.absolute,
+                "torque": self.add_parameter("torque", joint.torque),
+                "symmetric": joint.symmetric,
+            }
 
-    def add_shared_parameter(self, name: str, x: Any) -> int | None:
-        """Add a number, once for all elements that share it, and return its index."""
-        if x is None:
-            return None
-        if (name, id(x)) not in self.places:
-            self.places[name, id(x)] = len(self.numbers[name])
-            self.numbers[name].append(x)
-        return self.places[name, id(x)]
+        last = self.add_joint(joint, self.link_joints[joint.parent], axis, seat, fields)
+        if joint.child in self.bodies:
+            body = self.bodies.index(joint.child)
+            self.scalar_joints[last] = self.scalar_joints[last]._replace(body=body)
+        return last
 
-    def add_vector(self, name: str, x: Triple) -> int:
-        """Add a point or a direction, once for all elements that share it, and return its index."""
-        if (name, id(x)) not in self.places:
-            self.places[name, id(x)] = len(self.numbers[name])
-            self.numbers[name].append(zeros_as_none(x))
-        return self.places[name, id(x)]
+    def add_vectors(self, name: str, at: Iterable[tuple[str, Triple]]) -> tuple[Any, ...]:
+        """Return the frame of each link, and the index of its point or direction."""
+        return tuple(
+            (self.link_joints[link], self.add_parameter(name, zeros_as_none(x), id(x)))
+            for link, x in at
+        )
 
     def constraint_spec(self, one: Constraint) -> ConstraintSpec:
         """Return a constraint with indices for its frames and numbers."""
         return ConstraintSpec(
             one.kind,
             one.name,
-            tuple(
-                (self.link_joints[link], self.add_vector("points", at)) for link, at in one.points
-            ),
-            tuple(
-                (self.link_joints[link], self.add_vector("directions", x))
-                for link, x in one.directions
-            ),
-            number=self.add_shared_parameter(KINDS[one.kind].numbers, one.numbers),
+            self.add_vectors("points", one.points),
+            self.add_vectors("directions", one.directions),
+            number=self.add_parameter(KINDS[one.kind].numbers, one.numbers, id(one.numbers)),
             factor=self.add_parameter("factors", one.factor),
         )
 
     def spring_spec(self, one: Spring) -> ConstraintSpec:
         """Return a spring with indices for its frames and numbers."""
-        ends = (one.link, one.at), (one.other, one.at_other)
-        points = tuple((self.link_joints[link], self.add_vector("points", at)) for link, at in ends)
+        points = self.add_vectors("points", ((one.link, one.at), (one.other, one.at_other)))
         return ConstraintSpec("spring", one.name, points, number=self.add_parameter("springs", one))
 
     def topology(self) -> Topology:
         """Return the topology, which all such mechanisms share."""
-        told = self.description
-        closures = tuple(self.constraint_spec(one) for one in told.constraints)
-        springs = tuple(self.spring_spec(one) for one in told.springs)
+        description = self.description
+        closures = tuple(self.constraint_spec(one) for one in description.constraints)
+        springs = tuple(self.spring_spec(one) for one in description.springs)
         for name in self.bodies:
             self.add_parameter("mass", self.links[name].mass)
             self.add_parameter("center", zeros_as_none(self.links[name].center))
-        return Topology(tuple(self.slots), self.coordinates, told.planar, closures, springs)
+        slots = tuple(self.scalar_joints)
+        return Topology(slots, self.coordinates, description.planar, closures, springs)
 
 
 def any_present(entries: tuple[Any, ...]) -> bool:
@@ -250,13 +222,14 @@ def _is_doubles(x: Any) -> bool:
 
 
 def _parse(description: Callable, parameters: Any) -> ParsedDescription:
-    told: Description = description(parameters)
-    reading = _DescriptionReader(told)
-    plan, functions = plan_and_functions(reading.topology())
-    inertia = _inertia(parameters, plan)
-    gravity = None if told.gravity is None else zeros_as_none(told.gravity)
-    given = reading.numbers | {"inertia": inertia, "damping": None, "gravity": gravity}
-    return ParsedDescription(plan, functions, DescriptionParameters(**given), reading.link_joints)
+    elements: Description = description(parameters)
+    reader = _DescriptionReader(elements)
+    plan, functions = plan_and_functions(reader.topology())
+    gravity = None if elements.gravity is None else zeros_as_none(elements.gravity)
+    numbers: dict[str, Any] = {name: [] for name in DescriptionParameters._fields}
+    numbers |= reader.numbers
+    numbers |= {"inertia": _inertia(parameters, plan), "damping": None, "gravity": gravity}
+    return ParsedDescription(plan, functions, DescriptionParameters(**numbers), reader.link_joints)
 
 
 # ---- Scene class ---------------------------------------------------------------------------------

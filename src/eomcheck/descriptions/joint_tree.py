@@ -8,7 +8,7 @@ fixed to each other are merged into one `RigidBody`.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -211,7 +211,54 @@ class LinkFrame(NamedTuple):
     offset: Array
 
 
-class JointTree:
+class ElementReader:
+    """A reader of elements: their scalar joints, and their numbers by index."""
+
+    def __init__(self) -> None:
+        self.scalar_joints: list[ScalarJoint] = []
+        self.numbers: dict[str, list[Any]] = {}
+        """Name of a parameter -> its entries, by index."""
+        self._index: dict[tuple[str, Any], int] = {}
+
+    def add_parameter(self, name: str, entry: Any, key: Any = None) -> int | None:
+        """Return the index of an entry, appended unless one has the key; None for an absent one."""
+        if entry is None:
+            return None
+        if key is not None and (name, key) in self._index:
+            return self._index[name, key]
+        entries = self.numbers.setdefault(name, [])
+        entries.append(entry)
+        if key is not None:
+            self._index[name, key] = len(entries) - 1
+        return len(entries) - 1
+
+    def add_joint(
+        self,
+        joint: Joint,
+        parent: int,
+        axis: str,
+        seat: dict[str, Any],
+        fields: Callable[[str], dict[str, Any]],
+    ) -> int:
+        """Add the scalar joints of a joint and return the index of the last one.
+
+        Args:
+            joint: the joint.
+            parent: index of the scalar joint that carries it.
+            axis: "x", "y" or "z", of a joint with one coordinate.
+            seat: fields of its first scalar joint.
+            fields: other fields of a scalar joint, by the name of its coordinate.
+        """
+        kinds, parts = SCALAR_KINDS[joint.kind], COORDINATES[joint.kind]
+        for kind, part in zip(kinds, parts, strict=True):
+            name, kind = joint.name + part, kind if len(kind) == 2 else kind + axis
+            slot = ScalarJoint(parent, kind, name=name, **fields(name), **seat)
+            self.scalar_joints.append(slot)
+            parent, seat = len(self.scalar_joints) - 1, {}
+        return parent
+
+
+class JointTree(ElementReader):
     """The scalar joints of a tree of links, and their numbers by index.
 
     Raises:
@@ -219,13 +266,10 @@ class JointTree:
     """
 
     def __init__(self, links: tuple[Link, ...], joints: tuple[Joint, ...]):
+        super().__init__()
         self.links, self.joints = by_name("link", links), by_name("joint", joints)
         self.coordinates = self._coordinates()
         self.coordinate_index = {name: i for i, name in enumerate(self.coordinates)}
-        self.numbers: dict[str, list[Any]] = {}
-        """Name of a parameter -> its entries, by index."""
-        self._shared_index: dict[Any, int | None] = {}
-        self.scalar_joints: list[ScalarJoint] = []
         self.bodies: dict[int, list[RigidBody]] = {}
         """Scalar joint -> bodies fixed to it."""
         root, order = depth_first_joints(self.links, self.joints)
@@ -235,20 +279,6 @@ class JointTree:
             self._attach(joint)
         if not self.coordinates:
             raise InputError("no joint of it moves: there are no coordinates")
-
-    def add_parameter(self, name: str, value: Any) -> int | None:
-        """Append an entry to a parameter and return its index; None for an absent one."""
-        if value is None:
-            return None
-        kept = self.numbers.setdefault(name, [])
-        kept.append(value)
-        return len(kept) - 1
-
-    def add_shared_parameter(self, name: str, value: Any) -> int | None:
-        """Add an entry, once for all elements that share it, and return its index."""
-        if (name, value) not in self._shared_index:
-            self._shared_index[name, value] = self.add_parameter(name, value)
-        return self._shared_index[name, value]
 
     def _coordinates(self) -> list[str]:
         found: list[str] = []
@@ -276,11 +306,9 @@ class JointTree:
             # The axis is x, y or z of the scalar joint's frame, if necessary the z of a tilted one.
             axis, sense, tilt = self._axis(joint)
             turn = multiply_quaternions(turn, tilt)
-            self._add_slots(joint, before.joint, turn, offset, axis, sense)
+            last = self._add_moving(joint, before.joint, turn, offset, axis, sense)
             back = tilt[0], -tilt[1], -tilt[2], -tilt[3]
-            self.link_frames[joint.child] = LinkFrame(
-                len(self.scalar_joints) - 1, back, np.zeros(3)
-            )
+            self.link_frames[joint.child] = LinkFrame(last, back, np.zeros(3))
         slot, turn, offset = self.link_frames[joint.child]
         if (body := rigid_body_of(self.links[joint.child], turn, offset)) is not None and slot >= 0:
             self.bodies.setdefault(slot, []).append(body)
@@ -295,40 +323,37 @@ class JointTree:
                     return found, sense, IDENTITY
         return "z", 1, z_to_axis(joint.axis)
 
-    def _add_slots(
+    def _add_moving(
         self, joint: Joint, parent: int, turn: Quaternion, offset: Array, axis: str, sense: int
-    ) -> None:
-        kinds = SCALAR_KINDS[joint.kind]
-        names = [joint.name + part for part in COORDINATES[joint.kind]]
+    ) -> int:
         forces = joint.damping, joint.stiffness, joint.armature, joint.mimics
-        if len(kinds) > 1 and any(one is not None for one in forces):
+        if len(SCALAR_KINDS[joint.kind]) > 1 and any(one is not None for one in forces):
             raise InputError(
                 f"joint {joint.name!r} is {joint.kind}: damping, stiffness, armature and a joint "
                 "that it follows are for joints with one coordinate"
             )
-        for place, (kind, name) in enumerate(zip(kinds, names, strict=True)):
-            last = len(self.scalar_joints)
-            self.scalar_joints.append(
-                ScalarJoint(
-                    parent if place == 0 else last - 1,
-                    kind if len(kind) == 2 else kind + axis,
-                    *self._coordinate(joint, name, sense),
-                    orientation=self.add_parameter("orientation", turn)
-                    if place == 0 and is_turned(turn)
-                    else None,
-                    offset=self.add_parameter("offset", tuple(offset.tolist()))
-                    if place == 0
-                    else None,
-                    damper=self.add_parameter("damping", joint.damping),
-                    spring=self._spring(joint),
-                    rotor=self.add_parameter("armature", joint.armature),
-                    name=name,
-                )
-            )
+        seat = {
+            "orientation": self.add_parameter("orientation", turn if is_turned(turn) else None),
+            "offset": self.add_parameter("offset", tuple(offset.tolist())),
+        }
 
-    def _coordinate(self, joint: Joint, name: str, sense: int) -> tuple[int, int, int | None]:
+        def fields(name: str) -> dict[str, Any]:
+            coordinate, mimics = self._coordinate(joint, name)
+            return {
+                "coordinate": coordinate,
+                "sense": sense,
+                "mimics": mimics,
+                "damper": self.add_parameter("damping", joint.damping),
+                "spring": self._spring(joint),
+                "rotor": self.add_parameter("armature", joint.armature),
+            }
+
+        return self.add_joint(joint, parent, axis, seat, fields)
+
+    def _coordinate(self, joint: Joint, name: str) -> tuple[int, int | None]:
+        """Return the index of a coordinate, and that of the ratio to it of a joint that mimics."""
         if joint.mimics is None:
-            return self.coordinate_index[name], sense, None
+            return self.coordinate_index[name], None
         seen, ratio, shift, at = {joint.name}, 1.0, 0.0, joint
         while at.mimics is not None:
             other, factor, more = at.mimics
@@ -343,7 +368,7 @@ class JointTree:
             raise InputError(f"joint {joint.name!r} follows {at.name!r}, which is {at.kind}")
         follows = self.add_parameter("ratio", ratio)
         self.add_parameter("shift", shift)
-        return self.coordinate_index[at.name], sense, follows
+        return self.coordinate_index[at.name], follows
 
     def _spring(self, joint: Joint) -> int | None:
         if joint.stiffness is None:
