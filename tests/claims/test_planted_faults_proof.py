@@ -5,18 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from tests.claims.test_planted_faults import (
-    KINDS,
-    PACKAGE,
-    changed,
-    formulation_in,
-    kind_in,
-    planted,
-)
-from tests.faults import FAULTS, SHARED, Fault
+from tests.claims.test_planted_faults import kind_in, planted, with_fault
+from tests.faults import FAULTS, OWN, SHARED
+from tests.mutants import PACKAGE, Mutant
 from tests.samples import LINKS
 
-from eomcheck.claims import CLAIMS, Finding, speeds_and_chains
+from eomcheck.claims import CLAIMS, Finding
 from eomcheck.claims.proof import prove_structure
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.scene import Scene
@@ -33,15 +27,15 @@ OTHERWISE = {
 """Place of a fault -> (claim, what its Finding says), where a proof sees it otherwise."""
 
 
-def expected(fault: Fault) -> tuple[str, str]:
+def expected(fault: Mutant) -> tuple[str, str]:
     """Return (claim, what its Finding says)."""
-    if "nan" in fault.new:
+    if "nan" in fault.after:
         # A NaN is a double among the elements of a field.
         return "finite-terms", "unsupported operand"
     if fault.claim == "refusals":
         return "equivalence", f"[{Path(fault.file).stem}]"
-    if fault.old in OTHERWISE:
-        return OTHERWISE[fault.old]
+    if fault.before in OTHERWISE:
+        return OTHERWISE[fault.before]
     if fault.claim == "mass-matrix":
         # M is judged by M v at a random v: rows have names there, columns have not. Where the
         # energies are wrong it is M that differs from them.
@@ -69,16 +63,10 @@ def first_failure(scene: Scene, formulations: dict) -> Finding | None:
 
 @pytest.mark.sampled(20)
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.id)
-def test_a_planted_fault_is_disproved_and_named(fault: Fault, monkeypatch: pytest.MonkeyPatch):
-    with planted(fault.file, changed(fault)) as module:
-        if fault.file.startswith(("scenes/", "mechanics/", "descriptions/")):
-            kind = kind_in(module, fault.file, fault.scene)
-            failure = first_failure(structure(kind), FORMULATIONS)
-        else:
-            key = Path(fault.file).stem
-            if hasattr(speeds_and_chains, key):
-                monkeypatch.setattr(speeds_and_chains, key, module)
-            failure = first_failure(Snake.coil(LINKS), formulation_in(module, key))
+def test_a_planted_fault_is_disproved_and_named(fault: Mutant):
+    with with_fault(fault) as (kind, formulations):
+        scene = Snake.coil(LINKS) if kind is Snake else structure(kind)
+        failure = first_failure(scene, formulations)
     assert failure is not None, "not disproved"
     claim, says = expected(fault)
     assert failure.claim == claim, str(failure)
@@ -88,23 +76,21 @@ def test_a_planted_fault_is_disproved_and_named(fault: Fault, monkeypatch: pytes
 
 
 @pytest.mark.parametrize("fault", [f for f in FAULTS if f.claim == "refusals"], ids=lambda f: f.id)
-def test_a_matrix_made_singular_is_named_and_nothing_else_fails(fault: Fault):
-    key = Path(fault.file).stem
-    with planted(fault.file, changed(fault)) as module:
-        formulations = tuple(formulation_in(module, key).values())
-        findings = prove_structure(Snake.coil(LINKS), formulations, 1, SEED)
+def test_a_matrix_made_singular_is_named_and_nothing_else_fails(fault: Mutant):
+    with with_fault(fault) as (_, formulations):
+        findings = prove_structure(Snake.coil(LINKS), tuple(formulations.values()), 1, SEED)
     (failure,) = (f for f in findings if f.verdict == "failed")
     assert failure.detail.endswith(" is singular at every state")
     matrix = failure.detail.removesuffix(" is singular at every state")
-    assert f'"{matrix}"' in changed(fault)
+    assert f'"{matrix}"' in fault.planted()
 
 
 def test_every_exception_is_about_a_fault_that_is_planted():
-    assert OTHERWISE.keys() <= {fault.old for fault in FAULTS}
+    assert OTHERWISE.keys() <= {fault.before for fault in FAULTS}
 
 
 @pytest.mark.sampled(2)
-@pytest.mark.parametrize("file", (*KINDS, *SHARED))
+@pytest.mark.parametrize("file", (*OWN, *SHARED))
 def test_the_source_as_it_is_shows_no_fault(file: str):
     source = (PACKAGE / file).read_text(encoding="utf-8")
     with planted(file, source) as module:

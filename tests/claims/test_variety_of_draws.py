@@ -76,7 +76,7 @@ def test_both_halves_of_every_range_are_drawn(kind):
 
 @pytest.mark.night
 def test_hostile_snakes_have_huge_and_tiny_parameters_and_wheels_across():
-    snakes = draw_samples(strategies.hostile_snakes(), 200, 0)
+    snakes = draw_samples(strategies.hostile_snakes(), 400, 0)
     for name in ("mass", "length", "inertia"):
         values = np.concatenate([getattr(snake, name) for snake in snakes])
         assert (values > 1e6).mean() > 0.02 and ((values > 0) & (values < 1e-6)).mean() > 0.02

@@ -1,7 +1,7 @@
 """Faults as data, in the product and in what judges it, each with the test that must notice it.
 
 `python -m tests.mutants` plants them one at a time and says which are caught, and by name. Faults
-of scenes and formulations are those of `tests.faults`, which are planted without a copy.
+of scenes and formulations name the claim that must fail first, and are planted without a copy.
 """
 
 from __future__ import annotations
@@ -15,6 +15,9 @@ HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 PACKAGE = ROOT / "src" / "eomcheck"
 KINDS = ("scene", "formulation", "arithmetic", "motion", "harness", "report")
+
+PLANTED = "tests/claims/test_planted_faults.py::test_a_planted_fault_is_caught_and_named"
+"""Plants the faults of scenes and formulations itself, and passes if each is named."""
 
 
 class LostFaultError(Exception):
@@ -32,9 +35,13 @@ class Mutant:
         before: text that is there exactly once.
         after: what it becomes.
         catcher: what must fail: arguments of pytest, or a command that begins with `python`.
+            `PLANTED` where a claim is to fail.
         named: what it must print then.
         equivalent: why nothing can notice it, "" where something must.
         quick: whether `.ci/run` plants it.
+        claim: the claim that must fail first, "" where a test must.
+        says: what its Finding must say.
+        scene: key of the scene that shows it, "" where it is that of the file.
     """
 
     id: str
@@ -42,10 +49,13 @@ class Mutant:
     file: str
     before: str
     after: str
-    catcher: str
-    named: str
+    catcher: str = PLANTED
+    named: str = PLANTED.partition("::")[2]
     equivalent: str = ""
     quick: bool = False
+    claim: str = ""
+    says: str = ""
+    scene: str = ""
 
     def planted(self, package: Path = PACKAGE) -> str:
         """Return the source of `file` with the fault.
@@ -70,6 +80,8 @@ def _read(path: Path) -> Iterator[Mutant]:
     with path.open("rb") as file:
         document = tomllib.load(file)
     for place in document["file"]:
-        known = {"kind": path.stem, "file": place["path"], "catcher": place.get("catcher", "")}
+        known = {"kind": path.stem, "file": place["path"]}
+        known |= {"catcher": place["catcher"]} if "catcher" in place else {}
         for fault in place["fault"]:
-            yield Mutant(**(known | fault))
+            title = f"{Path(place['path']).stem}: {fault['before']} => {fault['after']}"
+            yield Mutant(**({"id": title} | known | fault))

@@ -31,14 +31,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
-from tests.faults import FAULTS
-from tests.mutants import KINDS, PACKAGE, ROOT, LostFaultError, Mutant, mutants
+from tests.mutants import KINDS, PACKAGE, PLANTED, ROOT, LostFaultError, Mutant, mutants
 
 RESULTS = ROOT / "build" / "mutants.jsonl"
 LONGEST = 60.0
 """What a catcher may take, s."""
-PLANTED = "tests/claims/test_planted_faults.py::test_a_planted_fault_is_caught_and_named"
-"""Plants the faults of scenes and formulations itself, and passes if each is named."""
 NOTHING_RUN = (4, 5)
 """Exit codes of pytest for arguments that name no test."""
 AS_IT_IS = "the source as it is"
@@ -143,7 +140,7 @@ def unplanted(catcher: str, longest: float = LONGEST) -> Result:
 
 
 def planted_elsewhere(longest: float = 10 * LONGEST) -> list[Result]:
-    """Return what became of the faults of `tests.faults`, of scenes and formulations."""
+    """Return what became of the faults by which a claim must fail."""
     with tempfile.TemporaryDirectory(prefix="mutant-") as folder:
         report = Path(folder) / "planted.xml"
         _, said = run([*command_of(PLANTED), f"--junitxml={report}"], PACKAGE, longest)
@@ -151,8 +148,7 @@ def planted_elsewhere(longest: float = 10 * LONGEST) -> list[Result]:
             return [Result("planted", "scene", "error", 0.0, said[-2000:])]
         cases = {case.get("name", ""): case for case in ElementTree.parse(report).iter("testcase")}
     results = []
-    for fault in FAULTS:
-        kind = "formulation" if fault.file.startswith("formulations/") else "scene"
+    for fault in (one for one in mutants() if one.claim):
         name = fault.id.encode("unicode_escape").decode()  # as pytest writes it
         case = cases.get(f"{PLANTED.partition('::')[2]}[{name}]")
         problem = None if case is None else case.find("failure")
@@ -160,7 +156,7 @@ def planted_elsewhere(longest: float = 10 * LONGEST) -> list[Result]:
         missed = "survived" if "not caught" in text else "caught"
         outcome = "error" if case is None else "named" if problem is None else missed
         seconds = 0.0 if case is None else float(case.get("time", 0.0))
-        results.append(Result(fault.id, kind, outcome, seconds, text))
+        results.append(Result(fault.id, fault.kind, outcome, seconds, text))
     return results
 
 
@@ -308,7 +304,7 @@ def main() -> int:
     parser.add_argument("--table", type=Path, help="file to write the table to")
     parser.add_argument("--results", type=Path, default=RESULTS, help="file to keep results in")
     asked = parser.parse_args()
-    chosen = mutants()
+    chosen = [one for one in mutants() if not one.claim]
     if asked.only:
         wanted = asked.only.split(",")
         if unknown := set(wanted) - {one.id for one in chosen}:

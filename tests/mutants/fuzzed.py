@@ -20,7 +20,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
-from tests.faults import FAULTS, PACKAGE, Fault, changed, scene_of
+from tests.faults import FAULTS, scene_of
+from tests.mutants import PACKAGE, Mutant
 from tests.mutants.__main__ import run
 
 from eomcheck.claims import CLAIMS
@@ -33,20 +34,20 @@ LONGEST = 600.0
 class Told(NamedTuple):
     """What fuzzing told of a fault: "named", "found", "not found", "refused" or "error"."""
 
-    fault: Fault
+    fault: Mutant
     outcome: str
     claims: tuple[str, ...]
     seconds: float
     said: str = ""
 
 
-def attempt(fault: Fault, seconds: str, seed: int) -> Told:
+def attempt(fault: Mutant, seconds: str, seed: int) -> Told:
     """Plant one fault into a copy of the source, and fuzz the scene that shows it there."""
     start = time.perf_counter()
     with tempfile.TemporaryDirectory(prefix="mutant-") as folder:
         package, kept = Path(folder) / PACKAGE.name, Path(folder) / "found.json"
         shutil.copytree(PACKAGE, package)
-        (package / fault.file).write_text(changed(fault, package), encoding="utf-8")
+        (package / fault.file).write_text(fault.planted(package), encoding="utf-8")
         given = f"--scene {scene_of(fault).key} --time {seconds} --seed {seed} --keep {kept}"
         start_it = "from eomcheck.cli import main; main()"
         code, said = run([sys.executable, "-c", start_it, "fuzz", *given.split()], package, LONGEST)
@@ -59,7 +60,7 @@ def attempt(fault: Fault, seconds: str, seed: int) -> Told:
     return Told(fault, outcome, claims, time.perf_counter() - start, said)
 
 
-def outcome_of(fault: Fault, finds: Iterable[FailureRecord]) -> str:
+def outcome_of(fault: Mutant, finds: Iterable[FailureRecord]) -> str:
     """Return what finds tell of a fault: "named", "found" or "not found"."""
     finds = list(finds)
     term = CLAIMS[fault.claim].term
@@ -78,7 +79,7 @@ def table(told: Iterable[Told]) -> str:
         "| --- | --- | --- | --- | --- |",
     ]
     for kind in ("scenes", "formulations"):
-        of = [x for x in told if x.fault.file.startswith("formulations/") == (kind[0] == "f")]
+        of = [x for x in told if f"{x.fault.kind}s" == kind]
         count = Counter(x.outcome for x in of)
         found = count["named"] + count["found"]
         lines.append(f"| {kind} | {len(of)} | {found} | {count['named']} | {count['refused']} |")

@@ -133,23 +133,23 @@ def test_no_number_of_a_description_is_constant_and_all_have_their_signs(cases):
     bodies = [one for d in descriptions for one in d.links if one.mass > 0]
     solid = [one for one in bodies if any(one.products)]
     single = [one for one in joints if one.kind in ("revolute", "prismatic")]
-    turned = [one for one in joints if any(one.turn[1:])]
+    turned = [one for one in joints if any(one.orientation[1:])]
     gravity = [d.gravity for d in descriptions if d.gravity is not None]
     either, positive = {-1.0, 0.0, 1.0}, {1.0}
     for values, wanted in (
-        ([one.place for one in joints], either),
+        ([one.origin for one in joints], either),
         ([one.center for one in bodies], either),
         ([one.axis for one in single], either),
         ([one.products for one in solid], {-1.0, 1.0}),
-        ([one.turn[1:] for one in turned], {-1.0, 1.0}),
-        ([one.turn[0] for one in turned], positive),
+        ([one.orientation[1:] for one in turned], {-1.0, 1.0}),
+        ([one.orientation[0] for one in turned], positive),
         ([one.mass for one in bodies], positive),
         ([one.moments for one in bodies], positive),
         ([one.damping for one in joints if one.damping is not None], positive),
         ([one.stiffness for one in joints if one.stiffness is not None], positive),
-        ([one.relaxed for one in joints if one.stiffness is not None], {-1.0, 1.0}),
+        ([one.rest_position for one in joints if one.stiffness is not None], {-1.0, 1.0}),
         ([one.armature for one in joints if one.armature is not None], positive),
-        ([one.follows[1:] for one in joints if one.follows is not None], {-1.0, 1.0}),
+        ([one.mimics[1:] for one in joints if one.mimics is not None], {-1.0, 1.0}),
         (gravity, either),
     ):
         array = np.array(values)
@@ -467,7 +467,7 @@ def test_draws_shrink_to_the_simplest_that_there_are():
 @pytest.mark.night
 def test_a_draw_with_a_mimic_joint_shrinks_to_two_links():
     def follows(scene) -> bool:
-        return any(one.follows is not None for one in scene.source.description.joints)
+        return any(one.mimics is not None for one in scene.source.description.joints)
 
     assert found(trees(), follows).links == 2
 
