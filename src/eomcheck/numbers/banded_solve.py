@@ -145,6 +145,7 @@ PROBES = 8
 """Number of random sign vectors by which the row sums of |A⁻¹| are estimated."""
 
 
+@lru_cache(64)
 def random_signs(size):
     """Return the random sign vectors (size, PROBES), the same at every call."""
     return np.random.default_rng(0).choice((-1.0, 1.0), (size, PROBES))
@@ -158,20 +159,29 @@ def scaled_factors(bands, factors_class):
     columns, inside = band_columns(bands.shape[-2])
     row_scale = column_scale(bands.swapaxes(-1, -2))
     bands = np.where(inside, bands * row_scale[..., None], 0.0)
-    scale = column_scale(by_column(bands))
+    scale = column_scale(lapack_storage(bands))
     return factors_class(bands * scale[..., columns]), row_scale, scale
 
 
-def by_column(bands):
-    """Return bands (..., m, 7) in LAPACK's storage (..., 7, m), zeros outside of the matrix.
+def lapack_storage(bands):
+    """Return bands (..., m, 7) in LAPACK's storage (..., 10, m), zeros outside of the matrix.
 
-    Entry (i, j) is stored at row 3 + i - j of column j.
+    Entry (i, j) is stored at row 6 + i - j of column j; the first three rows are for fill-in.
     """
-    columns, inside = band_columns(bands.shape[-2])
-    out = np.zeros((*bands.shape[:-2], WIDTH, len(columns)))
-    rows = np.broadcast_to(np.arange(WIDTH)[::-1], inside.shape)
-    out[..., rows[inside], columns[inside]] = bands[..., inside]
-    return out
+    size = bands.shape[-2]
+    entries, positions = _storage_positions(size)
+    out = np.zeros((*bands.shape[:-2], (WIDTH + HALF) * size))
+    out[..., positions] = bands.reshape(*bands.shape[:-2], -1)[..., entries]
+    return out.reshape(*bands.shape[:-2], WIDTH + HALF, size)
+
+
+@lru_cache(64)
+def _storage_positions(size):
+    """Return the indices of the entries of the matrix in bands and in LAPACK's storage."""
+    columns, inside = band_columns(size)
+    entries = np.flatnonzero(inside)
+    rows = DIAGONAL + HALF - entries % WIDTH
+    return entries, rows * size + columns.ravel()[entries]
 
 
 class BandFactors:
@@ -195,8 +205,7 @@ class BandFactors:
 
     def __init__(self, bands):
         self.bands, (self.columns, _) = bands, band_columns(bands.shape[-2])
-        filled = np.zeros((*bands.shape[:-2], HALF, bands.shape[-2]))
-        self.factor(np.concatenate((filled, by_column(bands)), axis=-2))
+        self.factor(lapack_storage(bands))
         finite = np.isfinite(self.lu).all(axis=(-2, -1))
         self.invertible = np.asarray(finite & self.diagonal.all(axis=-1))
 
