@@ -396,13 +396,13 @@ def test_the_program_of_a_long_chain_continues_those_of_short_ones(key, links):
 
 def test_programs_that_follow_no_pattern_are_not_continued():
     def squares(count: int) -> Program:
-        return Program((("put", ("c", 1.0), "out", count * count, 0),), ())
+        return Program((("put", ("constant", 1.0), "out", count * count, 0),), ())
 
     def steady(count: int) -> Program:
-        return Program((("put", ("c", 1.0), "out", 3 * count, 0),), ())
+        return Program((("put", ("constant", 1.0), "out", 3 * count, 0),), ())
 
     def growing(count: int) -> Program:
-        return Program((("put", ("c", 1.0), "out", 0, 0),) * count, ())
+        return Program((("put", ("constant", 1.0), "out", 0, 0),) * count, ())
 
     assert extrapolate_program(steady, 9, 1, 2) == steady(9)
     for programs, size in ((squares, 9), (growing, 9), (steady, 10)):

@@ -82,7 +82,7 @@ def test_loops_have_the_bits_of_python_however_far_they_look_back(function: Any,
 
 def test_programs_are_continued_leaf_by_leaf_or_refused_in_these_words():
     def program(count: int) -> Program:
-        return Program((("put", ("c", 1.0), "out", 3 * count, 1),), (("a", count),))
+        return Program((("put", ("constant", 1.0), "out", 3 * count, 1),), (("a", count),))
 
     found = extrapolate_program(program, 11, 2, 3)
     assert found == program(11) and isinstance(found, Program)
@@ -94,13 +94,13 @@ def test_programs_are_continued_leaf_by_leaf_or_refused_in_these_words():
         return str(error.value)
 
     assert refused(program, 12) == "12 is not 2 plus a multiple of 3"
-    uneven = lambda n: Program((("c", n * n),), ())  # noqa: E731
+    uneven = lambda n: Program((("constant", n * n),), ())  # noqa: E731
     assert refused(uneven) == "programs of 2, 5, ... differ irregularly"
-    longer = lambda n: Program((("c",) * n,), ())  # noqa: E731
+    longer = lambda n: Program((("constant",) * n,), ())  # noqa: E731
     assert refused(longer) == "programs of different sizes have different shapes"
-    other = lambda n: Program((("c", 1.0 * n),), ())  # noqa: E731
+    other = lambda n: Program((("constant", 1.0 * n),), ())  # noqa: E731
     assert refused(other) == "2.0 in one program is 5.0 in the other"
-    flag = lambda n: Program((("c", n > 2),), ())  # noqa: E731
+    flag = lambda n: Program((("constant", n > 2),), ())  # noqa: E731
     assert refused(flag) == "False in one program is True in the other"
 
 
@@ -117,23 +117,38 @@ def test_memory_begins_a_line_of_cache_behind_what_is_ahead(ahead: int):
 
 def test_arrays_of_a_block_begin_lines_of_cache_and_only_what_is_read_behind_loops_is_kept():
     assert [aligned(x) for x in (0, 1, 8, 9)] == [0, 8, 8, 16]
-    first = ("loop", 10, (("op", "add", ("i", "p", 0, 1), ("b", 0)), ("op", "neg", ("b", 0), None)))
-    second = ("loop", 9, (("op", "mul", ("l", 0, 1, 0, 1), ("p", 0, (("s", 0), ("c", 1.0)))),))
+    first = (
+        "loop",
+        10,
+        (("op", "add", ("entry", "p", 0, 1), ("current", 0)), ("op", "neg", ("current", 0), None)),
+    )
+    second = (
+        "loop",
+        9,
+        (
+            (
+                "op",
+                "mul",
+                ("from loop", 0, 1, 0, 1),
+                ("previous", 0, (("value", 0), ("constant", 1.0))),
+            ),
+        ),
+    )
     items = (
-        ("op", "sqrt", ("i", "q", 2, 0), None),
+        ("op", "sqrt", ("entry", "q", 2, 0), None),
         first,
         second,
-        ("put", ("l", 0, 0, 5, 0), "out", 0, 0),
-        ("put", ("l", 1, 0, 8, 0), "out", 1, 0),
-        ("put", ("l", 1, 0, 6, 0), "out", 2, 0),
+        ("put", ("from loop", 0, 0, 5, 0), "out", 0, 0),
+        ("put", ("from loop", 1, 0, 8, 0), "out", 1, 0),
+        ("put", ("from loop", 1, 0, 6, 0), "out", 2, 0),
     )
     program = Program(items, (("x0", 3), ("r0", 9)))
     written, last = loop_results(program)
     # Of 10 turns the sixth is further back than four, the ninth and seventh of 9 are not.
     assert written == {(0, 1), (0, 0)}
     assert last == {(1, 0): 2}
-    assert [x for x in reads_of(items) if x[0] == "s"] == [("s", 0)]
-    assert ("c", 1.0) in [*reads_of(items)] and ("i", "q", 2, 0) in [*reads_of(items)]
+    assert [x for x in reads_of(items) if x[0] == "value"] == [("value", 0)]
+    assert ("constant", 1.0) in [*reads_of(items)] and ("entry", "q", 2, 0) in [*reads_of(items)]
     found = layout_of(program, {"p": 11, "q": 3})
     assert dict(found.offsets) == {"p": 0, "q": 11, "x0": 16, "r0": 24, "l0.0": 40, "l0.1": 56}
     assert (found.size, found.workspace) == (72, 0)

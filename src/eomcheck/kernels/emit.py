@@ -1,8 +1,11 @@
 """The LLVM IR of a program, and the layout of the memory block that the function reads.
 
+Operands and items are those of `eomcheck.kernels.program`, whose first lines list them.
+
 The function (out, t, y, block) reads the state y and the time t and writes its outputs one after
 the other to `out`. The block holds everything else (`Layout`): parameters, results of groups,
-results of loops that are read later, workspace. A number in memory is one float64 for each lane.
+results "lL.J" of operation J of loop L that are read later, workspace. A number in memory is one
+float64 for each lane.
 
 With one lane it has the signature that CyRK calls: t is a float64, and the last argument is the
 address of the address of the block. Such a function counts its calls, and those in which an output
@@ -76,8 +79,12 @@ def loop_results(program: Program) -> tuple[set[tuple[int, int]], dict[tuple[int
         iterations are read, the largest distance from the last iteration.
     """
     counts = [item[1] for item in program.items if item[0] == "loop"]
-    reads = {x[1:] for x in reads_of(program.items) if x[0] == "l"}
-    written = {x[:2] for x in reads if x[3] or counts[x[0]] - x[2] > FARTHEST}
+    reads = {x[1:] for x in reads_of(program.items) if x[0] == "from loop"}
+    written = {
+        (loop, inner)
+        for loop, inner, place, step in reads
+        if step or counts[loop] - place > FARTHEST
+    }
     last: dict[tuple[int, int], int] = {}
     for loop, inner, place, _ in reads:
         if (loop, inner) not in written:
@@ -89,16 +96,20 @@ def loop_results(program: Program) -> tuple[set[tuple[int, int]], dict[tuple[int
 def reads_of(items: Tree) -> Iterator[Tree]:
     """Yield all operands that items read."""
     for item in items:
-        if item[0] == "loop":
-            yield from reads_of(item[2])
-            continue
-        operands = (
-            item[7] if item[0] == "group" and item[5] else item[1:4] if item[0] != "group" else ()
-        )
+        operands: Tree = ()
+        match item:
+            case "loop", _, body:
+                yield from reads_of(body)
+            case "group", *_, inline, _, inputs:
+                operands = inputs if inline else ()
+            case "op", _, *operands:
+                pass
+            case "put", x, *_:
+                operands = (x,)
         for x in operands:
-            if isinstance(x, tuple):
+            if x is not None:
                 yield x
-                if x[0] == "p":
+                if x[0] == "previous":
                     yield from x[2]
 
 
@@ -155,7 +166,7 @@ class _Emitter:
             for item in program.items
             if item[0] == "loop"
             for x in reads_of((item,))
-            if x[0] == "i" and x[3]
+            if x[0] == "entry" and x[3]
         }
 
     def texts(self) -> list[str]:
@@ -213,22 +224,20 @@ class _Emitter:
 
     def value(self, x: Tree) -> str:
         """Return the value of an operand outside of loops, or the same in all iterations of one."""
-        if x[0] == "s":
-            return self.values[x[1]]
-        if x[0] == "c":
-            return self.code.constant(x[1])
-        value = self.known.get(x)
-        if value is None:
-            if x[0] == "i" and x[1] in self.parts:
-                value = self.parts[x[1]][x[2]]
-            else:
-                value = self.code.load(self.base(x), x[-2])
-            self.known[x] = value
-        return value
+        match x:
+            case "value", number:
+                return self.values[number]
+            case "constant", number:
+                return self.code.constant(number)
+        if x not in self.known:
+            _, array, *_, place, _ = x
+            parts = self.parts.get(array) if x[0] == "entry" else None
+            self.known[x] = parts[place] if parts else self.code.load(self.base(x), place)
+        return self.known[x]
 
     def base(self, x: Tree) -> str:
         """Return the address of the array of an operand."""
-        return self.bases[x[1] if x[0] == "i" else f"l{x[1]}.{x[2]}"]
+        return self.bases[x[1] if x[0] == "entry" else f"l{x[1]}.{x[2]}"]
 
     def _op(self, op: str, x: Tree, y: Tree | None) -> None:
         self.values.append(_operated(self.code, op, self.value(x), y and self.value(y)))
@@ -251,15 +260,16 @@ class _Emitter:
         carried: dict[tuple[int, Tree], int] = {}
         first: list[tuple[str, str]] = []
         for x in reads_of(body):
-            if x[0] == "p":
-                for begin in range(len(x[2])):
-                    if (x[1], x[2][begin:]) not in carried:
-                        carried[x[1], x[2][begin:]] = len(first)
-                        first.append((code.real, self.value(x[2][begin])))
-            elif x[0] in "sc" or (x[0] in "il" and x[-1] == 0):
+            if x[0] == "previous":
+                _, inner, begun = x
+                for begin in range(len(begun)):
+                    if (inner, begun[begin:]) not in carried:
+                        carried[inner, begun[begin:]] = len(first)
+                        first.append((code.real, self.value(begun[begin])))
+            elif _is_fixed(x):
                 self.value(x)
         last = {inner: ago for (loop, inner), ago in self.last.items() if loop == number}
-        nothing = ("c", 0.0)
+        nothing = ("constant", 0.0)
         for inner, ago in last.items():
             for before in range(1, ago + 1):
                 carried[inner, (nothing,) * before] = len(first)
@@ -273,11 +283,11 @@ class _Emitter:
             loaded: dict[Tree, str] = {}
 
             def read(x: Tree) -> str:
-                if x[0] == "b":
+                if x[0] == "current":
                     return results[x[1]]
-                if x[0] == "p":
+                if x[0] == "previous":
                     return turn.carried[carried[x[1:]]]
-                if x[0] in "sc" or x[-1] == 0:
+                if _is_fixed(x):
                     return self.value(x)
                 if x not in loaded:
                     loaded[x] = code.load(self.base(x), code.affine(turn.i, x[-2], x[-1]))
@@ -303,106 +313,79 @@ class _Emitter:
             for before in range(ago + 1):
                 k = carried.get((inner, (nothing,) * before))
                 value = results[inner] if k is None else ends[k]
-                self.known["l", number, inner, count - 1 - before, 0] = value
+                self.known["from loop", number, inner, count - 1 - before, 0] = value
         if checked:
             self.sums.append(turn.carried[-1])
 
     # ---- Groups ----------------------------------------------------------------------------------
 
     def _group(
-        self, number: int, kind: str, name: str, shape: Tree, inline: bool, by: int, given: Tree
+        self,
+        number: int,
+        kind: str,
+        name: str,
+        shape: Tree,
+        inline: bool,
+        factors: int,
+        inputs: Tree,
     ) -> None:
         if inline:
-            values = [self.value(x) for x in given]
-            if kind == t.FACTORS:
-                rows = [values[i * shape[0] : (i + 1) * shape[0]] for i in range(shape[0])]
-                self.factored[number] = dense.InlineLU(self.code, rows)
-                return
-            parts = self._solved(values, shape, by) if kind == t.SOLVE else self._angles(values)
-            self.parts[f"x{number}"] = parts
-            if f"x{number}" in self.stepping:
-                for index, x in enumerate(parts):
-                    self.code.store(x, self.bases[f"x{number}"], index)
+            self._inline_group(number, kind, shape, factors, [self.value(x) for x in inputs])
             return
-        {
-            t.ANGLES: self._many_angles,
-            t.FACTORS: self._factors,
-            t.SOLVE: self._solve,
-            t.BAND: self._band,
-            t.PRODUCT: self._product,
-        }[kind](number, shape, by, given)
+        results = self.bases[f"x{number}"]
+        if kind == t.ANGLES:
+            (count,) = shape
+            array, first, _ = inputs or (f"r{number}", 0, count)
+            sines = self.code.address(results, sincos.padded_count(count))
+            angles = self.code.address(self.bases[array], first)
+            sincos.write(self.code, angles, results, sines, count)
+            return
+        lanes, room = ((self.bases[f"r{number}"], 1), (results, 1)), (self.room, 0)
+        size = shape[0]
+        # A matrix is factored apart in each lane.
+        apart = size * (size + 2)
+        text_of, arrays = {
+            t.FACTORS: (dense.factor_text, (lanes[0], (results, apart))),
+            t.SOLVE: (dense.solve_text, ((self.bases.get(f"x{factors}", ""), apart), *lanes, room)),
+            t.BAND: (band.band_text, (*lanes, room)),
+            t.PRODUCT: (dense.product_text, (*lanes, room)),
+        }[kind]
+        function = "_".join(map(str, (kind, *shape, self.code.width)))
+        self._call_by_lane(function, text_of(function, *shape, self.code.width), *arrays)
 
-    def _angles(self, values: list[str]) -> list[str]:
-        return sincos.cos_and_sin(self.code, values)
+    def _inline_group(
+        self, number: int, kind: str, shape: Tree, factors: int, inputs: list[str]
+    ) -> None:
+        if kind == t.FACTORS:
+            (size,) = shape
+            rows = [inputs[i : i + size] for i in range(0, size * size, size)]
+            self.factored[number] = dense.InlineLU(self.code, rows)
+            return
+        if kind == t.SOLVE:
+            _, columns = shape
+            solved = [self.factored[factors].solve(inputs[j::columns]) for j in range(columns)]
+            parts = [x for row in zip(*solved, strict=True) for x in row]
+        else:
+            parts = sincos.cos_and_sin(self.code, inputs)
+        self.parts[f"x{number}"] = parts
+        if f"x{number}" in self.stepping:
+            for index, x in enumerate(parts):
+                self.code.store(x, self.bases[f"x{number}"], index)
 
-    def _solved(self, b: list[str], shape: Tree, by: int) -> list[str]:
-        size, columns = shape
-        solved = [self.factored[by].solve(b[j::columns]) for j in range(columns)]
-        return [solved[j][i] for i in range(size) for j in range(columns)]
-
-    def _many_angles(self, number: int, shape: Tree, by: int, given: Tree) -> None:
-        x = (
-            self.bases[f"r{number}"]
-            if not given
-            else self.code.address(self.bases[given[0]], given[1])
-        )
-        cos = self.bases[f"x{number}"]
-        sincos.write(
-            self.code, x, cos, self.code.address(cos, sincos.padded_count(shape[0])), shape[0]
-        )
-
-    def _lanes(self, name: str, text: str, *arrays: tuple[str, int]) -> None:
+    def _call_by_lane(self, name: str, text: str, *arrays: tuple[str, int]) -> None:
         """Call a function for each lane; arrays are (address, float64 from lane to lane)."""
-        self.code.calls(text)
+        code = self.code
+        code.calls(text)
+        with code.loop(code.width) as turn:
+            addresses = (
+                code.address(base, code.affine(turn.i, 0, step), "double") for base, step in arrays
+            )
+            code.do(f"call void @{name}({', '.join(f'ptr {x}' for x in addresses)})")
 
-        def call(lane: str | int) -> None:
-            addresses = []
-            for base, step in arrays:
-                offset = lane if step == 1 else 0
-                if step > 1:
-                    offset = (
-                        lane * step
-                        if isinstance(lane, int)
-                        else self.code.integer("mul", lane, step)
-                    )
-                addresses.append(self.code.address(base, offset, "double"))
-            self.code.do(f"call void @{name}({', '.join(f'ptr {x}' for x in addresses)})")
 
-        if self.code.width == 1:
-            call(0)
-            return
-        with self.code.loop(self.code.width) as turn:
-            call(turn.i)
-
-    def _factors(self, number: int, shape: Tree, by: int, given: Tree) -> None:
-        (size,), width = shape, self.code.width
-        name = f"factor_{size}_{width}"
-        arrays = (self.bases[f"r{number}"], 1), (self.bases[f"x{number}"], size * (size + 2))
-        self._lanes(name, dense.factor_text(name, size, width), *arrays)
-
-    def _solve(self, number: int, shape: Tree, by: int, given: Tree) -> None:
-        (size, columns), width = shape, self.code.width
-        name = f"solve_{size}_{columns}_{width}"
-        arrays = (
-            (self.bases[f"x{by}"], size * (size + 2)),
-            (self.bases[f"r{number}"], 1),
-            (self.bases[f"x{number}"], 1),
-            (self.room, 0),
-        )
-        self._lanes(name, dense.solve_text(name, size, columns, width), *arrays)
-
-    def _band(self, number: int, shape: Tree, by: int, given: Tree) -> None:
-        (size,), width = shape, self.code.width
-        name = f"band_{size}_{width}"
-        arrays = (self.bases[f"r{number}"], 1), (self.bases[f"x{number}"], 1), (self.room, 0)
-        self._lanes(name, band.band_text(name, size, width), *arrays)
-
-    def _product(self, number: int, shape: Tree, by: int, given: Tree) -> None:
-        rows, inner, columns = shape
-        name = f"product_{rows}_{inner}_{columns}_{self.code.width}"
-        text = dense.product_text(name, rows, inner, columns, self.code.width)
-        arrays = (self.bases[f"r{number}"], 1), (self.bases[f"x{number}"], 1), (self.room, 0)
-        self._lanes(name, text, *arrays)
+def _is_fixed(x: Tree) -> bool:
+    """Return whether an operand in a loop is the same in all iterations."""
+    return x[0] in ("value", "constant") or (x[0] in ("entry", "from loop") and x[-1] == 0)
 
 
 def _operated(code: IRBuilder, op: str, x: str, y: Any) -> str:

@@ -13,19 +13,25 @@ indices that increase by the same step from link to link. `program_of` takes fou
 
 Loops make code short; no step changes an operation.
 
-Programs are trees of tuples. An operand is
+Programs are trees of tuples; the first entry of a tuple names it. An operand is
 
-- ("c", x): a constant
-- ("s", k): the k-th value computed outside of loops
-- ("i", array, place, step): an entry of an array: an input, or the results of a group
-- ("l", loop, j, place, step): the results of operation j of an earlier loop, by iteration
-- ("b", j): the result of operation j in this iteration
-- ("p", j, first): the result of operation j as many iterations before as there are entries in
-  `first`, which are its values in the first iterations
+- ("constant", x)
+- ("value", k): the k-th result of an operation outside of loops
+- ("entry", array, index, step): an entry of an array
+- ("from loop", loop, j, index, step): the result of operation j of an earlier loop, by iteration
+- ("current", j): the result of operation j in this iteration
+- ("previous", j, first): the result of operation j as many iterations before as there are entries
+  in `first`, which are its values in the first iterations
 
-where `place` is the index, which increases by `step` per iteration (0 outside of loops). Items are
-("op", op, x, y), ("put", x, array, place, step), ("group", number, kind, name, shape, inline, by,
-given), and ("loop", count, items).
+where the index increases by `step` per iteration (0 outside of loops). An item is
+
+- ("op", op, x, y): an operation of `eomcheck.numbers.tape` on one or two operands
+- ("put", x, array, index, step): writing an operand to an entry of an array
+- ("group", number, kind, name, shape, inline, factors, inputs): a group of operations of a tape,
+  such as a solve; `factors` is the number of the group that factored its matrix, or -1. If it is
+  `inline`, its inputs are operands and all is done in registers. Otherwise they are in the array
+  "rN", N its number, or, of contiguous entries, (array, first index, count). Results are in "xN".
+- ("loop", count, items)
 """
 
 from __future__ import annotations
@@ -89,8 +95,8 @@ class Instructions:
         """Return (class, index) of all operands of an instruction."""
         code, *reads = self.rows[at][:5]
         op = self.ops[code]
-        inline = op[-1] if isinstance(op, tuple) and op[5] else ()
-        pairs = ((reads[0], reads[1]), (reads[2], reads[3]), *inline)
+        inputs = op[-1] if isinstance(op, tuple) and op[5] else ()
+        pairs = ((reads[0], reads[1]), (reads[2], reads[3]), *inputs)
         return [(kind, place) for kind, place in pairs if place >= 0]
 
     def ordered(self, order: Sequence[int]) -> Instructions:
@@ -146,14 +152,14 @@ def instructions_of(
     def read(place: int) -> tuple[int, int]:
         op, x, y = tape.operations[place]
         if op is t.CONSTANT:
-            return lines.class_of(("c", x)), 0
+            return lines.class_of(("constant", x)), 0
         if op is t.INPUT:
-            return lines.class_of(("i", x)), y
+            return lines.class_of(("entry", x)), y
         if op is t.PART:
             kind, _, (size, *_), _, _ = tape.groups[x]
             if kind is t.ANGLES and y >= size > FEW_ANGLES:
                 y += padded_count(size) - size
-            return lines.class_of(("i", f"x{done[x]}")), y
+            return lines.class_of(("entry", f"x{done[x]}")), y
         return 0, made[place]
 
     def put(reads: Sequence[int | None], array: str) -> None:
@@ -184,16 +190,16 @@ def instructions_of(
             inline = order <= INLINE
         size = 2 * padded_count(order) if kind is t.ANGLES else int(np.prod(shape))
         arrays[f"x{new}"] = order * (order + 2) if kind is t.FACTORS else size
-        given: Tree = ()
+        inputs: Tree = ()
         if inline:
-            given = tuple(read(place) for place in reads)
+            inputs = tuple(read(place) for place in reads)
         elif kind is t.ANGLES and (row := _in_a_row(tape, reads)):
-            given = row
+            inputs = row
         else:
             ordered = _ordered(kind, reads, order)
             arrays[f"r{new}"] = len(ordered)
             put(ordered, f"r{new}")
-        lines.add(("group", new, kind, name, shape, inline, factors, given))
+        lines.add(("group", new, kind, name, shape, inline, factors, inputs))
 
     for place in places:
         op, x, y = tape.operations[place]
@@ -312,7 +318,7 @@ class _Times:
         reads, names = self.lines.reads(at), self.lines.names
         return (
             [place for kind, place in reads if kind == 0],
-            [names[kind][1] for kind, _ in reads if kind and names[kind][0] == "i"],
+            [names[kind][1] for kind, _ in reads if kind and names[kind][0] == "entry"],
         )
 
     def _when(self, array: str) -> int:
@@ -406,10 +412,11 @@ class _Encoder:
             if place < 0:
                 return None
             if self.loop[place] < 0:
-                return ("s", int(self.inner[place]))
-            return ("l", int(self.loop[place]), int(self.inner[place]), int(self.turn[place]), 0)
+                return ("value", int(self.inner[place]))
+            loop, inner, turn = (int(x[place]) for x in (self.loop, self.inner, self.turn))
+            return ("from loop", loop, inner, turn, 0)
         name = self.lines.names[kind]
-        return name if name[0] == "c" else ("i", name[1], place, 0)
+        return name if name[0] == "constant" else (*name, place, 0)
 
     def _write_straight(self, start: int, end: int) -> None:
         for at in range(start, end):
@@ -418,10 +425,8 @@ class _Encoder:
             if op == "put":
                 item = ("put", self.one(*reads[:2]), self.lines.names[target], place, 0)
             elif isinstance(op, tuple):
-                given = op[-1]
-                if op[5]:
-                    given = tuple(self.one(*x) for x in given)
-                item = (*op[:-1], given)
+                *group, inputs = op
+                item = (*group, tuple(self.one(*x) for x in inputs) if op[5] else inputs)
             else:
                 item = ("op", op, self.one(*reads[:2]), self.one(*reads[2:]))
                 self.inner[at] = self.straight
@@ -490,11 +495,11 @@ class _Encoder:
                 start, period, _ = where
                 first = tuple(self.one(kind, x) for x in range(place, start, period))
                 inner = (place - start) % period
-                return ("p", inner, first) if first else ("b", inner)
+                return ("previous", inner, first) if first else ("current", inner)
             loop, inner, turn = (int(x[place]) for x in (self.loop, self.inner, self.turn))
-            return ("l", loop, inner, turn, int(self.turn[later]) - turn)
+            return ("from loop", loop, inner, turn, int(self.turn[later]) - turn)
         read = self.one(kind, place)
-        return ("i", read[1], place, step) if read and read[0] == "i" else read
+        return (*read[:2], place, step) if read and read[0] == "entry" else read
 
 
 def _own(place: int, step: int, start: int, period: int, count: int) -> bool:
