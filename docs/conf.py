@@ -17,7 +17,7 @@ from eomcheck.lab.report.registries import in_paper, parameter_table, registry_t
 from eomcheck.lab.show.table import escaped as cell
 from eomcheck.lab.show.table import markdown_table as table
 from eomcheck.lab.studies import BENCHMARKS, STUDIES, study_of
-from eomcheck.motion.reference_io import load_reference
+from eomcheck.motion.reference_solution import load_reference
 from eomcheck.scenes import SCENES
 
 DOCS = Path(__file__).parent

@@ -164,7 +164,7 @@ def test_generic_functions_branch_only_on_whether_an_argument_of_theirs_is_absen
 # ---- Who imports whom ----------------------------------------------------------------------------
 
 LAYERS = (
-    "deprecated float_environment calls errors console safe_output pytest_plugin",
+    "deprecated calls errors console safe_output pytest_plugin",
     "atomic_write class_lookup supervisor",
     "numbers",
     "kernels mechanics",

@@ -14,7 +14,7 @@ import eomcheck
 from eomcheck.atomic_write import check_regular, check_writable, read_text, replacing, write_text
 from eomcheck.errors import InputError, UnwrittenError
 from eomcheck.lab.store.record_file import Records
-from eomcheck.motion.reference_io import load_reference
+from eomcheck.motion.reference_solution import load_reference
 from eomcheck.scenes import from_mjcf, from_urdf
 from eomcheck.testing.suite import read_expected_failures
 

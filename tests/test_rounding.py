@@ -11,10 +11,15 @@ import numpy as np
 import pytest
 
 from eomcheck import check_state, enclose
-from eomcheck.calls import call
+from eomcheck.calls import (
+    FLUSHING,
+    ROUNDING,
+    call,
+    environment_change,
+    restore_environment,
+)
 from eomcheck.engines import CasadiEngine
 from eomcheck.errors import CallError, EngineError
-from eomcheck.float_environment import FLUSHING, ROUNDING, changed, restore
 from eomcheck.numbers.ball import precision
 from eomcheck.scenes import ChainPendulum
 from eomcheck.testing import check_functions
@@ -44,30 +49,30 @@ def change(bits: int) -> None:
 @pytest.fixture(autouse=True)
 def default():
     yield
-    restore()
+    restore_environment()
 
 
 @pytest.mark.parametrize(("bits", "what"), ALL)
 def test_each_change_is_seen_and_restored(bits: int, what: str):
-    assert changed() == ""
+    assert environment_change() == ""
     change(bits)
-    assert changed() == what
-    restore()
-    assert changed() == ""
+    assert environment_change() == what
+    restore_environment()
+    assert environment_change() == ""
 
 
 @pytest.mark.parametrize(("bits", "what"), ALL)
 def test_a_call_that_changes_arithmetic_is_a_failure_of_its_function(bits: int, what: str):
     with pytest.raises(CallError, match=f"^Engine.bias {what}$"):
         call("Engine.bias", change, bits)
-    assert changed() == ""
+    assert environment_change() == ""
 
 
 def test_nothing_is_blamed_for_what_was_changed_before_it_or_by_an_import():
     change(MODES["up"])
     assert call("Engine.bias", lambda: 0.1 + 0.2) == 0.30000000000000004
     assert call("import", lambda: change(FLUSHED["results"]), slow=True) is None
-    assert changed() == ""
+    assert environment_change() == ""
 
 
 def test_a_call_that_raises_and_changes_arithmetic_is_reported_for_both():
@@ -78,10 +83,10 @@ def test_a_call_that_raises_and_changes_arithmetic_is_reported_for_both():
     with pytest.raises(CallError, match=f"^Engine.bias {ROUNDING} and raised KeyError$") as caught:
         call("Engine.bias", both)
     assert type(caught.value.__cause__) is KeyError
-    assert changed() == ""
+    assert environment_change() == ""
     with pytest.raises(KeyError):
         call("import", both, slow=True)
-    assert changed() == ""
+    assert environment_change() == ""
 
 
 @pytest.mark.parametrize(
@@ -104,7 +109,7 @@ def test_how_a_call_ended_is_reported_beside_changed_arithmetic(error: BaseExcep
     with pytest.raises(BaseException) as caught:
         call("own.f", both)
     assert str(caught.value) == text
-    assert changed() == ""
+    assert environment_change() == ""
 
 
 def function_of(bits: int) -> Callable:

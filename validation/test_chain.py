@@ -19,7 +19,7 @@ from eomcheck.evaluation.certified import true_error, true_state
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.motion.reference_io import load_reference
+from eomcheck.motion.reference_solution import load_reference
 from eomcheck.motion.right_hand_side import RightHandSide
 from eomcheck.numbers.generic import FLOAT64, Array
 from eomcheck.scenes import Snake

@@ -8,7 +8,7 @@ import pytest
 
 import eomcheck
 from eomcheck.motion.integrators import INTEGRATORS
-from eomcheck.motion.reference_io import load_reference
+from eomcheck.motion.reference_solution import load_reference
 from eomcheck.motion.simulate import Motion
 from eomcheck.scenes import Snake
 

@@ -32,17 +32,48 @@ import mmap
 import os
 import signal
 import struct
+import sys
 import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial, wraps
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from eomcheck.errors import CallError, EomcheckError, raised
-from eomcheck.float_environment import changed, restore
+
+# ---- Floating-point environment ------------------------------------------------------------------
+
+ONE, LITTLE = 1.0, 2.0**-60
+SMALLEST = sys.float_info.min
+"""The smallest normal number; half of it is subnormal."""
+
+ROUNDING = "changes the floating-point rounding mode"
+FLUSHING = "turns on flushing of subnormal numbers to zero"
+
+
+def environment_change() -> str:
+    """Return the change from the default environment: `ROUNDING`, `FLUSHING`, or ""."""
+    nearest = ONE + LITTLE == ONE == ONE - LITTLE
+    if nearest and SMALLEST * 0.5 > 0.0:
+        return ""
+    return FLUSHING if nearest else ROUNDING
+
+
+def restore_environment() -> None:
+    """Restore the default floating-point environment."""
+    # If the C library has no such function, a change is still reported.
+    with suppress(OSError, TypeError, AttributeError, ValueError):
+        library = ctypes.CDLL(None)
+        apple = sys.platform == "darwin"
+        address = ctypes.c_char.in_dll(library, "_FE_DFL_ENV") if apple else None
+        default = ctypes.c_void_p(-1) if address is None else ctypes.byref(address)
+        library.fesetenv(default)
+
+
+# ---- Guarded calls -------------------------------------------------------------------------------
 
 T = TypeVar("T")
 
@@ -264,8 +295,8 @@ def call(name: str, function: Callable[..., T], *arguments: Any, slow: bool = Fa
             its process, or changed the rounding of float64.
         Exception: raised by the function itself.
     """
-    if changed():
-        restore()  # so that no call is blamed for an earlier change
+    if environment_change():
+        restore_environment()  # so that no call is blamed for an earlier change
     what = ""
     try:
         if threading.current_thread() is not threading.main_thread():
@@ -280,14 +311,14 @@ def call(name: str, function: Callable[..., T], *arguments: Any, slow: bool = Fa
     except (EomcheckError, KeyboardInterrupt, UnsupervisedError):
         raise
     except BaseException as error:
-        what = "" if slow else changed()
+        what = "" if slow else environment_change()
         if isinstance(error, Exception) and not what:
             raise
         what = f"{what} and {raised(error, None)}" if what else raised(error, None)
         raise CallError(name, what).with_traceback(error.__traceback__) from error
     finally:
-        if what := changed():
-            restore()
+        if what := environment_change():
+            restore_environment()
     if what and not slow:
         raise CallError(name, what)
     return answer

@@ -43,10 +43,10 @@ MODULES = {
     "eomcheck.numbers.differentiate": "eomcheck.numbers.tape",
     "eomcheck.lab.store.workers": "eomcheck.lab.store.parallel_map",
     "eomcheck.motion.extrapolation": "eomcheck.motion.reference",
-    "eomcheck.motion.run": "eomcheck.motion.reference_io",
-    "eomcheck.motion.stored": "eomcheck.motion.reference_io",
+    "eomcheck.motion.run": "eomcheck.motion.reference_solution",
+    "eomcheck.motion.stored": "eomcheck.motion.reference_solution",
     "eomcheck.motion.observe": "eomcheck.motion.observables",
-    "eomcheck.motion.errors": "eomcheck.motion.trajectory_errors",
+    "eomcheck.motion.errors": "eomcheck.motion.reference_solution",
     "eomcheck.testing.registry": "eomcheck.claims.registry",
 }
 """Old -> new path of modules that pages of 0.2 or stored failures import from.
@@ -172,13 +172,13 @@ NAMES: dict[str, dict[str, str]] = {
         "turned_by": "plane_angle",
     },
     "eomcheck.motion.right_hand_side": {"rates_on": "trace_rates"},
-    "eomcheck.motion.trajectory_errors": {
+    "eomcheck.motion.reference_solution": {
         "constraint_drift": "constraint_error_drift",
         "energy_drift": "energy_error_drift",
+        "Run": "ReferenceRun",
     },
     "eomcheck.numbers.tape": {"live": "live_entries"},
     "eomcheck.motion.reference": {"consistent_velocity": "extended_velocity"},
-    "eomcheck.motion.reference_io": {"Run": "ReferenceRun"},
 }
 """Module -> old name -> new name of an object in it; the module has a `__getattr__` for these."""
 

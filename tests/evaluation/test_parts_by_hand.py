@@ -23,7 +23,7 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics import derived_functions
 from eomcheck.mechanics.scene import MAX_COORDINATES, checked_scene, finite_array
 from eomcheck.motion import integrators, right_hand_side
-from eomcheck.motion.reference_io import ReferenceRun, decimals, difference
+from eomcheck.motion.reference_solution import ReferenceRun, decimals, difference
 from eomcheck.motion.right_hand_side import ACCELERATION, RightHandSide, exact_jacobian, kernel_of
 from eomcheck.numbers.generic import NotRationalError
 from eomcheck.scenes import Bricard, ChainPendulum, Snake

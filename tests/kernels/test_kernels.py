@@ -25,7 +25,7 @@ from eomcheck.evaluation.perturbed import sensitivity_of
 from eomcheck.evaluation.scene_quantities import net_force
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS, applicable
-from eomcheck.kernels import jit, sincos
+from eomcheck.kernels import llvm, sincos
 from eomcheck.kernels.emit import HEADER, layout_of
 from eomcheck.kernels.kernel import Kernel
 from eomcheck.kernels.program import (
@@ -670,11 +670,11 @@ def test_code_for_another_machine_works_and_with_fma_has_the_bits_of_this_one(
     scene = uneven(3, springs=True)
     at = Evaluation(scene, *state(scene))
     found: list[list[Array]] = []
-    if fused and not jit.cpu_features()[2]:
+    if fused and not llvm.cpu_features()[2]:
         pytest.skip("this machine cannot multiply and add at once")
     for other in (None, MACHINES[name]):
         if other is not None:
-            for module in (jit, sincos):
+            for module in (llvm, sincos):
                 monkeypatch.setattr(module, "cpu_features", lambda other=other: other)
         found.append([])
         for key in ("au", "el", "kane", "banded"):

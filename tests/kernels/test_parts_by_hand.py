@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 from tests.machine_code import MachineCode
 
-from eomcheck.kernels import jit, kernel, perturbed_solves, perturbed_trace
+from eomcheck.kernels import kernel, llvm, perturbed_solves, perturbed_trace
 from eomcheck.kernels.batched_solves import lapack_per_lane
 from eomcheck.kernels.emit import HEADER, Layout, aligned, layout_of, loop_results, reads_of
-from eomcheck.kernels.jit import CACHE_LINE, JitModule, aligned_zeros
-from eomcheck.kernels.llvm_builder import LANES, IRBuilder
+from eomcheck.kernels.llvm import CACHE_LINE, LANES, IRBuilder, JitModule, aligned_zeros
 from eomcheck.kernels.perturbed_trace import FEWEST_COMPILED, TraceKeyCache, TraceRunner
 from eomcheck.kernels.program import NotRegularError, Program, extrapolate_program
 from eomcheck.numbers.lanes import LaneArray
@@ -382,6 +381,6 @@ def test_a_record_is_gathered_once_and_its_arrays_are_handed_on_in_order(monkeyp
 
 
 def test_this_machine_tells_what_it_can_do():
-    name, known, fused = jit.cpu_features()
+    name, known, fused = llvm.cpu_features()
     assert name and "-prefer-256-bit" in known.split(",")
     assert isinstance(fused, bool)

@@ -16,7 +16,7 @@ from eomcheck.lab.report.overview import Overview, read_records
 from eomcheck.lab.report.report_formats import write_junit, write_markdown
 from eomcheck.lab.store.record_file import Record, Records
 from eomcheck.lab.studies import STUDIES
-from eomcheck.motion.reference_io import load_reference
+from eomcheck.motion.reference_solution import load_reference
 
 
 @pytest.fixture(scope="module")

@@ -10,10 +10,9 @@ import pytest
 
 from eomcheck.errors import InputError
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.motion.reference_io import Reference, load_reference
-from eomcheck.motion.simulate import Trajectory
-from eomcheck.motion.trajectory_errors import (
+from eomcheck.motion.reference_solution import (
     FEWEST,
+    Reference,
     constraint_error,
     constraint_error_drift,
     drift_of,
@@ -21,7 +20,9 @@ from eomcheck.motion.trajectory_errors import (
     energy_error_drift,
     error_norm,
     errors_of,
+    load_reference,
 )
+from eomcheck.motion.simulate import Trajectory
 
 REFERENCE = load_reference(Path("validation/references/free-3.json"))
 

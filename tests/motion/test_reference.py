@@ -29,7 +29,7 @@ from eomcheck.mechanics.records import Bodies, Speeds, Terms
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion import reference
 from eomcheck.motion.reference import extended_reference, extended_velocity, taylor_reference
-from eomcheck.motion.reference_io import (
+from eomcheck.motion.reference_solution import (
     DIGITS,
     ReferenceRun,
     decimals,
@@ -303,7 +303,7 @@ def test_a_solve_of_expressions_is_the_solution(heyoka, size: int, columns: tupl
 
 
 def test_nothing_else_needs_heyoka():
-    modules = "eomcheck.cli, eomcheck.motion.reference_io, eomcheck.lab.references"
+    modules = "eomcheck.cli, eomcheck.motion.reference_solution, eomcheck.lab.references"
     code = f"import sys, {modules}; assert 'heyoka' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
 

@@ -19,7 +19,12 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.motion import reference
 from eomcheck.motion.integrators import INTEGRATORS, integrate
 from eomcheck.motion.observables import singular_between, solves_partition
-from eomcheck.motion.reference_io import ReferenceRun, decimals, load_reference, save_reference
+from eomcheck.motion.reference_solution import (
+    ReferenceRun,
+    decimals,
+    load_reference,
+    save_reference,
+)
 from eomcheck.scenes import RollingDisk, Sleigh, Snake
 
 FOLDER = Path(__file__).parents[2] / "validation" / "references"

@@ -11,7 +11,7 @@ from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.perturbed import sensitivity_of
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS, applicable
-from eomcheck.kernels.jit import EFFORT, LEAST_EFFORT
+from eomcheck.kernels.llvm import EFFORT, LEAST_EFFORT
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.right_hand_side import ACCELERATION, block_of, kernel_of
 from eomcheck.motion.simulate import Motion, simulate

@@ -13,9 +13,9 @@ from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.formulations.banded import joint_gaps
 from eomcheck.motion import stabilization
+from eomcheck.motion.reference_solution import constraint_error
 from eomcheck.motion.simulate import Motion, simulate
 from eomcheck.motion.stabilization import drift_with_feedback, project_speeds
-from eomcheck.motion.trajectory_errors import constraint_error
 from eomcheck.numbers.counting import Counting
 from eomcheck.scenes import Snake
 

@@ -17,9 +17,9 @@ from eomcheck.motion import observables, simulate
 from eomcheck.motion.batch import starts_of, state_vectors
 from eomcheck.motion.integrators import Steps
 from eomcheck.motion.reference import Extrapolation
+from eomcheck.motion.reference_solution import drift_of
 from eomcheck.motion.simulate import check_options, checked_times, initial_values
 from eomcheck.motion.stabilization import check_stabilization, integrate_in_pieces
-from eomcheck.motion.trajectory_errors import drift_of
 from eomcheck.scenes import SCENES, ChainPendulum, Sleigh, Snake
 
 SLEIGH = Sleigh(mass=1.3, inertia=0.21, offset=0.37, rate=2.1)

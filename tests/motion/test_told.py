@@ -24,11 +24,11 @@ from eomcheck.kernels.kernel import Kernel
 from eomcheck.kernels.program import program_of
 from eomcheck.lab import references
 from eomcheck.lab.fuzzing.motion_rounds import CROSSED, STOPPED, motion_counts
-from eomcheck.motion import observables, reference, trajectory_errors
+from eomcheck.motion import observables, reference, reference_solution
 from eomcheck.motion import simulate as trajectory
 from eomcheck.motion.batch import OUTPUTS, simulate_many
 from eomcheck.motion.integrators import Steps
-from eomcheck.motion.reference_io import ReferenceRun
+from eomcheck.motion.reference_solution import ReferenceRun
 from eomcheck.motion.right_hand_side import RightHandSide, state_of
 from eomcheck.motion.simulate import simulate
 from eomcheck.motion.stabilization import integrate_in_pieces
@@ -242,15 +242,15 @@ def test_of_poses_that_are_crossed_the_first_is_told(monkeypatch):
 def test_changes_of_energy_are_relative_to_the_largest_at_any_time():
     motion = simulate(SLEIGH, "kane", 1.0, u0=np.array([1.0, 0.5]), output_times=np.arange(5) / 4)
     grown = replace(motion, energy=1.0 + 3.0 * motion.times)
-    assert trajectory_errors._largest_energy_error(grown) == 0.75
-    law = trajectory_errors.energy_error_drift(grown)
+    assert reference_solution._largest_energy_error(grown) == 0.75
+    law = reference_solution.energy_error_drift(grown)
     assert law is not None and (law.rate, law.exponent) == pytest.approx((0.75, 1.0))
 
 
 def test_a_law_of_growth_needs_four_errors():
     times = np.arange(1.0, 5.0)
-    assert trajectory_errors.drift_of(times[:3], times[:3]) is None
-    assert trajectory_errors.drift_of(times, times) is not None
+    assert reference_solution.drift_of(times[:3], times[:3]) is None
+    assert reference_solution.drift_of(times, times) is not None
 
 
 # ---- References ----------------------------------------------------------------------------------

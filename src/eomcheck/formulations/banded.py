@@ -91,9 +91,10 @@ BANDED = Formulation(
     uses="chain",
     partitioned=False,
     limits=(
-        "Needs a scene whose bodies form a chain. As Au: needs independent constraints and a mass "
-        "that is positive on the motions they allow. A snake may have any cos α_i, 0 included, as "
-        "long as its constraints are independent; with 1 or 2 links it fails in no other state."
+        "Needs a scene whose bodies form a chain. As the augmented method: needs independent "
+        "constraints and a mass that is positive on the motions they allow. A snake may have any "
+        "cos α_i, 0 included, as long as its constraints are independent; with 1 or 2 links it "
+        "fails in no other state."
     ),
     solution=solution,
 )

@@ -45,8 +45,8 @@ IM = Formulation(
     uses="terms",
     partitioned=False,
     limits=(
-        "As Au: needs independent constraints and a mass matrix that is positive on the motions "
-        "they allow. Snakes of 1 or 2 links have no other states where it fails."
+        "As the augmented method: needs independent constraints and a mass matrix that is positive "
+        "on the motions they allow. Snakes of 1 or 2 links have no other states where it fails."
     ),
     solution=solution,
 )

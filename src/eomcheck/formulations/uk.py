@@ -105,9 +105,10 @@ UK = Formulation(
     uses="terms",
     partitioned=False,
     limits=(
-        "Needs a mass matrix that is positive on the motions allowed, as Au, but not independent "
-        "constraints; their rank must be clear, and the same in positions nearby. Multipliers are "
-        "the smallest there are. Snakes of 1 or 2 links have no other states where it fails."
+        "Needs a mass matrix that is positive on the motions allowed, as the augmented method, "
+        "but not independent constraints; their rank must be clear, and the same in positions "
+        "nearby. Multipliers are the smallest there are. Snakes of 1 or 2 links have no other "
+        "states where it fails."
     ),
     solution=solution,
     redundant=True,

@@ -18,9 +18,9 @@ wider than this band.
 
 from __future__ import annotations
 
-from eomcheck.kernels import jit
+from eomcheck.kernels import llvm
 from eomcheck.kernels.dense import emit_power_of_two_scale
-from eomcheck.kernels.llvm_builder import LANES, IRBuilder
+from eomcheck.kernels.llvm import LANES, IRBuilder
 from eomcheck.numbers.pivots import (
     LEAST_STEPS,
     MOST_STEPS,
@@ -47,7 +47,7 @@ def padded(size: int) -> int:
 
 def multiply_add(code: IRBuilder, x: str, y: str, z: str) -> str:
     """Return x + y z, by fused multiply-add on machines that have it."""
-    if jit.cpu_features()[2]:
+    if llvm.cpu_features()[2]:
         return code.call("fma", y, z, x)
     return code.add(x, code.mul(y, z))
 

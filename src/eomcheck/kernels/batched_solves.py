@@ -16,8 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.kernels.dense import address_of
-from eomcheck.kernels.jit import JitModule
-from eomcheck.kernels.llvm_builder import IRBuilder
+from eomcheck.kernels.llvm import IRBuilder, JitModule
 from eomcheck.kernels.perturbed_solves import NEGLIGIBLE
 from eomcheck.numbers import linear
 from eomcheck.numbers.banded_solve import (

@@ -10,7 +10,7 @@ from __future__ import annotations
 import ctypes
 from functools import cache, reduce
 
-from eomcheck.kernels.llvm_builder import FINITE_NOT_ZERO, LANES, IRBuilder
+from eomcheck.kernels.llvm import FINITE_NOT_ZERO, LANES, IRBuilder
 from eomcheck.numbers.pivots import ABOVE_ONE, LARGEST_EXPONENT
 
 ONE, EXPONENT = 1023, 52
@@ -64,14 +64,12 @@ class InlineLU:
     """A matrix (k, k) of values, factored in registers.
 
     Pivots are chosen in scaled rows, and elimination uses the unscaled ones: powers of two round
-    nothing. If the matrix is `scaled` already, its rows are compared unchanged. Entries that are
-    literal zeros are no pivots, and operations on them are left out.
+    nothing. Entries that are literal zeros are no pivots, and operations on them are left out.
     """
 
-    def __init__(self, code: IRBuilder, A: list[list[str]], *, scaled: bool = False):
+    def __init__(self, code: IRBuilder, A: list[list[str]]):
         self.code, self.zero = code, code.constant(0.0)
-        one = code.splat_of("i64 0")
-        self.exponents = [one if scaled else _exponent(code, row) for row in A]
+        self.exponents = [_exponent(code, row) for row in A]
         self.upper: list[list[str]] = []
         self.factors: list[list[str]] = []
         self.chosen: list[list[str | None]] = []

@@ -17,8 +17,7 @@ from typing import Any
 
 from scipy.integrate import DOP853
 
-from eomcheck.kernels.jit import JitModule, cpu_features
-from eomcheck.kernels.llvm_builder import IRBuilder
+from eomcheck.kernels.llvm import IRBuilder, JitModule, cpu_features
 
 RUNNING, FINISHED, TOO_SMALL, TOO_MANY, NOT_FINITE = range(5)
 """Status of a lane: running; at its end; no step is small enough; too many steps; the right-hand

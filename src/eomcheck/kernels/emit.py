@@ -14,12 +14,11 @@ is not finite.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from eomcheck.kernels import band, dense, sincos
-from eomcheck.kernels.jit import CACHE_LINE
-from eomcheck.kernels.llvm_builder import NOT_FINITE, IRBuilder
+from eomcheck.kernels.llvm import CACHE_LINE, NOT_FINITE, IRBuilder
 from eomcheck.kernels.program import FARTHEST, Program, Tree
 from eomcheck.numbers import tape as t
 
@@ -96,7 +95,7 @@ def loop_results(program: Program) -> tuple[set[tuple[int, int]], dict[tuple[int
 def reads_of(items: Tree) -> Iterator[Tree]:
     """Yield all operands that items read."""
     for item in items:
-        operands: Tree = ()
+        operands: Sequence[Tree | None] = ()
         match item:
             case "loop", _, body:
                 yield from reads_of(body)

@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from eomcheck.kernels.emit import FAILURE_TIME, HEADER, Layout, function_texts, layout_of
-from eomcheck.kernels.jit import EFFORT, JitModule, aligned_zeros
-from eomcheck.kernels.llvm_builder import IRBuilder
+from eomcheck.kernels.llvm import EFFORT, IRBuilder, JitModule, aligned_zeros
 from eomcheck.kernels.program import Program
 from eomcheck.kernels.sincos import library_call
 from eomcheck.numbers.generic import Array

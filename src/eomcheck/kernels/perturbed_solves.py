@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from eomcheck.kernels.dense import EXPONENT, ONE, emit_power_of_two_scale
-from eomcheck.kernels.llvm_builder import LANES, IRBuilder
+from eomcheck.kernels.llvm import LANES, IRBuilder
 from eomcheck.numbers.linear import SOLVERS, SolveRecord, active_noise, record, reference_solve
 from eomcheck.numbers.noise import NORMAL, Noise
 
@@ -393,7 +393,7 @@ def compiled_perturbed_solve() -> Callable[..., None]:
     sign, exponent and diagonal of each sample (for the determinant), and of the workspace.
     """
     # Not before it is needed: LLVM takes longer to import than the package.
-    from eomcheck.kernels.jit import JitModule
+    from eomcheck.kernels.llvm import JitModule
 
     machine = JitModule([*texts(), _PerturbedSolveCode().text(), _all_text()])
     kinds = *[ctypes.c_int64] * 3, *[ctypes.c_bool] * 2, *[ctypes.c_void_p] * 3

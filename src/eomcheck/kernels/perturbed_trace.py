@@ -29,7 +29,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.kernels import perturbed_solves  # noqa: F401  (perturbed matrices are solved by it)
-from eomcheck.kernels.llvm_builder import LANES, IRBuilder
+from eomcheck.kernels.llvm import LANES, IRBuilder
 from eomcheck.numbers.banded_solve import BANDED_SOLVERS, solve_banded
 from eomcheck.numbers.dual import RecordingArithmetic
 from eomcheck.numbers.generic import BRANCH, FLOAT64, Angles, Array, NotRationalError, map_record
@@ -396,7 +396,7 @@ PRODUCTS[_TracedNumber] = _traced_product
 def _replay_function() -> Callable[[int, int, int, int], None]:
     """Return the C function (count, operations, changes, values) that replays operations."""
     # Not before it is needed: LLVM takes longer to import than the package.
-    from eomcheck.kernels.jit import JitModule
+    from eomcheck.kernels.llvm import JitModule
 
     code = IRBuilder()
     with code.loop("%count") as turn:
@@ -483,7 +483,7 @@ def _lane_replay_function(perturbed: bool) -> Callable[[int, int, int, int, int]
 
     Values are (indices, lanes), `many` vectors of lanes.
     """
-    from eomcheck.kernels.jit import JitModule
+    from eomcheck.kernels.llvm import JitModule
 
     code = IRBuilder()
     wide = code.wider(LANES)

@@ -11,8 +11,7 @@ from __future__ import annotations
 
 import math
 
-from eomcheck.kernels.jit import cpu_features, has_sincos
-from eomcheck.kernels.llvm_builder import IRBuilder
+from eomcheck.kernels.llvm import IRBuilder, cpu_features, has_sincos
 
 REACH = 1e5
 """Largest angle of the reduction, rad."""

@@ -22,7 +22,7 @@ from eomcheck.lab.show.table import Cell, ResultTable
 from eomcheck.lab.store.parallel_map import parallel_map
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.reference import extended_reference, extended_velocity, taylor_reference
-from eomcheck.motion.reference_io import (
+from eomcheck.motion.reference_solution import (
     Reference,
     difference,
     load_reference,

@@ -27,8 +27,8 @@ from eomcheck.evaluation.tolerance import NOTICEABLE, allowed_error
 from eomcheck.formulations import Formulation, formulation_for
 from eomcheck.formulations.formulation import Choice
 from eomcheck.kernels import dop853
-from eomcheck.kernels.jit import aligned_zeros
 from eomcheck.kernels.kernel import Kernel
+from eomcheck.kernels.llvm import aligned_zeros
 from eomcheck.mechanics.parameters import settable
 from eomcheck.mechanics.scene import Scene, checked_scene, finite_array
 from eomcheck.motion.integrators import MOST_STEPS

@@ -33,7 +33,7 @@ from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.scene import Scene, finite_array
-from eomcheck.motion.reference_io import DIGITS, ReferenceRun, decimals
+from eomcheck.motion.reference_solution import DIGITS, ReferenceRun, decimals
 from eomcheck.numbers.ball import Balls, ball, precision
 from eomcheck.numbers.generic import Array
 from eomcheck.numbers.symbolic import BITS, HeyokaArithmetic

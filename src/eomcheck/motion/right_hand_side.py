@@ -32,8 +32,8 @@ from eomcheck.formulations import Formulation, Partition
 from eomcheck.formulations.em import velocity_of_independent
 from eomcheck.formulations.formulation import Choice
 from eomcheck.kernels.emit import CALLS, FAILED, FAILURE_TIME, TIME
-from eomcheck.kernels.jit import EFFORT, LEAST_EFFORT
 from eomcheck.kernels.kernel import Kernel
+from eomcheck.kernels.llvm import EFFORT, LEAST_EFFORT
 from eomcheck.kernels.program import NotRegularError, Program, extrapolate_program, program_of
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.stabilization import feed_back

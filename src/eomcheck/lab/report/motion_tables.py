@@ -21,8 +21,8 @@ from eomcheck.lab.show.chart import Axis, Band, Chart, Panel, in_rows
 from eomcheck.lab.show.table import ResultTable, print_tables, say
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.batch import Trajectories
+from eomcheck.motion.reference_solution import constraint_error, energy_error
 from eomcheck.motion.simulate import Trajectory
-from eomcheck.motion.trajectory_errors import constraint_error, energy_error
 from eomcheck.numbers.generic import Array
 from eomcheck.safe_output import counted
 

@@ -2,7 +2,7 @@
 
 The paper's robot, released from rest, for 1 000 s by every formulation; by those at acceleration
 level, which drift off the constraints, also with Baumgarte's feedback and with projection. Each
-error is fitted by rate · T (t/T)^exponent (`eomcheck.motion.trajectory_errors.drift_of`): exponent
+error is fitted by rate · T (t/T)^exponent (`eomcheck.motion.reference_solution.drift_of`): exponent
 0 levels off, 1/2 is a random walk, 1 a steady drift.
 """
 
@@ -24,8 +24,8 @@ from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.record_file import Record, Settings
 from eomcheck.lab.study import Formulations, Study, cell_text
 from eomcheck.mechanics.scene import Scene
+from eomcheck.motion.reference_solution import constraint_error, drift_of
 from eomcheck.motion.simulate import simulate
-from eomcheck.motion.trajectory_errors import constraint_error, drift_of
 from eomcheck.numbers.generic import Array
 from eomcheck.scenes import Snake
 

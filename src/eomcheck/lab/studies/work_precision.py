@@ -38,9 +38,13 @@ from eomcheck.lab.study import (
     line_of,
 )
 from eomcheck.motion.integrators import INTEGRATORS, integrator_of
-from eomcheck.motion.reference_io import Reference
+from eomcheck.motion.reference_solution import (
+    Reference,
+    constraint_error_drift,
+    energy_error_drift,
+    errors_of,
+)
 from eomcheck.motion.simulate import Motion, Trajectory
-from eomcheck.motion.trajectory_errors import constraint_error_drift, energy_error_drift, errors_of
 from eomcheck.safe_output import counted
 
 TOLERANCES = tuple(10.0**-k for k in range(3, 14, 2))

@@ -26,8 +26,8 @@ from eomcheck.formulations import FORMULATIONS, formulation_of
 from eomcheck.lab.run_time import Judged, motion_record, prepare_motion, slope
 from eomcheck.lab.store.record_file import Record, Settings
 from eomcheck.lab.study import CellWorker
+from eomcheck.motion.reference_solution import constraint_error, energy_error, error_norm
 from eomcheck.motion.simulate import Motion, Trajectory
-from eomcheck.motion.trajectory_errors import constraint_error, energy_error, error_norm
 from eomcheck.numbers.linear import recording_solves
 from eomcheck.scenes import Snake
 
