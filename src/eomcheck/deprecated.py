@@ -35,6 +35,7 @@ MODULES = {
     "eomcheck.engines.walk": "eomcheck.engines.tree_engine",
     "eomcheck.evaluation.doubles": "eomcheck.evaluation.evaluation",
     "eomcheck.evaluation.point": "eomcheck.evaluation.scene_quantities",
+    "eomcheck.mechanics.tree": "eomcheck.mechanics.records",
     "eomcheck.formulations.base": "eomcheck.formulations.formulation",
     "eomcheck.lab.store.cells": "eomcheck.lab.study",
     "eomcheck.lab.store.record": "eomcheck.lab.store.record_file",

@@ -28,7 +28,8 @@ from hypothesis import strategies as st
 from hypothesis.strategies import SearchStrategy
 
 from eomcheck.descriptions.random_mechanisms import RandomMechanism, RandomTree, checked_links
-from eomcheck.descriptions.random_trees import EVERYWHERE, URDF_JOINTS, urdf_text, urdf_tree
+from eomcheck.descriptions.random_trees import EVERYWHERE, URDF_JOINTS, urdf_tree
+from eomcheck.descriptions.urdf_reader import urdf_text
 from eomcheck.draws.states import (
     CURVATURE,
     draw_magnitude,

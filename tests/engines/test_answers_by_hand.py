@@ -21,7 +21,7 @@ from eomcheck.engines import (
 from eomcheck.engines.casadi import CasadiEngine, _solved
 from eomcheck.engines.tree_engine import TreeEngine, all_move, bodies_with_mass, tree_links
 from eomcheck.errors import CallError, EngineError, InputError
-from eomcheck.mechanics.tree import Tree
+from eomcheck.mechanics.records import Tree
 from eomcheck.scenes import ChainPendulum, Snake
 
 HERE = "test_answers_by_hand.py"

@@ -13,7 +13,7 @@ from tests.samples import ordinary
 
 from eomcheck.engines import ENGINES, Engine, EngineAcceleration, VelocityMap
 from eomcheck.engines.tree_engine import TreeEngine, TreeLink
-from eomcheck.mechanics.tree import Tree
+from eomcheck.mechanics.records import Tree
 from eomcheck.scenes import SCENES
 
 CLAIMS = "mass-matrix", "bias", "engine-acceleration", "engine-multipliers"

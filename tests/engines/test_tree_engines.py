@@ -17,9 +17,8 @@ from eomcheck.evaluation.dynamics import assembled_position
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.mechanics.records import State
+from eomcheck.mechanics.records import State, Tree
 from eomcheck.mechanics.scene import Scene
-from eomcheck.mechanics.tree import Tree
 from eomcheck.numbers.linear import null_space
 from eomcheck.scenes import SCENES, ChainPendulum
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from eomcheck.engines.tree_engine import TreeLink
-from eomcheck.mechanics.tree import PLANAR
+from eomcheck.mechanics.records import PLANAR_JOINTS
 
 
 def twisted(links: list[TreeLink], seed: int) -> list[TreeLink]:
@@ -15,7 +15,7 @@ def twisted(links: list[TreeLink], seed: int) -> list[TreeLink]:
     the inertia has products in the turned frame.
     """
     rng = np.random.default_rng(seed)
-    planar = all(link.kind in PLANAR for link in links)
+    planar = all(link.kind in PLANAR_JOINTS for link in links)
     turns = [_turn(link, int(rng.integers(0, 3)), rng) for link in links]
     result = []
     for link, (turn, kind) in zip(links, turns, strict=True):

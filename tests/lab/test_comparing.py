@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from eomcheck.claims.run import ValidationRun
 from eomcheck.cli import app
-from eomcheck.descriptions.quaternions import rotation_matrix
+from eomcheck.descriptions.vector_algebra import rotation_matrix
 from eomcheck.engines import READERS, Answers, PinocchioFile, VelocityMap
 from eomcheck.engines.answers import weight_size
 from eomcheck.engines.file_engine import (

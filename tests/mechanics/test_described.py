@@ -34,8 +34,14 @@ from eomcheck.descriptions.build import mechanism
 from eomcheck.descriptions.described_scene import Described, Description
 from eomcheck.descriptions.elements import Link, coupling, on_quadric, perpendicular, pin
 from eomcheck.descriptions.mechanism_class import Mechanism
-from eomcheck.descriptions.optional_algebra import ZERO_VECTOR, cross, scale_vector
-from eomcheck.descriptions.quaternions import roll_pitch_yaw, roll_pitch_yaw_of, rotation_matrix
+from eomcheck.descriptions.vector_algebra import (
+    ZERO_VECTOR,
+    cross,
+    roll_pitch_yaw,
+    roll_pitch_yaw_of,
+    rotation_matrix,
+    scale_vector,
+)
 from eomcheck.errors import InputError
 from eomcheck.evaluation.dynamics import assembled_position, check_consistent
 from eomcheck.evaluation.evaluation import Evaluation

@@ -10,7 +10,7 @@ import pytest
 from tests.mechanics.descriptions import GROUND, FourBar, rod, turning
 from tests.scenes.sketches import written
 
-from eomcheck.descriptions import optional_algebra
+from eomcheck.descriptions import vector_algebra
 from eomcheck.descriptions.build import mechanism
 from eomcheck.descriptions.elements import (
     Constraint,
@@ -32,7 +32,7 @@ from eomcheck.descriptions.elements import (
     weld,
 )
 from eomcheck.descriptions.joint_tree import RigidBody, check_positive
-from eomcheck.descriptions.quaternions import (
+from eomcheck.descriptions.vector_algebra import (
     multiply_quaternions,
     roll_pitch_yaw,
     rotation_matrix,
@@ -40,8 +40,7 @@ from eomcheck.descriptions.quaternions import (
 )
 from eomcheck.errors import InputError
 from eomcheck.mechanics.random_source import GeneratorChoices
-from eomcheck.mechanics.records import ANY_ANGLE, ANYWHERE
-from eomcheck.mechanics.tree import planar_tree
+from eomcheck.mechanics.records import ANY_ANGLE, ANYWHERE, planar_tree
 from eomcheck.scenes import ChainPendulum
 
 # ---- Words ---------------------------------------------------------------------------------------
@@ -132,46 +131,46 @@ def test_absent_components_are_those_of_vectors_with_zeros(gone):
     b: Any = tuple(float(x) for x in random.normal(size=3))
     for x, y in ((a, b), (b, a), (a, a)):
         p, r = full(x), full(y)
-        np.testing.assert_allclose(full(optional_algebra.add_vectors(x, y)), p + r)
-        np.testing.assert_allclose(full(optional_algebra.subtract_vectors(x, y)), p - r)
-        np.testing.assert_allclose(full(optional_algebra.cross(x, y)), np.cross(p, r), atol=1e-15)
-        np.testing.assert_allclose(full([optional_algebra.dot(x, y)]), [p @ r])
+        np.testing.assert_allclose(full(vector_algebra.add_vectors(x, y)), p + r)
+        np.testing.assert_allclose(full(vector_algebra.subtract_vectors(x, y)), p - r)
+        np.testing.assert_allclose(full(vector_algebra.cross(x, y)), np.cross(p, r), atol=1e-15)
+        np.testing.assert_allclose(full([vector_algebra.dot(x, y)]), [p @ r])
         np.testing.assert_allclose(
-            full(optional_algebra.centripetal(x, y)), np.cross(p, np.cross(p, r)), atol=1e-15
+            full(vector_algebra.centripetal(x, y)), np.cross(p, np.cross(p, r)), atol=1e-15
         )
     for axis in range(3):
         cos, sin = np.cos(0.4), np.sin(0.4)
         i, j = (axis + 1) % 3, (axis + 2) % 3
         R = np.eye(3)
         R[i, i], R[j, j], R[i, j], R[j, i] = cos, cos, -sin, sin
-        np.testing.assert_allclose(full(optional_algebra.rotate(a, axis, cos, sin)), R @ full(a))
+        np.testing.assert_allclose(full(vector_algebra.rotate(a, axis, cos, sin)), R @ full(a))
         np.testing.assert_allclose(
-            full(optional_algebra.rotate_back(a, axis, cos, sin)), R.T @ full(a)
+            full(vector_algebra.rotate_back(a, axis, cos, sin)), R.T @ full(a)
         )
         axes: Any = tuple(map(tuple, R.T.tolist()))
-        np.testing.assert_allclose(full(optional_algebra.from_local(axes, a)), R @ full(a))
-        np.testing.assert_allclose(full(optional_algebra.to_local(axes, a)), R.T @ full(a))
+        np.testing.assert_allclose(full(vector_algebra.from_local(axes, a)), R @ full(a))
+        np.testing.assert_allclose(full(vector_algebra.to_local(axes, a)), R.T @ full(a))
     out = np.full((2, 3), 7.0)
-    optional_algebra.put_vector(out, (1, None), a)
+    vector_algebra.put_vector(out, (1, None), a)
     assert out[0].tolist() == [7.0] * 3
     assert [x if x != 7.0 else None for x in out[1]] == list(a)
-    optional_algebra.put_vector(out, (None, 2), b, 2)
+    vector_algebra.put_vector(out, (None, 2), b, 2)
     assert out[:, 2].tolist() == [*b[:2]]
 
 
 def test_literal_ones_and_what_is_absent_leave_no_operation():
     x = object()  # which neither adds nor multiplies
-    assert optional_algebra.times(1, x) is x and optional_algebra.times(x, 1) is x
-    assert optional_algebra.times(None, x) is None and optional_algebra.times(x, None) is None
-    assert optional_algebra.plus(None, x) is x and optional_algebra.plus(x, None) is x
-    assert optional_algebra.minus(x, None) is x and optional_algebra.negative(None) is None
-    assert optional_algebra.total([None, x, None]) is x and optional_algebra.total([]) is None
-    assert optional_algebra.plus(1, -1) is None and optional_algebra.minus(1, 1) is None
-    assert optional_algebra.plus(1, 1) == 2 and optional_algebra.minus(None, 2.0) == -2.0
-    assert optional_algebra.times(-1, 2.0) == -2.0 and optional_algebra.times(2.0, -1) == -2.0
-    assert optional_algebra.times(3, 2.0) == 6.0 and optional_algebra.times(2.0, 3) == 6.0
-    assert optional_algebra.as_vector([1.0, 2.0]) == (1.0, 2.0, None)
-    assert optional_algebra.as_vector([1.0, 2.0, 3.0]) == (1.0, 2.0, 3.0)
+    assert vector_algebra.times(1, x) is x and vector_algebra.times(x, 1) is x
+    assert vector_algebra.times(None, x) is None and vector_algebra.times(x, None) is None
+    assert vector_algebra.plus(None, x) is x and vector_algebra.plus(x, None) is x
+    assert vector_algebra.minus(x, None) is x and vector_algebra.negative(None) is None
+    assert vector_algebra.total([None, x, None]) is x and vector_algebra.total([]) is None
+    assert vector_algebra.plus(1, -1) is None and vector_algebra.minus(1, 1) is None
+    assert vector_algebra.plus(1, 1) == 2 and vector_algebra.minus(None, 2.0) == -2.0
+    assert vector_algebra.times(-1, 2.0) == -2.0 and vector_algebra.times(2.0, -1) == -2.0
+    assert vector_algebra.times(3, 2.0) == 6.0 and vector_algebra.times(2.0, 3) == 6.0
+    assert vector_algebra.as_vector([1.0, 2.0]) == (1.0, 2.0, None)
+    assert vector_algebra.as_vector([1.0, 2.0, 3.0]) == (1.0, 2.0, 3.0)
 
 
 # ---- Parameters ----------------------------------------------------------------------------------

@@ -16,7 +16,7 @@ from eomcheck.descriptions import elements
 from eomcheck.descriptions.build import mechanism
 from eomcheck.descriptions.described_scene import Described, Description
 from eomcheck.descriptions.elements import Joint, Link
-from eomcheck.descriptions.quaternions import rotation_matrix
+from eomcheck.descriptions.vector_algebra import rotation_matrix
 from eomcheck.errors import InputError
 from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.evaluation.evaluation import Evaluation

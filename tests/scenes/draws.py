@@ -13,19 +13,19 @@ from typing import Any
 import numpy as np
 
 from eomcheck.descriptions.random_constraints import with_random_constraint, with_random_pose
-from eomcheck.descriptions.random_elements import RandomDescription
 from eomcheck.descriptions.random_mechanisms import RANDOM
 from eomcheck.descriptions.random_trees import (
     EVERYWHERE,
     SPACE,
     URDF_JOINTS,
+    RandomDescription,
     joint_budgets,
     levels_of,
     random_tree,
     tree_factors,
-    urdf_text,
     urdf_tree,
 )
+from eomcheck.descriptions.urdf_reader import urdf_text
 from eomcheck.mechanics.random_source import GeneratorChoices
 
 STORED = Path(__file__).with_suffix(".json")

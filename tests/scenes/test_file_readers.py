@@ -16,7 +16,8 @@ from eomcheck.claims.finding import Finding
 from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.cli import app
 from eomcheck.descriptions.mechanism_class import Mechanism
-from eomcheck.descriptions.random_trees import EVERYWHERE, urdf_text, urdf_tree
+from eomcheck.descriptions.random_trees import EVERYWHERE, urdf_tree
+from eomcheck.descriptions.urdf_reader import urdf_text
 from eomcheck.engines import MjcfFile, PinocchioFile
 from eomcheck.mechanics.random_source import GeneratorChoices
 from eomcheck.scenes import Snake, from_mjcf, from_urdf

@@ -22,23 +22,24 @@ from eomcheck.descriptions import first_derivation, random_constraints
 from eomcheck.descriptions.build import mechanism
 from eomcheck.descriptions.constraint_rows import KINDS
 from eomcheck.descriptions.elements import COORDINATES, Constraint, Joint, Link, coupling, weld
-from eomcheck.descriptions.quaternions import (
-    multiply_quaternions,
-    roll_pitch_yaw_of,
-    rotation_matrix,
-)
-from eomcheck.descriptions.random_constraints import INDEPENDENT, UPRIGHT
-from eomcheck.descriptions.random_elements import RandomDescription, poses, random_link
+from eomcheck.descriptions.random_constraints import INDEPENDENT, UPRIGHT, poses
 from eomcheck.descriptions.random_mechanisms import CONSTRAINTS, RANDOM
 from eomcheck.descriptions.random_trees import (
     BRANCHED,
     ROOT,
     SHAPE,
     URDF_JOINTS,
-    urdf_text,
+    RandomDescription,
+    random_link,
     urdf_tree,
 )
 from eomcheck.descriptions.topology import ROLLING
+from eomcheck.descriptions.urdf_reader import urdf_text
+from eomcheck.descriptions.vector_algebra import (
+    multiply_quaternions,
+    roll_pitch_yaw_of,
+    rotation_matrix,
+)
 from eomcheck.draws.pairwise_design import (
     AT_REST,
     LINKS,

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from eomcheck.descriptions import random_elements
+from eomcheck.descriptions import random_trees
 from eomcheck.descriptions.random_constraints import row_count_with_contact
 from eomcheck.descriptions.random_mechanisms import RandomMechanism, RandomTree
 from eomcheck.descriptions.random_trees import JointBudget, _Tree, joint_budgets
@@ -37,10 +37,10 @@ class Chosen:
 
 def test_places_are_within_a_metre_and_in_the_plane_where_asked_for():
     choices = Chosen(0.3, -0.4, 0.5)
-    assert random_elements.random_point(choices, False) == (0.3, -0.4, 0.5)
+    assert random_trees.random_point(choices, False) == (0.3, -0.4, 0.5)
     assert choices.asked == [(-1.0, 1.0)] * 3
-    assert random_elements.random_point(Chosen(0.3, -0.4), True) == (0.3, -0.4, 0.0)
-    assert random_elements.random_point(Chosen(first=True), False) == (0.0, 0.0, 0.0)
+    assert random_trees.random_point(Chosen(0.3, -0.4), True) == (0.3, -0.4, 0.0)
+    assert random_trees.random_point(Chosen(first=True), False) == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -53,7 +53,7 @@ def test_places_are_within_a_metre_and_in_the_plane_where_asked_for():
     ],
 )
 def test_a_direction_that_is_nearly_none_is_made_a_long_one(drawn, expected):
-    assert random_elements.random_direction(Chosen(*drawn), False) == expected
+    assert random_trees.random_direction(Chosen(*drawn), False) == expected
 
 
 @pytest.mark.parametrize(
@@ -67,19 +67,19 @@ def test_a_direction_that_is_nearly_none_is_made_a_long_one(drawn, expected):
     ],
 )
 def test_a_direction_across_another_is_nearly_along_none(along, drawn, expected):
-    assert random_elements.random_transverse(Chosen(*drawn), along) == expected
+    assert random_trees.random_transverse(Chosen(*drawn), along) == expected
 
 
 def test_a_turn_is_often_none_and_else_of_a_positive_scalar():
     choices = Chosen(0.6, 0.3, -0.4, 0.5)
-    assert random_elements.random_orientation(choices) == (0.6, 0.3, -0.4, 0.5)
+    assert random_trees.random_orientation(choices) == (0.6, 0.3, -0.4, 0.5)
     assert choices.asked == [(0.1, 1.0), *[(-1.0, 1.0)] * 3]
-    assert random_elements.random_orientation(Chosen(first=True)) == (1.0, 0.0, 0.0, 0.0)
+    assert random_trees.random_orientation(Chosen(first=True)) == (1.0, 0.0, 0.0, 0.0)
 
 
 def test_a_body_in_the_plane_is_a_block_and_its_mass_of_any_magnitude():
     choices = Chosen(0.5, 0.3, -0.4, -1.0, -2.0, -0.5)
-    found = random_elements.random_link(choices, "b", True)
+    found = random_trees.random_link(choices, "b", True)
     mass, (x, y, z) = 10**0.5, 10.0 ** np.array([-1.0, -2.0, -0.5])
     assert found.mass == pytest.approx(mass)
     assert found.center == (0.3, -0.4, 0.0) and found.products == (0.0, 0.0, 0.0)
@@ -91,7 +91,7 @@ def test_a_body_in_space_is_turned_and_its_products_belong_to_its_axes():
     # A quarter turn about z and a bit: x and y are exchanged, and products of them appear.
     c, s = np.cos(0.3), np.sin(0.3)
     choices = Chosen(0.0, 0.1, 0.2, 0.3, -1.0, -2.0, -0.5, c, 0.0, 0.0, s)
-    found = random_elements.random_link(choices, "b", False)
+    found = random_trees.random_link(choices, "b", False)
     x, y, z = 10.0 ** np.array([-1.0, -2.0, -0.5])
     a, b, cc, turned = y + z, x + z, x + y, 0.6
     cos, sin = np.cos(turned), np.sin(turned)

@@ -9,9 +9,14 @@ import numpy as np
 import pytest
 
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.mechanics import plane_symmetries
 from eomcheck.mechanics.parameters import MOST_LINKS, Parametric, parameter, with_parameters
-from eomcheck.mechanics.records import Range
+from eomcheck.mechanics.records import (
+    Range,
+    full_turns,
+    plane_mirror,
+    plane_rotation,
+    plane_translation,
+)
 from eomcheck.numbers.generic import FLOAT64
 from eomcheck.scenes import (
     SCENES,
@@ -442,22 +447,22 @@ def test_a_scene_is_turned_shifted_and_mirrored_as_said():
     disk = RollingDisk()
     q, v = np.array([1.0, 2.0, 0.3, 0.5, -0.7]), np.array([-3.0, 5.0, 7.0, 11.0, 13.0])
     c, s = np.cos(0.75), np.sin(0.75)
-    turned = plane_symmetries.rotation(disk, q, v, slice(2, 4))
+    turned = plane_rotation(disk, q, v, slice(2, 4))
     np.testing.assert_allclose(turned.q, [c - 2 * s, s + 2 * c, 1.05, 1.25, -0.7], rtol=1e-15)
     np.testing.assert_allclose(turned.v, [-3 * c - 5 * s, 5 * c - 3 * s, 7, 11, 13], rtol=1e-15)
     image = np.eye(5)
     image[:2, :2] = [[c, -s], [s, c]]
     assert (turned.name, turned.scene) == ("rotation", disk)
     np.testing.assert_array_equal(turned.image, image)
-    shifted = plane_symmetries.translation(disk, q, v)
+    shifted = plane_translation(disk, q, v)
     assert shifted.q.tolist() == [4.0, 0.0, 0.3, 0.5, -0.7]
     assert shifted.v.tolist() == v.tolist()
     assert (shifted.image == np.eye(5)).all()
-    mirrored = plane_symmetries.mirror(disk, q, v, unflipped=(0, 3))
+    mirrored = plane_mirror(disk, q, v, unflipped=(0, 3))
     assert mirrored.q.tolist() == [1.0, -2.0, -0.3, 0.5, 0.7]
     assert mirrored.v.tolist() == [-3.0, -5.0, -7.0, 11.0, -13.0]
     assert (mirrored.image == np.diag([1.0, -1, -1, 1, -1])).all()
-    whole = plane_symmetries.full_turns(disk, q, v)
+    whole = full_turns(disk, q, v)
     np.testing.assert_array_equal(whole.q, q + 2 * np.pi)
     assert (whole.v == v).all()
     assert (whole.image == np.eye(5)).all()

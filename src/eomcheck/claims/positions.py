@@ -21,7 +21,7 @@ from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.perturbed import sensitivity_of
 from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.evaluation.tolerance import NOTICEABLE, allowed_error, largest
-from eomcheck.mechanics import plane_symmetries
+from eomcheck.mechanics import records
 from eomcheck.mechanics.records import Symmetry
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.dual import Dual, duals, rate, value
@@ -263,7 +263,7 @@ HEIGHT = (("ḣ² of its height in U",),)
 
 # ---- Motions of the whole scene ------------------------------------------------------------------
 
-SHIFT = *plane_symmetries.SHIFT, 1.5
+SHIFT = *records.SHIFT, 1.5
 """Translation of the whole scene along x, y, z, m."""
 PLACE = re.compile("([xyz])(_.*|[0-9]*)")
 """Names of Cartesian coordinates in fixed directions: x, y_2, z1."""
@@ -346,11 +346,11 @@ def tried_motions(at: Evaluation) -> Iterator[Symmetry]:
     if rank < len(angles) or largest(turns[:, 0, angles] @ heading - 1.0) > NOTICEABLE:
         return  # some body does not turn, or at another rate, or its angles are not determined
     image = np.eye(scene.n)
-    c, s = np.cos(plane_symmetries.TURN), np.sin(plane_symmetries.TURN)
+    c, s = np.cos(records.TURN), np.sin(records.TURN)
     for x, y in zip(places["x"], places["y"], strict=True):
         image[np.ix_((x, y), (x, y))] = [[c, -s], [s, c]]
     turned = image @ q
-    turned[angles] += plane_symmetries.TURN * heading
+    turned[angles] += records.TURN * heading
     yield Symmetry("rotation", scene, turned, image @ v, image)
 
 

@@ -33,10 +33,10 @@ from eomcheck.descriptions.joint_tree import (
     merged_body,
 )
 from eomcheck.descriptions.mechanism_class import Mechanism, MechanismSource
-from eomcheck.descriptions.quaternions import rotation_matrix
 from eomcheck.descriptions.topology import ROLLING, ConstraintSpec, ScalarJoint, Topology
+from eomcheck.descriptions.vector_algebra import rotation_matrix
 from eomcheck.errors import InputError, distinct
-from eomcheck.mechanics.tree import PLANAR
+from eomcheck.mechanics.records import PLANAR_JOINTS
 from eomcheck.numbers.generic import FLOAT64
 
 # ---- Validation ----------------------------------------------------------------------------------
@@ -318,7 +318,9 @@ def _is_planar(
     flat += [one.center[2] for one in bodies.values()]
     flat += [at[2] for one in constraints for _, at in one.points]
     return (
-        all(slot.kind in PLANAR and slot.orientation is None for slot in frames.scalar_joints)
+        all(
+            slot.kind in PLANAR_JOINTS and slot.orientation is None for slot in frames.scalar_joints
+        )
         and all(place.orientation[1:3] == (0, 0) for place in frames.link_frames.values())
         and not any(flat)
     )

@@ -42,7 +42,9 @@ from eomcheck.descriptions.first_derivation import (
     relative_acceleration,
     turning_columns,
 )
-from eomcheck.descriptions.optional_algebra import (
+from eomcheck.descriptions.second_derivation import direction_in_ground
+from eomcheck.descriptions.topology import ConstraintSpec, TopologyPlan
+from eomcheck.descriptions.vector_algebra import (
     AXES,
     ZERO_VECTOR,
     Vector,
@@ -59,8 +61,6 @@ from eomcheck.descriptions.optional_algebra import (
     subtract_vectors,
     times,
 )
-from eomcheck.descriptions.second_derivation import direction_in_ground
-from eomcheck.descriptions.topology import ConstraintSpec, TopologyPlan
 
 # ---- Vectors and rows ----------------------------------------------------------------------------
 

@@ -20,12 +20,12 @@ from eomcheck.descriptions.elements import COORDINATES, Constraint, Joint, Link,
 from eomcheck.descriptions.first_derivation import joint_frames
 from eomcheck.descriptions.joint_tree import ElementReader
 from eomcheck.descriptions.mechanism_class import none_as_zero, plan_and_functions, tree_by
-from eomcheck.descriptions.quaternions import IDENTITY, Quaternion, rotation_matrix
 from eomcheck.descriptions.topology import ConstraintSpec, Topology, TopologyPlan
+from eomcheck.descriptions.vector_algebra import IDENTITY, Quaternion, rotation_matrix
 from eomcheck.errors import InputError
 from eomcheck.mechanics.derived_functions import support_of
 from eomcheck.mechanics.parameters import Parametric
-from eomcheck.mechanics.tree import Tree
+from eomcheck.mechanics.records import Tree
 from eomcheck.numbers.generic import FLOAT64, Array, generic
 
 GROUND = "ground"

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.deprecated import getattr_of, old_attributes, old_keywords
-from eomcheck.descriptions.quaternions import IDENTITY, Quaternion, rotation_matrix, z_to_axis
+from eomcheck.descriptions.vector_algebra import IDENTITY, Quaternion, rotation_matrix, z_to_axis
 from eomcheck.errors import InputError
 from eomcheck.numbers.generic import Array
 

@@ -21,7 +21,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.descriptions.optional_algebra import (
+from eomcheck.descriptions.topology import ScalarJoint, TopologyPlan
+from eomcheck.descriptions.vector_algebra import (
     AXES,
     ZERO_VECTOR,
     Vector,
@@ -42,7 +43,6 @@ from eomcheck.descriptions.optional_algebra import (
     to_local,
     unit,
 )
-from eomcheck.descriptions.topology import ScalarJoint, TopologyPlan
 from eomcheck.mechanics.records import Jacobians, Terms
 from eomcheck.numbers.generic import generic
 

@@ -18,7 +18,9 @@ from eomcheck.descriptions.constraint_rows import (
     relative_vector,
 )
 from eomcheck.descriptions.first_derivation import centers, factor, joint_frames
-from eomcheck.descriptions.optional_algebra import (
+from eomcheck.descriptions.second_derivation import point_in_ground
+from eomcheck.descriptions.topology import TopologyPlan
+from eomcheck.descriptions.vector_algebra import (
     ZERO_VECTOR,
     add_vectors,
     as_vector,
@@ -28,8 +30,6 @@ from eomcheck.descriptions.optional_algebra import (
     subtract_vectors,
     times,
 )
-from eomcheck.descriptions.second_derivation import point_in_ground
-from eomcheck.descriptions.topology import TopologyPlan
 
 # ---- Springs and dampers between two points ------------------------------------------------------
 

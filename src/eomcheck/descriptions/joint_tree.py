@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.descriptions.elements import COORDINATES, Joint, Link
-from eomcheck.descriptions.quaternions import (
+from eomcheck.descriptions.topology import ScalarJoint
+from eomcheck.descriptions.vector_algebra import (
     IDENTITY,
     Quaternion,
     is_turned,
@@ -22,7 +23,6 @@ from eomcheck.descriptions.quaternions import (
     rotation_matrix,
     z_to_axis,
 )
-from eomcheck.descriptions.topology import ScalarJoint
 from eomcheck.errors import InputError
 from eomcheck.numbers.generic import Array
 

@@ -40,12 +40,11 @@ from eomcheck.descriptions.forces import (
     spring_energy,
     with_lengths,
 )
-from eomcheck.descriptions.optional_algebra import as_vector, plus
-from eomcheck.descriptions.quaternions import rotation_matrices
 from eomcheck.descriptions.topology import Topology, TopologyPlan
+from eomcheck.descriptions.vector_algebra import as_vector, plus, rotation_matrices
 from eomcheck.mechanics.derived_functions import support_of
 from eomcheck.mechanics.parameters import Parametric, parameter
-from eomcheck.mechanics.records import ANY_ANGLE, Range, Symmetry
+from eomcheck.mechanics.records import ANY_ANGLE, Range, Symmetry, Tree
 from eomcheck.mechanics.scene import Scene, no_velocity_term
 from eomcheck.mechanics.sketch import (
     Arrow,
@@ -58,7 +57,6 @@ from eomcheck.mechanics.sketch import (
     Trail,
     fixed_axes,
 )
-from eomcheck.mechanics.tree import Tree
 from eomcheck.numbers.generic import FLOAT64, Arithmetic, Array, generic
 from eomcheck.numbers.linear import least_squares
 

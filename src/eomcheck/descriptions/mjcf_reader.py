@@ -35,13 +35,6 @@ from eomcheck.descriptions.elements import (
 )
 from eomcheck.descriptions.joint_tree import check_coordinates
 from eomcheck.descriptions.mechanism_class import Mechanism
-from eomcheck.descriptions.quaternions import (
-    IDENTITY,
-    Quaternion,
-    multiply_quaternions,
-    roll_pitch_yaw_of,
-    rotation_matrix,
-)
 from eomcheck.descriptions.urdf_reader import (
     MAX_FILE_ELEMENTS,
     Element,
@@ -56,6 +49,13 @@ from eomcheck.descriptions.urdf_reader import (
     number_attribute,
     path_of,
     root_of,
+)
+from eomcheck.descriptions.vector_algebra import (
+    IDENTITY,
+    Quaternion,
+    multiply_quaternions,
+    roll_pitch_yaw_of,
+    rotation_matrix,
 )
 from eomcheck.errors import message_of, required
 from eomcheck.numbers.generic import FLOAT64, Array

@@ -13,13 +13,27 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.linalg import qr
 
-from eomcheck.descriptions import elements, random_elements
+from eomcheck.descriptions import elements
 from eomcheck.descriptions.constraint_rows import KINDS
-from eomcheck.descriptions.elements import COORDINATES, Constraint, Triple
-from eomcheck.descriptions.quaternions import multiply_quaternions
-from eomcheck.descriptions.random_elements import GROUND, Pose, RandomDescription, poses
-from eomcheck.descriptions.random_trees import TURNING
+from eomcheck.descriptions.elements import COORDINATES, Constraint, Joint, Triple
+from eomcheck.descriptions.random_trees import (
+    GROUND,
+    SMALLEST,
+    TURNING,
+    RandomDescription,
+    random_direction,
+    random_transverse,
+    random_triple,
+)
 from eomcheck.descriptions.topology import ROLLING
+from eomcheck.descriptions.vector_algebra import (
+    IDENTITY,
+    Quaternion,
+    axis_rotation,
+    multiply_quaternions,
+    rotation_matrix,
+    z_to_axis,
+)
 from eomcheck.errors import RefusedError
 from eomcheck.mechanics.random_source import Choices
 from eomcheck.numbers.generic import FLOAT64, Array
@@ -115,7 +129,7 @@ def _constraint(
         return None
     link, other = choices.one_of(pairs)
     pose = poses(tree)
-    at = random_elements.random_triple(choices, planar)
+    at = random_triple(choices, planar)
     fit = PosedPair(name, link, other, at, pose[link], pose[other], planar, choices)
     if kind in ROLLING:
         up, *slips = _rolling(fit)
@@ -190,11 +204,11 @@ class PosedPair(NamedTuple):
 
     def direction(self) -> Triple:
         """Return a random direction."""
-        return random_elements.random_direction(self.choices, self.planar)
+        return random_direction(self.choices, self.planar)
 
     def triple(self) -> Triple:
         """Return three random numbers."""
-        return random_elements.random_triple(self.choices, self.planar)
+        return random_triple(self.choices, self.planar)
 
 
 def _weld(fit: PosedPair) -> Constraint:
@@ -204,14 +218,14 @@ def _weld(fit: PosedPair) -> Constraint:
 
 
 def _hinge(fit: PosedPair) -> Constraint:
-    axis = random_elements.random_direction(fit.choices, planar=False)
+    axis = random_direction(fit.choices, planar=False)
     return elements.hinge(*fit.head, fit.at, fit.at_other, axis, fit.to_other(axis))
 
 
 def _distance(fit: PosedPair) -> Constraint:
     at_other = fit.triple()
     rod = fit.here.point(fit.at) - fit.there.point(at_other)
-    if np.linalg.norm(rod) < 5 * random_elements.SMALLEST:
+    if np.linalg.norm(rod) < 5 * SMALLEST:
         rod = np.array([1.0, 0.0, 0.0])
         at_other = fit.there.local_point(fit.here.point(fit.at) - rod)
     return elements.distance(*fit.head, float(np.linalg.norm(rod)), fit.at, at_other)
@@ -243,7 +257,7 @@ def _triple(a: Array) -> Triple:
 def _square(fit: PosedPair) -> Constraint:
     along, away = fit.direction(), np.array([0.0, 0.0, 1.0])
     if not fit.planar:
-        away = np.asarray(random_elements.random_transverse(fit.choices, along))
+        away = np.asarray(random_transverse(fit.choices, along))
     across = fit.to_other(np.cross(along, away))
     return elements.perpendicular(fit.name, fit.link, along, fit.other, across)
 
@@ -275,7 +289,7 @@ def _rolling(fit: PosedPair) -> tuple[Constraint, ...]:
 
 def _upright(choices: Choices, normal: Array) -> Triple:
     """Return an axis that is far from parallel to a normal (3,) of length 1."""
-    axis = random_elements.random_direction(choices, planar=False)
+    axis = random_direction(choices, planar=False)
     if np.linalg.norm(np.cross(normal, axis)) >= UPRIGHT * np.linalg.norm(axis):
         return axis
     return _triple(np.eye(3)[np.argmin(np.abs(normal))])
@@ -292,3 +306,76 @@ _FITTED: dict[str, Callable[[PosedPair], Constraint]] = {
     "edge": lambda fit: elements.knife_edge(fit.name, fit.link, fit.direction(), fit.at),
 }
 """Kind of constraint -> function that fits one."""
+
+
+class Pose(NamedTuple):
+    """Position and orientation of a link."""
+
+    orientation: Quaternion
+    origin: Array
+    """Origin (3,), m."""
+
+    def point(self, at: Any) -> Array:
+        """Return a point of the link in ground axes."""
+        return self.origin + self.direction(at)
+
+    def direction(self, along: Any) -> Array:
+        """Return a direction of the link in ground axes."""
+        return rotation_matrix(self.orientation) @ np.asarray(along, np.float64)
+
+    def local_point(self, at: Array) -> Triple:
+        """Return a point of the ground in the frame of the link."""
+        return self.local_direction(at - self.origin)
+
+    def local_direction(self, along: Array) -> Triple:
+        """Return a direction of the ground in the frame of the link."""
+        x, y, z = (rotation_matrix(self.orientation).T @ along).tolist()
+        return x, y, z
+
+
+def poses(description: RandomDescription) -> dict[str, Pose]:
+    """Return the poses of all links, computed from the elements of a description alone."""
+    q, found = dict(description.pose), {GROUND: Pose(IDENTITY, np.zeros(3))}
+    by_name = {joint.name: joint for joint in description.joints}
+    for joint in description.joints:
+        before = found[joint.parent]
+        seat = Pose(
+            multiply_quaternions(before.orientation, joint.orientation), before.point(joint.origin)
+        )
+        turn, moved = _joint_displacement(joint, _joint_coordinates(joint, by_name, q))
+        found[joint.child] = Pose(multiply_quaternions(seat.orientation, turn), seat.point(moved))
+    return found
+
+
+def _joint_coordinates(joint: Joint, by_name: dict[str, Joint], q: dict[str, float]) -> list[float]:
+    if joint.mimics is None:
+        return [q.get(joint.name + part, 0.0) for part in COORDINATES[joint.kind]]
+    leader, ratio, shift = joint.mimics
+    return [ratio * x + shift for x in _joint_coordinates(by_name[leader], by_name, q)]
+
+
+def _joint_displacement(joint: Joint, x: list[float]) -> tuple[Quaternion, Array]:
+    """Return rotation and displacement of a joint's child, against coordinate 0."""
+    axis, still = np.asarray(joint.axis), np.zeros(3)
+    if joint.kind == "prismatic":
+        return IDENTITY, x[0] * axis / np.linalg.norm(axis)
+    if joint.kind == "revolute":
+        return _about_z(z_to_axis(joint.axis), x[0]), still
+    if joint.kind == "planar":
+        tilt = z_to_axis(joint.axis)
+        return _about_z(tilt, x[2]), rotation_matrix(tilt) @ [x[0], x[1], 0.0]
+    if joint.kind in ("spherical", "floating"):
+        yaw, pitch, roll = (
+            axis_rotation(axis, x[place - 3]) for axis, place in ((2, 0), (1, 1), (0, 2))
+        )
+        slid = np.array(x[:3]) if joint.kind == "floating" else still
+        return multiply_quaternions(multiply_quaternions(yaw, pitch), roll), slid
+    return IDENTITY, still
+
+
+def _about_z(tilt: Quaternion, angle: float) -> Quaternion:
+    """Return the rotation about z of a tilted frame."""
+    w, x, y, z = tilt
+    return multiply_quaternions(
+        multiply_quaternions(tilt, axis_rotation(2, angle)), (w, -x, -y, -z)
+    )

@@ -16,11 +16,11 @@ from eomcheck.descriptions.random_constraints import (
     with_random_constraint,
     with_random_pose,
 )
-from eomcheck.descriptions.random_elements import RandomDescription
 from eomcheck.descriptions.random_trees import (
     PLANE,
     SPACE,
     JointBudget,
+    RandomDescription,
     joint_budgets,
     levels_of,
     random_tree,

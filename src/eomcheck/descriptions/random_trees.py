@@ -1,23 +1,154 @@
-"""Random trees of rigid bodies: their properties, a tree with required properties, its URDF text.
+"""Random trees of rigid bodies: their elements, their properties, a tree with required properties.
 
-URDF texts are for `from_urdf`, and for the parsers of engines.
+Simple numbers come first, so that hypothesis shrinks to them. A `RandomDescription` holds a tree as
+data and writes the Python code of its scene (`code`).
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
-from xml.etree import ElementTree
 
 import numpy as np
 
-from eomcheck.descriptions import random_elements
-from eomcheck.descriptions.elements import COORDINATES, Joint, Link, Triple
-from eomcheck.descriptions.quaternions import IDENTITY, roll_pitch_yaw_of, rotation_matrix
-from eomcheck.descriptions.random_elements import GROUND, RandomDescription
+from eomcheck.descriptions.build import mechanism_source
+from eomcheck.descriptions.elements import COORDINATES, ORIGIN, Constraint, Joint, Link, Triple
+from eomcheck.descriptions.mechanism_class import MechanismSource
+from eomcheck.descriptions.vector_algebra import (
+    IDENTITY,
+    Quaternion,
+    rotation_matrix,
+)
 from eomcheck.mechanics.random_source import Choices, Factors
+
+# ---- Numbers and bodies --------------------------------------------------------------------------
+
+ALONG_AXES: tuple[Triple, ...] = (
+    *((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
+    *((0.0, 0.0, -1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0)),
+)
+"""Directions along the axes of a frame."""
+
+IN_PLANE = tuple(one for one in ALONG_AXES if not one[2])
+ACROSS = tuple(one for one in ALONG_AXES if one[2])
+
+SMALLEST = 0.1
+"""Shortest direction or arm; shorter ones are replaced, to exclude accidental singularities."""
+
+
+def random_point(choices: Choices, planar: bool) -> Triple:
+    """Return a position within 1 m along each axis, often the origin."""
+    if choices.one_of((False, True, True, True)):
+        return random_triple(choices, planar)
+    return ORIGIN
+
+
+def random_triple(choices: Choices, planar: bool, most: float = 1.0) -> Triple:
+    """Return three numbers, in the plane z = 0 if `planar`."""
+    x, y = (choices.number(-most, most) for _ in range(2))
+    return x, y, 0.0 if planar else choices.number(-most, most)
+
+
+def random_direction(choices: Choices, planar: bool, most: float = 1.0) -> Triple:
+    """Return a random direction, of any length that is not small."""
+    x, y, z = random_triple(choices, planar, most)
+    if max(abs(x), abs(y), abs(z)) < SMALLEST * most:
+        return most, y, z
+    return x, y, z
+
+
+def random_transverse(choices: Choices, along: Triple) -> Triple:
+    """Return a direction that is not nearly parallel to another."""
+    other = random_direction(choices, planar=False)
+    sine = np.linalg.norm(np.cross(along, other)) / np.linalg.norm(along) / np.linalg.norm(other)
+    if sine >= SMALLEST:
+        return other
+    x, y, z = np.eye(3)[np.argmin(np.abs(along))].tolist()
+    return x, y, z
+
+
+def random_orientation(choices: Choices) -> Quaternion:
+    """Return a rotation as a quaternion of any length, often the identity."""
+    if not choices.one_of((False, True, True)):
+        return IDENTITY
+    return choices.number(SMALLEST, 1.0), *random_triple(choices, planar=False)
+
+
+def random_magnitude(choices: Choices, low: float, high: float) -> float:
+    """Return 10 to a uniform power in [low, high]: all magnitudes are equally likely."""
+    return 10.0 ** choices.number(low, high)
+
+
+def random_link(choices: Choices, name: str, planar: bool) -> Link:
+    """Return a link with the inertia of a homogeneous block in a random orientation."""
+    mass, center = random_magnitude(choices, -1.0, 1.0), random_point(choices, planar)
+    x, y, z = (random_magnitude(choices, -2.0, 0.0) for _ in range(3))
+    moments = mass * np.array([y + z, x + z, x + y])
+    if planar:
+        a, b, c = moments.tolist()
+        return Link(name, mass, center, (a, b, c))
+    R = rotation_matrix(random_orientation(choices))
+    return Link.with_inertia(name, mass, center, R * moments @ R.T)
+
+
+# ---- A description as data -----------------------------------------------------------------------
+
+GROUND = "ground"
+
+IMPORTED = (
+    "from eomcheck.descriptions.build import mechanism\n"
+    "from eomcheck.descriptions.elements import Constraint, Joint, Link"
+)
+"""Imports of a description's Python code."""
+
+
+class RandomDescription(NamedTuple):
+    """Arguments of `mechanism`, chosen at random."""
+
+    links: tuple[Link, ...]
+    """Links, the ground first."""
+    joints: tuple[Joint, ...]
+    """Joints, each after the joints that carry it."""
+    constraints: tuple[Constraint, ...] = ()
+    gravity: Triple | None = None
+    dependent: tuple[str, ...] = ()
+    pose: tuple[tuple[str, float], ...] = ()
+    """Coordinates q at t = 0, by name."""
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the coordinates, in the order of the joints."""
+        own = (joint for joint in self.joints if joint.mimics is None)
+        return tuple(joint.name + part for joint in own for part in COORDINATES[joint.kind])
+
+    def source(self, name: str) -> MechanismSource:
+        """Return the source of the described scene class.
+
+        Raises:
+            InputError: see `mechanism`.
+        """
+        made = mechanism_source(
+            *(name, self.links, self.joints, self.constraints),
+            gravity=self.gravity,
+            dependent=self.dependent,
+            pose=dict(self.pose),
+        )
+        return made._replace(code=self.code(name), imports=IMPORTED, module=__name__)
+
+    def code(self, name: str) -> str:
+        """Return Python code that constructs the scene."""
+        return (
+            f"mechanism({name!r}, {list(self.links)!r}, {list(self.joints)!r}, "
+            f"{list(self.constraints)!r}, gravity={self.gravity!r}, dependent={self.dependent!r}, "
+            f"pose={dict(self.pose)!r})()"
+        )
+
+
+# ---- Poses of links ------------------------------------------------------------------------------
+
+
+# ---- Properties of trees -------------------------------------------------------------------------
 
 SPACE, ROOT, SHAPE, AXES, FIXED = "space", "root joint", "shape", "axes", "fixed links"
 CARRIERS, FOLLOWERS = "massless carriers", "mimic joints"
@@ -112,7 +243,7 @@ def levels_of(description: RandomDescription, planar: bool) -> dict[str, str]:
         ROOT: joints[0].kind,
         FIXED: presence(*(one.kind == "fixed" for one in joints)),
         SHAPE: BRANCHED if len(set(parents)) < len(parents) else CHAIN,
-        AXES: STRAIGHT if all(one in random_elements.STRAIGHT for one in axes) else OBLIQUE,
+        AXES: STRAIGHT if all(one in ALONG_AXES for one in axes) else OBLIQUE,
         CARRIERS: presence(*(links[name].mass == 0 for name in moving)),
         FOLLOWERS: presence(*(one.mimics is not None for one in joints)),
         SPRINGS: presence(*(one.stiffness is not None for one in joints)),
@@ -250,41 +381,37 @@ class _Tree:
         """Return the description of the tree."""
         joints = tuple(map(self._joint, range(self.links)))
         links = tuple(map(self._link, range(self.links)))
-        gravity = (
-            random_elements.random_direction(self.choices, self.planar, 10.0)
-            if self._has(GRAVITY)
-            else None
-        )
+        gravity = random_direction(self.choices, self.planar, 10.0) if self._has(GRAVITY) else None
         return RandomDescription((Link(GROUND), *links), joints, gravity=gravity)
 
     def _link(self, i: int) -> Link:
         frame = self.kinds[i] == "fixed" and self.choices.one_of((False, True))
         if i == self.carrier or frame:
             return Link(_link_name(i + 1))
-        return random_elements.random_link(self.choices, _link_name(i + 1), self.planar)
+        return random_link(self.choices, _link_name(i + 1), self.planar)
 
     def _joint(self, i: int) -> Joint:
         kind = self.kinds[i]
-        at = random_elements.random_point(self.choices, self.planar)
+        at = random_point(self.choices, self.planar)
         choices = self.choices
         axis = self._axis(i)
         if self._is_carried(i):
             at = self._off_axis(at, i - 1)
         self.last_axis = axis
-        turn = IDENTITY if self.planar else random_elements.random_orientation(choices)
+        turn = IDENTITY if self.planar else random_orientation(choices)
         between = _link_name(self.parents[i]), _link_name(i + 1)
         joint = Joint(f"j{i + 1}", kind, *between, at, turn, axis)
         if kind not in SINGLE:
             return joint
         if self._is_there(SPRINGS, i):
             joint = joint._replace(
-                stiffness=random_elements.random_magnitude(choices, 0.0, 2.0),
+                stiffness=random_magnitude(choices, 0.0, 2.0),
                 rest_position=choices.number(-1.0, 1.0),
             )
         if self._is_there(DAMPERS, i):
-            joint = joint._replace(damping=random_elements.random_magnitude(choices, -1.0, 1.0))
+            joint = joint._replace(damping=random_magnitude(choices, -1.0, 1.0))
         if self._is_there(ROTORS, i):
-            joint = joint._replace(armature=random_elements.random_magnitude(choices, -2.0, 0.0))
+            joint = joint._replace(armature=random_magnitude(choices, -2.0, 0.0))
         if i == self.follower:
             leader = choices.one_of([k for k in self._singles() if k != i])
             ratio = choices.one_of((1.0, -1.0)) * choices.number(0.2, 2.0)
@@ -301,24 +428,20 @@ class _Tree:
         if kind in ("fixed", "spherical", "floating"):
             return 0.0, 0.0, 1.0
         if self.planar:
-            return choices.one_of(
-                {"prismatic": random_elements.IN_PLANE, "revolute": random_elements.ACROSS}.get(
-                    kind, random_elements.ACROSS[:1]
-                )
-            )
+            return choices.one_of({"prismatic": IN_PLANE, "revolute": ACROSS}.get(kind, ACROSS[:1]))
         first = min(k for k, one in enumerate(self.kinds) if one in (*SINGLE, "planar"))
         oblique = self.levels[AXES] == OBLIQUE
         if oblique and (i == first or choices.one_of((False, True))):
-            x, y, z = random_elements.random_direction(choices, planar=False)
+            x, y, z = random_direction(choices, planar=False)
             # Never along an axis of the frame, even for the simplest numbers.
             return (x, y, z) if np.count_nonzero((x, y, z)) > 1 else (x, y + 0.5, z + 0.5)
-        return choices.one_of(random_elements.STRAIGHT)
+        return choices.one_of(ALONG_AXES)
 
     def _off_axis(self, at: Triple, before: int) -> Triple:
         """Return a position off the axis of the previous joint, so that two hinges differ."""
         axis, place = np.asarray(self.last_axis), np.asarray(at)
         away = np.linalg.norm(np.cross(axis, place)) / np.linalg.norm(axis)
-        if self.kinds[before] != "revolute" or away >= random_elements.SMALLEST:
+        if self.kinds[before] != "revolute" or away >= SMALLEST:
             return at
         return (0.5, 0.0, 0.0) if abs(axis[0]) < max(abs(axis[1:])) else (0.0, 0.5, 0.0)
 
@@ -327,7 +450,7 @@ def _link_name(i: int) -> str:
     return GROUND if i == 0 else f"link{i}"
 
 
-# ---- Trees as URDF texts -------------------------------------------------------------------------
+# ---- Trees that a URDF can represent -------------------------------------------------------------
 
 EVERYWHERE = ("revolute", "prismatic", "fixed")
 """Kinds of joints that all parsers support."""
@@ -375,66 +498,3 @@ def _with_inertia(link: Link) -> Link:
     if link.mass > 0 or link.name == GROUND:
         return link
     return link._replace(mass=0.1, moments=(0.01, 0.01, 0.01))
-
-
-def urdf_text(description: RandomDescription, name: str = "robot") -> str:
-    """Return the URDF of a tree, every number with all its digits.
-
-    Parts that URDF cannot represent are not in it: gravity, springs, rotors, constraints. Revolute
-    joints are written as continuous ones, which need no limits; joints that slide need limits,
-    which mean nothing here.
-    """
-    robot = ElementTree.Element("robot", name=name)
-    for link in description.links:
-        _add_link(robot, link)
-    for joint in description.joints:
-        _add_joint(robot, joint)
-    ElementTree.indent(robot)  # some parsers truncate long lines
-    return ElementTree.tostring(robot, encoding="unicode") + "\n"
-
-
-def _add_link(robot: ElementTree.Element, link: Link) -> None:
-    element = _child(robot, "link", name=link.name)
-    if not link.has_inertia:
-        return
-    inertial = _child(element, "inertial")
-    _child(inertial, "origin", xyz=_text(link.center), rpy="0 0 0")
-    _child(inertial, "mass", value=repr(float(link.mass)))
-    entries = (*link.moments, *link.products)
-    names = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-    _child(
-        inertial, "inertia", **{of: repr(float(x)) for of, x in zip(names, entries, strict=True)}
-    )
-
-
-def _add_joint(robot: ElementTree.Element, joint: Joint) -> None:
-    kind = {"revolute": "continuous"}.get(joint.kind, joint.kind)
-    element = _child(robot, "joint", name=joint.name, type=kind)
-    _child(element, "parent", link=joint.parent)
-    _child(element, "child", link=joint.child)
-    _child(
-        element,
-        "origin",
-        xyz=_text(joint.origin),
-        rpy=_text(roll_pitch_yaw_of(rotation_matrix(joint.orientation))),
-    )
-    if joint.kind not in ("fixed", "floating", "spherical"):
-        size = math.hypot(*joint.axis)  # not all parsers normalize it
-        _child(element, "axis", xyz=_text(tuple(x / size for x in joint.axis)))
-    if joint.kind == "prismatic":
-        _child(element, "limit", lower="-10", upper="10", effort="1e3", velocity="1e3")
-    if joint.damping is not None:
-        _child(element, "dynamics", damping=repr(float(joint.damping)), friction="0")
-    if joint.mimics is not None:
-        leader, ratio, shift = joint.mimics
-        _child(
-            element, "mimic", joint=leader, multiplier=repr(float(ratio)), offset=repr(float(shift))
-        )
-
-
-def _child(element: ElementTree.Element, tag: str, **attributes: str) -> ElementTree.Element:
-    return ElementTree.SubElement(element, tag, attributes)
-
-
-def _text(numbers: tuple[float, ...]) -> str:
-    return " ".join(repr(float(x)) for x in numbers)

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from eomcheck.descriptions.first_derivation import PreparedMechanism, factor
-from eomcheck.descriptions.optional_algebra import (
+from eomcheck.descriptions.topology import TopologyPlan
+from eomcheck.descriptions.vector_algebra import (
     ZERO_VECTOR,
     Vector,
     add_vectors,
@@ -28,7 +29,6 @@ from eomcheck.descriptions.optional_algebra import (
     to_local,
     unit,
 )
-from eomcheck.descriptions.topology import TopologyPlan
 from eomcheck.numbers.generic import generic
 
 

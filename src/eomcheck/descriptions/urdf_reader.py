@@ -1,4 +1,4 @@
-"""Reader of URDF files: the robot in a file as elements of a description, and as a scene.
+"""Reader and writer of URDF files: the robot in a file as elements of a description, as a scene.
 
 The XML of a robot is untrusted input: of bounded size, no entity expanded, every number checked.
 The reader is independent, on the XML parser of the standard library, so that models that other
@@ -32,11 +32,12 @@ from eomcheck.descriptions.elements import (
 )
 from eomcheck.descriptions.joint_tree import inertia_warning
 from eomcheck.descriptions.mechanism_class import Mechanism
-from eomcheck.descriptions.quaternions import (
+from eomcheck.descriptions.vector_algebra import (
     IDENTITY,
     Quaternion,
     multiply_quaternions,
     roll_pitch_yaw,
+    roll_pitch_yaw_of,
     rotation_matrix,
 )
 from eomcheck.errors import InputError
@@ -482,3 +483,73 @@ def _floating(robot: Robot) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
     ground = "the ground"
     joint = Joint(roots[0], "floating", ground, roots[0])
     return (Link(ground), *robot.links), (joint, *robot.joints)
+
+
+# ---- Writer --------------------------------------------------------------------------------------
+
+
+def urdf_text(description: Any, name: str = "robot") -> str:
+    """Return the URDF of a tree, every number with all its digits.
+
+    Parts that URDF cannot represent are not in it: gravity, springs, rotors, constraints. Revolute
+    joints are written as continuous ones, which need no limits; joints that slide need limits,
+    which mean nothing here.
+
+    Args:
+        description: `links` and `joints` of a robot.
+        name: name of the robot.
+    """
+    robot = ElementTree.Element("robot", name=name)
+    for link in description.links:
+        _add_link(robot, link)
+    for joint in description.joints:
+        _add_joint(robot, joint)
+    ElementTree.indent(robot)  # some parsers truncate long lines
+    return ElementTree.tostring(robot, encoding="unicode") + "\n"
+
+
+def _add_link(robot: ElementTree.Element, link: Link) -> None:
+    element = _child(robot, "link", name=link.name)
+    if not link.has_inertia:
+        return
+    inertial = _child(element, "inertial")
+    _child(inertial, "origin", xyz=_text(link.center), rpy="0 0 0")
+    _child(inertial, "mass", value=repr(float(link.mass)))
+    entries = (*link.moments, *link.products)
+    names = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+    _child(
+        inertial, "inertia", **{of: repr(float(x)) for of, x in zip(names, entries, strict=True)}
+    )
+
+
+def _add_joint(robot: ElementTree.Element, joint: Joint) -> None:
+    kind = {"revolute": "continuous"}.get(joint.kind, joint.kind)
+    element = _child(robot, "joint", name=joint.name, type=kind)
+    _child(element, "parent", link=joint.parent)
+    _child(element, "child", link=joint.child)
+    _child(
+        element,
+        "origin",
+        xyz=_text(joint.origin),
+        rpy=_text(roll_pitch_yaw_of(rotation_matrix(joint.orientation))),
+    )
+    if joint.kind not in ("fixed", "floating", "spherical"):
+        size = math.hypot(*joint.axis)  # not all parsers normalize it
+        _child(element, "axis", xyz=_text(tuple(x / size for x in joint.axis)))
+    if joint.kind == "prismatic":
+        _child(element, "limit", lower="-10", upper="10", effort="1e3", velocity="1e3")
+    if joint.damping is not None:
+        _child(element, "dynamics", damping=repr(float(joint.damping)), friction="0")
+    if joint.mimics is not None:
+        leader, ratio, shift = joint.mimics
+        _child(
+            element, "mimic", joint=leader, multiplier=repr(float(ratio)), offset=repr(float(shift))
+        )
+
+
+def _child(element: ElementTree.Element, tag: str, **attributes: str) -> ElementTree.Element:
+    return ElementTree.SubElement(element, tag, attributes)
+
+
+def _text(numbers: tuple[float, ...]) -> str:
+    return " ".join(repr(float(x)) for x in numbers)

@@ -18,7 +18,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from eomcheck.atomic_write import write_text
-from eomcheck.descriptions.quaternions import roll_pitch_yaw_of
+from eomcheck.descriptions.vector_algebra import roll_pitch_yaw_of
 from eomcheck.engines.file_engine import (
     FREE,
     BaseVelocity,

@@ -15,8 +15,8 @@ import numpy as np
 
 from eomcheck.engines.engine import Engine, EngineAcceleration, VelocityMap
 from eomcheck.errors import EngineError, required
+from eomcheck.mechanics.records import Tree
 from eomcheck.mechanics.scene import Scene
-from eomcheck.mechanics.tree import Tree
 from eomcheck.numbers.generic import Array
 
 # ---- Links ---------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Records of a scene's equations: terms, speeds and bodies, in the symbols of the paper.
+"""Records of a scene: its terms, speeds and bodies in the symbols of the paper, symmetries, tree.
 
 The rules that they follow are numbered in `eomcheck.mechanics.scene`.
 """
@@ -8,8 +8,12 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from eomcheck.deprecated import getattr_of
+from eomcheck.errors import RefusedError
 from eomcheck.numbers.generic import Array, generic
+from eomcheck.numbers.pivots import EPS
 
 
 class Terms(NamedTuple):
@@ -154,3 +158,111 @@ ANYWHERE, ANY_ANGLE = Range(-10.0, 10.0), Range(-math.pi, math.pi)
 
 
 __getattr__ = getattr_of(__name__)
+
+
+# ---- Symmetries of a plane without directions, (x, y) the first coordinates ----------------------
+
+TURN = 0.75
+"""Angle of the rotation, rad."""
+SHIFT = 3.0, -2.0
+"""Components of the translation, m."""
+
+
+def plane_rotation(scene: Any, q: Array, v: Array, headings: slice) -> Symmetry:
+    """Return the rotation of the scene about the origin; the angles `headings` turn with it."""
+    image = np.eye(scene.n)
+    image[:2, :2] = [[np.cos(TURN), -np.sin(TURN)], [np.sin(TURN), np.cos(TURN)]]
+    turned = image @ q
+    turned[headings] += TURN
+    return Symmetry("rotation", scene, turned, image @ v, image)
+
+
+def plane_translation(scene: Any, q: Array, v: Array) -> Symmetry:
+    """Return the translation of the scene by `SHIFT`."""
+    moved = q.copy()
+    moved[:2] += SHIFT
+    return Symmetry("translation", scene, moved, v, np.eye(scene.n))
+
+
+def plane_mirror(scene: Any, q: Array, v: Array, unflipped: tuple[int, ...]) -> Symmetry:
+    """Return the mirror image in the x axis: `scene` is mirrored, all coordinates but `unflipped`
+    change their sign.
+    """
+    signs = -np.ones(scene.n)
+    signs[list(unflipped)] = 1.0
+    return Symmetry("mirror", scene, signs * q, signs * v, np.diag(signs))
+
+
+def full_turns(scene: Any, q: Array, v: Array) -> Symmetry:
+    """Return a rotation by 2π of every coordinate, which changes nothing."""
+    return Symmetry("full turns", scene, q + 2.0 * np.pi, v, np.eye(scene.n))
+
+
+def refuse_flat(lean: float) -> None:
+    """Refuse |cos θ| <= 4 eps, where Euler's angles (heading, lean θ, spin) are singular.
+
+    Raises:
+        RefusedError: names the lean, rad.
+    """
+    cosine = abs(float(np.cos(lean)))
+    if cosine <= 4 * EPS:
+        detail = f"θ = {float(lean)!r}: Euler's angles are singular, the axis of spin is upright"
+        raise RefusedError("cos θ", cosine, 4 * EPS, detail)
+
+
+# ---- Tree of rigid bodies for engines, a neutral description without equations -------------------
+
+JOINT_KINDS = ("px", "py", "pz", "rx", "ry", "rz")
+"""Kinds of joints: prismatic along, or revolute about, an axis of their own frame."""
+
+PLANAR_JOINTS = ("px", "py", "rz")
+"""Kinds of joints that keep a body in the plane z = 0."""
+
+
+class Tree(NamedTuple):
+    """Rigid bodies on joints with one coordinate each.
+
+    Joint j is mounted on joint `parent[j]` (-1: the ground), turned by `rotation[j]` and displaced
+    by `offset[j]`, and carries one body, or none: mass and inertia 0. The order is depth first: the
+    subtree of a joint follows it immediately. Joint coordinates are x = `coordinates` q + `shift`.
+    """
+
+    parent: tuple[int, ...]
+    joint: tuple[str, ...]
+    """Kind of each joint, one of `JOINT_KINDS`."""
+    rotation: Array
+    """Orientation of each joint at coordinate 0 in the frame of its parent (n_j, 3, 3)."""
+    offset: Array
+    """Position of each joint at coordinate 0 in the frame of its parent (n_j, 3), m."""
+    mass: Array
+    """Masses (n_j,), kg."""
+    center: Array
+    """Centre of mass in the frame of the joint (n_j, 3), m."""
+    inertia: Array
+    """Inertia about the centre of mass, along the axes of the joint (n_j, 3, 3), kg m²."""
+    coordinates: Array
+    """Matrix from q to the joint coordinates (n_j, n)."""
+    shift: Array
+    """Constant part of the joint coordinates (n_j,), m or rad."""
+    armature: Array
+    """Rotor inertia added along each joint's own coordinate (n_j,), kg m² or kg."""
+
+
+def planar_tree(
+    parent: tuple[int, ...],
+    joint: tuple[str, ...],
+    offset: Array,
+    mass: Array,
+    center: Array,
+    inertia: Array,
+    coordinates: Array,
+) -> Tree:
+    """Return a tree in the plane z = 0, with one moment of inertia about z per joint (n_j,).
+
+    In the plane no other moment counts. All three axes get it, because many libraries refuse a
+    physically impossible body, such as one with (0, 0, I).
+    """
+    turned, joints = np.asarray(inertia, np.float64)[:, None, None] * np.eye(3), len(joint)
+    seats = np.broadcast_to(np.eye(3), (joints, 3, 3))
+    none = np.zeros(joints)
+    return Tree(parent, joint, seats, offset, mass, center, turned, coordinates, none, none.copy())

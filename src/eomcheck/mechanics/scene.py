@@ -41,9 +41,8 @@ from eomcheck.deprecated import old_attributes, take_old_attributes
 from eomcheck.errors import InputError, safe_repr
 from eomcheck.mechanics.derived_functions import derive_missing
 from eomcheck.mechanics.random_source import Choices, Factors
-from eomcheck.mechanics.records import Range, Symmetry
+from eomcheck.mechanics.records import Range, Symmetry, Tree
 from eomcheck.mechanics.sketch import Sketch
-from eomcheck.mechanics.tree import Tree
 from eomcheck.numbers.generic import Arithmetic, Array, generic
 
 Functions = Mapping[str, Any] | tuple[ModuleType, ...]

@@ -29,10 +29,17 @@ import numpy as np
 from eomcheck.descriptions import elements
 from eomcheck.descriptions.described_scene import GROUND, Described, Description
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.mechanics import plane_symmetries
 from eomcheck.mechanics import sketch as draw
 from eomcheck.mechanics.parameters import parameter
-from eomcheck.mechanics.records import ANY_ANGLE, ANYWHERE, Range, Symmetry
+from eomcheck.mechanics.records import (
+    ANY_ANGLE,
+    ANYWHERE,
+    Range,
+    Symmetry,
+    plane_mirror,
+    plane_rotation,
+    plane_translation,
+)
 from eomcheck.numbers.generic import FLOAT64, Arithmetic, Array
 from eomcheck.numbers.pivots import EPS
 
@@ -218,11 +225,9 @@ class Bicycle(Described, description=description, closed=True):
 
     def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
         """Yield a rotation about the vertical, a translation and the mirror image in the x axis."""
-        yield plane_symmetries.rotation(self, q, v, slice(HEADING, HEADING + 1))
-        yield plane_symmetries.translation(self, q, v)
-        mirrored = plane_symmetries.mirror(
-            self, q, v, unflipped=(0, HEIGHT, PITCH, FRONT_SPIN, REAR_SPIN)
-        )
+        yield plane_rotation(self, q, v, slice(HEADING, HEADING + 1))
+        yield plane_translation(self, q, v)
+        mirrored = plane_mirror(self, q, v, unflipped=(0, HEIGHT, PITCH, FRONT_SPIN, REAR_SPIN))
         mirrored.q[LEAN] += np.pi
         yield mirrored
 

@@ -29,8 +29,7 @@ from eomcheck.descriptions.described_scene import GROUND, Described, Description
 from eomcheck.errors import InputError
 from eomcheck.mechanics import sketch as draw
 from eomcheck.mechanics.parameters import diagonal, parameter
-from eomcheck.mechanics.plane_symmetries import full_turns
-from eomcheck.mechanics.records import Range, Symmetry
+from eomcheck.mechanics.records import Range, Symmetry, full_turns
 from eomcheck.numbers.generic import Arithmetic, Array
 
 RODS = 5

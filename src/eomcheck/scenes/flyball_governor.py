@@ -21,10 +21,9 @@ import numpy as np
 
 from eomcheck.descriptions import elements
 from eomcheck.descriptions.described_scene import GROUND, Described, Description
-from eomcheck.mechanics import plane_symmetries
 from eomcheck.mechanics import sketch as draw
 from eomcheck.mechanics.parameters import diagonal, parameter
-from eomcheck.mechanics.records import ANY_ANGLE, Range, Symmetry
+from eomcheck.mechanics.records import ANY_ANGLE, TURN, Range, Symmetry
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Arithmetic, Array
 
@@ -135,7 +134,7 @@ class FlyballGovernor(Described, description=description, damped=True):
 
     def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
         """Yield a rotation about the shaft, the mirror image, and the exchange of the arms."""
-        turned = q + np.array([0.0, plane_symmetries.TURN, 0.0, 0.0])
+        turned = q + np.array([0.0, TURN, 0.0, 0.0])
         yield Symmetry("rotation", self, turned, v, np.eye(4))
         mirror = np.diag([1.0, -1.0, 1.0, 1.0])
         yield Symmetry("mirror", self, mirror @ q, mirror @ v, mirror)

@@ -25,8 +25,7 @@ from eomcheck.descriptions.described_scene import GROUND, Described, Description
 from eomcheck.errors import whole_number
 from eomcheck.mechanics import sketch as draw
 from eomcheck.mechanics.parameters import MOST_LINKS, OfLinks, number_of_links, parameter
-from eomcheck.mechanics.plane_symmetries import full_turns
-from eomcheck.mechanics.records import Range, Symmetry
+from eomcheck.mechanics.records import Range, Symmetry, full_turns
 from eomcheck.numbers.generic import Arithmetic, Array
 
 

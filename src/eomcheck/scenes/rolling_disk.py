@@ -19,10 +19,21 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.errors import InputError
-from eomcheck.mechanics import plane_symmetries
 from eomcheck.mechanics import sketch as draw
 from eomcheck.mechanics.parameters import Parametric, diagonal, parameter
-from eomcheck.mechanics.records import ANY_ANGLE, ANYWHERE, Bodies, Range, Speeds, Symmetry, Terms
+from eomcheck.mechanics.records import (
+    ANY_ANGLE,
+    ANYWHERE,
+    Bodies,
+    Range,
+    Speeds,
+    Symmetry,
+    Terms,
+    plane_mirror,
+    plane_rotation,
+    plane_translation,
+    refuse_flat,
+)
 from eomcheck.numbers.generic import Arithmetic, Array
 
 # ---- Lagrange's terms ----------------------------------------------------------------------------
@@ -226,13 +237,13 @@ class RollingDisk(Parametric, functions=globals()):
 
     def refuse_speeds(self, q: Array) -> None:
         """Refuse |cos θ| <= 4 eps: Euler's angles are singular where the disk lies flat."""
-        plane_symmetries.refuse_flat(q[3])
+        refuse_flat(q[3])
 
     def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
         """Yield a rotation about the vertical, a translation and the mirror image in the x axis."""
-        yield plane_symmetries.rotation(self, q, v, slice(2, 3))
-        yield plane_symmetries.translation(self, q, v)
-        yield plane_symmetries.mirror(self, q, v, unflipped=(0, 4))
+        yield plane_rotation(self, q, v, slice(2, 3))
+        yield plane_translation(self, q, v)
+        yield plane_mirror(self, q, v, unflipped=(0, 4))
 
     def sketch(self, q: Array, t: float = 0.0) -> draw.Sketch:
         """Return the disk on the plane, its angles, and the axes e_1, e_2, e_3."""

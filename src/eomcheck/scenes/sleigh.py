@@ -13,11 +13,19 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.mechanics import plane_symmetries
 from eomcheck.mechanics import sketch as draw
 from eomcheck.mechanics.parameters import Parametric, parameter
-from eomcheck.mechanics.records import Bodies, Speeds, Symmetry, Terms
-from eomcheck.mechanics.tree import Tree, planar_tree
+from eomcheck.mechanics.records import (
+    Bodies,
+    Speeds,
+    Symmetry,
+    Terms,
+    Tree,
+    planar_tree,
+    plane_mirror,
+    plane_rotation,
+    plane_translation,
+)
 from eomcheck.numbers.generic import Array
 
 # ---- Lagrange's terms ----------------------------------------------------------------------------
@@ -125,9 +133,9 @@ class Sleigh(Parametric, functions=globals()):
 
     def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
         """Yield a rotation, a translation and the mirror image in the x axis."""
-        yield plane_symmetries.rotation(self, q, v, slice(2, 3))
-        yield plane_symmetries.translation(self, q, v)
-        yield plane_symmetries.mirror(self, q, v, unflipped=(0,))
+        yield plane_rotation(self, q, v, slice(2, 3))
+        yield plane_translation(self, q, v)
+        yield plane_mirror(self, q, v, unflipped=(0,))
 
     def tree(self) -> Tree:
         """Return the joints PX, PY and RZ with the body."""

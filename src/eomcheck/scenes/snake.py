@@ -28,7 +28,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.errors import RefusedError
-from eomcheck.mechanics import plane_symmetries
 from eomcheck.mechanics import sketch as draw
 from eomcheck.mechanics.parameters import (
     OfLinks,
@@ -38,8 +37,19 @@ from eomcheck.mechanics.parameters import (
     parameter,
     stretched,
 )
-from eomcheck.mechanics.records import Bodies, Chain, Range, Speeds, Symmetry, Terms
-from eomcheck.mechanics.tree import Tree, planar_tree
+from eomcheck.mechanics.records import (
+    Bodies,
+    Chain,
+    Range,
+    Speeds,
+    Symmetry,
+    Terms,
+    Tree,
+    planar_tree,
+    plane_mirror,
+    plane_rotation,
+    plane_translation,
+)
 from eomcheck.numbers.generic import Arithmetic, Array
 from eomcheck.numbers.pivots import EPS
 
@@ -676,11 +686,9 @@ class Snake(OfLinks, functions=globals()):
 
     def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
         """Yield a rotation, a translation and the mirror image in the x axis."""
-        yield plane_symmetries.rotation(self, q, v, slice(2, None))
-        yield plane_symmetries.translation(self, q, v)
-        yield plane_symmetries.mirror(
-            replace(self, wheel_angle=-self.wheel_angle), q, v, unflipped=(0,)
-        )
+        yield plane_rotation(self, q, v, slice(2, None))
+        yield plane_translation(self, q, v)
+        yield plane_mirror(replace(self, wheel_angle=-self.wheel_angle), q, v, unflipped=(0,))
 
     def tree(self) -> Tree:
         """Return the joints PX, PY and RZ for link 1, then RZ for the others: relative angles."""

@@ -18,10 +18,20 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.errors import InputError
-from eomcheck.mechanics import plane_symmetries
 from eomcheck.mechanics import sketch as draw
 from eomcheck.mechanics.parameters import Parametric, diagonal, parameter
-from eomcheck.mechanics.records import ANY_ANGLE, ANYWHERE, Bodies, Range, Speeds, Symmetry, Terms
+from eomcheck.mechanics.records import (
+    ANY_ANGLE,
+    ANYWHERE,
+    Bodies,
+    Range,
+    Speeds,
+    Symmetry,
+    Terms,
+    plane_mirror,
+    plane_rotation,
+    refuse_flat,
+)
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Arithmetic, Array
 
@@ -251,15 +261,13 @@ class TurntableBall(Parametric, functions=globals()):
 
     def refuse_speeds(self, q: Array) -> None:
         """Refuse |cos θ| <= 4 eps, where Euler's angles are singular."""
-        plane_symmetries.refuse_flat(q[3])
+        refuse_flat(q[3])
 
     def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
         """Yield a rotation, and the mirror image in the x axis on a table that spins backwards."""
-        yield plane_symmetries.rotation(self, q, v, slice(2, 3))
+        yield plane_rotation(self, q, v, slice(2, 3))
         swing = None if self.swing is None else -self.swing
-        yield plane_symmetries.mirror(
-            replace(self, rate=-self.rate, swing=swing), q, v, unflipped=(0, 4)
-        )
+        yield plane_mirror(replace(self, rate=-self.rate, swing=swing), q, v, unflipped=(0, 4))
 
     def sketch(self, q: Array, t: float = 0.0) -> draw.Sketch:
         """Return the table and the ball, with the angles at the centre of the ball."""

@@ -24,8 +24,8 @@ from eomcheck.claims.reproducer import reproducer_code
 from eomcheck.claims.run import RunSelection, no_larger, smallest_failure
 from eomcheck.class_lookup import object_named
 from eomcheck.descriptions.elements import Constraint, Joint, Link
-from eomcheck.descriptions.random_elements import RandomDescription
 from eomcheck.descriptions.random_mechanisms import RandomScene
+from eomcheck.descriptions.random_trees import RandomDescription
 from eomcheck.draws.fuzz_cases import FuzzCase
 from eomcheck.errors import EomcheckError, InputError, message_of
 from eomcheck.evaluation.dynamics import consistent_velocity
