@@ -21,7 +21,7 @@ from eomcheck.lab import library_comparison
 from eomcheck.lab.fuzzing import campaign as campaigns
 from eomcheck.lab.fuzzing.failures import FailureRecord
 from eomcheck.lab.fuzzing.replay import ReplayResult
-from eomcheck.lab.library_comparison import LibraryComparison
+from eomcheck.lab.library_comparison import LibraryComparison, LibraryResult
 from eomcheck.lab.store.record_file import Record, record_of_rows
 from eomcheck.lab.studies import study_of
 from eomcheck.lab.studies.accuracy import Delivered
@@ -220,23 +220,22 @@ def test_refusals_and_redundant_constraints_are_1(command, count, code, monkeypa
     ("change", "code"),
     [
         ({}, 0),
-        ({"refused": {"drake": "no"}, "missing": ["drake"]}, 0),
-        ({"refused": {"drake": "no"}}, 1),
-        ({"faults": {("mujoco", "M"): "raises"}}, 1),
-        ({"findings": {("mujoco", "bias"): finding("failed")}}, 1),
-        ({"findings": {("mujoco", "bias"): finding("inconclusive")}}, 0),
-        ({"decided": {"mujoco": False}}, 2),
-        ({"decided": {}}, 2),
-        ({"decided": {}, "faults": {("mujoco", "M"): "raises"}}, 1),
+        ({"beside": LibraryResult("drake", refusal="no", missing=True)}, 0),
+        ({"beside": LibraryResult("drake", refusal="no")}, 1),
+        ({"faults": {"M": "raises"}}, 1),
+        ({"findings": {"bias": finding("failed")}}, 1),
+        ({"findings": {"bias": finding("inconclusive")}}, 0),
+        ({"decided": False}, 2),
+        ({"decided": None}, 2),
+        ({"decided": None, "faults": {"M": "raises"}}, 1),
     ],
 )
 def test_a_library_that_differs_or_gives_no_answer_is_1(change, code, monkeypatch):
+    change = {"decided": True} | change
+    others = {"drake": change.pop("beside")} if "beside" in change else {}
     made = LibraryComparison(
-        SLEIGH, {"mujoco": "MuJoCo 3"}, explanations={"mujoco": []}, messages={"mujoco": []}
+        SLEIGH, {"mujoco": LibraryResult("mujoco", "MuJoCo 3", **change)} | others
     )
-    made.decided = {"mujoco": True}
-    for name, value in change.items():
-        setattr(made, name, value)
     made.differences = {"M": np.zeros((2, 2))}
     monkeypatch.setattr(library_comparison, "compare_libraries", lambda *how: made)
     monkeypatch.setattr("eomcheck.scene_lookup.scene_named", lambda name: SLEIGH)

@@ -132,8 +132,8 @@ STUBS: dict[str, dict[str, Any]] = {
         "eomcheck.lab.library_comparison.compare_libraries": SimpleNamespace(
             disagree=False, unanswered=[], check_decided=lambda: None
         ),
-        "eomcheck.lab.report.comparison_tables.print_comparison": None,
-        "eomcheck.lab.report.comparison_tables.write_comparison": None,
+        "eomcheck.lab.library_comparison.print_comparison": None,
+        "eomcheck.lab.library_comparison.write_comparison": None,
     },
     "draw scene": {
         "eomcheck.lab.show.pictures.draw_scene": None,

@@ -31,10 +31,12 @@ from eomcheck.lab.discrepancy import Discrepancy, Explanation, explain
 from eomcheck.lab.library_comparison import (
     QUANTITIES,
     LibraryComparison,
+    LibraryResult,
     compare_libraries,
+    print_comparison,
     relative_difference,
+    write_comparison,
 )
-from eomcheck.lab.report.comparison_tables import print_comparison, write_comparison
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import ChainPendulum, Snake, from_mjcf, from_urdf
 
@@ -64,10 +66,10 @@ def test_a_library_that_reads_the_file_agrees_to_rounding(key, more, floating, t
     scene = from_urdf(file, floating=floating)
     assert ("base_pitch" in scene.coordinate_names) == floating
     found = compare_libraries(scene, [key], states=5)
-    assert found.verdict(key) in ("agrees", "fewer digits")
+    assert found.libraries[key].verdict in ("agrees", "fewer digits")
     assert set(found.differences) == set(QUANTITIES)
     assert all(table.max() < 1e-9 for table in found.differences.values())
-    assert len(found.findings) == 4
+    assert len(found.libraries[key].findings) == 4
     assert found.states == 5
 
 
@@ -165,27 +167,28 @@ def compared(monkeypatch, kind: type[PinocchioFile], path: Path, **options) -> L
 )
 def test_what_a_library_reads_otherwise_is_named(monkeypatch, tmp_path, kind, claim, why):
     found = compared(monkeypatch, kind, tmp_path / "arm.urdf")
-    assert claim in {one.claim for one in found.failures_of(kind.key)}
-    assert [one.sentence for one in found.explanations[kind.key]] == [why]
-    assert found.verdict(kind.key) == "differs"
+    one = found.libraries[kind.key]
+    assert claim in {finding.claim for finding in one.failures}
+    assert [x.sentence for x in one.explanations] == [why]
+    assert one.verdict == "differs"
     assert max(table[0, 1] for table in found.differences.values()) > 1e-4
 
 
 def test_fewer_digits_are_told_apart_from_other_equations(monkeypatch, tmp_path):
     found = compared(monkeypatch, Single, tmp_path / "arm.urdf")
-    assert found.verdict("single_file") == "fewer digits"
-    assert {one.claim for one in found.failed} == {"mass-matrix"}
+    assert found.libraries["single_file"].verdict == "fewer digits"
+    assert {x.claim for x in found.libraries["single_file"].failures} == {"mass-matrix"}
 
 
 def test_a_library_without_damping_says_so_and_nothing_else(tmp_path: Path):
     found = compare_libraries(
         from_urdf(arm(tmp_path / "arm.urdf", damping="0.3")), ["pinocchio"], states=3
     )
-    assert found.verdict("pinocchio") == "no damping"
-    assert [one.sentence for one in found.explanations["pinocchio"]] == [
+    assert found.libraries["pinocchio"].verdict == "no damping"
+    assert [one.sentence for one in found.libraries["pinocchio"].explanations] == [
         "leaves out the damping of slide"
     ]
-    assert {one.claim for one in found.failed} == {"engine-acceleration"}
+    assert {x.claim for x in found.libraries["pinocchio"].failures} == {"engine-acceleration"}
 
 
 def test_a_larger_damping_than_the_file_s_is_not_one_that_is_left_out(monkeypatch, tmp_path):
@@ -197,8 +200,8 @@ def test_a_larger_damping_than_the_file_s_is_not_one_that_is_left_out(monkeypatc
             return super().free_acceleration(q, v) - np.linalg.solve(self.mass_matrix(q), twice)
 
     found = compared(monkeypatch, Reversed, tmp_path / "arm.urdf", damping="0.3")
-    assert found.explanations["reversed_file"] == []
-    assert found.verdict("reversed_file") == "differs"
+    assert found.libraries["reversed_file"].explanations == []
+    assert found.libraries["reversed_file"].verdict == "differs"
 
 
 def opposite(path: Path, wrong: list[str]) -> Discrepancy:
@@ -242,7 +245,7 @@ def test_a_base_whose_velocity_is_another_than_taken_is_named(monkeypatch, tmp_p
     monkeypatch.setitem(library_comparison.BY_FORMAT["urdf"], "taken_file", Taken)
     scene = from_urdf(free(tmp_path / "arm.urdf"), floating=True)
     found = compare_libraries(scene, ["taken_file"], states=3)
-    ((why, _),) = found.explanations["taken_file"]
+    ((why, _),) = found.libraries["taken_file"].explanations
     assert why.startswith("has another velocity of the base: ")
     assert told in why
     assert why.endswith(f"not {taken}")
@@ -347,7 +350,7 @@ def wheel(path: Path) -> Path:
 def test_forces_that_cancel_to_rounding_are_no_difference(key: str, tmp_path: Path):
     installed(key)
     found = compare_libraries(from_urdf(wheel(tmp_path / "wheel.urdf")), [key], states=6)
-    assert (found.verdict(key), found.agree) == ("agrees", True)
+    assert (found.libraries[key].verdict, found.agree) == ("agrees", True)
     assert all(table.max() < 1e-13 for name, table in found.differences.items() if name != "q̈")
 
 
@@ -364,7 +367,8 @@ def test_states_are_those_of_the_seed(tmp_path: Path):
 
     def worst(seed: int) -> list:
         found = compare_libraries(scene, ["pinocchio"], states=2, seed=seed)
-        return [one.state.q.tolist() for one in found.findings.values() if one.state]
+        findings = found.libraries["pinocchio"].findings.values()
+        return [one.state.q.tolist() for one in findings if one.state]
 
     assert worst(0) != worst(1)
 
@@ -399,8 +403,9 @@ def test_fast_motion_takes_no_digits_from_forces_by_mujoco(tmp_path: Path):
 def test_of_a_file_that_is_read_in_two_ways_nobody_is_blamed(monkeypatch, tmp_path, capsys):
     found = compared(monkeypatch, Heavy, tmp_path / "arm.urdf")
     assert (found.self_failures, found.agree) == ([], False)
-    assert all(" by the library, " in one.detail for one in found.failed)
-    assert not any("expected" in one.detail for one in found.failed)
+    failures = found.libraries[Heavy.key].failures
+    assert all(" by the library, " in one.detail for one in failures)
+    assert not any("expected" in one.detail for one in failures)
     print_comparison(found)
     assert "either reading may be wrong" in " ".join(capsys.readouterr().out.split())
 
@@ -421,7 +426,7 @@ def test_derivations_of_ours_that_differ_from_each_other_are_said(monkeypatch, t
     printed = " ".join(capsys.readouterr().out.split())
     assert "The two derivations of eomcheck differ from each other: kinetic energy" in printed
     assert "either reading" not in printed
-    found.findings.clear()
+    found.libraries[Heavy.key].findings.clear()
     assert not found.agree
 
 
@@ -445,13 +450,19 @@ def test_redundant_equalities_leave_all_but_the_acceleration_to_compare(tmp_path
     path = tmp_path / "linkage.xml"
     path.write_text(LINKAGE, encoding="utf-8")
     found = compare_libraries(from_mjcf(path), states=2)
-    assert (found.agree, found.verdict("mujoco"), len(found.skipped)) == (True, "agrees", 2)
-    assert {one.claim for one in found.findings.values() if one.verdict == "passed"} == {
+    assert (found.agree, found.libraries["mujoco"].verdict, len(found.skipped)) == (
+        True,
+        "agrees",
+        2,
+    )
+    mine = found.libraries["mujoco"]
+    assert mine.verdict == "agrees"
+    assert {one.claim for one in mine.findings.values() if one.verdict == "passed"} == {
         "mass-matrix",
         "bias",
         "generalized-forces",
     }
-    assert not found.inconclusive_counts
+    assert not mine.inconclusive_counts
     assert np.isnan(found.differences["q̈"]).all()
     assert all(table.max() < 1e-13 for name, table in found.differences.items() if name != "q̈")
     print_comparison(found)
@@ -470,17 +481,18 @@ def test_a_number_that_rounding_explains_away_is_not_shown(tmp_path, capsys):
     found = compare_libraries(
         from_urdf(arm(tmp_path / "arm.urdf", last=hand)), ["pinocchio"], states=2
     )
-    assert dict(found.inconclusive_counts) == {("pinocchio", "acceleration"): 2}
+    mine = found.libraries["pinocchio"]
+    assert dict(mine.inconclusive_counts) == {"acceleration": 2}
     assert np.isnan(found.differences["q̈"][0, 1])
-    assert found.verdict("pinocchio") == "agrees where decided"
-    assert found.undecided_claims("pinocchio") == ["engine-acceleration"]
+    assert found.libraries["pinocchio"].verdict == "agrees where decided"
+    assert mine.undecided_claims == ["engine-acceleration"]
     print_comparison(found)
     printed = " ".join(capsys.readouterr().out.split())
     assert "engine-acceleration is not resolved in any of 2 states: gw ~ pinocchio" in printed
     assert "q̈ of pinocchio: inconclusive in 2 of 2 states" in printed
     assert "all that answered agree to rounding where decided" in printed
-    found.decided["pinocchio"] = False
-    assert found.verdict("pinocchio") == "inconclusive"
+    mine.decided = False
+    assert found.libraries["pinocchio"].verdict == "inconclusive"
 
 
 @pytest.mark.parametrize("unsure", [0, 1])
@@ -499,7 +511,7 @@ def test_a_quantity_unsure_in_one_state_has_the_difference_of_the_others(
     monkeypatch.setattr(ValidationRun, "check_state", blind)
     scene = from_urdf(arm(tmp_path / "arm.urdf"))
     found = compare_libraries(scene, ["pinocchio"], states=2)
-    assert len(seen) == 2 and set(found.inconclusive_counts.values()) == {1}
+    assert len(seen) == 2 and set(found.libraries["pinocchio"].inconclusive_counts.values()) == {1}
     assert all(0 <= table[0, 1] < 1e-9 for table in found.differences.values())
 
 
@@ -517,7 +529,7 @@ def test_nothing_decided_about_any_library_is_never_agreement(
     found = compare_libraries(scene, ["pinocchio"], states=2)
     assert (found.agree, found.disagree, found.undecided_libraries) == (False, False, ["pinocchio"])
     where = {"inconclusive": "inconclusive", "skipped": "nothing compared"}[verdict]
-    assert found.verdict("pinocchio") == where
+    assert found.libraries["pinocchio"].verdict == where
     print_comparison(found)
     assert "agree to rounding" not in capsys.readouterr().out
     with pytest.raises(InputError, match=r"^arm: nothing was decided about pinocchio$"):
@@ -568,10 +580,11 @@ def test_a_library_that_does_not_answer_is_told_by_quantity(
     monkeypatch, tmp_path, capsys, kind, quantities, what
 ):
     found = compared(monkeypatch, kind, tmp_path / "arm.urdf")
-    assert list(found.faults) == [(kind.key, name) for name in quantities]
-    assert all(said.startswith(what) for said in found.faults.values())
+    faults = found.libraries[kind.key].faults
+    assert list(faults) == quantities
+    assert all(said.startswith(what) for said in faults.values())
     assert not found.agree
-    assert found.verdict(kind.key) == ", ".join(f"no {name}" for name in quantities)
+    assert found.libraries[kind.key].verdict == ", ".join(f"no {name}" for name in quantities)
     agreed = [table for name, table in found.differences.items() if name not in quantities]
     assert np.max(agreed) < 1e-12
     print_comparison(found)
@@ -581,16 +594,17 @@ def test_a_library_that_does_not_answer_is_told_by_quantity(
     assert "agree to rounding" not in shown
     write_comparison(found, tmp_path / "out.json")
     written = json.loads((tmp_path / "out.json").read_text())["faults"]
-    assert written == [[*where, said] for where, said in found.faults.items()]
+    assert written == [[kind.key, *fault] for fault in faults.items()]
 
 
 def test_who_fails_at_rest_alone_does_not_agree(monkeypatch, tmp_path):
     moving = State(np.array([0.3, 0.1, -0.4]), np.array([0.5, -0.2, 1.0]), 0.0)
     monkeypatch.setattr(library_comparison, "draw_samples", lambda *_: [moving])
     found = compared(monkeypatch, AtRest, tmp_path / "arm.urdf")
-    assert (found.failed, list(found.faults)) == ([], [("at_rest_file", "gravity")])
+    mine = found.libraries["at_rest_file"]
+    assert (mine.failures, list(mine.faults)) == ([], ["gravity"])
     assert not found.agree
-    assert found.verdict("at_rest_file") == "no gravity"
+    assert found.libraries["at_rest_file"].verdict == "no gravity"
     print_comparison(found)
 
 
@@ -636,8 +650,8 @@ def test_a_library_that_cannot_read_the_file_is_told_beside_those_that_can(monke
     readers = {"a": Refusing, "pinocchio": PinocchioFile}
     monkeypatch.setitem(library_comparison.BY_FORMAT, "urdf", readers)
     found = compare_libraries(from_urdf(arm(tmp_path / "arm.urdf")), states=1)
-    assert found.refused == {"a": "no such joint"}
-    assert list(found.versions) == ["pinocchio"]
+    assert [(one.library, one.refusal) for one in found.refused] == [("a", "no such joint")]
+    assert [one.library for one in found.answered] == ["pinocchio"]
     with pytest.raises(InputError, match="nothing to compare arm with: a: no such joint"):
         compare_libraries(from_urdf(arm(tmp_path / "arm.urdf")), ["a"])
 
@@ -723,12 +737,12 @@ def test_a_file_that_is_not_there_is_one_sentence(tmp_path: Path):
 def test_what_was_found_is_written_and_printed_of_a_library_that_gave_no_answer(tmp_path, capsys):
     scene = from_urdf(arm(tmp_path / "arm.urdf"))
     found = compare_libraries(scene, ["pinocchio"], states=1)
-    found.refused["other"] = "cannot"
+    found.libraries["other"] = LibraryResult("other", refusal="cannot")
     write_comparison(found, tmp_path / "out.json")
     assert json.loads((tmp_path / "out.json").read_text())["refused"] == {"other": "cannot"}
     print_comparison(found)
     assert "other gave no answer: cannot" in capsys.readouterr().out
-    found.missing.append("other")
+    found.libraries["other"].missing = True
     print_comparison(found)
     printed = capsys.readouterr().out
     assert "not installed" in printed and "no answer" not in printed

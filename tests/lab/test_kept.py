@@ -17,7 +17,7 @@ from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.engines import CasadiEngine, version_of
 from eomcheck.errors import DiedError, InputError, UnwrittenError
 from eomcheck.lab.discrepancy import Explanation
-from eomcheck.lab.library_comparison import LibraryComparison
+from eomcheck.lab.library_comparison import LibraryComparison, LibraryReading, LibraryResult
 from eomcheck.lab.store import parallel_map, provenance, validation_runs
 from eomcheck.lab.store.record_file import Record, Records, rows_in, select, values
 from eomcheck.lab.store.stored_findings import RUNS, STATES, stored_findings_of_runs, why_unreadable
@@ -301,14 +301,14 @@ def test_robots_are_counted_by_what_checks_and_proofs_came_to(monkeypatch, tmp_p
     scene = type("Arm", (Sleigh,), {"source": made, "key": "arm"})
     checked = verdicts(passed=5, failed=1, inconclusive=2, skipped=3)
     proved = verdicts(passed=7, failed=4, skipped=2)
-    found = LibraryComparison(
-        SLEIGH, {"one": "One 1", "two": "Two 2"}, {"three": "cannot"}, states=9
+    why = [Explanation("x"), Explanation("y")]
+    libraries = (
+        LibraryResult("three", refusal="cannot"),
+        LibraryResult("one", "One 1", explanations=why, decided=True),
+        LibraryResult("two", "Two 2", decided=True),
     )
+    found = LibraryComparison(SLEIGH, {one.library: one for one in libraries}, states=9)
     found.differences = {"M": np.array([[0.0, 1e-3, 2e-5], [1e-3, 0.0, 4e-7], [2e-5, 4e-7, 0.0]])}
-    found.explanations, found.decided = (
-        {"one": [Explanation("x"), Explanation("y")], "two": []},
-        {"one": True, "two": True},
-    )
     stubs: dict[str, Any] = {
         "robot_named": lambda name: asked.append(name) or scene,
         "validate": lambda one, **how: asked.append(how) or checked,
@@ -325,14 +325,12 @@ def test_robots_are_counted_by_what_checks_and_proofs_came_to(monkeypatch, tmp_p
     assert record.counts == {
         **{"coordinates": 3, "passed": 5, "failed": 1, "proved": 7, "disproved": 4}
     }
-    assert [
-        (x.library, x.verdict, x.apart, x.why) for x in rows_in([record], robots.LibraryReading)
-    ] == [
+    assert [(x.library, x.verdict, x.apart, x.why) for x in rows_in([record], LibraryReading)] == [
         ("One 1", "agrees", {"M": 1e-3}, "x; y"),
         ("Two 2", "agrees", {"M": 2e-5}, ""),
         ("three", "no answer", {}, "cannot"),
     ]
-    assert {x.robot for x in rows_in([record], robots.LibraryReading)} == {f"{path}, free"}
+    assert {x.robot for x in rows_in([record], LibraryReading)} == {f"{path}, free"}
 
 
 def test_ratios_are_over_the_constant_and_of_what_was_decided(monkeypatch):

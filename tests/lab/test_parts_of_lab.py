@@ -24,11 +24,11 @@ from eomcheck.lab.discrepancy import Discrepancy, Explanation, explain, relative
 from eomcheck.lab.library_comparison import (
     QUANTITIES,
     LibraryComparison,
+    LibraryResult,
     compare_libraries,
     library_quantities,
     readers,
     reference_quantities,
-    summand_sizes,
 )
 from eomcheck.lab.proofs import LINKS, ProofJobs, Proofs, numbers_of_links
 from eomcheck.lab.run_time import slope, was_contended
@@ -51,29 +51,26 @@ def finding(verdict: Any, claim: str = "bias") -> Finding:
 def comparison() -> LibraryComparison:
     """Return what came of seven libraries, of which each is another case."""
     scene: Any = SimpleNamespace(name="arm")
-    found = LibraryComparison(scene)
-    found.versions = dict.fromkeys(("right", "open", "wrong", "mute", "blind", "never"), "1")
-    found.refused = {"gone": "not installed", "broken": "no joint"}
-    found.missing = ["gone"]
-    found.findings = {
-        ("right", "bias"): finding("passed"),
-        ("open", "bias"): finding("inconclusive"),
-        ("wrong", "bias"): finding("passed"),
-        ("wrong", "mass-matrix"): finding("failed", "mass-matrix"),
-        ("mute", "bias"): finding("passed"),
-        ("blind", "bias"): finding("passed"),
-    }
-    found.faults = {("mute", "M"): "returned nan"}
-    found.explanations = {key: [] for key in found.versions}
-    found.decided = dict.fromkeys(("right", "wrong", "mute", "blind"), True) | {"open": False}
     left: Any = [SimpleNamespace(entry=""), SimpleNamespace(entry="M[0, 1]")]
-    found.unresolved_entries = {("blind", "mass-matrix"): left, ("right", "bias"): left[1:]}
-    return found
+    right = {"bias": finding("passed")}
+    wrong = right | {"mass-matrix": finding("failed", "mass-matrix")}
+    unsure = {"bias": finding("inconclusive")}
+    libraries = (
+        LibraryResult("gone", refusal="not installed", missing=True),
+        LibraryResult("broken", refusal="no joint"),
+        LibraryResult("right", "1", findings=right, decided=True, unresolved={"bias": left[1:]}),
+        LibraryResult("open", "1", findings=unsure, decided=False),
+        LibraryResult("wrong", "1", findings=wrong, decided=True),
+        LibraryResult("mute", "1", findings=right, decided=True, faults={"M": "returned nan"}),
+        LibraryResult("blind", "1", findings=right, decided=True, unresolved={"mass-matrix": left}),
+        LibraryResult("never", "1"),
+    )
+    return LibraryComparison(scene, {one.library: one for one in libraries})
 
 
 def test_each_library_is_told_by_what_came_of_it_alone():
     found = comparison()
-    assert {key: found.verdict(key) for key in (*found.versions, "gone", "broken")} == {
+    assert {key: one.verdict for key, one in found.libraries.items()} == {
         "right": "agrees",
         "open": "inconclusive",
         "wrong": "differs",
@@ -83,20 +80,19 @@ def test_each_library_is_told_by_what_came_of_it_alone():
         "gone": "not installed",
         "broken": "no answer",
     }
-    assert [key for key in found.versions if found.differs(key)] == ["wrong", "mute"]
-    assert [one.claim for one in found.failures_of("wrong")] == [
-        "mass-matrix"
-    ] and not found.failures_of("mute")
+    assert [key for key, one in found.libraries.items() if one.differs] == ["wrong", "mute"]
+    assert [one.claim for one in found.libraries["wrong"].failures] == ["mass-matrix"]
+    assert not found.libraries["mute"].failures
     assert found.undecided_libraries == ["open", "never"] and found.unanswered == ["broken"]
-    assert found.undecided_claims("blind") == ["mass-matrix"] and not found.undecided_claims(
-        "right"
-    )
+    assert found.libraries["blind"].undecided_claims == ["mass-matrix"]
+    assert not found.libraries["right"].undecided_claims
     assert (found.disagree, found.agree) == (True, False)
 
 
 def test_nothing_is_an_error_beside_a_disagreement():
     found = comparison()
-    found.decided.clear()
+    for one in found.answered:
+        one.decided = None
     found.check_decided()
 
 
@@ -111,20 +107,23 @@ def test_nothing_is_an_error_beside_a_disagreement():
 )
 def test_a_difference_has_a_name_where_all_of_it_is_explained(labels, verdict):
     found = comparison()
-    found.explanations["wrong"] = [Explanation("a sentence", label) for label in labels]
-    assert found.verdict("wrong") == verdict
+    wrong = found.libraries["wrong"]
+    wrong.explanations = [Explanation("a sentence", label) for label in labels]
+    assert wrong.verdict == verdict
 
 
 def test_one_kind_of_disagreement_is_enough_and_nothing_decided_is_an_error():
     found = comparison()
-    del found.findings["wrong", "mass-matrix"]
+    del found.libraries["wrong"].findings["mass-matrix"]
     assert found.disagree
-    found.faults.clear()
+    found.libraries["mute"].faults.clear()
     assert (found.disagree, found.agree) == (False, True)
     found.check_decided()
     found.self_failures = [finding("failed")]
     assert (found.disagree, found.agree) == (True, False)
-    found.self_failures, found.decided = [], {"open": False}
+    found.self_failures = []
+    for one in found.answered:
+        one.decided = False if one.library == "open" else None
     assert (found.disagree, found.agree) == (False, False)
     with pytest.raises(InputError, match=r"^arm: nothing was decided about right, open, wrong, "):
         found.check_decided()
@@ -146,9 +145,9 @@ def test_a_library_that_is_not_installed_is_left_out_unless_it_was_named(monkeyp
     monkeypatch.setitem(library_comparison.BY_FORMAT, "urdf", {"gone": Gone, "here": PinocchioFile})
     scene, told = from_urdf(arm(tmp_path / "arm.urdf")), []
     found = compare_libraries(scene, states=2, advance=lambda: told.append(1))
-    assert (found.missing, found.refused) == (["gone"], {"gone": "gone is not installed"})
-    assert (found.versions, found.states, len(told)) == ({"here": "1.2"}, 2, 2)
-    assert list(found.messages) == list(found.explanations) == ["here"]
+    (gone,), (here,) = found.refused, found.answered
+    assert (gone.library, gone.refusal, gone.missing) == ("gone", "gone is not installed", True)
+    assert (here.library, here.version, found.states, len(told)) == ("here", "1.2", 2, 2)
     with pytest.raises(EngineError, match="gone is not installed"):
         compare_libraries(scene, ["gone", "here"], states=1)
     assert list(readers(scene, ["here"])) == ["here"] and len(readers(scene, None)) == 2
@@ -163,10 +162,11 @@ def test_what_no_state_resolves_is_kept_by_library_and_why_is_told_once(monkeypa
     monkeypatch.setattr(library_comparison, "unresolved_by_claim", lambda findings: left)
     monkeypatch.setitem(library_comparison.BY_FORMAT, "urdf", {"a": Heavy, "b": PinocchioFile})
     found = compare_libraries(from_urdf(arm(tmp_path / "arm.urdf")), states=3)
-    assert found.unresolved_entries == {("b", "mass-matrix"): left["mass-matrix"]}
-    assert [one.label for one in found.explanations["a"]] == [""] and found.explanations["b"] == []
-    assert (found.verdict("a"), found.verdict("b")) == ("differs", "agrees where decided")
-    assert {key for key, _ in found.findings} == {"a", "b"}
+    a, b = found.libraries["a"], found.libraries["b"]
+    assert (a.unresolved, b.unresolved) == ({}, {"mass-matrix": left["mass-matrix"]})
+    assert [one.label for one in a.explanations] == [""] and b.explanations == []
+    assert (a.verdict, b.verdict) == ("differs", "agrees where decided")
+    assert a.findings and b.findings
     gravity = found.differences["gravity"]
     assert gravity.shape == (3, 3) and gravity[0, 1] == gravity[1, 0] > 1e-4 > gravity[0, 2]
     assert gravity[1, 2] > 1e-4 and not gravity.diagonal().any()
@@ -191,8 +191,8 @@ def test_the_largest_difference_of_all_states_is_kept_for_each_quantity(monkeypa
     scene = from_urdf(arm(tmp_path / "arm.urdf"))
     found = compare_libraries(scene, states=3, advance=advance)
     assert found.differences["M"][0, 1] == pytest.approx(3e-3 / 1.003, rel=1e-6)
-    worst = found.findings["a", "mass-matrix"]
-    assert worst.verdict == "failed" and found.decided == {"a": True}
+    worst = found.libraries["a"].findings["mass-matrix"]
+    assert worst.verdict == "failed" and found.libraries["a"].decided
 
 
 def test_quantities_are_taken_moving_and_at_rest_and_sized_by_what_they_are_summed_from(tmp_path):
@@ -206,12 +206,11 @@ def test_quantities_are_taken_moving_and_at_rest_and_sized_by_what_they_are_summ
         assert np.array_equal(ours[name], value)
     assert np.array_equal(ours["gravity"], rest.terms.Q)
     assert (ours["forces"] - ours["gravity"]).tolist() == pytest.approx([0.0, -0.12, 0.0])
-    summed = summand_sizes(at)
+    summed = {name: one.summed(at) for name, one in QUANTITIES.items()}
     assert summed["M"] == summed["q̈"] == 0.0 < summed["bias"]
     assert summed["gravity"] == summed["forces"] != summed["bias"]
-    found.explanations["pin"] = []
-    engine: Any = PinocchioFile(scene)
-    told = library_quantities(found, "pin", engine, at, ours)
+    pin = LibraryResult("pin", "1", engine=PinocchioFile(scene))
+    told = library_quantities(pin, at, ours)
     assert np.allclose(told["M"], ours["M"]) and np.allclose(told["gravity"], ours["gravity"])
     still = from_urdf(tmp_path / "arm.urdf", gravity=None)
     of_still = reference_quantities(
@@ -228,16 +227,14 @@ def test_the_first_fault_of_a_quantity_is_kept_and_said_once(tmp_path):
             asked.append(1)
             raise RuntimeError(f"time {len(asked)}")
 
-    found = LibraryComparison(scene)
-    found.explanations["x"] = []
+    failing = LibraryResult("x", "1", engine=Failing(scene))
     at = Evaluation(scene, np.zeros(3), np.zeros(3), 0.0)
-    engine: Any = Failing(scene)
     for _ in range(2):
-        told = library_quantities(found, "x", engine, at, ["M", "bias"])
+        told = library_quantities(failing, at, ["M", "bias"])
         assert list(told) == ["bias"]
-    ((key, said),) = found.faults.items()
-    assert key == ("x", "M") and "time 1" in said
-    assert [(one.label, "time 1" in one.sentence) for one in found.explanations["x"]] == [
+    ((quantity, said),) = failing.faults.items()
+    assert quantity == "M" and "time 1" in said
+    assert [(one.label, "time 1" in one.sentence) for one in failing.explanations] == [
         ("no M", True)
     ]
 

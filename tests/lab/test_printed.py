@@ -19,13 +19,13 @@ from eomcheck.claims.finding import Finding, Unresolved
 from eomcheck.claims.numerical_accuracy import SampledState
 from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.engines import CasadiEngine, PinocchioEngine, version_of
+from eomcheck.lab import library_comparison
 from eomcheck.lab.discrepancy import Explanation
 from eomcheck.lab.fuzzing.failures import FailureRecord
 from eomcheck.lab.fuzzing.replay import ReplayResult
-from eomcheck.lab.library_comparison import LibraryComparison
+from eomcheck.lab.library_comparison import LibraryComparison, LibraryResult
 from eomcheck.lab.report import (
     campaign_tables,
-    comparison_tables,
     equivalences,
     finding_output,
     motion_tables,
@@ -443,40 +443,37 @@ def test_a_state_is_told_with_units_and_how_many_coordinates_are_left_out(monkey
 
 def compared() -> LibraryComparison:
     """Return a comparison in which everything is different from everything else."""
-    versions = {"one": "One 1.0", "two": "Two 2.0"}
-    found = LibraryComparison(SLEIGH, versions, {"three": "cannot"}, states=5)
+    one, two = LibraryResult("one", "One 1.0"), LibraryResult("two", "Two 2.0")
+    libraries = {"one": one, "two": two, "three": LibraryResult("three", refusal="cannot")}
+    found = LibraryComparison(SLEIGH, libraries, states=5)
     found.differences = {
         "M": np.array([[0.0, 1e-3, np.nan], [1e-3, 0.0, 4e-7], [np.nan, 4e-7, 0.0]])
     }
     state = at(SLEIGH, 1)
-    found.findings = {
-        ("one", "mass-matrix"): finding(state, "failed", detail="row x is 2 times"),
-        ("one", "bias"): finding(state, "failed", claim="bias", detail="row y has a sign"),
-        ("two", "bias"): finding(state, claim="bias"),
+    one.findings = {
+        "mass-matrix": finding(state, "failed", detail="row x is 2 times"),
+        "bias": finding(state, "failed", claim="bias", detail="row y has a sign"),
     }
-    found.explanations = {
-        "one": [Explanation("leaves out the damping"), Explanation("has an armature")],
-        "two": [],
-    }
-    found.messages = {"one": [f"line {k}" for k in range(7)], "two": ["only this"]}
-    found.decided = {"one": True}
+    two.findings = {"bias": finding(state, claim="bias")}
+    one.explanations = [Explanation("leaves out the damping"), Explanation("has an armature")]
+    one.messages, two.messages = [f"line {k}" for k in range(7)], ["only this"]
+    one.decided = True
     found.skipped = ["singular", "singular", "at rest"]
-    found.inconclusive_counts = Counter({("two", "acceleration"): 4, ("one", "acceleration"): 4})
-    found.unresolved_entries = {
-        ("two", "bias"): [Unresolved("two", "row x", finding(state, claim="bias"), 5)]
-    }
+    one.inconclusive_counts = Counter({"acceleration": 4})
+    two.inconclusive_counts = Counter({"acceleration": 4})
+    two.unresolved = {"bias": [Unresolved("two", "row x", finding(state, claim="bias"), 5)]}
     return found
 
 
 def test_what_is_said_of_libraries_has_every_reason_count_and_name():
     found = compared()
-    assert list(comparison_tables.sentences(found)) == [
+    assert list(library_comparison.sentences(found)) == [
         "One 1.0 differs: row x is 2 times; row y has a sign. Why: leaves out the damping; has an "
         "armature.",
         "    It said: line 0 / line 1 / line 2 / line 3 (and 3 lines more)",
         "Two 2.0: bias is not resolved in any of 5 states: two, row x",
-        comparison_tables.NOBODY,
-        "q̈ of two, one: inconclusive in 4 of 5 states, rounding explains any difference there",
+        library_comparison.NOBODY,
+        "q̈ of one, two: inconclusive in 4 of 5 states, rounding explains any difference there",
         "q̈ is not compared in 3 of 5 states: singular",
         "three gave no answer: cannot",
     ]
@@ -486,20 +483,20 @@ def test_what_is_said_of_libraries_has_every_reason_count_and_name():
         finding(state, "failed", observed=9.0, detail="most"),
         finding(state, "failed", observed=4.0, detail="more"),
     ]
-    found.messages["one"] = found.messages["one"][:4]
-    said = list(comparison_tables.sentences(found))
+    del found.libraries["one"].messages[4:]
+    said = list(library_comparison.sentences(found))
     assert said[1].endswith("line 3")
     assert said[3] == "The two derivations of eomcheck differ from each other: most"
 
 
 def test_a_comparison_is_written_with_all_that_was_found(tmp_path):
     found = compared()
-    found.faults = {("two", "M"): "raises"}
+    found.libraries["two"].faults = {"M": "raises"}
     found.self_failures = [finding(at(SLEIGH, 2), "failed", detail="ours")]
-    comparison_tables.write_comparison(found, tmp_path / "a.json")
+    library_comparison.write_comparison(found, tmp_path / "a.json")
     told = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))
     assert told["findings"] == json.loads(
-        json.dumps([x.as_dict() for x in found.findings.values()])
+        json.dumps([x.as_dict() for one in found.answered for x in one.findings.values()])
     )
     assert [one["detail"] for one in told["own"]] == ["ours"]
     del told["findings"], told["own"]
@@ -514,7 +511,7 @@ def test_a_comparison_is_written_with_all_that_was_found(tmp_path):
         "decided": {"one": True, "two": False},
         "faults": [["two", "M", "raises"]],
         "why": {"one": ["leaves out the damping", "has an armature"], "two": []},
-        "said": found.messages,
+        "said": {"one": [f"line {k}" for k in range(7)], "two": ["only this"]},
         "hidden": [["two", "bias", "not resolved in any of 5 states: two, row x"]],
         "skipped": found.skipped,
     }

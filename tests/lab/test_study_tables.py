@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from eomcheck.evaluation.tolerance import C
-from eomcheck.lab.library_comparison import QUANTITIES
+from eomcheck.lab.library_comparison import QUANTITIES, LibraryReading
 from eomcheck.lab.show.table import Cell
 from eomcheck.lab.store.record_file import Record, record_of_rows
 from eomcheck.lab.studies import study_of
@@ -19,7 +19,6 @@ from eomcheck.lab.studies.engines import EngineDifference
 from eomcheck.lab.studies.motion import MotionTime
 from eomcheck.lab.studies.operations.measure import Operations, Saving, count_record
 from eomcheck.lab.studies.rhs import Timing
-from eomcheck.lab.studies.robots import LibraryReading
 from eomcheck.lab.studies.stability.measure import outcome_of
 from eomcheck.lab.studies.stability.show import WORDS
 from eomcheck.numbers.counting import System

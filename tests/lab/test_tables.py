@@ -15,14 +15,15 @@ from eomcheck.claims.numerical_accuracy import SampledState
 from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.draws.fuzz_cases import StructuralVariant
 from eomcheck.engines import CasadiEngine
+from eomcheck.lab import library_comparison
 from eomcheck.lab.discrepancy import Explanation
 from eomcheck.lab.fuzzing.campaign import Campaign, ScoredCase
 from eomcheck.lab.fuzzing.failures import FailureRecord
 from eomcheck.lab.fuzzing.function_rounds import FunctionsPlan
 from eomcheck.lab.fuzzing.motion_rounds import CROSSED, STOPPED
 from eomcheck.lab.fuzzing.screening import DECIDED, OPEN
-from eomcheck.lab.library_comparison import LibraryComparison
-from eomcheck.lab.report import campaign_tables, comparison_tables, finding_output, motion_tables
+from eomcheck.lab.library_comparison import LibraryComparison, LibraryResult
+from eomcheck.lab.report import campaign_tables, finding_output, motion_tables
 from eomcheck.lab.report.claim_summary import (
     ClaimSummary,
     by_claim,
@@ -444,20 +445,19 @@ def test_a_line_of_progress_counts_the_states_of_this_run_by_the_second(
 
 
 def test_a_comparison_shows_the_difference_from_us_and_the_pairs_each_other():
-    made = LibraryComparison(
-        SLEIGH, {"one": "One 1.0", "two": "Two 2.0"}, {"three": "cannot"}, states=6
+    libraries = (
+        LibraryResult("one", "One 1.0", decided=True),
+        LibraryResult("two", "Two 2.0", decided=True, faults={"bias": "raises"}),
+        LibraryResult("three", refusal="cannot"),
+        LibraryResult("four", refusal="not there", missing=True),
     )
-    made.refused["four"], made.missing = "not there", ["four"]
+    made = LibraryComparison(SLEIGH, {one.library: one for one in libraries}, states=6)
     nothing = np.nan
     made.differences = {
         "M": np.array([[0.0, 1e-3, 2e-5], [1e-3, 0.0, 4e-7], [2e-5, 4e-7, 0.0]]),
         "bias": np.array([[0.0, 0.0, nothing], [0.0, 0.0, nothing], [nothing, nothing, nothing]]),
     }
-    made.explanations = {"one": [], "two": []}
-    made.messages = {"one": [], "two": []}
-    made.decided = {"one": True, "two": True}
-    made.faults = {("two", "bias"): "raises"}
-    sheet = comparison_tables.library_table(made)
+    sheet = library_comparison.library_table(made)
     assert sheet.title == f"{SLEIGH.name}: {SLEIGH.n} coordinates, 6 states"
     assert table(sheet) == [
         {"library": "One 1.0", "M": "1e-03", "bias": "0", "verdict": "agrees"},
@@ -465,13 +465,13 @@ def test_a_comparison_shows_the_difference_from_us_and_the_pairs_each_other():
         {"library": "three", "M": "-", "bias": "-", "verdict": "no answer"},
         {"library": "four", "M": "-", "bias": "-", "verdict": "not installed"},
     ]
-    masses, _ = comparison_tables.pair_tables(made)
+    masses, _ = library_comparison.pair_tables(made)
     assert [tuple(row.values()) for row in table(masses)] == [
         ("eomcheck", "", "1e-03", "2e-05"),
         ("one", "1e-03", "", "4e-07"),
         ("two", "2e-05", "4e-07", ""),
     ]
-    assert list(comparison_tables.sentences(made)) == [
+    assert list(library_comparison.sentences(made)) == [
         "Two 2.0 differs: where it answers, it agrees. Why: no reason known.",
         "three gave no answer: cannot",
         "four was left out: not there",
@@ -487,9 +487,9 @@ def test_a_comparison_shows_the_difference_from_us_and_the_pairs_each_other():
         ([known, unknown], "differs"),
         ([unknown, known], "differs"),
     ):
-        made.explanations["two"] = whys
-        assert made.verdict("two") == word
-    made.faults = {}
+        made.libraries["two"].explanations = whys
+        assert made.libraries["two"].verdict == word
+    made.libraries["two"].faults = {}
     assert made.agree
 
 
@@ -521,17 +521,19 @@ def test_libraries_about_which_nothing_is_decided_are_not_said_to_agree(
     capsys, decided, skipped, verdicts, said
 ):
     made = LibraryComparison(
-        SLEIGH, {"one": "One 1.0", "two": "Two 2.0"}, states=2, decided=decided
+        SLEIGH,
+        {key: LibraryResult(key, f"{key} 1", decided=decided.get(key)) for key in ("one", "two")},
+        states=2,
     )
     made.skipped = ["singular"] * skipped
-    sheet = comparison_tables.library_table(made)
+    sheet = library_comparison.library_table(made)
     assert [str(row[-1]) for row in sheet.rows] == verdicts
     looks = ["passed" if word == "agrees" else "open" for word in verdicts]
     assert [getattr(row[-1], "kind", "") for row in sheet.rows] == looks
-    comparison_tables.print_comparison(made)
+    library_comparison.print_comparison(made)
     last = capsys.readouterr().out.splitlines()[-1]
     assert last == said if said else "agree to" not in last
-    assert made.undecided_libraries == [key for key in made.versions if not decided.get(key)]
+    assert made.undecided_libraries == [key for key in made.libraries if not decided.get(key)]
 
 
 # ---- Motions -------------------------------------------------------------------------------------

@@ -75,7 +75,7 @@ def test_a_robot_agrees_with_mujoco_s_own_model_to_rounding(tmp_path: Path, free
     found = validate(scene, examples=15, engines=[MjcfFile], formulations=["gw"], claims=claims)
     assert {(one.claim, one.verdict) for one in found} == {(name, "passed") for name in claims}
     found = compare_libraries(scene, states=5)
-    assert found.verdict("mujoco") == "agrees"
+    assert found.libraries["mujoco"].verdict == "agrees"
     assert all(table.max() < 1e-12 for table in found.differences.values())
 
 
@@ -200,8 +200,8 @@ def test_what_is_held_is_compared_as_it_is_held():
     scene = from_mjcf(Path("docs/guides/rocker.xml"))
     assert scene.coordinate_names == ("rocker", "travel", "crank", "knee")  # what the gear turns
     found = compare_libraries(scene, states=5)
-    assert found.verdict("mujoco") == "agrees"
-    assert list(found.versions.values()) == [f"mujoco {mujoco.__version__}"]
+    assert found.libraries["mujoco"].verdict == "agrees"
+    assert [one.version for one in found.answered] == [f"mujoco {mujoco.__version__}"]
     assert all(table.max() < 1e-12 for table in found.differences.values())
     assert {one.verdict for one in prove(scene, points=1)} == {"passed"}
 

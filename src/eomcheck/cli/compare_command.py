@@ -49,8 +49,11 @@ def compare_command(
     check_count(states=states)
     check_writable(json)
     from eomcheck.console import progress
-    from eomcheck.lab.library_comparison import compare_libraries as compared
-    from eomcheck.lab.report.comparison_tables import print_comparison, write_comparison
+    from eomcheck.lab.library_comparison import (
+        compare_libraries,
+        print_comparison,
+        write_comparison,
+    )
     from eomcheck.scene_lookup import is_robot, scene_named
 
     if not is_robot(robot):
@@ -59,7 +62,7 @@ def compare_command(
         )
     scene = scene_named(robot)
     with progress("comparing libraries at {state}", states) as advance:
-        found = compared(scene, engine, states, seed, advance)
+        found = compare_libraries(scene, engine, states, seed, advance)
     if json is not None:
         write_comparison(found, json)
     print_comparison(found, pairs)

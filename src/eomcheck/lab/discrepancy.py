@@ -208,26 +208,20 @@ def _base_frame(at: Discrepancy) -> Iterator[Explanation]:
         yield Explanation(f"has another velocity of the base: {fitting[0]}, not {assumed}")
 
 
+ODD_LINKS = {
+    "massless": "moments of inertia without mass ({}), which libraries may drop",
+    "impossible": "inertias that no body can have ({}), which libraries may change",
+    "empty": "links without inertia ({}), to which libraries may give some",
+}
+"""Attribute of a `RobotDescription` -> the sentence on its links."""
+
+
 @_reason
 def _odd_bodies(at: Discrepancy) -> Iterator[Explanation]:
     """Yield the bodies of the file that libraries may read differently."""
-    if at.agrees_on("M"):
-        return
-    if at.description.massless:
-        names = few(at.description.massless)
-        yield Explanation(
-            f"the file has moments of inertia without mass ({names}), which libraries may drop"
-        )
-    if at.description.impossible:
-        names = few(at.description.impossible)
-        yield Explanation(
-            f"the file has inertias that no body can have ({names}), which libraries may change"
-        )
-    if at.description.empty:
-        names = few(at.description.empty)
-        yield Explanation(
-            f"the file has links without inertia ({names}), to which libraries may give some"
-        )
+    for links, sentence in ODD_LINKS.items():
+        if (names := getattr(at.description, links)) and not at.agrees_on("M"):
+            yield Explanation("the file has " + sentence.format(few(names)))
 
 
 def _joints(at: Discrepancy, indices: list[int]) -> str:

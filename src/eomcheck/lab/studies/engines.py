@@ -22,7 +22,7 @@ from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.option_parsing import Seed, check_count, parse_interval
 from eomcheck.lab.show.table import Cell, ResultTable
-from eomcheck.lab.store.record_file import Record, Settings, record_of_rows, rows_in
+from eomcheck.lab.store.record_file import Record, Settings, group, record_of_rows, rows_in
 from eomcheck.lab.study import Study, failed, unfinished
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
@@ -134,19 +134,11 @@ def _differences(engine: Engine, scene: Scene, state: State) -> Iterator[tuple[s
         "bias": max(largest(one.terms.B) for one in turned),
         "engine-acceleration": largest(np.linalg.solve(at.terms.M, at.F)),
     }
-    terms, moving = at.terms, (at.q, at.v, at.t)
-    pairs: dict[str, tuple[Array | None, Array | None]] = {
-        "mass-matrix": (terms.M, answers.mass_matrix(at.q, at.t)),
-        "bias": (terms.B, answers.bias(*moving)),
-    }
-    others = {
-        "generalized-forces": ("forces", terms.Q),
-        "constraint-jacobian": ("constraint_jacobian", terms.a),
-        "constraint-drift": ("constraint_drift", terms.gamma),
-    }
-    for claim, (method, ours) in others.items():
-        if ours is not None and engine.offers(method):
-            pairs[claim] = ours, getattr(answers, method)(*moving)
+    terms, pairs = at.terms, dict[str, tuple[Array | None, Array | None]]()
+    for claim in (CLAIMS[key] for key in QUANTITIES):
+        ours = getattr(terms, claim.against) if claim.against else None
+        if ours is not None and engine.offers(claim.asks):
+            pairs[claim.id] = ours, answers.ask(claim.asks, *state)
     if engine.offers("acceleration"):
         Q = np.zeros(scene.n) if terms.Q is None else terms.Q
         with suppress(RefusedError):
@@ -167,23 +159,16 @@ def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
     scenes.
     """
     rows = rows_in(found, EngineDifference)
-    engines = dict.fromkeys(one.engine for one in rows)
     by_engine, by_scene = [], []
-    for key in engines:
-        mine = [one for one in rows if one.engine == key]
-        of_scenes = {one.scene: one.states for one in mine}
-        cells = (_cell([one for one in mine if one.claim == claim]) for claim in SHOWN)
-        others = [name for claim, name in QUANTITIES.items() if claim not in SHOWN]
-        offered = [QUANTITIES[claim] for claim in dict.fromkeys(one.claim for one in mine)]
+    for key, mine in group(rows, lambda one: one.engine).items():
+        scenes = group(mine, lambda one: one.scene)
+        states = str(sum(on_scene[0].states for on_scene in scenes.values()))
         failures = str(sum(one.failed for one in mine))
-        states = str(sum(of_scenes.values()))
-        also = ", ".join(name for name in others if name in offered) or "-"
+        offered = {one.claim for one in mine}.difference(SHOWN)
+        also = ", ".join(name for claim, name in QUANTITIES.items() if claim in offered) or "-"
         name = Cell(mine[0].version, "name")
-        by_engine.append((name, str(len(of_scenes)), states, failures, *cells, also))
-        for scene in of_scenes:
-            on_scene = [one for one in mine if one.scene == scene]
-            cells = (_cell([one for one in on_scene if one.claim == claim]) for claim in SHOWN)
-            by_scene.append((Cell(key, "name"), scene, *cells))
+        by_engine.append((name, str(len(scenes)), states, failures, *_cells(mine), also))
+        by_scene += [(Cell(key, "name"), x, *_cells(on_scene)) for x, on_scene in scenes.items()]
     shown = [QUANTITIES[claim] for claim in SHOWN]
     columns = ("engine", "scenes", "states", "failures", *shown, "also says")
     yield ResultTable(
@@ -191,6 +176,11 @@ def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
     )
     columns = ("engine", "scene", *shown)
     yield ResultTable("engines-by-scene", "The same, scene by scene", columns, by_scene)
+
+
+def _cells(rows: Sequence[EngineDifference]) -> list[Cell]:
+    """Return the cells of the quantities that are shown."""
+    return [_cell([one for one in rows if one.claim == claim]) for claim in SHOWN]
 
 
 def _cell(rows: Sequence[EngineDifference]) -> Cell:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import Annotated
@@ -14,7 +13,7 @@ from eomcheck.claims.run import validate
 from eomcheck.descriptions.urdf_reader import FLOATING
 from eomcheck.errors import EngineError, InputError
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.library_comparison import QUANTITIES, compare_libraries
+from eomcheck.lab.library_comparison import QUANTITIES, LibraryReading, compare_libraries
 from eomcheck.lab.option_parsing import Seed, check_count
 from eomcheck.lab.show.table import Cell, ResultTable
 from eomcheck.lab.store.record_file import Record, Settings, rows_in
@@ -45,19 +44,6 @@ ROBOTS = {
 
 WALKING = "solo12", "anymal"
 """Names of the robots that are also checked with a free base."""
-
-
-@dataclass(frozen=True)
-class LibraryReading:
-    """Result of one library for one robot: verdict and largest relative differences from
-    eomcheck.
-    """
-
-    robot: str
-    library: str
-    verdict: str
-    apart: dict[str, float]
-    why: str
 
 
 def robot_path(robot: str) -> Path:
@@ -108,7 +94,6 @@ def cells(
 def _check_robot(settings: Settings) -> Record:
     """Check, prove and compare one robot."""
     name, states, seed = (settings[x] for x in ("robot", "states", "seed"))
-    called = _called(settings)
     try:
         file = str(robot_path(name))
         scene = robot_named(f"{file}:{FLOATING}" if settings["free"] else file)()
@@ -128,16 +113,7 @@ def _check_robot(settings: Settings) -> Record:
         "disproved": proved.count("failed"),
     }
     seconds = {"checks, s": validated - start, "proof, s": done - validated}
-    found = compare_libraries(scene, None, states, seed)
-    rows = []
-    for i, (key, version) in enumerate(found.versions.items()):
-        apart = {name: float(table[0, i + 1]) for name, table in found.differences.items()}
-        why = "; ".join(one.sentence for one in found.explanations[key])
-        rows.append(LibraryReading(called, version, found.verdict(key), apart, why))
-    rows += [
-        LibraryReading(called, key, found.verdict(key), {}, why)
-        for key, why in found.refused.items()
-    ]
+    rows = compare_libraries(scene, None, states, seed).readings(_called(settings))
     series = {"rows": [vars(row) for row in rows], "left out": [scene.source.ignored]}
     return Record(STUDY.key, settings, counts=counts, errors=seconds, series=series)
 
@@ -176,10 +152,6 @@ def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
     yield ResultTable("robots-by-library", title, ("robot", *libraries), rows)
 
 
-_CELL_KINDS = {"agrees where decided": "passed", "inconclusive": "open", "nothing compared": "open"}
-"""Verdict of a library without differences -> kind of its cell."""
-
-
 def _key(one: LibraryReading) -> str:
     return one.library.partition(" ")[0]
 
@@ -187,12 +159,9 @@ def _key(one: LibraryReading) -> str:
 def _cell(one: LibraryReading | None) -> Cell:
     if one is None:
         return Cell("-", "none")
-    if not one.apart:
-        return Cell(one.verdict, "open")
-    number = f"{one.apart['M']:.0e}"
-    if one.verdict == "agrees":
-        return Cell(number, "passed")
-    return Cell(f"{number} {one.verdict}", _CELL_KINDS.get(one.verdict, "failed"))
+    number = [f"{one.apart['M']:.0e}"] if one.apart else []
+    words = number if one.verdict == "agrees" else [*number, one.verdict]
+    return Cell(" ".join(words), one.kind)
 
 
 def remarks(found: Sequence[Record]) -> Iterator[str]:
