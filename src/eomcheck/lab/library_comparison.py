@@ -290,7 +290,7 @@ def readers(scene: Scene, names: Iterable[str] | None) -> dict[str, type[FileEng
     return known if names is None else {name: known[name] for name in names}
 
 
-def read_by(key: str, kind: type[FileEngine], scene: Scene, required: bool) -> LibraryResult:
+def library_result(key: str, kind: type[FileEngine], scene: Scene, required: bool) -> LibraryResult:
     """Return the result of a library that has read the file of a scene, or why it cannot.
 
     Raises:
@@ -331,7 +331,7 @@ def compare_libraries(
         UnknownNameError: there is no library of a name.
     """
     kinds, required = readers(scene, engines), engines is not None
-    read = {key: read_by(key, kind, scene, required) for key, kind in kinds.items()}
+    read = {key: library_result(key, kind, scene, required) for key, kind in kinds.items()}
     comparison = LibraryComparison(scene, read)
     by_engine: dict[type[Engine], LibraryResult] = {
         type(one.engine): one for one in read.values() if one.engine is not None
@@ -473,7 +473,7 @@ def pair_tables(found: LibraryComparison) -> Iterator[ResultTable]:
         )
 
 
-def by_claim(found: LibraryComparison, name: str) -> Iterator[tuple[LibraryResult, str, Any]]:
+def claimwise(found: LibraryComparison, name: str) -> Iterator[tuple[LibraryResult, str, Any]]:
     """Yield library, claim and value of a dictionary of all libraries, claim by claim."""
     for claim in dict.fromkeys(key for one in found.answered for key in getattr(one, name)):
         for one in found.answered:
@@ -493,7 +493,7 @@ def sentences(found: LibraryComparison) -> Iterator[str]:
                 yield f"    It said: {quoted}" + (
                     f" (and {counted(more, 'line')} more)" if more > 0 else ""
                 )
-    for one, claim, left in by_claim(found, "unresolved"):
+    for one, claim, left in claimwise(found, "unresolved"):
         yield f"{one.version}: {claim} is {unresolved_finding(left).detail}"
     if found.self_failures:
         largest_error = max(found.self_failures, key=lambda one: one.ratio)
@@ -546,12 +546,12 @@ def write_comparison(found: LibraryComparison, path: Path) -> None:
         },
         "decided": {one.library: bool(one.decided) for one in answered},
         "faults": [[one.library, *fault] for one in answered for fault in one.faults.items()],
-        "findings": [finding.as_dict() for *_, finding in by_claim(found, "findings")],
+        "findings": [finding.as_dict() for *_, finding in claimwise(found, "findings")],
         "why": {one.library: [x.sentence for x in one.explanations] for one in answered},
         "said": {one.library: one.messages for one in answered},
         "hidden": [
             [one.library, claim, unresolved_finding(left).detail]
-            for one, claim, left in by_claim(found, "unresolved")
+            for one, claim, left in claimwise(found, "unresolved")
         ],
         "skipped": found.skipped,
         "own": [one.as_dict() for one in found.self_failures],
