@@ -23,6 +23,7 @@ from eomcheck.lab import study as store
 from eomcheck.lab.show.table import print_tables
 from eomcheck.lab.store.record_file import Record, Records
 from eomcheck.lab.studies import study_of
+from eomcheck.lab.studies.stability.families import decades
 from eomcheck.lab.studies.stability.measure import (
     FAMILIES,
     STATE,
@@ -38,8 +39,7 @@ from eomcheck.lab.studies.stability.measure import (
     outcome_of,
     settings_of,
 )
-from eomcheck.lab.studies.stability.scene_families import decades
-from eomcheck.lab.studies.stability.two_wheels import DEPENDENT, TwoWheels
+from eomcheck.lab.studies.stability.two_wheels import TwoWheels
 from eomcheck.numbers.pivots import EPS
 
 families = pytest.mark.parametrize("family", FAMILIES.values(), ids=FAMILIES)
@@ -96,7 +96,7 @@ def test_a_wheel_comes_as_near_to_π_over_2_as_doubles_let_it():
 
 
 def test_a_second_wheel_holds_the_centre_of_its_link_still():
-    posed = DEPENDENT.pose("moving", 0.1)
+    posed = FAMILIES["dependent"].pose("moving", 0.1)
     at = Evaluation(posed.scene, posed.q, np.zeros(posed.scene.n))
     at.u = posed.u
     moving = Evaluation(posed.scene, posed.q, at.velocity)
@@ -112,7 +112,7 @@ def test_a_second_wheel_holds_the_centre_of_its_link_still():
 
 
 def test_two_wheels_at_one_angle_leave_no_speed_to_choose():
-    posed = DEPENDENT.pose("moving", 0.0)
+    posed = FAMILIES["dependent"].pose("moving", 0.0)
     at = Evaluation(posed.scene, posed.q, np.zeros(posed.scene.n))
     with pytest.raises(RefusedError, match="one constraint"):
         at.speeds  # noqa: B018
@@ -130,9 +130,9 @@ ATLAS = study_of("stability")
 PLACE = ("straight", "3 links", 1e-4)
 
 
-@pytest.mark.parametrize("variant", DEPENDENT.variants)
+@pytest.mark.parametrize("variant", FAMILIES["dependent"].variants)
 def test_uk_is_compared_with_the_truth_of_the_rows_that_it_keeps(variant: str):
-    posed = DEPENDENT.pose(variant, 1e-16)
+    posed = FAMILIES["dependent"].pose(variant, 1e-16)
     assert posed.u is not None
     found = accuracy(posed.scene, "uk", posed.q, posed.u)
     redundant = Evaluation(posed.scene, posed.q, 0 * found.vdot).independent_partition.redundant
@@ -369,4 +369,6 @@ def test_the_atlas_and_a_figure_a_family_are_drawn_and_fit_into_the_documentatio
 
 def _cheap() -> list[Record]:
     method = Method("au")
-    return [measure(settings_of("dependent", "moving", x, method)) for x in DEPENDENT.quick]
+    return [
+        measure(settings_of("dependent", "moving", x, method)) for x in FAMILIES["dependent"].quick
+    ]

@@ -18,7 +18,7 @@ from eomcheck.evaluation.tolerance import UNDERFLOW
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.store.record_file import Record, record_of_rows
 from eomcheck.lab.studies import accuracy, long_run, motion, rhs, work_precision
-from eomcheck.lab.studies.stability import scene_families, two_wheels
+from eomcheck.lab.studies.stability import families, two_wheels
 from eomcheck.lab.studies.stability.measure import FAMILIES
 from eomcheck.numbers.generic import FLOAT64
 from eomcheck.numbers.pivots import EPS
@@ -518,7 +518,7 @@ def test_a_first_mass_is_times_or_over_its_ratio_and_the_others_stay():
 
 def test_speeds_are_times_or_over_their_factor_and_turns_are_of_angles_alone():
     scene = Sleigh.example()
-    q, u = scene_families.ordinary(scene)
+    q, u = families.ordinary(scene)
     assert u.tolist() == [1 / k for k in range(1, scene.p + 1)]
     fast, slow = (posed("sleigh-speed", variant, 100.0) for variant in ("fast", "slow"))
     assert (fast.u / u).tolist() == [100.0] * scene.p and np.allclose(slow.u, u / 100)
@@ -533,7 +533,7 @@ def test_speeds_are_times_or_over_their_factor_and_turns_are_of_angles_alone():
 
 def test_every_constraint_is_violated_by_the_same_share_of_the_largest_speed():
     scene = SCENES["rolling-disk"].example()
-    q, u = scene_families.ordinary(scene)
+    q, u = families.ordinary(scene)
     v = velocity(scene, q, u)
     one = posed("rolling-disk-violated", "all alike", 1e-3)
     assert one.u is None and one.q.tolist() == q.tolist()
@@ -557,13 +557,14 @@ def test_single_scenes_come_to_their_limits_step_by_step():
     assert lying.q[bicycle.LEAN] == 0.3
     assert lying.q[bicycle.HEIGHT] == pytest.approx(lying.scene.radius[0] * np.sin(0.3))
     assert lying.u.tolist() == [1 / k for k in range(1, lying.scene.p + 1)]
-    assert two_wheels._pose("at rest", 0.1).u.tolist() == [0.0]
-    assert two_wheels._pose("moving", 0.1).u.tolist() == [1.0]
-    assert two_wheels._pose("moving", 0.1).scene.second == 0.1
+    assert families._two_wheels("at rest", 0.1).u.tolist() == [0.0]
+    assert families._two_wheels("moving", 0.1).u.tolist() == [1.0]
+    assert families._two_wheels("moving", 0.1).scene.second == 0.1
 
 
 def test_families_of_a_scene_have_their_severities_and_a_title_after_it():
-    found = {one.key: one for one in scene_families.families_of_kind(Sleigh)}
+    found = {key: one for key, one in FAMILIES.items() if one.about == "sleigh"}
+    assert [*found].pop() == "sleigh-offset" and found.pop("sleigh-offset")
     assert {
         key: (one.values[0], one.values[-1], len(one.values)) for key, one in found.items()
     } == {
@@ -579,11 +580,11 @@ def test_families_of_a_scene_have_their_severities_and_a_title_after_it():
         (1e-16, 1e-8, 1.0),
     ]
     assert found["sleigh-mass"].title == "sleigh: mass"
-    assert (two_wheels.DEPENDENT.title, two_wheels.DEPENDENT.about) == (
+    assert (FAMILIES["dependent"].title, FAMILIES["dependent"].about) == (
         *("Dependent constraints", "snake"),
     )
-    free = [one.key for one in scene_families.families_of_kind(SCENES["chain-pendulum"])]
-    assert free == ["chain-pendulum-mass", "chain-pendulum-speed", "chain-pendulum-turns"]
+    free = [key for key, one in FAMILIES.items() if one.about == "chain-pendulum"]
+    assert free == [f"chain-pendulum-{name}" for name in ("mass", "speed", "turns", "links")]
 
 
 def test_speeds_of_two_wheels_are_refused_where_their_angle_is_rounding():

@@ -16,7 +16,7 @@ from eomcheck.evaluation.certified import accuracy
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.kernels.emit import HEADER
 from eomcheck.kernels.program import INLINE
-from eomcheck.lab.studies.stability.snake_families import MASS_RATIO
+from eomcheck.lab.studies.stability.families import FAMILIES
 from eomcheck.numbers import linear
 from eomcheck.numbers.linear import column_scale, eliminate, recording_solves, singular_below, solve
 from eomcheck.numbers.noise import STEP
@@ -246,7 +246,7 @@ def test_scaling_rows_by_powers_of_two_changes_neither_rcond_nor_any_bit_of_the_
 def test_links_of_very_different_masses_leave_m_au_its_digits():
     """Found by the stability atlas: with columns scaled before rows, all were lost."""
     for exponent in range(17):
-        posed = MASS_RATIO.pose("alternating", 10.0**exponent)
+        posed = FAMILIES["mass-ratio"].pose("alternating", 10.0**exponent)
         assert accuracy(posed.scene, "au", posed.q, posed.u).relative < 1e-12
 
 

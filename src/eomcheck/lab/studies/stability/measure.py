@@ -29,39 +29,11 @@ from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import NOTICEABLE
 from eomcheck.formulations import FORMULATIONS, applicable, formulation_of
 from eomcheck.lab.store.record_file import Record, Settings, by_setting, group
-from eomcheck.lab.studies.stability import scene_families, snake_families, two_wheels
-from eomcheck.lab.studies.stability.scene_families import Family, Posed
+from eomcheck.lab.studies.stability.families import FAMILIES, Family, Posed
 from eomcheck.lab.study import Formulations
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.pivots import EPS
 from eomcheck.scene_lookup import scene_classes_named
-from eomcheck.scenes import SCENES, Snake
-
-# ---- All families --------------------------------------------------------------------------------
-
-
-def _families_of(kind: type[Scene]) -> Iterator[Family]:
-    yield from scene_families.families_of_kind(kind)
-    yield from (family for family in scene_families.OF_SINGLE_SCENES if family.about == kind.key)
-
-
-FAMILIES: dict[str, Family] = {
-    family.key: family
-    for family in (
-        snake_families.STIFFNESS,
-        snake_families.WHEEL_ANGLE,
-        snake_families.STRAIGHT,
-        snake_families.MASS_RATIO,
-        snake_families.LENGTH_RATIO,
-        snake_families.LINKS,
-        snake_families.SPEED,
-        snake_families.TURNS,
-        two_wheels.DEPENDENT,
-        snake_families.VIOLATED,
-        *(family for kind in SCENES.values() if kind is not Snake for family in _families_of(kind)),
-    )
-}
-"""Key -> family."""
 
 
 def families_about(kinds: Iterable[type[Scene]]) -> tuple[Family, ...]:
@@ -178,8 +150,8 @@ def measure(settings: Settings) -> Record:
         "bound": found.relative_bound,
         "predicted": found.kappa * EPS,
         "condition": max(found.condition.values()),
+        **{f"condition {name}": value for name, value in found.condition.items()},
     }
-    errors |= {f"condition {name}": value for name, value in found.condition.items()}
     if shared is None:
         errors["question"] = relative_error(truth.doubles(), _own_truth(posed, Method("au")))
     return Record(STUDY, settings, errors=errors)
@@ -211,10 +183,10 @@ def outcome_of(record: Record) -> CellOutcome:
     """Return the outcome of one cell; a cell that failed counts as refused."""
     if record.status != "done":
         return CellOutcome.REFUSED
-    if record.errors["relative"] <= NOTICEABLE:
+    relative = record.errors["relative"]
+    if relative <= NOTICEABLE:
         return CellOutcome.GOOD
-    reported = record.errors["relative"] <= record.errors["bound"]
-    return CellOutcome.REPORTED if reported else CellOutcome.SILENT
+    return CellOutcome.REPORTED if relative <= record.errors["bound"] else CellOutcome.SILENT
 
 
 def method_of(record: Record) -> Method:

@@ -12,15 +12,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.errors import RefusedError
-from eomcheck.lab.studies.stability.scene_families import Family, Posed, decades
-from eomcheck.lab.studies.stability.snake_families import bent
 from eomcheck.mechanics.records import Speeds
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Arithmetic, Array, generic
 from eomcheck.numbers.pivots import EPS
 from eomcheck.scenes import Snake
-
-LINKS = 5
 
 
 class Parameters(NamedTuple):
@@ -173,23 +169,3 @@ class TwoWheels(Scene, functions=globals()):
                 f"second = {self.second!r}: the two wheels of link 1 are one constraint; the "
                 f"generalized speed ω_1 needs |sin second| > {4 * EPS:.2g}",
             )
-
-
-def _pose(variant: str, angle: float) -> Posed:
-    # Wheel 1 lies along its link, so that the angle of the second wheel is one float64, not a sum.
-    first = bent(LINKS)
-    u = np.zeros(1) if variant == "at rest" else np.ones(1)
-    return Posed(TwoWheels(first, angle), first.initial_state()[0], u)
-
-
-DEPENDENT = Family(
-    key="dependent",
-    name="Dependent constraints",
-    severity="angle between two wheels of one link / rad",
-    values=(*decades(0, -16), 0.0),
-    quick=(1.0, 1e-4, 1e-8, 1e-12, 1e-16, 0.0),
-    variants=("at rest", "moving"),
-    pose=_pose,
-    scene=TwoWheels,
-    about=Snake.key,
-)
