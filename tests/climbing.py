@@ -55,7 +55,7 @@ class Search:
 class Campaigned(Campaign):
     """A campaign that makes no find small: only heights matter here."""
 
-    def _found(self, failed, late):
+    def _new_failure(self, failed, late):
         return None
 
 

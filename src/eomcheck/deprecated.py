@@ -157,6 +157,26 @@ def current(value: str) -> str:
     return VALUES.get(value, value)
 
 
+RECORD_KEYS = {
+    study: {
+        "strata": "variants",
+        "stratum": "variant",
+        "ration": "check_frequency",
+        "lost": "not batched",
+        "open": "undecided",
+        "find": "failure",
+    }
+    for study in ("fuzz", "fuzz-population", "fuzz-find")
+}
+"""Study -> old -> new names of settings and series in its Records."""
+
+
+def current_keys(study: str, named: dict[str, Any]) -> dict[str, Any]:
+    """Return settings or series of a Record by their current names."""
+    names = RECORD_KEYS.get(study, {})
+    return {names.get(name, name): value for name, value in named.items()}
+
+
 NAMES: dict[str, dict[str, str]] = {
     "eomcheck": {"Dependence": "ConstraintRank"},
     "eomcheck.testing": {"Functions": "EquationsOfMotion"},

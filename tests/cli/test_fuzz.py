@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
@@ -72,7 +73,7 @@ def test_interrupted_it_prints_what_was_looked_at_and_exits_with_130(monkeypatch
     def stopped(plan, given) -> RoundResult:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(state_rounds, "run_round", stopped)
+    monkeypatch.setattr(state_rounds.StatePlan, "run", stopped)
     assert run("--states", "1", monkeypatch=monkeypatch) == 130
     assert "interrupted" in capsys.readouterr().out
 
@@ -88,7 +89,7 @@ def test_rounds_of_workers_come_to_what_rounds_here_come_to(monkeypatch, capsys)
 
 
 def test_motions_are_compared_by_the_same_command(monkeypatch, capsys):
-    monkeypatch.setattr(motion_rounds.MotionPlan, "__new__", few_motions(motion_rounds.MotionPlan))
+    monkeypatch.setattr(motion_rounds.MotionPlan.__init__, "__defaults__", few_motions())
     monkeypatch.setattr(sys, "argv", ["eomcheck", "fuzz", "--motions", "--scene", "sleigh"])
     sys.argv += ["--states", "1", "--seed", "3", "--no-climb"]
     with pytest.raises(SystemExit) as stop:
@@ -98,10 +99,11 @@ def test_motions_are_compared_by_the_same_command(monkeypatch, capsys):
     assert "no find" in said and "Motions by structure" in said and "end-states" in said
 
 
-def few_motions(kind: type):
-    """Return what makes plans of four motions."""
-    usual = kind.__new__
-    return lambda *given, **options: usual(*given, **(options | {"batch": 4}))
+def few_motions() -> tuple:
+    """Return the defaults of plans of four motions."""
+    names = [one.name for one in fields(motion_rounds.MotionPlan)]
+    defaults = dict(zip(names[3:], motion_rounds.MotionPlan.__init__.__defaults__, strict=True))
+    return tuple((defaults | {"batch": 4}).values())
 
 
 def test_what_says_nothing_of_motions_is_bad_input(monkeypatch, capsys):

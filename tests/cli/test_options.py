@@ -463,7 +463,7 @@ class Campaign:
         self.seen, self.failure_records = seen, {"key": "find"}
         seen |= {"plan": type(plan).__name__, "name": name, "records": plain(kept)}
         seen["strata"] = [one.name for one in strata]
-        for key, x in plan._asdict().items():
+        for key, x in {one: getattr(plan, one) for one in plan.__dataclass_fields__}.items():
             for inner, y in (x._asdict() if key == "check_frequency" else {}).items():
                 seen[f"plan.check_frequency.{inner}"] = y
             seen[f"plan.{key}"] = plain(x)

@@ -93,7 +93,7 @@ def test_a_motion_is_rounded_at_its_shorter_time_and_kept_as_it_was_if_all_toget
 
     def rounded(finding: Any, look: Any, most: int) -> Any:
         tries.append((finding.t_end, most))
-        (found,) = look((other, AT))
+        (found,) = look(of(other, finding.t_end))
         return found
 
     monkeypatch.setattr(motion_rounds, "failures_of_motion", failures)

@@ -356,7 +356,7 @@ def test_rounds_of_functions_count_keep_the_highest_and_tell_the_first_reason(mo
     }
     (failed,) = result.failed
     assert (failed.claim, failed.verdict) == ("b", "failed")
-    climbing = plan._replace(climbing=True).run(Round(0, StructuralVariant(None, ()), {}))
+    climbing = replace(plan, climbing=True).run(Round(0, StructuralVariant(None, ()), {}))
     assert (climbing.states, climbing.counts["climbed"]) == (6, 3)
 
 
@@ -366,9 +366,9 @@ def test_rounds_of_functions_count_keep_the_highest_and_tell_the_first_reason(mo
 def test_numbers_are_made_as_round_as_the_failure_allows_each_for_itself():
     looked: list = []
 
-    def look(case):
-        looked.append(case)
-        scene, state = case
+    def look(candidate):
+        looked.append(candidate)
+        scene, state = candidate.scene, candidate.state
         fails = scene.mass > 0.7 and scene.inertia > 0.21 and state.q[1] < -1.5
         other = failure("bias-symbols", "another", scene=scene, state=state)
         mine = failure(scene=scene, state=state)
@@ -377,8 +377,8 @@ def test_numbers_are_made_as_round_as_the_failure_allows_each_for_itself():
     small = simplify_numbers(failure(), look)
     assert (small.scene.mass, small.scene.inertia, small.scene.offset) == (1.0, 1.0, 0.0)
     assert small.state.q.tolist() == [0.0, -2.0, 1.0] and small.subject == "scene"
-    strict = lambda case: [x for x in look(case) if 0.21 < case[0].inertia < 0.25]  # noqa: E731
-    strict_q = lambda case: [x for x in strict(case) if case[1].q[2] < 0.74]  # noqa: E731
+    strict = lambda case: [x for x in look(case) if 0.21 < case.scene.inertia < 0.25]  # noqa: E731
+    strict_q = lambda case: [x for x in strict(case) if case.state.q[2] < 0.74]  # noqa: E731
     small = simplify_numbers(failure(), strict_q)
     assert (small.scene.mass, small.scene.inertia) == (1.0, 0.2137)
     assert small.state.q.tolist() == [0.0, -2.0, 0.7345]
@@ -389,8 +389,8 @@ def test_numbers_are_made_as_round_as_the_failure_allows_each_for_itself():
 
 
 def test_digits_are_taken_away_as_far_as_it_fails():
-    def look(case):
-        scene, state = case
+    def look(candidate):
+        scene, state = candidate.scene, candidate.state
         apart = abs(scene.mass - 1.23456789) / 1.23456789
         same = failure(scene=scene, state=state)
         return [same] if apart < 5e-4 else []
@@ -404,8 +404,8 @@ def test_what_is_made_round_keeps_the_constraints():
     seen: list = []
 
     def look(case):
-        if case[0] is SLEIGH:
-            seen.append(case[1])
+        if case.scene is SLEIGH:
+            seen.append(case.state)
         return []
 
     simplify_numbers(failure(state=State(q, v, 0.0)), look)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -404,7 +405,7 @@ def test_a_round_of_motions_keeps_what_passed_counts_verdicts_and_asks_one_alone
     for number in range(5):
         plan.run(Round(number, StructuralVariant(None, ()), {}))
     assert max(t for t, _ in asked) == 0.25
-    assert (plan.max_states, plan._replace(batch=5).max_states, plan.noun) == (32, 10, "motion")
+    assert (plan.max_states, replace(plan, batch=5).max_states, plan.noun) == (32, 10, "motion")
 
 
 # ---- Whose fault ---------------------------------------------------------------------------------

@@ -15,6 +15,7 @@ from eomcheck import strategies, velocity
 from eomcheck.claims import CLAIMS, Case, Finding
 from eomcheck.claims.batched_claims import NotBatchableError
 from eomcheck.claims.registry import Comparison
+from eomcheck.deprecated import RECORD_KEYS
 from eomcheck.draws import fuzz_cases as draws
 from eomcheck.draws.fuzz_cases import (
     FAMILIES,
@@ -46,7 +47,7 @@ from eomcheck.lab.fuzzing.failures import (
 )
 from eomcheck.lab.fuzzing.replay import replay_failures
 from eomcheck.lab.fuzzing.screening import TRUTH, CheckFrequency, screen
-from eomcheck.lab.fuzzing.state_rounds import StatePlan, run_round
+from eomcheck.lab.fuzzing.state_rounds import StatePlan
 from eomcheck.lab.fuzzing.triage import check_case, diagnose_failure, failed_findings
 from eomcheck.lab.store.record_file import Records
 from eomcheck.mechanics.records import State
@@ -159,8 +160,8 @@ def test_what_is_changed_keeps_its_structure_and_the_constraints():
 
 @pytest.mark.night
 def test_a_round_is_the_same_each_time_and_another_with_another_number():
-    one, again = (run_round(plan(), Round(4, STRATUM, {})) for _ in range(2))
-    other = run_round(plan(), Round(5, STRATUM, {}))
+    one, again = (plan().run(Round(4, STRATUM, {})) for _ in range(2))
+    other = plan().run(Round(5, STRATUM, {}))
     heights = [
         {key: [x.score for x in best] for key, best in result.population.items()}
         for result in (one, again, other)
@@ -188,8 +189,8 @@ def test_climbing_comes_deeper_into_a_hole_than_drawing(monkeypatch):
         for number in range(5):
             batch, claims = 32 if climbing else 64, ("equivalence",)
             here = plan(kind=Hole, claims=claims, climbing=climbing, batch=batch)
-            here = here._replace(families=(ORDINARY,))
-            population = run_round(here, Round(number, STRATUM, population)).population
+            here = replace(here, families=(ORDINARY,))
+            population = here.run(Round(number, STRATUM, population)).population
         return max(best[0].score for best in population.values())
 
     assert deepest(True) > 10 * deepest(False) > 0
@@ -219,9 +220,7 @@ def test_a_claim_that_lanes_cannot_evaluate_is_checked_state_by_state(monkeypatc
 
     monkeypatch.setitem(CLAIMS, "kinetic-energy", replace(claim, sides=wrong))
     here = {"claims": ("kinetic-energy",), "formulations": ("kane",), "batch": 4}
-    found = run_round(
-        plan(**here, check_frequency=CheckFrequency(0, 0, 0, 0, 2)), Round(0, STRATUM, {})
-    )
+    found = plan(**here, check_frequency=CheckFrequency(0, 0, 0, 0, 2)).run(Round(0, STRATUM, {}))
     assert found.not_batched == {"kinetic-energy": why}
     assert found.counts["unlifted"] == found.states / 2
     assert {one.claim for one in found.failed} == {"kinetic-energy"}
@@ -271,9 +270,9 @@ def test_a_campaign_goes_on_with_its_failures_and_with_what_no_lane_could_look_a
             number,
             STRATUM,
             best,
-            counts,
             [failed[0], *failed],
-            why,
+            counts=counts,
+            not_batched=why,
             seconds=4.0,
             cpu_seconds=1.0,
         )
@@ -299,6 +298,19 @@ def test_a_campaign_goes_on_with_its_failures_and_with_what_no_lane_could_look_a
     ] * 2
     heights = [{key: best.score for key, best in one.worst.items()} for one in (first, second)]
     assert heights == [{("equivalence", "kane"): 0.75}] * 2
+    with Records(tmp_path / "r.db") as new, Records(tmp_path / "old.db") as old:
+        for one in new.all():
+            names = {new: old for old, new in RECORD_KEYS[one.study].items()}
+            old_settings, old_series = (
+                {names.get(name, name): x for name, x in of.items()}
+                for of in (one.settings, one.series)
+            )
+            assert {"strata", "ration"} <= old_settings.keys()
+            old.add(replace(one, settings=old_settings, series=old_series))
+        third = Campaign(plan(), "snake", (STRATUM,), old)
+    for name in ("not_batched", "failure_counts", "resumed", "failure_records", "seconds"):
+        assert getattr(third, name) == getattr(second, name)
+    assert {key: best.score for key, best in third.worst.items()} == heights[1]
 
 
 def test_another_cause_of_the_same_claim_and_subject_is_found_after_many_of_one(monkeypatch):
@@ -316,7 +328,7 @@ def test_another_cause_of_the_same_claim_and_subject_is_found_after_many_of_one(
     of = *case, 1.0, 0.5, "failed", "compared: x"
     failed = [Finding("bias", "kane", *of, detail=one) for one in details]
     campaign = Campaign(plan(), "snake", (STRATUM,))
-    campaign._take(RoundResult(0, STRATUM, {}, Counter({"states": 9}), failed), lambda: True)
+    campaign._take(RoundResult(0, STRATUM, {}, failed, counts=Counter({"states": 9})), lambda: True)
     assert [one.detail for one in campaign.failure_records.values()] == [
         "v̇: wrong sign",
         "v̇: half",
@@ -351,7 +363,8 @@ def test_a_campaign_does_not_go_on_with_another(tmp_path: Path, monkeypatch, oth
     case = scene, State(*scene.initial_state(), 0.0)
     failed = [Finding("equivalence", "kane", *case, 1.0, 0.5, "failed", "compared: x")]
     best = {("equivalence", "kane"): [ScoredCase(0.5, case)]}
-    found = RoundResult(0, STRATUM, best, Counter({"states": 5}), failed, {"bias": "a loop"})
+    sums: Any = {"counts": Counter({"states": 5}), "not_batched": {"bias": "a loop"}}
+    found = RoundResult(0, STRATUM, best, failed, **sums)
 
     def known(campaign: Campaign) -> list[int]:
         told = (
@@ -367,7 +380,7 @@ def test_a_campaign_does_not_go_on_with_another(tmp_path: Path, monkeypatch, oth
         first._take(found, lambda: True)
         assert known(Campaign(here, "snake", (STRATUM,), records)) == [5, 1, 1, 1, 1, 1]
         name = "snake" if other else "snakes"
-        second = Campaign(here._replace(**other), name, (STRATUM,), records)
+        second = Campaign(replace(here, **other), name, (STRATUM,), records)
         assert known(second) == [0] * 6
 
 
@@ -386,7 +399,7 @@ def test_rounds_go_through_all_structures_before_any_comes_again():
 
 def test_a_wrong_scene_is_a_find_and_the_scene_is_to_blame():
     wrong = plan(kind=Wrong, claims=("power-balance", "equivalence"), families=(ORDINARY,))
-    result = run_round(wrong, Round(0, STRATUM, {}))
+    result = wrong.run(Round(0, STRATUM, {}))
     assert result.failed and {one.claim for one in result.failed} <= set(wrong.claims)
     fault = diagnose_failure(next(one for one in result.failed if one.claim == "power-balance"))
     assert fault.at_fault == triage.SCENE
@@ -427,7 +440,7 @@ def test_suspects_are_judged_by_check_alone(monkeypatch):
 
     monkeypatch.setattr(state_rounds, "check_case", nothing)
     wrong = plan(kind=Wrong, families=(ORDINARY,))
-    result = run_round(wrong, Round(0, STRATUM, {}))
+    result = wrong.run(Round(0, STRATUM, {}))
     assert judged and not result.failed
     assert result.counts["suspects judged"] == len(judged) <= 2 * state_rounds.MOST_JUDGED
     # What was not confirmed is nothing to climb to.

@@ -6,6 +6,7 @@ import importlib.util
 import sys
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +31,7 @@ from eomcheck.lab.fuzzing.function_rounds import (
 )
 from eomcheck.lab.fuzzing.replay import replay_failures
 from eomcheck.lab.fuzzing.screening import DECIDED, OPEN, CheckFrequency, runs_in_lanes
-from eomcheck.lab.fuzzing.state_rounds import StatePlan, is_ordinary, run_round
+from eomcheck.lab.fuzzing.state_rounds import StatePlan, is_ordinary
 from eomcheck.lab.store.record_file import Records
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import Snake, snake
@@ -299,7 +300,7 @@ def test_climbing_finds_a_corner_of_functions_that_drawing_does_not(monkeypatch)
         population, count = {}, 0
         for number in range(20):
             here = FunctionsPlan("", 0, ("mass-matrix-symmetric",), (ORDINARY,), climbing, 8)
-            here = here if climbing else here._replace(batch=16)
+            here = here if climbing else replace(here, batch=16)
             result = here.run(Round(number, ALL, population))
             population, count = result.population, count + len(result.failed)
         return count
@@ -375,7 +376,7 @@ def test_an_engine_of_ones_own_is_climbed_to_among_ordinary_states():
         population, count, finds = {}, 0, 0
         for number in range(10):
             here = of_engine(Leaning, climbing=climbing, batch=16 if climbing else 32)
-            result = run_round(here, Round(number, StructuralVariant(2, ("damping",)), population))
+            result = here.run(Round(number, StructuralVariant(2, ("damping",)), population))
             population = result.population
             count += result.counts["engines"] + result.counts["engines, climbed"]
             finds += len(result.failed)
@@ -398,9 +399,7 @@ class Wrong(planar.Planar):
 @pytest.mark.night
 def test_an_engine_that_is_wrong_is_a_find():
     claims = tuple(one for one in CLAIMS if CLAIMS[one].asks)
-    result = run_round(
-        of_engine(Wrong, claims=claims), Round(0, StructuralVariant(2, ("damping",)), {})
-    )
+    result = of_engine(Wrong, claims=claims).run(Round(0, StructuralVariant(2, ("damping",)), {}))
     assert result.failed and {one.engine for one in result.failed} == {Wrong}
 
 
@@ -418,7 +417,7 @@ def test_an_engine_that_is_named_is_asked_at_wide_states_too():
         plan = of_engine(
             Far, wide=wide, climbing=False, check_frequency=CheckFrequency(0, 0, 1, 0, 0)
         )
-        found[wide] = len(run_round(plan, here).failed)
+        found[wide] = len(plan.run(here).failed)
         assert plan.settings.get("wide", False) == wide
     assert found[False] == 0 and 2 <= found[True] <= plan.batch // 2
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
@@ -183,7 +184,7 @@ def test_a_campaign_of_random_scenes_goes_on_where_it_stopped(kind, tmp_path: Pa
         structural_variants(kind, (1,))[:1],
         plan(kind, claims=("kinetic-energy",), batch=2),
     )
-    here = here._replace(formulations=("au",))
+    here = replace(here, formulations=("au",))
     whole = Campaign(here, kind.key, strata)
     whole.run(states=40)
     with Records(tmp_path / "r.db") as records:
@@ -236,5 +237,5 @@ def test_fuzzing_and_hypothesis_draw_structures_and_numbers_from_the_same_ranges
 
 def test_a_plan_for_random_kinds_is_a_plan():
     one = plan(TREES)
-    assert isinstance(one, StatePlan) and one._replace(batch=9).max_states > one.max_states
-    assert isinstance(one._replace(batch=9), RandomStatePlan)
+    assert isinstance(one, StatePlan) and replace(one, batch=9).max_states > one.max_states
+    assert isinstance(replace(one, batch=9), RandomStatePlan)

@@ -410,7 +410,9 @@ class Plan:
 
     def run(self, round_):
         counts = Counter({"states": self.states} if self.states else {})
-        return RoundResult(round_.number, round_.variant, {}, counts, seconds=2.0, cpu_seconds=1.5)
+        return RoundResult(
+            round_.number, round_.variant, {}, counts=counts, seconds=2.0, cpu_seconds=1.5
+        )
 
     def record_failure(self, failed, name, known=None):
         raise AssertionError("nothing failed")

@@ -9,9 +9,10 @@ numbers is tried at 0, at 1 and with fewer digits.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass
-from functools import lru_cache
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -342,92 +343,99 @@ def first_of_each_cause(finds: Iterable[FailureRecord]) -> list[FailureRecord]:
     return list(first.values())
 
 
-# ---- Rounder numbers -----------------------------------------------------------------------------
+# ---- Shrinking -----------------------------------------------------------------------------------
 
 MOST_TRIES = 150
-"""Largest number of states checked while numbers are rounded."""
+"""Largest number of states checked while a failure is simplified."""
+
+DIGITS = 0, 1, 2, 4, 8
+"""Numbers of digits to which numbers are rounded, in this order; 0 stands for 0 and 1."""
 
 F = TypeVar("F", bound=Finding)
 
 
-def simplify_numbers(
-    finding: F, check: Callable[[FuzzCase], Sequence[F]], most: int = MOST_TRIES
+def simplify(
+    finding: F,
+    simplifications: Iterable[Callable[[F], Iterable[F | None]]],
+    check: Callable[[F], Sequence[F]],
+    most: int = MOST_TRIES,
 ) -> F:
-    """Return a failure about the same subject, with rounder numbers.
+    """Return a failure of the same claim about the same subject, simplified greedily.
 
     Args:
         finding: the failure.
-        check: returns the failures of its claim at another case.
-        most: largest number of other cases to check.
+        simplifications: functions of a failure -> simpler ones in its place, the simplest first; a
+            candidate is None where there is no such case. The first that fails is taken.
+        check: returns the failures at the case of a candidate.
+        most: largest number of candidates to check.
     """
     tries = 0
-    for digits in (0, 1, 2, 4, 8):
-        for part in _parts(finding):
-            for i in range(part.size):
-                scene, state = finding.scene, finding.state
-                assert state is not None
-                parts = _parts(finding)
-                same = next(one for one in parts if one.name == part.name)
-                x = float(same.values[i])
-                for y in _rounder(x, digits):
-                    if y == x or tries >= most:
-                        continue
-                    tries += 1
-                    finding = _tried(finding, same, i, y, check) or finding
-                    if finding.scene is not scene or finding.state is not state:
-                        break
+    for simpler in simplifications:
+        for candidate in simpler(finding):
+            if tries >= most:
+                return finding
+            tries += 1
+            failures: Sequence[F] = ()
+            with suppress(EomcheckError, np.linalg.LinAlgError):
+                failures = () if candidate is None else check(candidate)
+            smaller = next((x for x in failures if is_same_failure(x, finding)), None)
+            if smaller is not None:
+                finding = smaller
+                break
     return finding
 
 
-def _rounder(x: float, digits: int) -> list[float]:
-    return [0.0, 1.0] if digits == 0 else [float(f"{x:.{digits - 1}e}")]
+def is_same_failure(one: Finding, other: Finding) -> bool:
+    """Return whether a finding fails by the claim and about the subject of another."""
+    same = (one.claim, one.subject) == (other.claim, other.subject)
+    return same and one.verdict == "failed"
 
 
-@dataclass
-class _Part:
-    name: str
-    values: Array
-
-    @property
-    def size(self) -> int:
-        return self.values.size
-
-
-def _parts(finding: Finding) -> list[_Part]:
-    scene, state = finding.scene, finding.state
-    assert state is not None
-    parts = [
-        _Part(name, np.ravel(x)) for name, x in sampled_parameters(scene).items() if x is not None
+def simplify_numbers(finding: F, check: Callable[[F], Sequence[F]], most: int = MOST_TRIES) -> F:
+    """Return a failure with rounder numbers: each is tried at 0, at 1 and with fewer digits."""
+    numbers = [
+        (name, i) for name, values in _numbers_of(finding).items() for i in range(values.size)
     ]
-    return [*parts, _Part("q", state.q), _Part("v", state.v)]
+    rounder = [partial(_rounder, *one, digits) for digits in DIGITS for one in numbers]
+    return simplify(finding, rounder, check, most)
 
 
-def _tried(
-    finding: F, part: _Part, i: int, y: float, check: Callable[[FuzzCase], Sequence[F]]
-) -> F | None:
-    """Return the failure with one number replaced, None where the claim does not fail there."""
+def _numbers_of(finding: Finding) -> dict[str, Array]:
+    """Return the numbers of a case by name: random parameters, q and v."""
+    assert finding.state is not None
+    parameters = sampled_parameters(finding.scene).items()
+    numbers = {name: np.ravel(x) for name, x in parameters if x is not None}
+    return numbers | {"q": finding.state.q, "v": finding.state.v}
+
+
+def _rounder(name: str, i: int, digits: int, finding: F) -> Iterator[F | None]:
+    """Yield a failure in whose place one number is rounder, and its velocity consistent again."""
+    numbers = _numbers_of(finding)[name]
+    x = float(numbers[i])
+    for y in (0.0, 1.0) if digits == 0 else (float(f"{x:.{digits - 1}e}"),):
+        if y == x:
+            continue
+        values = np.array(numbers)
+        values[i] = y
+        try:
+            yield _with_numbers(finding, name, values)
+        except (EomcheckError, np.linalg.LinAlgError):
+            yield None
+
+
+def _with_numbers(finding: F, name: str, values: Array) -> F:
     scene, state = finding.scene, finding.state
     assert state is not None
-    values = part.values.copy()
-    values[i] = y
-    try:
-        if part.name in ("q", "v"):
-            state = state._replace(**{part.name: values})
-        else:
-            parameters = sampled_parameters(scene)
-            parameters[part.name] = values.reshape(np.shape(parameters[part.name])).tolist()
-            scene = type(scene)(**parameters)
-        if isinstance(scene, Scene):
-            with np.errstate(all="ignore"):
-                at = Evaluation(scene, *state)
-                state = state._replace(v=consistent_velocity(at, state.v))
-        failures = check((scene, state))
-    except (EomcheckError, np.linalg.LinAlgError):
-        return None
-    return next((one for one in failures if one.subject == finding.subject), None)
-
-
-# ---- Shrinking -----------------------------------------------------------------------------------
+    if name in ("q", "v"):
+        state = state._replace(**{name: values})
+    else:
+        parameters = sampled_parameters(scene)
+        parameters[name] = values.reshape(np.shape(parameters[name])).tolist()
+        scene = type(scene)(**parameters)
+    if isinstance(scene, Scene):
+        with np.errstate(all="ignore"):
+            state = state._replace(v=consistent_velocity(Evaluation(scene, *state), state.v))
+    return replace(finding, scene=scene, state=state)
 
 
 def shrink(finding: Finding, formulations: Sequence[str], seed: int = 0) -> Finding:
@@ -438,17 +446,19 @@ def shrink(finding: Finding, formulations: Sequence[str], seed: int = 0) -> Find
     """
     scene = finding.scene
     assert isinstance(scene, Scene)
+    if CLAIMS[finding.claim].asks:
+        return finding
     selection = RunSelection.of(formulations, [], [finding.claim], scenes=[type(scene)])
-    if not CLAIMS[finding.claim].asks:
-        links = (1, getattr(scene, "links", 1))
-        smaller = smallest_failure(finding, no_larger(scene, links), selection, seed)
-        finding = smaller if formulations_about(smaller) == formulations_about(finding) else finding
+    links = (1, getattr(scene, "links", 1))
+    smaller = smallest_failure(finding, no_larger(scene, links), selection, seed)
+    finding = smaller if formulations_about(smaller) == formulations_about(finding) else finding
 
-        def check(case: FuzzCase) -> list[Finding]:
-            return failed_findings(case, [finding.claim], formulations)
+    def failures(candidate: Finding) -> list[Finding]:
+        assert candidate.state is not None
+        case = candidate.scene, candidate.state
+        return failed_findings(case, [candidate.claim], formulations)
 
-        finding = simplify_numbers(finding, check)
-    return finding
+    return simplify_numbers(finding, failures)
 
 
 def alike(failed: Finding, case: FuzzCase, formulations: Sequence[str]) -> list[Finding]:

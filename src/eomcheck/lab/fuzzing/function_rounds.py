@@ -8,9 +8,11 @@ the functions.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple
+from itertools import chain
+from typing import Any
 
 import numpy as np
 
@@ -24,18 +26,10 @@ from eomcheck.draws.fuzz_cases import (
     changed_entries,
     special_number,
 )
-from eomcheck.lab.fuzzing.campaign import (
-    Population,
-    Round,
-    RoundResult,
-    generator,
-    record_time,
-    update_population,
-)
+from eomcheck.lab.fuzzing.campaign import CampaignPlan, Population, RoundResult, parents
 from eomcheck.lab.fuzzing.failures import (
     FUNCTIONS,
     FailureRecord,
-    failure_record,
     functions_named,
     simplify_numbers,
 )
@@ -73,20 +67,17 @@ def hill_climbed_states(
 ) -> list[State]:
     """Return mutations of the states of a population, each of a key drawn at random."""
     keys, states = sorted(population), []
+    low, high = limits(functions)
     for _ in range(count):
         best, others = (population[keys[random.integers(len(keys))]] for _ in range(2))
-        index = min(int(random.exponential(len(best) / 3)), len(best) - 1)
-        state, donor = (
-            np.concatenate(one.case[1][:2])
-            for one in (best[index], others[random.integers(len(others))])
-        )
-        low, high = limits(functions)
+        pair = parents(best, others, random)
+        x, donor = (np.concatenate(state[:2]) for _, state in pair)
         for _ in range(int(random.integers(1, MOST_CHANGES + 1))):
-            new = changed_entries(state, donor, random)
+            new = changed_entries(x, donor, random)
             # An entry that leaves its range is clamped to it, or keeps its value.
             left = ((new < low) | (new > high)) & (random.random(len(new)) < 0.5)
-            state = np.where(left, state, np.clip(new, low, high))
-        states.append(_within(functions, state))
+            x = np.where(left, x, np.clip(new, low, high))
+        states.append(_within(functions, x))
     return states
 
 
@@ -104,20 +95,19 @@ STATES = 16
 SKIPPED = "skipped: "
 """Prefix of counts of states at which a claim about a subject is skipped."""
 
-HOW = {"passed": DECIDED, "failed": DECIDED, "inconclusive": OPEN, "skipped": SKIPPED}
+PREFIX = {"passed": DECIDED, "failed": DECIDED, "inconclusive": OPEN, "skipped": SKIPPED}
 """Verdict -> prefix of its count by claim and subject."""
 
+UNDECIDED = {"inconclusive": "inconclusive in all states", "skipped": "skipped in every state"}
+"""Verdict that decides nothing -> its description."""
 
-class FunctionsPlan(NamedTuple):
+
+@dataclass(frozen=True)
+class FunctionsPlan(CampaignPlan):
     """The plan of a campaign that checks user-supplied functions; see `CampaignPlan`.
 
     Attributes:
         name: location of the functions: path/to/file.py:NAME.
-        seed: seed of all draws.
-        claims: ids, keys of `FUNCTION_CLAIMS`.
-        families: distributions of the states.
-        climbing: whether every other batch is found by hill climbing.
-        batch: number of states drawn in a round.
     """
 
     name: str
@@ -128,46 +118,61 @@ class FunctionsPlan(NamedTuple):
     batch: int = STATES
 
     @property
-    def kind(self) -> EquationsOfMotion:
+    def kind(self) -> EquationsOfMotion:  # pyright: ignore[reportIncompatibleVariableOverride]
         """The functions."""
         functions = functions_named(self.name)
         assert functions is not None
         return functions
 
-    @property
-    def noun(self) -> str:
-        """Unit that reports count."""
-        return "state"
-
-    @property
-    def max_states(self) -> int:
-        """Largest number of states that a round checks."""
-        return 2 * self.batch
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """The settings that determine the results of rounds, as plain data."""
-        return {
-            "seed": self.seed,
-            "claims": list(self.claims),
-            "families": list(self.families),
-            "climbing": self.climbing,
-            "batch": self.batch,
-        }
-
-    def run(self, round_: Round) -> RoundResult:
-        """Return the result of a round."""
-        random, functions = generator(self, round_), self.kind
-        population = {key: list(best) for key, best in round_.population.items()}
+    def draw(
+        self, result: RoundResult, random: np.random.Generator
+    ) -> tuple[list[FuzzCase], list[str]]:
+        """Return random states of the functions, and the family of each; families take turns."""
         families = [self.families[i % len(self.families)] for i in range(self.batch)]
-        with record_time(RoundResult(round_.number, round_.variant, population)) as result:
-            result.counts.update(families)
-            self._look(result, [drawn_state(functions, family, random) for family in families])
-            if self.climbing and population:
-                higher = hill_climbed_states(functions, population, self.batch, random)
-                result.counts["climbed"] += len(higher)
-                self._look(result, higher)
-        return result
+        return self._cases(drawn_state(self.kind, one, random) for one in families), families
+
+    def mutate(self, population: Population, random: np.random.Generator) -> list[FuzzCase]:
+        """Return mutations of the states of a population."""
+        return self._cases(hill_climbed_states(self.kind, population, self.batch, random))
+
+    def _cases(self, states: Iterable[State]) -> list[FuzzCase]:
+        functions: Any = self.kind
+        return [(functions, state) for state in states]
+
+    def check(
+        self,
+        result: RoundResult,
+        cases: list[FuzzCase],
+        random: np.random.Generator,
+        families: Sequence[str] = (),
+    ) -> None:
+        """Check states one by one, and count the decided states of each claim and subject."""
+        by_state = [check_functions_at(self.kind, state, self.claims) for _, state in cases]
+        result.add_cases(cases, by_state)
+        for one in chain.from_iterable(by_state):
+            about = f"{one.claim} [{one.subject}]"
+            result.counts[f"{PREFIX[one.verdict]}{about}"] += 1
+            if one.entries is not None:
+                result.entries[about] = merged([*result.entries.get(about, ()), one.entries])
+            if one.verdict in UNDECIDED:
+                result.undecided.setdefault(about, f"{UNDECIDED[one.verdict]}: {one.detail}")
+
+    def shrunk(self, failed: Finding, known: Sequence[FailureRecord]) -> Finding:
+        """Return the failure with rounder numbers, within the ranges of the functions."""
+        low, high = limits(self.kind)
+
+        def failures(candidate: Finding) -> list[Finding]:
+            assert candidate.state is not None
+            x = np.concatenate(candidate.state[:2])
+            if not ((low <= x) & (x <= high)).all():
+                return []
+            return check_functions_at(self.kind, candidate.state, [failed.claim])
+
+        return simplify_numbers(failed, failures)
+
+    def diagnosis(self, failed: Finding) -> Diagnosis:
+        """Return the functions as the part at fault."""
+        return Diagnosis(FUNCTIONS, failed.evidence)
 
     def caveats(
         self,
@@ -195,45 +200,3 @@ class FunctionsPlan(NamedTuple):
                 compared = counts[DECIDED + about] + counts[OPEN + about]
                 lines.append(f"{about} {unresolved_detail(left, compared)}")
         return [*lines, *map(str, caveats(self.kind, self.claims))]
-
-    def _look(self, result: RoundResult, states: Sequence[State]) -> None:
-        functions = self.kind
-        scores: dict[tuple[str, str], Array] = {}
-        result.counts["states"] += len(states)
-        for i, state in enumerate(states):
-            for one in check_functions_at(functions, state, self.claims):
-                result.counts[one.verdict] += 1
-                about = f"{one.claim} [{one.subject}]"
-                result.counts[f"{HOW[one.verdict]}{about}"] += 1
-                if one.entries is not None:
-                    result.entries[about] = merged([*result.entries.get(about, ()), one.entries])
-                if one.verdict == "inconclusive":
-                    result.undecided.setdefault(about, f"inconclusive in all states: {one.detail}")
-                elif one.verdict == "skipped":
-                    result.undecided.setdefault(about, f"skipped in every state: {one.detail}")
-                if one.verdict == "failed":
-                    result.failed.append(one)
-                elif one.verdict == "passed":
-                    subject_scores = scores.setdefault(
-                        (one.claim, one.subject), np.zeros(len(states))
-                    )
-                    subject_scores[i] = max(subject_scores[i], one.ratio)
-        cases: list[Any] = [(functions, state) for state in states]
-        update_population(result.population, scores, cases)
-
-    def record_failure(
-        self, failed: Finding, name: str, known: Sequence[FailureRecord] | None = None
-    ) -> FailureRecord:
-        """Return the record of a failure, with rounder numbers unless `known` is None."""
-        functions, same = self.kind, (failed.claim, failed.subject)
-        bounds = limits(functions)
-
-        def check(case: FuzzCase) -> list[Finding]:
-            x = np.concatenate(case[1][:2])
-            if not ((bounds[0] <= x) & (x <= bounds[1])).all():
-                return []
-            findings = check_functions_at(functions, case[1], [failed.claim])
-            return [x for x in findings if x.verdict == "failed" and (x.claim, x.subject) == same]
-
-        small = failed if known is None else simplify_numbers(failed, check)
-        return failure_record(small, name, Diagnosis(FUNCTIONS, failed.evidence))

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import chain
 
 import numpy as np
 
@@ -26,14 +28,13 @@ from eomcheck.draws.fuzz_cases import (
 )
 from eomcheck.errors import EomcheckError
 from eomcheck.evaluation.dynamics import assembled_position
-from eomcheck.lab.fuzzing.campaign import (
-    Round,
-    RoundResult,
-    generator,
-    record_time,
-    update_population,
+from eomcheck.lab.fuzzing.campaign import CampaignPlan, Population, RoundResult
+from eomcheck.lab.fuzzing.failures import (
+    FailureRecord,
+    is_same_failure,
+    simplify,
+    simplify_numbers,
 )
-from eomcheck.lab.fuzzing.failures import FailureRecord, failure_record, simplify_numbers
 from eomcheck.lab.fuzzing.motion_comparison import (
     ALONE,
     COARSE,
@@ -49,7 +50,6 @@ from eomcheck.lab.fuzzing.state_rounds import hill_climbed
 from eomcheck.lab.fuzzing.triage import SILENT, UNKNOWN, Diagnosis
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.generic import Array
 
 # ---- Starts --------------------------------------------------------------------------------------
 
@@ -100,31 +100,31 @@ AMONG = 4
 """Number of formulations compared while a failure is shrunk, the one at fault among them."""
 
 
+SHORTER: tuple[Callable[[float], float], ...] = (
+    lambda t: t / 2,
+    lambda t: t / 2,
+    lambda t: float(f"{t:.1e}"),
+    lambda t: float(f"{t:.0e}"),
+)
+"""Simplifications of the duration of a motion, tried in this order."""
+
+
 def shrink_motion(finding: MotionFinding, keys: Sequence[str]) -> MotionFinding:
     """Return a failure of the same claim by the same formulation: shorter, and rounder."""
-    scene, state = finding.scene, finding.state
-    assert state is not None
     others = [key for key in keys if key != finding.subject]
-    among = [finding.subject, *others[: AMONG - 1]]
+    few = [finding.subject, *others[: AMONG - 1]]
 
-    def failed(case: FuzzCase, t_end: float) -> list[MotionFinding]:
-        failures = failures_of_motion(case, among, t_end)
-        same = finding.claim, finding.subject
-        return [one for one in failures if (one.claim, one.subject) == same]
+    def failures(candidate: MotionFinding, among: Sequence[str] = few) -> list[MotionFinding]:
+        assert candidate.state is not None
+        return failures_of_motion((candidate.scene, candidate.state), among, candidate.t_end)
 
-    for shorter in (lambda t: t / 2, lambda t: t / 2, _digits(2), _digits(1)):
-        if failures := failed((scene, state), shorter(finding.t_end)):
-            finding = failures[0]
-    small = simplify_numbers(finding, lambda case: failed(case, finding.t_end), MOST_TRIES)
+    def ended(shorter: Callable[[float], float], of: MotionFinding) -> list[MotionFinding]:
+        return [replace(of, t_end=shorter(of.t_end))]
+
+    finding = simplify(finding, [partial(ended, one) for one in SHORTER], failures)
+    small = simplify_numbers(finding, failures, MOST_TRIES)
     # A failure among a few formulations must be one among all.
-    assert small.state is not None
-    all_of = failures_of_motion((small.scene, small.state), keys, small.t_end)
-    same = [x for x in all_of if (x.claim, x.subject) == (small.claim, small.subject)]
-    return same[0] if same else finding
-
-
-def _digits(count: int) -> Callable[[float], float]:
-    return lambda t: float(f"{t:.{count - 1}e}")
+    return next((x for x in failures(small, keys) if is_same_failure(x, small)), finding)
 
 
 def diagnose_motion_failure(finding: MotionFinding, keys: Sequence[str]) -> Diagnosis:
@@ -154,17 +154,15 @@ PILOT_STEPS = 150
 fast ones some ten times; longer motions have lost their digits, or show nothing new."""
 
 
-class MotionPlan(NamedTuple):
+@dataclass(frozen=True)
+class MotionPlan(CampaignPlan):
     """The plan of a campaign that compares motions; see `CampaignPlan`.
 
     Attributes:
-        kind: the scene class.
-        seed: seed of all draws.
         formulations: keys of the formulations.
-        families: distributions of the starts.
-        climbing: whether every other batch is found by hill climbing.
-        batch: number of motions in a batch.
     """
+
+    noun = "motion"
 
     kind: type[Scene]
     seed: int
@@ -172,79 +170,54 @@ class MotionPlan(NamedTuple):
     families: tuple[str, ...] = (ORDINARY, SPECIAL)
     climbing: bool = True
     batch: int = MOTIONS
+    claims: tuple[str, ...] = tuple(MOTION_CLAIMS)
 
-    @property
-    def noun(self) -> str:
-        """Unit that reports count."""
-        return "motion"
+    def draw(
+        self, result: RoundResult, random: np.random.Generator
+    ) -> tuple[list[FuzzCase], list[str]]:
+        """Return starts of motions of the round's variant, and the family of each."""
+        return draw_starts(self.kind, result.variant, self.families, self.batch, random)
 
-    @property
-    def max_states(self) -> int:
-        """Largest number of motions that a round checks."""
-        return 2 * self.batch
+    def mutate(self, population: Population, random: np.random.Generator) -> list[FuzzCase]:
+        """Return mutations of the starts of a population, at t = 0."""
+        return at_start(hill_climbed(population, self.batch, random))[0]
 
-    @property
-    def settings(self) -> dict[str, Any]:
-        """The settings that determine the results of rounds, as plain data."""
-        return {
-            "seed": self.seed,
-            "claims": list(MOTION_CLAIMS),
-            "formulations": list(self.formulations),
-            "families": list(self.families),
-            "climbing": self.climbing,
-            "batch": self.batch,
-        }
+    def climb(self, result: RoundResult, random: np.random.Generator) -> None:
+        """Check a batch of mutated starts, unless the round has random scenes.
 
-    def run(self, round_: Round) -> RoundResult:
-        """Return the result of a round."""
-        random = generator(self, round_)
-        population = {key: list(best) for key, best in round_.population.items()}
-        result = RoundResult(round_.number, round_.variant, population)
-        with record_time(result), np.errstate(all="ignore"):
-            cases, families = draw_starts(
-                self.kind, round_.variant, self.families, self.batch, random
-            )
-            result.counts.update(families)
-            self._look(result, cases, random)
-            # Random scenes of one variant have several structures, which cannot be batched.
-            if self.climbing and population and not round_.variant.levels:
-                higher, _ = at_start(hill_climbed(population, self.batch, random))
-                result.counts["climbed"] += len(higher)
-                self._look(result, higher, random)
-        return result
+        Those of one variant have several structures, which cannot be batched.
+        """
+        if not result.variant.levels:
+            super().climb(result, random)
 
-    def _look(
-        self, result: RoundResult, cases: list[FuzzCase], random: np.random.Generator
+    def check(
+        self,
+        result: RoundResult,
+        cases: list[FuzzCase],
+        random: np.random.Generator,
+        families: Sequence[str] = (),
     ) -> None:
+        """Compare the motions of all formulations, and one of them with the same one alone."""
         t_end = float(np.exp(random.uniform(np.log(SHORTEST), np.log(LONGEST))))
         if not cases:
             return
         t_end = min(t_end, informative(cases, self.formulations))
-        one = int(random.integers(len(cases))), str(random.choice(self.formulations))
-        findings_by_motion = judge_motions(cases, self.formulations, t_end, [one])
-        result.counts["states"] += len(cases)
-        scores: dict[tuple[str, str], Array] = {}
-        for i, findings in enumerate(findings_by_motion):
-            for one in findings:
-                result.counts[one.verdict] += 1
-                if one.claim == END_STATES:
-                    result.counts.update(motion_counts(one))
-                if one.verdict == "passed":
-                    key_scores = scores.setdefault((one.claim, one.subject), np.zeros(len(cases)))
-                    key_scores[i] = one.ratio
-            result.failed += [one for one in findings if one.verdict == "failed"]
-        update_population(result.population, scores, cases)
+        alone = int(random.integers(len(cases))), str(random.choice(self.formulations))
+        by_motion = judge_motions(cases, self.formulations, t_end, [alone])
+        result.add_cases(cases, by_motion)
+        for finding in chain.from_iterable(by_motion):
+            if finding.claim == END_STATES:
+                result.counts.update(motion_counts(finding))
 
-    def record_failure(
-        self, failed: Finding, name: str, known: Sequence[FailureRecord] | None = None
-    ) -> FailureRecord:
-        """Return the record of a failure, shrunk unless `known` is None."""
+    def shrunk(self, failed: Finding, known: Sequence[FailureRecord]) -> Finding:
+        """Return the failure of a shorter motion with rounder numbers."""
         assert isinstance(failed, MotionFinding)
-        small = failed
-        with suppress(EomcheckError, np.linalg.LinAlgError):
-            if known is not None:
-                small = shrink_motion(failed, self.formulations)
-        return failure_record(small, name, diagnose_motion_failure(small, self.formulations))
+        return shrink_motion(failed, self.formulations)
+
+    def diagnosis(self, failed: Finding) -> Diagnosis:
+        """Return the part at fault: a formulation that most others contradict, or unknown."""
+        assert isinstance(failed, MotionFinding)
+        return diagnose_motion_failure(failed, self.formulations)
 
 
 def motion_counts(finding: MotionFinding) -> dict[str, int]:

@@ -102,6 +102,18 @@ class ScreeningResult:
         """The largest score of each case (L,)."""
         return np.max([np.zeros(self.count), *self.scores.values()], axis=0)
 
+    def settle(self, i: int, scores: dict[str, float]) -> None:
+        """Replace the scores above 1 of a suspect by those of `check_state`, 0 where it has none.
+
+        Args:
+            i: index of the suspect.
+            scores: claim -> observed / allowed.
+        """
+        for (claim, _), values in self.scores.items():
+            judged_claim = "true-error" if claim == TRUTH else claim
+            if judged_claim in self.suspects[i] and values[i] > 1.0:
+                values[i] = scores.get(judged_claim, 0.0)
+
 
 def screen(
     cases: Sequence[FuzzCase],

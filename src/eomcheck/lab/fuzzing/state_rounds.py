@@ -9,9 +9,10 @@ where their score was highest.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -36,15 +37,14 @@ from eomcheck.errors import EomcheckError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing.campaign import (
     CASES_PER_KEY,
+    CampaignPlan,
     Population,
-    Round,
     RoundResult,
-    generator,
-    record_time,
+    parents,
     update_population,
 )
-from eomcheck.lab.fuzzing.failures import FailureRecord, alike, failure_record, shrink
-from eomcheck.lab.fuzzing.screening import TRUTH, CheckFrequency, Key, ScreeningResult, screen
+from eomcheck.lab.fuzzing.failures import FailureRecord, alike, shrink
+from eomcheck.lab.fuzzing.screening import CheckFrequency, Key, ScreeningResult, screen
 from eomcheck.lab.fuzzing.triage import check_case
 from eomcheck.mechanics.records import Range
 from eomcheck.mechanics.scene import Scene
@@ -146,19 +146,14 @@ ENCLOSED = {"true-error"}
 """Claims that screening evaluates by enclosures."""
 
 
-class StatePlan(NamedTuple):
-    """The plan of a campaign that checks states; see `CampaignPlan`.
+@dataclass(frozen=True)
+class StatePlan(CampaignPlan):
+    """The plan of a campaign that checks states of one structure a round; see `CampaignPlan`.
 
     Attributes:
-        kind: the scene class.
-        seed: seed of all draws.
-        claims: ids of the claims that take part.
         formulations: keys of the formulations.
         engines: keys or classes of the engines.
-        families: distributions of the cases, see `FAMILIES`.
-        climbing: whether every other batch is found by hill climbing.
         check_frequency: sampling rates of expensive checks.
-        batch: number of states in a batch.
         wide: whether every other ordinary case is in a state that has joints turned by whole turns,
             or moves fast or slowly, see `eomcheck.draws.pairwise_design`: for engines that were
             named.
@@ -171,105 +166,70 @@ class StatePlan(NamedTuple):
     engines: tuple[str | type[Engine], ...] = ()
     families: tuple[str, ...] = FAMILIES
     climbing: bool = True
-    check_frequency: CheckFrequency = CheckFrequency()
+    check_frequency: CheckFrequency = field(default_factory=CheckFrequency)
     batch: int = BATCH
     wide: bool = False
 
     @property
-    def noun(self) -> str:
-        """Unit that reports count."""
-        return "state"
-
-    @property
-    def max_states(self) -> int:
-        """Largest number of states that a round checks."""
-        return 2 * self.batch
-
-    @property
     def settings(self) -> dict[str, Any]:
-        """The settings that determine the results of rounds, as plain data."""
-        return {
-            "seed": self.seed,
-            "claims": list(self.claims),
-            "formulations": list(self.formulations),
-            "engines": [str(one) for one in self.engines],
-            "families": list(self.families),
-            "climbing": self.climbing,
-            "ration": list(self.check_frequency),
-            "batch": self.batch,
-            **({"wide": True} if self.wide else {}),
-        }
+        """The settings that determine the results of rounds; earlier Records have no `wide`."""
+        settings = super().settings
+        return settings if self.wide else {k: x for k, x in settings.items() if k != "wide"}
 
-    def run(self, round_: Round) -> RoundResult:
-        """Return the result of a round."""
-        return run_round(self, round_)
+    def draw(
+        self, result: RoundResult, random: np.random.Generator
+    ) -> tuple[list[FuzzCase], list[str]]:
+        """Return cases of the round's variant, and the family of each."""
+        cases = draw_cases(self.kind, result.variant, self.families, self.batch, random)
+        return self.widened(*cases, random)
 
-    def record_failure(
-        self, failed: Finding, name: str, known: Sequence[FailureRecord] | None = None
-    ) -> FailureRecord:
-        """Return the record of a failure, see `CampaignPlan`; known failures are small already."""
-        small = failed
-        with suppress(EomcheckError, np.linalg.LinAlgError):
-            if known is not None:
-                small = self._small(failed, known[:MOST_TRIED])
-        return failure_record(small, name)
+    def widened(
+        self, cases: list[FuzzCase], families: list[str], random: np.random.Generator
+    ) -> tuple[list[FuzzCase], list[str]]:
+        """Return cases and their families, every other ordinary case in a wide state if asked."""
+        if self.wide:
+            seed = int(random.integers(2**32))
+            ordinary = [i for i, family in enumerate(families) if family == ORDINARY]
+            wide = with_wide((cases[i] for i in ordinary), seed)
+            for i, case in zip(ordinary, wide, strict=True):
+                cases[i] = case
+        return cases, families
 
-    def _small(self, failed: Finding, known: Sequence[FailureRecord]) -> Finding:
-        for find in known:
-            for one in alike(failed, find.case, self.formulations):
-                return one
+    def mutate(self, population: Population, random: np.random.Generator) -> list[FuzzCase]:
+        """Return mutations of the cases of a population."""
+        return hill_climbed(population, self.batch, random)
+
+    def check(
+        self,
+        result: RoundResult,
+        cases: list[FuzzCase],
+        random: np.random.Generator,
+        families: Sequence[str] = (),
+    ) -> None:
+        """Screen cases and judge some; engines are asked at ordinary ones that were drawn."""
+        ordinary = {i for i, family in enumerate(families) if family == ORDINARY}
+        screen_and_judge(self, result, cases, ordinary)
+
+    def climb(self, result: RoundResult, random: np.random.Generator) -> None:
+        """Climb from the highest scores, in batches step by step, then for engines under test."""
+        population = result.population
+        under_test = {kind.key for kind in engines_under_test(self.engines)}
+        steps = min(STEPS, self.batch)
+        for _ in range(steps):
+            in_lanes = {key: best for key, best in population.items() if key[1] not in under_test}
+            higher = hill_climbed(in_lanes or population, self.batch // steps, random)
+            result.counts["climbed"] += len(higher)
+            screen_and_judge(self, result, higher, set(), -(-MOST_JUDGED // steps))
+        by_engine = {key: best for key, best in population.items() if key[1] in under_test}
+        if by_engine:
+            climb_for_engines(self, result, by_engine, random)
+
+    def shrunk(self, failed: Finding, known: Sequence[FailureRecord]) -> Finding:
+        """Return the failure of a known case, which is small already, or `failed` simplified."""
+        for failure in known[:MOST_TRIED]:
+            for finding in alike(failed, failure.case, self.formulations):
+                return finding
         return shrink(failed, self.formulations, self.seed)
-
-
-def run_round(plan: StatePlan, round_: Round) -> RoundResult:
-    """Return the result of a round: the same for the same plan and round, in any process."""
-    random = generator(plan, round_)
-    population = {key: list(best) for key, best in round_.population.items()}
-    result = RoundResult(round_.number, round_.variant, population)
-    with record_time(result), np.errstate(all="ignore"):
-        cases, families = draw_cases(plan.kind, round_.variant, plan.families, plan.batch, random)
-        result.counts.update(families)
-        screen_and_judge(plan, result, *for_engines(plan, cases, families, random))
-        if plan.climbing and population:
-            _climb(plan, result, random)
-    return result
-
-
-def for_engines(
-    plan: StatePlan, cases: list[FuzzCase], families: Sequence[str], random: np.random.Generator
-) -> tuple[list[FuzzCase], set[int]]:
-    """Return cases, some ordinary ones in wide states, and the indices of those for engines.
-
-    Args:
-        plan: plan of the campaign.
-        cases: the cases drawn.
-        families: family of each.
-        random: source of the draws.
-
-    Returns:
-        The cases, and the indices of the ordinary ones, at which engines are asked.
-    """
-    ordinary = [i for i, family in enumerate(families) if family == ORDINARY]
-    if plan.wide:
-        seed = int(random.integers(2**32))
-        for i, case in zip(ordinary, with_wide((cases[i] for i in ordinary), seed), strict=True):
-            cases[i] = case
-    return cases, set(ordinary)
-
-
-def _climb(plan: StatePlan, result: RoundResult, random: np.random.Generator) -> None:
-    """Climb from the highest scores, in batches step by step, then for engines under test."""
-    population = result.population
-    under_test = {kind.key for kind in engines_under_test(plan.engines)}
-    steps = min(STEPS, plan.batch)
-    for _ in range(steps):
-        of_lanes = {key: best for key, best in population.items() if key[1] not in under_test}
-        higher = hill_climbed(of_lanes or population, plan.batch // steps, random)
-        result.counts["climbed"] += len(higher)
-        screen_and_judge(plan, result, higher, set(), -(-MOST_JUDGED // steps))
-    of_engines = {key: best for key, best in population.items() if key[1] in under_test}
-    if of_engines:
-        _climb_on_trial(plan, result, of_engines, random)
 
 
 def hill_climbed(
@@ -293,13 +253,11 @@ def hill_climbed(
     for _ in range(count):
         drawn = [keys[i] for i in random.integers(len(keys), size=AMONG)]
         best = population[max(drawn, key=lambda key: population[key][0].score)]
-        others = population[drawn[0]]
-        index = min(int(random.exponential(len(best) / 3)), len(best) - 1)
-        pairs.append((best[index].case, others[random.integers(len(others))].case))
+        pairs.append(parents(best, population[drawn[0]], random))
     return mutated(pairs, random, clamp)[0]
 
 
-def _climb_on_trial(
+def climb_for_engines(
     plan: StatePlan, result: RoundResult, population: Population, random: np.random.Generator
 ) -> None:
     """Ask engines under test near their highest cases, as often as they were in this round."""
@@ -315,6 +273,9 @@ def _climb_on_trial(
         for key, score in engine_scores(judged).items():
             scores.setdefault(key, np.zeros(len(cases)))[i] = score
     update_population(result.population, scores, cases)
+
+
+# ---- Screening and judging -----------------------------------------------------------------------
 
 
 def screen_and_judge(
@@ -340,77 +301,53 @@ def screen_and_judge(
     result.counts.update({f"{name} in lanes": x for name, x in screening.verdicts.items()})
     result.counts.update({f"{how}{claim}": x for (how, claim), x in screening.by_claim.items()})
     result.not_batched |= screening.not_batched
+    result.counts["suspect"] += len(screening.suspects)
+
+    def judge(i: int, claims: set[str], how: str) -> list[Finding]:
+        engines = plan.engines if any(CLAIMS[one].asks for one in claims) else ()
+        result.counts[how] += 1
+        judged = check_case(cases[i], claims, plan.formulations, engines)
+        result.failed += [one for one in judged if one.verdict == "failed"]
+        for key, score in engine_scores(judged).items():
+            screening.score(key)[i] = score
+        return judged
+
     worst = screening.max_scores
     suspects = sorted(screening.suspects, key=lambda i: (-worst[i], i))
-    result.counts["suspect"] += len(suspects)
     most = MOST_JUDGED if most is None else most
-    for i in suspects[:most]:
-        claims = screening.suspects[i] & set(plan.claims)
-        _judge(plan, result, screening, cases[i], i, claims, "suspects judged")
-    for i in suspects[most:]:
-        _settle(screening, i, {})  # not judged: its score is not known
-    _judge_sample(plan, result, screening, cases, first, ordinary)
+    for rank, i in enumerate(suspects):
+        scores: dict[str, float] = {}  # of a suspect that is not judged its score is not known
+        if rank < most:
+            claims = screening.suspects[i] & set(plan.claims)
+            for one in judge(i, claims, "suspects judged"):
+                if one.verdict in DECIDED:
+                    scores[one.claim] = max(scores.get(one.claim, 0.0), one.ratio)
+        screening.settle(i, scores)
+    for how, i, claims in sampled(plan, screening, first, ordinary):
+        judge(i, claims, how)
     update_population(result.population, screening.scores, cases)
 
 
-def _judge_sample(
-    plan: StatePlan,
-    result: RoundResult,
-    screening: ScreeningResult,
-    cases: Sequence[FuzzCase],
-    first: int,
-    ordinary: set[int],
-) -> None:
-    frequency, batchable = plan.check_frequency, set(batchable_claims(plan.claims))
+def sampled(
+    plan: StatePlan, screening: ScreeningResult, first: int, ordinary: set[int]
+) -> Iterator[tuple[str, int, set[str]]]:
+    """Yield (name of the check, index of a case, claims) of the sample that is judged in full."""
+    frequency, claims = plan.check_frequency, set(plan.claims)
     engines = {one for one in plan.claims if CLAIMS[one].asks}
-    others = set(plan.claims) - batchable - engines - BALLS - ENCLOSED
-    unbatched = others | set(screening.not_batched) | (PIVOTED & set(plan.claims))
-    kinds = (
-        ("balls", frequency.balls, BALLS & set(plan.claims)),
-        ("engines", frequency.engines if plan.engines else 0, engines),
-        ("unlifted", frequency.scalar_only, unbatched),
-        ("full checks", frequency.checks, set(plan.claims) - engines),
-    )
-    non_finite = set(screening.non_finite)
-    for name, every, claims in kinds:
-        for i in range(len(cases)) if every and claims else ():
-            wanted = name != "engines" or i in ordinary
-            if (first + i) % every == 0 and i not in non_finite and wanted:
-                _judge(plan, result, screening, cases[i], i, claims, name)
-    for number, i in enumerate(screening.non_finite):
-        if frequency.scalar_only and number % frequency.scalar_only == 0:
-            _judge(plan, result, screening, cases[i], i, {"finite-terms"}, "not finite, judged")
-
-
-def _judge(
-    plan: StatePlan,
-    result: RoundResult,
-    screening: ScreeningResult,
-    case: FuzzCase,
-    i: int,
-    claims: set[str],
-    how: str,
-) -> None:
-    engines = plan.engines if any(CLAIMS[one].asks for one in claims) else ()
-    result.counts[how] += 1
-    judged = check_case(case, claims, plan.formulations, engines)
-    result.failed += [one for one in judged if one.verdict == "failed"]
-    for key, score in engine_scores(judged).items():
-        screening.score(key)[i] = score
-    if how == "suspects judged":
-        scores: dict[str, float] = dict.fromkeys(claims, 0.0)
-        for one in judged:
-            if one.verdict in DECIDED:
-                scores[one.claim] = max(scores[one.claim], one.ratio)
-        _settle(screening, i, scores)
-
-
-def _settle(screening: ScreeningResult, i: int, scores: dict[str, float]) -> None:
-    """Replace the scores above 1 that screening gave a suspect by those of `check_state`."""
-    for (claim, _), values in screening.scores.items():
-        judged_claim = "true-error" if claim == TRUTH else claim
-        if judged_claim in screening.suspects[i] and values[i] > 1.0:
-            values[i] = scores.get(judged_claim, 0.0)
+    others = claims - set(batchable_claims(plan.claims)) - engines - BALLS - ENCLOSED
+    unbatched = others | set(screening.not_batched) | (PIVOTED & claims)
+    finite = set(range(screening.count)).difference(screening.non_finite)
+    for how, every, among, checked in (
+        ("balls", frequency.balls, finite, BALLS & claims),
+        ("engines", frequency.engines if plan.engines else 0, finite & ordinary, engines),
+        ("unlifted", frequency.scalar_only, finite, unbatched),
+        ("full checks", frequency.checks, finite, claims - engines),
+    ):
+        if every and checked:
+            yield from ((how, i, checked) for i in sorted(among) if (first + i) % every == 0)
+    if frequency.scalar_only:
+        for i in screening.non_finite[:: frequency.scalar_only]:
+            yield "not finite, judged", i, {"finite-terms"}
 
 
 # ---- Rounds of random scene classes --------------------------------------------------------------
@@ -433,45 +370,36 @@ class RandomStatePlan(StatePlan):
         """Largest number of states that a round checks."""
         return (2 * STRUCTURES + 1) * self.batch
 
-    def run(self, round_: Round) -> RoundResult:
-        """Return the result of a round."""
-        random = generator(self, round_)
-        result = RoundResult(round_.number, round_.variant, {})
-        best = {key: list(one) for key, one in round_.population.items()}
-        with record_time(result), np.errstate(all="ignore"):
-            for _ in range(STRUCTURES):
-                _look_at_one(self, result, random)
-                _merge(best, result.population)
-            if self.climbing and round_.population:
-                result.population = _population_of_best_structure(round_.population, random)
-                _climb_in_structure(self, result, random)
-                _merge(best, result.population)
+    def search(self, result: RoundResult, random: np.random.Generator) -> None:
+        """Search several structures, then climb in the best one of earlier rounds."""
+        earlier, best = result.population, Population()
+        _merge(best, earlier)
+        for _ in range(STRUCTURES):
+            result.population = {}
+            super().search(result, random)
+            _merge(best, result.population)
+        if self.climbing and earlier:
+            result.population = _population_of_best_structure(earlier, random)
+            self.climb(result, random)
+            _merge(best, result.population)
         result.population = best
-        return result
 
+    def draw(
+        self, result: RoundResult, random: np.random.Generator
+    ) -> tuple[list[FuzzCase], list[str]]:
+        """Return cases of one random structure, and the family of each; none if it has no scene."""
+        try:
+            scene = draw_structure_kind(self.kind, result.variant, random)()
+        except EomcheckError:
+            result.counts["structures that do not fit together"] += 1
+            return [], []
+        result.counts["structures"] += 1
+        make = partial(varied, scene, random=random)
+        return self.widened(*draw_cases_with(make, self.families, self.batch, random), random)
 
-def _look_at_one(plan: StatePlan, result: RoundResult, random: np.random.Generator) -> None:
-    result.population = {}
-    try:
-        one = draw_structure_kind(plan.kind, result.variant, random)
-        scene = one()
-    except EomcheckError:
-        result.counts["structures that do not fit together"] += 1
-        return
-    result.counts["structures"] += 1
-    cases, families = draw_cases_with(
-        lambda family: varied(scene, family, random), plan.families, plan.batch, random
-    )
-    result.counts.update(families)
-    screen_and_judge(plan, result, *for_engines(plan, cases, families, random))
-    if plan.climbing and result.population:
-        _climb_in_structure(plan, result, random)
-
-
-def _climb_in_structure(plan: StatePlan, result: RoundResult, random: np.random.Generator) -> None:
-    higher: list[FuzzCase] = hill_climbed(result.population, plan.batch, random)
-    result.counts["climbed"] += len(higher)
-    screen_and_judge(plan, result, higher, set())
+    def climb(self, result: RoundResult, random: np.random.Generator) -> None:
+        """Check a batch of mutations, all in one step."""
+        CampaignPlan.climb(self, result, random)
 
 
 def _population_of_best_structure(
@@ -481,8 +409,8 @@ def _population_of_best_structure(
     keys = sorted(population)
     highest = population[keys[random.integers(len(keys))]][0]
     kind = type(highest.case[0])
-    of = {key: [x for x in best if type(x.case[0]) is kind] for key, best in population.items()}
-    return {key: best for key, best in of.items() if best}
+    same = {key: [x for x in best if type(x.case[0]) is kind] for key, best in population.items()}
+    return {key: best for key, best in same.items() if best}
 
 
 def _merge(best: Population, more: Population) -> None:

@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any, Literal, Self, TypeVar, get_args
 
 from eomcheck.atomic_write import check_regular
+from eomcheck.deprecated import current_keys
 from eomcheck.errors import InputError, UnwrittenError
 from eomcheck.lab.store.provenance import blas_threads, machine, now, versions
 
@@ -469,6 +470,8 @@ class Records(RecordsFile):
                 raise ValueError("another key")
         except (ValueError, TypeError, AttributeError, ArithmeticError, RecursionError):
             raise InputError(f"{str(self.path)!r} is damaged: {text[:60]!r} is no record") from None
+        for name in ("settings", "series"):
+            object.__setattr__(record, name, current_keys(study, getattr(record, name)))
         if end is None and not self._undigested:
             self._undigested = True
             message = f"{str(self.path)!r} has records without a digest: damage to them is not seen"
