@@ -15,6 +15,7 @@ from eomcheck.cli.shared_options import (
     REFERENCES,
     SUITE,
     Claims,
+    CommandEnd,
     Engines,
     ExecutorOption,
     Formulations,
@@ -27,13 +28,14 @@ from eomcheck.cli.shared_options import (
     check_folder,
     check_output,
     check_used,
-    completer,
+    executor_option,
     raise_unread,
     records_or_none,
     records_to_report,
+    scene_option,
     selected_engines,
 )
-from eomcheck.errors import InputError, UnknownNameError, UnwrittenError, WorkerError
+from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.lab.option_parsing import (
     SCENE_HELP,
     check_count,
@@ -50,10 +52,8 @@ REGISTRIES = ("formulations", "scenes", "engines", "claims")
 def validate_command(
     scene: Annotated[
         str | None,
-        typer.Option(
-            metavar="SCENE",
-            help=f"{SCENE_HELP} [default: snake; with an engine of your own all and random ones]",
-            autocompletion=completer("scene", "robot", more=["all"]),
+        scene_option(
+            f"{SCENE_HELP} [default: snake; with an engine of your own all and random ones]", "all"
         ),
     ] = None,
     links: Annotated[
@@ -75,13 +75,7 @@ def validate_command(
     engine: Engines = None,
     formulation: Formulations = None,
     claim: Claims = None,
-    executor: Annotated[
-        str | None,
-        typer.Option(
-            metavar="PLACE",
-            help="Where to compute: local, local:PROCESSES or dask:ADDRESS. [default: local]",
-        ),
-    ] = None,
+    executor: Annotated[str | None, executor_option("local")] = None,
     json: Json = None,
     records: RecordsOption = None,
     report: Annotated[
@@ -154,51 +148,31 @@ def validate_command(
         version_of(kind)  # a missing library is bad input, reported before anything is computed
     runs = {kind.key: ValidationRun() for kind in kinds}
     how = selection, bounds, examples, seed
-    interrupted, lost, unwritten = False, None, None
+    end = CommandEnd()
     with (
         interruptible(),
         records_to_report(records, report) as kept,
         progress("checking {state}", (examples + (1 if one else 2)) * len(kinds)) as advance,
     ):
-        try:
+        with end.collected():
             if len(kinds) == 1:
                 validate_kind(kinds[0], runs[kinds[0].key], *how, advance, kept, one, executor)
             else:
                 validate_kinds(runs, *how, advance, kept, executor)
-        except KeyboardInterrupt:
-            interrupted = True
-        except WorkerError as error:
-            lost = error
-        except UnwrittenError as error:
-            unwritten = error
         # Files first, so that they are written even if printing fails.
-        try:
-            with deferring_interrupts():
-                if json is not None:
-                    write_findings(json, runs.values(), selection)
-                if report is not None and kept is not None and unwritten is None:
-                    _write_page([kept.path], report)
-        except KeyboardInterrupt:
-            interrupted = True
-        except UnwrittenError as error:
-            unwritten = unwritten or error
+        with end.collected(), deferring_interrupts():
+            if json is not None:
+                write_findings(json, runs.values(), selection)
+            if report is not None and kept is not None and end.unwritten is None:
+                _write_page([kept.path], report)
     findings = [finding for run in runs.values() for finding in run.findings]
     print_runs(runs, selection, wide)
     for warning in robot_file_warnings(kinds):
         print(warning)
-    if interrupted:
+    if end.interrupted:
         console.print("interrupted: the table holds what was checked until then")
-    if unwritten is not None:
-        raise unwritten  # its content is printed
-    if json is not None:
-        print(f"written: {json}")
-    if interrupted:
-        raise typer.Exit(130)
-    if lost is not None:
-        raise lost
-    if any(finding.verdict == "failed" for finding in findings):
-        raise typer.Exit(1)
-    if engine and not interrupted:
+    end.conclude(json, any(finding.verdict == "failed" for finding in findings))
+    if engine:
         check_compared(engines, findings)
 
 
@@ -234,32 +208,18 @@ def prove_command(
     jobs = proof_jobs(scene, numbers, examples, seed, formulation)
     check_executor(executor)
     with interruptible(), records_or_none(records) as kept:
-        proofs = Proofs(jobs, json, executor, kept)
-        try:
+        proofs, end, whole = Proofs(jobs, json, executor, kept), CommandEnd(), False
+        with end.collected():
             proofs.run()
-        except (WorkerError, UnwrittenError):
-            print_proofs(proofs)
-            raise
-        except KeyboardInterrupt:
-            print_proofs(proofs)
+            whole = True
             if json is not None:
-                print("interrupted: the same command goes on with the structures that are left")
-            raise typer.Exit(130) from None
-        unwritten = None
-        if json is not None:
-            try:
                 proofs.write()
-            except UnwrittenError as error:
-                unwritten = error
     print_proofs(proofs)
-    for warning in robot_file_warnings(scene_classes_named(scene)):
+    if end.interrupted and json is not None:
+        print("interrupted: the same command goes on with the structures that are left")
+    for warning in robot_file_warnings(scene_classes_named(scene)) if whole else ():
         print(warning)
-    if unwritten is not None:
-        raise unwritten
-    if json is not None:
-        print(f"written: {json}")
-    if proofs.failed:
-        raise typer.Exit(1)
+    end.conclude(json if whole else None, proofs.failed)
     if not proofs.decided:
         raise InputError(f"scene = {scene!r}: no identity could be looked at")
 

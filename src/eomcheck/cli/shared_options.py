@@ -12,14 +12,14 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from importlib.metadata import entry_points
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from eomcheck import calls
 from eomcheck.atomic_write import check_writable
 from eomcheck.cli.app import OLD_FORM
-from eomcheck.errors import InputError
+from eomcheck.errors import InputError, UnwrittenError, WorkerError
 from eomcheck.lab.option_parsing import (
     ONE_HELP,
     SCENE_HELP,
@@ -43,6 +43,7 @@ KEY_PATTERNS = {
     "formulation": ("formulations", r'^    key="(\w+)",'),
     "engine": ("engines", r"^class (?!Tree|File)(\w+)Engine\(\w*Engine\):"),
     "robot": ("", r'^    "(\w+)": lambda links'),
+    "claim": ("claims", r'^(?:@(?:case_)?claim\(\s*|CLAIMS\[)"([\w-]+)"'),
 }
 """Kind of key -> folder of its source files, and the pattern of a key in one."""
 
@@ -81,56 +82,55 @@ def completer(*words: str, more: Sequence[str] = ()) -> Callable[[str], list[str
 SUITE = Path("validation")
 REFERENCES = SUITE / "references"
 
-_SCENES = completer("scene", more=["all"])
+
+def scene_option(text: str = ONE_HELP, *more: str) -> Any:
+    """Return an option that takes a scene or a kind of scene."""
+    keys = completer("scene", "robot", more=more)
+    return typer.Option(metavar="SCENE", help=text, autocompletion=keys)
+
+
+def keys_option(text: str, *words: str, more: Sequence[str] = ()) -> Any:
+    """Return an option that takes several keys: "a,b", or repeated."""
+    keys = completer(*words, more=more)
+    return typer.Option(metavar="KEY,KEY", help=text, callback=split_list, autocompletion=keys)
+
+
+def executor_option(default: str = "") -> Any:
+    """Return an option that takes an executor; `default` describes a default of None."""
+    text = "Where to compute: local, local:PROCESSES or dask:ADDRESS."
+    return typer.Option(metavar="PLACE", help=f"{text} [default: {default}]" if default else text)
+
 
 SceneClassOption = Annotated[
-    str, typer.Option(metavar="SCENE", help=SCENE_HELP, autocompletion=_SCENES)
+    str,
+    typer.Option(metavar="SCENE", help=SCENE_HELP, autocompletion=completer("scene", more=["all"])),
 ]
 DEFAULT_SCENE = "paper"
 """Default scene of commands about one scene."""
-SceneOption = Annotated[
-    str, typer.Option(metavar="SCENE", help=ONE_HELP, autocompletion=completer("scene", "robot"))
-]
-OptionalSceneOption = Annotated[
-    str | None,
-    typer.Option(metavar="SCENE", help=ONE_HELP, autocompletion=completer("scene", "robot")),
-]
+SceneOption = Annotated[str, scene_option()]
+OptionalSceneOption = Annotated[str | None, scene_option()]
 Links = Annotated[int | None, typer.Option(help="Number of links, of scenes that have one.")]
 SetOption = Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help=SET_HELP)]
 FormulationOption = Annotated[
     str, typer.Option(metavar="KEY", help="Formulation.", autocompletion=completer("formulation"))
 ]
 Seed = Annotated[int, typer.Option(help="Seed of the draws.")]
-ExecutorOption = Annotated[
-    str,
-    typer.Option(metavar="PLACE", help="Where to compute: local, local:PROCESSES or dask:ADDRESS."),
-]
+ExecutorOption = Annotated[str, executor_option()]
 Formulations = Annotated[
     list[str] | None,
-    typer.Option(
-        metavar="KEY,KEY",
-        help="Formulation, or several: a,b. [default: all]",
-        callback=split_list,
-        autocompletion=completer("formulation"),
-    ),
+    keys_option("Formulation, or several: a,b. [default: all]", "formulation"),
 ]
 Engines = Annotated[
     list[str] | None,
-    typer.Option(
-        metavar="KEY,KEY",
-        help="Engine to compare with, several: a,b, or your own to check: FILE.py:CLASS; "
-        "none for no engine. [default: those that no extra installs]",
-        callback=split_list,
-        autocompletion=completer("engine", more=["none"]),
+    keys_option(
+        "Engine to compare with, several: a,b, or your own to check: FILE.py:CLASS; none for no "
+        "engine. [default: those that no extra installs]",
+        "engine",
+        more=["none"],
     ),
 ]
 Claims = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="KEY,KEY",
-        help="Claim to check, or several: a,b. [default: all]",
-        callback=split_list,
-    ),
+    list[str] | None, keys_option("Claim to check, or several: a,b. [default: all]", "claim")
 ]
 References = Annotated[Path, typer.Option(help="Folder of the reference solutions.")]
 OldRecords = Annotated[Path | None, typer.Argument(metavar=OLD_FORM, hidden=True)]
@@ -215,6 +215,43 @@ def records_to_report(path: Path | None, page: Path | None) -> Iterator[Records 
     spare = TemporaryDirectory() if page is not None and path is None else nullcontext()
     with spare as folder, records_or_none(Path(folder) / "r.db" if folder else path) as records:
         yield records
+
+
+class CommandEnd:
+    """The end of a long command: whether it was interrupted, and the errors on its way.
+
+    Tables of what is done are printed before `conclude` raises them.
+    """
+
+    def __init__(self):
+        self.interrupted = False
+        self.lost: WorkerError | None = None
+        self.unwritten: InputError | None = None
+
+    @contextmanager
+    def collected(self, *unwritten: type[InputError]) -> Iterator[None]:
+        """Keep an interrupt, a lost worker or an unwritten file, named by `unwritten` too."""
+        try:
+            yield
+        except KeyboardInterrupt:
+            self.interrupted = True
+        except WorkerError as error:
+            self.lost = error
+        except (UnwrittenError, *unwritten) as error:
+            self.unwritten = self.unwritten or error
+
+    def conclude(self, written: Path | None, failed: bool) -> None:
+        """Print the name of a written file, and raise what ends the command otherwise than by 0."""
+        if self.unwritten is not None:
+            raise self.unwritten
+        if written is not None:
+            print(f"written: {written}")
+        if self.interrupted:
+            raise typer.Exit(130)
+        if self.lost is not None:
+            raise self.lost
+        if failed:
+            raise typer.Exit(1)
 
 
 def check_output(path: Path | None, records: list[Path]) -> None:
