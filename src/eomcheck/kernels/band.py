@@ -8,10 +8,6 @@ Columns are eliminated one after the other. Four rows have an entry in a column:
 column by column, four numbers to a vector; a pivot row is not moved, and the next row takes over
 its lane. Below the matrix are rows of zeros, so that the last columns need no code of their own.
 
-x is refined once without computing the backward error before: only the residual is written then. If
-x is not accurate enough afterwards, all steps are repeated, with the backward error checked after
-each.
-
 LAPACK (`dgbtrf`, `dgbtrs`) takes eight times as long for the chain of 100 links: its blocks are far
 wider than this band.
 """
@@ -59,7 +55,7 @@ def multiply_subtract(code: IRBuilder, x: str, y: str, z: str) -> str:
 
 def solve_workspace(size: int) -> int:
     """Return the number of float64 of the workspace of a solve."""
-    return 10 * padded(size) + 3 * LANES + 2 + size * (AFTER + OPEN + 2)
+    return 11 * padded(size) + 2 * LANES + size * (AFTER + 2 * OPEN + 1)
 
 
 def band_text(name: str, size: int, stride: int) -> str:
@@ -73,14 +69,7 @@ def band_text(name: str, size: int, stride: int) -> str:
     solve = _BandSolveCode(code, size, stride)
     solve.scale()
     solve.eliminate()
-    solve.substitute(new=True)
-    for _ in range(LEAST_STEPS):
-        solve.refine()
-    beta = solve.backward_error()
-    # A β that is not finite ends the refinement: after an overflow x is not finite either.
-    with code.when(code.compare("ogt", beta, code.constant(REFINED))):
-        solve.refine_step_by_step()
-    clear = code.load(solve.zero)
+    clear = solve.refine()
     with code.loop(size) as turn:
         index = turn.i if stride == 1 else code.integer("mul", turn.i, stride)
         code.store(code.add(code.load(solve.x, turn.i), clear), "%x", index)
@@ -95,12 +84,11 @@ class _BandSolveCode:
         x: address of x, with zeros before and after it, so that any row can be multiplied by it.
         residual: address of the right-hand side that is eliminated next; elimination writes its
             results there.
-        zero: address of the number that is added to x at the end: 0, or NaN unless x is finite and
-            accurate enough.
+        sizes: address of |A||x| + |b|.
         upper: address of the rows of U (size, 6), each divided by its pivot, without the pivot.
         factors: address of the factors of elimination (size, 4), one for each lane.
         inverses: address of the inverses of the pivots (size,).
-        lanes: address of the lanes of the pivots (size,), integers.
+        lanes: address of the lanes of the pivots (size, 4), integers, each four times.
     """
 
     def __init__(self, code: IRBuilder, size: int, stride: int):
@@ -116,19 +104,19 @@ class _BandSolveCode:
         self.unscaled = [code.address("%rows", j * self.length * stride) for j in range(WIDTH + 1)]
         scaled = self.unscaled if stride == 1 else [reserve(self.length) for _ in self.unscaled]
         *self.diagonals, self.right = scaled
-        self.residual = reserve(self.length)
+        self.residual, self.sizes = reserve(self.length), reserve(self.length)
         self.x = code.address(reserve(self.length + 2 * LANES), LANES)
         self.factors, self.upper = reserve(size * OPEN), reserve(size * AFTER)
-        self.inverses, self.lanes = reserve(size), reserve(size)
-        self.beta, self.zero = reserve(1), reserve(1)
-        for i in (-LANES, size):
+        self.inverses, self.lanes = reserve(size), reserve(size * OPEN)
+        for i in (-LANES, self.length):
             self.rows.store("zeroinitializer", code.address(self.x, i))
 
     def scale(self) -> None:
-        """Scale all rows: in place, or into the workspace if they are not contiguous."""
+        """Scale all rows, in the workspace if they are not contiguous, and set x to 0."""
         code, rows = self.code, self.rows
         with code.loop(self.length // LANES) as turn:
             at = code.integer("mul", turn.i, LANES)
+            rows.store("zeroinitializer", code.address(self.x, at))
             entries = []
             for numbers in self.unscaled:
                 if self.stride == 1:
@@ -176,11 +164,11 @@ class _BandSolveCode:
                     code.store(entry, self.residual, turn.i)
             code.store(wide.lane(inverse, 0), self.inverses, turn.i)
             wide.store(factors, code.address(self.factors, code.integer("mul", turn.i, OPEN)))
-            lane = code.let(f"extractelement {wide.like('i64')} {pivot}, i64 0")
-            code.do(f"store i64 {lane}, ptr {code.address(self.lanes, turn.i)}")
+            lanes = code.address(self.lanes, code.integer("mul", turn.i, OPEN))
+            code.do(f"store {wide.like('i64')} {pivot}, ptr {lanes}, align 8")
             turn.yielded = [*below, pivot]
 
-    def forward(self) -> None:
+    def _forward(self) -> None:
         """Eliminate another right-hand side, the residual."""
         code, wide = self.code, self.open
         state = [(wide.real, self._first_entries(self.residual))]
@@ -188,10 +176,8 @@ class _BandSolveCode:
         with code.loop(self.size, *state) as turn:
             x, free = turn.carried
             x = self._with_row(x, free, self.residual, code.integer("add", turn.i, HALF))
-            lane = code.let(f"load i64, ptr {code.address(self.lanes, turn.i)}")
-            pivot = "poison"
-            for i in range(OPEN):
-                pivot = wide.let(f"insertelement {wide.like('i64')} {pivot}, i64 {lane}, i64 {i}")
+            lanes = code.address(self.lanes, code.integer("mul", turn.i, OPEN))
+            pivot = wide.let(f"load {wide.like('i64')}, ptr {lanes}, align 8")
             row = self._picked(x, pivot)
             factors = wide.load(code.address(self.factors, code.integer("mul", turn.i, OPEN)))
             entry = code.mul(wide.lane(row, 0), code.load(self.inverses, turn.i))
@@ -245,8 +231,31 @@ class _BandSolveCode:
         lanes = [wide.let(f"extractelement {kind} {lane}, i64 {i}") for i in range(OPEN)]
         return wide.call("arithmetic.fence", wide.packed([wide.lane(x, i) for i in lanes]))
 
-    def substitute(self, *, new: bool) -> None:
-        """Compute x, if `new`, otherwise its correction, from the eliminated right-hand side."""
+    # ---- Refinement ------------------------------------------------------------------------------
+
+    def refine(self) -> str:
+        """Compute x from the eliminated right-hand side, and refine it.
+
+        Returns the number that is added to x at the end: 0, or NaN unless x is accurate enough.
+        """
+        code = self.code
+        with code.repeat(("double", code.constant(float("inf"))), ("i64", "0")) as turn:
+            before, steps = turn.carried
+            self._add_correction()
+            error = self._backward_error()
+            large = code.compare("ogt", error, code.constant(REFINED))
+            smaller = code.compare("olt", error, code.mul(before, code.constant(STALLED)))
+            few = code.let(f"icmp slt i64 {steps}, {MOST_STEPS}")
+            fewest = code.let(f"icmp slt i64 {steps}, {LEAST_STEPS}")
+            turn.i = code.both(fewest, code.both(few, code.both(large, smaller)), "or")
+            with code.when(turn.i):
+                self._forward()
+            turn.yielded = [error, code.integer("add", steps, 1)]
+        accurate = code.compare("ole", turn.carried[0], code.constant(REFINED))
+        return code.choose(accurate, code.constant(0.0), code.constant(float("nan")))
+
+    def _add_correction(self) -> None:
+        """Add to x, 0 at first, what follows from the eliminated right-hand side."""
         code = self.code
         with code.loop(self.size, *[("double", code.constant(0.0))] * AFTER) as turn:
             i = code.integer("sub", self.size - 1, turn.i)
@@ -255,108 +264,54 @@ class _BandSolveCode:
             # The latest unknown comes last: the other products do not depend on it.
             for j in reversed(range(AFTER)):
                 y = multiply_subtract(code, y, code.load(row, j), turn.carried[j])
-            code.store(y if new else code.add(code.load(self.x, i), y), self.x, i)
+            code.store(code.add(code.load(self.x, i), y), self.x, i)
             turn.yielded = [y, *turn.carried[:-1]]
 
-    # ---- Refinement ------------------------------------------------------------------------------
-
-    def refine(self) -> None:
-        """Write one step of refinement."""
-        code = self.code
-        with code.loop(self.length // LANES) as turn:
-            at = code.integer("mul", turn.i, LANES)
-            residual, _ = self._residual(at, sizes=False)
-            self.rows.store(residual, code.address(self.residual, at))
-        self.forward()
-        self.substitute(new=False)
-
-    def refine_step_by_step(self) -> None:
-        """Solve again, and refine as long as each step halves the backward error."""
+    def _residual(self, at: str) -> tuple[str, str]:
+        """Return b - A x and |A||x| + |b| of eight rows."""
         code, rows = self.code, self.rows
-
-        with code.loop(self.length // LANES) as turn:
-            at = code.integer("mul", turn.i, LANES)
-            rows.store(rows.load(code.address(self.right, at)), code.address(self.residual, at))
-        self.forward()
-        self.substitute(new=True)
-        state = (("double", code.constant(float("inf"))), ("i64", "0"))
-        with code.repeat(*state) as turn:
-            before, steps = turn.carried
-            beta = self.backward_error()
-            small = code.compare("ule", beta, code.constant(REFINED))
-            enough = code.let(f"icmp sge i64 {steps}, {LEAST_STEPS}")
-            limit = code.mul(before, code.constant(STALLED))
-            stalled = code.compare("ugt", beta, limit)
-            most = code.let(f"icmp sge i64 {steps}, {MOST_STEPS}")
-            given_up = code.both(stalled, most, "or")
-            first = code.let(f"icmp eq i64 {steps}, 0")
-            fine = code.both(small, enough)
-            failed = code.let(f"select i1 {first}, i1 false, i1 {given_up}")
-            failed = code.let(f"select i1 {small}, i1 false, i1 {failed}")
-            over = code.both(fine, failed, "or")
-            more = code.let(f"xor i1 {over}, true")
-            with code.when(more):
-                self.refine()
-            turn.yielded = [beta, code.integer("add", steps, 1)]
-            turn.i = more
-        with code.when(failed):
-            code.store(code.constant(float("nan")), self.zero)
-
-    # ---- Residual --------------------------------------------------------------------------------
-
-    def _residual(self, at: str, *, sizes: bool = True) -> tuple[str, str]:
-        """Return b - A x and, with `sizes`, |A||x| + |b| of eight rows."""
-        code, rows = self.code, self.rows
-        left = rows.load(code.address(self.right, at))
-        whole = rows.call("fabs", left) if sizes else ""
+        residual = rows.load(code.address(self.right, at))
+        size = rows.call("fabs", residual)
         for j in range(WIDTH):
             entry = rows.load(code.address(self.diagonals[j], at))
             x = rows.load(code.address(self.x, code.integer("add", at, j - HALF)))
-            left = multiply_subtract(rows, left, entry, x)
-            if sizes:
-                whole = multiply_add(rows, whole, *(rows.call("fabs", y) for y in (entry, x)))
-        return left, whole
+            residual = multiply_subtract(rows, residual, entry, x)
+            size = multiply_add(rows, size, *(rows.call("fabs", y) for y in (entry, x)))
+        return residual, size
 
-    def backward_error(self) -> str:
-        """Return the backward error β; `REFINED` if it is less.
+    def _backward_error(self) -> str:
+        """Return the backward error, NaN unless x, the matrix and b are finite.
 
-        `zero` is set to 0 times the residual: NaN unless x, the matrix and b are finite.
+        The residual is written.
         """
         code, rows = self.code, self.rows
-        nothing = (rows.real, rows.constant(0.0))
-        count = self.length // LANES
-        with code.loop(count, nothing, nothing, nothing) as turn:
-            left, whole = self._residual(code.integer("mul", turn.i, LANES))
-            above = rows.mul(whole, rows.constant(REFINED))
-            above = rows.sub(rows.call("fabs", left), above)
-            turn.yielded = [
-                _larger(rows, whole, turn.carried[0]),
-                _larger(rows, above, turn.carried[1]),
-                rows.add(turn.carried[2], rows.mul(left, rows.constant(0.0))),
-            ]
-        sizes, above, zeros = turn.carried
-        zero = code.constant(0.0)
-        for lane in range(LANES):
-            zero = code.add(zero, rows.lane(zeros, lane))
-        code.store(zero, self.zero)
-        code.store(code.constant(REFINED), self.beta)
-        # Usually no row exceeds `REFINED`, and no division is needed.
-        with code.when(code.compare("ogt", self._largest(above), code.constant(0.0))):
-            least = code.mul(self._largest(sizes), code.constant(SMALLEST_SHARE))
-            least = rows.packed([_larger(code, least, code.constant(SMALLEST_SIZE))])
-            with code.loop(count, nothing) as turn:
-                left, whole = self._residual(code.integer("mul", turn.i, LANES))
-                share = rows.div(rows.call("fabs", left), _larger(rows, whole, least))
-                turn.yielded[0] = _larger(rows, share, turn.carried[0])
-            code.store(self._largest(turn.carried[0]), self.beta)
-        return code.load(self.beta)
+        nothing, count = (rows.like("i64"), "zeroinitializer"), self.length // LANES
+        with code.loop(count, nothing) as turn:
+            at = code.integer("mul", turn.i, LANES)
+            residual, size = self._residual(at)
+            rows.store(residual, code.address(self.residual, at))
+            rows.store(size, code.address(self.sizes, at))
+            turn.yielded[0] = self._larger_bits(size, turn.carried[0])
+        least = code.mul(self._largest(turn.carried[0]), code.constant(SMALLEST_SHARE))
+        least = rows.packed([_larger(code, least, code.constant(SMALLEST_SIZE))])
+        with code.loop(count, nothing) as turn:
+            at = code.integer("mul", turn.i, LANES)
+            residual, size = (rows.load(code.address(x, at)) for x in (self.residual, self.sizes))
+            error = rows.div(rows.call("fabs", residual), _larger(rows, size, least))
+            turn.yielded[0] = self._larger_bits(error, turn.carried[0])
+        return self._largest(turn.carried[0])
 
-    def _largest(self, x: str) -> str:
-        """Return the largest number of a vector."""
-        largest = self.rows.lane(x, 0)
-        for lane in range(1, LANES):
-            largest = _larger(self.code, self.rows.lane(x, lane), largest)
-        return largest
+    def _larger_bits(self, x: str, bits: str) -> str:
+        """Return the larger of the bits of x >= 0 and other bits, lane by lane; NaN is largest."""
+        rows, kind = self.rows, self.rows.like("i64")
+        new = rows.let(f"bitcast {rows.real} {x} to {kind}")
+        return rows.let(f"call {kind} @llvm.umax.v{LANES}i64({kind} {new}, {kind} {bits})")
+
+    def _largest(self, bits: str) -> str:
+        """Return the largest number of a vector of bits."""
+        kind = self.rows.like("i64")
+        bits = self.code.let(f"call i64 @llvm.vector.reduce.umax.v{LANES}i64({kind} {bits})")
+        return self.code.let(f"bitcast i64 {bits} to double")
 
 
 def _larger(code: IRBuilder, x: str, y: str) -> str:
