@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.kernels.emit import HEADER
-from eomcheck.kernels.kernel import Kernel
+from eomcheck.kernels.kernel import HEADER, Kernel
 from eomcheck.kernels.program import SHORT, program_of
 from eomcheck.numbers import tape as tapes
 from eomcheck.numbers.banded_solve import WIDTH, to_dense

@@ -26,8 +26,7 @@ from eomcheck.evaluation.scene_quantities import net_force
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.kernels import llvm, sincos
-from eomcheck.kernels.emit import HEADER, layout_of
-from eomcheck.kernels.kernel import Kernel
+from eomcheck.kernels.kernel import HEADER, Kernel, layout_of
 from eomcheck.kernels.program import (
     FEW_ANGLES,
     NotRegularError,

@@ -11,7 +11,7 @@ from tests.machine_code import MachineCode
 
 from eomcheck.kernels import kernel, llvm, perturbed_solves, perturbed_trace
 from eomcheck.kernels.batched_solves import lapack_per_lane
-from eomcheck.kernels.emit import HEADER, Layout, aligned, layout_of, loop_results, reads_of
+from eomcheck.kernels.kernel import HEADER, Layout, aligned, layout_of, loop_results, reads_of
 from eomcheck.kernels.llvm import CACHE_LINE, LANES, IRBuilder, JitModule, aligned_zeros
 from eomcheck.kernels.perturbed_trace import FEWEST_COMPILED, TraceKeyCache, TraceRunner
 from eomcheck.kernels.program import NotRegularError, Program, extrapolate_program

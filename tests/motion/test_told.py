@@ -19,8 +19,7 @@ from eomcheck.evaluation.dynamics import velocity
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.kernels.emit import FAILURE_TIME
-from eomcheck.kernels.kernel import Kernel
+from eomcheck.kernels.kernel import FAILURE_TIME, Kernel
 from eomcheck.kernels.program import program_of
 from eomcheck.lab import references
 from eomcheck.lab.fuzzing.motion_rounds import CROSSED, STOPPED, motion_counts

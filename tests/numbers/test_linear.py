@@ -14,7 +14,7 @@ from tests.machine_code import MachineCode, in_machine_code
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.certified import accuracy
 from eomcheck.evaluation.tolerance import allowed_error
-from eomcheck.kernels.emit import HEADER
+from eomcheck.kernels.kernel import HEADER
 from eomcheck.kernels.program import INLINE
 from eomcheck.lab.studies.stability.families import FAMILIES
 from eomcheck.numbers import linear

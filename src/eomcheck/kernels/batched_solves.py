@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.kernels.dense import address_of
+from eomcheck.kernels.linear_solves import address_of
 from eomcheck.kernels.llvm import IRBuilder, JitModule
 from eomcheck.kernels.perturbed_solves import NEGLIGIBLE
 from eomcheck.numbers import linear

@@ -17,7 +17,7 @@ from typing import Any
 
 from scipy.integrate import DOP853
 
-from eomcheck.kernels.llvm import IRBuilder, JitModule, cpu_features
+from eomcheck.kernels.llvm import IRBuilder, JitModule
 
 RUNNING, FINISHED, TOO_SMALL, TOO_MANY, NOT_FINITE = range(5)
 """Status of a lane: running; at its end; no step is small enough; too many steps; the right-hand
@@ -104,19 +104,15 @@ class _Writer:
         for factor, row in zip(factors, self.rows, strict=False):
             if factor:
                 x = self.wide.load(row, i), self.wide.constant(float(factor))
-                total = self._fused(*x, total) if total else self.wide.mul(*x)
+                total = self.wide.multiply_add(total, *x) if total else self.wide.mul(*x)
         return total
-
-    def _fused(self, x: str, y: str, z: str) -> str:
-        """Return x y + z, by fused multiply-add on machines that have it."""
-        wide = self.wide
-        return wide.call("fma", x, y, z) if cpu_features()[2] else wide.add(wide.mul(x, y), z)
 
     def _stage(self, h: str, factors: Iterable[float], c: float, y: int, rates: int) -> None:
         """Write the state of a stage, at t + c h, and its rates."""
         wide = self.wide
         with self.code.loop("%size") as turn:
-            state = self._fused(h, self._sum(turn.i, factors), wide.load("%y", turn.i))
+            y0 = wide.load("%y", turn.i)
+            state = wide.multiply_add(y0, h, self._sum(turn.i, factors))
             wide.store(state, self.rows[y], turn.i)
         t = wide.add(self._field(T), wide.mul(h, wide.constant(float(c))))
         self._rates(t, self.rows[y], self.rows[rates])

@@ -125,6 +125,14 @@ class IRBuilder:
         arguments = ", ".join(f"{self.real} {y}" for y in x)
         return self.let(f"call {self.real} @llvm.{name}.{suffix}({arguments})")
 
+    def multiply_add(self, x: str, y: str, z: str) -> str:
+        """Return x + y z, by fused multiply-add on machines that have it."""
+        return self.call("fma", y, z, x) if cpu_features()[2] else self.add(x, self.mul(y, z))
+
+    def multiply_subtract(self, x: str, y: str, z: str) -> str:
+        """Return x - y z, by fused multiply-add on machines that have it."""
+        return self.multiply_add(x, self.neg(y), z)
+
     def compare(self, how: str, x: str, y: str) -> str:
         """Return the condition x `how` y, lane by lane: ogt, oeq, une, ..."""
         return self.let(f"fcmp {how} {self.real} {x}, {y}")

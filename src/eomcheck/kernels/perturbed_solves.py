@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.kernels.dense import EXPONENT, ONE, emit_power_of_two_scale
+from eomcheck.kernels.linear_solves import EXPONENT, ONE, emit_power_of_two_scale
 from eomcheck.kernels.llvm import LANES, IRBuilder
 from eomcheck.numbers.linear import SOLVERS, SolveRecord, active_noise, record, reference_solve
 from eomcheck.numbers.noise import NORMAL, Noise

@@ -42,7 +42,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.errors import EomcheckError
-from eomcheck.kernels.band import WIDTH, padded
+from eomcheck.kernels.linear_solves import WIDTH, padded
 from eomcheck.kernels.sincos import padded_count
 from eomcheck.numbers import tape as t
 from eomcheck.numbers.tape import Tape, live_entries

@@ -31,8 +31,7 @@ from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.formulations.em import velocity_of_independent
 from eomcheck.formulations.formulation import Choice
-from eomcheck.kernels.emit import CALLS, FAILED, FAILURE_TIME, TIME
-from eomcheck.kernels.kernel import Kernel
+from eomcheck.kernels.kernel import CALLS, FAILED, FAILURE_TIME, TIME, Kernel
 from eomcheck.kernels.llvm import EFFORT, LEAST_EFFORT
 from eomcheck.kernels.program import NotRegularError, Program, extrapolate_program, program_of
 from eomcheck.mechanics.scene import Scene
