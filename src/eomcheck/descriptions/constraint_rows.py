@@ -31,7 +31,6 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from eomcheck.descriptions import second_derivation
 from eomcheck.descriptions.first_derivation import (
     GROUND,
     GROUND_RATES,
@@ -42,7 +41,12 @@ from eomcheck.descriptions.first_derivation import (
     relative_acceleration,
     turning_columns,
 )
-from eomcheck.descriptions.second_derivation import direction_in_ground
+from eomcheck.descriptions.second_derivation import (
+    direction_in_ground,
+    frame_velocities,
+    point_in_ground,
+    point_velocity,
+)
 from eomcheck.descriptions.topology import ConstraintSpec, TopologyPlan
 from eomcheck.descriptions.vector_algebra import (
     AXES,
@@ -179,12 +183,23 @@ def dot_row(a: MovingVector, b: MovingVector) -> ConstraintRow:
     )
 
 
+def velocity_row(velocity: MovingVector, along: MovingVector) -> ConstraintRow:
+    """Return the row that a velocity, the rate of a vector, has no component along a direction."""
+    return ConstraintRow(
+        None,
+        dot(velocity.rate, along.value),
+        {i: dot(x, along.value) for i, x in velocity.columns.items()},
+        plus(dot(velocity.acceleration, along.value), dot(velocity.rate, along.rate)),
+    )
+
+
 def scaled_row(row: ConstraintRow, factor: Any) -> ConstraintRow:
     """Return a row multiplied by a factor."""
     columns = {i: times(factor, x) for i, x in row.columns.items()}
-    numbers = (times(factor, x) for x in (row.position, row.rate, row.drift, row.b))
-    position, rate, rest, b = numbers
-    return ConstraintRow(position, rate, columns, rest, b)
+    position, rate, drift, b = (
+        times(factor, x) for x in (row.position, row.rate, row.drift, row.b)
+    )
+    return ConstraintRow(position, rate, columns, drift, b)
 
 
 # ---- Rolling on a plane --------------------------------------------------------------------------
@@ -259,15 +274,7 @@ def rolling_rows(read: ConstraintInputs) -> list[ConstraintRow]:
     key = slip_velocity, read.spec.points, tuple(told), read.spec.number
     if key not in read.cache:
         read.cache[key] = slip_velocity(read)
-    slip, along = read.cache[key], read.directions[0]
-    return [
-        ConstraintRow(
-            None,
-            dot(slip.rate, along.value),
-            {i: dot(x, along.value) for i, x in slip.columns.items()},
-            plus(dot(slip.acceleration, along.value), dot(slip.rate, along.rate)),
-        )
-    ]
+    return [velocity_row(read.cache[key], read.directions[0])]
 
 
 def touching_rows(read: ConstraintInputs) -> list[ConstraintRow]:
@@ -362,14 +369,7 @@ def perpendicular_rows(read: ConstraintInputs) -> list[ConstraintRow]:
 def knife_edge_rows(read: ConstraintInputs) -> list[ConstraintRow]:
     """Return the row: a point has no velocity along a direction."""
     (point,), (along,) = read.points, read.directions
-    return [
-        ConstraintRow(
-            None,
-            dot(point.rate, along.value),
-            {i: dot(x, along.value) for i, x in point.columns.items()},
-            plus(dot(point.acceleration, along.value), dot(point.rate, along.rate)),
-        )
-    ]
+    return [velocity_row(point, along)]
 
 
 def coupling_rows(read: ConstraintInputs) -> list[ConstraintRow]:
@@ -505,40 +505,30 @@ class SecondDerivation:
     """Vectors by recursion of positions and velocities; without v only with values."""
 
     def __init__(self, plan: TopologyPlan, parameters: Any, prepared: Any, q: Any, v: Any = None):
-        self.here, self.q, self.v = (plan, parameters, prepared), q, v
+        self.inputs, self.q, self.v = (plan, parameters, prepared), q, v
         self.driven, self.sines = prepared.driven, prepared.sines
-        self.rates = (
-            None if v is None else second_derivation.frame_velocities(plan, parameters, prepared, v)
-        )
+        self.rates = None if v is None else frame_velocities(plan, parameters, prepared, v)
 
     def point(self, k: int, a: Vector) -> MovingVector:
         """Return the point a of frame k."""
-        rate = (
-            ZERO_VECTOR
-            if self.rates is None
-            else second_derivation.point_velocity(self.rates, k, a)
-        )
-        at = second_derivation.point_in_ground(*self.here, k, a)
-        moved = second_derivation.direction_in_ground(*self.here, k, rate)
-        return MovingVector(at, moved, {}, ZERO_VECTOR)
+        rate = ZERO_VECTOR if self.rates is None else point_velocity(self.rates, k, a)
+        at = point_in_ground(*self.inputs, k, a)
+        return MovingVector(at, self._in_ground(k, rate), {}, ZERO_VECTOR)
 
     def direction(self, k: int, a: Vector) -> MovingVector:
         """Return the direction a of frame k."""
-        omega = ZERO_VECTOR if self.rates is None or k < 0 else self.rates[k][1]
-        along, rate = (
-            second_derivation.direction_in_ground(*self.here, k, x) for x in (a, cross(omega, a))
-        )
-        return MovingVector(along, rate, {}, ZERO_VECTOR)
+        along = self._in_ground(k, a)
+        return MovingVector(along, self._in_ground(k, cross(self._omega(k), a)), {}, ZERO_VECTOR)
 
     def rotation(self, k: int) -> MovingVector:
         """Return the rotation of frame k."""
-        omega = ZERO_VECTOR if self.rates is None or k < 0 else self.rates[k][1]
-        return MovingVector(
-            ZERO_VECTOR,
-            second_derivation.direction_in_ground(*self.here, k, omega),
-            {},
-            ZERO_VECTOR,
-        )
+        return MovingVector(ZERO_VECTOR, self._in_ground(k, self._omega(k)), {}, ZERO_VECTOR)
+
+    def _omega(self, k: int) -> Vector:
+        return ZERO_VECTOR if self.rates is None or k < 0 else self.rates[k][1]
+
+    def _in_ground(self, k: int, a: Vector) -> Vector:
+        return direction_in_ground(*self.inputs, k, a)
 
     def rim(self, axis: MovingVector, normal: MovingVector) -> tuple[Vector, Vector]:
         """Return n × (e × n)."""
@@ -562,36 +552,31 @@ def make_constraint_functions(plan: TopologyPlan) -> dict[str, Any]:
     held = holonomic_rows(plan)
     driven = any(one.kind == "drive" for one in closures)
 
+    def entries(numbers, dtype):
+        out = np.zeros(len(numbers), dtype)
+        for i, x in enumerate(numbers):
+            put(out, i, x)
+        return out
+
     def constraints(parameters, prepared, q):
-        a, b = np.zeros((r, plan.n), q.dtype), np.zeros(r, q.dtype)
-        for i, row in enumerate(
-            all_rows(plan, parameters, FirstDerivation(plan, parameters, prepared, q))
-        ):
+        rows = all_rows(plan, parameters, FirstDerivation(plan, parameters, prepared, q))
+        a = np.zeros((r, plan.n), q.dtype)
+        for i, row in enumerate(rows):
             for j, x in row.columns.items():
                 put(a, (i, j), x)
-            put(b, i, row.b)
-        return a, b if driven else None
+        return a, entries([row.b for row in rows], q.dtype) if driven else None
 
     def drift(parameters, prepared, q, v):
-        gamma = np.zeros(r, v.dtype)
-        functions = all_rows(plan, parameters, FirstDerivation(plan, parameters, prepared, q, v))
-        for i, row in enumerate(functions):
-            put(gamma, i, row.drift)
-        return gamma
+        rows = all_rows(plan, parameters, FirstDerivation(plan, parameters, prepared, q, v))
+        return entries([row.drift for row in rows], v.dtype)
 
     def constraint(parameters, prepared, q, v):
-        c = np.zeros(r, v.dtype)
-        functions = all_rows(plan, parameters, SecondDerivation(plan, parameters, prepared, q, v))
-        for i, row in enumerate(functions):
-            put(c, i, row.rate)
-        return c
+        rows = all_rows(plan, parameters, SecondDerivation(plan, parameters, prepared, q, v))
+        return entries([row.rate for row in rows], v.dtype)
 
     def position_residual(parameters, prepared, q):
-        residual = np.zeros(len(held), q.dtype)
-        functions = all_rows(plan, parameters, SecondDerivation(plan, parameters, prepared, q))
-        for i, k in enumerate(held):
-            put(residual, i, functions[k].position)
-        return residual
+        rows = all_rows(plan, parameters, SecondDerivation(plan, parameters, prepared, q))
+        return entries([rows[k].position for k in held], q.dtype)
 
     functions = {"constraints": constraints, "drift": drift, "constraint": constraint}
     return functions | ({"position_residual": position_residual} if held else {})

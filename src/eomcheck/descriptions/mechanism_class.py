@@ -135,11 +135,6 @@ STEPS = 30
 """Steps of Newton's method, which converges within ten or not at all."""
 
 
-def float64_parameters(scene: Mechanism) -> Any:
-    """Return the parameters of a scene as the equations read them, in float64."""
-    return scene.parameters(FLOAT64)
-
-
 def assembled_start(scene: Mechanism) -> tuple[Array, Array]:
     """Return the pose (n,) assembled by Newton's method, and the least v (n,) with a v + b = 0.
 
@@ -148,7 +143,7 @@ def assembled_start(scene: Mechanism) -> tuple[Array, Array]:
     pose = np.array(scene.source.pose, np.float64)
     if not scene.r:
         return pose, np.zeros(scene.n)
-    given, q = float64_parameters(scene), pose
+    given, q = scene.parameters(FLOAT64), pose
     for _ in range(STEPS):
         a, _, residual = _held(scene, given, q)
         if residual is None:
@@ -173,11 +168,6 @@ def _held(scene: Mechanism, given: Any, q: Array) -> tuple[Array, Array | None, 
 
 
 # ---- Tree of bodies ------------------------------------------------------------------------------
-
-
-def tree_of(scene: Mechanism) -> Tree:
-    """Return the tree of a mechanism's bodies, joint by joint."""
-    return tree_by(scene.plan, float64_parameters(scene))
 
 
 def none_as_zero(entries: Any) -> Array:
@@ -229,7 +219,7 @@ def _place(a: Any, d: int) -> Array:
 
 def mechanism_sketch(scene: Mechanism, q: Array, t: float = 0.0) -> Sketch:
     """Return the sketch of the mechanism in the pose q (n,)."""
-    plan, given = scene.plan, float64_parameters(scene)
+    plan, given = scene.plan, scene.parameters(FLOAT64)
     prepared = scene.prepare(FLOAT64, given, np.asarray(q, np.float64), t)
     frames, d = joint_frames(plan, given, prepared), plan.d
     at = [_place(frame.origin, d) for frame in frames]
@@ -427,7 +417,7 @@ class Mechanism(Parametric, metaclass=_Kind):
 
     def tree(self) -> Tree:
         """Return the tree of its bodies, joint by joint."""
-        return tree_of(self)
+        return tree_by(self.plan, self.parameters(FLOAT64))
 
     def sketch(self, q: Array, t: float = 0.0) -> Sketch:
         """Return links from joint to joint, joints with their axes, centres of mass."""
