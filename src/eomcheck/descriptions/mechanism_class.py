@@ -1,6 +1,8 @@
 """Scene classes of descriptions: a `Mechanism` class for each topology, all numbers its parameters.
 
-`scene_class_of` makes the class from a `MechanismSource`, the record of topology and numbers.
+`scene_class_of` makes the class from a `MechanismSource`, the record of topology and numbers. It is
+a class and not an instance, because lookup, sampling, proofs and kernels ask the class of a scene
+for its parameters, ranges and functions: so a mechanism goes every way that a scene by hand does.
 The rest of the module defines the parts of the class: its parameters, the initial state (the
 assembled pose, with the slowest velocity that its constraints allow), its `Tree` for engines that
 build models of their own, and its `Sketch`: links from joint to joint, axes, centres of mass.

@@ -1,4 +1,11 @@
-"""The built-in scenes: one file each, registered in `SCENES`, one line each."""
+"""The built-in scenes: one file each, registered in `SCENES`, one line each.
+
+Snake, sleigh, disk and ball are derived by hand, the others described by links and joints. By hand
+they keep generalized speeds of their own, which a description has not (the sleigh's partition is
+singular where it starts), the disk 5 coordinates instead of 6, the ball a table that oscillates;
+and they cost less: a description has 35 times (sleigh) and 70 times (disk) the time of `terms`, and
+the check of a state takes 1.1 and 1.5 times as long. Descriptions are tested against them.
+"""
 
 from __future__ import annotations
 
