@@ -184,8 +184,8 @@ class Scene(ABC):
         """
         super().__init_subclass__(**options)
         take_old_attributes(cls, Scene)
-        # A namespace, because functions of a scene call each other by plain names and are tested one
-        # by one. As static methods each would be a line longer, and called as `Snake.terms`.
+        # A namespace, because functions of a scene call each other by plain names and are tested
+        # singly. As static methods each would be a line longer, and called as `Snake.terms`.
         spaces = [functions] if isinstance(functions, Mapping) else [vars(x) for x in functions]
         for space in spaces:
             written = {name: x for name, x in space.items() if isfunction(x)}
