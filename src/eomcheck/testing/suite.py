@@ -20,7 +20,7 @@ from hashlib import sha256
 from inspect import getsourcefile, unwrap
 from itertools import chain
 from pathlib import Path
-from typing import Any, NamedTuple, NoReturn, Protocol, TypeVar
+from typing import Any, NamedTuple, NoReturn, TypeVar
 
 from eomcheck.atomic_write import read_text
 from eomcheck.claims import CLAIMS, Finding, State
@@ -125,37 +125,6 @@ class ClaimResult(NamedTuple):
 
     verdict: Verdict
     text: str = ""
-
-
-class ClaimTarget(Protocol):
-    """Code under test on one scene, and the claims that are checked of it."""
-
-    @property
-    def where(self) -> str:
-        """Name of the scene, "" where there is none."""
-        ...
-
-    @property
-    def claims(self) -> tuple[str, ...]:
-        """Ids of the claims, in the order in which a failure is closest to its cause."""
-        ...
-
-    def results(self, examples: int, seed: int, known: Collection[str]) -> dict[str, ClaimResult]:
-        """Return the result of each claim; a claim that is missing does not apply.
-
-        Args:
-            examples: number of random states.
-            seed: seed of the random states.
-            known: ids of the claims that are expected to fail.
-
-        Returns:
-            id of a claim -> its result.
-        """
-        ...
-
-    def absent(self, claim: str) -> str:
-        """Return the reason why there is no result of a claim."""
-        ...
 
 
 def claim_results(
@@ -281,7 +250,16 @@ class SceneTarget:
     def results(
         self, examples: int, seed: int, known: Collection[str] = ()
     ) -> dict[str, ClaimResult]:
-        """Return the result of each claim, see `ClaimTarget.results`."""
+        """Return the result of each claim; a claim that is missing does not apply.
+
+        Args:
+            examples: number of random states.
+            seed: seed of the random states.
+            known: ids of the claims that are expected to fail.
+
+        Returns:
+            id of a claim -> its result.
+        """
         if not self.represented:
             return {}
         kind = type(self.example)
@@ -342,7 +320,7 @@ class EquationsTarget:
     def results(
         self, examples: int, seed: int, known: Collection[str] = ()
     ) -> dict[str, ClaimResult]:
-        """Return the result of each claim, see `ClaimTarget.results`."""
+        """Return the result of each claim, see `SceneTarget.results`."""
         findings = check(self.functions, states=examples, seed=seed, against=self.against)
         # A Finding of functions is about all states: an entry that none of them resolves no pass.
         hidden = (one for one in findings if one.verdict == "inconclusive")
@@ -357,6 +335,9 @@ class EquationsTarget:
         why += f", with {' and '.join(excluded)}" if excluded else ""
         return f"{claim} does not apply to {self.functions.name}{why}"
 
+
+ClaimTarget = SceneTarget | EquationsTarget
+"""Code under test on one scene, or functions under test, and the claims that are checked of it."""
 
 Scenes = Iterable[Scene | type[Scene] | str] | Mapping[str, Scene | type[Scene] | str]
 """Scenes, scene classes, or names as on the command line; a mapping gives them other names."""
@@ -547,8 +528,35 @@ class Suite:
 
     def checks(self) -> dict[str, Callable[[], None]]:
         """Return id -> body of the test: scene by scene, the closest to a cause first."""
-        of_file = {} if self.file is None else {OF_THE_FILE: CheckOfFile(self)}
-        return of_file | {id: Check(self, id) for id in self.ids}
+        of_file = {} if self.file is None else {OF_THE_FILE: self.check_file}
+        return of_file | {id: partial(self.check, id) for id in self.ids}
+
+    def check(self, id: str) -> None:
+        """Pass, fail, xfail or skip the test of one claim on one scene by its result."""
+        __tracebackhide__ = True
+        pytest = required("pytest")
+        try:
+            verdict, text = self.result(id)
+        except EomcheckError as error:
+            _fail(f"{id}: {error}")
+        reason = self.expected.get(id)
+        if verdict == "failed":
+            if reason is not None:
+                pytest.xfail(reason)
+            _fail(text)
+        if self.strict and reason is not None and verdict != "inconclusive":
+            what = "passes" if verdict == "passed" else f"is skipped ({text})"
+            _fail(f"{id} {what}, but is expected to fail: {reason}")
+        if verdict != "passed":
+            pytest.skip(f"{verdict}: {text}" if verdict == "inconclusive" else text)
+
+    def check_file(self) -> None:
+        """Fail on ids in the file that no test has, in any of the suites that read this file."""
+        __tracebackhide__ = True
+        sharing = [one for one in _suites.values() if one.file == self.file]
+        unmatched = [id for id in self.expected if not any(id in one.ids for one in sharing)]
+        if unmatched:
+            _fail(f"{str(self.file)!r}: no test is called {', '.join(unmatched)}")
 
     def result(self, id: str) -> ClaimResult:
         """Return the result of a test; all claims of its target are evaluated if not done yet.
@@ -578,48 +586,6 @@ class Suite:
 
 _suites: dict[str, Suite] = {}
 """Name -> suite, all of this process: one file of expected failures may be of several."""
-
-
-@dataclass(frozen=True)
-class Check:
-    """Test of one claim on one scene; calling it passes, fails or skips the test."""
-
-    suite: Suite = field(repr=False)
-    id: str
-
-    def __call__(self) -> None:
-        """Pass, fail, xfail or skip by the result of the claim."""
-        __tracebackhide__ = True
-        pytest = required("pytest")
-        try:
-            verdict, text = self.suite.result(self.id)
-        except EomcheckError as error:
-            _fail(f"{self.id}: {error}")
-        reason = self.suite.expected.get(self.id)
-        if verdict == "failed":
-            if reason is not None:
-                pytest.xfail(reason)
-            _fail(text)
-        if self.suite.strict and reason is not None and verdict != "inconclusive":
-            what = "passes" if verdict == "passed" else f"is skipped ({text})"
-            _fail(f"{self.id} {what}, but is expected to fail: {reason}")
-        if verdict != "passed":
-            pytest.skip(f"{verdict}: {text}" if verdict == "inconclusive" else text)
-
-
-@dataclass(frozen=True)
-class CheckOfFile:
-    """Test that every id in a file of expected failures is that of a test."""
-
-    suite: Suite = field(repr=False)
-
-    def __call__(self) -> None:
-        """Fail on ids that no test has, in any of the suites that read this file."""
-        __tracebackhide__ = True
-        sharing = [one for one in _suites.values() if one.file == self.suite.file]
-        unmatched = [id for id in self.suite.expected if not any(id in one.ids for one in sharing)]
-        if unmatched:
-            _fail(f"{str(self.suite.file)!r}: no test is called {', '.join(unmatched)}")
 
 
 def _fail(text: str) -> NoReturn:
