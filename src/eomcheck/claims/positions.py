@@ -219,10 +219,7 @@ def _moves(e: Evaluation) -> tuple[Array, Array]:
 
 
 @case_claim(
-    "height-velocity",
-    "|ḣ| ≤ |V| of each body",
-    "(25), (26)",
-    "velocity of a centre of mass",
+    "height-velocity", "|ḣ| ≤ |V| of each body", "(25), (26)", "velocity of a centre of mass"
 )
 def height_velocity(case: Case) -> Iterator[Finding]:
     """The height of a body in U changes no faster than the body moves, whatever the velocity."""

@@ -177,6 +177,16 @@ class NoRateError(Exception):
     """Precomputed values that cannot be differentiated: not only angles, roots and the clock."""
 
 
+ENGINE_TERMS = {
+    "mass_matrix": "M",
+    "bias": "B",
+    "forces": "Q",
+    "constraint_jacobian": "a",
+    "constraint_drift": "gamma",
+}
+"""Method of an engine -> the field of `Terms` that it computes."""
+
+
 @dataclass(frozen=True)
 class Claim:
     """A statement that correct equations of motion satisfy, with the function that checks it.
@@ -194,7 +204,6 @@ class Claim:
             `Comparison` records.
         rate_of: subject of the sides that need the rate of precomputed values (`prepare`).
         asks: name of the engine method that the claim compares with.
-        against: field of `Terms` compared with engines in float64, in place of the sides.
         provable: False if the claim follows from another, proved one.
     """
 
@@ -208,8 +217,12 @@ class Claim:
     )
     rate_of: str = ""
     asks: str = ""
-    against: str = ""
     provable: bool = True
+
+    @property
+    def against(self) -> str:
+        """Field of `Terms` compared with engines in float64, in place of the sides; or ""."""
+        return ENGINE_TERMS.get(self.asks, "")
 
     @property
     def proved(self) -> bool:

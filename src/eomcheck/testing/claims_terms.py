@@ -369,11 +369,7 @@ def kinetic_energy(at: FunctionState) -> Iterator[Comparison]:
 
 
 @function_claim(
-    "bias-of-energy",
-    "B = ∂²T/∂v∂q v - ∂T/∂q",
-    "bias",
-    ("T", "bias"),
-    without=("qdot",),
+    "bias-of-energy", "B = ∂²T/∂v∂q v - ∂T/∂q", "bias", ("T", "bias"), without=("qdot",)
 )
 def check_bias_of_energy(at: FunctionState) -> Iterator[Comparison]:
     """Compare the bias with that of T by Lagrange's equations, also where T has linear terms."""
@@ -496,11 +492,7 @@ def constraint_drift(at: FunctionState) -> Iterator[Comparison]:
 
 
 @function_claim(
-    "constraint-acceleration",
-    "a q̈ + γ = 0",
-    "acceleration",
-    ("a", "qdd"),
-    consistent=True,
+    "constraint-acceleration", "a q̈ + γ = 0", "acceleration", ("a", "qdd"), consistent=True
 )
 def constraint_acceleration(at: FunctionState) -> Iterator[Comparison]:
     """Compare a q̈ with -γ: accelerations keep the constraints; γ as given, else of a and b."""
