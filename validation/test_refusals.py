@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from eomcheck.claims.pairwise_design import scene_cases
 from hypothesis import example, given, settings
 
 import eomcheck
 from eomcheck import strategies
-from eomcheck.claims.pairwise_design import scene_cases
 from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import Snake

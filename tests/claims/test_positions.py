@@ -10,7 +10,7 @@ import pytest
 from tests.mechanics.descriptions import Arm, FourBar
 
 import eomcheck
-from eomcheck.claims.positions import tried_motions
+from eomcheck.claims.terms_and_positions import tried_motions
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.parameters import Parametric, parameter
 from eomcheck.mechanics.records import Jacobians, Symmetry

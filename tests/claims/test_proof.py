@@ -159,7 +159,7 @@ def test_the_degree_and_height_of_a_proof_are_the_largest_of_all_entries(monkeyp
         found = np.array([numbers[i] for i in order], object)
         yield Comparison("test", found, np.array([numbers[i] for i in order], object), (("",) * 3,))
 
-    claim = replace(CLAIMS["bias"], id="test", sides=sides, against=None)
+    claim = replace(CLAIMS["bias"], id="test", sides=sides, asks="")
     monkeypatch.setitem(CLAIMS, "test", claim)
     (finding,) = [f for f in prove(Snake.coil(1), points=2, seed=0) if f.claim == "test"]
     proof = finding.proof

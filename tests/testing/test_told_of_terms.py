@@ -13,11 +13,13 @@ from eomcheck.claims.finding import Finding
 from eomcheck.testing import EquationsOfMotion, check_functions
 from eomcheck.testing.claims_terms import proportional
 from eomcheck.testing.equations_of_motion import INPUTS
-from eomcheck.testing.fault_localization import SETTLES, functions_read, settled_by
-from eomcheck.testing.polarization import (
+from eomcheck.testing.fault_localization import (
     SCALES,
+    SETTLES,
     VelocityDependence,
     coefficients,
+    functions_read,
+    settled_by,
     velocity_dependence,
 )
 from eomcheck.testing.uncertain import UncertainArray, exact

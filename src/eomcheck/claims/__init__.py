@@ -7,7 +7,7 @@ states, `proof` tests them in finite fields (polynomial identity testing), for a
 
 from __future__ import annotations
 
-from eomcheck.claims import single_terms, positions, speeds_and_chains  # isort: skip
+from eomcheck.claims import terms_and_positions, speeds_and_chains  # isort: skip
 from eomcheck.claims import accelerations, numerical_accuracy  # isort: skip
 from eomcheck.claims.case import Case
 from eomcheck.claims.finding import Finding, Proof, State
@@ -25,7 +25,6 @@ __all__ = [
     "State",
     "accelerations",
     "numerical_accuracy",
-    "positions",
-    "single_terms",
     "speeds_and_chains",
+    "terms_and_positions",
 ]
