@@ -123,6 +123,7 @@ def install() -> None:
 
 
 OPTIONS: dict[str, dict[str, str]] = {
+    "compare": {"--states": "--examples"},
     "prove": {"--points": "--examples"},
     "simulate": {"--draws": "--examples"},
     "study long-run": {"--t-end": "--end"},

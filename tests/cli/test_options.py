@@ -378,7 +378,7 @@ CASES: dict[str, dict[str, Case]] = {
             "--engine mujoco,pinocchio",
             {"compare_libraries.engines": ["mujoco", "pinocchio"]},
         ),
-        "states": ("--states 3", {"compare_libraries.states": 3}),
+        "examples": ("--examples 3", {"compare_libraries.states": 3}),
         "seed": ("--seed 4", {"compare_libraries.seed": 4}),
         "pairs": ("--pairs", {"print_comparison.pairs": True}),
         "json": ("--json a.json", {"write_comparison.path": "a.json"}),

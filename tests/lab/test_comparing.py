@@ -469,7 +469,7 @@ def test_redundant_equalities_leave_all_but_the_acceleration_to_compare(tmp_path
     printed = " ".join(capsys.readouterr().out.split())
     assert "q̈ is not compared in 2 of 2 states: the 3 x 3 matrix" in printed
     assert "all that answered agree to rounding, without q̈" in printed
-    ran = CliRunner().invoke(app, ["compare", str(path), "--states", "1"])
+    ran = CliRunner().invoke(app, ["compare", str(path), "--examples", "1"])
     assert ran.exit_code == 0, ran.output
 
 
@@ -695,7 +695,7 @@ def test_what_is_written_while_a_library_reads_is_kept_and_not_shown(capfd):
 @pytest.mark.parametrize(("damping", "code"), [("", 0), ("0.3", 1)])
 def test_the_command_tells_and_its_exit_code_says_whether_all_agree(tmp_path, damping, code):
     path, out = arm(tmp_path / "arm.urdf", damping=damping), tmp_path / "out.json"
-    given = "compare", str(path), "--engine", "pinocchio", "--states", "2", "--json", str(out)
+    given = "compare", str(path), "--engine", "pinocchio", "--examples", "2", "--json", str(out)
     ran = CliRunner().invoke(app, [*given, "--pairs"])
     assert ran.exit_code == code, ran.output
     assert "M, each library beside each other" in ran.output
@@ -708,7 +708,7 @@ def test_the_command_tells_and_its_exit_code_says_whether_all_agree(tmp_path, da
 
 def test_a_free_base_is_asked_for_behind_a_colon(tmp_path: Path):
     path, out = free(tmp_path / "arm.urdf"), tmp_path / "out.json"
-    given = "compare", f"{path}:floating", "--engine", "pinocchio", "--states", "2"
+    given = "compare", f"{path}:floating", "--engine", "pinocchio", "--examples", "2"
     ran = CliRunner().invoke(app, [*given, "--json", str(out)])
     assert ran.exit_code == 0, ran.output
     assert json.loads(out.read_text(encoding="utf-8"))["coordinates"][0] == "base_x"

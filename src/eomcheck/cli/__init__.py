@@ -20,7 +20,6 @@ from eomcheck import calls, supervisor
 from eomcheck.class_lookup import has_run_user_code, outside_error
 from eomcheck.cli import (
     check_commands,
-    compare_command,
     fuzz_command,
     scene_commands,
     study_commands,
@@ -125,7 +124,6 @@ def _reported(sentence: str, code: int) -> int:
 __all__ = [
     "app",
     "check_commands",
-    "compare_command",
     "fuzz_command",
     "main",
     "scene_commands",
