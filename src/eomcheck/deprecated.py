@@ -124,6 +124,7 @@ def install() -> None:
 
 OPTIONS: dict[str, dict[str, str]] = {
     "compare": {"--states": "--examples"},
+    "fuzz": {"--ration": "--check-frequency"},
     "prove": {"--points": "--examples"},
     "simulate": {"--draws": "--examples"},
     "study long-run": {"--t-end": "--end"},

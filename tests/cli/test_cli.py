@@ -63,7 +63,7 @@ def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
         (["fuzz", "--time", "5s", "--states", "5"], "--time and --states: expected one"),
         (["fuzz", "--states", "0"], "--states 0"),
         (["fuzz", "--family", "mild"], "unknown family 'mild'; known: ordinary, wide"),
-        (["fuzz", "--ration", "1,2"], "--ration '1,2', expected five"),
+        (["fuzz", "--check-frequency", "1,2"], "--check-frequency '1,2', expected NAME=NUMBER"),
         (["fuzz", "--scene", "all"], "expected one kind of scene"),
         (["fuzz", "--claim", "beauty"], "unknown claim 'beauty'"),
         (["fuzz", "--executor", "ray:1"], "expected local, local:NUMBER"),

@@ -40,7 +40,7 @@ def test_without_a_find_it_tells_states_by_structure_and_exits_with_0(monkeypatc
     how = "--states", "1", "--family", "ordinary"
     assert run(*how, monkeypatch=monkeypatch) == 0
     said = capsys.readouterr().out
-    assert "no find" in said and "2 links, without damping" in said and "equivalence" in said
+    assert "no failure" in said and "2 links, without damping" in said and "equivalence" in said
 
 
 def test_a_find_is_printed_kept_and_replayed(monkeypatch, capsys, tmp_path: Path):
@@ -96,7 +96,7 @@ def test_motions_are_compared_by_the_same_command(monkeypatch, capsys):
         cli.main()
     assert not stop.value.code
     said = capsys.readouterr().out
-    assert "no find" in said and "Motions by structure" in said and "end-states" in said
+    assert "no failure" in said and "Motions by structure" in said and "end-states" in said
 
 
 def few_motions() -> tuple:

@@ -204,7 +204,10 @@ def test_simulate_moves_any_scene_and_keeps_loops_closed_in_draws(monkeypatch, c
         (["fuzz", "--family", "ordinary,wid", "--states", "1"], "did you mean 'wide'"),
         (["fuzz", "--claim", "bias,bia", "--states", "1"], "did you mean 'bias'"),
         (["fuzz", "--scene", "sleigh", "--links", "3"], "sleigh has no number of links"),
-        (["fuzz", "--motions", "--ration", "1,1,1,1,1"], "--ration says nothing with --motions"),
+        (
+            ["fuzz", "--motions", "--check-frequency", "balls=1"],
+            "--check-frequency says nothing with",
+        ),
         (["fuzz", "--replay", "x.json", "--states", "3"], "--states says nothing with --replay"),
         (["fuzz", "--replay", "x.json", "--seed", "3"], "--seed says nothing with --replay"),
         (["fuzz", "--replay", "x.json", "--no-climb"], "--no-climb says nothing with --replay"),

@@ -270,8 +270,8 @@ CASES: dict[str, dict[str, Case]] = {
         "motions": ("--motions", {"plan": "MotionPlan"}),
         "family": ("--family wide,fast", {"plan.families": ["wide", "fast"]}),
         "climb": ("--no-climb", {"plan.climbing": False}),
-        "ration": (
-            "--ration 1,2,3,4,5",
+        "check_frequency": (
+            "--check-frequency enclosures=1,balls=2,engines=3,checks=4,scalar-only=5",
             {
                 "plan.check_frequency.enclosures": 1,
                 "plan.check_frequency.balls": 2,
@@ -286,7 +286,7 @@ CASES: dict[str, dict[str, Case]] = {
             REPLAY,
             {
                 "read_failures.path": "f.json",
-                "replay_failures.finds": ["kept"],
+                "replay_failures.failures": ["kept"],
                 "replay_failures.formulations": list(FORMULATIONS),
                 "replay_failures.allowed": [],
             },
@@ -316,7 +316,7 @@ CASES: dict[str, dict[str, Case]] = {
         "climb of functions": ("--no-climb", {"plan.climbing": False}, FUNCTIONS),
         "keep": (
             "--keep k.json",
-            {"write_failures.path": "k.json", "write_failures.finds": ["kept", "find"]},
+            {"write_failures.path": "k.json", "write_failures.failures": ["kept", "find"]},
         ),
     },
     "simulate": {

@@ -84,7 +84,7 @@ def test_a_damaged_corpus_is_refused_before_a_campaign(campaign, monkeypatch, ca
     path.write_text("[{")
     assert run(monkeypatch, "fuzz", "--states", 1, "--keep", path) == 2
     assert not campaign
-    assert "holds no finds" in capsys.readouterr().err
+    assert "holds no failures" in capsys.readouterr().err
     assert path.read_text() == "[{"
 
 

@@ -88,7 +88,8 @@ def test_no_command_is_left_out():
     assert {words[0] for words in HELP if words} == looked_at
 
 
-FUZZ = ["fuzz", "--links", "2", "--engine", "none", "--ration", "0,0,0,0,0"]
+FUZZ = ["fuzz", "--links", "2", "--engine", "none", "--check-frequency"]
+FUZZ += ["enclosures=0,balls=0,engines=0,checks=0,scalar-only=0"]
 
 
 def test_what_is_kept_is_reported_and_exported_in_lines_that_fit(

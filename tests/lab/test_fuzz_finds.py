@@ -519,7 +519,7 @@ def test_rows_of_other_types_are_no_finds(tmp_path: Path, changed):
     row = {"scene": "sleigh", "parameters": {}, "q": [0.0], "v": [0.0]}
     write_failures(file, [FailureRecord(**row)])  # type: ignore[arg-type]
     file.write_text(json.dumps([row | changed]))
-    with pytest.raises(InputError, match="holds no finds"):
+    with pytest.raises(InputError, match="holds no failures"):
         read_failures(file)
 
 
@@ -556,12 +556,12 @@ def test_a_kept_motion_fails_by_its_own_claim_and_formulation_alone(monkeypatch)
     said += [motion(END_STATES, "au", "failed", 1.0), motion(ENERGY, "em", "failed", 2.0)]
     said += [motion(END_STATES, "em", "passed", 0.1)]
     (one,) = replay_failures([find], ("au", "em"))
-    assert (one.outcome, one.find) == ("holds", find)
+    assert (one.outcome, one.failure) == ("holds", find)
     assert asked == [(1.3, [0.0, 0.0, 0.5], ("au", "em"), 2.5)]
     said[2] = motion(END_STATES, "em", "failed", 3.0)
     (one,) = replay_failures([find], ("au", "em"))
-    assert (one.outcome, one.find.observed, one.find.t_end) == ("failed", 3.0, 1.5)
-    assert (one.find.whose, one.find.evidence) == ("silent error", "seen")
+    assert (one.outcome, one.failure.observed, one.failure.t_end) == ("failed", 3.0, 1.5)
+    assert (one.failure.whose, one.failure.evidence) == ("silent error", "seen")
     said[2] = motion(END_STATES, "em", "inconclusive", 3.0)
     (one,) = replay_failures([find], ("au", "em"))
     assert (one.outcome, one.reason) == ("inconclusive", "em: observed 3, allowed 0.5")
@@ -594,10 +594,12 @@ def test_kept_failures_are_looked_at_in_their_order_and_each_is_told(monkeypatch
         "not checked",
     ]
     assert results[0].reason == "scene: it is inconclusive"
-    assert results[1].find == (0.7, "sleigh", None)
+    assert results[1].failure == (0.7, "sleigh", None)
     assert results[2].reason.startswith("raises ZeroDivisionError: no")
     assert results[4].reason == "scene: it is skipped"
-    assert [one.find for i, one in enumerate(results) if i != 1] == [finds[i] for i in (0, 2, 3, 4)]
+    assert [one.failure for i, one in enumerate(results) if i != 1] == [
+        finds[i] for i in (0, 2, 3, 4)
+    ]
 
 
 def test_a_kept_failure_of_functions_keeps_its_fault_and_fails_by_its_subject(monkeypatch):
@@ -619,7 +621,7 @@ def test_a_kept_failure_of_functions_keeps_its_fault_and_fails_by_its_subject(mo
     one, other = replay_failures(
         [kept(claim="motion", subject=x, **of) for x in ("qdd", "M")], ("au",)
     )
-    assert one.find == ("qdd", Diagnosis(FUNCTIONS, "seen")) and one.outcome == "failed"
+    assert one.failure == ("qdd", Diagnosis(FUNCTIONS, "seen")) and one.outcome == "failed"
     assert other.outcome == "holds" and asked == [("motion",)] * 2
     (every,) = replay_failures([kept(**of)], ("au",))
     assert every.outcome == "failed" and len(asked[2]) > 10

@@ -513,7 +513,7 @@ def test_finds_are_kept_by_cause_and_looked_at_again(tmp_path: Path):
     scene, state = kept.case
     assert repr(scene) == repr(failed.scene) and np.array_equal(state.q, failed.state.q)
     (still,) = replay_failures([kept], KEYS)
-    assert (still.outcome, still.find.claim) == ("failed", "power-balance")
+    assert (still.outcome, still.failure.claim) == ("failed", "power-balance")
     right = FailureRecord("snake", kept.parameters, kept.q, kept.v, claim="power-balance")
     assert [one.outcome for one in replay_failures([right], KEYS)] == ["holds"]
 

@@ -169,7 +169,7 @@ def test_a_formulation_that_steps_over_a_singular_pose_is_a_find(monkeypatch, tm
     write_failures(file, [find])
     (kept,) = read_failures(file)
     assert kept == find
-    assert [(x.outcome, x.find.subject) for x in replay_failures([kept], KEYS)] == [
+    assert [(x.outcome, x.failure.subject) for x in replay_failures([kept], KEYS)] == [
         ("failed", "em")
     ]
     monkeypatch.undo()

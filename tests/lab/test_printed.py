@@ -365,10 +365,10 @@ def test_kept_failures_are_told_by_their_numbers_and_how_many_there_are_of_each(
         ]
     )
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0] == "7 finds: 3 hold now, 2 fail, 1 inconclusive, 1 not checked"
-    assert lines[1] == "inconclusive: find 2, motion on sleigh: wide"
+    assert lines[0] == "7 failures: 3 hold now, 2 fail, 1 inconclusive, 1 not checked"
+    assert lines[1] == "inconclusive: failure 2, motion on sleigh: wide"
     assert [x for x in lines if x.startswith("code")] == ["code of coverage", "code of multipliers"]
-    assert lines[4] == "not checked: find 4, all claims on sleigh: no file"
+    assert lines[4] == "not checked: failure 4, all claims on sleigh: no file"
     assert not [x for x in lines if "bias" in x]
 
 

@@ -105,7 +105,7 @@ def test_a_formulation_that_takes_no_part_is_named():
 def test_fields_that_are_no_find_are_told_when_the_file_is_read(tmp_path: Path, changed):
     file = tmp_path / "found.json"
     file.write_text(json.dumps([ROW | changed]))
-    with pytest.raises(InputError, match="holds no finds") as told:
+    with pytest.raises(InputError, match="holds no failures") as told:
         read_failures(file)
     assert next(iter(changed)) in str(told.value)
 
@@ -114,7 +114,7 @@ def test_fields_that_are_no_find_are_told_when_the_file_is_read(tmp_path: Path, 
 def test_other_documents_are_no_finds(tmp_path: Path, text: str):
     file = tmp_path / "found.json"
     file.write_text(text)
-    with pytest.raises(InputError, match="holds no finds"):
+    with pytest.raises(InputError, match="holds no failures"):
         read_failures(file)
 
 
@@ -130,12 +130,12 @@ def test_what_was_not_checked_is_counted_printed_and_no_success(tmp_path, monkey
     file.write_text(json.dumps([good, unknown]))
     assert run(file, monkeypatch=monkeypatch) == 2
     told = capsys.readouterr()
-    assert "2 finds: 1 hold now, 0 fail, 1 not checked" in told.out
-    assert "not checked: find 2, kinetic on sleigh: there is no claim 'kinetic'" in told.out
-    assert "1 find could not be checked" in told.err
+    assert "2 failures: 1 hold now, 0 fail, 1 not checked" in told.out
+    assert "not checked: failure 2, kinetic on sleigh: there is no claim 'kinetic'" in told.out
+    assert "1 failure could not be checked" in told.err
     file.write_text(json.dumps([good]))
     assert run(file, monkeypatch=monkeypatch) == 0
-    assert capsys.readouterr().out == "1 find: 1 hold now, 0 fail\n"
+    assert capsys.readouterr().out == "1 failure: 1 hold now, 0 fail\n"
     file.write_text("[]")
     assert run(file, monkeypatch=monkeypatch) == 2
     assert "nothing is checked" in capsys.readouterr().err
@@ -149,7 +149,7 @@ def test_inconclusive_finds_are_counted_and_no_failure(tmp_path, monkeypatch, ca
     assert run(file, monkeypatch=monkeypatch) == 0
     told = capsys.readouterr().out
     assert "0 hold now, 0 fail" in told and "1 inconclusive" in told
-    assert "inconclusive: find 1, redundant-rows on snake: uk, aᵀλ:" in told
+    assert "inconclusive: failure 1, redundant-rows on snake: uk, aᵀλ:" in told
 
 
 OWN = """

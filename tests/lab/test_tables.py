@@ -400,12 +400,12 @@ def test_a_campaign_without_a_state_says_that_nothing_was_checked(monkeypatch, c
     empty = Campaign(plan, "own", [StructuralVariant(None, ())])
     campaign_tables.print_campaign(empty)
     said = capsys.readouterr().out
-    assert "nothing was checked: no state came to its end" in said and "no find" not in said
+    assert "nothing was checked: no state came to its end" in said and "no failure" not in said
     assert not caveats and "Observed / allowed" not in said
     empty.counts["states"] = 1
     campaign_tables.print_campaign(empty)
     said = capsys.readouterr().out
-    assert "no find\nbare\n" in said and len(caveats) == 1 and "Observed / allowed" not in said
+    assert "no failure\nbare\n" in said and len(caveats) == 1 and "Observed / allowed" not in said
     empty.worst = {("motion", ""): ScoredCase(0.25, None)}  # type: ignore[arg-type]
     campaign_tables.print_campaign(empty)
     assert "Observed / allowed at most" in capsys.readouterr().out
@@ -417,10 +417,10 @@ def test_a_campaign_prints_its_finds_or_that_there_are_none(
     monkeypatch.setattr(FailureRecord, "python", property(lambda find: "the code"))
     campaign_tables.print_campaign(campaign)
     said = capsys.readouterr().out
-    assert "the code" in said and "no find" not in said
+    assert "the code" in said and "no failure" not in said
     campaign.failure_records = {}
     campaign_tables.print_campaign(campaign)
-    assert "no find" in capsys.readouterr().out
+    assert "no failure" in capsys.readouterr().out
 
 
 def test_a_line_of_progress_counts_the_states_of_this_run_by_the_second(
@@ -436,7 +436,7 @@ def test_a_line_of_progress_counts_the_states_of_this_run_by_the_second(
     assert capsys.readouterr() == ("", "")
     teller(campaign)
     said = " ".join("".join(capsys.readouterr()).split())
-    assert said == "240 motions, 20 a second; worst 0.75, bias el; 1 find"
+    assert said == "240 motions, 20 a second; worst 0.75, bias el; 1 failure"
     teller(campaign)
     assert capsys.readouterr() == ("", "")
 

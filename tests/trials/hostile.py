@@ -83,7 +83,7 @@ OPTIONS = {
     ),
     ("fuzz", "--scene", "sleigh", "--states", "1", "--engine", "none", "--no-climb"): (
         "--scene", "--links", "--engine", "--formulation", "--claim", "--states", "--seed",
-        "--family", "--ration", "--executor", "--keep",
+        "--family", "--check-frequency", "--executor", "--keep",
     ),
     ("fuzz",): ("--time", "--replay"),
     ("simulate", "0.01", "--scene", "sleigh"): (

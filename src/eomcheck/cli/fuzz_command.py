@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,6 +14,7 @@ from eomcheck.calls import PATIENCE
 from eomcheck.cli.app import app
 from eomcheck.cli.shared_options import (
     Claims,
+    CommandEnd,
     Engines,
     Formulations,
     Patience,
@@ -23,7 +25,8 @@ from eomcheck.cli.shared_options import (
     records_or_none,
     selected_engines,
 )
-from eomcheck.errors import InputError, UnwrittenError, WorkerError
+from eomcheck.deprecated import print_notice
+from eomcheck.errors import InputError
 from eomcheck.lab.option_parsing import SCENE_HELP, check_count, parse_interval, split_list
 from eomcheck.safe_output import counted
 
@@ -50,10 +53,27 @@ def parse_duration(text: str) -> float:
     return float(match[1]) * UNITS[match[2]]
 
 
-def _parse_check_frequency(text: str) -> list[int]:
-    if re.fullmatch(r"\d+(,\d+){4}", text) is None:
-        raise InputError(f"ration = {text!r}, expected five whole numbers such as 4,20,10,200,20")
-    return [int(one) for one in text.split(",")]
+CHECKS = "enclosures", "balls", "engines", "checks", "scalar-only"
+"""Names in `--check-frequency`, in the order of the fields of `CheckFrequency`."""
+
+
+def parse_check_frequency(text: str) -> dict[str, int]:
+    """Return the sampling rates of a text such as "balls=0,checks=50", by field.
+
+    Five numbers without names, as up to release 0.2, are taken in the order of `CHECKS`.
+
+    Raises:
+        InputError: the text holds anything else.
+    """
+    rates = [one.partition("=")[::2] for one in text.split(",")]
+    if re.fullmatch(r"\d+(,\d+){4}", text):
+        rates = [*zip(CHECKS, text.split(","), strict=True)]
+        named = ",".join(f"{name}={x}" for name, x in rates)
+        print_notice(f"--check-frequency {text}", f"--check-frequency {named}")
+    if not all(name in CHECKS and x.isdecimal() for name, x in rates):
+        expected = f"NAME=NUMBER of {', '.join(CHECKS)}, such as balls=20,checks=200"
+        raise InputError(f"--check-frequency {text!r}, expected {expected}")
+    return {name.replace("-", "_"): int(x) for name, x in rates}
 
 
 @app.command("fuzz")
@@ -100,12 +120,12 @@ def fuzz_command(
         ),
     ] = None,
     climb: Annotated[bool, typer.Option(help="Climb, or only draw.")] = True,
-    ration: Annotated[
+    check_frequency: Annotated[
         str | None,
         typer.Option(
-            metavar="N,N,N,N,N",
-            help="One state in how many is looked at by enclosures, balls, engines, full checks, "
-            "and claims that lanes cannot tell; 0 for none. [default: 4,20,10,200,20]",
+            metavar="NAME=N",
+            help="Expensive checks, each at one state in so many: a=1,b=2; 0 for none. [default: "
+            "enclosures=4,balls=20,engines=10,checks=200,scalar-only=20]",
         ),
     ] = None,
     executor: Annotated[
@@ -124,7 +144,7 @@ def fuzz_command(
         ),
     ] = None,
     keep: Annotated[
-        Path | None, typer.Option(help="Add finds to this file, such as validation/found.json.")
+        Path | None, typer.Option(help="Add failures to this file, such as validation/found.json.")
     ] = None,
     patience: Patience = PATIENCE,
 ) -> None:
@@ -138,8 +158,9 @@ def fuzz_command(
     check_writable(keep)
     if replay is not None:
         elsewhere = {"links": links, "engine": engine, "claim": claim, "family": family}
-        many = {"time": time, "states": states, "ration": ration, "records": records, "keep": keep}
+        many = {"time": time, "states": states, "records": records, "keep": keep}
         how = {"seed": seed or None, "no-climb": not climb, "executor": executor}
+        how["check-frequency"] = check_frequency
         check_used("with --replay", motions=motions, **elsewhere, **many, **how)
         _replay(replay, formulation, scene)
         return
@@ -162,57 +183,38 @@ def fuzz_command(
     low, high = parse_interval("1..12" if links is None else links)
     if executor is not None:
         check_executor(executor)
-    interrupted, lost, unwritten = False, None, None
+    end = CommandEnd()
     with interruptible(), records_or_none(records) as kept:
         if functions_named(scene) is not None:
             unused = {"links": links, "engine": engine, "formulation": formulation}
-            unused |= {"motions": motions, "ration": ration}
+            unused |= {"motions": motions, "check-frequency": check_frequency}
             check_used(f"of {scene}, which are functions", **unused)
             plan, name = _functions(scene, seed, claim, family, climb), scene
-            strata = [StructuralVariant(None, ())]
+            variants = [StructuralVariant(None, ())]
         else:
             kind, name = _kind(scene)
             if links is not None and not kind.has_links:
                 raise InputError(f"links = {links!r}: {scene} has no number of links to choose")
-            strata = structural_variants(kind, range(low, high + 1))
+            variants = structural_variants(kind, range(low, high + 1))
             if motions:
-                check_used("with --motions", engine=engine, claim=claim, ration=ration)
+                unused = {"claim": claim, "check-frequency": check_frequency}
+                check_used("with --motions", engine=engine, **unused)
                 plan = _motions(kind, formulation, seed, family, climb)
             else:
                 selection = _selection(kind, engine, formulation, claim)
                 wide = bool(engine) and bool(selection.engines)
-                plan = _plan(kind, selection, seed, family, climb, ration, wide)
-        campaign = Campaign(plan, name, strata, kept)
-        try:
-            with activity(f"fuzzing {name}"):
-                campaign.run(states, most, executor, ProgressPrinter())
-        except KeyboardInterrupt:
-            interrupted = True
-        except WorkerError as error:
-            lost = error
-        except UnwrittenError as error:
-            unwritten = error
+                plan = _states(kind, selection, seed, family, climb, check_frequency, wide)
+        campaign = Campaign(plan, name, variants, kept)
+        with end.collected(), activity(f"fuzzing {name}"):
+            campaign.run(states, most, executor, ProgressPrinter())
         if keep is not None and campaign.failure_records:
-            try:
-                with deferring_interrupts():
-                    add_failures(keep, campaign.failure_records.values())
-            except KeyboardInterrupt:
-                interrupted = True
-            except InputError as error:
-                unwritten = error
+            # InputError: the file was damaged in the meantime.
+            with end.collected(InputError), deferring_interrupts():
+                add_failures(keep, campaign.failure_records.values())
     print_campaign(campaign)
-    if interrupted:
-        console.print("interrupted: the tables hold what was looked at until then")
-    if unwritten is not None:
-        raise unwritten  # its content is printed
-    if keep is not None and campaign.failure_records:
-        print(f"written: {keep}")
-    if interrupted:
-        raise typer.Exit(130)
-    if lost is not None:
-        raise lost
-    if campaign.failure_records:
-        raise typer.Exit(1)
+    if end.interrupted:
+        console.print("interrupted: the tables hold what was checked until then")
+    end.conclude(keep if campaign.failure_records else None, bool(campaign.failure_records))
 
 
 def _kind(scene: str) -> tuple[type[Scene], str]:
@@ -246,27 +248,29 @@ def _selection(
     return selection
 
 
-def _plan(
+def _states(
     kind: type[Scene],
     selection: RunSelection,
     seed: int,
     family: list[str] | None,
     climb: bool,
-    ration: str | None,
+    check_frequency: str | None,
     wide: bool,
 ) -> StatePlan:
     from eomcheck.descriptions.random_mechanisms import RandomScene
+    from eomcheck.draws.fuzz_cases import FAMILIES
     from eomcheck.lab.fuzzing.screening import ALONE, CheckFrequency, runs_in_lanes
     from eomcheck.lab.fuzzing.state_rounds import BATCH, LANES, RandomStatePlan, StatePlan
 
-    families = _families(family)
+    families = _families(family, FAMILIES)
     claims = tuple(one for one in selection.claims if one != "coverage")
     formulations = tuple(f.key for f in selection.formulations)
-    counts = CheckFrequency() if ration is None else CheckFrequency(*_parse_check_frequency(ration))
-    what = kind, seed, claims, formulations, selection.engines, families, climb, counts
+    rates = {} if check_frequency is None else parse_check_frequency(check_frequency)
+    what = kind, seed, claims, formulations, selection.engines, families, climb
+    frequency = CheckFrequency(**rates)
     if issubclass(kind, RandomScene):
-        return RandomStatePlan(*what, LANES, wide)
-    return StatePlan(*what, BATCH if runs_in_lanes(kind) else ALONE, wide)
+        return RandomStatePlan(*what, frequency, LANES, wide)
+    return StatePlan(*what, frequency, BATCH if runs_in_lanes(kind) else ALONE, wide)
 
 
 def _functions(
@@ -280,19 +284,16 @@ def _functions(
     claims = tuple(FUNCTION_CLAIMS if claim is None else distinct("claim", claim))
     for one in claims:
         registered("claim", one, FUNCTION_CLAIMS)
-    families = (ORDINARY, SPECIAL) if family is None else _families(family)
-    for one in families:
-        registered("family", one, dict.fromkeys((ORDINARY, SPECIAL)))
-    return FunctionsPlan(name, seed, claims, families, climb)
+    return FunctionsPlan(name, seed, claims, _families(family, (ORDINARY, SPECIAL)), climb)
 
 
-def _families(family: list[str] | None) -> tuple[str, ...]:
-    from eomcheck.draws.fuzz_cases import FAMILIES
+def _families(family: list[str] | None, known: Sequence[str]) -> tuple[str, ...]:
+    """Return the families asked for, by default all that are known."""
     from eomcheck.errors import distinct, registered
 
-    families = FAMILIES if family is None else tuple(distinct("family", family))
+    families = tuple(known if family is None else distinct("family", family))
     for one in families:
-        registered("family", one, dict.fromkeys(FAMILIES))
+        registered("family", one, dict.fromkeys(known))
     return families
 
 
@@ -303,12 +304,13 @@ def _motions(
     family: list[str] | None,
     climb: bool,
 ) -> MotionPlan:
+    from eomcheck.draws.fuzz_cases import FAMILIES, ORDINARY, SPECIAL
     from eomcheck.formulations import formulations_for
     from eomcheck.lab.fuzzing.motion_rounds import MotionPlan
 
     keys = tuple(f.key for f in formulations_for(kind, formulation))
-    plan = MotionPlan(kind, seed, keys, climbing=climb)
-    return plan if family is None else plan._replace(families=_families(family))
+    families = (ORDINARY, SPECIAL) if family is None else _families(family, FAMILIES)
+    return MotionPlan(kind, seed, keys, families, climb)
 
 
 def _replay(path: Path, formulation: list[str] | None, scene: str | None) -> None:
@@ -329,15 +331,15 @@ def _replay(path: Path, formulation: list[str] | None, scene: str | None) -> Non
         registered("formulation", key, FORMULATIONS)
     if not path.is_file():
         raise InputError(f"{str(path)!r} is no file")
-    finds = read_failures(path)
-    if not finds:
-        raise InputError(f"{str(path)!r} holds no finds: nothing is checked")
+    stored = read_failures(path)
+    if not stored:
+        raise InputError(f"{str(path)!r} holds no failures: nothing is checked")
     allowed = () if scene is None else (scene,)
-    with progress("checking {find} again", len(finds)) as advance:
-        results = replay_failures(finds, formulation or tuple(FORMULATIONS), advance, allowed)
+    with progress("checking {failure} again", len(stored)) as advance:
+        results = replay_failures(stored, formulation or tuple(FORMULATIONS), advance, allowed)
     print_replayed(results)
     if any(one.outcome == "failed" for one in results):
         raise typer.Exit(1)
     left = [one for one in results if one.outcome == "not checked"]
     if left:
-        raise InputError(f"{counted(len(left), 'find')} could not be checked: {left[0].reason}")
+        raise InputError(f"{counted(len(left), 'failure')} could not be checked: {left[0].reason}")

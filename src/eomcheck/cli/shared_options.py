@@ -240,12 +240,13 @@ class CommandEnd:
         except (UnwrittenError, *unwritten) as error:
             self.unwritten = self.unwritten or error
 
-    def conclude(self, written: Path | None, failed: bool) -> None:
-        """Print the name of a written file, and raise what ends the command otherwise than by 0."""
+    def conclude(self, written: Path | Sequence[Path] | None, failed: bool) -> None:
+        """Print the names of written files, and raise what ends the command otherwise than by 0."""
         if self.unwritten is not None:
             raise self.unwritten
-        if written is not None:
-            print(f"written: {written}")
+        if written:
+            files = [written] if isinstance(written, Path) else written
+            print(f"written: {', '.join(map(str, files))}")
         if self.interrupted:
             raise typer.Exit(130)
         if self.lost is not None:

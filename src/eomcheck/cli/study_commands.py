@@ -16,6 +16,7 @@ from eomcheck.atomic_write import check_writable
 from eomcheck.calls import PATIENCE
 from eomcheck.cli.app import Command, CommandGroup, CommandLine
 from eomcheck.cli.shared_options import (
+    CommandEnd,
     FormulationOption,
     Fresh,
     Json,
@@ -32,7 +33,7 @@ from eomcheck.cli.shared_options import (
     selected_scene,
 )
 from eomcheck.deprecated import print_notice
-from eomcheck.errors import InputError, UnknownNameError, UnwrittenError
+from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.lab.option_parsing import (
     no_more_than,
     parse_numbers,
@@ -194,23 +195,16 @@ def _run(
 
     found = _run_study(one, records, fresh, options)
     # Files first, so that they are written even if printing fails.
-    written, unwritten = [], None
-    try:
+    end, written = CommandEnd(), list[Path]()
+    with end.collected():
         written += [] if figures is None else one.write(found, figures)
         if json is not None:
             write_json(json, one.document(found))
             written.append(json)
-    except UnwrittenError as error:
-        unwritten = error
     print_tables(one.tables(found))
     for sentence in one.remarks(found):
         say(sentence)
-    if unwritten is not None:
-        raise unwritten  # its content is printed
-    if written:
-        print(f"written: {', '.join(map(str, written))}")
-    if one.alarm(found):
-        raise typer.Exit(1)
+    end.conclude(written, one.alarm(found))
 
 
 def _run_study(

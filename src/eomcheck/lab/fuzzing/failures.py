@@ -284,7 +284,7 @@ def read_failures(path: Path) -> list[FailureRecord]:
             raise TypeError("expected a list")
         return [_read(one) for one in rows]
     except (OSError, TypeError, KeyError, ValueError, RecursionError) as error:
-        raise InputError(f"{str(path)!r} holds no finds: {message_of(error)}") from None
+        raise InputError(f"{str(path)!r} holds no failures: {message_of(error)}") from None
 
 
 KINDS = {"float": (int, float), "str": str, "dict[str, Any]": dict, "list[float]": list}
@@ -305,26 +305,26 @@ def _read(one: Any) -> FailureRecord:
         kind = KINDS[FailureRecord.__annotations__[name]]
         if not isinstance(value, kind) or isinstance(value, bool):
             raise TypeError(f"{name} = {value!r}, expected {FailureRecord.__annotations__[name]}")
-    find = FailureRecord(**one)
+    failure = FailureRecord(**one)
     for name in ("q", "v"):
-        finite_array(name, getattr(find, name), (len(getattr(find, name)),))
+        finite_array(name, getattr(failure, name), (len(getattr(failure, name)),))
     for name in ("t", "t_end"):
-        finite_array(name, getattr(find, name), ())
-    if find.t_end < 0.0:
-        raise ValueError(f"t_end = {find.t_end}, expected a time that is not negative")
-    return find
+        finite_array(name, getattr(failure, name), ())
+    if failure.t_end < 0.0:
+        raise ValueError(f"t_end = {failure.t_end}, expected a time that is not negative")
+    return failure
 
 
-def write_failures(path: Path, finds: Iterable[FailureRecord]) -> None:
+def write_failures(path: Path, failures: Iterable[FailureRecord]) -> None:
     """Write failures into a file, the first of each cause."""
     rows = [
-        {k: x for k, x in asdict(find).items() if x != "" and not (k == "t_end" and x == 0.0)}
-        for find in first_of_each_cause(finds)
+        {k: x for k, x in asdict(one).items() if x != "" and not (k == "t_end" and x == 0.0)}
+        for one in first_of_each_cause(failures)
     ]
-    write_text(path, "[\n" + ",\n".join(json.dumps(find) for find in rows) + "\n]\n")
+    write_text(path, "[\n" + ",\n".join(json.dumps(row) for row in rows) + "\n]\n")
 
 
-def add_failures(path: Path, finds: Iterable[FailureRecord]) -> None:
+def add_failures(path: Path, failures: Iterable[FailureRecord]) -> None:
     """Add failures to those in a file; concurrent processes lose none.
 
     Raises:
@@ -332,13 +332,13 @@ def add_failures(path: Path, finds: Iterable[FailureRecord]) -> None:
         UnwrittenError: the file cannot be written.
     """
     with locked(path):
-        write_failures(path, [*read_failures(path), *finds])
+        write_failures(path, [*read_failures(path), *failures])
 
 
-def first_of_each_cause(finds: Iterable[FailureRecord]) -> list[FailureRecord]:
+def first_of_each_cause(failures: Iterable[FailureRecord]) -> list[FailureRecord]:
     """Return the first failure of each cause."""
     first: dict[Any, FailureRecord] = {}
-    for i, one in enumerate(finds):
+    for i, one in enumerate(failures):
         first.setdefault(one.key if one.claim else i, one)
     return list(first.values())
 

@@ -26,19 +26,19 @@ class ReplayResult(NamedTuple):
     """The outcome of a stored failure that is checked again.
 
     Attributes:
-        find: the failure; where it still fails, with the error observed now.
+        failure: the failure; where it still fails, with the error observed now.
         outcome: "failed"; "holds": its claim was decided for its subject and holds; "inconclusive":
             it was computed and could not be decided; "not checked": it could not be computed.
         reason: reason why it was not decided, "" where it was.
     """
 
-    find: FailureRecord
+    failure: FailureRecord
     outcome: ReplayOutcome
     reason: str = ""
 
 
 def replay_failures(
-    finds: Iterable[FailureRecord],
+    failures: Iterable[FailureRecord],
     formulations: Sequence[str],
     advance: Callable[[], None] = lambda: None,
     allowed: Collection[str] | None = None,
@@ -46,14 +46,14 @@ def replay_failures(
     """Check stored failures again, in their order.
 
     Args:
-        finds: the stored failures.
+        failures: the stored failures.
         formulations: keys of the formulations that take part.
         advance: called after each.
         allowed: names of scenes whose code may be imported, see `runs_code`; None for all.
     """
     results = []
-    for one in finds:
-        results.append(_replayed(one, formulations, allowed))
+    for failure in failures:
+        results.append(_replayed(failure, formulations, allowed))
         advance()
     return results
 

@@ -43,7 +43,7 @@ class ProgressPrinter:
         states = counted(campaign.states, campaign.plan.noun)
         rate = f"{states}, {new / (now - self._start):.0f} a second"
         console.print(
-            f"{rate}{high}; {counted(len(campaign.failure_records), 'find')}", highlight=False
+            f"{rate}{high}; {counted(len(campaign.failure_records), 'failure')}", highlight=False
         )
 
 
@@ -125,7 +125,7 @@ def failure_table(campaign: Campaign) -> ResultTable:
         for one in campaign.failure_records.values()
     ]
     columns = "claim", "subject", "fault", "what", "evidence"
-    return ResultTable("finds", "Finds", columns, rows, (10, 10, 8, 20, 30))
+    return ResultTable("failures", "Failures", columns, rows, (10, 10, 8, 20, 30))
 
 
 def print_replayed(results: Sequence[ReplayResult]) -> None:
@@ -136,15 +136,15 @@ def print_replayed(results: Sequence[ReplayResult]) -> None:
     inconclusive = f", {counts['inconclusive']} inconclusive" if counts["inconclusive"] else ""
     unchecked = f", {counts['not checked']} not checked" if counts["not checked"] else ""
     say(
-        f"{counted(len(results), 'find')}: {counts['holds']} hold now, {counts['failed']} fail"
+        f"{counted(len(results), 'failure')}: {counts['holds']} hold now, {counts['failed']} fail"
         f"{inconclusive}{unchecked}"
     )
-    for number, (find, outcome, reason) in enumerate(results, 1):
+    for number, (failure, outcome, reason) in enumerate(results, 1):
         if outcome == "failed":
-            say(printable(str(find)))
-            print(find.python)
+            say(printable(str(failure)))
+            print(failure.python)
         elif outcome != "holds":
-            about = f"find {number}, {find.claim or 'all claims'} on {find.scene}"
+            about = f"failure {number}, {failure.claim or 'all claims'} on {failure.scene}"
             say(printable(f"{outcome}: {about}: {reason}"))
 
 
@@ -157,10 +157,10 @@ def print_campaign(campaign: Campaign) -> None:
     print_tables([*(sheet for sheet in sheets if sheet is not None), *[worst] * bool(worst.rows)])
     if campaign.failure_records:
         print_tables([failure_table(campaign)])
-        for find in campaign.failure_records.values():
-            print(f"# {find}\n{find.python}")
+        for failure in campaign.failure_records.values():
+            print(f"# {failure}\n{failure.python}")
     elif campaign.states:
-        print("no find")
+        print("no failure")
     else:
         print(f"nothing was checked: no {campaign.plan.noun} came to its end")
     if isinstance(campaign.plan, FunctionsPlan) and campaign.states:
