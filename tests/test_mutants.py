@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from tests.mutants import KINDS, PACKAGE, ROOT, LostFaultError, Mutant, mutants
+from tests.mutants import KINDS, PACKAGE, ROOT, LostFaultError, Mutant, mutants, named_in
 from tests.mutants.__main__ import (
     Kept,
     Result,
@@ -91,6 +91,19 @@ def test_there_are_200_faults_and_60_in_the_harness_itself():
     assert len(ALL) >= 200 and sum(mutant.claim != "" for mutant in ALL) >= 200
     assert len({mutant.id for mutant in ALL}) == len(ALL)
     assert sum(mutant.quick for mutant in ALL) >= 10
+
+
+@pytest.mark.parametrize(
+    ("catcher", "named"),
+    [
+        ("tests/test_it.py -k test_one", "test_one"),
+        ("tests/test_it.py::test_one", "test_one"),
+        ("tests/test_it.py -x -k 'one or two'", ""),
+        ("tests/test_it.py", ""),
+    ],
+)
+def test_a_catcher_of_one_test_names_it(catcher: str, named: str):
+    assert named_in(catcher) == named
 
 
 # ---- The campaign --------------------------------------------------------------------------------

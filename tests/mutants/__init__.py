@@ -6,6 +6,7 @@ of scenes and formulations name the claim that must fail first, and are planted 
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -80,8 +81,17 @@ def _read(path: Path) -> Iterator[Mutant]:
     with path.open("rb") as file:
         document = tomllib.load(file)
     for place in document["file"]:
-        known = {"kind": path.stem, "file": place["path"]}
-        known |= {"catcher": place["catcher"]} if "catcher" in place else {}
+        shared = {"kind": path.stem} | place | {"file": place["path"]}
+        del shared["path"], shared["fault"]
         for fault in place["fault"]:
             title = f"{Path(place['path']).stem}: {fault['before']} => {fault['after']}"
-            yield Mutant(**({"id": title} | known | fault))
+            fields = {"id": title} | shared | fault
+            if "named" not in fields and "catcher" in fields:
+                fields["named"] = named_in(fields["catcher"])
+            yield Mutant(**fields)
+
+
+def named_in(catcher: str) -> str:
+    """Return the test that a catcher names: its last word after `-k` or `::`; "" if none."""
+    match = re.search(r"(?:-k |::)(\w+)$", catcher)
+    return match[1] if match else ""
