@@ -144,12 +144,12 @@ def constraint_velocity(at: Quantities, context: EvaluationContext) -> Iterator[
     return _constraints("c", context.free)
 
 
-def _rate_of_positions(
-    residual: Callable, parameters: Any, prepared: Any, rates: Any, q: Array, qdot: Array
-) -> Array:
-    """Return the rates of residuals from precomputed values, their rates, q (n,) and q̇ (n,)."""
+def _rate_along_q(
+    function: Callable, parameters: Any, prepared: Any, rates: Any, q: Array, qdot: Array
+) -> Any:
+    """Return the rate of residuals or positions from precomputed values, their rates, q and q̇."""
     changing = map_record(duals, prepared, rates)
-    return rate(residual(as_objects(parameters), changing, duals(q, qdot)))
+    return rate(function(as_objects(parameters), changing, duals(q, qdot)))
 
 
 @claim(
@@ -168,7 +168,7 @@ def position_rate(at: Quantities, context: EvaluationContext) -> Iterator[Compar
 
     def rates(qdot: Array, clock: bool = True) -> Array:
         arguments = at.parameters, *at.prepared_and_rates(qdot, clock), at.q, qdot
-        return at.run(_rate_of_positions, residual, *arguments)
+        return at.run(_rate_along_q, residual, *arguments)
 
     if context.exact:
         v = context.free.v
@@ -222,14 +222,6 @@ def _angular_along(velocities: Callable, *arguments: Any) -> Any:
     """Return ∂ω/∂v (n_b, e) along a direction; see `_linear_along`."""
     *constants, v, direction = arguments
     return rate(velocities(*as_objects(tuple(constants)), duals(v, direction))[1])
-
-
-def _rate_along_q(
-    positions: Callable, parameters: Any, prepared: Any, rates: Any, q: Array, qdot: Array
-) -> Any:
-    """Return the rates of positions (n_b, d), m/s, from precomputed values, their rates, q, q̇."""
-    changing = map_record(duals, prepared, rates)
-    return rate(positions(as_objects(parameters), changing, duals(q, qdot)))
 
 
 def _rate_of_height(

@@ -37,53 +37,47 @@ def from_scene(scene: Scene) -> EquationsOfMotion:
     """
     zero = np.zeros(checked_scene(scene).n)
 
-    def terms(q: Array, v: Array) -> Any:
-        return Evaluation(scene, q, v, 0.0).terms
+    def at(q: Array, v: Array = zero, t: float = 0.0) -> Evaluation:
+        return Evaluation(scene, q, v, t)
 
-    def forces(q: Array, v: Array) -> Array:
-        Q = terms(q, v).Q
-        return np.zeros(scene.n) if Q is None else Q
-
-    def bias(q: Array, v: Array) -> Array:
-        B = terms(q, v).B
-        return np.zeros(scene.n) if B is None else B
+    def filled(term: Array | None) -> Array:
+        return np.zeros(scene.n) if term is None else term
 
     def energies(q: Array, v: Array) -> tuple[Any, Any]:
-        at = Evaluation(scene, q, v, 0.0)
-        return scene.energies(at.parameters, at.prepared, at.q, at.v)
+        state = at(q, v)
+        return scene.energies(state.parameters, state.prepared, state.q, state.v)
 
     def dissipation(q: Array, v: Array) -> Any:
-        at = Evaluation(scene, q, v, 0.0)
-        return at.dissipation(at.v)
+        state = at(q, v)
+        return state.dissipation(state.v)
 
     def constraint(q: Array, v: Array) -> Array:
-        at = Evaluation(scene, q, v, 0.0)
-        return np.asarray(scene.constraint(at.parameters, at.prepared, at.q, at.v))
+        state = at(q, v)
+        return np.asarray(scene.constraint(state.parameters, state.prepared, state.q, state.v))
 
     solver = formulations_among([scene], None)[0] if scene.r == 0 else FORMULATIONS["au"]
-    example = Evaluation(scene, *scene.initial_state(), 0.0)
+    example = at(*scene.initial_state())
     U = energies(example.q, example.v)[1]
     damped = dissipation(example.q, example.v) is not None
-    potential = U is not None or damped or example.terms.Q is None
     given: dict[str, Any] = {
-        "M": lambda q: terms(q, zero).M,
-        "bias": bias,
+        "M": lambda q: at(q).terms.M,
+        "bias": lambda q, v: filled(at(q, v).terms.B),
         "T": lambda q, v: energies(q, v)[0],
-        "qdd": lambda q, v: Evaluation(scene, q, v, 0.0).acceleration(solver).vdot,
+        "qdd": lambda q, v: at(q, v).acceleration(solver).vdot,
     }
     if U is not None:
         given["U"] = lambda q: energies(q, zero)[1]
-        given["gravity"] = lambda q: -forces(q, zero)
+        given["gravity"] = lambda q: -filled(at(q).terms.Q)
     if damped:
         given["R"] = dissipation
-    if not potential:
-        given["Q"] = forces
+    if U is None and not damped and example.terms.Q is not None:
+        given["Q"] = lambda q, v: filled(at(q, v).terms.Q)
     if scene.r:
-        given["a"] = lambda q: terms(q, zero).a
-        given["gamma"] = lambda q, v: terms(q, v).gamma
+        given["a"] = lambda q: at(q).terms.a
+        given["gamma"] = lambda q, v: at(q, v).terms.gamma
         given["c"] = constraint
         if example.terms.b is not None:
-            given["b"] = lambda q, t: Evaluation(scene, q, zero, t).terms.b
+            given["b"] = lambda q, t: at(q, t=t).terms.b
     return EquationsOfMotion(scene.n, name=scene.name, **given)
 
 
