@@ -1,4 +1,4 @@
-"""Claims, their registry, and the contexts in which they are evaluated.
+"""Claims about scenes and about functions, their registries, and the contexts of the former.
 
 A claim is registered by both its sides (`claim`) or by a check in float64 alone (`case_claim`). A
 claim yields `Comparison`s: two arrays, actual = expected, with the names of their axes and the
@@ -9,6 +9,13 @@ context: every variable of a scene is free, in any exact arithmetic.
 
 Sides are compared twice. In float64 (`eomcheck.claims.case`) they must agree within a rounding
 bound by perturbation analysis; in a finite field (`eomcheck.claims.proof`) they must be equal.
+
+A claim asks which numbers it holds (`exact`, `lanes_in`) only where the statements differ: v is
+free in exact numbers and satisfies the constraints in float64, where bounds are measured; and a
+batch of states cannot branch on a number.
+
+Claims about functions (`FunctionClaim`) are compared in float64 alone, each entry by its own error,
+which travels with the number (`eomcheck.testing.function_checks`).
 """
 
 from __future__ import annotations

@@ -2,8 +2,9 @@
 
 The shapes of the arrays that a scene's functions return are checked before any claim: arrays of
 wrong shape would end in an error deep inside a formulation, or be broadcast. An error is attributed
-to the user-supplied function that raised it, by its traceback. A scene function has to run in
-float64; exact numbers it need not support.
+to the user-supplied function that raised it, by its traceback: scene functions are traced, compiled
+and cached under their own names, and no wrapper that could name them is there at each call. A scene
+function has to run in float64; exact numbers it need not support.
 """
 
 from __future__ import annotations

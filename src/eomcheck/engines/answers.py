@@ -114,7 +114,9 @@ class Answers:
     def provoke_stale_answers(self, method: str, *arguments: Any) -> None:
         """Call methods at other states, so that a result that is wrongly cached differs later.
 
-        For built-in engines a test shows that none is.
+        Before every question, not in a claim of its own: a method that keeps results then fails the
+        claim about its quantity, whatever was called before, and in the code that reproduces it.
+        For built-in engines a test shows that none is kept.
 
         `method` itself is called also where q and v differ in the eighth digit, for which no
         result may be cached, and last of all where only the velocity differs. Results and
