@@ -29,7 +29,7 @@ from eomcheck.motion import right_hand_side
 from eomcheck.numbers.banded_solve import solve_banded
 from eomcheck.numbers.congruence import add_congruence
 from eomcheck.numbers.generic import GENERIC
-from eomcheck.numbers.linear import matrix_product, solve
+from eomcheck.numbers.linear import contiguous, matrix_product, solve
 from eomcheck.scenes import SCENES
 from eomcheck.testing import FUNCTION_CLAIMS
 
@@ -133,7 +133,7 @@ def test_generic_functions_only_add_subtract_multiply_and_divide(function: Calla
 
 @functions
 def test_generic_functions_call_only_each_other_linear_algebra_and_allocation(function: Callable):
-    linear = add_congruence, matrix_product, solve, solve_banded
+    linear = add_congruence, contiguous, matrix_product, solve, solve_banded
     allowed = [range, *linear, *GENERIC, *(getattr(np, name) for name in ALLOCATION)]
     handed_in = {argument.arg for argument in syntax(function).args.args}
     for written, called in objects_called(function):

@@ -410,11 +410,9 @@ def test_a_copy_has_no_sensitivity_of_its_own(monkeypatch):
     )
     here, quantity = of(), partial(max, 1)
     assert here.sensitivity(quantity) == 3.5
-    assert here.sensitivity(quantity, batched=True) == 3.5
     here.at.is_perturbed = True
     assert here.sensitivity(quantity) == 0.0
-    both = (here.at, quantity)
-    assert asked == [(both, {"batched": False}), (both, {"batched": True})]
+    assert asked == [((here.at, quantity), {})]
 
 
 def test_parts_of_results_are_measured_once_each(monkeypatch):

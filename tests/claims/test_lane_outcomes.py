@@ -19,7 +19,7 @@ from eomcheck.claims.finding import FAILED_CODE, INCONCLUSIVE_CODE, PASSED_CODE
 from eomcheck.claims.registry import CLAIMS, Comparison
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, allowed_error
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.numbers.lanes import LaneArray
+from eomcheck.numbers.batch_arrays import BatchArray
 from eomcheck.scenes import ChainPendulum, Sleigh, Snake
 
 ALL = tuple(FORMULATIONS.values())
@@ -65,8 +65,8 @@ NO = [False] * 3
 
 
 def test_each_lane_is_judged_by_its_own_numbers():
-    expected = LaneArray(np.array([[2e3, 2e5, 9.0], [1.0, 5.0, 4e2]]))
-    found = LaneArray(expected.data + np.array([[0.0, 3.0, 0.0], [1.5, 0.0, 0.05]]))
+    expected = BatchArray(np.array([[2e3, 1.0], [2e5, 5.0], [9.0, 4e2]]))
+    found = BatchArray(expected.data + np.array([[0.0, 1.5], [3.0, 0.0], [0.0, 0.05]]))
     one = compared(found, expected, NO)
     assert one.observed == pytest.approx([1.5, 3.0, 0.05])
     assert one.allowed == pytest.approx([1.0, 10.0, 0.1])
@@ -77,8 +77,8 @@ def test_each_lane_is_judged_by_its_own_numbers():
 
 
 def test_what_is_refused_is_absent_unless_it_is_told_all_the_same():
-    expected = LaneArray(np.array([[2e3, 2e5, 9e2], [1.0, np.nan, 1.0]]))
-    found = LaneArray(np.array([[np.nan, 2e5, 9e2], [1.0, 5.0, 1.0]]))
+    expected = BatchArray(np.array([[2e3, 1.0], [2e5, np.nan], [9e2, 1.0]]))
+    found = BatchArray(np.array([[np.nan, 1.0], [2e5, 5.0], [9e2, 1.0]]))
     assert compared(found, expected, NO).verdict.tolist() == [
         FAILED_CODE,
         INCONCLUSIVE_CODE,
@@ -123,7 +123,7 @@ def test_cases_of_one_structure_go_side_by_side_and_keep_their_places():
     found = {tuple(places.tolist()): case for places, case in batched_cases(cases, ALL)}
     assert set(found) == {(0, 4), (1, 3, 5), (2,), (6,)}
     for places, case in found.items():
-        assert case.at.v.data[0].tolist() == [float(i) for i in places]
+        assert case.at.v.data[:, 0].tolist() == [float(i) for i in places]
         assert case.formulations == tuple(f for f in ALL if f.applies_to(order[places[0]]))
 
 

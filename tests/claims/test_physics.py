@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.evaluation.test_sensitivity import one_alone
 
 import eomcheck
 from eomcheck.claims.accelerations import _Rates
@@ -11,26 +12,28 @@ from eomcheck.draws.pairwise_design import state_cases
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.perturbed import perturbed_samples
 from eomcheck.formulations import FORMULATIONS
+from eomcheck.numbers.batch_arrays import as_float64
+from eomcheck.numbers.noise import SAMPLES, Noise
 from eomcheck.scenes import SCENES, Snake
 
 
 @pytest.mark.parametrize("key", SCENES)
-def test_energies_and_bodies_of_all_copies_change_as_those_of_each(key: str):
+def test_energies_and_bodies_of_all_copies_change_as_those_of_each(key: str, monkeypatch):
     scene, state = next(iter(state_cases(SCENES[key].example(), 1, 0)))
-    copies = perturbed_samples(Evaluation(scene, *state))
-    together, im = copies[0].batch, FORMULATIONS["im"]
+    at, im = Evaluation(scene, *state), FORMULATIONS["im"]
+    at.acceleration(im)
 
     def found(e):
         rates, vdot = _Rates(e), e.acceleration(im).vdot
         with e.computing("it"):
-            return np.array(rates.power(vdot)), rates.bodies(vdot)
+            return as_float64(rates.power(vdot)), rates.bodies(vdot)
 
-    power, bodies = found(together)
-    assert power.shape == (2, len(copies))
-    for i, copy in enumerate(copies):
-        of_one = found(copy)
-        assert np.array_equal(power[:, i], of_one[0])
-        assert np.array_equal(bodies[i], of_one[1])
+    power, bodies = found(perturbed_samples(at))
+    assert power.shape == (2,) and power.count == SAMPLES + 1
+    for i in range(SAMPLES):
+        of_one = found(one_alone(at, Noise(i), monkeypatch))
+        assert np.array_equal(power.data[i], of_one[0].data[0])
+        assert np.array_equal(bodies.data[i], of_one[1].data[0])
 
 
 def test_where_one_formulation_refuses_the_turned_scene_the_others_are_compared():

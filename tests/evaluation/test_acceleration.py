@@ -20,9 +20,8 @@ from eomcheck.errors import (
     RefusedError,
     UnknownNameError,
 )
-from eomcheck.evaluation.batched_evaluation import LaneEvaluation
 from eomcheck.evaluation.dynamics import check_consistent, consistent_velocity
-from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.evaluation import BatchEvaluation, Evaluation
 from eomcheck.evaluation.perturbed import acceleration_sensitivity, sensitivity_of
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS
@@ -342,7 +341,7 @@ def test_the_condition_of_speeds_by_a_partition_is_recorded_where_they_are_solve
     expected = {own} if key == "au" else {"a_1", own}
     rcond = alone.acceleration(FORMULATIONS[key]).rcond
     assert set(rcond) == expected
-    lanes = LaneEvaluation([scene, scene], [state, state])
+    lanes = BatchEvaluation([scene, scene], [state, state])
     beside = lanes.acceleration(FORMULATIONS[key]).rcond
     assert set(beside) == expected
     if key != "au":

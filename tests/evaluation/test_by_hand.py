@@ -15,19 +15,19 @@ import pytest
 from tests.samples import ordinary
 
 from eomcheck.errors import InconsistentVelocityError, RefusedError
-from eomcheck.evaluation import batched_evaluation as in_lanes
-from eomcheck.evaluation import certified, constraint_rank, dynamics, violations
+from eomcheck.evaluation import certified, constraint_rank, dynamics
 from eomcheck.evaluation import certified as enclosure
 from eomcheck.evaluation import dynamics as redundant
 from eomcheck.evaluation import perturbed as sensitivity
 from eomcheck.evaluation.certified import Enclosure
-from eomcheck.evaluation.evaluation import SPEEDS, Acceleration, Evaluation
+from eomcheck.evaluation.evaluation import SPEEDS, Acceleration, BatchEvaluation, Evaluation
 from eomcheck.evaluation.scene_quantities import Solution
 from eomcheck.evaluation.tolerance import C, allowed_error, can_overflow
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.records import State, Terms
 from eomcheck.numbers.ball import precision
-from eomcheck.numbers.lanes import LaneArray
+from eomcheck.numbers.batch_arrays import BatchArray
+from eomcheck.numbers.linear import SolveRecord, SolveRecorder
 from eomcheck.numbers.noise import SAMPLES, STEP, STRETCH
 from eomcheck.numbers.pivots import EPS
 from eomcheck.scenes import Sleigh, TurntableBall
@@ -185,16 +185,16 @@ def test_how_large_a_violation_may_be_is_what_all_moved_coordinates_make_of_it(m
         da, db = STEP * np.array([[k % 3, 0], [0, -k]]), STEP * np.array([0.0, k])
         return SimpleNamespace(terms=Terms(None, None, None, a + da, None, b + db))
 
-    monkeypatch.setattr(violations, "Evaluation", moved)
+    monkeypatch.setattr(sensitivity, "Evaluation", moved)
     size = np.array([4.5, 8.0])  # |a| |v| + |b|
     change = np.array([2.0 * 2, SAMPLES + SAMPLES])
     expected = allowed_error(1.0) * (size + change)
-    assert violations.allowed_violation(at) == pytest.approx(expected, rel=1e-6, abs=0.0)
+    assert sensitivity.allowed_violation(at) == pytest.approx(expected, rel=1e-6, abs=0.0)
     assert seen == [(True, 0.7)] * SAMPLES
     at.terms = at.terms._replace(b=-a @ at.v)
     at.terms.b[1] += 2.0 * EPS
     expected = allowed_error(1.0) * np.array([8, 6])
-    assert violations.allowed_violation(at) == pytest.approx(expected, abs=0.0)
+    assert sensitivity.allowed_violation(at) == pytest.approx(expected, abs=0.0)
     assert len(seen) == SAMPLES
 
 
@@ -306,23 +306,21 @@ def test_what_rounding_amplifies_is_the_size_and_the_largest_change(size, change
 def test_each_entry_is_as_sensitive_as_the_copy_that_moves_it_most(monkeypatch):
     here = np.array([[1.0, -2.0], [0.0, 4.0]])
     moves = [[1, 0, 0, 2], [-3, 0, 1, 0], [0, -5, 0, 0], [2, 4, 0, 0], [99, 99, 99, 99]]
-    copies = [
-        SimpleNamespace(x=here + STEP * np.reshape(m, (2, 2)), computing=lambda name: nullcontext())
-        for m in moves
-    ]
+    moved = BatchArray(here + STEP * np.reshape(moves, (5, 2, 2)))
+    samples = SimpleNamespace(x=moved, computing=lambda name: nullcontext())
     asked = []
 
     def perturbed(at, coordinates) -> Any:
         asked.append(coordinates)
-        return copies
+        return samples
 
     monkeypatch.setattr(sensitivity, "perturbed_samples", perturbed)
-    at: Any = SimpleNamespace(x=here)
+    at: Any = SimpleNamespace(x=here, states=0)
     found = sensitivity.entry_sensitivity_of(at, lambda e: e.x)  # type: ignore[attr-defined]
     assert found.tolist() == [[4.0, 7.0], [1.0, 6.0]] and asked == [True]
 
     def refusing(e) -> Any:
-        if e is copies[2]:
+        if e is samples:
             raise RefusedError("M", 0.0, 1.0, "M is singular")
         return e.x
 
@@ -341,23 +339,24 @@ def test_each_entry_is_as_sensitive_as_the_copy_that_moves_it_most(monkeypatch):
 def test_speeds_are_told_where_their_matrices_are_and_w_is_more_than_rounding(
     monkeypatch, rcond, spread, told
 ):
-    def of(at, quantity, *, solved) -> float:
+    def of(at, quantity, *, solved) -> Any:
         assert solved
-        return spread
+        return BatchArray(np.array([1.0, spread, 1.0])) if at.states else spread
 
     monkeypatch.setattr(sensitivity, "sensitivity_of", of)
-    assert sensitivity.speeds_resolved(SimpleNamespace(speeds_rcond=rcond)) is told  # type: ignore[arg-type]
-    monkeypatch.setattr(
-        in_lanes, "sensitivity_in_lanes", lambda *given, solved: np.array([1.0, spread, 1.0])
-    )
+    at: Any = SimpleNamespace(speeds_rcond=rcond, states=0)
+    assert sensitivity.speeds_resolved(at) is told
     several = {name: np.array([0.5, 0.5, x]) for name, x in rcond.items()}
-    at: Any = SimpleNamespace(speeds_rcond=several, speeds=None, lanes=3)
+    at = SimpleNamespace(speeds_rcond=several, states=3)
     bad = [False, not rcond or np.isfinite(spread), not rcond or min(rcond.values()) > 1e-3]
     expected = [True, bad[1], bad[2]]
-    assert np.asarray(in_lanes.speeds_resolved_in_lanes(at)).tolist() == expected
+    assert sensitivity.speeds_resolved(at).data.tolist() == expected
 
 
-def solve(sign: list, log: list) -> Any:
+DETERMINANT = "sign", "log_determinant"
+
+
+def solve(sign: Any, log: Any) -> Any:
     return SimpleNamespace(sign=np.array(sign), log_determinant=np.array(log))
 
 
@@ -374,44 +373,57 @@ def test_of_lanes_each_is_unsure_by_any_matrix_and_any_copy(monkeypatch):
         {"M": solve(ones, zero), "a'T": solve(ones, zero)},
         {"M": solve([-1.0] * 6, zero), "a'T": solve(ones, zero)},  # stretched: does not count
     ]
-    copies = [
-        SimpleNamespace(solves={key: one}, acceleration=lambda formulation: None) for one in moves
-    ]
+    solves = {
+        name: solve(*(np.ravel([getattr(one[name], of) for one in moves]) for of in DETERMINANT))
+        for name in here
+    }
     rcond = {"M": np.array(ones), "a'T": np.array([1.0, 1, 1, 1, 1, 1e-13])}
-    at: Any = SimpleNamespace(
-        lanes=6,
-        solves={key: here},
-        perturbed=lambda coordinates: copies,
-        acceleration=lambda formulation: SimpleNamespace(rcond=rcond),
+    vdot = BatchArray(np.zeros((6, 1)))
+    samples = SimpleNamespace(
+        solves={key: solves},
+        solution_without_noise=lambda *given: SimpleNamespace(
+            vdot=BatchArray(np.zeros((30, 1)) + STEP * (np.arange(30) == 8)[:, None])
+        ),
     )
-    monkeypatch.setattr(in_lanes, "sensitivity_in_lanes", lambda *given, **how: np.arange(6.0))
-    found = in_lanes.acceleration_sensitivity_in_lanes(at, FORMULATIONS["el"])
-    assert found.tolist() == [0.0, np.inf, np.inf, np.inf, 4.0, np.inf]
-    one = in_lanes.acceleration_sensitivity_in_lanes(at, FORMULATIONS["el"], samples=1)
-    assert one.tolist() == [0.0, np.inf, 2.0, 3.0, 4.0, np.inf]
+    at: Any = SimpleNamespace(
+        states=6,
+        solves={key: here},
+        acceleration=lambda *given: SimpleNamespace(rcond=rcond, vdot=vdot),
+    )
+    monkeypatch.setattr(sensitivity, "perturbed_samples", lambda *given: samples)
+    monkeypatch.setattr(
+        sensitivity, "sensitivity_of", lambda *given, **how: BatchArray(np.arange(6.0))
+    )
+    found = sensitivity.acceleration_sensitivity(at, FORMULATIONS["el"])
+    assert found.data.tolist() == [0.0, np.inf, np.inf, np.inf, 4.0, np.inf]
+    # By inputs alone the second sample moves state 2 by 7 steps.
+    solves["a'T"].log_determinant[:] = 0.0
+    samples.solution_without_noise = lambda *given: SimpleNamespace(
+        vdot=BatchArray(np.zeros((30, 1)) + 7 * STEP * (np.arange(30) == 8)[:, None])
+    )
+    found = sensitivity.acceleration_sensitivity(at, FORMULATIONS["el"])
+    assert found.data.tolist() == [0.0, np.inf, 7.0, np.inf, 4.0, np.inf]
 
 
 def test_a_lane_is_refused_by_any_of_its_matrices_its_speeds_or_what_overflows(monkeypatch):
-    at: Any = object.__new__(in_lanes.LaneEvaluation)
-    at.lanes, at.scene, at.solves = 6, SLEIGH, {}
+    at: Any = object.__new__(BatchEvaluation)
+    at.states, at.scene, at.solves = 6, SLEIGH, {}
     at.refused = {SPEEDS: np.arange(6) == 4}
     at.speeds_rcond = {"a_1": np.full(6, 0.25)}
-    watch = SimpleNamespace(
-        refused=[np.arange(6) == 1, np.arange(6) == 2],
-        rcond={"M_Kane": np.full(6, 0.5)},
-        solves=[SimpleNamespace(name="M_Kane")],
-    )
-    vdot = np.ones((3, 6))
-    vdot[2, 3] = np.inf
+    watch = SolveRecorder()
+    watch.refused = [np.arange(6) == 1, np.arange(6) == 2]
+    watch.solves = [SolveRecord("M_Kane", 2, np.full(6, 0.5), 1.0, 0.0)]
+    vdot = np.ones((6, 3))
+    vdot[3, 2] = np.inf
     monkeypatch.setattr(at, "recording_solves", lambda key: nullcontext(watch), raising=False)
     monkeypatch.setattr(
-        at, "solution", lambda *given: Solution(LaneArray(vdot.copy()), None), raising=False
+        at, "solution", lambda *given: Solution(BatchArray(vdot.copy()), None), raising=False
     )
     found = at._solve(FORMULATIONS["kane"], False)
     refused = [False, True, True, True, True, False]
     assert at.refused["kane", False].tolist() == refused
-    assert np.isnan(found.vdot.data).all(axis=0).tolist() == refused
-    assert np.isfinite(found.vdot.data).all(axis=0).tolist() == [not x for x in refused]
+    assert np.isnan(found.vdot.data).all(axis=1).tolist() == refused
+    assert np.isfinite(found.vdot.data).all(axis=1).tolist() == [not x for x in refused]
     assert {name: x[0] for name, x in found.rcond.items()} == {"a_1": 0.25, "M_Kane": 0.5}
     at.refused = {SPEEDS: np.arange(6) == 4}
     at._solve(FORMULATIONS["au"], False)
@@ -589,8 +601,8 @@ def test_lanes_allow_the_violation_that_each_allows_alone():
         right = np.array([0.0, off]) - at.terms.b  # off in the second row alone
         v = np.linalg.lstsq(at.terms.a, right, rcond=None)[0]
         states.append(State(q, v, t))
-    at = in_lanes.LaneEvaluation([scene] * 3, states)
-    found = in_lanes._allowed_violation(at).data
+    at = BatchEvaluation([scene] * 3, states)
+    found = sensitivity.allowed_violation(at).data
     for lane, state in enumerate(states):
-        expected = violations.allowed_violation(Evaluation(scene, *state))
-        assert found[:, lane] == pytest.approx(expected, rel=1e-12, abs=0.0)
+        expected = sensitivity.allowed_violation(Evaluation(scene, *state))
+        assert found[lane] == pytest.approx(expected, rel=1e-12, abs=0.0)

@@ -19,7 +19,7 @@ from eomcheck.evaluation import perturbed as sensitivity
 from eomcheck.evaluation.certified import true_error, true_state
 from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.evaluation.perturbed import acceleration_sensitivity, sensitivity_of
+from eomcheck.evaluation.perturbed import acceleration_sensitivity, sensitivity_of, violation
 from eomcheck.evaluation.tolerance import (
     INCONCLUSIVE,
     UNDERFLOW,
@@ -27,11 +27,9 @@ from eomcheck.evaluation.tolerance import (
     largest,
     well_conditioned,
 )
-from eomcheck.evaluation.violations import violation
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.kernels import perturbed_solves
-from eomcheck.numbers.linear import SOLVERS, active_noise, reference_solve
-from eomcheck.numbers.noise import Noise
+from eomcheck.kernels import batched_solves, perturbed_solves
+from eomcheck.numbers.linear import active_noise, reference_solve
 from eomcheck.scenes import Snake
 
 
@@ -76,27 +74,18 @@ def of_its_own_factors(name):
 NOTHING_OF_FACTORS = patch.object(perturbed_solves, "reference_solve", of_its_own_factors)
 
 
-class NotRounding:
-    """Noise that moves what is read and the solution, and not what elimination rounds."""
+def without_factors(A, b, name):
+    """Solve with A, b and x moved alone, and not by what elimination rounds."""
+    noise = active_noise()
+    first, sides = A.shape[-1] ** 2, b.size // len(b)
+    draws = noise.draws
 
-    def __init__(self, noise, matrix, sides):
-        self._noise, self._first, self._last = noise, matrix + sides, matrix + 2 * sides
-
-    def __getattr__(self, name):
-        return getattr(self._noise, name)
-
-    def changes(self, shape):
-        found = self._noise.changes(shape).copy()
-        found[..., self._first : self._last] = 0.0
+    def quiet(count):
+        found = draws(count).copy()
+        found[:, first + sides : first + 2 * sides] = 0.0
         return found
 
-
-def without_factors(A, b, name):
-    """Solve with A, b and x moved alone."""
-    noise = active_noise()
-    copies = A.size // A.shape[-1] ** 2
-    quiet = NotRounding(noise, A.shape[-1] ** 2, b.size // copies)
-    with patch.object(perturbed_solves, "active_noise", lambda: quiet):
+    with patch.object(noise, "draws", quiet):
         return perturbed_solves.perturbed_solve(A, b, name)
 
 
@@ -112,7 +101,7 @@ def test_changes_of_the_entries_alone_bound_no_error_where_solutions_cancel():
     theta = [1.0723342844630022, 1.0723342851902762, 1.0723342843649222]
     u = [-0.00514349662516115, 0.0003286950600909576]
     truth, at = true_state(snake, [-0.7444062358363321, 0.8581677077936065, *theta], u)
-    alone = bound(at, "au", patch.dict(SOLVERS, {Noise: without_factors}))
+    alone = bound(at, "au", patch.object(batched_solves, "perturbed_solve", without_factors))
     assert alone < error(at, "au", truth) < bound(at, "au")
 
 
@@ -127,8 +116,8 @@ def test_factors_of_copies_bound_no_error_of_what_is_eliminated_by_an_entry_of_r
 # ---- Velocities that violate the constraints, within what is let pass ----------------------------
 
 
-def entries_alone(at, noise):
-    return noise.perturb(at.v) - at.v
+def entries_alone(at, v, noise):
+    return noise.perturbed(v, np.abs(v)) - v
 
 
 SLIPPING = [
@@ -178,7 +167,7 @@ def test_formulations_agree_at_any_velocity_that_is_let_pass(snake: Snake, q: li
 def test_changes_of_the_entries_of_v_alone_do_not_explain_how_they_differ(snake, q, v):
     at = Evaluation(snake, q, v)
     alone = [
-        bound(at, key, patch.object(perturbed, "velocity_perturbation", entries_alone))
+        bound(at, key, patch.object(perturbed, "_velocity_perturbations", entries_alone))
         for key in ("au", "kane")
     ]
     assert sum(alone) < apart(at)

@@ -4,30 +4,31 @@ from __future__ import annotations
 
 import numpy as np
 
-from eomcheck.evaluation.batched_evaluation import LaneEvaluation, solve_transposed_triangle
+from eomcheck.evaluation.evaluation import BatchEvaluation
+from eomcheck.evaluation.perturbed import PerturbedEvaluation, perturbed_samples
 from eomcheck.mechanics.records import State
+from eomcheck.numbers.batch_arrays import BatchArray
+from eomcheck.numbers.noise import SAMPLES
 from eomcheck.scenes import TurntableBall
 
-
-def test_a_triangle_is_solved_as_it_stands_in_every_lane():
-    random = np.random.default_rng(0)
-    R = np.triu(random.uniform(1.0, 2.0, (5, 4, 4)))
-    y = random.uniform(-1.0, 1.0, (5, 4))
-    x = (R.swapaxes(-1, -2) @ y[..., None])[..., 0]
-    assert np.abs(solve_transposed_triangle(R, x) - y).max() < 1e-12
+STATE = State(*TurntableBall.example().initial_state(), 0.5)
 
 
 def test_entries_far_apart_in_one_lane_leave_the_others_alone():
-    R = np.stack([np.eye(2), [[1e-200, 1e200], [0.0, 1e-200]]])
-    with np.errstate(all="ignore"):
-        found = solve_transposed_triangle(R, np.ones((2, 2)))
-    assert found[0].tolist() == [1.0, 1.0]
-    assert not np.isfinite(found[1]).all()
+    """The constraints of the first are nearly parallel: no velocity slips across them."""
+    at = BatchEvaluation([TurntableBall.example()] * 3, [STATE] * 3)
+    a = at.terms.a.data.copy()
+    a[0, 1] = a[0, 0]
+    at.terms = at.terms._replace(a=BatchArray(a))
+    moved = PerturbedEvaluation(at, coordinates=False).v.data.reshape(SAMPLES + 1, 3, -1)
+    alone = perturbed_samples(at.alone(1)).v.data
+    assert np.array_equal(moved[:, 1], alone) and np.array_equal(moved[:, 2], alone)
+    assert np.isfinite(moved).all()
 
 
 def test_a_state_of_a_lane_is_that_of_its_own_time():
     scene = TurntableBall.example()
     states = [State(*scene.initial_state(), t) for t in (0.5, 2.0)]
-    at = LaneEvaluation([scene, scene], states)
+    at = BatchEvaluation([scene, scene], states)
     assert [at.state_of(lane).t for lane in (0, 1)] == [0.5, 2.0]
     assert [at.alone(lane).t for lane in (0, 1)] == [0.5, 2.0]

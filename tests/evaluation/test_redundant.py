@@ -199,8 +199,7 @@ def test_what_a_claim_solves_by_itself_is_kept_for_its_copies():
     _, digits = at.call_solving("as a claim does", uk.solution, *given)
     kept = at.solves["as a claim does", False]
     assert digits and set(kept) == {"M_UK", "a_k fit", "1 + G GT"}
-    (copy,) = perturbed_samples(at)[:1]
-    with copy.recording_solves(("as a claim does", False)) as watch:
+    with perturbed_samples(at).recording_solves(("as a claim does", False)) as watch:
         assert watch.references.keys() == kept.keys()
 
 

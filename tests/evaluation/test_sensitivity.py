@@ -9,22 +9,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.linalg import null_space
+from tests.numbers.test_noise import replay
 
 from eomcheck import velocity
 from eomcheck.errors import RefusedError
+from eomcheck.evaluation import perturbed as perturbed_module
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.perturbed import (
-    PerturbedBatch,
     acceleration_sensitivity,
     perturbed_samples,
     sensitivity_of,
 )
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.kernels.perturbed_trace import TraceRunner
-from eomcheck.numbers.generic import map_record
+from eomcheck.numbers.batch_arrays import BatchArray, NoiseBatch
+from eomcheck.numbers.generic import FLOAT64, map_record
 from eomcheck.numbers.linear import recording_solves, solve
-from eomcheck.numbers.noise import SAMPLES, STEP, STRETCH, Noise
+from eomcheck.numbers.noise import SAMPLES, STEP, STRETCH, Noise, NoisyArithmetic
 from eomcheck.scene_lookup import scene_classes_named
 from eomcheck.scenes import SCENES, Snake
 
@@ -38,9 +39,11 @@ def at() -> Evaluation:
     return Evaluation(SNAKE, Q, velocity(SNAKE, Q, [1.5, -0.75]))
 
 
-def moved_by(copy: Evaluation, at: Evaluation) -> np.ndarray:
-    """Return the changes of masses and lengths, in steps of their own size."""
-    moved, still = (np.concatenate((x.parameters.mass, x.parameters.length)) for x in (copy, at))
+def moved_by(at: Evaluation) -> np.ndarray:
+    """Return the changes of masses and lengths (copies, _), in steps of their own size."""
+    samples = perturbed_samples(at)
+    moved = np.concatenate((samples.parameters.mass, samples.parameters.length)).data
+    still = np.concatenate((at.parameters.mass, at.parameters.length))
     return (moved - still) / np.abs(still) / STEP
 
 
@@ -48,34 +51,31 @@ def moved_by(copy: Evaluation, at: Evaluation) -> np.ndarray:
 
 
 def test_every_number_that_is_read_is_moved(at: Evaluation):
-    for copy in perturbed_samples(at):
-        assert (np.abs(moved_by(copy, at)) > 0.4).all()
-        allowed = null_space(at.terms.a)
-        assert np.abs(allowed.T @ (copy.v - at.v)).max() > 0.2 * STEP  # a slip is across
-        moved, still = copy.terms.M, at.terms.M
-        assert (np.asarray(moved)[still != 0] != still[still != 0]).all()
+    samples = perturbed_samples(at)
+    assert (np.abs(moved_by(at)) > 0.4).all()
+    allowed, still = null_space(at.terms.a), at.terms.M
+    for v, moved in zip(samples.v.data, samples.terms.M.data, strict=True):
+        assert np.abs(allowed.T @ (v - at.v)).max() > 0.2 * STEP  # a slip is across
+        assert (moved[still != 0] != still[still != 0]).all()
 
 
 def test_what_is_returned_is_moved_as_what_is_read(at: Evaluation):
-    record = at.parameters
-    assert (np.asarray(perturbed_samples(at)[0].finished(record).mass) != record.mass).all()
+    record = map_record(lambda x: BatchArray(np.stack([x] * (SAMPLES + 1))), at.parameters)
+    assert (perturbed_samples(at).finished(record).mass.data != at.parameters.mass).all()
 
 
 def test_copies_are_moved_independently(at: Evaluation):
-    changes = [moved_by(copy, at) for copy in perturbed_samples(at)[:SAMPLES]]
-    for first, second in combinations(changes, 2):
+    for first, second in combinations(moved_by(at)[:SAMPLES], 2):
         assert (np.abs(first - second) > 1e-3).any()
 
 
 def test_the_last_copy_is_the_first_stretched(at: Evaluation):
-    *copies, stretched = perturbed_samples(at)
-    mass = at.parameters.mass
-    by, further = (np.asarray(x.parameters.mass) - mass for x in (copies[0], stretched))
-    assert further == pytest.approx(STRETCH * by, rel=0.05, abs=0.0)
+    moved = perturbed_samples(at).parameters.mass.data - at.parameters.mass
+    assert moved[-1] == pytest.approx(STRETCH * moved[0], rel=0.05, abs=0.0)
 
 
-def test_cosines_sines_and_roots_are_moved(at: Evaluation):
-    arithmetic, x = perturbed_samples(at)[0].prepare_arithmetic, np.array([0.3, 2.0])
+def test_cosines_sines_and_roots_are_moved():
+    arithmetic, x = NoisyArithmetic(FLOAT64, Noise(0)), np.array([0.3, 2.0])
     angles = arithmetic.angles(x)
     for moved, exact in (
         (angles.cos, np.cos(x)),
@@ -88,8 +88,8 @@ def test_cosines_sines_and_roots_are_moved(at: Evaluation):
 
 def test_terms_that_cancel_show_what_rounding_does_to_them(at: Evaluation):
     x, y = np.full(20, 3.0), np.full(20, 0.7)
-    left = perturbed_samples(at)[0].call(lambda x, y: x * y - y * x, x, y)
-    assert STEP / 10 < np.abs(left).max() / 2.1 < 2 * STEP
+    for left in perturbed_samples(at).call(lambda x, y: x * y - y * x, *of_all(x, y)).data[:-1]:
+        assert STEP / 10 < np.abs(left).max() / 2.1 < 2 * STEP
 
 
 def test_jacobians_that_terms_are_made_of_are_moved():
@@ -97,8 +97,7 @@ def test_jacobians_that_terms_are_made_of_are_moved():
     scene = kind.example()
     q, v = scene.initial_state()
     at = Evaluation(scene, q + 0.3, v)
-    copies, given = perturbed_samples(at), []
-    together = copies[0].batch
+    together, given = perturbed_samples(at), []
     calling = together.call
 
     def recording(function, *arguments):
@@ -108,55 +107,70 @@ def test_jacobians_that_terms_are_made_of_are_moved():
 
     # Of numbers that are read as they are, so that what moves is moved in between.
     here = at.parameters, at.prepared, at.q, at.v
-    still = map_record(lambda x: np.stack([x] * len(copies)), here)
+    still = map_record(lambda x: BatchArray(np.stack([x] * (SAMPLES + 1))), here)
     together.parameters, together.prepared, together.q, together.v = still
     together.call = recording  # type: ignore[method-assign]
-    assert copies[0].terms is not None
+    assert together.terms is not None
     ((linear, *_),) = given
     exact, *_ = at.call(scene.jacobians, *here)
     seen = np.abs(exact) > 0.1
-    for of_copy in np.asarray(linear):
+    for of_copy in linear.data:
         assert (of_copy != exact)[seen].all()
 
 
+def one_alone(at: Evaluation, noise: Noise, monkeypatch) -> perturbed_module.PerturbedEvaluation:
+    """Return the perturbed evaluation of one sample by itself."""
+    with monkeypatch.context() as patch:
+        patch.setattr(
+            perturbed_module, "NoiseBatch", lambda noises, states: NoiseBatch([noise], states)
+        )
+        patch.setattr(perturbed_module, "COPIES", 1)
+        return perturbed_module.PerturbedEvaluation(at, coordinates=False)
+
+
 @pytest.mark.parametrize("kind", SCENES.values(), ids=SCENES)
-def test_a_copy_among_others_has_the_bits_that_it_has_alone(kind):
+def test_a_copy_among_others_has_the_bits_that_it_has_alone(kind, monkeypatch):
     """Copies share what Python does for them, and no number."""
     scene = kind.example()
     q, v = scene.initial_state()
     at = Evaluation(scene, q + 0.1, v + 0.2)
-    copies = perturbed_samples(at)
+    samples = perturbed_samples(at)
+    noises = *(Noise(seed) for seed in range(SAMPLES)), Noise(0, STRETCH * STEP)
+    alone = [one_alone(at, noise, monkeypatch) for noise in noises]
+    for i, one in enumerate(alone):
+        assert same(part(one.terms, 0), part(samples.terms, i))
     for formulation in FORMULATIONS.values():
         if not formulation.applies_to(scene):
             continue
         with suppress(RefusedError):
             at.acceleration(formulation)  # whose pivots the copies are given
-        for copy in copies:
-            alone = PerturbedBatch(at, [copy])
-            assert same(alone.part(0, alone.terms), copy.terms)
+        for i, one in enumerate(alone):
             try:
-                found, expected = alone.acceleration(formulation), copy.acceleration(formulation)
+                found, expected = one.acceleration(formulation), samples.acceleration(formulation)
             except RefusedError:
                 continue
-            for part in ("vdot", "multipliers"):
-                mine = alone.part(0, getattr(found, part))
-                assert same((mine,), (getattr(expected, part),)), (formulation.key, part)
+            for name in ("vdot", "multipliers"):
+                mine, other = getattr(found, name), getattr(expected, name)
+                assert same(part((mine,), 0), part((other,), i)), (formulation.key, name)
 
 
-def test_what_copies_run_is_moved_alone_and_side_by_side(at: Evaluation):
+def part(record: tuple, i: int) -> tuple:
+    """Return what a record holds of sample i."""
+    return map_record(lambda x: x.data[i], record)
+
+
+def of_all(*arrays: np.ndarray) -> list[BatchArray]:
+    """Return arrays of all samples, equal in each."""
+    return [BatchArray(np.stack([x] * (SAMPLES + 1))) for x in arrays]
+
+
+def test_what_copies_run_is_moved_side_by_side(at: Evaluation):
     """Of a sum from which a number is taken again its rounding is left."""
-
-    def function(x):
-        return (x + 1) - x
-
-    copies, x = perturbed_samples(at), np.arange(1.0, 200.0)
-    for copy in copies:
-        found = copy.run(function, x)
-        assert (found != 1.0).all()
-        assert np.abs(found - 1.0).max() < 1e4 * STEP
-    together = copies[0].batch.run(function, np.stack([x] * len(copies)))
-    assert (together != 1.0).all()
-    assert len(np.unique(together[:, 0])) == len(copies)
+    x = np.arange(1.0, 200.0)
+    found = perturbed_samples(at).run(lambda x: (x + 1) - x, *of_all(x)).data
+    assert (found != 1.0).all()
+    assert np.abs(found - 1.0).max() < 1e4 * STEP
+    assert len(np.unique(found[:, 0])) == SAMPLES + 1
 
 
 def test_what_is_not_listed_is_done_copy_by_copy(at: Evaluation):
@@ -165,16 +179,16 @@ def test_what_is_not_listed_is_done_copy_by_copy(at: Evaluation):
     def function(A, b):
         return solve(1.5 * A, b, "A") + 1.5
 
-    copies = perturbed_samples(at)
     A, b = np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([1.0, 2.0])
-    together = copies[0].batch
+    together = perturbed_samples(at)
     with together.computing("it"), together.recording_solves() as watch:
-        found = together.call(function, np.stack([A] * len(copies)), np.stack([b] * len(copies)))
+        found = together.call(function, *of_all(A, b)).data
     (one,) = watch.solves
-    assert len(np.unique(found[:, 0])) == len(copies)
-    for i, copy in enumerate(copies):
-        with copy.computing("it"), copy.recording_solves() as alone:
-            assert np.array_equal(copy.call(function, A, b), found[i])
+    assert len(np.unique(found[:, 0])) == SAMPLES + 1
+    noises = *(Noise(seed) for seed in range(SAMPLES)), Noise(0, STRETCH * STEP)
+    for i, noise in enumerate(noises):
+        with noise.stream("it"), recording_solves(noise) as alone:
+            assert np.array_equal(function(A, b), found[i])
         assert alone.solves[0].log_determinant == one.log_determinant[i]
         assert alone.solves[0].sign == one.sign[i] == -1
 
@@ -201,24 +215,24 @@ def test_the_velocity_is_moved_by_as_much_as_is_let_pass():
     # A speed along the constraint's row is what is let pass, as much as rounding allows of |a||v|.
     at = Evaluation(snake, at.q, velocity(snake, at.q, [1.0, 0.5]))
     size = np.abs(row) @ np.abs(at.v)
-    slips = np.array([row @ (copy.v - at.v) for copy in perturbed_samples(at)]) / (STEP * size)
+    slips = (perturbed_samples(at).v.data - at.v) @ row / (STEP * size)
     by_entries = np.array([row @ change_of_entries(at.v, seed) for seed in range(SAMPLES)])
     by_entries /= STEP * size
     assert np.abs(slips[:-1] - by_entries).max() > 0.4
 
 
 def test_copies_take_the_partition_of_the_original(at: Evaluation):
-    assert all(copy.pivoted_partition is at.pivoted_partition for copy in perturbed_samples(at))
+    assert perturbed_samples(at).pivoted_partition is at.pivoted_partition
 
 
 # ---- What is made of it --------------------------------------------------------------------------
 
 
 def test_the_copy_that_moves_most_counts(at: Evaluation):
-    copies = perturbed_samples(at)
+    moved = BatchArray(STEP * np.arange(1.0, SAMPLES + 2))
 
     def quantity(e: Evaluation):
-        return 0.0 if e is at else STEP * (1 + [copy is e for copy in copies].index(True))
+        return 0.0 if e is at else moved
 
     assert sensitivity_of(at, quantity) == SAMPLES
 
@@ -227,12 +241,13 @@ def test_the_copy_that_moves_most_counts(at: Evaluation):
 def test_a_solution_that_does_not_move_further_by_more_noise_has_nothing_left(
     at: Evaluation, solved: bool
 ):
-    *_, stretched = perturbed_samples(at)
     lost = sensitivity_of(at, lambda e: 1.0 if e is at else 2.0, solved=solved)
     assert np.isinf(lost) == solved
 
+    further = BatchArray(1.0 + 2.0**-10 * np.array([*[1.0] * SAMPLES, STRETCH]))
+
     def grows(e: Evaluation):
-        return 1.0 if e is at else 1.0 + 2.0**-10 * (STRETCH if e is stretched else 1.0)
+        return 1.0 if e is at else further
 
     assert np.isfinite(sensitivity_of(at, grows, solved=solved))
 
@@ -288,7 +303,7 @@ def test_sums_and_differences_of_whole_arrays_move():
 
 def test_a_change_of_sign_is_exact():
     x = np.full(20, 3.0)
-    assert np.array_equal(TraceRunner().run(Noise(0), lambda x: -x, x), -x)
+    assert np.array_equal(replay(Noise(0), lambda x: -x, x), -x)
 
 
 def test_a_matrix_is_moved_as_well_as_its_right_hand_side():

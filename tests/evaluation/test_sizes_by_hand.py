@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation import constraint_rank, dynamics, violations
+from eomcheck.evaluation import constraint_rank, dynamics
 from eomcheck.evaluation import perturbed as sensitivity
 from eomcheck.evaluation.tolerance import (
     INCONCLUSIVE,
@@ -21,7 +21,7 @@ from eomcheck.evaluation.tolerance import (
 )
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.records import Terms
-from eomcheck.numbers.lanes import LaneArray
+from eomcheck.numbers.batch_arrays import BatchArray
 from eomcheck.numbers.noise import SAMPLES, STEP
 from eomcheck.numbers.pivots import EPS
 
@@ -48,9 +48,9 @@ LIMIT = INCONCLUSIVE * STEP / allowed_error(1.0) / np.log(2.0)
 )
 @pytest.mark.parametrize("which", [0, 1])
 def test_a_determinant_is_told_where_all_copies_have_its_sign_and_its_size(
-    monkeypatch, signs: list[int], changes: list[float], told: bool, which: int
+    signs: list[int], changes: list[float], told: bool, which: int
 ):
-    key, asked = ("au", True), []
+    key = "au", True
     names = "M_Au", "a_1"
     fine = SimpleNamespace(sign=-np.ones(5), log_determinant=np.full(5, 7.0))
     moved = SimpleNamespace(
@@ -59,34 +59,25 @@ def test_a_determinant_is_told_where_all_copies_have_its_sign_and_its_size(
     copies = {name: moved if i == which else fine for i, name in enumerate(names)}
     own = {name: SimpleNamespace(sign=-1.0, log_determinant=7.0) for name in names}
 
-    def perturbed(at: Any, coordinates: bool) -> Any:
-        asked.append(coordinates)
-        return [SimpleNamespace(batch=SimpleNamespace(solves={key: copies}))]
-
-    monkeypatch.setattr(sensitivity, "perturbed_samples", perturbed)
-    at: Any = SimpleNamespace(solves={key: own})
-    assert sensitivity._matrices_resolved(at, AU, True, True) is told
-    assert asked == [True]
+    samples: Any = SimpleNamespace(solves={key: copies})
+    at: Any = SimpleNamespace(solves={key: own}, states=0)
+    assert sensitivity._matrices_resolved(at, samples, key).tolist() == [told]
 
 
-def test_what_is_read_counts_by_its_size_and_the_change_of_the_copy_that_moves_most(monkeypatch):
+def test_what_is_read_counts_by_its_size_and_the_change_of_the_copy_that_moves_most():
     here = np.array([1.0, -4.0])
     moves = np.array([[1, 0], [0, 3], [-5, 0], [2, 2], [0, 99]]) * STEP
     asked = []
 
     def read(formulation: Any, pivoted: bool) -> Any:
         asked.append((formulation.key, pivoted))
-        return SimpleNamespace(vdot=here + moves, multipliers=None)
+        return SimpleNamespace(vdot=BatchArray(here + moves), multipliers=None)
 
-    def perturbed(at: Any, coordinates: bool) -> Any:
-        asked.append(coordinates)
-        return [SimpleNamespace(batch=SimpleNamespace(solution_without_noise=read))]
-
-    monkeypatch.setattr(sensitivity, "perturbed_samples", perturbed)
-    at: Any = SimpleNamespace(acceleration=lambda f, pivoted: SimpleNamespace(vdot=here))
-    found = sensitivity._input_sensitivity(at, AU, "vdot", True, True)
-    assert found == 4.0 + 5.0
-    assert asked == [True, ("au", True)]
+    samples: Any = SimpleNamespace(solution_without_noise=read)
+    at: Any = SimpleNamespace(acceleration=lambda f, pivoted: SimpleNamespace(vdot=here), states=0)
+    found = sensitivity._input_sensitivity(at, samples, AU, "vdot", True)
+    assert found.tolist() == [4.0 + 5.0]
+    assert asked == [("au", True)]
 
 
 @pytest.mark.parametrize(
@@ -105,17 +96,19 @@ def test_an_acceleration_is_as_sensitive_as_what_makes_most_of_it(
 ):
     asked: list[Any] = []
 
-    def sensitivity_of(at, quantity, coordinates, solved, batched) -> float:
-        asked.append((quantity(at), coordinates, solved, batched))
+    def sensitivity_of(at, quantity, coordinates, solved) -> float:
+        asked.append((quantity(at), coordinates, solved))
         return found
 
-    def told(at, formulation, coordinates, pivoted) -> bool:
-        asked.append((coordinates, pivoted))
-        return determined
+    def told(at, samples, key) -> np.ndarray:
+        asked.append((samples, key))
+        return np.array([determined])
 
-    def of_read(at, formulation, part, coordinates, pivoted) -> float:
-        asked.append((part, coordinates, pivoted))
-        return read
+    def of_read(at, samples, formulation, part, pivoted) -> np.ndarray:
+        asked.append((samples, part, pivoted))
+        return np.array([read])
+
+    monkeypatch.setattr(sensitivity, "perturbed_samples", lambda at, coordinates: coordinates)
 
     for name, function in (
         *(("sensitivity_of", sensitivity_of), ("_matrices_resolved", told)),
@@ -124,47 +117,36 @@ def test_an_acceleration_is_as_sensitive_as_what_makes_most_of_it(
         monkeypatch.setattr(sensitivity, name, function)
     answer = {False: "the paper's", True: "the pivoted"}
     at: Any = SimpleNamespace(
-        acceleration=lambda f, pivoted: SimpleNamespace(rcond=rcond, multipliers=answer[pivoted])
+        acceleration=lambda f, pivoted: SimpleNamespace(rcond=rcond, multipliers=answer[pivoted]),
+        states=0,
     )
     how: dict[str, Any] = {"part": "multipliers", "coordinates": True, "pivoted": True}
     assert sensitivity.acceleration_sensitivity(at, AU, **how) == expected
-    whole = [("the pivoted", True, True, True), (True, True), ("multipliers", True, True)]
+    whole = [("the pivoted", True, True), (True, ("au", True)), (True, "multipliers", True)]
     assert asked == whole[: len(asked)]
     assert len(asked) == (3 if np.isfinite(expected) else 0 if len(rcond) > 1 else len(asked))
 
 
-def copies_of(here: np.ndarray, moves: Any, batched: Any) -> list[Any]:
-    """Return copies that moved by so many steps, each by itself and side by side."""
-    within = {"computing": lambda name: nullcontext()}
-    side_by_side = SimpleNamespace(x=here + STEP * np.array(batched), **within)
-    return [
-        SimpleNamespace(x=here + STEP * np.array(move), batch=side_by_side, **within)
-        for move in moves
-    ]
-
-
-@pytest.mark.parametrize("batched", [False, True])
-def test_a_quantity_is_asked_of_each_copy_or_of_all_together(monkeypatch, batched: bool):
+def test_a_quantity_is_asked_of_all_copies_together(monkeypatch):
     here, asked = np.array([1.0, -2.0]), []
-    alone = [[1, 0], [-3, 0], [0, 2], [0, 0], [9, 0]]
-    both = [[1, 0], [0, 0], [0, -5], [0, 0], [9, 0]]
+    moves = [[1, 0], [0, 0], [0, -5], [0, 0], [9, 0]]
 
     def perturbed(at: Any, coordinates: bool) -> Any:
         asked.append(coordinates)
-        return copies_of(here, alone, both)
+        x = BatchArray(here + STEP * np.array(moves))
+        return SimpleNamespace(x=x, computing=lambda name: nullcontext())
 
     monkeypatch.setattr(sensitivity, "perturbed_samples", perturbed)
-    at: Any = SimpleNamespace(x=here)
+    at: Any = SimpleNamespace(x=here, states=0)
 
     def x(e: Any) -> np.ndarray:
         return e.x
 
-    how: dict[str, Any] = {"batched": batched}
-    assert sensitivity.sensitivity_of(at, x, **how) == 2.0 + (5.0 if batched else 3.0)
-    assert sensitivity.sensitivity_of(at, x, coordinates=True, **how) == (7.0 if batched else 5.0)
+    assert sensitivity.sensitivity_of(at, x) == 2.0 + 5.0
+    assert sensitivity.sensitivity_of(at, x, coordinates=True) == 7.0
     assert asked == [False, True]
-    alone[4] = both[4] = [0, 0]  # what does not grow with the noise; it is too small to matter
-    assert np.isfinite(sensitivity.sensitivity_of(at, x, solved=True, **how))
+    moves[4] = [0, 0]  # what does not grow with the noise; it is too small to matter
+    assert np.isfinite(sensitivity.sensitivity_of(at, x, solved=True))
 
 
 @pytest.mark.parametrize(
@@ -179,10 +161,10 @@ def test_matrices_are_conditioned_down_to_a_share_that_rounding_leaves(rcond: di
 
 def test_of_two_numbers_and_of_lanes_the_larger_magnitudes_count():
     assert (larger(2.0, -3.0), larger(-3.0, 2.0)) == (2.0, 2.0)
-    lanes = LaneArray(np.array([[1.0, -7.0, 2.0], [-5.0, np.nan, 0.5]]))
+    lanes = BatchArray(np.array([[1.0, -5.0], [-7.0, np.nan], [2.0, 0.5]]))
     found = largest(lanes)
     assert found.data.tolist() == [5.0, np.inf, 2.0]
-    both = larger(found, LaneArray(np.array([6.0, 1.0, 1.0])))
+    both = larger(found, BatchArray(np.array([6.0, 1.0, 1.0])))
     assert both.data.tolist() == [6.0, np.inf, 2.0]
 
 
@@ -192,15 +174,15 @@ def test_of_two_numbers_and_of_lanes_the_larger_magnitudes_count():
 def test_a_violation_is_signed_and_allowed_by_the_size_of_its_terms():
     a, v = np.array([[1.0, -2.0], [3.0, 0.5]]), np.array([-4.0, 2.0])
     at: Any = SimpleNamespace(terms=Terms(None, None, None, a, None, None))
-    residual, allowed = violations.violation(at, v)
+    residual, allowed = sensitivity.violation(at, v)
     assert residual.tolist() == [-8.0, -11.0]
     assert allowed == pytest.approx(32.0 * EPS * np.array([8.0, 13.0]), abs=0.0)
     at.terms = at.terms._replace(b=np.array([5.0, -7.0]))
-    residual, allowed = violations.violation(at, v)
+    residual, allowed = sensitivity.violation(at, v)
     assert residual.tolist() == [-3.0, -18.0]
     assert allowed == pytest.approx(32.0 * EPS * np.array([13.0, 20.0]), abs=0.0)
     at.terms = at.terms._replace(a=np.zeros((2, 2)), b=None)
-    assert violations.violation(at, v)[1].tolist() == [0.0, 0.0]
+    assert sensitivity.violation(at, v)[1].tolist() == [0.0, 0.0]
 
 
 class Told:
@@ -209,18 +191,18 @@ class Told:
     def __init__(self, drawn: np.ndarray):
         self.drawn = drawn
 
-    def perturb(self, x: np.ndarray) -> np.ndarray:
-        return x + 2.0 * STEP * np.abs(x)
+    def perturbed(self, x: np.ndarray, size: np.ndarray) -> np.ndarray:
+        return x + 2.0 * STEP * size
 
     def changes(self, shape: tuple[int, ...]) -> np.ndarray:
-        assert shape == self.drawn.shape
-        return self.drawn * STEP
+        assert shape == (1, *self.drawn.shape)
+        return self.drawn[None] * STEP
 
 
 def slipping(a: Any, kept: Any = None) -> Any:
     terms = Terms(None, None, None, None if a is None else np.array(a), None, None)
     r, n = (0, 3) if a is None else np.shape(a)
-    at: Any = SimpleNamespace(terms=terms, scene=SimpleNamespace(r=r))
+    at: Any = SimpleNamespace(terms=terms, scene=SimpleNamespace(r=r), states=0)
     at.v, at.cached = np.array([1.0, -4.0, 8.0][:n]), lambda function: function(at)
     at.independent_partition = SimpleNamespace(kept=kept)
     return at
@@ -242,8 +224,8 @@ def test_velocities_slip_by_four_times_what_is_allowed_and_as_little_as_they_can
 ):
     at, drawn = slipping(a, kept), np.array([0.5, -1.0, 0.75, 0.25])[: len(a)]
     size = allowed_error(np.arange(1.0, len(a) + 1))
-    monkeypatch.setattr(violations, "allowed_violation", lambda at: size)
-    found = violations.velocity_perturbation(at, Told(drawn))  # type: ignore[arg-type]
+    monkeypatch.setattr(sensitivity, "allowed_violation", lambda at: size)
+    (found,) = sensitivity._velocity_perturbations(at, at.v[None], Told(drawn))  # type: ignore[arg-type]
     own = 2.0 * STEP * np.abs(at.v)
     rows = slice(None) if kept is None else kept
     asked = (4.0 * np.arange(1.0, len(a) + 1) * drawn * STEP)[rows]
@@ -254,11 +236,11 @@ def test_velocities_slip_by_four_times_what_is_allowed_and_as_little_as_they_can
 
 def test_velocities_move_by_themselves_alone_where_no_constraint_tells_more(monkeypatch):
     free = slipping(None)
-    found = violations.velocity_perturbation(free, Told(np.zeros(0)))  # type: ignore[arg-type]
+    found = sensitivity._velocity_perturbations(free, free.v[None], Told(np.zeros(0)))  # type: ignore[arg-type]
     assert (found == 2.0 * STEP * np.abs(free.v)).all()
     at = slipping([[0.0, 0.0, 0.0]])
-    monkeypatch.setattr(violations, "allowed_violation", lambda at: np.ones(1))
-    found = violations.velocity_perturbation(at, Told(np.ones(1)))  # type: ignore[arg-type]
+    monkeypatch.setattr(sensitivity, "allowed_violation", lambda at: np.ones(1))
+    found = sensitivity._velocity_perturbations(at, at.v[None], Told(np.ones(1)))  # type: ignore[arg-type]
     assert (found == 2.0 * STEP * np.abs(at.v)).all()
 
 

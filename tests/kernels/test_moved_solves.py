@@ -7,8 +7,9 @@ import pytest
 
 import eomcheck.kernels.perturbed_solves  # noqa: F401  (what it solves is registered there)
 from eomcheck.errors import RefusedError
+from eomcheck.numbers.batch_arrays import BatchArray, NoiseBatch
 from eomcheck.numbers.linear import SolveRecord, recording_solves, solve
-from eomcheck.numbers.noise import STEP, Noise, NoiseBatch
+from eomcheck.numbers.noise import STEP, Noise
 
 SIZES = [1, 2, 3, 8, 9, 20, 70]
 """Below, at and above a whole number of vectors."""
@@ -35,8 +36,11 @@ def as_it_is(A, b) -> dict[str, SolveRecord]:
 
 
 def moved(noise: Noise, A, b, like=None) -> tuple[np.ndarray, list[SolveRecord]]:
+    batched = isinstance(noise, NoiseBatch)
+    A, b = (BatchArray(x) if batched else x for x in (A, b))
     with recording_solves(noise, like) as watch, noise.stream("it"):
-        return np.asarray(solve(A, b, "A")), watch.solves
+        x = solve(A, b, "A")
+    return x.data if batched else np.asarray(x), watch.solves
 
 
 def copies(*arrays) -> list[np.ndarray]:
@@ -144,7 +148,7 @@ def test_what_is_not_moved_has_the_solution_of_doubles(columns):
     A, b = system(5, columns)
     noise = noises()
     with noise.disabled(), recording_solves(noise, as_it_is(A, b)) as watch:
-        found = np.asarray(solve(*copies(A, b), "A"))
+        found = solve(*map(BatchArray, copies(A, b)), "A").data
     assert np.abs(found - np.linalg.solve(A, b)).max(initial=0.0) < 1e-12
     assert not watch.solves
 

@@ -8,16 +8,17 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.machine_code import MachineCode
+from tests.numbers.test_noise import replay
 
 from eomcheck.kernels import kernel, llvm, perturbed_solves, perturbed_trace
-from eomcheck.kernels.batched_solves import lapack_per_lane
+from eomcheck.kernels.batched_solves import lapack_of_each
 from eomcheck.kernels.kernel import HEADER, Layout, aligned, layout_of, loop_results, reads_of
 from eomcheck.kernels.llvm import CACHE_LINE, LANES, IRBuilder, JitModule, aligned_zeros
-from eomcheck.kernels.perturbed_trace import FEWEST_COMPILED, TraceKeyCache, TraceRunner
+from eomcheck.kernels.perturbed_trace import FEWEST_COMPILED, TraceRunner
 from eomcheck.kernels.program import NotRegularError, Program, extrapolate_program
-from eomcheck.numbers.lanes import LaneArray
+from eomcheck.numbers.batch_arrays import BatchArray, NoiseBatch
 from eomcheck.numbers.linear import matrix_product, solve
-from eomcheck.numbers.noise import NORMAL, Noise, NoiseBatch
+from eomcheck.numbers.noise import NORMAL, Noise
 
 # ---- Loops ---------------------------------------------------------------------------------------
 
@@ -198,9 +199,9 @@ def test_lapack_is_called_for_each_lane_with_what_is_its_own_and_what_is_for_all
     A, b = random.uniform(-1, 1, (count, 3, 3)), random.uniform(-1, 1, (count, 2, 3))
     factors, x = A.transpose(0, 2, 1).copy(), b.copy()  # LAPACK reads columns
     pivots, failed = np.zeros((count, 3), np.int32), np.full((count, 1), 9, np.int32)
-    lapack_per_lane("dgetrf", 3, 3, factors, 3, pivots, failed)
+    lapack_of_each("dgetrf", 3, 3, factors, 3, pivots, failed)
     assert not failed.any()
-    lapack_per_lane("dgetrs", "N", 3, 2, factors, 3, pivots, x, 3, failed)
+    lapack_of_each("dgetrs", "N", 3, 2, factors, 3, pivots, x, 3, failed)
     for lane in range(count):
         expected = np.linalg.solve(A[lane], b[lane].T).T
         np.testing.assert_allclose(x[lane], expected, rtol=1e-12)
@@ -230,16 +231,16 @@ def test_a_kernel_is_called_row_by_row_and_so_often_as_is_said():
 # ---- Traces --------------------------------------------------------------------------------------
 
 
-class Told(Noise):
+class Told(NoiseBatch):
     """Noise whose changes are 1, 2, 3, ... times a step, as they are asked for."""
 
     def __init__(self, step: float = 0.125):
-        super().__init__(0, step)
-        self.count = 0
+        super().__init__([Noise(0)])
+        self.by, self.taken = step, 0
 
-    def changes(self, shape: tuple[int, ...]) -> np.ndarray:
-        first, self.count = self.count, self.count + int(np.prod(shape))
-        return self.step * np.arange(first + 1.0, self.count + 1).reshape(shape)
+    def draws(self, count: int) -> np.ndarray:
+        first, self.taken = self.taken, self.taken + count
+        return self.by * np.arange(first + 1.0, self.taken + 1)[None]
 
 
 def test_each_operation_is_moved_by_its_own_change_but_those_that_round_nothing():
@@ -253,13 +254,13 @@ def test_each_operation_is_moved_by_its_own_change_but_those_that_round_nothing(
     a, b = 6 * (1 + h), 2 * (1 + 2 * h)
     c = a * b * (1 + 3 * h)
     expected = [a, b, c, c / 2 * (1 + 4 * h), -c, 4, 4, 4, 1 + 6 * h, -1 + h * 8]
-    found = TraceRunner().run(Told(h), function, x, y)
+    found = replay(Told(h), function, x, y)
     np.testing.assert_allclose(found, expected, rtol=1e-15)
-    assert TraceRunner().run(Told(), lambda x: 0 * x, x).tolist() == [0.0]
+    assert replay(Told(), lambda x: 0 * x, x).tolist() == [0.0]
     # What has underflowed moves by the smallest normal number.
-    tiny = TraceRunner().run(Told(), lambda x: x * x, np.array([1e-200]))
+    tiny = replay(Told(), lambda x: x * x, np.array([1e-200]))
     assert tiny.tolist() == [0.125 * NORMAL]
-    assert np.isnan(TraceRunner().run(Told(), lambda x, y: x / y, x, 0 * y)).all()
+    assert np.isnan(replay(Told(), lambda x, y: x / y, x, 0 * y)).all()
 
 
 def test_matrices_are_multiplied_and_solved_between_stretches_of_a_trace():
@@ -272,7 +273,7 @@ def test_matrices_are_multiplied_and_solved_between_stretches_of_a_trace():
     A, b = np.array([[4.0, 1.0], [1.0, 3.0]]), np.array([1.0, 2.0])
     x = np.linalg.solve(A, b)
     still = Noise(0, step=0.0)
-    found, other = TraceRunner().run(still, function, A, b)
+    found, other = replay(still, function, A, b)
     np.testing.assert_allclose(found, 2 * A @ np.stack([x, 2 * x], axis=1) - 1, rtol=1e-14)
     assert other == pytest.approx(x[0] * x[1], rel=1e-14)
 
@@ -283,18 +284,18 @@ def test_several_noises_are_side_by_side_in_one_run_and_their_arrays_in_front():
 
     x = np.array([[1.5, 2.5, -3.0], [0.5, 1.0, 2.0]])
     noises = [Noise(1), Noise(2)]
-    found = TraceRunner().run(NoiseBatch(noises), function, x)
+    found = TraceRunner().run(NoiseBatch(noises), function, BatchArray(x)).data
     for i, noise in enumerate((Noise(1), Noise(2))):
-        assert found[i].tolist() == TraceRunner().run(noise, function, x[i]).tolist()
+        assert found[i].tolist() == replay(noise, function, x[i]).tolist()
 
 
 def test_traces_are_kept_by_function_shapes_and_constants_and_the_oldest_are_forgotten(monkeypatch):
     made: list[Any] = []
 
     class Counted(perturbed_trace._Trace):
-        def __init__(self, function: Any, arguments: Any, front: int):
+        def __init__(self, function: Any, arguments: Any):
             made.append(function.__name__)
-            super().__init__(function, arguments, front)
+            super().__init__(function, arguments)
 
     def one(x: Any, flag: Any = None) -> Any:
         return x * x
@@ -308,28 +309,28 @@ def test_traces_are_kept_by_function_shapes_and_constants_and_the_oldest_are_for
     monkeypatch.setattr(perturbed_trace, "_Trace", Counted)
     moves, still = TraceRunner(), Noise(0, step=0.0)
     for x, flag in ((np.ones(3), 1), (2 * np.ones(3), 1), (np.ones(4), 1), (np.ones(3), 2)):
-        assert moves.run(still, one, x, flag).tolist() == (x * x).tolist()
+        assert replay(still, one, x, flag, runner=moves).tolist() == (x * x).tolist()
     assert made == ["one"] * 3
     for _ in range(2):
         with pytest.raises(TypeError, match=r"branch does more than rational operations$"):
-            moves.run(still, branch, np.ones(3))
+            replay(still, branch, np.ones(3), runner=moves)
     assert made == ["one"] * 3 + ["branch"], "that there is none is kept as well"
     # 3 that are read, and 3 results: 6 places, of which two functions fill 12.
     made.clear()
     moves = TraceRunner()
     monkeypatch.setattr(perturbed_trace, "LARGEST_TOTAL", 12)
     for function in (one, two, one, two):
-        moves.run(still, function, np.ones(3))
+        replay(still, function, np.ones(3), runner=moves)
     assert made == ["one", "two"]
     monkeypatch.setattr(perturbed_trace, "LARGEST_TOTAL", 11)
     moves = TraceRunner()
     for function in (one, two, two, one):
-        moves.run(still, function, np.ones(3))
+        replay(still, function, np.ones(3), runner=moves)
     assert made[2:] == ["one", "two", "one"]
     monkeypatch.setattr(perturbed_trace, "LARGEST_TOTAL", 1)
     moves = TraceRunner()
     for _ in range(2):
-        moves.run(still, one, np.ones(3))
+        replay(still, one, np.ones(3), runner=moves)
     assert made[5:] == ["one"], "the newest is kept however long it is"
 
 
@@ -339,7 +340,7 @@ def test_what_has_few_operations_or_is_not_finite_is_done_by_python(monkeypatch)
     class Counted(perturbed_trace._Trace):
         def run(self, noise: Any, doubles: Any) -> Any:
             runs.append(len(self.operations))
-            assert not noise.changes((2, 3)).any() and noise.changes((2, 3)).shape == (2, 3)
+            assert noise is None
             return super().run(noise, doubles)
 
     monkeypatch.setattr(perturbed_trace, "_Trace", Counted)
@@ -355,29 +356,18 @@ def test_what_has_few_operations_or_is_not_finite_is_done_by_python(monkeypatch)
     assert TraceRunner().run_exact(lambda x: x if x[0] > 0 else -x, -np.ones(2)).tolist() == [1, 1]
 
 
-def test_a_record_is_gathered_once_and_its_arrays_are_handed_on_in_order(monkeypatch):
-    asked: list[Any] = []
-    of = perturbed_trace.trace_key
-    monkeypatch.setattr(perturbed_trace, "trace_key", lambda *x: asked.append(x[0]) or of(*x))
+def test_the_key_of_a_trace_names_shapes_and_constants_and_arrays_are_handed_on_in_order():
     a, b, names = np.ones((2, 3)), np.arange(2.0), np.array([1, 2])
-    record, seen = (a, (b, None, names), "word"), TraceKeyCache()
+    inputs: list[Any] = [names]
     key = tuple, (2, 3), (tuple, (2,), None, ((2,), names.tobytes())), "word"
-    for _ in range(2):
-        doubles: list[Any] = [names]
-        assert seen.key(record, 0, doubles) == key
-        assert [x is y for x, y in zip(doubles, (names, a, b), strict=True)] == [True] * 3
-    assert sum(x is record for x in asked) == 1
-    assert seen.key(record, 1, [])[1] == (3,)
-    assert seen.key(a, 1, []) == (3,) and seen.key(3.5, 0, []) == 3.5
-    lanes, doubles = LaneArray(np.ones((2, 4))), []
-    assert seen.key(lanes, 0, doubles) == lanes.shape and doubles == [lanes] * 1
-    monkeypatch.setattr(perturbed_trace, "RECORDS", 2)
-    seen, others = TraceKeyCache(), [(a,), (b,), (a, b)]
-    asked.clear()
-    for one in (others[0], others[1], others[0], others[2], others[2], others[0]):
-        seen.key(one, 0, [])
-    read = [next(i for i, one in enumerate(others) if one is x) for x in asked if type(x) is tuple]
-    assert read == [0, 1, 2, 0]
+    assert perturbed_trace.trace_key((a, (b, None, names), "word"), inputs) == key
+    assert [x is y for x, y in zip(inputs, (names, a, b), strict=True)] == [True] * 3
+    assert perturbed_trace.trace_key(3.5, []) == 3.5
+    batch, inputs = BatchArray(np.ones((4, 2))), []
+    assert perturbed_trace.trace_key(batch, inputs) == (2,) and inputs == [batch] * 1
+    literals = np.array([1, 0], object)
+    assert perturbed_trace.trace_key(literals, inputs) == (2,)
+    assert inputs[1].tolist() == [1.0, 0.0]
 
 
 def test_this_machine_tells_what_it_can_do():

@@ -33,7 +33,7 @@ from eomcheck.lab.fuzzing.motion_comparison import (
 )
 from eomcheck.lab.fuzzing.motion_rounds import MOST_TRIES, shrink_motion
 from eomcheck.mechanics.records import State
-from eomcheck.numbers.lanes import LaneArray
+from eomcheck.numbers.batch_arrays import BatchArray
 from eomcheck.scenes import Sleigh, Snake
 from eomcheck.testing import EquationsOfMotion
 
@@ -249,7 +249,7 @@ def test_most_velocities_are_corrected_side_by_side_and_few_one_by_one(monkeypat
         row = Evaluation(scene, q, v, t).terms.a[0]
         expected = wished[place] - row * (row @ wished[place]) / (row @ row)
         assert v == pytest.approx(expected, rel=1e-12, abs=1e-14)
-    monkeypatch.setattr(velocities, "_is_consistent", lambda at, v: np.zeros(at.lanes, bool))
+    monkeypatch.setattr(velocities, "_is_consistent", lambda at, v: np.zeros(at.states, bool))
     found, places = consistent(scenes, states, lambda at: wished)
     assert places == [0] and found[0][1].v.tolist() == [7.0] * 3 and len(mended) == 6
     states[0] = State(np.array([np.nan, 0.1, 0.2]), np.zeros(3), 2.0)
@@ -296,8 +296,8 @@ def raising(error: Exception) -> Any:
 
 
 def lanes_of(a: Any, b: Any = None) -> Any:
-    """Return what stands for an evaluation in lanes, of a (r, n, L) and b (r, L)."""
-    terms = SimpleNamespace(a=LaneArray(np.array(a)), b=None if b is None else LaneArray(b))
+    """Return what stands for an evaluation in lanes, of a (L, r, n) and b (L, r)."""
+    terms = SimpleNamespace(a=BatchArray(np.array(a)), b=None if b is None else BatchArray(b))
     return SimpleNamespace(terms=terms)
 
 
@@ -305,12 +305,12 @@ def lanes_of(a: Any, b: Any = None) -> Any:
 def test_a_velocity_keeps_the_constraints_within_a_quarter_of_what_rounding_allows(driven, size):
     off = np.array([0.0, 0.9, -0.9, 1.1, -1.1]) * allowed_error(1.0) * size / 4
     # 2 v_1 + v_2 = 0 or 2, and a row that any velocity keeps.
-    a = np.array([[2.0, 1.0], [0.0, 0.0]])[:, :, None] + np.zeros(5)
-    v = np.array([[2.0] * 5 if driven else [1.0] * 5, -2.0 + off])
-    of = lanes_of(a, np.array([[-2.0] * 5, [0.0] * 5]) if driven else None)
-    assert velocities._is_consistent(of, LaneArray(v)).tolist() == [True] * 3 + [False] * 2
-    residual = velocities._residual(of, LaneArray(v)).data
-    assert residual == pytest.approx(np.array([off, 0 * off]), abs=1e-15)
+    a = np.array([[2.0, 1.0], [0.0, 0.0]]) + np.zeros((5, 1, 1))
+    v = np.array([[2.0] * 5 if driven else [1.0] * 5, -2.0 + off]).T
+    of = lanes_of(a, np.array([[-2.0, 0.0]] * 5) if driven else None)
+    assert velocities._is_consistent(of, BatchArray(v)).tolist() == [True] * 3 + [False] * 2
+    residual = velocities._residual(of, BatchArray(v)).data
+    assert residual == pytest.approx(np.array([off, 0 * off]).T, abs=1e-15)
 
 
 def test_terms_found_state_by_state_are_no_numbers_where_functions_raise(monkeypatch):
@@ -325,8 +325,8 @@ def test_terms_found_state_by_state_are_no_numbers_where_functions_raise(monkeyp
     found = velocities._stacked_terms([None] * 3, states)  # type: ignore[list-item]
     nan = float("nan")
     rows = np.array([[nan, 3.0, 4.0]] * 2)
-    assert np.array_equal(found.a.data, [rows], equal_nan=True)
-    assert np.array_equal(found.b.data, 10 * rows, equal_nan=True)
+    assert np.array_equal(found.a.data[:, 0], rows.T, equal_nan=True)
+    assert np.array_equal(found.b.data, 10 * rows.T, equal_nan=True)
     found = velocities._stacked_terms([1] * 3, states)  # type: ignore[list-item]
     assert found.b is None
     none = velocities._stacked_terms([1], states[:1])  # type: ignore[list-item]

@@ -30,9 +30,8 @@ from eomcheck.draws.fuzz_cases import (
 )
 from eomcheck.draws.pairwise_design import levels_of_case as measured_strata
 from eomcheck.errors import InputError
-from eomcheck.evaluation.batched_evaluation import LaneEvaluation
 from eomcheck.evaluation.dynamics import check_consistent
-from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.evaluation import BatchEvaluation, Evaluation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import state_rounds, triage
 from eomcheck.lab.fuzzing.campaign import Campaign, Round, RoundResult, ScoredCase
@@ -213,7 +212,7 @@ def test_a_claim_that_lanes_cannot_evaluate_is_checked_state_by_state(monkeypatc
     right = claim.sides
 
     def wrong(at, look):
-        if isinstance(at, LaneEvaluation):
+        if isinstance(at, BatchEvaluation):
             raise error
         for one in right(at, look):
             yield one._replace(expected=2 * one.expected) if isinstance(one, Comparison) else one
@@ -416,7 +415,7 @@ def test_a_bound_that_is_too_small_is_a_silent_error(monkeypatch):
 
 def test_what_is_allowed_too_little_for_is_a_false_alarm(monkeypatch):
     (case,), _ = draw_cases(Snake, STRATUM, (ORDINARY,), 1, np.random.default_rng(2))
-    monkeypatch.setattr("eomcheck.claims.case.sensitivity_of", lambda *_, **__: 1e-9)
+    monkeypatch.setattr("eomcheck.claims.case.measured_sensitivity", lambda *_, **__: 1e-9)
     found = failed_findings(case, ["kane-ml-mass", "chain-energy", "speeds-velocity"], KEYS)
     assert found and diagnose_failure(found[0]).at_fault == triage.ALARM
 

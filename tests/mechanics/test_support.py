@@ -9,7 +9,7 @@ from tests.samples import random_state
 
 import eomcheck
 from eomcheck.descriptions.build import mechanism
-from eomcheck.evaluation import batched_evaluation, evaluation, perturbed
+from eomcheck.evaluation import evaluation, perturbed
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.kernels.perturbed_trace import LARGEST_TOTAL, TraceRunner
@@ -76,7 +76,7 @@ def test_all_that_is_perturbed_of_a_tree_of_50_joints_is_kept_at_once(
     monkeypatch: pytest.MonkeyPatch,
 ):
     moves = TraceRunner()  # without the cached traces of earlier tests
-    for module in (evaluation, perturbed, batched_evaluation):
+    for module in (evaluation, perturbed):
         monkeypatch.setattr(module, "MOVES", moves)
     scene = chain(50)
     at = state(scene)

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 import eomcheck
 from eomcheck import InputError, RefusedError, Trajectories, UnknownNameError, simulate_many
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.evaluation.violations import allowed_violation
+from eomcheck.evaluation.perturbed import allowed_violation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.kernels import dop853
 from eomcheck.lab.store.executors import executor

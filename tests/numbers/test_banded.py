@@ -25,7 +25,7 @@ from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.formulations.banded import system as system_of_chain
-from eomcheck.kernels.batched_solves import solve_banded_in_lanes
+from eomcheck.kernels.batched_solves import solve_banded_batch
 from eomcheck.motion.right_hand_side import RightHandSide
 from eomcheck.numbers import ball, degree, finite_field
 from eomcheck.numbers.banded_solve import (
@@ -37,10 +37,10 @@ from eomcheck.numbers.banded_solve import (
     solve_banded,
     to_dense,
 )
+from eomcheck.numbers.batch_arrays import BatchArray, NoiseBatch
 from eomcheck.numbers.counting import Counting, System
 from eomcheck.numbers.degree import DegreeArithmetic
 from eomcheck.numbers.generic import Array, map_entries
-from eomcheck.numbers.lanes import LaneArray, LaneNoise
 from eomcheck.numbers.linear import EPS, eliminate, recording_solves, singular_below
 from eomcheck.numbers.noise import SAMPLES, STEP, Noise
 from eomcheck.numbers.pivots import LEAST_STEPS, MOST_STEPS, REFINED, SMALLEST_SHARE
@@ -330,20 +330,20 @@ def test_moved_or_in_machine_code_a_matrix_that_refinement_does_not_solve_has_no
 
 def test_in_lanes_a_matrix_that_refinement_does_not_solve_has_no_solution_and_others_have():
     bad, good = factors_above_the_matrix(), system(14)
-    stacked = (np.stack(x, axis=-1) for x in zip(good, bad, good, strict=True))
-    bands, b = map(LaneArray, stacked)
+    stacked = (np.stack(x) for x in zip(good, bad, good, strict=True))
+    bands, b = map(BatchArray, stacked)
     with recording_solves() as watch:
-        x = solve_banded_in_lanes(bands, b, "A").data
-    assert np.array_equal(np.isnan(x).all(axis=0), [False, True, False])
-    assert np.abs(x[:, 0] - solve_banded(*good, "A")).max() <= allowed_error(np.abs(x[:, 0]).max())
-    assert np.array_equal(x[:, 0], x[:, 2])
+        x = solve_banded_batch(bands, b, "A").data
+    assert np.array_equal(np.isnan(x).all(axis=1), [False, True, False])
+    assert np.abs(x[0] - solve_banded(*good, "A")).max() <= allowed_error(np.abs(x[0]).max())
+    assert np.array_equal(x[0], x[2])
     (solved,), (refused,) = watch.solves, watch.refused
     assert refused.tolist() == [False, True, False]
     assert (solved.rcond > singular_below(TERMS)).all(), "refused as singular, not by its error"
-    noise = LaneNoise(0)
+    noise = NoiseBatch([Noise(0)], states=3)
     with recording_solves(noise):
-        moved = solve_banded_in_lanes(noise.as_perturbed(bands), noise.as_perturbed(b), "A").data
-    assert np.array_equal(np.isnan(moved).all(axis=0), [False, True, False])
+        moved = solve_banded_batch(noise.as_perturbed(bands), noise.as_perturbed(b), "A").data
+    assert np.array_equal(np.isnan(moved).all(axis=1), [False, True, False])
 
 
 @sizes
@@ -408,9 +408,7 @@ def test_a_solution_that_overflows_is_not_refused_for_its_backward_error(large):
     for solve in (solve_it, machine_solve):
         assert not np.isfinite(solve(bands * 1e-10, b * large)).all()
     with recording_solves() as watch:
-        solve_banded_in_lanes(
-            LaneArray(bands[..., None] * 1e-10), LaneArray(b[:, None] * large), "A"
-        )
+        solve_banded_batch(BatchArray(bands[None] * 1e-10), BatchArray(b[None] * large), "A")
     assert watch.refused[0].tolist() == [False]
 
 

@@ -7,15 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.linalg import get_lapack_funcs
 
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation import dynamics
 from eomcheck.evaluation.scene_quantities import Quantities
-from eomcheck.numbers.lanes import LaneArray, LaneNoise
+from eomcheck.numbers.batch_arrays import BatchArray, NoiseBatch
 from eomcheck.numbers.linear import (
-    FactorMagnitudes,
-    Rounding,
     SolveRecord,
     for_each_noise,
     least_squares,
@@ -23,7 +20,7 @@ from eomcheck.numbers.linear import (
     recording_solves,
     row_scale,
 )
-from eomcheck.numbers.noise import NORMAL, STEP, Noise, NoiseBatch
+from eomcheck.numbers.noise import NORMAL, STEP, Noise
 
 # ---- Noise ---------------------------------------------------------------------------------------
 
@@ -77,19 +74,19 @@ def test_what_is_solved_one_by_one_is_recorded_with_the_determinant_of_each():
 # ---- Lanes ---------------------------------------------------------------------------------------
 
 RANDOM = np.random.default_rng(2)
-WIDE, TALL = RANDOM.uniform(1.0, 2.0, (2, 4, 5)), RANDOM.uniform(1.0, 2.0, (4, 2, 5))
+WIDE, TALL = RANDOM.uniform(1.0, 2.0, (5, 2, 4)), RANDOM.uniform(1.0, 2.0, (5, 4, 2))
 
 
 def test_a_product_of_matrices_in_lanes_moves_by_the_size_of_its_terms():
-    x = np.array([[[1e6, 1.0], [1e6, 1.0]]])  # (1, 2) in two lanes
-    y = np.array([[[1.0, 1.0]], [[-1.0, 1.0]]])
-    noise = LaneNoise(1)
+    x = np.array([[[1e6, 1e6]], [[1.0, 1.0]]])  # (1, 2) in two lanes
+    y = np.array([[[1.0], [-1.0]], [[1.0], [1.0]]])
+    noise = NoiseBatch([Noise(1)], states=2)
     for moved in (
-        (noise.as_perturbed(LaneArray(x)), LaneArray(y)),
-        (LaneArray(x), noise.as_perturbed(LaneArray(y))),
+        (noise.as_perturbed(BatchArray(x)), BatchArray(y)),
+        (BatchArray(x), noise.as_perturbed(BatchArray(y))),
     ):
         found = np.matmul(*moved)
-        change = np.abs(found.data[0, 0] - [0.0, 2.0]) / [2e6, 2.0]
+        change = np.abs(found.data[:, 0, 0] - [0.0, 2.0]) / [2e6, 2.0]
         assert (change >= 0.49 * STEP).all() and (change <= 1.01 * STEP).all()
         assert found.noise is noise
 
@@ -97,40 +94,23 @@ def test_a_product_of_matrices_in_lanes_moves_by_the_size_of_its_terms():
 @pytest.mark.parametrize("a", [WIDE, TALL])
 @pytest.mark.parametrize("columns", [(), (3,)])
 def test_least_squares_in_lanes_are_those_of_each_lane(a: np.ndarray, columns: tuple):
-    a = a * 1e12 ** np.arange(-2, 3)  # lanes of very different size
-    b = RANDOM.uniform(-1.0, 1.0, (a.shape[0], *columns, 5))
-    found = least_squares(LaneArray(a), LaneArray(b))
-    assert found.shape == (a.shape[1], *columns)
+    a = a * 1e12 ** np.arange(-2, 3)[:, None, None]  # lanes of very different size
+    b = RANDOM.uniform(-1.0, 1.0, (5, a.shape[1], *columns))
+    found = least_squares(BatchArray(a), BatchArray(b))
+    assert found.shape == (a.shape[2], *columns)
     for i in range(5):
-        expected = np.linalg.lstsq(a[..., i], b[..., i], rcond=None)[0]
-        assert found.data[..., i] == pytest.approx(expected, rel=1e-10, abs=0.0)
+        expected = np.linalg.lstsq(a[i], b[i], rcond=None)[0]
+        assert found.data[i] == pytest.approx(expected, rel=1e-10, abs=0.0)
 
 
 def test_rows_in_lanes_are_scaled_as_those_of_each_lane():
-    a = RANDOM.uniform(1.0, 2.0, (2, 3, 4)) * np.array([1.0, 8.0])[:, None, None]
-    a[0, 2] *= 64.0
-    found = row_scale(LaneArray(a))
+    a = RANDOM.uniform(1.0, 2.0, (4, 2, 3)) * np.array([1.0, 8.0])[:, None]
+    a[:, 0, 2] *= 64.0
+    found = row_scale(BatchArray(a))
     for i in range(4):
-        assert found.data[:, i].tolist() == np.asarray(row_scale(a[..., i])).tolist()
-        sizes = np.abs(a[..., i]).max(axis=1) * found.data[:, i]
+        assert found.data[i].tolist() == np.asarray(row_scale(a[i])).tolist()
+        sizes = np.abs(a[i]).max(axis=1) * found.data[i]
         assert (sizes >= 0.5).all() and (sizes <= 1.0).all()
-
-
-# ---- Factors -------------------------------------------------------------------------------------
-
-
-def test_what_elimination_rounds_is_the_same_in_any_units():
-    A = RANDOM.uniform(-1.0, 1.0, (3, 3))
-    (getrf,) = get_lapack_funcs(("getrf",), dtype=np.float64)
-    lu, pivots, _ = getrf(A)
-    scale, rows = np.array([0.5, 4.0, 1.0]), np.array([2.0, 1.0, 8.0])
-    others, other_rows = np.array([8.0, 0.25, 2.0]), np.array([1.0, 16.0, 0.5])
-    sizes = FactorMagnitudes(lu, pivots)
-    rounded = sizes.times(np.eye(3)) / rows[:, None] / scale  # of the matrix as it was
-    found = Rounding(sizes, scale, rows)
-    for x in (np.array([1.0, 2.0, 3.0]), np.array([[1.0, 5.0], [2.0, 0.0], [3.0, 1.0]])):
-        expected = (other_rows[:, None] * rounded * others) @ x
-        assert found.of(x, others, other_rows) == pytest.approx(expected, rel=1e-14)
 
 
 # ---- Velocities ----------------------------------------------------------------------------------

@@ -5,32 +5,36 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eomcheck.numbers.generic import Angles
-from eomcheck.numbers.lanes import (
-    LANE_ARITHMETIC,
-    LaneArray,
-    LaneNoise,
+from eomcheck.numbers.batch_arrays import (
+    BATCH_ARITHMETIC,
+    BatchArray,
+    NoiseBatch,
     as_float64,
     as_object_array,
+    batch_data,
+    batch_size,
+    choose,
     everywhere,
-    lane_data,
-    lane_select,
-    lanes_in,
-    perturbation_scale,
 )
+from eomcheck.numbers.generic import Angles
 from eomcheck.numbers.linear import least_squares, null_space, singular_values
-from eomcheck.numbers.noise import NORMAL, STEP
-from eomcheck.numbers.pivots import EPS, SMALLEST_SIZE
+from eomcheck.numbers.noise import STEP, Noise
+from eomcheck.numbers.pivots import EPS
 
 RANDOM = np.random.default_rng(0)
-X, Y = RANDOM.uniform(1.0, 2.0, (3, 2, 5)), RANDOM.uniform(3.0, 5.0, (3, 2, 5))
+X, Y = RANDOM.uniform(1.0, 2.0, (5, 3, 2)), RANDOM.uniform(3.0, 5.0, (5, 3, 2))
 """Two matrices (3, 2) in five lanes."""
-SQUARE = RANDOM.uniform(-1.0, 1.0, (3, 3, 5)) + 4.0 * np.eye(3)[..., None]
+SQUARE = RANDOM.uniform(-1.0, 1.0, (5, 3, 3)) + 4.0 * np.eye(3)
 
 
 def lane(x, i: int) -> np.ndarray:
     """Return what lane i holds."""
-    return x.data[..., i]
+    return x.data[i]
+
+
+def noise_of_all() -> NoiseBatch:
+    """Return one noise of five states."""
+    return NoiseBatch([Noise(3)], states=5)
 
 
 OPERATIONS = {
@@ -53,57 +57,54 @@ OPERATIONS = {
 @pytest.mark.parametrize("operation", OPERATIONS)
 def test_each_lane_is_computed_as_it_is_alone(operation: str):
     function = OPERATIONS[operation]
-    found = function(LaneArray(X.copy()), LaneArray(Y.copy()))
+    found = function(BatchArray(X.copy()), BatchArray(Y.copy()))
     for i in range(5):
-        alone = function(X[..., i], Y[..., i])
+        alone = function(X[i], Y[i])
         assert np.allclose(lane(found, i), alone, rtol=1e-15, atol=0.0)
 
 
 @pytest.mark.parametrize("operation", OPERATIONS)
 def test_the_result_of_each_operation_on_arrays_is_perturbed_alike_in_all_lanes(operation: str):
-    function, noise = OPERATIONS[operation], LaneNoise(3)
-    x, y = noise.as_perturbed(LaneArray(X.copy())), noise.as_perturbed(LaneArray(Y.copy()))
-    exact = function(LaneArray(X.copy()), LaneArray(Y.copy())).data
+    function, noise = OPERATIONS[operation], noise_of_all()
+    x, y = noise.as_perturbed(BatchArray(X.copy())), noise.as_perturbed(BatchArray(Y.copy()))
+    exact = function(BatchArray(X.copy()), BatchArray(Y.copy())).data
     change = (function(x, y).data - exact) / exact
     assert (np.abs(change) >= 0.49 * STEP).all() and (np.abs(change) <= 1.01 * STEP).all()
-    assert np.ptp(change, axis=-1).max() <= 4 * EPS
+    assert np.ptp(change, axis=0).max() <= 4 * EPS
 
 
 @pytest.mark.parametrize("operation", ["sum", "difference", "product", "quotient"])
 def test_one_perturbed_side_is_enough_for_a_result_to_be_perturbed(operation: str):
-    function, noise = OPERATIONS[operation], LaneNoise(3)
-    x, y = LaneArray(X.copy()), LaneArray(Y.copy())
+    function, noise = OPERATIONS[operation], noise_of_all()
+    x, y = BatchArray(X.copy()), BatchArray(Y.copy())
     exact = function(x, y).data
     for found in (function(x, noise.as_perturbed(y)), function(noise.as_perturbed(x), y)):
         assert (found.data != exact).all() and found.noise is noise
 
 
 def test_angles_in_lanes_have_their_cosines_and_sines_and_both_are_perturbed():
-    exact = LANE_ARITHMETIC.angles(LaneArray(X[:, 0].copy()))
-    assert np.array_equal(exact.value.data, X[:, 0])
-    assert np.array_equal(exact.cos.data, np.cos(X[:, 0]))
-    assert np.array_equal(exact.sin.data, np.sin(X[:, 0]))
-    found = LaneNoise(3).perturb_record(exact)
-    assert isinstance(found, Angles) and np.array_equal(found.value.data, X[:, 0])
+    exact = BATCH_ARITHMETIC.angles(BatchArray(X[:, :, 0].copy()))
+    assert np.array_equal(exact.value.data, X[:, :, 0])
+    assert np.array_equal(exact.cos.data, np.cos(X[:, :, 0]))
+    assert np.array_equal(exact.sin.data, np.sin(X[:, :, 0]))
+    found = noise_of_all().perturb_record(exact)
+    assert isinstance(found, Angles) and np.array_equal(found.value.data, X[:, :, 0])
     for part, of in ((found.cos, exact.cos), (found.sin, exact.sin)):
         change = np.abs(part.data / of.data - 1.0)
         assert (change >= 0.49 * STEP).all() and (change <= 1.01 * STEP).all()
-    assert np.array_equal(LANE_ARITHMETIC.root(LaneArray(X.copy())).data, np.sqrt(X))
+    assert np.array_equal(BATCH_ARITHMETIC.root(BatchArray(X.copy())).data, np.sqrt(X))
 
 
 def test_a_record_in_lanes_is_perturbed_in_each_of_its_parts_and_what_is_absent_stays():
-    x, (y, none) = LaneNoise(3).perturb_record((LaneArray(X.copy()), (LaneArray(Y.copy()), None)))
+    x, (y, none) = noise_of_all().perturb_record(
+        (BatchArray(X.copy()), (BatchArray(Y.copy()), None))
+    )
     assert (x.data != X).all() and (y.data != Y).all() and none is None
     assert x.noise is y.noise is not None
 
 
-def test_what_is_no_normal_number_is_perturbed_like_the_smallest_of_which_residuals_tell():
-    x = np.array([0.0, 0.5 * NORMAL, NORMAL, -2.0])
-    assert perturbation_scale(x).tolist() == [SMALLEST_SIZE, SMALLEST_SIZE, NORMAL, 2.0]
-
-
 def test_a_condition_in_lanes_holds_everywhere_only_where_all_entries_hold_it():
-    x = LaneArray(np.array([[1.0, 1.0, 3.0], [1.0, 3.0, 3.0]]))
+    x = BatchArray(np.array([[1.0, 1.0], [1.0, 3.0], [3.0, 3.0]]))
     assert everywhere(x <= 2.0).data.tolist() == [True, False, False]
     assert everywhere(x > 2.0).data.tolist() == [False, False, True]
     assert everywhere(np.array([True, True])) is True
@@ -111,38 +112,38 @@ def test_a_condition_in_lanes_holds_everywhere_only_where_all_entries_hold_it():
 
 
 def test_a_choice_in_lanes_is_made_lane_by_lane():
-    x, y = LaneArray(np.array([1.0, 2.0, 3.0])), LaneArray(np.array([-1.0, -2.0, -3.0]))
-    assert lane_select(x <= 2.0, x, y).data.tolist() == [1.0, 2.0, -3.0]
-    assert lane_select(x <= 2.0, 7.0, y).data.tolist() == [7.0, 7.0, -3.0]
-    assert lane_select(True, 1.0, 2.0) == 1.0 and lane_select(False, 1.0, 2.0) == 2.0
+    x, y = BatchArray(np.array([1.0, 2.0, 3.0])), BatchArray(np.array([-1.0, -2.0, -3.0]))
+    assert choose(x <= 2.0, x, y).data.tolist() == [1.0, 2.0, -3.0]
+    assert choose(x <= 2.0, 7.0, y).data.tolist() == [7.0, 7.0, -3.0]
+    assert choose(True, 1.0, 2.0) == 1.0 and choose(False, 1.0, 2.0) == 2.0
 
 
 def test_sums_and_largest_entries_are_those_along_the_axis_that_the_source_knows():
-    x = LaneArray(X.copy())
+    x = BatchArray(X.copy())
     for axis in (None, 0, 1, -1):
         for i in range(5):
-            assert np.allclose(lane(x.sum(axis), i), X[..., i].sum(axis), rtol=1e-15)
-            assert np.array_equal(lane(x.max(axis), i), X[..., i].max(axis))
-    both = np.concatenate((x, LaneArray(Y.copy())), axis=-1)
-    assert np.array_equal(both.data, np.concatenate((X, Y), axis=1))
-    assert np.array_equal(np.concatenate((x, np.ones((1, 2)))).data[3], np.ones((2, 5)))
+            assert np.allclose(lane(x.sum(axis), i), X[i].sum(axis), rtol=1e-15)
+            assert np.array_equal(lane(x.max(axis), i), X[i].max(axis))
+    both = np.concatenate((x, BatchArray(Y.copy())), axis=-1)
+    assert np.array_equal(both.data, np.concatenate((X, Y), axis=-1))
+    assert np.array_equal(np.concatenate((x, np.ones((1, 2)))).data[:, 3], np.ones((5, 2)))
     assert x.reshape(-1, 3).shape == (2, 3) and x.reshape((6,)).shape == (6,)
-    assert (len(x), x.size, x.lanes, x.ndim, x.T.shape) == (3, 6, 5, 2, (2, 3))
+    assert (len(x), x.size, x.count, x.ndim, x.T.shape) == (3, 6, 5, 2, (2, 3))
 
 
 def test_lanes_and_their_entries_hold_the_same_numbers():
-    x = LaneArray(X.copy())
+    x = BatchArray(X.copy())
     single = as_object_array(x)
-    assert single.shape == (3, 2) and np.array_equal(single[2, 1].data, X[2, 1])
+    assert single.shape == (3, 2) and np.array_equal(single[2, 1].data, X[:, 2, 1])
     assert np.array_equal(as_float64(single).data, X)
-    assert lanes_in(single) == lanes_in([1.0, (2.0, x)]) == 5 and lanes_in(np.ones(2)) == 0
-    assert np.array_equal(lane_data([1.0, x[0, 0]], 5), np.stack((np.ones(5), X[0, 0])))
+    assert batch_size(single) == batch_size([1.0, (2.0, x)]) == 5 and batch_size(np.ones(2)) == 0
+    assert np.array_equal(batch_data([1.0, x[0, 0]], 5), np.stack((np.ones(5), X[:, 0, 0]), axis=1))
 
 
 @pytest.mark.parametrize("write", ["entry", "row", "all"])
 def test_a_matrix_that_is_written_to_is_decomposed_anew(write: str):
     places = {"entry": (0, 1), "row": 1, "all": (slice(None), slice(None))}
-    a = LaneArray(SQUARE[:2].copy())
+    a = BatchArray(SQUARE[:, :2].copy())
     turned = a.T
     before = singular_values(a).data, least_squares(a, np.ones(2)).data
     least_squares(turned, np.ones(3))
@@ -161,18 +162,18 @@ def test_a_matrix_that_is_written_to_is_decomposed_anew(write: str):
 
 
 def test_a_turned_matrix_is_decomposed_as_such_whichever_is_first():
-    a = LaneArray(X.copy())
+    a = BatchArray(X.copy())
     found = least_squares(a.T, np.ones(2))
     for i in range(5):
-        expected = np.linalg.lstsq(X[..., i].T, np.ones(2), rcond=None)[0]
+        expected = np.linalg.lstsq(X[i].T, np.ones(2), rcond=None)[0]
         assert np.allclose(lane(found, i), expected)
 
 
 def test_singular_values_of_rounding_count_as_zero():
-    row = RANDOM.uniform(1.0, 2.0, (3, 5))
-    found = least_squares(LaneArray(np.stack((row, 3.0 * row))), np.array([1.0, 3.0]))
+    row = RANDOM.uniform(1.0, 2.0, (5, 3))
+    found = least_squares(BatchArray(np.stack((row, 3.0 * row), axis=1)), np.array([1.0, 3.0]))
     for i in range(5):
-        assert np.allclose(lane(found, i), row[:, i] / (row[:, i] @ row[:, i]), rtol=1e-12)
+        assert np.allclose(lane(found, i), row[i] / (row[i] @ row[i]), rtol=1e-12)
 
 
 @pytest.mark.parametrize(("a", "b"), [(np.inf, 1.0), (1.0, np.inf), (1.0, np.nan)])

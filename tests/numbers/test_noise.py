@@ -21,17 +21,30 @@ from eomcheck.evaluation.perturbed import (
 )
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, C, allowed_error, largest, largest_of_each
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.kernels.perturbed_trace import FEWEST_COMPILED, RECORDS, TraceRunner
+from eomcheck.kernels.perturbed_trace import FEWEST_COMPILED, TraceRunner
 from eomcheck.numbers.banded_solve import BANDED_SOLVERS
+from eomcheck.numbers.batch_arrays import BatchArray, NoiseBatch
 from eomcheck.numbers.dual import duals, rate
 from eomcheck.numbers.generic import Angles, as_objects, map_record
 from eomcheck.numbers.linear import EPS, PRODUCTS, SOLVERS, recording_solves, solve
-from eomcheck.numbers.noise import NORMAL, SAMPLES, STEP, Noise, NoiseBatch, PerturbedArray
+from eomcheck.numbers.noise import NORMAL, SAMPLES, STEP, Noise, PerturbedArray
 from eomcheck.scenes import SCENES, Snake
 
 seeds = pytest.mark.parametrize("seed", range(5))
 ROUNDING = 8 * EPS
 """Of 1 + change and the product, far below the step."""
+
+
+def replay(noise: Noise, function, *arguments, runner: TraceRunner | None = None):
+    """Return what a function gives for one sample, perturbed by `noise`."""
+
+    def of_one(x):
+        return BatchArray(x[None]) if isinstance(x, np.ndarray) and x.dtype == np.float64 else x
+
+    batch = noise if isinstance(noise, NoiseBatch) else NoiseBatch([noise])
+    found = (runner or TraceRunner()).run(batch, function, *map_record(of_one, arguments))
+    return map_record(lambda x: x.data[0], found)
+
 
 # ---- The noise -----------------------------------------------------------------------------------
 
@@ -96,10 +109,10 @@ def test_noises_side_by_side_are_each_what_it_is_alone():
     x = np.arange(1.0, 4000.0)
     for name, size in (("a", 7), ("b", 3000), ("a", 3999)):
         with noises.stream(name):
-            parts = [noises.perturb(np.tile(x[:k], (3, 1))) for k in (size, 5)]
+            parts = [noises.perturb(BatchArray(np.tile(x[:k], (3, 1)))).data for k in (size, 5)]
             with noises.split() as apart:
                 parts.append(np.stack([one.perturb(x[:4]) for one in apart]))
-            parts.append(noises.perturb(np.tile(x[:6], (3, 1))))
+            parts.append(noises.perturb(BatchArray(np.tile(x[:6], (3, 1)))).data)
         for i, alone in enumerate(each):
             with alone.stream(name):
                 for found in parts:
@@ -140,7 +153,7 @@ def test_every_operation_of_a_generic_function_moves_its_result(operation):
     def function(x, y):
         return np.array([operation(a, b) for a, b in zip(x, y, strict=True)], object)
 
-    steps = relative_steps(operation(x, y), TraceRunner().run(Noise(0), function, x, y))
+    steps = relative_steps(operation(x, y), replay(Noise(0), function, x, y))
     assert (steps >= 0.5 - ROUNDING / STEP).all()
     assert (steps <= 1.0 + ROUNDING / STEP).all()
     assert np.unique(steps).size > 10
@@ -149,7 +162,7 @@ def test_every_operation_of_a_generic_function_moves_its_result(operation):
 def test_terms_that_cancel_identically_leave_the_rounding_of_each():
     """Moving x alone would not show it: x y - y x is 0 for every x and y."""
     x, y = np.full(100, 3.0), np.full(100, 0.7)
-    left = TraceRunner().run(Noise(0), lambda x, y: x * y - y * x, x, y)
+    left = replay(Noise(0), lambda x, y: x * y - y * x, x, y)
     assert 0.1 * STEP < np.abs(left).max() / 2.1 < 2 * STEP
 
 
@@ -159,12 +172,12 @@ def test_terms_that_cancel_identically_leave_the_rounding_of_each():
 )
 def test_what_rounds_nothing_moves_nothing(operation):
     x = np.array([3.0])
-    assert np.array_equal(TraceRunner().run(Noise(0), operation, x), x)
+    assert np.array_equal(replay(Noise(0), operation, x), x)
 
 
 def test_a_function_that_is_not_rational_is_not_run_on_moved_numbers():
     with pytest.raises(TypeError):
-        TraceRunner().run(Noise(0), np.sin, np.ones(3))
+        replay(Noise(0), np.sin, np.ones(3))
 
 
 @seeds
@@ -212,7 +225,7 @@ def test_without_noise_every_operation_is_what_it_is_in_python(kind):
     scene = kind.example()
     at = Evaluation(scene, *scene.initial_state())
     arguments = at.parameters, at.prepared, at.q, at.v
-    found = TraceRunner().run(Noise(0, step=0.0), scene.terms, *arguments)
+    found = replay(Noise(0, step=0.0), scene.terms, *arguments)
     for exact, part in zip(scene.terms(*arguments), found, strict=True):
         assert (exact is None) == (part is None)
         # Sums that a product of matrices adds up may be added in another order.
@@ -225,25 +238,25 @@ def test_what_was_listed_serves_other_numbers_and_other_noise():
 
     x, y = np.random.default_rng(0).uniform(1, 2, (2, 30))
     moves = TraceRunner()
-    moves.run(Noise(0), function, x, y)
+    replay(Noise(0), function, x, y, runner=moves)
     for again, fresh in zip(
-        moves.run(Noise(1), function, y, x),
-        TraceRunner().run(Noise(1), function, y, x),
+        replay(Noise(1), function, y, x, runner=moves),
+        replay(Noise(1), function, y, x),
         strict=True,
     ):
         assert np.array_equal(again, fresh)
-    assert moves.run(Noise(0), function, x[:3], y[:3])[0].shape == (3,), "another list"
+    assert replay(Noise(0), function, x[:3], y[:3], runner=moves)[0].shape == (3,), "another list"
 
 
 def test_a_function_that_is_not_rational_is_not_taken_for_one_the_second_time():
     moves = TraceRunner()
     for _ in range(2):
         with pytest.raises(TypeError):
-            moves.run(Noise(0), np.sin, np.ones(3))
+            replay(Noise(0), np.sin, np.ones(3), runner=moves)
 
 
 def test_a_moved_quotient_by_zero_is_no_number():
-    assert np.isnan(TraceRunner().run(Noise(0), lambda x, y: x / y, np.ones(2), np.zeros(2))).all()
+    assert np.isnan(replay(Noise(0), lambda x, y: x / y, np.ones(2), np.zeros(2))).all()
 
 
 def test_what_is_listed_and_not_moved_has_the_bits_that_python_gives():
@@ -272,33 +285,16 @@ def test_few_operations_are_done_by_python_and_many_by_their_list(size, calls):
     assert len(seen) == calls, "it is run once to be listed"
 
 
-def test_a_record_is_read_once_and_each_by_itself():
-    """Also where one has the place in memory that another one had."""
-    moves, still = TraceRunner(), Noise(0, step=0.0)
-
-    def function(record):
-        return record[0] * record[1]
-
-    one, other = ((np.full(2, x), np.full(2, x + 1)) for x in (2.0, 5.0))
-    for _ in range(2):
-        assert moves.run(still, function, one).tolist() == [6.0, 6.0]
-    moves._seen._found[id(other), 0] = moves._seen._found[id(one), 0]
-    assert moves.run(still, function, other).tolist() == [30.0, 30.0]
-    for i in range(2 * RECORDS):
-        assert moves.run(still, function, (np.full(2, i), np.ones(2))).tolist() == [i, i]
-    assert len(moves._seen._found) <= RECORDS
-
-
 def test_lists_are_forgotten_by_the_places_that_all_of_them_have():
     moves, still = TraceRunner(), Noise(0, step=0.0)
     functions = [lambda x, i=i: x * i + x for i in range(2, 7)]
     for function in functions:
-        moves.run(still, function, np.ones(3))
+        replay(still, function, np.ones(3), runner=moves)
     each = [one.size for one in moves._known.values() if one]
-    assert moves._places == sum(each)
+    assert moves._size == sum(each)
     with patch("eomcheck.kernels.perturbed_trace.LARGEST_TOTAL", sum(each)):
-        moves.run(still, functions[0], np.ones(4))
-    assert moves._places == sum(one.size for one in moves._known.values() if one) <= sum(each)
+        replay(still, functions[0], np.ones(4), runner=moves)
+    assert moves._size == sum(one.size for one in moves._known.values() if one) <= sum(each)
     assert [key[0] for key in moves._known] == [*functions[2:], functions[0]]
 
 
@@ -318,13 +314,13 @@ def test_what_cannot_be_listed_is_run_unmoved_by_python():
 def test_a_function_that_branches_is_not_listed(branch):
     """Of numbers without a value one side of it would be taken for all states."""
     with pytest.raises(TypeError):
-        TraceRunner().run(Noise(0), branch, np.ones(3))
+        replay(Noise(0), branch, np.ones(3))
 
 
 def test_what_is_handed_in_does_not_move():
     x = np.ones(4)
     Noise(0).perturb(x)
-    TraceRunner().run(Noise(0), lambda x: x * x, x)
+    replay(Noise(0), lambda x: x * x, x)
     assert (x == 1).all()
 
 
@@ -347,7 +343,7 @@ def test_a_singular_matrix_among_several_has_no_solution():
     A, b = np.stack([np.eye(2), np.zeros((2, 2)), 2 * np.eye(2)]), np.ones((3, 2))
     for right in (b, b[..., None]):
         with recording_solves(NoiseBatch([Noise(seed, 0.0) for seed in range(3)])):
-            x = np.asarray(solve(A, right, "A"))
+            x = solve(BatchArray(A), BatchArray(right), "A").data
         assert x.shape == right.shape
         assert np.isnan(x[1]).all()
         assert np.allclose(x[[0, 2]].reshape(2, 2), [[1, 1], [0.5, 0.5]])
@@ -522,8 +518,7 @@ def test_every_operation_of_every_formulation_is_moved(kind, key, monkeypatch):
 
     monkeypatch.setattr(at, "call", tallied)
     at.solution(formulation)
-    (copy, *_) = perturbed_samples(Evaluation(scene, q, v))
-    together = copy.batch
+    together = perturbed_samples(Evaluation(scene, q, v))
     taken, inside = [], together.call
 
     def taking(function, *arguments):
@@ -534,7 +529,7 @@ def test_every_operation_of_every_formulation_is_moved(kind, key, monkeypatch):
         return result
 
     monkeypatch.setattr(together, "call", taking)
-    copy.acceleration(formulation)
+    together.acceleration(formulation)
     assert counted == taken
     assert taken[0] > 0
 
@@ -552,9 +547,8 @@ def test_coordinates_move_only_on_request(at):
     assert sensitivity_of(at, lambda e: e.q, coordinates=True) >= 1.5 * largest(Q) * (
         1 - ROUNDING / STEP
     )
-    assert (
-        len(perturbed_samples(at)) == len(perturbed_samples(at, coordinates=True)) == SAMPLES + 1
-    ), "one is stretched"
+    for everywhere in (False, True):
+        assert perturbed_samples(at, everywhere).count == SAMPLES + 1, "one is stretched"
 
 
 def test_a_quantity_that_a_moved_evaluation_refuses_has_an_infinite_spread(at):
@@ -611,14 +605,14 @@ def test_a_determinant_that_jumps_in_a_moved_evaluation_makes_the_spread_infinit
 ):
     au = FORMULATIONS["au"]
     assert acceleration_sensitivity(at, au) < np.inf
-    getattr(perturbed_samples(at)[0].batch.solves[au.key, False]["M_Au"], name)[which] = there
+    getattr(perturbed_samples(at).solves[au.key, False]["M_Au"], name)[which] = there
     assert acceleration_sensitivity(at, au) == np.inf
 
 
 @pytest.mark.parametrize("which", range(SAMPLES + 1))
 def test_a_moved_evaluation_without_an_answer_makes_the_spread_infinite(at, which):
-    moved = perturbed_samples(at)
-    assert sensitivity_of(at, lambda e: np.nan if e is moved[which] else 1.0) == np.inf
+    moved = BatchArray(np.where(np.arange(SAMPLES + 1) == which, np.nan, 1.0))
+    assert sensitivity_of(at, lambda e: 1.0 if e is at else moved) == np.inf
 
 
 def test_a_result_without_a_certain_digit_has_an_infinite_error_bound():

@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
-from functools import cache, cached_property, partial, reduce
+from functools import cache, cached_property, partial
 from operator import attrgetter
 from typing import Any
 
@@ -46,6 +46,7 @@ from eomcheck.errors import RefusedError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.perturbed import (
     acceleration_sensitivity,
+    measured_entry_sensitivity,
     perturbed_samples,
     sensitivity_of,
 )
@@ -54,11 +55,11 @@ from eomcheck.evaluation.tolerance import INCONCLUSIVE, allowed_error, can_overf
 from eomcheck.formulations import FORMULATIONS, Formulation
 from eomcheck.motion.observables import as_integrated
 from eomcheck.motion.right_hand_side import acceleration_in_machine_code
+from eomcheck.numbers.batch_arrays import as_float64, batch_size, choose
 from eomcheck.numbers.dual import duals, rate, value
 from eomcheck.numbers.generic import Array, NotRationalError, as_objects, map_entries, map_record
-from eomcheck.numbers.lanes import as_float64, lane_select, lanes_in
 from eomcheck.numbers.linear import least_squares, null_space, row_scale, singular_values
-from eomcheck.numbers.noise import NORMAL, SAMPLES, STEP
+from eomcheck.numbers.noise import NORMAL
 
 # ---- Equations, formulations, engines, machine code ----------------------------------------------
 
@@ -88,7 +89,7 @@ def equations_residual(at: Quantities, context: EvaluationContext) -> Iterator[C
             terms = magnitude(motions.T, terms + cancelled)
             residual = motions.T @ residual
             names = speed_names(at) if context.exact else numbered("allowed motion ", residual.size)
-            sensitivity = lane_select(resolved, sensitivity, np.inf)
+            sensitivity = choose(resolved, sensitivity, np.inf)
         yield vanishing(f.key, residual, (names,), terms, sensitivity + largest(terms))
 
 
@@ -116,7 +117,7 @@ def _allowed_motions(at: Quantities, context: EvaluationContext) -> tuple[Any, A
 
 def _constraint_forces(a: Any, net: Array) -> Array:
     """Return |aᵀ| |λ| (n,) of the constraint forces aᵀλ = net, whose terms may cancel."""
-    if not lanes_in(net) and not np.isfinite(net).all():
+    if not batch_size(net) and not np.isfinite(net).all():
         return np.full(net.size, np.inf)
     return np.abs(a.T) @ np.abs(least_squares(a.T, net))
 
@@ -483,9 +484,7 @@ class _Rates:
         """Return [V, ω] and its shares of q and of v in [V̇, ω̇] of the bodies (3, n_b, d + e)."""
         along_v = self._along_v(_velocities_along, self._e.scene.velocities, vdot)
         parts = *self._velocities_of_q, along_v
-        if lanes_in(parts):
-            return as_float64(parts)
-        return np.stack([np.asarray(x, np.float64) for x in parts], axis=-3)
+        return np.stack([as_float64(x) for x in parts])
 
 
 def _power_of_inertia(at: Evaluation, rates: Callable[[Evaluation], Array]) -> tuple[Any, Any]:
@@ -510,15 +509,12 @@ def _power_of_inertia(at: Evaluation, rates: Callable[[Evaluation], Array]) -> t
         return pushing + (speed[:, d:, None] * turning).sum()
 
     with np.errstate(all="ignore"):
-        exact, samples = rates(at), perturbed_samples(at)
+        exact = rates(at)
         try:
-            if at.lanes:
-                changes = [np.abs(rates(sample) - exact) for sample in samples[:SAMPLES]]
-            else:
-                changes = np.abs(rates(samples[0].batch)[:SAMPLES] - exact)
+            sensitive = measured_entry_sensitivity(at, exact, rates(perturbed_samples(at)))
         except RefusedError:
             return power(np.abs(exact)), np.inf
-        return power(np.abs(exact)), power(np.abs(exact) + reduce(np.maximum, changes) / STEP)
+        return power(np.abs(exact)), power(sensitive)
 
 
 @claim("power-balance", "d(T + U)/dt = -q̇ ∂R/∂q̇", "(25)-(26), (31)", "power balance", rate_of="all")
@@ -546,11 +542,11 @@ def _of_power(
 
     summed, summed_sensitivity = _power_of_inertia(case.at, of_bodies)
     terms, resolved = larger(largest(shares), summed), np.isfinite(case.vdot_sensitivity(f))
-    if not lanes_in(resolved) and not resolved:
+    if not batch_size(resolved) and not resolved:
         return terms, np.inf
     # Energies are summed over the bodies, which rounds as often.
     rounding = case.at.scene.n * (largest(shares) + summed_sensitivity) + _of_constraints(case, f)
-    return terms, lane_select(resolved, case.sensitivity(power, batched=True) + rounding, np.inf)
+    return terms, choose(resolved, case.sensitivity(power) + rounding, np.inf)
 
 
 def _of_constraints(case: Any, f: Formulation) -> Any:

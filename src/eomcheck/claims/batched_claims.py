@@ -10,13 +10,13 @@ again by `eomcheck.check_state`.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import cache, cached_property
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from eomcheck.claims.case import FloatContext
 from eomcheck.claims.finding import (
     FAILED_CODE,
     INCONCLUSIVE_CODE,
@@ -24,24 +24,16 @@ from eomcheck.claims.finding import (
     SKIPPED_CODE,
     verdict_codes,
 )
-from eomcheck.claims.registry import CLAIMS, Claim, Comparison, FloatContext
+from eomcheck.claims.registry import CLAIMS, Claim, Comparison
 from eomcheck.errors import RefusedError, described_error
-from eomcheck.evaluation.batched_evaluation import (
-    LaneEvaluation,
-    acceleration_sensitivity_in_lanes,
-    largest_in,
-    sensitivity_in_lanes,
-    speeds_resolved_in_lanes,
-)
-from eomcheck.evaluation.evaluation import SPEEDS, Acceleration
+from eomcheck.evaluation.evaluation import SPEEDS, Acceleration, BatchEvaluation
 from eomcheck.evaluation.tolerance import allowed_error, larger, largest
 from eomcheck.formulations import Formulation
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.batch_arrays import BatchArray, as_float64, batch_size
 from eomcheck.numbers.generic import Array
-from eomcheck.numbers.lanes import LaneArray, as_float64, lanes_in
 from eomcheck.numbers.linear import recording_solves
-from eomcheck.numbers.noise import SAMPLES
 
 NOT_BATCHABLE = (TypeError, ValueError, AttributeError, IndexError, np.linalg.LinAlgError)
 """Exceptions of a claim that uses numbers in ways that SIMD lanes do not support."""
@@ -93,21 +85,11 @@ class BatchedCase(FloatContext):
         not_batched: claims that cannot be evaluated on this batch -> reason.
     """
 
-    at: LaneEvaluation
+    at: BatchEvaluation
     formulations: tuple[Formulation, ...]
     has_speeds: bool
     not_batched: dict[str, str] = field(default_factory=dict)
     _solutions_used: bool = field(default=False, repr=False)
-
-    @cached_property
-    def speeds_resolved(self) -> LaneArray:
-        """Flags of lanes in which generalized speeds by a partition exceed their rounding error."""
-        return LaneArray(speeds_resolved_in_lanes(self.at))
-
-    @property
-    def directions(self) -> Array:
-        """The coordinates in turn (n, n), of literals."""
-        return np.eye(self.at.scene.n, dtype=object)
 
     @property
     def partitions(self) -> Iterator[tuple[str, Any]]:
@@ -129,27 +111,7 @@ class BatchedCase(FloatContext):
         """Return the flags (L,) of lanes that a formulation refuses."""
         if (key, False) in self.at.refused:
             return self.at.refused[key, False]
-        return np.ones(self.at.lanes, bool)
-
-    def sensitivity(self, quantity: Callable[[Any], Any], batched: bool = False) -> LaneArray:
-        """Return κ · scale of a quantity; 0 for a perturbed sample, whose sides alone matter.
-
-        Each perturbed sample is a batch of its own, so that `batched` has no effect.
-        """
-        perturbed, at = self.at.is_perturbed, self.at
-        return LaneArray(np.zeros(at.lanes) if perturbed else sensitivity_in_lanes(at, quantity))
-
-    def part_sensitivity(self, formulation: Formulation, part: str) -> LaneArray:
-        """Return κ · scale of a part of the result of `formulation`."""
-        key = (formulation.key, part, False)
-        if key not in self._sensitivities:
-            of_part = acceleration_sensitivity_in_lanes(self.at, formulation, part)
-            self._sensitivities[key] = of_part
-        return LaneArray(self._sensitivities[key])
-
-    @cached_property
-    def _sensitivities(self) -> dict[tuple[str, str, bool], Array]:
-        return {}
+        return np.ones(self.at.states, bool)
 
     @property
     def added_row(self) -> Any:
@@ -181,37 +143,20 @@ class BatchedCase(FloatContext):
         return self._compare_sides(claim, claim.sides)
 
     def _compare_sides(self, claim: Claim, sides: Callable) -> Iterator[BatchResult]:
-        @cache
-        def perturbed(e: Any) -> dict[str, Comparison]:
-            comparisons: dict[str, Comparison] = {}
-            context = BatchedCase(e, self.formulations, self.has_speeds)
-            with e.computing("sides"), e.recording_solves(), suppress(RefusedError):
-                for one in sides(e, context):
-                    comparisons[one.subject] = one
-            return comparisons
-
-        def measured(exact: Comparison, side: str) -> Array:
-            def quantity(e: Any) -> Any:
-                one = exact if e is self.at else perturbed(e).get(exact.subject)
-                if not isinstance(one, Comparison):
-                    raise np.linalg.LinAlgError(f"{exact.subject} does not exist nearby")
-                return getattr(one, side)
-
-            return sensitivity_in_lanes(self.at, quantity)
-
+        measured = self.measuring(sides)
         self._solutions_used = False
         with recording_solves() as recorder:
             compared = list(sides(self.at, self))
         of_results = self._solutions_used
-        refused = self.at.refused.get(SPEEDS, np.zeros(self.at.lanes, bool))
-        refused = np.any([refused, *recorder.refused], axis=0)
+        refused = self.at.refused.get(SPEEDS, np.zeros(self.at.states, bool))
+        refused = refused | recorder.refused_states(self.at.states)
         for one in compared:
             if not isinstance(one, Comparison):
                 continue
-            sensitivity = _of_lanes(one.sensitivity, self.at.lanes)
-            size = 0.0 if one.size is None else _of_lanes(one.size, self.at.lanes)
+            sensitivity = _of_lanes(one.sensitivity, self.at.states)
+            size = 0.0 if one.size is None else _of_lanes(one.size, self.at.states)
             if sensitivity is None or np.isnan(sensitivity).any():
-                own = measured(one, "actual") + measured(one, "expected") + size
+                own = _of_lanes(measured(one), self.at.states) + size
                 sensitivity = (
                     own
                     if sensitivity is None
@@ -224,7 +169,7 @@ class BatchedCase(FloatContext):
     def _refused_in(self, subject: str) -> Array:
         """Return the flags (L,) of lanes refused by a formulation that the subject names."""
         named = {part for side in subject.split(" ~ ") for part in side.replace(",", " ").split()}
-        absent = np.zeros(self.at.lanes, bool)
+        absent = np.zeros(self.at.states, bool)
         for f, _ in self.solutions if named & {f.key for f in self.formulations} else ():
             if f.key in named:
                 absent |= self.refused(f.key)
@@ -239,65 +184,50 @@ class BatchedCase(FloatContext):
         absent: Array,
     ) -> BatchResult:
         """Return the result of actual = expected; see `Case.compare`."""
-        lanes = self.at.lanes
+        lanes = self.at.states
         actual, expected = as_float64(sides.actual), as_float64(sides.expected)
-        observed = largest_in(actual - expected, lanes)
-        size = largest_in(expected, lanes)
-        scale = size if scale is None else np.broadcast_to(scale, (lanes,))
+        observed = _of_lanes(largest(actual - expected), lanes)
+        size = _of_lanes(largest(expected), lanes)
+        scale = np.broadcast_to(size if scale is None else scale, (lanes,))
         allowed = allowed_error(1.0) * np.broadcast_to(sensitivity, (lanes,))
         verdict = verdict_codes(observed, allowed, scale)
         verdict = np.where(np.isfinite(size), verdict, INCONCLUSIVE_CODE)
         # Sides that depend on a refused result are NaN. Sides without lanes are flags of results,
         # and mean nothing where these are refused.
-        present = np.isfinite(observed) & bool(lanes_in((sides.actual, sides.expected)))
+        present = np.isfinite(observed) & bool(batch_size((sides.actual, sides.expected)))
         verdict = np.where(absent & ~present, ABSENT, verdict)
         return BatchResult(claim.id, sides.subject, observed, allowed, verdict)
 
     def _invariance(self) -> Iterator[BatchResult]:
         at, claim = self.at, CLAIMS["invariance"]
         by_name: dict[str, list[Any]] = {}
-        q, v = at.q.data.T, at.v.data.T  # type: ignore[attr-defined]
-        for lane, scene in enumerate(at.scenes):
-            for symmetry in scene.symmetries(q[lane], v[lane]):
+        own = [at.state_of(i) for i in range(at.states)]
+        for scene, state in zip(at.scenes, own, strict=True):
+            for symmetry in scene.symmetries(state.q, state.v):
                 by_name.setdefault(symmetry.name, []).append(symmetry)
         for name, each in by_name.items():
-            if len(each) < at.lanes:
+            if len(each) < at.states:
                 continue
-            t = at.t.data if isinstance(at.t, LaneArray) else np.full(at.lanes, at.t)
-            states = [State(s.q, s.v, float(x)) for s, x in zip(each, t, strict=True)]
-            there = LaneEvaluation([s.scene for s in each], states)
+            states = [State(s.q, s.v, x.t) for s, x in zip(each, own, strict=True)]
+            there = BatchEvaluation([s.scene for s in each], states)
             there.conditions = False
-            image = LaneArray(np.stack([s.image for s in each], axis=-1))
+            image = BatchArray(np.stack([s.image for s in each]))
             size = largest(np.abs(image).sum(axis=1))
             turn = 1.0 + largest(there.q - at.q) / larger(largest(at.q), 1.0)
             for f, x in self.solutions:
                 actual = there.acceleration(f).vdot
                 sides = Comparison(f"{name}: {f.key}", actual, image @ x.vdot, ())
                 absent = self.refused(f.key) | there.refused[f.key, False]
-                # More samples only allow more: a pass by the first one is a pass by all.
-                for samples in (1, SAMPLES):
-                    of_vdot = self._moved_sensitivity(f, samples)
-                    sensitivity = (2 * size * turn * of_vdot).data
-                    outcome = self.compare(claim, sides, sensitivity, None, absent)
-                    if np.isin(outcome.verdict, (PASSED_CODE, ABSENT)).all():
-                        break
-                yield outcome
-
-    def _moved_sensitivity(self, formulation: Formulation, samples: int) -> LaneArray:
-        """Return κ · scale of v̇ by so many perturbed samples, coordinates perturbed too."""
-        key = (formulation.key, f"vdot by {samples}", True)
-        if key not in self._sensitivities:
-            self._sensitivities[key] = acceleration_sensitivity_in_lanes(
-                self.at, formulation, coordinates=True, samples=samples
-            )
-        return LaneArray(self._sensitivities[key])
+                of_vdot = self.part_sensitivity(f, "vdot", coordinates=True)
+                sensitivity = (2 * size * turn * of_vdot).data
+                yield self.compare(claim, sides, sensitivity, None, absent)
 
 
 def _of_lanes(x: Any, lanes: int) -> Any:
     """Return one number per lane (L,), None for None."""
     if x is None:
         return None
-    return np.broadcast_to(x.data if lanes_in(x) else np.asarray(x, np.float64), (lanes,))
+    return np.broadcast_to(x.data if batch_size(x) else np.asarray(x, np.float64), (lanes,))
 
 
 def batchable_claims(claims: Sequence[str]) -> tuple[str, ...]:
@@ -325,6 +255,6 @@ def batched_cases(
             has_speeds = False
         groups.setdefault((type(scene), scene.structure, has_speeds), []).append(i)
     for (_, _, has_speeds), indices in groups.items():
-        at = LaneEvaluation([cases[i][0] for i in indices], [cases[i][1] for i in indices])
+        at = BatchEvaluation([cases[i][0] for i in indices], [cases[i][1] for i in indices])
         able = tuple(f for f in formulations if f.applies_to(at.scene))
         yield np.array(indices), BatchedCase(at, able, has_speeds)

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -31,7 +31,6 @@ from eomcheck.claims.registry import (
     CLAIMS,
     Claim,
     Comparison,
-    FloatContext,
     Names,
     names_of_term,
     term_of,
@@ -51,20 +50,115 @@ from eomcheck.errors import RefusedError
 from eomcheck.evaluation.dynamics import solution_of
 from eomcheck.evaluation.evaluation import Acceleration, Evaluation
 from eomcheck.evaluation.perturbed import (
+    PerturbedEvaluation,
     acceleration_sensitivity,
     entry_sensitivity_of,
+    measured_sensitivity,
+    perturbed_samples,
     sensitivity_of,
     speeds_resolved,
 )
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, allowed_error, largest
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.mechanics.records import State
+from eomcheck.numbers.batch_arrays import batch_size
 from eomcheck.numbers.generic import Array
 from eomcheck.numbers.linear import column_scale
 
 OFTEN, ONCE = 90, 1
 """Number of repeated calls of an engine under test for each answer: at the first state checked and
 the first drawn, and at other states. Repeated calls reveal engines that count or accumulate."""
+
+
+class FloatContext:
+    """The part of an evaluation context that one state in float64 and a batch of states share.
+
+    Attributes:
+        at: the evaluation, of a state, of a batch of states, or of the perturbed samples of either.
+        formulations: the formulations taking part.
+    """
+
+    at: Any
+    formulations: tuple[Formulation, ...]
+    exact: ClassVar[bool] = False
+    others: ClassVar[tuple] = ()
+
+    @property
+    def free(self) -> Any:
+        """The states themselves: their velocities are independent inputs."""
+        return self.at
+
+    @property
+    def directions(self) -> Array:
+        """The coordinates in turn (n, n); of literals, if they are to multiply a batch."""
+        return np.eye(self.at.scene.n, dtype=object if batch_size(self.at.q) else np.float64)
+
+    @property
+    def direction_names(self) -> tuple[str, ...]:
+        """Names of the coordinates."""
+        return self.at.scene.coordinate_names
+
+    @cached_property
+    def speeds_resolved(self) -> Any:
+        """Whether generalized speeds by a partition exceed their rounding error."""
+        self.at.speeds  # noqa: B018  (the linear solves recorded for them are needed)
+        return speeds_resolved(self.at)
+
+    def sensitivity(self, quantity: Callable[[Any], Any]) -> Any:
+        """Return κ · scale of a quantity; 0 for perturbed samples, whose sides alone matter."""
+        return 0.0 if self.at.is_perturbed else sensitivity_of(self.at, quantity)
+
+    def part_sensitivity(
+        self, formulation: Formulation, part: str, *, coordinates: bool = False
+    ) -> Any:
+        """Return κ · scale of a part ("vdot", "multipliers") of the result of `formulation`."""
+        key = (formulation.key, part, coordinates)
+        if key not in self._sensitivities:
+            self._sensitivities[key] = acceleration_sensitivity(
+                self.at, formulation, part, coordinates=coordinates
+            )
+        return self._sensitivities[key]
+
+    @cached_property
+    def _sensitivities(self) -> dict[tuple[str, str, bool], Any]:
+        return {}
+
+    def vdot_sensitivity(self, formulation: Formulation) -> Any:
+        """Return κ · scale of v̇ by `formulation`."""
+        return self.part_sensitivity(formulation, "vdot")
+
+    def multiplier_sensitivity(self, formulation: Formulation) -> Any:
+        """Return κ · scale of λ by `formulation`."""
+        return self.part_sensitivity(formulation, "multipliers")
+
+    def measuring(self, sides: Callable) -> Callable[[Comparison], Any]:
+        """Return the function that measures κ · scale of both sides of a comparison.
+
+        `sides` are evaluated once on all perturbed samples, when they are first needed.
+        """
+
+        @cache
+        def perturbed() -> dict[str, Comparison]:
+            samples, comparisons = perturbed_samples(self.at), {}
+            # Linear solves within sides are perturbed like those of formulations.
+            with (
+                samples.computing("sides"),
+                samples.recording_solves(),
+                suppress(RefusedError, np.linalg.LinAlgError),
+            ):
+                for one in sides(samples, replace(self, at=samples)):  # type: ignore[type-var]
+                    comparisons[one.subject] = one
+            return comparisons
+
+        def measured(exact: Comparison) -> Any:
+            nearby = perturbed().get(exact.subject)
+            if not isinstance(nearby, Comparison):
+                return np.inf
+            return measured_sensitivity(
+                self.at, exact.actual, nearby.actual
+            ) + measured_sensitivity(self.at, exact.expected, nearby.expected)
+
+        return measured
 
 
 @dataclass
@@ -135,7 +229,12 @@ class Case(FloatContext):
         if formulation.key not in self._results:
             self._results[formulation.key] = None
             with suppress(RefusedError):
-                self._results[formulation.key] = solution_of(self.at, formulation)
+                perturbed = self.at.is_perturbed
+                self._results[formulation.key] = (
+                    self.at.acceleration(formulation)
+                    if perturbed
+                    else solution_of(self.at, formulation)
+                )
         return self._results[formulation.key]
 
     @cached_property
@@ -151,17 +250,6 @@ class Case(FloatContext):
             return self.at.speeds is not None
         return False
 
-    @cached_property
-    def speeds_resolved(self) -> bool:
-        """Whether generalized speeds by a partition exceed their rounding error."""
-        self.at.speeds  # noqa: B018  (the linear solves recorded for them are needed)
-        return speeds_resolved(self.at)
-
-    @property
-    def directions(self) -> Array:
-        """The coordinates in turn (n, n)."""
-        return np.eye(self.at.scene.n)
-
     @property
     def partitions(self) -> Iterator[tuple[str, Partition]]:
         """Names and partitions: the paper's and the pivoted one."""
@@ -175,7 +263,8 @@ class Case(FloatContext):
         The row is the alternating sum of the independent constraints, scaled to one size. The last
         of these is left out as the one that follows from the others.
         """
-        a, partition = self.at.terms.a, self.at.independent_partition
+        at = self.at.original if isinstance(self.at, PerturbedEvaluation) else self.at
+        a, partition = at.terms.a, at.independent_partition
         kept = np.arange(len(a)) if partition.kept is None else partition.kept
         weights = np.zeros(len(a))
         weights[kept] = column_scale(a.T)[kept] * (-1.0) ** np.arange(len(kept))
@@ -188,29 +277,6 @@ class Case(FloatContext):
         """Formulations that do not refuse, each with its acceleration."""
         results = ((f, self.result(f)) for f in self.formulations)
         return tuple((f, x) for f, x in results if x is not None)
-
-    def sensitivity(self, quantity: Callable[[Evaluation], Any], batched: bool = False) -> float:
-        """Return κ · scale of a quantity; 0 for a perturbed sample, whose sides alone matter.
-
-        `batched`: whether `quantity` takes the batch of perturbed samples, see `sensitivity_of`.
-        """
-        perturbed = self.at.is_perturbed
-        return 0.0 if perturbed else sensitivity_of(self.at, quantity, batched=batched)
-
-    def part_sensitivity(
-        self, formulation: Formulation, part: str, *, coordinates: bool = False
-    ) -> float:
-        """Return κ · scale of a part ("vdot", "multipliers") of the result of `formulation`."""
-        key = (formulation.key, part, coordinates)
-        if key not in self._sensitivities:
-            self._sensitivities[key] = acceleration_sensitivity(
-                self.at, formulation, part, coordinates=coordinates
-            )
-        return self._sensitivities[key]
-
-    @cached_property
-    def _sensitivities(self) -> dict[tuple[str, str, bool], float]:
-        return {}
 
     # ---- Findings --------------------------------------------------------------------------------
 
@@ -253,35 +319,12 @@ class Case(FloatContext):
     def _compare_sides(self, sides: Callable) -> Iterator[Finding]:
         """Yield the Findings of the sides of a claim being equal up to rounding."""
 
-        @cache
-        def perturbed(e: Evaluation) -> dict[str, Comparison]:
-            comparisons: dict[str, Comparison] = {}
-            # Linear solves within sides are perturbed like those of formulations.
-            with (
-                e.computing("sides"),
-                e.recording_solves(),
-                suppress(RefusedError, np.linalg.LinAlgError),
-            ):
-                for one in sides(e, Case(e, self.formulations, ())):
-                    comparisons[one.subject] = one
-            return comparisons
-
-        def measured(exact: Comparison, side: str) -> float:
-            def quantity(e: Evaluation) -> Array:
-                one = exact if e is self.at else perturbed(e).get(exact.subject)
-                if not isinstance(one, Comparison):
-                    raise np.linalg.LinAlgError(f"{exact.subject} does not exist nearby")
-                return np.asarray(getattr(one, side), np.float64)
-
-            return sensitivity_of(self.at, quantity)
-
+        measured = self.measuring(sides)
         for one in sides(self.at, self):
             if isinstance(one, Comparison):
                 sensitivity = one.sensitivity
                 if sensitivity is None:
-                    sensitivity = (
-                        measured(one, "actual") + measured(one, "expected") + (one.size or 0.0)
-                    )
+                    sensitivity = measured(one) + (one.size or 0.0)
                 scale: Any = sensitivity if one.may_vanish else one.size
                 arguments: tuple[Any, ...] = one.subject, one.actual, one.expected, sensitivity
                 entrywise = one.size is None or one.sizes is not None

@@ -3,9 +3,8 @@
 A claim is registered by both its sides (`claim`) or by a check in float64 alone (`case_claim`). A
 claim yields `Comparison`s: two arrays, actual = expected, with the names of their axes and the
 sizes of the terms that cancel in them. An `EvaluationContext` adds to the quantities of a state the
-results of formulations, partitions, directions and sensitivities that claims use. `FloatContext` is
-the part of it that one state in float64 and a batch of states share. `GenericPoint` is the generic
-context: every variable of a scene is free, in any exact arithmetic.
+results of formulations, partitions, directions and sensitivities that claims use. `GenericPoint` is
+the generic context: every variable of a scene is free, in any exact arithmetic.
 
 Sides are compared twice. In float64 (`eomcheck.claims.case`) they must agree within a rounding
 bound by perturbation analysis; in a finite field (`eomcheck.claims.proof`) they must be equal.
@@ -33,8 +32,8 @@ from eomcheck.evaluation.scene_quantities import Quantities, Solution
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.batch_arrays import as_float64, batch_size, choose
 from eomcheck.numbers.generic import Arithmetic, Array
-from eomcheck.numbers.lanes import as_float64, lane_select, lanes_in
 
 Names = tuple[tuple[str, ...], ...]
 
@@ -118,8 +117,8 @@ def sensitivity_where(resolved: Any) -> Any:
 
     Resolved: larger than their own rounding.
     """
-    if lanes_in(resolved):
-        return lane_select(resolved, np.nan, np.inf)
+    if batch_size(resolved):
+        return choose(resolved, np.nan, np.inf)
     return None if resolved else np.inf
 
 
@@ -390,7 +389,7 @@ The function takes a `FunctionState` and yields `ClaimOutput`s.
 
 def magnitude(*factors: Any) -> Any:
     """Return |x| |y| ... of a product of arrays; 0 for exact numbers and absent factors."""
-    if lanes_in(factors):
+    if batch_size(factors):
         return reduce(np.matmul, (np.abs(as_float64(x)) for x in factors))
     arrays = [np.asarray(x) for x in factors]
     if any(x.dtype == object for x in arrays):
@@ -437,39 +436,6 @@ def unordered_pairs(items: Sequence) -> Iterator[tuple]:
     for i, first in enumerate(items):
         for second in items[i + 1 :]:
             yield first, second
-
-
-# ---- Context of states in float64 ----------------------------------------------------------------
-
-
-class FloatContext:
-    """The part of an evaluation context that float64 states share; `at` is the evaluation."""
-
-    at: Any
-    exact: ClassVar[bool] = False
-    others: ClassVar[tuple] = ()
-
-    @property
-    def free(self) -> Any:
-        """The states themselves: their velocities are independent inputs."""
-        return self.at
-
-    @property
-    def direction_names(self) -> tuple[str, ...]:
-        """Names of the coordinates."""
-        return self.at.scene.coordinate_names
-
-    def part_sensitivity(self, formulation: Formulation, part: str) -> Any:
-        """Return κ · scale of a part ("vdot", "multipliers") of the result of `formulation`."""
-        raise NotImplementedError
-
-    def vdot_sensitivity(self, formulation: Formulation) -> Any:
-        """Return κ · scale of v̇ by `formulation`."""
-        return self.part_sensitivity(formulation, "vdot")
-
-    def multiplier_sensitivity(self, formulation: Formulation) -> Any:
-        """Return κ · scale of λ by `formulation`."""
-        return self.part_sensitivity(formulation, "multipliers")
 
 
 # ---- Generic context: all variables free ---------------------------------------------------------

@@ -39,9 +39,9 @@ from eomcheck.evaluation.tolerance import INCONCLUSIVE, allowed_error, largest
 from eomcheck.formulations import Partition, em, kane
 from eomcheck.formulations.banded import joint_gaps
 from eomcheck.formulations.em import project
+from eomcheck.numbers.batch_arrays import as_float64, batch_size, everywhere
 from eomcheck.numbers.dual import duals, rate
 from eomcheck.numbers.generic import Array, as_objects, map_record
-from eomcheck.numbers.lanes import as_float64, everywhere, lanes_in
 from eomcheck.numbers.linear import least_squares
 
 # ---- Null spaces and generalized speeds ----------------------------------------------------------
@@ -365,7 +365,7 @@ def _allowed_acceleration(e: Quantities) -> tuple[Array, Any]:
         return np.zeros(e.scene.n), True
     vdot = least_squares(a, -gamma)
     residual = a @ vdot + gamma
-    if lanes_in(residual) or np.isfinite(residual).all():
+    if batch_size(residual) or np.isfinite(residual).all():
         # One refinement: its rounding error is that of its largest entry, which a long link
         # multiplies.
         vdot = vdot - least_squares(a, residual)

@@ -36,9 +36,9 @@ from eomcheck.evaluation.tolerance import HUGE, NOTICEABLE, allowed_error, large
 from eomcheck.mechanics import records
 from eomcheck.mechanics.records import Symmetry
 from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.batch_arrays import as_float64, batch_size
 from eomcheck.numbers.dual import Dual, constant, duals, rate, value
 from eomcheck.numbers.generic import Array, NotRationalError, as_objects, map_entries, map_record
-from eomcheck.numbers.lanes import lanes_in
 
 # ---- Single terms --------------------------------------------------------------------------------
 
@@ -333,7 +333,7 @@ def _moving_along(context: Any, at: Quantities) -> tuple[Array, type]:
     if context.exact:
         direction: Any = sum(x * k for x, k in zip(context.directions, shares, strict=False))
         return direction, object
-    literals: Any = object if lanes_in(at.q) else np.float64
+    literals: Any = object if batch_size(at.q) else np.float64
     return np.array(shares, literals), literals
 
 
@@ -360,8 +360,8 @@ def position_velocity(at: Quantities, context: EvaluationContext) -> Iterator[Co
             yield Comparison(f"body {k + 1}", _squared(V[k]), _squared(r[k]), SQUARE)
     if not heights.components == V.shape[1] > 1:
         return
-    # Perturbed samples and SIMD lanes follow the decision at the state itself.
-    decides = context.exact or not (getattr(at, "is_perturbed", False) or lanes_in(at.q))
+    # A batch, also of perturbed samples, follows the decision at the states themselves.
+    decides = context.exact or not batch_size(at.q)
     if not decides or _weighs_bodies_only(at, heights, direction, context.exact):
         for k, rates in enumerate(heights.of_each(direction)):
             yield Comparison(f"body {k + 1}, U", _squared(V[k]), _squared(rates), SQUARE)
@@ -381,13 +381,13 @@ def _along_each(at: Evaluation, along: Callable) -> Array:
     """Return ∂V/∂v (n_b, d, n) or ∂ω/∂v (n_b, e, n), see `_linear_along`."""
     arguments = at.scene.velocities, at.parameters, at.prepared, at.q, at.v
     axes = np.eye(at.scene.n)
-    return np.stack([np.asarray(at.run(along, *arguments, x), np.float64) for x in axes], -1)
+    return np.stack([as_float64(at.run(along, *arguments, x)) for x in axes], -1)
 
 
 def _moves(e: Evaluation) -> tuple[Array, Array]:
     """Return ∂V/∂v (n_b, d, n) and the rates of heights (n_b, components, n)."""
     heights, axes = _Heights(e, np.float64), np.eye(e.scene.n)
-    h = np.stack([np.asarray(heights.of_each(x), np.float64) for x in axes], -1)
+    h = np.stack([as_float64(heights.of_each(x)) for x in axes], -1)
     return _along_each(e, _linear_along), h
 
 

@@ -39,15 +39,14 @@ from eomcheck.draws.states import (
     state_ranges,
 )
 from eomcheck.errors import EomcheckError, InputError, RefusedError
-from eomcheck.evaluation.batched_evaluation import LaneEvaluation
 from eomcheck.evaluation.dynamics import assembled_position, check_consistent, consistent_velocity
-from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.evaluation import BatchEvaluation, Evaluation
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.mechanics.random_source import Factors, GeneratorChoices
 from eomcheck.mechanics.records import Range, State
 from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.batch_arrays import BatchArray
 from eomcheck.numbers.generic import Array
-from eomcheck.numbers.lanes import LaneArray
 from eomcheck.numbers.linear import least_squares, null_space
 
 # ---- Families ------------------------------------------------------------------------------------
@@ -238,7 +237,7 @@ SAFE = 1 / 4
 
 
 def consistent(
-    scenes: Sequence[Scene], states: Sequence[State], velocities: Callable[[LaneEvaluation], Array]
+    scenes: Sequence[Scene], states: Sequence[State], velocities: Callable[[BatchEvaluation], Array]
 ) -> tuple[list[FuzzCase], list[int]]:
     """Return cases with velocities projected onto the constraints, and their input indices.
 
@@ -254,30 +253,30 @@ def consistent(
         return [], []
     at = _terms_of(scenes, states)
     with np.errstate(all="ignore"):
-        finite = np.isfinite(at.q.data).all(axis=0)  # type: ignore[attr-defined]
+        finite = np.isfinite(at.q.data).all(axis=1)  # type: ignore[attr-defined]
         for term in (at.terms.a, at.terms.b):
             if term is not None:
-                finite &= np.isfinite(term.data).reshape(-1, at.lanes).all(axis=0)
+                finite &= np.isfinite(term.flattened()).all(axis=1)
     if not finite.all():
         finite_indices = np.flatnonzero(finite).tolist()
         picked = [scenes[i] for i in finite_indices], [states[i] for i in finite_indices]
 
-        def some(of: LaneEvaluation) -> Array:
+        def some(of: BatchEvaluation) -> Array:
             return velocities(at)[finite_indices]
 
         cases, indices = consistent(*picked, some)
         return cases, [finite_indices[i] for i in indices]
     with np.errstate(all="ignore"):
-        v = LaneArray(np.ascontiguousarray(velocities(at).T))
-        accepted: Any = np.isfinite(v.data).all(axis=0)
+        v = BatchArray(np.array(velocities(at)))
+        accepted: Any = np.isfinite(v.data).all(axis=1)
         if at.terms.a is not None:
-            v.data[:, ~accepted] = 0.0
+            v.data[~accepted] = 0.0
             for _ in range(2):
                 v = v - least_squares(at.terms.a, _residual(at, v))
             accepted &= _is_consistent(at, v)
     cases, indices = [], []
     for i, (scene, state) in enumerate(zip(scenes, states, strict=True)):
-        velocity = v.data[:, i].copy()
+        velocity = v.data[i].copy()
         if not accepted[i] and not (
             np.isfinite(velocity).all() and _mended(scene, state, velocity)
         ):
@@ -288,25 +287,25 @@ def consistent(
 
 
 class _Stacked(NamedTuple):
-    """Stand-in for a `LaneEvaluation` whose terms were computed state by state and stacked."""
+    """Stand-in for a `BatchEvaluation` whose terms were computed state by state and stacked."""
 
     q: Any
-    lanes: int
+    states: int
     terms: Any
 
 
 def _terms_of(scenes: Sequence[Scene], states: Sequence[State]) -> Any:
-    """Return the batched evaluation, or a `_Stacked` of functions that cannot run in SIMD lanes."""
-    at = LaneEvaluation(scenes, states)
+    """Return the batched evaluation, or a `_Stacked` of functions that cannot run on a batch."""
+    at = BatchEvaluation(scenes, states)
     try:
         at.terms  # noqa: B018
     except TypeError:
-        return _Stacked(at.q, at.lanes, _stacked_terms(scenes, states))
+        return _Stacked(at.q, at.states, _stacked_terms(scenes, states))
     return at
 
 
 def _stacked_terms(scenes: Sequence[Scene], states: Sequence[State]) -> Any:
-    """Return a and b of each state, stacked as lanes; NaN where a function of the scene raises."""
+    """Return a and b of each state, stacked; NaN where a function of the scene raises."""
     all_terms: list[Any] = []
     for scene, state in zip(scenes, states, strict=True):
         terms = None
@@ -320,20 +319,20 @@ def _stacked_terms(scenes: Sequence[Scene], states: Sequence[State]) -> Any:
         if like is not None:
             missing = np.full(like.shape, np.nan)
             rows = [missing if terms is None else getattr(terms, name) for terms in all_terms]
-            parts[name] = LaneArray(np.stack(rows, axis=-1))
+            parts[name] = BatchArray(np.stack(rows))
     return SimpleNamespace(**parts)
 
 
-def _residual(at: LaneEvaluation, v: LaneArray) -> LaneArray:
+def _residual(at: BatchEvaluation, v: BatchArray) -> BatchArray:
     a, b = at.terms.a, at.terms.b
     return a @ v if b is None else a @ v + b
 
 
-def _is_consistent(at: LaneEvaluation, v: LaneArray) -> Array:
+def _is_consistent(at: BatchEvaluation, v: BatchArray) -> Array:
     a, b = at.terms.a, at.terms.b
     size = np.abs(a) @ np.abs(v) + (0.0 if b is None else np.abs(b))
     violation = np.abs(_residual(at, v)).data
-    return (violation <= SAFE * allowed_error(1.0) * size.data).all(axis=0)
+    return (violation <= SAFE * allowed_error(1.0) * size.data).all(axis=1)
 
 
 def _mended(scene: Scene, state: State, v: Array) -> bool:
@@ -417,11 +416,11 @@ def draw_cases_with(
         components.append(c)
         of.append(family)
 
-    def velocities(at: LaneEvaluation) -> Array:
+    def velocities(at: BatchEvaluation) -> Array:
         c = np.array(components)
         if at.terms.a is None:
             return c
-        basis = np.moveaxis(null_space(at.terms.a).data, -1, 0)
+        basis = null_space(at.terms.a).data
         return (basis @ c[:, : basis.shape[2], None])[..., 0]
 
     cases, kept = consistent(scenes, states, velocities)

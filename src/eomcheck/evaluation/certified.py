@@ -376,7 +376,7 @@ def certify(
         how = {"v": at.v}, at.t, REFERENCE_DIGITS, at.independent_partition
         truth = enclosure(at.scene, formulation, at.q, *how)
     if sensitivity is None:
-        sensitivity = acceleration_sensitivity(at, formulation, pivoted=pivoted)
+        sensitivity = float(acceleration_sensitivity(at, formulation, pivoted=pivoted))
     exact, error = truth.doubles(), true_error(result.vdot, truth)
     scale = largest(exact)
     nonzero = [not x.contains(0) for x in truth.vdot]

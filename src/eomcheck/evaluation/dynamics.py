@@ -20,11 +20,12 @@ from eomcheck.evaluation.constraint_rank import RANK, newton, position_residual
 from eomcheck.evaluation.evaluation import Acceleration, Evaluation
 from eomcheck.evaluation.perturbed import (
     acceleration_sensitivity,
+    allowed_violation,
     perturbed_samples,
     sensitivity_of,
+    violation,
 )
 from eomcheck.evaluation.tolerance import NOTICEABLE, UNDERFLOW, allowed_error, largest
-from eomcheck.evaluation.violations import allowed_violation, violation
 from eomcheck.formulations import Formulation, formulation_for
 from eomcheck.mechanics.scene import Scene, checked_scene, finite_array
 from eomcheck.numbers.generic import Array
@@ -126,8 +127,7 @@ def check_no_contradiction(at: Evaluation, formulation: Formulation, found: Acce
     """
 
     def residual(e: Any) -> Array:
-        a, gamma = e.terms.a, e.terms.gamma
-        return np.asarray(a @ e.acceleration(formulation).vdot + gamma)
+        return e.terms.a @ e.acceleration(formulation).vdot + e.terms.gamma
 
     left, (_, _, _, a, gamma, _) = np.abs(residual(at)), at.terms
     size = float((np.abs(a) @ np.abs(found.vdot) + np.abs(gamma)).max())
@@ -322,8 +322,7 @@ def velocity(scene: Scene, q, u, t: float = 0.0) -> Array:
     """
     u = finite_array("u", u, (checked_scene(scene).p,))
     at = Evaluation(scene, q, np.zeros(scene.n), t)
-    for sample in (at, *perturbed_samples(at)):
-        sample.u = u
+    at.u = perturbed_samples(at).u = u
     v = representable("v", at.velocity)
     _check_digits("v", at, lambda e: e.velocity)
     corrected = representable("v", consistent_velocity(at, v))
@@ -352,8 +351,7 @@ def speeds_of(scene: Scene, q, v, t: float = 0.0) -> Array:
             entry.
     """
     at = Evaluation(scene, q, v, t)
-    for sample in perturbed_samples(at):
-        sample.v = at.v
+    perturbed_samples(at).v = at.v
     u = representable("u", at.u)
     _check_digits("u", at, lambda e: e.u)
     return u

@@ -7,7 +7,7 @@ the evaluation, see `eomcheck.evaluation.perturbed`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -21,10 +21,11 @@ from eomcheck.evaluation.scene_quantities import Quantities, quantity, values_an
 from eomcheck.evaluation.tolerance import well_conditioned
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.kernels.perturbed_trace import TraceRunner
+from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene, checked_scene
+from eomcheck.numbers.batch_arrays import BATCH_ARITHMETIC, BatchArray, as_float64, batch_size
 from eomcheck.numbers.dual import Dual, ReplayArithmetic, duals
 from eomcheck.numbers.generic import FLOAT64, Array, map_record
-from eomcheck.numbers.lanes import as_float64, lanes_in
 from eomcheck.numbers.linear import SolveRecord, SolveRecorder, recording_solves
 
 T = TypeVar("T")
@@ -84,8 +85,8 @@ class Evaluation(Quantities):
         InputError: q, v or t has the wrong shape or is not finite.
     """
 
-    lanes = 0
-    """Number of states on the batch axis; 0 for a single state without a batch axis."""
+    states = 0
+    """Number of states of a batch; 0 for a single state without a batch axis."""
 
     is_perturbed = False
     """Whether its numbers are perturbed."""
@@ -94,6 +95,10 @@ class Evaluation(Quantities):
         q, v = checked_scene(scene).check_state(q, v, t)
         self._begin(scene, q, t)
         self.v = v
+
+    def _begin_batch(self, scene: Scene, q: Any, v: Any, t: Any) -> None:
+        self._begin(scene, q, t)
+        self.v, self.arithmetic = v, BATCH_ARITHMETIC
 
     def _begin(self, scene: Scene, q: Array, t: float) -> None:
         super().__init__(scene, FLOAT64, q, t)
@@ -123,7 +128,7 @@ class Evaluation(Quantities):
     @property
     def time(self) -> Array:
         """The time (1,), as an argument of generic functions on float64 arrays."""
-        return (self.t if lanes_in(self.t) else np.full(1, self.t)).reshape(1)
+        return (self.t if batch_size(self.t) else np.full(1, self.t)).reshape(1)
 
     def call_solving(self, name: str, function: Callable, *arguments) -> tuple[Any, bool]:
         """Call a generic function that solves matrices; perturbed samples take the same pivots."""
@@ -269,14 +274,108 @@ class Evaluation(Quantities):
             xdd, multipliers = self.call(
                 formulation.solution,
                 back.T @ M @ back,
-                self.mapped(back.T, self.F),
+                back.T @ self.F,
                 None if a is None else a @ back,
                 gamma,
-                self.mapped(T, self.v),
+                T @ self.v,
                 self.partition,
             )
-        return Acceleration(self.mapped(back, xdd), multipliers, recorder.rcond, float("inf"))
+        return Acceleration(back @ xdd, multipliers, recorder.rcond, float("inf"))
 
-    def mapped(self, matrix: Array, x: Array) -> Array:
-        """Return the product `matrix` x."""
-        return matrix @ x
+
+# ---- Batches of states ---------------------------------------------------------------------------
+
+
+def stacked(records: Sequence[Any]) -> Any:
+    """Return one record of a batch, stacked from records of arrays."""
+    return map_record(
+        lambda *parts: BatchArray(np.stack([np.asarray(x, np.float64) for x in parts])), *records
+    )
+
+
+class BatchEvaluation(Evaluation):
+    """The quantities of scenes of one structure at states (q, v, t), each on first use.
+
+    If a formulation refuses a state, its result is NaN there and `refused` is true. All scenes have
+    generalized speeds at their states, or none has.
+
+    Args:
+        scenes: one for each state.
+        states: the states (q, v, t).
+
+    Attributes:
+        states: number of states B.
+        scenes: all of them; `scene` is the first, used for everything that they have in common.
+        refused: by formulation, the states that it refuses, bool (B,).
+        conditions: whether it refuses by condition numbers, or only results that overflow.
+    """
+
+    conditions = True
+
+    def __init__(self, scenes: Sequence[Scene], states: Sequence[State]):
+        q, v, t = (BatchArray(np.array(x, np.float64)) for x in zip(*states, strict=True))
+        self._begin_batch(scenes[0], q, v, t if scenes[0].depends_on_time else 0.0)
+        self.scenes, self.states = scenes, len(scenes)
+        self.refused: dict[Key, Array] = {}
+
+    @quantity
+    def parameters(self) -> Any:
+        """The scenes' parameters, in a batch."""
+        return self.finished(stacked([scene.parameters(FLOAT64) for scene in self.scenes]))
+
+    def call(self, function: Callable, *arguments) -> Any:
+        """Call a generic function on batches.
+
+        Raises:
+            TypeError: it does more than rational operations.
+        """
+        return TRACES.run(None, function, *arguments)
+
+    def run(self, function: Callable, *arguments) -> Any:
+        """Call a generic function on batches: see `call`."""
+        return self.call(function, *arguments)
+
+    def recording_solves(self, key: Key | None = None) -> AbstractContextManager[SolveRecorder]:
+        """Record the matrices that are solved inside the block."""
+        return recording_solves(conditions=self.conditions)
+
+    def speeds_solved(self, watch: SolveRecorder) -> None:
+        """Store the matrices solved for generalized speeds by a partition; see `Evaluation`."""
+        super().speeds_solved(watch)
+        self.refused[SPEEDS] = watch.refused_states(self.states)
+
+    def refuse_speeds(self) -> None:
+        """Do nothing: either all states have speeds, or speeds are not used."""
+
+    def partition_for(self, formulation: Formulation, pivoted: bool) -> Partition:
+        """Return the paper's partition: others differ from state to state."""
+        return self.partition
+
+    def _solve(self, formulation: Formulation, pivoted: bool) -> Acceleration:
+        key = formulation.key, pivoted
+        with self.computing(formulation.key), self.recording_solves(key) as recorder:
+            solution = self.solution(formulation, self.partition)
+        refused = self.refused[key] = recorder.refused_states(self.states)
+        results = [as_float64(x) for x in solution if x is not None]
+        for x in results:
+            refused |= ~np.isfinite(x.flattened()).all(axis=1)
+        if formulation.in_speeds and SPEEDS in self.refused:
+            refused |= self.refused[SPEEDS]
+        self.solves[key] = {solve.name: solve for solve in recorder.solves}
+        rcond = recorder.rcond
+        if formulation.state == "q, u":
+            rcond = self.speeds_rcond | rcond
+        for x in results:
+            x.data[refused] = np.nan
+        return Acceleration(
+            results[0], results[1] if len(results) > 1 else None, rcond, float("inf")
+        )
+
+    def alone(self, i: int) -> Evaluation:
+        """Return the evaluation at state i."""
+        return Evaluation(self.scenes[i], *self.state_of(i))
+
+    def state_of(self, i: int) -> State:
+        """Return (q, v, t) of state i."""
+        q, v, t = (x.data[i] if isinstance(x, BatchArray) else x for x in (self.q, self.v, self.t))
+        return State(q, v, float(t))

@@ -2,73 +2,99 @@
 
 A perturbed sample computes the same quantities, but each number that is read and the result of each
 operation is perturbed by a random share of a small step (Monte Carlo arithmetic). All samples of an
-evaluation are computed as one batch, whose first axis is the sample: one by one, Python would take
-most of the time.
+evaluation, of one state or of a batch of states, are computed at once, as one batch: one by one,
+Python would take most of the time.
 
 The sensitivity κ · scale of a quantity is its change per step by which all numbers are perturbed:
 the factor from a relative rounding error to a change of the quantity
 (`eomcheck.evaluation.tolerance`).
+
+Perturbed velocities violate the constraints by as much as rounding allows. The violation of
+velocities v is |a v + b|, row by row. Rounding explains C ε (|a| |v| + |b|), more if the
+coordinates' own rounding changes a and b by more.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, suppress
-from functools import cached_property
+from functools import partial
 from typing import Any
 
 import numpy as np
+from scipy.linalg import qr, solve_triangular
 
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation.evaluation import TRACES, Acceleration, Evaluation, Key
+from eomcheck.evaluation.evaluation import TRACES, BatchEvaluation, Evaluation, Key
 from eomcheck.evaluation.scene_quantities import Solution, quantity
 from eomcheck.evaluation.tolerance import (
     INCONCLUSIVE,
+    NOTICEABLE,
     UNDERFLOW,
     allowed_error,
     largest,
     largest_of_each,
     well_conditioned,
 )
-from eomcheck.evaluation.violations import velocity_perturbation
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.kernels.perturbed_trace import traceable_prepare
 from eomcheck.mechanics.records import Terms
-from eomcheck.numbers.generic import FLOAT64, Arithmetic, Array, map_record
-from eomcheck.numbers.linear import SolveRecorder, for_each_noise, recording_solves
-from eomcheck.numbers.noise import (
-    SAMPLES,
-    STEP,
-    STRETCH,
-    Noise,
+from eomcheck.numbers.batch_arrays import (
+    BatchArray,
     NoiseBatch,
-    NoisyArithmetic,
-    PerturbedArray,
+    as_float64,
+    batch_data,
+    repeated,
 )
+from eomcheck.numbers.dual import RecordingArithmetic
+from eomcheck.numbers.generic import FLOAT64, Array, map_record
+from eomcheck.numbers.linear import SolveRecorder, for_each_noise, recording_solves
+from eomcheck.numbers.noise import SAMPLES, STEP, STRETCH, Noise, NoisyArithmetic, PerturbedArray
 
 # ---- Perturbed samples ---------------------------------------------------------------------------
 
-
-def _call_perturbed(noise: Noise, function: Callable, *arguments: Any) -> Any:
-    """Call a generic function with each of its operations perturbed.
-
-    Raises:
-        TypeError: it does more than rational operations.
-    """
-    with np.errstate(all="ignore"):
-        return TRACES.run(noise, function, *arguments)
+COPIES = SAMPLES + 1
+"""Number of perturbed samples: the last has the noise of the first, and a larger step."""
 
 
 class PerturbedEvaluation(Evaluation):
-    """An evaluation with perturbed numbers: base class for a state and for lanes of states.
+    """The perturbed samples of an evaluation, as one batch: every number is perturbed.
+
+    Each sample is perturbed as it would be alone. Nothing is refused but speeds: a result that is
+    not finite makes the sensitivity infinite.
+
+    Args:
+        original: the evaluation, of one state or of a batch of L states.
+        coordinates: whether the coordinates are perturbed too.
 
     Attributes:
+        original: the evaluation.
         noise: source of the perturbations.
+        count: number of elements of the batch; element i is the sample i // L of state i % L.
     """
 
     is_perturbed = True
-    noise: Noise
-    _original: Evaluation
+
+    def __init__(self, original: Evaluation, coordinates: bool):
+        self.original, self.states = original, original.states
+        noises = *(Noise(seed) for seed in range(SAMPLES)), Noise(0, STRETCH * STEP)
+        self.noise = NoiseBatch(noises, original.states or 1)
+        self.count = self.noise.count
+        with self.noise.stream("state"):
+            q = self._repeated(original.q)
+            q = self.noise.perturb(q) if coordinates else q
+            v = self._repeated(original.v)
+            v = BatchArray(v.data + _velocity_perturbations(original, v.data, self.noise))
+        t: Any = original.t
+        t = self._repeated(t) if isinstance(t, BatchArray) else t
+        self._begin_batch(original.scene, q, v, t)
+        self._without_noise: dict[Key, Solution] = {}
+
+    def _repeated(self, x: Any) -> BatchArray:
+        """Return an array of the original for each of the samples."""
+        if isinstance(x, BatchArray):
+            return BatchArray(repeated(x.data, COPIES))
+        return BatchArray(np.broadcast_to(x, (self.count, *np.shape(x))))
 
     def computing(self, name: str) -> AbstractContextManager:
         """Return the context in which the noise draws from the start of the stream `name`."""
@@ -78,18 +104,68 @@ class PerturbedEvaluation(Evaluation):
         """Return `record`, perturbed."""
         return self.noise.perturb_record(record)
 
+    def call(self, function: Callable, *arguments) -> Any:
+        """Call a generic function with each of its operations perturbed.
+
+        If it does more than rational operations, only its arguments and results are perturbed.
+
+        Raises:
+            TypeError: it does more than rational operations, and there are several states.
+        """
+        with np.errstate(all="ignore"):
+            try:
+                return TRACES.run(self.noise, function, *arguments)
+            except TypeError:
+                if self.states:
+                    raise
+            return self._stacked(
+                for_each_noise(self.noise, lambda i, noise: function(*_part(arguments, i, noise)))
+            )
+
     def run(self, function: Callable, *arguments) -> Any:
         """Call a generic function with each operation perturbed: see `call`."""
         return self.call(function, *arguments)
 
-    def recording_solves(self, key: Key | None = None) -> AbstractContextManager[SolveRecorder]:
-        """Record and perturb the matrices that are solved, with the pivots of the original."""
-        return recording_solves(self.noise, self._original.solves.get(key) if key else None)
+    def _stacked(self, records: Sequence[Any]) -> Any:
+        """Return the records of all samples as one; parts that are not float64 are equal."""
+        first = records[0]
+        if isinstance(first, tuple):
+            parts = [self._stacked(each) for each in zip(*records, strict=True)]
+            return type(first)(*parts) if hasattr(first, "_fields") else tuple(parts)
+        if isinstance(first, float) or (
+            isinstance(first, np.ndarray) and first.dtype == np.float64
+        ):
+            noise = self.noise if isinstance(first, PerturbedArray) else None
+            return BatchArray(np.stack([np.asarray(x) for x in records]), noise)
+        return first
 
-    def speeds_solved(self, watch: SolveRecorder) -> None:
-        """Store the matrices solved for generalized speeds, without condition numbers."""
-        super().speeds_solved(watch)
-        self.speeds_rcond = {}
+    # ---- Inputs ----------------------------------------------------------------------------------
+
+    @quantity
+    def parameters(self) -> Any:
+        """The scene's parameters, perturbed."""
+        return self.finished(map_record(self._repeated, self.original.parameters))
+
+    def prepare(self) -> tuple[Any, Sequence[Any]]:
+        """Return the precomputed values, every operation perturbed, and their angles and roots.
+
+        If `prepare` cannot be traced, only its cosines, sines and roots are perturbed.
+        """
+        try:
+            arguments = self.parameters, self.q, self.time
+            prepared, angles_and_roots = TRACES.run(
+                self.noise, traceable_prepare(self.scene.prepare), *arguments
+            )
+            return map_record(self.noise.as_perturbed, prepared), angles_and_roots
+        except TypeError:
+            if self.states:
+                raise
+        return self._stacked(for_each_noise(self.noise, self._prepare_one))
+
+    def _prepare_one(self, i: int, noise: Noise) -> tuple[Any, tuple]:
+        recorder = RecordingArithmetic(NoisyArithmetic(FLOAT64, noise))
+        parameters, q = _part((self.parameters, self.q), i, noise)
+        return self.scene.prepare(recorder, parameters, q, self.t), tuple(recorder.recorded)
 
     @quantity
     def terms(self) -> Terms:
@@ -102,286 +178,185 @@ class PerturbedEvaluation(Evaluation):
         jacobians = self.finished(self.call(scene.jacobians, *arguments))
         return self.finished(self.call(scene.assemble, *arguments, jacobians))
 
+    # ---- Choices of the original -----------------------------------------------------------------
 
-class _SampleOrBatch(PerturbedEvaluation):
-    """Base class of a perturbed sample and of the batch of them."""
+    @quantity
+    def partition(self) -> Partition:
+        """The partition of the original."""
+        return self.original.partition
 
     @quantity
     def pivoted_partition(self) -> Partition:
         """The pivoted partition of the original."""
-        return self._original.pivoted_partition
+        return self.original.pivoted_partition
 
     @quantity
     def independent_partition(self) -> Partition:
         """The partition of the original into independent and redundant constraints."""
-        return self._original.independent_partition
+        return self.original.independent_partition
+
+    def partition_for(self, formulation: Formulation, pivoted: bool) -> Partition:
+        """Return the partition that the original uses."""
+        return self.original.partition_for(formulation, pivoted)
+
+    # ---- Results ---------------------------------------------------------------------------------
+
+    def recording_solves(self, key: Key | None = None) -> AbstractContextManager[SolveRecorder]:
+        """Record and perturb the matrices that are solved, with the pivots of the original."""
+        return recording_solves(self.noise, self.original.solves.get(key) if key else None)
+
+    def speeds_solved(self, watch: SolveRecorder) -> None:
+        """Store the matrices solved for generalized speeds, without condition numbers."""
+        super().speeds_solved(watch)
+        self.speeds_rcond = {}
+
+    def refuse_speeds(self) -> None:
+        """Raise RefusedError if the scene has no generalized speeds in one of the samples."""
+        for q in () if self.states else batch_data(self.q, self.count):
+            self.scene.refuse_speeds(q)
 
     def check_finite(
         self, vdot: Array, multipliers: Array | None, formulation: Formulation
     ) -> None:
         """Accept every result: one that is not finite makes the sensitivity infinite."""
 
-
-def _batch_property(name: str) -> Any:
-    """Return the property of a sample that is its part of the batch's property `name`."""
-
-    def part(sample: PerturbedSample) -> Any:
-        return sample.batch.part(sample.index, getattr(sample.batch, name))
-
-    return cached_property(part)
-
-
-class PerturbedSample(_SampleOrBatch):
-    """A perturbed sample of an evaluation: every number is perturbed.
-
-    Args:
-        original: the evaluation.
-        noise: source of the perturbations.
-        coordinates: whether the coordinates are perturbed too.
-
-    Attributes:
-        batch: the batch of all samples.
-        index: index of this sample in the batch.
-    """
-
-    batch: PerturbedBatch
-    index: int
-
-    def __init__(self, original: Evaluation, noise: Noise, coordinates: bool):
-        with noise.stream("state"):
-            q = noise.perturb(original.q) if coordinates else original.q
-            v = original.v + velocity_perturbation(original, noise)
-        super().__init__(original.scene, q, v, original.t)
-        self._original, self.noise = original, noise
-
-    parameters = _batch_property("parameters")
-    terms = _batch_property("terms")
-    F = _batch_property("F")
-    u = _batch_property("u")
-    kinematics = _batch_property("kinematics")
-    speeds = _batch_property("speeds")
-    bodies = _batch_property("bodies")
-    x = _batch_property("x")
-    chain = _batch_property("chain")
-
-    def call(self, function: Callable, *arguments) -> Any:
-        """Call a generic function with each of its operations perturbed.
-
-        If it does more than rational operations, only its arguments and results are perturbed.
-        """
-        with suppress(TypeError):
-            return _call_perturbed(self.noise, function, *arguments)
-        return super().call(function, *arguments)
-
-    def prepare(self) -> tuple[Any, Sequence[Any]]:
-        """Return the precomputed values, and the angles and roots they are made of."""
-        traced = self.batch.traced_preparation
-        return super().prepare() if traced is None else self.batch.part(self.index, traced)
-
-    @property
-    def prepare_arithmetic(self) -> Arithmetic:
-        """The arithmetic of an untraceable `prepare`: cosines, sines, roots are perturbed."""
-        return NoisyArithmetic(FLOAT64, self.noise)
-
-    def acceleration(self, formulation: Formulation, pivoted: bool = False) -> Acceleration:
-        """Return the result of `formulation`; see `Evaluation`. Only speeds are refused."""
-        key = formulation.key, pivoted
-        result = self._solutions.get(key)
-        if not isinstance(result, Acceleration):
-            result = self._own_part(self.batch.acceleration(formulation, pivoted))
-            self._solutions[key] = result
-            self.solves[key] = {
-                name: solve._replace(
-                    sign=solve.sign[self.index], log_determinant=solve.log_determinant[self.index]
-                )
-                for name, solve in self.batch.solves[key].items()
-            }
-        return result
-
-    def acceleration_in(self, formulation: Formulation, T: Array) -> Acceleration:
-        """Return the result of a formulation in other coordinates, see `Evaluation`."""
-        return self._own_part(self.batch.acceleration_in(formulation, T))
-
-    def _own_part(self, of_all: Acceleration) -> Acceleration:
-        vdot, multipliers = self.batch.part(self.index, (of_all.vdot, of_all.multipliers))
-        return Acceleration(vdot, multipliers, of_all.rcond, float("inf"))
-
-
-class PerturbedBatch(_SampleOrBatch):
-    """A batch of perturbed samples of one evaluation; axis 0 of every array is the sample.
-
-    Each sample is perturbed as it would be alone.
-
-    Args:
-        original: the evaluation.
-        copies: its perturbed samples.
-    """
-
-    def __init__(self, original: Evaluation, copies: Sequence[PerturbedSample]):
-        self._begin(original.scene, np.stack([copy.q for copy in copies]), original.t)
-        self._original, self._samples = original, copies
-        self.noise = self._noises = NoiseBatch([copy.noise for copy in copies])
-        self._read: dict[Key, Solution] = {}
+    def _solve_in(self, formulation: Formulation, T: Array) -> Any:
+        with self.computing("quantity"):
+            return super()._solve_in(formulation, T)
 
     def solution_without_noise(self, formulation: Formulation, pivoted: bool) -> Solution:
         """Return the result of `formulation` for the samples' inputs, without perturbing it."""
         partition, key = self.partition_for(formulation, pivoted), (formulation.key, pivoted)
-        if key not in self._read:
-            with self._noises.disabled(), self.recording_solves(key), np.errstate(all="ignore"):
-                self._read[key] = self.solution(formulation, partition)
-        return self._read[key]
-
-    def part(self, place: int, record: Any) -> Any:
-        """Return the part of a batched record that belongs to the sample at index `place`."""
-        return _sample_part(record, place, self._samples[place].noise)
-
-    def call(self, function: Callable, *arguments) -> Any:
-        """Call a generic function with each of its operations perturbed.
-
-        If it does more than rational operations, only its arguments and results are perturbed.
-        """
-        with suppress(TypeError):
-            return _call_perturbed(self.noise, function, *arguments)
-        with np.errstate(all="ignore"):
-            alone = for_each_noise(
-                self._noises, lambda i, noise: function(*_sample_part(arguments, i, noise))
-            )
-            return self._stacked(alone)
-
-    def _stacked(self, records: Sequence[Any]) -> Any:
-        """Return the records of all samples as one; parts that are not float64 are equal."""
-        first = records[0]
-        if isinstance(first, tuple):
-            parts = [self._stacked(each) for each in zip(*records, strict=True)]
-            return type(first)(*parts) if hasattr(first, "_fields") else tuple(parts)
-        if isinstance(first, float) or (
-            isinstance(first, np.ndarray) and first.dtype == np.float64
-        ):
-            stack = np.stack([np.asarray(x) for x in records])
-            return self.noise.as_perturbed(stack) if isinstance(first, PerturbedArray) else stack
-        return first
-
-    # ---- Inputs ----------------------------------------------------------------------------------
-
-    @quantity
-    def parameters(self) -> Any:
-        """The scene's parameters, perturbed."""
-        batch, exact = self.noise.shape, self._original.parameters
-        return self.finished(map_record(lambda x: np.broadcast_to(x, batch + np.shape(x)), exact))
-
-    @cached_property
-    def traced_preparation(self) -> tuple[Any, Sequence[Any]] | None:
-        """The precomputed values with every operation perturbed, and their angles and roots.
-
-        None if the scene's `prepare` cannot be traced.
-        """
-        with suppress(TypeError), self.computing("prepared"):
-            arguments = self.parameters, self.q, self.time
-            prepared, angles_and_roots = _call_perturbed(
-                self.noise, traceable_prepare(self.scene.prepare), *arguments
-            )
-            return map_record(self.noise.as_perturbed, prepared), angles_and_roots
-        return None
-
-    @property
-    def time(self) -> Array:
-        """The time (k, 1), as an argument of generic functions on float64 arrays."""
-        return np.full((*self.noise.shape, 1), self.t)
-
-    @quantity
-    def prepared(self) -> Any:
-        """The precomputed values; computed sample by sample if they cannot be traced."""
-        if self.traced_preparation is not None:
-            prepared, self._angles_and_roots = self.traced_preparation
-            return prepared
-        prepared = self._stacked([sample.prepared for sample in self._samples])
-        self._angles_and_roots = self._stacked(
-            [tuple(sample._angles_and_roots) for sample in self._samples]
-        )
-        return prepared
-
-    @quantity
-    def v(self) -> Array:
-        """Velocities (k, n) of the samples."""
-        return np.stack([sample.v for sample in self._samples])
-
-    @quantity
-    def u(self) -> Array:
-        """Generalized speeds (k, p): those set in the samples, or computed from v."""
-        if all("u" in vars(sample) for sample in self._samples):
-            return np.stack([sample.u for sample in self._samples])
-        return super().u
-
-    # ---- Results ---------------------------------------------------------------------------------
-
-    def refuse_speeds(self) -> None:
-        """Raise RefusedError if the scene has no generalized speeds in one of the samples."""
-        for q in self.q:
-            self.scene.refuse_speeds(q)
-
-    @quantity
-    def partition(self) -> Partition:
-        """The partition of the original."""
-        return self._original.partition
-
-    def _solve_in(self, formulation: Formulation, T: Array) -> Acceleration:
-        with self.computing("quantity"):
-            return super()._solve_in(formulation, T)
-
-    def rate_of_velocity(self, udot: Array) -> Array:
-        """Return v̇ (k, n) from u̇ (k, p)."""
-        W, rest, _ = self.speeds
-        return udot if W is None else self.mapped(W, udot) + rest
-
-    def mapped(self, matrix: Array, x: Array) -> Array:
-        """Return the product `matrix` x of all samples (k, ...)."""
-        return (matrix @ x[..., None])[..., 0]
+        if key not in self._without_noise:
+            with self.noise.disabled(), self.recording_solves(key), np.errstate(all="ignore"):
+                self._without_noise[key] = self.solution(formulation, partition)
+        return self._without_noise[key]
 
 
-def _sample_part(record: Any, place: int, noise: Noise) -> Any:
-    """Return the part of a batched record for the sample at index `place`, with its `noise`."""
+def _part(record: Any, i: int, noise: Noise) -> Any:
+    """Return the part of a batched record for sample i of one state, perturbed by its noise."""
 
     def of_sample(x: Any) -> Any:
-        if not (isinstance(x, np.ndarray) and x.dtype == np.float64):
+        x = as_float64(x) if isinstance(x, np.ndarray) and x.dtype == object else x
+        if not isinstance(x, BatchArray):
             return x
-        part = x[(place, ...)]
-        if isinstance(part, PerturbedArray):
-            part.noise = noise
-        return part
+        part = x.data[(i, ...)]
+        return part if x.noise is None else noise.as_perturbed(part)
 
     return map_record(of_sample, record)
 
 
-def _samples(at: Evaluation) -> tuple[PerturbedSample, ...]:
-    return _new_samples(at, coordinates=False)
+def _perturbed(at: Evaluation) -> PerturbedEvaluation:
+    return PerturbedEvaluation(at, coordinates=False)
 
 
-def _samples_everywhere(at: Evaluation) -> tuple[PerturbedSample, ...]:
-    return _new_samples(at, coordinates=True)
+def _perturbed_everywhere(at: Evaluation) -> PerturbedEvaluation:
+    return PerturbedEvaluation(at, coordinates=True)
 
 
-def _new_samples(at: Evaluation, coordinates: bool) -> tuple[PerturbedSample, ...]:
-    noises = (*(Noise(seed) for seed in range(SAMPLES)), Noise(0, STRETCH * STEP))
-    samples = tuple(PerturbedSample(at, noise, coordinates) for noise in noises)
-    batch = PerturbedBatch(at, samples)
-    for index, sample in enumerate(samples):
-        sample.batch, sample.index = batch, index
-    return samples
+def perturbed_samples(at: Evaluation, coordinates: bool = False) -> PerturbedEvaluation:
+    """Return the perturbed samples of `at`, with every number but the coordinates perturbed.
 
+    They are `SAMPLES` samples with the step `STEP`, and then one with the noise of the first and
+    `STRETCH` times the step.
 
-def perturbed_samples(at: Evaluation, coordinates: bool = False) -> tuple[Any, ...]:
-    """Return perturbed samples of `at`: every number is perturbed, on request also the coordinates.
-
-    Returns:
-        `SAMPLES` samples with the step `STEP`, and then one with the noise of the first and
-        `STRETCH` times the step.
-
-    The built-in formulations read one and the same q, so that its rounding is not their error; an
-    external engine computes its own angles from q and rounds them again.
+    Args:
+        at: the evaluation.
+        coordinates: whether the coordinates are perturbed too. The built-in formulations read one
+            and the same q, so that its rounding is not their error; an external engine computes its
+            own angles from q and rounds them again.
     """
-    if at.lanes:
-        return at.perturbed(coordinates)  # type: ignore[attr-defined]
-    return at.cached(_samples_everywhere if coordinates else _samples)
+    return at.cached(_perturbed_everywhere if coordinates else _perturbed)
+
+
+# ---- Violations of constraints -------------------------------------------------------------------
+
+SLIP = 4.0
+"""Violation of each constraint by perturbed velocities, in steps: perturbations may be as small as
+half a step and cancel between rows, while the v of a state may violate all rows by the allowed
+amount and with the worst signs."""
+
+
+def violation(at: Evaluation, v: Any) -> tuple[Any, Any]:
+    """Return the signed residual a v + b and its allowed rounding error, each (r,), m/s.
+
+    `at` has constraints.
+    """
+    a, b = at.terms.a, at.terms.b
+    with np.errstate(all="ignore"):
+        residual = a @ v if b is None else a @ v + b
+        size = np.abs(a) @ np.abs(v) + (0.0 if b is None else np.abs(b))
+        return residual, allowed_error(1.0) * size
+
+
+def allowed_violation(at: Evaluation) -> Any:
+    """Return the |a v + b| (r,) that rounding alone explains, m/s; `at` has constraints.
+
+    It is C ε (|a| |v| + |b|), and if that does not explain the residual, the largest change of a
+    and b by rounding of the coordinates is added: the only entry of a row may be cos(π/2), whose
+    size is rounding error.
+    """
+    residual, allowed = violation(at, at.v)
+    if isinstance(at, BatchEvaluation):
+        for i in np.flatnonzero((np.abs(residual.data) > allowed.data).any(axis=1)).tolist():
+            allowed.data[i] = allowed_violation(at.alone(i))
+        return allowed
+    if (np.abs(residual) <= allowed).all():
+        return allowed
+    (_, _, _, a, _, b), changes = at.terms, [np.zeros_like(allowed)]
+    for seed in range(SAMPLES):
+        q = Noise(seed).perturb(at.q)
+        near = Evaluation(at.scene, q, at.v, at.t).terms
+        change = np.abs(near.a - a) @ np.abs(at.v)
+        changes.append(change if b is None else change + np.abs(near.b - b))
+    return allowed + allowed_error(1.0) * np.max(changes, axis=0) / STEP
+
+
+def _velocity_perturbations(at: Evaluation, v: Array, noise: NoiseBatch) -> Array:
+    """Return perturbations of v (B, n): of its entries, and within the allowed violation."""
+    change = noise.perturbed(v, np.abs(v)) - v
+    if at.terms.a is None:
+        return change
+    states = at.states or 1
+    allowed = batch_data(at.cached(allowed_violation), states) / allowed_error(1.0) * SLIP
+    residuals = np.tile(allowed, (len(v) // states, 1))
+    residuals = residuals * noise.changes(residuals.shape)
+    factors = at.cached(_constraint_factors)
+    for i, residual in enumerate(residuals):
+        slip = _slip(*factors[i % states], residual)
+        if np.isfinite(slip).all():
+            change[i] += slip
+    return change
+
+
+def _slip(Q: Array, R: Array, rows: Array, residual: Array) -> Array:
+    """Return the smallest velocity (n,) with a residual (r,) of the constraints; NaN if none."""
+    with np.errstate(all="ignore"):
+        try:
+            return Q @ solve_triangular(R, residual[rows], trans=1, check_finite=False)
+        except (np.linalg.LinAlgError, ValueError):  # dependent constraints
+            return np.full(len(Q), np.nan)
+
+
+def _constraint_factors(at: Evaluation) -> list[tuple[Array, Array, Array]]:
+    """Return Q (n, k), R (k, k) with aᵀ = Q R for independent constraints, and their indices (k,).
+
+    They are a list, one for each state. The constraints are all r if none is clearly redundant.
+    """
+    factors: Any = partial(qr, mode="economic", check_finite=False)
+    results = []
+    for i, a in enumerate(batch_data(at.terms.a, at.states or 1)):
+        Q, R = factors(a.T)
+        rows = np.arange(len(a))
+        least = np.abs(np.diagonal(R)).min(initial=np.inf)
+        if least <= NOTICEABLE * largest(R) or len(a) > len(R):
+            with suppress(RefusedError):
+                alone = at.alone(i) if isinstance(at, BatchEvaluation) else at
+                kept = alone.independent_partition.kept
+                rows = rows if kept is None else kept
+                Q, R = factors(a[rows].T)
+        results.append((Q, R, rows))
+    return results
 
 
 # ---- Sensitivities -------------------------------------------------------------------------------
@@ -392,12 +367,11 @@ NOISY = 2.0**-12
 
 def sensitivity_of(
     at: Evaluation,
-    quantity: Callable[[Evaluation], Any],
+    quantity: Callable[[Any], Any],
     coordinates: bool = False,
     solved: bool = False,
-    batched: bool = False,
-) -> float:
-    """Return the sensitivity κ · scale of a quantity to rounding.
+) -> Any:
+    """Return the sensitivity κ · scale of a quantity to rounding; of a batch, of each state.
 
     It is the size of the quantity plus its largest change under perturbation divided by the step.
     It is infinite if a perturbed sample cannot be computed. For a quantity that is `solved`, the
@@ -406,29 +380,49 @@ def sensitivity_of(
 
     Args:
         at: the evaluation.
-        quantity: function of `at`, and of its samples, that returns the quantity.
+        quantity: function of `at`, and of its perturbed samples, that returns the quantity.
         coordinates: whether the coordinates are perturbed too.
         solved: whether the quantity is the result of a solve.
-        batched: whether `quantity` also takes the batch of samples, with a leading batch axis.
     """
-    exact = np.asarray(quantity(at))
-    size = largest(exact)
+    exact = quantity(at)
     with np.errstate(all="ignore"):
         try:
             samples = perturbed_samples(at, coordinates)
-            if batched:
-                of_all = np.asarray(_evaluated(samples[0].batch, quantity))
-                changes = largest_of_each(of_all - exact)
-            else:
-                changes = [
-                    largest(np.asarray(_evaluated(sample, quantity)) - exact) for sample in samples
-                ]
+            with samples.computing("quantity"):
+                perturbed = quantity(samples)
         except (RefusedError, np.linalg.LinAlgError):
-            return float("inf")
-    return float(amplification(size, np.array(changes), solved))
+            return _of_states(np.inf, at)
+        return measured_sensitivity(at, exact, perturbed, solved)
 
 
-def entry_sensitivity_of(at: Evaluation, quantity: Callable[[Evaluation], Any]) -> Array:
+def measured_sensitivity(at: Evaluation, exact: Any, perturbed: Any, solved: bool = False) -> Any:
+    """Return κ · scale of a quantity; see `sensitivity_of`.
+
+    Args:
+        at: the evaluation.
+        exact: the quantity at `at`.
+        perturbed: the quantity of its perturbed samples.
+        solved: see `sensitivity_of`.
+    """
+    exact = batch_data(as_float64(exact), at.states or 1)
+    changes = largest_of_each(_changes(exact, perturbed)).reshape(COPIES, -1)
+    return _of_states(amplification(largest_of_each(exact), changes, solved), at)
+
+
+def _changes(exact: Array, perturbed: Any) -> Array:
+    """Return the changes (B, ...) of a quantity (L, ...) in its perturbed samples."""
+    count = COPIES * len(exact)
+    changes = batch_data(as_float64(perturbed), count).reshape(COPIES, *exact.shape) - exact
+    return changes.reshape(count, *exact.shape[1:])
+
+
+def _of_states(x: Any, at: Evaluation) -> Any:
+    """Return one number, or one for each state (L,), as the number of `at`."""
+    x = np.broadcast_to(x, (at.states or 1,))
+    return BatchArray(x) if at.states else x[0].item()
+
+
+def entry_sensitivity_of(at: Evaluation, quantity: Callable[[Any], Any]) -> Array:
     """Return the sensitivity to rounding of each entry of a quantity, same shape.
 
     The coordinates are perturbed too. It is the size of the entry if a sample cannot be computed.
@@ -436,16 +430,22 @@ def entry_sensitivity_of(at: Evaluation, quantity: Callable[[Evaluation], Any]) 
     exact = np.asarray(quantity(at))
     with np.errstate(all="ignore"):
         try:
-            samples = perturbed_samples(at, True)[:SAMPLES]
-            changes = [
-                np.abs(np.asarray(_evaluated(sample, quantity)) - exact) for sample in samples
-            ]
+            samples = perturbed_samples(at, True)
+            with samples.computing("quantity"):
+                return measured_entry_sensitivity(at, exact, quantity(samples))
         except (RefusedError, np.linalg.LinAlgError):
             return np.abs(exact)
-        return np.abs(exact) + np.max(changes, axis=0) / STEP
 
 
-def amplification(size: Any, changes: Any, solved: bool) -> Any:
+def measured_entry_sensitivity(at: Evaluation, exact: Any, perturbed: Any) -> Any:
+    """Return κ · scale of each entry of a quantity, of its shape; see `measured_sensitivity`."""
+    exact = batch_data(as_float64(exact), at.states or 1)
+    changes = np.abs(_changes(exact, perturbed)).reshape(COPIES, *exact.shape)
+    sensitivity = np.abs(exact) + changes[:SAMPLES].max(axis=0) / STEP
+    return BatchArray(sensitivity) if at.states else sensitivity[0]
+
+
+def amplification(size: Array, changes: Array, solved: bool) -> Array:
     """Return the sensitivity (...,) of quantities from their sizes and their changes.
 
     Args:
@@ -464,11 +464,6 @@ def amplification(size: Any, changes: Any, solved: bool) -> Any:
     return np.where(lost, np.inf, amplified)
 
 
-def _evaluated(sample: PerturbedEvaluation, quantity: Callable[[Evaluation], Any]) -> Any:
-    with sample.computing("quantity"):
-        return quantity(sample)
-
-
 def acceleration_sensitivity(
     at: Evaluation,
     formulation: Formulation,
@@ -476,73 +471,74 @@ def acceleration_sensitivity(
     *,
     coordinates: bool = False,
     pivoted: bool = False,
-) -> float:
+) -> Any:
     """Return κ · scale of a part ("vdot", "multipliers") of the result of `formulation`.
 
     It is infinite if C κ ε exceeds `INCONCLUSIVE` for a matrix that was solved, either by its
     condition number or because its determinant depends so strongly on the inputs: perturbation may
-    then lose the same digits as rounding, and measures nothing.
+    then lose the same digits as rounding, and measures nothing. Of a batch it is that of each
+    state.
 
     Raises:
         RefusedError: as `Evaluation.acceleration`.
     """
     rcond = at.acceleration(formulation, pivoted).rcond
-    if rcond and not well_conditioned(rcond):
-        return float("inf")
+    resolved = np.asarray(well_conditioned(rcond) if rcond else True)
+    if not resolved.any():
+        return _of_states(np.inf, at)
     sensitivity = sensitivity_of(
-        at,
-        lambda e: getattr(e.acceleration(formulation, pivoted), part),
-        coordinates,
-        solved=True,
-        batched=True,
+        at, lambda e: getattr(e.acceleration(formulation, pivoted), part), coordinates, solved=True
     )
-    if np.isinf(sensitivity) or not _matrices_resolved(at, formulation, coordinates, pivoted):
-        return float("inf")
-    return max(sensitivity, _input_sensitivity(at, formulation, part, coordinates, pivoted))
+    sensitivity = batch_data(sensitivity, at.states or 1)
+    if np.isinf(sensitivity).all():
+        return _of_states(np.inf, at)
+    samples = perturbed_samples(at, coordinates)
+    resolved = resolved & _matrices_resolved(at, samples, (formulation.key, pivoted))
+    if not resolved.any():
+        return _of_states(np.inf, at)
+    own = _input_sensitivity(at, samples, formulation, part, pivoted)
+    return _of_states(np.where(resolved, np.maximum(sensitivity, own), np.inf), at)
 
 
 def _input_sensitivity(
-    at: Evaluation, formulation: Formulation, part: str, coordinates: bool, pivoted: bool
-) -> float:
-    """Return κ · scale of a part of the result if only the inputs of `formulation` are perturbed.
+    at: Evaluation, samples: PerturbedEvaluation, formulation: Formulation, part: str, pivoted: bool
+) -> Array:
+    """Return κ · scale (L,) of a part of the result if only its inputs are perturbed.
 
     In all samples by chance, these perturbations and those inside the formulation may cancel; a
     search by hill climbing for small error bounds comes to the states where they do.
     """
-    exact = getattr(at.acceleration(formulation, pivoted), part)
-    batch = perturbed_samples(at, coordinates)[0].batch
-    perturbed = getattr(batch.solution_without_noise(formulation, pivoted), part)
+    exact = batch_data(getattr(at.acceleration(formulation, pivoted), part), at.states or 1)
     with np.errstate(all="ignore"):
-        return largest(exact) + largest(np.asarray(perturbed)[:SAMPLES] - exact) / STEP
+        perturbed = getattr(samples.solution_without_noise(formulation, pivoted), part)
+        changes = largest_of_each(_changes(exact, perturbed)).reshape(COPIES, -1)
+        return largest_of_each(exact) + changes[:SAMPLES].max(axis=0) / STEP
 
 
-def speeds_resolved(at: Evaluation) -> bool:
+def speeds_resolved(at: Evaluation) -> Any:
     """Return whether W of generalized speeds by a partition exceeds its rounding error.
 
     If a_1 is singular but for rounding, ẇ′ computed in two ways is two different numbers, and
     perturbed samples, although perturbed by more than rounding, are nearer to each other.
     """
     rcond = at.speeds_rcond
-    return not rcond or bool(
-        well_conditioned(rcond)
-        and np.isfinite(sensitivity_of(at, lambda e: e.speeds.W, solved=True))
-    )
+    if not rcond:
+        return _of_states(True, at)
+    of_W = batch_data(sensitivity_of(at, lambda e: e.speeds.W, solved=True), at.states or 1)
+    return _of_states(well_conditioned(rcond) & np.isfinite(of_W), at)
 
 
-def _matrices_resolved(
-    at: Evaluation, formulation: Formulation, coordinates: bool, pivoted: bool
-) -> bool:
-    """Return whether the matrices solved exceed the rounding errors of their inputs.
+def _matrices_resolved(at: Evaluation, samples: PerturbedEvaluation, key: Key) -> Array:
+    """Return whether the matrices solved exceed the rounding errors of their inputs, bool (L,).
 
     They do not if a determinant changes its sign, or jumps because other pivots were taken. The
     solutions alone do not show it: with a right-hand side of zeros they are equal in all samples.
     """
-    key = (formulation.key, pivoted)
-    exact = at.solves[key]
-    for name, solve in perturbed_samples(at, coordinates)[0].batch.solves[key].items():
-        signs, logs = solve.sign[:SAMPLES], solve.log_determinant[:SAMPLES]
-        changes = np.abs(logs - exact[name].log_determinant) * np.log(2.0)
-        resolved = (signs == exact[name].sign) & (allowed_error(changes / STEP) <= INCONCLUSIVE)
-        if not resolved.all():
-            return False
-    return True
+    exact, resolved = at.solves[key], np.ones(at.states or 1, bool)
+    for name, solve in samples.solves[key].items():
+        signs, logs = (x.reshape(COPIES, -1)[:SAMPLES] for x in (solve.sign, solve.log_determinant))
+        with np.errstate(all="ignore"):
+            changes = np.abs(logs - exact[name].log_determinant) * np.log(2.0)
+            sound = (signs == exact[name].sign) & (allowed_error(changes / STEP) <= INCONCLUSIVE)
+        resolved &= sound.all(axis=0)
+    return resolved

@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
+from eomcheck.numbers.batch_arrays import BatchArray, batch_data, batch_size
 from eomcheck.numbers.generic import Array
-from eomcheck.numbers.lanes import LaneArray, lane_data, lanes_in
 from eomcheck.numbers.pivots import EPS
 
 C = 32.0
@@ -49,7 +49,7 @@ def allowed_error(sensitivity: float) -> float:
 
 
 def well_conditioned(rcond: Mapping[str, Any]) -> Any:
-    """Return whether C κ ε stays below `INCONCLUSIVE` for matrices solved; in lanes (L,).
+    """Return whether C κ ε stays below `INCONCLUSIVE` for matrices solved; of a batch (B,).
 
     Args:
         rcond: their reciprocal condition numbers by name, one at least.
@@ -66,12 +66,11 @@ def can_overflow(*inputs: Array) -> bool:
 def largest(x: Any) -> Any:
     """Return the largest magnitude in x (0 if it is empty, inf if anything is not finite).
 
-    For lanes it is the largest magnitude of each lane.
+    For a batch it is the largest magnitude of each element.
     """
     if type(x) is not np.ndarray or x.dtype == object:
-        if lanes := lanes_in(x):
-            data = np.abs(lane_data(x, lanes)).reshape(-1, lanes).max(axis=0, initial=0.0)
-            return LaneArray(np.where(np.isfinite(data), data, np.inf))
+        if count := batch_size(x):
+            return BatchArray(largest_of_each(batch_data(x, count)))
         x = np.asarray(x, dtype=np.float64)
     # As the method `max`, without its overhead in Python: this function is called very often.
     size = float(np.maximum.reduce(np.abs(x), axis=None, initial=0.0))
@@ -85,5 +84,5 @@ def largest_of_each(x: Array) -> Array:
 
 
 def larger(x: Any, y: Any) -> Any:
-    """Return the larger of two numbers, lane by lane for lanes."""
-    return np.maximum(x, y) if lanes_in((x, y)) else max(x, y)
+    """Return the larger of two numbers, element by element of a batch."""
+    return np.maximum(x, y) if batch_size((x, y)) else max(x, y)

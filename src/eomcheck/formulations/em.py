@@ -10,7 +10,7 @@ import numpy as np
 
 from eomcheck.formulations.formulation import Formulation
 from eomcheck.numbers.generic import generic
-from eomcheck.numbers.linear import matrix_product, solve
+from eomcheck.numbers.linear import contiguous, matrix_product, solve
 
 
 @generic
@@ -27,8 +27,8 @@ def project(M, F, W, rest):
     columns[:, :p] = W
     columns[:, p] = rest
     moved = matrix_product(M, columns)
-    Wt = np.ascontiguousarray(W.T)
-    return Wt @ np.ascontiguousarray(moved[:, :p]), Wt @ (F - moved[:, p])
+    Wt = contiguous(W.T)
+    return Wt @ contiguous(moved[:, :p]), Wt @ (F - moved[:, p])
 
 
 @generic

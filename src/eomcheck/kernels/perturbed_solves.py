@@ -18,6 +18,7 @@ import numpy as np
 
 from eomcheck.kernels.linear_solves import EXPONENT, ONE, emit_power_of_two_scale
 from eomcheck.kernels.llvm import LANES, IRBuilder
+from eomcheck.numbers.batch_arrays import BatchArray, NoiseBatch
 from eomcheck.numbers.linear import SOLVERS, SolveRecord, active_noise, record, reference_solve
 from eomcheck.numbers.noise import NORMAL, Noise
 
@@ -353,50 +354,58 @@ class _PerturbedSolveCode:
 
 
 def _all_text() -> str:
-    """Return the function that solves all samples.
+    """Return the function that solves all samples of all states, sample by sample.
 
-    `%work` holds b, A, the perturbations, and pivots and factors of the unperturbed solve.
+    `%work` holds b, A, the perturbations of each sample, and pivots and factors of the unperturbed
+    solve at each state.
     """
     code = IRBuilder()
     size, many = "%size", "%many"
     squared, sides = code.integer("mul", size, size), code.integer("mul", size, many)
     changes = code.integer("add", squared, code.integer("mul", sides, 3))
     changes = code.let(f"select i1 %moves, i64 {changes}, i64 0")
+    factors = code.integer("add", squared, code.integer("mul", size, 2))
+    factors = code.let(f"select i1 %rounds, i64 {factors}, i64 0")
     found = code.integer("add", size, 2)
-    A = code.address("%work", code.integer("mul", "%copies", sides))
-    moving = code.address(A, code.integer("mul", "%copies", squared))
-    like = code.address(moving, code.integer("mul", "%copies", changes))
-    with code.loop("%copies") as turn:
+    count = code.integer("mul", "%samples", "%states")
+    A = code.address("%work", code.integer("mul", count, sides))
+    moving = code.address(A, code.integer("mul", count, squared))
+    like = code.address(moving, code.integer("mul", "%samples", changes))
+    with code.loop(count) as turn:
+        sample = code.integer("udiv", turn.i, "%states")
+        state = code.integer("urem", turn.i, "%states")
         own = [
-            code.address(pointer, code.integer("mul", turn.i, length))
-            for pointer, length in (
-                ("%work", sides),
-                (A, squared),
-                (moving, changes),
-                ("%found", found),
+            code.address(pointer, code.integer("mul", index, length))
+            for pointer, index, length in (
+                ("%work", turn.i, sides),
+                (A, turn.i, squared),
+                (moving, sample, changes),
+                (like, state, code.integer("add", size, factors)),
+                ("%found", turn.i, found),
             )
         ]
-        pointers = f"ptr {own[0]}, ptr {own[1]}, ptr {own[2]}, ptr {like}, ptr {own[3]}, ptr %room"
+        pointers = ", ".join(f"ptr {pointer}" for pointer in (*own, "%room"))
         code.do(f"call void @solve(i64 {size}, i64 {many}, i1 %moves, i1 %rounds, {pointers})")
     head = (
-        "i64 %size, i64 %many, i64 %copies, i1 %moves, i1 %rounds, ptr %work, ptr %found, ptr %room"
+        "i64 %size, i64 %many, i64 %samples, i64 %states, i1 %moves, i1 %rounds, ptr %work, "
+        "ptr %found, ptr %room"
     )
     return code.function(f"define void @solve_all({head})")
 
 
 @cache
 def compiled_perturbed_solve() -> Callable[..., None]:
-    """Return the C function that solves all samples, see `_all_text`.
+    """Return the C function that solves all samples of all states, see `_all_text`.
 
-    It takes the order, the numbers of right-hand sides and of samples, whether the noise is
+    It takes the order, the numbers of right-hand sides, samples and states, whether the noise is
     enabled, whether factors of the unperturbed solve are passed, and the addresses of `work`, of
-    sign, exponent and diagonal of each sample (for the determinant), and of the workspace.
+    sign, exponent and diagonal of each matrix (for the determinant), and of the workspace.
     """
     # Not before it is needed: LLVM takes longer to import than the package.
     from eomcheck.kernels.llvm import JitModule
 
     machine = JitModule([*texts(), _PerturbedSolveCode().text(), _all_text()])
-    kinds = *[ctypes.c_int64] * 3, *[ctypes.c_bool] * 2, *[ctypes.c_void_p] * 3
+    kinds = *[ctypes.c_int64] * 4, *[ctypes.c_bool] * 2, *[ctypes.c_void_p] * 3
     function: Any = ctypes.CFUNCTYPE(None, *kinds)(machine.address("solve_all"))
     function.machine = machine  # keeps the machine code alive
     return function
@@ -405,7 +414,7 @@ def compiled_perturbed_solve() -> Callable[..., None]:
 # ---- The solver ----------------------------------------------------------------------------------
 
 
-def perturbed_solve(A: np.ndarray, b: np.ndarray, name: str) -> np.ndarray:
+def perturbed_solve(A: np.ndarray, b: np.ndarray, name: str) -> Any:
     """Solve A x = b with A, b and x perturbed, and a separate backward error per right-hand side.
 
     The backward error matters if solutions for several right-hand sides are summed and cancel.
@@ -418,38 +427,43 @@ def perturbed_solve(A: np.ndarray, b: np.ndarray, name: str) -> np.ndarray:
         name: name of A, as in `eomcheck.numbers.linear.solve` and `SolveRecorder.references`.
 
     Returns:
-        x in the shape of b.
+        x in the shape of b, to be perturbed further.
     """
     noise = active_noise()
     assert noise is not None
-    size, samples = A.shape[-1], A[..., 0, 0].size
-    many = b[..., 0, :].size // samples if b.ndim == A.ndim else 1
-    changes, like, pivots, factors = np.empty(0), None, np.full(size, -1.0), ()
-    if noise.enabled:
-        changes = noise.changes((*noise.shape, size * (size + 3 * many)))
+    batched = isinstance(noise, NoiseBatch)
+    states = noise.states if batched else 1
+    size, count = A.shape[-1], A[..., 0, 0].size
+    many = b[..., 0, :].size // count if b.ndim == A.ndim else 1
+    enabled = not batched or noise.enabled
+    changes, like, pivots, factors = np.empty(0), None, np.full((states, size), -1.0), ()
+    if enabled:
+        needed = size * (size + 3 * many)
+        changes = noise.draws(needed) if batched else noise.changes((needed,))
         like = reference_solve(name)
     if like is not None and like.pivots is not None and like.size == size:
         pivots, rounding = like.pivots, like.rounding
         if rounding is not None:
             factors = rounding.sizes.lu, rounding.scale, rounding.row_scale
-    read = b, A, changes, pivots, *factors
-    work = np.concatenate([np.asarray(x, np.float64).ravel() for x in read])
-    determinants = np.empty((samples, size + 2))
+    of_states = np.concatenate([x.reshape(states, -1) for x in (pivots, *factors)], axis=1)
+    inputs = b, A, changes, of_states
+    work = np.concatenate([np.asarray(x, np.float64).ravel() for x in inputs])
+    determinants = np.empty((count, size + 2))
     workspace = np.zeros(size * (size + LANES) + 3 * size * (many + LANES) + 3 * size)
     addresses = (x.ctypes.data for x in (work, determinants, workspace))
     compiled_perturbed_solve()(
-        size, many, samples, int(noise.enabled), int(factors != ()), *addresses
+        size, many, count // states, states, enabled, factors != (), *addresses
     )
     x = work[: b.size].reshape(b.shape).copy()
-    if noise.enabled:
+    if enabled:
         sign, exponent = determinants[:, 0], determinants[:, 1]
         diagonal = determinants[:, 2:]
         with np.errstate(all="ignore"):
             log = np.log2(np.abs(diagonal)).sum(axis=-1) - exponent
-        if not noise.shape:
+        if not batched:
             sign, log = float(sign[0]), float(log[0])
         record(SolveRecord(name, size, np.nan, sign, log), A)
-    return noise.as_perturbed(x)
+    return BatchArray(x, noise) if batched else noise.as_perturbed(x)
 
 
 SOLVERS[Noise] = perturbed_solve

@@ -28,66 +28,51 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.kernels import perturbed_solves  # noqa: F401  (perturbed matrices are solved by it)
+from eomcheck.kernels import batched_solves  # noqa: F401  (registers solvers of batches)
 from eomcheck.kernels.llvm import LANES, IRBuilder
 from eomcheck.numbers.banded_solve import BANDED_SOLVERS, solve_banded
+from eomcheck.numbers.batch_arrays import (
+    BatchArray,
+    NoiseBatch,
+    PackedRecord,
+    as_float64,
+    batch_size,
+    packed_entries,
+)
 from eomcheck.numbers.dual import RecordingArithmetic
 from eomcheck.numbers.generic import BRANCH, FLOAT64, Angles, Array, NotRationalError, map_record
-from eomcheck.numbers.lanes import LaneArray, lane_data, lanes_in
 from eomcheck.numbers.linear import PRODUCTS, SOLVERS, matrix_product, solve
-from eomcheck.numbers.noise import NORMAL, Noise
-from eomcheck.numbers.pivots import SMALLEST_SIZE
+from eomcheck.numbers.noise import NORMAL
 
 # ---- Trace keys ----------------------------------------------------------------------------------
 
 
 def holds_float64(x: Any) -> bool:
-    """Return whether x is a float64 array, or one of lanes."""
-    return isinstance(x, LaneArray) or (isinstance(x, np.ndarray) and x.dtype == np.float64)
+    """Return whether x is a float64 array, or a batch of them."""
+    return isinstance(x, BatchArray) or (isinstance(x, np.ndarray) and x.dtype == np.float64)
 
 
-def trace_key(x: Any, front: int, doubles: list[Array]) -> Hashable:
-    """Return the cache key of a trace for x, and append its float64 arrays, in order, to `doubles`.
+def trace_key(x: Any, inputs: list[Any]) -> Hashable:
+    """Return the cache key of a trace for x, and append its float64 arrays, in order, to `inputs`.
 
     Args:
-        x: an argument, or a record of them.
-        front: number of leading batch axes, which are not in the key, see `Noise.shape`.
-        doubles: list to which arrays are appended.
+        x: an argument, or a record of them; arrays of objects hold literals, or entries of a batch.
+        inputs: list to which arrays are appended.
     """
-    if holds_float64(x):
-        doubles.append(x)
-        return x.shape[front:]
-    if isinstance(x, np.ndarray):
-        return x.shape, x.tobytes()
+    kind = type(x)
+    if kind is BatchArray:
+        inputs.append(x)
+        return x.data.shape[1:]
     if isinstance(x, tuple):
-        return type(x), *[trace_key(part, front, doubles) for part in x]
-    return x
-
-
-RECORDS = 64
-"""Largest number of cached records: functions of one state read the same records many times."""
-
-
-class TraceKeyCache:
-    """Cache of `trace_key` and float64 arrays by record."""
-
-    def __init__(self):
-        self._found: dict[tuple[int, int], tuple[tuple, Hashable, list[Array]]] = {}
-
-    def key(self, x: Any, front: int, doubles: list[Array]) -> Hashable:
-        """Return the cache key of a trace for x, see `trace_key`; a record is traversed once."""
-        if not isinstance(x, tuple):
-            return trace_key(x, front, doubles)
-        identity = id(x), front
-        known = self._found.get(identity)
-        if known is None or known[0] is not x:
-            arrays: list[Array] = []
-            known = x, trace_key(x, front, arrays), arrays
-            if len(self._found) >= RECORDS:
-                self._found.clear()
-            self._found[identity] = known
-        doubles += known[2]
-        return known[1]
+        return kind, *[trace_key(part, inputs) for part in x]
+    if not isinstance(x, np.ndarray):
+        return x
+    if x.dtype == object:
+        return trace_key(as_float64(x), inputs)
+    if x.dtype == np.float64:
+        inputs.append(x)
+        return x.shape
+    return x.shape, x.tobytes()
 
 
 # ---- Traces --------------------------------------------------------------------------------------
@@ -102,16 +87,6 @@ FEWEST_COMPILED = 128
 """Smallest number of operations for which a replay in machine code is faster than Python."""
 
 
-class _NoNoise(Noise):
-    """A noise whose perturbations are 0."""
-
-    def changes(self, shape: tuple[int, ...]) -> Array:
-        return np.zeros(shape)
-
-
-NO_NOISE = _NoNoise(0)
-
-
 class TraceRunner:
     """A runner of generic functions on float64 arrays, by replaying their cached traces.
 
@@ -121,51 +96,50 @@ class TraceRunner:
 
     def __init__(self):
         self._known: dict[Hashable, _Trace | None] = {}
-        self._places = 0
-        self._seen = TraceKeyCache()
+        self._size = 0
         self._lock = Lock()
 
-    def run(self, noise: Noise, function: Callable, *arguments: Any) -> Any:
-        """Call a generic function of float64 arrays with each of its operations perturbed.
+    def run(self, noise: NoiseBatch | None, function: Callable, *arguments: Any) -> Any:
+        """Call a generic function of batches, each of its operations perturbed if there is noise.
 
         Matrices that it solves are perturbed by the noise of
-        `eomcheck.numbers.linear.recording_solves`. With a `NoiseBatch` the first axis of every
-        float64 array is the batch axis.
+        `eomcheck.numbers.linear.recording_solves`.
 
         Raises:
             TypeError: the function does more than rational operations and solves.
         """
-        trace, inputs = self._trace_of(function, arguments, len(noise.shape))
-        return _require_traceable(function, trace).run(noise, inputs)
+        trace, inputs = self._trace_of(function, arguments)
+        if trace is None:
+            raise TypeError(f"{function.__qualname__} does more than rational operations")
+        return trace.run(noise, inputs)
 
     def run_exact(self, function: Callable, *arguments: Any) -> Any:
-        """Call a generic function of float64 arrays unperturbed, with the same bits as in Python.
+        """Call a generic function of float64 arrays, with the same bits as in Python.
 
-        Objects inside the function, such as dual numbers, cost nothing from the second call on.
-        Python runs functions of few operations, functions that cannot be traced, and those whose
-        result is not finite: a quotient by zero is NaN in a replay.
+        The sign of a zero alone may differ: a trace leaves x + 0 and 0 x out. Objects inside the
+        function, such as dual numbers, cost nothing from the second call on. Python runs functions
+        of few operations, functions that cannot be traced, and those whose result is not finite: a
+        quotient by zero is NaN in a replay.
         """
-        trace, inputs = None, []
-        with suppress(Exception):  # a function that raises on traced numbers may run on float64
-            trace, inputs = self._trace_of(function, arguments, 0)
+        trace, inputs = self._trace_of(function, arguments)
         if trace is not None and len(trace.operations) >= FEWEST_COMPILED:
-            result = trace.run(NO_NOISE, inputs)
+            result = trace.run(None, inputs)
             if _is_finite(result):
                 return result
         return function(*arguments)
 
-    def _trace_of(
-        self, function: Callable, arguments: tuple, front: int
-    ) -> tuple[_Trace | None, list[Any]]:
+    def _trace_of(self, function: Callable, arguments: tuple) -> tuple[_Trace | None, list[Any]]:
         """Return the trace of a function, None if it cannot be traced, and its float64 inputs."""
         inputs: list[Any] = []
-        key = function, *(self._seen.key(x, front, inputs) for x in arguments)
+        key = function, *(trace_key(x, inputs) for x in arguments)
         try:
             return self._known[key], inputs
         except KeyError:
             trace = None
-            with suppress(TypeError):
-                trace = _Trace(function, arguments, front)
+            # A user-supplied function may raise anything on numbers that are no float64. In Python
+            # it raises again, or runs.
+            with suppress(Exception):
+                trace = _Trace(function, arguments)
             self._store(key, trace)
         return trace, inputs
 
@@ -173,28 +147,10 @@ class TraceRunner:
         with self._lock:
             before = self._known.pop(key, None)
             self._known[key] = trace
-            self._places += (trace.size if trace else 0) - (before.size if before else 0)
-            while self._places > LARGEST_TOTAL and len(self._known) > 1:
+            self._size += (trace.size if trace else 0) - (before.size if before else 0)
+            while self._size > LARGEST_TOTAL and len(self._known) > 1:
                 evicted = self._known.pop(next(iter(self._known)))
-                self._places -= evicted.size if evicted else 0
-
-    def run_in_lanes(self, noise: Noise | None, function: Callable, *arguments: Any) -> Any:
-        """Call a generic function of lanes, each of its operations perturbed if there is noise.
-
-        Raises:
-            TypeError: as `run`.
-        """
-        # Registers solvers for lanes; not before, for LLVM takes longer to import than the package.
-        from eomcheck.kernels import batched_solves  # noqa: F401
-
-        trace, inputs = self._trace_of(function, arguments, 0)
-        return replay_in_lanes(_require_traceable(function, trace), noise, inputs)
-
-
-def _require_traceable(function: Callable, trace: _Trace | None) -> _Trace:
-    if trace is None:
-        raise TypeError(f"{function.__qualname__} does more than rational operations")
-    return trace
+                self._size -= evicted.size if evicted else 0
 
 
 def _is_finite(record: Any) -> bool:
@@ -204,12 +160,15 @@ def _is_finite(record: Any) -> bool:
 
 
 class _TraceGroup(NamedTuple):
-    """A function of whole arrays, called after `after` operations, and indices of its values."""
+    """A function of whole arrays, called after `after` operations.
+
+    `arguments` and `results` are the indices of the values that it takes and returns.
+    """
 
     after: int
     function: Callable
-    read: list[Array]
-    found: Array
+    arguments: list[Array]
+    results: Array
 
 
 class _Trace:
@@ -219,22 +178,24 @@ class _Trace:
     An operation is its code, the indices of its two operands, and the index of its result.
     """
 
-    def __init__(self, function: Callable, arguments: tuple, front: int):
+    def __init__(self, function: Callable, arguments: tuple):
         self._operations, self._next = array("q"), count().__next__
         self.groups: list[_TraceGroup] = []
         self._literals: dict[float, int] = {}
-        self.read = 0
-        result = function(*map_record(lambda x: self._inputs(x, front), arguments))
-        self.found = map_record(self._indices, result)
+        self.inputs = 0
+        result = function(*map_record(self._inputs, arguments))
+        self.results = PackedRecord(map_record(self._indices, result))
         self.size = self._next()
         self.start = np.empty(self.size)
         self.start[list(self._literals.values())] = list(self._literals)
 
-    def _inputs(self, x: Any, front: int) -> Any:
+    def _inputs(self, x: Any) -> Any:
+        if isinstance(x, np.ndarray) and x.dtype == object:
+            x = as_float64(x)
         if not holds_float64(x):
             return x
-        numbers = self._numbers(x.shape[front:])
-        self.read += numbers.size
+        numbers = self._numbers(x.shape)
+        self.inputs += numbers.size
         return numbers
 
     def _numbers(self, shape: tuple[int, ...]) -> Array:
@@ -262,9 +223,9 @@ class _Trace:
 
     def group(self, function: Callable, shape: tuple[int, ...], *arrays: Array) -> Array:
         """Return the result, of this shape, of a function of float64 arrays."""
-        read, numbers = [self._indices(x) for x in arrays], self._numbers(shape)
+        arguments, numbers = [self._indices(x) for x in arrays], self._numbers(shape)
         after = len(self._operations) // 4
-        self.groups.append(_TraceGroup(after, function, read, self._indices(numbers)))
+        self.groups.append(_TraceGroup(after, function, arguments, self._indices(numbers)))
         return numbers
 
     @property
@@ -272,36 +233,80 @@ class _Trace:
         """Operations (k, 4): code, indices of operands and result, see the class."""
         return np.frombuffer(self._operations, np.int64).reshape(-1, 4)
 
-    def run(self, noise: Noise, doubles: list[Array]) -> Any:
-        """Return the function's result, in float64 arrays, for arguments of the same shapes."""
-        front = noise.shape
-        values = np.empty((*front, self.size))
-        values[...] = self.start
-        if doubles:
-            flat = [x.reshape(*front, -1) for x in doubles]
-            np.concatenate(flat, axis=-1, out=values[..., : self.read])
-        done = 0
-        for after, function, read, found in self.groups:
-            done = self._replay(noise, values, done, after)
-            result = function(
-                *(noise.as_perturbed(values.take(indices, axis=-1)) for indices in read)
-            )
-            values[..., found] = result
-        self._replay(noise, values, done, len(self._operations) // 4)
-        return map_record(lambda indices: values.take(indices, axis=-1), self.found)
+    def run(self, noise: NoiseBatch | None, inputs: list[Any]) -> Any:
+        """Return the function's result for inputs of the same shapes, float64 arrays or batches."""
+        values, done = _Values(self, noise, inputs), 0
+        for after, function, arguments, results in self.groups:
+            values.replay(done, after)
+            done = after
+            values.put(results, function(*map(values.take, arguments)))
+        values.replay(done, len(self._operations) // 4)
+        return self.results.split(values.rows(self.results.indices), bool(values.count))
 
-    def _replay(self, noise: Noise, values: Array, first: int, last: int) -> int:
-        """Perform the operations from `first` up to `last` on the values, and return `last`."""
+
+class _Values:
+    """The values of a trace while it is replayed, of each element of a batch.
+
+    The samples of one state are the SIMD lanes of one part, and so are states without noise. The
+    samples of several states are a part each, its states the lanes: each part has one perturbation
+    of an operation, or one per lane.
+    """
+
+    def __init__(self, trace: _Trace, noise: NoiseBatch | None, inputs: list[Any]):
+        self.count = batch_size(inputs) if noise is None else noise.count
+        data = packed_entries(inputs, self.count or 1)
+        self.trace, self.noise = trace, noise
+        self.parts, self.inside = 1, len(data)
+        if noise is not None and noise.states > 1:
+            self.parts, self.inside = len(data) // noise.states, noise.states
+        self.lanes = LANES if self.count else 1
+        width = -(-self.inside // self.lanes) * self.lanes
+        self.values = np.empty((trace.size, self.parts, width))
+        self.values[trace.inputs :] = trace.start[trace.inputs :, None, None]
+        self._write(slice(trace.inputs), data)
+
+    def _write(self, where: Any, data: Array) -> None:
+        """Write data (B, n) to n indices; lanes that are left over hold copies of the last one."""
+        values = data.T.reshape(data.shape[1], self.parts, self.inside)
+        self.values[where, :, : self.inside] = values
+        if self.inside < self.values.shape[-1]:
+            self.values[where, :, self.inside :] = values[..., -1:]
+
+    def put(self, indices: Array, x: Any) -> None:
+        """Write an array, or a batch of them."""
+        data = x.data if isinstance(x, BatchArray) else x
+        self._write(indices.reshape(-1), data.reshape(self.parts * self.inside, indices.size))
+
+    def rows(self, indices: Array) -> Array:
+        """Return values (B, n), element by element."""
+        values = self.values[indices, :, : self.inside]
+        return np.ascontiguousarray(values.reshape(len(indices), self.parts * self.inside).T)
+
+    def take(self, indices: Array) -> Any:
+        """Return values as an array; of a batch as one, which the noise perturbs further."""
+        rows = self.rows(indices.reshape(-1))
+        data = rows.reshape(len(rows), *indices.shape)
+        return BatchArray(data, self.noise) if self.count else data[0]
+
+    def replay(self, first: int, last: int) -> None:
+        """Perform the operations from `first` up to `last`."""
         count = last - first
-        if count:
-            operations, _ = self._operations.buffer_info()
-            operations += 4 * self._operations.itemsize * first
-            changes = np.ascontiguousarray(noise.changes((*noise.shape, count)))
-            changes_at, values_at = changes.ctypes.data, values.ctypes.data
-            run = _replay_function()
-            for i in range(values.size // self.size):
-                run(count, operations, changes_at + 8 * count * i, values_at + 8 * self.size * i)
-        return last
+        if not count:
+            return
+        address, _ = self.trace._operations.buffer_info()
+        operations = address + 4 * self.trace._operations.itemsize * first
+        run, width = _replay_function(self.lanes, self.noise is not None), self.values.shape[-1]
+        row = self.parts * width
+        draws = None if self.noise is None else self.noise.draws(count)
+        for part in range(self.parts):
+            changes = 0
+            if draws is not None:
+                own = draws.T if self.parts == 1 else draws[part, :, None]
+                lanes = np.minimum(np.arange(LANES), own.shape[1] - 1)
+                spread = own.take(lanes, axis=1)
+                changes = spread.ctypes.data
+            values = self.values.ctypes.data + 8 * width * part
+            run(count, operations, values, width // self.lanes, row, changes)
 
 
 class _TracedNumber:
@@ -393,110 +398,26 @@ PRODUCTS[_TracedNumber] = _traced_product
 
 
 @cache
-def _replay_function() -> Callable[[int, int, int, int], None]:
-    """Return the C function (count, operations, changes, values) that replays operations."""
+def _replay_function(lanes: int, perturbed: bool) -> Callable[..., None]:
+    """Return the C function that replays operations on `lanes` values at a time.
+
+    Its arguments are the number of operations, the addresses of operations and values, the number
+    of vectors of lanes, the number of values by index, and the address of the changes (_, lanes).
+    """
     # Not before it is needed: LLVM takes longer to import than the package.
     from eomcheck.kernels.llvm import JitModule
 
     code = IRBuilder()
-    with code.loop("%count") as turn:
-        first = code.address("%operations", code.integer("mul", turn.i, 4), "i64")
-        operation, *operands, target = (
-            code.let(f"load i64, ptr {code.address(first, i, 'i64')}") for i in range(4)
-        )
-        x, y = (code.load("%values", index) for index in operands)
-        quotient = code.choose(
-            code.compare("oeq", y, code.constant(0.0)),
-            code.constant(float("nan")),
-            code.div(x, y),
-        )
-        rounded = code.add(x, y)
-        is_operation = partial("icmp eq i64 {}, {}".format, operation)
-        for number, result in (
-            (SUB, code.sub(x, y)),
-            (MUL, code.mul(x, y)),
-            (DIV, quotient),
-        ):
-            rounded = code.choose(code.let(is_operation(number)), result, rounded)
-        # Perturbed as by `Noise.perturb`.
-        size = code.call("maxnum", code.call("fabs", rounded), code.constant(NORMAL))
-        change = code.mul(code.load("%changes", turn.i), size)
-        perturbed = code.add(rounded, change)
-        code.store(
-            code.choose(code.let(is_operation(NEG)), code.neg(x), perturbed),
-            "%values",
-            target,
-        )
-    machine = JitModule(
-        [
-            code.function(
-                "define void @moved(i64 %count, ptr %operations, ptr %changes, ptr %values)"
-            )
-        ]
-    )
-    kinds = ctypes.c_int64, *[ctypes.c_void_p] * 3
-    function: Any = ctypes.CFUNCTYPE(None, *kinds)(machine.address("moved"))
-    function.machine = machine  # keeps the machine code alive
-    return function
-
-
-# ---- Replay on a batch of states -----------------------------------------------------------------
-
-
-def replay_in_lanes(trace: _Trace, noise: Noise | None, inputs: list[Any]) -> Any:
-    """Return the results of a trace for arguments in lanes, as lanes without noise."""
-    count = next(n for n in map(lanes_in, inputs) if n)
-    width = -(-count // LANES) * LANES
-    values = np.zeros((trace.size, width))
-    values[trace.read :] = trace.start[trace.read :, None]
-    first = 0
-    for x in inputs:
-        data = lane_data(x, count).reshape(-1, count)
-        values[first : first + len(data), :count] = data
-        first += len(data)
-    done, last = 0, len(trace.operations)
-    for after, function, read, found in trace.groups:
-        _replay(trace, noise, values, done, after)
-        done = after
-        result = function(*(LaneArray(values[indices, :count], noise) for indices in read))
-        values[found, :count] = lane_data(result, count)
-    _replay(trace, noise, values, done, last)
-    return map_record(lambda indices: LaneArray(values[indices, :count]), trace.found)
-
-
-def _replay(trace: _Trace, noise: Noise | None, values: Array, first: int, last: int) -> None:
-    count = last - first
-    if not count:
-        return
-    operations = np.ascontiguousarray(trace.operations[first:last])
-    arguments = count, operations.ctypes.data, values.ctypes.data, values.shape[1] // LANES
-    if noise is None:
-        _lane_replay_function(perturbed=False)(*arguments, 0)
-        return
-    changes = np.ascontiguousarray(noise.changes((count,)))
-    _lane_replay_function(perturbed=True)(*arguments, changes.ctypes.data)
-
-
-@cache
-def _lane_replay_function(perturbed: bool) -> Callable[[int, int, int, int, int], None]:
-    """Return the C function (count, operations, values, many, changes) that replays operations.
-
-    Values are (indices, lanes), `many` vectors of lanes.
-    """
-    from eomcheck.kernels.llvm import JitModule
-
-    code = IRBuilder()
-    wide = code.wider(LANES)
+    wide = code.wider(lanes)
     with code.loop("%count") as turn:
         first = code.address("%operations", code.integer("mul", turn.i, 4), "i64")
         operation, *indices = (
             code.let(f"load i64, ptr {code.address(first, i, 'i64')}") for i in range(4)
         )
-        row = code.integer("mul", "%many", LANES)
-        x, y, to = (code.address("%values", code.integer("mul", index, row)) for index in indices)
+        x, y, to = (code.address("%values", code.integer("mul", i, "%row")) for i in indices)
         change = ""
         if perturbed:
-            change = wide.packed([code.load("%changes", turn.i)])
+            change = wide.load("%changes", turn.i)
         for number, name in enumerate(("add", "sub", "mul", "div", "neg")):
             is_this = code.let(f"icmp eq i64 {operation}, {number}")
             with code.when(is_this), code.loop("%many") as vector:
@@ -506,21 +427,19 @@ def _lane_replay_function(perturbed: bool) -> Callable[[int, int, int, int, int]
                 else:
                     b = wide.load(y, vector.i)
                     result = getattr(wide, name)(a, b)
-                    if number == DIV and perturbed:
+                    if number == DIV:
                         zero = wide.compare("oeq", b, wide.constant(0.0))
                         result = wide.choose(zero, wide.constant(float("nan")), result)
                     if perturbed:
-                        # Perturbed as by `LaneNoise.perturb`.
-                        largest = wide.call("fabs", result)
-                        normal = wide.compare("oge", largest, wide.constant(NORMAL))
-                        size = wide.choose(normal, largest, wide.constant(SMALLEST_SIZE))
+                        # Perturbed as by `Noise.perturb`.
+                        size = wide.call("maxnum", wide.call("fabs", result), wide.constant(NORMAL))
                         result = wide.add(result, wide.mul(change, size))
                 wide.store(result, to, vector.i)
-    name = "perturbed_lanes" if perturbed else "lanes"
-    head = "i64 %count, ptr %operations, ptr %values, i64 %many, ptr %changes"
-    machine = JitModule([code.function(f"define void @{name}({head})")])
-    kinds = ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p
-    function: Any = ctypes.CFUNCTYPE(None, *kinds)(machine.address(name))
+    head = "i64 %count, ptr %operations, ptr %values, i64 %many, i64 %row, ptr %changes"
+    machine = JitModule([code.function(f"define void @replay({head})")])
+    integer, pointer = ctypes.c_int64, ctypes.c_void_p
+    kinds = integer, pointer, pointer, integer, integer, pointer
+    function: Any = ctypes.CFUNCTYPE(None, *kinds)(machine.address("replay"))
     function.machine = machine  # keeps the machine code alive
     return function
 
@@ -564,10 +483,7 @@ class _TracingArithmetic:
 
 
 def _cos_and_sin(x: Any) -> Any:
-    cos, sin = _rounded(np.cos, x), _rounded(np.sin, x)
-    if isinstance(x, LaneArray):
-        return LaneArray(np.stack((cos.data, sin.data)))
-    return np.stack((cos, sin), axis=-2)
+    return np.stack((_rounded(np.cos, x), _rounded(np.sin, x)))
 
 
 def _root(x: Any) -> Any:
@@ -575,8 +491,9 @@ def _root(x: Any) -> Any:
 
 
 def _rounded(function: Callable, x: Any) -> Any:
-    """Return the function of each entry, perturbed by the noise of the array if it has any."""
+    """Return the function of each entry, perturbed by the noise of a batch if it has any."""
     with np.errstate(invalid="ignore"):
-        lanes = isinstance(x, LaneArray)
-        result: Any = LaneArray(function(x.data)) if lanes else function(np.asarray(x))
+        if not isinstance(x, BatchArray):
+            return function(x)
+        result = BatchArray(function(x.data))
     return result if x.noise is None else x.noise.perturb(result)

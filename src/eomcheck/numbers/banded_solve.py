@@ -29,11 +29,10 @@ from eomcheck.numbers.linear import (
     active_noise,
     column_scale,
     determinant,
-    for_each_noise,
     record,
     singular_below,
 )
-from eomcheck.numbers.noise import NORMAL, NoiseBatch
+from eomcheck.numbers.noise import NORMAL
 from eomcheck.numbers.pivots import (
     LEAST_STEPS,
     MOST_STEPS,
@@ -99,9 +98,6 @@ def to_dense(bands: np.ndarray) -> np.ndarray:
 
 def _lapack_solve(bands, b, name):
     bands, b, noise = np.asarray(bands), np.asarray(b), active_noise()
-    if isinstance(noise, NoiseBatch):
-        each = for_each_noise(noise, lambda i, _: _lapack_solve(bands[i], b[i], name))
-        return noise.as_perturbed(np.stack(each))
     size = len(bands)
     with np.errstate(all="ignore"):
         if noise is not None:
@@ -258,7 +254,7 @@ class BandFactors:
 
         A refined x has no larger backward error than that of its residual, whatever the factors.
         """
-        residual = b - self.times(x) + noise.changes(b.shape[-1:]) * self._sizes(x, b)
+        residual = b - self.times(x) + noise.changes(b.shape) * self._sizes(x, b)
         return x + self.substitute(residual)
 
     def times(self, x):

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from contextvars import ContextVar
 from fractions import Fraction
-from functools import cache
+from functools import cache, partial
 from itertools import chain
 from typing import Any, NamedTuple, TypeVar
 
@@ -25,8 +25,8 @@ import scipy.linalg
 from scipy.linalg import get_lapack_funcs
 
 from eomcheck.errors import RefusedError
-from eomcheck.numbers.lanes import LaneArray, as_float64, lane_data, lanes_in
-from eomcheck.numbers.noise import NORMAL, Noise, NoiseBatch
+from eomcheck.numbers.batch_arrays import BatchArray, NoiseBatch, batch_size, of_each
+from eomcheck.numbers.noise import NORMAL, Noise
 from eomcheck.numbers.pivots import EPS, power_of_two_scale
 
 # ---- LU factors ----------------------------------------------------------------------------------
@@ -72,12 +72,6 @@ class Rounding(NamedTuple):
     sizes: FactorMagnitudes
     scale: np.ndarray
     row_scale: np.ndarray
-
-    def of(self, x: np.ndarray, scale: np.ndarray, row_scale: np.ndarray) -> np.ndarray:
-        """Return |L||U| x for x >= 0 (..., k) or (..., k, m), in the scales passed (..., k)."""
-        size = scale_rows(x, scale / self.scale)
-        rounded = self.sizes.times(size if x.ndim > scale.ndim else size[..., None])
-        return scale_rows(rounded.reshape(x.shape), row_scale / self.row_scale)
 
 
 @cache
@@ -178,9 +172,9 @@ class SolveRecord(NamedTuple):
     Attributes:
         name: its name in the formulation.
         size: its order.
-        rcond: its reciprocal condition number; in lanes (L,).
-        sign: the sign of its determinant; of a batch of perturbed samples (k,).
-        log_determinant: log2 |det|; of a batch of perturbed samples (k,).
+        rcond: its reciprocal condition number; of a batch (B,).
+        sign: the sign of its determinant; of a batch (B,).
+        log_determinant: log2 |det|; of a batch (B,).
         refinements: steps of refinement that the solution took.
         pivots: the row (size,) that each row was exchanged with, as in LAPACK; None for bands.
         rounding: size of the rounding error of elimination, None for bands.
@@ -203,8 +197,8 @@ class SolveRecorder:
         noise: source of the perturbations of matrices; None for none.
         references: see `recording_solves`.
         solves: every matrix solved.
-        conditions: in lanes, whether condition numbers are computed.
-        refused: in lanes, for each matrix solved, the lanes that are refused, bool (L,).
+        conditions: for a batch, whether condition numbers are computed.
+        refused: for a batch, whether each element of a matrix solved is refused, bool (B,).
     """
 
     def __init__(
@@ -216,6 +210,11 @@ class SolveRecorder:
         self.noise, self.references, self.conditions = noise, references or {}, conditions
         self.solves: list[SolveRecord] = []
         self.refused: list[np.ndarray] = []
+
+    def refused_states(self, count: int) -> np.ndarray:
+        """Return the flags (L,) of states for which a matrix is refused, in any of the samples."""
+        flags = [x.reshape(-1, count).any(axis=0) for x in self.refused]
+        return np.any([np.zeros(count, bool), *flags], axis=0)
 
     @property
     def rcond(self) -> dict[str, float]:
@@ -239,7 +238,7 @@ def recording_solves(
         references: name of a matrix -> record of its unperturbed solve, whose pivots the perturbed
             solve takes too. If several rows are about equally good pivots, another choice is
             another elimination, with another rounding error.
-        conditions: in lanes, whether condition numbers are computed.
+        conditions: for a batch, whether condition numbers are computed.
     """
     token = _active_recorder.set(recorder := SolveRecorder(noise, references, conditions))
     try:
@@ -338,6 +337,8 @@ def solve(A, b, name):
     if A.shape[-1] != A.shape[-2]:
         message = f"the {A.shape[-2]} x {A.shape[-1]} matrix {name} is not square"
         raise RefusedError(name, 0.0, 0.0, message)
+    if isinstance(A, BatchArray) or isinstance(b, BatchArray):
+        return SOLVERS[BatchArray](A, b, name)
     if A.dtype != object:
         return _lapack_solve(np.asarray(A), np.asarray(b), name)
     if A.shape[0] == 0:
@@ -352,6 +353,13 @@ def matrix_product(A, B):
     return PRODUCTS.get(scalar_type_of(A, B), operator.matmul)(A, B)
 
 
+def contiguous(x):
+    """Return a matrix row by row in memory, so that its products round alike for any x."""
+    if isinstance(x, BatchArray):
+        return BatchArray(np.ascontiguousarray(x.data))
+    return np.ascontiguousarray(x)
+
+
 def scalar_type_of(*arrays):
     """Return the scalar type of object arrays; int if they hold only literals."""
     # Generic functions write literal zeros and ones among the numbers of the model.
@@ -363,8 +371,8 @@ def _lapack_solve(A, b, name):
     size = A.shape[-1]
     if size == 0:
         return b.copy()
-    if active_noise() is not None:
-        return SOLVERS[Noise](A, b, name)
+    if (noise := active_noise()) is not None:
+        return SOLVERS[type(noise)](A, b, name)
     A, b, scale, row_scale = equilibrate(A, b)
     lu, pivots, _ = _getrf(A)
     sign, log = determinant(np.diagonal(lu), pivots, scale, row_scale)
@@ -422,60 +430,33 @@ def eliminate(A, b, name):
 def null_space(a: Any) -> Any:
     """Return an orthonormal basis (n, n-r) of the null space of a (r, n).
 
-    In lanes every matrix is assumed to have the rank r; singular values show which one has not.
+    In a batch every matrix is assumed to have the same rank; singular values show which has not.
     """
-    if not lanes_in(a):
+    if not batch_size(a):
         return scipy.linalg.null_space(a)
-    _, s, Vh = _svd(a)
-    return _lanes_last(Vh[:, s.shape[-1] :].swapaxes(-1, -2))
+    return of_each(lambda x: scipy.linalg.svd(x)[2][len(x) :].T, a)
 
 
 def singular_values(a: Any) -> Any:
     """Return the singular values of a, largest first."""
-    if not lanes_in(a):
-        return np.linalg.svd(a, compute_uv=False)
-    return _lanes_last(np.linalg.svd(_lanes_first(a), compute_uv=False))
+    return of_each(partial(np.linalg.svd, compute_uv=False), a)
 
 
 def least_squares(a: Any, b: Any) -> Any:
     """Return the smallest x that minimizes |a x - b|, b (m,) or (m, k); NaN after an overflow."""
-    lanes = lanes_in(a)
-    if not lanes:
-        # With entries that are not finite LAPACK prints errors on the terminal.
-        if np.isfinite(a).all() and np.isfinite(b).all():
-            return np.linalg.lstsq(a, b, rcond=None)[0]
-        return np.full((a.shape[1], *b.shape[1:]), np.nan)
-    U, s, Vh = _svd(a)
-    k = s.shape[-1]
-    with np.errstate(all="ignore"):
-        usable = s > EPS * max(a.shape) * s[:, :1]
-        over = np.where(usable, 1.0 / s, 0.0)
-    right = np.moveaxis(lane_data(as_float64(b), lanes), -1, 0)
-    right = right[..., None] if right.ndim == 2 else right
-    x = Vh[:, :k].swapaxes(-1, -2) @ (over[..., None] * (U[..., :k].swapaxes(-1, -2) @ right))
-    return _lanes_last(x[..., 0] if len(b.shape) == 1 else x)
+    x = of_each(_least_squares, a, b)
+    if isinstance(b, BatchArray):
+        x.noise = b.noise
+    return x
+
+
+def _least_squares(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    # With entries that are not finite LAPACK prints errors on the terminal.
+    if np.isfinite(a).all() and np.isfinite(b).all():
+        return np.linalg.lstsq(a, b, rcond=None)[0]
+    return np.full((a.shape[1], *b.shape[1:]), np.nan)
 
 
 def row_scale(a: Any) -> Any:
     """Return powers of two (r,) that bring the largest entry of each row of a (r, n) near 1."""
-    if not lanes_in(a):
-        return column_scale(a.T)
-    return _lanes_last(column_scale(_lanes_first(a).swapaxes(-1, -2)))
-
-
-def _lanes_first(a: Any) -> np.ndarray:
-    return np.moveaxis(lane_data(a, lanes_in(a)), -1, 0)
-
-
-def _lanes_last(x: np.ndarray) -> LaneArray:
-    return LaneArray(np.ascontiguousarray(np.moveaxis(x, 0, -1)))
-
-
-def _svd(a: LaneArray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return (U, s, Vᵀ) of each lane, computed once for a matrix and its transpose."""
-    a = as_float64(a)
-    if not a.svd_cache:
-        plain = a.T if a.turned else a
-        a.svd_cache.append(np.linalg.svd(_lanes_first(plain)))
-    U, s, Vh = a.svd_cache[0]
-    return (Vh.swapaxes(-1, -2), s, U.swapaxes(-1, -2)) if a.turned else (U, s, Vh)
+    return of_each(column_scale, a.T)

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
 from typing import Any
@@ -67,6 +67,13 @@ def _stacked_draws(sources: tuple[tuple[int, float], ...], stream: str, size: in
     return x
 
 
+def draws_of(sources: tuple[tuple[int, float], ...], stream: str, count: int) -> np.ndarray:
+    """Return at least `count` perturbations (k, _) that sources (seed, step) draw from a stream."""
+    size = max(SMALLEST_DRAW, 1 << (count - 1).bit_length())
+    draws = _stacked_draws if size <= LARGEST_CACHED_DRAW else _stacked_draws.__wrapped__
+    return draws(sources, stream, size)
+
+
 class Noise:
     """A source of relative perturbations of size between h/2 and h, either sign.
 
@@ -77,11 +84,6 @@ class Noise:
         seed: of the random numbers.
         step: h.
     """
-
-    shape: tuple[int, ...] = ()
-    """Leading batch axes of every array that is perturbed, see `NoiseBatch`."""
-    enabled = True
-    """Whether it perturbs arrays, see `NoiseBatch.disabled`."""
 
     def __init__(self, seed: int, step: float = STEP):
         self.seed, self.step = seed, step
@@ -101,17 +103,18 @@ class Noise:
         """Return the next perturbations of the stream, of magnitude h/2 to h."""
         first = self._taken
         self._taken += math.prod(shape)
-        if self._taken > len(self._drawn):
-            size = max(SMALLEST_DRAW, 1 << (self._taken - 1).bit_length())
-            self._drawn = (_cached_draw if size <= LARGEST_CACHED_DRAW else _draw)(
-                self.seed, self._stream, size
-            )
-        return self.step * self._drawn[first : self._taken].reshape(shape)
+        if self._taken > self._drawn.size:
+            self._drawn = draws_of(((self.seed, self.step),), self._stream, self._taken)[0]
+        return self._drawn[first : self._taken].reshape(shape)
+
+    def perturbed(self, x: np.ndarray, size: np.ndarray) -> np.ndarray:
+        """Return x with each entry perturbed relative to `size`, of the same shape."""
+        return x + self.changes(np.shape(x)) * np.maximum(size, NORMAL)
 
     def perturb(self, x: np.ndarray) -> np.ndarray:
         """Return x, numbers that were read or rounded, each entry perturbed relative to itself."""
         with np.errstate(all="ignore"):
-            return x + self.changes(x.shape) * np.maximum(np.abs(x), NORMAL)
+            return self.perturbed(x, np.abs(x))
 
     def perturb_record(self, x: Any) -> Any:
         """Return a record with each entry of every array perturbed; None stays None.
@@ -127,48 +130,6 @@ class Noise:
         perturbed = x.view(PerturbedArray)
         perturbed.noise = self
         return perturbed
-
-
-class NoiseBatch(Noise):
-    """A batch of noises, each of which perturbs its own part of arrays as it would alone.
-
-    The first axis of every array that is perturbed is the batch axis: entry i is of noise i.
-    """
-
-    def __init__(self, noises: Sequence[Noise]):
-        super().__init__(noises[0].seed)
-        self._sources = tuple((noise.seed, noise.step) for noise in noises)
-        self.shape = (len(noises),)
-
-    def changes(self, shape: tuple[int, ...]) -> np.ndarray:
-        """Return the next perturbations of each noise; `shape` begins with `self.shape`."""
-        first = self._taken
-        self._taken += math.prod(shape[1:])
-        if not self._drawn.size or self._taken > self._drawn.shape[-1]:
-            size = max(SMALLEST_DRAW, 1 << (self._taken - 1).bit_length())
-            draw = _stacked_draws if size <= LARGEST_CACHED_DRAW else _stacked_draws.__wrapped__
-            self._drawn = draw(self._sources, self._stream, size)
-        return self._drawn[:, first : self._taken].reshape(shape)
-
-    @contextmanager
-    def disabled(self) -> Iterator[None]:
-        """Perturb nothing inside the block: neither in new operations nor on existing arrays."""
-        enabled, self._sources = self._sources, tuple((seed, 0.0) for seed, _ in self._sources)
-        self.enabled = False
-        try:
-            with self.stream(self._stream):
-                yield
-        finally:
-            self._sources, self.enabled = enabled, True
-
-    @contextmanager
-    def split(self) -> Iterator[list[Noise]]:
-        """Yield the single noises, at the position of the batch; it goes on after the farthest."""
-        noises = [Noise(*source) for source in self._sources]
-        for noise in noises:
-            noise._stream, noise._taken = self._stream, self._taken
-        yield noises
-        self._taken = max(noise._taken for noise in noises)
 
 
 EXACT_UFUNCS = (np.negative, np.absolute, np.positive, np.maximum)
@@ -197,11 +158,12 @@ class PerturbedArray(np.ndarray):
         if not rounded or noise is None or method != "__call__" or ufunc in EXACT_UFUNCS:
             return result
         size = np.abs(plain[0]) @ np.abs(plain[1]) if ufunc is np.matmul else np.abs(result)
-        change = noise.changes(np.shape(result)) * np.maximum(size, NORMAL)
+        result = np.asarray(result)
+        perturbed = noise.perturbed(result, size)
         if out is not None:
-            result += change
+            result[...] = perturbed
             return out[0]
-        return noise.as_perturbed(np.asarray(result + change))
+        return noise.as_perturbed(np.asarray(perturbed))
 
 
 class NoisyArithmetic:

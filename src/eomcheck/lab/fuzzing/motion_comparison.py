@@ -19,8 +19,8 @@ from eomcheck.claims.finding import Finding, Verdict
 from eomcheck.claims.reproducer import reproducer_header
 from eomcheck.draws.fuzz_cases import FuzzCase, consistent
 from eomcheck.errors import EomcheckError
-from eomcheck.evaluation.batched_evaluation import LaneEvaluation
 from eomcheck.evaluation.dynamics import assembled_position
+from eomcheck.evaluation.evaluation import BatchEvaluation
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, C
 from eomcheck.formulations import FORMULATIONS, Formulation
 from eomcheck.mechanics.parameters import settable
@@ -28,8 +28,8 @@ from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.batch import Trajectories, simulate_many
 from eomcheck.motion.simulate import simulate
+from eomcheck.numbers.batch_arrays import batch_data
 from eomcheck.numbers.generic import Array
-from eomcheck.numbers.lanes import LaneArray
 from eomcheck.numbers.pivots import EPS
 
 # ---- Simulated motions ---------------------------------------------------------------------------
@@ -235,12 +235,9 @@ def jacobians(cases: Sequence[FuzzCase], y: Array, t_end: float) -> tuple[Array,
         return out, ()
     times = np.linspace(0.0, t_end, y.shape[1])
     states = [State(y[i, k, :n], y[i, k, n:], float(times[k])) for i, k in reached]
-    at = LaneEvaluation([cases[i][0] for i, _ in reached], states)
+    at = BatchEvaluation([cases[i][0] for i, _ in reached], states)
     a: Any = at.terms.a
-    data = np.broadcast_to(
-        a.data if isinstance(a, LaneArray) else a[..., None], (*a.shape, at.lanes)
-    )
-    out[tuple(np.array(reached).T)] = np.moveaxis(data, -1, 0)
+    out[tuple(np.array(reached).T)] = batch_data(a, at.states)
     return out, tuple(at.partition.dependent)
 
 

@@ -20,7 +20,6 @@ from eomcheck.claims.finding import DECIDED as DECIDING
 from eomcheck.claims.finding import FAILED_CODE, SKIPPED_CODE, VERDICTS
 from eomcheck.draws.fuzz_cases import FuzzCase
 from eomcheck.errors import EomcheckError
-from eomcheck.evaluation.batched_evaluation import LaneEvaluation
 from eomcheck.evaluation.certified import (
     REFERENCE_DIGITS,
     REFERENCE_WITHOUT_SPEEDS,
@@ -29,14 +28,15 @@ from eomcheck.evaluation.certified import (
     true_error,
     true_state,
 )
+from eomcheck.evaluation.evaluation import BatchEvaluation
 from eomcheck.evaluation.tolerance import UNDERFLOW, allowed_error, largest
 from eomcheck.formulations import Formulation
 from eomcheck.lab.fuzzing.triage import check_case, keys_in_subject
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.ball import midpoints_or_zero
+from eomcheck.numbers.batch_arrays import BatchArray
 from eomcheck.numbers.generic import Array
-from eomcheck.numbers.lanes import LaneArray
 
 ALONE = 32
 """States of a batch where they are checked one by one."""
@@ -138,10 +138,10 @@ def screen(
         except TypeError:  # functions that cannot run in lanes
             _screen_one_by_one(result, indices, [cases[i] for i in indices], case.formulations, ids)
             continue
-        finite = np.ones(case.at.lanes, bool)
+        finite = np.ones(case.at.states, bool)
         for term in terms:
             if term is not None:
-                finite &= np.isfinite(term.data).reshape(-1, case.at.lanes).all(axis=0)
+                finite &= np.isfinite(term.flattened()).all(axis=1)
         if not finite.all():
             result.non_finite += [int(i) for i in indices[~finite]]
             indices = indices[finite]
@@ -202,7 +202,7 @@ def runs_in_lanes(kind: type[Scene]) -> bool:
     """Return whether a class's functions are rational, and so can be evaluated in SIMD lanes."""
     scene = kind.example()
     with suppress(Exception):  # user-supplied functions; `check` reports which
-        LaneEvaluation([scene], [State(*scene.initial_state(), 0.0)]).terms  # noqa: B018
+        BatchEvaluation([scene], [State(*scene.initial_state(), 0.0)]).terms  # noqa: B018
         return True
     return False
 
@@ -229,7 +229,7 @@ def _enclose(
         allowed = allowed_error(1.0) * enclosed.vdot_sensitivity(f).data
         judged = np.isfinite(allowed) & ~enclosed.refused(f.key)
         for i in np.flatnonzero(judged).tolist():
-            error = largest(true_error(vdot.data[:, i], truths[lanes[i]]))
+            error = largest(true_error(vdot.data[i], truths[lanes[i]]))
             scores = result.score((TRUTH, f.key))
             index = int(indices[lanes[i]])
             scores[index] = score = error / max(float(allowed[i]), UNDERFLOW)
@@ -247,21 +247,21 @@ def _truth(case: BatchedCase, lane: int) -> Enclosure:
     at = case.at.alone(lane)
     if case.has_speeds:
         u: Any = case.at.u
-        return true_state(at.scene, at.q, u.data[:, lane], at.t)[0]
+        return true_state(at.scene, at.q, u.data[lane], at.t)[0]
     return enclose(
         at.scene, REFERENCE_WITHOUT_SPEEDS, at.q, t=at.t, digits=REFERENCE_DIGITS, v=at.v
     )
 
 
-def _at_truth(case: BatchedCase, truths: dict[int, Enclosure]) -> LaneEvaluation:
+def _at_truth(case: BatchedCase, truths: dict[int, Enclosure]) -> BatchEvaluation:
     """Return the lanes with an enclosed acceleration, at its velocities, see `true_state`."""
     lanes = list(truths)
     states = []
     for lane, truth in truths.items():
         q, v, t = case.at.state_of(lane)
         states.append(State(q, midpoints_or_zero(truth.v) if case.has_speeds else v, t))
-    at = LaneEvaluation([case.at.scenes[lane] for lane in lanes], states)
+    at = BatchEvaluation([case.at.scenes[lane] for lane in lanes], states)
     if case.has_speeds:
         u: Any = case.at.u
-        at.u = LaneArray(u.data[:, lanes].copy())  # type: ignore[assignment]
+        at.u = BatchArray(u.data[lanes].copy())  # type: ignore[assignment]
     return at

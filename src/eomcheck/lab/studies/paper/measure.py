@@ -21,7 +21,7 @@ import numpy as np
 from eomcheck.deprecated import getattr_of
 from eomcheck.evaluation.dynamics import acceleration, velocity
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.evaluation.violations import violation
+from eomcheck.evaluation.perturbed import violation
 from eomcheck.formulations import FORMULATIONS, formulation_of
 from eomcheck.lab.run_time import Judged, motion_record, prepare_motion, slope
 from eomcheck.lab.store.record_file import Record, Settings
