@@ -9,9 +9,8 @@ from eomcheck.lab.proofs import Proofs, proof_jobs
 from eomcheck.lab.store.record_file import Record, Records
 from eomcheck.lab.store.validation_runs import validate_kind
 from eomcheck.lab.studies import paper, work_precision
-from eomcheck.lab.studies.operations import STUDY
+from eomcheck.lab.studies.operations import STUDY, counted_in
 from eomcheck.lab.studies.operations.measure import Operations
-from eomcheck.lab.studies.operations.show import counted_in
 from eomcheck.lab.studies.stability import measure as stability
 from eomcheck.lab.studies.stability.measure import FAMILIES
 from eomcheck.scenes import Sleigh

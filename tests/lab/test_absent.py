@@ -9,9 +9,8 @@ from tests.samples import random_scene, random_state
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.perturbed import acceleration_sensitivity
 from eomcheck.formulations import applicable
-from eomcheck.lab.studies.operations import STUDY
+from eomcheck.lab.studies.operations import STUDY, savings_in
 from eomcheck.lab.studies.operations.measure import absent_terms, with_zeros
-from eomcheck.lab.studies.operations.show import savings_in
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import SCENES
 

@@ -11,16 +11,10 @@ from flint import fmpq_poly
 
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.formulations import FORMULATIONS, Formulation
-from eomcheck.lab.studies.operations import STUDY, cells
-from eomcheck.lab.studies.operations import measure as counting_module
-from eomcheck.lab.studies.operations.measure import (
-    Operations,
-    compare_springs,
-    count,
-    lu_operations,
-)
-from eomcheck.lab.studies.operations.show import (
+from eomcheck.lab.studies.operations import (
     KINDS,
+    STUDY,
+    cells,
     counted_in,
     fit,
     fit_order,
@@ -30,6 +24,13 @@ from eomcheck.lab.studies.operations.show import (
     solved_systems,
     springs_in,
     table_i_text,
+)
+from eomcheck.lab.studies.operations import measure as counting_module
+from eomcheck.lab.studies.operations.measure import (
+    Operations,
+    compare_springs,
+    count,
+    lu_operations,
 )
 from eomcheck.motion import right_hand_side
 from eomcheck.motion import right_hand_side as state

@@ -34,7 +34,7 @@ from eomcheck.lab.option_parsing import Examples, Links, Seed, check_count, pars
 from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
 from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.record_file import Record, Settings, record_of_rows, rows_in
-from eomcheck.lab.study import Study, document_of, failed, unfinished
+from eomcheck.lab.study import Study, cell_text, document_of, failed, unfinished
 from eomcheck.motion.observables import as_integrated
 from eomcheck.motion.right_hand_side import acceleration_in_machine_code
 from eomcheck.safe_output import counted
@@ -198,22 +198,22 @@ def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
     for key in dict.fromkeys(one.key for one in rows):
         mine = [one for one in moving if one.key == key]
         solved = [one for one in mine if one.refused is None]
-
-        def cells(columns: Sequence[tuple], solved: list[Delivered] = solved) -> Iterator[str]:
-            for _, reduced, name, how in columns:
-                known = _numbers(solved, name)
-                yield format(reduced(known), how) if known else ""
-
-        left = (len(mine) - len(solved), len(solved) - len(_numbers(solved, "ratio")))
-        digits.append((key, str(len(solved)), *map(str, left), *cells(DIGITS)))
-        silent = len(solved) - len(_numbers(solved, "machine_of_bound"))
-        errors.append((key, *cells(ERRORS), str(silent)))
+        without = {x: len(solved) - len(_numbers(solved, x)) for x in ("ratio", "machine_of_bound")}
+        counts = len(solved), len(mine) - len(solved), without["ratio"]
+        digits.append((key, *map(str, counts), *_reduced(solved, DIGITS)))
+        errors.append((key, *_reduced(solved, ERRORS), str(without["machine_of_bound"])))
     columns = ("formulation", "solved", "refused", "κ infinite", *(head for head, *_ in DIGITS))
     yield ResultTable("digits", "What doubles deliver, against the enclosed truth", columns, digits)
     columns = ("formulation", *(head for head, *_ in ERRORS), "no number")
     yield ResultTable(
         "errors", "Errors beside what is foreseen, and beside bounds", columns, errors
     )
+
+
+def _reduced(solved: list[Delivered], columns: Sequence[tuple]) -> Iterator[str]:
+    """Yield the cells of some columns."""
+    for _, reduction, name, how in columns:
+        yield cell_text(reduction(known) if (known := _numbers(solved, name)) else None, how)
 
 
 def _numbers(rows: Iterable[Delivered], name: str) -> list[float]:

@@ -40,6 +40,7 @@ from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.record_file import Record, Settings, group, record_of_rows, rows_in
 from eomcheck.lab.study import Formulations, Study, document_of, failed
 from eomcheck.mechanics.parameters import with_parameters
+from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.batch import lane_parameters
 from eomcheck.motion.right_hand_side import (
@@ -86,6 +87,12 @@ class Timing:
     compile_seconds: float
 
 
+def usual_state(scene: Scene) -> State:
+    """Return an ordinary state of a scene, the same each time."""
+    ((state,),) = draw_samples(strategies.states(scene).map(lambda state: (state,)), 1, 0)
+    return state
+
+
 def bench_state(
     kind: type[Scene],
     links: int | None,
@@ -99,7 +106,7 @@ def bench_state(
     if kind is not Snake:
         scene = kind.example() if links is None else next(kind.structures(links))
         scene = with_parameters(scene, given)
-        ((state,),) = draw_samples(strategies.states(scene).map(lambda state: (state,)), 1, 0)
+        state = usual_state(scene)
         return scene, state.q, speeds_of(scene, state.q, state.v)
     assert links is not None
     one, k = np.ones(links), np.arange(links)

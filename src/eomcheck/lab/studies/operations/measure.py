@@ -21,20 +21,18 @@ from itertools import product
 
 import numpy as np
 
-from eomcheck import strategies
 from eomcheck.errors import InputError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.scene_quantities import Quantities, net_force
 from eomcheck.formulations import FORMULATIONS, Formulation, formulations_among, kane
 from eomcheck.lab.store.record_file import Record, Settings
-from eomcheck.lab.studies.rhs import rate_call, time_calls
-from eomcheck.mechanics.records import Bodies, Speeds, State, Terms
+from eomcheck.lab.studies.rhs import rate_call, time_calls, usual_state
+from eomcheck.mechanics.records import Bodies, Speeds, Terms
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.counting import Counted, Counting, System, Tally
 from eomcheck.numbers.generic import generic
 from eomcheck.scenes import Snake
 from eomcheck.scenes.snake import active_forces, joint_forces, torques_on, wheel_forces
-from eomcheck.strategies import draw_samples
 
 
 @dataclass(frozen=True)
@@ -67,6 +65,8 @@ class Operations:
         return sum(lu_operations(system) for system in self.solves)
 
 
+TALLIED = ("additions", "multiplications", "divisions", "trigonometric_pairs")
+"""Fields of `Operations` that a `Tally` has."""
 STUDY = "operations"
 """Key of the study."""
 
@@ -120,18 +120,9 @@ def banded_operations(m: int, half: int) -> int:
 def count(scene: Snake, formulation: Formulation) -> Operations:
     """Count one right-hand side of a snake."""
     total = tally(scene, formulation, Counting())
-    return Operations(
-        formulation.key,
-        scene.links,
-        scene.n,
-        scene.r,
-        scene.s,
-        total.additions,
-        total.multiplications,
-        total.divisions,
-        total.trigonometric_pairs,
-        tuple(total.systems),
-    )
+    counts = {name: getattr(total, name) for name in TALLIED}
+    size = scene.links, scene.n, scene.r, scene.s
+    return Operations(formulation.key, *size, **counts, solves=tuple(total.systems))
 
 
 def outline(scene: Scene, counting: Counting) -> Quantities:
@@ -143,7 +134,7 @@ def outline(scene: Scene, counting: Counting) -> Quantities:
 
 def tally(scene: Scene, formulation: Formulation, counting: Counting) -> Tally:
     """Count one right-hand side, composed as in `eomcheck.motion.right_hand_side`."""
-    at = Quantities(scene, counting, counting.vector(scene.n), counting.vector(1)[0])
+    at = outline(scene, counting)
     at.parameters  # noqa: B018  (precomputed once, so before counting starts)
     counting.tally.clear()
     if formulation.uses == "terms":
@@ -154,13 +145,11 @@ def tally(scene: Scene, formulation: Formulation, counting: Counting) -> Tally:
         at.x = counting.vector(scene.s)
         at.call(scene.chain_velocity, at.parameters, at.prepared, at.q, at.x)
         formulation.solution(*at.chain)
+    elif formulation.uses == "speeds":
+        formulation.solution(at.terms.M, at.F, at.speeds.W, at.speeds.rest)
     else:
-        at.u = counting.vector(scene.p)
-        if formulation.uses == "speeds":
-            formulation.solution(at.terms.M, at.F, at.speeds.W, at.speeds.rest)
-        else:
-            at.qdot  # noqa: B018  (a part of the right-hand side)
-            at.rates(formulation)
+        at.qdot  # noqa: B018  (a part of the right-hand side)
+        at.rates(formulation)
     return counting.tally
 
 
@@ -194,8 +183,8 @@ def compare_springs(scene: Snake, formulation: Formulation) -> Springs:
     return Springs(formulation.key, scene.links, *counts)
 
 
-def _counts(record) -> tuple[int, int, int]:
-    return record.additions, record.multiplications, record.divisions
+def _counts(counted: Operations | Tally) -> tuple[int, int, int]:
+    return counted.additions, counted.multiplications, counted.divisions
 
 
 def _springs(scene: Snake, formulation: Formulation) -> tuple[int, int, int]:
@@ -248,18 +237,10 @@ class CountingLiterals(Counting):
 
 
 @generic
-def zeros_for(x, size, dtype):
-    """Return x (size,), zeros if it is None."""
+def zeros_for(x, shape, dtype):
+    """Return x, zeros of a shape if it is None."""
     if x is None:
-        return np.zeros(size, dtype)
-    return x
-
-
-@generic
-def table_for(x, rows, columns, dtype):
-    """Return x (rows, columns), zeros if it is None."""
-    if x is None:
-        return np.zeros((rows, columns), dtype)
+        return np.zeros(shape, dtype)
     return x
 
 
@@ -281,7 +262,7 @@ def _terms(kind: type[Scene]) -> Callable:
     def terms(parameters, prepared, q, v):
         M, Q, B, a, gamma, b = own(parameters, prepared, q, v)
         n, number = q.size, M.dtype
-        a = table_for(a, 0, n, number)
+        a = zeros_for(a, (0, n), number)
         r = a.shape[0]
         return Terms(
             M,
@@ -316,7 +297,7 @@ def _bodies(kind: type[Scene]) -> Callable:
             parameters, prepared, kinematics
         )
         count, e, p = omega_u.shape
-        gyroscopic = table_for(gyroscopic, count, e, V_u.dtype)
+        gyroscopic = zeros_for(gyroscopic, (count, e), V_u.dtype)
         force = zeros_for(force, p, V_u.dtype)
         return Bodies(V_u, omega_u, rest, turning, mass, inertia, gyroscopic, force)
 
@@ -347,12 +328,6 @@ def absent_terms(scene: Scene) -> tuple[str, ...]:
     at = outline(scene, CountingLiterals())
     records = at.terms, at.speeds, at.bodies
     return tuple(name for record in records for name, x in record._asdict().items() if x is None)
-
-
-def _moving(scene: Scene) -> State:
-    """Return an ordinary state."""
-    ((state,),) = draw_samples(strategies.states(scene).map(lambda state: (state,)), 1, 0)
-    return state
 
 
 # ---- Counts and times ----------------------------------------------------------------------------
@@ -398,14 +373,13 @@ def saving(kind: type[Scene], settings: Settings) -> Saving:
 
 
 def _count(scene: Scene, formulation: Formulation) -> int:
-    total = tally(scene, formulation, CountingLiterals())
-    return total.additions + total.multiplications + total.divisions
+    return sum(_counts(tally(scene, formulation, CountingLiterals())))
 
 
 def _times(
     both: tuple[Scene, Scene], formulation: Formulation, repeats: int
 ) -> tuple[float, float]:
-    state = _moving(both[0])
+    state = usual_state(both[0])
     jobs = ((scene.name, 0, rate_call(Evaluation(scene, *state), formulation)) for scene in both)
     absent, zeros = time_calls(both[0].key, jobs, repeats)
     return absent.seconds, zeros.seconds

@@ -11,7 +11,7 @@ from eomcheck.lab.show.chart import Axis, Chart, File, Line, Panel
 from eomcheck.lab.show.document_text import seconds_text
 from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.record_file import Record
-from eomcheck.lab.studies.operations.show import fit_order, signed_sum
+from eomcheck.lab.studies.operations import fit_order, signed_sum
 from eomcheck.lab.studies.paper import measure
 from eomcheck.lab.studies.paper.measure import (
     LARGE,
