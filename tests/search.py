@@ -18,7 +18,7 @@ from eomcheck.lab.fuzzing.campaign import Campaign
 from eomcheck.lab.fuzzing.screening import CheckFrequency
 from eomcheck.lab.fuzzing.state_rounds import StatePlan
 from eomcheck.lab.option_parsing import parse_interval
-from eomcheck.lab.report.campaign_tables import ProgressPrinter, print_campaign
+from eomcheck.lab.report.finding_output import ProgressPrinter, print_campaign
 from eomcheck.scenes import Snake
 
 ACCURACY = (

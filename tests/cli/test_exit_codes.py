@@ -168,7 +168,7 @@ def test_a_campaign_with_a_find_is_1(finds, error, code, monkeypatch):
 
     made = SimpleNamespace(failure_records=finds, run=run)
     monkeypatch.setattr(campaigns, "Campaign", lambda *how: made)
-    monkeypatch.setattr("eomcheck.lab.report.campaign_tables.print_campaign", lambda campaign: None)
+    monkeypatch.setattr("eomcheck.lab.report.finding_output.print_campaign", lambda campaign: None)
     assert code_of(monkeypatch, "fuzz", "--scene", "sleigh", "--states", "1") == code
 
 

@@ -23,9 +23,7 @@ def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
     few = () if "--replay" in arguments else FEW
     monkeypatch.setattr(sys, "argv", ["eomcheck", "fuzz", *few, *arguments])
     monkeypatch.setattr(state_rounds, "BATCH", 8)
-    monkeypatch.setattr(
-        "eomcheck.lab.report.campaign_tables.EVERY", math.inf
-    )  # no line of progress
+    monkeypatch.setattr("eomcheck.lab.report.finding_output.EVERY", math.inf)  # no line of progress
     with pytest.raises(SystemExit) as stop:
         cli.main()
     return stop.value.code or 0

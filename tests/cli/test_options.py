@@ -113,7 +113,7 @@ STUBS: dict[str, dict[str, Any]] = {
         "eomcheck.lab.show.table.print_tables": None,
     },
     "fuzz": {
-        "eomcheck.lab.report.campaign_tables.print_campaign": None,
+        "eomcheck.lab.report.finding_output.print_campaign": None,
         "eomcheck.lab.fuzzing.failures.read_failures": lambda path: ["kept"],
         "eomcheck.lab.fuzzing.failures.write_failures": None,
         "eomcheck.lab.fuzzing.replay.replay_failures": [],

@@ -11,8 +11,8 @@ from PIL import Image
 
 from eomcheck.lab.figure_data import Block, Matrix, Structure
 from eomcheck.lab.show import pictures, sketch_drawing
+from eomcheck.lab.show.chart_matplotlib import plt
 from eomcheck.lab.show.pictures import _title, canvas, paint, scene_figure, structure_figure
-from eomcheck.lab.show.pyplot import plt
 from eomcheck.lab.show.sketch_drawing import DARK, LIGHT, Drawing, View
 from eomcheck.mechanics import sketch as s
 

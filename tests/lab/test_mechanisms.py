@@ -23,8 +23,8 @@ from eomcheck.lab.figure_data import (
     sketches_of_motion,
     structure_of,
 )
+from eomcheck.lab.show.chart_matplotlib import plt
 from eomcheck.lab.show.pictures import scene_figure
-from eomcheck.lab.show.pyplot import plt
 from eomcheck.lab.show.sketch_drawing import DARK, LIGHT, symbol
 from eomcheck.mechanics import sketch as s
 from eomcheck.mechanics.scene import Scene

@@ -25,7 +25,6 @@ from eomcheck.lab.fuzzing.failures import FailureRecord
 from eomcheck.lab.fuzzing.replay import ReplayResult
 from eomcheck.lab.library_comparison import LibraryComparison, LibraryResult
 from eomcheck.lab.report import (
-    campaign_tables,
     equivalences,
     finding_output,
     motion_tables,
@@ -358,7 +357,7 @@ def test_kept_failures_are_told_by_their_numbers_and_how_many_there_are_of_each(
         ("failed", "multipliers", ""),
         ("holds", "bias", ""),
     ]
-    campaign_tables.print_replayed(
+    finding_output.print_replayed(
         [
             ReplayResult(FailureRecord("sleigh", {}, [], [], claim=x), one, why)
             for one, x, why in outcomes

@@ -20,7 +20,7 @@ import pytest
 from eomcheck import cli
 from eomcheck.errors import EngineError, InputError, RefusedError
 from eomcheck.lab import study as module
-from eomcheck.lab.report.record_table import record_columns, record_table
+from eomcheck.lab.report.overview import record_columns, record_table
 from eomcheck.lab.store import provenance
 from eomcheck.lab.store.provenance import blas_threads, machine, sources, versions
 from eomcheck.lab.store.record_file import Record, Records, key_of

@@ -23,8 +23,7 @@ from eomcheck.lab.report.claim_summary import (
     scene_table,
     worst_table,
 )
-from eomcheck.lab.report.overview import Overview
-from eomcheck.lab.report.record_table import record_columns, record_table
+from eomcheck.lab.report.overview import Overview, record_columns, record_table
 from eomcheck.lab.report.registries import parameter_table
 from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.record_file import Record

@@ -23,7 +23,7 @@ from eomcheck.lab.fuzzing.function_rounds import FunctionsPlan
 from eomcheck.lab.fuzzing.motion_rounds import CROSSED, STOPPED
 from eomcheck.lab.fuzzing.screening import DECIDED, OPEN
 from eomcheck.lab.library_comparison import LibraryComparison, LibraryResult
-from eomcheck.lab.report import campaign_tables, finding_output, motion_tables
+from eomcheck.lab.report import finding_output, motion_tables
 from eomcheck.lab.report.claim_summary import (
     ClaimSummary,
     by_claim,
@@ -286,7 +286,7 @@ def test_one_run_that_did_not_end_is_no_passed_report(statuses):
     assert made.headline == "The run did not come to its end; until then none of 1 claim failed."
     made = Overview([run_of("sleigh", "done"), run_of("snake", "done")])
     made.rows = [kept(), kept(verdict="inconclusive")]
-    assert (made.verdict, made.undecided_count, made.states) == ("passed", 1, 8)
+    assert (made.verdict, made.undecided, made.states) == ("passed", "1 inconclusive", 8)
     assert made.headline == "All 1 claim hold."
     assert made.basis == "2 findings, 8 states, on snake; 1 inconclusive."
     made.rows.append(kept(verdict="skipped"))
@@ -366,26 +366,26 @@ def campaign() -> Campaign:
 
 
 def test_the_tables_of_a_campaign_hold_its_counts(campaign: Campaign):
-    sheet = campaign_tables.campaign_table(campaign)
+    sheet = finding_output.campaign_table(campaign)
     assert sheet.title == "Fuzzing snake, seed 5"
     assert {row["what"]: row["how many"] for row in table(sheet)} == {
         **{"motions": "240", "a second of CPU time": "20", "rounds": "6", "ordinary": "200"},
         **{"climbed": "40", "passed": "99", "not in lanes: energy-rate": "branches"},
         "motion: decided in no state": "4 inconclusive",
     }
-    assert table(campaign_tables.variant_table(campaign)) == [
+    assert table(finding_output.variant_table(campaign)) == [
         {"structure": "1 link", "motions": "11"},
         {"structure": "2 links", "motions": "22"},
     ]
-    assert table(campaign_tables.crossing_table(campaign)) == [
+    assert table(finding_output.crossing_table(campaign)) == [
         {"formulation": "im", "crossed": "3", "stopped before, or refused": "5"},
         {"formulation": "kane", "crossed": "0", "stopped before, or refused": "2"},
     ]
-    assert table(campaign_tables.highest_score_table(campaign)) == [
+    assert table(finding_output.highest_score_table(campaign)) == [
         {"claim": "bias", "ratio": "0.75", "formulation": "el"},
         {"claim": "motion", "ratio": "0.25", "formulation": ""},
     ]
-    assert table(campaign_tables.failure_table(campaign)) == [
+    assert table(finding_output.failure_table(campaign)) == [
         {
             **{"claim": "bias", "subject": "au ~ el", "fault": "scene"},
             **{"what": "row", "evidence": "known by"},
@@ -398,16 +398,16 @@ def test_a_campaign_without_a_state_says_that_nothing_was_checked(monkeypatch, c
     caveats: list[Any] = []
     monkeypatch.setattr(FunctionsPlan, "caveats", lambda *given: caveats.append(given) or ["bare"])
     empty = Campaign(plan, "own", [StructuralVariant(None, ())])
-    campaign_tables.print_campaign(empty)
+    finding_output.print_campaign(empty)
     said = capsys.readouterr().out
     assert "nothing was checked: no state came to its end" in said and "no failure" not in said
     assert not caveats and "Observed / allowed" not in said
     empty.counts["states"] = 1
-    campaign_tables.print_campaign(empty)
+    finding_output.print_campaign(empty)
     said = capsys.readouterr().out
     assert "no failure\nbare\n" in said and len(caveats) == 1 and "Observed / allowed" not in said
     empty.worst = {("motion", ""): ScoredCase(0.25, None)}  # type: ignore[arg-type]
-    campaign_tables.print_campaign(empty)
+    finding_output.print_campaign(empty)
     assert "Observed / allowed at most" in capsys.readouterr().out
 
 
@@ -415,11 +415,11 @@ def test_a_campaign_prints_its_finds_or_that_there_are_none(
     campaign: Campaign, monkeypatch, capsys
 ):
     monkeypatch.setattr(FailureRecord, "python", property(lambda find: "the code"))
-    campaign_tables.print_campaign(campaign)
+    finding_output.print_campaign(campaign)
     said = capsys.readouterr().out
     assert "the code" in said and "no failure" not in said
     campaign.failure_records = {}
-    campaign_tables.print_campaign(campaign)
+    finding_output.print_campaign(campaign)
     assert "no failure" in capsys.readouterr().out
 
 
@@ -427,11 +427,9 @@ def test_a_line_of_progress_counts_the_states_of_this_run_by_the_second(
     campaign: Campaign, monkeypatch, capsys
 ):
     clock = iter([100.0, 104.0, 110.0, 112.0])
-    monkeypatch.setattr(
-        "eomcheck.lab.report.campaign_tables.time.perf_counter", lambda: next(clock)
-    )
+    monkeypatch.setattr("eomcheck.lab.report.finding_output.time.perf_counter", lambda: next(clock))
     campaign.resumed = 40
-    teller = campaign_tables.ProgressPrinter()
+    teller = finding_output.ProgressPrinter()
     teller(campaign)
     assert capsys.readouterr() == ("", "")
     teller(campaign)

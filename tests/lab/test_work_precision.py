@@ -20,7 +20,7 @@ from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.run_time import was_contended
 from eomcheck.lab.show import chart_matplotlib
-from eomcheck.lab.show.pyplot import plt
+from eomcheck.lab.show.chart_matplotlib import plt
 from eomcheck.lab.show.table import print_tables
 from eomcheck.lab.store.record_file import Record, Records
 from eomcheck.lab.studies import work_precision

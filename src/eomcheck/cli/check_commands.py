@@ -324,7 +324,7 @@ def export_records(
 ) -> None:
     """Write the records of a study as a table: one line per cell, one column per value."""
     check_output(file, [records])
-    from eomcheck.lab.report.record_table import record_table
+    from eomcheck.lab.report.overview import record_table
     from eomcheck.lab.store.record_file import Records
 
     unread: list[str] = []

@@ -175,7 +175,7 @@ def fuzz_command(
     from eomcheck.draws.fuzz_cases import StructuralVariant, structural_variants
     from eomcheck.lab.fuzzing.campaign import Campaign
     from eomcheck.lab.fuzzing.failures import add_failures, functions_named, read_failures
-    from eomcheck.lab.report.campaign_tables import ProgressPrinter, print_campaign
+    from eomcheck.lab.report.finding_output import ProgressPrinter, print_campaign
     from eomcheck.lab.store.executors import check_executor
 
     if keep is not None:
@@ -325,7 +325,7 @@ def _replay(path: Path, formulation: list[str] | None, scene: str | None) -> Non
     from eomcheck.formulations import FORMULATIONS
     from eomcheck.lab.fuzzing.failures import read_failures
     from eomcheck.lab.fuzzing.replay import replay_failures
-    from eomcheck.lab.report.campaign_tables import print_replayed
+    from eomcheck.lab.report.finding_output import print_replayed
 
     for key in formulation or ():
         registered("formulation", key, FORMULATIONS)

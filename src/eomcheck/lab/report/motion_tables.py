@@ -18,7 +18,7 @@ from eomcheck.evaluation.dynamics import acceleration, velocity
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import formulations_for
 from eomcheck.lab.show.chart import Axis, Band, Chart, Panel, in_rows
-from eomcheck.lab.show.table import ResultTable, print_tables, say
+from eomcheck.lab.show.table import ResultTable, print_tables, say, table_of
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.batch import Trajectories
 from eomcheck.motion.reference_solution import constraint_error, energy_error
@@ -114,17 +114,13 @@ def print_constraints(scene: Scene) -> int:
         say(f"{scene.name} has no constraint")
         return 0
     rank = rank_of(at)
-    rows = [
-        (
-            name,
-            "redundant" if i in without else "kept",
-            f"{rank.distance[i]:.2g}",
-            f"{rank.uncertainty[i]:.2g}",
-        )
-        for i, name in enumerate(scene.constraint_names)
-    ]
-    columns = ("constraint", "it is", "away from the others, of its size", "by rounding at most")
-    print_tables([ResultTable("constraints", "", columns, rows)])
+    columns = {
+        "constraint": lambda i: scene.constraint_names[i],
+        "it is": lambda i: "redundant" if i in without else "kept",
+        "away from the others, of its size": lambda i: f"{rank.distance[i]:.2g}",
+        "by rounding at most": lambda i: f"{rank.uncertainty[i]:.2g}",
+    }
+    print_tables([table_of("constraints", "", range(scene.r), columns)])
     say(f"{scene.structure}: n = {scene.n}, r = {scene.r}, rank {scene.r - len(without)}")
     return len(without)
 
@@ -136,28 +132,27 @@ def print_trajectories(trajectories: Iterable[Trajectory]) -> None:
     """Print one line per trajectory of one scene, then the reasons of failures."""
     trajectories = list(trajectories)
     scene = trajectories[0].scene
-    rows = [
-        (
-            one.key,
-            f"{one.times[-1]:g}" if one.times.size else "0",
-            str(one.steps),
-            str(one.right_hand_sides),
-            f"{one.seconds:.2g}",
-            _energy(one),
-            f"{constraint_error(one).max():.1e}" if scene.r and one.times.size else "",
-        )
-        for one in trajectories
-    ]
     energy = "energy error" if scene.conserves_energy else "energy left"
-    kept = "run time (s)", energy, "constraint error (m/s)"
-    columns = ("formulation", "end (s)", "steps", "right-hand sides", *kept)
+    columns = {
+        "formulation": lambda one: one.key,
+        "end (s)": lambda one: f"{one.times[-1]:g}" if one.times.size else "0",
+        "steps": lambda one: str(one.steps),
+        "right-hand sides": lambda one: str(one.right_hand_sides),
+        "run time (s)": lambda one: f"{one.seconds:.2g}",
+        energy: _energy,
+        "constraint error (m/s)": _constraint,
+    }
     why = f"The energy is no error here: {scene.why_not_conserved}."
     note = "" if scene.conserves_energy else why
     title = f"{scene.name}: motions from its start"
-    print_tables([ResultTable("motions", title, columns, rows, note=note)])
+    print_tables([table_of("motions", title, trajectories, columns, note=note)])
     for one in trajectories:
         if one.status != "finished":
             say(f"{one.key} {one.status}: {one.reason}")
+
+
+def _constraint(one: Trajectory) -> str:
+    return f"{constraint_error(one).max():.1e}" if one.scene.r and one.times.size else ""
 
 
 def _energy(one: Trajectory) -> str:

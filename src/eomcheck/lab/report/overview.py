@@ -1,15 +1,17 @@
 """Overview of the Records in some files: verdict, findings by claim, and sections of studies.
 
 The content of a report is decided once, in this module; HTML, Markdown and JUnit only lay it out. A
-section is present only if there is data for it.
+section is present only if there is data for it. `record_table` is the plain table of Records.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import fields
 from functools import cached_property
 from pathlib import Path
-from typing import Literal, NamedTuple, TypeVar
+from typing import Any, Literal, NamedTuple, TypeVar
 
 from eomcheck.claims.finding import DECIDED
 from eomcheck.engines import ENGINES
@@ -114,11 +116,6 @@ class Overview:
     def structures(self) -> int:
         """Number of structural variants on which identities were proved."""
         return len(self.of(PROOFS))
-
-    @property
-    def undecided_count(self) -> int:
-        """Number of undecided Findings."""
-        return ClaimSummary(tuple(self.rows)).undecided_count
 
     @property
     def undecided(self) -> str:
@@ -278,3 +275,55 @@ def _strata(overview: Overview) -> Section:
         "least once where there are draws enough; a scene class with no state was not checked.",
         [factor_table(strata)],
     )
+
+
+# ---- Records, one line each ----------------------------------------------------------------------
+
+GROUPS = ("settings", "counts", "errors", "series", "machine", "versions")
+"""Fields of Record that are dictionaries: one column per entry, such as `errors.energy`."""
+
+
+def _flat(record: Record) -> dict[str, Any]:
+    row: dict[str, Any] = {}
+    for name in (field.name for field in fields(Record)):
+        value = getattr(record, name)
+        if name in GROUPS:
+            row |= {f"{name}.{entry}": value[entry] for entry in sorted(value)}
+        elif name == "quartiles":
+            row["quartiles.low"], row["quartiles.high"] = value or (None, None)
+        else:
+            row[name] = value
+    return row
+
+
+def record_columns(records: Sequence[Record]) -> list[str]:
+    """Return the column names of a table, in the order of Record's fields, entries sorted in
+    each.
+    """
+    order = [field.name for field in fields(Record)]
+    names = dict.fromkeys(name for record in records for name in _flat(record))
+
+    def rank(name: str) -> tuple[int, str]:
+        group, _, entry = name.partition(".")
+        return order.index(group), "" if group == "quartiles" else entry
+
+    return sorted(names, key=rank)
+
+
+def _plain(value: Any) -> str:
+    match value:
+        case None:
+            return ""
+        case str():
+            return value
+        case float():
+            return repr(value)  # the shortest text that parses to the same float64
+        case _:
+            return json.dumps(value, ensure_ascii=False)
+
+
+def record_table(records: Sequence[Record]) -> ResultTable:
+    """Return a table with one line per Record; missing entries are empty."""
+    names = record_columns(records)
+    rows = [[_plain(row.get(name)) for name in names] for row in map(_flat, records)]
+    return ResultTable("records", "", names, rows)

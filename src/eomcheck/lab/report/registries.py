@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eomcheck.errors import message_of
-from eomcheck.lab.show.table import Cell, ResultTable
+from eomcheck.lab.show.table import Cell, ResultTable, table_of
 
 if TYPE_CHECKING:
     from eomcheck.evaluation.scene_quantities import Quantities
@@ -134,36 +134,30 @@ def in_paper(f: Formulation) -> str:
 def _formulations() -> ResultTable:
     from eomcheck.formulations import FORMULATIONS
 
-    rows = [
-        (
-            Cell(f.key, "name"),
-            f.name,
-            f.equations or "not there",
-            f.order_text,
-            f"{f.level} level",
-            in_paper(f),
-            yes(f.multipliers),
-            f.limits,
-        )
-        for f in FORMULATIONS.values()
-    ]
-    about = ("name", "equations", "order", "constraints at", "λ in paper", "λ here", "limits")
-    return ResultTable("formulations", "", ("key", *about), rows, (6, 13, 10, 10, 13, 9, 6, 37))
+    columns = {
+        "key": lambda f: Cell(f.key, "name"),
+        "name": lambda f: f.name,
+        "equations": lambda f: f.equations or "not there",
+        "order": lambda f: f.order_text,
+        "constraints at": lambda f: f"{f.level} level",
+        "λ in paper": in_paper,
+        "λ here": lambda f: yes(f.multipliers),
+        "limits": lambda f: f.limits,
+    }
+    widths = (6, 13, 10, 10, 13, 9, 6, 37)
+    return table_of("formulations", "", FORMULATIONS.values(), columns, widths=widths)
 
 
 def function_claim_table() -> ResultTable:
     """Return the claims on user-supplied functions, and the functions that each claim needs."""
     from eomcheck.testing import FUNCTION_CLAIMS
 
-    rows = [
-        (
-            Cell(one.id, "name"),
-            one.statement,
-            ", ".join(name.replace("|", " or ") for name in one.needs) or "any",
-        )
-        for one in FUNCTION_CLAIMS.values()
-    ]
-    return ResultTable("function-claims", "", ("claim", "statement", "needs"), rows)
+    columns = {
+        "claim": lambda one: Cell(one.id, "name"),
+        "statement": lambda one: one.statement,
+        "needs": lambda one: ", ".join(name.replace("|", " or ") for name in one.needs) or "any",
+    }
+    return table_of("function-claims", "", FUNCTION_CLAIMS.values(), columns)
 
 
 def _engines() -> ResultTable:

@@ -1,4 +1,4 @@
-"""Charts drawn by matplotlib into figure files.
+"""Charts drawn by matplotlib into figure files, with the Agg backend, which opens no window.
 
 `draw_charts` puts charts into one figure. Each chart is a block of panels; panels in one row or
 column whose axes are equal share their limits and labels, narrow blocks stand side by side, and one
@@ -14,6 +14,8 @@ from pathlib import Path
 from textwrap import fill
 from typing import Any
 
+import matplotlib
+import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import XAxis, YAxis
@@ -35,7 +37,8 @@ from PIL import Image
 
 from eomcheck.atomic_write import replacing
 from eomcheck.lab.show.chart import STYLES, WRONG, Axis, Chart, Heat, Line, Panel
-from eomcheck.lab.show.pyplot import plt
+
+matplotlib.use("Agg")
 
 WIDEST = 13.0
 """Largest total width of blocks side by side, in."""

@@ -19,7 +19,7 @@ from PIL import Image
 
 from eomcheck.atomic_write import replacing
 from eomcheck.lab.figure_data import Matrix, Structure
-from eomcheck.lab.show.pyplot import plt
+from eomcheck.lab.show.chart_matplotlib import plt
 from eomcheck.lab.show.sketch_drawing import DARK, LIGHT, Colors, Drawing, place_labels
 from eomcheck.mechanics import sketch as s
 

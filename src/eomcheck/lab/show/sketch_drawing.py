@@ -81,6 +81,8 @@ SENSE = 0.7
 """Arc drawn for an angle too small to be visible, to show its sense, rad."""
 SMALL = 0.15
 """Angles below this are too small to be visible, rad."""
+NAMED_ONLY = s.Plane, s.Angle, s.Distance, s.Arrow
+"""Parts that are drawn only beside names."""
 
 
 class Drawing:
@@ -105,6 +107,8 @@ class Drawing:
         ranks = [s.Plane, s.Disk, s.SpringMark, s.Body, s.Wheel, s.Distance, s.Arrow, s.Angle]
         ranked = {kind: rank for rank, kind in enumerate(ranks)}
         for part in sorted(sketch.parts, key=lambda part: ranked.get(type(part), len(ranks))):
+            if not self.named and isinstance(part, NAMED_ONLY):
+                continue
             getattr(self, f"_{type(part).__name__.lower()}")(part)
 
     def _line(self, points: Any, color: str, width: float, **look: Any) -> np.ndarray:
@@ -117,8 +121,6 @@ class Drawing:
             self.labels.append(Label(symbol(text), at, color, away))
 
     def _plane(self, one: s.Plane) -> None:
-        if not self.named:
-            return
         corners = [*one.points, one.points[0]]
         self._line(corners, self.colors.faint, 0.6, fill=self.colors.faint)
 
@@ -203,8 +205,6 @@ class Drawing:
         return self.colors.coordinate
 
     def _angle(self, one: s.Angle) -> None:
-        if not self.named:
-            return
         color = self._measure(one.name)
         first, second = np.asarray(one.first, float), np.asarray(one.second, float)
         small = abs(one.angle) < SMALL
@@ -217,8 +217,6 @@ class Drawing:
         self._label(one.name, middle, color, middle - self.see(one.at)[0])
 
     def _distance(self, one: s.Distance) -> None:
-        if not self.named:
-            return
         color = self._measure(one.name) if one.name else self.colors.faint
         look: dict[str, Any] = {"head": True} if one.name else {"style": (0, (4, 3))}
         seen = self._line((one.start, one.end), color, 1.5, **look)
@@ -226,8 +224,6 @@ class Drawing:
         self._label(one.name, seen.mean(axis=0), color, np.array([-step[1], step[0]]))
 
     def _arrow(self, one: s.Arrow) -> None:
-        if not self.named:
-            return
         end = np.asarray(one.at, float) + np.asarray(one.along, float)
         if not one.name:
             self._line((one.at, end), self.colors.faint, 1.0, style=(0, (4, 3)))

@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from io import StringIO
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 from rich.cells import cell_len
 from rich.console import Group, RenderableType
@@ -180,6 +180,26 @@ class ResultTable(NamedTuple):
                 texts = _filled(texts, room)
             lines += [Padding(text, (0, 0, 0, 2), expand=False) for text in texts]
         return Group(*lines)
+
+
+def table_of(
+    name: str,
+    title: str,
+    things: Iterable[Any],
+    columns: Mapping[str, Callable[[Any], str]],
+    **more: Any,
+) -> ResultTable:
+    """Return the table of some things, a row each.
+
+    Args:
+        name: name of its file and its anchor.
+        title: its title.
+        things: what the rows are about.
+        columns: heading -> function that makes the cell of a thing.
+        more: further fields of `ResultTable`.
+    """
+    rows = [[cell(thing) for cell in columns.values()] for thing in things]
+    return ResultTable(name, title, tuple(columns), rows, **more)
 
 
 def _narrowed(widths: list[int], least: list[int], room: int) -> list[int] | None:

@@ -24,7 +24,7 @@ from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.lab.option_parsing import Links, Seed, check_count, parse_interval
 from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
 from eomcheck.lab.show.sketch_drawing import link_ends
-from eomcheck.lab.show.table import ResultTable
+from eomcheck.lab.show.table import ResultTable, table_of
 from eomcheck.lab.store.record_file import Record, Settings, group, record_of_rows, rows_in
 from eomcheck.lab.study import Study, failed
 from eomcheck.scenes import Snake
@@ -111,22 +111,19 @@ def _compare(at: Evaluation) -> list[Agreement]:
 
 def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
     """Yield the table of largest distances from the reference, by formulation."""
-    rows = [
-        (
-            key,
-            str(len(mine)),
-            f"{max(one.observed for one in mine):.1e}",
-            f"{max(one.observed / one.allowed for one in mine):.1%}",
-            f"{median(one.faulty / one.allowed for one in mine):.1e}",
-        )
-        for key, mine in group(rows_in(found, Agreement), lambda one: one.key).items()
-    ]
-    columns = ("formulation", "states", "largest distance", "of what is allowed", "fault: median")
+    columns = {
+        "formulation": lambda mine: mine[0].key,
+        "states": lambda mine: str(len(mine)),
+        "largest distance": lambda mine: f"{max(one.observed for one in mine):.1e}",
+        "of what is allowed": lambda mine: f"{max(one.observed / one.allowed for one in mine):.1%}",
+        "fault: median": lambda mine: f"{median(one.faulty / one.allowed for one in mine):.1e}",
+    }
+    by_key = group(rows_in(found, Agreement), lambda one: one.key).values()
     note = (
         f"Distances of q̈ from that of {REFERENCE}, relative to max |q̈|; last, that of one flipped "
         "sign over what is allowed."
     )
-    yield ResultTable("agreement", "All formulations on random snakes", columns, rows, note=note)
+    yield table_of("agreement", "All formulations on random snakes", by_key, columns, note=note)
 
 
 def snake_panel(scene: Snake) -> Panel:

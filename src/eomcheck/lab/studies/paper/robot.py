@@ -9,8 +9,7 @@ from matplotlib.animation import PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from eomcheck.lab.show.chart_matplotlib import save_chart
-from eomcheck.lab.show.pyplot import plt
+from eomcheck.lab.show.chart_matplotlib import plt, save_chart
 from eomcheck.lab.show.sketch_drawing import link_ends
 from eomcheck.lab.store.record_file import Record
 from eomcheck.lab.studies.paper import POSES
