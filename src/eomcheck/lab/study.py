@@ -102,19 +102,6 @@ def _work_off_one(study: str, settings: Settings, work: Callable[[Settings], Rec
 # ---- Tables and lines ----------------------------------------------------------------------------
 
 
-def table_of(
-    name: str,
-    title: str,
-    things: Iterable[Any],
-    columns: Iterable[tuple[str, Callable[[Any], str]]],
-    **more: Any,
-) -> ResultTable:
-    """Return a table with a row for each thing, from columns: heading, thing -> cell."""
-    heads, cells = zip(*columns, strict=True)
-    rows = [tuple(cell(thing) for cell in cells) for thing in things]
-    return ResultTable(name, title, heads, rows, **more)
-
-
 def cell_text(value: float | None, how: str) -> str:
     """Return a number in a format, "" for None."""
     return "" if value is None else format(value, how)

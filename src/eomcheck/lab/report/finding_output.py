@@ -184,7 +184,7 @@ def proof_table(claims: Iterable[ClaimSummary]) -> ResultTable:
         "height ≤": bound("height", "{:.0f} bits"),
         "failure probability <": bound("failure_probability", "{:.1e}"),
     }
-    return table_of("proofs", "", claims, columns)
+    return table_of("proofs", "", claims, columns.items())
 
 
 def print_proofs(proofs: Proofs) -> None:

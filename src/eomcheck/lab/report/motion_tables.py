@@ -120,7 +120,7 @@ def print_constraints(scene: Scene) -> int:
         "away from the others, of its size": lambda i: f"{rank.distance[i]:.2g}",
         "by rounding at most": lambda i: f"{rank.uncertainty[i]:.2g}",
     }
-    print_tables([table_of("constraints", "", range(scene.r), columns)])
+    print_tables([table_of("constraints", "", range(scene.r), columns.items())])
     say(f"{scene.structure}: n = {scene.n}, r = {scene.r}, rank {scene.r - len(without)}")
     return len(without)
 
@@ -145,7 +145,7 @@ def print_trajectories(trajectories: Iterable[Trajectory]) -> None:
     why = f"The energy is no error here: {scene.why_not_conserved}."
     note = "" if scene.conserves_energy else why
     title = f"{scene.name}: motions from its start"
-    print_tables([table_of("motions", title, trajectories, columns, note=note)])
+    print_tables([table_of("motions", title, trajectories, columns.items(), note=note)])
     for one in trajectories:
         if one.status != "finished":
             say(f"{one.key} {one.status}: {one.reason}")

@@ -145,7 +145,7 @@ def _formulations() -> ResultTable:
         "limits": lambda f: f.limits,
     }
     widths = (6, 13, 10, 10, 13, 9, 6, 37)
-    return table_of("formulations", "", FORMULATIONS.values(), columns, widths=widths)
+    return table_of("formulations", "", FORMULATIONS.values(), columns.items(), widths=widths)
 
 
 def function_claim_table() -> ResultTable:
@@ -157,7 +157,7 @@ def function_claim_table() -> ResultTable:
         "statement": lambda one: one.statement,
         "needs": lambda one: ", ".join(name.replace("|", " or ") for name in one.needs) or "any",
     }
-    return table_of("function-claims", "", FUNCTION_CLAIMS.values(), columns)
+    return table_of("function-claims", "", FUNCTION_CLAIMS.values(), columns.items())
 
 
 def _engines() -> ResultTable:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from io import StringIO
 from typing import Any, NamedTuple, Self
 
@@ -186,7 +186,7 @@ def table_of(
     name: str,
     title: str,
     things: Iterable[Any],
-    columns: Mapping[str, Callable[[Any], str]],
+    columns: Iterable[tuple[str, Callable[[Any], str]]],
     **more: Any,
 ) -> ResultTable:
     """Return the table of some things, a row each.
@@ -195,11 +195,12 @@ def table_of(
         name: name of its file and its anchor.
         title: its title.
         things: what the rows are about.
-        columns: heading -> function that makes the cell of a thing.
+        columns: headings, each with the function that makes the cell of a thing.
         more: further fields of `ResultTable`.
     """
-    rows = [[cell(thing) for cell in columns.values()] for thing in things]
-    return ResultTable(name, title, tuple(columns), rows, **more)
+    heads, cells = zip(*columns, strict=True)
+    rows = [tuple(cell(thing) for cell in cells) for thing in things]
+    return ResultTable(name, title, heads, rows, **more)
 
 
 def _narrowed(widths: list[int], least: list[int], room: int) -> list[int] | None:

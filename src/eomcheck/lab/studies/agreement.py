@@ -123,7 +123,8 @@ def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
         f"Distances of q̈ from that of {REFERENCE}, relative to max |q̈|; last, that of one flipped "
         "sign over what is allowed."
     )
-    yield table_of("agreement", "All formulations on random snakes", by_key, columns, note=note)
+    title = "All formulations on random snakes"
+    yield table_of("agreement", title, by_key, columns.items(), note=note)
 
 
 def snake_panel(scene: Snake) -> Panel:

@@ -32,7 +32,7 @@ from eomcheck.formulations import formulation_of, formulations_for
 from eomcheck.lab.references import stored_reference
 from eomcheck.lab.run_time import prepare_motion, run_time, solver_options, was_contended
 from eomcheck.lab.show.chart import Axis, Chart, Panel
-from eomcheck.lab.show.table import ResultTable
+from eomcheck.lab.show.table import ResultTable, table_of
 from eomcheck.lab.store.record_file import Record, Settings, group, select, values
 from eomcheck.lab.study import (
     REFERENCES,
@@ -41,7 +41,6 @@ from eomcheck.lab.study import (
     References,
     Study,
     line_of,
-    table_of,
 )
 from eomcheck.motion.integrators import INTEGRATORS
 from eomcheck.motion.right_hand_side import exact_jacobian

@@ -9,7 +9,7 @@ from pathlib import Path
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.show.chart import Axis, Chart, File, Line, Panel
 from eomcheck.lab.show.document_text import seconds_text
-from eomcheck.lab.show.table import ResultTable
+from eomcheck.lab.show.table import ResultTable, table_of
 from eomcheck.lab.store.record_file import Record
 from eomcheck.lab.studies.operations import fit_order, signed_sum
 from eomcheck.lab.studies.paper import measure
@@ -22,7 +22,7 @@ from eomcheck.lab.studies.paper.measure import (
     growth,
 )
 from eomcheck.lab.studies.paper.paper_claims import KANE, judgements
-from eomcheck.lab.study import Study, line_of, table_of
+from eomcheck.lab.study import Study, line_of
 from eomcheck.safe_output import counted
 
 POSES = (0.0, 0.2, 0.4, 0.6, 0.8)
