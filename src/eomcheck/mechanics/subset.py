@@ -70,39 +70,14 @@ def _scene_class_with_rows(kind: Any, rows: tuple[int, ...], of: int) -> type[Sc
     """Return the scene class with these rows (k,) of `of` rows, the holonomic ones first."""
     closed = list(range(of)[kind.holonomic]) if kind.position_residual else []
     count = sum(i in closed for i in rows)
-    all_constraints, all_drift, every = kind.constraints, kind.drift, kind.constraint
-    all_closed, all_terms = kind.position_residual, kind.terms
-
-    def terms(parameters, prepared, q, v):
-        M, Q, B, a, gamma, b = all_terms(parameters, prepared, q, v)
-        return Terms(
-            M, Q, B, selected_rows(a, rows), selected_rows(gamma, rows), selected_rows(b, rows)
-        )
-
-    def constraints(parameters, prepared, q):
-        a, b = all_constraints(parameters, prepared, q)
-        return selected_rows(a, rows), selected_rows(b, rows)
-
-    def drift(parameters, prepared, q, v):
-        return selected_rows(all_drift(parameters, prepared, q, v), rows)
-
-    def constraint(parameters, prepared, q, v):
-        return selected_rows(every(parameters, prepared, q, v), rows)
-
     indices = tuple(closed.index(i) for i in rows[:count])
-
-    def position_residual(parameters, prepared, q):
-        return selected_rows(all_closed(parameters, prepared, q), indices)
-
-    functions = {"constraints": constraints, "drift": drift, "constraint": constraint}
+    selected = {"constraints": rows, "drift": rows, "constraint": rows}
     if "terms" not in kind.derived_functions:
-        functions["terms"] = terms
+        selected["terms"] = rows
     if count:
-        functions["position_residual"] = position_residual
-    for name, function in functions.items():
-        function.__module__, function.__qualname__ = kind.__module__, f"{kind.__name__}.{name}"
-    held: dict[str, Any] = {"position_residual": None}
-    held |= {name: staticmethod(generic(function)) for name, function in functions.items()}
+        selected["position_residual"] = indices
+    functions: dict[str, Any] = {"position_residual": None}
+    functions |= {name: _selecting(kind, name, chosen) for name, chosen in selected.items()}
 
     def constraint_names(self) -> tuple[str, ...]:
         """Names of the remaining constraints.
@@ -145,8 +120,26 @@ def _scene_class_with_rows(kind: Any, rows: tuple[int, ...], of: int) -> type[Sc
         "__module__": kind.__module__,
         "__doc__": kind.__doc__,
     }
-    subset: Any = type(kind)(kind.__name__, (kind,), held | body)
+    subset: Any = type(kind)(kind.__name__, (kind,), functions | body)
     return subset
+
+
+def _selecting(kind: Any, name: str, rows: tuple[int, ...]) -> Any:
+    """Return a function of a scene class whose results have these rows (k,) only."""
+    every = getattr(kind, name)
+
+    def selected(*arguments):
+        result = every(*arguments)
+        if isinstance(result, Terms):
+            kept = {x: selected_rows(getattr(result, x), rows) for x in ("a", "gamma", "b")}
+            return result._replace(**kept)
+        if isinstance(result, tuple):  # a and b
+            return tuple(selected_rows(x, rows) for x in result)
+        return selected_rows(result, rows)
+
+    selected.__name__, selected.__module__ = name, kind.__module__
+    selected.__qualname__ = f"{kind.__name__}.{name}"
+    return staticmethod(generic(selected))
 
 
 @generic
