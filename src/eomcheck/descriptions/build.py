@@ -108,74 +108,74 @@ def validate_elements(
 
 
 def _check_link(link: Link) -> None:
-    said = f"link {link.name!r}"
-    _check_numbers(f"{said}: mass", link.mass)
+    what = f"link {link.name!r}"
+    _check_numbers(f"{what}: mass", link.mass)
     if link.mass < 0:
-        raise InputError(f"{said}: mass = {link.mass:g} kg, {NOT_NEGATIVE}")
+        raise InputError(f"{what}: mass = {link.mass:g} kg, {NOT_NEGATIVE}")
     for name in ("center", "moments", "products"):
-        _check_numbers(f"{said}: {name}", getattr(link, name), 3)
+        _check_numbers(f"{what}: {name}", getattr(link, name), 3)
 
 
 def _check_joint(joint: Joint) -> None:
-    said = f"joint {joint.name!r}"
-    _check_numbers(f"{said}: origin", joint.origin, 3)
-    _check_length(f"{said} has the orientation", joint.orientation, 4)
+    what = f"joint {joint.name!r}"
+    _check_numbers(f"{what}: origin", joint.origin, 3)
+    _check_length(f"{what} has the orientation", joint.orientation, 4)
     if joint.kind in ("revolute", "prismatic", "planar"):
-        _check_length(f"{said} has the axis", joint.axis, 3)
+        _check_length(f"{what} has the axis", joint.axis, 3)
     for name in ("damping", "stiffness", "armature"):
         value = getattr(joint, name)
         if value is not None:
-            _check_numbers(f"{said}: {name}", value)
+            _check_numbers(f"{what}: {name}", value)
             if value < 0:
-                raise InputError(f"{said}: {name} = {value:g}, {NOT_NEGATIVE}")
-    _check_numbers(f"{said}: rest_position", joint.rest_position)
+                raise InputError(f"{what}: {name} = {value:g}, {NOT_NEGATIVE}")
+    _check_numbers(f"{what}: rest_position", joint.rest_position)
     if joint.mimics is not None:
         if not isinstance(joint.mimics, tuple | list) or len(joint.mimics) != 3:
             wanted = "expected a joint, a ratio and a shift"
-            raise InputError(f"{said}: mimics = {joint.mimics!r}, {wanted}")
-        _check_numbers(f"{said}: mimics", joint.mimics[1:], 2)
+            raise InputError(f"{what}: mimics = {joint.mimics!r}, {wanted}")
+        _check_numbers(f"{what}: mimics", joint.mimics[1:], 2)
 
 
 def _check_constraint(one: Constraint) -> None:
-    said = f"constraint {one.name!r}"
+    element = f"constraint {one.name!r}"
     if one.kind not in KINDS:
         kinds = ", ".join(KINDS)
-        raise InputError(f"{said} has the kind {one.kind!r}, expected one of: {kinds}")
+        raise InputError(f"{element} has the kind {one.kind!r}, expected one of: {kinds}")
     for link, at in one.points:
-        _check_numbers(f"{said}: a point of {link!r}", at, 3)
+        _check_numbers(f"{element}: a point of {link!r}", at, 3)
     for link, along in one.directions:
-        _check_length(f"{said}, on {link!r}, has the direction", along, 3)
+        _check_length(f"{element}, on {link!r}, has the direction", along, 3)
     points, directions = ([link for link, _ in of] for of in (one.points, one.directions))
     for names in (points, () if one.kind in ROLLING else directions, one.joints):
         if len(names) == 2 and names[0] == names[1]:
-            raise InputError(f"{said} is between {names[0]!r} and itself")
+            raise InputError(f"{element} is between {names[0]!r} and itself")
     if one.kind in NUMBERS:
-        _check_numbers(f"{said}: its numbers", one.numbers, NUMBERS[one.kind])
+        _check_numbers(f"{element}: its numbers", one.numbers, NUMBERS[one.kind])
         if one.kind in LENGTHS and one.numbers <= 0:
             what = LENGTHS[one.kind]
-            raise InputError(f"{said}: {what} = {one.numbers} m, expected a positive number")
+            raise InputError(f"{element}: {what} = {one.numbers} m, expected a positive number")
         if one.kind == "on-quadric" and not any(one.numbers[:6]):
-            raise InputError(f"{said}: bends and slopes are 0, expected some that are not")
+            raise InputError(f"{element}: bends and slopes are 0, expected some that are not")
 
 
-def _check_numbers(said: str, value: Any, count: int = 1, sign: str = " = ") -> None:
+def _check_numbers(what: str, value: Any, count: int = 1, sign: str = " = ") -> None:
     parts = (value,) if count == 1 else value
     whole = isinstance(parts, tuple | list | np.ndarray) and len(parts) == count
     if not whole or not all(isinstance(x, Real) and not isinstance(x, bool) for x in parts):
-        raise InputError(f"{said}{sign}{value!r}, expected {COUNTS[count]}")
+        raise InputError(f"{what}{sign}{value!r}, expected {COUNTS[count]}")
     if not all(math.isfinite(x) for x in parts):
         finite = "a finite number" if count == 1 else "finite ones"
-        raise InputError(f"{said}{sign}{value!r}, expected {finite}")
+        raise InputError(f"{what}{sign}{value!r}, expected {finite}")
 
 
-def _check_length(said: str, value: Any, count: int) -> None:
-    _check_numbers(said, value, count, " ")
+def _check_length(what: str, value: Any, count: int) -> None:
+    _check_numbers(what, value, count, " ")
     length = math.hypot(*value)
     if length == 0:
-        raise InputError(f"{said} ({', '.join(['0'] * count)})")
+        raise InputError(f"{what} ({', '.join(['0'] * count)})")
     if not SHORTEST <= length <= LONGEST:
         between = f"expected a length between {SHORTEST:g} and {LONGEST:g}"
-        raise InputError(f"{said} {value!r}, {between}")
+        raise InputError(f"{what} {value!r}, {between}")
 
 
 # ---- From elements to a class --------------------------------------------------------------------
@@ -379,9 +379,9 @@ def _check_regular(made: MechanismSource) -> None:
     n = len(names)
     # Any pose will do: if M is singular for want of inertia, it is so in a whole neighbourhood.
     q = 0.3 + 0.7 * np.sin(1.0 + np.arange(n))
-    given = scene.parameters(FLOAT64)
-    prepared = scene.prepare(FLOAT64, given, q, 0.0)
-    M = scene.terms(given, prepared, q, np.zeros(n)).M
+    parameters = scene.parameters(FLOAT64)
+    prepared = scene.prepare(FLOAT64, parameters, q, 0.0)
+    M = scene.terms(parameters, prepared, q, np.zeros(n)).M
     for name, own in zip(names, np.diagonal(M), strict=True):
         if own <= 0:
             raise InputError(f"joint {name!r} moves nothing that has inertia")

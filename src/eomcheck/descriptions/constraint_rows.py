@@ -270,8 +270,7 @@ def slip_velocity(read: ConstraintInputs) -> MovingVector:
 
 def rolling_rows(read: ConstraintInputs) -> list[ConstraintRow]:
     """Return the row: the point of contact does not slip along a direction."""
-    _, *told = read.spec.directions
-    key = slip_velocity, read.spec.points, tuple(told), read.spec.number
+    key = slip_velocity, read.spec.points, read.spec.directions[1:], read.spec.number
     if key not in read.cache:
         read.cache[key] = slip_velocity(read)
     return [velocity_row(read.cache[key], read.directions[0])]
@@ -282,15 +281,14 @@ def touching_rows(read: ConstraintInputs) -> list[ConstraintRow]:
 
     Its position is the height of the point of contact, its rate the velocity of that point.
     """
-    R, (normal, *told) = radius(read), read.directions
-    if (
-        read.spec.directions[1:] == read.spec.directions[:1]
-    ):  # a ball: contact R below its centre, for any rotation of the plane
+    R, (normal, *directions) = radius(read), read.directions
+    along, *others = read.spec.directions
+    if others == [along]:  # a ball: contact R below its centre, for any rotation of the plane
         row = dot_row(read.separation, normal)
         return [row._replace(position=minus(row.position, R))]
     (row,) = rolling_rows(read)
     centered = dot(read.separation.value, normal.value)
-    rise = read.sine if len(told) == 2 else dot(told[0].value, normal.value)
+    rise = read.sine if len(directions) == 2 else dot(directions[0].value, normal.value)
     return [row._replace(position=minus(centered, times(R, rise)))]
 
 
@@ -384,8 +382,8 @@ def drive_rows(read: ConstraintInputs) -> list[ConstraintRow]:
     """Return the row: a coordinate is a function of time."""
     (i,) = read.spec.coordinates
     position, rate, acceleration = read.derivation.driven[:, read.spec.number]
-    moved = None if read.derivation.v is None else read.derivation.v[i] - rate
-    return [ConstraintRow(read.derivation.q[i] - position, moved, {i: 1}, -acceleration, -rate)]
+    excess = None if read.derivation.v is None else read.derivation.v[i] - rate
+    return [ConstraintRow(read.derivation.q[i] - position, excess, {i: 1}, -acceleration, -rate)]
 
 
 class ConstraintKind(NamedTuple):
@@ -463,40 +461,40 @@ class FirstDerivation:
     def point(self, k: int, a: Vector) -> MovingVector:
         """Return the point a of frame k."""
         arm, at = arm_and_position(self.frames, k, a)
-        found = point_columns(self.plan, self.frames, k, (arm, at))
+        columns = point_columns(self.plan, self.frames, k, (arm, at))
         if self.rates is None or k < 0:
-            return MovingVector(at, ZERO_VECTOR, found, ZERO_VECTOR)
+            return MovingVector(at, ZERO_VECTOR, columns, ZERO_VECTOR)
         rest = add_vectors(self.rates[k].acceleration, relative_acceleration(self.rates[k], arm))
-        return MovingVector(at, self._rate(found), found, rest)
+        return MovingVector(at, self._rate(columns), columns, rest)
 
     def direction(self, k: int, a: Vector) -> MovingVector:
         """Return the direction a of frame k."""
         along = from_local((self.frames[k] if k >= 0 else GROUND).axes, a)
         turning = turning_columns(self.plan, self.frames, k)
-        found = {i: cross(x, along) for i, x in turning.items()}
+        columns = {i: cross(x, along) for i, x in turning.items()}
         rates = GROUND_RATES if self.rates is None or k < 0 else self.rates[k]
         rest = add_vectors(cross(rates.alpha, along), centripetal(rates.omega, along))
-        return MovingVector(along, cross(rates.omega, along), found, rest)
+        return MovingVector(along, cross(rates.omega, along), columns, rest)
 
     def rotation(self, k: int) -> MovingVector:
         """Return the rotation of frame k."""
         rates = GROUND_RATES if self.rates is None or k < 0 else self.rates[k]
-        found = turning_columns(self.plan, self.frames, k)
-        return MovingVector(ZERO_VECTOR, rates.omega, found, rates.alpha)
+        columns = turning_columns(self.plan, self.frames, k)
+        return MovingVector(ZERO_VECTOR, rates.omega, columns, rates.alpha)
 
     def rim(self, axis: MovingVector, normal: MovingVector) -> tuple[Vector, Vector]:
         """Return (n·n) e - (e·n) n and its rate."""
         upright, square = dot_row(axis, normal), dot(axis.value, axis.value)
         along = scale_vector(upright.position, axis.value)
-        moved = add_vectors(
+        along_rate = add_vectors(
             scale_vector(upright.rate, axis.value), scale_vector(upright.position, axis.rate)
         )
         spoke, rate = (scale_vector(square, x) for x in (normal.value, normal.rate))
-        return subtract_vectors(spoke, along), subtract_vectors(rate, moved)
+        return subtract_vectors(spoke, along), subtract_vectors(rate, along_rate)
 
-    def _rate(self, found: dict[int, Vector]) -> Vector:
+    def _rate(self, columns: dict[int, Vector]) -> Vector:
         rate = ZERO_VECTOR
-        for i, one in found.items():
+        for i, one in columns.items():
             rate = add_vectors(rate, tuple(None if x is None else x * self.v[i] for x in one))
         return rate
 

@@ -243,14 +243,14 @@ DAMPED = ("dissipation",)
 def _inertia(parameters: Any, plan: TopologyPlan) -> Any:
     """Return moments of inertia (n_b, e, e) from a scene's parameters."""
     shape = plan.bodies, plan.e, plan.e
-    told = getattr(parameters, "inertia", None)
-    if told is None or told.size != math.prod(shape):
-        what = "is missing" if told is None else f"has {told.size} numbers"
+    inertia = getattr(parameters, "inertia", None)
+    if inertia is None or inertia.size != math.prod(shape):
+        what = "is missing" if inertia is None else f"has {inertia.size} numbers"
         raise InputError(
             f"the parameter inertia of a description {what}; it must have {math.prod(shape)}, "
             f"of shape {shape}: moments of inertia of each link with a mass, in their order"
         )
-    return told.reshape(shape)
+    return inertia.reshape(shape)
 
 
 def _prepare(description: Callable) -> Callable:
@@ -334,13 +334,13 @@ class Described(Parametric):
 
     def frames(self, q: Array, t: float = 0.0) -> dict[str, tuple[Array, Array]]:
         """Return origin (3,) and axes (3, 3), in rows, of each link in the pose q (n,), by name."""
-        plan, functions, given, slots = parse_description(
+        plan, functions, numbers, slots = parse_description(
             type(self).description, self.parameters(FLOAT64)
         )
-        prepared = functions["prepare"](FLOAT64, given, np.asarray(q, np.float64), t)
-        here = joint_frames(plan, given, prepared)
+        prepared = functions["prepare"](FLOAT64, numbers, np.asarray(q, np.float64), t)
+        frames = joint_frames(plan, numbers, prepared)
         return {
-            link: (none_as_zero(here[k].origin), none_as_zero(here[k].axes))
+            link: (none_as_zero(frames[k].origin), none_as_zero(frames[k].axes))
             for link, k in slots.items()
             if k >= 0
         }

@@ -404,8 +404,8 @@ def rolling_disk(
     _check_turns(name, across)
     _check_turns(name, axis)
     x, y, normal = _axes_about(across)
-    told = (link, _axes_about(axis)[2]), (other, normal)
-    return Contact((link, at), (other, at_other), radius, told).rows(name, normal, x, y)
+    directions = (link, _axes_about(axis)[2]), (other, normal)
+    return Contact((link, at), (other, at_other), radius, directions).rows(name, normal, x, y)
 
 
 def rolling_circle(

@@ -87,9 +87,9 @@ def spring_energy(plan: TopologyPlan, parameters: Any, prepared: Any) -> Any:
     """Return the potential energy of springs between points, J; None without any."""
     U = None
     for i, spring in enumerate(plan.topology.springs):
-        given = parameters.springs[spring.number]
-        longer = prepared.lengths[i] - given.length
-        one = given.stiffness * longer * longer / 2
+        stated = parameters.springs[spring.number]
+        longer = prepared.lengths[i] - stated.length
+        one = stated.stiffness * longer * longer / 2
         U = one if U is None else U + one
     return U
 

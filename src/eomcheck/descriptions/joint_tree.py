@@ -125,8 +125,8 @@ def depth_first_joints(links: dict[str, Link], joints: dict[str, Joint]) -> tupl
         children[joint.parent].append(joint)
     roots = [name for name in links if name not in child_of]
     if len(roots) > 1:
-        said = ", ".join(map(repr, roots[:3])) + (", ..." if len(roots) > 3 else "")
-        raise InputError(f"{len(roots)} links are no joint's child ({said}), expected one root")
+        named = ", ".join(map(repr, roots[:3])) + (", ..." if len(roots) > 3 else "")
+        raise InputError(f"{len(roots)} links are no joint's child ({named}), expected one root")
     if not links:
         raise InputError("there is no link")
     if not roots:
@@ -152,8 +152,8 @@ def _cycle(at: str, joints: dict[str, Joint], child_of: dict[str, str]) -> str:
         at = joints[child_of[at]].parent
     around = list(seen)
     around = around[around.index(at) :]
-    said = " <- ".join(map(repr, around[:4]))
-    return said + (" <- ..." if len(around) > 4 else f" <- {at!r}")
+    named = " <- ".join(map(repr, around[:4]))
+    return named + (" <- ..." if len(around) > 4 else f" <- {at!r}")
 
 
 def by_name(what: str, things: tuple[Any, ...]) -> dict[str, Any]:
@@ -162,12 +162,12 @@ def by_name(what: str, things: tuple[Any, ...]) -> dict[str, Any]:
     Raises:
         InputError: two have the same.
     """
-    found: dict[str, Any] = {}
+    named: dict[str, Any] = {}
     for one in things:
-        if one.name in found:
+        if one.name in named:
             raise InputError(f"two {what}s have the name {one.name!r}")
-        found[one.name] = one
-    return found
+        named[one.name] = one
+    return named
 
 
 # ---- Scalar joints -------------------------------------------------------------------------------
@@ -281,19 +281,21 @@ class JointTree(ElementReader):
             raise InputError("no joint of it moves: there are no coordinates")
 
     def _coordinates(self) -> list[str]:
-        found: list[str] = []
+        names: list[str] = []
         for joint in self.joints.values():
             if joint.kind not in COORDINATES:
                 kinds = ", ".join(COORDINATES)
-                said = f"joint {joint.name!r} has the kind {joint.kind!r}, expected one of: {kinds}"
-                raise InputError(said)
+                message = (
+                    f"joint {joint.name!r} has the kind {joint.kind!r}, expected one of: {kinds}"
+                )
+                raise InputError(message)
             if joint.mimics is None:
-                found += [joint.name + part for part in COORDINATES[joint.kind]]
-        check_coordinates(len(found))
-        for name in found:
-            if found.count(name) > 1:
+                names += [joint.name + part for part in COORDINATES[joint.kind]]
+        check_coordinates(len(names))
+        for name in names:
+            if names.count(name) > 1:
                 raise InputError(f"two coordinates have the name {name!r}")
-        return found
+        return names
 
     def _attach(self, joint: Joint) -> None:
         """Attach the child of a joint, on new scalar joints if it moves."""

@@ -100,18 +100,18 @@ OPTIONAL = frozenset({"gravity", "damping"})
 
 def fields_of(made: MechanismSource) -> dict[str, Any]:
     """Return the dataclass fields of a description's scene class, its parameters."""
-    found = {}
+    fields = {}
     for name, value in made.defaults:
         what, unit, sign, drawn = DRAWN[name]
         among = None if made.fixed_geometry and name in GEOMETRY else drawn
         shape = (2 if made.topology.planar else 3,) if name == "gravity" else np.shape(value)
-        found[name] = parameter(
+        fields[name] = parameter(
             *(what, unit, sign, among, shape),
             default=value,
             optional=name in OPTIONAL,
             read=name not in NOT_READ,
         )
-    return found
+    return fields
 
 
 @generic
@@ -174,8 +174,8 @@ def _held(scene: Mechanism, given: Any, q: Array) -> tuple[Array, Array | None, 
 
 def none_as_zero(entries: Any) -> Array:
     """Return entries as float64, absent ones as 0."""
-    given = np.asarray(entries, object)
-    return np.where(given == None, 0.0, given).astype(np.float64)  # noqa: E711
+    objects = np.asarray(entries, object)
+    return np.where(objects == None, 0.0, objects).astype(np.float64)  # noqa: E711
 
 
 def tree_by(plan: TopologyPlan, given: Any) -> Tree:
@@ -221,12 +221,13 @@ def _place(a: Any, d: int) -> Array:
 
 def mechanism_sketch(scene: Mechanism, q: Array, t: float = 0.0) -> Sketch:
     """Return the sketch of the mechanism in the pose q (n,)."""
-    plan, given = scene.plan, scene.parameters(FLOAT64)
-    prepared = scene.prepare(FLOAT64, given, np.asarray(q, np.float64), t)
-    frames, d = joint_frames(plan, given, prepared), plan.d
+    plan = scene.plan
+    parameters: Any = scene.parameters(FLOAT64)
+    prepared = scene.prepare(FLOAT64, parameters, np.asarray(q, np.float64), t)
+    frames, d = joint_frames(plan, parameters, prepared), plan.d
     at = [_place(frame.origin, d) for frame in frames]
     centers = {
-        k: _place(arm_and_position(frames, k, as_vector(given.center[b]))[1], d)
+        k: _place(arm_and_position(frames, k, as_vector(parameters.center[b]))[1], d)
         for b, k in enumerate(plan.carriers)
     }
     everything = np.array([np.zeros(d), *at, *centers.values()])
@@ -252,12 +253,12 @@ def mechanism_sketch(scene: Mechanism, q: Array, t: float = 0.0) -> Sketch:
         rows = tuple(range(row, row := row + row_count(closure, plan.topology.planar)))
         if closure.points:
             k, i = closure.points[0]
-            held = arm_and_position(frames, k, as_vector(given.points[i]))[1]
+            held = arm_and_position(frames, k, as_vector(parameters.points[i]))[1]
             parts.append(ConstraintMark(closure.name, _place(held, d), rows))
             if k >= 0:
                 parts.append(Body((at[k], _place(held, d))))
-    if given.gravity is not None and np.any(given.gravity):
-        along = 0.2 * size * given.gravity / np.linalg.norm(given.gravity)
+    if parameters.gravity is not None and np.any(parameters.gravity):
+        along = 0.2 * size * parameters.gravity / np.linalg.norm(parameters.gravity)
         parts.append(Arrow("g", np.zeros(d) - 0.2 * size * np.eye(d)[0], along, frame=False))
     return Sketch(tuple(parts), up=2 if d == 3 else 1)
 
@@ -365,20 +366,20 @@ class Mechanism(Parametric, metaclass=_Kind):
 
     def derived(self, arithmetic: Arithmetic) -> dict[str, Any]:
         """Return rotations of seats, masses and inertias, rotors among them."""
-        found, given = {}, {}
+        result, given = {}, {}
         for name in NOT_READ:
             value = getattr(self, name, None)
             given[name] = None if value is None else arithmetic.numbers(value)
         if given["orientation"] is not None:
-            found["rotation"] = _rotations_in(arithmetic, given["orientation"])
+            result["rotation"] = _rotations_in(arithmetic, given["orientation"])
         parts = given["moments"], given["products"], given["armature"]
-        found["inertia"] = inertias(*parts, self.plan.e)
+        result["inertia"] = inertias(*parts, self.plan.e)
         if self.plan.rotors:
             mass: Any = getattr(self, "mass", None)
             of_bodies = arithmetic.numbers(np.zeros(0) if mass is None else mass)
             none = np.zeros(len(self.plan.rotors), of_bodies.dtype)
-            found["mass"] = np.concatenate((of_bodies, none))
-        return found
+            result["mass"] = np.concatenate((of_bodies, none))
+        return result
 
     def initial_state(self) -> tuple[Array, Array]:
         """Return the assembled pose of the description, and the least velocity there."""
@@ -436,12 +437,12 @@ class Mechanism(Parametric, metaclass=_Kind):
 
 def _ranges_of(made: MechanismSource, plan: TopologyPlan) -> tuple[Range, ...]:
     slides = {slot.coordinate for slot in plan.joints if slot.slides and slot.mimics is None}
-    found = [SLIDING if i in slides else ANY_ANGLE for i in range(plan.n)]
+    ranges = [SLIDING if i in slides else ANY_ANGLE for i in range(plan.n)]
     for i in made.pitch_coordinates:
-        found[i] = AWAY
+        ranges[i] = AWAY
     if made.fixed_geometry:
-        found = [Range(x - 0.3, x + 0.3) for x in made.pose]
-    return tuple(found)
+        ranges = [Range(x - 0.3, x + 0.3) for x in made.pose]
+    return tuple(ranges)
 
 
 def make_functions(plan: TopologyPlan) -> dict[str, Callable]:
@@ -539,8 +540,8 @@ def scene_class_of(made: MechanismSource) -> type[Mechanism]:
     body["__annotations__"] = dict.fromkeys((name for name, _ in made.defaults), Any)
     if body["depends_on_time"]:
         body |= {"conserves_energy": False, "why_not_conserved": "what a clock drives does work"}
-    found: Any = _Kind(made.key, (made.base or Mechanism,), body)
-    return found
+    scene_class: Any = _Kind(made.key, (made.base or Mechanism,), body)
+    return scene_class
 
 
 __getattr__ = getattr_of(__name__)

@@ -169,8 +169,8 @@ def _check(root: Element, path: Path) -> None:
         raise Unreadable(f"{str(path)!r} holds <{strange[0]}>, which is not understood here")
     for tag in ("body", "joint"):
         if counts[tag] > MAX_FILE_ELEMENTS:
-            found = f"{counts[tag]} elements <{tag}>"
-            raise Unreadable(f"{str(path)!r} has {found}, expected at most {MAX_FILE_ELEMENTS}")
+            count = f"{counts[tag]} elements <{tag}>"
+            raise Unreadable(f"{str(path)!r} has {count}, expected at most {MAX_FILE_ELEMENTS}")
     where = repr(str(path))
     for mesh in root.iter("mesh"):
         for value in mesh.get("params", "").split():
@@ -202,8 +202,8 @@ def _strip(library: Any, spec: Any, path: str) -> Counter[str]:
     for one in spec.equalities:
         if one.type not in (kinds.mjEQ_CONNECT, kinds.mjEQ_WELD, kinds.mjEQ_JOINT):
             what = kinds(one.type).name.removeprefix("mjEQ_").lower()
-            said = f"is of the kind {what}, expected connect, weld, joint"
-            raise Unreadable(f"{path!r}: equality {one.name!r} {said}")
+            refusal = f"is of the kind {what}, expected connect, weld, joint"
+            raise Unreadable(f"{path!r}: equality {one.name!r} {refusal}")
     out["drag of a fluid"] += bool(spec.option.density or spec.option.viscosity)
     spec.option.density = spec.option.viscosity = 0.0
     for name, called in FORCELESS.items():
@@ -296,12 +296,12 @@ def _coupled(
         if one is not None and one not in read.reference:
             several = f"joint {one!r}, which has several coordinates"
             raise Unreadable(f"{read.where}: equality {name!r} is of {several}")
-    here = read.reference[joint] + data[0]
+    position = read.reference[joint] + data[0]
     if other is None:
-        return drive(name, joint, float(here))
+        return drive(name, joint, float(position))
     if np.any(data[2:5]):
         raise Unreadable(f"{read.where}: equality {name!r} is not linear")
-    shift = here - data[1] * read.reference[other]
+    shift = position - data[1] * read.reference[other]
     return coupling(name, joint, other, float(data[1]), float(shift))
 
 
@@ -489,14 +489,14 @@ DISABLED = {
 def _names(given: list[str], called: str) -> list[str]:
     """Return a name for each object, numbered if the file has none."""
     known = set(given)
-    found = []
+    names = []
     for i, name in enumerate(given):
         new = name or f"{called}{i}"
         while not name and new in known:
             new += "_"
         known.add(new)
-        found.append(new)
-    return found
+        names.append(new)
+    return names
 
 
 # ---- Scene ---------------------------------------------------------------------------------------
@@ -552,8 +552,8 @@ def _dependent_coordinates(scene: Mechanism) -> list[str]:
     q = scene.initial_state()[0]
     # Perturbed from the pose, which may be a singular configuration: many are drawn stretched.
     q = q + 0.1 * np.sin(1.0 + np.arange(scene.n))
-    given = scene.parameters(FLOAT64)
-    a, _ = scene.constraints(given, scene.prepare(FLOAT64, given, q, 0.0), q)
-    found: Any = qr(a, mode="r", pivoting=True)
-    order = found[-1]
+    parameters = scene.parameters(FLOAT64)
+    a, _ = scene.constraints(parameters, scene.prepare(FLOAT64, parameters, q, 0.0), q)
+    factors: Any = qr(a, mode="r", pivoting=True)
+    order = factors[-1]
     return [scene.coordinate_names[i] for i in order[: scene.r]]

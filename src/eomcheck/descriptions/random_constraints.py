@@ -89,18 +89,18 @@ def with_random_constraint(
         more = _constraint(tree, kind, planar, choices)
         if more is None:
             continue
-        found = tree._replace(constraints=(*tree.constraints, *more), dependent=())
-        a = _jacobian(found)
+        closed = tree._replace(constraints=(*tree.constraints, *more), dependent=())
+        a = _jacobian(closed)
         rows = np.linalg.norm(a, axis=1, keepdims=True)
         if not rows.all():
             continue  # a constraint that holds anyway
         size = np.linalg.svd(a / rows, compute_uv=False)[-1]
         if size >= INDEPENDENT:
             *_, order = qr(a / rows, mode="r", pivoting=True)
-            first = (found.coordinates[i] for i in order[: len(a)])
-            return found._replace(dependent=tuple(first))
-    said = f"no independent {kind} is found among {ATTEMPTS}"
-    raise RefusedError("a", float(size), INDEPENDENT, said)
+            first = (closed.coordinates[i] for i in order[: len(a)])
+            return closed._replace(dependent=tuple(first))
+    message = f"no independent {kind} is found among {ATTEMPTS}"
+    raise RefusedError("a", float(size), INDEPENDENT, message)
 
 
 def _jacobian(description: RandomDescription) -> Array:
@@ -122,8 +122,8 @@ def _constraint(
     """
     name = f"c{len(tree.constraints) + 1}"
     if kind in ("coupling", "drive"):
-        found = _of_coordinates(tree, kind, name, choices)
-        return None if found is None else (found,)
+        one = _of_coordinates(tree, kind, name, choices)
+        return None if one is None else (one,)
     pairs = _pairs(tree, kind, row_count_with_contact(kind, planar))
     if not pairs:
         return None
@@ -335,16 +335,18 @@ class Pose(NamedTuple):
 
 def poses(description: RandomDescription) -> dict[str, Pose]:
     """Return the poses of all links, computed from the elements of a description alone."""
-    q, found = dict(description.pose), {GROUND: Pose(IDENTITY, np.zeros(3))}
+    q, placed = dict(description.pose), {GROUND: Pose(IDENTITY, np.zeros(3))}
     by_name = {joint.name: joint for joint in description.joints}
     for joint in description.joints:
-        before = found[joint.parent]
+        before = placed[joint.parent]
         seat = Pose(
             multiply_quaternions(before.orientation, joint.orientation), before.point(joint.origin)
         )
-        turn, moved = _joint_displacement(joint, _joint_coordinates(joint, by_name, q))
-        found[joint.child] = Pose(multiply_quaternions(seat.orientation, turn), seat.point(moved))
-    return found
+        turn, displacement = _joint_displacement(joint, _joint_coordinates(joint, by_name, q))
+        placed[joint.child] = Pose(
+            multiply_quaternions(seat.orientation, turn), seat.point(displacement)
+        )
+    return placed
 
 
 def _joint_coordinates(joint: Joint, by_name: dict[str, Joint], q: dict[str, float]) -> list[float]:

@@ -63,15 +63,15 @@ class RandomScene(Mechanism):
     @property
     def structure(self) -> str:
         """The structural variant: name, joints with their parents, constraints, optional terms."""
-        given: RandomDescription = self.source.description
-        places = {link.name: str(i) for i, link in enumerate(given.links)}
-        joints = " ".join(f"{one.kind}-{places[one.parent]}" for one in given.joints)
-        there = self.topology
-        more = [name for name, way in there.items() if way in ("present", "oblique", PLANE)]
+        description: RandomDescription = self.source.description
+        places = {link.name: str(i) for i, link in enumerate(description.links)}
+        joints = " ".join(f"{one.kind}-{places[one.parent]}" for one in description.joints)
+        levels = self.topology
+        more = [name for name, way in levels.items() if way in ("present", "oblique", PLANE)]
         return "; ".join(
             [f"{self.name}: {joints}"]
             + [f"{one.kind} {'-'.join(places[x] for x, _ in one.points)}".strip()
-               for one in given.constraints]
+               for one in description.constraints]
             + [", ".join(more)] * bool(more)
         )  # fmt: skip
 
@@ -157,15 +157,15 @@ class RandomMechanism(RandomScene):
         With a clock-driven constraint the initial state is never one of rest.
         """
         links = checked_links(links)
-        found = []
+        factors = []
         for room in joint_budgets(links):
             ways, fitting = tree_factors(room, links), _fitting(room)
             still = tuple(kind for kind in fitting if kind != "drive")
             if still:
-                found.append(ways | {CONSTRAINTS: still})
+                factors.append(ways | {CONSTRAINTS: still})
             if "drive" in fitting:
-                found.append(ways | {CONSTRAINTS: fitting, MOTION: ("moving",)})
-        return found
+                factors.append(ways | {CONSTRAINTS: fitting, MOTION: ("moving",)})
+        return factors
 
     @classmethod
     def of_topology(
@@ -181,10 +181,10 @@ class RandomMechanism(RandomScene):
         turning = kind == "square"
         grown = random_tree(levels, checked_links(links), choices, least, turning=turning)
         grown = with_random_pose(grown, choices)
-        found = with_random_constraint(grown, kind, planar, choices)
+        closed = with_random_constraint(grown, kind, planar, choices)
         if kind == "drive" or not choices.one_of((False, False, True)):
-            return cls.of_description(found)
-        left = len(found.coordinates) - row_count_with_contact(kind, planar)
+            return cls.of_description(closed)
+        left = len(closed.coordinates) - row_count_with_contact(kind, planar)
         among = [
             one
             for one in _kinds(planar)
@@ -192,8 +192,8 @@ class RandomMechanism(RandomScene):
         ]
         if among:
             with suppress(RefusedError):  # one constraint is enough
-                found = with_random_constraint(found, choices.one_of(among), planar, choices)
-        return cls.of_description(found)
+                closed = with_random_constraint(closed, choices.one_of(among), planar, choices)
+        return cls.of_description(closed)
 
 
 def _kinds(planar: bool) -> list[str]:

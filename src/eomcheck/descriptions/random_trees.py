@@ -351,14 +351,14 @@ class _Tree:
         """Return the kinds of the unconstrained joints, with as many coordinates as required."""
         kinds = [kind for kind in KINDS[room.space] if kind in self.among]
         among = (*kinds[:1] * 2, *kinds, *(("fixed",) if room.fixed else ()))
-        found = [self.choices.one_of(among) for _ in range(free)]
+        chosen = [self.choices.one_of(among) for _ in range(free)]
         sizes = {kind: len(parts_) for kind, parts_ in COORDINATES.items()}
         known = sizes[root] + single - int(self._has(FOLLOWERS))
         for i in range(free):
-            if known + sum(sizes[kind] for kind in found) >= self.least:
+            if known + sum(sizes[kind] for kind in chosen) >= self.least:
                 break
-            found[i] = kinds[-1]
-        return [[kind] for kind in found]
+            chosen[i] = kinds[-1]
+        return [[kind] for kind in chosen]
 
     def _choose_parents(self) -> None:
         branched = self.levels[SHAPE] == BRANCHED
@@ -486,12 +486,12 @@ def urdf_tree(
         ways[DAMPERS] = choices.one_of((ABSENT, PRESENT))
     ways |= {} if mimic else {FOLLOWERS: ABSENT}
     ways |= {} if massless else {CARRIERS: ABSENT}
-    found = random_tree(ways, links, choices, among=among)
-    left, order = list(found.joints), []
+    tree = random_tree(ways, links, choices, among=among)
+    left, order = list(tree.joints), []
     while left:
         order.append(left.pop(choices.whole(0, len(left) - 1)))
-    frames = found.links if massless else tuple(_with_inertia(one) for one in found.links)
-    return found._replace(links=frames, joints=tuple(order))
+    frames = tree.links if massless else tuple(_with_inertia(one) for one in tree.links)
+    return tree._replace(links=frames, joints=tuple(order))
 
 
 def _with_inertia(link: Link) -> Link:

@@ -114,9 +114,9 @@ def make_velocities(plan: TopologyPlan) -> Any:
         V = np.zeros((plan.bodies, plan.d), v.dtype)
         omega = np.zeros((plan.bodies, plan.e), v.dtype)
         for b, k in enumerate(plan.carriers):
-            moved = point_velocity(rates, k, as_vector(parameters.center[b]))
+            velocity = point_velocity(rates, k, as_vector(parameters.center[b]))
             put_vector(
-                V, (b, None), direction_in_ground(plan, parameters, prepared, k, moved), plan.d
+                V, (b, None), direction_in_ground(plan, parameters, prepared, k, velocity), plan.d
             )
             put_vector(omega, (b, None), rates[k][1][3 - plan.e :], plan.e)
         for b, k in enumerate(plan.rotors, len(plan.carriers)):

@@ -157,11 +157,11 @@ def triple_attribute(
     value = element.get(name)
     if value is None:
         return default
-    said = f"{where}: {name} of <{element.tag}>"
+    what = f"{where}: {name} of <{element.tag}>"
     parts = value.split()
     if len(parts) != 3:
-        raise Unreadable(f"{said} is {value!r}, expected three numbers")
-    x, y, z = (finite_number(part, said) for part in parts)
+        raise Unreadable(f"{what} is {value!r}, expected three numbers")
+    x, y, z = (finite_number(part, what) for part in parts)
     return x, y, z
 
 
@@ -174,20 +174,20 @@ def finite_number(value: str, said: str) -> float:
     try:
         if "_" in value:
             raise ValueError
-        found = float(value)
+        number = float(value)
     except ValueError:
         raise Unreadable(f"{said} is {value!r}, expected a number") from None
-    if not math.isfinite(found):
+    if not math.isfinite(number):
         raise Unreadable(f"{said} is {value!r}, expected a finite number")
-    return found
+    return number
 
 
 def single_child(element: Element, tag: str, where: str) -> Element | None:
     """Return the only child with this tag; None without any."""
-    found = element.findall(tag)
-    if len(found) > 1:
-        raise Unreadable(f"{where} has {len(found)} of <{tag}>, expected one")
-    return found[0] if found else None
+    children = element.findall(tag)
+    if len(children) > 1:
+        raise Unreadable(f"{where} has {len(children)} of <{tag}>, expected one")
+    return children[0] if children else None
 
 
 def ignored_tags(element: Element, known: frozenset[str], where: str) -> Iterator[str]:
@@ -282,8 +282,8 @@ def identifier(name: str) -> str:
 def ignored_summary(counts: Counter[str]) -> str:
     """Return a sentence that counts the parts of a file that are left out; "" without any."""
     some = sorted((tag, count) for tag, count in counts.items() if count)
-    said = ", ".join(f"{_PLURAL.get(tag, tag)} ({count})" for tag, count in some)
-    return f"Left out: {said}." if said else ""
+    counted = ", ".join(f"{_PLURAL.get(tag, tag)} ({count})" for tag, count in some)
+    return f"Left out: {counted}." if counted else ""
 
 
 _PLURAL = {
@@ -318,8 +318,8 @@ def _link(element: Element, file: str, out: Counter[str]) -> Link:
     center, turn = _origin(inertial, where)
     heavy = number_attribute(mass, "value", where)
     if heavy < 0:
-        said = "expected a number that is not negative"
-        raise Unreadable(f"{where}: mass = {heavy:g} kg, {said}")
+        expected = "expected a number that is not negative"
+        raise Unreadable(f"{where}: mass = {heavy:g} kg, {expected}")
     xx, yy, zz, xy, xz, yz = (
         number_attribute(inertia, f"i{axes}", where)
         for axes in ("xx", "yy", "zz", "xy", "xz", "yz")

@@ -71,10 +71,10 @@ def _literal(x: Any) -> Any:
 @generic
 def total(terms):
     """Return the sum of numbers; None if all are absent."""
-    found = None
+    result = None
     for one in terms:
-        found = plus(found, one)
-    return found
+        result = plus(result, one)
+    return result
 
 
 # ---- Vectors -------------------------------------------------------------------------------------

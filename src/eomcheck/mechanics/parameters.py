@@ -191,13 +191,13 @@ class Parametric(Scene):
 
     def __init_subclass__(cls, **options):
         super().__init_subclass__(**options)
-        found = {name: x for name, x in vars(cls).items() if isinstance(x, Field)}
-        own = {name: x.metadata["declared"] for name, x in found.items()}
+        declarations = {name: x for name, x in vars(cls).items() if isinstance(x, Field)}
+        own = {name: x.metadata["declared"] for name, x in declarations.items()}
         cls.declared = cls.declared | own
         if own:
-            told = "\n".join(f"    {name}: {one.documented}." for name, one in own.items())
+            listed = "\n".join(f"    {name}: {one.documented}." for name, one in own.items())
             raised = "Raises:\n    InputError: wrong shape, not finite, or out of its range."
-            cls.__doc__ = f"{cleandoc(cls.__doc__ or '')}\n\nArgs:\n{told}\n\n{raised}"
+            cls.__doc__ = f"{cleandoc(cls.__doc__ or '')}\n\nArgs:\n{listed}\n\n{raised}"
         dataclass(frozen=True, eq=False, repr=False)(cls)
 
     def __post_init__(self):

@@ -179,9 +179,9 @@ def plane_rotation(scene: Any, q: Array, v: Array, headings: slice) -> Symmetry:
 
 def plane_translation(scene: Any, q: Array, v: Array) -> Symmetry:
     """Return the translation of the scene by `SHIFT`."""
-    moved = q.copy()
-    moved[:2] += SHIFT
-    return Symmetry("translation", scene, moved, v, np.eye(scene.n))
+    shifted = q.copy()
+    shifted[:2] += SHIFT
+    return Symmetry("translation", scene, shifted, v, np.eye(scene.n))
 
 
 def plane_mirror(scene: Any, q: Array, v: Array, unflipped: tuple[int, ...]) -> Symmetry:

@@ -246,11 +246,11 @@ class Scene(ABC):
 
         It determines which functions run, apart from numbers.
         """
-        said = [self.name]
+        parts = [self.name]
         for name, value in vars(self).items():
             if (value is None) != (name in self.usually_absent):
-                said.append(f"no {name}" if value is None else f"with {name}")
-        return ", ".join(said)
+                parts.append(f"no {name}" if value is None else f"with {name}")
+        return ", ".join(parts)
 
     @classmethod
     def structures(cls, links: int | None = None) -> Iterator[Scene]:
@@ -452,10 +452,10 @@ def finite_array(name: str, value, shape: tuple[int, ...]) -> Array:
         InputError: it is no such array of real numbers, or an entry is not finite.
     """
     try:
-        given = np.asarray(value)
-        if given.dtype.kind not in "fiuO" or np.ma.is_masked(value):
+        array_like = np.asarray(value)
+        if array_like.dtype.kind not in "fiuO" or np.ma.is_masked(value):
             raise TypeError
-        array = np.array(given, dtype=np.float64)
+        array = np.array(array_like, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         raise InputError(f"{name} = {safe_repr(value)} is not an array of real numbers") from None
     if array.shape != shape:

@@ -84,8 +84,8 @@ def description(parameters):
     floor, (rear_radius, front_radius) = (GROUND, elements.ORIGIN), parameters.radius
     # The leaning frame has the direction of the rear wheel's contact, no frame that of the front's.
     rear = elements.Contact(("rear wheel", elements.ORIGIN), floor, rear_radius, (("leaning", Y),))
-    told = ("front wheel", Z), UP
-    front = elements.Contact(("front wheel", elements.ORIGIN), floor, front_radius, told)
+    directions = ("front wheel", Z), UP
+    front = elements.Contact(("front wheel", elements.ORIGIN), floor, front_radius, directions)
     # In this order, with the first velocities dependent, elimination divides by no small pivot for
     # an upright bicycle, even where it cannot choose pivots (expressions).
     closing = [

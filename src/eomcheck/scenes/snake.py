@@ -620,9 +620,9 @@ class Snake(OfLinks, functions=globals()):
     @classmethod
     def ranges(cls, links: int | None = None) -> dict[str, Range]:
         """Return the sampling ranges of ordinary snakes; a seed samples in this order."""
-        found = super().ranges(links)
-        found["wheel_angle"] = found.pop("wheel_angle")
-        return found
+        ranges = super().ranges(links)
+        ranges["wheel_angle"] = ranges.pop("wheel_angle")
+        return ranges
 
     def initial_state(self) -> tuple[Array, Array]:
         """Return the state of rest in `pose`, the tip of link 1 at the origin."""
