@@ -330,30 +330,22 @@ def reference(at: FunctionState) -> Iterator[Comparison | Skipped]:
         point, theirs = at, _reference_at(at)
         if not _shared(at, theirs, name):
             continue
+        subject = f"{name} ~ {at.reference.name}"
         if name == "qdd":
             consistent = at.consistent()
             if consistent is None:
-                yield Skipped(
-                    f"{name} ~ {at.reference.name}", "no consistent state is found nearby"
-                )
+                yield Skipped(subject, "no consistent state is found nearby")
                 continue
             point = consistent
             theirs = FunctionState(theirs.caller, point.q, point.v, at.seed)
         try:
             expected = of(theirs)
         except BrokenError as broken:
-            yield Skipped(f"{name} ~ {at.reference.name}", f"the reference breaks: {broken}")
+            yield Skipped(subject, f"the reference breaks: {broken}")
             continue
         actual = of(point)
         if actual is None or expected is None:
-            yield Skipped(
-                f"{name} ~ {at.reference.name}", why_no_bias(point if actual is None else theirs)
-            )
+            yield Skipped(subject, why_no_bias(point if actual is None else theirs))
             continue
-        yield Comparison(
-            f"{name} ~ {at.reference.name}",
-            actual,
-            expected,
-            axis_names(at, shaped),
-            explain=proportional,
-        )
+        names = axis_names(at, shaped)
+        yield Comparison(subject, actual, expected, names, explain=proportional)

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence, Set
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -48,6 +48,7 @@ SCALES = 0.0, 1.0, -1.0, 2.0
 
 
 OfV = Callable[[Array], UncertainArray | None]
+R = TypeVar("R")
 
 
 class Term(NamedTuple):
@@ -89,21 +90,33 @@ def wrong_terms(failed: Finding, at: FunctionState) -> str:
     pair = _sides_of_bias(failed.claim, at)
     if pair is None or EVERY_ROW in failed.detail:
         return ""
-    try:
-        with np.errstate(all="ignore"):
-            v = np.where(at.v < 0.0, -1.0, 1.0) * at.width_v  # not small, unlike v near rest
-            off, expected = (_degrees(of, v) for of in (_difference(*pair), pair[1]))
-            if off.constant and not (off.odd or off.even):
-                return CONSTANT
-            if off.constant or off.odd or expected.constant or expected.odd:
-                pair = _quadratic_part(pair[0]), _quadratic_part(pair[1])
-            terms = [*_terms(*pair, at.width_v)]
-    except (BrokenError, np.linalg.LinAlgError):
-        return ""
+    terms = _computed(lambda: _terms_of_bias(*pair, at), [])
+    if terms is None:
+        return CONSTANT
     wrong = sorted(filter(lambda x: x.is_wrong, terms), key=lambda x: -abs(x.got - x.expected))
     texts = list(dict.fromkeys(_text(one, wrong, row_names(at)) for one in wrong))
     more = f"; {len(texts) - LISTED} more terms" if len(texts) > LISTED else ""
     return "; ".join(texts[:LISTED]) + more
+
+
+def _terms_of_bias(actual: OfV, expected: OfV, at: FunctionState) -> list[Term] | None:
+    """Return the terms of both sides of a bias; None where they differ by a constant alone."""
+    v = np.where(at.v < 0.0, -1.0, 1.0) * at.width_v  # not small, unlike v near rest
+    off, sound = (_degrees(of, v) for of in (_difference(actual, expected), expected))
+    if off.constant and not (off.odd or off.even):
+        return None
+    if off.constant or off.odd or sound.constant or sound.odd:
+        actual, expected = _quadratic_part(actual), _quadratic_part(expected)
+    return list(_terms(actual, expected, at.width_v))
+
+
+def _computed(function: Callable[[], R], otherwise: R) -> R:
+    """Return function(), or `otherwise` where a function breaks or a matrix is singular."""
+    try:
+        with np.errstate(all="ignore"):
+            return function()
+    except (BrokenError, np.linalg.LinAlgError):
+        return otherwise
 
 
 def _sides_of_bias(claim: str, at: FunctionState) -> tuple[OfV, OfV] | None:
@@ -423,11 +436,7 @@ def suspects(
         return read
     if _in_motion(at):
         read |= {"T"}
-    try:
-        with np.errstate(all="ignore"):
-            return read & _of_residual(at, read) or read
-    except (BrokenError, np.linalg.LinAlgError):
-        return read
+    return _computed(lambda: read & _of_residual(at, read), read) or read
 
 
 def residual(at: FunctionState) -> UncertainArray | None:
@@ -457,12 +466,12 @@ def _measured_residuals(at: FunctionState) -> tuple[list[FunctionState], list[Un
 
 def _of_motion(at: FunctionState) -> str:
     """Return the parity in v of the residual of `motion`, as text; "" if it has several."""
-    try:
-        with np.errstate(all="ignore"):
-            _, values = _measured_residuals(at)
-            text = velocity_dependence(values).text if values else ""
-    except (BrokenError, np.linalg.LinAlgError):
-        return ""
+
+    def dependence() -> str:
+        _, values = _measured_residuals(at)
+        return velocity_dependence(values).text if values else ""
+
+    text = _computed(dependence, "")
     return f"the difference is {text}" if text else ""
 
 
@@ -524,11 +533,7 @@ def _in_motion(at: FunctionState) -> bool:
 
 def _natural(at: FunctionState) -> bool:
     """Return whether T is quadratic in v; True where it has no value."""
-    try:
-        with np.errstate(all="ignore"):
-            return at.natural()
-    except BrokenError:
-        return True
+    return _computed(at.natural, True)
 
 
 def unsettled_by(points: Sequence[FunctionState]) -> set[tuple[str, str]]:
