@@ -20,11 +20,11 @@ from eomcheck.formulations import FORMULATIONS, Formulation, formulation_of
 from eomcheck.lab.option_parsing import parse_interval
 from eomcheck.lab.show.chart import LINKS, Axis, Chart, Panel
 from eomcheck.lab.show.document_text import grouped
-from eomcheck.lab.show.table import ResultTable
+from eomcheck.lab.show.table import ResultTable, table_of
 from eomcheck.lab.store.record_file import Record, Settings, group, record_of_rows, rows_in
 from eomcheck.lab.studies.operations import measure
 from eomcheck.lab.studies.operations.measure import Operations, Saving, Springs, operations_of
-from eomcheck.lab.study import Formulations, Study, failed, line_of, table_of, unfinished
+from eomcheck.lab.study import Formulations, Study, failed, line_of, unfinished
 from eomcheck.numbers.counting import System
 from eomcheck.scene_lookup import scene_classes_named
 from eomcheck.scenes import Snake
