@@ -87,8 +87,8 @@ def starts_of(scene: Scene, q0, v0, u0, parameters: dict[str, Any]) -> list[Star
     known = settable(scene)
     for name in parameters:
         registered("parameter", name, known)
-    given = {"q0": q0, "v0": v0, "u0": u0, **parameters}
-    shapes = {name: _shape(name, x) for name, x in given.items() if x is not None}
+    inputs = {"q0": q0, "v0": v0, "u0": u0, **parameters}
+    shapes = {name: _shape(name, x) for name, x in inputs.items() if x is not None}
     if not shapes:
         raise InputError("none of q0, v0, u0 and parameters tells how many motions there are")
     (first, (m, *_)), *others = shapes.items()
@@ -199,23 +199,23 @@ def state_vectors(
     kernel = traced_kernel(trace_starts, scene, formulation, outputs, width, by_speeds=by_speeds)
     out = np.zeros((len(starts), state_size(scene, formulation)))
     reasons = [""] * len(starts)
-    given = np.array([np.concatenate((one.q, one.speeds)) for one in starts])
-    out[:, : scene.n] = given[:, : scene.n]
+    initial = np.array([np.concatenate((one.q, one.speeds)) for one in starts])
+    out[:, : scene.n] = initial[:, : scene.n]
     for lanes in lane_groups(len(starts), width):
         parameters = lane_parameters([starts[i].scene for i in lanes])
-        speeds, sound = _checked_speeds(kernel, parameters, given[lanes].T, by_speeds)
+        speeds, sound = _checked_speeds(kernel, parameters, initial[lanes].T, by_speeds)
         for speed, fine, i in zip(speeds.T, sound, lanes, strict=True):
-            scene, q, asked = starts[i]
+            scene, q, velocities = starts[i]
             out[i, scene.n : scene.n + len(speed)] = speed
             try:
                 if by_speeds or formulation.in_speeds:
                     scene.refuse_speeds(q)
                 if not fine:
-                    both = (None, asked) if by_speeds else (asked, None)
+                    both = (None, velocities) if by_speeds else (velocities, None)
                     motion = Motion(scene, formulation, *initial_values(scene, q, *both))
                     out[i] = motion.y0
-                    if (here := motion.evaluation(motion.y0, 0.0)) is not None:
-                        here.acceleration(formulation)
+                    if (at := motion.evaluation(motion.y0, 0.0)) is not None:
+                        at.acceleration(formulation)
             except EomcheckError as error:
                 out[i], reasons[i] = np.nan, str(error)
     return out, reasons
@@ -227,8 +227,8 @@ def _checked_speeds(
     """Return the speeds (_, lanes) of state vectors, and a mask (lanes,) of those beyond doubt."""
 
     def at(parameters: dict[str, Array], y: Array) -> dict[str, Array]:
-        found = kernel.rows(kernel.block(parameters), np.zeros((1, kernel.width)), y[None])
-        return {name: x[0] for name, x in found.items()}
+        outputs = kernel.rows(kernel.block(parameters), np.zeros((1, kernel.width)), y[None])
+        return {name: x[0] for name, x in outputs.items()}
 
     with np.errstate(all="ignore"):
         exact = at(parameters, y)
@@ -410,14 +410,16 @@ def simulate_many(
     pieces = [starts[first : first + size] for first in range(0, len(starts), size)]
     work = partial(_integrated, options)
     submitted = None if executor is None else [executor.submit(work, piece) for piece in pieces]
-    found = []
+    results = []
     with progress(
         f"integrating {counted(len(starts), 'motion')} of {scene.key}", len(pieces)
     ) as advance:
         for i, piece in enumerate(pieces):
-            found.append(work(piece) if submitted is None else submitted[i].result())
+            results.append(work(piece) if submitted is None else submitted[i].result())
             advance()
-    arrays: dict[str, Any] = {name: np.concatenate([x[name] for x in found]) for name in found[0]}
+    arrays: dict[str, Any] = {
+        name: np.concatenate([x[name] for x in results]) for name in results[0]
+    }
     seconds = float(arrays.pop("seconds").sum())
     arrays.setdefault("constraint_residual", None)
     scenes = tuple(start.scene for start in starts)
@@ -448,7 +450,7 @@ def _integrated(options: _Options, starts: list[Start]) -> dict[str, Any]:
     observed = {name: np.full((m, count + 1, k), np.nan) for name, k in observer.outputs.items()}
     records = np.zeros((m, dop853.FIELDS))
     good = np.array([i for i, why in enumerate(reasons) if not why], int)
-    seconds, behind = 0.0, {}
+    seconds = 0.0
     for lanes, choice in _groups_by_choice(good, choices, width):
         kernel = kernel_of(scene, formulation, width=width, choice=choice)
         parameters = lane_parameters([starts[i].scene for i in lanes])
@@ -456,25 +458,23 @@ def _integrated(options: _Options, starts: list[Start]) -> dict[str, Any]:
         out, record = _integrated_lanes(kernel, kernel.block(parameters), y0[lanes].T, options)
         seconds += time.perf_counter() - before
         t = np.vstack((np.tile(options.times[:, None], width), record[dop853.T]))
-        found = observer.rows(observer.block(parameters), t, out)
+        observables = observer.rows(observer.block(parameters), t, out)
         y[lanes], records[lanes] = out.transpose(2, 0, 1), record.T
-        for name, x in found.items():
+        for name, x in observables.items():
             observed[name][lanes] = x.transpose(2, 0, 1)
         if solves_partition(scene, formulation):
             t, out = np.vstack((np.zeros(width), t)), np.concatenate((y0[lanes].T[None], out))
             crossings = singular_crossings(scene, formulation, parameters, t, out)
             for lane, (i, place) in enumerate(zip(lanes, crossings, strict=True)):
                 if place is not None:
-                    behind[i] = place[1] - 1, str(crossing_refusal(*t[place, lane]))
-    for i, (place, why) in behind.items():
-        reasons[i] = why
-        for x in (y, *observed.values()):
-            x[i, place:] = np.nan
+                    reasons[i] = str(crossing_refusal(*t[place, lane]))
+                    for x in (y, *observed.values()):
+                        x[i, place[1] - 1 :] = np.nan
     reached = np.isfinite(y[:, :-1]).all(axis=2)
     known = np.concatenate(list(observed.values()), axis=2)[:, :-1]
     overflows = np.any(reached & ~np.isfinite(known).all(axis=2), axis=1)
     for i in good:
-        if i in behind:
+        if reasons[i]:
             continue
         if records[i, dop853.STATUS] != dop853.FINISHED:
             state = starts[i].scene, formulation, y[i, -1, : scene.n], observed["v"][i, -1]
@@ -504,14 +504,14 @@ def _choices(
     starts: list[Start], formulation: Formulation, reasons: list[str]
 ) -> list[Choice | None]:
     """Return the independent constraints of each motion; add a reason where they are not clear."""
-    found: list[Choice | None] = [None] * len(starts)
+    choices: list[Choice | None] = [None] * len(starts)
     for i, start in enumerate(starts if formulation.redundant and starts[0].scene.r else ()):
         try:
             at = Evaluation(start.scene, start.q, np.zeros(start.scene.n))
-            found[i] = choice_for(at, formulation)
+            choices[i] = choice_for(at, formulation)
         except RefusedError as refusal:
             reasons[i] = reasons[i] or str(refusal)
-    return found
+    return choices
 
 
 def _groups_by_choice(

@@ -56,11 +56,11 @@ def load_cyrk() -> Any:
     with _lock:
         names = "nb.numba_c_api", "cy.cysolver_api", "cy.common"
         api, solver, common = (_extension(name) for name in names)
-    found = {
+    functions = {
         name: ctypes.CFUNCTYPE(*kinds)(getattr(api, f"get_{name}_func_ptr")())
         for name, kinds in FUNCTIONS.items()
     }
-    return SimpleNamespace(**found, methods=solver.ODEMethod, MAX_SIZE=common.MAX_SIZE)
+    return SimpleNamespace(**functions, methods=solver.ODEMethod, MAX_SIZE=common.MAX_SIZE)
 
 
 def _extension(name: str) -> ModuleType:
@@ -228,9 +228,9 @@ def integrate(
         else:
             t = np.ctypeslib.as_array(cyrk.t(result), (count,)).copy()
             y = np.ctypeslib.as_array(cyrk.y(result), shape).copy()
-        said = np.zeros(256, np.uint8)
-        cyrk.message_buffer(result, said.ctypes.data, said.size)
-        message = said.tobytes().partition(b"\0")[0].decode("utf-8", "replace")
+        buffer = np.zeros(256, np.uint8)
+        cyrk.message_buffer(result, buffer.ctypes.data, buffer.size)
+        message = buffer.tobytes().partition(b"\0")[0].decode("utf-8", "replace")
         success = bool(cyrk.success(result))
         return Steps(t, y, int(cyrk.steps_taken(result)), success, message)
     finally:

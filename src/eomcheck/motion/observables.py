@@ -50,10 +50,10 @@ def trace_observables(scene: Scene, formulation: Formulation) -> Traced:
     if formulation.uses == "bodies":  # as its right-hand side does: others round differently
         at.v = at.qdot
     T, U = scene.energies(*here, at.v)
-    seen = {"v": at.v, "u": at.u, "energy": (T if U is None else T + U,)}
+    observables = {"v": at.v, "u": at.u, "energy": (T if U is None else T + U,)}
     if scene.r > 0:
-        seen["constraint"] = scene.constraint(*here, at.v)
-    outputs = {name: [tape.number(x).index for x in values] for name, values in seen.items()}
+        observables["constraint"] = scene.constraint(*here, at.v)
+    outputs = {name: [tape.number(x).index for x in values] for name, values in observables.items()}
     return Traced(tape, at, y, outputs)
 
 
@@ -119,9 +119,9 @@ def solves_of(scene: Scene, formulation: Formulation, t: float, y: Array) -> lis
     """
     sizes = {name: len(reads) for name, reads in trace_solves(scene, formulation).outputs.items()}
     kernel = traced_kernel(trace_solves, scene, formulation, sizes)
-    found = kernel(block_of(kernel, scene), np.array([t]), y) if sizes else {}
-    with recording_solves() as watch, np.errstate(all="ignore"):
-        for title, entries in found.items():
+    matrices = kernel(block_of(kernel, scene), np.array([t]), y) if sizes else {}
+    with recording_solves() as recorder, np.errstate(all="ignore"):
+        for title, entries in matrices.items():
             _, kind, name = title.split(" ", 2)
             with suppress(RefusedError):
                 if kind == BAND:
@@ -130,7 +130,7 @@ def solves_of(scene: Scene, formulation: Formulation, t: float, y: Array) -> lis
                 else:
                     size = math.isqrt(len(entries))
                     solve(entries.reshape(size, size), np.zeros(size), name)
-    return watch.solves
+    return recorder.solves
 
 
 # ---- Singular configurations between states ------------------------------------------------------
@@ -203,7 +203,7 @@ def singular_between(A: Array) -> Array:
     complex, up to an angle of ε^(1/r).
     """
     A, B = A[:-1], A[1:]
-    found = np.zeros(len(A), bool)
+    singular = np.zeros(len(A), bool)
     with np.errstate(all="ignore"):
         # The sum of 1 and a matrix of smaller norm has no negative eigenvalue.
         size = np.abs(np.linalg.solve(A, B - A)).sum(axis=2).max(axis=1, initial=0.0)
@@ -211,8 +211,8 @@ def singular_between(A: Array) -> Array:
         if far.size:
             turned = np.linalg.eigvals(np.linalg.solve(A[far], B[far]))
             flat = np.pi - np.abs(np.angle(turned)) <= allowed_error(1.0) ** (1.0 / A.shape[1])
-            found[far] = flat.any(axis=1)
-    return found
+            singular[far] = flat.any(axis=1)
+    return singular
 
 
 def crossing_refusal(before: float, behind: float) -> RefusedError:

@@ -157,7 +157,7 @@ class Extrapolation:
             raise InputError(f"times = {list(times)!r}, expected times that rise")
         whole = float(exact[-1] - exact[0])
         step, target = whole / 1000 if first is None else first, FIRST
-        t, found = exact[0], [y]
+        t, states = exact[0], [y]
         for end in exact[1:]:
             while t < end:
                 # Equal steps up to `end`, so that none is very short.
@@ -169,8 +169,8 @@ class Extrapolation:
                     watch(t, y)
                 elif step < SMALLEST * whole:
                     raise GaveUpError(f"a step of {step:.2g} s is needed at t = {float(t)!r} s")
-            found.append(y)
-        return found
+            states.append(y)
+        return states
 
     def attempt(self, y: Array, step: Fraction, target: int) -> tuple[Array | None, float, int]:
         """Return (y after `step`, or None if the error is too large; next step; next target).

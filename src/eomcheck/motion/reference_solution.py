@@ -262,10 +262,10 @@ def _strings(x: Array) -> list:
 
 
 def _numbers(strings: list, shape: tuple[int, ...]) -> Array:
-    given = np.array(strings, object)
-    if given.shape != shape:
-        raise ValueError(f"an array of shape {given.shape}, expected {shape}")
-    return decimals(given)
+    entries = np.array(strings, object)
+    if entries.shape != shape:
+        raise ValueError(f"an array of shape {entries.shape}, expected {shape}")
+    return decimals(entries)
 
 
 def _text(document: Any, depth: int = 4) -> str:
@@ -333,10 +333,10 @@ def drift_of(times: Array, errors: Array) -> Drift | None:
     logarithms. Times and errors that are 0 have no logarithm and are left out.
     """
     times, errors = np.asarray(times), np.abs(errors)
-    seen = (times > 0) & (errors > 0)
-    if np.count_nonzero(seen) < FEWEST:
+    positive = (times > 0) & (errors > 0)
+    if np.count_nonzero(positive) < FEWEST:
         return None
-    x, y = np.log(times[seen] / times[-1]), np.log(errors[seen])
+    x, y = np.log(times[positive] / times[-1]), np.log(errors[positive])
     i, j = np.triu_indices(x.size, 1)
     exponent = np.median((y[j] - y[i]) / (x[j] - x[i]))
     at_end = np.median(y - exponent * x)

@@ -138,15 +138,15 @@ def parameter_arrays(scene: Scene) -> dict[str, Array]:
 def quantities_on(tape: Tape, scene: Scene, q: Array) -> Quantities:
     """Return the scene's quantities on a tape; its parameters and the time are inputs."""
     at = Quantities(scene, tape, q, tape.inputs("t", (1,))[0])
-    given = {name: tape.inputs(name, x.shape) for name, x in parameter_arrays(scene).items()}
-    at.parameters = parameter_record(scene, given)
+    parameters = {name: tape.inputs(name, x.shape) for name, x in parameter_arrays(scene).items()}
+    at.parameters = parameter_record(scene, parameters)
     return at
 
 
-def parameter_record(scene: Scene, given: Mapping[str, Any]) -> Any:
+def parameter_record(scene: Scene, values: Mapping[str, Any]) -> Any:
     """Return the record of the scene's parameters with these values, by name; None for others."""
     record = scene.parameters(FLOAT64)
-    return record._make(map(given.get, record._fields))
+    return record._make(map(values.get, record._fields))
 
 
 def state_on_tape(scene: Scene, formulation: Formulation) -> tuple[Tape, Quantities, Array, Array]:
@@ -235,8 +235,8 @@ def _shorter_scene(scene: Scene, links: int) -> Scene:
 
 def block_of(kernel: Kernel, scene: Scene, **more: float) -> Array:
     """Return the block of a kernel with the parameters of `scene`, and of `more` by name."""
-    given = {name: np.ravel(x) for name, x in parameter_arrays(scene).items()}
-    return kernel.block({**given, **{name: np.array([x]) for name, x in more.items()}})
+    parameters = {name: np.ravel(x) for name, x in parameter_arrays(scene).items()}
+    return kernel.block({**parameters, **{name: np.array([x]) for name, x in more.items()}})
 
 
 # ---- Right-hand sides ----------------------------------------------------------------------------
@@ -269,10 +269,10 @@ def trace_rates(
     if formulation.state == "q, v2":
         rates = rates[at.partition.independent]
     integrals = () if formulation.state != "q, v, μ" or multipliers is None else multipliers
-    found = [tape.number(x).index for x in (*qdot, *rates, *integrals)]
-    outputs = {"rates": found}
+    derivatives = [tape.number(x).index for x in (*qdot, *rates, *integrals)]
+    outputs = {"rates": derivatives}
     if also == JACOBIAN:
-        outputs[JACOBIAN] = jacobian(tape, found, [x.index for x in y])
+        outputs[JACOBIAN] = jacobian(tape, derivatives, [x.index for x in y])
     elif also == ACCELERATION:
         vdot, multipliers = at.solution(formulation)
         outputs["vdot"] = [tape.number(x).index for x in vdot]
@@ -430,8 +430,8 @@ def exact_jacobian(
     block, size = block_of(kernel, scene), state_size(scene, formulation)
 
     def at(t: float, y: Array) -> Array:
-        found = kernel(block, np.array([t]), state_vector(y, size))
-        return found["jacobian"].reshape(size, size)
+        outputs = kernel(block, np.array([t]), state_vector(y, size))
+        return outputs["jacobian"].reshape(size, size)
 
     return at
 

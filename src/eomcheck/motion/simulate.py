@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -21,6 +22,7 @@ from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.perturbed import acceleration_sensitivity
 from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.formulations import Formulation, formulation_for
+from eomcheck.kernels.kernel import Kernel
 from eomcheck.mechanics.scene import Scene, checked_scene, finite_array
 from eomcheck.motion.integrators import MOST_STEPS, Steps, integrate, integrator_of
 from eomcheck.motion.observables import (
@@ -40,7 +42,12 @@ from eomcheck.motion.right_hand_side import (
     set_speeds,
     state_of,
 )
-from eomcheck.motion.stabilization import check_stabilization, integrate_in_pieces, project_speeds
+from eomcheck.motion.stabilization import (
+    check_stabilization,
+    integrate_in_pieces,
+    is_number,
+    project_speeds,
+)
 from eomcheck.numbers.generic import Array
 
 # ---- Compiled motions ----------------------------------------------------------------------------
@@ -168,28 +175,26 @@ class Motion:
         little memory is needed besides the result.
         """
         observer = observer_of(self.scene, self.formulation)
-        here = self.scene, self.formulation
-        solving = kernel_of(*here, also=ACCELERATION, choice=self.choice)
-        looks = []
-        for kernel, wanted in ((observer, OBSERVED), (solving, ("multipliers",))):
-            names = [name for name in wanted if name in kernel.outputs]
-            if names:
-                looks.append((kernel, block_of(kernel, self.scene), names))
-        found = {
-            name: np.empty((len(t), k.outputs[name])) for k, _, names in looks for name in names
-        }
-        rows = max(1, LARGEST_CHUNK // max(kernel.size for kernel, *_ in looks))
-        first = 0
-        with polled_progress(
-            f"looking at the states of {self.formulation.key}", len(t), lambda: first
-        ):
-            for first in range(0, len(t), rows):
-                some = slice(first, first + rows)
-                for kernel, block, names in looks:
-                    seen = kernel.rows(block, t[some, None], y[some, :, None])
-                    for name in names:
-                        found[name][some] = seen[name][:, :, 0]
-        return found
+        solver = kernel_of(self.scene, self.formulation, also=ACCELERATION, choice=self.choice)
+        return self._outputs(observer, OBSERVED, t, y) | self._outputs(
+            solver, ("multipliers",), t, y
+        )
+
+    def _outputs(
+        self, kernel: Kernel, wanted: Sequence[str], t: Array, y: Array
+    ) -> dict[str, Array]:
+        """Return the wanted outputs of a kernel, as far as it has them, at all states."""
+        names = [name for name in wanted if name in kernel.outputs]
+        outputs = {name: np.empty((len(t), kernel.outputs[name])) for name in names}
+        block, size, first = block_of(kernel, self.scene), max(1, LARGEST_CHUNK // kernel.size), 0
+        label = f"looking at the states of {self.formulation.key}"
+        with polled_progress(label, len(t), lambda: first):
+            for first in range(0, len(t) if names else 0, size):
+                chunk = slice(first, first + size)
+                rows = kernel.rows(block, t[chunk, None], y[chunk, :, None])
+                for name in names:
+                    outputs[name][chunk] = rows[name][:, :, 0]
+        return outputs
 
     def singular_crossing(self, t: Array, y: Array) -> tuple[float, float] | None:
         """Return the times, s, between which states y (k, size) crossed a singularity, or None."""
@@ -275,7 +280,7 @@ class Trajectory:
 
 def trajectory_of(
     motion: Motion,
-    found: Steps,
+    steps: Steps,
     integrator: str,
     rtol: float,
     atol: float,
@@ -287,11 +292,11 @@ def trajectory_of(
     Crossings of singular configurations are searched in `every` step, see `Motion.every_step`.
     """
     scene, formulation = motion.scene, motion.formulation
-    course = _ObservedMotion(motion, found, found if every is None else every)
-    reason, refusal = course.refused or ("", None)
-    if not (reason or (found.success and course.whole)):
-        reason, refusal = _reason(motion, found)
-    n, residual, energy = scene.n, course.rows("constraint"), course.rows("energy")
+    observed = _ObservedMotion(motion, steps, steps if every is None else every)
+    reason, refusal = observed.refused or ("", None)
+    if not (reason or (steps.success and observed.whole)):
+        reason, refusal = _reason(motion, steps)
+    n, residual, energy = scene.n, observed.rows("constraint"), observed.rows("energy")
     assert energy is not None
     return Trajectory(
         scene,
@@ -299,20 +304,20 @@ def trajectory_of(
         integrator,
         rtol,
         atol,
-        found.t[: course.valid_count],
-        found.y[: course.valid_count, :n],
-        course.observables["v"][: course.valid_count],
-        course.rows("multipliers"),
+        steps.t[: observed.valid_count],
+        steps.y[: observed.valid_count, :n],
+        observed.observables["v"][: observed.valid_count],
+        observed.rows("multipliers"),
         energy[:, 0],
         None if residual is None else np.abs(residual, out=residual),
         motion.rates.calls,
-        found.steps,
+        steps.steps,
         "failed" if reason else "finished",
         reason,
         seconds,
         refusal,
-        course.rcond,
-        course.rate_error(),
+        observed.rcond,
+        observed.rate_error(),
     )
 
 
@@ -323,10 +328,10 @@ class _ObservedMotion:
     multiplier is not a number, the evaluation of the public functions checks the solved matrices.
     """
 
-    def __init__(self, motion: Motion, found: Steps, every: Steps):
+    def __init__(self, motion: Motion, steps: Steps, every: Steps):
         self.formulation = motion.formulation
-        self.observables = motion.observables(found.t, found.y)
-        whole = np.asarray(np.isfinite(found.y).all(axis=1))
+        self.observables = motion.observables(steps.t, steps.y)
+        whole = np.asarray(np.isfinite(steps.y).all(axis=1))
         for name in ("v", "energy", "constraint"):
             if name in self.observables:
                 whole &= np.isfinite(self.observables[name]).all(axis=1)
@@ -341,7 +346,7 @@ class _ObservedMotion:
             refusal = crossing_refusal(*between)
             self.refused = str(refusal), refusal
             self.valid_count = min(
-                self.valid_count, int(np.searchsorted(found.t, between[0], "right"))
+                self.valid_count, int(np.searchsorted(steps.t, between[0], "right"))
             )
         indices = set(
             np.linspace(0, count - 1, min(count, MOST_CHECKED_STATES)).astype(int).tolist()
@@ -353,9 +358,9 @@ class _ObservedMotion:
         index = 0
         with polled_progress(f"checking matrices of {self.formulation.key}", count, lambda: index):
             for index in checked_indices:
-                t = float(found.t[index])
+                t = float(steps.t[index])
                 try:
-                    self._check_state(motion, t, found.y[index])
+                    self._check_state(motion, t, steps.y[index])
                 except RefusedError as refusal:
                     self.refused = f"the state at t = {t:.9g} s is refused: {refusal}", refusal
                     self.valid_count = index
@@ -395,12 +400,12 @@ class _ObservedMotion:
         return worst if self._checked else math.inf
 
 
-def _reason(motion: Motion, found: Steps) -> tuple[str, RefusedError | None]:
+def _reason(motion: Motion, steps: Steps) -> tuple[str, RefusedError | None]:
     """Return the reason why an integration did not reach its end, and the refusal, if any."""
     if motion.rates.failed == 0:
-        return "the energy overflows" if found.success else found.message, None
+        return "the energy overflows" if steps.success else steps.message, None
     when = motion.rates.failure_time
-    y = found.y[-1] if len(found.y) and np.isfinite(found.y[-1]).all() else motion.y0
+    y = steps.y[-1] if len(steps.y) and np.isfinite(steps.y[-1]).all() else motion.y0
     why, refusal = "it overflows, or a matrix is singular there", None
     try:
         q, v = motion.split(y, when)
@@ -477,7 +482,7 @@ def simulate(
     check_stabilization(scene, formulation, baumgarte, projection)
     integrator = integrator_of(integrator).key
     check_options(max_steps, t_end=t_end, rtol=rtol, atol=atol, max_step=max_step)
-    if first_step is not None and not (_number(first_step) and 0 < first_step <= t_end):
+    if first_step is not None and not (is_number(first_step) and 0 < first_step <= t_end):
         raise InputError(f"first_step = {first_step!r}, expected a number in (0, t_end]")
     times = None if output_times is None else checked_times(output_times, t_end)
     motion = Motion(scene, formulation, *initial_values(scene, q0, v0, u0), baumgarte)
@@ -492,14 +497,10 @@ def simulate(
     }
     every = motion.every_step(t_end, projection, **options)
     start = time.perf_counter()
-    found = motion.solve(t_end, projection, **options)
+    steps = motion.solve(t_end, projection, **options)
     seconds = time.perf_counter() - start
-    seen = trajectory_of(motion, found, integrator, rtol, atol, seconds, every)
-    return replace(seen, baumgarte=baumgarte, projection=projection)
-
-
-def _number(value) -> bool:
-    return isinstance(value, int | float | np.floating) and not isinstance(value, bool)
+    trajectory = trajectory_of(motion, steps, integrator, rtol, atol, seconds, every)
+    return replace(trajectory, baumgarte=baumgarte, projection=projection)
 
 
 def check_options(max_steps: int, **positive: float) -> None:
@@ -509,7 +510,7 @@ def check_options(max_steps: int, **positive: float) -> None:
         InputError: one is not.
     """
     for name, value in positive.items():
-        if not _number(value) or not value > 0 or (name != "max_step" and math.isinf(value)):
+        if not is_number(value) or not value > 0 or (name != "max_step" and math.isinf(value)):
             raise InputError(f"{name} = {value!r}, expected a positive number")
     if isinstance(max_steps, bool) or not isinstance(max_steps, int) or max_steps < 0:
         raise InputError(f"max_steps = {max_steps!r}, expected a whole number, 0 for no limit")

@@ -66,6 +66,11 @@ def feed_back(at: Quantities, formulation: Formulation, rate: Any) -> None:
         at.terms = at.terms._replace(gamma=drift_with_feedback(a, gamma, b, at.v, rate))
 
 
+def is_number(value: Any) -> bool:
+    """Return whether a value is a real number, and no truth value."""
+    return isinstance(value, int | float | np.floating) and not isinstance(value, bool)
+
+
 def check_stabilization(
     scene: Scene, formulation: Formulation, baumgarte: float | None, projection: float | None
 ) -> None:
@@ -78,9 +83,7 @@ def check_stabilization(
     for name, value, unit in (("baumgarte", baumgarte, "1/s"), ("projection", projection, "s")):
         if value is None:
             continue
-        if isinstance(value, bool) or not isinstance(value, int | float | np.floating):
-            raise InputError(f"{name} = {value!r}, expected a positive number, {unit}")
-        if not (value > 0 and math.isfinite(value)):
+        if not (is_number(value) and 0 < value < math.inf):
             raise InputError(f"{name} = {value!r}, expected a positive number, {unit}")
         if formulation.level == "velocity":
             raise InputError(
@@ -138,14 +141,14 @@ def integrate_in_pieces(
     found_t, found_y = [], []
     success, message = True, ""
     for end in ends:
-        wanted = None
+        piece_times = None
         if output_times is not None:
             inside = (output_times > t if t > 0 else output_times >= 0) & (output_times <= end)
-            wanted = np.union1d(output_times[inside], [end])
-        found = piece(t, end, y, first_step, wanted, max_steps and max_steps - steps)
-        steps += found.steps
-        times, states = found.t, found.y
-        success, message = found.success, found.message
+            piece_times = np.union1d(output_times[inside], [end])
+        result = piece(t, end, y, first_step, piece_times, max_steps and max_steps - steps)
+        steps += result.steps
+        times, states = result.t, result.y
+        success, message = result.success, result.message
         if success and np.isfinite(states[-1]).all():
             try:
                 y = project(end, states[-1])
@@ -163,6 +166,6 @@ def integrate_in_pieces(
             success, message = False, f"{max_steps} steps were not enough"
             break
         # CyRK refuses a first step that, rounded, is longer than the piece.
-        first_step = 0.9 * min((end - t) / max(found.steps, 1), t_end - end)
+        first_step = 0.9 * min((end - t) / max(result.steps, 1), t_end - end)
         t = end
     return Steps(np.concatenate(found_t), np.concatenate(found_y), steps, success, message)
