@@ -69,13 +69,13 @@ def joint_gaps(before, after, x):
 def solution(mass, force, before, after, rest):
     """Return (ẋ (s,), joint forces ρ (n_b-1, 2))."""
     bands, right = system(mass, force, before, after, rest)
-    found = solve_banded(bands, right, "KKT")
-    xdot = np.zeros(mass.size, found.dtype)
-    xdot[::2] = found[::4]
-    xdot[1::2] = found[1::4]
-    forces = np.zeros(rest.shape, found.dtype)
-    forces[:, 0] = found[2::4]
-    forces[:, 1] = found[3::4]
+    unknowns = solve_banded(bands, right, "KKT")
+    xdot = np.zeros(mass.size, unknowns.dtype)
+    xdot[::2] = unknowns[::4]
+    xdot[1::2] = unknowns[1::4]
+    forces = np.zeros(rest.shape, unknowns.dtype)
+    forces[:, 0] = unknowns[2::4]
+    forces[:, 1] = unknowns[3::4]
     return xdot, forces
 
 

@@ -257,24 +257,24 @@ def fused(lines: Instructions, stretches: Sequence[Stretch]) -> Instructions:
     at = 0
     for start, period, count in (*stretches, (len(lines.rows), 1, 0)):
         for straight in range(at, start):
-            times.found.append(times.straight(straight))
+            times.times.append(times.straight(straight))
             times.note(straight)
         times.stretch(start, period, count)
         at = start + period * count
-    return lines.ordered(sorted(range(len(lines.rows)), key=times.found.__getitem__))
+    return lines.ordered(sorted(range(len(lines.rows)), key=times.times.__getitem__))
 
 
 class _Times:
     """The time of each instruction: the iteration of the fused loop in which it is executed.
 
     Attributes:
-        found: times of the instructions so far.
+        times: times of the instructions so far.
         arrays: time from which on each array is complete, by name.
     """
 
     def __init__(self, lines: Instructions):
         self.lines = lines
-        self.found: list[int] = []
+        self.times: list[int] = []
         self.arrays: dict[str, int] = {}
 
     def straight(self, at: int) -> int:
@@ -283,7 +283,7 @@ class _Times:
         values, arrays = self._reads(at)
         if isinstance(op, tuple):
             arrays += [f"r{op[1]}", f"x{op[6]}"]
-        return max([0, *(self.found[p] for p in values), *(self._when(name) for name in arrays)])
+        return max([0, *(self.times[p] for p in values), *(self._when(name) for name in arrays)])
 
     def stretch(self, start: int, period: int, count: int) -> None:
         """Add the times of all iterations; each instruction of the loop has its own offset."""
@@ -296,14 +296,14 @@ class _Times:
                 turn, inner = divmod(i, period)
                 for place in values:
                     other, position = divmod(place - start, period)
-                    when = self.found[place] if place < start else first[position] + other
+                    when = self.times[place] if place < start else first[position] + other
                     first[inner] = max(first[inner], when - turn)
                 for name in arrays:
                     first[inner] = max(first[inner], self._when(name) - turn)
             settled = first == before
         for i in range(period * count):
             turn, inner = divmod(i, period)
-            self.found.append(first[inner] + turn)
+            self.times.append(first[inner] + turn)
             self.note(start + i)
 
     def note(self, at: int) -> None:
@@ -311,7 +311,7 @@ class _Times:
         op, out = self.lines.ops[self.lines.rows[at][0]], self.lines.rows[at][5]
         name = f"x{op[1]}" if isinstance(op, tuple) else self.lines.names[out]
         if name is not None:
-            self.arrays[name] = max(self._when(name), self.found[at])
+            self.arrays[name] = max(self._when(name), self.times[at])
 
     def _reads(self, at: int) -> tuple[list[int], list[str]]:
         """Return the numbers of values, and the names of arrays, that an instruction reads."""
@@ -391,7 +391,7 @@ class _Encoder:
         self.inner = np.zeros(len(self.table), np.int64)
         self.turn = np.zeros(len(self.table), np.int64)
         self.straight = self.loops = 0
-        self.found: list[Tree] = []
+        self.encoded: list[Tree] = []
 
     def items(self, stretches: Sequence[Stretch]) -> Tree:
         at = 0
@@ -404,7 +404,7 @@ class _Encoder:
             self._write_loop(start, period, count)
             at = start + count * period
         self._write_straight(at, len(self.table))
-        return tuple(self.found)
+        return tuple(self.encoded)
 
     def one(self, kind: int, place: int) -> Tree | None:
         """Return the operand of an instruction outside of loops."""
@@ -431,7 +431,7 @@ class _Encoder:
                 item = ("op", op, self.one(*reads[:2]), self.one(*reads[2:]))
                 self.inner[at] = self.straight
                 self.straight += 1
-            self.found.append(item)
+            self.encoded.append(item)
 
     def _values(self, start: int, period: int) -> Iterator[tuple[int, int]]:
         """Yield (number, step) of each value that an iteration reads."""
@@ -485,7 +485,7 @@ class _Encoder:
         self.inner[numbers] = (numbers - start) % period
         self.turn[numbers] = (numbers - start) // period
         self.loops += 1
-        self.found.append(("loop", count, tuple(body)))
+        self.encoded.append(("loop", count, tuple(body)))
 
     def _inside(self, kind: int, place: int, later: int, where: Stretch) -> Tree | None:
         """Return the operand of an instruction of a loop: index `place` first, then `later`."""
