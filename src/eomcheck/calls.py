@@ -334,6 +334,32 @@ def calling(name: str, function: Callable[..., T]) -> Callable[..., T]:
     return called
 
 
+# ---- Signals -------------------------------------------------------------------------------------
+
+
+@contextmanager
+def handling_signals(handler: Callable[[int, Any], None]) -> Iterator[None]:
+    """Handle Ctrl-C and SIGTERM inside the block, unless they are ignored.
+
+    Nothing changes off the main thread, the only one that handles signals.
+
+    Args:
+        handler: called with the number of a signal and the handler before the block.
+    """
+    before: dict[int, Any] = {}
+    if threading.current_thread() is threading.main_thread():
+        before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    for number, old in before.items():
+        if old not in (signal.SIG_IGN, None):
+            signal.signal(number, lambda number, _: handler(number, before[number]))
+    try:
+        yield
+    finally:
+        for number, old in before.items():
+            if old is not None:
+                signal.signal(number, old)
+
+
 # ---- The processes of a supervised command -------------------------------------------------------
 
 _patience = [float(os.environ.get(PATIENT, PATIENCE))]

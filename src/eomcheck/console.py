@@ -12,7 +12,8 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from threading import Event, Lock, Thread, current_thread, main_thread
+from threading import Event, Lock, Thread
+from typing import Any
 
 from rich.console import Console
 from rich.progress import (
@@ -25,6 +26,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from eomcheck.calls import handling_signals
 from eomcheck.safe_output import counted
 
 WIDTH = 140
@@ -183,23 +185,13 @@ def _signalled(hear: Callable[[int], None]) -> Iterator[None]:
 
     A second signal of a kind is handled as before the block.
     """
-    before = {}
 
-    def handler(number: int, frame: object) -> None:
-        signal.signal(number, before[number])
+    def handler(number: int, before: Any) -> None:
+        signal.signal(number, before)
         hear(number)
 
-    if current_thread() is main_thread():  # the only thread that handles signals
-        for number in (signal.SIGINT, signal.SIGTERM):
-            before[number] = signal.getsignal(number)
-            if before[number] not in (signal.SIG_IGN, None):
-                signal.signal(number, handler)
-    try:
+    with handling_signals(handler):
         yield
-    finally:
-        for number, old in before.items():
-            if old is not None:
-                signal.signal(number, old)
 
 
 @contextmanager

@@ -209,16 +209,8 @@ def _handing_on(heard: list[int]) -> Iterator[Callable[[int], None]]:
         while early:
             os.kill(pid, early.pop(0))
 
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    for number, handler in before.items():
-        if handler not in (signal.SIG_IGN, None):
-            signal.signal(number, hand_on)
-    try:
+    with calls.handling_signals(hand_on):
         yield to
-    finally:
-        for number, handler in before.items():
-            if handler is not None:
-                signal.signal(number, handler)
 
 
 def run_supervised(words: Sequence[str]) -> int:
