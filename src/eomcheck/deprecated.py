@@ -124,7 +124,7 @@ def install() -> None:
 
 OPTIONS: dict[str, dict[str, str]] = {
     "compare": {"--states": "--examples"},
-    "fuzz": {"--ration": "--check-frequency"},
+    "fuzz": {"--ration": "--check-frequency", "--states": "--examples"},
     "prove": {"--points": "--examples"},
     "simulate": {"--draws": "--examples"},
     "study long-run": {"--t-end": "--end"},

@@ -169,7 +169,7 @@ def test_a_campaign_with_a_find_is_1(finds, error, code, monkeypatch):
     made = SimpleNamespace(failure_records=finds, run=run)
     monkeypatch.setattr(campaigns, "Campaign", lambda *how: made)
     monkeypatch.setattr("eomcheck.lab.report.finding_output.print_campaign", lambda campaign: None)
-    assert code_of(monkeypatch, "fuzz", "--scene", "sleigh", "--states", "1") == code
+    assert code_of(monkeypatch, "fuzz", "--scene", "sleigh", "--examples", "1") == code
 
 
 @pytest.mark.parametrize(
@@ -343,7 +343,7 @@ def test_old_forms_of_a_study_s_command_are_accepted_and_warned_of(old, monkeypa
     "words",
     [
         ("fuzz", "--time="),
-        ("fuzz", "--states", "1", "--links="),
+        ("fuzz", "--examples", "1", "--links="),
         ("draw", "scene", "sleigh.gif", "--scene", "sleigh", "--formulation="),
         ("bench", "tolerance", "--links="),
         ("study", "operations", "--links="),

@@ -35,7 +35,7 @@ def test_times_are_read():
 
 @pytest.mark.night
 def test_without_a_find_it_tells_states_by_structure_and_exits_with_0(monkeypatch, capsys):
-    how = "--states", "1", "--family", "ordinary"
+    how = "--examples", "1", "--family", "ordinary"
     assert run(*how, monkeypatch=monkeypatch) == 0
     said = capsys.readouterr().out
     assert "no failure" in said and "2 links, without damping" in said and "equivalence" in said
@@ -52,7 +52,7 @@ def test_a_find_is_printed_kept_and_replayed(monkeypatch, capsys, tmp_path: Path
         "        return found._replace(B=-found.B)\n"
     )
     kept, records = tmp_path / "found.json", tmp_path / "r.db"
-    how = ["--scene", f"{scene}:Wrong", "--claim", "kane-ml-force", "--states", "1"]
+    how = ["--scene", f"{scene}:Wrong", "--claim", "kane-ml-force", "--examples", "1"]
     how += ["--family", "ordinary", "--keep", str(kept), "--records", str(records)]
     assert run(*how, monkeypatch=monkeypatch) == 1
     said = capsys.readouterr().out
@@ -72,12 +72,12 @@ def test_interrupted_it_prints_what_was_looked_at_and_exits_with_130(monkeypatch
         raise KeyboardInterrupt
 
     monkeypatch.setattr(state_rounds.StatePlan, "run", stopped)
-    assert run("--states", "1", monkeypatch=monkeypatch) == 130
+    assert run("--examples", "1", monkeypatch=monkeypatch) == 130
     assert "interrupted" in capsys.readouterr().out
 
 
 def test_rounds_of_workers_come_to_what_rounds_here_come_to(monkeypatch, capsys):
-    how = ("--states", "4", "--family", "ordinary", "--claim", "kinetic-energy")
+    how = ("--examples", "4", "--family", "ordinary", "--claim", "kinetic-energy")
     tables = []
     for where in ((), ("--executor", "local:2")):
         assert run(*how, *where, monkeypatch=monkeypatch) == 0
@@ -89,7 +89,7 @@ def test_rounds_of_workers_come_to_what_rounds_here_come_to(monkeypatch, capsys)
 def test_motions_are_compared_by_the_same_command(monkeypatch, capsys):
     monkeypatch.setattr(motion_rounds.MotionPlan.__init__, "__defaults__", few_motions())
     monkeypatch.setattr(sys, "argv", ["eomcheck", "fuzz", "--motions", "--scene", "sleigh"])
-    sys.argv += ["--states", "1", "--seed", "3", "--no-climb"]
+    sys.argv += ["--examples", "1", "--seed", "3", "--no-climb"]
     with pytest.raises(SystemExit) as stop:
         cli.main()
     assert not stop.value.code

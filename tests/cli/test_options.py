@@ -154,7 +154,7 @@ BASES = {
     "list": "claims",
     "report": "r.db",
     "export": "r.db",
-    "fuzz": "--states 1",
+    "fuzz": "--examples 1",
     "simulate": "--end 0.1 --formulation kane",
     "compare": URDF,
     "draw scene": "a.svg",
@@ -163,7 +163,7 @@ BASES = {
 """Command -> what it needs at least."""
 
 MANY, GIF, REPLAY = "--end 0.1 --examples 2", "a.gif", "--replay f.json"
-FUNCTIONS = "--scene of_options.py:own --states 1"
+FUNCTIONS = "--scene of_options.py:own --examples 1"
 """Other words to begin with, for options that say nothing otherwise."""
 
 OWN = "from eomcheck.testing import EquationsOfMotion as E\nown = E(1, M=lambda q: [[1.0]])\n"
@@ -254,7 +254,7 @@ CASES: dict[str, dict[str, Case]] = {
             {"strata": [x.name for x in structural_variants(Snake, (1, 2, 3))]},
         ),
         "links as usual": (
-            "--states 2",
+            "--examples 2",
             {"strata": [x.name for x in structural_variants(Snake, range(1, 13))]},
         ),
         "engine": ("--engine none", {"plan.engines": [], "plan.wide": False}),
@@ -265,7 +265,7 @@ CASES: dict[str, dict[str, Case]] = {
         "formulation": ("--formulation au,el", {"plan.formulations": ["au", "el"]}),
         "claim": ("--claim bias,kinetic-energy", {"plan.claims": ["bias", "kinetic-energy"]}),
         "time": ("--time 3m", {"run.states": None, "run.seconds": 180.0}, ""),
-        "states": ("--states 5", {"run.states": 5, "run.seconds": None}),
+        "examples": ("--examples 5", {"run.states": 5, "run.seconds": None}),
         "seed": ("--seed 9", {"plan.seed": 9}),
         "motions": ("--motions", {"plan": "MotionPlan"}),
         "family": ("--family wide,fast", {"plan.families": ["wide", "fast"]}),
@@ -298,18 +298,18 @@ CASES: dict[str, dict[str, Case]] = {
             REPLAY,
         ),
         "scene of a replay": ("--scene sleigh", {"replay_failures.allowed": ["sleigh"]}, REPLAY),
-        "seed of motions": ("--seed 9", {"plan.seed": 9}, "--motions --states 1"),
+        "seed of motions": ("--seed 9", {"plan.seed": 9}, "--motions --examples 1"),
         "formulation of motions": (
             "--formulation au,el",
             {"plan.formulations": ["au", "el"]},
-            "--motions --states 1",
+            "--motions --examples 1",
         ),
         "family of motions": (
             "--family special",
             {"plan.families": ["special"]},
-            "--motions --states 1",
+            "--motions --examples 1",
         ),
-        "climb of motions": ("--no-climb", {"plan.climbing": False}, "--motions --states 1"),
+        "climb of motions": ("--no-climb", {"plan.climbing": False}, "--motions --examples 1"),
         "seed of functions": ("--seed 9", {"plan.seed": 9}, FUNCTIONS),
         "claim of functions": ("--claim motion", {"plan.claims": ["motion"]}, FUNCTIONS),
         "family of functions": ("--family special", {"plan.families": ["special"]}, FUNCTIONS),

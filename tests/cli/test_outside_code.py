@@ -316,7 +316,7 @@ def test_a_library_that_dies_in_validate_is_a_failure_and_the_rest_is_told(
 @pytest.mark.night
 def test_code_that_dies_in_workers_is_a_failure_of_it(tmp_path: Path):
     name = trailer(tmp_path, "in_workers", "import os; os._exit(0)")
-    words = "--states", "400", "--executor", "local:2"
+    words = "--examples", "400", "--executor", "local:2"
     run = eom("fuzz", "--scene", name, *words)
     assert run.returncode == 1
     assert "Trailer.drift ended its process with exit code 0" in run.stdout + run.stderr
@@ -334,7 +334,7 @@ def test_commands_that_run_only_our_code_start_no_process(monkeypatch, capsys):
         ["list", "engines"],
         ["constraints", "--scene", "nowhere.py:A"],
         ["validate", "--examples", "0"],
-        ["fuzz", "--states", "0"],
+        ["fuzz", "--examples", "0"],
     ):
         monkeypatch.setattr(sys, "argv", ["eomcheck", *words])
         with pytest.raises(SystemExit) as end:

@@ -82,7 +82,7 @@ def test_a_validation_goes_on_where_its_records_can_no_longer_be_written(
 def test_a_damaged_corpus_is_refused_before_a_campaign(campaign, monkeypatch, capsys, tmp_path):
     path = tmp_path / "k.json"
     path.write_text("[{")
-    assert run(monkeypatch, "fuzz", "--states", 1, "--keep", path) == 2
+    assert run(monkeypatch, "fuzz", "--examples", 1, "--keep", path) == 2
     assert not campaign
     assert "holds no failures" in capsys.readouterr().err
     assert path.read_text() == "[{"
@@ -104,7 +104,7 @@ def test_finds_that_cannot_be_kept_are_printed(option, campaign, monkeypatch, ca
             full()
 
         monkeypatch.setattr(campaigns.Campaign, "run", run_then_full)
-    assert run(monkeypatch, "fuzz", "--states", 1, option, tmp_path / "k") == 2
+    assert run(monkeypatch, "fuzz", "--examples", 1, option, tmp_path / "k") == 2
     said = capsys.readouterr()
     assert "# bias, au ~ el: observed 1, allowed 0.5" in said.out and "written" not in said.out
     assert said.err.endswith("eomcheck: No space left on device\n")
@@ -121,7 +121,7 @@ def test_finds_are_stored_whole_by_a_campaign_that_is_told_to_end_meanwhile(
         write(*how)
 
     monkeypatch.setattr(corpus, "write_failures", told_to_end)
-    assert run(monkeypatch, "fuzz", "--states", 1, "--keep", path) == 130
+    assert run(monkeypatch, "fuzz", "--examples", 1, "--keep", path) == 130
     assert [one["claim"] for one in json.loads(path.read_text())] == ["bias"]
     assert f"written: {path}" in capsys.readouterr().out
     assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL

@@ -112,14 +112,14 @@ def test_what_is_kept_is_reported_and_exported_in_lines_that_fit(
 @pytest.mark.night
 def test_what_fuzzing_prints_fits(width, monkeypatch, capsys):
     monkeypatch.setattr(state_rounds, "BATCH", 8)
-    assert run(*FUZZ, "--family", "ordinary,wide", "--states", "1", monkeypatch=monkeypatch) == 0
+    assert run(*FUZZ, "--family", "ordinary,wide", "--examples", "1", monkeypatch=monkeypatch) == 0
     check_fits(capsys.readouterr().out, width)
 
 
 def test_what_compares_readers_of_a_file_fits(width, monkeypatch, capsys):
     robot = Path(__file__).parents[2] / "docs" / "guides" / "crane.urdf"
     monkeypatch.chdir(robot.parent)
-    how = "--engine", "pinocchio", "--states", "1"
+    how = "--engine", "pinocchio", "--examples", "1"
     assert run("compare", robot.name, *how, monkeypatch=monkeypatch) in (0, 1)
     check_fits(capsys.readouterr().out, width)
 

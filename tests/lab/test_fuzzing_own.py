@@ -81,9 +81,9 @@ def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
 
 @pytest.mark.night
 def test_right_functions_are_no_find(mine, monkeypatch, capsys):
-    assert run("--scene", f"{mine}:right", "--states", "20", monkeypatch=monkeypatch) == 0
+    assert run("--scene", f"{mine}:right", "--examples", "20", monkeypatch=monkeypatch) == 0
     said = capsys.readouterr().out
-    assert "no find" in said and "bias-of-mass-matrix" in said
+    assert "no failure" in said and "bias-of-mass-matrix" in said
 
 
 @pytest.mark.night
@@ -91,7 +91,7 @@ def test_a_term_lost_next_to_a_special_pose_is_found_kept_and_replayed(
     mine, monkeypatch, capsys, tmp_path: Path
 ):
     kept = tmp_path / "found.json"
-    how = "--scene", f"{mine}:wrong", "--states", "200", "--keep", str(kept)
+    how = "--scene", f"{mine}:wrong", "--examples", "200", "--keep", str(kept)
     assert run(*how, "--claim", "bias-of-mass-matrix", monkeypatch=monkeypatch) == 1
     said = capsys.readouterr().out
     assert "half of it" in said and "check_functions" in said
@@ -137,10 +137,10 @@ def test_what_cannot_be_told_of_functions_is_printed_once_after_a_campaign(
     mine, monkeypatch, capsys
 ):
     Path(mine).write_text(FEW.format(guides=str(GUIDES)))
-    how = "--states", "1", "--no-climb", "--family", "ordinary"
+    how = "--examples", "1", "--no-climb", "--family", "ordinary"
     asked = "answers,bias-even,motion,kinetic-energy,reference"
     assert run("--scene", f"{mine}:few", *how, "--claim", asked, monkeypatch=monkeypatch) == 0
-    said = capsys.readouterr().out.partition("no find\n")[2].splitlines()
+    said = capsys.readouterr().out.partition("no failure\n")[2].splitlines()
     about = "few: M, bias, qdd"
     why = "M q̈ + B is not 0, and no force is given: gravity, U, R or Q would tell"
     number = "a number that all functions share, such as a mass, a length or g"
@@ -153,7 +153,7 @@ def test_what_cannot_be_told_of_functions_is_printed_once_after_a_campaign(
     ]
     asked = "energy-quadratic,reference"
     assert run("--scene", f"{mine}:energies", *how, "--claim", asked, monkeypatch=monkeypatch) == 0
-    table, _, said = capsys.readouterr().out.partition("no find\n")
+    table, _, said = capsys.readouterr().out.partition("no failure\n")
     rest = "T(q, 0) changes with q; is the potential energy in it? bias, qdd or against would tell"
     first, second = said.splitlines()
     assert first == f"energy-quadratic [T at rest] skipped in every state: {rest}"
@@ -201,13 +201,13 @@ def test_an_entry_that_no_state_of_a_campaign_resolves_is_named_after_it(
     kept, claim = str(tmp_path / "r.db"), "gravity-of-potential"
     how = "--scene", f"{mine}:short", "--no-climb", "--records", kept, "--claim", claim
     for states in (1, 17):
-        assert run(*how, "--states", str(states), monkeypatch=monkeypatch) == 0
-        said = capsys.readouterr().out.partition("no find\n")[2].splitlines()
+        assert run(*how, "--examples", str(states), monkeypatch=monkeypatch) == 0
+        said = capsys.readouterr().out.partition("no failure\n")[2].splitlines()
         count = 16 if states == 1 else 32
         assert said == [f"{claim} [gravity] not resolved in any of {count} states: row q[0]"]
     # All of these were drawn before: they are known from the records.
-    assert run(*how, "--states", "17", monkeypatch=monkeypatch) == 0
-    assert capsys.readouterr().out.partition("no find\n")[2].splitlines() == said
+    assert run(*how, "--examples", "17", monkeypatch=monkeypatch) == 0
+    assert capsys.readouterr().out.partition("no failure\n")[2].splitlines() == said
 
 
 def test_an_entry_is_compared_in_the_states_in_which_its_subject_was(mine):

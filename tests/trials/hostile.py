@@ -81,8 +81,8 @@ OPTIONS = {
     ("prove", "--scene", "sleigh", "--examples", "1"): (
         "--scene", "--links", "--examples", "--seed", "--formulation", "--executor",
     ),
-    ("fuzz", "--scene", "sleigh", "--states", "1", "--engine", "none", "--no-climb"): (
-        "--scene", "--links", "--engine", "--formulation", "--claim", "--states", "--seed",
+    ("fuzz", "--scene", "sleigh", "--examples", "1", "--engine", "none", "--no-climb"): (
+        "--scene", "--links", "--engine", "--formulation", "--claim", "--examples", "--seed",
         "--family", "--check-frequency", "--executor", "--keep",
     ),
     ("fuzz",): ("--time", "--replay"),

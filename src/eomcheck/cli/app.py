@@ -16,7 +16,7 @@ from eomcheck.errors import did_you_mean
 
 EXIT_CODES = {
     0: "all claims hold, or what was asked for is done",
-    1: "a claim fails or a find is made, a motion does not reach its end, a formulation refuses, "
+    1: "a claim fails, a motion does not reach its end, a formulation refuses, "
     "libraries differ or one gives no answer (`compare`), a constraint is redundant "
     "(`constraints`), code that is not ours ends its process, or gives no answer when it is called",
     2: "bad input, an import that raises, exits or gives no answer, a missing library, nothing "

@@ -22,12 +22,14 @@ from eomcheck.cli.shared_options import (
     Seed,
     check_used,
     completer,
+    executor_option,
+    keys_option,
     records_or_none,
     selected_engines,
 )
 from eomcheck.deprecated import print_notice
 from eomcheck.errors import InputError
-from eomcheck.lab.option_parsing import SCENE_HELP, check_count, parse_interval, split_list
+from eomcheck.lab.option_parsing import SCENE_HELP, check_count, parse_interval
 from eomcheck.safe_output import counted
 
 if TYPE_CHECKING:
@@ -96,10 +98,10 @@ def fuzz_command(
     time: Annotated[
         str | None,
         typer.Option(
-            metavar="TIME", help="How long: 20s, 10m, 3h. [default: 1m, without --states]"
+            metavar="TIME", help="How long: 20s, 10m, 3h. [default: 1m, without --examples]"
         ),
     ] = None,
-    states: Annotated[
+    examples: Annotated[
         int | None,
         typer.Option(
             help="Least number of states or motions instead, those in --records included: rounds "
@@ -112,11 +114,10 @@ def fuzz_command(
     ] = False,
     family: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="KEY,KEY",
-            callback=split_list,
-            help="What is drawn, of ordinary, wide, special and fast: a,b. "
+        keys_option(
+            "What is drawn, of ordinary, wide, special and fast: a,b. "
             "[default: all; of motions the first and the third]",
+            more=("ordinary", "wide", "special", "fast"),
         ),
     ] = None,
     climb: Annotated[bool, typer.Option(help="Climb, or only draw.")] = True,
@@ -128,13 +129,7 @@ def fuzz_command(
             "enclosures=4,balls=20,engines=10,checks=200,scalar-only=20]",
         ),
     ] = None,
-    executor: Annotated[
-        str | None,
-        typer.Option(
-            metavar="PLACE",
-            help="Where to compute: local, local:PROCESSES or dask:ADDRESS. [default: here]",
-        ),
-    ] = None,
+    executor: Annotated[str | None, executor_option("here")] = None,
     records: RecordsOption = None,
     replay: Annotated[
         Path | None,
@@ -158,18 +153,18 @@ def fuzz_command(
     check_writable(keep)
     if replay is not None:
         elsewhere = {"links": links, "engine": engine, "claim": claim, "family": family}
-        many = {"time": time, "states": states, "records": records, "keep": keep}
+        many = {"time": time, "examples": examples, "records": records, "keep": keep}
         how = {"seed": seed or None, "no-climb": not climb, "executor": executor}
         how["check-frequency"] = check_frequency
         check_used("with --replay", motions=motions, **elsewhere, **many, **how)
         _replay(replay, formulation, scene)
         return
     scene = "snake" if scene is None else scene
-    if time is not None and states is not None:
-        raise InputError("--time and --states: expected one of them, not both")
-    most = None if states is not None else parse_duration("1m" if time is None else time)
-    if states is not None:
-        check_count(states=states)
+    if time is not None and examples is not None:
+        raise InputError("--time and --examples: expected one of them, not both")
+    most = None if examples is not None else parse_duration("1m" if time is None else time)
+    if examples is not None:
+        check_count(examples=examples)
 
     from eomcheck.console import activity, console, deferring_interrupts, interruptible
     from eomcheck.draws.fuzz_cases import StructuralVariant, structural_variants
@@ -206,7 +201,7 @@ def fuzz_command(
                 plan = _states(kind, selection, seed, family, climb, check_frequency, wide)
         campaign = Campaign(plan, name, variants, kept)
         with end.collected(), activity(f"fuzzing {name}"):
-            campaign.run(states, most, executor, ProgressPrinter())
+            campaign.run(examples, most, executor, ProgressPrinter())
         if keep is not None and campaign.failure_records:
             # InputError: the file was damaged in the meantime.
             with end.collected(InputError), deferring_interrupts():
