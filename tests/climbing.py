@@ -28,9 +28,8 @@ from tests.unmended import unmended
 from eomcheck.draws.fuzz_cases import structural_variants
 from eomcheck.lab.fuzzing.campaign import Campaign
 from eomcheck.lab.fuzzing.failures import read_failures
-from eomcheck.lab.fuzzing.screening import TRUTH, CheckFrequency
+from eomcheck.lab.fuzzing.screening import SILENT, TRUTH, CheckFrequency
 from eomcheck.lab.fuzzing.state_rounds import StatePlan
-from eomcheck.lab.fuzzing.triage import SILENT
 from eomcheck.lab.option_parsing import parse_interval
 from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
 from eomcheck.scenes import Snake

@@ -17,9 +17,8 @@ from eomcheck.claims import CLAIMS
 from eomcheck.claims.batched_claims import batchable_claims
 from eomcheck.draws.fuzz_cases import ORDINARY, draw_cases, structural_variants
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.fuzzing.screening import screen
+from eomcheck.lab.fuzzing.screening import check_case, screen
 from eomcheck.lab.fuzzing.state_rounds import BATCH
-from eomcheck.lab.fuzzing.triage import check_case
 from eomcheck.lab.option_parsing import parse_interval
 from eomcheck.scenes import Snake
 

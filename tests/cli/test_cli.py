@@ -21,7 +21,7 @@ from eomcheck.errors import DiedError, InputError, WorkerError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.option_parsing import check_count
 from eomcheck.lab.store.record_file import Records, record_of_rows
-from eomcheck.lab.store.stored_findings import RUNS
+from eomcheck.lab.store.validation_runs import RUNS
 from eomcheck.lab.studies import rhs
 from eomcheck.scenes import SCENES, Snake
 

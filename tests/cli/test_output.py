@@ -17,7 +17,7 @@ import pytest
 from eomcheck.console import interruptible, progress
 from eomcheck.errors import InputError
 from eomcheck.lab.store.record_file import Records
-from eomcheck.lab.store.stored_findings import STATES
+from eomcheck.lab.store.validation_runs import STATES
 from eomcheck.safe_output import NAMES, to_ascii, unfailing_output
 
 COMMAND = [sys.executable, "-c", "from eomcheck.cli import main; main()"]

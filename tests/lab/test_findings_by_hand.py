@@ -18,7 +18,7 @@ from eomcheck.lab import run_time as timing
 from eomcheck.lab.run_time import run_time, was_contended
 from eomcheck.lab.store import provenance
 from eomcheck.lab.store.record_file import Record, by_setting, group, record_of_rows, rows_in
-from eomcheck.lab.store.stored_findings import (
+from eomcheck.lab.store.validation_runs import (
     COLUMNS,
     PROOFS,
     STATES,

@@ -53,7 +53,7 @@ from eomcheck.lab.fuzzing.failures import (
 from eomcheck.lab.fuzzing.function_rounds import FunctionsPlan, drawn_state, hill_climbed_states
 from eomcheck.lab.fuzzing.motion_comparison import END_STATES, ENERGY, MotionFinding
 from eomcheck.lab.fuzzing.replay import replay_failures
-from eomcheck.lab.fuzzing.triage import Diagnosis, keys_in_subject
+from eomcheck.lab.fuzzing.screening import Diagnosis, keys_in_subject
 from eomcheck.mechanics.records import Range, State
 from eomcheck.scenes import SCENES, Sleigh, Snake, snake
 from eomcheck.testing import EquationsOfMotion

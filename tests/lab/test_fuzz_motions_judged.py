@@ -11,7 +11,7 @@ import pytest
 from eomcheck.draws.fuzz_cases import StructuralVariant
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, C
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.fuzzing import motion_comparison, motion_rounds, triage
+from eomcheck.lab.fuzzing import motion_comparison, motion_rounds, screening
 from eomcheck.lab.fuzzing import motion_rounds as motion_finds
 from eomcheck.lab.fuzzing.campaign import Round
 from eomcheck.lab.fuzzing.motion_comparison import (
@@ -414,13 +414,13 @@ def test_a_round_of_motions_keeps_what_passed_counts_verdicts_and_asks_one_alone
 @pytest.mark.parametrize(
     ("others", "whose", "said"),
     [
-        ("pp", triage.SILENT, "2 of 2 others agree to 0.3"),
-        ("ppi", triage.SILENT, "2 of 3 others agree to 0.3"),
-        ("ppii", triage.UNKNOWN, "2 of 4 others agree to 0.3"),
-        ("ppff", triage.UNKNOWN, "2 of 4 others agree to 0.3"),
-        ("p", triage.UNKNOWN, "1 of 1 others agree to 0.2"),
-        ("iii", triage.UNKNOWN, "0 of 3 others agree to 0"),
-        ("fpppf", triage.SILENT, "3 of 5 others agree to 0.4"),
+        ("pp", screening.SILENT, "2 of 2 others agree to 0.3"),
+        ("ppi", screening.SILENT, "2 of 3 others agree to 0.3"),
+        ("ppii", screening.UNKNOWN, "2 of 4 others agree to 0.3"),
+        ("ppff", screening.UNKNOWN, "2 of 4 others agree to 0.3"),
+        ("p", screening.UNKNOWN, "1 of 1 others agree to 0.2"),
+        ("iii", screening.UNKNOWN, "0 of 3 others agree to 0"),
+        ("fpppf", screening.SILENT, "3 of 5 others agree to 0.4"),
     ],
 )
 def test_a_formulation_is_to_blame_which_most_others_contradict(monkeypatch, others, whose, said):

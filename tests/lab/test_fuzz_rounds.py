@@ -21,7 +21,8 @@ from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import campaign as campaigns
 from eomcheck.lab.fuzzing import failures as smaller
-from eomcheck.lab.fuzzing import screening, state_rounds, triage
+from eomcheck.lab.fuzzing import screening, state_rounds
+from eomcheck.lab.fuzzing import screening as triage
 from eomcheck.lab.fuzzing.campaign import (
     CASES_PER_KEY,
     Campaign,
@@ -37,6 +38,7 @@ from eomcheck.lab.fuzzing.screening import (
     DECIDED,
     TRUTH,
     CheckFrequency,
+    Diagnosis,
     ScreeningResult,
     runs_in_lanes,
     screen,
@@ -49,7 +51,6 @@ from eomcheck.lab.fuzzing.state_rounds import (
     engines_under_test,
     is_ordinary,
 )
-from eomcheck.lab.fuzzing.triage import Diagnosis
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import SCENES, Sleigh, Snake
 

@@ -33,7 +33,7 @@ from eomcheck.errors import InputError
 from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.evaluation.evaluation import BatchEvaluation, Evaluation
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.fuzzing import state_rounds, triage
+from eomcheck.lab.fuzzing import screening, state_rounds
 from eomcheck.lab.fuzzing.campaign import Campaign, Round, RoundResult, ScoredCase
 from eomcheck.lab.fuzzing.failures import (
     FailureRecord,
@@ -45,9 +45,15 @@ from eomcheck.lab.fuzzing.failures import (
     write_failures,
 )
 from eomcheck.lab.fuzzing.replay import replay_failures
-from eomcheck.lab.fuzzing.screening import TRUTH, CheckFrequency, screen
+from eomcheck.lab.fuzzing.screening import (
+    TRUTH,
+    CheckFrequency,
+    check_case,
+    diagnose_failure,
+    failed_findings,
+    screen,
+)
 from eomcheck.lab.fuzzing.state_rounds import StatePlan
-from eomcheck.lab.fuzzing.triage import check_case, diagnose_failure, failed_findings
 from eomcheck.lab.store.record_file import Records
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import SCENES, ChainPendulum, Snake, snake
@@ -255,7 +261,7 @@ def test_a_campaign_goes_on_where_it_stopped_and_comes_to_the_same(tmp_path: Pat
 def test_a_campaign_goes_on_with_its_failures_and_with_what_no_lane_could_look_at(
     tmp_path: Path, monkeypatch
 ):
-    fault = triage.Diagnosis(triage.SCENE, "by hand")
+    fault = screening.Diagnosis(screening.SCENE, "by hand")
     kept = lambda self, failed, name, known=None: failure_record(failed, name, fault)  # noqa: E731
     monkeypatch.setattr(StatePlan, "record_failure", kept)
     scene = Snake.paper()
@@ -313,7 +319,7 @@ def test_a_campaign_goes_on_with_its_failures_and_with_what_no_lane_could_look_a
 
 
 def test_another_cause_of_the_same_claim_and_subject_is_found_after_many_of_one(monkeypatch):
-    fault = triage.Diagnosis(triage.SCENE, "by hand")
+    fault = screening.Diagnosis(screening.SCENE, "by hand")
     made: list[str] = []
 
     def kept(self, failed, name, known=None):
@@ -354,7 +360,7 @@ def test_another_cause_of_the_same_claim_and_subject_is_found_after_many_of_one(
 )
 def test_a_campaign_does_not_go_on_with_another(tmp_path: Path, monkeypatch, other: dict[str, Any]):
     """Neither with its states nor with what it found; the last is another scene's."""
-    fault = triage.Diagnosis(triage.SCENE, "by hand")
+    fault = screening.Diagnosis(screening.SCENE, "by hand")
     kept = lambda self, failed, name, known=None: failure_record(failed, name, fault)  # noqa: E731
     monkeypatch.setattr(StatePlan, "record_failure", kept)
     here = plan(engines=("pinocchio",))
@@ -401,7 +407,7 @@ def test_a_wrong_scene_is_a_find_and_the_scene_is_to_blame():
     result = wrong.run(Round(0, STRATUM, {}))
     assert result.failed and {one.claim for one in result.failed} <= set(wrong.claims)
     fault = diagnose_failure(next(one for one in result.failed if one.claim == "power-balance"))
-    assert fault.at_fault == triage.SCENE
+    assert fault.at_fault == screening.SCENE
 
 
 def test_a_bound_that_is_too_small_is_a_silent_error(monkeypatch):
@@ -410,14 +416,14 @@ def test_a_bound_that_is_too_small_is_a_silent_error(monkeypatch):
         monkeypatch.setattr(f"{module}.acceleration_sensitivity", lambda *_, **__: 1e-9)
     (finding, *_) = failed_findings(case, ["equivalence"], KEYS)
     fault = diagnose_failure(finding)
-    assert fault.at_fault == triage.SILENT and "true error" in fault.evidence
+    assert fault.at_fault == screening.SILENT and "true error" in fault.evidence
 
 
 def test_what_is_allowed_too_little_for_is_a_false_alarm(monkeypatch):
     (case,), _ = draw_cases(Snake, STRATUM, (ORDINARY,), 1, np.random.default_rng(2))
     monkeypatch.setattr("eomcheck.claims.case.measured_sensitivity", lambda *_, **__: 1e-9)
     found = failed_findings(case, ["kane-ml-mass", "chain-energy", "speeds-velocity"], KEYS)
-    assert found and diagnose_failure(found[0]).at_fault == triage.ALARM
+    assert found and diagnose_failure(found[0]).at_fault == screening.ALARM
 
 
 def test_screening_finds_a_wrong_truth(monkeypatch):

@@ -12,7 +12,7 @@ from eomcheck import velocity
 from eomcheck.draws.fuzz_cases import ORDINARY, StructuralVariant, structural_variants
 from eomcheck.errors import EomcheckError
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.fuzzing import motion_comparison, motion_rounds, triage
+from eomcheck.lab.fuzzing import motion_comparison, motion_rounds, screening
 from eomcheck.lab.fuzzing.campaign import Campaign, Round
 from eomcheck.lab.fuzzing.failures import read_failures, write_failures
 from eomcheck.lab.fuzzing.motion_comparison import (
@@ -163,7 +163,7 @@ def test_a_formulation_that_steps_over_a_singular_pose_is_a_find(monkeypatch, tm
     first = failed[0]
     assert "singular" in first.detail and 0.2 < first.crossed < 0.35
     find = plan(Sleigh).record_failure(first, "sleigh", [])
-    assert find.whose == triage.SILENT and find.t_end < 5.0
+    assert find.whose == screening.SILENT and find.t_end < 5.0
     assert len(repr(find.parameters)) < len("{'mass': 1.3, 'inertia': 0.21, 'offset': 0.37}") + 40
     file = tmp_path / "found.json"
     write_failures(file, [find])
@@ -384,14 +384,14 @@ def test_poses_are_crossed_where_the_determinant_changes_its_sign():
 @pytest.mark.parametrize(
     ("verdicts", "whose"),
     [
-        (("passed", "passed", "passed"), triage.SILENT),
-        (("passed", "passed", "inconclusive"), triage.SILENT),
-        (("passed", "passed", "failed"), triage.SILENT),
-        (("passed", "passed", "inconclusive", "failed"), triage.UNKNOWN),
-        (("passed", "inconclusive", "inconclusive"), triage.UNKNOWN),
-        (("inconclusive",) * 3, triage.UNKNOWN),
-        (("passed",), triage.UNKNOWN),
-        ((), triage.UNKNOWN),
+        (("passed", "passed", "passed"), screening.SILENT),
+        (("passed", "passed", "inconclusive"), screening.SILENT),
+        (("passed", "passed", "failed"), screening.SILENT),
+        (("passed", "passed", "inconclusive", "failed"), screening.UNKNOWN),
+        (("passed", "inconclusive", "inconclusive"), screening.UNKNOWN),
+        (("inconclusive",) * 3, screening.UNKNOWN),
+        (("passed",), screening.UNKNOWN),
+        ((), screening.UNKNOWN),
     ],
 )
 def test_a_formulation_is_to_blame_only_where_most_others_and_two_at_least_pass(

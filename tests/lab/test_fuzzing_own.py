@@ -19,7 +19,7 @@ from eomcheck.draws.fuzz_cases import FAMILIES, ORDINARY, SPECIAL, StructuralVar
 from eomcheck.errors import InputError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import function_rounds as fuzzed
-from eomcheck.lab.fuzzing import triage
+from eomcheck.lab.fuzzing import screening
 from eomcheck.lab.fuzzing.campaign import Campaign, Round, ScoredCase
 from eomcheck.lab.fuzzing.failures import FUNCTIONS, read_failures, write_failures
 from eomcheck.lab.fuzzing.function_rounds import (
@@ -481,7 +481,7 @@ def test_functions_that_no_lanes_can_run_are_looked_at_one_by_one():
     assert {claim for claim, _ in right.worst} == {"power-balance", "equivalence"}
     wrong.run(states=1)
     assert "power-balance" in {find.claim for find in wrong.failure_records.values()}
-    assert {find.whose for find in wrong.failure_records.values()} == {triage.UNKNOWN}
+    assert {find.whose for find in wrong.failure_records.values()} == {screening.UNKNOWN}
 
 
 def test_terms_that_are_no_numbers_end_a_campaign_with_a_sentence():

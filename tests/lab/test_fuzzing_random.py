@@ -33,9 +33,8 @@ from eomcheck.lab.fuzzing.failures import (
     write_failures,
 )
 from eomcheck.lab.fuzzing.motion_rounds import MotionPlan, draw_starts
-from eomcheck.lab.fuzzing.screening import CheckFrequency
+from eomcheck.lab.fuzzing.screening import SCENE, CheckFrequency, Diagnosis, failed_findings
 from eomcheck.lab.fuzzing.state_rounds import STRUCTURES, RandomStatePlan, StatePlan
-from eomcheck.lab.fuzzing.triage import SCENE, Diagnosis, failed_findings
 from eomcheck.lab.store.record_file import Records
 from eomcheck.mechanics.records import State
 from eomcheck.strategies import draw_samples, scene_states, scenes

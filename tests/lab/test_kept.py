@@ -20,8 +20,13 @@ from eomcheck.lab.discrepancy import Explanation
 from eomcheck.lab.library_comparison import LibraryComparison, LibraryReading, LibraryResult
 from eomcheck.lab.store import parallel_map, provenance, validation_runs
 from eomcheck.lab.store.record_file import Record, Records, rows_in, select, values
-from eomcheck.lab.store.stored_findings import RUNS, STATES, stored_findings_of_runs, why_unreadable
-from eomcheck.lab.store.validation_runs import ValidationWriter
+from eomcheck.lab.store.validation_runs import (
+    RUNS,
+    STATES,
+    ValidationWriter,
+    stored_findings_of_runs,
+    why_unreadable,
+)
 from eomcheck.lab.studies import engines, motion, rhs, robots, tolerance
 from eomcheck.lab.studies.motion import MotionTime
 from eomcheck.lab.study import run_cells

@@ -13,15 +13,15 @@ from eomcheck.claims import Finding, State
 from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.errors import InputError
 from eomcheck.lab.store.record_file import Record, Records, select
-from eomcheck.lab.store.stored_findings import (
+from eomcheck.lab.store.validation_runs import (
     PROOFS,
     RUNS,
     STATES,
+    ValidationWriter,
     findings_record,
     stored_findings,
     stored_findings_in,
 )
-from eomcheck.lab.store.validation_runs import ValidationWriter
 from eomcheck.scenes import Sleigh, Snake
 
 SNAKE = Snake.coil(2)

@@ -38,7 +38,7 @@ from eomcheck.lab.report.overview import Overview, origin_of, sections_of
 from eomcheck.lab.report.report_formats import write_junit
 from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
 from eomcheck.lab.store.record_file import Record
-from eomcheck.lab.store.stored_findings import PROOFS, RUNS
+from eomcheck.lab.store.validation_runs import PROOFS, RUNS
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import SCENES, Bricard, FourBarChain, Sleigh, Snake
 

@@ -10,7 +10,7 @@ from multiprocessing.context import SpawnProcess
 import pytest
 
 from eomcheck.console import interruptible
-from eomcheck.lab.store import executors
+from eomcheck.lab.store import parallel_map
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -28,7 +28,7 @@ def test_a_worker_is_started_whole_before_an_interruption(monkeypatch, number: i
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with pytest.raises(KeyboardInterrupt), interruptible():
-            executors._Context().Process().start()
+            parallel_map._Context().Process().start()
     finally:
         signal.signal(signal.SIGINT, before)
     assert began == ["begun", "told what to do"]
@@ -46,7 +46,7 @@ def test_an_interruption_while_the_pool_starts_is_no_other_error(monkeypatch, nu
 
     monkeypatch.setattr(process._ExecutorManagerThread, "start", interrupted)
     try:
-        with pytest.raises(KeyboardInterrupt), executors.Local(1).open() as pool:
+        with pytest.raises(KeyboardInterrupt), parallel_map.Local(1).open() as pool:
             pool.submit(os.getpid).result()
     finally:
         signal.signal(number, handler)

@@ -27,8 +27,13 @@ from eomcheck.lab.report.report_formats import (
 from eomcheck.lab.show.chart import STYLES
 from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.record_file import Record, Records
-from eomcheck.lab.store.stored_findings import RUNS, STATES, stored_findings, stored_findings_in
-from eomcheck.lab.store.validation_runs import validate_kinds
+from eomcheck.lab.store.validation_runs import (
+    RUNS,
+    STATES,
+    stored_findings,
+    stored_findings_in,
+    validate_kinds,
+)
 from eomcheck.lab.studies.operations import counted_in
 from eomcheck.scenes import SCENES
 

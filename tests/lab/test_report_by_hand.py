@@ -27,7 +27,7 @@ from eomcheck.lab.report.overview import Overview, record_columns, record_table
 from eomcheck.lab.report.registries import parameter_table
 from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.record_file import Record
-from eomcheck.lab.store.stored_findings import RUNS
+from eomcheck.lab.store.validation_runs import RUNS
 from eomcheck.lab.study import Study
 from eomcheck.scenes import SCENES, ChainPendulum
 

@@ -16,7 +16,8 @@ from eomcheck.claims.finding import INCONCLUSIVE_CODE, Finding
 from eomcheck.draws.fuzz_cases import ORDINARY, draw_cases
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.fuzzing import screening, state_rounds, triage
+from eomcheck.lab.fuzzing import screening, state_rounds
+from eomcheck.lab.fuzzing import screening as triage
 from eomcheck.lab.fuzzing.campaign import Round, RoundResult
 from eomcheck.lab.fuzzing.failures import FailureRecord, failure_record
 from eomcheck.lab.fuzzing.replay import replay_failures
@@ -26,9 +27,9 @@ from eomcheck.lab.fuzzing.screening import (
     TRUTH,
     CheckFrequency,
     ScreeningResult,
+    diagnose_failure,
     screen,
 )
-from eomcheck.lab.fuzzing.triage import diagnose_failure
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import SCENES, Snake, snake
 

@@ -20,7 +20,7 @@ from eomcheck.evaluation.tolerance import NOTICEABLE, UNDERFLOW
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab import figure_data, references, run_time
 from eomcheck.lab import references as reference_runs
-from eomcheck.lab.fuzzing import campaign, motion_comparison, motion_rounds, triage
+from eomcheck.lab.fuzzing import campaign, motion_comparison, motion_rounds, screening
 from eomcheck.lab.fuzzing.campaign import Campaign, RoundResult
 from eomcheck.lab.references import REFERENCE_CASES, ReferenceCase
 from eomcheck.lab.show.table import Cell
@@ -284,78 +284,78 @@ def fault(monkeypatch, claim: str, subject: str, errors: dict[str, float], **kno
         assert (q.tolist(), v.tolist(), t) == ([1.0] * 3, [2.0] * 3, 3.0)
         return SimpleNamespace(doubles=lambda: np.array([1.0, -SIZE]))
 
-    monkeypatch.setattr(triage, "acceleration", accelerated)
-    monkeypatch.setattr(triage, "enclose", enclosed)
-    monkeypatch.setattr(triage, "true_error", lambda key, truth: np.array([0.0, errors[key]]))
-    monkeypatch.setattr(triage, "unproved", lambda scene: known.get("unproved", frozenset()))
-    monkeypatch.setattr(triage, "is_under_test", lambda engine: engine == "mine")
+    monkeypatch.setattr(screening, "acceleration", accelerated)
+    monkeypatch.setattr(screening, "enclose", enclosed)
+    monkeypatch.setattr(screening, "true_error", lambda key, truth: np.array([0.0, errors[key]]))
+    monkeypatch.setattr(screening, "unproved", lambda scene: known.get("unproved", frozenset()))
+    monkeypatch.setattr(screening, "is_under_test", lambda engine: engine == "mine")
     state = State(np.full(3, 1.0), np.full(3, 2.0), 3.0)
     failed = Finding(
         *(claim, subject, scene, state, 1.0, 0.1, "failed", "made up"),
         detail="the detail",
         engine=known.get("engine"),
     )
-    return triage.diagnose_failure(failed)
+    return screening.diagnose_failure(failed)
 
 
 @pytest.mark.parametrize(
     ("claim", "subject", "errors", "known", "whose", "evidence"),
     [
-        ("refusals", "au", {"au": 1.0}, {}, triage.REFUSAL, "the detail"),
+        ("refusals", "au", {"au": 1.0}, {}, screening.REFUSAL, "the detail"),
         (
             *("equivalence", "au ~ el", {"au": 1e-10, "el": 1e-8, "kane": 1.0}, {}),
-            *(triage.SILENT, "enclosed: el: true error 1e-08 of 8, bound 1e-09"),
+            *(screening.SILENT, "enclosed: el: true error 1e-08 of 8, bound 1e-09"),
         ),
         (
             *("equivalence", "au ~ el", {"au": 9e-6, "el": 1e-8}, {}),
-            triage.SILENT,
+            screening.SILENT,
             "enclosed: au: true error 9e-06 of 8, bound 1e-09, noticeable; "
             "el: true error 1e-08 of 8, bound 1e-09",
         ),
         (
             *("equivalence", "au ~ el", {"au": 1e-9, "el": 0.0}, {}),
-            triage.ALARM,
+            screening.ALARM,
             "identities proved; enclosed: au: true error 1e-09 of 8, bound 1e-09; "
             "el: true error 0 of 8, bound 1e-09",
         ),
         (
             *("equivalence", "au ~ el", {"kane": 1.0}, {}),
-            *(triage.ALARM, "identities proved; enclosed: no formulation"),
+            *(screening.ALARM, "identities proved; enclosed: no formulation"),
         ),
         (
             *("equivalence", "au ~ el", {"au": 0.0}),
-            *({"unproved": frozenset(["speed-forces", "bias"])}, triage.SCENE),
+            *({"unproved": frozenset(["speed-forces", "bias"])}, screening.SCENE),
             "not proved either: bias, speed-forces",
         ),
         (
-            *("equivalence", "au ~ el", {"au": 0.0}, {"unproved": None}, triage.UNKNOWN),
+            *("equivalence", "au ~ el", {"au": 0.0}, {"unproved": None}, screening.UNKNOWN),
             "the scene's functions are not rational: nothing is proved",
         ),
         (
-            *("mass-matrix", "casadi", {"au": 0.0}, {"engine": "casadi"}, triage.ENGINE),
+            *("mass-matrix", "casadi", {"au": 0.0}, {"engine": "casadi"}, screening.ENGINE),
             "an engine; enclosed: au: true error 0 of 8, bound 1e-09",
         ),
         (
-            *("mass-matrix", "casadi", {}, {"engine": "casadi"}, triage.ENGINE),
+            *("mass-matrix", "casadi", {}, {"engine": "casadi"}, screening.ENGINE),
             "an engine; enclosed: no formulation answers",
         ),
         (
             *("mass-matrix", "casadi", {}, {"engine": "casadi", "unproved": None}),
-            *(triage.UNKNOWN, "the scene's functions are not rational: nothing is proved"),
+            *(screening.UNKNOWN, "the scene's functions are not rational: nothing is proved"),
         ),
         (
             *("mass-matrix", "casadi", {"au": 0.0}),
-            *({"engine": "casadi", "unproved": frozenset(["bias"])}, triage.SCENE),
+            *({"engine": "casadi", "unproved": frozenset(["bias"])}, screening.SCENE),
             "not proved either: bias",
         ),
         (
             *("mass-matrix", "mine", {"au": 0.0, "el": 0.0, "kane": 0.0}),
-            *({"engine": "mine", "unproved": frozenset(["bias"])}, triage.ENGINE),
+            *({"engine": "mine", "unproved": frozenset(["bias"])}, screening.ENGINE),
             "the engine on trial; enclosed: au: true error 0 of 8, bound 1e-09; "
             "el: true error 0 of 8, bound 1e-09",
         ),
         (
-            *("equivalence", "au ~ el", {"au": UNDERFLOW / 2}, {"bound": 0.0}, triage.ALARM),
+            *("equivalence", "au ~ el", {"au": UNDERFLOW / 2}, {"bound": 0.0}, screening.ALARM),
             f"identities proved; enclosed: au: true error {UNDERFLOW / 2:.2g} of 8, bound 0",
         ),
     ],
@@ -377,7 +377,7 @@ def test_an_error_is_noticeable_beside_the_size_of_the_truth(monkeypatch):
     [("au ~ el", ("au", "el")), ("v̇: kane, gw", ("kane", "gw")), ("nothing", ()), ("auel", ())],
 )
 def test_a_finding_is_about_the_formulations_that_its_subject_names(subject, keys):
-    assert triage.keys_in_subject(subject, FORMULATIONS) == keys
+    assert screening.keys_in_subject(subject, FORMULATIONS) == keys
 
 
 def test_only_formulations_that_apply_are_judged_and_claims_once_each(monkeypatch):
@@ -388,10 +388,10 @@ def test_only_formulations_that_apply_are_judged_and_claims_once_each(monkeypatc
         told.append((of[1:], options))
         return [passed, failed]
 
-    monkeypatch.setattr(triage, "check_state", check)
+    monkeypatch.setattr(screening, "check_state", check)
     q, v = np.ones(3), np.zeros(3)
     case = Sleigh.example(), State(q, v, 2.0)
-    found = triage.failed_findings(case, ["b", "a", "b"], ["banded", "au"], ["casadi"])
+    found = screening.failed_findings(case, ["b", "a", "b"], ["banded", "au"], ["casadi"])
     assert found == [failed]
     options = {"formulations": ["au"], "engines": ["casadi"], "claims": ["a", "b"]}
     assert told == [((q, v, 2.0), options | {"consistent": False})]

@@ -23,7 +23,7 @@ from eomcheck.lab.report.finding_output import proof_table
 from eomcheck.lab.report.registries import parameter_table, registry_table
 from eomcheck.lab.show.table import Cell, ResultTable, _filled, _narrowed
 from eomcheck.lab.store.record_file import Records
-from eomcheck.lab.store.stored_findings import (
+from eomcheck.lab.store.validation_runs import (
     StoredFinding,
     stored_findings_in,
     stored_findings_of_runs,

@@ -17,9 +17,15 @@ from types import SimpleNamespace
 import pytest
 
 from eomcheck.errors import DiedError, InputError, RefusedError, UnknownNameError, WorkerError
-from eomcheck.lab.store import executors as cluster_module
-from eomcheck.lab.store.executors import backend_of, check_executor, executor, guarded
-from eomcheck.lab.store.parallel_map import DEATHS_TOGETHER, parallel_map
+from eomcheck.lab.store import parallel_map as cluster_module
+from eomcheck.lab.store.parallel_map import (
+    DEATHS_TOGETHER,
+    backend_of,
+    check_executor,
+    executor,
+    guarded,
+    parallel_map,
+)
 
 WORK = '''
 """What workers do; each call leaves a line (item, process) in a file of its own."""
@@ -349,7 +355,7 @@ def test_a_scheduler_that_goes_away_is_reported(work, notes: Path, cluster):
 
 def test_a_scheduler_that_stays_without_workers_ends_the_work(monkeypatch):
     pytest.importorskip("distributed")
-    from eomcheck.lab.store import executors
+    from eomcheck.lab.store import parallel_map as executors
 
     clock, workers = [100.0], {"one": {}}
     monkeypatch.setattr(executors.time, "monotonic", lambda: clock[0])

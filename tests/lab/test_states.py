@@ -15,12 +15,12 @@ from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.draws.pairwise_design import scene_cases
 from eomcheck.lab.store import validation_runs
 from eomcheck.lab.store.record_file import Records
-from eomcheck.lab.store.stored_findings import stored_findings_in
 from eomcheck.lab.store.validation_runs import (
     STATES_PER_PROCESS,
     all_built_in,
     check_in_parallel,
     default_executor,
+    stored_findings_in,
     validate_kind,
 )
 from eomcheck.scenes import SCENES, ChainPendulum, Sleigh

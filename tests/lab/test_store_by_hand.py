@@ -21,8 +21,9 @@ import pytest
 from eomcheck import calls
 from eomcheck.engines import CasadiEngine
 from eomcheck.errors import DiedError, InputError, WorkerError
-from eomcheck.lab.store import executors, parallel_map, validation_runs
-from eomcheck.lab.store.executors import ExecutorBackend, Local, backend_of
+from eomcheck.lab.store import parallel_map, validation_runs
+from eomcheck.lab.store import parallel_map as executors
+from eomcheck.lab.store.parallel_map import ExecutorBackend, Local, backend_of
 from eomcheck.lab.store.record_file import Record, canonical, json_of, key_of
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import Sleigh

@@ -14,8 +14,7 @@ from eomcheck.draws.fuzz_cases import ORDINARY, FuzzCase, StructuralVariant, dra
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import state_rounds
 from eomcheck.lab.fuzzing.campaign import RoundResult
-from eomcheck.lab.fuzzing.screening import CheckFrequency, ScreeningResult, screen
-from eomcheck.lab.fuzzing.triage import check_case
+from eomcheck.lab.fuzzing.screening import CheckFrequency, ScreeningResult, check_case, screen
 from eomcheck.scenes import Snake
 
 FEW = ("au", "em", "kane")

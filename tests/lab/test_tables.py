@@ -39,7 +39,7 @@ from eomcheck.lab.report.overview import Overview
 from eomcheck.lab.report.report_formats import write_junit, write_page
 from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.record_file import Record
-from eomcheck.lab.store.stored_findings import PROOFS, RUNS, StoredFinding
+from eomcheck.lab.store.validation_runs import PROOFS, RUNS, StoredFinding
 from eomcheck.mechanics.records import State
 from eomcheck.motion.batch import Trajectories
 from eomcheck.motion.simulate import Trajectory

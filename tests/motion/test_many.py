@@ -20,7 +20,7 @@ from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.perturbed import allowed_violation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.kernels import dop853
-from eomcheck.lab.store.executors import executor
+from eomcheck.lab.store.parallel_map import executor
 from eomcheck.motion import batch
 from eomcheck.scenes import SCENES, Snake
 

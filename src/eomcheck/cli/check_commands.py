@@ -104,7 +104,7 @@ def validate_command(
     from eomcheck.engines import engines_among, is_under_test, version_of
     from eomcheck.engines.answers import represented
     from eomcheck.lab.report.finding_output import print_runs, write_findings
-    from eomcheck.lab.store.executors import check_executor
+    from eomcheck.lab.store.parallel_map import check_executor
     from eomcheck.lab.store.validation_runs import (
         all_built_in,
         default_executor,
@@ -203,7 +203,7 @@ def prove_command(
     from eomcheck.console import interruptible
     from eomcheck.lab.proofs import Proofs, proof_jobs
     from eomcheck.lab.report.finding_output import print_proofs
-    from eomcheck.lab.store.executors import check_executor
+    from eomcheck.lab.store.parallel_map import check_executor
     from eomcheck.scene_lookup import robot_file_warnings, scene_classes_named
 
     jobs = proof_jobs(scene, numbers, examples, seed, formulation)
@@ -359,7 +359,7 @@ def reference_command(
         write_reference,
     )
     from eomcheck.lab.show.table import print_tables
-    from eomcheck.lab.store.executors import check_executor
+    from eomcheck.lab.store.parallel_map import check_executor
 
     cases = {name: reference_case(name) for name in names or REFERENCE_CASES}
     for name in cases:

@@ -171,7 +171,7 @@ def fuzz_command(
     from eomcheck.lab.fuzzing.campaign import Campaign
     from eomcheck.lab.fuzzing.failures import add_failures, functions_named, read_failures
     from eomcheck.lab.report.finding_output import ProgressPrinter, print_campaign
-    from eomcheck.lab.store.executors import check_executor
+    from eomcheck.lab.store.parallel_map import check_executor
 
     if keep is not None:
         read_failures(keep)  # a damaged file is bad input, reported before anything is computed

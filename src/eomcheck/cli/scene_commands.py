@@ -73,7 +73,7 @@ def _many(
     import eomcheck
     from eomcheck.evaluation.dynamics import assembled_position
     from eomcheck.lab.report.motion_tables import chart_of_many, print_many
-    from eomcheck.lab.store import executors
+    from eomcheck.lab.store import parallel_map
 
     check_count(examples=examples)
     if not 0 <= scale < np.inf:
@@ -87,7 +87,7 @@ def _many(
     u0 = u + scale * random.standard_normal((examples, scene.p))
     if scene.position_residual is not None:
         q0 = np.array([assembled_position(scene, one) for one in q0])
-    there = nullcontext() if executor is None else executors.executor(executor)
+    there = nullcontext() if executor is None else parallel_map.executor(executor)
     with there as pool:
         found = eomcheck.simulate_many(scene, key, t_end, q0=q0, u0=u0, executor=pool, **options)
     print_many(found)

@@ -251,7 +251,7 @@ def consistent(
     """
     if not scenes:
         return [], []
-    at = _terms_of(scenes, states)
+    at = batched_terms_at(scenes, states)
     with np.errstate(all="ignore"):
         finite = np.isfinite(at.q.data).all(axis=1)  # type: ignore[attr-defined]
         for term in (at.terms.a, at.terms.b):
@@ -294,7 +294,7 @@ class _Stacked(NamedTuple):
     terms: Any
 
 
-def _terms_of(scenes: Sequence[Scene], states: Sequence[State]) -> Any:
+def batched_terms_at(scenes: Sequence[Scene], states: Sequence[State]) -> Any:
     """Return the batched evaluation, or a `_Stacked` of functions that cannot run on a batch."""
     at = BatchEvaluation(scenes, states)
     try:

@@ -23,7 +23,7 @@ from eomcheck.lab.show.document_text import write_json
 from eomcheck.lab.store.parallel_map import parallel_map
 from eomcheck.lab.store.provenance import sources
 from eomcheck.lab.store.record_file import Record, Records, group
-from eomcheck.lab.store.stored_findings import (
+from eomcheck.lab.store.validation_runs import (
     PROOFS,
     StoredFinding,
     findings_record,
@@ -135,7 +135,7 @@ class Proofs:
     Args:
         jobs: the structures to prove.
         path: file to write, if any.
-        executor: executor for large scenes, see `eomcheck.lab.store.executors.executor`.
+        executor: executor for large scenes, see `eomcheck.lab.store.parallel_map.executor`.
         records: another file in which Findings are stored as they come, if any.
 
     Attributes:

@@ -219,7 +219,7 @@ def produce_all(
 
     Args:
         cases: name -> case.
-        executor: see `eomcheck.lab.store.executors.executor`.
+        executor: see `eomcheck.lab.store.parallel_map.executor`.
 
     Raises:
         EngineError: heyoka is not installed.

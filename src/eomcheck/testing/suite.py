@@ -86,8 +86,9 @@ WAIT_SECONDS = 3600.0
 def compute_once(folder: Path | None, name: str, work: Callable[[], Any]) -> Any:
     """Return the result of `work()`, computed once by all processes that share `folder`.
 
-    SQLite is the lock: it is released with the process that holds it, however that ends. Where
-    `work` raises, nothing is stored, and the next process tries again.
+    SQLite is the lock, one file a work, for `atomic_write.locked` locks whole folders, and on some
+    systems nothing. It is released with the process that holds it, however that ends. Where `work`
+    raises, nothing is stored, and the next process tries again.
 
     Args:
         folder: folder of the cache, None where nothing is shared.

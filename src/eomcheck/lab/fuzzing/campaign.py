@@ -35,8 +35,7 @@ from eomcheck.lab.fuzzing.failures import (
     fuzz_case,
     parameters_of,
 )
-from eomcheck.lab.fuzzing.screening import Key
-from eomcheck.lab.fuzzing.triage import Diagnosis, diagnose_failure
+from eomcheck.lab.fuzzing.screening import Diagnosis, Key, diagnose_failure
 from eomcheck.lab.store.parallel_map import parallel_map
 from eomcheck.lab.store.record_file import Record, Records
 from eomcheck.numbers.generic import Array
@@ -376,8 +375,8 @@ class Campaign(CheckTotals):
         Args:
             states: smallest number of states to check, those of earlier runs included.
             seconds: time limit, s; the round in hand is finished.
-            executor: address of the workers, see `eomcheck.lab.store.executors.executor`; None for
-                this process.
+            executor: address of the workers, see `eomcheck.lab.store.parallel_map.executor`; None
+                for this process.
             on_round: called after each round.
 
         Raises:

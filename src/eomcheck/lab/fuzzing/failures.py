@@ -33,12 +33,13 @@ from eomcheck.evaluation.dynamics import consistent_velocity
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing.motion_comparison import MotionFinding, python_of_motion
-from eomcheck.lab.fuzzing.triage import (
+from eomcheck.lab.fuzzing.screening import (
     Diagnosis,
     diagnose_failure,
     failed_findings,
     formulations_about,
 )
+from eomcheck.lab.store.validation_runs import check_types
 from eomcheck.mechanics.parameters import settable
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene, finite_array
@@ -169,7 +170,7 @@ class FailureRecord:
         subject: subject of the finding, such as formulations or an engine.
         observed: the error.
         allowed: the error that rounding explains.
-        whose: the part at fault, see `eomcheck.lab.fuzzing.triage`.
+        whose: the part at fault, see `eomcheck.lab.fuzzing.screening`.
         evidence: evidence that this part is at fault.
         detail: the finding's description of the error.
         why: a sentence by the author of the fix.
@@ -287,29 +288,16 @@ def read_failures(path: Path) -> list[FailureRecord]:
         raise InputError(f"{str(path)!r} holds no failures: {message_of(error)}") from None
 
 
-KINDS = {"float": (int, float), "str": str, "dict[str, Any]": dict, "list[float]": list}
-"""Annotation of a field of `FailureRecord` -> its types in JSON."""
-
-
-def _read(one: Any) -> FailureRecord:
+def _read(row: Any) -> FailureRecord:
     """Return the failure of a row of JSON.
 
     Raises:
         TypeError, ValueError: a field is missing, unknown, of another type, or not finite.
     """
-    if not isinstance(one, dict):
-        raise TypeError(f"{one!r}, expected names and values")
-    if unknown := set(one) - set(FailureRecord.__dataclass_fields__):
-        raise ValueError(f"unknown: {', '.join(sorted(unknown))}")
-    for name, value in one.items():
-        kind = KINDS[FailureRecord.__annotations__[name]]
-        if not isinstance(value, kind) or isinstance(value, bool):
-            raise TypeError(f"{name} = {value!r}, expected {FailureRecord.__annotations__[name]}")
-    failure = FailureRecord(**one)
-    for name in ("q", "v"):
-        finite_array(name, getattr(failure, name), (len(getattr(failure, name)),))
-    for name in ("t", "t_end"):
-        finite_array(name, getattr(failure, name), ())
+    failure = FailureRecord(**row)
+    check_types(failure)
+    for name in ("q", "v", "t", "t_end"):
+        finite_array(name, getattr(failure, name), np.shape(getattr(failure, name))[:1])
     if failure.t_end < 0.0:
         raise ValueError(f"t_end = {failure.t_end}, expected a time that is not negative")
     return failure

@@ -33,8 +33,7 @@ from eomcheck.lab.fuzzing.failures import (
     functions_named,
     simplify_numbers,
 )
-from eomcheck.lab.fuzzing.screening import DECIDED, OPEN
-from eomcheck.lab.fuzzing.triage import Diagnosis
+from eomcheck.lab.fuzzing.screening import DECIDED, OPEN, Diagnosis
 from eomcheck.mechanics.records import State
 from eomcheck.numbers.generic import Array
 from eomcheck.testing.equations_of_motion import EquationsOfMotion

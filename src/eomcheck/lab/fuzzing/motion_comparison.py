@@ -17,10 +17,9 @@ import numpy as np
 
 from eomcheck.claims.finding import Finding, Verdict
 from eomcheck.claims.reproducer import reproducer_header
-from eomcheck.draws.fuzz_cases import FuzzCase, consistent
+from eomcheck.draws.fuzz_cases import FuzzCase, batched_terms_at, consistent
 from eomcheck.errors import EomcheckError
 from eomcheck.evaluation.dynamics import assembled_position
-from eomcheck.evaluation.evaluation import BatchEvaluation
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, C
 from eomcheck.formulations import FORMULATIONS, Formulation
 from eomcheck.mechanics.parameters import settable
@@ -235,10 +234,10 @@ def jacobians(cases: Sequence[FuzzCase], y: Array, t_end: float) -> tuple[Array,
         return out, ()
     times = np.linspace(0.0, t_end, y.shape[1])
     states = [State(y[i, k, :n], y[i, k, n:], float(times[k])) for i, k in reached]
-    at = BatchEvaluation([cases[i][0] for i, _ in reached], states)
+    at = batched_terms_at([cases[i][0] for i, _ in reached], states)
     a: Any = at.terms.a
     out[tuple(np.array(reached).T)] = batch_data(a, at.states)
-    return out, tuple(at.partition.dependent)
+    return out, tuple(range(scene.r))
 
 
 # ---- Findings ------------------------------------------------------------------------------------

@@ -46,8 +46,8 @@ from eomcheck.lab.fuzzing.motion_comparison import (
     judge_motions,
     simulate_batch,
 )
+from eomcheck.lab.fuzzing.screening import SILENT, UNKNOWN, Diagnosis
 from eomcheck.lab.fuzzing.state_rounds import hill_climbed
-from eomcheck.lab.fuzzing.triage import SILENT, UNKNOWN, Diagnosis
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 

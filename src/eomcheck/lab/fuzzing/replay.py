@@ -14,7 +14,7 @@ from eomcheck.errors import EomcheckError, described_error, message_of
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing.failures import FUNCTIONS, FailureRecord, failure_record
 from eomcheck.lab.fuzzing.motion_comparison import MOTION_CLAIMS, findings_of_motion
-from eomcheck.lab.fuzzing.triage import Diagnosis, check_case, keys_in_subject
+from eomcheck.lab.fuzzing.screening import Diagnosis, check_case, keys_in_subject
 from eomcheck.scene_lookup import is_robot
 from eomcheck.testing.equations_of_motion import EquationsOfMotion
 from eomcheck.testing.function_checks import FUNCTION_CLAIMS, check_functions_at

@@ -44,8 +44,7 @@ from eomcheck.lab.fuzzing.campaign import (
     update_population,
 )
 from eomcheck.lab.fuzzing.failures import FailureRecord, alike, shrink
-from eomcheck.lab.fuzzing.screening import CheckFrequency, Key, ScreeningResult, screen
-from eomcheck.lab.fuzzing.triage import check_case
+from eomcheck.lab.fuzzing.screening import CheckFrequency, Key, ScreeningResult, check_case, screen
 from eomcheck.mechanics.records import Range
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array

@@ -20,7 +20,7 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.show.document_text import number_text, ranges
 from eomcheck.lab.show.table import Cell, ResultTable
 from eomcheck.lab.store.record_file import group
-from eomcheck.lab.store.stored_findings import StoredFinding
+from eomcheck.lab.store.validation_runs import StoredFinding
 from eomcheck.safe_output import counted
 
 LEVELS = ("proved", "enclosed", "property-tested", "compared")

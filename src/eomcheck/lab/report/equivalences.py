@@ -25,7 +25,7 @@ from eomcheck.lab.report.claim_summary import LEVELS, ClaimSummary, evidence_tab
 from eomcheck.lab.report.overview import Overview, origin_of
 from eomcheck.lab.show.document_text import ranges, render
 from eomcheck.lab.store.record_file import group
-from eomcheck.lab.store.stored_findings import PROOFS, RUNS, STATES
+from eomcheck.lab.store.validation_runs import PROOFS, RUNS, STATES
 from eomcheck.scenes import SCENES
 
 # ---- Tests by claim ------------------------------------------------------------------------------

@@ -40,7 +40,7 @@ from eomcheck.lab.report.claim_summary import (
 from eomcheck.lab.show.document_text import write_json as write_document
 from eomcheck.lab.show.table import Cell, ResultTable, print_tables, say, table_of
 from eomcheck.lab.store.record_file import group
-from eomcheck.lab.store.stored_findings import stored_findings_of_runs
+from eomcheck.lab.store.validation_runs import stored_findings_of_runs
 from eomcheck.safe_output import counted, printable
 
 # ---- Validation ----------------------------------------------------------------------------------

@@ -27,7 +27,7 @@ from eomcheck.lab.report.claim_summary import (
 from eomcheck.lab.show.chart import Chart
 from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.record_file import Record, Records, key_of
-from eomcheck.lab.store.stored_findings import PROOFS, RUNS, stored_findings_in, why_unreadable
+from eomcheck.lab.store.validation_runs import PROOFS, RUNS, stored_findings_in, why_unreadable
 from eomcheck.lab.studies import STUDIES, study_of
 from eomcheck.safe_output import counted
 from eomcheck.scenes import SCENES

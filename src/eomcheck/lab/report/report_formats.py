@@ -24,7 +24,7 @@ from eomcheck.lab.report.claim_summary import (
 from eomcheck.lab.report.overview import Overview, sections_of
 from eomcheck.lab.show.chart import STYLES, Chart, keys_of
 from eomcheck.lab.show.document_text import environment, render
-from eomcheck.lab.store.stored_findings import StoredFinding
+from eomcheck.lab.store.validation_runs import StoredFinding
 from eomcheck.safe_output import counted
 
 # ---- HTML ----------------------------------------------------------------------------------------
