@@ -53,7 +53,7 @@ def test_claims_are_asked_of_numbers_alone(monkeypatch, broken, finite, asked, r
     monkeypatch.setattr(run, "evaluate_claim", lambda asked, case, claim: [said(claim.id)] * 2)
     here: Any = (SceneEngines(SCENE, (), {}), state(1.0), selected(), 7)
     found = run.evaluate_state(*here)
-    assert given == [here]
+    assert given == [(*here, None)]
     claims = [one.claim for one in found.findings]
     assert claims == ([broken.claim] if broken else [x for x in asked for _ in range(2)])
     assert found.refused == refused
@@ -67,7 +67,9 @@ def test_engines_are_made_once_for_each_scene(monkeypatch):
         made.append(scene)
         return SceneEngines(scene, (), {})
 
-    def look(asked: SceneEngines, state: State, selection: RunSelection, often: int) -> StateResult:
+    def look(
+        asked: SceneEngines, state: State, selection: RunSelection, often: int, at: Any
+    ) -> StateResult:
         looked.append((asked.scene, state, often))
         return StateResult([], {}, ())
 

@@ -22,7 +22,7 @@ from eomcheck.evaluation.perturbed import (
 )
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.numbers.batch_arrays import BatchArray, NoiseBatch
+from eomcheck.numbers.batch_arrays import BatchArray
 from eomcheck.numbers.generic import FLOAT64, map_record
 from eomcheck.numbers.linear import recording_solves, solve
 from eomcheck.numbers.noise import SAMPLES, STEP, STRETCH, Noise, NoisyArithmetic
@@ -121,10 +121,7 @@ def test_jacobians_that_terms_are_made_of_are_moved():
 def one_alone(at: Evaluation, noise: Noise, monkeypatch) -> perturbed_module.PerturbedEvaluation:
     """Return the perturbed evaluation of one sample by itself."""
     with monkeypatch.context() as patch:
-        patch.setattr(
-            perturbed_module, "NoiseBatch", lambda noises, states: NoiseBatch([noise], states)
-        )
-        patch.setattr(perturbed_module, "COPIES", 1)
+        patch.setattr(perturbed_module, "NOISES", [noise])
         return perturbed_module.PerturbedEvaluation(at, coordinates=False)
 
 

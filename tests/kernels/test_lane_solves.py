@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from tests.numbers.test_banded import factors_above_the_matrix, inside
 
+import eomcheck.kernels.perturbed_solves  # noqa: F401  (registers the solver of moved matrices)
 from eomcheck.errors import RefusedError
-from eomcheck.kernels.batched_solves import solve_banded_batch, solve_batch
+from eomcheck.kernels.batched_solves import solve_banded_batch
 from eomcheck.numbers.banded_solve import TERMS, WIDTH, solve_banded, to_dense
 from eomcheck.numbers.batch_arrays import BatchArray, NoiseBatch
 from eomcheck.numbers.linear import SolveRecord, recording_solves, singular_below, solve
@@ -55,7 +56,7 @@ def matrices() -> list[np.ndarray]:
 def test_each_lane_is_solved_recorded_and_refused_as_alone(columns: tuple):
     A = matrices()
     b = list(np.random.default_rng(6).uniform(-1.0, 1.0, (len(A), SIZE, *columns)))
-    found, told, refused = together(solve_batch, A, b)
+    found, told, refused = together(solve, A, b)
     assert (told.name, told.size, told.refinements) == ("A", SIZE, 0)
     assert refused.tolist() == [False, False, False, True, True, True, False]
     for i in range(len(A)):
@@ -73,7 +74,7 @@ def test_each_lane_is_solved_recorded_and_refused_as_alone(columns: tuple):
 
 def test_lanes_of_which_no_condition_is_wanted_are_solved_whatever_it_is():
     A = matrices()
-    found, told, refused = together(solve_batch, A, [np.ones(SIZE)] * len(A), conditions=False)
+    found, told, refused = together(solve, A, [np.ones(SIZE)] * len(A), conditions=False)
     assert not refused.any() and (told.rcond == 1.0).all()
     assert np.isfinite(found[[0, 1, 2, 3, 6]]).all()
 
@@ -81,10 +82,10 @@ def test_lanes_of_which_no_condition_is_wanted_are_solved_whatever_it_is():
 def test_moved_lanes_are_near_those_that_are_not():
     A = matrices()
     b = [np.ones(SIZE)] * len(A)
-    exact, told, _ = together(solve_batch, A, b)
+    exact, told, _ = together(solve, A, b)
     for like in (None, {"A": told}):
         found, moved, refused = together(
-            solve_batch, A, b, noise=NoiseBatch([Noise(3)], states=7), references=like
+            solve, A, b, noise=NoiseBatch([Noise(3)], states=7), references=like
         )
         assert refused is None and np.isnan(found[5]).all()
         change = np.abs(found - exact).max(axis=1) / np.abs(exact).max(axis=1)
@@ -177,13 +178,11 @@ def test_each_change_of_lanes_is_taken_once_for_matrices_sides_what_rounds_and_s
     near = {"rtol": 1e-4, "atol": 1e-9}
     x, inverse = np.linalg.solve(A, b), np.linalg.inv(A)
     for place, (i, j) in enumerate(np.ndindex(3, 3)):
-        for lane, found in enumerate(moved_by(solve_batch, A, b, place)):
+        for lane, found in enumerate(moved_by(solve, A, b, place)):
             of_entry = -np.outer(inverse[lane][:, i], abs(A[lane][i, j]) * x[lane][j])
             np.testing.assert_allclose(found, of_entry, **near)
     for place, (i, j) in enumerate(np.ndindex(3, 2)):
-        of_side, rounded, of_solution = (
-            moved_by(solve_batch, A, b, 9 + 6 * k + place) for k in range(3)
-        )
+        of_side, rounded, of_solution = (moved_by(solve, A, b, 9 + 6 * k + place) for k in range(3))
         for lane in range(2):
             expected = np.zeros((3, 2))
             expected[:, j] = inverse[lane][:, i] * abs(b[lane][i, j])
@@ -201,13 +200,13 @@ def test_each_change_of_lanes_is_taken_once_for_matrices_sides_what_rounds_and_s
 
 def test_lanes_are_moved_by_the_rounding_of_the_matrix_as_it_is_where_that_has_more():
     A, b = [np.array([[1.0, 1.0], [1.0, 1.0 + 1e-8]])] * 2, [np.array([1.0, 1.0])] * 2
-    _, told, _ = together(solve_batch, A, b)
+    _, told, _ = together(solve, A, b)
     for factor in (0.1, 1.0, 100.0):
         lu = told.rounding.sizes.lu * factor
         larger = told.rounding._replace(sizes=type(told.rounding.sizes)(lu, told.pivots))
         like = {"A": told._replace(rounding=larger)}
-        still = together(solve_batch, A, b, noise=Told(-1, 1e-9), references=like)[0]
-        moved = together(solve_batch, A, b, noise=Told(6, 1e-9), references=like)[0]
+        still = together(solve, A, b, noise=Told(-1, 1e-9), references=like)[0]
+        moved = together(solve, A, b, noise=Told(6, 1e-9), references=like)[0]
         row = A[0] @ (moved[0] - still[0]) / 1e-9
         # |L||U||x| = 1 for x = (1, 0), each factor by itself; |L| keeps its ones.
         assert row[0] == pytest.approx(max(factor, 1.0), rel=1e-2)

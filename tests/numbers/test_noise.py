@@ -522,10 +522,10 @@ def test_every_operation_of_every_formulation_is_moved(kind, key, monkeypatch):
     taken, inside = [], together.call
 
     def taking(function, *arguments):
-        before = together.noise._taken
+        before = together.noise.position.taken
         result = inside(function, *arguments)
         if function is formulation.solution:
-            taken.append(together.noise._taken - before)
+            taken.append(together.noise.position.taken - before)
         return result
 
     monkeypatch.setattr(together, "call", taking)

@@ -143,7 +143,11 @@ def make_scene_engines(scene: Scene, selection: RunSelection) -> SceneEngines:
 
 
 def make_case(
-    asked: SceneEngines, state: State, selection: RunSelection, repeats: int = OFTEN
+    asked: SceneEngines,
+    state: State,
+    selection: RunSelection,
+    repeats: int = OFTEN,
+    at: Evaluation | None = None,
 ) -> Case:
     """Return the case of a state of a scene whose engines are constructed.
 
@@ -152,12 +156,11 @@ def make_case(
         state: (q, v, t).
         selection: formulations, engines and claims.
         repeats: number of repeated calls of engines under test for each answer.
+        at: the evaluation at the state, if it was made already.
     """
     formulations = tuple(f for f in selection.formulations if f.applies_to(asked.scene))
-    evaluation = Evaluation(asked.scene, *state)
-    return Case(
-        evaluation, formulations, asked.engines, unavailable=asked.unavailable, repeats=repeats
-    )
+    at = Evaluation(asked.scene, *state) if at is None else at
+    return Case(at, formulations, asked.engines, unavailable=asked.unavailable, repeats=repeats)
 
 
 def make_case_with_engines(scene: Scene, state: State, selection: RunSelection) -> Case:
@@ -275,10 +278,14 @@ class StateResult(NamedTuple):
 
 
 def evaluate_state(
-    asked: SceneEngines, state: State, selection: RunSelection, repeats: int
+    asked: SceneEngines,
+    state: State,
+    selection: RunSelection,
+    repeats: int,
+    at: Evaluation | None = None,
 ) -> StateResult:
     """Check one state of a scene whose engines are constructed; for arguments see `make_case`."""
-    case = make_case(asked, state, selection, repeats)
+    case = make_case(asked, state, selection, repeats, at)
     broken = case.terms_failure
     findings = [] if broken is None else [broken]
     seconds: dict[str, float] = {}
@@ -335,19 +342,25 @@ class ValidationRun:
         """Number of drawn states by factor and level, see `pairwise_design.count_levels`."""
         return count_levels((sampled.scene, sampled.state) for sampled in self.sampled)
 
-    def check_state(self, scene: Scene, state: State, selection: RunSelection) -> list[Finding]:
-        """Check one state, add its Findings to `findings` and return them."""
-        return self._add_result(
-            self._evaluate_state(scene, state, selection, OFTEN if len(self.ends) < 2 else ONCE)
-        )
+    def check_state(
+        self, scene: Scene, state: State, selection: RunSelection, at: Evaluation | None = None
+    ) -> list[Finding]:
+        """Check one state, add its Findings to `findings` and return them; see `make_case`."""
+        repeats = OFTEN if len(self.ends) < 2 else ONCE
+        return self._add_result(self._evaluate_state(scene, state, selection, repeats, at))
 
     def _evaluate_state(
-        self, scene: Scene, state: State, selection: RunSelection, asked_again: int
+        self,
+        scene: Scene,
+        state: State,
+        selection: RunSelection,
+        asked_again: int,
+        at: Evaluation | None = None,
     ) -> StateResult:
         if self._engines_for is None or self._engines_for.scene is not scene:
             # Once for each scene.
             self._engines_for = make_scene_engines(scene, selection)
-        return evaluate_state(self._engines_for, state, selection, asked_again)
+        return evaluate_state(self._engines_for, state, selection, asked_again, at)
 
     def _one_after_another(self, cases: Cases, selection: RunSelection) -> StateResults:
         for i, (scene, state) in enumerate(cases):
@@ -552,15 +565,16 @@ def check_state(
     selection = RunSelection.of(formulations, engines, claims, scenes=[checked_scene(scene)])
     state = State(*scene.check_state(q, v, t), t)
     check_shapes(scene)
+    at = Evaluation(scene, *state)
     try:
         if consistent:
-            check_consistent(Evaluation(scene, *state), CONSISTENT_HINT)
+            check_consistent(at, CONSISTENT_HINT)
     except EomcheckError:
         raise
     except Exception as error:
         if not _is_of(scene, state, error):  # else it is one of the Findings
             raise
-    return ValidationRun().check_state(scene, state, selection)
+    return ValidationRun().check_state(scene, state, selection, at)
 
 
 def validate(

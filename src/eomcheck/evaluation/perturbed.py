@@ -16,8 +16,8 @@ coordinates' own rounding changes a and b by more.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import partial
 from typing import Any
 
@@ -44,17 +44,24 @@ from eomcheck.numbers.batch_arrays import (
     NoiseBatch,
     as_float64,
     batch_data,
-    repeated,
 )
 from eomcheck.numbers.dual import RecordingArithmetic
 from eomcheck.numbers.generic import FLOAT64, Array, map_record
 from eomcheck.numbers.linear import SolveRecorder, for_each_noise, recording_solves
-from eomcheck.numbers.noise import SAMPLES, STEP, STRETCH, Noise, NoisyArithmetic, PerturbedArray
+from eomcheck.numbers.noise import (
+    SAMPLES,
+    STEP,
+    STRETCH,
+    Noise,
+    NoisePosition,
+    NoisyArithmetic,
+    PerturbedArray,
+)
 
 # ---- Perturbed samples ---------------------------------------------------------------------------
 
-COPIES = SAMPLES + 1
-"""Number of perturbed samples: the last has the noise of the first, and a larger step."""
+NOISES = *(Noise(seed) for seed in range(SAMPLES)), Noise(0, STRETCH * STEP)
+"""Noises of the perturbed samples: the last is the first with a larger step."""
 
 
 class PerturbedEvaluation(Evaluation):
@@ -77,28 +84,25 @@ class PerturbedEvaluation(Evaluation):
 
     def __init__(self, original: Evaluation, coordinates: bool):
         self.original, self.states = original, original.states
-        noises = *(Noise(seed) for seed in range(SAMPLES)), Noise(0, STRETCH * STEP)
-        self.noise = NoiseBatch(noises, original.states or 1)
+        self.noise = NoiseBatch(NOISES, original.states or 1)
         self.count = self.noise.count
-        with self.noise.stream("state"):
-            q = self._repeated(original.q)
+        with self.computing("state"):
+            q, v = self.noise.repeated((original.q, original.v))
             q = self.noise.perturb(q) if coordinates else q
-            v = self._repeated(original.v)
             v = BatchArray(v.data + _velocity_perturbations(original, v.data, self.noise))
         t: Any = original.t
-        t = self._repeated(t) if isinstance(t, BatchArray) else t
+        t = self.noise.repeated(t) if isinstance(t, BatchArray) else t
         self._begin_batch(original.scene, q, v, t)
         self._without_noise: dict[Key, Solution] = {}
 
-    def _repeated(self, x: Any) -> BatchArray:
-        """Return an array of the original for each of the samples."""
-        if isinstance(x, BatchArray):
-            return BatchArray(repeated(x.data, COPIES))
-        return BatchArray(np.broadcast_to(x, (self.count, *np.shape(x))))
-
-    def computing(self, name: str) -> AbstractContextManager:
-        """Return the context in which the noise draws from the start of the stream `name`."""
-        return self.noise.stream(name)
+    @contextmanager
+    def computing(self, name: str) -> Iterator[None]:
+        """Draw noise from the start of the stream `name` inside the block; see `Noise.stream`."""
+        before, self.noise.position = self.noise.position, NoisePosition(name)
+        try:
+            yield
+        finally:
+            self.noise.position = before
 
     def finished(self, record: Any) -> Any:
         """Return `record`, perturbed."""
@@ -144,7 +148,7 @@ class PerturbedEvaluation(Evaluation):
     @quantity
     def parameters(self) -> Any:
         """The scene's parameters, perturbed."""
-        return self.finished(map_record(self._repeated, self.original.parameters))
+        return self.finished(self.noise.repeated(self.original.parameters))
 
     def prepare(self) -> tuple[Any, Sequence[Any]]:
         """Return the precomputed values, every operation perturbed, and their angles and roots.
@@ -404,15 +408,15 @@ def measured_sensitivity(at: Evaluation, exact: Any, perturbed: Any, solved: boo
         perturbed: the quantity of its perturbed samples.
         solved: see `sensitivity_of`.
     """
-    exact = batch_data(as_float64(exact), at.states or 1)
-    changes = largest_of_each(_changes(exact, perturbed)).reshape(COPIES, -1)
+    exact = batch_data(exact, at.states or 1)
+    changes = largest_of_each(_changes(exact, perturbed)).reshape(len(NOISES), -1)
     return _of_states(amplification(largest_of_each(exact), changes, solved), at)
 
 
 def _changes(exact: Array, perturbed: Any) -> Array:
     """Return the changes (B, ...) of a quantity (L, ...) in its perturbed samples."""
-    count = COPIES * len(exact)
-    changes = batch_data(as_float64(perturbed), count).reshape(COPIES, *exact.shape) - exact
+    count = len(NOISES) * len(exact)
+    changes = batch_data(perturbed, count).reshape(len(NOISES), *exact.shape) - exact
     return changes.reshape(count, *exact.shape[1:])
 
 
@@ -439,8 +443,8 @@ def entry_sensitivity_of(at: Evaluation, quantity: Callable[[Any], Any]) -> Arra
 
 def measured_entry_sensitivity(at: Evaluation, exact: Any, perturbed: Any) -> Any:
     """Return κ · scale of each entry of a quantity, of its shape; see `measured_sensitivity`."""
-    exact = batch_data(as_float64(exact), at.states or 1)
-    changes = np.abs(_changes(exact, perturbed)).reshape(COPIES, *exact.shape)
+    exact = batch_data(exact, at.states or 1)
+    changes = np.abs(_changes(exact, perturbed)).reshape(len(NOISES), *exact.shape)
     sensitivity = np.abs(exact) + changes[:SAMPLES].max(axis=0) / STEP
     return BatchArray(sensitivity) if at.states else sensitivity[0]
 
@@ -511,7 +515,7 @@ def _input_sensitivity(
     exact = batch_data(getattr(at.acceleration(formulation, pivoted), part), at.states or 1)
     with np.errstate(all="ignore"):
         perturbed = getattr(samples.solution_without_noise(formulation, pivoted), part)
-        changes = largest_of_each(_changes(exact, perturbed)).reshape(COPIES, -1)
+        changes = largest_of_each(_changes(exact, perturbed)).reshape(len(NOISES), -1)
         return largest_of_each(exact) + changes[:SAMPLES].max(axis=0) / STEP
 
 
@@ -536,7 +540,9 @@ def _matrices_resolved(at: Evaluation, samples: PerturbedEvaluation, key: Key) -
     """
     exact, resolved = at.solves[key], np.ones(at.states or 1, bool)
     for name, solve in samples.solves[key].items():
-        signs, logs = (x.reshape(COPIES, -1)[:SAMPLES] for x in (solve.sign, solve.log_determinant))
+        signs, logs = (
+            x.reshape(len(NOISES), -1)[:SAMPLES] for x in (solve.sign, solve.log_determinant)
+        )
         with np.errstate(all="ignore"):
             changes = np.abs(logs - exact[name].log_determinant) * np.log(2.0)
             sound = (signs == exact[name].sign) & (allowed_error(changes / STEP) <= INCONCLUSIVE)

@@ -18,7 +18,6 @@ import numpy as np
 
 from eomcheck.kernels.linear_solves import address_of
 from eomcheck.kernels.llvm import IRBuilder
-from eomcheck.kernels.perturbed_solves import perturbed_solve
 from eomcheck.numbers import linear
 from eomcheck.numbers.banded_solve import (
     BANDED_SOLVERS,
@@ -168,13 +167,10 @@ class BatchFactors(NamedTuple):
 
 def solve_batch(A: Any, b: Any, name: str) -> BatchArray:
     """Solve A x = b of each element; see `eomcheck.numbers.linear.solve`."""
-    noise = linear.active_noise()
-    count = noise.count if isinstance(noise, NoiseBatch) else batch_size((A, b))
+    count = batch_size((A, b))
     A, b = (batch_data(x, count) for x in (A, b))
     if A.shape[-1] == 0:
         return BatchArray(b)
-    if noise is not None:
-        return perturbed_solve(A, b, name)
     with np.errstate(all="ignore"):
         A, b, scale, row_scale = linear.equilibrate(A, b)
         factors = BatchFactors.of(A)
@@ -268,5 +264,5 @@ def solve_banded_batch(bands: Any, b: Any, name: str) -> BatchArray:
         return BatchArray(noise.perturbed(perturbed, np.abs(perturbed)), noise)
 
 
-SOLVERS[BatchArray] = SOLVERS[NoiseBatch] = solve_batch
+SOLVERS[BatchArray] = solve_batch
 BANDED_SOLVERS[BatchArray] = solve_banded_batch

@@ -18,7 +18,7 @@ import numpy as np
 
 from eomcheck.kernels.linear_solves import EXPONENT, ONE, emit_power_of_two_scale
 from eomcheck.kernels.llvm import LANES, IRBuilder
-from eomcheck.numbers.batch_arrays import BatchArray, NoiseBatch
+from eomcheck.numbers.batch_arrays import BatchArray, NoiseBatch, batch_data
 from eomcheck.numbers.linear import SOLVERS, SolveRecord, active_noise, record, reference_solve
 from eomcheck.numbers.noise import NORMAL, Noise
 
@@ -414,12 +414,11 @@ def compiled_perturbed_solve() -> Callable[..., None]:
 # ---- The solver ----------------------------------------------------------------------------------
 
 
-def perturbed_solve(A: np.ndarray, b: np.ndarray, name: str) -> Any:
+def perturbed_solve(A: Any, b: Any, name: str) -> Any:
     """Solve A x = b with A, b and x perturbed, and a separate backward error per right-hand side.
 
     The backward error matters if solutions for several right-hand sides are summed and cancel.
-    Nothing is refused; a singular matrix gives NaN. With a `NoiseBatch` the first axis of A
-    (..., k, k) and of b (..., k) or (..., k, m) is the batch axis.
+    Nothing is refused; a singular matrix gives NaN. With a `NoiseBatch` A and b are of a batch.
 
     Args:
         A: matrix.
@@ -433,6 +432,10 @@ def perturbed_solve(A: np.ndarray, b: np.ndarray, name: str) -> Any:
     assert noise is not None
     batched = isinstance(noise, NoiseBatch)
     states = noise.states if batched else 1
+    if batched:
+        A, b = (x.data if isinstance(x, BatchArray) else batch_data(x, noise.count) for x in (A, b))
+    if A.shape[-1] == 0:
+        return BatchArray(b) if batched else b
     size, count = A.shape[-1], A[..., 0, 0].size
     many = b[..., 0, :].size // count if b.ndim == A.ndim else 1
     enabled = not batched or noise.enabled
@@ -466,4 +469,4 @@ def perturbed_solve(A: np.ndarray, b: np.ndarray, name: str) -> Any:
     return BatchArray(x, noise) if batched else noise.as_perturbed(x)
 
 
-SOLVERS[Noise] = perturbed_solve
+SOLVERS[Noise] = SOLVERS[NoiseBatch] = perturbed_solve

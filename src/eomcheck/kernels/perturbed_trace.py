@@ -28,7 +28,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.kernels import batched_solves  # noqa: F401  (registers solvers of batches)
+from eomcheck.kernels import batched_solves, perturbed_solves  # noqa: F401  (register solvers)
 from eomcheck.kernels.llvm import LANES, IRBuilder
 from eomcheck.numbers.banded_solve import BANDED_SOLVERS, solve_banded
 from eomcheck.numbers.batch_arrays import (
@@ -40,9 +40,10 @@ from eomcheck.numbers.batch_arrays import (
     packed_entries,
 )
 from eomcheck.numbers.dual import RecordingArithmetic
-from eomcheck.numbers.generic import BRANCH, FLOAT64, Angles, Array, NotRationalError, map_record
+from eomcheck.numbers.generic import FLOAT64, Angles, Array, map_record
 from eomcheck.numbers.linear import PRODUCTS, SOLVERS, matrix_product, solve
 from eomcheck.numbers.noise import NORMAL
+from eomcheck.numbers.tape import ADD, DIV, MUL, NEG, SUB, RecordedNumber
 
 # ---- Trace keys ----------------------------------------------------------------------------------
 
@@ -77,7 +78,8 @@ def trace_key(x: Any, inputs: list[Any]) -> Hashable:
 
 # ---- Traces --------------------------------------------------------------------------------------
 
-ADD, SUB, MUL, DIV, NEG = range(5)
+CODES = {ADD: 0, SUB: 1, MUL: 2, DIV: 3, NEG: 4}
+"""Codes of operations in a trace."""
 
 
 LARGEST_TOTAL = 2**21
@@ -200,7 +202,7 @@ class _Trace:
 
     def _numbers(self, shape: tuple[int, ...]) -> Array:
         numbers = np.empty(shape, object)
-        numbers.ravel()[:] = [_TracedNumber(self._next(), self) for _ in range(numbers.size)]
+        numbers.ravel()[:] = [_TracedNumber(self, self._next()) for _ in range(numbers.size)]
         return numbers
 
     def _indices(self, part: Any) -> Array:
@@ -215,11 +217,33 @@ class _Trace:
             self._literals[x] = self._next()
         return self._literals[x]
 
-    def add(self, operation: int, x: int, y: int) -> _TracedNumber:
+    def operated(self, operation: str, x: Any, y: Any) -> Any:
+        """Return x `operation` y, one of them a literal or both numbers of this trace.
+
+        Literals are integers. Nothing is recorded for x + 0, 0 x and 1 x, which round nothing.
+        """
+        literal, number = (x, y) if type(x) is int else (y, x)
+        if type(number) is not _TracedNumber or type(literal) not in (int, _TracedNumber):
+            return NotImplemented
+        if type(literal) is int:
+            if literal == 0 and (operation == ADD or (operation == SUB and literal is y)):
+                return number
+            if operation == MUL and literal in (0, 1):
+                return number if literal else 0
+            if operation == SUB and literal is x:
+                return -y + x
+            x, y = (_TracedNumber(self, self.literal(z)) if type(z) is int else z for z in (x, y))
+        return self._add(operation, x.index, y.index)
+
+    def negated(self, x: _TracedNumber) -> _TracedNumber:
+        """Return -x."""
+        return self._add(NEG, x.index, x.index)
+
+    def _add(self, operation: str, x: int, y: int) -> _TracedNumber:
         """Return the result of an operation on the values at the indices x and y."""
         index = self._next()
-        self._operations.extend((operation, x, y, index))
-        return _TracedNumber(index, self)
+        self._operations.extend((CODES[operation], x, y, index))
+        return _TracedNumber(self, index)
 
     def group(self, function: Callable, shape: tuple[int, ...], *arrays: Array) -> Array:
         """Return the result, of this shape, of a function of float64 arrays."""
@@ -309,67 +333,17 @@ class _Values:
             run(count, operations, values, width // self.lanes, row, changes)
 
 
-class _TracedNumber:
-    """A number of a trace, which records the operations on it.
+class _TracedNumber(RecordedNumber):
+    """A number of a trace; its tape is the trace, its index that of its value."""
 
-    Attributes:
-        index: index of its value.
-        trace: the trace.
-    """
-
-    __slots__ = ("index", "trace")
-
-    def __init__(self, index: int, trace: _Trace):
-        self.index, self.trace = index, trace
-
-    # `NotImplemented` for an array lets numpy apply the operation to its entries.
-
-    def _with(self, operation: int, other: Any) -> Any:
-        if type(other) is _TracedNumber:
-            return self.trace.add(operation, self.index, other.index)
-        if type(other) is int:
-            return self.trace.add(operation, self.index, self.trace.literal(other))
-        return NotImplemented
-
-    def __add__(self, other):
-        return self if type(other) is int and other == 0 else self._with(ADD, other)
-
-    def __sub__(self, other):
-        return self if type(other) is int and other == 0 else self._with(SUB, other)
-
-    def __rsub__(self, other):
-        return -self + other
-
-    def __mul__(self, other):
-        if type(other) is int and other in (0, 1):
-            return self if other else 0
-        return self._with(MUL, other)
-
-    def __truediv__(self, other):
-        return self._with(DIV, other)
-
-    def __rtruediv__(self, other):
-        if type(other) is int:
-            return self.trace.add(DIV, self.trace.literal(other), self.index)
-        return NotImplemented
-
-    def __neg__(self):
-        return self.trace.add(NEG, self.index, self.index)
-
-    def _compared(self, other=None):
-        raise NotRationalError(BRANCH)
-
-    __eq__ = __lt__ = __le__ = __gt__ = __ge__ = __bool__ = _compared
-    __hash__ = None  # type: ignore[assignment]
-
-    __radd__ = __add__
-    __rmul__ = __mul__
+    __slots__ = ()
+    tape: _Trace
 
 
 def trace_of(*arrays: Array) -> _Trace | None:
     """Return the trace to which entries of arrays belong, None if there is none."""
     return next(
-        (x.trace for x in chain(*(a.flat for a in arrays)) if type(x) is _TracedNumber), None
+        (x.tape for x in chain(*(a.flat for a in arrays)) if type(x) is _TracedNumber), None
     )
 
 
@@ -418,16 +392,16 @@ def _replay_function(lanes: int, perturbed: bool) -> Callable[..., None]:
         change = ""
         if perturbed:
             change = wide.load("%changes", turn.i)
-        for number, name in enumerate(("add", "sub", "mul", "div", "neg")):
+        for name, number in zip(("add", "sub", "mul", "div", "neg"), CODES.values(), strict=True):
             is_this = code.let(f"icmp eq i64 {operation}, {number}")
             with code.when(is_this), code.loop("%many") as vector:
                 a = wide.load(x, vector.i)
-                if number == NEG:
+                if number == CODES[NEG]:
                     result = wide.neg(a)
                 else:
                     b = wide.load(y, vector.i)
                     result = getattr(wide, name)(a, b)
-                    if number == DIV:
+                    if number == CODES[DIV]:
                         zero = wide.compare("oeq", b, wide.constant(0.0))
                         result = wide.choose(zero, wide.constant(float("nan")), result)
                     if perturbed:
@@ -483,17 +457,10 @@ class _TracingArithmetic:
 
 
 def _cos_and_sin(x: Any) -> Any:
-    return np.stack((_rounded(np.cos, x), _rounded(np.sin, x)))
+    with np.errstate(invalid="ignore"):
+        return np.stack((np.cos(x), np.sin(x)))
 
 
 def _root(x: Any) -> Any:
-    return _rounded(np.sqrt, x)
-
-
-def _rounded(function: Callable, x: Any) -> Any:
-    """Return the function of each entry, perturbed by the noise of a batch if it has any."""
     with np.errstate(invalid="ignore"):
-        if not isinstance(x, BatchArray):
-            return function(x)
-        result = BatchArray(function(x.data))
-    return result if x.noise is None else x.noise.perturb(result)
+        return np.sqrt(x)

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from eomcheck.numbers.generic import BRANCH, Angles, Array, NotRationalError, map_record
-from eomcheck.numbers.noise import EXACT_UFUNCS, Noise, draws_of
+from eomcheck.numbers.noise import EXACT_UFUNCS, Noise, NoisePosition
 
 # ---- Arrays --------------------------------------------------------------------------------------
 
@@ -461,10 +461,7 @@ class NoiseBatch(Noise):
 
     def draws(self, count: int) -> Array:
         """Return the next perturbations of each noise (k, count)."""
-        first, self._taken = self._taken, self._taken + count
-        if not self._drawn.size or self._taken > self._drawn.shape[-1]:
-            self._drawn = draws_of(self._sources, self._stream, self._taken)
-        return self._drawn[:, first : self._taken]
+        return self._next(self._sources, count)
 
     def changes(self, shape: tuple[int, ...]) -> Array:
         """Return the next perturbations; `shape` begins with the batch axis."""
@@ -488,13 +485,20 @@ class NoiseBatch(Noise):
         """Return x as an array on which every operation of whole arrays is perturbed."""
         return BatchArray(x.data, self)
 
+    def repeated(self, record: Any) -> Any:
+        """Return a record with each array of one or several states repeated for all samples."""
+        return map_record(
+            lambda x: BatchArray(repeated(batch_data(x, self.states), self.count // self.states)),
+            record,
+        )
+
     @contextmanager
     def disabled(self) -> Iterator[None]:
         """Perturb nothing inside the block: neither in new operations nor on existing arrays."""
         enabled, self._sources = self._sources, tuple((seed, 0.0) for seed, _ in self._sources)
         self.enabled = False
         try:
-            with self.stream(self._stream):
+            with self.stream(self.position.stream):
                 yield
         finally:
             self._sources, self.enabled = enabled, True
@@ -504,6 +508,6 @@ class NoiseBatch(Noise):
         """Yield the single noises, at the position of the batch; it goes on after the farthest."""
         noises = [Noise(*source) for source in self._sources]
         for noise in noises:
-            noise._stream, noise._taken = self._stream, self._taken
+            noise.position = NoisePosition(self.position.stream, self.position.taken)
         yield noises
-        self._taken = max(noise._taken for noise in noises)
+        self.position.taken = max(noise.position.taken for noise in noises)

@@ -338,7 +338,8 @@ def solve(A, b, name):
         message = f"the {A.shape[-2]} x {A.shape[-1]} matrix {name} is not square"
         raise RefusedError(name, 0.0, 0.0, message)
     if isinstance(A, BatchArray) or isinstance(b, BatchArray):
-        return SOLVERS[BatchArray](A, b, name)
+        noise = active_noise()
+        return SOLVERS[BatchArray if noise is None else NoiseBatch](A, b, name)
     if A.dtype != object:
         return _lapack_solve(np.asarray(A), np.asarray(b), name)
     if A.shape[0] == 0:
@@ -372,7 +373,7 @@ def _lapack_solve(A, b, name):
     if size == 0:
         return b.copy()
     if (noise := active_noise()) is not None:
-        return SOLVERS[type(noise)](A, b, name)
+        return SOLVERS[NoiseBatch if isinstance(noise, NoiseBatch) else Noise](A, b, name)
     A, b, scale, row_scale = equilibrate(A, b)
     lu, pivots, _ = _getrf(A)
     sign, log = determinant(np.diagonal(lu), pivots, scale, row_scale)

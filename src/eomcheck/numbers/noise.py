@@ -21,6 +21,7 @@ import math
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -74,6 +75,15 @@ def draws_of(sources: tuple[tuple[int, float], ...], stream: str, count: int) ->
     return draws(sources, stream, size)
 
 
+@dataclass
+class NoisePosition:
+    """A position in a stream: its name, how many perturbations were taken, and those drawn."""
+
+    stream: str = ""
+    taken: int = 0
+    drawn: np.ndarray | None = None
+
+
 class Noise:
     """A source of relative perturbations of size between h/2 and h, either sign.
 
@@ -87,25 +97,28 @@ class Noise:
 
     def __init__(self, seed: int, step: float = STEP):
         self.seed, self.step = seed, step
-        self._stream, self._drawn, self._taken = "", np.empty(0), 0
+        self.position = NoisePosition()
 
     @contextmanager
     def stream(self, name: str) -> Iterator[None]:
         """Draw from the start of the stream `name` inside the block; afterwards go on as before."""
-        before = self._stream, self._drawn, self._taken
-        self._stream, self._drawn, self._taken = name, np.empty(0), 0
+        before, self.position = self.position, NoisePosition(name)
         try:
             yield
         finally:
-            self._stream, self._drawn, self._taken = before
+            self.position = before
 
     def changes(self, shape: tuple[int, ...]) -> np.ndarray:
         """Return the next perturbations of the stream, of magnitude h/2 to h."""
-        first = self._taken
-        self._taken += math.prod(shape)
-        if self._taken > self._drawn.size:
-            self._drawn = draws_of(((self.seed, self.step),), self._stream, self._taken)[0]
-        return self._drawn[first : self._taken].reshape(shape)
+        return self._next(((self.seed, self.step),), math.prod(shape))[0].reshape(shape)
+
+    def _next(self, sources: tuple[tuple[int, float], ...], count: int) -> np.ndarray:
+        """Return the next perturbations (k, count) of sources (seed, step)."""
+        at = self.position
+        first, at.taken = at.taken, at.taken + count
+        if at.drawn is None or at.taken > at.drawn.shape[1]:
+            at.drawn = draws_of(sources, at.stream, at.taken)
+        return at.drawn[:, first : at.taken]
 
     def perturbed(self, x: np.ndarray, size: np.ndarray) -> np.ndarray:
         """Return x with each entry perturbed relative to `size`, of the same shape."""

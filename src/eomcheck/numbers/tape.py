@@ -142,6 +142,27 @@ class Tape:
         """Return the positive square roots of x (k,)."""
         return map_entries(lambda y: self.number(y).sqrt(), x)
 
+    def operated(self, op: str, x: Any, y: Any) -> Any:
+        """Return x op y of numbers of this tape, one of which may be a literal or a float64."""
+        known = Number | int | float | np.number
+        if not (isinstance(x, known) and isinstance(y, known)):
+            return NotImplemented
+        x, y = self.number(x), self.number(y)
+        a, b = self.value(x.index), self.value(y.index)
+        if a is not None and b is not None:
+            with np.errstate(all="ignore"):
+                return self.constant(_quotient(a, b) if op is DIV else FLOAT64_OPERATIONS[op](a, b))
+        return _simplified(self, op, x, y, a, b)
+
+    def negated(self, x: Number) -> Number:
+        """Return -x."""
+        operation = self.operations[x.index]
+        if operation.op is CONSTANT:
+            return self.constant(-operation.x)
+        if operation.op is NEG:
+            return Number(self, operation.x)
+        return Number(self, self.index_of(Operation(NEG, x.index)))
+
     def group(
         self, kind: str, name: str, shape: tuple[int, ...], reads: tuple[int, ...], parts: int,
         by: int = -1,
@@ -189,8 +210,8 @@ class Tape:
         return x.reshape(len(A), B.shape[1])
 
 
-class Number:
-    """A number that is recorded on a tape.
+class RecordedNumber:
+    """A number whose operations its tape records: `operated` and `negated` of the tape.
 
     Attributes:
         index: that of its entry.
@@ -199,44 +220,51 @@ class Number:
 
     __slots__ = ("index", "tape")
 
-    def __init__(self, tape: Tape, index: int):
+    def __init__(self, tape: Any, index: int):
         self.tape, self.index = tape, index
 
     def __add__(self, other):
-        return _operated(ADD, self, other)
+        return self.tape.operated(ADD, self, other)
 
     def __radd__(self, other):
-        return _operated(ADD, other, self)
+        return self.tape.operated(ADD, other, self)
 
     def __sub__(self, other):
-        return _operated(SUB, self, other)
+        return self.tape.operated(SUB, self, other)
 
     def __rsub__(self, other):
-        return _operated(SUB, other, self)
+        return self.tape.operated(SUB, other, self)
 
     def __mul__(self, other):
-        return _operated(MUL, self, other)
+        return self.tape.operated(MUL, self, other)
 
     def __rmul__(self, other):
-        return _operated(MUL, other, self)
+        return self.tape.operated(MUL, other, self)
 
     def __truediv__(self, other):
-        return _operated(DIV, self, other)
+        return self.tape.operated(DIV, self, other)
 
     def __rtruediv__(self, other):
-        return _operated(DIV, other, self)
+        return self.tape.operated(DIV, other, self)
+
+    def __neg__(self):
+        return self.tape.negated(self)
+
+    def _compared(self, other=None):
+        raise NotRationalError(BRANCH)
+
+    __eq__ = __lt__ = __le__ = __gt__ = __ge__ = __bool__ = _compared
+    __hash__ = None  # type: ignore[assignment]
+
+
+class Number(RecordedNumber):
+    """A number that is recorded on a `Tape`."""
+
+    __slots__ = ()
+    tape: Tape
 
     def __pow__(self, power):
         return product_of(self, power)
-
-    def __neg__(self):
-        tape = self.tape
-        operation = tape.operations[self.index]
-        if operation.op is CONSTANT:
-            return tape.constant(-operation.x)
-        if operation.op is NEG:
-            return Number(tape, operation.x)
-        return Number(tape, tape.index_of(Operation(NEG, self.index)))
 
     def __pos__(self):
         return self
@@ -256,30 +284,10 @@ class Number:
         """Return the sine of an angle, rad."""
         return self.tape.angles(np.array([self], object)).sin[0]
 
-    def _compared(self, other=None):
-        raise NotRationalError(BRANCH)
-
     def __float__(self):
         raise NotRationalError("a number of the model in an array of doubles: give it their dtype")
 
-    __eq__ = __lt__ = __le__ = __gt__ = __ge__ = __bool__ = __abs__ = _compared
-    __hash__ = None  # type: ignore[assignment]
-
-
-def _operated(op: str, x: Any, y: Any) -> Any:
-    if isinstance(x, np.ndarray) or isinstance(y, np.ndarray):
-        return NotImplemented
-    tape = x.tape if isinstance(x, Number) else y.tape
-    if not isinstance(x, Number | int | float | np.number):
-        return NotImplemented
-    if not isinstance(y, Number | int | float | np.number):
-        return NotImplemented
-    x, y = tape.number(x), tape.number(y)
-    a, b = tape.value(x.index), tape.value(y.index)
-    if a is not None and b is not None:
-        with np.errstate(all="ignore"):
-            return tape.constant(_quotient(a, b) if op is DIV else FLOAT64_OPERATIONS[op](a, b))
-    return _simplified(tape, op, x, y, a, b)
+    __abs__ = RecordedNumber._compared
 
 
 def _simplified(tape: Tape, op: str, x: Number, y: Number, a: float | None, b: float | None) -> Any:
@@ -288,16 +296,16 @@ def _simplified(tape: Tape, op: str, x: Number, y: Number, a: float | None, b: f
         if a == 0 or b == 0:
             return y if a == 0 else x
         if tape.operations[y.index].op is NEG:
-            return _operated(SUB, x, -y)
+            return tape.operated(SUB, x, -y)
         if tape.operations[x.index].op is NEG:
-            return _operated(SUB, y, -x)
+            return tape.operated(SUB, y, -x)
         if (known := tape._places.get(Operation(ADD, y.index, x.index))) is not None:
             return Number(tape, known)
     elif op is SUB:
         if a == 0 or b == 0:
             return -y if a == 0 else x
         if tape.operations[y.index].op is NEG:
-            return _operated(ADD, x, -y)
+            return tape.operated(ADD, x, -y)
     elif op is MUL:
         if a == 0 or b == 0:
             return tape.constant(0.0)
@@ -307,16 +315,16 @@ def _simplified(tape: Tape, op: str, x: Number, y: Number, a: float | None, b: f
         # Signs are moved outwards, into sums: a merged `-x` would be computed where it is first
         # used, and break the pattern of the iterations that use it later.
         if (plain := _unsigned(x, y)) is not None:
-            return -_operated(MUL, *plain)
+            return -tape.operated(MUL, *plain)
         if (known := tape._places.get(Operation(MUL, y.index, x.index))) is not None:
             return Number(tape, known)
     else:
         if a == 0:
             return tape.constant(0.0)
         if b is not None and abs(math.frexp(b)[0]) == 0.5 and 2.0**-1000 < abs(b) < 2.0**1000:
-            return _operated(MUL, x, 1.0 / b)  # exact: a power of two
+            return tape.operated(MUL, x, 1.0 / b)  # exact: a power of two
         if (plain := _unsigned(x, y)) is not None:
-            return -_operated(DIV, *plain)
+            return -tape.operated(DIV, *plain)
     return Number(tape, tape.index_of(Operation(op, x.index, y.index)))
 
 
