@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import product
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.show.chart import Axis, Chart, File, Line, Panel
@@ -19,6 +22,7 @@ from eomcheck.lab.studies.paper.measure import (
     QUANTITIES,
     PaperRecords,
     Solver,
+    coil_of,
     growth,
 )
 from eomcheck.lab.studies.paper.paper_claims import KANE, judgements
@@ -339,10 +343,87 @@ def _over_time(found: PaperRecords, solvers: Sequence[str], width: float) -> Cha
     )
 
 
-def _files(found: Sequence[Record], folder: Path) -> list[Path]:
-    from eomcheck.lab.studies.paper.robot import write_robot
+# ---- Poses of the robot (Fig. 2) and its animation, by matplotlib --------------------------------
 
-    return write_robot(robot_motion(PaperRecords(found)), folder)
+FRAMES_PER_SECOND = 10
+EVERY = 2
+"""Number of output times per frame."""
+GREYS = ("0.78", "0.62", "0.46", "0.3", "0.0")
+"""Greys of the poses of Fig. 2, the last one darkest."""
+
+
+def write_robot(found: Sequence[Record], folder: Path) -> list[Path]:
+    """Draw the poses and the animation, if the motion is among the Records; return the files."""
+    record = robot_motion(PaperRecords(found))
+    if record is None:
+        return []
+    poses, moving = folder / "paper-fig2.png", folder / "paper-fig2.gif"
+    _draw_poses(record, poses)
+    _animate(record, moving)
+    return [poses, moving]
+
+
+def _link_ends(record: Record) -> np.ndarray:
+    """Return the ends of the links at all output times (k, N + 1, 2), m."""
+    from eomcheck.lab.show.sketch_drawing import link_ends
+
+    length = coil_of(PAPER_LINKS).length
+    return np.array([link_ends(length, np.array(q)) for q in record.series["q"]])
+
+
+def _snake(axes: Any, ends: np.ndarray, color: str) -> list[Any]:
+    """Draw one pose: links that grow thinner towards the tail, and the head as a ring."""
+    drawn = []
+    for i, width in enumerate(np.linspace(5.5, 1.8, len(ends) - 1)):
+        drawn += axes.plot(*ends[i : i + 2].T, color=color, lw=width, solid_capstyle="round")
+    return drawn + axes.plot(*ends[:1].T, "o", color="white", mec=color, mew=2, ms=9)
+
+
+def _label_plane(axes: Any) -> None:
+    axes.set_aspect("equal")
+    axes.set_xlabel("x / m")
+    axes.set_ylabel("y / m")
+    axes.grid(alpha=0.25)
+
+
+def _draw_poses(record: Record, path: Path) -> None:
+    from eomcheck.lab.show.chart_matplotlib import plt, save_chart
+
+    figure, axes = plt.subplots(figsize=(7.7, 6.0), layout="constrained")
+    ends, times = _link_ends(record), np.array(record.series["times"])
+    for time, color in zip(POSES, GREYS, strict=True):
+        _snake(axes, ends[int(np.abs(times - time).argmin())], color)
+        axes.plot([], [], color=color, lw=4, label=f"t = {time:g} s")
+    axes.plot(*ends[:, 0].T, "--", color="#D55E00", lw=1.4, label="path of the head")
+    _label_plane(axes)
+    figure.legend(loc="outside right upper", frameon=False)
+    save_chart(figure, path, dpi=110)
+
+
+def _animate(record: Record, path: Path) -> None:
+    from matplotlib.animation import PillowWriter
+
+    from eomcheck.lab.show.chart_matplotlib import plt
+
+    ends, times = _link_ends(record)[::EVERY], record.series["times"][::EVERY]
+    figure, axes = plt.subplots(figsize=(3.7, 4.2))
+    figure.subplots_adjust(left=0.16, right=0.98, bottom=0.1, top=0.94)
+    _label_plane(axes)
+    (head_path,) = axes.plot([], [], "--", color="#D55E00", lw=1.2)
+    *links, head = _snake(axes, ends[0], "black")
+    low, high = ends.min(axis=(0, 1)) - 0.3, ends.max(axis=(0, 1)) + 0.3
+    axes.set_xlim(low[0], high[0])
+    axes.set_ylim(low[1], high[1])
+    writer = PillowWriter(fps=FRAMES_PER_SECOND)
+    with writer.saving(figure, path, dpi=80):
+        for k, time in enumerate(times):
+            head_path.set_data(*ends[: k + 1, 0].T)
+            for i, link in enumerate(links):
+                link.set_data(*ends[k, i : i + 2].T)
+            head.set_data(*ends[k, :1].T)
+            axes.set_title(f"t = {time:.2f} s", fontsize=10)
+            writer.grab_frame()
+    plt.close(figure)
 
 
 STUDY = Study(
@@ -353,7 +434,7 @@ STUDY = Study(
     tables=tables,
     charts=charts,
     remarks=remarks,
-    files=_files,
+    files=write_robot,
     reading="The snake of growing length by the paper's seven formulations, from rest over 1 s: "
     "norms of the errors over the output times (Eqs. (32) and (33)), and CPU time.",
 )
