@@ -33,7 +33,7 @@ from eomcheck.descriptions import (
 from eomcheck.descriptions.build import mechanism
 from eomcheck.descriptions.described_scene import Described, Description
 from eomcheck.descriptions.elements import Link, coupling, on_quadric, perpendicular, pin
-from eomcheck.descriptions.mechanism_class import Mechanism
+from eomcheck.descriptions.mechanism_class import Mechanism, scene_class_of
 from eomcheck.descriptions.vector_algebra import (
     ZERO_VECTOR,
     cross,
@@ -93,6 +93,8 @@ def test_scenes_and_their_kinds_are_pickled(kind: type[Mechanism]):
     scene = kind(mass=2.0 * kind().mass)
     again, known = pickle.loads(pickle.dumps((scene, kind)))
     assert type(again) is known is kind
+    scene_class_of.cache_clear()  # as after many other descriptions
+    assert pickle.loads(pickle.dumps(kind)) is kind
     assert repr(again) == repr(scene)
     with pytest.raises(ValueError, match="read-only"):
         again.mass[0] = 1.0

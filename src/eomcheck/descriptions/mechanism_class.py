@@ -18,6 +18,7 @@ from fractions import Fraction
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, Self
+from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -510,9 +511,15 @@ def plan_and_functions(topology: Topology) -> tuple[TopologyPlan, dict[str, Call
     return plan, make_functions(plan)
 
 
+_IN_USE: WeakValueDictionary[MechanismSource, type[Mechanism]] = WeakValueDictionary()
+"""Classes that something still holds, so that the cache below may forget them."""
+
+
 @lru_cache(256)
 def scene_class_of(made: MechanismSource) -> type[Mechanism]:
     """Return the scene class of a description; the same one for the same description."""
+    if (known := _IN_USE.get(made)) is not None:
+        return known
     plan, functions = plan_and_functions(made.topology)
     planar, closures = made.topology.planar, made.topology.constraints
     names = [
@@ -541,6 +548,7 @@ def scene_class_of(made: MechanismSource) -> type[Mechanism]:
     if body["depends_on_time"]:
         body |= {"conserves_energy": False, "why_not_conserved": "what a clock drives does work"}
     scene_class: Any = _Kind(made.key, (made.base or Mechanism,), body)
+    _IN_USE[made] = scene_class
     return scene_class
 
 
