@@ -13,7 +13,7 @@ import eomcheck.kernels.perturbed_solves  # noqa: F401  (registers the solver of
 from eomcheck.errors import RefusedError
 from eomcheck.kernels.batched_solves import solve_banded_batch
 from eomcheck.numbers.banded_solve import TERMS, WIDTH, solve_banded, to_dense
-from eomcheck.numbers.batch_arrays import BatchArray, NoiseBatch
+from eomcheck.numbers.batch_arrays import BatchArray, NoiseBatch, as_object_array
 from eomcheck.numbers.linear import SolveRecord, recording_solves, singular_below, solve
 from eomcheck.numbers.noise import STEP, Noise
 from eomcheck.numbers.pivots import EPS, LEAST_STEPS
@@ -93,6 +93,15 @@ def test_moved_lanes_are_near_those_that_are_not():
             assert STEP / 4 < change[i] < 10 * STEP / told.rcond[i]
             assert moved.sign[i] == told.sign[i]
             assert 0 < abs(moved.log_determinant[i] - told.log_determinant[i]) < 1e-9
+
+
+def test_a_matrix_made_of_entries_of_lanes_is_moved_as_one_of_whole_arrays():
+    A, b = matrices()[:2], [np.ones(SIZE)] * 2
+    whole = together(solve, A, b, noise=NoiseBatch([Noise(3)], states=2))[0]
+    entries = as_object_array(BatchArray(np.stack(A)))
+    with recording_solves(NoiseBatch([Noise(3)], states=2)):
+        found = solve(entries, as_object_array(BatchArray(np.stack(b))), "A")
+    assert np.array_equal(found.data, whole) and (whole != together(solve, A, b)[0]).all()
 
 
 def bands() -> tuple[list[np.ndarray], list[np.ndarray]]:

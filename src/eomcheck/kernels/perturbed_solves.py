@@ -432,8 +432,8 @@ def perturbed_solve(A: Any, b: Any, name: str) -> Any:
     assert noise is not None
     batched = isinstance(noise, NoiseBatch)
     states = noise.states if batched else 1
-    if batched:
-        A, b = (x.data if isinstance(x, BatchArray) else batch_data(x, noise.count) for x in (A, b))
+    if isinstance(noise, NoiseBatch):
+        A, b = (batch_data(x, noise.count) for x in (A, b))
     if A.shape[-1] == 0:
         return BatchArray(b) if batched else b
     size, count = A.shape[-1], A[..., 0, 0].size

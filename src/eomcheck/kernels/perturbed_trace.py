@@ -232,8 +232,8 @@ class _Trace:
                 return number if literal else 0
             if operation == SUB and literal is x:
                 return -y + x
-            x, y = (_TracedNumber(self, self.literal(z)) if type(z) is int else z for z in (x, y))
-        return self._add(operation, x.index, y.index)
+        first, second = (self.literal(z) if type(z) is int else z.index for z in (x, y))
+        return self._add(operation, first, second)
 
     def negated(self, x: _TracedNumber) -> _TracedNumber:
         """Return -x."""

@@ -338,13 +338,16 @@ def solve(A, b, name):
         message = f"the {A.shape[-2]} x {A.shape[-1]} matrix {name} is not square"
         raise RefusedError(name, 0.0, 0.0, message)
     if isinstance(A, BatchArray) or isinstance(b, BatchArray):
-        noise = active_noise()
-        return SOLVERS[BatchArray if noise is None else NoiseBatch](A, b, name)
-    if A.dtype != object:
+        kind: type = BatchArray
+    elif A.dtype != object:
         return _lapack_solve(np.asarray(A), np.asarray(b), name)
-    if A.shape[0] == 0:
+    elif A.shape[0] == 0:
         return b.copy()
-    return SOLVERS.get(scalar_type_of(A, b), eliminate)(A, b, name)
+    else:
+        kind = scalar_type_of(A, b)
+    if kind is BatchArray and active_noise() is not None:
+        kind = NoiseBatch
+    return SOLVERS.get(kind, eliminate)(A, b, name)
 
 
 def matrix_product(A, B):
