@@ -339,6 +339,28 @@ def test_a_usage_error_is_a_sentence_that_leads_to_help():
     assert app.usage_error(alone) == "No such\n option.."
 
 
+@pytest.mark.parametrize(
+    ("message", "words", "expected"),
+    [
+        ("links = '0', expected 1", "validate --links 0", "--links '0', expected 1"),
+        ("per_size = 0", "study agreement --per-size=0", "--per-size 0"),
+        ("links = 3: it has none", "validate --links-of 3", "links = 3: it has none"),
+        ("links = 3: it has none", "validate", "links = 3: it has none"),
+        ("links are few", "validate --links 3", "links are few"),
+    ],
+)
+def test_an_error_names_an_option_as_it_was_typed(message: str, words: str, expected: str):
+    assert app.as_typed(message, words.split()) == expected
+
+
+@pytest.mark.parametrize("words", [(), ("validate",), ("study",), ("study", "accuracy")])
+def test_h_is_help(words: tuple[str, ...], monkeypatch, capsys):
+    assert run(*words, "-h", monkeypatch=monkeypatch) == 0
+    first = capsys.readouterr().out
+    assert run(*words, "--help", monkeypatch=monkeypatch) == 0
+    assert capsys.readouterr().out == first and "-h, --help" in first
+
+
 @pytest.mark.parametrize(("columns", "width"), [(40, 38), (80, 78), (81, 78), (300, 78)])
 def test_help_is_two_columns_narrower_than_a_terminal_and_never_wide(monkeypatch, columns, width):
     monkeypatch.setattr(app, "get_terminal_size", lambda: SimpleNamespace(columns=columns))
