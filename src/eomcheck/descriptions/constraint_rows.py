@@ -515,8 +515,9 @@ class SecondDerivation:
 
     def direction(self, k: int, a: Vector) -> MovingVector:
         """Return the direction a of frame k."""
-        along = self._in_ground(k, a)
-        return MovingVector(along, self._in_ground(k, cross(self._omega(k), a)), {}, ZERO_VECTOR)
+        turning = cross(self._omega(k), a)
+        along, rate = self._in_ground(k, a), self._in_ground(k, turning)
+        return MovingVector(along, rate, {}, ZERO_VECTOR)
 
     def rotation(self, k: int) -> MovingVector:
         """Return the rotation of frame k."""
