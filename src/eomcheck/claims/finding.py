@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Literal, NamedTuple, Protocol, TypeVar
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -173,21 +173,7 @@ def ratio(observed: float, allowed: float) -> float:
     return 0.0 if observed == 0 else float("inf")
 
 
-class _Judged(Protocol):
-    """A verdict with its ratio: a `Finding`, or a stored one."""
-
-    @property
-    def verdict(self) -> str:
-        """One of `VERDICTS`."""
-        ...
-
-    @property
-    def ratio(self) -> float:
-        """The ratio observed / allowed."""
-        ...
-
-
-J = TypeVar("J", bound=_Judged)
+J = TypeVar("J")
 
 
 def worst(findings: Iterable[J], first: bool = False) -> J:
@@ -196,10 +182,14 @@ def worst(findings: Iterable[J], first: bool = False) -> J:
     Entries and states that are not resolved are listed beside it (`never_resolved`).
 
     Args:
-        findings: at least one.
+        findings: at least one, each a `Finding` or what has its verdict and ratio.
         first: return the first of that verdict, not the first with the largest ratio.
     """
-    return min(findings, key=lambda x: (VERDICTS.index(x.verdict), 0.0 if first else -x.ratio))
+
+    def rank(one: Any) -> tuple[int, float]:
+        return VERDICTS.index(one.verdict), 0.0 if first else -one.ratio
+
+    return min(findings, key=rank)
 
 
 def judge(observed: float, sensitivity: float, scale: float) -> tuple[float, Verdict]:
