@@ -390,7 +390,7 @@ class _ObservedMotion:
     def rate_error(self) -> float:
         """Return the largest relative error bound of v̇ at the first, last and worst state."""
         worst = 0.0
-        for at in {id(at): at for at in self._checked.values()}.values():
+        for at in set(self._checked.values()):
             size = largest(at.acceleration(self.formulation).vdot)
             bound = allowed_error(acceleration_sensitivity(at, self.formulation))
             # `max` would take NaN, ∞ / ∞, for small.
