@@ -130,16 +130,13 @@ def reads_of(items: Tree) -> Iterator[Tree]:
 
 def _workspace(item: Tree) -> int:
     """Return the number of float64 of workspace that an item needs."""
-    if item[0] != "group" or item[5]:
-        return 0
-    kind, shape = item[2], item[4]
-    if kind == t.BAND:
-        return linear_solves.solve_workspace(shape[0])
-    if kind == t.SOLVE:
-        return shape[0] * shape[1]
-    if kind == t.PRODUCT:
-        n, k, m = shape
-        return n * k + k * m + n * m
+    match item:
+        case "group", _, t.BAND, _, (size,), False, *_:
+            return linear_solves.solve_workspace(size)
+        case "group", _, t.SOLVE, _, (size, columns), False, *_:
+            return size * columns
+        case "group", _, t.PRODUCT, _, (n, k, m), False, *_:
+            return n * k + k * m + n * m
     return 0
 
 

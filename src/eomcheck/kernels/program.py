@@ -27,10 +27,7 @@ where the index increases by `step` per iteration (0 outside of loops). An item 
 
 - ("op", op, x, y): an operation of `eomcheck.numbers.tape` on one or two operands
 - ("put", x, array, index, step): writing an operand to an entry of an array
-- ("group", number, kind, name, shape, inline, factors, inputs): a group of operations of a tape,
-  such as a solve; `factors` is the number of the group that factored its matrix, or -1. If it is
-  `inline`, its inputs are operands and all is done in registers. Otherwise they are in the array
-  "rN", N its number, or, of contiguous entries, (array, first index, count). Results are in "xN".
+- ("group", ...): a group of operations of a tape, such as a solve; see `GroupItem`
 - ("loop", count, items)
 """
 
@@ -59,6 +56,31 @@ Tree = tuple
 
 Stretch = tuple[int, int, int]
 """Repeated instructions: index of the first, number per iteration, number of iterations."""
+
+
+class GroupItem(NamedTuple):
+    """A group of operations in a program; its results are in the array "xN", N its number.
+
+    Attributes:
+        tag: "group".
+        number: number of the group.
+        kind: its kind, as on the tape.
+        name: name of its matrix.
+        shape: its sizes, as on the tape.
+        inline: whether all is done in registers.
+        factors: number of the group that factored its matrix, or -1.
+        inputs: its operands if it is inline; otherwise they are in the array "rN", or, if they are
+            contiguous entries of another, (array, first index, count).
+    """
+
+    tag: str
+    number: int
+    kind: str
+    name: str
+    shape: Tree
+    inline: bool
+    factors: int
+    inputs: Tree
 
 
 class Instructions:
@@ -95,7 +117,7 @@ class Instructions:
         """Return (class, index) of all operands of an instruction."""
         code, *reads = self.rows[at][:5]
         op = self.ops[code]
-        inputs = op[-1] if isinstance(op, tuple) and op[5] else ()
+        inputs = op.inputs if _is_inline(op) else ()
         pairs = ((reads[0], reads[1]), (reads[2], reads[3]), *inputs)
         return [(kind, place) for kind, place in pairs if place >= 0]
 
@@ -110,10 +132,14 @@ class Instructions:
         for old in order:
             code, *reads, target, place = self.rows[old]
             op = self.ops[code]
-            if isinstance(op, tuple) and op[5]:
-                op = (*op[:-1], tuple(renumbered(*x) for x in op[-1]))
+            if _is_inline(op):
+                op = op._replace(inputs=tuple(renumbered(*x) for x in op.inputs))
             other.add(op, renumbered(*reads[:2]), renumbered(*reads[2:]), (target, place))
         return other
+
+
+def _is_inline(op: Any) -> bool:
+    return isinstance(op, GroupItem) and op.inline
 
 
 CYCLES = {t.ADD: 2, t.SUB: 2, t.MUL: 3, t.DIV: 14, t.NEG: 1, t.SQRT: 18, t.PART: 40}
@@ -199,7 +225,7 @@ def instructions_of(
             ordered = _ordered(kind, reads, order)
             arrays[f"r{new}"] = len(ordered)
             put(ordered, f"r{new}")
-        lines.add(("group", new, kind, name, shape, inline, factors, inputs))
+        lines.add(GroupItem("group", new, kind, name, shape, inline, factors, inputs))
 
     for place in places:
         op, x, y = tape.operations[place]
@@ -281,8 +307,8 @@ class _Times:
         """Return the earliest time of an instruction outside of loops."""
         op = self.lines.ops[self.lines.rows[at][0]]
         values, arrays = self._reads(at)
-        if isinstance(op, tuple):
-            arrays += [f"r{op[1]}", f"x{op[6]}"]
+        if isinstance(op, GroupItem):
+            arrays += [f"r{op.number}", f"x{op.factors}"]
         return max([0, *(self.times[p] for p in values), *(self._when(name) for name in arrays)])
 
     def stretch(self, start: int, period: int, count: int) -> None:
@@ -309,7 +335,7 @@ class _Times:
     def note(self, at: int) -> None:
         """Update the time of the array that an instruction, or a group, writes, if any."""
         op, out = self.lines.ops[self.lines.rows[at][0]], self.lines.rows[at][5]
-        name = f"x{op[1]}" if isinstance(op, tuple) else self.lines.names[out]
+        name = f"x{op.number}" if isinstance(op, GroupItem) else self.lines.names[out]
         if name is not None:
             self.arrays[name] = max(self._when(name), self.times[at])
 
@@ -424,9 +450,9 @@ class _Encoder:
             op = self.lines.ops[code]
             if op == "put":
                 item = ("put", self.one(*reads[:2]), self.lines.names[target], place, 0)
-            elif isinstance(op, tuple):
-                *group, inputs = op
-                item = (*group, tuple(self.one(*x) for x in inputs) if op[5] else inputs)
+            elif isinstance(op, GroupItem):
+                inputs = tuple(self.one(*x) for x in op.inputs) if op.inline else op.inputs
+                item = op._replace(inputs=inputs)
             else:
                 item = ("op", op, self.one(*reads[:2]), self.one(*reads[2:]))
                 self.inner[at] = self.straight
