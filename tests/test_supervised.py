@@ -19,7 +19,7 @@ import pytest
 from eomcheck import calls, supervisor
 from eomcheck.errors import CallError
 from eomcheck.lab.store.parallel_map import Dask, guarded
-from eomcheck.lab.store.provenance import sources
+from eomcheck.lab.store.record_file import sources
 from eomcheck.supervisor import ProcessEnd, supervise, why_died
 
 CHILD = """

@@ -43,6 +43,7 @@ MODULES = {
     "eomcheck.numbers.contract": "eomcheck.numbers.generic",
     "eomcheck.numbers.differentiate": "eomcheck.numbers.tape",
     "eomcheck.lab.store.workers": "eomcheck.lab.store.parallel_map",
+    "eomcheck.lab.store.provenance": "eomcheck.lab.store.record_file",
     "eomcheck.lab.store.executors": "eomcheck.lab.store.parallel_map",
     "eomcheck.motion.extrapolation": "eomcheck.motion.reference",
     "eomcheck.motion.run": "eomcheck.motion.reference_solution",

@@ -19,8 +19,7 @@ from eomcheck.errors import WorkerError
 from eomcheck.evaluation.tolerance import C
 from eomcheck.lab import library_comparison
 from eomcheck.lab.fuzzing import campaign as campaigns
-from eomcheck.lab.fuzzing.failures import FailureRecord
-from eomcheck.lab.fuzzing.replay import ReplayResult
+from eomcheck.lab.fuzzing.failures import FailureRecord, ReplayResult
 from eomcheck.lab.library_comparison import LibraryComparison, LibraryResult
 from eomcheck.lab.store.record_file import Record, record_of_rows
 from eomcheck.lab.studies import study_of
@@ -187,7 +186,7 @@ def test_a_kept_failure_that_fails_is_1_and_one_not_checked_2(
 ):
     results = [ReplayResult(FailureRecord("sleigh", {}, [], []), one, "why") for one in outcomes]
     monkeypatch.setattr("eomcheck.lab.fuzzing.failures.read_failures", lambda path: [1])
-    monkeypatch.setattr("eomcheck.lab.fuzzing.replay.replay_failures", lambda *how: results)
+    monkeypatch.setattr("eomcheck.lab.fuzzing.failures.replay_failures", lambda *how: results)
     monkeypatch.setattr(FailureRecord, "python", "code")
     (tmp_path / "kept.json").write_text("")
     assert code_of(monkeypatch, "fuzz", "--replay", str(tmp_path / "kept.json")) == code

@@ -116,7 +116,7 @@ STUBS: dict[str, dict[str, Any]] = {
         "eomcheck.lab.report.finding_output.print_campaign": None,
         "eomcheck.lab.fuzzing.failures.read_failures": lambda path: ["kept"],
         "eomcheck.lab.fuzzing.failures.write_failures": None,
-        "eomcheck.lab.fuzzing.replay.replay_failures": [],
+        "eomcheck.lab.fuzzing.failures.replay_failures": [],
     },
     "simulate": {
         "eomcheck.simulate": SimpleNamespace(status="finished"),

@@ -16,7 +16,7 @@ from eomcheck.claims.finding import Proof
 from eomcheck.claims.run import ValidationRun
 from eomcheck.lab import run_time as timing
 from eomcheck.lab.run_time import run_time, was_contended
-from eomcheck.lab.store import provenance
+from eomcheck.lab.store import record_file
 from eomcheck.lab.store.record_file import Record, by_setting, group, record_of_rows, rows_in
 from eomcheck.lab.store.validation_runs import (
     COLUMNS,
@@ -198,22 +198,22 @@ def test_threads_are_those_of_the_library_that_comes_first(monkeypatch, given, t
         monkeypatch.delenv(f"{name}_NUM_THREADS", raising=False)
     for name, value in given.items():
         monkeypatch.setenv(f"{name}_NUM_THREADS", value)
-    assert provenance.blas_threads() == threads
+    assert record_file.blas_threads() == threads
 
 
 def test_versions_are_of_what_is_installed_and_the_commit_where_there_is_one(monkeypatch):
     def version(name: str) -> str:
         if name not in ("numpy", "python-flint"):
-            raise provenance.metadata.PackageNotFoundError(name)
+            raise record_file.metadata.PackageNotFoundError(name)
         return f"{name} 1"
 
-    monkeypatch.setattr(provenance.metadata, "version", version)
-    monkeypatch.setattr(provenance, "sources", lambda: "digest")
-    monkeypatch.setattr(provenance.eomcheck, "__version__", "9.9")
+    monkeypatch.setattr(record_file.metadata, "version", version)
+    monkeypatch.setattr(record_file, "sources", lambda: "digest")
+    monkeypatch.setattr(record_file.eomcheck, "__version__", "9.9")
     usual = {"eomcheck": "9.9", "sources": "digest"}
     for commit, known in ((None, {}), ("c0ffee+", {"commit": "c0ffee+"})):
-        monkeypatch.setattr(provenance, "commit", lambda commit=commit: commit)
-        assert provenance._versions.__wrapped__() == usual | known | {
+        monkeypatch.setattr(record_file, "commit", lambda commit=commit: commit)
+        assert record_file._versions.__wrapped__() == usual | known | {
             "numpy": "numpy 1",
             "python-flint": "python-flint 1",
         }
@@ -223,16 +223,16 @@ def test_a_machine_without_a_model_name_is_called_by_what_there_is(monkeypatch):
     monkeypatch.setattr(Path, "read_text", lambda path, **how: "flags : x\n")
     monkeypatch.setattr("platform.processor", lambda: "abacus")
     monkeypatch.setattr("platform.machine", lambda: "beads")
-    assert provenance._cpu() == "abacus"
+    assert record_file._cpu() == "abacus"
     monkeypatch.setattr("platform.processor", lambda: "")
-    assert provenance._cpu() == "beads"
+    assert record_file._cpu() == "beads"
 
     def gone(path: Path, **how: Any) -> str:
         raise FileNotFoundError
 
     monkeypatch.setattr(Path, "read_text", gone)
-    assert provenance._cpu() == "beads"
-    assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\+00:00", provenance.now())
+    assert record_file._cpu() == "beads"
+    assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\+00:00", record_file.now())
 
 
 # ---- Run times -----------------------------------------------------------------------------------

@@ -34,7 +34,8 @@ from eomcheck.draws.fuzz_cases import (
 from eomcheck.errors import EomcheckError, InputError
 from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.lab.fuzzing import failures, function_rounds, replay
+from eomcheck.lab.fuzzing import failures, function_rounds
+from eomcheck.lab.fuzzing import failures as replay
 from eomcheck.lab.fuzzing import function_rounds as fuzzed
 from eomcheck.lab.fuzzing.campaign import Round, ScoredCase
 from eomcheck.lab.fuzzing.failures import (
@@ -46,13 +47,13 @@ from eomcheck.lab.fuzzing.failures import (
     first_of_each_cause,
     lookup_name,
     read_failures,
+    replay_failures,
     shrink,
     simplify_numbers,
     write_failures,
 )
 from eomcheck.lab.fuzzing.function_rounds import FunctionsPlan, drawn_state, hill_climbed_states
 from eomcheck.lab.fuzzing.motion_comparison import END_STATES, ENERGY, MotionFinding
-from eomcheck.lab.fuzzing.replay import replay_failures
 from eomcheck.lab.fuzzing.screening import Diagnosis, keys_in_subject
 from eomcheck.mechanics.records import Range, State
 from eomcheck.scenes import SCENES, Sleigh, Snake, snake

@@ -41,10 +41,10 @@ from eomcheck.lab.fuzzing.failures import (
     failure_record,
     first_of_each_cause,
     read_failures,
+    replay_failures,
     shrink,
     write_failures,
 )
-from eomcheck.lab.fuzzing.replay import replay_failures
 from eomcheck.lab.fuzzing.screening import (
     TRUTH,
     CheckFrequency,

@@ -14,7 +14,7 @@ from eomcheck.errors import EomcheckError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import motion_comparison, motion_rounds, screening
 from eomcheck.lab.fuzzing.campaign import Campaign, Round
-from eomcheck.lab.fuzzing.failures import read_failures, write_failures
+from eomcheck.lab.fuzzing.failures import read_failures, replay_failures, write_failures
 from eomcheck.lab.fuzzing.motion_comparison import (
     ALONE,
     END_STATES,
@@ -35,7 +35,6 @@ from eomcheck.lab.fuzzing.motion_rounds import (
     draw_starts,
     informative,
 )
-from eomcheck.lab.fuzzing.replay import replay_failures
 from eomcheck.lab.store.record_file import Records
 from eomcheck.mechanics.records import State
 from eomcheck.motion import batch

@@ -21,7 +21,7 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import function_rounds as fuzzed
 from eomcheck.lab.fuzzing import screening
 from eomcheck.lab.fuzzing.campaign import Campaign, Round, ScoredCase
-from eomcheck.lab.fuzzing.failures import FUNCTIONS, read_failures, write_failures
+from eomcheck.lab.fuzzing.failures import FUNCTIONS, read_failures, replay_failures, write_failures
 from eomcheck.lab.fuzzing.function_rounds import (
     SKIPPED,
     FunctionsPlan,
@@ -29,7 +29,6 @@ from eomcheck.lab.fuzzing.function_rounds import (
     hill_climbed_states,
     limits,
 )
-from eomcheck.lab.fuzzing.replay import replay_failures
 from eomcheck.lab.fuzzing.screening import DECIDED, OPEN, CheckFrequency, runs_in_lanes
 from eomcheck.lab.fuzzing.state_rounds import StatePlan, is_ordinary
 from eomcheck.lab.store.record_file import Records

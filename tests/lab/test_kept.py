@@ -18,7 +18,7 @@ from eomcheck.engines import CasadiEngine, version_of
 from eomcheck.errors import DiedError, InputError, UnwrittenError
 from eomcheck.lab.discrepancy import Explanation
 from eomcheck.lab.library_comparison import LibraryComparison, LibraryReading, LibraryResult
-from eomcheck.lab.store import parallel_map, provenance, validation_runs
+from eomcheck.lab.store import parallel_map, record_file, validation_runs
 from eomcheck.lab.store.record_file import Record, Records, rows_in, select, values
 from eomcheck.lab.store.validation_runs import (
     RUNS,
@@ -205,8 +205,8 @@ def test_records_are_picked_by_study_settings_and_run_time():
 
 def test_a_result_is_of_a_commit_that_is_marked_where_files_were_changed(monkeypatch):
     def commit(**said: str | None) -> str | None:
-        monkeypatch.setattr(provenance, "_git", lambda folder, what, *more: said.get(what))
-        return provenance.commit.__wrapped__()
+        monkeypatch.setattr(record_file, "_git", lambda folder, what, *more: said.get(what))
+        return record_file.commit.__wrapped__()
 
     head = {"ls-files": "__init__.py", "rev-parse": "c0ffee"}
     assert commit(**head, status="") == "c0ffee"
@@ -215,11 +215,11 @@ def test_a_result_is_of_a_commit_that_is_marked_where_files_were_changed(monkeyp
     assert commit() is None
     lines = "processor : 0\nmodel name\t: Abacus 7\nmodel name\t: Other\n"
     monkeypatch.setattr(Path, "read_text", lambda path, **how: lines)
-    assert provenance._cpu() == "Abacus 7"
+    assert record_file._cpu() == "Abacus 7"
     monkeypatch.setattr("os.cpu_count", lambda: 17)
     monkeypatch.setattr("platform.platform", lambda: "CP/M")
     monkeypatch.setattr("platform.python_version", lambda: "4.0")
-    assert provenance._machine.__wrapped__() == {
+    assert record_file._machine.__wrapped__() == {
         **{"cpu": "Abacus 7", "cores": 17, "os": "CP/M", "python": "4.0"}
     }
 

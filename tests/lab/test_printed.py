@@ -21,8 +21,7 @@ from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.engines import CasadiEngine, PinocchioEngine, version_of
 from eomcheck.lab import library_comparison
 from eomcheck.lab.discrepancy import Explanation
-from eomcheck.lab.fuzzing.failures import FailureRecord
-from eomcheck.lab.fuzzing.replay import ReplayResult
+from eomcheck.lab.fuzzing.failures import FailureRecord, ReplayResult
 from eomcheck.lab.library_comparison import LibraryComparison, LibraryResult
 from eomcheck.lab.report import (
     equivalences,

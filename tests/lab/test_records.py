@@ -21,9 +21,16 @@ from eomcheck import cli
 from eomcheck.errors import EngineError, InputError, RefusedError
 from eomcheck.lab import study as module
 from eomcheck.lab.report.overview import record_columns, record_table
-from eomcheck.lab.store import provenance
-from eomcheck.lab.store.provenance import blas_threads, machine, sources, versions
-from eomcheck.lab.store.record_file import Record, Records, key_of
+from eomcheck.lab.store import record_file
+from eomcheck.lab.store.record_file import (
+    Record,
+    Records,
+    blas_threads,
+    key_of,
+    machine,
+    sources,
+    versions,
+)
 from eomcheck.lab.study import run_cells
 
 
@@ -114,7 +121,7 @@ def test_the_digest_of_the_sources_is_another_once_any_file_of_the_package_is(
     for name in ("__init__.py", "rooms.py", "rooms/one.py", "rooms/deep/two.py", "notes.txt"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(name)
-    monkeypatch.setattr(provenance.eomcheck, "__file__", str(tmp_path / "__init__.py"))
+    monkeypatch.setattr(record_file.eomcheck, "__file__", str(tmp_path / "__init__.py"))
     digest = sources.__wrapped__
     before = digest()
     assert len(before) == 16 and digest() == before

@@ -13,9 +13,8 @@ from eomcheck import cli
 from eomcheck.claims import Finding
 from eomcheck.errors import InputError
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.fuzzing import replay
-from eomcheck.lab.fuzzing.failures import FailureRecord, read_failures
-from eomcheck.lab.fuzzing.replay import replay_failures, runs_code
+from eomcheck.lab.fuzzing import failures
+from eomcheck.lab.fuzzing.failures import FailureRecord, read_failures, replay_failures, runs_code
 
 KEYS = tuple(FORMULATIONS)
 SLEIGH = {"mass": 1.0, "inertia": 0.25, "offset": 0.5}
@@ -54,7 +53,7 @@ def test_of_one_claim_all_is_decided_where_it_holds(monkeypatch, claim, outcome,
         Finding("kinetic-energy", *of, 1.0, "passed", "made up"),
         Finding("kinetic-energy", *of, 2.0, "inconclusive", "made up"),
     ]
-    monkeypatch.setattr(replay, "check_case", lambda *_: findings[::order])
+    monkeypatch.setattr(failures, "check_case", lambda *_: findings[::order])
     found, reason = outcome_of(claim=claim, subject="au")
     assert found == outcome
     assert reason == ("au: observed 0.001, allowed 2" if outcome == "inconclusive" else "")

@@ -19,8 +19,7 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import screening, state_rounds
 from eomcheck.lab.fuzzing import screening as triage
 from eomcheck.lab.fuzzing.campaign import Round, RoundResult
-from eomcheck.lab.fuzzing.failures import FailureRecord, failure_record
-from eomcheck.lab.fuzzing.replay import replay_failures
+from eomcheck.lab.fuzzing.failures import FailureRecord, failure_record, replay_failures
 from eomcheck.lab.fuzzing.screening import (
     DECIDED,
     OPEN,

@@ -134,25 +134,7 @@ class Finding:
         Returns:
             The fields by name, as far as they are set; a number that is not finite is None.
         """
-        row: dict[str, Any] = {
-            "claim": self.claim,
-            "subject": self.subject,
-            **(self.place if whole else {}),
-            "observed": self.observed if np.isfinite(self.observed) else None,
-            "allowed": self.allowed if np.isfinite(self.allowed) else None,
-            "verdict": self.verdict,
-            "evidence": self.evidence,
-            "detail": self.detail,
-        }
-        if self.proof is not None:
-            row["proof"] = asdict(self.proof) | {"primes": list(self.proof.primes)}
-        if self.digits is not None:
-            row["digits"] = self.digits
-        if self.cause:
-            row["cause"] = self.cause
-        if self.follows:
-            row["follows"] = self.follows
-        return row
+        return plain_row(self, self.place if whole else {})
 
     def as_python(self) -> str:
         """Return Python code that reproduces the finding."""
@@ -164,6 +146,19 @@ class Finding:
 def skipped_everywhere(claim: str, subject: str, scene: Any, reason: str) -> Finding:
     """Return the Finding that a claim cannot be evaluated about `subject`, in any state."""
     return Finding(claim, subject, scene, None, 0.0, 0.0, "skipped", "skipped", reason)
+
+
+def plain_row(finding: Any, place: dict[str, Any]) -> dict[str, Any]:
+    """Return a `Finding`, or a stored one, at a place as plain data, see `Finding.as_dict`."""
+    row = {"claim": finding.claim, "subject": finding.subject, **place}
+    for name in ("observed", "allowed"):
+        x = getattr(finding, name)
+        row[name] = x if np.isfinite(x) else None
+    row |= {name: getattr(finding, name) for name in ("verdict", "evidence", "detail")}
+    if finding.proof is not None:
+        row["proof"] = asdict(finding.proof) | {"primes": list(finding.proof.primes)}
+    optional = {name: getattr(finding, name, None) for name in ("digits", "cause", "follows")}
+    return row | {name: x for name, x in optional.items() if x not in (None, "")}
 
 
 def ratio(observed: float, allowed: float) -> float:

@@ -318,8 +318,7 @@ def _replay(path: Path, formulation: list[str] | None, scene: str | None) -> Non
     from eomcheck.console import progress
     from eomcheck.errors import registered
     from eomcheck.formulations import FORMULATIONS
-    from eomcheck.lab.fuzzing.failures import read_failures
-    from eomcheck.lab.fuzzing.replay import replay_failures
+    from eomcheck.lab.fuzzing.failures import read_failures, replay_failures
     from eomcheck.lab.report.finding_output import print_replayed
 
     for key in formulation or ():

@@ -8,21 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import eomcheck
-from eomcheck.claims.finding import DECIDED
+from eomcheck.claims.finding import DECIDED, plain_row
 from eomcheck.claims.proof import new_seed, prove_structure
 from eomcheck.console import progress
 from eomcheck.errors import MOST_COUNTED, InputError, whole_number
 from eomcheck.formulations import formulation_of, formulations_among
 from eomcheck.lab.show.document_text import write_json
 from eomcheck.lab.store.parallel_map import parallel_map
-from eomcheck.lab.store.provenance import sources
-from eomcheck.lab.store.record_file import Record, Records, group
+from eomcheck.lab.store.record_file import Record, Records, group, sources
 from eomcheck.lab.store.validation_runs import (
     PROOFS,
     StoredFinding,
@@ -117,13 +116,6 @@ def _prove(
 ) -> list[StoredFinding]:
     chosen = tuple(f for f in map(formulation_of, formulations) if f.applies_to(scene))
     return stored_findings(prove_structure(scene, chosen, points, seed), scene.key)
-
-
-def _row(one: StoredFinding) -> dict[str, Any]:
-    """Return a Finding on a structure as a dict for JSON, as `Finding.as_dict` does."""
-    names = ("claim", "subject", "structure", "observed", "allowed", "verdict", "evidence")
-    row = {name: getattr(one, name) for name in (*names, "detail")}
-    return row if one.proof is None else row | {"proof": asdict(one.proof)}
 
 
 class Proofs:
@@ -244,6 +236,9 @@ class Proofs:
     def write(self) -> None:
         """Write everything to `path` and drop the unfinished file."""
         assert self.path is not None and self._part is not None
-        rows = {key: [_row(one) for one in found] for key, found in self.findings.items()}
+        rows = {
+            structure: [plain_row(one, {"structure": structure}) for one in findings]
+            for structure, findings in self.findings.items()
+        }
         write_json(self.path, self._header() | {"findings": rows})
         self._part.unlink(missing_ok=True)

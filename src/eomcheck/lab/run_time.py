@@ -19,8 +19,7 @@ import numpy as np
 
 from eomcheck.errors import InputError
 from eomcheck.formulations import formulation_of
-from eomcheck.lab.store.provenance import machine
-from eomcheck.lab.store.record_file import Record, Settings
+from eomcheck.lab.store.record_file import Record, Settings, machine
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.simulate import Motion, Trajectory, trajectory_of
 from eomcheck.numbers.generic import Array

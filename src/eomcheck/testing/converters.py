@@ -405,16 +405,24 @@ def as_equations(subject: Any, parameters: Mapping[Any, float] | None = None) ->
         InputError: it is none of these, with the call that checks it; or see `from_kane` and
             `from_lagrange`.
     """
-    named = subject
-    if isinstance(subject, str):
-        subject = object_named(subject, required=True)
+    held = object_named(subject, required=True) if isinstance(subject, str) else subject
+    equations = equations_held_by(held, parameters)
+    if equations is None:
+        raise InputError(f"subject = {safe_repr(subject)}, {_instead_of(held)}")
+    return equations
+
+
+def equations_held_by(
+    subject: Any, parameters: Mapping[Any, float] | None = None
+) -> EquationsOfMotion | None:
+    """Return the equations of motion of an object, see `as_equations`; None if it holds none."""
     if isinstance(subject, EquationsOfMotion):
         return subject
     convert = {"KanesMethod": from_kane, "LagrangesMethod": from_lagrange}
     for kind in type(subject).__mro__:
         if kind.__module__.startswith("sympy.") and kind.__name__ in convert:
             return convert[kind.__name__](subject, parameters)
-    raise InputError(f"subject = {safe_repr(named)}, {_instead_of(subject)}")
+    return None
 
 
 def _instead_of(subject: Any) -> str:

@@ -41,7 +41,7 @@ from eomcheck import calls, supervisor
 from eomcheck.calls import patience, work_for
 from eomcheck.deprecated import getattr_of, old_keywords
 from eomcheck.errors import DiedError, InputError, WorkerError, required
-from eomcheck.lab.store.provenance import THREADS, sources
+from eomcheck.lab.store.record_file import THREADS, sources
 from eomcheck.safe_output import counted
 
 # ---- Contract ------------------------------------------------------------------------------------
