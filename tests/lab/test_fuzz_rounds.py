@@ -188,16 +188,16 @@ def test_every_other_ordinary_case_is_wide_where_engines_were_named(monkeypatch)
     cases, families = draw_cases(Snake, LINKED, FAMILIES, 12, np.random.default_rng(0))
     places = {i for i, family in enumerate(families) if family == ORDINARY}
     before = list(cases)
-    found, again = plan().widened(list(cases), families, np.random.default_rng(1))
+    found, again = plan().widened((list(cases), families), np.random.default_rng(1))
     assert again is families and all(x is y for x, y in zip(found, before, strict=True))
-    found, _ = plan(wide=True).widened(list(cases), families, np.random.default_rng(1))
+    found, _ = plan(wide=True).widened((list(cases), families), np.random.default_rng(1))
     changed = {i for i, (x, y) in enumerate(zip(found, before, strict=True)) if x[1] is not y[1]}
     assert changed == set(sorted(places)[1::2])
-    again, _ = plan(wide=True).widened(list(cases), families, np.random.default_rng(2))
+    again, _ = plan(wide=True).widened((list(cases), families), np.random.default_rng(2))
     assert any(x[1].q.tolist() != again[i][1].q.tolist() for i, x in enumerate(found))
     asked: list = []
     monkeypatch.setattr(state_rounds, "screen_and_judge", lambda *how: asked.append(how[2:]))
-    plan().check(RoundResult(0, LINKED, {}), cases, np.random.default_rng(1), families)
+    plan().check(RoundResult(0, LINKED, {}), (cases, families), np.random.default_rng(1))
     assert asked == [(cases, places)]
 
 

@@ -47,6 +47,10 @@ CASES_PER_KEY = 6
 """Cases in the population of each claim and formulation, as starts of hill climbing."""
 
 
+DrawnCases = tuple[list[FuzzCase], list[str]]
+"""Cases, and the family of each; those found by climbing have none."""
+
+
 class ScoredCase(NamedTuple):
     """A start of hill climbing and its score, observed / allowed."""
 
@@ -257,9 +261,9 @@ class CampaignPlan(ABC):
 
     def search(self, result: RoundResult, random: np.random.Generator) -> None:
         """Draw and check cases, then climb from those with the highest scores."""
-        cases, families = self.draw(result, random)
-        result.counts.update(families)
-        self.check(result, cases, random, families)
+        drawn = self.draw(result, random)
+        result.counts.update(drawn[1])
+        self.check(result, drawn, random)
         if self.climbing and result.population:
             self.climb(result, random)
 
@@ -267,12 +271,10 @@ class CampaignPlan(ABC):
         """Check a batch of mutations of the cases with the highest scores."""
         higher = self.mutate(result.population, random)
         result.counts["climbed"] += len(higher)
-        self.check(result, higher, random)
+        self.check(result, (higher, []), random)
 
     @abstractmethod
-    def draw(
-        self, result: RoundResult, random: np.random.Generator
-    ) -> tuple[list[FuzzCase], list[str]]:
+    def draw(self, result: RoundResult, random: np.random.Generator) -> DrawnCases:
         """Return up to `batch` cases of the round's variant, and the family of each."""
 
     @abstractmethod
@@ -280,14 +282,8 @@ class CampaignPlan(ABC):
         """Return up to `batch` mutations of the cases of a population."""
 
     @abstractmethod
-    def check(
-        self,
-        result: RoundResult,
-        cases: list[FuzzCase],
-        random: np.random.Generator,
-        families: Sequence[str] = (),
-    ) -> None:
-        """Check cases of these families, or found by climbing; add what is found to the result."""
+    def check(self, result: RoundResult, drawn: DrawnCases, random: np.random.Generator) -> None:
+        """Check cases, drawn or found by climbing, and add the findings to the result."""
 
     @abstractmethod
     def shrunk(self, failed: Finding, known: Sequence[FailureRecord]) -> Finding:

@@ -26,7 +26,7 @@ from eomcheck.draws.fuzz_cases import (
     changed_entries,
     special_number,
 )
-from eomcheck.lab.fuzzing.campaign import CampaignPlan, Population, RoundResult, parents
+from eomcheck.lab.fuzzing.campaign import CampaignPlan, DrawnCases, Population, RoundResult, parents
 from eomcheck.lab.fuzzing.failures import (
     FUNCTIONS,
     FailureRecord,
@@ -123,9 +123,7 @@ class FunctionsPlan(CampaignPlan):
         assert functions is not None
         return functions
 
-    def draw(
-        self, result: RoundResult, random: np.random.Generator
-    ) -> tuple[list[FuzzCase], list[str]]:
+    def draw(self, result: RoundResult, random: np.random.Generator) -> DrawnCases:
         """Return random states of the functions, and the family of each; families take turns."""
         families = [self.families[i % len(self.families)] for i in range(self.batch)]
         return self._cases(drawn_state(self.kind, one, random) for one in families), families
@@ -138,16 +136,10 @@ class FunctionsPlan(CampaignPlan):
         functions: Any = self.kind
         return [(functions, state) for state in states]
 
-    def check(
-        self,
-        result: RoundResult,
-        cases: list[FuzzCase],
-        random: np.random.Generator,
-        families: Sequence[str] = (),
-    ) -> None:
+    def check(self, result: RoundResult, drawn: DrawnCases, random: np.random.Generator) -> None:
         """Check states one by one, and count the decided states of each claim and subject."""
-        by_state = [check_functions_at(self.kind, state, self.claims) for _, state in cases]
-        result.add_cases(cases, by_state)
+        by_state = [check_functions_at(self.kind, state, self.claims) for _, state in drawn[0]]
+        result.add_cases(drawn[0], by_state)
         for one in chain.from_iterable(by_state):
             about = f"{one.claim} [{one.subject}]"
             result.counts[f"{PREFIX[one.verdict]}{about}"] += 1

@@ -28,7 +28,7 @@ from eomcheck.draws.fuzz_cases import (
 )
 from eomcheck.errors import EomcheckError
 from eomcheck.evaluation.dynamics import assembled_position
-from eomcheck.lab.fuzzing.campaign import CampaignPlan, Population, RoundResult
+from eomcheck.lab.fuzzing.campaign import CampaignPlan, DrawnCases, Population, RoundResult
 from eomcheck.lab.fuzzing.failures import (
     FailureRecord,
     is_same_failure,
@@ -172,9 +172,7 @@ class MotionPlan(CampaignPlan):
     batch: int = MOTIONS
     claims: tuple[str, ...] = tuple(MOTION_CLAIMS)
 
-    def draw(
-        self, result: RoundResult, random: np.random.Generator
-    ) -> tuple[list[FuzzCase], list[str]]:
+    def draw(self, result: RoundResult, random: np.random.Generator) -> DrawnCases:
         """Return starts of motions of the round's variant, and the family of each."""
         return draw_starts(self.kind, result.variant, self.families, self.batch, random)
 
@@ -190,15 +188,10 @@ class MotionPlan(CampaignPlan):
         if not result.variant.levels:
             super().climb(result, random)
 
-    def check(
-        self,
-        result: RoundResult,
-        cases: list[FuzzCase],
-        random: np.random.Generator,
-        families: Sequence[str] = (),
-    ) -> None:
+    def check(self, result: RoundResult, drawn: DrawnCases, random: np.random.Generator) -> None:
         """Compare the motions of all formulations, and one of them with the same one alone."""
         t_end = float(np.exp(random.uniform(np.log(SHORTEST), np.log(LONGEST))))
+        cases, _ = drawn
         if not cases:
             return
         t_end = min(t_end, informative(cases, self.formulations))

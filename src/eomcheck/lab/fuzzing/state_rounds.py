@@ -38,6 +38,7 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing.campaign import (
     CASES_PER_KEY,
     CampaignPlan,
+    DrawnCases,
     Population,
     RoundResult,
     parents,
@@ -175,17 +176,14 @@ class StatePlan(CampaignPlan):
         settings = super().settings
         return settings if self.wide else {k: x for k, x in settings.items() if k != "wide"}
 
-    def draw(
-        self, result: RoundResult, random: np.random.Generator
-    ) -> tuple[list[FuzzCase], list[str]]:
+    def draw(self, result: RoundResult, random: np.random.Generator) -> DrawnCases:
         """Return cases of the round's variant, and the family of each."""
-        cases = draw_cases(self.kind, result.variant, self.families, self.batch, random)
-        return self.widened(*cases, random)
+        drawn = draw_cases(self.kind, result.variant, self.families, self.batch, random)
+        return self.widened(drawn, random)
 
-    def widened(
-        self, cases: list[FuzzCase], families: list[str], random: np.random.Generator
-    ) -> tuple[list[FuzzCase], list[str]]:
-        """Return cases and their families, every other ordinary case in a wide state if asked."""
+    def widened(self, drawn: DrawnCases, random: np.random.Generator) -> DrawnCases:
+        """Return drawn cases, every other ordinary one in a wide state if asked."""
+        cases, families = drawn
         if self.wide:
             seed = int(random.integers(2**32))
             ordinary = [i for i, family in enumerate(families) if family == ORDINARY]
@@ -198,16 +196,10 @@ class StatePlan(CampaignPlan):
         """Return mutations of the cases of a population."""
         return hill_climbed(population, self.batch, random)
 
-    def check(
-        self,
-        result: RoundResult,
-        cases: list[FuzzCase],
-        random: np.random.Generator,
-        families: Sequence[str] = (),
-    ) -> None:
+    def check(self, result: RoundResult, drawn: DrawnCases, random: np.random.Generator) -> None:
         """Screen cases and judge some; engines are asked at ordinary ones that were drawn."""
-        ordinary = {i for i, family in enumerate(families) if family == ORDINARY}
-        screen_and_judge(self, result, cases, ordinary)
+        ordinary = {i for i, family in enumerate(drawn[1]) if family == ORDINARY}
+        screen_and_judge(self, result, drawn[0], ordinary)
 
     def climb(self, result: RoundResult, random: np.random.Generator) -> None:
         """Climb from the highest scores, in batches step by step, then for engines under test."""
@@ -383,9 +375,7 @@ class RandomStatePlan(StatePlan):
             _merge(best, result.population)
         result.population = best
 
-    def draw(
-        self, result: RoundResult, random: np.random.Generator
-    ) -> tuple[list[FuzzCase], list[str]]:
+    def draw(self, result: RoundResult, random: np.random.Generator) -> DrawnCases:
         """Return cases of one random structure, and the family of each; none if it has no scene."""
         try:
             scene = draw_structure_kind(self.kind, result.variant, random)()
@@ -394,7 +384,7 @@ class RandomStatePlan(StatePlan):
             return [], []
         result.counts["structures"] += 1
         make = partial(varied, scene, random=random)
-        return self.widened(*draw_cases_with(make, self.families, self.batch, random), random)
+        return self.widened(draw_cases_with(make, self.families, self.batch, random), random)
 
     def climb(self, result: RoundResult, random: np.random.Generator) -> None:
         """Check a batch of mutations, all in one step."""
