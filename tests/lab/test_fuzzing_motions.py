@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from eomcheck import velocity
+from eomcheck.claims.reproducer import motion_reproducer
 from eomcheck.draws.fuzz_cases import ORDINARY, StructuralVariant, structural_variants
 from eomcheck.errors import EomcheckError
 from eomcheck.formulations import FORMULATIONS
@@ -27,7 +28,6 @@ from eomcheck.lab.fuzzing.motion_comparison import (
     crossings,
     failures_of_motion,
     judge_motions,
-    python_of_motion,
 )
 from eomcheck.lab.fuzzing.motion_rounds import (
     MotionPlan,
@@ -435,4 +435,4 @@ def test_a_campaign_of_motions_goes_on_where_it_stopped(tmp_path: Path):
 
 
 def test_the_tight_tolerance_is_the_one_that_is_judged():
-    assert f"rtol={TIGHT}" in python_of_motion(*turning(), 1.0, "em")
+    assert f"rtol={TIGHT}" in motion_reproducer(*turning(), 1.0, "em", TIGHT)

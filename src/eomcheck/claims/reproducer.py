@@ -1,7 +1,8 @@
 """Python code that reproduces a finding, run as it is printed.
 
-For a scene the code imports its class and constructs it with the same arguments. For functions it
-imports each from the module or file of its definition, or leaves a comment if there is none.
+For a scene, an engine or a motion the code imports the classes and constructs the scene with the
+same arguments. For functions it imports each from the module or file of its definition, or leaves a
+comment if there is none.
 """
 
 from __future__ import annotations
@@ -26,6 +27,9 @@ from eomcheck.mechanics.scene import Scene
 
 INSTALLED = tuple(Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib"))
 """Folders of the standard library and of installed packages."""
+
+PRINT_FAILED = '    if finding.verdict == "failed":\n        print(finding)\n'
+"""Body of the loop over the findings of a check."""
 
 
 def reproducer_code(
@@ -53,7 +57,30 @@ def reproducer_code(
             "for finding in eomcheck.check_state("
             f"scene, q, v, t={state.t!r}, consistent=False{more}):\n"
         )
-    return text + '    if finding.verdict == "failed":\n        print(finding)\n'
+    return text + PRINT_FAILED
+
+
+def motion_reproducer(scene: Scene, state: State, t_end: float, key: str, tolerance: float) -> str:
+    """Return Python code that prints how far motions by all formulations are from one by `key`.
+
+    Args:
+        scene: the scene.
+        state: the start, at t = 0.
+        t_end: end, s.
+        key: the formulation that others contradict.
+        tolerance: rtol and atol.
+    """
+    return (
+        f"from eomcheck.formulations import applicable\n{reproducer_header(scene)}"
+        f"options = dict(q0=[{state.q.tolist()}], v0=[{state.v.tolist()}])\n"
+        f"options |= dict(rtol={tolerance}, atol={tolerance})\n"
+        f"one = eomcheck.simulate_many(scene, {key!r}, {t_end!r}, **options)\n"
+        "for key in applicable(scene):\n"
+        f"    other = eomcheck.simulate_many(scene, key, {t_end!r}, **options)\n"
+        "    apart = abs(one.q[0] - other.q[0]).max(axis=1)\n"
+        "    gained = abs(other.energy[0] - other.energy[0, 0]).max()\n"
+        '    print(key, other.status[0], "apart", apart[-1], "energy", gained, other.reason[0])\n'
+    )
 
 
 def reproducer_header(scene: Scene, engines: Iterable[type[Engine]] = ()) -> str:
@@ -208,12 +235,7 @@ def functions_reproducer(
         arguments.append(f"states=[({state.q.tolist()}, {state.v.tolist()})]")
     listed = "".join(f"    {argument},\n" for argument in arguments)
     call = f"for finding in check_functions(\n    {functions.n},\n{listed}):\n"
-    return (
-        "\n".join(head)
-        + "\n\n"
-        + call
-        + '    if finding.verdict == "failed":\n        print(finding)\n'
-    )
+    return "\n".join(head) + f"\n\n{call}{PRINT_FAILED}"
 
 
 def reference_code(against: Any) -> tuple[str, str]:

@@ -22,7 +22,7 @@ import numpy as np
 from eomcheck.atomic_write import locked, read_text, write_text
 from eomcheck.claims import CLAIMS, Finding
 from eomcheck.claims.finding import EVERY_ROW, worst
-from eomcheck.claims.reproducer import reproducer_code
+from eomcheck.claims.reproducer import motion_reproducer, reproducer_code
 from eomcheck.claims.run import RunSelection, no_larger, smallest_failure
 from eomcheck.class_lookup import home_of_code, object_named
 from eomcheck.descriptions.elements import Constraint, Joint, Link
@@ -36,9 +36,9 @@ from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing.motion_comparison import (
     MOTION_CLAIMS,
+    TIGHT,
     MotionFinding,
     findings_of_motion,
-    python_of_motion,
 )
 from eomcheck.lab.fuzzing.screening import (
     Diagnosis,
@@ -222,7 +222,7 @@ class FailureRecord:
     def python(self) -> str:
         """Python code that reproduces the failure."""
         if self.t_end:
-            return python_of_motion(*self.case, self.t_end, self.subject)
+            return motion_reproducer(*self.case, self.t_end, self.subject, TIGHT)
         return reproducer_code(*self.case)
 
     def __str__(self) -> str:

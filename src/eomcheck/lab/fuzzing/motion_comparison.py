@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.claims.finding import Finding, Verdict
-from eomcheck.claims.reproducer import reproducer_header
+from eomcheck.claims.reproducer import motion_reproducer
 from eomcheck.draws.fuzz_cases import FuzzCase, batched_terms_at, consistent
 from eomcheck.errors import EomcheckError
 from eomcheck.evaluation.dynamics import assembled_position
@@ -24,7 +24,6 @@ from eomcheck.evaluation.tolerance import INCONCLUSIVE, C
 from eomcheck.formulations import FORMULATIONS, Formulation
 from eomcheck.mechanics.parameters import settable
 from eomcheck.mechanics.records import State
-from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.batch import Trajectories, simulate_many
 from eomcheck.motion.simulate import simulate
 from eomcheck.numbers.batch_arrays import batch_data
@@ -270,22 +269,7 @@ class MotionFinding(Finding):
     def as_python(self) -> str:
         """Return Python code that simulates the scene by this formulation and by others."""
         assert self.state is not None
-        return python_of_motion(self.scene, self.state, self.t_end, self.subject)
-
-
-def python_of_motion(scene: Scene, state: State, t_end: float, key: str) -> str:
-    """Return Python code that prints the distances of motions from the one by `key`."""
-    return (
-        f"from eomcheck.formulations import applicable\n{reproducer_header(scene)}"
-        f"options = dict(q0=[{state.q.tolist()}], v0=[{state.v.tolist()}])\n"
-        f"options |= dict(rtol={TIGHT}, atol={TIGHT})\n"
-        f"one = eomcheck.simulate_many(scene, {key!r}, {t_end!r}, **options)\n"
-        "for key in applicable(scene):\n"
-        f"    other = eomcheck.simulate_many(scene, key, {t_end!r}, **options)\n"
-        "    apart = abs(one.q[0] - other.q[0]).max(axis=1)\n"
-        "    gained = abs(other.energy[0] - other.energy[0, 0]).max()\n"
-        '    print(key, other.status[0], "apart", apart[-1], "energy", gained, other.reason[0])\n'
-    )
+        return motion_reproducer(self.scene, self.state, self.t_end, self.subject, TIGHT)
 
 
 # ---- Judging -------------------------------------------------------------------------------------
