@@ -29,6 +29,7 @@ from eomcheck.lab.fuzzing.function_rounds import (
     hill_climbed_states,
     limits,
 )
+from eomcheck.lab.fuzzing.motion_comparison import jacobians
 from eomcheck.lab.fuzzing.screening import DECIDED, OPEN, CheckFrequency, runs_in_lanes
 from eomcheck.lab.fuzzing.state_rounds import StatePlan, is_ordinary
 from eomcheck.lab.store.record_file import Records
@@ -454,6 +455,15 @@ class RoughAndWrong(Rough, functions=()):
     def terms(parameters, prepared, q, v):
         found = Rough.terms(parameters, prepared, q, v)
         return found._replace(B=-found.B)
+
+
+def test_constraints_along_motions_that_no_batch_runs_are_those_of_their_states():
+    y = np.concatenate(Snake.coil(2).initial_state())[None, None] + np.zeros((1, 2, 1))
+    rough, smooth = (
+        jacobians([(kind.coil(2), State(y[0, 0, :4], y[0, 0, 4:], 0.0))], y, 1.0)
+        for kind in (Rough, Snake)
+    )
+    assert rough[0].tolist() == smooth[0].tolist() and rough[1] == smooth[1] == (0, 1)
 
 
 class NoNumbers(Snake, functions=()):
