@@ -483,14 +483,19 @@ def test_a_slope_is_the_power_of_y_over_x():
 # ---- Studies -------------------------------------------------------------------------------------
 
 
-def cells(*, number: Annotated[int, "How many."] = 2, quick: Annotated[bool, "Less."] = False):
+def cells(
+    *,
+    number: Annotated[int, "How many."] = 2,
+    quick: Annotated[bool, "Less."] = False,
+    scale: Annotated[float, "A factor, of the worker alone."] = 1.0,
+):
     if number < 0:
         raise InputError(f"number = {number}")
     return [{"case": i, "quick": quick} for i in range(number)]
 
 
 def study(key: str, asked: list, **more: Any) -> Study:
-    def worker(found, *, scale: Annotated[float, "A factor."] = 1.0):
+    def worker(found, *, scale=1.0):
         def work(settings):
             asked.append((key, settings["case"], scale, len(found)))
             return Record(key, settings, errors={"x": scale * settings["case"]})
