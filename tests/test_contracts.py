@@ -27,9 +27,8 @@ from eomcheck.lab.study import Study
 from eomcheck.mechanics.scene import FUNCTIONS
 from eomcheck.motion import right_hand_side
 from eomcheck.numbers.banded_solve import solve_banded
-from eomcheck.numbers.congruence import add_congruence
 from eomcheck.numbers.generic import GENERIC
-from eomcheck.numbers.linear import contiguous, matrix_product, solve
+from eomcheck.numbers.linear import add_congruence, contiguous, matrix_product, solve
 from eomcheck.scenes import SCENES
 from eomcheck.testing import FUNCTION_CLAIMS
 

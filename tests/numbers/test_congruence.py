@@ -7,9 +7,9 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from eomcheck.numbers import congruence
-from eomcheck.numbers.congruence import add_congruence
+from eomcheck.numbers import linear
 from eomcheck.numbers.counting import Counting
+from eomcheck.numbers.linear import add_congruence
 from eomcheck.numbers.tape import Tape
 
 BODIES, SIZE, COLUMNS = 5, 3, 6
@@ -57,8 +57,8 @@ def lower(both: np.ndarray) -> np.ndarray:
 @pytest.fixture(params=["written out", "one product"])
 def way(request, monkeypatch):
     if request.param == "one product":
-        monkeypatch.setattr(congruence, "MANY", 0)
-        monkeypatch.setattr(congruence, "WIDE", 0)
+        monkeypatch.setattr(linear, "MANY", 0)
+        monkeypatch.setattr(linear, "WIDE", 0)
     return request.param
 
 

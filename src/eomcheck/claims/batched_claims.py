@@ -1,10 +1,10 @@
 """Claims evaluated on a batch of states at once, to screen states for suspicious ones.
 
-The batch runs in SIMD lanes: one lane holds one state, and every number of the evaluation is an
-array over lanes (batch axis L). The sides of a claim are written once and evaluated in lanes as
-they are; the allowed difference is measured by perturbation analysis as in `Case`. Screening gives
-no verdict: suspicious states, and claims that cannot be evaluated in lanes, have to be checked
-again by `eomcheck.check_state`.
+Every number of the evaluation is an array over states (batch axis L, in machine code one SIMD lane
+each). The sides of a claim are written once and evaluated on a batch as they are, and then on its
+perturbed samples, by which the allowed difference is measured as in `Case`. Screening gives no
+verdict: suspicious states, and claims that cannot be evaluated on a batch, have to be checked again
+by `eomcheck.check_state`.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from eomcheck.numbers.generic import Array
 from eomcheck.numbers.linear import recording_solves
 
 NOT_BATCHABLE = (TypeError, ValueError, AttributeError, IndexError, np.linalg.LinAlgError)
-"""Exceptions of a claim that uses numbers in ways that SIMD lanes do not support."""
+"""Exceptions of a claim that uses numbers in ways that a batch does not support."""
 
 
 class NotBatchableError(TypeError):
@@ -79,7 +79,7 @@ class BatchedCase(FloatContext):
     """A batch of states of scenes of one structure, with the formulations to check; see `Case`.
 
     Attributes:
-        at: the evaluation in SIMD lanes.
+        at: the evaluation of all states.
         formulations: the formulations taking part.
         has_speeds: whether generalized speeds exist: in all lanes, or in none.
         not_batched: claims that cannot be evaluated on this batch -> reason.

@@ -51,8 +51,9 @@ class Comparison(NamedTuple):
         names: names along each axis.
         size: size of the terms that cancel in a side, which set its scale beside its entries.
         sensitivity: κ · scale of both sides (condition number times scale); None if it is to be
-            measured on them. In a batch `size` and `sensitivity` hold one number per SIMD lane,
-            and NaN stands for None.
+            measured on them. In a batch `size` and `sensitivity` hold one number per state; where
+            one is to be measured and another is not, NaN stands for None, which no array of
+            float64 can hold.
         may_vanish: whether sides that are 0 are compared too.
         sizes: sizes of the terms that cancel in each entry, same shape; None if unknown.
         explain: function (actual, expected, allowed error, index of the worst entry) -> diagnosis,
@@ -140,7 +141,7 @@ class EvaluationContext(Protocol):
         exact: whether nothing is rounded, v follows from u, and every variable is free.
         has_speeds: whether generalized speeds exist at this state.
         speeds_resolved: whether generalized speeds by a partition exceed their rounding error; in a
-            batch, per SIMD lane.
+            batch, per state.
         free: the same point with a velocity that need not satisfy the constraints, if possible.
         directions: virtual displacements (n,) that span all.
         direction_names: their names.

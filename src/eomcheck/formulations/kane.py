@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from eomcheck.formulations.formulation import Formulation
-from eomcheck.numbers.congruence import add_congruence
 from eomcheck.numbers.generic import generic
-from eomcheck.numbers.linear import solve
+from eomcheck.numbers.linear import add_congruence, solve
 
 
 @generic
