@@ -23,7 +23,7 @@ from eomcheck.formulations import Formulation, Partition
 from eomcheck.kernels.perturbed_trace import TraceRunner
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene, checked_scene
-from eomcheck.numbers.batch_arrays import BATCH_ARITHMETIC, BatchArray, as_float64, batch_size
+from eomcheck.numbers.batch_arrays import BATCH_ARITHMETIC, BatchArray, as_float64
 from eomcheck.numbers.dual import Dual, ReplayArithmetic, duals
 from eomcheck.numbers.generic import FLOAT64, Array, map_record
 from eomcheck.numbers.linear import SolveRecord, SolveRecorder, recording_solves
@@ -126,9 +126,9 @@ class Evaluation(Quantities):
         )
 
     @property
-    def time(self) -> Array:
+    def time(self) -> Any:
         """The time (1,), as an argument of generic functions on float64 arrays."""
-        return (self.t if batch_size(self.t) else np.full(1, self.t)).reshape(1)
+        return (self.t if isinstance(self.t, BatchArray) else np.full(1, self.t)).reshape(1)
 
     def call_solving(self, name: str, function: Callable, *arguments) -> tuple[Any, bool]:
         """Call a generic function that solves matrices; perturbed samples take the same pivots."""

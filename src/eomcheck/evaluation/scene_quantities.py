@@ -258,8 +258,8 @@ class Quantities:
     @quantity
     def partition(self) -> Partition:
         """The paper's partition: the first r columns of a are dependent."""
-        columns = np.arange(self.scene.n)
-        return Partition(columns[: self.scene.r], columns[self.scene.r :])
+        columns, r = np.arange(self.scene.n), self.scene.r
+        return Partition(columns[:r], columns[r:])
 
     def refuse_partition(self) -> None:
         """Raise RefusedError if there are more constraints than coordinates to split."""

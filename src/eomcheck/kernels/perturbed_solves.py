@@ -18,7 +18,7 @@ import numpy as np
 
 from eomcheck.kernels.linear_solves import EXPONENT, ONE, emit_power_of_two_scale
 from eomcheck.kernels.llvm import LANES, IRBuilder
-from eomcheck.numbers.batch_arrays import BatchArray, NoiseBatch, batch_data
+from eomcheck.numbers.batch_arrays import NoiseBatch
 from eomcheck.numbers.linear import SOLVERS, SolveRecord, active_noise, record, reference_solve
 from eomcheck.numbers.noise import NORMAL, Noise
 
@@ -414,11 +414,12 @@ def compiled_perturbed_solve() -> Callable[..., None]:
 # ---- The solver ----------------------------------------------------------------------------------
 
 
-def perturbed_solve(A: Any, b: Any, name: str) -> Any:
+def perturbed_solve(A: np.ndarray, b: np.ndarray, name: str) -> np.ndarray:
     """Solve A x = b with A, b and x perturbed, and a separate backward error per right-hand side.
 
     The backward error matters if solutions for several right-hand sides are summed and cancel.
-    Nothing is refused; a singular matrix gives NaN. With a `NoiseBatch` A and b are of a batch.
+    Nothing is refused; a singular matrix gives NaN. With a `NoiseBatch` the first axis of A
+    (..., k, k) and of b (..., k) or (..., k, m) is the batch axis.
 
     Args:
         A: matrix.
@@ -426,16 +427,14 @@ def perturbed_solve(A: Any, b: Any, name: str) -> Any:
         name: name of A, as in `eomcheck.numbers.linear.solve` and `SolveRecorder.references`.
 
     Returns:
-        x in the shape of b, to be perturbed further.
+        x in the shape of b.
     """
     noise = active_noise()
     assert noise is not None
     batched = isinstance(noise, NoiseBatch)
     states = noise.states if batched else 1
-    if isinstance(noise, NoiseBatch):
-        A, b = (batch_data(x, noise.count) for x in (A, b))
     if A.shape[-1] == 0:
-        return BatchArray(b) if batched else b
+        return b
     size, count = A.shape[-1], A[..., 0, 0].size
     many = b[..., 0, :].size // count if b.ndim == A.ndim else 1
     enabled = not batched or noise.enabled
@@ -466,7 +465,7 @@ def perturbed_solve(A: Any, b: Any, name: str) -> Any:
         if not batched:
             sign, log = float(sign[0]), float(log[0])
         record(SolveRecord(name, size, np.nan, sign, log), A)
-    return BatchArray(x, noise) if batched else noise.as_perturbed(x)
+    return x
 
 
-SOLVERS[Noise] = SOLVERS[NoiseBatch] = perturbed_solve
+SOLVERS[Noise] = perturbed_solve

@@ -169,7 +169,7 @@ class _TraceGroup(NamedTuple):
 
     after: int
     function: Callable
-    arguments: list[Array]
+    arguments: PackedRecord
     results: Array
 
 
@@ -232,7 +232,9 @@ class _Trace:
                 return number if literal else 0
             if operation == SUB and literal is x:
                 return -y + x
-        first, second = (self.literal(z) if type(z) is int else z.index for z in (x, y))
+        first, second = (
+            z.index if isinstance(z, _TracedNumber) else self.literal(z) for z in (x, y)
+        )
         return self._add(operation, first, second)
 
     def negated(self, x: _TracedNumber) -> _TracedNumber:
@@ -247,7 +249,7 @@ class _Trace:
 
     def group(self, function: Callable, shape: tuple[int, ...], *arrays: Array) -> Array:
         """Return the result, of this shape, of a function of float64 arrays."""
-        arguments, numbers = [self._indices(x) for x in arrays], self._numbers(shape)
+        arguments, numbers = PackedRecord(tuple(map(self._indices, arrays))), self._numbers(shape)
         after = len(self._operations) // 4
         self.groups.append(_TraceGroup(after, function, arguments, self._indices(numbers)))
         return numbers
@@ -263,9 +265,9 @@ class _Trace:
         for after, function, arguments, results in self.groups:
             values.replay(done, after)
             done = after
-            values.put(results, function(*map(values.take, arguments)))
+            values.put(results, function(*values.take(arguments, noise)))
         values.replay(done, len(self._operations) // 4)
-        return self.results.split(values.rows(self.results.indices), bool(values.count))
+        return values.take(self.results)
 
 
 class _Values:
@@ -301,16 +303,11 @@ class _Values:
         data = x.data if isinstance(x, BatchArray) else x
         self._write(indices.reshape(-1), data.reshape(self.parts * self.inside, indices.size))
 
-    def rows(self, indices: Array) -> Array:
-        """Return values (B, n), element by element."""
-        values = self.values[indices, :, : self.inside]
-        return np.ascontiguousarray(values.reshape(len(indices), self.parts * self.inside).T)
-
-    def take(self, indices: Array) -> Any:
-        """Return values as an array; of a batch as one, which the noise perturbs further."""
-        rows = self.rows(indices.reshape(-1))
-        data = rows.reshape(len(rows), *indices.shape)
-        return BatchArray(data, self.noise) if self.count else data[0]
+    def take(self, record: PackedRecord, noise: NoiseBatch | None = None) -> Any:
+        """Return a record of values as arrays; of a batch as batches, which `noise` perturbs."""
+        values = self.values[record.indices, :, : self.inside]
+        rows = np.ascontiguousarray(values.reshape(len(record.indices), self.parts * self.inside).T)
+        return record.split(rows, bool(self.count), noise)
 
     def replay(self, first: int, last: int) -> None:
         """Perform the operations from `first` up to `last`."""

@@ -361,15 +361,21 @@ class PackedRecord:
         self.indices = np.concatenate([x.reshape(-1) for x in parts]) if parts else np.empty(0, int)
         self._record = record
 
-    def split(self, entries: Array, batch: bool) -> Any:
-        """Return the record with entries (B, n) in place of their indices, as arrays of a batch."""
+    def split(self, entries: Array, batch: bool, noise: NoiseBatch | None = None) -> Any:
+        """Return the record with entries (B, n) in place of their indices.
+
+        Args:
+            entries: the entries, in the order of `indices`.
+            batch: whether they are of a batch, otherwise of single arrays, B = 1.
+            noise: source of the perturbations of results, see `BatchArray`.
+        """
         taken = 0
 
         def part(indices: Array) -> Any:
             nonlocal taken
             first, taken = taken, taken + indices.size
             data = entries[:, first:taken].reshape(len(entries), *indices.shape)
-            return BatchArray(data) if batch else data[0]
+            return BatchArray(data, noise) if batch else data[0]
 
         return map_record(part, self._record)
 

@@ -29,7 +29,7 @@ import scipy.linalg
 from scipy.linalg import get_lapack_funcs
 
 from eomcheck.errors import RefusedError
-from eomcheck.numbers.batch_arrays import BatchArray, NoiseBatch, batch_size, of_each
+from eomcheck.numbers.batch_arrays import BatchArray, NoiseBatch, batch_data, batch_size, of_each
 from eomcheck.numbers.generic import Array
 from eomcheck.numbers.noise import NORMAL, Noise
 from eomcheck.numbers.pivots import EPS, power_of_two_scale
@@ -325,7 +325,7 @@ def singular_below(terms: int) -> float:
     return terms * EPS
 
 
-def solve(A, b, name):
+def solve(A, b, name) -> Any:
     """Solve A x = b.
 
     Args:
@@ -350,8 +350,8 @@ def solve(A, b, name):
         return b.copy()
     else:
         kind = scalar_type_of(A, b)
-    if kind is BatchArray and active_noise() is not None:
-        kind = NoiseBatch
+    if kind is BatchArray and (noise := active_noise()) is not None:
+        return _perturbed_solve(A, b, name, noise)
     return SOLVERS.get(kind, eliminate)(A, b, name)
 
 
@@ -381,7 +381,7 @@ def _lapack_solve(A, b, name):
     if size == 0:
         return b.copy()
     if (noise := active_noise()) is not None:
-        return SOLVERS[NoiseBatch if isinstance(noise, NoiseBatch) else Noise](A, b, name)
+        return _perturbed_solve(A, b, name, noise)
     A, b, scale, row_scale = equilibrate(A, b)
     lu, pivots, _ = _getrf(A)
     sign, log = determinant(np.diagonal(lu), pivots, scale, row_scale)
@@ -389,6 +389,14 @@ def _lapack_solve(A, b, name):
     rcond, rounding = reciprocal_condition(lu, pivots, sizes), Rounding(sizes, scale, row_scale)
     record(SolveRecord(name, size, rcond, float(sign), float(log), 0, pivots, rounding), A)
     return scale_rows(_getrs(lu, pivots, b)[0], scale)
+
+
+def _perturbed_solve(A, b, name, noise) -> Any:
+    """Solve by the solver of perturbed matrices, of a batch with the batch axis first."""
+    if not isinstance(noise, NoiseBatch):
+        return noise.as_perturbed(SOLVERS[Noise](A, b, name))
+    A, b = (batch_data(x, noise.count) for x in (A, b))
+    return BatchArray(SOLVERS[Noise](A, b, name), noise)
 
 
 def reference_solve(name):
