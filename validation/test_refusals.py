@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from eomcheck.claims.pairwise_design import scene_cases
 from hypothesis import example, given, settings
 
 import eomcheck
 from eomcheck import strategies
 from eomcheck.claims.run import RunSelection, ValidationRun
+from eomcheck.draws.pairwise_design import scene_cases
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import Snake
 from validation.harness import ACROSS, SPECIAL, holds, rolling, uniform

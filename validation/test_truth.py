@@ -1,11 +1,11 @@
 """The true acceleration, enclosed in balls of 30 digits and more."""
 
 import pytest
-from eomcheck.lab.strategy_samples import draw_samples
 
 import eomcheck
 from eomcheck import strategies
 from eomcheck.errors import RefusedError
+from eomcheck.strategies import draw_samples
 from validation.harness import holds
 
 
