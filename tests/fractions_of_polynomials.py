@@ -13,7 +13,7 @@ import math
 import flint
 import numpy as np
 
-from eomcheck.numbers.degree import Bound, DegreeArithmetic, Denominator
+from eomcheck.numbers.finite_field import Bound, DegreeArithmetic, Denominator
 from eomcheck.numbers.linear import solve
 
 NAMES = ("x", "y", "z")

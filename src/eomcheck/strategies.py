@@ -30,7 +30,7 @@ from hypothesis.strategies import SearchStrategy
 from eomcheck.descriptions.random_mechanisms import RandomMechanism, RandomTree, checked_links
 from eomcheck.descriptions.random_trees import EVERYWHERE, URDF_JOINTS, urdf_tree
 from eomcheck.descriptions.urdf_reader import urdf_text
-from eomcheck.draws.states import (
+from eomcheck.draws import (
     CURVATURE,
     draw_magnitude,
     draw_topology,
@@ -41,9 +41,8 @@ from eomcheck.draws.states import (
     zero_or_magnitude,
 )
 from eomcheck.errors import InputError, RefusedError, distinct, whole_number
-from eomcheck.mechanics.random_source import Choices
 from eomcheck.mechanics.records import State
-from eomcheck.mechanics.scene import Scene, checked_scene, finite_array
+from eomcheck.mechanics.scene import Choices, Scene, checked_scene, finite_array
 from eomcheck.scenes import Snake
 
 __all__ = [

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eomcheck import strategies
-from eomcheck.draws.states import (
+from eomcheck.draws import (
     angles_of,
     draw_array,
     draw_magnitude,

@@ -21,8 +21,7 @@ from eomcheck.claims.proof import (
 )
 from eomcheck.claims.registry import Comparison, GenericPoint
 from eomcheck.formulations import FORMULATIONS, Partition
-from eomcheck.numbers.degree import DegreeArithmetic
-from eomcheck.numbers.finite_field import FiniteField, random_prime
+from eomcheck.numbers.finite_field import DegreeArithmetic, FiniteField, random_prime
 from eomcheck.scenes import Snake
 
 SCENE = Snake.coil(3)

@@ -21,8 +21,7 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.formulations.au import split
 from eomcheck.mechanics.records import Speeds, Terms
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.degree import DegreeArithmetic
-from eomcheck.numbers.finite_field import PRIME_COUNT
+from eomcheck.numbers.finite_field import PRIME_COUNT, DegreeArithmetic
 from eomcheck.numbers.generic import generic
 from eomcheck.numbers.linear import solve
 from eomcheck.scenes import SCENES, Snake

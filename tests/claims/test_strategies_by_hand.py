@@ -14,7 +14,7 @@ from scipy.linalg import null_space
 
 from eomcheck import strategies
 from eomcheck.descriptions.random_mechanisms import RandomMechanism, RandomTree
-from eomcheck.draws.states import (
+from eomcheck.draws import (
     StateRanges,
     angles_of,
     consistent_state,

@@ -39,8 +39,8 @@ from eomcheck.descriptions.vector_algebra import (
     z_to_axis,
 )
 from eomcheck.errors import InputError
-from eomcheck.mechanics.random_source import GeneratorChoices
 from eomcheck.mechanics.records import ANY_ANGLE, ANYWHERE, planar_tree
+from eomcheck.mechanics.scene import GeneratorChoices
 from eomcheck.scenes import ChainPendulum
 
 # ---- Words ---------------------------------------------------------------------------------------

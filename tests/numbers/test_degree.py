@@ -17,7 +17,7 @@ from tests.fractions_of_polynomials import (
 )
 
 from eomcheck.errors import RefusedError
-from eomcheck.numbers.degree import ONE, Bound, DegreeArithmetic, Denominator, log_sum
+from eomcheck.numbers.finite_field import ONE, Bound, DegreeArithmetic, Denominator, log_sum
 from eomcheck.numbers.linear import solve
 
 

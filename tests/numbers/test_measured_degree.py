@@ -31,7 +31,7 @@ from eomcheck.claims.proof import Key, identities_at
 from eomcheck.claims.registry import GenericPoint
 from eomcheck.formulations import FORMULATIONS, Partition
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.degree import Bound, DegreeArithmetic
+from eomcheck.numbers.finite_field import Bound, DegreeArithmetic
 from eomcheck.scenes import Snake
 
 ALL = tuple(FORMULATIONS.values())

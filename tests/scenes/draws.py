@@ -26,7 +26,7 @@ from eomcheck.descriptions.random_trees import (
     urdf_tree,
 )
 from eomcheck.descriptions.urdf_reader import urdf_text
-from eomcheck.mechanics.random_source import GeneratorChoices
+from eomcheck.mechanics.scene import GeneratorChoices
 
 STORED = Path(__file__).with_suffix(".json")
 

@@ -19,7 +19,7 @@ from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.descriptions.random_trees import EVERYWHERE, urdf_tree
 from eomcheck.descriptions.urdf_reader import urdf_text
 from eomcheck.engines import MjcfFile, PinocchioFile
-from eomcheck.mechanics.random_source import GeneratorChoices
+from eomcheck.mechanics.scene import GeneratorChoices
 from eomcheck.scenes import Snake, from_mjcf, from_urdf
 
 TERMS = ("mass-matrix", "bias", "generalized-forces")

@@ -54,8 +54,8 @@ from eomcheck.draws.pairwise_design import (
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluation.dynamics import assembly_error, check_consistent, position_residual
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.mechanics.random_source import GeneratorChoices
 from eomcheck.mechanics.records import State
+from eomcheck.mechanics.scene import GeneratorChoices
 from eomcheck.scene_lookup import scene_classes_named
 from eomcheck.scenes import from_urdf
 from eomcheck.strategies import draw_samples

@@ -15,7 +15,7 @@ from tests.testing.trees import functions_of_model, random_tree
 from eomcheck.descriptions.random_trees import urdf_tree
 from eomcheck.descriptions.urdf_reader import urdf_text
 from eomcheck.errors import required
-from eomcheck.mechanics.random_source import GeneratorChoices
+from eomcheck.mechanics.scene import GeneratorChoices
 from eomcheck.testing import EquationsOfMotion, from_kane, from_lagrange
 from eomcheck.testing.equations_of_motion import equations_from
 

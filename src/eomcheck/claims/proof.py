@@ -41,10 +41,11 @@ from eomcheck.errors import (
 from eomcheck.evaluation import scene_quantities as quantities
 from eomcheck.formulations import Formulation, Partition, formulations_for
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.degree import Bound, DegreeArithmetic
 from eomcheck.numbers.finite_field import (
     PRIME_COUNT,
     PRIMES,
+    Bound,
+    DegreeArithmetic,
     DomainError,
     FiniteField,
     random_prime,

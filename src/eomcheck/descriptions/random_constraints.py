@@ -35,7 +35,7 @@ from eomcheck.descriptions.vector_algebra import (
     z_to_axis,
 )
 from eomcheck.errors import RefusedError
-from eomcheck.mechanics.random_source import Choices
+from eomcheck.mechanics.scene import Choices
 from eomcheck.numbers.generic import FLOAT64, Array
 
 INDEPENDENT = 0.05

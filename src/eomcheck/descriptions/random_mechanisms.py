@@ -27,9 +27,8 @@ from eomcheck.descriptions.random_trees import (
     tree_factors,
 )
 from eomcheck.errors import InputError, RefusedError, whole_number
-from eomcheck.mechanics.random_source import Choices, Factors, GeneratorChoices
 from eomcheck.mechanics.records import Range
-from eomcheck.mechanics.scene import Scene
+from eomcheck.mechanics.scene import Choices, Factors, GeneratorChoices, Scene
 
 CONSTRAINTS, MOTION = "constraints", "motion"
 NOTHING = "nothing"

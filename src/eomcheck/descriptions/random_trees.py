@@ -20,7 +20,7 @@ from eomcheck.descriptions.vector_algebra import (
     Quaternion,
     rotation_matrix,
 )
-from eomcheck.mechanics.random_source import Choices, Factors
+from eomcheck.mechanics.scene import Choices, Factors
 
 # ---- Numbers and bodies --------------------------------------------------------------------------
 

@@ -22,14 +22,7 @@ import numpy as np
 
 from eomcheck.descriptions.random_mechanisms import CONSTRAINTS, RandomScene
 from eomcheck.descriptions.random_trees import ROOT, SPACE
-from eomcheck.draws.pairwise_design import (
-    ABSENT,
-    ATTEMPTS,
-    levels_of_range,
-    ranges_of,
-    sample_level,
-)
-from eomcheck.draws.states import (
+from eomcheck.draws import (
     FAR,
     SPEEDS,
     angles_of,
@@ -38,13 +31,19 @@ from eomcheck.draws.states import (
     draw_topology,
     state_ranges,
 )
+from eomcheck.draws.pairwise_design import (
+    ABSENT,
+    ATTEMPTS,
+    levels_of_range,
+    ranges_of,
+    sample_level,
+)
 from eomcheck.errors import EomcheckError, InputError, RefusedError
 from eomcheck.evaluation.dynamics import assembled_position, check_consistent, consistent_velocity
 from eomcheck.evaluation.evaluation import BatchEvaluation, Evaluation
 from eomcheck.evaluation.tolerance import allowed_error
-from eomcheck.mechanics.random_source import Factors, GeneratorChoices
 from eomcheck.mechanics.records import Range, State
-from eomcheck.mechanics.scene import Scene
+from eomcheck.mechanics.scene import Factors, GeneratorChoices, Scene
 from eomcheck.numbers.batch_arrays import BatchArray
 from eomcheck.numbers.generic import Array
 from eomcheck.numbers.linear import least_squares, null_space

@@ -21,14 +21,13 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.draws.states import angles_of, ordinary_state
+from eomcheck.draws import angles_of, ordinary_state
 from eomcheck.errors import InputError, RefusedError, whole_number
 from eomcheck.evaluation.dynamics import assembled_position, consistent_velocity
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import largest
-from eomcheck.mechanics.random_source import Factors, GeneratorChoices
 from eomcheck.mechanics.records import Range, State
-from eomcheck.mechanics.scene import Scene
+from eomcheck.mechanics.scene import Factors, GeneratorChoices, Scene
 from eomcheck.numbers.generic import Array
 
 # ---- Pairwise design -----------------------------------------------------------------------------

@@ -22,6 +22,8 @@ The rules are numbered, so that an error or a note can point at one.
 10. A scene whose bodies form a chain may provide a `Chain`: body k moves with two quasi-
     velocities, computed from any v, in which its mass is diagonal, and two equations tie it to
     body k-1. x lists them body by body.
+
+A scene is drawn by `Choices`: a NumPy generator or hypothesis.
 """
 
 from __future__ import annotations
@@ -32,7 +34,7 @@ from functools import wraps
 from inspect import get_annotations, isfunction
 from numbers import Integral
 from types import ModuleType
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -40,10 +42,58 @@ from eomcheck.calls import calling, is_ours
 from eomcheck.deprecated import old_attributes, take_old_attributes
 from eomcheck.errors import InputError, safe_repr
 from eomcheck.mechanics.derived_functions import derive_missing
-from eomcheck.mechanics.random_source import Choices, Factors
 from eomcheck.mechanics.records import Range, Symmetry, Tree
 from eomcheck.mechanics.sketch import Sketch
 from eomcheck.numbers.generic import Arithmetic, Array, generic
+
+# ---- Choices -------------------------------------------------------------------------------------
+
+T = TypeVar("T")
+
+Factors = dict[str, tuple[str, ...]]
+"""Property -> its possible levels: the factors of a pairwise design."""
+
+
+class Choices(Protocol):
+    """A source of choices; hypothesis shrinks towards the simplest, first options and 0."""
+
+    def one_of(self, among: Sequence[T]) -> T:
+        """Return one of at least one option."""
+        ...
+
+    def whole(self, low: int, high: int) -> int:
+        """Return a whole number in [low, high]."""
+        ...
+
+    def number(self, low: float, high: float) -> float:
+        """Return a number in [low, high]."""
+        ...
+
+
+class GeneratorChoices:
+    """Choices by a NumPy generator, all options with the same probability.
+
+    Args:
+        random: the generator.
+    """
+
+    def __init__(self, random: np.random.Generator):
+        self._random = random
+
+    def one_of(self, among: Sequence[T]) -> T:
+        """Return one of at least one option."""
+        return among[int(self._random.integers(len(among)))]
+
+    def whole(self, low: int, high: int) -> int:
+        """Return a whole number in [low, high]."""
+        return int(self._random.integers(low, high + 1))
+
+    def number(self, low: float, high: float) -> float:
+        """Return a number in [low, high]."""
+        return float(self._random.uniform(low, high))
+
+
+# ---- Scene ---------------------------------------------------------------------------------------
 
 Functions = Mapping[str, Any] | tuple[ModuleType, ...]
 

@@ -19,6 +19,7 @@ import numpy as np
 from eomcheck.claims import CLAIMS, Finding
 from eomcheck.claims.batched_claims import batchable_claims
 from eomcheck.claims.finding import DECIDED
+from eomcheck.draws import state_ranges
 from eomcheck.draws.fuzz_cases import (
     FAMILIES,
     ORDINARY,
@@ -31,7 +32,6 @@ from eomcheck.draws.fuzz_cases import (
     varied,
 )
 from eomcheck.draws.pairwise_design import with_wide
-from eomcheck.draws.states import state_ranges
 from eomcheck.engines import ENGINES, Engine, is_under_test
 from eomcheck.errors import EomcheckError
 from eomcheck.formulations import FORMULATIONS
