@@ -7,18 +7,19 @@ import subprocess
 import sys
 from typing import Any
 
+import numpy as np
 import pytest
 import typer
 from click import Context
 
 import eomcheck
-from eomcheck import cli, deprecated
+from eomcheck import cli, deprecated, strategies
 from eomcheck.descriptions.build import mechanism
 from eomcheck.descriptions.elements import Joint, Link
 from eomcheck.descriptions.random_mechanisms import RANDOM
 from eomcheck.mechanics.parameters import parameter
 from eomcheck.mechanics.records import Range
-from eomcheck.scenes import Sleigh
+from eomcheck.scenes import Bricard, Sleigh
 
 
 @pytest.mark.parametrize("old", sorted(deprecated.MODULES))
@@ -174,6 +175,23 @@ def test_check_of_a_scene_in_one_state_is_check_state_and_warns():
     assert warned[0].filename == __file__
     new = eomcheck.check_state(scene, q, v, claims=["bias"], engines=["casadi"])
     assert [str(one) for one in old] == [str(one) for one in new] and old
+
+
+def test_a_closed_ring_a_silent_error_and_states_of_scenes_have_their_old_names():
+    ring = Bricard()
+    with pytest.warns(DeprecationWarning, match=r"Bricard\.closed is now closed_state;"):
+        q, v = ring.closed(0.5, 0.7)  # pyright: ignore[reportAttributeAccessIssue]
+    assert np.array_equal([q, v], ring.closed_state(0.5, 0.7))
+    sleigh = Sleigh.example()
+    accuracy = eomcheck.accuracy(sleigh, "au", sleigh.initial_state()[0], [0.0, 0.0])
+    with pytest.warns(DeprecationWarning, match=r"Accuracy\.silent is now silently_wrong;"):
+        assert accuracy.silent is False  # pyright: ignore[reportAttributeAccessIssue]
+    snakes = strategies.snakes(2, 2)
+    with pytest.warns(DeprecationWarning, match=r"scene_states\(of=\) is now states_of=;"):
+        old: Any = strategies.scene_states
+        pairs = old(snakes, of=strategies.states)
+    (scene, state), *_ = strategies.draw_samples(pairs, 1, 0)
+    assert scene.links == 2 and len(state.q) == scene.n
 
 
 def test_every_old_field_is_gone_from_what_it_was_of():

@@ -15,7 +15,7 @@ from tests.machine_code import MachineCode
 import eomcheck
 from eomcheck.claims import Case
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation.certified import true_error, true_state
+from eomcheck.evaluation.certified import true_acceleration, true_error
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import FORMULATIONS
@@ -97,7 +97,7 @@ def test_banded_keeps_12_digits_in_machine_code_or_not(family: str, links: int):
     q, _ = scene.initial_state()
     # The motion of pattern(1000) that starts with such speeds has no tail in doubles.
     u = [0.0, 0.0] if family == "pattern" else [1.0, 0.5]
-    truth, at = true_state(scene, q, u)
+    truth, at = true_acceleration(scene, q, u)
     found: dict[str, float | str] = {}
     for key in ("banded", "au", "kane"):
         try:

@@ -237,6 +237,8 @@ FIELDS: dict[str, dict[str, str]] = {
         "relaxed": "rest_position",
         "follows": "mimics",
     },
+    "Accuracy": {"silent": "silently_wrong"},
+    "Bricard": {"closed": "closed_state"},
     "Contact": {"told": "directions"},
     "MechanismSource": {"left_out": "ignored", "doubtful": "warnings", "source": "file"},
     "Mechanism": {"made": "source"},
@@ -249,6 +251,7 @@ FIELDS: dict[str, dict[str, str]] = {
     "parameter": {"drawn": "sample_range"},
     "parallel_map": {"where": "executor"},
     "run_cells": {"where": "executor"},
+    "scene_states": {"of": "states_of"},
 }
 """Class or function -> old -> new name of its fields, or of its keywords."""
 

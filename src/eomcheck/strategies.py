@@ -27,8 +27,9 @@ from hypothesis import HealthCheck, Phase, reject
 from hypothesis import strategies as st
 from hypothesis.strategies import SearchStrategy
 
+from eomcheck.deprecated import old_keywords
 from eomcheck.descriptions.random_mechanisms import RandomMechanism, RandomTree, checked_links
-from eomcheck.descriptions.random_trees import EVERYWHERE, URDF_JOINTS, urdf_tree
+from eomcheck.descriptions.random_trees import COMMON_JOINTS, URDF_JOINTS, urdf_tree
 from eomcheck.descriptions.urdf_reader import urdf_text
 from eomcheck.draws import (
     CURVATURE,
@@ -118,8 +119,8 @@ def without_tiny(x: float) -> float:
 
 
 @st.composite
-def drawn(draw: Any, make: Callable[[Choices], T], tiny: bool = False) -> T:
-    """Return a strategy for what `make` returns; a draw that it refuses is rejected."""
+def strategy_of(draw: Any, make: Callable[[Choices], T], tiny: bool = False) -> T:
+    """Return a strategy for results of `make`, which makes choices; refused draws are rejected."""
     try:
         return make(HypothesisChoices(draw, tiny))
     except RefusedError:
@@ -127,7 +128,10 @@ def drawn(draw: Any, make: Callable[[Choices], T], tiny: bool = False) -> T:
 
 
 def draw_samples(cases: SearchStrategy[T], count: int, seed: int) -> list[T]:
-    """Return `count` draws from `cases`, the same for the same seed."""
+    """Return at most `count` draws from `cases`, the same for the same seed.
+
+    Fewer where `cases` has no more different ones.
+    """
     samples: list[T] = []
     unshrunk = hypothesis.settings(
         settings, max_examples=count, database=None, phases=[Phase.generate]
@@ -157,7 +161,7 @@ def snakes(
     damping: tuple[float, float] = (0.0, 100.0),
     wheel_angle: float = 1.0,
 ) -> SearchStrategy[Snake]:
-    """Return a strategy for snakes of different links, with springs and dampers or without.
+    """Return a strategy for snakes of different links, each with or without springs and dampers.
 
     Args:
         min_links: smallest number of links N.
@@ -172,7 +176,7 @@ def snakes(
     Raises:
         InputError: bounds that no snake can have.
     """
-    links = _ordered("links", whole_number, min_links, max_links)
+    links = _checked_interval("links", whole_number, min_links, max_links)
     positive = np.nextafter(0.0, 1.0)
     check_bounds("mass", mass, positive)
     check_bounds("length", length, positive)
@@ -195,7 +199,7 @@ def snakes(
             ranges[name] = ranges[name]._replace(low=low, high=high)
         return scene_within(Snake, ranges, choices)
 
-    return drawn(snake)
+    return strategy_of(snake)
 
 
 def scenes(kind: type[S], min_links: int = 1, max_links: int = 8) -> SearchStrategy[S]:
@@ -209,14 +213,16 @@ def scenes(kind: type[S], min_links: int = 1, max_links: int = 8) -> SearchStrat
     Raises:
         InputError: numbers of links that no such scene can have.
     """
-    links = _ordered("links", whole_number, min_links, max_links) if kind.has_links else None
+    links = (
+        _checked_interval("links", whole_number, min_links, max_links) if kind.has_links else None
+    )
 
     def scene(choices: Choices) -> Any:
         count = None if links is None else choices.whole(*links)
         topology = draw_topology(kind, count, choices)
         return scene_within(topology, topology.ranges(count), choices)
 
-    return drawn(scene)
+    return strategy_of(scene)
 
 
 def random_trees(min_bodies: int = 1, max_bodies: int = 12) -> SearchStrategy[RandomTree]:
@@ -249,7 +255,7 @@ def urdfs(
     min_bodies: int = 1,
     max_bodies: int = 8,
     *,
-    joints: Iterable[str] = EVERYWHERE,
+    joints: Iterable[str] = COMMON_JOINTS,
     mimic: bool = True,
     massless: bool = True,
     dampers: bool = True,
@@ -272,15 +278,15 @@ def urdfs(
     """
     kinds = distinct("joints", joints)
     if "revolute" not in kinds or not URDF_JOINTS.issuperset(kinds):
-        known = ", ".join(sorted(URDF_JOINTS))
-        raise InputError(f"joints = {kinds!r}, expected 'revolute' and any of: {known}")
+        available = ", ".join(sorted(URDF_JOINTS))
+        raise InputError(f"joints = {kinds!r}, expected 'revolute' and any of: {available}")
     bodies = _bodies(min_bodies, max_bodies)
 
     def urdf(choices: Choices) -> str:
         count = choices.whole(*bodies)
         return urdf_text(urdf_tree(count, choices, kinds, mimic, massless, dampers))
 
-    return drawn(urdf)
+    return strategy_of(urdf)
 
 
 def hostile_snakes(min_links: int = 1, max_links: int = 8) -> SearchStrategy[Snake]:
@@ -291,7 +297,7 @@ def hostile_snakes(min_links: int = 1, max_links: int = 8) -> SearchStrategy[Sna
     Raises:
         InputError: bounds that no snake can have.
     """
-    links = _ordered("links", whole_number, min_links, max_links)
+    links = _checked_interval("links", whole_number, min_links, max_links)
 
     def snake(choices: Choices) -> Snake:
         n = choices.whole(*links)
@@ -309,7 +315,7 @@ def hostile_snakes(min_links: int = 1, max_links: int = 8) -> SearchStrategy[Sna
             damping=optional(),
         )
 
-    return drawn(snake, tiny=True)
+    return strategy_of(snake, tiny=True)
 
 
 def _wheel_angle(choices: Choices) -> float:
@@ -356,7 +362,7 @@ def states(
     for name, bound in (("position", position), ("angle", angle), ("speed", speed), ("time", time)):
         check_bounds(name, (0.0, bound), 0.0)
     ranges = state_ranges(scene, position, angle, speed, time)
-    return drawn(lambda choices: ordinary_state(scene, choices, ranges))
+    return strategy_of(lambda choices: ordinary_state(scene, choices, ranges))
 
 
 def hostile_states(scene: Scene) -> SearchStrategy[State]:
@@ -364,31 +370,42 @@ def hostile_states(scene: Scene) -> SearchStrategy[State]:
 
     Stretched poses, many turns, and speeds from 1e-150 to 1e150.
     """
-    return drawn(lambda choices: hostile_state(scene, choices), tiny=True)
+    return strategy_of(lambda choices: hostile_state(scene, choices), tiny=True)
 
 
+@old_keywords
 def scene_states(
-    scenes: SearchStrategy[Scene], of: Callable[[Scene], SearchStrategy[State]] = states
+    scenes: SearchStrategy[Scene], states_of: Callable[[Scene], SearchStrategy[State]] = states
 ) -> SearchStrategy[tuple[Scene, State]]:
-    """Return a strategy for pairs of a scene and one of its states."""
-    return scenes.flatmap(lambda scene: of(scene).map(lambda state: (scene, state)))
+    """Return a strategy for pairs of a scene and one of its states.
+
+    Args:
+        scenes: strategy for scenes.
+        states_of: function that returns the strategy for states of a scene.
+    """
+    return scenes.flatmap(lambda scene: states_of(scene).map(lambda state: (scene, state)))
 
 
 # ---- Bounds --------------------------------------------------------------------------------------
 
 
 def _bodies(min_bodies: int, max_bodies: int) -> tuple[int, int]:
-    return _ordered("bodies", lambda name, x: checked_links(x, name), min_bodies, max_bodies)
+    """Return the checked smallest and largest number of bodies."""
+    return _checked_interval(
+        "bodies", lambda name, x: checked_links(x, name), min_bodies, max_bodies
+    )
 
 
-def _ordered(noun: str, checked: Callable[[str, Any], int], low: int, high: int) -> tuple[int, int]:
-    """Return the smallest and the largest number of links or bodies.
+def _checked_interval(
+    noun: str, check: Callable[[str, Any], int], low: int, high: int
+) -> tuple[int, int]:
+    """Return the smallest and the largest number of links or bodies, each passed through `check`.
 
     Raises:
-        InputError: no such number, or none between them.
+        InputError: `check` rejects one, or there is none between them.
     """
     names = f"min_{noun}", f"max_{noun}"
-    low, high = checked(names[0], low), checked(names[1], high)
+    low, high = check(names[0], low), check(names[1], high)
     if low > high:
         raise InputError(f"{', '.join(names)} = {low}, {high}, expected {names[0]} <= {names[1]}")
     return low, high
@@ -399,6 +416,6 @@ def check_bounds(name: str, bounds: tuple[float, float], lowest: float) -> None:
     try:
         low, high = finite_array(name, bounds, (2,)).tolist()
     except InputError:
-        low = high = math.nan
+        low = high = math.nan  # fails the comparison, whose message names the bounds
     if not lowest <= low <= high:
         raise InputError(f"{name} = {bounds!r}, expected {lowest:g} <= low <= high, both finite")

@@ -111,7 +111,9 @@ def test_a_wrong_row_that_a_larger_one_hides_in_every_state_fails_in_exact_arith
 
 
 def test_a_wrong_row_that_a_larger_one_hides_is_named_where_there_is_no_proof(monkeypatch):
-    monkeypatch.setattr("eomcheck.claims.proof.MOST", 1)  # coordinates: the scene has two
+    monkeypatch.setattr(
+        "eomcheck.claims.proof.MOST_COORDINATES", 1
+    )  # coordinates: the scene has two
     found = eomcheck.validate(springs(-1), examples=3, **CLAIM)
     (left,) = of_verdict("inconclusive", found)
     assert not of_verdict("failed", found)
@@ -122,7 +124,7 @@ def test_a_wrong_row_that_a_larger_one_hides_is_named_where_there_is_no_proof(mo
 def test_a_test_of_a_scene_with_an_entry_that_no_state_resolves_does_not_pass(monkeypatch):
     trial = SceneTarget("springs", springs(-1), None)
     assert trial.results(2, 0)["generalized-forces"].verdict == "failed"
-    monkeypatch.setattr("eomcheck.claims.proof.MOST", 1)
+    monkeypatch.setattr("eomcheck.claims.proof.MOST_COORDINATES", 1)
     result = trial.results(2, 0)["generalized-forces"]
     assert result.verdict == "inconclusive"
     assert "not resolved in any of 3 states: casadi, row weak" in result.text

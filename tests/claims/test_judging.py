@@ -133,13 +133,13 @@ def test_the_truth_of_a_driven_scene_is_that_of_the_time_at_hand():
 
 
 def test_true_errors_are_those_of_the_time_at_hand(monkeypatch):
-    times, right = [], numerical_accuracy.true_state
+    times, right = [], numerical_accuracy.true_acceleration
 
     def recorded(scene, q, u, t):
         times.append(t)
         return right(scene, q, u, t)
 
-    monkeypatch.setattr(numerical_accuracy, "true_state", recorded)
+    monkeypatch.setattr(numerical_accuracy, "true_acceleration", recorded)
     Case(driven()[1], (FORMULATIONS["au"],), ()).evaluate(CLAIMS["true-error"])
     assert times == [0.7]
 

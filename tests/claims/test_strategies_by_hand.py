@@ -59,7 +59,7 @@ class Scripted:
 @pytest.fixture
 def plain(monkeypatch):
     """Have strategies be the function that makes a case, and whether numbers may be tiny."""
-    monkeypatch.setattr(module, "drawn", lambda make, tiny=False: (make, tiny))
+    monkeypatch.setattr(module, "strategy_of", lambda make, tiny=False: (make, tiny))
 
 
 # ---- Numbers -------------------------------------------------------------------------------------
@@ -330,7 +330,7 @@ def test_a_state_near_which_nothing_is_closed_is_no_case():
             raise RefusedError("a", 0.0, 1.0, "no")
         return number
 
-    assert set(draw_samples(strategies.drawn(make), 20, 0)) == {34}
+    assert set(draw_samples(strategies.strategy_of(make), 20, 0)) == {34}
 
 
 @pytest.mark.parametrize("name", ["position", "angle", "speed", "time"])

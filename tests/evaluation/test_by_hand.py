@@ -63,7 +63,7 @@ def certify(monkeypatch, vdot: list, true: list, kappa_scale: float) -> certifie
     monkeypatch.setattr(certified, "solution_of", lambda *given: found)
     with precision(200):
         truth = Enclosure(np.array(true, object), None, np.array([flint.arb(1)]), 200, 30.0)
-    return certified.certify(FORMULATIONS["au"], truth, at, sensitivity=kappa_scale)  # type: ignore[arg-type]
+    return certified.accuracy_at(FORMULATIONS["au"], truth, at, sensitivity=kappa_scale)  # type: ignore[arg-type]
 
 
 def test_an_accuracy_is_that_of_each_entry_and_relative_to_the_largest(monkeypatch):
@@ -79,7 +79,7 @@ def test_an_accuracy_is_that_of_each_entry_and_relative_to_the_largest(monkeypat
     assert found.relative_bound == pytest.approx(32.0 * EPS * 16.0 / 8.0, abs=0.0)
     assert found.kappa == 2.0
     assert found.ratio == pytest.approx(2.0**-40 / (EPS * 16.0))
-    assert not found.silent
+    assert not found.silently_wrong
 
 
 @pytest.mark.parametrize(
@@ -91,7 +91,7 @@ def test_a_result_is_silent_where_its_error_is_above_a_millionth_and_its_bound(
 ):
     true = [flint.arb(-4), flint.arb(1)]
     found = certify(monkeypatch, [-4.0, 1.0 + 4.0 * off], true, 4.0 * bound / allowed_error(1.0))
-    assert found.silent is silent
+    assert found.silently_wrong is silent
 
 
 def test_what_vanishes_is_right_where_it_is_0_and_wrong_by_all_elsewhere(monkeypatch):
@@ -156,10 +156,10 @@ def test_bits_are_doubled_until_the_digits_are_certain(monkeypatch, known, enoug
             raise RefusedError("M", 0.0, 0.0, f"{bits} bits")
         return SimpleNamespace(digits=30.0 if bits >= enough else 29.0, bits=bits)
 
-    monkeypatch.setattr(enclosure, "_in_balls", in_balls)
-    monkeypatch.setattr(enclosure, "_with_bits", with_bits)
+    monkeypatch.setattr(enclosure, "_ball_quantities", in_balls)
+    monkeypatch.setattr(enclosure, "_enclosure_of", with_bits)
     given: Any = SLEIGH, FORMULATIONS["au"], 1, 2, 0.5, 30, None
-    enclosed: Any = enclosure.enclosure
+    enclosed: Any = enclosure.enclosure_at
     before, known = set(known), dict(known)
     found = enclosed(*given, known)
     assert found.bits == next(164 * 2**k for k in range(9) if 164 * 2**k >= enough)
@@ -583,7 +583,7 @@ def test_truth_and_doubles_are_of_the_state_and_time_that_are_given():
     scene = TurntableBall(swing=1.0, frequency=3.0)
     _, (q, _, _) = ordinary(TurntableBall)
     u = [0.1, -0.3, 0.7]
-    truth, at = certified.true_state(scene, q, u, 0.7)
+    truth, at = certified.true_acceleration(scene, q, u, 0.7)
     assert (at.u.tolist(), at.t) == (u, 0.7)
     assert at.v.tolist() == [float(x.mid()) for x in truth.v]
     ways: tuple[Any, ...] = {"u": u}, {"v": at.v}

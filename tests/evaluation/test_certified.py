@@ -75,7 +75,7 @@ def test_a_true_error_is_never_rounded_down():
 def test_speeds_whose_squares_underflow_are_right_or_their_bound_tells(key: str, speed: float):
     free = Snake([1.0, 2.0], [1.0, 2.0], [0.1, 0.2], None, [0.1, -0.2])
     found = eomcheck.accuracy(free, key, [0, 0, 0.3, 1.1], [speed, speed])
-    assert not found.silent
+    assert not found.silently_wrong
     assert found.relative < 1e-12 if speed > 1e-155 else 1e-6 < found.relative < 1.001
     assert found.relative_bound >= found.relative
 
@@ -101,11 +101,11 @@ def test_either_speeds_or_a_velocity_is_to_be_given(given: dict):
 
 def test_a_wrong_result_is_silent_only_if_its_bound_does_not_tell():
     found = eomcheck.accuracy(PAPER, "kane", Q, U)
-    assert not found.silent
+    assert not found.silently_wrong
     wrong = replace(found, relative=1e-5)
-    assert wrong.silent
-    assert not replace(wrong, relative_bound=1e-4).silent
-    assert not replace(wrong, relative=1e-7).silent
+    assert wrong.silently_wrong
+    assert not replace(wrong, relative_bound=1e-4).silently_wrong
+    assert not replace(wrong, relative=1e-7).silently_wrong
 
 
 def test_a_velocity_that_doubles_cannot_hold_is_refused():

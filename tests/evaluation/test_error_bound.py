@@ -16,7 +16,7 @@ import eomcheck
 from eomcheck.claims import CLAIMS, Case
 from eomcheck.evaluation import perturbed
 from eomcheck.evaluation import perturbed as sensitivity
-from eomcheck.evaluation.certified import true_error, true_state
+from eomcheck.evaluation.certified import true_acceleration, true_error
 from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.perturbed import acceleration_sensitivity, sensitivity_of, violation
@@ -57,7 +57,7 @@ def size_alone(at, quantity, coordinates=False, solved=False, **_):
 @pytest.mark.parametrize("key", ["el", "em"])
 def test_the_size_of_a_result_alone_bounds_no_error_of_nearly_dependent_constraints(key: str):
     snake = Snake([1.0, 2.0], [1.0, 2.0], [0.1, 0.2], [3.0], [0.25, 0.0])
-    truth, at = true_state(snake, [0, 0, 0.5, 0.75 + 1e-4], [1.0, 0.5])
+    truth, at = true_acceleration(snake, [0, 0, 0.5, 0.75 + 1e-4], [1.0, 0.5])
     nothing_moved = {"sensitivity_of": size_alone, "_input_sensitivity": lambda *_: 0.0}
     alone = bound(at, key, patch.multiple(sensitivity, **nothing_moved))
     assert 10 * alone < error(at, key, truth) < bound(at, key)
@@ -101,7 +101,7 @@ def test_changes_of_the_entries_alone_bound_no_error_where_solutions_cancel():
     )
     theta = [1.0723342844630022, 1.0723342851902762, 1.0723342843649222]
     u = [-0.00514349662516115, 0.0003286950600909576]
-    truth, at = true_state(snake, [-0.7444062358363321, 0.8581677077936065, *theta], u)
+    truth, at = true_acceleration(snake, [-0.7444062358363321, 0.8581677077936065, *theta], u)
     alone = bound(at, "au", patch.dict(SOLVERS, {Noise: without_factors}))
     assert alone < error(at, "au", truth) < bound(at, "au")
 

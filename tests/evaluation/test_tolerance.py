@@ -11,7 +11,7 @@ import eomcheck
 from eomcheck.claims.finding import judge
 from eomcheck.draws.pairwise_design import scene_cases
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation.certified import true_state
+from eomcheck.evaluation.certified import true_acceleration
 from eomcheck.evaluation.dynamics import _check_digits
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import C, allowed_error
@@ -54,12 +54,12 @@ def test_a_bound_of_one_percent_checks_nothing(observed: float):
 
 def test_six_digits_are_promised():
     found = replace(eomcheck.accuracy(PAPER, "kane", Q, U), relative_bound=1e-12)
-    assert replace(found, relative=2e-6).silent
-    assert not replace(found, relative=5e-7).silent
+    assert replace(found, relative=2e-6).silently_wrong
+    assert not replace(found, relative=5e-7).silently_wrong
 
 
 def test_the_truth_has_twice_the_digits_of_doubles():
-    truth, _ = true_state(PAPER, Q, U)
+    truth, _ = true_acceleration(PAPER, Q, U)
     assert truth.digits >= 30
 
 

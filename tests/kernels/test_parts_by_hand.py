@@ -371,6 +371,6 @@ def test_the_key_of_a_trace_names_shapes_and_constants_and_arrays_are_handed_on_
 
 
 def test_this_machine_tells_what_it_can_do():
-    name, known, fused = llvm.cpu_features()
-    assert name and "-prefer-256-bit" in known.split(",")
-    assert isinstance(fused, bool)
+    name, features, fused = llvm.cpu_features()
+    assert name and "-prefer-256-bit" in features.split(",")
+    assert isinstance(fused, bool) and llvm.has_fma() is fused

@@ -27,7 +27,7 @@ from eomcheck.lab.fuzzing.function_rounds import (
     FunctionsPlan,
     drawn_state,
     hill_climbed_states,
-    limits,
+    state_bounds,
 )
 from eomcheck.lab.fuzzing.motion_comparison import jacobians
 from eomcheck.lab.fuzzing.screening import DECIDED, OPEN, CheckFrequency, runs_in_lanes
@@ -261,7 +261,7 @@ def test_what_is_looked_at_stays_within_the_ranges():
         2, M=lambda q: np.eye(2), ranges=[(0.0, 2.0), (-3.0, -1.0), (0, 1), (5, 6)]
     )
     random = np.random.default_rng(0)
-    low, high = limits(narrow)
+    low, high = state_bounds(narrow)
     states = [drawn_state(narrow, family, random) for family in (ORDINARY, SPECIAL) * 50]
     population = {("a", "b"): [ScoredCase(1.0, (narrow, one)) for one in states[:6]]}  # type: ignore
     climbed = hill_climbed_states(narrow, population, 100, random)  # type: ignore[arg-type]
@@ -282,7 +282,7 @@ def test_what_is_made_round_stays_within_the_ranges(monkeypatch):
     here = FunctionsPlan("", 0, ("mass-matrix-symmetric",), (ORDINARY,), False, 1)
     (failed,) = here.run(Round(0, ALL, {})).failed
     small = here.record_failure(failed, "leaning", [])
-    low, high = limits(leaning)
+    low, high = state_bounds(leaning)
     assert all(low <= [*small.q, *small.v]) and all([*small.q, *small.v] <= high)
     assert small.q[1] in (-3.0, -2.0) and small.q[0] == 1.0 and small.v[0] == 0.0
 

@@ -97,7 +97,7 @@ def not_finished(*keys: str, links: tuple[int, ...] = LINKS):
 
 
 def claim_at(place: str, says: str = "") -> PaperClaim:
-    (claim,) = [c for c in PAPER_CLAIMS if c.place == place and says in c.says]
+    (claim,) = [c for c in PAPER_CLAIMS if c.place == place and says in c.statement]
     return claim
 
 
@@ -127,7 +127,7 @@ def test_every_claim_has_numbers_and_a_reason():
         assert len(made.measured) > 20
         assert made.why
         assert made.claim.place
-        assert made.claim.says
+        assert made.claim.statement
 
 
 def energy_of_velocity_level_grows(record: Record) -> Record | None:

@@ -47,7 +47,7 @@ def test_what_is_delivered_is_the_worst_entry_the_worst_matrix_and_shares_of_the
     monkeypatch, machine, state
 ):
     at: Any = SimpleNamespace(scene=Snake.coil(2), q=np.array([1.0]), u=np.array([2.0, 3.0]))
-    monkeypatch.setattr(accuracy, "certify", lambda formulation, truth, at: certified())
+    monkeypatch.setattr(accuracy, "accuracy_at", lambda formulation, truth, at: certified())
     monkeypatch.setattr(accuracy, "_of_machine_code", lambda formulation, found, at: machine)
     found = accuracy._delivered(AU, None, at)  # type: ignore[arg-type]
     code = f"{at.scene!r}, q = [1.0], u = [2.0, 3.0]" if state else ""
@@ -57,7 +57,7 @@ def test_what_is_delivered_is_the_worst_entry_the_worst_matrix_and_shares_of_the
     def refused(*arguments: Any) -> Any:
         raise RefusedError("a′", 1e-17, 1e-15, "singular")
 
-    monkeypatch.setattr(accuracy, "certify", refused)
+    monkeypatch.setattr(accuracy, "accuracy_at", refused)
     found = accuracy._delivered(AU, None, at)  # type: ignore[arg-type]
     assert repr(found) == repr(accuracy.Delivered("au", 2, "a′"))
 
@@ -551,7 +551,7 @@ def test_single_scenes_come_to_their_limits_step_by_step():
     assert posed("chain-pendulum-links", "moving", 5.0).scene.links == 5
     assert posed("andrews-stiffness", "moving", 7.0).scene.stiffness == 7.0
     stretched = posed("bricard-stretched", "moving", 0.25)
-    closed, _ = Bricard().closed(-np.pi / 6 + 0.25, 0.0)
+    closed, _ = Bricard().closed_state(-np.pi / 6 + 0.25, 0.0)
     assert (stretched.q.tolist(), stretched.u.tolist()) == (closed.tolist(), [1.0])
     lying = posed("bicycle-lying", "moving", 0.3)
     assert lying.q[bicycle.LEAN] == 0.3

@@ -209,7 +209,7 @@ def test_each_claim_of_the_paper_counts_and_tells_its_comparisons(place: int, re
     claim = PAPER_CLAIMS[place]
     assert (claim.place, *claim.measure(PaperRecords(records))) == EVIDENCE[place]
     made = judge_paper_claim(claim, PaperRecords(records))
-    right = {"holds": claim.true}.get(made.verdict, claim.false)
+    right = {"holds": claim.reason_if_true}.get(made.verdict, claim.reason_if_false)
     assert (made.measured, made.why) == (EVIDENCE[place][3], right)
 
 

@@ -45,7 +45,7 @@ def test_multipliers_along_a_motion_are_the_smallest():
 
 
 def test_the_choice_of_the_start_is_kept():
-    q, v = RING.closed(0.5, 0.7)
+    q, v = RING.closed_state(0.5, 0.7)
     motion = Motion(RING, FORMULATIONS["uk"], q, v)
     assert motion.partition.redundant.tolist() == [4]
     assert motion.choice is not None
@@ -78,7 +78,7 @@ def test_a_motion_into_a_singular_pose_is_stopped_by_name():
 
 
 def test_a_start_whose_rank_is_not_clear_is_refused():
-    q, _ = RING.closed(0.5, 0.0)
+    q, _ = RING.closed_state(0.5, 0.0)
     found = simulate_many(RING, "uk", 0.1, q0=[q, q + 1e-12 * np.eye(5)[0], q])
     assert found.status.tolist() == ["finished", "refused", "finished"]
     assert "the rank of a is not clear" in found.reason[1]
@@ -102,7 +102,7 @@ def test_stabilization_holds_redundant_rows_too(stabilized: dict):
 @pytest.mark.night
 def test_motions_side_by_side_keep_rows_of_their_own():
     angles = np.array([-0.3, 0.0, 0.2, 0.5, 1.0, 1.4, 1.8, 2.2, 2.6])
-    q0, v0 = (np.array(x) for x in zip(*(RING.closed(a, 0.5) for a in angles), strict=True))
+    q0, v0 = (np.array(x) for x in zip(*(RING.closed_state(a, 0.5) for a in angles), strict=True))
     here = {"output_times": [0.3, 0.6], **TIGHT}
     found = simulate_many(RING, "uk", 0.6, q0=q0, v0=v0, **here)
     backwards = simulate_many(RING, "uk", 0.6, q0=q0[::-1], v0=v0[::-1], lanes=2, **here)
@@ -117,7 +117,7 @@ def test_motions_side_by_side_keep_rows_of_their_own():
 
 def test_motions_side_by_side_with_different_choices_are_those_alone():
     angles = (0.2, 1.0, 2.9, 1.5)
-    q0 = np.array([RING.closed(a, 0.0)[0] for a in angles])
+    q0 = np.array([RING.closed_state(a, 0.0)[0] for a in angles])
     chosen = {independent_constraints(RING, q).redundant for q in q0}
     assert len(chosen) == 2
     many = simulate_many(RING, "uk", 0.4, q0=q0, **TIGHT)

@@ -15,7 +15,7 @@ import numpy as np
 from eomcheck.descriptions.random_constraints import with_random_constraint, with_random_pose
 from eomcheck.descriptions.random_mechanisms import RANDOM
 from eomcheck.descriptions.random_trees import (
-    EVERYWHERE,
+    COMMON_JOINTS,
     SPACE,
     URDF_JOINTS,
     RandomDescription,
@@ -103,7 +103,7 @@ def structures() -> dict[str, list[str]]:
 def urdfs() -> dict[str, list[str]]:
     """Return texts of URDFs, with all that there may be, and without."""
     found = {}
-    for number, kinds in enumerate((EVERYWHERE, tuple(sorted(URDF_JOINTS)))):
+    for number, kinds in enumerate((COMMON_JOINTS, tuple(sorted(URDF_JOINTS)))):
         for there in (True, False):
             random = GeneratorChoices(np.random.default_rng(10 * number + there))
             text = urdf_text(urdf_tree(4, random, kinds, there, there, there), f"robot{number}")

@@ -75,7 +75,7 @@ def test_the_ring_is_closed_and_its_hinges_are_where_geometry_says(angle: float)
     corners, hinge = ring(angle)
     assert np.abs(corners[-1] - [0.0, 0.0, 1.0]).max() < 1e-15
     assert np.abs(hinge - [1.0, 0.0, 0.0]).max() < 1e-15
-    q, v = SCENE.closed(angle, 0.7)
+    q, v = SCENE.closed_state(angle, 0.7)
     assert np.abs(residual(q)).max() < 1e-15
     at = Evaluation(OVERCONSTRAINED, q, v)
     assert np.abs(at.terms.a @ v).max() < 1e-15
@@ -89,7 +89,7 @@ def test_the_ring_is_closed_and_its_hinges_are_where_geometry_says(angle: float)
 @every_formulation
 @pytest.mark.parametrize("angle", ANGLES)
 def test_every_formulation_starts_as_a_mechanism_of_one_degree_of_freedom(key: str, angle: float):
-    q, v = SCENE.closed(angle, 0.0)
+    q, v = SCENE.closed_state(angle, 0.0)
     slope = height(angle + STEP).imag / STEP.imag
     expected = -9.81 * slope / reduced_inertia(angle)
     found = acceleration(SCENE, key, q, v).vdot
@@ -103,7 +103,7 @@ def test_every_formulation_swings_as_the_energy_of_one_degree_of_freedom_says(mo
     motion = simulate(SCENE, mover, 3.0, rtol=1e-12, atol=1e-12, output_times=times)
     assert motion.status == "finished", motion.reason
     for q, v in zip(motion.q, motion.v, strict=True):
-        expected_q, expected_v = SCENE.closed(q[4], v[4])
+        expected_q, expected_v = SCENE.closed_state(q[4], v[4])
         assert np.abs(q - expected_q).max() < 1e-9
         assert np.abs(v - expected_v).max() < 1e-9
         kinetic = reduced_inertia(q[4]) * v[4] ** 2 / 2.0
@@ -121,7 +121,7 @@ def singular_values(q) -> np.ndarray:
 
 @pytest.mark.parametrize("angle", ANGLES)
 def test_five_rows_have_rank_four_where_the_ring_is_closed_and_five_elsewhere(angle: float):
-    q, _ = SCENE.closed(angle, 0.0)
+    q, _ = SCENE.closed_state(angle, 0.0)
     values = singular_values(q)
     assert values[4] < 1e-15 < 0.1 < values[3]
     assert singular_values(q + 0.1 * np.eye(5)[0])[4] > 1e-3
@@ -129,7 +129,7 @@ def test_five_rows_have_rank_four_where_the_ring_is_closed_and_five_elsewhere(an
 
 @pytest.mark.parametrize("key", [f.key for f in applicable(Bricard).values() if not f.redundant])
 def test_every_formulation_but_one_refuses_the_redundant_row(key: str):
-    q, v = OVERCONSTRAINED.closed(0.5, 0.0)
+    q, v = OVERCONSTRAINED.closed_state(0.5, 0.0)
     with pytest.raises(RefusedError, match="singular to working precision"):
         acceleration(OVERCONSTRAINED, key, q, v)
 
@@ -137,7 +137,7 @@ def test_every_formulation_but_one_refuses_the_redundant_row(key: str):
 @pytest.mark.parametrize("angle", ANGLES)
 def test_all_five_rows_move_the_ring_as_four_of_them_do(angle: float):
     """Their forces are those of least squares, to which each hinge contributes."""
-    q, v = SCENE.closed(angle, 0.7)
+    q, v = SCENE.closed_state(angle, 0.7)
     found, expected = acceleration(OVERCONSTRAINED, "uk", q, v), acceleration(SCENE, "au", q, v)
     assert np.abs(found.vdot - expected.vdot).max() <= found.error_bound + expected.error_bound
     five, four = (Evaluation(scene, q, v).terms.a for scene in (OVERCONSTRAINED, SCENE))

@@ -16,7 +16,7 @@ from eomcheck.claims.finding import Finding
 from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.cli import app
 from eomcheck.descriptions.mechanism_class import Mechanism
-from eomcheck.descriptions.random_trees import EVERYWHERE, urdf_tree
+from eomcheck.descriptions.random_trees import COMMON_JOINTS, urdf_tree
 from eomcheck.descriptions.urdf_reader import urdf_text
 from eomcheck.engines import MjcfFile, PinocchioFile
 from eomcheck.mechanics.scene import GeneratorChoices
@@ -143,7 +143,7 @@ def test_random_urdfs_are_read_as_pinocchio_reads_them(tmp_path: Path):
     choices, path = GeneratorChoices(np.random.default_rng(5)), tmp_path / "robot.urdf"
     claims = set()
     for number in range(12):
-        tree = urdf_tree(1 + number % 5, choices, EVERYWHERE)
+        tree = urdf_tree(1 + number % 5, choices, COMMON_JOINTS)
         path.write_text(urdf_text(tree), encoding="utf-8")
         found = by_reader(from_urdf(path))
         assert [str(one) for one in found if one.verdict == "failed"] == []

@@ -20,7 +20,7 @@ TWICE = replace(FourBarChain.rods(2), angle=1.0, repeated=1.0)
 
 
 def test_rows_that_are_left_are_those_of_the_scene():
-    q, v = RING.closed(0.5, 0.7)
+    q, v = RING.closed_state(0.5, 0.7)
     names = "hinge along z", "tip along y"
     some = with_constraints(RING, names)
     assert some.constraint_names == ("tip along y", "hinge along z")
@@ -34,7 +34,7 @@ def test_rows_that_are_left_are_those_of_the_scene():
 
 
 def test_claims_and_proofs_hold_of_what_is_left():
-    findings = eomcheck.check_state(LEFT, *RING.closed(0.5, 0.7))
+    findings = eomcheck.check_state(LEFT, *RING.closed_state(0.5, 0.7))
     assert {f.verdict for f in findings} <= {"passed", "skipped", "inconclusive"}
     assert {f.subject for f in findings if f.claim == "true-error"} == set(
         eomcheck.formulations.applicable(LEFT)
@@ -69,7 +69,7 @@ def test_all_of_them_are_the_scene_itself():
 
 def test_some_of_some_are_left():
     fewer = with_constraints(LEFT, ["tip along x", "tip along y"])
-    q, v = RING.closed(0.5, 0.7)
+    q, v = RING.closed_state(0.5, 0.7)
     rows = Evaluation(RING, q, v).terms.a[[0, 3]]
     assert (Evaluation(fewer, q, v).terms.a == rows).all()
 

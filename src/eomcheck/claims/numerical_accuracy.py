@@ -28,10 +28,10 @@ from eomcheck.evaluation.certified import (
     REFERENCE_DIGITS,
     REFERENCE_WITHOUT_SPEEDS,
     Enclosure,
-    certify,
+    accuracy_at,
     enclose,
-    enclosure,
-    true_state,
+    enclosure_at,
+    true_acceleration,
 )
 from eomcheck.evaluation.constraint_rank import RANK
 from eomcheck.evaluation.dynamics import CONTRADICTION, solution_of, with_redundancy_hint
@@ -53,13 +53,13 @@ EVIDENCE = f"enclosed: {REFERENCE_DIGITS} digits"
 
 
 def _enclosed(
-    case: Case, formulation: Formulation, known: dict[int, Quantities]
+    case: Case, formulation: Formulation, quantities_by_bits: dict[int, Quantities]
 ) -> Enclosure | Finding:
-    """Return the enclosure, or the Finding that there is none; see `enclosure` for `known`."""
+    """Return the enclosure, or the Finding that there is none; see `enclosure_at` for the cache."""
     at = case.at
     start, how = {"u": at.u}, (REFERENCE_DIGITS, at.partition_for(formulation, False))
     try:
-        return enclosure(at.scene, formulation, at.q, start, at.t, *how, known)
+        return enclosure_at(at.scene, formulation, at.q, start, at.t, *how, quantities_by_bits)
     except (RefusedError, TypeError) as error:
         return _without_truth(case, formulation.key, error)
 
@@ -111,7 +111,7 @@ def true_errors(case: Case) -> Iterator[Finding]:
         return
     try:
         if case.has_speeds:
-            truth, at = true_state(state.scene, state.q, state.u, state.t)
+            truth, at = true_acceleration(state.scene, state.q, state.u, state.t)
         else:
             how = {"t": state.t, "digits": REFERENCE_DIGITS, "v": state.v}
             truth, at = enclose(state.scene, REFERENCE_WITHOUT_SPEEDS, state.q, **how), state
@@ -122,7 +122,7 @@ def true_errors(case: Case) -> Iterator[Finding]:
     for formulation in true.solved:
         sensitivity = true.vdot_sensitivity(formulation)
         try:
-            certified = certify(formulation, truth, at, sensitivity=sensitivity)
+            certified = accuracy_at(formulation, truth, at, sensitivity=sensitivity)
         except RefusedError as error:
             yield _without_truth(case, formulation.key, error)
             continue

@@ -63,6 +63,7 @@ REDRAWS = 3
 
 
 NO_RATE = "`prepare` uses more than angles, roots and the clock, and its rate is not known"
+"""Reason for skipping an identity: only of angles, square roots and time is the rate computed."""
 
 
 def identities_at(at: GenericPoint, *claims: Claim) -> Iterator[tuple[Key, Comparison | Skipped]]:
@@ -83,15 +84,15 @@ class IdentityResult:
 
     Attributes:
         primes: primes of the points at which it was evaluated.
-        differs: number of points at which its sides differ.
+        differing_points: number of points at which its sides differ.
         detail: the term, the row and the sort of error at the first of these.
-        skipped: reason for skipping it, if it was skipped at a point.
+        skip_reason: reason for skipping it, if it was skipped at a point; otherwise empty.
     """
 
     primes: list[int] = field(default_factory=list)
-    differs: int = 0
+    differing_points: int = 0
     detail: str = ""
-    skipped: str = ""
+    skip_reason: str = ""
 
 
 class IdentitySampler:
@@ -115,7 +116,8 @@ class IdentitySampler:
         """Evaluate all identities at one more point.
 
         Raises:
-            RefusedError, ZeroDivisionError: the generalized speeds do not exist at any point.
+            RefusedError, ZeroDivisionError: no generalized speeds exist at any of `REDRAWS` points.
+            DomainError: a number is outside the domain of a function, such as a square root.
             TypeError: a function of the scene or of a formulation uses operations that are not
                 rational.
         """
@@ -123,22 +125,26 @@ class IdentitySampler:
         for key, sides in identities_at(at):
             outcome = self.results.setdefault(key, IdentityResult())
             if isinstance(sides, Skipped):
-                outcome.skipped = sides.reason
+                outcome.skip_reason = sides.reason
                 continue
             outcome.primes.append(prime)
-            if not _same(*_both(sides)):
-                outcome.differs += 1
+            if not _same(*_as_arrays(sides)):
+                outcome.differing_points += 1
                 outcome.detail = outcome.detail or self._detail(at, key, sides)
 
     def _point(self) -> tuple[GenericPoint, int]:
-        """Draw until no formulation refuses, except those that refuse every point."""
+        """Return a random point and its prime.
+
+        The first that no formulation refuses, except those that refuse every point; otherwise the
+        last of `REDRAWS`.
+        """
         always = {f.key for f in self.formulations}
         for attempt in range(REDRAWS):
             last = attempt == REDRAWS - 1
             self.count += 1
             prime = random_prime(self._source)
-            field = FiniteField(prime, self._source)
-            at = GenericPoint(self.scene, field, self.formulations, self.partition)
+            arithmetic = FiniteField(prime, self._source)
+            at = GenericPoint(self.scene, arithmetic, self.formulations, self.partition)
             try:
                 if self.partition is None:
                     self.partition = at.other_partition = self._drawn_partition(at)
@@ -156,10 +162,11 @@ class IdentitySampler:
         raise AssertionError("the last attempt returns or raises")
 
     def _drawn_partition(self, at: GenericPoint) -> Partition | None:
+        """Return a random choice of dependent coordinates that is not singular, if one is found."""
         n, r = self.scene.n, self.scene.r
         for _ in range(n if r > 0 else 0):
             order = np.array(self._source.sample(range(n), n), dtype=int)
-            # With one row added, any row may be the one that follows from the others.
+            # `GenericPoint.added_row` adds a row that the others imply: any may be left out.
             redundant = np.array([self._source.randrange(r + 1)])
             kept = np.setdiff1d(np.arange(r + 1), redundant)
             drawn = Partition(np.sort(order[:r]), np.sort(order[r:]), kept, redundant)
@@ -171,6 +178,7 @@ class IdentitySampler:
         return None
 
     def _detail(self, at: GenericPoint, key: Key, sides: Comparison) -> str:
+        """Return the term and the entry that differ; directions are tried along the axes."""
         if sides.names == (at.direction_names,):
             at.use_axis_directions()
             along_axes = dict(identities_at(at, CLAIMS[key[0]]))[key]
@@ -178,17 +186,19 @@ class IdentitySampler:
         return f"{CLAIMS[key[0]].term}, {describe_difference(sides)}"
 
 
-def _both(sides: Comparison) -> tuple[Array, Array]:
+def _as_arrays(sides: Comparison) -> tuple[Array, Array]:
+    """Return the actual and the expected side."""
     return np.asarray(sides.actual, object), np.asarray(sides.expected, object)
 
 
 def _same(x: Array, y: Array) -> bool:
+    """Return whether two exact arrays are equal, their shapes too."""
     return np.shape(x) == np.shape(y) and bool(np.all(x == y))
 
 
 def describe_difference(sides: Comparison) -> str:
     """Return the name of the first entry in which two sides differ, and its likely error."""
-    actual, expected = _both(sides)
+    actual, expected = _as_arrays(sides)
     if actual.shape != expected.shape:
         return f"shape {actual.shape}, expected {expected.shape}"
     where = tuple(int(i) for i in np.argwhere(actual != expected)[0])
@@ -305,14 +315,14 @@ def prove_structure(
     ]
     for key, outcome in draws.results.items():
         if not outcome.primes:
-            findings.append(skipped_everywhere(*key, scene, outcome.skipped))
+            findings.append(skipped_everywhere(*key, scene, outcome.skip_reason))
             continue
-        if outcome.differs:
-            findings.append(_failed(scene, key, outcome.differs, outcome.detail))
+        if outcome.differing_points:
+            findings.append(_failed(scene, key, outcome.differing_points, outcome.detail))
             continue
         degree, height = bounds[key]
         primes = tuple(outcome.primes)
-        # The random partition is one of this many possible draws.
+        # Up to n partitions are tried, until one is not singular: any might have been the one.
         choices = scene.n if key[1].endswith("drawn") else 1
         chance = failure_probability(degree, height, len(primes), draws.count, choices)
         basis = f"failure probability below {chance:.1e}" if chance else "nothing in it is random"
@@ -323,6 +333,7 @@ def prove_structure(
 
 
 def _failed(scene: Scene, key: Key, points: int, detail: str) -> Finding:
+    """Return the Finding that an identity fails at a number of points."""
     evidence = f"disproved: {counted(points, 'point')}"
     return Finding(*key, scene, None, float(points), 0.0, "failed", evidence, detail)
 
@@ -333,17 +344,17 @@ def _not_rational(scene: Scene, error: Exception) -> Finding:
     Raises:
         TypeError: the error itself, if it comes from a wrong call inside this package.
     """
-    *_, last = traceback.extract_tb(error.__traceback__)
-    home = Path(last.filename)
-    ours = home.parent == Path(__file__).parent or home == Path(quantities.__file__)
-    if ours and not isinstance(error, NotRationalError):
+    *_, caller = traceback.extract_tb(error.__traceback__)
+    path = Path(caller.filename)
+    from_here = path.parent == Path(__file__).parent or path == Path(quantities.__file__)
+    if from_here and not isinstance(error, NotRationalError):
         raise error
-    detail = f"not rational, in {last.name}: {error}"
+    detail = f"not rational, in {caller.name}: {error}"
     return skipped_everywhere("finite-terms", "terms", scene, detail)
 
 
 def largest_bounds(at: GenericPoint) -> dict[Key, tuple[int, float]]:
-    """Return bounds on the numerator of left - right for each identity.
+    """Return bounds on the numerator of actual - expected for each identity.
 
     Returns:
         (claim, subject) -> (degree, height): the total degree, and log2 of the sum of the
@@ -353,7 +364,7 @@ def largest_bounds(at: GenericPoint) -> dict[Key, tuple[int, float]]:
     for key, sides in identities_at(at):
         if isinstance(sides, Skipped):
             continue
-        actual, expected = (np.asarray(x, object) for x in (sides.actual, sides.expected))
+        actual, expected = _as_arrays(sides)
         if actual.shape != expected.shape:
             continue  # sides that cannot be equal need no bound
         entries = [x for x in np.ravel(actual - expected) if isinstance(x, Bound)]
@@ -368,11 +379,11 @@ def failure_probability(
     """Bound the probability that a false identity holds at all points (docs/proof.md).
 
     Args:
-        degree: bound on the total degree of the numerator of left - right.
+        degree: bound on the total degree of the numerator of actual - expected.
         height: bound on log2 of the sum of its coefficients' magnitudes.
         points: number of points at which it was evaluated.
         draws: number of points drawn; any of them might have been used.
-        choices: number of identities from which this one was chosen at random.
+        choices: number of draws of a partition, one of which this identity is about; 1 if none.
     """
     # Writing sin² as 1 - cos² at most doubles the coefficients for each two degrees.
     bad_primes = (height + degree / 2) / math.log2(PRIMES[0])
@@ -382,65 +393,75 @@ def failure_probability(
 
 # ---- Entries hidden by rounding ------------------------------------------------------------------
 
-MOST = 40
+MOST_COORDINATES = 40
 """Largest number of coordinates of a scene whose hidden entries are checked in exact arithmetic:
 beyond, that takes longer than the states themselves."""
 
 
 def prove_unresolved(
-    claim: Claim, left: Sequence[Unresolved], known: dict[tuple, list[Finding]]
+    claim: Claim, unresolved: Sequence[Unresolved], cache: dict[tuple, list[Finding]]
 ) -> tuple[list[Finding], list[Unresolved]]:
     """Check entries that rounding hides in all states by proof at one point in exact arithmetic.
 
-    Engines return float64: entries of an engine under test stay hidden.
+    Engines return float64: entries of an engine under test stay hidden. Of a claim by which float64
+    compares engines (`Claim.against`) proofs have other subjects: all of them count.
 
     Args:
         claim: the claim.
-        left: its unresolved subjects and entries.
-        known: cache, structure of a scene -> findings at one point; structures are added to it.
+        unresolved: its unresolved subjects and entries.
+        cache: structure of a scene -> findings at one point; structures are added to it.
 
     Returns:
-        The findings, and the rest: identities that fail, one finding on all proved ones, and the
-        subjects and entries that stay unresolved.
+        (findings, remaining): a Finding on each identity that fails and one on all proved ones;
+        the subjects and entries that stay unresolved.
     """
     failed: dict[tuple, tuple[Finding, list[str]]] = {}
     proved: list[Finding] = []
     names: list[str] = []
-    rest: list[Unresolved] = []
-    for one in left:
-        scene = one.finding.scene
-        about: list[Finding] = []
-        if claim.proved and one.entry and one.finding.engine is None and scene.n <= MOST:
-            which = type(scene), scene.structure
-            if which not in known:
-                known[which] = _at_one_point(scene)
-            of_claim = [x for x in known[which] if x.claim == claim.id]
-            about = [x for x in of_claim if claim.against or x.subject == one.subject]
-        if not about or any(x.verdict not in DECIDED for x in about):
-            rest.append(one)
+    remaining: list[Unresolved] = []
+    for hidden in unresolved:
+        scene = hidden.finding.scene
+        proofs: list[Finding] = []
+        exact = hidden.finding.engine is None and scene.n <= MOST_COORDINATES
+        if claim.proved and hidden.entry and exact:
+            structure = type(scene), scene.structure
+            if structure not in cache:
+                cache[structure] = _at_one_point(scene)
+            of_claim = [proof for proof in cache[structure] if proof.claim == claim.id]
+            proofs = [
+                proof for proof in of_claim if claim.against or proof.subject == hidden.subject
+            ]
+        if not proofs or any(proof.verdict not in DECIDED for proof in proofs):
+            remaining.append(hidden)
             continue
-        wrong = [x for x in about if x.verdict == "failed"]
-        for x in wrong:
-            failed.setdefault((scene.structure, x.subject), (x, []))[1].append(one.name)
-        if not wrong:
-            proved += about
-            names.append(one.name)
-    results = [*failed.values(), *([(max(proved, key=_chance), names)] if proved else ())]
-    return [_beside(x, each, left[0].states) for x, each in results], rest
+        disproofs = [proof for proof in proofs if proof.verdict == "failed"]
+        for proof in disproofs:
+            failed.setdefault((scene.structure, proof.subject), (proof, []))[1].append(hidden.name)
+        if not disproofs:
+            proved += proofs
+            names.append(hidden.name)
+    results = list(failed.values())
+    if proved:
+        results.append((max(proved, key=_failure_probability_of), names))
+    states = unresolved[0].states if unresolved else 0
+    findings = [_with_hidden_entries(proof, entries, states) for proof, entries in results]
+    return findings, remaining
 
 
-def _chance(proved: Finding) -> float:
+def _failure_probability_of(proved: Finding) -> float:
+    """Return the failure probability of a proof."""
     assert proved.proof is not None
     return proved.proof.failure_probability
 
 
-def _beside(proof: Finding, names: Sequence[str], states: int) -> Finding:
+def _with_hidden_entries(proof: Finding, names: Sequence[str], states: int) -> Finding:
     """Return a Finding in exact arithmetic, with the names of the entries hidden in float64."""
     why = f"in exact arithmetic; {unresolved_detail(names, states)}"
     return proof.because(why) if proof.detail else replace(proof, detail=why)
 
 
 def _at_one_point(scene: Scene) -> list[Finding]:
+    """Return the proofs of all claims at one point; none where the scene cannot be proved."""
     try:
         return prove(scene, points=1, seed=0)
     except EomcheckError:

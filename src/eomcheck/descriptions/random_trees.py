@@ -452,17 +452,17 @@ def _link_name(i: int) -> str:
 
 # ---- Trees that a URDF can represent -------------------------------------------------------------
 
-EVERYWHERE = ("revolute", "prismatic", "fixed")
+COMMON_JOINTS = ("revolute", "prismatic", "fixed")
 """Kinds of joints that all parsers support."""
 
-URDF_JOINTS = frozenset({*EVERYWHERE, "planar", "floating"})
+URDF_JOINTS = frozenset({*COMMON_JOINTS, "planar", "floating"})
 """Kinds of joints that a URDF may have."""
 
 
 def urdf_tree(
     links: int,
     choices: Choices,
-    joints: tuple[str, ...] = EVERYWHERE,
+    joints: tuple[str, ...] = COMMON_JOINTS,
     mimic: bool = True,
     massless: bool = True,
     dampers: bool = True,

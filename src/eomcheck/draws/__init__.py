@@ -67,7 +67,10 @@ def draw_array(one: Range, choices: Choices) -> Any:
 # ---- Ordinary states -----------------------------------------------------------------------------
 
 CURVATURE = 0.4
-"""Difference of successive angles in the pose around which ordinary states are drawn, rad."""
+"""Difference of successive angles in the pose around which ordinary states are drawn, rad.
+
+Where scenes name no ranges of their coordinates: a chain drawn around a straight line would often
+be singular."""
 
 
 class StateRanges(NamedTuple):

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import flint
 import numpy as np
 
+from eomcheck.deprecated import old_attributes
 from eomcheck.errors import InputError, RefusedError, whole_number
 from eomcheck.evaluation.dynamics import representable, solution_of
 from eomcheck.evaluation.evaluation import Evaluation
@@ -31,13 +32,16 @@ GUARD_BITS = 64
 """Extra bits, beyond those of the requested digits, of the first precision that is tried."""
 
 MOST_BITS = 4096
-"""Largest precision, bits, unless the requested digits alone need more than a quarter of it."""
+"""Precision at and above which it is not doubled once more, bits.
+
+Four times the first precision is such a limit too, where that is more.
+"""
 
 MOST_DIGITS = 1_000_000
 """Largest number of requested decimal digits: a ball then takes half a megabyte."""
 
-ZERO = 2.0**-400
-"""Share of the larger of |v̇| and |v|² below which an entry counts as zero, without digits."""
+VANISHING_SHARE = 2.0**-400
+"""Share of the larger of max |v̇| and max |v|² below which an entry vanishes: without digits."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +85,7 @@ SHOWN = 15
 
 
 def _shown(balls: Array) -> str:
+    """Return the text of an array of balls."""
     return f"[{', '.join(ball.str(SHOWN) for ball in balls)}]"
 
 
@@ -133,10 +138,10 @@ def enclose(
     )
     digits = whole_number("digits", digits, most=MOST_DIGITS)
     partition = Evaluation(scene, q, np.zeros(scene.n), t).partition_for(formulation, pivoted)
-    return enclosure(scene, formulation, q, start, t, digits, partition)
+    return enclosure_at(scene, formulation, q, start, t, digits, partition)
 
 
-def enclosure(
+def enclosure_at(
     scene: Scene,
     formulation: Formulation,
     q: Array,
@@ -144,27 +149,27 @@ def enclosure(
     t: float,
     digits: int,
     partition: Partition,
-    known: dict[int, Quantities] | None = None,
+    quantities_by_bits: dict[int, Quantities] | None = None,
 ) -> Enclosure:
     """Return the enclosure for checked arguments, see `enclose`; `start` is {"u": u} or {"v": v}.
 
-    Formulations at one state share its quantities in `known`, by precision in bits.
+    Formulations at one state share `quantities_by_bits`, their cache, filled here.
     """
-    known = {} if known is None else known
+    quantities = {} if quantities_by_bits is None else quantities_by_bits
     bits = math.ceil(digits * math.log2(10.0)) + GUARD_BITS
-    most = max(MOST_BITS, 4 * bits)
+    enough = max(MOST_BITS, 4 * bits)
     while True:
         try:
-            if bits not in known:
-                known[bits] = _in_balls(scene, q, start, t, bits)
-            result = _with_bits(known[bits], formulation, bits, partition)
+            if bits not in quantities:
+                quantities[bits] = _ball_quantities(scene, q, start, t, bits)
+            result = _enclosure_of(quantities[bits], formulation, bits, partition)
         except RefusedError:
-            if bits >= most:
+            if bits >= enough:
                 raise
         else:
             if result.digits >= digits:
                 return result
-            if bits >= most:
+            if bits >= enough:
                 raise RefusedError(
                     "v̇",
                     0.0,
@@ -175,7 +180,10 @@ def enclosure(
         bits *= 2
 
 
-def _in_balls(scene: Scene, q: Array, start: dict[str, Array], t: float, bits: int) -> Quantities:
+def _ball_quantities(
+    scene: Scene, q: Array, start: dict[str, Array], t: float, bits: int
+) -> Quantities:
+    """Return the quantities of a state in balls; `start` sets its u or v."""
     balls = Balls()
     with precision(bits):
         at = Quantities(scene, balls, balls.numbers(q), balls.numbers(np.array(t)).item())
@@ -184,9 +192,10 @@ def _in_balls(scene: Scene, q: Array, start: dict[str, Array], t: float, bits: i
     return at
 
 
-def _with_bits(
+def _enclosure_of(
     at: Quantities, formulation: Formulation, bits: int, partition: Partition
 ) -> Enclosure:
+    """Return the enclosure with this precision, however few of its digits are certain."""
     with precision(bits):
         vdot, multipliers = at.solution(formulation, partition)
         vdot, v = (np.array([ball(x) for x in y], object) for y in (vdot, at.v))
@@ -194,10 +203,11 @@ def _with_bits(
 
 
 def _certain_digits(vdot: Array, v: Array) -> float:
+    """Return the certain decimal digits of the entry of v̇ that has the fewest, without a limit."""
     if not all(x.is_finite() for x in (*vdot, *v)):
         return -math.inf
     speed = max(x.abs_lower() for x in v)
-    floor = max(max(x.abs_lower() for x in vdot), speed * speed) * flint.arb(ZERO)
+    floor = max(max(x.abs_lower() for x in vdot), speed * speed) * flint.arb(VANISHING_SHARE)
     certain = math.inf
     for x in vdot:
         if x.rad() > 0:
@@ -218,8 +228,10 @@ REFERENCE_DIGITS = 30
 """Certain digits of the reference value; twice those of float64 would suffice."""
 
 FLOAT64_DIGITS = -math.log10(EPS / 2)
+"""Decimal digits of a float64: those of half a unit in the last place of 1."""
 
 
+@old_attributes
 @dataclass(frozen=True)
 class Accuracy:
     """The true error of a formulation in float64 at one state.
@@ -258,19 +270,19 @@ class Accuracy:
         return certified_digits(self.relative)
 
     @property
-    def silent(self) -> bool:
+    def silently_wrong(self) -> bool:
         """Whether the result is wrong by more than its error bound reports."""
         return self.relative > max(NOTICEABLE, self.relative_bound)
 
 
 def certified_digits(relative: float) -> float:
-    """Return the correct decimal digits at a relative error, at most those of float64."""
+    """Return the correct decimal digits at a relative error, at most those of float64; 0 at NaN."""
     if not relative > 0:
         return FLOAT64_DIGITS if relative == 0 else 0.0
     return min(max(-math.log10(relative), 0.0), FLOAT64_DIGITS)
 
 
-def true_state(scene: Scene, q, u, t: float = 0.0) -> tuple[Enclosure, Evaluation]:
+def true_acceleration(scene: Scene, q, u, t: float = 0.0) -> tuple[Enclosure, Evaluation]:
     """Return the true v̇ at (q, u, t), and the evaluation in float64 of the same state.
 
     Its velocity is the true one, W u + offset, rounded. A velocity computed in float64 would be
@@ -294,6 +306,7 @@ def true_error(vdot: Array, truth: Enclosure) -> Array:
 
 
 def _errors(vdot: Array, truth: Enclosure) -> list:
+    """Return upper bounds of |v̇ - true v̇|, a `flint.arb` for each entry."""
     with precision(truth.bits):
         return [abs(ball(float(x)) - y).upper() for x, y in zip(vdot, truth.vdot, strict=True)]
 
@@ -301,10 +314,10 @@ def _errors(vdot: Array, truth: Enclosure) -> list:
 def relative_error(vdot: Array, truth: Enclosure) -> float:
     """Return max |v̇ - true v̇| / max |true v̇|, rounded up."""
     error = max(_errors(vdot, truth))
-    return math.nextafter(_over(error, truth), math.inf) if error > 0 else 0.0
+    return math.nextafter(_relative_to_truth(error, truth), math.inf) if error > 0 else 0.0
 
 
-def _over(error, truth: Enclosure) -> float:
+def _relative_to_truth(error, truth: Enclosure) -> float:
     """Return an error over the largest true entry, either of which may be too small for float64."""
     with precision(truth.bits):
         size = max(y.abs_lower() for y in truth.vdot)
@@ -341,19 +354,19 @@ def accuracy(
     """
     formulation = formulation_for(checked_scene(scene), key)
     if v is None:
-        return certify(formulation, *true_state(scene, q, u, t), pivoted)
+        return accuracy_at(formulation, *true_acceleration(scene, q, u, t), pivoted)
     truth = enclose(scene, key, q, u, t, REFERENCE_DIGITS, v=v, pivoted=pivoted)
-    return certify(formulation, truth, Evaluation(scene, q, v, t), pivoted)
+    return accuracy_at(formulation, truth, Evaluation(scene, q, v, t), pivoted)
 
 
-def certify(
+def accuracy_at(
     formulation: Formulation,
     truth: Enclosure,
     at: Evaluation,
     pivoted: bool = False,
     sensitivity: float | None = None,
 ) -> Accuracy:
-    """Return the `Accuracy` of `formulation` at the state that `true_state` returned.
+    """Return the `Accuracy` of `formulation` at a state with its true v̇, see `true_acceleration`.
 
     A formulation that leaves redundant rows out is compared with the true v̇ of the rows that it
     keeps: rows that are redundant within rounding are hardly ever redundant exactly, and all rows
@@ -373,8 +386,15 @@ def certify(
     """
     result = solution_of(at, formulation, pivoted)
     if formulation.redundant and at.independent_partition.redundant is not None:
-        how = {"v": at.v}, at.t, REFERENCE_DIGITS, at.independent_partition
-        truth = enclosure(at.scene, formulation, at.q, *how)
+        truth = enclosure_at(
+            at.scene,
+            formulation,
+            at.q,
+            {"v": at.v},
+            at.t,
+            REFERENCE_DIGITS,
+            at.independent_partition,
+        )
     if sensitivity is None:
         sensitivity = float(acceleration_sensitivity(at, formulation, pivoted=pivoted))
     exact, error = truth.doubles(), true_error(result.vdot, truth)
@@ -390,7 +410,7 @@ def certify(
         error,
         ulps,
         relative_error(result.vdot, truth),
-        _over(allowed_error(sensitivity), truth),
+        _relative_to_truth(allowed_error(sensitivity), truth),
         {name: 1.0 / rcond for name, rcond in result.rcond.items()},
         sensitivity / scale if scale > 0 else math.inf,
         _ratio(largest(error), sensitivity, scale),
@@ -398,6 +418,7 @@ def certify(
 
 
 def _ratio(error: float, sensitivity: float, scale: float) -> float:
+    """Return the error over that of a relative change ε, or NaN; see `Accuracy`."""
     if not math.isfinite(sensitivity) or scale == 0:
         return math.nan
     return error / (EPS * sensitivity)

@@ -77,7 +77,7 @@ class _Writer:
         with code.repeat() as turn:
             self._step()
             running = wide.compare("oeq", self._field(STATUS), wide.constant(RUNNING))
-            turn.i = wide.anywhere(running)
+            turn.condition = wide.anywhere(running)
         pointers = "ptr noalias %times, ptr noalias %out, ptr noalias %room"
         doubles = "double %end, double %rtol, double %atol, double %most"
         head = "ptr %function, ptr %block, i64 %size, ptr noalias %y, ptr noalias %lanes"
@@ -153,7 +153,7 @@ class _Writer:
         *squares, nothing = turn.carried
         d0, d1 = (self._norm(x) for x in squares)
         tiny = wide.constant(1e-5)
-        small = wide.both(wide.compare("olt", d0, tiny), wide.compare("olt", d1, tiny), "or")
+        small = wide.either(wide.compare("olt", d0, tiny), wide.compare("olt", d1, tiny))
         h = wide.div(wide.mul(wide.constant(0.01), d0), d1)
         h = self._extreme("olt", wide.choose(small, wide.constant(1e-6), h), self.end)
         self._stage(h, [1.0], 1.0, STAGE, 1)
@@ -179,7 +179,7 @@ class _Writer:
         zero, one = wide.constant(0.0), wide.constant(1.0)
         t, tried, status = self._field(T), self._field(H), self._field(STATUS)
         rejected = wide.compare("one", self._field(REJECTED), zero)
-        kind = wide.like("i64")
+        kind = wide.type_of("i64")
         bits = wide.let(f"bitcast {wide.real} {t} to {kind}")
         bits = wide.let(f"add {kind} {bits}, {wide.splat_of('i64 1')}")
         least = wide.sub(wide.let(f"bitcast {kind} {bits} to {wide.real}"), t)
@@ -294,7 +294,7 @@ class _Writer:
                 after = code.integer("add", number, 1)
                 later = code.load("%times", after)
                 output.yielded = [after, later]
-                output.i = code.compare("ole", later, reach)
+                output.condition = code.compare("ole", later, reach)
             number, due = output.carried
             code.store(code.let(f"sitofp i64 {number} to double"), field_address(NEXT))
             code.store(due, field_address(DUE))

@@ -204,7 +204,7 @@ class _Emitter:
         arguments = f"ptr noalias %out, {time} %t, ptr noalias %y, {last}"
         if self.single:
             self._count()
-        return [*code.called, code.function(f"define void @{self.name}({arguments}) nounwind")]
+        return [*code.callees, code.function(f"define void @{self.name}({arguments}) nounwind")]
 
     def _count(self) -> None:
         """Count the call, and a failure if any output is not finite."""
@@ -390,7 +390,7 @@ class _Emitter:
     def _call_by_lane(self, name: str, text: str, *arrays: tuple[str, int]) -> None:
         """Call a function for each lane; arrays are (address, float64 from lane to lane)."""
         code = self.code
-        code.calls(text)
+        code.add_callees(text)
         with code.loop(code.width) as turn:
             addresses = (
                 code.address(base, code.affine(turn.i, 0, step), "double") for base, step in arrays

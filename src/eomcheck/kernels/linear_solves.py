@@ -39,7 +39,7 @@ ONE, EXPONENT = 1023, 52
 
 def emit_power_of_two_scale(code: IRBuilder, largest: str) -> str:
     """Return the powers of two of `eomcheck.numbers.pivots.power_of_two_scale`, lane by lane."""
-    kind = code.like("i64")
+    kind = code.type_of("i64")
 
     def whole(x: int) -> str:
         return code.splat_of(f"i64 {x}")
@@ -64,20 +64,20 @@ def _exponent(code: IRBuilder, row: list[str]) -> str:
         largest = code.choose(code.compare("ogt", largest, x), largest, x)
     bits = _bits(code, code.mul(largest, code.constant(ABOVE_ONE)))
     mask = code.splat_of(f"i64 {-(1 << EXPONENT)}")
-    return code.let(f"and {code.like('i64')} {bits}, {mask}")
+    return code.let(f"and {code.type_of('i64')} {bits}, {mask}")
 
 
 def _bits(code: IRBuilder, x: str) -> str:
-    return code.let(f"bitcast {code.real} {x} to {code.like('i64')}")
+    return code.let(f"bitcast {code.real} {x} to {code.type_of('i64')}")
 
 
 def _scaled(code: IRBuilder, x: str, exponent: str) -> str:
     """Return the bits of |x| in a scaled row, which are ordered as the numbers are."""
-    return code.let(f"sub {code.like('i64')} {_bits(code, code.call('fabs', x))}, {exponent}")
+    return code.let(f"sub {code.type_of('i64')} {_bits(code, code.call('fabs', x))}, {exponent}")
 
 
 def _larger_bits(code: IRBuilder, one: str, other: str) -> str:
-    return code.let(f"icmp sgt {code.like('i64')} {one}, {other}")
+    return code.let(f"icmp sgt {code.type_of('i64')} {one}, {other}")
 
 
 class InlineLU:
@@ -120,7 +120,7 @@ class InlineLU:
             taken = mark
             if mark is not None:
                 taken = mark if later is None else code.both(mark, self._not(later))
-                later = mark if later is None else code.both(later, mark, "or")
+                later = mark if later is None else code.either(later, mark)
             marks.insert(0, taken)
         self.chosen.append(marks)
         pivot, *others = self._exchanged(rows, marks)
@@ -145,11 +145,11 @@ class InlineLU:
         return x if self.zero in (y, z) else self.code.sub(x, self.code.mul(y, z))
 
     def _whole(self, where: str, x: str, y: str) -> str:
-        kind = self.code.like("i64")
-        return self.code.let(f"select {self.code.like('i1')} {where}, {kind} {x}, {kind} {y}")
+        kind = self.code.type_of("i64")
+        return self.code.let(f"select {self.code.type_of('i1')} {where}, {kind} {x}, {kind} {y}")
 
     def _not(self, where: str) -> str:
-        kind = self.code.like("i1")
+        kind = self.code.type_of("i1")
         return self.code.let(f"xor {kind} {where}, {self.code.splat_of('i1 true')}")
 
     def _exchanged(self, rows: list[list[str]], marks: list[str | None]) -> list[list[str]]:
@@ -250,7 +250,7 @@ def factor_text(name: str, size: int, stride: int) -> str:
     with code.loop(size, ("double", code.constant(0.0))) as turn:
         pivot = code.load("%to", code.integer("mul", turn.i, size + 1))
         large = code.compare("ueq", code.call("fabs", pivot), code.constant(float("inf")))
-        bad = code.both(code.compare("ueq", pivot, code.constant(0.0)), large, "or")
+        bad = code.either(code.compare("ueq", pivot, code.constant(0.0)), large)
         turn.yielded[0] = code.choose(bad, code.constant(float("nan")), turn.carried[0])
     with code.loop(size) as row:
         code.store(code.add(code.load(scales, row.i), turn.carried[0]), scales, row.i)
@@ -425,7 +425,7 @@ class _BandSolveCode:
         code, wide = self.code, self.open
         state = [(wide.real, self._first_rows(column)) for column in range(AFTER)]
         state.append((wide.real, self._first_entries(self.right)))
-        state.append((wide.like("i64"), wide.splat_of(f"i64 {HALF}")))
+        state.append((wide.type_of("i64"), wide.splat_of(f"i64 {HALF}")))
         with code.loop(self.size, *state) as turn:
             *columns, right, free = turn.carried
             new = code.integer("add", turn.i, HALF)
@@ -451,19 +451,19 @@ class _BandSolveCode:
             code.store(wide.lane(inverse, 0), self.inverses, turn.i)
             wide.store(factors, code.address(self.factors, code.integer("mul", turn.i, OPEN)))
             lanes = code.address(self.lanes, code.integer("mul", turn.i, OPEN))
-            code.do(f"store {wide.like('i64')} {pivot}, ptr {lanes}, align 8")
+            code.do(f"store {wide.type_of('i64')} {pivot}, ptr {lanes}, align 8")
             turn.yielded = [*below, pivot]
 
     def _forward(self) -> None:
         """Eliminate another right-hand side, the residual."""
         code, wide = self.code, self.open
         state = [(wide.real, self._first_entries(self.residual))]
-        state.append((wide.like("i64"), wide.splat_of(f"i64 {HALF}")))
+        state.append((wide.type_of("i64"), wide.splat_of(f"i64 {HALF}")))
         with code.loop(self.size, *state) as turn:
             x, free = turn.carried
             x = self._with_row(x, free, self.residual, code.integer("add", turn.i, HALF))
             lanes = code.address(self.lanes, code.integer("mul", turn.i, OPEN))
-            pivot = wide.let(f"load {wide.like('i64')}, ptr {lanes}, align 8")
+            pivot = wide.let(f"load {wide.type_of('i64')}, ptr {lanes}, align 8")
             row = self._picked(x, pivot)
             factors = wide.load(code.address(self.factors, code.integer("mul", turn.i, OPEN)))
             entry = code.mul(wide.lane(row, 0), code.load(self.inverses, turn.i))
@@ -489,7 +489,7 @@ class _BandSolveCode:
         """Return x with entry `new` of `numbers` in a lane, whose number is in all lanes."""
         wide = self.open
         lanes = f"<{', '.join(f'i64 {i}' for i in range(OPEN))}>"
-        here = wide.let(f"icmp eq {wide.like('i64')} {lane}, {lanes}")
+        here = wide.let(f"icmp eq {wide.type_of('i64')} {lane}, {lanes}")
         return wide.choose(here, wide.packed([self.code.load(numbers, new)]), x)
 
     def _pivot_lane(self, column: str) -> str:
@@ -498,7 +498,7 @@ class _BandSolveCode:
         The last two bits of each are replaced by its lane: of entries that are equal otherwise the
         last is returned.
         """
-        wide, kind = self.open, self.open.like("i64")
+        wide, kind = self.open, self.open.type_of("i64")
         lanes = f"<{', '.join(f'i64 {i}' for i in range(OPEN))}>"
         bits = wide.let(f"bitcast {wide.real} {wide.call('fabs', column)} to {kind}")
         bits = wide.let(f"and {kind} {bits}, {wide.splat_of(f'i64 {-OPEN}')}")
@@ -512,7 +512,7 @@ class _BandSolveCode:
 
     def _picked(self, x: str, lane: str) -> str:
         """Return the number in a lane of x, in all lanes."""
-        wide, kind = self.open, self.open.like("i64")
+        wide, kind = self.open, self.open.type_of("i64")
         # LLVM makes one permutation of this only if every lane reads its own number of `lane`.
         lanes = [wide.let(f"extractelement {kind} {lane}, i64 {i}") for i in range(OPEN)]
         return wide.call("arithmetic.fence", wide.packed([wide.lane(x, i) for i in lanes]))
@@ -533,8 +533,8 @@ class _BandSolveCode:
             smaller = code.compare("olt", error, code.mul(before, code.constant(STALLED)))
             few = code.let(f"icmp slt i64 {steps}, {MOST_STEPS}")
             fewest = code.let(f"icmp slt i64 {steps}, {LEAST_STEPS}")
-            turn.i = code.both(fewest, code.both(few, code.both(large, smaller)), "or")
-            with code.when(turn.i):
+            turn.condition = code.either(fewest, code.both(few, code.both(large, smaller)))
+            with code.when(turn.condition):
                 self._forward()
             turn.yielded = [error, code.integer("add", steps, 1)]
         accurate = code.compare("ole", turn.carried[0], code.constant(REFINED))
@@ -571,7 +571,7 @@ class _BandSolveCode:
         The residual is written.
         """
         code, rows = self.code, self.rows
-        nothing, count = (rows.like("i64"), "zeroinitializer"), self.length // LANES
+        nothing, count = (rows.type_of("i64"), "zeroinitializer"), self.length // LANES
         with code.loop(count, nothing) as turn:
             at = code.integer("mul", turn.i, LANES)
             residual, size = self._residual(at)
@@ -589,13 +589,13 @@ class _BandSolveCode:
 
     def _larger_bits(self, x: str, bits: str) -> str:
         """Return the larger of the bits of x >= 0 and other bits, lane by lane; NaN is largest."""
-        rows, kind = self.rows, self.rows.like("i64")
+        rows, kind = self.rows, self.rows.type_of("i64")
         new = rows.let(f"bitcast {rows.real} {x} to {kind}")
         return rows.let(f"call {kind} @llvm.umax.v{LANES}i64({kind} {new}, {kind} {bits})")
 
     def _largest(self, bits: str) -> str:
         """Return the largest number of a vector of bits."""
-        kind = self.rows.like("i64")
+        kind = self.rows.type_of("i64")
         bits = self.code.let(f"call i64 @llvm.vector.reduce.umax.v{LANES}i64({kind} {bits})")
         return self.code.let(f"bitcast i64 {bits} to double")
 

@@ -36,28 +36,42 @@ class Iteration:
     """An iteration of a loop.
 
     Attributes:
-        i: its number, from 0; for `repeat` the condition to continue.
+        i: its number, from 0; "" in `repeat`, which does not count.
+        condition: in `repeat`, the i1 to continue, set by the code written inside.
         carried: values from the iteration before.
-        yielded: values for the next iteration.
+        yielded: values for the next iteration, set by the code written inside; otherwise `carried`.
     """
 
     def __init__(self, i: str, carried: list[str]):
-        self.i, self.carried, self.yielded = i, carried, list(carried)
+        self.i, self.condition = i, ""
+        self.carried, self.yielded = carried, list(carried)
 
 
 class IRBuilder:
-    """The body of one function, for `width` lanes."""
+    """The body of one function, for `width` lanes.
+
+    Attributes:
+        width: number of lanes.
+        real: LLVM's type of a number.
+        lines: instructions and labels so far.
+        callees: texts of the functions that are called, as keys in order.
+        block: label of the current basic block, the predecessor that a loop needs.
+    """
 
     def __init__(self, width: int = 1):
         self.width, self.real = width, real_type(width)
         self.lines: list[str] = []
-        self.called: dict[str, None] = {}
+        self.callees: dict[str, None] = {}
         self.block, self._names, self._constants = "entry", 0, {}
 
     def wider(self, width: int) -> IRBuilder:
-        """Return a builder of another width that writes into the same function."""
+        """Return a builder of another width that writes into the same function.
+
+        They share lines, callees and names, but not the block: loops and blocks are the first's.
+        """
         other = IRBuilder(width)
-        other.lines, other.fresh, other.labels = self.lines, self.fresh, self.labels
+        other.lines, other.callees = self.lines, self.callees
+        other.fresh, other.labels = self.fresh, self.labels
         return other
 
     # ---- Values ----------------------------------------------------------------------------------
@@ -73,9 +87,9 @@ class IRBuilder:
         self.lines.append(f"{name} = {text}")
         return name
 
-    def calls(self, *texts: str) -> None:
+    def add_callees(self, *texts: str) -> None:
         """Add the texts of functions that are called."""
-        self.called.update(dict.fromkeys(texts))
+        self.callees.update(dict.fromkeys(texts))
 
     def do(self, text: str) -> None:
         """Write an instruction without a value."""
@@ -83,6 +97,7 @@ class IRBuilder:
 
     def constant(self, x: float) -> str:
         """Return a constant, the same in every lane."""
+        # As keys 0.0 and -0.0 are the same.
         text = self._constants.get(x)
         if text is None or x == 0:
             bits = f"0x{struct.unpack('<Q', struct.pack('<d', x))[0]:016X}"
@@ -90,12 +105,12 @@ class IRBuilder:
         return text
 
     def splat_of(self, typed: str) -> str:
-        """Return a literal such as "double 1.0" or "i64 3", the same in every lane."""
+        """Return a constant such as "double 1.0" or "i64 3" in every lane, without its type."""
         return (
             typed.partition(" ")[2] if self.width == 1 else f"<{', '.join([typed] * self.width)}>"
         )
 
-    def like(self, scalar: str) -> str:
+    def type_of(self, scalar: str) -> str:
         """Return the type of values with a `scalar`, such as i1 or i64, in each lane."""
         return scalar if self.width == 1 else f"<{self.width} x {scalar}>"
 
@@ -127,7 +142,7 @@ class IRBuilder:
 
     def multiply_add(self, x: str, y: str, z: str) -> str:
         """Return x + y z, by fused multiply-add on machines that have it."""
-        return self.call("fma", y, z, x) if cpu_features()[2] else self.add(x, self.mul(y, z))
+        return self.call("fma", y, z, x) if has_fma() else self.add(x, self.mul(y, z))
 
     def multiply_subtract(self, x: str, y: str, z: str) -> str:
         """Return x - y z, by fused multiply-add on machines that have it."""
@@ -141,24 +156,28 @@ class IRBuilder:
         """Return the condition that x is in one of LLVM's `classes` of floating-point numbers."""
         suffix = "f64" if self.width == 1 else f"v{self.width}f64"
         arguments = f"{self.real} {x}, i32 {classes}"
-        return self.let(f"call {self.like('i1')} @llvm.is.fpclass.{suffix}({arguments})")
+        return self.let(f"call {self.type_of('i1')} @llvm.is.fpclass.{suffix}({arguments})")
 
     def choose(self, where: str, x: str, y: str) -> str:
         """Return x where `where` holds, otherwise y."""
         if x == y:
             return x
-        return self.let(f"select {self.like('i1')} {where}, {self.real} {x}, {self.real} {y}")
+        return self.let(f"select {self.type_of('i1')} {where}, {self.real} {x}, {self.real} {y}")
 
-    def both(self, x: str, y: str, how: str = "and") -> str:
-        """Return the conjunction of conditions; with `how` "or" the disjunction."""
-        return self.let(f"{how} {self.like('i1')} {x}, {y}")
+    def both(self, x: str, y: str) -> str:
+        """Return the conjunction of two conditions, lane by lane."""
+        return self.let(f"and {self.type_of('i1')} {x}, {y}")
+
+    def either(self, x: str, y: str) -> str:
+        """Return the disjunction of two conditions, lane by lane."""
+        return self.let(f"or {self.type_of('i1')} {x}, {y}")
 
     def anywhere(self, where: str) -> str:
         """Return whether a condition holds in any lane."""
         if self.width == 1:
             return where
         return self.let(
-            f"call i1 @llvm.vector.reduce.or.v{self.width}i1({self.like('i1')} {where})"
+            f"call i1 @llvm.vector.reduce.or.v{self.width}i1({self.type_of('i1')} {where})"
         )
 
     def lane(self, x: str, lane: int | str) -> str:
@@ -169,7 +188,7 @@ class IRBuilder:
         """Return whether a condition holds in one lane."""
         if self.width == 1:
             return where
-        return self.let(f"extractelement {self.like('i1')} {where}, i64 {lane}")
+        return self.let(f"extractelement {self.type_of('i1')} {where}, i64 {lane}")
 
     def packed(self, doubles: Sequence[str]) -> str:
         """Return the number with one of `doubles` in each lane; a single one goes to every lane."""
@@ -183,19 +202,19 @@ class IRBuilder:
 
     # ---- Memory ----------------------------------------------------------------------------------
 
-    def address(self, pointer: str, place: int | str, kind: str | None = None) -> str:
-        """Return the address of entry `place` of numbers, or of `kind`, at `pointer`."""
-        if place == 0:
+    def address(self, pointer: str, index: int | str, element_type: str | None = None) -> str:
+        """Return the address of an entry at `pointer`, of `element_type` or else a number."""
+        if index == 0:
             return pointer
-        return self.let(f"getelementptr {kind or self.real}, ptr {pointer}, i64 {place}")
+        return self.let(f"getelementptr {element_type or self.real}, ptr {pointer}, i64 {index}")
 
-    def load(self, pointer: str, place: int | str = 0) -> str:
-        """Return entry `place` of the numbers at `pointer`."""
-        return self.let(f"load {self.real}, ptr {self.address(pointer, place)}, align 8")
+    def load(self, pointer: str, index: int | str = 0) -> str:
+        """Return an entry of the numbers at `pointer`."""
+        return self.let(f"load {self.real}, ptr {self.address(pointer, index)}, align 8")
 
-    def store(self, x: str, pointer: str, place: int | str = 0) -> None:
-        """Write x to entry `place` of the numbers at `pointer`."""
-        self.do(f"store {self.real} {x}, ptr {self.address(pointer, place)}, align 8")
+    def store(self, x: str, pointer: str, index: int | str = 0) -> None:
+        """Write x to an entry of the numbers at `pointer`."""
+        self.do(f"store {self.real} {x}, ptr {self.address(pointer, index)}, align 8")
 
     # ---- Integers --------------------------------------------------------------------------------
 
@@ -244,7 +263,7 @@ class IRBuilder:
         self.jump(head)
         self.enter(head)
         turn = Iteration(self.fresh(), [self.fresh() for _ in carried])
-        place = len(self.lines)
+        first_line = len(self.lines)
         self.lines += [""] * (1 + len(carried))
         yield turn
         after = self.integer("add", turn.i, 1)
@@ -253,32 +272,43 @@ class IRBuilder:
         end = self.block
         self.branch(more, head, done)
         self.enter(done)
-        self.lines[place] = f"{turn.i} = phi i64 [0, %{before}], [{after}, %{end}]"
-        rows = zip(turn.carried, carried, turn.yielded, strict=True)
-        for i, (name, (kind, first), handed) in enumerate(rows):
-            self.lines[place + 1 + i] = (
-                f"{name} = phi {kind} [{first}, %{before}], [{handed}, %{end}]"
-            )
-        turn.carried = list(turn.yielded)
+        self.lines[first_line] = f"{turn.i} = phi i64 [0, %{before}], [{after}, %{end}]"
+        self._write_phis(first_line + 1, turn, carried, before, end)
 
     @contextmanager
     def repeat(self, *carried: tuple[str, str]) -> Iterator[Iteration]:
-        """Repeat the code written inside while a condition, set as `i` of the iteration, holds."""
+        """Repeat the code written inside as long as `condition` of its iteration holds."""
         (head,) = self.labels("while")
         before = self.block
         self.jump(head)
         self.enter(head)
         turn = Iteration("", [self.fresh() for _ in carried])
-        place = len(self.lines)
+        first_line = len(self.lines)
         self.lines += [""] * len(carried)
         yield turn
         (done,) = self.labels("done")
         end = self.block
-        self.branch(turn.i, head, done)
+        self.branch(turn.condition, head, done)
         self.enter(done)
+        self._write_phis(first_line, turn, carried, before, end)
+
+    def _write_phis(
+        self,
+        first_line: int,
+        turn: Iteration,
+        carried: Sequence[tuple[str, str]],
+        before: str,
+        end: str,
+    ) -> None:
+        """Write the carried values of a loop into its head, in the lines reserved for them.
+
+        Each comes from block `before` the loop or from the `end` of an iteration.
+        """
         rows = zip(turn.carried, carried, turn.yielded, strict=True)
-        for i, (name, (kind, first), handed) in enumerate(rows):
-            self.lines[place + i] = f"{name} = phi {kind} [{first}, %{before}], [{handed}, %{end}]"
+        for i, (name, (value_type, first), following) in enumerate(rows):
+            self.lines[first_line + i] = (
+                f"{name} = phi {value_type} [{first}, %{before}], [{following}, %{end}]"
+            )
         turn.carried = list(turn.yielded)
 
     @contextmanager
@@ -299,23 +329,21 @@ class IRBuilder:
 
 # ---- Compilation ---------------------------------------------------------------------------------
 
-LIBM = ("sin", "cos", "sincos")
-DECLARED = (
-    "declare void @sincos(double, ptr, ptr)",
-    "declare double @sin(double)",
-    "declare double @cos(double)",
-)
-"""Declarations of C library functions that code may call. LLVM's own need no declaration."""
-
+DECLARATIONS = {
+    "sincos": "declare void @sincos(double, ptr, ptr)",
+    "sin": "declare double @sin(double)",
+    "cos": "declare double @cos(double)",
+}
+"""C library function that code may call -> its declaration. LLVM's own need none."""
 
 CACHE_LINE = 8
 """Number of float64 in a cache line."""
 
 
-def aligned_zeros(count: int, ahead: int = 0) -> np.ndarray:
-    """Return `count` float64 zeros, of which entry `ahead` is at the start of a cache line."""
+def aligned_zeros(count: int, aligned_entry: int = 0) -> np.ndarray:
+    """Return `count` float64 zeros for code to work on; one entry begins a cache line."""
     whole = np.zeros(count + CACHE_LINE)
-    first = -(whole.ctypes.data // whole.itemsize + ahead) % CACHE_LINE
+    first = -(whole.ctypes.data // whole.itemsize + aligned_entry) % CACHE_LINE
     return whole[first : first + count]
 
 
@@ -336,7 +364,7 @@ class JitModule:
 
     def __init__(self, functions: Iterable[str], effort: int = EFFORT):
         machine = target_machine(effort)
-        module = llvm.parse_assembly("\n".join((*DECLARED, *dict.fromkeys(functions))))
+        module = llvm.parse_assembly("\n".join((*DECLARATIONS.values(), *dict.fromkeys(functions))))
         self._engine = llvm.create_mcjit_compiler(module, machine)
         self._engine.finalize_object()
 
@@ -350,22 +378,28 @@ def cpu_features() -> tuple[str, str, bool]:
     """Return the name of this CPU, its features, and whether it has fused multiply-add."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    known = llvm.get_host_cpu_features()
+    features = llvm.get_host_cpu_features()
     # Otherwise vectors of 8 float64 are split even if registers hold them.
-    known["prefer-256-bit"] = False
-    return llvm.get_host_cpu_name(), known.flatten(), bool(known.get("fma") or _is_arm())
+    features["prefer-256-bit"] = False
+    return llvm.get_host_cpu_name(), features.flatten(), bool(features.get("fma") or _is_arm())
+
+
+def has_fma() -> bool:
+    """Return whether this CPU has fused multiply-add."""
+    return cpu_features()[2]
 
 
 def _is_arm() -> bool:
+    """Return whether this machine is a 64-bit ARM, on which fused multiply-add is no feature."""
     return llvm.get_process_triple().startswith(("aarch64", "arm64"))
 
 
 def target_machine(effort: int) -> llvm.TargetMachine:
     """Return LLVM's description of this machine, with this optimization level."""
-    name, known, _ = cpu_features()
+    name, features, _ = cpu_features()
     _name_libm()
     return llvm.Target.from_default_triple().create_target_machine(
-        cpu=name, features=known, opt=effort, reloc="default", codemodel="jitdefault", jit=True
+        cpu=name, features=features, opt=effort, reloc="default", codemodel="jitdefault", jit=True
     )
 
 
@@ -377,11 +411,13 @@ def has_sincos() -> bool:
 
 @cache
 def _libm() -> ctypes.CDLL:
+    """Return the C library of this process."""
     return ctypes.CDLL("msvcrt" if os.name == "nt" else None)
 
 
 @cache
 def _name_libm() -> None:
-    for name in LIBM:
+    """Tell LLVM the addresses of the C library functions that this machine has."""
+    for name in DECLARATIONS:
         if hasattr(_libm(), name):
             llvm.add_symbol(name, ctypes.cast(getattr(_libm(), name), ctypes.c_void_p).value)

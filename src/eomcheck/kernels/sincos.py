@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-from eomcheck.kernels.llvm import IRBuilder, cpu_features, has_sincos
+from eomcheck.kernels.llvm import IRBuilder, has_fma, has_sincos
 
 REACH = 1e5
 """Largest angle of the reduction, rad."""
@@ -66,15 +66,15 @@ def _by_function(flow: IRBuilder, code: IRBuilder, x: str) -> tuple[str, str]:
     """Return (cos x, sin x) by a call of a function of this width."""
     function = IRBuilder(code.width)
     text = _function(function, "sincos", *_inline(function, function, "%x"), "%x")
-    flow.calls(*function.called, text)
+    flow.add_callees(*function.callees, text)
     return _called(flow, code, "sincos", x)
 
 
 def _inline(flow: IRBuilder, code: IRBuilder, x: str) -> tuple[str, str]:
     """Return (cos x, sin x); `flow` builds the function, `code` has the width of x."""
     library = IRBuilder(code.width)
-    flow.calls(_by_library(library))
-    if not cpu_features()[2]:
+    flow.add_callees(_by_library(library))
+    if not has_fma():
         return _called(flow, code, "library", x, x, x)
     fast = _reduced(code, x)
     yes, after = flow.labels("beyond", "after")
@@ -103,7 +103,7 @@ def _reduced(code: IRBuilder, x: str) -> tuple[str, str]:
         return code.call("fma", x, y, z)
 
     shifted = fma(x, code.constant(2 / math.pi), code.constant(TO_WHOLE))
-    whole = code.let(f"bitcast {code.real} {shifted} to {code.like('i64')}")
+    whole = code.let(f"bitcast {code.real} {shifted} to {code.type_of('i64')}")
     turns = code.sub(code.constant(TO_WHOLE), shifted)
     first = fma(turns, code.constant(PARTS[0]), x)
     r = code.add(first, code.mul(turns, code.constant(PARTS[1])))
@@ -128,12 +128,12 @@ def _reduced(code: IRBuilder, x: str) -> tuple[str, str]:
     cos = code.add(w, curve(COS, square, code.sub(lost, code.mul(r, y))))
 
     def flag(bits: str, mask: int) -> str:
-        kind = code.like("i64")
+        kind = code.type_of("i64")
         masked = code.let(f"and {kind} {bits}, {code.splat_of(f'i64 {mask}')}")
         return code.let(f"icmp ne {kind} {masked}, {code.splat_of('i64 0')}")
 
     odd = flag(whole, 1)
-    after = code.let(f"add {code.like('i64')} {whole}, {code.splat_of('i64 1')}")
+    after = code.let(f"add {code.type_of('i64')} {whole}, {code.splat_of('i64 1')}")
     c, s = code.choose(odd, sin, cos), code.choose(odd, cos, sin)
     return (
         code.choose(flag(after, 2), code.neg(c), c),
@@ -149,7 +149,7 @@ def _by_library(code: IRBuilder) -> str:
     results = cos, sin = [code.let(f"alloca {code.real}") for _ in range(2)]
     for result, x in zip(results, ("%cos", "%sin"), strict=True):
         code.store(x, result)
-    where = _beyond(code, "%x") if cpu_features()[2] else code.splat_of("i1 true")
+    where = _beyond(code, "%x") if has_fma() else code.splat_of("i1 true")
     for lane in range(code.width):
         with code.when(code.lane_of_condition(where, lane)):
             addresses = (code.address(result, lane, "double") for result in (cos, sin))

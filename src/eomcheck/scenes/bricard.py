@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 
+from eomcheck.deprecated import old_attributes
 from eomcheck.descriptions import elements
 from eomcheck.descriptions.described_scene import GROUND, Described, Description
 from eomcheck.errors import InputError
@@ -60,22 +61,26 @@ def description(parameters):
     links = [elements.Link(names[k + 1], mass[k], centers[k]) for k in range(RODS)]
     joints = [
         elements.Joint(
-            *(f"θ_{k + 1}", "revolute", names[k], names[k + 1]),
+            f"θ_{k + 1}",
+            "revolute",
+            names[k],
+            names[k + 1],
             origin=ends[k - 1] if k else elements.ORIGIN,
             axis=axis_vector(AXIS[k], 1),
         )
         for k in range(RODS)
     ]
-    last, closed = names[-1], (0, 0, length)
+    last, closing_point = names[-1], (0, 0, length)
 
     def tip(name, axis):
-        return elements.Constraint(
-            *("on-plane", name, ((last, ends[-1]), (GROUND, closed)), ((GROUND, axis),))
-        )
+        points = (last, ends[-1]), (GROUND, closing_point)
+        return elements.Constraint("on-plane", name, points, ((GROUND, axis),))
 
     closing = [
-        *(tip("tip along y", Y), elements.perpendicular("hinge along y", last, X, GROUND, Y)),
-        *(tip("tip along z", Z), tip("tip along x", X)),
+        tip("tip along y", Y),
+        elements.perpendicular("hinge along y", last, X, GROUND, Y),
+        tip("tip along z", Z),
+        tip("tip along x", X),
     ]
     if parameters.redundant is not None:
         more = elements.perpendicular("hinge along z", last, X, GROUND, Z)
@@ -87,17 +92,23 @@ def description(parameters):
 # ---- The scene -----------------------------------------------------------------------------------
 
 
+@old_attributes
 class Bricard(Described, description=description, closed=True):
     """Bricard's mechanism, by default slender rods of 1 m and 1 kg, released along a cube's edges.
 
-    About its own axis a rod has no moment of inertia. Where sin `angle` is -1/2 or below, the ring
-    is open. With `redundant`, the row that the others imply is added, multiplied by this factor: no
-    formulation can then solve where the ring is closed.
+    About its own axis a rod has no moment of inertia. `angle` must have a sine above -1/2: below it
+    the ring is open, and at -1/2, where it closes, the other angles turn infinitely fast. With
+    `redundant`, the row that the others imply is added, multiplied by this factor: no formulation
+    can then solve where the ring is closed.
     """
 
     mass: Any = parameter("of rods", "kg", "> 0", (0.1, 10.0), (5,), default=(1.0,) * RODS)
     across: Any = parameter(
-        *("I, central, across", "kg m²", "> 0", (0.01, 10.0), (5,)),
+        "I, central, across",
+        "kg m²",
+        "> 0",
+        (0.01, 10.0),
+        (5,),
         default=(1.0 / 12.0,) * RODS,
         read=False,
     )
@@ -131,22 +142,22 @@ class Bricard(Described, description=description, closed=True):
         moments[range(RODS), ALONG] = 0
         return {"inertia": diagonal(moments)}
 
-    def closed(self, angle: float, rate: float) -> tuple[Array, Array]:
+    def closed_state(self, angle: float, rate: float) -> tuple[Array, Array]:
         """Return the state (q, v) with θ_1 = θ_3 = θ_5 = `angle`, turning at `rate`.
 
         The ring keeps its threefold symmetry: with a = θ_1 and b = θ_2 = θ_4 it is closed where
         sin a + sin b + sin a sin b = 0.
         """
-        stretched = 1.0 + np.sin(angle)
-        other = -np.arcsin(np.sin(angle) / stretched)
-        follows = -np.cos(angle) / (stretched**2 * np.cos(other)) * rate
+        one_plus_sine = 1.0 + np.sin(angle)
+        b = -np.arcsin(np.sin(angle) / one_plus_sine)
+        b_rate = -np.cos(angle) / (one_plus_sine**2 * np.cos(b)) * rate
         q, v = np.full(RODS, float(angle)), np.full(RODS, float(rate))
-        q[[0, 2]], v[[0, 2]] = other, follows
+        q[[0, 2]], v[[0, 2]] = b, b_rate
         return q, v
 
     def initial_state(self) -> tuple[Array, Array]:
         """Return the state of the ring closed at `angle`, turning at `rate`."""
-        return self.closed(float(self.angle), float(self.rate))
+        return self.closed_state(float(self.angle), float(self.rate))
 
     def symmetries(self, q: Array, v: Array) -> Iterator[Symmetry]:
         """Yield a rotation by 2π about every hinge, which changes nothing."""
@@ -160,23 +171,24 @@ class Bricard(Described, description=description, closed=True):
 
     def sketch(self, q: Array, t: float = 0.0) -> draw.Sketch:
         """Return rods and hinges from P_1 to P_6, and the ground from P_6 back to P_1."""
-        length, at, before = float(self.length), np.zeros(3), np.eye(3)
+        length, point, previous_axes = float(self.length), np.zeros(3), np.eye(3)
         frames = self.frames(q)
         parts: list[draw.Part] = [*draw.fixed_axes(0.3 * length, 3)]
         for k in range(RODS):
             axes = frames[f"rod {k + 1}"][1]
-            end = at + SENSE[k] * length * axes[ALONG[k]]
-            parts += [draw.Body((at, end), f"rod {k + 1}"), draw.Center((at + end) / 2)]
-            parts += [draw.JointMark(at, k == 0, f"P_{k + 1}", axis=axes[AXIS[k]])]
-            level, across = SENSE[k] * before[SECOND[k]], -SENSE[k] * before[FIRST[k]]
+            end = point + SENSE[k] * length * axes[ALONG[k]]
+            parts += [draw.Body((point, end), f"rod {k + 1}"), draw.Center((point + end) / 2)]
+            parts += [draw.JointMark(point, k == 0, f"P_{k + 1}", axis=axes[AXIS[k]])]
+            zero = SENSE[k] * previous_axes[SECOND[k]]
+            quarter_turn = -SENSE[k] * previous_axes[FIRST[k]]
             turn = q[NAMES.index(f"θ_{k + 1}")]
-            parts += [draw.Angle(f"θ_{k + 1}", at, level, across, turn, 0.4 * length)]
-            at, before = end, axes
+            parts += [draw.Angle(f"θ_{k + 1}", point, zero, quarter_turn, turn, 0.4 * length)]
+            point, previous_axes = end, axes
         parts += [
-            draw.JointMark(at, True, "P_6", axis=np.array([1.0, 0.0, 0.0])),
-            draw.Trail(at / 2),
+            draw.JointMark(point, True, "P_6", axis=np.array([1.0, 0.0, 0.0])),
+            draw.Trail(point / 2),
         ]
-        parts += [draw.ConstraintMark("the ring closes", at, tuple(range(self.r)))]
+        parts += [draw.ConstraintMark("the ring closes", point, tuple(range(self.r)))]
         corner = length * np.array([0.0, -0.75, 0.0])
         parts += [draw.Arrow("g", corner, np.array([0.0, -0.3 * length, 0.0]), frame=False)]
         return draw.Sketch(tuple(parts), azimuth=0.6, elevation=0.35, up=1)

@@ -2,7 +2,9 @@
 
 The functions are black boxes, called once per state and derivative, so that nothing is batched;
 every state is judged as by `eomcheck.testing.check_functions`. All states are within the ranges of
-the functions.
+the functions. A campaign is a series of rounds of a `FunctionsPlan`, each of one batch of states; a
+family is a way to draw them; a population is the states of highest score, by the key (claim,
+subject), of which hill climbing makes mutations.
 """
 
 from __future__ import annotations
@@ -33,7 +35,9 @@ from eomcheck.lab.fuzzing.failures import (
     functions_named,
     simplify_numbers,
 )
-from eomcheck.lab.fuzzing.screening import DECIDED, OPEN, Diagnosis
+from eomcheck.lab.fuzzing.screening import DECIDED as DECIDED_COUNTS
+from eomcheck.lab.fuzzing.screening import OPEN as OPEN_COUNTS
+from eomcheck.lab.fuzzing.screening import Diagnosis
 from eomcheck.mechanics.records import State
 from eomcheck.numbers.generic import Array
 from eomcheck.testing.equations_of_motion import EquationsOfMotion
@@ -43,15 +47,15 @@ from eomcheck.testing.function_checks import caveats, check_functions_at
 
 
 @lru_cache(8)
-def limits(functions: EquationsOfMotion) -> tuple[Array, Array]:
-    """Return the smallest and the largest coordinates and velocities (n + p,)."""
+def state_bounds(functions: EquationsOfMotion) -> tuple[Array, Array]:
+    """Return the smallest and the largest coordinates and velocities, each (n + p,)."""
     middle, half = functions.half_ranges()
     return middle - half, middle + half
 
 
 def drawn_state(functions: EquationsOfMotion, family: str, random: np.random.Generator) -> State:
     """Return a state within the ranges: anywhere, or at or next to special numbers."""
-    low, high = limits(functions)
+    low, high = state_bounds(functions)
     x, n = random.uniform(low, high), functions.n
     if family == SPECIAL:
         q = np.array([special_number(random, x[:n]) for _ in range(n)])
@@ -64,37 +68,46 @@ def drawn_state(functions: EquationsOfMotion, family: str, random: np.random.Gen
 def hill_climbed_states(
     functions: EquationsOfMotion, population: Population, count: int, random: np.random.Generator
 ) -> list[State]:
-    """Return mutations of the states of a population, each of a key drawn at random."""
+    """Return `count` mutations of states of a population; the key of each is drawn at random.
+
+    Entries of a second state, the donor, replace some of its numbers.
+    """
     keys, states = sorted(population), []
-    low, high = limits(functions)
+    low, high = state_bounds(functions)
     for _ in range(count):
-        best, others = (population[keys[random.integers(len(keys))]] for _ in range(2))
-        pair = parents(best, others, random)
+        scored, donors = (population[keys[random.integers(len(keys))]] for _ in range(2))
+        pair = parents(scored, donors, random)
         x, donor = (np.concatenate(state[:2]) for _, state in pair)
         for _ in range(int(random.integers(1, MOST_CHANGES + 1))):
             new = changed_entries(x, donor, random)
             # An entry that leaves its range is clamped to it, or keeps its value.
-            left = ((new < low) | (new > high)) & (random.random(len(new)) < 0.5)
-            x = np.where(left, x, np.clip(new, low, high))
+            unchanged = ((new < low) | (new > high)) & (random.random(len(new)) < 0.5)
+            x = np.where(unchanged, x, np.clip(new, low, high))
         states.append(_within(functions, x))
     return states
 
 
 def _within(functions: EquationsOfMotion, x: Array) -> State:
-    x = np.clip(x, *limits(functions))
+    """Return the state of coordinates and velocities x, clamped to the ranges."""
+    x = np.clip(x, *state_bounds(functions))
     return State(x[: functions.n], x[functions.n :])
 
 
 # ---- Rounds --------------------------------------------------------------------------------------
 
-STATES = 16
+BATCH = 16
 """Random states of a round; as many again are found by hill climbing."""
 
 
 SKIPPED = "skipped: "
 """Prefix of counts of states at which a claim about a subject is skipped."""
 
-PREFIX = {"passed": DECIDED, "failed": DECIDED, "inconclusive": OPEN, "skipped": SKIPPED}
+PREFIX = {
+    "passed": DECIDED_COUNTS,
+    "failed": DECIDED_COUNTS,
+    "inconclusive": OPEN_COUNTS,
+    "skipped": SKIPPED,
+}
 """Verdict -> prefix of its count by claim and subject."""
 
 UNDECIDED = {"inconclusive": "inconclusive in all states", "skipped": "skipped in every state"}
@@ -114,7 +127,7 @@ class FunctionsPlan(CampaignPlan):
     claims: tuple[str, ...]
     families: tuple[str, ...] = (ORDINARY, SPECIAL)
     climbing: bool = True
-    batch: int = STATES
+    batch: int = BATCH
 
     @property
     def kind(self) -> EquationsOfMotion:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -126,7 +139,7 @@ class FunctionsPlan(CampaignPlan):
     def draw(self, result: RoundResult, random: np.random.Generator) -> DrawnCases:
         """Return random states of the functions, and the family of each; families take turns."""
         families = [self.families[i % len(self.families)] for i in range(self.batch)]
-        return self._cases(drawn_state(self.kind, one, random) for one in families), families
+        return self._cases(drawn_state(self.kind, family, random) for family in families), families
 
     def mutate(self, population: Population, random: np.random.Generator) -> list[FuzzCase]:
         """Return mutations of the states of a population."""
@@ -140,17 +153,18 @@ class FunctionsPlan(CampaignPlan):
         """Check states one by one, and count the decided states of each claim and subject."""
         by_state = [check_functions_at(self.kind, state, self.claims) for _, state in drawn[0]]
         result.add_cases(drawn[0], by_state)
-        for one in chain.from_iterable(by_state):
-            about = f"{one.claim} [{one.subject}]"
-            result.counts[f"{PREFIX[one.verdict]}{about}"] += 1
-            if one.entries is not None:
-                result.entries[about] = merged([*result.entries.get(about, ()), one.entries])
-            if one.verdict in UNDECIDED:
-                result.undecided.setdefault(about, f"{UNDECIDED[one.verdict]}: {one.detail}")
+        for finding in chain.from_iterable(by_state):
+            claim = f"{finding.claim} [{finding.subject}]"
+            result.counts[f"{PREFIX[finding.verdict]}{claim}"] += 1
+            if finding.entries is not None:
+                result.entries[claim] = merged([*result.entries.get(claim, ()), finding.entries])
+            if finding.verdict in UNDECIDED:
+                reason = f"{UNDECIDED[finding.verdict]}: {finding.detail}"
+                result.undecided.setdefault(claim, reason)
 
     def shrunk(self, failed: Finding, known: Sequence[FailureRecord]) -> Finding:
         """Return the failure with rounder numbers, within the ranges of the functions."""
-        low, high = limits(self.kind)
+        low, high = state_bounds(self.kind)
 
         def failures(candidate: Finding) -> list[Finding]:
             assert candidate.state is not None
@@ -168,26 +182,26 @@ class FunctionsPlan(CampaignPlan):
     def caveats(
         self,
         counts: Counter[str],
-        open_: Mapping[str, str],
+        undecided: Mapping[str, str],
         entries: Mapping[str, Sequence[Entries]],
     ) -> list[str]:
         """Return the caveats of the campaign, a line each, worded as by `check_functions`.
 
         Args:
             counts: counts of the campaign.
-            open_: claim and subject that were not decided at a state -> reason.
+            undecided: claim and subject that were not decided at a state -> reason.
             entries: claim and subject -> resolved and hidden entries.
         """
         states = counts["states"]
         lines = [
-            f"{about} {why}"
-            for about, why in open_.items()
-            if counts[SKIPPED + about] == states
-            or (counts[OPEN + about] and not counts[DECIDED + about])
+            f"{claim} {reason}"
+            for claim, reason in undecided.items()
+            if counts[SKIPPED + claim] == states
+            or (counts[OPEN_COUNTS + claim] and not counts[DECIDED_COUNTS + claim])
         ]
-        for about, each in entries.items():
+        for claim, entries_of_states in entries.items():
             # A subject that no state decides has its line already.
-            if counts[DECIDED + about] and (left := never_resolved(each)):
-                compared = counts[DECIDED + about] + counts[OPEN + about]
-                lines.append(f"{about} {unresolved_detail(left, compared)}")
+            if counts[DECIDED_COUNTS + claim] and (hidden := never_resolved(entries_of_states)):
+                compared = counts[DECIDED_COUNTS + claim] + counts[OPEN_COUNTS + claim]
+                lines.append(f"{claim} {unresolved_detail(hidden, compared)}")
         return [*lines, *map(str, caveats(self.kind, self.claims))]

@@ -36,8 +36,8 @@ from eomcheck.evaluation.certified import (
     REFERENCE_WITHOUT_SPEEDS,
     Enclosure,
     enclose,
+    true_acceleration,
     true_error,
-    true_state,
 )
 from eomcheck.evaluation.dynamics import acceleration
 from eomcheck.evaluation.evaluation import BatchEvaluation
@@ -382,14 +382,14 @@ def _truth(case: BatchedCase, lane: int) -> Enclosure:
     at = case.at.alone(lane)
     if case.has_speeds:
         u: Any = case.at.u
-        return true_state(at.scene, at.q, u.data[lane], at.t)[0]
+        return true_acceleration(at.scene, at.q, u.data[lane], at.t)[0]
     return enclose(
         at.scene, REFERENCE_WITHOUT_SPEEDS, at.q, t=at.t, digits=REFERENCE_DIGITS, v=at.v
     )
 
 
 def _at_truth(case: BatchedCase, truths: dict[int, Enclosure]) -> BatchEvaluation:
-    """Return the lanes with an enclosed acceleration, at its velocities, see `true_state`."""
+    """Return the lanes with a true acceleration, at its velocities, see `true_acceleration`."""
     lanes = list(truths)
     states = []
     for lane, truth in truths.items():

@@ -22,9 +22,9 @@ from eomcheck.evaluation.certified import (
     Accuracy,
     Enclosure,
     accuracy,
-    certify,
+    accuracy_at,
     relative_error,
-    true_state,
+    true_acceleration,
 )
 from eomcheck.evaluation.dynamics import speeds_of
 from eomcheck.evaluation.evaluation import Evaluation
@@ -114,7 +114,7 @@ def _certified(settings: Settings) -> Record:
     scene, (q, v, t) = _states(*settings["links"], *drawn)[settings["state"]]
     formulations = applicable(Snake).values()
     try:
-        truth, at = true_state(scene, q, speeds_of(scene, q, v, t), t)
+        truth, at = true_acceleration(scene, q, speeds_of(scene, q, v, t), t)
     except RefusedError as refusal:
         rows = [Delivered(f.key, scene.r, refusal.what) for f in formulations]
     else:
@@ -125,7 +125,7 @@ def _certified(settings: Settings) -> Record:
 def _delivered(formulation: Formulation, truth: Enclosure, at: Evaluation) -> Delivered:
     key, links = formulation.key, at.scene.r
     try:
-        found = certify(formulation, truth, at)
+        found = accuracy_at(formulation, truth, at)
     except RefusedError as refusal:
         return Delivered(key, links, refusal.what)
     shares = found.relative / _bound(found), _of_machine_code(formulation, found, at)

@@ -186,7 +186,7 @@ def _short(ratio: float) -> str:
 def _claims(records: Iterable[Record]) -> ResultTable:
     columns = (
         ("where", lambda one: one.claim.place),
-        ("what the paper says", lambda one: one.claim.says),
+        ("what the paper says", lambda one: one.claim.statement),
         ("measured here", lambda one: one.measured),
         ("verdict", lambda one: one.verdict),
         ("why", lambda one: one.why),

@@ -499,7 +499,7 @@ def _in_line(variant: str, angle: float) -> Posed:
 )
 def _stretched(variant: str, distance: float) -> Posed:
     scene = scenes.Bricard()
-    q, _ = scene.closed(-math.pi / 6 + distance, 0.0)
+    q, _ = scene.closed_state(-math.pi / 6 + distance, 0.0)
     return Posed(scene, q, np.ones(1))
 
 

@@ -19,11 +19,11 @@ from eomcheck.evaluation.certified import (
     FLOAT64_DIGITS,
     REFERENCE_DIGITS,
     Enclosure,
+    accuracy_at,
     certified_digits,
-    certify,
     enclose,
     relative_error,
-    true_state,
+    true_acceleration,
 )
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import NOTICEABLE
@@ -123,7 +123,7 @@ def _state(family: str, variant: str, severity: float) -> State:
     try:
         if posed.v is not None:
             return posed, None, Evaluation(posed.scene, posed.q, posed.v)
-        return posed, *true_state(posed.scene, posed.q, posed.u)
+        return posed, *true_acceleration(posed.scene, posed.q, posed.u)
     except EomcheckError as error:
         return error
 
@@ -142,7 +142,7 @@ def measure(settings: Settings) -> Record:
     posed, shared, at = state
     try:
         truth = _own_truth(posed, method) if shared is None else shared
-        found = certify(formulation_of(method.key), truth, at, method.pivoted)
+        found = accuracy_at(formulation_of(method.key), truth, at, method.pivoted)
     except EomcheckError as error:
         return _unsolved(settings, error)
     errors = {
