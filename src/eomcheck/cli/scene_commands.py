@@ -54,7 +54,7 @@ def _speeds(scene: Scene, texts: list[str] | None) -> list[float] | None:
     return speeds
 
 
-def _many(
+def _simulate_near(
     scene: Scene,
     key: str,
     t_end: float,
@@ -67,7 +67,10 @@ def _many(
     executor: str | None,
     plot: Path | None,
 ) -> bool:
-    """Integrate, print and draw motions; return whether one did not reach its end."""
+    """Integrate, print and draw motions near the start of a scene.
+
+    Return whether one did not reach its end.
+    """
     import numpy as np
 
     import eomcheck
@@ -82,20 +85,21 @@ def _many(
         check_figure(plot)
     random = np.random.default_rng(seed)
     q, v = scene.initial_state()
-    u = eomcheck.speeds_of(scene, q, v) if speeds is None and v.any() else speeds or scene.p * [0.0]
+    moves = speeds is None and v.any()
+    u = eomcheck.speeds_of(scene, q, v) if moves else speeds or scene.p * [0.0]
     q0 = q + scale * random.standard_normal((examples, scene.n))
     u0 = u + scale * random.standard_normal((examples, scene.p))
     if scene.position_residual is not None:
-        q0 = np.array([assembled_position(scene, one) for one in q0])
-    there = nullcontext() if executor is None else parallel_map.executor(executor)
-    with there as pool:
-        found = eomcheck.simulate_many(scene, key, t_end, q0=q0, u0=u0, executor=pool, **options)
-    print_many(found)
-    finished = found.status == "finished"
+        q0 = np.array([assembled_position(scene, coordinates) for coordinates in q0])
+    context = nullcontext() if executor is None else parallel_map.executor(executor)
+    with context as pool:
+        motions = eomcheck.simulate_many(scene, key, t_end, q0=q0, u0=u0, executor=pool, **options)
+    print_many(motions)
+    finished = motions.status == "finished"
     if plot is not None and finished.any():
         from eomcheck.lab.show.chart_matplotlib import draw_charts
 
-        draw_charts([chart_of_many(found)], plot)
+        draw_charts([chart_of_many(motions)], plot)
         print(f"written: {plot}")
     return not finished.all()
 
@@ -108,7 +112,7 @@ def _scene_and_end(
     Until the next release the end may also be the last word.
     """
     *names, last = words or [""]
-    if end is not None:
+    if end is not None:  # then no word is one
         names = words or []
     else:
         try:
@@ -118,9 +122,18 @@ def _scene_and_end(
         print_notice("simulate END", "simulate --end END")
     if len(names) > 1:
         raise InputError(f"{' '.join(names)!r}, expected one scene")
-    if names and scene is not None:
-        raise InputError(f"two scenes are named, {names[0]!r} and {scene!r}")
-    return (names[0] if names else scene), end
+    return _named_once(names[0] if names else None, scene), end
+
+
+def _named_once(name: str | None, option: str | None) -> str | None:
+    """Return the name of the scene, given as an argument or by --scene, if any.
+
+    Raises:
+        InputError: it is named in both ways.
+    """
+    if name is not None and option is not None:
+        raise InputError(f"two scenes are named, {name!r} and {option!r}")
+    return name if option is None else option
 
 
 @app.command("simulate")
@@ -136,7 +149,7 @@ def simulate_command(
     end: Annotated[float | None, typer.Option(metavar="END", help="End of the motion, s.")] = None,
     scene: OptionalSceneOption = None,
     links: Links = None,
-    given: SetOption = None,
+    settings: SetOption = None,
     speeds: SpeedsOption = None,
     formulation: Formulations = None,
     integrator: Annotated[str, typer.Option(metavar="KEY", help="Integrator.")] = "DOP853",
@@ -159,7 +172,11 @@ def simulate_command(
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of --examples. [default: 0]")] = None,
     executor: Annotated[
-        str | None, typer.Option(metavar="PLACE", help="Where to compute --examples.")
+        str | None,
+        typer.Option(
+            metavar="PLACE",
+            help="Where to compute --examples: local, local:PROCESSES or dask:ADDRESS.",
+        ),
     ] = None,
     plot: Annotated[
         Path | None, typer.Option(help="Draw --examples to .png, .svg or .pdf.")
@@ -181,8 +198,8 @@ def simulate_command(
     from eomcheck.formulations import formulations_for
     from eomcheck.lab.report.motion_tables import print_trajectories
 
-    one = selected_scene(name or DEFAULT_SCENE, links, given)
-    u0 = _speeds(one, speeds)
+    chosen_scene = selected_scene(name or DEFAULT_SCENE, links, settings)
+    u0 = _speeds(chosen_scene, speeds)
     if examples is not None:
         if baumgarte is not None or projection is not None or integrator != "DOP853":
             raise InputError("--examples are integrated by DOP853, without stabilization")
@@ -191,15 +208,17 @@ def simulate_command(
             raise InputError(f"formulation = {chosen}, expected one for --examples")
         options = {"rtol": tolerance, "atol": tolerance, "max_steps": max_steps}
         near = {"examples": examples, "scale": 0.01 if scale is None else scale, "seed": seed or 0}
-        if _many(one, chosen[0], t_end, u0, options, **near, executor=executor, plot=plot):
+        if _simulate_near(
+            chosen_scene, chosen[0], t_end, u0, options, **near, executor=executor, plot=plot
+        ):
             raise typer.Exit(1)
         return
-    asked = formulations_for(one, formulation)
+    formulations = formulations_for(chosen_scene, formulation)
     if formulation is None and (baumgarte is not None or projection is not None):
-        asked = tuple(f for f in asked if f.level == "acceleration")
-    found = [
+        formulations = tuple(f for f in formulations if f.level == "acceleration")
+    trajectories = [
         eomcheck.simulate(
-            one,
+            chosen_scene,
             f.key,
             t_end,
             rtol=tolerance,
@@ -210,10 +229,10 @@ def simulate_command(
             baumgarte=baumgarte,
             projection=projection,
         )
-        for f in asked
+        for f in formulations
     ]
-    print_trajectories(found)
-    if any(trajectory.status != "finished" for trajectory in found):
+    print_trajectories(trajectories)
+    if any(trajectory.status != "finished" for trajectory in trajectories):
         raise typer.Exit(1)
 
 
@@ -229,21 +248,20 @@ def acceleration_command(
     ] = None,
     scene: OptionalSceneOption = None,
     links: Links = None,
-    given: SetOption = None,
+    settings: SetOption = None,
     speeds: SpeedsOption = None,
     formulation: Formulations = None,
     patience: Patience = PATIENCE,
 ) -> None:
-    """Print the accelerations at the start by each formulation: error bound, or reason of refusal.
+    """Print the acceleration at the start by each formulation with its error bound, or its refusal.
 
     Exit code 1 if one refuses.
     """
-    if name is not None and scene is not None:
-        raise InputError(f"two scenes are named, {name!r} and {scene!r}")
+    name = _named_once(name, scene)
     from eomcheck.lab.report.motion_tables import print_accelerations
 
-    one = selected_scene(name or scene or DEFAULT_SCENE, links, given)
-    if print_accelerations(one, _speeds(one, speeds), formulation):
+    chosen_scene = selected_scene(name or DEFAULT_SCENE, links, settings)
+    if print_accelerations(chosen_scene, _speeds(chosen_scene, speeds), formulation):
         raise typer.Exit(1)
 
 
@@ -251,7 +269,7 @@ def acceleration_command(
 def constraints_command(
     scene: SceneOption = DEFAULT_SCENE,
     links: Links = None,
-    given: SetOption = None,
+    settings: SetOption = None,
     patience: Patience = PATIENCE,
 ) -> None:
     """Print which constraints of a scene are redundant at its start: implied by the others.
@@ -260,5 +278,5 @@ def constraints_command(
     """
     from eomcheck.lab.report.motion_tables import print_constraints
 
-    if print_constraints(selected_scene(scene, links, given)):
+    if print_constraints(selected_scene(scene, links, settings)):
         raise typer.Exit(1)

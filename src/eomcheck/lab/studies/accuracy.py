@@ -167,9 +167,9 @@ def _of_machine_code(formulation: Formulation, found: Accuracy, at: Evaluation) 
 # ---- Results -------------------------------------------------------------------------------------
 
 
-def _known(found: Sequence[Record]) -> tuple[list[Delivered], list[Delivered]]:
+def _known(records: Sequence[Record]) -> tuple[list[Delivered], list[Delivered]]:
     """Return all results, and the inexact ones; results at rest without forces are exact."""
-    rows = rows_in(found, Delivered)
+    rows = rows_in(records, Delivered)
     return rows, [one for one in rows if one.refused is not None or one.relative != 0.0]
 
 
@@ -189,12 +189,12 @@ ERRORS = (
 """Columns of the tables: heading, reduction over the states solved, field, format."""
 
 
-def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
+def tables(records: Sequence[Record]) -> Iterator[ResultTable]:
     """Yield, per formulation, the accuracy of float64, and the ratios on which the constant C
     rests.
     """
     digits, errors = [], []
-    rows, moving = _known(found)
+    rows, moving = _known(records)
     for key in dict.fromkeys(one.key for one in rows):
         mine = [one for one in moving if one.key == key]
         solved = [one for one in mine if one.refused is None]
@@ -220,14 +220,14 @@ def _numbers(rows: Iterable[Delivered], name: str) -> list[float]:
     return [x for one in rows if not math.isnan(x := getattr(one, name))]
 
 
-def remarks(found: Sequence[Record]) -> Iterator[str]:
+def remarks(records: Sequence[Record]) -> Iterator[str]:
     """Yield the basis of the tables, the largest ratio of all, and states beyond their bound."""
-    yield from unfinished(found)
-    rows, moving = _known(found)
+    yield from unfinished(records)
+    rows, moving = _known(records)
     top = max(_numbers(moving, "ratio"), default=0.0)
     exact = counted(len(rows) - len(moving), "result")
     yield (
-        f"{counted(len(found), 'state')}; errors against the enclosed truth. Left out: {exact} "
+        f"{counted(len(records), 'state')}; errors against the enclosed truth. Left out: {exact} "
         "without error, as at rest without forces; where κ is infinite no error is foreseen. "
         f"Largest error / (κ ε scale): {top:.3g}; the constant C of the tolerances is {C:g}."
     )
@@ -236,16 +236,16 @@ def remarks(found: Sequence[Record]) -> Iterator[str]:
             yield f"beyond its bound: {one.key}, {one.state}"
 
 
-def alarm(found: Sequence[Record]) -> bool:
+def alarm(records: Sequence[Record]) -> bool:
     """Return whether a result was off by more than its error bound."""
-    return failed(found) or any(one.state for one in rows_in(found, Delivered))
+    return failed(records) or any(one.state for one in rows_in(records, Delivered))
 
 
-def charts(found: Sequence[Record]) -> Iterator[Chart]:
+def charts(records: Sequence[Record]) -> Iterator[Chart]:
     """Yield certified digits over the number of links, and the distribution of error / (κ ε
     scale).
     """
-    solved = [one for one in rows_in(found, Delivered) if one.refused is None]
+    solved = [one for one in rows_in(records, Delivered) if one.refused is None]
     digits, shares = [], []
     for key, aside in zip(FORMULATIONS, np.linspace(-0.3, 0.3, len(FORMULATIONS)), strict=True):
         mine = [one for one in solved if one.key == key]

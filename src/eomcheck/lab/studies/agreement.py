@@ -33,8 +33,10 @@ from eomcheck.strategies import draw_samples
 REFERENCE = "au"
 FLOOR = 1e-18
 """Ordinate at which exact agreement is drawn, since a logarithm has no zero."""
-SPARE = 4
-"""Number of sampled snakes per compared one."""
+DRAWS_PER_SNAKE = 4
+"""Number of snakes drawn for each one to compare: some refuse, some stay at rest."""
+HALF_WHEEL = 0.22
+"""Half the length of a wheel in the picture, m."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,7 @@ def cells(
     per_size: Annotated[int, "Number of random snakes of each size."] = 3,
     seed: Seed = 0,
 ) -> Iterator[Settings]:
-    """Yield a cell for each number of links.
+    """Yield the settings of one cell for each number of links.
 
     Raises:
         InputError: no such numbers of links, or no snakes.
@@ -69,18 +71,20 @@ def cells(
         yield {"links": size, "per size": per_size, "seed": seed}
 
 
-def _compared(settings: Settings) -> Record:
+def _record_of_size(settings: Settings) -> Record:
     """Compare the formulations on random snakes of one size."""
     links, per_size, seed = (settings[name] for name in ("links", "per size", "seed"))
     drawn = strategies.scene_states(strategies.snakes(links, links))
-    some = draw_samples(drawn, SPARE * per_size, seed)
-    # Snakes that stay at rest, as the simplest do, are left out: distances are relative to q̈.
-    compared = (_compare(Evaluation(scene, *state)) for scene, state in some)
-    rows = chain.from_iterable(islice(filter(None, compared), per_size))
+    cases = draw_samples(drawn, DRAWS_PER_SNAKE * per_size, seed)
+    # States without agreements are left out: refused ones, and snakes that stay at rest, as the
+    # simplest do.
+    by_state = (_agreements_at(Evaluation(scene, *state)) for scene, state in cases)
+    rows = chain.from_iterable(islice(filter(None, by_state), per_size))
     return record_of_rows(STUDY.key, settings, rows)
 
 
-def _compare(at: Evaluation) -> list[Agreement]:
+def _agreements_at(at: Evaluation) -> list[Agreement]:
+    """Return the distance of each formulation; none if the reference refuses or q̈ is 0."""
     reference = FORMULATIONS[REFERENCE]
     try:
         vdot = at.acceleration(reference).vdot
@@ -92,7 +96,8 @@ def _compare(at: Evaluation) -> list[Agreement]:
     scale = largest(vdot)
     if scale == 0.0:
         return []
-    records = []
+    faulty = largest(flipped - vdot) / scale
+    agreements = []
     for key, formulation in applicable(at.scene).items():
         if key == REFERENCE:
             continue
@@ -101,24 +106,28 @@ def _compare(at: Evaluation) -> list[Agreement]:
             allowed = allowed_error(acceleration_sensitivity(at, formulation) + sensitivity) / scale
         except RefusedError:
             continue
-        faulty = largest(flipped - vdot) / scale
-        records.append(Agreement(key, at.scene.r, observed, allowed, faulty))
-    return records
+        # A snake has one constraint a link.
+        agreements.append(Agreement(key, at.scene.r, observed, allowed, faulty))
+    return agreements
 
 
 # ---- Results -------------------------------------------------------------------------------------
 
 
-def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
+def tables(records: Sequence[Record]) -> Iterator[ResultTable]:
     """Yield the table of largest distances from the reference, by formulation."""
     columns = {
-        "formulation": lambda mine: mine[0].key,
-        "states": lambda mine: str(len(mine)),
-        "largest distance": lambda mine: f"{max(one.observed for one in mine):.1e}",
-        "of what is allowed": lambda mine: f"{max(one.observed / one.allowed for one in mine):.1%}",
-        "fault: median": lambda mine: f"{median(one.faulty / one.allowed for one in mine):.1e}",
+        "formulation": lambda agreements: agreements[0].key,
+        "states": lambda agreements: str(len(agreements)),
+        "largest distance": lambda agreements: f"{max(row.observed for row in agreements):.1e}",
+        "of what is allowed": lambda agreements: (
+            f"{max(row.observed / row.allowed for row in agreements):.1%}"
+        ),
+        "fault: median": lambda agreements: (
+            f"{median(row.faulty / row.allowed for row in agreements):.1e}"
+        ),
     }
-    by_key = group(rows_in(found, Agreement), lambda one: one.key).values()
+    by_key = group(rows_in(records, Agreement), lambda row: row.key).values()
     note = (
         f"Distances of q̈ from that of {REFERENCE}, relative to max |q̈|; last, that of one flipped "
         "sign over what is allowed."
@@ -128,12 +137,12 @@ def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
 
 
 def snake_panel(scene: Snake) -> Panel:
-    """Return the links, the head (hollow) and the wheels of a snake in its initial pose."""
+    """Return the panel of a snake in its initial pose: links, head (hollow) and wheels."""
     q, _ = scene.initial_state()
     ends = link_ends(scene.length, q)
     centres = (ends[:-1] + ends[1:]) / 2
     phi = q[2:] + scene.wheel_angle
-    half = 0.22 * np.column_stack((np.cos(phi), np.sin(phi)))
+    half = HALF_WHEEL * np.column_stack((np.cos(phi), np.sin(phi)))
     x, y = ends.T.tolist()
     wheels = np.stack((centres - half, centres + half), axis=2).tolist()
     lines = [Line("links", x, y, hollow=[True]), *(Line("wheels", *wheel) for wheel in wheels)]
@@ -141,23 +150,24 @@ def snake_panel(scene: Snake) -> Panel:
     return Panel(Axis("x / m"), Axis("y / m"), lines, title, equal=True)
 
 
-def charts(found: Sequence[Record]) -> Iterator[Chart]:
+def charts(records: Sequence[Record]) -> Iterator[Chart]:
     """Yield the chart of distances from the reference, beside the rounding bound and a fault."""
-    rows = rows_in(found, Agreement)
+    rows = rows_in(records, Agreement)
 
-    def points(key: str, value: Callable[[Agreement], float], some: list[Agreement]) -> Line:
-        hover = [(f"{key}, N = {one.links}", f"{value(one):.1e}") for one in some]
-        at = [max(value(one), FLOOR) for one in some]
-        return Line(key, [one.links for one in some], at, hover, joined=False)
+    def points(key: str, value: Callable[[Agreement], float], agreements: list[Agreement]) -> Line:
+        links = [row.links for row in agreements]
+        hover = [(f"{key}, N = {row.links}", f"{value(row):.1e}") for row in agreements]
+        ordinates = [max(value(row), FLOOR) for row in agreements]
+        return Line(key, links, ordinates, hover, joined=False)
 
-    # At rest gamma is zero, and flipping its sign has no effect.
-    states = list({(one.links, one.faulty): one for one in rows if one.faulty}.values())
+    # One point a state. At rest gamma is zero, and flipping its sign has no effect.
+    by_fault = list({(row.links, row.faulty): row for row in rows if row.faulty}.values())
     lines = [
-        points("allowed by rounding", lambda one: one.allowed, rows),
-        points("one sign flipped", lambda one: one.faulty, states),
+        points("allowed by rounding", lambda row: row.allowed, rows),
+        points("one sign flipped", lambda row: row.faulty, by_fault),
         *(
-            points(key, lambda one: one.observed, mine)
-            for key, mine in group(rows, lambda one: one.key).items()
+            points(key, lambda row: row.observed, agreements)
+            for key, agreements in group(rows, lambda row: row.key).items()
         ),
     ]
     distance = Axis(
@@ -172,15 +182,15 @@ def charts(found: Sequence[Record]) -> Iterator[Chart]:
     yield Chart("agreement", "Agreement", ["diagram"], panels, grid, size=(5.4, 4.2))
 
 
-def alarm(found: Sequence[Record]) -> bool:
-    """Return whether a formulation is farther from the reference than rounding allows."""
-    return failed(found) or any(one.observed > one.allowed for one in rows_in(found, Agreement))
+def alarm(records: Sequence[Record]) -> bool:
+    """Return whether a cell failed, or a formulation is farther off than rounding allows."""
+    return failed(records) or any(row.observed > row.allowed for row in rows_in(records, Agreement))
 
 
 STUDY = Study(
     key="agreement",
     cells=cells,
-    worker=lambda known: _compared,
+    worker=lambda records: _record_of_size,
     tables=tables,
     charts=charts,
     alarm=alarm,

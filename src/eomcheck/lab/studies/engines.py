@@ -154,11 +154,11 @@ def _differences(engine: Engine, scene: Scene, state: State) -> Iterator[tuple[s
 # ---- Results -------------------------------------------------------------------------------------
 
 
-def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
+def tables(records: Sequence[Record]) -> Iterator[ResultTable]:
     """Yield the table of engines (quantities offered, largest differences), and the same by
     scenes.
     """
-    rows = rows_in(found, EngineDifference)
+    rows = rows_in(records, EngineDifference)
     by_engine, by_scene = [], []
     for key, mine in group(rows, lambda one: one.engine).items():
         scenes = group(mine, lambda one: one.scene)
@@ -198,12 +198,12 @@ def _cell(rows: Sequence[EngineDifference]) -> Cell:
     return Cell(", ".join(f"{max(those):.0e}{kind}" for kind, those in of_kinds.items() if those))
 
 
-def remarks(found: Sequence[Record]) -> Iterator[str]:
+def remarks(records: Sequence[Record]) -> Iterator[str]:
     """Yield the libraries that are not installed, and the largest observed / allowed."""
-    missing = {record.reason: None for record in found if record.status == "refused"}
+    missing = {record.reason: None for record in records if record.status == "refused"}
     yield from missing
-    yield from unfinished([record for record in found if record.status != "refused"])
-    rows = rows_in(found, EngineDifference)
+    yield from unfinished([record for record in records if record.status != "refused"])
+    rows = rows_in(records, EngineDifference)
     shares = [one.share for one in rows if one.share is not None]
     if shares:
         yield (
@@ -214,9 +214,9 @@ def remarks(found: Sequence[Record]) -> Iterator[str]:
         yield "`inconclusive`: rounding allows so much that nothing was decided."
 
 
-def alarm(found: Sequence[Record]) -> bool:
+def alarm(records: Sequence[Record]) -> bool:
     """Return whether an engine and a scene differ by more than rounding."""
-    return failed(found) or any(one.failed for one in rows_in(found, EngineDifference))
+    return failed(records) or any(one.failed for one in rows_in(records, EngineDifference))
 
 
 STUDY = Study(

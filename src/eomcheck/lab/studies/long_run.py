@@ -133,11 +133,11 @@ def find_run(records: Iterable[Record], key: str, remedy: str) -> Record | None:
     return next((r for r in records if wanted.items() <= r.settings.items()), None)
 
 
-def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
+def tables(records: Sequence[Record]) -> Iterator[ResultTable]:
     """Yield the growth law and the final value of both errors of every run."""
     laws = {f"{error}_{law}": how for error in ERRORS for law, how in LAWS.items()}
     rows = []
-    for r in found:
+    for r in records:
         numbers = (cell_text(r.errors.get(x), how) for x, how in laws.items())
         calls = f"{r.counts.get('right-hand sides', 0):,}"
         where = r.settings["formulation"], r.settings["remedy"]
@@ -147,14 +147,14 @@ def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
     yield ResultTable("long-run", "Laws of growth: rate · T (t/T)^exponent", columns, rows)
 
 
-def remarks(found: Sequence[Record]) -> Iterator[str]:
+def remarks(records: Sequence[Record]) -> Iterator[str]:
     """Yield the reasons of failed runs."""
-    for r in found:
+    for r in records:
         if r.status != "done":
             yield "{formulation}, {remedy} ".format(**r.settings) + f"{r.status}: {r.reason}"
 
 
-def charts(found: Sequence[Record]) -> Iterator[Chart]:
+def charts(records: Sequence[Record]) -> Iterator[Chart]:
     """Yield both errors over time, a column per remedy."""
     panels = {}
     for (error, label), remedy in product(ERRORS.items(), REMEDIES):
@@ -163,7 +163,7 @@ def charts(found: Sequence[Record]) -> Iterator[Chart]:
                 key, r.series["times"], [max(x, FLOOR) for x in r.series[error]], every=(3 * i, 30)
             )
             for i, key in enumerate(FORMULATIONS)
-            if (r := find_run(found, key, remedy)) is not None and r.series
+            if (r := find_run(records, key, remedy)) is not None and r.series
         ]
         panels[label, remedy] = Panel(
             Axis("t / s", log=True), Axis(label, log=True), lines, TITLES[remedy]

@@ -110,11 +110,11 @@ def _measure(motion: Motion) -> MotionTime:
     return MotionTime(motion.formulation.key, by_cyrk.seconds, calls, python.seconds)
 
 
-def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
+def tables(records: Sequence[Record]) -> Iterator[ResultTable]:
     """Yield the run time of a motion by CyRK and by SciPy, and their ratio."""
-    known = rows_in(found, MotionTime)
+    known = rows_in(records, MotionTime)
     failed = [one.formulation for one in known if not math.isfinite(one.seconds)]
-    names = dict.fromkeys(one.settings.get("scene", PAPER) for one in found)
+    names = dict.fromkeys(one.settings.get("scene", PAPER) for one in records)
     of = ", ".join("the paper's robot" if name == PAPER else name for name in names)
     note = (
         f"Best time of {END:g} s of {of} by DOP853, rtol = atol = {TOLERANCE:.0e}, "

@@ -307,7 +307,7 @@ def cells(
         } | ({"set": set} if set else {})
 
 
-def worker(known: Sequence[Record], *, scene: Kind = "snake") -> Callable[[Settings], Record]:
+def worker(stored: Sequence[Record], *, scene: Kind = "snake") -> Callable[[Settings], Record]:
     """Return the function that times all right-hand sides of a scene class."""
     kinds = {kind.key: kind for kind in scene_classes_named(scene)}
 
@@ -341,9 +341,9 @@ def worker(known: Sequence[Record], *, scene: Kind = "snake") -> Callable[[Setti
     return timed
 
 
-def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
+def tables(records: Sequence[Record]) -> Iterator[ResultTable]:
     """Yield, for each scene, medians, their ratio to sines alone, the slope of log t over log N."""
-    for key, rows in group(rows_in(found, Timing), lambda one: one.scene).items():
+    for key, rows in group(rows_in(records, Timing), lambda one: one.scene).items():
         at = {(one.what, one.links): one for one in rows}
         links = sorted({one.links for one in rows})
         table = []

@@ -125,9 +125,9 @@ def _called(settings: Settings) -> str:
 # ---- Results -------------------------------------------------------------------------------------
 
 
-def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
+def tables(records: Sequence[Record]) -> Iterator[ResultTable]:
     """Yield the table of checks and proofs by robot, and the table of libraries by robot."""
-    done = [record for record in found if record.status == "done"]
+    done = [record for record in records if record.status == "done"]
     names = ("coordinates", "passed", "failed", "proved", "disproved")
     rows = [
         (
@@ -164,19 +164,19 @@ def _cell(one: LibraryReading | None) -> Cell:
     return Cell(" ".join(words), one.kind)
 
 
-def remarks(found: Sequence[Record]) -> Iterator[str]:
+def remarks(records: Sequence[Record]) -> Iterator[str]:
     """Yield the reasons why libraries differ or gave no answer."""
-    yield from unfinished(found)
-    for one in rows_in(found, LibraryReading):
+    yield from unfinished(records)
+    for one in rows_in(records, LibraryReading):
         if one.verdict not in ("agrees", "agrees where decided", "no damping"):
             apart = ", ".join(f"{name} {one.apart[name]:.0e}" for name in QUANTITIES if one.apart)
             yield f"{one.robot}, {one.library}: {', '.join(filter(None, (apart, one.why)))}"
 
 
-def alarm(found: Sequence[Record]) -> bool:
+def alarm(records: Sequence[Record]) -> bool:
     """Return whether a check or proof of a robot failed, or a robot could not be checked."""
-    bad = (one.counts.get("failed", 0) + one.counts.get("disproved", 0) for one in found)
-    return failed(found) or any(bad)
+    bad = (one.counts.get("failed", 0) + one.counts.get("disproved", 0) for one in records)
+    return failed(records) or any(bad)
 
 
 STUDY = Study(

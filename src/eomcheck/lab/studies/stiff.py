@@ -342,25 +342,25 @@ def crossover(
 # ---- Tables --------------------------------------------------------------------------------------
 
 
-def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
+def tables(records: Sequence[Record]) -> Iterator[ResultTable]:
     """Yield the uncertainty of the references, costs, crossovers, and savings by exact
     Jacobians.
     """
-    yield _truths(found)
-    for problem, key, target in product(PROBLEMS, values(found, "formulation"), TARGETS):
-        yield _costs(found, problem, key, target)
-    yield _crossovers(found)
-    yield _jacobians(found)
-    yield _failures(found)
+    yield _truths(records)
+    for problem, key, target in product(PROBLEMS, values(records, "formulation"), TARGETS):
+        yield _costs(records, problem, key, target)
+    yield _crossovers(records)
+    yield _jacobians(records)
+    yield _failures(records)
 
 
-def remarks(found: Sequence[Record]) -> Iterator[str]:
+def remarks(records: Sequence[Record]) -> Iterator[str]:
     """Yield the number of runs with contended timing."""
-    shared = sum(map(was_contended, found))
-    yield f"{shared} of {counted(len(select(found, KEY)), 'best run')} had to share a core."
+    shared = sum(map(was_contended, records))
+    yield f"{shared} of {counted(len(select(records, KEY)), 'best run')} had to share a core."
 
 
-def _truths(found: Sequence[Record]) -> ResultTable:
+def _truths(records: Sequence[Record]) -> ResultTable:
     columns = (
         ("k / (N m/rad)", lambda r: f"{r.settings['stiffness']:.0e}"),
         (
@@ -369,14 +369,14 @@ def _truths(found: Sequence[Record]) -> ResultTable:
         ),
     )
     title = "How well the damped motions are known, relative"
-    return table_of("stiff-truth", title, (r for r in found if r.study == TRUTH), columns)
+    return table_of("stiff-truth", title, (r for r in records if r.study == TRUTH), columns)
 
 
-def _costs(found: Sequence[Record], problem: str, key: str, target: float) -> ResultTable:
-    stiffnesses = values(found, "stiffness")
+def _costs(records: Sequence[Record], problem: str, key: str, target: float) -> ResultTable:
+    stiffnesses = values(records, "stiffness")
     rows = []
     for integrator in COMPILED:
-        best = (_cheapest_at(found, problem, key, k, target, integrator) for k in stiffnesses)
+        best = (_cheapest_at(records, problem, key, k, target, integrator) for k in stiffnesses)
         cells = (
             "" if b is None else f"{1e3 * run_cost(b):.3g}  {run_cost(b, RATES):.0f}" for b in best
         )
@@ -387,16 +387,22 @@ def _costs(found: Sequence[Record], problem: str, key: str, target: float) -> Re
 
 
 def _cheapest_at(
-    found: Sequence[Record], problem: str, key: str, k: float, target: float, integrator: str, *what
+    records: Sequence[Record],
+    problem: str,
+    key: str,
+    k: float,
+    target: float,
+    integrator: str,
+    *what,
 ) -> Record | None:
-    mine = select(found, KEY, problem=problem, formulation=key, stiffness=k)
+    mine = select(records, KEY, problem=problem, formulation=key, stiffness=k)
     return cheapest(mine, target, (integrator,), *what)
 
 
-def _crossovers(found: Sequence[Record]) -> ResultTable:
+def _crossovers(records: Sequence[Record]) -> ResultTable:
     rows = []
-    for problem, target, key in product(PROBLEMS, TARGETS, values(found, "formulation")):
-        crossovers = (crossover(found, target, problem, key, x) for x in ("seconds", RATES))
+    for problem, target, key in product(PROBLEMS, TARGETS, values(records, "formulation")):
+        crossovers = (crossover(records, target, problem, key, x) for x in ("seconds", RATES))
         cells = ("never" if k is None else f"{k:.1e}" for k in crossovers)
         rows.append((problem, f"{target:.0e}", key, *cells))
     return ResultTable(
@@ -407,9 +413,9 @@ def _crossovers(found: Sequence[Record]) -> ResultTable:
     )
 
 
-def _jacobians(found: Sequence[Record]) -> ResultTable:
+def _jacobians(records: Sequence[Record]) -> ResultTable:
     rows = []
-    for integrator, tolerance, k, pair in _pairs(found):
+    for integrator, tolerance, k, pair in _pairs(records):
         cells = []
         for what, factor in ((RATES, 1.0), ("seconds", 1e3)):
             plain, exact = (factor * run_cost(r, what) for r in pair)
@@ -422,21 +428,21 @@ def _jacobians(found: Sequence[Record]) -> ResultTable:
     return ResultTable("stiff-jacobians", title, columns, rows)
 
 
-def _pairs(found: Sequence[Record]) -> Iterator[tuple[str, float, float, list[Record]]]:
+def _pairs(records: Sequence[Record]) -> Iterator[tuple[str, float, float, list[Record]]]:
     """Yield integrator, tolerance, stiffness, and the runs by finite differences and by exact
     Jacobian.
     """
-    tolerances, stiffnesses = (values(found, name) for name in ("tolerance", "stiffness"))
+    tolerances, stiffnesses = (values(records, name) for name in ("tolerance", "stiffness"))
     for integrator, tolerance, k in product(IN_SCIPY, tolerances, stiffnesses):
-        mine = select(found, KEY, integrator=integrator, tolerance=tolerance, stiffness=k)
+        mine = select(records, KEY, integrator=integrator, tolerance=tolerance, stiffness=k)
         pair = [run for way in JACOBIANS for run in select(mine, jacobian=way)]
         if len(pair) == 2:
             yield integrator, tolerance, k, pair
 
 
-def _failures(found: Sequence[Record]) -> ResultTable:
+def _failures(records: Sequence[Record]) -> ResultTable:
     what = "problem", "formulation", "integrator"
-    failed = [r for r in found if r.study == KEY and r.status != "done"]
+    failed = [r for r in records if r.study == KEY and r.status != "done"]
     alike = group(failed, lambda r: (*(r.settings[name] for name in what), r.reason))
     where = "{stiffness:.0e} at {tolerance:.0e}"
     rows = [
@@ -450,21 +456,21 @@ def _failures(found: Sequence[Record]) -> ResultTable:
 # ---- Charts --------------------------------------------------------------------------------------
 
 
-def charts(found: Sequence[Record]) -> Iterator[Chart]:
+def charts(records: Sequence[Record]) -> Iterator[Chart]:
     """Yield work-precision, cost over stiffness, and savings by exact Jacobians."""
-    yield _work_precision(found)
-    yield _cost_over_stiffness(found)
-    yield _saved(found)
+    yield _work_precision(records)
+    yield _cost_over_stiffness(records)
+    yield _saved(records)
 
 
-def _work_precision(found: Sequence[Record]) -> Chart:
+def _work_precision(records: Sequence[Record]) -> Chart:
     """Return error against CPU time of Kane's formulation; grey: below the uncertainty of the
     reference.
     """
     panels = {}
-    stiffnesses = values(found, "stiffness")
+    stiffnesses = values(records, "stiffness")
     for problem, k in product(PROBLEMS, stiffnesses):
-        mine = select(found, KEY, problem=problem, stiffness=k, formulation="kane", jacobian=None)
+        mine = select(records, KEY, problem=problem, stiffness=k, formulation="kane", jacobian=None)
         if not mine:
             continue
         mine.sort(key=lambda r: -r.settings["tolerance"])
@@ -502,17 +508,17 @@ def _hover_text(record: Record) -> list[str]:
     ]
 
 
-def _cost_over_stiffness(found: Sequence[Record]) -> Chart:
-    target, stiffnesses = TARGETS[0], values(found, "stiffness")
+def _cost_over_stiffness(records: Sequence[Record]) -> Chart:
+    target, stiffnesses = TARGETS[0], values(records, "stiffness")
     panels = {}
     for (what, label), problem in product(COSTS.items(), PROBLEMS):
         lines = []
         for integrator in COMPILED:
             where = ((problem, "kane", k, target, integrator, what) for k in stiffnesses)
-            if best := [run for one in where if (run := _cheapest_at(found, *one))]:
+            if best := [run for one in where if (run := _cheapest_at(records, *one))]:
                 cost = partial(run_cost, what=what)
                 lines.append(line_of(integrator, best, lambda r: r.settings["stiffness"], cost))
-        stiffness = crossover(found, target, problem, "kane", what)
+        stiffness = crossover(records, target, problem, "kane", what)
         panels[label, problem] = Panel(
             STIFFNESS,
             Axis(label, log=True),
@@ -524,11 +530,11 @@ def _cost_over_stiffness(found: Sequence[Record]) -> Chart:
     return Chart("stiff-cost", title, ["cost", "joints"], panels, size=(4.4, 3.2))
 
 
-def _saved(found: Sequence[Record]) -> Chart:
+def _saved(records: Sequence[Record]) -> Chart:
     """Return the cost with exact Jacobians over that with finite differences: right-hand sides and
     time.
     """
-    panels, pairs = {}, group(_pairs(found), lambda one: one[:2])
+    panels, pairs = {}, group(_pairs(records), lambda one: one[:2])
     for what, label in {RATES: RATES, "seconds": "CPU time"}.items():
         lines = [
             line_of(

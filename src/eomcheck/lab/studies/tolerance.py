@@ -46,7 +46,7 @@ def cells(
         yield drawn if kind is Snake else drawn | {"scene": kind.key}
 
 
-def worker(known: Sequence[Record], *, scene: Kind = "snake") -> Callable[[Settings], Record]:
+def worker(stored: Sequence[Record], *, scene: Kind = "snake") -> Callable[[Settings], Record]:
     """Return the function that computes the ratios of one scene class."""
     kinds = {kind.key: kind for kind in scene_classes_named(scene)}
     return lambda settings: _ratios(kinds[settings.get("scene", Snake.key)], settings)
@@ -65,15 +65,15 @@ def _ratios(kind: type[Scene], settings: Settings) -> Record:
     return Record(STUDY.key, settings, series=dict(ratios))
 
 
-def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
+def tables(records: Sequence[Record]) -> Iterator[ResultTable]:
     """Yield the median and the largest ratio of each claim."""
-    several = len(found) > 1
+    several = len(records) > 1
     rows = [
         (
             *([record.settings.get("scene", Snake.key)] if several else []),
             *(claim, str(len(values)), f"{median(values):.2g}", f"{max(values):.2g}"),
         )
-        for record in found
+        for record in records
         for claim in CLAIMS
         if (values := record.series.get(claim))
     ]
@@ -82,17 +82,17 @@ def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
     yield ResultTable("tolerance", title, ("scene", *columns) if several else columns, rows)
 
 
-def remarks(found: Sequence[Record]) -> Iterator[str]:
+def remarks(records: Sequence[Record]) -> Iterator[str]:
     """Yield the largest ratio of all claims, beside C."""
-    yield from unfinished(found)
-    top = max(chain.from_iterable(x for r in found for x in r.series.values()), default=0.0)
+    yield from unfinished(records)
+    top = max(chain.from_iterable(x for r in records for x in r.series.values()), default=0.0)
     yield f"observed / (κ ε scale): largest {top:.3g}; the constant C is {C:g}."
 
 
-def alarm(found: Sequence[Record]) -> bool:
+def alarm(records: Sequence[Record]) -> bool:
     """Return whether an error exceeds the bound by the constant C."""
-    ratios = chain.from_iterable(x for r in found for x in r.series.values())
-    return failed(found) or any(ratio > C for ratio in ratios)
+    ratios = chain.from_iterable(x for r in records for x in r.series.values())
+    return failed(records) or any(ratio > C for ratio in ratios)
 
 
 STUDY = Study(

@@ -94,7 +94,7 @@ def cells(
             yield {"reference": name, "formulation": key, "integrator": how, "tolerance": rtol}
 
 
-def worker(known: Sequence[Record], *, references: References = REFERENCES) -> CellWorker:
+def worker(stored: Sequence[Record], *, references: References = REFERENCES) -> CellWorker:
     """Return the function that integrates a motion, compares it with its reference, and times
     it.
     """
@@ -195,23 +195,25 @@ def summary(records: Sequence[Record]) -> str:
 # ---- Tables --------------------------------------------------------------------------------------
 
 
-def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
+def tables(records: Sequence[Record]) -> Iterator[ResultTable]:
     """Yield times to reach an error, the Pareto front and drift of each scene, and failures."""
-    for name, mine in by_setting(found, "reference").items():
+    for name, mine in by_setting(records, "reference").items():
         yield _targets(name, mine)
         yield _front(name, mine)
         yield _drift_laws(name, mine)
     rows = [
-        (r.settings["reference"], *_run(r), r.status, r.reason) for r in found if r.seconds is None
+        (r.settings["reference"], *_run(r), r.status, r.reason)
+        for r in records
+        if r.seconds is None
     ]
     title = "Runs that did not finish" if rows else "All runs finished."
     columns = "reference", *RUN, "status", "reason"
     yield ResultTable("work-precision-unfinished", title, columns, rows)
 
 
-def remarks(found: Sequence[Record]) -> Iterator[str]:
+def remarks(records: Sequence[Record]) -> Iterator[str]:
     """Yield a paragraph on each scene."""
-    for name, mine in by_setting(found, "reference").items():
+    for name, mine in by_setting(records, "reference").items():
         yield f"{name}: {summary(mine)}"
 
 
@@ -298,11 +300,11 @@ def _absent(name: str, errors: Iterable[str]) -> str:
     return "; ".join(missing)
 
 
-def charts(found: Sequence[Record]) -> Iterator[Chart]:
+def charts(records: Sequence[Record]) -> Iterator[Chart]:
     """Yield the errors of each scene against run time and right-hand sides."""
-    integrators = values(found, "integrator")
-    several = "-scenes" if len(values(found, "reference")) > 1 else ""
-    for name, mine in by_setting(found, "reference").items():
+    integrators = values(records, "integrator")
+    several = "-scenes" if len(values(records, "reference")) > 1 else ""
+    for name, mine in by_setting(records, "reference").items():
         done = select(mine)
         errors = errors_shown(done)
         floor = max((r.errors["floor"] for r in done), default=NOTHING)

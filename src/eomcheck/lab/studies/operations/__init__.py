@@ -68,7 +68,7 @@ def cells(
             yield {"formulation": key, "links": high, "springs": "present, absent, alone"}
 
 
-def worker(known: Sequence[Record], *, scene: Absent = None) -> Callable[[Settings], Record]:
+def worker(stored: Sequence[Record], *, scene: Absent = None) -> Callable[[Settings], Record]:
     """Return the function that counts the operations of a cell."""
     kinds = {} if scene is None else {kind.key: kind for kind in scene_classes_named(scene)}
 
@@ -235,20 +235,20 @@ TOTALS = ("outside of solves", "solves, by LU")
 """Kinds of `KINDS` that are sums of others, with a table of their own."""
 
 
-def counted_in(found: Sequence[Record]) -> list[Operations]:
+def counted_in(records: Sequence[Record]) -> list[Operations]:
     """Return the counts over the number of links, without those of springs and absent terms."""
     own = {"formulation", "links"}
-    return [operations_of(one) for one in found if one.counts and one.settings.keys() == own]
+    return [operations_of(one) for one in records if one.counts and one.settings.keys() == own]
 
 
-def springs_in(found: Sequence[Record]) -> list[Springs]:
+def springs_in(records: Sequence[Record]) -> list[Springs]:
     """Return the counts with springs and without."""
-    return rows_in((one for one in found if "springs" in one.settings), Springs)
+    return rows_in((one for one in records if "springs" in one.settings), Springs)
 
 
-def savings_in(found: Sequence[Record]) -> list[Saving]:
+def savings_in(records: Sequence[Record]) -> list[Saving]:
     """Return the savings by absent terms."""
-    return rows_in((one for one in found if "scene" in one.settings), Saving)
+    return rows_in((one for one in records if "scene" in one.settings), Saving)
 
 
 def signed_sum(terms: list[tuple[str, str]], between: str = " ") -> str:
@@ -302,15 +302,15 @@ def table_i_text(system: SolvedSystem) -> str:
     return f"{order}: the same at every N"
 
 
-def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
+def tables(records: Sequence[Record]) -> Iterator[ResultTable]:
     """Yield counts, polynomials, systems beside Table I, costs of springs, savings by absent
     terms.
     """
-    counted = counted_in(found)
+    counted = counted_in(records)
     if counted:
         yield from _over_links(counted)
-    yield from _springs(springs_in(found))
-    yield from _savings(savings_in(found))
+    yield from _springs(springs_in(records))
+    yield from _savings(savings_in(records))
 
 
 def _springs(springs: list[Springs]) -> Iterator[ResultTable]:
@@ -374,24 +374,24 @@ def _savings(savings: list[Saving]) -> Iterator[ResultTable]:
         yield ResultTable(f"absent-{name}", title, columns, rows)
 
 
-def remarks(found: Sequence[Record]) -> Iterator[str]:
+def remarks(records: Sequence[Record]) -> Iterator[str]:
     """Yield the reasons of unfinished cells, a note on missing fits, and the definition of
     savings.
     """
-    yield from unfinished(found)
-    if any(p is None for one in fit(counted_in(found)) for p in one.polynomials.values()):
+    yield from unfinished(records)
+    if any(p is None for one in fit(counted_in(records)) for p in one.polynomials.values()):
         yield (
             f"{NO_FIT}: no polynomial of degree {MAX_DEGREE} or less goes through all counts, with "
             "at least one to spare."
         )
-    if savings_in(found):
+    if savings_in(records):
         yield (
             "One right-hand side, outside of solves: additions, multiplications and divisions, "
             "with what a scene has not left out, and with explicit zeros in its place."
         )
 
 
-def charts(found: Sequence[Record]) -> Iterator[Chart]:
+def charts(records: Sequence[Record]) -> Iterator[Chart]:
     """Yield the counts over the number of links."""
     kinds = {
         "all operations": lambda one: one.outside_solves + one.elimination,
@@ -401,7 +401,7 @@ def charts(found: Sequence[Record]) -> Iterator[Chart]:
     for kind, value in kinds.items():
         lines = [
             line_of(key, (row for row in rows if value(row) > 0), _links, value, _parts)
-            for key, rows in by_formulation(counted_in(found)).items()
+            for key, rows in by_formulation(counted_in(records)).items()
         ]
         panels[(kind,)] = Panel(LINKS, Axis(kind, log=True), lines)
     if any(line.x for line in panels[("all operations",)].lines):
@@ -420,13 +420,13 @@ def _parts(one: Operations) -> list[str]:
     return [f"{one.formulation}, N = {one.links}", *texts]
 
 
-def document(found: Sequence[Record]) -> dict[str, Any]:
+def document(records: Sequence[Record]) -> dict[str, Any]:
     """Return the JSON document: counts, polynomials (coefficients exact, as text), systems; or
     savings.
     """
-    counted = counted_in(found)
+    counted = counted_in(records)
     if not counted:
-        return {"savings": [asdict(one) for one in savings_in(found)]}
+        return {"savings": [asdict(one) for one in savings_in(records)]}
     return {
         "operations": [
             asdict(one) | {"solves": [system._asdict() for system in one.solves]} for one in counted

@@ -77,11 +77,11 @@ def _what(record: Record) -> list[str]:
 # ---- Table I, and the robot of Figs. 2 to 4 ------------------------------------------------------
 
 
-def _table_i(found: PaperRecords) -> ResultTable:
+def _table_i(records: PaperRecords) -> ResultTable:
     rows = []
-    for key in found.formulations:
+    for key in records.formulations:
         f = FORMULATIONS[key]
-        solved = {n: record.counts for (n, other), record in found.solved.items() if other == key}
+        solved = {n: record.counts for (n, other), record in records.solved.items() if other == key}
         if not solved:
             continue
         last = solved[max(solved)]
@@ -92,7 +92,7 @@ def _table_i(found: PaperRecords) -> ResultTable:
         solving = (f.order_text, ", then ".join(orders), f"{last['final system']}")
         multipliers = ("yes" if x else "no" for x in (f.multipliers_in_paper, last["multipliers"]))
         rows.append((key, *solving, f"{f.level} level", *multipliers))
-    largest = max((links for links, _ in found.equations), default=0)
+    largest = max((links for links, _ in records.equations), default=0)
     columns = (
         *("formulation", "number of equations (paper)", "systems really solved"),
         *(f"last one at N = {largest}", "constraints at"),
@@ -110,9 +110,9 @@ def _order(counts: Iterable[dict[str, int]], name: str) -> str:
     return signed_sum([(str(factor), of) for factor, of in zip(fitted, "nr", strict=True)], "")
 
 
-def _fig_2(found: PaperRecords) -> ResultTable:
+def _fig_2(records: PaperRecords) -> ResultTable:
     rows = []
-    if (record := robot_motion(found)) is not None:
+    if (record := robot_motion(records)) is not None:
         for pose in POSES:
             q = record.series["q"][_nearest(record.series["times"], pose)]
             rows.append((f"{pose:g}", *(f"{x:.6f}" for x in q)))
@@ -121,9 +121,9 @@ def _fig_2(found: PaperRecords) -> ResultTable:
     return ResultTable("paper-fig2", title, ("t / s", "x / m", "y / m", *angles), rows)
 
 
-def robot_motion(found: PaperRecords) -> Record | None:
+def robot_motion(records: PaperRecords) -> Record | None:
     """Return the motion of Fig. 2: the paper's robot by Kane's method and the last solver."""
-    motions = (found.finished(PAPER_LINKS, KANE, solver) for solver in reversed(found.solvers))
+    motions = (records.finished(PAPER_LINKS, KANE, solver) for solver in reversed(records.solvers))
     return next(filter(None, motions), None)
 
 
@@ -131,10 +131,10 @@ def _nearest(times: Sequence[float], time: float) -> int:
     return min(range(len(times)), key=lambda i: abs(times[i] - time))
 
 
-def _figs_3_and_4(found: PaperRecords) -> ResultTable:
+def _figs_3_and_4(records: PaperRecords) -> ResultTable:
     rows = []
-    for solver, key in product(found.solvers, found.formulations):
-        if record := found.finished(PAPER_LINKS, key, solver):
+    for solver, key in product(records.solvers, records.formulations):
+        if record := records.finished(PAPER_LINKS, key, solver):
             numbers = []
             for error in ("constraint", "energy"):
                 numbers += [max(map(abs, record.series[error])), record.errors[error]]
@@ -148,7 +148,7 @@ def _figs_3_and_4(found: PaperRecords) -> ResultTable:
 
 
 def _over_links(
-    found: PaperRecords,
+    records: PaperRecords,
     name: str,
     title: str,
     quantity: str,
@@ -157,24 +157,24 @@ def _over_links(
 ) -> ResultTable:
     """Return a quantity by solver, N and formulation; in brackets its ratio to that of `over`."""
     rows = []
-    for solver, links in product(found.solvers, found.links):
-        of = {key: found.value(quantity, links, key, solver) for key in found.formulations}
+    for solver, links in product(records.solvers, records.links):
+        of = {key: records.value(quantity, links, key, solver) for key in records.formulations}
         ours = of.get(over or "")
         cells = []
         for key, value in of.items():
             ratio = f" ({_short(value / ours)})" if value and ours and key != over else ""
             cells.append("-" if value is None else f"{text(value)}{ratio}")
         rows.append((str(solver), str(links), *cells))
-    return ResultTable(name, title, ("solver", "N", *found.formulations), rows)
+    return ResultTable(name, title, ("solver", "N", *records.formulations), rows)
 
 
-def _fig_7(found: PaperRecords) -> ResultTable:
+def _fig_7(records: PaperRecords) -> ResultTable:
     title = f"Fig. 7: CPU time (its ratio to that of {KANE}); it grows as N^p from N = {LARGE} on"
-    sheet = _over_links(found, "paper-fig7", title, "cpu_seconds", seconds_text, KANE)
-    slopes = [growth(found, key) for key in found.formulations]
+    sheet = _over_links(records, "paper-fig7", title, "cpu_seconds", seconds_text, KANE)
+    slopes = [growth(records, key) for key in records.formulations]
     powers = []
-    for i, solver in enumerate(found.solvers):
-        cells = [f"{of[i]:.2f}" if len(of) == len(found.solvers) else "-" for of in slopes]
+    for i, solver in enumerate(records.solvers):
+        cells = [f"{of[i]:.2f}" if len(of) == len(records.solvers) else "-" for of in slopes]
         powers.append((str(solver), "N^p", *cells))
     return sheet._replace(rows=[*sheet.rows, *powers])
 
@@ -249,20 +249,21 @@ def charts(records: Iterable[Record]) -> Iterator[Chart]:
         yield _over_time(found, solvers, width)
 
 
-def _norms(found: PaperRecords, quantity: str, solver: Solver) -> Iterator[Line]:
+def _norms(records: PaperRecords, quantity: str, solver: Solver) -> Iterator[Line]:
     """Yield a line per formulation; labels of CPU times contain the fitted power of N."""
-    for key in found.formulations:
-        powers = growth(found, key) if quantity == "cpu_seconds" else []
-        fitted = len(powers) == len(found.solvers)
+    for key in records.formulations:
+        powers = growth(records, key) if quantity == "cpu_seconds" else []
+        fitted = len(powers) == len(records.solvers)
         yield line_of(
             key,
-            [r for links in found.links if (r := found.finished(links, key, solver))],
+            [r for links in records.links if (r := records.finished(links, key, solver))],
             _links,
             lambda r: max(
-                found.value(quantity, _links(r), r.settings["formulation"], solver) or 0.0, NOTHING
+                records.value(quantity, _links(r), r.settings["formulation"], solver) or 0.0,
+                NOTHING,
             ),
             _hover_text,
-            label=f"{key} ~ N$^{{{powers[found.solvers.index(solver)]:.2f}}}$" if fitted else key,
+            label=f"{key} ~ N$^{{{powers[records.solvers.index(solver)]:.2f}}}$" if fitted else key,
         )
 
 
@@ -270,18 +271,20 @@ def _links(record: Record) -> int:
     return record.settings["links"]
 
 
-def _unfinished(found: PaperRecords, quantity: str, solver: Solver) -> Iterator[Line]:
+def _unfinished(records: PaperRecords, quantity: str, solver: Solver) -> Iterator[Line]:
     """Yield crosses for unfinished motions, each above all values at the same number of links."""
-    points = product(found.links, found.formulations, found.solvers)
-    known = {at: max(x, NOTHING) for at in points if (x := found.value(quantity, *at)) is not None}
+    points = product(records.links, records.formulations, records.solvers)
+    known = {
+        at: max(x, NOTHING) for at in points if (x := records.value(quantity, *at)) is not None
+    }
     least, most = (end(known.values(), default=1.0) for end in (min, max))
-    step, height = (most / least) ** HEIGHT, dict.fromkeys(found.links, least)
+    step, height = (most / least) ** HEIGHT, dict.fromkeys(records.links, least)
     for (links, _, by), value in known.items():
         if by == solver:
             height[links] = max(height[links], value)
-    for key in found.formulations:
+    for key in records.formulations:
         mine = {"cell": "motion", "formulation": key} | solver._asdict()
-        failed = [one for one in found.unfinished if mine.items() <= one.settings.items()]
+        failed = [one for one in records.unfinished if mine.items() <= one.settings.items()]
         for one in failed:
             height[_links(one)] *= step
         if failed:
@@ -308,16 +311,16 @@ def _hover_text(record: Record) -> list[str]:
     ]
 
 
-def _over_time(found: PaperRecords, solvers: Sequence[str], width: float) -> Chart:
+def _over_time(records: PaperRecords, solvers: Sequence[str], width: float) -> Chart:
     """Return the chart of the robot's errors: all formulations, and enlarged those at velocity
     level.
     """
     panels = {}
-    for (error, axes), solver in product(OVER_TIME.items(), found.solvers):
+    for (error, axes), solver in product(OVER_TIME.items(), records.solvers):
         for part, y in zip(PARTS, axes, strict=True):
             lines = []
-            for i, key in enumerate(found.formulations):
-                record = found.finished(PAPER_LINKS, key, solver)
+            for i, key in enumerate(records.formulations):
+                record = records.finished(PAPER_LINKS, key, solver)
                 if record is None:
                     continue
                 times, values = record.series["times"], record.series[error.split()[0]]
@@ -352,9 +355,9 @@ GREYS = ("0.78", "0.62", "0.46", "0.3", "0.0")
 """Greys of the poses of Fig. 2, the last one darkest."""
 
 
-def write_robot(found: Sequence[Record], folder: Path) -> list[Path]:
+def write_robot(records: Sequence[Record], folder: Path) -> list[Path]:
     """Draw the poses and the animation, if the motion is among the Records; return the files."""
-    record = robot_motion(PaperRecords(found))
+    record = robot_motion(PaperRecords(records))
     if record is None:
         return []
     poses, moving = folder / "paper-fig2.png", folder / "paper-fig2.gif"

@@ -102,7 +102,7 @@ def cells(*, quick: Quick = False) -> Iterator[Settings]:
         yield motion | solver._asdict() | {"end": END, "outputs": OUTPUTS}
 
 
-def worker(known: Sequence[Record], *, quick: Quick = False) -> CellWorker:
+def worker(stored: Sequence[Record], *, quick: Quick = False) -> CellWorker:
     """Return the function that measures a cell."""
     runs = (QUICK if quick else FULL).runs
     prepared = cache(lambda links, key: prepare_motion(coil_of(links), key))
@@ -251,11 +251,13 @@ LARGE = 20
 """Number of links from which on the growth with N is fitted."""
 
 
-def growth(found: PaperRecords, key: str) -> list[float]:
+def growth(records: PaperRecords, key: str) -> list[float]:
     """Return the slope of log(CPU time) over log(N) of a formulation, for each solver."""
     slopes = []
-    for solver in found.solvers:
-        times = [(n, found.value("cpu_seconds", n, key, solver)) for n in found.links if n >= LARGE]
+    for solver in records.solvers:
+        times = [
+            (n, records.value("cpu_seconds", n, key, solver)) for n in records.links if n >= LARGE
+        ]
         points = [(n, seconds) for n, seconds in times if seconds is not None]
         if len(points) > 1:
             slopes.append(slope(points))

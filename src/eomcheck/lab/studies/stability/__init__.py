@@ -63,9 +63,9 @@ def wrong(record: Record) -> bool:
     return record.status == "failed" or outcome_of(record) is CellOutcome.SILENT
 
 
-def alarm(found: Sequence[Record]) -> bool:
+def alarm(records: Sequence[Record]) -> bool:
     """Return whether any cell failed, or is wrong without a report."""
-    return any(map(wrong, found))
+    return any(map(wrong, records))
 
 
 def parts(atlas: Atlas) -> Iterator[tuple[str, Atlas]]:
@@ -85,14 +85,14 @@ def parts(atlas: Atlas) -> Iterator[tuple[str, Atlas]]:
 # ---- Tables --------------------------------------------------------------------------------------
 
 
-def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
+def tables(records: Sequence[Record]) -> Iterator[ResultTable]:
     """Yield the breaks of each method in each family with reasons, a summary of them, and wrong
     cells.
 
     In the summary of several scenes, which have many families, a family is a line; of one it is a
     column.
     """
-    atlas = atlas_of(found)
+    atlas = atlas_of(records)
     for family, methods in atlas.items():
         facts = FAMILIES[family]
         rows = [(method.name, *_row(mine)) for method, mine in methods.items()]
@@ -110,7 +110,7 @@ def tables(found: Sequence[Record]) -> Iterator[ResultTable]:
         title = "Severity at which a method first fails to give a good result"
         note = "Empty: it never does; –: it does not apply."
         yield ResultTable(f"{name}-breaks", title, lines[0], lines[1:], note=note)
-    if rows := [_wrong(record) for record in found if wrong(record)]:
+    if rows := [_wrong(record) for record in records if wrong(record)]:
         title = "What failed, or is wrong and nothing says so"
         columns = ("method", "outcome", "family", "variant", "severity", "what")
         yield ResultTable("stability-wrong", title, columns, rows)
@@ -160,9 +160,9 @@ def _wrong(record: Record) -> tuple[str, ...]:
     return method_of(record).name, record.status if record.reason else "SILENT", *where, what
 
 
-def remarks(found: Sequence[Record]) -> Iterator[str]:
+def remarks(records: Sequence[Record]) -> Iterator[str]:
     """Yield the number of cells by outcome."""
-    counts = Counter(outcome_of(r) for r in found if r.settings["family"] in FAMILIES)
+    counts = Counter(outcome_of(r) for r in records if r.settings["family"] in FAMILIES)
     yield (
         f"{counted(counts.total(), 'cell')}: {counts[CellOutcome.GOOD]} good "
         f"(true relative error at most {NOTICEABLE:g}), {counts[CellOutcome.REFUSED]} refused, "
@@ -174,13 +174,13 @@ def remarks(found: Sequence[Record]) -> Iterator[str]:
 # ---- Charts --------------------------------------------------------------------------------------
 
 
-def charts(found: Sequence[Record]) -> Iterator[Chart]:
+def charts(records: Sequence[Record]) -> Iterator[Chart]:
     """Yield the heat map of each part, and digits lost over severity: all methods, or one by its
     variants.
 
     A single scene has a figure per family, with a panel per method.
     """
-    atlas = atlas_of(found)
+    atlas = atlas_of(records)
     if not atlas:
         return
     for name, part in parts(atlas):
