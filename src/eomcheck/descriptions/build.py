@@ -69,11 +69,11 @@ def checked_elements(what: str, kind: type, things: Any) -> tuple[Any, ...]:
         elements = tuple(things)
     except TypeError:
         elements = (things,)
-    for one in elements:
-        if not isinstance(one, kind):
-            raise InputError(f"{one!r} is no {what}: expected a {kind.__name__}")
-        if not isinstance(one.name, str) or not one.name:
-            raise InputError(f"a {what} has the name {one.name!r}, expected some text")
+    for element in elements:
+        if not isinstance(element, kind):
+            raise InputError(f"{element!r} is no {what}: expected a {kind.__name__}")
+        if not isinstance(element.name, str) or not element.name:
+            raise InputError(f"a {what} has the name {element.name!r}, expected some text")
     return elements
 
 
@@ -93,12 +93,12 @@ def validate_elements(
         _check_link(link)
     for joint in joints:
         _check_joint(joint)
-    known: set[str] = set()
-    for one in constraints:
-        _check_constraint(one)
-        if one.name in known:
-            raise InputError(f"two constraints have the name {one.name!r}")
-        known.add(one.name)
+    names: set[str] = set()
+    for constraint in constraints:
+        _check_constraint(constraint)
+        if constraint.name in names:
+            raise InputError(f"two constraints have the name {constraint.name!r}")
+        names.add(constraint.name)
     if gravity is not None:
         _check_numbers("gravity", gravity, 3)
     if not isinstance(pose, Mapping):
@@ -136,25 +136,27 @@ def _check_joint(joint: Joint) -> None:
         _check_numbers(f"{what}: mimics", joint.mimics[1:], 2)
 
 
-def _check_constraint(one: Constraint) -> None:
-    element = f"constraint {one.name!r}"
-    if one.kind not in KINDS:
+def _check_constraint(constraint: Constraint) -> None:
+    element = f"constraint {constraint.name!r}"
+    if constraint.kind not in KINDS:
         kinds = ", ".join(KINDS)
-        raise InputError(f"{element} has the kind {one.kind!r}, expected one of: {kinds}")
-    for link, at in one.points:
-        _check_numbers(f"{element}: a point of {link!r}", at, 3)
-    for link, along in one.directions:
+        raise InputError(f"{element} has the kind {constraint.kind!r}, expected one of: {kinds}")
+    for link, point in constraint.points:
+        _check_numbers(f"{element}: a point of {link!r}", point, 3)
+    for link, along in constraint.directions:
         _check_length(f"{element}, on {link!r}, has the direction", along, 3)
-    points, directions = ([link for link, _ in of] for of in (one.points, one.directions))
-    for names in (points, () if one.kind in ROLLING else directions, one.joints):
+    points = [link for link, _ in constraint.points]
+    directions = [link for link, _ in constraint.directions]
+    for names in (points, () if constraint.kind in ROLLING else directions, constraint.joints):
         if len(names) == 2 and names[0] == names[1]:
             raise InputError(f"{element} is between {names[0]!r} and itself")
-    if one.kind in NUMBERS:
-        _check_numbers(f"{element}: its numbers", one.numbers, NUMBERS[one.kind])
-        if one.kind in LENGTHS and one.numbers <= 0:
-            what = LENGTHS[one.kind]
-            raise InputError(f"{element}: {what} = {one.numbers} m, expected a positive number")
-        if one.kind == "on-quadric" and not any(one.numbers[:6]):
+    if constraint.kind in NUMBERS:
+        _check_numbers(f"{element}: its numbers", constraint.numbers, NUMBERS[constraint.kind])
+        if constraint.kind in LENGTHS and constraint.numbers <= 0:
+            what = LENGTHS[constraint.kind]
+            size = constraint.numbers
+            raise InputError(f"{element}: {what} = {size} m, expected a positive number")
+        if constraint.kind == "on-quadric" and not any(constraint.numbers[:6]):
             raise InputError(f"{element}: bends and slopes are 0, expected some that are not")
 
 
@@ -216,12 +218,12 @@ def mechanism(
         InputError: the description contradicts itself, has numbers that are none, or more than
             `MAX_DESCRIBED_COORDINATES` coordinates.
     """
-    made = mechanism_source(
+    source = mechanism_source(
         name, links, joints, constraints, gravity=gravity, dependent=dependent, pose=pose
     )
     # The class belongs to the caller, one call further up than what accepts old keywords.
     module = sys._getframe(2).f_globals.get("__name__", __name__)
-    return made._replace(module=module).scene_class()
+    return source._replace(module=module).scene_class()
 
 
 def mechanism_source(
@@ -241,9 +243,9 @@ def mechanism_source(
     pose = {} if pose is None else pose
     validate_elements(bodies, between, more, gravity, pose)
     frames = JointTree(bodies, between)
-    made = _source_of(name, frames, more, gravity, distinct("dependent", dependent), pose)
-    _check_regular(made)
-    return made
+    source = _source_of(name, frames, more, gravity, distinct("dependent", dependent), pose)
+    _check_regular(source)
+    return source
 
 
 def _source_of(
@@ -260,17 +262,17 @@ def _source_of(
     bodies = {k: merged_body(frames.bodies[k]) for k in sorted(frames.bodies)}
     if not bodies and "armature" not in frames.numbers:
         raise InputError("nothing that moves has inertia")
-    check_positive({slots[k].name: one for k, one in bodies.items()})
+    check_positive({slots[k].name: body for k, body in bodies.items()})
     planar = _is_planar(frames, bodies, constraints)
-    d, places = 2 if planar else 3, {k: i for i, k in enumerate(bodies)}
-    slots = [slot._replace(body=places.get(k)) for k, slot in enumerate(slots)]
-    for one in bodies.values():
-        _add_body(frames, one, planar)
-    held = sorted(constraints, key=lambda one: not KINDS[one.kind].holonomic)  # a stable sort
-    closures = tuple(_constraint_spec(frames, one, planar) for one in held)
-    numbers = {name: tuple(given) for name, given in frames.numbers.items()}
+    d, body_indices = 2 if planar else 3, {k: i for i, k in enumerate(bodies)}
+    slots = [slot._replace(body=body_indices.get(k)) for k, slot in enumerate(slots)]
+    for body in bodies.values():
+        _add_body(frames, body, planar)
+    held = sorted(constraints, key=lambda c: not KINDS[c.kind].holonomic)  # a stable sort
+    closures = tuple(_constraint_spec(frames, constraint, planar) for constraint in held)
+    numbers = {name: tuple(v) for name, v in frames.numbers.items()}
     if planar and "offset" in numbers:
-        numbers["offset"] = tuple(one[:2] for one in numbers["offset"])
+        numbers["offset"] = tuple(o[:2] for o in numbers["offset"])
     several = [
         joint.name + part
         for joint in frames.joints.values()
@@ -286,14 +288,14 @@ def _source_of(
         pitch_coordinates=tuple(
             frames.coordinate_index[name] for name in several if name.endswith("_pitch")
         ),
-        fixed_geometry=any(KINDS[one.kind].holonomic and one.points for one in closures),
+        fixed_geometry=any(KINDS[c.kind].holonomic and c.points for c in closures),
     )
 
 
 def _coordinate(what: str, frames: JointTree, name: str) -> int:
     if name not in frames.coordinate_index:
-        known = ", ".join(frames.coordinates)
-        raise InputError(f"{what} names {name!r}, expected one of: {known}")
+        names = ", ".join(frames.coordinates)
+        raise InputError(f"{what} names {name!r}, expected one of: {names}")
     return frames.coordinate_index[name]
 
 
@@ -314,9 +316,9 @@ def _is_planar(
     frames: JointTree, bodies: dict[int, RigidBody], constraints: tuple[Constraint, ...]
 ) -> bool:
     """Return whether all motion stays in the plane z = 0."""
-    flat = [one[2] for one in frames.numbers.get("offset", [])]
-    flat += [one.center[2] for one in bodies.values()]
-    flat += [at[2] for one in constraints for _, at in one.points]
+    flat = [o[2] for o in frames.numbers.get("offset", [])]
+    flat += [body.center[2] for body in bodies.values()]
+    flat += [point[2] for c in constraints for _, point in c.points]
     return (
         all(
             slot.kind in PLANAR_JOINTS and slot.orientation is None for slot in frames.scalar_joints
@@ -334,48 +336,48 @@ def _add_body(frames: JointTree, body: RigidBody, planar: bool) -> None:
     frames.add_parameter("products", None if planar else (xy, xz, yz))
 
 
-def _constraint_spec(frames: JointTree, one: Constraint, planar: bool) -> ConstraintSpec:
-    d, what = 2 if planar else 3, f"constraint {one.name!r}"
-    if one.kind == "hinge" and planar:
+def _constraint_spec(frames: JointTree, constraint: Constraint, planar: bool) -> ConstraintSpec:
+    d, what = 2 if planar else 3, f"constraint {constraint.name!r}"
+    if constraint.kind == "hinge" and planar:
         raise InputError(f"{what}: in the plane a hinge is a pin")
-    directions = one.directions
-    if one.kind == "weld":
-        directions = _weld_directions(frames, one)[: 1 if planar else 3]
+    directions = constraint.directions
+    if constraint.kind == "weld":
+        directions = _weld_directions(frames, constraint)[: 1 if planar else 3]
 
-    def kept(name: str, link: str, at: Triple, shifted: bool) -> tuple[int, int]:
+    def vector_index(name: str, link: str, a: Triple, shifted: bool) -> tuple[int, int]:
         if link not in frames.link_frames:
             raise InputError(f"{what} is on the link {link!r}, no such link")
         frame: LinkFrame = frames.link_frames[link]
-        vector = rotation_matrix(frame.orientation) @ np.array(at) + shifted * frame.offset
-        if one.kind in ROLLING and name == "directions" and not vector[:d].any():
-            raise InputError(f"{what} has the direction {at!r}, and all stays in the plane z = 0")
-        number: Any = keep(name, tuple(vector[:d].tolist()))
+        vector = rotation_matrix(frame.orientation) @ np.array(a) + shifted * frame.offset
+        if constraint.kind in ROLLING and name == "directions" and not vector[:d].any():
+            raise InputError(f"{what} has the direction {a!r}, and all stays in the plane z = 0")
+        number: Any = number_index(name, tuple(vector[:d].tolist()))
         return frame.joint, number
 
-    def keep(name: str, entry: Any) -> int | None:
+    def number_index(name: str, entry: Any) -> int | None:
         # All rows of a rolling contact share one radius.
-        return frames.add_parameter(name, entry, entry if one.kind in ROLLING else None)
+        return frames.add_parameter(name, entry, entry if constraint.kind in ROLLING else None)
 
-    points = tuple(kept("points", *point, True) for point in one.points)
-    turned = tuple(kept("directions", *direction, False) for direction in directions)
-    name = KINDS[one.kind].numbers
-    number = keep(name, one.numbers) if name else None
-    coordinates = tuple(_coordinate(what, frames, name) for name in one.joints)
-    return ConstraintSpec(one.kind, one.name, points, turned, coordinates, number)
+    points = tuple(vector_index("points", *point, True) for point in constraint.points)
+    turned = tuple(vector_index("directions", *direction, False) for direction in directions)
+    name = KINDS[constraint.kind].numbers
+    number = number_index(name, constraint.numbers) if name else None
+    coordinates = tuple(_coordinate(what, frames, name) for name in constraint.joints)
+    return ConstraintSpec(constraint.kind, constraint.name, points, turned, coordinates, number)
 
 
-def _weld_directions(frames: JointTree, one: Constraint) -> tuple[tuple[str, Triple], ...]:
+def _weld_directions(frames: JointTree, constraint: Constraint) -> tuple[tuple[str, Triple], ...]:
     """Return directions of one link: the axes of the scalar joint that carries the other link."""
-    (link, _), (other, _) = one.points
-    axes = np.array([along for _, along in one.directions])
-    if other in frames.link_frames:
-        axes = rotation_matrix(frames.link_frames[other].orientation) @ axes
+    (link, _), (second_link, _) = constraint.points
+    axes = np.array([along for _, along in constraint.directions])
+    if second_link in frames.link_frames:
+        axes = rotation_matrix(frames.link_frames[second_link].orientation) @ axes
     return tuple((link, (x, y, z)) for x, y, z in axes.tolist())
 
 
-def _check_regular(made: MechanismSource) -> None:
+def _check_regular(source: MechanismSource) -> None:
     """Refuse a description in which something moves without any inertia."""
-    scene, names = made.scene_class()(), made.topology.coordinates
+    scene, names = source.scene_class()(), source.topology.coordinates
     n = len(names)
     # Any pose will do: if M is singular for want of inertia, it is so in a whole neighbourhood.
     q = 0.3 + 0.7 * np.sin(1.0 + np.arange(n))

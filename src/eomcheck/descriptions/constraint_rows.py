@@ -174,12 +174,12 @@ def dot_row(a: MovingVector, b: MovingVector) -> ConstraintRow:
         )
         for i in {**a.columns, **b.columns}
     }
-    rest = plus(dot(a.acceleration, b.value), dot(a.value, b.acceleration))
+    drift = plus(dot(a.acceleration, b.value), dot(a.value, b.acceleration))
     return ConstraintRow(
         dot(a.value, b.value),
         plus(dot(a.rate, b.value), dot(a.value, b.rate)),
         columns,
-        plus(rest, times(2, dot(a.rate, b.rate))),
+        plus(drift, times(2, dot(a.rate, b.rate))),
     )
 
 
@@ -227,30 +227,30 @@ def with_sines(plan: TopologyPlan, prepare: Callable) -> Callable:
     return prepare_all
 
 
-def radius(read: ConstraintInputs) -> Any:
+def radius(inputs: ConstraintInputs) -> Any:
     """Return the radius R, m."""
-    return read.parameters.lengths[read.spec.number]
+    return inputs.parameters.lengths[inputs.spec.number]
 
 
-def contact_arm(read: ConstraintInputs) -> tuple[Vector, Vector]:
+def contact_arm(inputs: ConstraintInputs) -> tuple[Vector, Vector]:
     """Return the vector from the centre to the point of contact, and its rate."""
-    R, (_, *directions) = radius(read), read.directions
+    R, (_, *directions) = radius(inputs), inputs.directions
     if len(directions) == 1:
         (spoke,) = directions
         return scale_vector(-R, spoke.value), scale_vector(-R, spoke.rate)
     axis, normal = directions
-    upright, s = dot_row(axis, normal), read.sine
+    upright, s = dot_row(axis, normal), inputs.sine
     share = -(R / s)
-    spoke, spoke_rate = read.derivation.rim(axis, normal)
+    spoke, spoke_rate = inputs.derivation.rim(axis, normal)
     arm = scale_vector(share, spoke)
     shorter = times(times(upright.position, upright.rate), 1 / (s * s))
     return arm, add_vectors(scale_vector(share, spoke_rate), scale_vector(shorter, arm))
 
 
-def slip_velocity(read: ConstraintInputs) -> MovingVector:
+def slip_velocity(inputs: ConstraintInputs) -> MovingVector:
     """Return the slip velocity of the point of contact, relative to the plane that it touches."""
-    (center, foot), (spin, turn) = read.points, read.rotations
-    arm, wandering = contact_arm(read)
+    (center, foot), (spin, turn) = inputs.points, inputs.rotations
+    arm, wandering = contact_arm(inputs)
     reach = add_vectors(subtract_vectors(center.value, foot.value), arm)
     rim = add_vectors(center.rate, cross(spin.rate, arm))
     floor = add_vectors(foot.rate, cross(turn.rate, reach))
@@ -262,70 +262,70 @@ def slip_velocity(read: ConstraintInputs) -> MovingVector:
     going = add_vectors(subtract_vectors(center.rate, foot.rate), wandering)
     rolled = add_vectors(cross(spin.acceleration, arm), cross(spin.rate, wandering))
     carried = add_vectors(cross(turn.acceleration, reach), cross(turn.rate, going))
-    rest = add_vectors(
+    acceleration = add_vectors(
         subtract_vectors(center.acceleration, foot.acceleration), subtract_vectors(rolled, carried)
     )
-    return MovingVector(ZERO_VECTOR, subtract_vectors(rim, floor), columns, rest)
+    return MovingVector(ZERO_VECTOR, subtract_vectors(rim, floor), columns, acceleration)
 
 
-def rolling_rows(read: ConstraintInputs) -> list[ConstraintRow]:
+def rolling_rows(inputs: ConstraintInputs) -> list[ConstraintRow]:
     """Return the row: the point of contact does not slip along a direction."""
-    key = slip_velocity, read.spec.points, read.spec.directions[1:], read.spec.number
-    if key not in read.cache:
-        read.cache[key] = slip_velocity(read)
-    return [velocity_row(read.cache[key], read.directions[0])]
+    key = slip_velocity, inputs.spec.points, inputs.spec.directions[1:], inputs.spec.number
+    if key not in inputs.cache:
+        inputs.cache[key] = slip_velocity(inputs)
+    return [velocity_row(inputs.cache[key], inputs.directions[0])]
 
 
-def touching_rows(read: ConstraintInputs) -> list[ConstraintRow]:
+def touching_rows(inputs: ConstraintInputs) -> list[ConstraintRow]:
     """Return the row: the point of contact is on the plane, whose normal is the first direction.
 
     Its position is the height of the point of contact, its rate the velocity of that point.
     """
-    R, (normal, *directions) = radius(read), read.directions
-    along, *others = read.spec.directions
+    R, (normal, *directions) = radius(inputs), inputs.directions
+    along, *others = inputs.spec.directions
     if others == [along]:  # a ball: contact R below its centre, for any rotation of the plane
-        row = dot_row(read.separation, normal)
+        row = dot_row(inputs.separation, normal)
         return [row._replace(position=minus(row.position, R))]
-    (row,) = rolling_rows(read)
-    centered = dot(read.separation.value, normal.value)
-    rise = read.sine if len(directions) == 2 else dot(directions[0].value, normal.value)
+    (row,) = rolling_rows(inputs)
+    centered = dot(inputs.separation.value, normal.value)
+    rise = inputs.sine if len(directions) == 2 else dot(directions[0].value, normal.value)
     return [row._replace(position=minus(centered, times(R, rise)))]
 
 
 # ---- Kinds of constraints ------------------------------------------------------------------------
 
 
-def pin_rows(read: ConstraintInputs) -> list[ConstraintRow]:
+def pin_rows(inputs: ConstraintInputs) -> list[ConstraintRow]:
     """Return the rows: two points coincide."""
-    a = read.separation
+    a = inputs.separation
     return [
         ConstraintRow(
             a.value[i], a.rate[i], {j: x[i] for j, x in a.columns.items()}, a.acceleration[i]
         )
-        for i in range(2 if read.planar else 3)
+        for i in range(2 if inputs.planar else 3)
     ]
 
 
-def weld_rows(read: ConstraintInputs) -> list[ConstraintRow]:
+def weld_rows(inputs: ConstraintInputs) -> list[ConstraintRow]:
     """Return the rows: two frames coincide."""
-    x, *others = read.directions
-    along_x, along_y, along_z = read.second_axes
-    rows = [*pin_rows(read), dot_row(x, along_y)]
-    if not read.planar:
+    x, *others = inputs.directions
+    along_x, along_y, along_z = inputs.second_axes
+    rows = [*pin_rows(inputs), dot_row(x, along_y)]
+    if not inputs.planar:
         y, z = others
         rows += [dot_row(y, along_z), dot_row(z, along_x)]
     return rows
 
 
-def hinge_rows(read: ConstraintInputs) -> list[ConstraintRow]:
+def hinge_rows(inputs: ConstraintInputs) -> list[ConstraintRow]:
     """Return the rows: two points coincide, and a direction is perpendicular to two others."""
-    first, second, axis = read.directions
-    return [*pin_rows(read), dot_row(first, axis), dot_row(second, axis)]
+    first, second, axis = inputs.directions
+    return [*pin_rows(inputs), dot_row(first, axis), dot_row(second, axis)]
 
 
-def distance_rows(read: ConstraintInputs) -> list[ConstraintRow]:
+def distance_rows(inputs: ConstraintInputs) -> list[ConstraintRow]:
     """Return the row of (d² - L²)/2 = 0."""
-    apart, length = read.separation, read.parameters.lengths[read.spec.number]
+    apart, length = inputs.separation, inputs.parameters.lengths[inputs.spec.number]
     square = minus(dot(apart.value, apart.value), length * length)
     return [
         ConstraintRow(
@@ -337,53 +337,54 @@ def distance_rows(read: ConstraintInputs) -> list[ConstraintRow]:
     ]
 
 
-def on_plane_rows(read: ConstraintInputs) -> list[ConstraintRow]:
+def on_plane_rows(inputs: ConstraintInputs) -> list[ConstraintRow]:
     """Return the row: a point is on a plane, given by its normal and another point."""
-    return [dot_row(read.separation, read.directions[0])]
+    return [dot_row(inputs.separation, inputs.directions[0])]
 
 
-def on_quadric_rows(read: ConstraintInputs) -> list[ConstraintRow]:
+def on_quadric_rows(inputs: ConstraintInputs) -> list[ConstraintRow]:
     """Return the row of Σ (k_i s_i²/2 + g_i s_i) - h = 0, s a point's coordinates on three axes."""
-    numbers, apart = read.parameters.surfaces[read.spec.number], read.separation
-    position = rate = rest = None
+    numbers, apart = inputs.parameters.surfaces[inputs.spec.number], inputs.separation
+    position = rate = drift = None
     columns: dict[int, Any] = {}
-    for i, direction in enumerate(read.directions):
+    for i, direction in enumerate(inputs.directions):
         s, bend, slope = dot_row(apart, direction), numbers[i], numbers[3 + i]
         bent = times(bend, s.position)
         steep, mean = plus(bent, slope), plus(None if bent is None else bent / 2, slope)
         position = plus(position, times(s.position, mean))
         rate = plus(rate, times(steep, s.rate))
         columns |= {j: plus(columns.get(j), times(steep, x)) for j, x in s.columns.items()}
-        rest = plus(rest, plus(times(steep, s.drift), times(bend, times(s.rate, s.rate))))
-    return [ConstraintRow(minus(position, numbers[6]), rate, columns, rest)]
+        drift = plus(drift, plus(times(steep, s.drift), times(bend, times(s.rate, s.rate))))
+    return [ConstraintRow(minus(position, numbers[6]), rate, columns, drift)]
 
 
-def perpendicular_rows(read: ConstraintInputs) -> list[ConstraintRow]:
+def perpendicular_rows(inputs: ConstraintInputs) -> list[ConstraintRow]:
     """Return the row: two directions are perpendicular."""
-    a, b = read.directions
+    a, b = inputs.directions
     return [dot_row(a, b)]
 
 
-def knife_edge_rows(read: ConstraintInputs) -> list[ConstraintRow]:
+def knife_edge_rows(inputs: ConstraintInputs) -> list[ConstraintRow]:
     """Return the row: a point has no velocity along a direction."""
-    (point,), (along,) = read.points, read.directions
+    (point,), (along,) = inputs.points, inputs.directions
     return [velocity_row(point, along)]
 
 
-def coupling_rows(read: ConstraintInputs) -> list[ConstraintRow]:
+def coupling_rows(inputs: ConstraintInputs) -> list[ConstraintRow]:
     """Return the row: one coordinate is a linear function of another."""
-    (i, j), (ratio, shift) = read.spec.coordinates, read.parameters.couplings[read.spec.number]
-    q, v = read.derivation.q, read.derivation.v
+    i, j = inputs.spec.coordinates
+    ratio, shift = inputs.parameters.couplings[inputs.spec.number]
+    q, v = inputs.derivation.q, inputs.derivation.v
     rate = None if v is None else v[i] - ratio * v[j]
     return [ConstraintRow(q[i] - ratio * q[j] - shift, rate, {i: 1, j: -ratio}, None)]
 
 
-def drive_rows(read: ConstraintInputs) -> list[ConstraintRow]:
+def drive_rows(inputs: ConstraintInputs) -> list[ConstraintRow]:
     """Return the row: a coordinate is a function of time."""
-    (i,) = read.spec.coordinates
-    position, rate, acceleration = read.derivation.driven[:, read.spec.number]
-    excess = None if read.derivation.v is None else read.derivation.v[i] - rate
-    return [ConstraintRow(read.derivation.q[i] - position, excess, {i: 1}, -acceleration, -rate)]
+    (i,) = inputs.spec.coordinates
+    position, rate, acceleration = inputs.derivation.driven[:, inputs.spec.number]
+    excess = None if inputs.derivation.v is None else inputs.derivation.v[i] - rate
+    return [ConstraintRow(inputs.derivation.q[i] - position, excess, {i: 1}, -acceleration, -rate)]
 
 
 class ConstraintKind(NamedTuple):
@@ -421,28 +422,32 @@ def row_count(closure: ConstraintSpec, planar: bool) -> int:
     return kind.planar if planar else kind.spatial
 
 
-def all_rows(plan: TopologyPlan, given: Any, at: Derivation) -> list[ConstraintRow]:
+def all_rows(plan: TopologyPlan, parameters: Any, derivation: Derivation) -> list[ConstraintRow]:
     """Return all rows, constraint by constraint."""
     rows: list[ConstraintRow] = []
     cache: dict[Any, Any] = {}  # many constraints share a point or a contact
 
-    def of(what: Callable, k: int, i: int, numbers: Any) -> MovingVector:
+    def moving(what: Callable, k: int, i: int, numbers: Any) -> MovingVector:
         if (what, k, i) not in cache:
             cache[what, k, i] = what(k, as_vector(numbers[i]))
         return cache[what, k, i]
 
     for closure in plan.topology.constraints:
-        points = [of(at.point, k, i, given.points) for k, i in closure.points]
-        directions = [of(at.direction, k, i, given.directions) for k, i in closure.directions]
+        points = [moving(derivation.point, k, i, parameters.points) for k, i in closure.points]
+        directions = [
+            moving(derivation.direction, k, i, parameters.directions) for k, i in closure.directions
+        ]
         frames = tuple(k for k, _ in closure.points)
         disk = plan.disk_index.get(closure.directions[1:])
-        sine = None if disk is None else at.sines[disk]
+        sine = None if disk is None else derivation.sines[disk]
         planar = plan.topology.planar
-        read = ConstraintInputs(points, directions, frames, closure, given, at, planar, cache, sine)
-        some = KINDS[closure.kind].rows(read)
+        inputs = ConstraintInputs(
+            points, directions, frames, closure, parameters, derivation, planar, cache, sine
+        )
+        added = KINDS[closure.kind].rows(inputs)
         if closure.factor is not None:
-            some = [scaled_row(row, given.factors[closure.factor]) for row in some]
-        rows += some
+            added = [scaled_row(row, parameters.factors[closure.factor]) for row in added]
+        rows += added
     return rows
 
 
@@ -460,12 +465,12 @@ class FirstDerivation:
 
     def point(self, k: int, a: Vector) -> MovingVector:
         """Return the point a of frame k."""
-        arm, at = arm_and_position(self.frames, k, a)
-        columns = point_columns(self.plan, self.frames, k, (arm, at))
+        arm, position = arm_and_position(self.frames, k, a)
+        columns = point_columns(self.plan, self.frames, k, (arm, position))
         if self.rates is None or k < 0:
-            return MovingVector(at, ZERO_VECTOR, columns, ZERO_VECTOR)
-        rest = add_vectors(self.rates[k].acceleration, relative_acceleration(self.rates[k], arm))
-        return MovingVector(at, self._rate(columns), columns, rest)
+            return MovingVector(position, ZERO_VECTOR, columns, ZERO_VECTOR)
+        drift = add_vectors(self.rates[k].acceleration, relative_acceleration(self.rates[k], arm))
+        return MovingVector(position, self._rate(columns), columns, drift)
 
     def direction(self, k: int, a: Vector) -> MovingVector:
         """Return the direction a of frame k."""
@@ -473,8 +478,8 @@ class FirstDerivation:
         turning = turning_columns(self.plan, self.frames, k)
         columns = {i: cross(x, along) for i, x in turning.items()}
         rates = GROUND_RATES if self.rates is None or k < 0 else self.rates[k]
-        rest = add_vectors(cross(rates.alpha, along), centripetal(rates.omega, along))
-        return MovingVector(along, cross(rates.omega, along), columns, rest)
+        drift = add_vectors(cross(rates.alpha, along), centripetal(rates.omega, along))
+        return MovingVector(along, cross(rates.omega, along), columns, drift)
 
     def rotation(self, k: int) -> MovingVector:
         """Return the rotation of frame k."""
@@ -494,8 +499,8 @@ class FirstDerivation:
 
     def _rate(self, columns: dict[int, Vector]) -> Vector:
         rate = ZERO_VECTOR
-        for i, one in columns.items():
-            rate = add_vectors(rate, tuple(None if x is None else x * self.v[i] for x in one))
+        for i, column in columns.items():
+            rate = add_vectors(rate, tuple(None if x is None else x * self.v[i] for x in column))
         return rate
 
 
@@ -510,8 +515,8 @@ class SecondDerivation:
     def point(self, k: int, a: Vector) -> MovingVector:
         """Return the point a of frame k."""
         rate = ZERO_VECTOR if self.rates is None else point_velocity(self.rates, k, a)
-        at = point_in_ground(*self.inputs, k, a)
-        return MovingVector(at, self._in_ground(k, rate), {}, ZERO_VECTOR)
+        position = point_in_ground(*self.inputs, k, a)
+        return MovingVector(position, self._in_ground(k, rate), {}, ZERO_VECTOR)
 
     def direction(self, k: int, a: Vector) -> MovingVector:
         """Return the direction a of frame k."""
@@ -537,8 +542,8 @@ class SecondDerivation:
 def holonomic_rows(plan: TopologyPlan) -> list[int]:
     """Return the indices of the rows that are rates of positions."""
     planar, closures = plan.topology.planar, plan.topology.constraints
-    each = [KINDS[one.kind].holonomic for one in closures for _ in range(row_count(one, planar))]
-    return [i for i, one in enumerate(each) if one]
+    each = [KINDS[c.kind].holonomic for c in closures for _ in range(row_count(c, planar))]
+    return [i for i, h in enumerate(each) if h]
 
 
 def make_constraint_functions(plan: TopologyPlan) -> dict[str, Any]:
@@ -547,9 +552,9 @@ def make_constraint_functions(plan: TopologyPlan) -> dict[str, Any]:
     if not closures:
         return {}
     planar = plan.topology.planar
-    r = sum(row_count(one, planar) for one in closures)
+    r = sum(row_count(c, planar) for c in closures)
     held = holonomic_rows(plan)
-    driven = any(one.kind == "drive" for one in closures)
+    driven = any(c.kind == "drive" for c in closures)
 
     def entries(numbers, dtype):
         out = np.zeros(len(numbers), dtype)

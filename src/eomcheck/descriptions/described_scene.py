@@ -117,34 +117,37 @@ class _DescriptionReader(ElementReader):
             self.scalar_joints[last] = self.scalar_joints[last]._replace(body=body)
         return last
 
-    def add_vectors(self, name: str, at: Iterable[tuple[str, Triple]]) -> tuple[Any, ...]:
+    def add_vectors(self, name: str, vectors: Iterable[tuple[str, Triple]]) -> tuple[Any, ...]:
         """Return the frame of each link, and the index of its point or direction."""
         return tuple(
             (self.link_joints[link], self.add_parameter(name, zeros_as_none(x), id(x)))
-            for link, x in at
+            for link, x in vectors
         )
 
-    def constraint_spec(self, one: Constraint) -> ConstraintSpec:
+    def constraint_spec(self, constraint: Constraint) -> ConstraintSpec:
         """Return a constraint with indices for its frames and numbers."""
         return ConstraintSpec(
-            one.kind,
-            one.name,
-            self.add_vectors("points", one.points),
-            self.add_vectors("directions", one.directions),
-            number=self.add_parameter(KINDS[one.kind].numbers, one.numbers, id(one.numbers)),
-            factor=self.add_parameter("factors", one.factor),
+            constraint.kind,
+            constraint.name,
+            self.add_vectors("points", constraint.points),
+            self.add_vectors("directions", constraint.directions),
+            number=self.add_parameter(
+                KINDS[constraint.kind].numbers, constraint.numbers, id(constraint.numbers)
+            ),
+            factor=self.add_parameter("factors", constraint.factor),
         )
 
-    def spring_spec(self, one: Spring) -> ConstraintSpec:
+    def spring_spec(self, spring: Spring) -> ConstraintSpec:
         """Return a spring with indices for its frames and numbers."""
-        points = self.add_vectors("points", ((one.link, one.at), (one.other, one.at_other)))
-        return ConstraintSpec("spring", one.name, points, number=self.add_parameter("springs", one))
+        ends = (spring.link, spring.at), (spring.other, spring.at_other)
+        points, number = self.add_vectors("points", ends), self.add_parameter("springs", spring)
+        return ConstraintSpec("spring", spring.name, points, number=number)
 
     def topology(self) -> Topology:
         """Return the topology, which all such mechanisms share."""
         description = self.description
-        closures = tuple(self.constraint_spec(one) for one in description.constraints)
-        springs = tuple(self.spring_spec(one) for one in description.springs)
+        closures = tuple(self.constraint_spec(c) for c in description.constraints)
+        springs = tuple(self.spring_spec(s) for s in description.springs)
         for name in self.bodies:
             self.add_parameter("mass", self.links[name].mass)
             self.add_parameter("center", zeros_as_none(self.links[name].center))
@@ -204,8 +207,8 @@ def parse_description(description: Callable, parameters: Any) -> ParsedDescripti
     read anew: operations on them are counted, or round in their own way.
     """
     global _cache
-    for by, of, understood in _cache:
-        if by is description and of is parameters:
+    for cached_description, cached_parameters, understood in _cache:
+        if cached_description is description and cached_parameters is parameters:
             return understood
     understood = _parse(description, parameters)
     if all(map(_is_doubles, parameters)):
@@ -217,7 +220,7 @@ def _is_doubles(x: Any) -> bool:
     """Return whether x is None or an array of float64, or of objects that are floats."""
     return x is None or (
         type(x) is np.ndarray
-        and (x.dtype == np.float64 or all(type(one) is float for one in x.flat))
+        and (x.dtype == np.float64 or all(type(entry) is float for entry in x.flat))
     )
 
 
@@ -255,27 +258,27 @@ def _inertia(parameters: Any, plan: TopologyPlan) -> Any:
 
 def _prepare(description: Callable) -> Callable:
     def prepare(arithmetic, parameters, q, t):
-        at = parse_description(description, parameters)
-        return _called(at, "prepare", arithmetic, at.parameters, q, t)
+        parsed = parse_description(description, parameters)
+        return _called(parsed, "prepare", arithmetic, parsed.parameters, q, t)
 
     return generic(prepare)
 
 
 def _function(description: Callable, name: str) -> Callable:
     def function(parameters, *arguments):
-        at = parse_description(description, parameters)
-        return _called(at, name, at.parameters, *arguments)
+        parsed = parse_description(description, parameters)
+        return _called(parsed, name, parsed.parameters, *arguments)
 
     function.__name__ = function.__qualname__ = name
     return generic(function)
 
 
-def _called(at: ParsedDescription, name: str, *arguments: Any) -> Any:
+def _called(parsed: ParsedDescription, name: str, *arguments: Any) -> Any:
     try:
-        return at.functions[name](*arguments)
+        return parsed.functions[name](*arguments)
     except TypeError as error:
         # Exact scalar types combine with whole numbers, not with float64.
-        written = [x for x in _flat(at.parameters) if type(x) is float and not x.is_integer()]
+        written = [x for x in _flat(parsed.parameters) if type(x) is float and not x.is_integer()]
         if not written:
             raise
         what = f"{written[0]!r} in a description is no whole number: make it a parameter"
@@ -329,8 +332,8 @@ class Described(Parametric):
 
     def tree(self) -> Tree | None:
         """Return the tree of its bodies, joint by joint."""
-        at = parse_description(type(self).description, self.parameters(FLOAT64))
-        return tree_by(at.plan, at.parameters)
+        parsed = parse_description(type(self).description, self.parameters(FLOAT64))
+        return tree_by(parsed.plan, parsed.parameters)
 
     def frames(self, q: Array, t: float = 0.0) -> dict[str, tuple[Array, Array]]:
         """Return origin (3,) and axes (3, 3), in rows, of each link in the pose q (n,), by name."""

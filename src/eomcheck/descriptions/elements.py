@@ -163,7 +163,7 @@ def weld(
         turn: orientation of the frame on the link, a quaternion of any length.
     """
     _check_turns(name, turn)
-    axes = tuple((link, _triple(one)) for one in rotation_matrix(turn).T)
+    axes = tuple((link, _triple(axis)) for axis in rotation_matrix(turn).T)
     return Constraint("weld", name, ((link, at), (other, at_other)), axes)
 
 
@@ -184,7 +184,7 @@ def hinge(
     """
     _check_turns(name, axis)
     across = rotation_matrix(z_to_axis(axis)).T[:2]
-    directions = tuple((link, _triple(one)) for one in across)
+    directions = tuple((link, _triple(d)) for d in across)
     points = (link, at), (other, at_other)
     return Constraint("hinge", name, points, (*directions, (other, axis_of_other)))
 
@@ -244,7 +244,7 @@ def on_quadric(
         turn: orientation of the axes of s against those of the other link, a quaternion.
     """
     _check_turns(name, turn)
-    axes = tuple((other, _triple(one)) for one in rotation_matrix(turn).T)
+    axes = tuple((other, _triple(axis)) for axis in rotation_matrix(turn).T)
     points = (link, at), (other, at_other)
     return Constraint("on-quadric", name, points, axes, numbers=(*bends, *slopes, level))
 
@@ -365,7 +365,7 @@ class Contact(NamedTuple):
         slips = zip("xy", along, strict=False)
         return (
             self.touching(f"{name}, touching", (link, across)),
-            *(self.rolling(f"{name}, along {way}", (link, one)) for way, one in slips),
+            *(self.rolling(f"{name}, along {way}", (link, d)) for way, d in slips),
         )
 
 

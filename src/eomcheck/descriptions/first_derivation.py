@@ -108,10 +108,10 @@ def driven(parameters: Any, q: Any, t: Any) -> Any:
     drives = getattr(parameters, "drives", None)
     if drives is None:
         return None
-    found = np.zeros((3, len(drives)), q.dtype)
+    motions = np.zeros((3, len(drives)), q.dtype)
     for i, (p, r, a) in enumerate(drives):
-        found[0, i], found[1, i], found[2, i] = p + t * (r + t * a / 2), r + t * a, a
-    return found
+        motions[0, i], motions[1, i], motions[2, i] = p + t * (r + t * a / 2), r + t * a, a
+    return motions
 
 
 @generic
@@ -141,8 +141,8 @@ def joint_frame(
     if slot.slides:
         arm = add_vectors(arm, scale_vector(prepared.x[k], axes[slot.axis]))
     elif not slot.symmetric:
-        at = plan.hinge_index[k]
-        axes = hinged(axes, slot.axis, prepared.angles.cos[at], prepared.angles.sin[at])
+        hinge = plan.hinge_index[k]
+        axes = hinged(axes, slot.axis, prepared.angles.cos[hinge], prepared.angles.sin[hinge])
     return Frame(axes, add_vectors(before.origin, arm), arm, axis)
 
 
@@ -150,10 +150,10 @@ def joint_frame(
 def hinged(axes, axis, cos, sin):
     """Return axes turned about their `axis`-th."""
     i, j = (axis + 1) % 3, (axis + 2) % 3
-    found = [axes[axis]] * 3
-    found[i] = add_vectors(scale_vector(cos, axes[i]), scale_vector(sin, axes[j]))
-    found[j] = subtract_vectors(scale_vector(cos, axes[j]), scale_vector(sin, axes[i]))
-    return tuple(found)
+    turned_axes = [axes[axis]] * 3
+    turned_axes[i] = add_vectors(scale_vector(cos, axes[i]), scale_vector(sin, axes[j]))
+    turned_axes[j] = subtract_vectors(scale_vector(cos, axes[j]), scale_vector(sin, axes[i]))
+    return tuple(turned_axes)
 
 
 def arm_and_position(frames: list[Frame], k: int, a: Vector) -> tuple[Vector, Vector]:
@@ -163,12 +163,12 @@ def arm_and_position(frames: list[Frame], k: int, a: Vector) -> tuple[Vector, Ve
     return arm, add_vectors(frame.origin, arm)
 
 
-def height(parameters: Any, at: Vector) -> Any:
+def height(parameters: Any, position: Vector) -> Any:
     """Return the potential -g · position, m²/s²; None without gravity."""
-    found = None
-    for g, x in zip(parameters.gravity, at, strict=False):
-        found = plus(found, None if x is None else -(g * x))
-    return found
+    potential = None
+    for g, x in zip(parameters.gravity, position, strict=False):
+        potential = plus(potential, None if x is None else -(g * x))
+    return potential
 
 
 # ---- Velocities: columns and rates ---------------------------------------------------------------
@@ -198,25 +198,25 @@ def point_columns(
     for i, runs in plan.movers[k] if k >= 0 else ():
         axis, reach = frames[i].axis, ZERO_VECTOR
         for run in runs:
-            arm, at = point if run.end is None else (frames[run.end].arm, frames[run.end].origin)
+            arm, tip = point if run.end is None else (frames[run.end].arm, frames[run.end].origin)
             reach = add_vectors(
-                reach, arm if run.arm else subtract_vectors(at, frames[run.start].origin)
+                reach, arm if run.arm else subtract_vectors(tip, frames[run.start].origin)
             )
-        moved = axis if plan.joints[i].slides else cross(axis, reach)
+        column = axis if plan.joints[i].slides else cross(axis, reach)
         j = plan.joints[i].coordinate
-        columns[j] = add_vectors(columns.get(j, ZERO_VECTOR), moved)
+        columns[j] = add_vectors(columns.get(j, ZERO_VECTOR), column)
     return columns
 
 
 def turning_columns(plan: TopologyPlan, frames: list[Frame], k: int) -> Columns:
     """Return the angular velocity columns of frame k, along the axes of the ground."""
-    found: Columns = {}
+    columns: Columns = {}
     for i in plan.turned_by[k] if k >= 0 else ():
         slot = plan.joints[i]
         if not slot.slides:
-            before = found.get(slot.coordinate, ZERO_VECTOR)
-            found[slot.coordinate] = add_vectors(before, frames[i].axis)
-    return found
+            before = columns.get(slot.coordinate, ZERO_VECTOR)
+            columns[slot.coordinate] = add_vectors(before, frames[i].axis)
+    return columns
 
 
 @generic
@@ -232,12 +232,12 @@ def local_turning_columns(plan, parameters, prepared):
         if slot.orientation is not None:
             R = parameters.rotation[slot.orientation]
             seat = tuple(as_vector(R[:, i]) for i in range(3))
-            columns = {i: to_local(seat, one) for i, one in columns.items()}
+            columns = {i: to_local(seat, c) for i, c in columns.items()}
         if not slot.slides:
-            at, axis, j = plan.hinge_index[k], slot.axis, slot.coordinate
+            hinge, axis, j = plan.hinge_index[k], slot.axis, slot.coordinate
             if not slot.symmetric:
-                cos, sin = prepared.angles.cos[at], prepared.angles.sin[at]
-                columns = {i: rotate_back(one, axis, cos, sin) for i, one in columns.items()}
+                cos, sin = prepared.angles.cos[hinge], prepared.angles.sin[hinge]
+                columns = {i: rotate_back(c, axis, cos, sin) for i, c in columns.items()}
             own = unit(axis, factor(slot, parameters))
             columns[j] = add_vectors(columns.get(j, ZERO_VECTOR), own)
         columns_of_frames.append(columns)
@@ -253,14 +253,14 @@ def frame_rates(plan, parameters, frames, v):
         omega, alpha, _ = (
             rates[plan.orientation_parent(k)] if plan.orientation_parent(k) >= 0 else GROUND_RATES
         )
-        rest = add_vectors(before.acceleration, relative_acceleration(before, frame.arm))
+        acceleration = add_vectors(before.acceleration, relative_acceleration(before, frame.arm))
         rate = scale_vector(v[slot.coordinate], frame.axis)
         carried = cross(omega, rate)
         if slot.slides:
-            rest = add_vectors(rest, scale_vector(2, carried))
+            acceleration = add_vectors(acceleration, scale_vector(2, carried))
         else:
             omega, alpha = add_vectors(omega, rate), add_vectors(alpha, carried)
-        rates.append(FrameRates(omega, alpha, rest))
+        rates.append(FrameRates(omega, alpha, acceleration))
     return rates
 
 
@@ -285,7 +285,7 @@ def make_jacobians(plan: TopologyPlan) -> Any:
     Bodies come first, then rotors, which only turn, each about its own joint.
     """
     carriers, d, e = plan.carriers, plan.d, plan.e
-    kept = slice(3 - e, 3)
+    components = slice(3 - e, 3)
 
     def jacobians(parameters, prepared, q, v):
         frames = joint_frames(plan, parameters, prepared)
@@ -293,28 +293,28 @@ def make_jacobians(plan: TopologyPlan) -> Any:
         rates = frame_rates(plan, parameters, frames, v)
         linear = np.zeros((plan.bodies, d, plan.n), v.dtype)
         angular = np.zeros((plan.bodies, e, plan.n), v.dtype)
-        rest, turned = np.zeros((plan.bodies, d), v.dtype), np.zeros((plan.bodies, e), v.dtype)
+        drift, turned = np.zeros((plan.bodies, d), v.dtype), np.zeros((plan.bodies, e), v.dtype)
         gyroscopic = None if plan.topology.planar else np.zeros((plan.bodies, e), v.dtype)
-        for b, (arm, at) in enumerate(centers(plan, parameters, frames)):
+        for b, (arm, position) in enumerate(centers(plan, parameters, frames)):
             k = carriers[b]
-            for i, one in point_columns(plan, frames, k, (arm, at)).items():
-                put_vector(linear, (b, None, i), one, d)
-            for i, one in turning[k].items():
-                put_vector(angular, (b, None, i), one[kept], e)
+            for i, column in point_columns(plan, frames, k, (arm, position)).items():
+                put_vector(linear, (b, None, i), column, d)
+            for i, column in turning[k].items():
+                put_vector(angular, (b, None, i), column[components], e)
             put_vector(
-                rest,
+                drift,
                 (b, None),
                 add_vectors(rates[k].acceleration, relative_acceleration(rates[k], arm)),
                 d,
             )
-            put_vector(turned, (b, None), to_local(frames[k].axes, rates[k].alpha)[kept], e)
+            put_vector(turned, (b, None), to_local(frames[k].axes, rates[k].alpha)[components], e)
             if gyroscopic is not None:
                 omega = to_local(frames[k].axes, rates[k].omega)
                 moment = cross(omega, momentum(parameters.inertia[b], omega))
                 put_vector(gyroscopic, (b, None), moment)
         for b, k in enumerate(plan.rotors, len(carriers)):
             put(angular, (b, e - 1, plan.joints[k].coordinate), factor(plan.joints[k], parameters))
-        return Jacobians(linear, angular, rest, turned, gyroscopic)
+        return Jacobians(linear, angular, drift, turned, gyroscopic)
 
     return jacobians
 
@@ -355,12 +355,12 @@ def inertia_along_ground(
     if plan.topology.planar:
         return {(2, 2): inertia[0, 0]}
     halves = [from_local(axes, as_vector(inertia[:, k])) for k in range(3)]
-    found: Symmetric = {}
+    entries: Symmetric = {}
     for i, j in inertia_entries(plan):
         shares = (times(halves[k][i], axes[k][j]) for k in range(3))
         x, y, z = shares
-        found[i, j] = plus(plus(x, y), z)
-    return found
+        entries[i, j] = plus(plus(x, y), z)
+    return entries
 
 
 def inertia_times(inertia: Symmetric, a: Vector) -> Vector:
@@ -373,35 +373,35 @@ def inertia_times(inertia: Symmetric, a: Vector) -> Vector:
     return row(0), row(1), row(2)
 
 
-def shifted_body(one: CompositeBody, away: Vector) -> CompositeBody:
+def shifted_body(body: CompositeBody, away: Vector) -> CompositeBody:
     """Return the same body about a point from which the origin is `away`."""
-    step = scale_vector(one.mass, away)
-    middle = add_vectors(one.first_moment, tuple(None if x is None else x / 2 for x in step))
+    step = scale_vector(body.mass, away)
+    middle = add_vectors(body.first_moment, tuple(None if x is None else x / 2 for x in step))
     products = {(i, j): times(middle[i], away[j]) for i in range(3) for j in range(3)}
-    found: Symmetric = {}
-    for i, j in one.inertia:
+    inertia: Symmetric = {}
+    for i, j in body.inertia:
         if i == j:
             others = [k for k in range(3) if k != i]
             square = plus(*(products[k, k] for k in others))
-            found[i, j] = plus(one.inertia[i, j], times(2, square))
+            inertia[i, j] = plus(body.inertia[i, j], times(2, square))
         else:
             both = plus(products[i, j], products[j, i])
-            found[i, j] = minus(one.inertia[i, j], both)
-    return CompositeBody(one.mass, add_vectors(one.first_moment, step), found)
+            inertia[i, j] = minus(body.inertia[i, j], both)
+    return CompositeBody(body.mass, add_vectors(body.first_moment, step), inertia)
 
 
-def as_point_mass(one: CompositeBody) -> CompositeBody:
+def as_point_mass(body: CompositeBody) -> CompositeBody:
     """Return the body reduced to its point mass, for earlier joints that do not turn it."""
-    return CompositeBody(one.mass, ZERO_VECTOR, dict.fromkeys(one.inertia))
+    return CompositeBody(body.mass, ZERO_VECTOR, dict.fromkeys(body.inertia))
 
 
-def combined_body(one: CompositeBody | None, other: CompositeBody) -> CompositeBody:
+def combined_body(first: CompositeBody | None, second: CompositeBody) -> CompositeBody:
     """Return the union of two bodies as one body."""
-    if one is None:
-        return other
-    inertia = {at: plus(x, other.inertia[at]) for at, x in one.inertia.items()}
+    if first is None:
+        return second
+    inertia = {entry: plus(x, second.inertia[entry]) for entry, x in first.inertia.items()}
     return CompositeBody(
-        plus(one.mass, other.mass), add_vectors(one.first_moment, other.first_moment), inertia
+        plus(first.mass, second.mass), add_vectors(first.first_moment, second.first_moment), inertia
     )
 
 
@@ -447,19 +447,19 @@ def euler_moment(inertia: Symmetric, rates: FrameRates) -> Vector:
     )
 
 
-def add_rows(plan: TopologyPlan, frames: list[Frame], k: int, one: CompositeBody, M: Any) -> None:
+def add_rows(plan: TopologyPlan, frames: list[Frame], k: int, body: CompositeBody, M: Any) -> None:
     """Add a row to M: momentum of k's composite body by k's rate, along all earlier joints."""
     axis, i = frames[k].axis, plan.joints[k].coordinate
     if plan.joints[k].slides:
-        P, L = scale_vector(one.mass, axis), cross(one.first_moment, axis)
+        P, L = scale_vector(body.mass, axis), cross(body.first_moment, axis)
     else:
-        P, L = cross(axis, one.first_moment), inertia_times(one.inertia, axis)
-    for at in reversed(plan.path_to(k)):
-        slot, frame = plan.joints[at], frames[at]
+        P, L = cross(axis, body.first_moment), inertia_times(body.inertia, axis)
+    for j in reversed(plan.path_to(k)):
+        slot, frame = plan.joints[j], frames[j]
         share = dot(frame.axis, P if slot.slides else L)
         if share is not None:
             M[i, slot.coordinate] += share
-            if at != k:
+            if j != k:
                 M[slot.coordinate, i] += share
         L = add_vectors(ZERO_VECTOR if slot.absolute else L, cross(frame.arm, P))
 

@@ -55,11 +55,11 @@ def with_lengths(plan: TopologyPlan, prepare: Callable) -> Callable:
 
 
 def _spring_ends(
-    plan: TopologyPlan, parameters: Any, at: Any
+    plan: TopologyPlan, parameters: Any, derivation: Any
 ) -> Iterator[tuple[int, Any, MovingVector]]:
     """Yield the index of each spring, its parameters, and the vector between its ends."""
     for i, spring in enumerate(plan.topology.springs):
-        a, b = (at.point(k, as_vector(parameters.points[j])) for k, j in spring.points)
+        a, b = (derivation.point(k, as_vector(parameters.points[j])) for k, j in spring.points)
         yield i, parameters.springs[spring.number], relative_vector(a, b)
 
 
@@ -69,8 +69,8 @@ def add_spring_forces(
     """Add the forces of springs and dampers between points to Q (n,)."""
     if not plan.topology.springs:
         return
-    at = FirstDerivation(plan, parameters, prepared, q)
-    for i, spring, apart in _spring_ends(plan, parameters, at):
+    derivation = FirstDerivation(plan, parameters, prepared, q)
+    for i, spring, apart in _spring_ends(plan, parameters, derivation):
         # Products of columns with the distance: columns of the length, times the length.
         length = prepared.lengths[i]
         along = {j: dot(apart.value, x) for j, x in apart.columns.items()}
@@ -89,8 +89,8 @@ def spring_energy(plan: TopologyPlan, parameters: Any, prepared: Any) -> Any:
     for i, spring in enumerate(plan.topology.springs):
         stated = parameters.springs[spring.number]
         longer = prepared.lengths[i] - stated.length
-        one = stated.stiffness * longer * longer / 2
-        U = one if U is None else U + one
+        energy = stated.stiffness * longer * longer / 2
+        U = energy if U is None else U + energy
     return U
 
 
@@ -102,8 +102,8 @@ def spring_dissipation(plan: TopologyPlan, parameters: Any, prepared: Any, q: An
     ):
         if spring.damping is not None:
             rate = dot(apart.value, apart.rate) / prepared.lengths[i]
-            one = spring.damping * rate * rate / 2
-            R = one if R is None else R + one
+            half_power = spring.damping * rate * rate / 2
+            R = half_power if R is None else R + half_power
     return R
 
 
@@ -127,8 +127,8 @@ def make_forces(plan: TopologyPlan) -> Any:
             i, grows = slot.coordinate, factor(slot, parameters)
             if slot.spring is not None:
                 # Along its axis; on a negative axis it is -1 times the joint's coordinate.
-                rest = times(slot.sense, parameters.relaxed[slot.spring])
-                stretch = prepared.x[k] - rest
+                relaxed = times(slot.sense, parameters.relaxed[slot.spring])
+                stretch = prepared.x[k] - relaxed
                 Q[i] -= times(grows, parameters.stiffness[slot.spring] * stretch)
             if slot.damper is not None and damping is not None:
                 rate = times(grows, v[i])

@@ -49,13 +49,13 @@ def merged_body(bodies: list[RigidBody]) -> RigidBody:
     """Return one body merged from several that are fixed to each other."""
     if len(bodies) == 1:
         return bodies[0]
-    mass = sum(one.mass for one in bodies)
+    mass = sum(body.mass for body in bodies)
     center, inertia = np.zeros(3), np.zeros((3, 3))
-    for one in bodies:
-        center += one.mass / (mass or 1.0) * one.center
-    for one in bodies:
-        away = one.center - center
-        inertia += one.inertia + one.mass * (away @ away * np.eye(3) - np.outer(away, away))
+    for body in bodies:
+        center += body.mass / (mass or 1.0) * body.center
+    for body in bodies:
+        away = body.center - center
+        inertia += body.inertia + body.mass * (away @ away * np.eye(3) - np.outer(away, away))
     return RigidBody(mass, center, inertia)
 
 
@@ -91,13 +91,13 @@ def check_positive(bodies: dict[str, RigidBody]) -> None:
     Raises:
         InputError: one is.
     """
-    moments = {name: np.linalg.eigvalsh(one.inertia) for name, one in bodies.items()}
-    largest = max((float(np.abs(one).max()) for one in moments.values()), default=0.0)
-    for name, one in moments.items():
-        if one[0] < -ROUNDED * largest:
+    moments = {name: np.linalg.eigvalsh(body.inertia) for name, body in bodies.items()}
+    largest = max((float(np.abs(p).max()) for p in moments.values()), default=0.0)
+    for name, principal in moments.items():
+        if principal[0] < -ROUNDED * largest:
             raise InputError(
                 f"the body behind joint {name!r} has the principal moment of inertia "
-                f"{one[0]:.6g} kg m², expected none below 0"
+                f"{principal[0]:.6g} kg m², expected none below 0"
             )
 
 
@@ -139,21 +139,21 @@ def depth_first_joints(links: dict[str, Link], joints: dict[str, Joint]) -> tupl
         waiting.extendleft(reversed(children[joint.child]))
     if len(ordered) < len(joints):
         reached = {roots[0], *(joint.child for joint in ordered)}
-        left = next(name for name in links if name not in reached)
-        raise InputError(f"links go round in a circle: {_cycle(left, joints, child_of)}")
+        unreached = next(name for name in links if name not in reached)
+        raise InputError(f"links go round in a circle: {_cycle(unreached, joints, child_of)}")
     return roots[0], ordered
 
 
-def _cycle(at: str, joints: dict[str, Joint], child_of: dict[str, str]) -> str:
+def _cycle(link: str, joints: dict[str, Joint], child_of: dict[str, str]) -> str:
     """Return the names of links that form a cycle, at most five of them."""
-    seen: dict[str, None] = {}
-    while at not in seen:
-        seen[at] = None
-        at = joints[child_of[at]].parent
-    around = list(seen)
-    around = around[around.index(at) :]
+    visited: dict[str, None] = {}
+    while link not in visited:
+        visited[link] = None
+        link = joints[child_of[link]].parent
+    around = list(visited)
+    around = around[around.index(link) :]
     named = " <- ".join(map(repr, around[:4]))
-    return named + (" <- ..." if len(around) > 4 else f" <- {at!r}")
+    return named + (" <- ..." if len(around) > 4 else f" <- {link!r}")
 
 
 def by_name(what: str, things: tuple[Any, ...]) -> dict[str, Any]:
@@ -163,10 +163,10 @@ def by_name(what: str, things: tuple[Any, ...]) -> dict[str, Any]:
         InputError: two have the same.
     """
     named: dict[str, Any] = {}
-    for one in things:
-        if one.name in named:
-            raise InputError(f"two {what}s have the name {one.name!r}")
-        named[one.name] = one
+    for element in things:
+        if element.name in named:
+            raise InputError(f"two {what}s have the name {element.name!r}")
+        named[element.name] = element
     return named
 
 
@@ -321,15 +321,15 @@ class JointTree(ElementReader):
         x, y, z = joint.axis
         if joint.kind != "planar":
             for sense in (1, -1):
-                if (found := STRAIGHT.get((sense * x, sense * y, sense * z))) is not None:
-                    return found, sense, IDENTITY
+                if (axis_name := STRAIGHT.get((sense * x, sense * y, sense * z))) is not None:
+                    return axis_name, sense, IDENTITY
         return "z", 1, z_to_axis(joint.axis)
 
     def _add_moving(
         self, joint: Joint, parent: int, turn: Quaternion, offset: Array, axis: str, sense: int
     ) -> int:
         forces = joint.damping, joint.stiffness, joint.armature, joint.mimics
-        if len(SCALAR_KINDS[joint.kind]) > 1 and any(one is not None for one in forces):
+        if len(SCALAR_KINDS[joint.kind]) > 1 and any(force is not None for force in forces):
             raise InputError(
                 f"joint {joint.name!r} is {joint.kind}: damping, stiffness, armature and a joint "
                 "that it follows are for joints with one coordinate"
@@ -356,21 +356,21 @@ class JointTree(ElementReader):
         """Return the index of a coordinate, and that of the ratio to it of a joint that mimics."""
         if joint.mimics is None:
             return self.coordinate_index[name], None
-        seen, ratio, shift, at = {joint.name}, 1.0, 0.0, joint
-        while at.mimics is not None:
-            other, factor, more = at.mimics
+        visited, ratio, shift, node = {joint.name}, 1.0, 0.0, joint
+        while node.mimics is not None:
+            leader, factor, more = node.mimics
             ratio, shift = ratio * factor, shift + ratio * more
-            if other not in self.joints:
-                raise InputError(f"joint {at.name!r} follows {other!r}, no such joint")
-            if other in seen:
-                raise InputError(f"joint {joint.name!r} follows itself, by way of {at.name!r}")
-            seen.add(other)
-            at = self.joints[other]
-        if len(COORDINATES[at.kind]) != 1:
-            raise InputError(f"joint {joint.name!r} follows {at.name!r}, which is {at.kind}")
+            if leader not in self.joints:
+                raise InputError(f"joint {node.name!r} follows {leader!r}, no such joint")
+            if leader in visited:
+                raise InputError(f"joint {joint.name!r} follows itself, by way of {node.name!r}")
+            visited.add(leader)
+            node = self.joints[leader]
+        if len(COORDINATES[node.kind]) != 1:
+            raise InputError(f"joint {joint.name!r} follows {node.name!r}, which is {node.kind}")
         follows = self.add_parameter("ratio", ratio)
         self.add_parameter("shift", shift)
-        return self.coordinate_index[at.name], follows
+        return self.coordinate_index[node.name], follows
 
     def _spring(self, joint: Joint) -> int | None:
         if joint.stiffness is None:

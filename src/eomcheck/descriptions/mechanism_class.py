@@ -99,13 +99,13 @@ NOT_READ = ("orientation", "moments", "products", "armature")
 OPTIONAL = frozenset({"gravity", "damping"})
 
 
-def fields_of(made: MechanismSource) -> dict[str, Any]:
+def fields_of(source: MechanismSource) -> dict[str, Any]:
     """Return the dataclass fields of a description's scene class, its parameters."""
     fields = {}
-    for name, value in made.defaults:
+    for name, value in source.defaults:
         what, unit, sign, drawn = DRAWN[name]
-        among = None if made.fixed_geometry and name in GEOMETRY else drawn
-        shape = (2 if made.topology.planar else 3,) if name == "gravity" else np.shape(value)
+        among = None if source.fixed_geometry and name in GEOMETRY else drawn
+        shape = (2 if source.topology.planar else 3,) if name == "gravity" else np.shape(value)
         fields[name] = parameter(
             *(what, unit, sign, among, shape),
             default=value,
@@ -118,7 +118,7 @@ def fields_of(made: MechanismSource) -> dict[str, Any]:
 @generic
 def inertias(moments: Any, products: Any, armature: Any, e: int) -> Any:
     """Return I (n_b, e, e) of bodies, then of rotors, about their last axis; each may be None."""
-    counts = [0 if one is None else one.shape[0] for one in (moments, armature)]
+    counts = [0 if v is None else v.shape[0] for v in (moments, armature)]
     bodies, rotors = counts
     inertia = np.zeros((bodies + rotors, e, e), (armature if bodies == 0 else moments).dtype)
     for k in range(bodies):
@@ -146,9 +146,9 @@ def assembled_start(scene: Mechanism) -> tuple[Array, Array]:
     pose = np.array(scene.source.pose, np.float64)
     if not scene.r:
         return pose, np.zeros(scene.n)
-    given, q = scene.parameters(FLOAT64), pose
+    parameters, q = scene.parameters(FLOAT64), pose
     for _ in range(STEPS):
-        a, _, residual = _held(scene, given, q)
+        a, _, residual = _held(scene, parameters, q)
         if residual is None:
             break
         step = least_squares(a[scene.holonomic], residual)
@@ -158,16 +158,16 @@ def assembled_start(scene: Mechanism) -> tuple[Array, Array]:
             break
         if np.abs(step).max() <= 4 * np.finfo(np.float64).eps * max(1.0, np.abs(q).max()):
             break
-    a, b, _ = _held(scene, given, q)
+    a, b, _ = _held(scene, parameters, q)
     return q, np.zeros(scene.n) if b is None else least_squares(a, -b)
 
 
-def _held(scene: Mechanism, given: Any, q: Array) -> tuple[Array, Array | None, Array | None]:
+def _held(scene: Mechanism, parameters: Any, q: Array) -> tuple[Array, Array | None, Array | None]:
     """Return a, b and the position residual; None for absent ones."""
-    prepared = scene.prepare(FLOAT64, given, q, 0.0)
-    a, b = scene.constraints(given, prepared, q)
+    prepared = scene.prepare(FLOAT64, parameters, q, 0.0)
+    a, b = scene.constraints(parameters, prepared, q)
     held = scene.position_residual
-    return a, b, None if held is None else held(given, prepared, q)
+    return a, b, None if held is None else held(parameters, prepared, q)
 
 
 # ---- Tree of bodies ------------------------------------------------------------------------------
@@ -179,7 +179,7 @@ def none_as_zero(entries: Any) -> Array:
     return np.where(objects == None, 0.0, objects).astype(np.float64)  # noqa: E711
 
 
-def tree_by(plan: TopologyPlan, given: Any) -> Tree:
+def tree_by(plan: TopologyPlan, numbers: Any) -> Tree:
     """Return the tree of a plan's bodies; absolute joints must be in the plane."""
     slots, joints = plan.joints, len(plan.joints)
     rotation = np.tile(np.eye(3), (joints, 1, 1))
@@ -192,18 +192,18 @@ def tree_by(plan: TopologyPlan, given: Any) -> Tree:
             for before in plan.path_to(slot.parent):
                 coordinates[k] -= coordinates[before] if not slots[before].slides else 0.0
         if slot.mimics is not None:
-            coordinates[k] *= given.ratio[slot.mimics]
-            shift[k] = slot.sense * given.shift[slot.mimics]
+            coordinates[k] *= numbers.ratio[slot.mimics]
+            shift[k] = slot.sense * numbers.shift[slot.mimics]
         if slot.orientation is not None:
-            rotation[k] = none_as_zero(given.rotation[slot.orientation])
+            rotation[k] = none_as_zero(numbers.rotation[slot.orientation])
         if slot.offset is not None:
-            offset[k, : plan.d] = none_as_zero(given.offset[slot.offset])[: plan.d]
+            offset[k, : plan.d] = none_as_zero(numbers.offset[slot.offset])[: plan.d]
     for b, k in enumerate(plan.carriers):
-        mass[k], center[k, : plan.d] = given.mass[b], none_as_zero(given.center[b])[: plan.d]
+        mass[k], center[k, : plan.d] = numbers.mass[b], none_as_zero(numbers.center[b])[: plan.d]
         # In the plane one moment counts; all axes get it, so that the body is physically possible.
-        inertia[k] = given.inertia[b] if plan.e == 3 else given.inertia[b, 0, 0] * np.eye(3)
+        inertia[k] = numbers.inertia[b] if plan.e == 3 else numbers.inertia[b, 0, 0] * np.eye(3)
     for b, k in enumerate(plan.rotors, len(plan.carriers)):
-        armature[k] = given.inertia[b, -1, -1]
+        armature[k] = numbers.inertia[b, -1, -1]
     parent, kinds = tuple(slot.parent for slot in slots), tuple(slot.kind for slot in slots)
     return Tree(
         parent, kinds, rotation, offset, mass, center, inertia, coordinates, shift, armature
@@ -226,29 +226,29 @@ def mechanism_sketch(scene: Mechanism, q: Array, t: float = 0.0) -> Sketch:
     parameters: Any = scene.parameters(FLOAT64)
     prepared = scene.prepare(FLOAT64, parameters, np.asarray(q, np.float64), t)
     frames, d = joint_frames(plan, parameters, prepared), plan.d
-    at = [_place(frame.origin, d) for frame in frames]
+    origins = [_place(frame.origin, d) for frame in frames]
     centers = {
         k: _place(arm_and_position(frames, k, as_vector(parameters.center[b]))[1], d)
         for b, k in enumerate(plan.carriers)
     }
-    everything = np.array([np.zeros(d), *at, *centers.values()])
+    everything = np.array([np.zeros(d), *origins, *centers.values()])
     size = float(np.ptp(everything, axis=0).max()) or 1.0
     parts: list[Part] = [*fixed_axes(0.15 * size, d)]
     for k, slot in enumerate(plan.joints):
         # From joint to joint, a line of the previous body, or of the ground.
-        start = at[slot.parent] if slot.parent >= 0 else np.zeros(d)
-        if slot.parent >= 0 and np.abs(at[k] - start).max() > NEAR * size:
-            parts.append(Body((start, at[k])))
+        start = origins[slot.parent] if slot.parent >= 0 else np.zeros(d)
+        if slot.parent >= 0 and np.abs(origins[k] - start).max() > NEAR * size:
+            parts.append(Body((start, origins[k])))
         axis, name = _place(frames[k].axis, d), slot.name.replace("_", " ")
         if slot.slides:
             along = 0.12 * size * axis / (np.linalg.norm(axis) or 1.0)
-            parts.append(Arrow(name, at[k], along, frame=False))
+            parts.append(Arrow(name, origins[k], along, frame=False))
         else:
-            parts.append(JointMark(at[k], slot.parent < 0, name, None if d == 2 else axis))
+            parts.append(JointMark(origins[k], slot.parent < 0, name, None if d == 2 else axis))
         if k in centers:
             parts.append(Center(centers[k]))
-            if all(other.parent != k for other in plan.joints):
-                parts += [Body((at[k], centers[k])), Trail(centers[k])]
+            if all(child.parent != k for child in plan.joints):
+                parts += [Body((origins[k], centers[k])), Trail(centers[k])]
     row = 0
     for closure in plan.topology.constraints:
         rows = tuple(range(row, row := row + row_count(closure, plan.topology.planar)))
@@ -257,7 +257,7 @@ def mechanism_sketch(scene: Mechanism, q: Array, t: float = 0.0) -> Sketch:
             held = arm_and_position(frames, k, as_vector(parameters.points[i]))[1]
             parts.append(ConstraintMark(closure.name, _place(held, d), rows))
             if k >= 0:
-                parts.append(Body((at[k], _place(held, d))))
+                parts.append(Body((origins[k], _place(held, d))))
     if parameters.gravity is not None and np.any(parameters.gravity):
         along = 0.2 * size * parameters.gravity / np.linalg.norm(parameters.gravity)
         parts.append(Arrow("g", np.zeros(d) - 0.2 * size * np.eye(d)[0], along, frame=False))
@@ -330,8 +330,8 @@ class _Kind(ABCMeta):
 
 
 def _reduced(kind: Any) -> Any:
-    made = vars(kind).get("source")
-    return kind.__qualname__ if made is None else (scene_class_of, (made,))
+    source = vars(kind).get("source")
+    return kind.__qualname__ if source is None else (scene_class_of, (source,))
 
 
 copyreg.pickle(_Kind, _reduced)
@@ -367,13 +367,13 @@ class Mechanism(Parametric, metaclass=_Kind):
 
     def derived(self, arithmetic: Arithmetic) -> dict[str, Any]:
         """Return rotations of seats, masses and inertias, rotors among them."""
-        result, given = {}, {}
+        result, values = {}, {}
         for name in NOT_READ:
             value = getattr(self, name, None)
-            given[name] = None if value is None else arithmetic.numbers(value)
-        if given["orientation"] is not None:
-            result["rotation"] = _rotations_in(arithmetic, given["orientation"])
-        parts = given["moments"], given["products"], given["armature"]
+            values[name] = None if value is None else arithmetic.numbers(value)
+        if values["orientation"] is not None:
+            result["rotation"] = _rotations_in(arithmetic, values["orientation"])
+        parts = values["moments"], values["products"], values["armature"]
         result["inertia"] = inertias(*parts, self.plan.e)
         if self.plan.rotors:
             mass: Any = getattr(self, "mass", None)
@@ -429,20 +429,20 @@ class Mechanism(Parametric, metaclass=_Kind):
 
     def __repr__(self) -> str:
         """Return Python code that reconstructs the scene: its class and changed parameters."""
-        made, plain = self.source, Parametric.__repr__(self)
-        if not made.code:
+        source, plain = self.source, Parametric.__repr__(self)
+        if not source.code:
             return plain
         arguments = plain.partition("(")[2]
-        return made.code if arguments == ")" else f"{made.code}.changed({arguments}"
+        return source.code if arguments == ")" else f"{source.code}.changed({arguments}"
 
 
-def _ranges_of(made: MechanismSource, plan: TopologyPlan) -> tuple[Range, ...]:
+def _ranges_of(source: MechanismSource, plan: TopologyPlan) -> tuple[Range, ...]:
     slides = {slot.coordinate for slot in plan.joints if slot.slides and slot.mimics is None}
     ranges = [SLIDING if i in slides else ANY_ANGLE for i in range(plan.n)]
-    for i in made.pitch_coordinates:
+    for i in source.pitch_coordinates:
         ranges[i] = AWAY
-    if made.fixed_geometry:
-        ranges = [Range(x - 0.3, x + 0.3) for x in made.pose]
+    if source.fixed_geometry:
+        ranges = [Range(x - 0.3, x + 0.3) for x in source.pose]
     return tuple(ranges)
 
 
@@ -460,29 +460,29 @@ def make_functions(plan: TopologyPlan) -> dict[str, Callable]:
     constraints = functions.get("constraints", _no_constraints)
     drift = functions.get("drift", no_velocity_term)
     functions["terms"] = make_terms(plan, functions["forces"], constraints, drift)
-    return {name: generic(one) for name, one in functions.items() if one is not None}
+    return {name: generic(f) for name, f in functions.items() if f is not None}
 
 
 def make_potential(plan: TopologyPlan) -> Callable:
     """Return the function `potential` of a scene."""
-    rest = second_derivation.make_joint_potential(plan)
+    joint_U = second_derivation.make_joint_potential(plan)
     if not plan.topology.springs:
-        return rest
+        return joint_U
 
     def potential(parameters, prepared, q):
-        return plus(rest(parameters, prepared, q), spring_energy(plan, parameters, prepared))
+        return plus(joint_U(parameters, prepared, q), spring_energy(plan, parameters, prepared))
 
     return potential
 
 
 def make_dissipation(plan: TopologyPlan) -> Callable | None:
     """Return the function `dissipation` of a scene, or None without dampers."""
-    rest = second_derivation.make_joint_dissipation(plan)
+    joint_R = second_derivation.make_joint_dissipation(plan)
     if not plan.topology.springs:
-        return rest
+        return joint_R
 
     def dissipation(parameters, prepared, q, v):
-        R = None if rest is None else rest(parameters, prepared, q, v)
+        R = None if joint_R is None else joint_R(parameters, prepared, q, v)
         return plus(R, spring_dissipation(plan, parameters, prepared, q, v))
 
     return dissipation
@@ -516,39 +516,39 @@ _IN_USE: WeakValueDictionary[MechanismSource, type[Mechanism]] = WeakValueDictio
 
 
 @lru_cache(256)
-def scene_class_of(made: MechanismSource) -> type[Mechanism]:
+def scene_class_of(source: MechanismSource) -> type[Mechanism]:
     """Return the scene class of a description; the same one for the same description."""
-    if (known := _IN_USE.get(made)) is not None:
-        return known
-    plan, functions = plan_and_functions(made.topology)
-    planar, closures = made.topology.planar, made.topology.constraints
+    if (cached := _IN_USE.get(source)) is not None:
+        return cached
+    plan, functions = plan_and_functions(source.topology)
+    planar, closures = source.topology.planar, source.topology.constraints
     names = [
         name if count == 1 else f"{name} {i + 1}"
-        for name, count in ((one.name, row_count(one, planar)) for one in closures)
+        for name, count in ((c.name, row_count(c, planar)) for c in closures)
         for i in range(count)
     ]
-    held = sum(row_count(one, planar) for one in closures if KINDS[one.kind].holonomic)
+    held = sum(row_count(c, planar) for c in closures if KINDS[c.kind].holonomic)
     turned = sorted({slot.coordinate for slot in plan.joints if not slot.slides})
     body = {
-        "__doc__": f"{made.key}, made of a description. {made.ignored}".strip(),
-        "__module__": made.module,
-        "source": made,
+        "__doc__": f"{source.key}, made of a description. {source.ignored}".strip(),
+        "__module__": source.module,
+        "source": source,
         "plan": plan,
-        **({"key": made.key} if made.base is None else {}),
+        **({"key": source.key} if source.base is None else {}),
         "named_constraints": tuple(names),
         "holonomic": slice(0, held),
-        "depends_on_time": any(one.kind == "drive" for one in closures),
-        "_coordinate_ranges": _ranges_of(made, plan),
-        **{name: staticmethod(one) for name, one in functions.items()},
-        **fields_of(made),
+        "depends_on_time": any(c.kind == "drive" for c in closures),
+        "_coordinate_ranges": _ranges_of(source, plan),
+        **{name: staticmethod(f) for name, f in functions.items()},
+        **fields_of(source),
     }
     if turned == list(range(plan.n)):
         body["angle_coordinates"] = slice(0, None)
-    body["__annotations__"] = dict.fromkeys((name for name, _ in made.defaults), Any)
+    body["__annotations__"] = dict.fromkeys((name for name, _ in source.defaults), Any)
     if body["depends_on_time"]:
         body |= {"conserves_energy": False, "why_not_conserved": "what a clock drives does work"}
-    scene_class: Any = _Kind(made.key, (made.base or Mechanism,), body)
-    _IN_USE[made] = scene_class
+    scene_class: Any = _Kind(source.key, (source.base or Mechanism,), body)
+    _IN_USE[source] = scene_class
     return scene_class
 
 

@@ -150,16 +150,16 @@ def _read(library: Any, path: Path) -> Any:
 
 def _roots(path: Path) -> Iterator[Element]:
     """Yield the root of a file and of all included ones, at any depth."""
-    left, seen = [path], set[Path]()
-    while left:
-        one = left.pop()
-        if one in seen:
-            raise Unreadable(f"{str(path)!r} includes {one.name!r} twice")
-        seen.add(one)
-        if len(seen) > MOST_FILES:
+    pending, visited = [path], set[Path]()
+    while pending:
+        file = pending.pop()
+        if file in visited:
+            raise Unreadable(f"{str(path)!r} includes {file.name!r} twice")
+        visited.add(file)
+        if len(visited) > MOST_FILES:
             raise Unreadable(f"{str(path)!r} includes more than {MOST_FILES} files")
-        root = root_of(one, MJCF)
-        left += [path.parent / element.get("file", "") for element in root.iter("include")]
+        root = root_of(file, MJCF)
+        pending += [path.parent / element.get("file", "") for element in root.iter("include")]
         yield root
 
 
@@ -199,11 +199,11 @@ def _strip(library: Any, spec: Any, path: str) -> Counter[str]:
     """
     out: Counter[str] = Counter()
     kinds = library.mjtEq
-    for one in spec.equalities:
-        if one.type not in (kinds.mjEQ_CONNECT, kinds.mjEQ_WELD, kinds.mjEQ_JOINT):
-            what = kinds(one.type).name.removeprefix("mjEQ_").lower()
+    for equality in spec.equalities:
+        if equality.type not in (kinds.mjEQ_CONNECT, kinds.mjEQ_WELD, kinds.mjEQ_JOINT):
+            what = kinds(equality.type).name.removeprefix("mjEQ_").lower()
             refusal = f"is of the kind {what}, expected connect, weld, joint"
-            raise Unreadable(f"{path!r}: equality {one.name!r} {refusal}")
+            raise Unreadable(f"{path!r}: equality {equality.name!r} {refusal}")
     out["drag of a fluid"] += bool(spec.option.density or spec.option.viscosity)
     spec.option.density = spec.option.viscosity = 0.0
     for name, called in FORCELESS.items():
@@ -226,9 +226,9 @@ def _strip(library: Any, spec: Any, path: str) -> Counter[str]:
         light.texture = ""
     for site in spec.sites:
         site.material = ""
-    kept = {geom.meshname for geom in spec.geoms}
+    used_meshes = {geom.meshname for geom in spec.geoms}
     for mesh in list(spec.meshes):
-        if mesh.name not in kept:
+        if mesh.name not in used_meshes:
             spec.delete(mesh)
     for name in ("materials", "textures", "hfields"):
         for part in list(getattr(spec, name)):
@@ -261,48 +261,48 @@ class EqualityContext(NamedTuple):
     """Reference coordinate of joints that have one, at which the file draws them."""
 
 
-def equality_constraint(read: EqualityContext, i: int) -> Constraint:
+def equality_constraint(context: EqualityContext, i: int) -> Constraint:
     """Return equality number i of a model.
 
     Raises:
         InputError: it is between other objects, or not linear.
     """
-    m = read.model
+    m = context.model
     name, kind = m.equality(i).name or f"equality{i}", int(m.eq_type[i])
     first, second, data = int(m.eq_obj1id[i]), int(m.eq_obj2id[i]), m.eq_data[i]
     if kind == JOINT:
-        other = None if second < 0 else read.joints[second]
-        return _coupled(read, name, read.joints[first], other, data)
+        second_joint = None if second < 0 else context.joints[second]
+        return _coupled(context, name, context.joints[first], second_joint, data)
     if m.eq_objtype[i] == SITE:
-        at, at_other = m.site_pos[first], m.site_pos[second]
+        a, b = m.site_pos[first], m.site_pos[second]
         w, x, y, z = m.site_quat[second]
         turn = multiply_quaternions(tuple(m.site_quat[first].tolist()), (w, -x, -y, -z))
         first, second = int(m.site_bodyid[first]), int(m.site_bodyid[second])
     elif kind == CONNECT:
-        at, at_other, turn = data[:3], data[3:6], IDENTITY
+        a, b, turn = data[:3], data[3:6], IDENTITY
     else:
-        at, at_other, turn = data[3:6], data[:3], data[6:10]
-    ends = read.bodies[first], read.bodies[second]
-    points = triple_of(at - read.anchors[first]), triple_of(at_other - read.anchors[second])
+        a, b, turn = data[3:6], data[:3], data[6:10]
+    ends = context.bodies[first], context.bodies[second]
+    points = triple_of(a - context.anchors[first]), triple_of(b - context.anchors[second])
     if kind == CONNECT:
         return pin(name, *ends, *points)
     return weld(name, *ends, *points, quaternion_of(turn))
 
 
 def _coupled(
-    read: EqualityContext, name: str, joint: str, other: str | None, data: Array
+    context: EqualityContext, name: str, joint: str, leader: str | None, data: Array
 ) -> Constraint:
-    for one in (joint, other):
-        if one is not None and one not in read.reference:
-            several = f"joint {one!r}, which has several coordinates"
-            raise Unreadable(f"{read.where}: equality {name!r} is of {several}")
-    position = read.reference[joint] + data[0]
-    if other is None:
+    for coupled in (joint, leader):
+        if coupled is not None and coupled not in context.reference:
+            several = f"joint {coupled!r}, which has several coordinates"
+            raise Unreadable(f"{context.where}: equality {name!r} is of {several}")
+    position = context.reference[joint] + data[0]
+    if leader is None:
         return drive(name, joint, float(position))
     if np.any(data[2:5]):
-        raise Unreadable(f"{read.where}: equality {name!r} is not linear")
-    shift = position - data[1] * read.reference[other]
-    return coupling(name, joint, other, float(data[1]), float(shift))
+        raise Unreadable(f"{context.where}: equality {name!r} is not linear")
+    shift = position - data[1] * context.reference[leader]
+    return coupling(name, joint, leader, float(data[1]), float(shift))
 
 
 def triple_of(a: Any) -> Triple:
@@ -362,9 +362,11 @@ class _MjcfReader:
         for body in range(1, m.nbody):
             self._add_body(body)
         held = not (self.off["equality"] or self.off["constraint"])
-        read = EqualityContext(m, self.where, self.bodies, self.names, self.anchors, self.reference)
+        context = EqualityContext(
+            m, self.where, self.bodies, self.names, self.anchors, self.reference
+        )
         constraints = [
-            equality_constraint(read, i) for i in range(m.neq) if held and m.eq_active0[i]
+            equality_constraint(context, i) for i in range(m.neq) if held and m.eq_active0[i]
         ]
         self.out["limits of joints"] += int(np.count_nonzero(m.jnt_limited))
         self.out["friction of joints"] += int(np.count_nonzero(m.dof_frictionloss))
@@ -421,7 +423,7 @@ class _MjcfReader:
 
     def _add_joint(self, joint: int, before: str, after: str, place: Array, turn: Array) -> None:
         m, name = self.m, self.names[joint]
-        kind, dof, at = int(m.jnt_type[joint]), int(m.jnt_dofadr[joint]), m.jnt_qposadr[joint]
+        kind, dof, index = int(m.jnt_type[joint]), int(m.jnt_dofadr[joint]), m.jnt_qposadr[joint]
         stiffness = 0.0 if self.off["spring"] else float(m.jnt_stiffness[joint])
         if kind in (FREE_JOINT, BALL_JOINT):
             count = 6 if kind == FREE_JOINT else 3
@@ -431,20 +433,20 @@ class _MjcfReader:
                     f"{self.where}: joint {name!r} is free or a ball, with damping, stiffness or "
                     "armature: these are for joints with one coordinate"
                 )
-            self._start(name, m.qpos0[at : at + count + 1])
+            self._start(name, m.qpos0[index : index + count + 1])
             called = "floating" if kind == FREE_JOINT else "spherical"
             self.joints.append(
                 Joint(name, called, before, after, triple_of(place), quaternion_of(turn))
             )
             return
-        axis, rest = m.jnt_axis[joint], float(m.qpos0[at])
-        self.reference[name] = rest
-        if rest:  # the file draws the joint at another coordinate than 0
-            self.pose[name] = rest
+        axis, reference = m.jnt_axis[joint], float(m.qpos0[index])
+        self.reference[name] = reference
+        if reference:  # the file draws the joint at another coordinate than 0
+            self.pose[name] = reference
             if kind == SLIDE:
-                place = place - rest * (rotation_matrix(quaternion_of(turn)) @ axis)
+                place = place - reference * (rotation_matrix(quaternion_of(turn)) @ axis)
             else:
-                back = np.cos(rest / 2), *(-np.sin(rest / 2) * axis)
+                back = np.cos(reference / 2), *(-np.sin(reference / 2) * axis)
                 turn = np.array(
                     multiply_quaternions(quaternion_of(turn), quaternion_of(np.array(back)))
                 )
@@ -460,17 +462,17 @@ class _MjcfReader:
                 triple_of(axis),
                 damping=damping or None,
                 stiffness=stiffness or None,
-                rest_position=float(m.qpos_spring[at]) if stiffness else 0.0,
+                rest_position=float(m.qpos_spring[index]) if stiffness else 0.0,
                 armature=float(m.dof_armature[dof]) or None,
             )
         )
 
-    def _start(self, name: str, told: Array) -> None:
+    def _start(self, name: str, qpos: Array) -> None:
         """Store the initial pose of a free joint; a ball joint starts at 0."""
-        if len(told) < 7:
+        if len(qpos) < 7:
             return
-        self.pose |= {f"{name}_{axis}": float(x) for axis, x in zip("xyz", told, strict=False)}
-        turns = roll_pitch_yaw_of(rotation_matrix(quaternion_of(told[3:])))
+        self.pose |= {f"{name}_{axis}": float(x) for axis, x in zip("xyz", qpos, strict=False)}
+        turns = roll_pitch_yaw_of(rotation_matrix(quaternion_of(qpos[3:])))
         if abs(turns[1]) <= STEEPEST:
             names = "roll", "pitch", "yaw"
             self.pose |= {f"{name}_{n}": float(x) for n, x in zip(names, turns, strict=True)}
@@ -486,15 +488,15 @@ DISABLED = {
 """Option of a file that can be disabled -> MuJoCo's bit."""
 
 
-def _names(given: list[str], called: str) -> list[str]:
+def _names(file_names: list[str], called: str) -> list[str]:
     """Return a name for each object, numbered if the file has none."""
-    known = set(given)
+    taken = set(file_names)
     names = []
-    for i, name in enumerate(given):
+    for i, name in enumerate(file_names):
         new = name or f"{called}{i}"
-        while not name and new in known:
+        while not name and new in taken:
             new += "_"
-        known.add(new)
+        taken.add(new)
         names.append(new)
     return names
 
@@ -539,12 +541,12 @@ def mjcf_kind(
     with errors_naming(path):
         elements = robot.name, robot.links, robot.joints, robot.constraints
         more = {"gravity": pulls if changed else robot.gravity, "pose": robot.pose}
-        made = mechanism_source(*elements, **more)
+        source = mechanism_source(*elements, **more)
         if robot.constraints:
-            dependent = _dependent_coordinates(made.scene_class()())
-            made = mechanism_source(*elements, **more, dependent=dependent)
+            dependent = _dependent_coordinates(source.scene_class()())
+            source = mechanism_source(*elements, **more, dependent=dependent)
         options = f", gravity={pulls!r}" if changed else ""
-        return made.of_file("mjcf", path, options, robot.ignored).scene_class()
+        return source.of_file("mjcf", path, options, robot.ignored).scene_class()
 
 
 def _dependent_coordinates(scene: Mechanism) -> list[str]:

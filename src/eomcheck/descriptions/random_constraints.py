@@ -106,8 +106,8 @@ def with_random_constraint(
 def _jacobian(description: RandomDescription) -> Array:
     """Return the constraint Jacobian a (r, n) in the pose, columns in the order of the joints."""
     scene = description.source("Closed").scene_class()()
-    given, q = scene.parameters(FLOAT64), np.array([x for _, x in description.pose])
-    return scene.constraints(given, scene.prepare(FLOAT64, given, q, 0.0), q)[0]
+    parameters, q = scene.parameters(FLOAT64), np.array([x for _, x in description.pose])
+    return scene.constraints(parameters, scene.prepare(FLOAT64, parameters, q, 0.0), q)[0]
 
 
 # ---- Constraints that fit a pose -----------------------------------------------------------------
@@ -122,15 +122,15 @@ def _constraint(
     """
     name = f"c{len(tree.constraints) + 1}"
     if kind in ("coupling", "drive"):
-        one = _of_coordinates(tree, kind, name, choices)
-        return None if one is None else (one,)
+        constraint = _of_coordinates(tree, kind, name, choices)
+        return None if constraint is None else (constraint,)
     pairs = _pairs(tree, kind, row_count_with_contact(kind, planar))
     if not pairs:
         return None
-    link, other = choices.one_of(pairs)
+    link, other_link = choices.one_of(pairs)
     pose = poses(tree)
-    at = random_triple(choices, planar)
-    fit = PosedPair(name, link, other, at, pose[link], pose[other], planar, choices)
+    point = random_triple(choices, planar)
+    fit = PosedPair(name, link, other_link, point, pose[link], pose[other_link], planar, choices)
     if kind in ROLLING:
         up, *slips = _rolling(fit)
         return (*slips, up) if kind == "rolling" else (up,)
@@ -151,10 +151,10 @@ def _pairs(tree: RandomDescription, kind: str, rows: int) -> list[tuple[str, str
         between[joint.child] = between[joint.parent] ^ own
     names = list(between)
     return [
-        (link, other)
+        (link, earlier)
         for i, link in enumerate(names)
-        for other in (names[:1] if kind == "edge" else names[:i])
-        if len(between[link] ^ between[other]) >= rows
+        for earlier in (names[:1] if kind == "edge" else names[:i])
+        if len(between[link] ^ between[earlier]) >= rows
     ]
 
 
@@ -162,13 +162,13 @@ def _of_coordinates(
     tree: RandomDescription, kind: str, name: str, choices: Choices
 ) -> Constraint | None:
     """Return a constraint of coordinates; not of hinges that must avoid a singular pose."""
-    q = {one: x for one, x in tree.pose if not one.endswith("_pitch")}
+    q = {c: x for c, x in tree.pose if not c.endswith("_pitch")}
     if len(q) < (1 if kind == "drive" else 2):
         return None
     i = choices.one_of(list(q))
     if kind == "drive":
         return elements.drive(name, i, q[i], choices.number(-1.0, 1.0), choices.number(-0.1, 0.1))
-    j = choices.one_of([one for one in q if one != i])
+    j = choices.one_of([c for c in q if c != i])
     ratio = choices.one_of((1.0, -1.0)) * choices.number(0.2, 2.0)
     return elements.coupling(name, i, j, ratio, q[i] - ratio * q[j])
 
@@ -315,17 +315,17 @@ class Pose(NamedTuple):
     origin: Array
     """Origin (3,), m."""
 
-    def point(self, at: Any) -> Array:
+    def point(self, position: Any) -> Array:
         """Return a point of the link in ground axes."""
-        return self.origin + self.direction(at)
+        return self.origin + self.direction(position)
 
     def direction(self, along: Any) -> Array:
         """Return a direction of the link in ground axes."""
         return rotation_matrix(self.orientation) @ np.asarray(along, np.float64)
 
-    def local_point(self, at: Array) -> Triple:
+    def local_point(self, position: Array) -> Triple:
         """Return a point of the ground in the frame of the link."""
-        return self.local_direction(at - self.origin)
+        return self.local_direction(position - self.origin)
 
     def local_direction(self, along: Array) -> Triple:
         """Return a direction of the ground in the frame of the link."""

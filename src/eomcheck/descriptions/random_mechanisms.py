@@ -63,14 +63,14 @@ class RandomScene(Mechanism):
     def structure(self) -> str:
         """The structural variant: name, joints with their parents, constraints, optional terms."""
         description: RandomDescription = self.source.description
-        places = {link.name: str(i) for i, link in enumerate(description.links)}
-        joints = " ".join(f"{one.kind}-{places[one.parent]}" for one in description.joints)
+        indices = {link.name: str(i) for i, link in enumerate(description.links)}
+        joints = " ".join(f"{joint.kind}-{indices[joint.parent]}" for joint in description.joints)
         levels = self.topology
         more = [name for name, way in levels.items() if way in ("present", "oblique", PLANE)]
         return "; ".join(
             [f"{self.name}: {joints}"]
-            + [f"{one.kind} {'-'.join(places[x] for x, _ in one.points)}".strip()
-               for one in description.constraints]
+            + [f"{c.kind} {'-'.join(indices[x] for x, _ in c.points)}".strip()
+               for c in description.constraints]
             + [", ".join(more)] * bool(more)
         )  # fmt: skip
 
@@ -98,25 +98,25 @@ class RandomScene(Mechanism):
         """
         links = checked_links(links)
         random = np.random.default_rng(links)
-        known: set[str] = set()
+        variants: set[str] = set()
         choices = GeneratorChoices(random)
         # Entries with more kinds of constraints have more weight.
         entries = [x for x in cls.topologies(links) for _ in x.get(CONSTRAINTS, ("",))]
-        while len(known) < PROVED:
-            ways = {name: choices.one_of(of) for name, of in choices.one_of(entries).items()}
+        while len(variants) < PROVED:
+            ways = {name: choices.one_of(o) for name, o in choices.one_of(entries).items()}
             try:
                 scene = cls.of_topology(links, ways, choices)()
             except RefusedError:
                 continue
-            if scene.structure not in known:
-                known.add(scene.structure)
+            if scene.structure not in variants:
+                variants.add(scene.structure)
                 yield scene
 
     @classmethod
     def of_description(cls, description: RandomDescription) -> type[Self]:
         """Return the scene class of a description."""
-        made = description.source(_class_name(cls.key))
-        return made._replace(base=_base(cls), description=description).scene_class()  # type: ignore
+        source = description.source(_class_name(cls.key))
+        return source._replace(base=_base(cls), description=description).scene_class()  # type: ignore
 
 
 class RandomTree(RandomScene):
@@ -183,11 +183,11 @@ class RandomMechanism(RandomScene):
         closed = with_random_constraint(grown, kind, planar, choices)
         if kind == "drive" or not choices.one_of((False, False, True)):
             return cls.of_description(closed)
-        left = len(closed.coordinates) - row_count_with_contact(kind, planar)
+        remaining = len(closed.coordinates) - row_count_with_contact(kind, planar)
         among = [
-            one
-            for one in _kinds(planar)
-            if row_count_with_contact(one, planar) < left and one != "drive"
+            c
+            for c in _kinds(planar)
+            if row_count_with_contact(c, planar) < remaining and c != "drive"
         ]
         if among:
             with suppress(RefusedError):  # one constraint is enough
@@ -232,7 +232,7 @@ def _example(kind: type[RandomScene]) -> Scene:
 
 def _base(kind: type[RandomScene]) -> type[RandomScene]:
     """Return the base class of all scenes of a random class."""
-    return next(one for one in kind.__mro__ if "source" not in vars(one))
+    return next(base for base in kind.__mro__ if "source" not in vars(base))
 
 
 RANDOM: dict[str, type[Scene]] = {

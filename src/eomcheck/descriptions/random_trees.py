@@ -30,8 +30,8 @@ ALONG_AXES: tuple[Triple, ...] = (
 )
 """Directions along the axes of a frame."""
 
-IN_PLANE = tuple(one for one in ALONG_AXES if not one[2])
-ACROSS = tuple(one for one in ALONG_AXES if one[2])
+IN_PLANE = tuple(axis for axis in ALONG_AXES if not axis[2])
+ACROSS = tuple(axis for axis in ALONG_AXES if axis[2])
 
 SMALLEST = 0.1
 """Shortest direction or arm; shorter ones are replaced, to exclude accidental singularities."""
@@ -60,10 +60,10 @@ def random_direction(choices: Choices, planar: bool, most: float = 1.0) -> Tripl
 
 def random_transverse(choices: Choices, along: Triple) -> Triple:
     """Return a direction that is not nearly parallel to another."""
-    other = random_direction(choices, planar=False)
-    sine = np.linalg.norm(np.cross(along, other)) / np.linalg.norm(along) / np.linalg.norm(other)
+    across = random_direction(choices, planar=False)
+    sine = np.linalg.norm(np.cross(along, across)) / np.linalg.norm(along) / np.linalg.norm(across)
     if sine >= SMALLEST:
-        return other
+        return across
     x, y, z = np.eye(3)[np.argmin(np.abs(along))].tolist()
     return x, y, z
 
@@ -128,13 +128,13 @@ class RandomDescription(NamedTuple):
         Raises:
             InputError: see `mechanism`.
         """
-        made = mechanism_source(
+        source = mechanism_source(
             *(name, self.links, self.joints, self.constraints),
             gravity=self.gravity,
             dependent=self.dependent,
             pose=dict(self.pose),
         )
-        return made._replace(code=self.code(name), imports=IMPORTED, module=__name__)
+        return source._replace(code=self.code(name), imports=IMPORTED, module=__name__)
 
     def code(self, name: str) -> str:
         """Return Python code that constructs the scene."""
@@ -230,10 +230,10 @@ def tree_factors(room: JointBudget, links: int) -> Factors:
 
 def levels_of(description: RandomDescription, planar: bool) -> dict[str, str]:
     """Return the actual levels of a description, independent of the requested ones."""
-    joints, links = description.joints, {one.name: one for one in description.links}
-    parents = [one.parent for one in joints]
-    axes = [one.axis for one in joints if one.kind in (*SINGLE, "planar")]
-    moving = {one.child for one in joints if one.kind != "fixed"}
+    joints, links = description.joints, {link.name: link for link in description.links}
+    parents = [joint.parent for joint in joints]
+    axes = [joint.axis for joint in joints if joint.kind in (*SINGLE, "planar")]
+    moving = {joint.child for joint in joints if joint.kind != "fixed"}
 
     def presence(*flags: bool) -> str:
         return PRESENT if any(flags) else ABSENT
@@ -241,14 +241,14 @@ def levels_of(description: RandomDescription, planar: bool) -> dict[str, str]:
     return {
         SPACE: PLANE if planar else SOLID,
         ROOT: joints[0].kind,
-        FIXED: presence(*(one.kind == "fixed" for one in joints)),
+        FIXED: presence(*(joint.kind == "fixed" for joint in joints)),
         SHAPE: BRANCHED if len(set(parents)) < len(parents) else CHAIN,
-        AXES: STRAIGHT if all(one in ALONG_AXES for one in axes) else OBLIQUE,
+        AXES: STRAIGHT if all(axis in ALONG_AXES for axis in axes) else OBLIQUE,
         CARRIERS: presence(*(links[name].mass == 0 for name in moving)),
-        FOLLOWERS: presence(*(one.mimics is not None for one in joints)),
-        SPRINGS: presence(*(one.stiffness is not None for one in joints)),
-        DAMPERS: presence(*(one.damping is not None for one in joints)),
-        ROTORS: presence(*(one.armature is not None for one in joints)),
+        FOLLOWERS: presence(*(joint.mimics is not None for joint in joints)),
+        SPRINGS: presence(*(joint.stiffness is not None for joint in joints)),
+        DAMPERS: presence(*(joint.damping is not None for joint in joints)),
+        ROTORS: presence(*(joint.armature is not None for joint in joints)),
         GRAVITY: presence(description.gravity is not None),
     }
 
@@ -314,9 +314,9 @@ class _Tree:
         root, fixed = self.levels[ROOT], int(self._has(FIXED))
         singles = [kind for kind in SINGLE if kind in self.among]
         (room,) = (
-            one
-            for one in joint_budgets(self.links, self.among)
-            if (one.space, one.root, one.fixed) == (self.levels[SPACE], root, fixed)
+            b
+            for b in joint_budgets(self.links, self.among)
+            if (b.space, b.root, b.fixed) == (self.levels[SPACE], root, fixed)
         )
         no_axis = self.levels[AXES] == OBLIQUE and root not in (*SINGLE, "planar")
         wanted = no_axis or any(map(self._has, PROPERTIES))
@@ -353,9 +353,9 @@ class _Tree:
         among = (*kinds[:1] * 2, *kinds, *(("fixed",) if room.fixed else ()))
         chosen = [self.choices.one_of(among) for _ in range(free)]
         sizes = {kind: len(parts_) for kind, parts_ in COORDINATES.items()}
-        known = sizes[root] + single - int(self._has(FOLLOWERS))
+        coordinates = sizes[root] + single - int(self._has(FOLLOWERS))
         for i in range(free):
-            if known + sum(sizes[kind] for kind in chosen) >= self.least:
+            if coordinates + sum(sizes[kind] for kind in chosen) >= self.least:
                 break
             chosen[i] = kinds[-1]
         return [[kind] for kind in chosen]
@@ -392,15 +392,15 @@ class _Tree:
 
     def _joint(self, i: int) -> Joint:
         kind = self.kinds[i]
-        at = random_point(self.choices, self.planar)
+        position = random_point(self.choices, self.planar)
         choices = self.choices
         axis = self._axis(i)
         if self._is_carried(i):
-            at = self._off_axis(at, i - 1)
+            position = self._off_axis(position, i - 1)
         self.last_axis = axis
         turn = IDENTITY if self.planar else random_orientation(choices)
         between = _link_name(self.parents[i]), _link_name(i + 1)
-        joint = Joint(f"j{i + 1}", kind, *between, at, turn, axis)
+        joint = Joint(f"j{i + 1}", kind, *between, position, turn, axis)
         if kind not in SINGLE:
             return joint
         if self._is_there(SPRINGS, i):
@@ -429,7 +429,7 @@ class _Tree:
             return 0.0, 0.0, 1.0
         if self.planar:
             return choices.one_of({"prismatic": IN_PLANE, "revolute": ACROSS}.get(kind, ACROSS[:1]))
-        first = min(k for k, one in enumerate(self.kinds) if one in (*SINGLE, "planar"))
+        first = min(k for k, entry in enumerate(self.kinds) if entry in (*SINGLE, "planar"))
         oblique = self.levels[AXES] == OBLIQUE
         if oblique and (i == first or choices.one_of((False, True))):
             x, y, z = random_direction(choices, planar=False)
@@ -437,12 +437,12 @@ class _Tree:
             return (x, y, z) if np.count_nonzero((x, y, z)) > 1 else (x, y + 0.5, z + 0.5)
         return choices.one_of(ALONG_AXES)
 
-    def _off_axis(self, at: Triple, before: int) -> Triple:
+    def _off_axis(self, position: Triple, before: int) -> Triple:
         """Return a position off the axis of the previous joint, so that two hinges differ."""
-        axis, place = np.asarray(self.last_axis), np.asarray(at)
+        axis, place = np.asarray(self.last_axis), np.asarray(position)
         away = np.linalg.norm(np.cross(axis, place)) / np.linalg.norm(axis)
         if self.kinds[before] != "revolute" or away >= SMALLEST:
-            return at
+            return position
         return (0.5, 0.0, 0.0) if abs(axis[0]) < max(abs(axis[1:])) else (0.0, 0.5, 0.0)
 
 
@@ -480,17 +480,17 @@ def urdf_tree(
     among = frozenset(joints)
     either = (room for room in joint_budgets(links, among) if room.space == SOLID)
     entry = choices.one_of([tree_factors(room, links) for room in either])
-    ways = {name: choices.one_of(of) for name, of in entry.items()}
+    ways = {name: choices.one_of(o) for name, o in entry.items()}
     ways |= dict.fromkeys((*PROPERTIES, GRAVITY), ABSENT)
     if dampers and PRESENT in entry[DAMPERS]:
         ways[DAMPERS] = choices.one_of((ABSENT, PRESENT))
     ways |= {} if mimic else {FOLLOWERS: ABSENT}
     ways |= {} if massless else {CARRIERS: ABSENT}
     tree = random_tree(ways, links, choices, among=among)
-    left, order = list(tree.joints), []
-    while left:
-        order.append(left.pop(choices.whole(0, len(left) - 1)))
-    frames = tree.links if massless else tuple(_with_inertia(one) for one in tree.links)
+    remaining, order = list(tree.joints), []
+    while remaining:
+        order.append(remaining.pop(choices.whole(0, len(remaining) - 1)))
+    frames = tree.links if massless else tuple(_with_inertia(link) for link in tree.links)
     return tree._replace(links=frames, joints=tuple(order))
 
 

@@ -55,8 +55,8 @@ def frame_velocities(plan, parameters, prepared, v):
         if slot.slides:
             V = add_vectors(add_vectors(V, own), cross(omega, unit(slot.axis, prepared.x[k])))
         else:
-            at, axis = plan.hinge_index[k], slot.axis
-            cos, sin = prepared.angles.cos[at], prepared.angles.sin[at]
+            hinge, axis = plan.hinge_index[k], slot.axis
+            cos, sin = prepared.angles.cos[hinge], prepared.angles.sin[hinge]
             V, omega = rotate_back(V, axis, cos, sin), rotate_back(omega, axis, cos, sin)
             omega = add_vectors(omega, own)
         velocities.append((V, omega))
@@ -83,8 +83,8 @@ def _outwards(
     while k >= 0:
         slot = plan.joints[k]
         if not slot.slides:
-            at = plan.hinge_index[k]
-            a = rotate(a, slot.axis, prepared.angles.cos[at], prepared.angles.sin[at])
+            hinge = plan.hinge_index[k]
+            a = rotate(a, slot.axis, prepared.angles.cos[hinge], prepared.angles.sin[hinge])
         elif point:
             a = add_vectors(a, unit(slot.axis, prepared.x[k]))
         if slot.orientation is not None:
@@ -145,8 +145,8 @@ def make_joint_potential(plan: TopologyPlan) -> Any:
         if parameters.gravity is not None:
             g = as_vector(parameters.gravity)
             for b, k in enumerate(plan.carriers):
-                at = point_in_ground(plan, parameters, prepared, k, as_vector(parameters.center[b]))
-                U = _less(U, times(parameters.mass[b], dot(g, at)))
+                c = point_in_ground(plan, parameters, prepared, k, as_vector(parameters.center[b]))
+                U = _less(U, times(parameters.mass[b], dot(g, c)))
         for k in sprung:
             i = plan.joints[k].spring
             stretch = own(k, prepared) - parameters.relaxed[i]

@@ -117,8 +117,8 @@ class TopologyPlan:
         self.hinges = tuple(k for k, slot in enumerate(slots) if not slot.slides)
         self.hinge_index = {k: place for place, k in enumerate(self.hinges)}
         """Scalar joint -> index among the hinges."""
-        rolling = (one for one in topology.constraints if one.kind in ROLLING)
-        self.disks = tuple(dict.fromkeys(x for one in rolling if len(x := one.directions[1:]) == 2))
+        rolling = (c for c in topology.constraints if c.kind in ROLLING)
+        self.disks = tuple(dict.fromkeys(x for c in rolling if len(x := c.directions[1:]) == 2))
         """Pairs of an axis and a normal, each a frame and an index into the `directions`."""
         self.disk_index: dict[Any, int] = {pair: place for place, pair in enumerate(self.disks)}
         self.from_ground: list[tuple[int, ...]] = []
@@ -153,14 +153,14 @@ class TopologyPlan:
         # Arm 0, to the first joint, is fixed; arm j > 0 turns with joint j - 1; the last ends in
         # the point.
         turning = [set(self.turned_by[i]) for i in way]
-        for i in sorted({*way, *(i for some in turning for i in some)}):
+        for i in sorted({*way, *(i for t in turning for i in t)}):
             if self.joints[i].slides:
                 if i in way:
                     yield i, ()
                 continue
             runs: list[RigidSegment] = []
-            for j, some in enumerate(turning):
-                if i in some:
+            for j, turned in enumerate(turning):
+                if i in turned:
                     end = way[j + 1] if j + 1 < len(way) else None
                     if runs and runs[-1].end == way[j]:
                         runs[-1] = RigidSegment(runs[-1].start, end, False)

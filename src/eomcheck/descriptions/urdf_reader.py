@@ -165,7 +165,7 @@ def triple_attribute(
     return x, y, z
 
 
-def finite_number(value: str, said: str) -> float:
+def finite_number(value: str, name: str) -> float:
     """Return a finite number of its text.
 
     Raises:
@@ -176,9 +176,9 @@ def finite_number(value: str, said: str) -> float:
             raise ValueError
         number = float(value)
     except ValueError:
-        raise Unreadable(f"{said} is {value!r}, expected a number") from None
+        raise Unreadable(f"{name} is {value!r}, expected a number") from None
     if not math.isfinite(number):
-        raise Unreadable(f"{said} is {value!r}, expected a finite number")
+        raise Unreadable(f"{name} is {value!r}, expected a finite number")
     return number
 
 
@@ -190,14 +190,14 @@ def single_child(element: Element, tag: str, where: str) -> Element | None:
     return children[0] if children else None
 
 
-def ignored_tags(element: Element, known: frozenset[str], where: str) -> Iterator[str]:
+def ignored_tags(element: Element, allowed: frozenset[str], where: str) -> Iterator[str]:
     """Yield the tags of children that are known but left out.
 
     Raises:
         InputError: one is not known at all.
     """
     for child in element:
-        if child.tag not in known:
+        if child.tag not in allowed:
             raise Unreadable(f"{where} holds <{child.tag}>, which is no part of a URDF known here")
         yield child.tag
 
@@ -247,7 +247,7 @@ class Robot(NamedTuple):
     @property
     def coordinates(self) -> list[str]:
         """Names of the coordinates of all joints, in the order of the file."""
-        return [one.name + part for one in self.joints for part in COORDINATES[one.kind]]
+        return [joint.name + part for joint in self.joints for part in COORDINATES[joint.kind]]
 
 
 def read_urdf(path: Path) -> Robot:
@@ -258,18 +258,18 @@ def read_urdf(path: Path) -> Robot:
     """
     root, where = root_of(path), str(path)
     links, joints = root.findall("link"), root.findall("joint")
-    for what, found in (("links", links), ("joints", joints)):
-        if len(found) > MAX_FILE_ELEMENTS:
+    for what, elements in (("links", links), ("joints", joints)):
+        if len(elements) > MAX_FILE_ELEMENTS:
             raise Unreadable(
-                f"{where!r} has {len(found)} {what}, expected at most {MAX_FILE_ELEMENTS}"
+                f"{where!r} has {len(elements)} {what}, expected at most {MAX_FILE_ELEMENTS}"
             )
     if not links:
         raise Unreadable(f"{where!r} has no link")
     out = Counter(ignored_tags(root, READ | OF_ROBOT, repr(where)))
     out = Counter({tag: count for tag, count in out.items() if tag in OF_ROBOT})
     name = identifier(root.get("name", "") or path.stem)
-    read_links = tuple(_link(one, where, out) for one in links)
-    read_joints = tuple(_joint(one, where, out) for one in joints)
+    read_links = tuple(_link(link, where, out) for link in links)
+    read_joints = tuple(_joint(joint, where, out) for joint in joints)
     return Robot(name, read_links, read_joints, ignored_summary(out))
 
 
@@ -281,8 +281,8 @@ def identifier(name: str) -> str:
 
 def ignored_summary(counts: Counter[str]) -> str:
     """Return a sentence that counts the parts of a file that are left out; "" without any."""
-    some = sorted((tag, count) for tag, count in counts.items() if count)
-    counted = ", ".join(f"{_PLURAL.get(tag, tag)} ({count})" for tag, count in some)
+    nonzero = sorted((tag, count) for tag, count in counts.items() if count)
+    counted = ", ".join(f"{_PLURAL.get(tag, tag)} ({count})" for tag, count in nonzero)
     return f"Left out: {counted}." if counted else ""
 
 
@@ -334,8 +334,8 @@ def _link(element: Element, file: str, out: Counter[str]) -> Link:
 def _joint(element: Element, file: str, out: Counter[str]) -> Joint:
     name = text_attribute(element, "name", repr(file))
     where = f"{file!r}: joint {name!r}"
-    known = frozenset({"parent", "child", "origin", "axis", "dynamics", "mimic"})
-    out.update(tag for tag in ignored_tags(element, OF_JOINT | known, where) if tag not in known)
+    tags = frozenset({"parent", "child", "origin", "axis", "dynamics", "mimic"})
+    out.update(tag for tag in ignored_tags(element, OF_JOINT | tags, where) if tag not in tags)
     kind = text_attribute(element, "type", where)
     if kind not in KINDS:
         raise Unreadable(f"{where} has the type {kind!r}, expected one of: {', '.join(KINDS)}")
@@ -431,9 +431,9 @@ def urdf_kind(
     links, joints = _floating(robot) if floating else (robot.links, robot.joints)
     name = f"{robot.name}_{FLOATING}" if floating else robot.name
     with errors_naming(path):
-        made = mechanism_source(name, links, joints, gravity=gravity)
+        source = mechanism_source(name, links, joints, gravity=gravity)
         return (
-            made.of_file("urdf", path, options, robot.ignored, inertia_warning(robot.links))
+            source.of_file("urdf", path, options, robot.ignored, inertia_warning(robot.links))
             ._replace(floating=joints[0].name if floating else "")
             .scene_class()
         )
@@ -462,15 +462,15 @@ def errors_naming(path: Any) -> Iterator[None]:
         raise Unreadable(f"{str(path)!r}: {error}") from None
 
 
-def gravity_of(given: Triple | None) -> Triple | None:
+def gravity_of(gravity: Triple | None) -> Triple | None:
     """Return gravity as three numbers, or None.
 
     Raises:
         InputError: it is something else.
     """
-    if given is None:
+    if gravity is None:
         return None
-    x, y, z = finite_array("gravity", given, (3,)).tolist()
+    x, y, z = finite_array("gravity", gravity, (3,)).tolist()
     return x, y, z
 
 
@@ -518,7 +518,9 @@ def _add_link(robot: ElementTree.Element, link: Link) -> None:
     entries = (*link.moments, *link.products)
     names = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
     _child(
-        inertial, "inertia", **{of: repr(float(x)) for of, x in zip(names, entries, strict=True)}
+        inertial,
+        "inertia",
+        **{name: repr(float(x)) for name, x in zip(names, entries, strict=True)},
     )
 
 

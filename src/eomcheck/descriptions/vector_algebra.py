@@ -72,8 +72,8 @@ def _literal(x: Any) -> Any:
 def total(terms):
     """Return the sum of numbers; None if all are absent."""
     result = None
-    for one in terms:
-        result = plus(result, one)
+    for term in terms:
+        result = plus(result, term)
     return result
 
 
@@ -167,8 +167,8 @@ def _with(a: Vector, parts: dict[int, Any]) -> Vector:
 
 def as_vector(entries: Iterable[Any]) -> Vector:
     """Return a vector of two or three numbers."""
-    x, y, *rest = entries
-    return x, y, (rest[0] if rest else None)
+    x, y, *third = entries
+    return x, y, (third[0] if third else None)
 
 
 def put(array: Any, place: Any, x: Any) -> None:
@@ -180,7 +180,7 @@ def put(array: Any, place: Any, x: Any) -> None:
 def put_vector(array: Any, place: tuple[Any, ...], a: Vector, size: int = 3) -> None:
     """Write the first `size` components of a vector, if present; None in `place` is their axis."""
     for i in range(size):
-        put(array, tuple(i if one is None else one for one in place), a[i])
+        put(array, tuple(i if index is None else index for index in place), a[i])
 
 
 # ---- Rotations by quaternions --------------------------------------------------------------------

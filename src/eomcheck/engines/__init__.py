@@ -109,9 +109,9 @@ def checked_engine(kind: type[Engine]) -> type[Engine]:
         raise InputError(f"{whose}: key = {kind.key!r}, expected letters, digits and underscores")
     if kind.key in FORMULATIONS or ENGINES.get(kind.key, kind) is not kind:
         raise InputError(f"{whose}: key = {kind.key!r} is that of something else")
-    known = [key for key, one in FORMULATIONS.items() if one.uses == "terms"]
-    if kind.offers("acceleration") and getattr(kind, "solves_like", None) not in known:
-        listed = ", ".join(known)
+    solvers = [key for key, f in FORMULATIONS.items() if f.uses == "terms"]
+    if kind.offers("acceleration") and getattr(kind, "solves_like", None) not in solvers:
+        listed = ", ".join(solvers)
         raise InputError(f"{whose} has an acceleration, but solves_like is none of {listed}")
     return kind
 

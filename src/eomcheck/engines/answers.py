@@ -127,21 +127,21 @@ class Answers:
             arguments: its arguments: q, v, ..., t.
         """
         q, v, *_, t = arguments
-        other = _away(q, ELSEWHERE), _away(-v / 2, ELSEWHERE)
+        far = _away(q, ELSEWHERE), _away(-v / 2, ELSEWHERE)
         for name in ("mass_matrix", "bias"):
             with suppress(Exception):
-                self.ask(name, *other, t)
+                self.ask(name, *far, t)
         near = _away(q, NEAR), _away(v, NEAR)
-        for there, speed in (other, near, (q, other[1])):
+        for position, speed in (far, near, (q, far[1])):
             with suppress(Exception):
-                self.ask(method, there, speed, *arguments[2:])
+                self.ask(method, position, speed, *arguments[2:])
 
     def ask_elsewhere(self, method: str, arguments: Sequence[Any], number: int) -> None:
         """Call a method at another state, one for each number; see `provoke_stale_answers`."""
-        q, v, *rest = arguments
-        by = ELSEWHERE * number
+        q, v, *others = arguments
+        distance = ELSEWHERE * number
         with suppress(Exception):
-            self.ask(method, _away(q, by), _away(-v / 2, by), *rest)
+            self.ask(method, _away(q, distance), _away(-v / 2, distance), *others)
 
     def ask(self, method: str, *arguments: Any) -> Any:
         """Return the result of the method of this name, with arguments q, v, ..., t."""
@@ -255,25 +255,25 @@ class Answers:
         return result
 
 
-def _away(x: Array, by: float) -> Array:
-    """Return numbers (n,) at distance `by` from x, per size above 1, differences changed too."""
+def _away(x: Array, distance: float) -> Array:
+    """Return numbers (n,) at `distance` from x, per size above 1, differences changed too."""
     shares = (-1.0) ** np.arange(x.size) * np.linspace(1.0, 0.5, x.size)
-    return x + by * shares * np.maximum(1.0, np.abs(x))
+    return x + distance * shares * np.maximum(1.0, np.abs(x))
 
 
 def _raised(error: Exception) -> str:
     """Return the description of an error in an engine, with its line."""
     through = traceback.extract_tb(error.__traceback__)
-    theirs = [x for x in through if not _is_library(Path(x.filename))]
-    if isinstance(error, CallError) and not theirs:
+    user_frames = [x for x in through if not _is_library(Path(x.filename))]
+    if isinstance(error, CallError) and not user_frames:
         return raised(error, None)
-    return raised(error, (theirs or through)[-1])
+    return raised(error, (user_frames or through)[-1])
 
 
 def _is_library(path: Path) -> bool:
     """Return whether a file belongs to these modules or to an installed package."""
-    ours = path.parent == Path(__file__).parent or path == Path(calls.__file__)
-    return ours or "site-packages" in path.parts
+    internal = path.parent == Path(__file__).parent or path == Path(calls.__file__)
+    return internal or "site-packages" in path.parts
 
 
 def _kind(value: Any) -> str:
@@ -398,7 +398,7 @@ def represented(
         kind for kind in scenes if any(represents_some(engine, kind) for engine in engines)
     )
     if not kinds:
-        who, what = (", ".join(one.key for one in x) for x in (engines, scenes))
+        who, what = (", ".join(kind.key for kind in x) for x in (engines, scenes))
         raise InputError(f"engine {who} represents none of the scenes {what}")
     return kinds
 

@@ -62,8 +62,7 @@ class ExudynEngine(TreeSolverEngine):
         """Add the constraints a v = 0, their entries set later."""
         ground = self.system.AddNode(items.NodePointGround())
         markers = [
-            self.system.AddMarker(items.MarkerNodeCoordinates(nodeNumber=one))
-            for one in (ground, node)
+            self.system.AddMarker(items.MarkerNodeCoordinates(nodeNumber=n)) for n in (ground, node)
         ]
         return self.system.AddObject(
             items.ObjectConnectorCoordinateVector(

@@ -236,7 +236,7 @@ def read_description(path: Path) -> RobotDescription:
         dict(_mimics(xml)),
         frozenset(joint.name for joint in robot.joints if _damped(joint)),
         tuple(link.name for link in robot.links if link.mass == 0 and any(link.moments)),
-        tuple(one.name for one in robot.links if one.name in children and not _heavy(one)),
+        tuple(link.name for link in robot.links if link.name in children and not _heavy(link)),
         tuple(link.name for link in robot.links if has_impossible_inertia(link)),
     )
 
@@ -321,14 +321,14 @@ class FileEngine(TreeEngine):
         S, shift = np.zeros((base + len(joints), len(names))), np.zeros(base + len(joints))
         S[:base, :base] = np.eye(base)
         for i, name in enumerate(joints, base):
-            factor, of = 1.0, name
-            while of in self.description.follows:
-                of, ratio, offset = self.description.follows[of]
+            factor, leader = 1.0, name
+            while leader in self.description.follows:
+                leader, ratio, offset = self.description.follows[leader]
                 shift[i] += factor * offset
                 factor *= ratio
-            if of not in columns:
+            if leader not in columns:
                 raise EngineError(f"{self.key} has a joint {name!r} that the file does not move")
-            S[i, columns[of]] = factor
+            S[i, columns[leader]] = factor
         for name, column in zip(self.scene.coordinate_names, S.T, strict=True):
             if not column.any():
                 raise EngineError(f"{self.key} has no joint {name!r}, which the file moves")

@@ -49,8 +49,8 @@ class MujocoEngine(TreeSolverEngine):
         spec = library.MjSpec()
         carried = bodies_with_mass(links) or []
         placed = [spec.worldbody]
-        for one in carried:
-            placed.append(self._add_body(placed[one.parent + 1], one))
+        for mounted in carried:
+            placed.append(self._add_body(placed[mounted.parent + 1], mounted))
         for row in range(self.scene.r):
             self._add_constraint(spec, f"row_{row}", links)
         with warnings.catch_warnings():
@@ -58,10 +58,10 @@ class MujocoEngine(TreeSolverEngine):
             self.model = model = spec.compile()
         model.opt.gravity[:] = 0.0
         model.opt.tolerance = 0.0
-        for one in carried:
+        for mounted in carried:
             # Not by `fullinertia`: it rejects singular ones, and an orientation without `ipos`.
-            moments, axes = one.body.principal
-            body = model.body(one.body.name).id
+            moments, axes = mounted.body.principal
+            body = model.body(mounted.body.name).id
             model.body_inertia[body] = moments
             model.body_iquat[body] = self._quaternion(axes)
         self.data = library.MjData(model)
@@ -73,14 +73,14 @@ class MujocoEngine(TreeSolverEngine):
         self._mj.mju_mat2Quat(quaternion, np.ascontiguousarray(rotation).ravel())
         return quaternion
 
-    def _add_body(self, parent: Any, one: BodyWithJoints) -> Any:
+    def _add_body(self, parent: Any, mounted: BodyWithJoints) -> Any:
         kinds = self._mj.mjtJoint
-        body = parent.add_body(name=one.body.name, pos=one.offset)
-        body.quat = self._quaternion(one.rotation)
-        body.mass, body.ipos, body.inertia = one.body.mass, one.body.center, np.ones(3)
+        body = parent.add_body(name=mounted.body.name, pos=mounted.offset)
+        body.quat = self._quaternion(mounted.rotation)
+        body.mass, body.ipos, body.inertia = mounted.body.mass, mounted.body.center, np.ones(3)
         body.explicitinertial = True
         body.simple = 0  # a simple body could not be changed after compilation, as inertia is
-        for joint in one.joints:
+        for joint in mounted.joints:
             kind = kinds.mjJNT_SLIDE if joint.slides else kinds.mjJNT_HINGE
             body.add_joint(name=joint.name, type=kind, pos=joint.position, axis=joint.axis)
         return body
@@ -232,10 +232,10 @@ class MjcfFile(MujocoFile):
                 x, i = [*x, float(q[i])], i + 1
                 continue
             count = FREE if kind == FREE_JOINT else TURNS
-            moved = np.zeros((2, FREE))
-            moved[:, FREE - count :] = q[i : i + count], v[i : i + count]
-            base = free_base(*moved)
-            whole, more = base.velocity(BaseVelocity("ground", "base"), moved[1])
+            state = np.zeros((2, FREE))
+            state[:, FREE - count :] = q[i : i + count], v[i : i + count]
+            base = free_base(*state)
+            whole, more = base.velocity(BaseVelocity("ground", "base"), state[1])
             own, part = slice(i, i + count), slice(FREE - count, FREE)
             S[own, own], rest[own] = whole[part, part], more[part]
             x += [*(base.position if count == FREE else ()), *base.quaternion]

@@ -85,9 +85,9 @@ class PinocchioFile(FileEngine, PinocchioEngine):
         """Return (x, S, Ṡ v); x holds cosine and sine of joints without limits."""
         x, S, rest = super().velocity_map(q, v)
         joints = list(self.model.joints)[-len(self._joints) :]
-        pose, moved = np.split(x, [len(x) - len(joints)])
+        pose, angles = np.split(x, [len(x) - len(joints)])
         parts = pose.tolist()
-        for joint, angle in zip(joints, moved, strict=True):
+        for joint, angle in zip(joints, angles, strict=True):
             parts += [angle] if joint.nq == 1 else [np.cos(angle), np.sin(angle)]
         return VelocityMap(np.array(parts), S, rest)
 

@@ -122,7 +122,7 @@ def bodies_with_mass(links: list[TreeLink]) -> list[BodyWithJoints] | None:
     For libraries in which every moving body needs mass. None where a link without mass does not
     carry exactly one other, so that no body can have its joint.
     """
-    carries = [sum(other.parent == j for other in links) for j in range(len(links))]
+    carries = [sum(child.parent == j for child in links) for j in range(len(links))]
     if any(link.mass == 0 and number != 1 for link, number in zip(links, carries, strict=True)):
         return None
     bodies: list[BodyWithJoints] = []
@@ -147,9 +147,9 @@ def _carried(parent: int, chain: list[TreeLink]) -> BodyWithJoints:
     rotation, offset = seats[-1]
     joints = (
         MountedJoint(
-            link.name, link.slides, rotation.T @ (at - offset), rotation.T @ turned @ link.axis
+            link.name, link.slides, rotation.T @ (o - offset), rotation.T @ turned @ link.axis
         )
-        for link, (turned, at) in zip(chain, seats, strict=True)
+        for link, (turned, o) in zip(chain, seats, strict=True)
     )
     return BodyWithJoints(chain[-1], parent, rotation, offset, tuple(joints))
 

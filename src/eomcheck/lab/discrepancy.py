@@ -125,85 +125,85 @@ def explain(parting: Discrepancy) -> list[Explanation]:
 
 
 @_reason
-def _digits(at: Discrepancy) -> Iterator[Explanation]:
+def _digits(gap: Discrepancy) -> Iterator[Explanation]:
     """Yield the explanation that terms agree to many digits."""
-    if at.terms_agree and not all(at.agrees_on(name, ROUNDED) for name in TERMS):
-        whole = all(at.agrees_on(name) for name in at.reference) or at.leaves_out_damping
+    if gap.terms_agree and not all(gap.agrees_on(name, ROUNDED) for name in TERMS):
+        whole = all(gap.agrees_on(name) for name in gap.reference) or gap.leaves_out_damping
         sentence = "the same but for digits: more than doubles round, less than 1e-8"
         yield Explanation(sentence, "fewer digits" if whole else "")
 
 
 @_reason
-def _damping(at: Discrepancy) -> Iterator[Explanation]:
+def _damping(gap: Discrepancy) -> Iterator[Explanation]:
     """Yield the explanation that the library ignores damping."""
-    if at.leaves_out_damping:
-        yield Explanation(f"leaves out the damping of {_joints(at, at.damped)}", "no damping")
+    if gap.leaves_out_damping:
+        yield Explanation(f"leaves out the damping of {_joints(gap, gap.damped)}", "no damping")
 
 
 @_reason
-def _armature(at: Discrepancy) -> Iterator[Explanation]:
+def _armature(gap: Discrepancy) -> Iterator[Explanation]:
     """Yield the explanation that M differs on its diagonal alone."""
-    if at.agrees_on("M"):
+    if gap.agrees_on("M"):
         return
-    error = at.error("M")
+    error = gap.error("M")
     beside = error - np.diag(np.diagonal(error))
-    if largest(beside) <= CLOSE * largest(at.reference["M"]) and at.agrees_on("bias"):
-        rounding = ROUNDED * largest(at.reference["M"])
-        explained = np.maximum(rounding, CLOSE * np.abs(np.diagonal(at.reference["M"])))
+    if largest(beside) <= CLOSE * largest(gap.reference["M"]) and gap.agrees_on("bias"):
+        rounding = ROUNDED * largest(gap.reference["M"])
+        explained = np.maximum(rounding, CLOSE * np.abs(np.diagonal(gap.reference["M"])))
         where = [int(i) for i in np.flatnonzero(np.abs(np.diagonal(error)) > explained)]
         yield Explanation(
-            f"adds to the diagonal of M alone, as an armature does: {_joints(at, where)}"
+            f"adds to the diagonal of M alone, as an armature does: {_joints(gap, where)}"
         )
 
 
 @_reason
-def _gravity(at: Discrepancy) -> Iterator[Explanation]:
+def _gravity(gap: Discrepancy) -> Iterator[Explanation]:
     """Yield the explanation that gravity is a multiple of the expected one."""
-    ours, theirs = at.reference["gravity"], at.library["gravity"]
-    if at.agrees_on("gravity") or not ours.any():
+    expected, actual = gap.reference["gravity"], gap.library["gravity"]
+    if gap.agrees_on("gravity") or not expected.any():
         return
-    factor = float(ours @ theirs / (ours @ ours))
-    if largest(theirs - factor * ours) <= CLOSE * largest(ours):
+    factor = float(expected @ actual / (expected @ expected))
+    if largest(actual - factor * expected) <= CLOSE * largest(expected):
         yield Explanation(f"has {factor:.6g} times our gravity")
 
 
 @_reason
-def _axes(at: Discrepancy) -> Iterator[Explanation]:
+def _axes(gap: Discrepancy) -> Iterator[Explanation]:
     """Yield the explanation that one or two joints have the opposite axis.
 
     M is the same if all other joints have it instead: gravity distinguishes the two, unless it
     vanishes.
     """
-    if at.agrees_on("M"):
+    if gap.agrees_on("M"):
         return
-    n = len(at.reference["M"])
+    n = len(gap.reference["M"])
     fitting = []
-    for flipped in (one for count in (1, 2) for one in combinations(range(n), count)):
+    for flipped in (i for count in (1, 2) for i in combinations(range(n), count)):
         signs = np.ones(n)
         signs[list(flipped)] = -1
-        error = largest(at.library["M"] - np.outer(signs, signs) * at.reference["M"])
-        if error <= CLOSE * largest(at.reference["M"]):
-            weight = at.library["gravity"] - signs * at.reference["gravity"]
-            fitting.append((largest(weight) > CLOSE * largest(at.reference["gravity"]), flipped))
+        error = largest(gap.library["M"] - np.outer(signs, signs) * gap.reference["M"])
+        if error <= CLOSE * largest(gap.reference["M"]):
+            weight = gap.library["gravity"] - signs * gap.reference["gravity"]
+            fitting.append((largest(weight) > CLOSE * largest(gap.reference["gravity"]), flipped))
     if fitting:
-        _, flipped = min(fitting, key=lambda one: one[0])
-        yield Explanation(f"has the opposite axis: {_joints(at, list(flipped))}")
+        _, flipped = min(fitting, key=lambda fit: fit[0])
+        yield Explanation(f"has the opposite axis: {_joints(gap, list(flipped))}")
 
 
 @_reason
-def _base_frame(at: Discrepancy) -> Iterator[Explanation]:
+def _base_frame(gap: Discrepancy) -> Iterator[Explanation]:
     """Yield the explanation that the velocity of a free base is along other axes than assumed."""
-    if at.free is None or at.agrees_on("M"):
+    if gap.free is None or gap.agrees_on("M"):
         return
-    base, assumed = at.free
-    taken, _ = base.velocity(assumed, at.v[:FREE])
-    fitting = []
-    for other in map(BaseVelocity._make, product(AXES, AXES, (False, True))):
-        T = np.eye(len(at.v))
-        T[:FREE, :FREE] = np.linalg.solve(base.velocity(other, at.v[:FREE])[0], taken)
-        M = T.T @ at.reference["M"] @ T
-        if other != assumed and largest(at.library["M"] - M) <= CLOSE * largest(at.reference["M"]):
-            fitting.append(other)
+    base, assumed = gap.free
+    taken, _ = base.velocity(assumed, gap.v[:FREE])
+    fitting, close = [], CLOSE * largest(gap.reference["M"])
+    for convention in map(BaseVelocity._make, product(AXES, AXES, (False, True))):
+        T = np.eye(len(gap.v))
+        T[:FREE, :FREE] = np.linalg.solve(base.velocity(convention, gap.v[:FREE])[0], taken)
+        M = T.T @ gap.reference["M"] @ T
+        if convention != assumed and largest(gap.library["M"] - M) <= close:
+            fitting.append(convention)
     if len(fitting) == 1:  # without a rotation of the base, all axes are the same
         yield Explanation(f"has another velocity of the base: {fitting[0]}, not {assumed}")
 
@@ -217,12 +217,12 @@ ODD_LINKS = {
 
 
 @_reason
-def _odd_bodies(at: Discrepancy) -> Iterator[Explanation]:
+def _odd_bodies(gap: Discrepancy) -> Iterator[Explanation]:
     """Yield the bodies of the file that libraries may read differently."""
     for links, sentence in ODD_LINKS.items():
-        if (names := getattr(at.description, links)) and not at.agrees_on("M"):
+        if (names := getattr(gap.description, links)) and not gap.agrees_on("M"):
             yield Explanation("the file has " + sentence.format(few(names)))
 
 
-def _joints(at: Discrepancy, indices: list[int]) -> str:
-    return few([at.joints[i] for i in indices])
+def _joints(gap: Discrepancy, indices: list[int]) -> str:
+    return few([gap.joints[i] for i in indices])

@@ -153,7 +153,7 @@ class LibraryResult:
     @property
     def failures(self) -> list[Finding]:
         """The findings of differences larger than rounding."""
-        return [one for one in self.findings.values() if one.verdict == "failed"]
+        return [f for f in self.findings.values() if f.verdict == "failed"]
 
     @property
     def differs(self) -> bool:
@@ -163,7 +163,7 @@ class LibraryResult:
     @property
     def undecided_claims(self) -> list[str]:
         """The claims that are decided in no state."""
-        return [key for key, left in self.unresolved.items() if any(not x.entry for x in left)]
+        return [key for key, u in self.unresolved.items() if any(not x.entry for x in u)]
 
     @property
     def verdict(self) -> str:
@@ -174,13 +174,13 @@ class LibraryResult:
             if not self.decided:
                 return "nothing compared" if self.decided is None else "inconclusive"
             return "agrees where decided" if self.undecided_claims else "agrees"
-        labels = [one.label for one in self.explanations]
+        labels = [e.label for e in self.explanations]
         return ", ".join(labels) if labels and all(labels) else "differs"
 
     @property
     def why(self) -> str:
         """The known explanations of its differences, or the reason why there is no answer."""
-        return self.refusal or "; ".join(one.sentence for one in self.explanations)
+        return self.refusal or "; ".join(e.sentence for e in self.explanations)
 
     def add(self, finding: Finding) -> None:
         """Take a finding into account: of each claim the worst one is kept."""
@@ -191,7 +191,7 @@ class LibraryResult:
 
     def explain(self, explanations: Iterable[Explanation]) -> None:
         """Add explanations of differences, each once."""
-        self.explanations += [one for one in explanations if one not in self.explanations]
+        self.explanations += [e for e in explanations if e not in self.explanations]
 
 
 @dataclass
@@ -219,37 +219,37 @@ class LibraryComparison:
     @property
     def answered(self) -> list[LibraryResult]:
         """The libraries that read the file."""
-        return [one for one in self.libraries.values() if not one.refusal]
+        return [r for r in self.libraries.values() if not r.refusal]
 
     @property
     def refused(self) -> list[LibraryResult]:
         """The libraries that gave no answer, or are not installed."""
-        return [one for one in self.libraries.values() if one.refusal]
+        return [r for r in self.libraries.values() if r.refusal]
 
     @property
     def unanswered(self) -> list[str]:
         """The keys of libraries that are installed and gave no answer."""
-        return [one.library for one in self.refused if not one.missing]
+        return [r.library for r in self.refused if not r.missing]
 
     @property
     def undecided_libraries(self) -> list[str]:
         """The keys of libraries that read the file and of which nothing is decided."""
-        return [one.library for one in self.answered if not one.decided]
+        return [r.library for r in self.answered if not r.decided]
 
     @property
     def disagree(self) -> bool:
         """Whether a library that read the file differs, or does not answer everything."""
-        return any(one.differs for one in self.answered) or bool(self.self_failures)
+        return any(r.differs for r in self.answered) or bool(self.self_failures)
 
     @property
     def agree(self) -> bool:
         """Whether something was compared and decided, and nothing differs."""
-        return not self.disagree and any(one.decided for one in self.answered)
+        return not self.disagree and any(r.decided for r in self.answered)
 
     def check_decided(self) -> None:
         """Raise InputError if nothing differs and nothing is decided: that is no pass."""
         if not (self.disagree or self.agree):
-            libraries = ", ".join(one.library for one in self.answered)
+            libraries = ", ".join(r.library for r in self.answered)
             raise InputError(f"{self.scene.name}: nothing was decided about {libraries}")
 
     def readings(self, robot: str) -> list[LibraryReading]:
@@ -259,9 +259,9 @@ class LibraryComparison:
             robot: name of the robot in them.
         """
         rows = []
-        for i, one in enumerate(self.answered, 1):
+        for i, result in enumerate(self.answered, 1):
             apart = {name: float(table[0, i]) for name, table in self.differences.items()}
-            rows.append(LibraryReading(robot, one.version, one.verdict, apart, one.why))
+            rows.append(LibraryReading(robot, result.version, result.verdict, apart, result.why))
         refused = (LibraryReading(robot, x.library, x.verdict, {}, x.why) for x in self.refused)
         return [*rows, *refused]
 
@@ -283,11 +283,11 @@ def readers(scene: Scene, names: Iterable[str] | None) -> dict[str, type[FileEng
     """
     if not (isinstance(scene, Mechanism) and scene.source.format and scene.as_described):
         raise InputError(f"{scene.name} is no robot as its file describes it")
-    known = BY_FORMAT[scene.source.format]
+    engines = BY_FORMAT[scene.source.format]
     for name in names or ():
-        if name not in known:
-            raise UnknownNameError("engine", name, known)
-    return known if names is None else {name: known[name] for name in names}
+        if name not in engines:
+            raise UnknownNameError("engine", name, engines)
+    return engines if names is None else {name: engines[name] for name in names}
 
 
 def library_result(key: str, kind: type[FileEngine], scene: Scene, required: bool) -> LibraryResult:
@@ -331,16 +331,16 @@ def compare_libraries(
         UnknownNameError: there is no library of a name.
     """
     kinds, required = readers(scene, engines), engines is not None
-    read = {key: library_result(key, kind, scene, required) for key, kind in kinds.items()}
-    comparison = LibraryComparison(scene, read)
+    results = {key: library_result(key, kind, scene, required) for key, kind in kinds.items()}
+    comparison = LibraryComparison(scene, results)
     by_engine: dict[type[Engine], LibraryResult] = {
-        type(one.engine): one for one in read.values() if one.engine is not None
+        type(r.engine): r for r in results.values() if r.engine is not None
     }
     if not by_engine:
-        refusals = "; ".join(f"{one.library}: {one.refusal}" for one in read.values())
+        refusals = "; ".join(f"{r.library}: {r.refusal}" for r in results.values())
         raise InputError(f"nothing to compare {scene.name} with: {refusals}")
-    methods = {one.method for one in QUANTITIES.values()}
-    claim_ids = [one.id for one in CLAIMS.values() if one.asks in methods]
+    methods = {q.method for q in QUANTITIES.values()}
+    claim_ids = [claim.id for claim in CLAIMS.values() if claim.asks in methods]
     run, selection = ValidationRun(), RunSelection.of(["gw"], by_engine, claim_ids, scenes=[scene])
     for state in draw_samples(strategies.states(scene), states, seed):
         _compare_at(comparison, state, run.check_state(scene, state, selection))
@@ -349,9 +349,9 @@ def compare_libraries(
     for claim, unresolved in unresolved_by_claim(run.findings).items():
         if len(comparison.skipped) == comparison.states and CLAIMS[claim].asks == "acceleration":
             continue  # reported by `skipped`
-        for one in unresolved:
-            if (engine := one.finding.engine) in by_engine:
-                by_engine[engine].unresolved.setdefault(claim, []).append(one)
+        for entry in unresolved:
+            if (engine := entry.finding.engine) in by_engine:
+                by_engine[engine].unresolved.setdefault(claim, []).append(entry)
     return comparison
 
 
@@ -359,26 +359,26 @@ def _compare_at(comparison: LibraryComparison, state: State, findings: list[Find
     """Compare at one state, at which the claims have these findings."""
     scene = comparison.scene
     at = Evaluation(scene, *state)
-    ours = reference_quantities(comparison, at)
-    summed = {name: one.summed(at) for name, one in QUANTITIES.items()}
-    sides, differ = [ours], False
-    for one in comparison.answered:
-        assert one.engine is not None
-        mine = [finding for finding in findings if finding.engine is type(one.engine)]
-        theirs = library_quantities(one, at, ours)
-        unsure = {CLAIMS[x.claim].asks for x in mine if x.verdict == "inconclusive"}
-        unsure -= {"acceleration"} if "q̈" not in ours else set()
-        one.inconclusive_counts.update(unsure)
+    reference = reference_quantities(comparison, at)
+    summed = {name: q.summed(at) for name, q in QUANTITIES.items()}
+    sides, differ = [reference], False
+    for result in comparison.answered:
+        assert result.engine is not None
+        own_findings = [finding for finding in findings if finding.engine is type(result.engine)]
+        answers = library_quantities(result, at, reference)
+        unsure = {CLAIMS[x.claim].asks for x in own_findings if x.verdict == "inconclusive"}
+        unsure -= {"acceleration"} if "q̈" not in reference else set()
+        result.inconclusive_counts.update(unsure)
         # Where rounding explains any difference, no number is shown.
-        sides.append({x: y for x, y in theirs.items() if QUANTITIES[x].method not in unsure})
-        for finding in mine:
-            one.add(finding)
-        if any(finding.verdict == "failed" for finding in mine):
+        sides.append({x: y for x, y in answers.items() if QUANTITIES[x].method not in unsure})
+        for finding in own_findings:
+            result.add(finding)
+        if any(finding.verdict == "failed" for finding in own_findings):
             differ = True
-            if theirs.keys() == ours.keys():
-                about = one.engine.description, scene.coordinate_names, state.v
-                free = one.engine.free_base(state.q, state.v)
-                one.explain(explain(Discrepancy(*about, ours, theirs, summed, free)))
+            if answers.keys() == reference.keys():
+                about = result.engine.description, scene.coordinate_names, state.v
+                free = result.engine.free_base(state.q, state.v)
+                result.explain(explain(Discrepancy(*about, reference, answers, summed, free)))
     for name, size in summed.items():
         values = [side.get(name) for side in sides]
         table = np.array([[relative_difference(x, y, size) for y in values] for x in values])
@@ -386,7 +386,7 @@ def _compare_at(comparison: LibraryComparison, state: State, findings: list[Find
     if differ:
         own = RunSelection.of(["gw"], [], SELF_CHECKS, scenes=[scene])
         findings_of_own = ValidationRun().check_state(scene, state, own)
-        comparison.self_failures += [one for one in findings_of_own if one.verdict == "failed"]
+        comparison.self_failures += [f for f in findings_of_own if f.verdict == "failed"]
 
 
 def reference_quantities(comparison: LibraryComparison, at: Evaluation) -> dict[str, Array]:
@@ -394,15 +394,15 @@ def reference_quantities(comparison: LibraryComparison, at: Evaluation) -> dict[
 
     With redundant constraints, or a singular M, there remain M, bias and forces to compare.
     """
-    ours, rest = {}, Evaluation(at.scene, at.q, np.zeros(at.scene.n), at.t)
-    for name, one in QUANTITIES.items():
+    quantities, at_rest = {}, Evaluation(at.scene, at.q, np.zeros(at.scene.n), at.t)
+    for name, quantity in QUANTITIES.items():
         try:
-            value = one.reference(rest if one.at_rest else at)
+            value = quantity.reference(at_rest if quantity.at_rest else at)
         except RefusedError as refusal:
             comparison.skipped.append(str(refusal))
         else:
-            ours[name] = np.zeros(at.scene.n) if value is None else value
-    return ours
+            quantities[name] = np.zeros(at.scene.n) if value is None else value
+    return quantities
 
 
 def library_quantities(
@@ -412,10 +412,12 @@ def library_quantities(
     assert result.engine is not None
     answers, zero, quantities = Answers(result.engine), np.zeros(at.scene.n), {}
     for name in names:
-        one = QUANTITIES[name]
-        given = (zero, at.terms.a, at.terms.gamma) if one.method == "acceleration" else ()
+        quantity = QUANTITIES[name]
+        inputs = (zero, at.terms.a, at.terms.gamma) if quantity.method == "acceleration" else ()
         try:
-            answer = answers.ask(one.method, at.q, zero if one.at_rest else at.v, *given, at.t)
+            answer = answers.ask(
+                quantity.method, at.q, zero if quantity.at_rest else at.v, *inputs, at.t
+            )
         except EngineFault as fault:
             result.faults.setdefault(name, fault.what)
             first = result.faults[name]
@@ -440,19 +442,19 @@ def _cell(x: float) -> str:
     return "-" if math.isnan(x) else f"{x:.0e}" if x else "0"
 
 
-def library_table(found: LibraryComparison) -> ResultTable:
+def library_table(comparison: LibraryComparison) -> ResultTable:
     """Return the table of libraries: their largest differences from eomcheck, and the verdict."""
     rows = []
-    results = [*found.answered, *found.refused]
-    for one, row in zip(results, found.readings(found.scene.name), strict=True):
+    results = [*comparison.answered, *comparison.refused]
+    for result, row in zip(results, comparison.readings(comparison.scene.name), strict=True):
         apart = [
-            Cell("fault", "failed") if name in one.faults else _cell(row.apart.get(name, np.nan))
-            for name in found.differences
+            Cell("fault", "failed") if name in result.faults else _cell(row.apart.get(name, np.nan))
+            for name in comparison.differences
         ]
         rows.append([Cell(row.library, "name"), *apart, Cell(row.verdict, row.kind)])
-    size = counted(found.scene.n, "coordinate"), counted(found.states, "state")
-    title = f"{found.scene.name}: {', '.join(size)}"
-    heads = ["library", *found.differences, "verdict"]
+    size = counted(comparison.scene.n, "coordinate"), counted(comparison.states, "state")
+    title = f"{comparison.scene.name}: {', '.join(size)}"
+    heads = ["library", *comparison.differences, "verdict"]
     note = (
         "Largest difference from eomcheck, relative to the largest entry; where entries cancel to "
         "less than a thousandth of the terms that they are summed from, to these."
@@ -460,10 +462,10 @@ def library_table(found: LibraryComparison) -> ResultTable:
     return ResultTable("libraries", title, heads, rows, note=note)
 
 
-def pair_tables(found: LibraryComparison) -> Iterator[ResultTable]:
+def pair_tables(comparison: LibraryComparison) -> Iterator[ResultTable]:
     """Yield one table per quantity: libraries × libraries, their largest difference."""
-    names = [REFERENCE_NAME, *(one.library for one in found.answered)]
-    for quantity, table in found.differences.items():
+    names = [REFERENCE_NAME, *(r.library for r in comparison.answered)]
+    for quantity, table in comparison.differences.items():
         rows = [
             [Cell(name, "name"), *(_cell(x) if i != j else "" for j, x in enumerate(row))]
             for i, (name, row) in enumerate(zip(names, table, strict=True))
@@ -473,87 +475,86 @@ def pair_tables(found: LibraryComparison) -> Iterator[ResultTable]:
         )
 
 
-def claimwise(found: LibraryComparison, name: str) -> Iterator[tuple[LibraryResult, str, Any]]:
+def claimwise(comparison: LibraryComparison, name: str) -> Iterator[tuple[LibraryResult, str, Any]]:
     """Yield library, claim and value of a dictionary of all libraries, claim by claim."""
-    for claim in dict.fromkeys(key for one in found.answered for key in getattr(one, name)):
-        for one in found.answered:
-            if claim in getattr(one, name):
-                yield one, claim, getattr(one, name)[claim]
+    for claim in dict.fromkeys(key for r in comparison.answered for key in getattr(r, name)):
+        for result in comparison.answered:
+            if claim in getattr(result, name):
+                yield result, claim, getattr(result, name)[claim]
 
 
-def sentences(found: LibraryComparison) -> Iterator[str]:
+def sentences(comparison: LibraryComparison) -> Iterator[str]:
     """Yield sentences on each library that differs or gave no answer."""
-    for one in found.answered:
-        if one.differs:
-            where = "; ".join(x.detail for x in one.failures) or "where it answers, it agrees"
-            yield f"{one.version} differs: {where}. Why: {one.why or 'no reason known'}."
-            if one.messages:
-                more = len(one.messages) - MOST_LINES
-                quoted = " / ".join(one.messages[:MOST_LINES])
+    for result in comparison.answered:
+        if result.differs:
+            where = "; ".join(x.detail for x in result.failures) or "where it answers, it agrees"
+            yield f"{result.version} differs: {where}. Why: {result.why or 'no reason known'}."
+            if result.messages:
+                more = len(result.messages) - MOST_LINES
+                quoted = " / ".join(result.messages[:MOST_LINES])
                 yield f"    It said: {quoted}" + (
                     f" (and {counted(more, 'line')} more)" if more > 0 else ""
                 )
-    for one, claim, left in claimwise(found, "unresolved"):
-        yield f"{one.version}: {claim} is {unresolved_finding(left).detail}"
-    if found.self_failures:
-        largest_error = max(found.self_failures, key=lambda one: one.ratio)
+    for result, claim, unresolved in claimwise(comparison, "unresolved"):
+        yield f"{result.version}: {claim} is {unresolved_finding(unresolved).detail}"
+    if comparison.self_failures:
+        largest_error = max(comparison.self_failures, key=lambda f: f.ratio)
         yield f"The two derivations of eomcheck differ from each other: {largest_error.detail}"
-    elif any(one.failures for one in found.answered):
+    elif any(r.failures for r in comparison.answered):
         yield NOBODY
-    by_library = sorted(found.answered, key=lambda one: one.library)
-    counts = [
-        (one.library, x) for one in by_library for x in sorted(one.inconclusive_counts.items())
-    ]
-    for (method, count), alike in group(counts, lambda one: one[1]).items():
-        names = " and ".join(name for name, one in QUANTITIES.items() if one.method == method)
-        where = f"inconclusive in {count} of {counted(found.states, 'state')}"
+    by_library = sorted(comparison.answered, key=lambda r: r.library)
+    counts = [(r.library, x) for r in by_library for x in sorted(r.inconclusive_counts.items())]
+    for (method, count), alike in group(counts, lambda entry: entry[1]).items():
+        names = " and ".join(name for name, q in QUANTITIES.items() if q.method == method)
+        where = f"inconclusive in {count} of {counted(comparison.states, 'state')}"
         libraries = ", ".join(library for library, _ in alike)
         yield f"{names} of {libraries}: {where}, rounding explains any difference there"
-    if found.skipped:
-        where = f"{len(found.skipped)} of {counted(found.states, 'state')}"
-        yield f"q̈ is not compared in {where}: {found.skipped[0]}"
-    for one in found.refused:
-        yield f"{one.library} {'was left out' if one.missing else 'gave no answer'}: {one.refusal}"
+    if comparison.skipped:
+        where = f"{len(comparison.skipped)} of {counted(comparison.states, 'state')}"
+        yield f"q̈ is not compared in {where}: {comparison.skipped[0]}"
+    for result in comparison.refused:
+        how = "was left out" if result.missing else "gave no answer"
+        yield f"{result.library} {how}: {result.refusal}"
 
 
-def print_comparison(found: LibraryComparison, pairs: bool = False) -> None:
+def print_comparison(comparison: LibraryComparison, pairs: bool = False) -> None:
     """Print the differences of libraries from eomcheck and, on demand, from each other."""
-    print_tables([library_table(found), *(pair_tables(found) if pairs else ())])
-    for sentence in sentences(found):
+    print_tables([library_table(comparison), *(pair_tables(comparison) if pairs else ())])
+    for sentence in sentences(comparison):
         say(sentence)
-    if found.agree:
-        undecided = ", ".join(found.undecided_libraries)
+    if comparison.agree:
+        undecided = ", ".join(comparison.undecided_libraries)
         who = "all others" if undecided else "all that answered"
-        where = " where decided" if any(one.undecided_claims for one in found.answered) else ""
+        where = " where decided" if any(r.undecided_claims for r in comparison.answered) else ""
         parts = [f"{who} agree to rounding{where}", f"{undecided} undecided" if undecided else ""]
-        parts.append("without q̈" if len(found.skipped) >= found.states else "")
+        parts.append("without q̈" if len(comparison.skipped) >= comparison.states else "")
         console.print(", ".join(filter(None, parts)))
 
 
-def write_comparison(found: LibraryComparison, path: Path) -> None:
+def write_comparison(comparison: LibraryComparison, path: Path) -> None:
     """Write the whole comparison as JSON."""
-    answered = found.answered
+    answered = comparison.answered
     plain = {
-        "scene": found.scene.name,
-        "coordinates": list(found.scene.coordinate_names),
-        "states": found.states,
-        "versions": {one.library: one.version for one in answered},
-        "refused": {one.library: one.refusal for one in found.refused},
-        "libraries": [REFERENCE_NAME, *(one.library for one in answered)],
+        "scene": comparison.scene.name,
+        "coordinates": list(comparison.scene.coordinate_names),
+        "states": comparison.states,
+        "versions": {r.library: r.version for r in answered},
+        "refused": {r.library: r.refusal for r in comparison.refused},
+        "libraries": [REFERENCE_NAME, *(r.library for r in answered)],
         "apart": {
             name: [[x if math.isfinite(x) else None for x in row] for row in table.tolist()]
-            for name, table in found.differences.items()
+            for name, table in comparison.differences.items()
         },
-        "decided": {one.library: bool(one.decided) for one in answered},
-        "faults": [[one.library, *fault] for one in answered for fault in one.faults.items()],
-        "findings": [finding.as_dict() for *_, finding in claimwise(found, "findings")],
-        "why": {one.library: [x.sentence for x in one.explanations] for one in answered},
-        "said": {one.library: one.messages for one in answered},
+        "decided": {r.library: bool(r.decided) for r in answered},
+        "faults": [[r.library, *fault] for r in answered for fault in r.faults.items()],
+        "findings": [finding.as_dict() for *_, finding in claimwise(comparison, "findings")],
+        "why": {r.library: [x.sentence for x in r.explanations] for r in answered},
+        "said": {r.library: r.messages for r in answered},
         "hidden": [
-            [one.library, claim, unresolved_finding(left).detail]
-            for one, claim, left in claimwise(found, "unresolved")
+            [r.library, claim, unresolved_finding(u).detail]
+            for r, claim, u in claimwise(comparison, "unresolved")
         ],
-        "skipped": found.skipped,
-        "own": [one.as_dict() for one in found.self_failures],
+        "skipped": comparison.skipped,
+        "own": [f.as_dict() for f in comparison.self_failures],
     }
     write_text(path, json.dumps(plain, ensure_ascii=False, indent=1) + "\n")

@@ -109,8 +109,8 @@ def parameter(
     among = (
         None if sample_range is None else Range(sample_range[0], sample_range[1], optional=absent)
     )
-    made, default = (default, None) if callable(default) else (None, default)
-    declared = _Declared(what, unit, sign, among, shape, optional or absent, read, made)
+    computed, default = (default, None) if callable(default) else (None, default)
+    declared = _Declared(what, unit, sign, among, shape, optional or absent, read, computed)
     return field(default=default, metadata={"declared": declared})
 
 
@@ -134,7 +134,7 @@ def settable(scene: Any) -> dict[str, Field]:
 
     Empty if the scene is no dataclass.
     """
-    return {one.name: one for one in fields(scene) if one.init} if is_dataclass(scene) else {}
+    return {f.name: f for f in fields(scene) if f.init} if is_dataclass(scene) else {}
 
 
 def with_parameters(scene: Any, changes: Mapping[str, Sequence[float] | None]) -> Any:
@@ -149,10 +149,10 @@ def with_parameters(scene: Any, changes: Mapping[str, Sequence[float] | None]) -
         UnknownNameError: the scene has no such parameter.
         InputError: another count of numbers, or numbers that the scene refuses.
     """
-    known = settable(scene)
+    parameters = settable(scene)
     values = {}
     for name, numbers in changes.items():
-        registered(f"parameter of {scene.key}", name, known)
+        registered(f"parameter of {scene.key}", name, parameters)
         values[name] = numbers if numbers is None else _shaped(scene, name, numbers)
     return replace(scene, **values) if values else scene
 
@@ -195,7 +195,7 @@ class Parametric(Scene):
         own = {name: x.metadata["declared"] for name, x in declarations.items()}
         cls.declared = cls.declared | own
         if own:
-            listed = "\n".join(f"    {name}: {one.documented}." for name, one in own.items())
+            listed = "\n".join(f"    {name}: {spec.documented}." for name, spec in own.items())
             raised = "Raises:\n    InputError: wrong shape, not finite, or out of its range."
             cls.__doc__ = f"{cleandoc(cls.__doc__ or '')}\n\nArgs:\n{listed}\n\n{raised}"
         dataclass(frozen=True, eq=False, repr=False)(cls)
@@ -226,9 +226,9 @@ class Parametric(Scene):
         """Return the sampling ranges of ordinary scenes of this class, by name of argument."""
         count = number_of_links(links) if cls.has_links else 0
         return {
-            name: one.sample_range._replace(shape=one.shape_of(count))
-            for name, one in cls.declared.items()
-            if one.sample_range is not None
+            name: spec.sample_range._replace(shape=spec.shape_of(count))
+            for name, spec in cls.declared.items()
+            if spec.sample_range is not None
         }
 
     def derived(self, arithmetic: Arithmetic) -> dict[str, Any]:
@@ -240,7 +240,7 @@ class Parametric(Scene):
         return _float64_parameters(self) if arithmetic is FLOAT64 else self._numbers_in(arithmetic)
 
     def _numbers_in(self, arithmetic: Arithmetic) -> NamedTuple:
-        values = {name: getattr(self, name) for name, one in self.declared.items() if one.read}
+        values = {name: getattr(self, name) for name, spec in self.declared.items() if spec.read}
         numbers = {
             name: None if value is None else arithmetic.numbers(np.atleast_1d(value))
             for name, value in values.items()
@@ -251,11 +251,11 @@ class Parametric(Scene):
     def __repr__(self) -> str:
         """Return Python code that reconstructs the scene, defaults left out."""
         shown = []
-        for one in fields(self):
-            value, usual = getattr(self, one.name), one.default
+        for argument in fields(self):
+            value, usual = getattr(self, argument.name), argument.default
             value = value if value is None else value.tolist()
             if value != (np.array(usual).tolist() if isinstance(usual, tuple) else usual):
-                shown.append(f"{one.name}={value!r}")
+                shown.append(f"{argument.name}={value!r}")
         return f"{type(self).__name__}({', '.join(shown)})"
 
 

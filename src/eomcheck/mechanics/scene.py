@@ -436,7 +436,7 @@ class Scene(ABC):
         return finite_array("q", q, (self.n,)), finite_array("v", v, (self.n,))
 
 
-FUNCTIONS = {name for name, of in get_annotations(Scene).items() if "Callable[" in str(of)}
+FUNCTIONS = {name for name, hint in get_annotations(Scene).items() if "Callable[" in str(hint)}
 """Names of the functions that scenes may have."""
 
 

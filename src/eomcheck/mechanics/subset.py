@@ -36,8 +36,8 @@ def with_constraints(scene: Scene, names: Iterable[str]) -> Scene:
             speeds of its own, which are constructed for all of its constraints.
         UnknownNameError: it has no such constraint.
     """
-    known = {name: i for i, name in enumerate(checked_scene(scene).constraint_names)}
-    rows = sorted(registered("constraint", name, known) for name in distinct("constraints", names))
+    index = {name: i for i, name in enumerate(checked_scene(scene).constraint_names)}
+    rows = sorted(registered("constraint", name, index) for name in distinct("constraints", names))
     if not rows:
         raise InputError("constraints = (), expected the names of some")
     if len(rows) == scene.r:
@@ -50,14 +50,14 @@ def with_constraints(scene: Scene, names: Iterable[str]) -> Scene:
     closed = range(scene.r)[scene.holonomic] if scene.position_residual else ()
     # Holonomic rows come first, so that they are a slice again.
     order = tuple(sorted(rows, key=lambda i: i not in closed))
-    other = object.__new__(_scene_class_with_rows(type(scene), order, scene.r))
-    vars(other).update(vars(scene))
-    return other
+    subset = object.__new__(_scene_class_with_rows(type(scene), order, scene.r))
+    vars(subset).update(vars(scene))
+    return subset
 
 
-def _restored(kind: type[Scene], rows: tuple[int, ...], of: int, state: dict[str, Any]) -> Scene:
+def _restored(kind: type[Scene], rows: tuple[int, ...], total: int, state: dict[str, Any]) -> Scene:
     """Return an unpickled scene with these rows of its class `kind`."""
-    scene: Any = object.__new__(_scene_class_with_rows(kind, rows, of))
+    scene: Any = object.__new__(_scene_class_with_rows(kind, rows, total))
     if hasattr(scene, "__setstate__"):
         scene.__setstate__(state)
     else:
@@ -66,9 +66,9 @@ def _restored(kind: type[Scene], rows: tuple[int, ...], of: int, state: dict[str
 
 
 @cache
-def _scene_class_with_rows(kind: Any, rows: tuple[int, ...], of: int) -> type[Scene]:
-    """Return the scene class with these rows (k,) of `of` rows, the holonomic ones first."""
-    closed = list(range(of)[kind.holonomic]) if kind.position_residual else []
+def _scene_class_with_rows(kind: Any, rows: tuple[int, ...], total: int) -> type[Scene]:
+    """Return the scene class with these rows (k,) of `total`, the holonomic ones first."""
+    closed = list(range(total)[kind.holonomic]) if kind.position_residual else []
     count = sum(i in closed for i in rows)
     indices = tuple(closed.index(i) for i in rows[:count])
     selected = {"constraints": rows, "drift": rows, "constraint": rows}
@@ -86,9 +86,9 @@ def _scene_class_with_rows(kind: Any, rows: tuple[int, ...], of: int) -> type[Sc
             InputError: a change of the scene has changed the number of its constraints.
         """
         names = super(subset, self).constraint_names
-        if len(names) != of:
+        if len(names) != total:
             raise InputError(
-                f"the scene has {len(names)} constraints, those left were chosen of {of}"
+                f"the scene has {len(names)} constraints, those left were chosen of {total}"
             )
         return tuple(names[i] for i in rows)
 
@@ -108,7 +108,7 @@ def _scene_class_with_rows(kind: Any, rows: tuple[int, ...], of: int) -> type[Sc
         )
 
     def reduce(self):
-        return _restored, (kind, rows, of, vars(self))
+        return _restored, (kind, rows, total, vars(self))
 
     body = {
         "holonomic": slice(0, count),
@@ -131,8 +131,8 @@ def _selecting(kind: Any, name: str, rows: tuple[int, ...]) -> Any:
     def selected(*arguments):
         result = every(*arguments)
         if isinstance(result, Terms):
-            kept = {x: selected_rows(getattr(result, x), rows) for x in ("a", "gamma", "b")}
-            return result._replace(**kept)
+            chosen = {x: selected_rows(getattr(result, x), rows) for x in ("a", "gamma", "b")}
+            return result._replace(**chosen)
         if isinstance(result, tuple):  # a and b
             return tuple(selected_rows(x, rows) for x in result)
         return selected_rows(result, rows)

@@ -194,9 +194,9 @@ def participant_table(
         seconds: id of a claim -> time to check it, s; None for no such column.
     """
     rows = []
-    for one in claims:
-        cells = [claim_link(one), one.cell, *(one.of(name).cell for name in names), one.evidence]
-        time = [] if seconds is None else [f"{seconds.get(one.claim.id, 0.0):.1f} s"]
+    for c in claims:
+        cells = [claim_link(c), c.cell, *(c.of(name).cell for name in names), c.evidence]
+        time = [] if seconds is None else [f"{seconds.get(c.claim.id, 0.0):.1f} s"]
         rows.append(cells + time)
     columns = ["claim", "all", *names, "evidence, findings"]
     return ResultTable(
@@ -207,10 +207,10 @@ def participant_table(
 def worst_table(claims: Iterable[ClaimSummary]) -> ResultTable:
     """Return the worst case of each claim: observed / allowed, its subject, and its state."""
     rows = []
-    for one in claims:
-        worst = one.worst if one.kind in DECIDED and one.text != "0" else None
-        by, on = ("·", "·") if worst is None else (worst.subject, state_label(worst))
-        rows.append([claim_link(one), one.cell, by, on, f"{len(one.rows)}{one.undecided}"])
+    for c in claims:
+        worst = c.worst if c.kind in DECIDED and c.text != "0" else None
+        subject, on = ("·", "·") if worst is None else (worst.subject, state_label(worst))
+        rows.append([claim_link(c), c.cell, subject, on, f"{len(c.rows)}{c.undecided}"])
     columns = ["claim", "worst", "by", "on", "findings"]
     return ResultTable("worst", "", columns, rows, note=WORST)
 
@@ -225,9 +225,9 @@ def scene_table(claims: Iterable[ClaimSummary], scenes: Iterable[str]) -> Result
     """Return the table claims × scenes with statements; a cell is the worst observed / allowed."""
     scenes = list(scenes)
     rows = []
-    for one in claims:
-        cells = (one.scenes.get(scene, ClaimSummary(())).cell for scene in scenes)
-        rows.append([claim_link(one), one.claim.statement, ", ".join(one.levels), *cells])
+    for c in claims:
+        cells = (c.scenes.get(scene, ClaimSummary(())).cell for scene in scenes)
+        rows.append([claim_link(c), c.claim.statement, ", ".join(c.levels), *cells])
     return ResultTable("claims", "", ["claim", "statement", "evidence", *scenes], rows, note=CELLS)
 
 
@@ -237,7 +237,7 @@ def scene_table(claims: Iterable[ClaimSummary], scenes: Iterable[str]) -> Result
 def digits_table(rows: Iterable[StoredFinding]) -> ResultTable:
     """Return the certified digits of v̇ of each formulation on each scene: fewest and median."""
     certified = group([row for row in rows if row.digits is not None], lambda row: row.subject)
-    scenes = list(dict.fromkeys(row.scene for found in certified.values() for row in found))
+    scenes = list(dict.fromkeys(row.scene for r in certified.values() for row in r))
     table = []
     for key in (key for key in FORMULATIONS if key in certified):
         on = group(certified[key], lambda row: row.scene)
@@ -259,8 +259,8 @@ def factor_table(counts: Mapping[str, Mapping[str, Mapping[str, int]]]) -> Resul
     """
     rows = [
         (scene, name, ", ".join(_ways(ways)))
-        for scene, of in counts.items()
-        for name, ways in of.items()
+        for scene, f in counts.items()
+        for name, ways in f.items()
     ]
     return ResultTable("strata", "Drawn states by factor", ("scene", "factor", "states"), rows)
 
@@ -291,17 +291,17 @@ def evidence_table(judged: ClaimSummary) -> ResultTable:
     return sheet if judged.skipped else sheet.without("skipped")
 
 
-def _evidence(one: ClaimSummary) -> list[str]:
-    worst, sure = one.worst, one.failure_probability
+def _evidence(summary: ClaimSummary) -> list[str]:
+    worst, sure = summary.worst, summary.failure_probability
     assert worst is not None
-    cells = [one.links, str(one.states or "all"), str(len(one.rows))]
-    cells += [str(count or "") for count in (one.inconclusive, len(one.skipped))]
+    cells = [summary.links, str(summary.states or "all"), str(len(summary.rows))]
+    cells += [str(count or "") for count in (summary.inconclusive, len(summary.skipped))]
     if sure is not None:
         bound = number_text(sure)
-        proofs = f"{counted(len(one.rows), 'identity')}, wrong with a probability below {bound}"
+        proofs = f"{counted(len(summary.rows), 'identity')}, wrong with a probability below {bound}"
         return [*cells, "", "", "", Cell(proofs, link=f"#{anchor(worst)}")]
     where = (
         f"{worst.subject}, {f'state {worst.case}' if worst.case is not None else worst.location}"
     )
     link = Cell(where if worst.ratio else "", link=f"#{anchor(worst)}")
-    return [*cells, one.cell, number_text(worst.observed), number_text(worst.allowed), link]
+    return [*cells, summary.cell, number_text(worst.observed), number_text(worst.allowed), link]

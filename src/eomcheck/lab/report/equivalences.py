@@ -51,7 +51,7 @@ def named_tests(suite: Path) -> dict[str, tuple[str, ...]]:
     for file in files:
         for test in ast.parse(file.read_text(encoding="utf-8")).body:
             if isinstance(test, ast.FunctionDef) and test.name.startswith("test_"):
-                chosen = {x for one in test.decorator_list for x in _constants(one)}
+                chosen = {x for d in test.decorator_list for x in _constants(d)}
                 for key in sorted(_claims_in(test)):
                     name = f"{test.name}[{key}]" if key in chosen else test.name
                     tests[key] = (*tests.get(key, ()), f"{suite.name}/{file.name}::{name}")
@@ -96,10 +96,10 @@ def independent_parameters(overview: Overview) -> Iterator[IndependentParameters
         scene: Any = kind.example()
         names = list(kind.ranges(link_count(scene)))
         built_in = [key for key in run.series["engines"] if key in ENGINES]
-        by = [key for key in built_in if not ENGINES[key].reads_parameters]
-        seen = [name for name in names if by and _in_tree(scene, name)]
-        common = ", ".join(name for name in names if name not in seen)
-        covered = f"{', '.join(seen)} ({', '.join(by)}, from the tree)" if seen else "-"
+        keys = [key for key in built_in if not ENGINES[key].reads_parameters]
+        in_tree = [name for name in names if keys and _in_tree(scene, name)]
+        common = ", ".join(name for name in names if name not in in_tree)
+        covered = f"{', '.join(in_tree)} ({', '.join(keys)}, from the tree)" if in_tree else "-"
         uncovered = f"common mode not covered: {common}" if common else "-"
         yield IndependentParameters(kind.key, covered, uncovered)
 
@@ -135,7 +135,7 @@ def write_equivalences(overview: Overview, path: Path, suite: Path) -> None:
         raise InputError(f"no finished validation in the records: {overview.headline}")
     if overview.failed:
         raise InputError(f"not all claims hold: {overview.headline}")
-    of_run = [one for one in overview.records if one.study in (STATES, RUNS, PROOFS)]
+    of_run = [r for r in overview.records if r.study in (STATES, RUNS, PROOFS)]
     text = render(
         "equivalences.md.j2",
         overview=overview,
@@ -145,27 +145,27 @@ def write_equivalences(overview: Overview, path: Path, suite: Path) -> None:
         heading=RUN,
         other_data=list(independent_parameters(overview)),
         commands=list(dict.fromkeys(commands(overview))),
-        provenance=list(dict.fromkeys(origin_of(one) for one in of_run)),
-        versions={name: version for one in of_run for name, version in one.versions.items()},
+        provenance=list(dict.fromkeys(origin_of(r) for r in of_run)),
+        versions={name: version for r in of_run for name, version in r.versions.items()},
     )
     write_text(path, text)
 
 
 def commands(overview: Overview) -> Iterator[str]:
     """Yield the commands that reproduce the Records; of `prove`, one for each scene class."""
-    asked = {one.settings["scene"]: one.counts for one in overview.runs}
-    same = len({tuple(counts.items()) for counts in map(_options, asked.values())}) == 1
-    whole = same and asked.keys() == SCENES.keys()
-    for scene, counts in asked.items():
+    counts_by_scene = {run.settings["scene"]: run.counts for run in overview.runs}
+    same = len({tuple(counts.items()) for counts in map(_options, counts_by_scene.values())}) == 1
+    whole = same and counts_by_scene.keys() == SCENES.keys()
+    for scene, counts in counts_by_scene.items():
         options = "".join(f" --{name} {value}" for name, value in _options(counts).items())
         yield f"eomcheck validate --scene {'all' if whole else scene}{options}"
-    proofs = group(overview.of(PROOFS), lambda one: one.settings["scene"])
-    links = {one.settings["links"] for one in overview.of(PROOFS)} - {None}
+    proofs = group(overview.of(PROOFS), lambda r: r.settings["scene"])
+    links = {r.settings["links"] for r in overview.of(PROOFS)} - {None}
     every = proofs.keys() == SCENES.keys()
     for scene, records in proofs.items():
-        mine = links if every else {one.settings["links"] for one in records} - {None}
-        of = f" --links {ranges(mine, '..', ',')}" if mine else ""
-        yield f"eomcheck prove --scene {'all' if every else scene}{of}"
+        link_counts = links if every else {r.settings["links"] for r in records} - {None}
+        links_option = f" --links {ranges(link_counts, '..', ',')}" if link_counts else ""
+        yield f"eomcheck prove --scene {'all' if every else scene}{links_option}"
 
 
 def _options(counts: dict[str, int]) -> dict[str, int | str]:

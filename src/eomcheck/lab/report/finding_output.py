@@ -56,14 +56,14 @@ def print_runs(
         selection: formulations, engines and claims of the runs.
         wide: show each formulation and engine, or each scene, beside the worst of them.
     """
-    engines = ", ".join(_called(one, selection) for one in selection.engines) or "no engine"
+    engines = ", ".join(_called(e, selection) for e in selection.engines) or "no engine"
     states = sum(run.cases for run in runs.values())
     say(f"eomcheck {__version__}, {engines}, {counted(states, 'state')}")
     rows = stored_findings_of_runs(runs)
     claims = by_claim(rows)
     if len(runs) == 1:
         (run,) = runs.values()
-        names = [one.key for one in (*selection.formulations, *selection.engines)]
+        names = [p.key for p in (*selection.formulations, *selection.engines)]
         table = participant_table(claims, names, run.seconds) if wide else worst_table(claims)
         print_tables(sheet for sheet in (table, digits_table(rows)) if sheet.rows)
         for row in rows:
@@ -106,26 +106,26 @@ def _totals(runs: Mapping[str, ValidationRun]) -> tuple[list[str], list[list[str
         "findings": lambda run: len(run.findings),
         "inconclusive": lambda run: _count(run, "inconclusive"),
         "skipped": lambda run: _count(run, "skipped"),
-        "refused": lambda run: sum(bool(one.refused) for one in run.sampled),
+        "refused": lambda run: sum(bool(r.refused) for r in run.sampled),
         "time": lambda run: f"{sum(run.seconds.values()):.0f} s",
     }
-    rows = [[key, *(str(of(run)) for of in counts.values())] for key, run in runs.items()]
+    rows = [[key, *(str(count(run)) for count in counts.values())] for key, run in runs.items()]
     return ["scene", *counts], rows
 
 
 def _count(run: ValidationRun, verdict: str) -> int:
-    return sum(one.verdict == verdict for one in run.findings)
+    return sum(f.verdict == verdict for f in run.findings)
 
 
 def _smallest(run: ValidationRun) -> Any:
-    failed = (one for one in run.findings if one.verdict == "failed" and one.claim != "coverage")
+    failed = (f for f in run.findings if f.verdict == "failed" and f.claim != "coverage")
     return run.minimal or next(failed, None)
 
 
 def print_failures(claims: Iterable[ClaimSummary]) -> None:
     """Print the worst failed Finding of each claim on each scene, and the number of the others."""
-    for one in claims:
-        for failed in group(one.failed, lambda row: row.scene).values():
+    for summary in claims:
+        for failed in group(summary.failed, lambda row: row.scene).values():
             row, others = max(failed, key=lambda row: row.ratio), len(failed) - 1
             more = f" (and {others} more of this claim)" if others else ""
             say(f"{row.claim} {row}{more}", "red")
@@ -136,9 +136,9 @@ def print_unrepresented(runs: Mapping[str, ValidationRun], engines: Iterable[typ
     compared.
     """
     for key, run in runs.items():
-        subjects = {word for one in run.findings for word in one.subject.split(" ~ ")}
+        subjects = {word for f in run.findings for word in f.subject.split(" ~ ")}
         for engine in engines:
-            if engine.key in subjects or any(represents(engine, one.scene) for one in run.sampled):
+            if engine.key in subjects or any(represents(engine, r.scene) for r in run.sampled):
                 continue
             states = counted(run.cases, "state")
             say(f"skipped: {key}, {states}: {engine.key} represents none of them")
@@ -146,16 +146,16 @@ def print_unrepresented(runs: Mapping[str, ValidationRun], engines: Iterable[typ
 
 def print_unresolved(claims: Iterable[ClaimSummary]) -> None:
     """Print the entries that are resolved in no state; tables show them as passed."""
-    for one in claims:
-        for row in one.unresolved:
-            say(f"inconclusive: {one.claim.id} on {row.scene}: {row.detail}")
+    for summary in claims:
+        for row in summary.unresolved:
+            say(f"inconclusive: {summary.claim.id} on {row.scene}: {row.detail}")
 
 
 def print_skipped(claims: Iterable[ClaimSummary]) -> None:
     """Print the skipped checks with their reasons."""
-    for one in claims:
-        for subject, (first, *_) in group(one.skipped, lambda row: row.subject).items():
-            say(f"skipped: {one.claim.id} [{subject}] on {first.location}: {first.detail}")
+    for summary in claims:
+        for subject, (first, *_) in group(summary.skipped, lambda row: row.subject).items():
+            say(f"skipped: {summary.claim.id} [{subject}] on {first.location}: {first.detail}")
 
 
 # ---- Proofs --------------------------------------------------------------------------------------
@@ -165,18 +165,18 @@ def proof_table(claims: Iterable[ClaimSummary]) -> ResultTable:
     """Return the table of proofs by claim: verdicts, degrees, heights and failure probability."""
 
     def count(verdict: str) -> Callable[[ClaimSummary], str]:
-        return lambda one: str(sum(row.verdict == verdict for row in one.rows) or "")
+        return lambda s: str(sum(row.verdict == verdict for row in s.rows) or "")
 
     def bound(name: str, form: str) -> Callable[[ClaimSummary], str]:
-        def cell(one: ClaimSummary) -> str:
-            values = [getattr(row.proof, name) for row in one.rows if row.proof is not None]
+        def cell(summary: ClaimSummary) -> str:
+            values = [getattr(row.proof, name) for row in summary.rows if row.proof is not None]
             return form.format(max(values)) if values else ""
 
         return cell
 
     columns = {
         "claim": claim_link,
-        "statement": lambda one: one.claim.statement,
+        "statement": lambda s: s.claim.statement,
         "proved": count("passed"),
         "disproved": count("failed"),
         "skipped": count("skipped"),
@@ -189,7 +189,7 @@ def proof_table(claims: Iterable[ClaimSummary]) -> ResultTable:
 
 def print_proofs(proofs: Proofs) -> None:
     """Print the table, the total failure probability, and every disproof."""
-    rows = [one for found in proofs.findings.values() for one in found]
+    rows = [f for findings in proofs.findings.values() for f in findings]
     claims = by_claim(rows)
     if not claims:
         console.print("nothing was proved")
@@ -198,19 +198,20 @@ def print_proofs(proofs: Proofs) -> None:
     print_skipped(claims)
     if proofs.started_over:
         console.print("an unfinished file of other settings or sources was started over")
-    of = group(rows, lambda row: row.verdict)
-    done, asked, failed = len(proofs.findings), len(proofs.jobs.scenes), len(of.get("failed", []))
+    verdicts = group(rows, lambda row: row.verdict)
+    done, total = len(proofs.findings), len(proofs.jobs.scenes)
+    failed = len(verdicts.get("failed", []))
     earlier = f" ({proofs.taken_over} of them in an earlier run)" if proofs.taken_over else ""
     console.print(
         f"[bold {'red' if failed else 'green'}]"
-        f"{counted(len(of.get('passed', [])), 'identity')} proved, "
-        f"{failed} disproved[/] on {done} of {counted(asked, 'structure')}{earlier}"
+        f"{counted(len(verdicts.get('passed', [])), 'identity')} proved, "
+        f"{failed} disproved[/] on {done} of {counted(total, 'structure')}{earlier}"
     )
-    if "passed" not in of:
+    if "passed" not in verdicts:
         return
     console.print(
         f"Had any of them been false, all its points would have hidden it with a probability below "
-        f"{sum(one.failure_probability or 0.0 for one in claims):.1e} ({proofs.jobs.points} random "
+        f"{sum(s.failure_probability or 0.0 for s in claims):.1e} ({proofs.jobs.points} random "
         f"points and primes each, seed {proofs.seed})."
     )
 
@@ -316,8 +317,8 @@ def campaign_table(campaign: Campaign) -> ResultTable:
 
 def variant_table(campaign: Campaign) -> ResultTable:
     """Return the number of states by structural variant."""
-    of = campaign.by_variant
-    rows = [(_variant_label(one.name), str(of[one.name])) for one in campaign.variants]
+    counts = campaign.by_variant
+    rows = [(_variant_label(v.name), str(counts[v.name])) for v in campaign.variants]
     noun = f"{campaign.plan.noun}s"
     return ResultTable("strata", f"{noun.capitalize()} by structure", ("structure", noun), rows)
 
@@ -352,8 +353,8 @@ def highest_score_table(campaign: Campaign) -> ResultTable:
 def failure_table(campaign: Campaign) -> ResultTable:
     """Return the table of failures, one per cause."""
     rows = [
-        (Cell(one.claim, "failed"), one.subject, one.whose, one.detail, one.evidence)
-        for one in campaign.failure_records.values()
+        (Cell(r.claim, "failed"), r.subject, r.whose, r.detail, r.evidence)
+        for r in campaign.failure_records.values()
     ]
     columns = "claim", "subject", "fault", "what", "evidence"
     return ResultTable("failures", "Failures", columns, rows, (10, 10, 8, 20, 30))
@@ -363,7 +364,7 @@ def print_replayed(results: Sequence[ReplayResult]) -> None:
     """Print the number of stored failures by present outcome, and the reason or code of each that
     does not hold.
     """
-    counts = Counter(one.outcome for one in results)
+    counts = Counter(r.outcome for r in results)
     inconclusive = f", {counts['inconclusive']} inconclusive" if counts["inconclusive"] else ""
     unchecked = f", {counts['not checked']} not checked" if counts["not checked"] else ""
     say(

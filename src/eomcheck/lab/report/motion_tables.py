@@ -31,7 +31,7 @@ def units(scene: Scene) -> list[str]:
     """Return the unit of each coordinate (n,), "m" or "rad"."""
     angles = set(range(scene.n)[scene.angle_coordinates])
     if isinstance(scene, Mechanism):  # only some of its coordinates are angles, in any order
-        angles = {one.coordinate for one in scene.source.topology.joints if not one.slides}
+        angles = {joint.coordinate for joint in scene.source.topology.joints if not joint.slides}
     return ["rad" if i in angles else "m" for i in range(scene.n)]
 
 
@@ -59,7 +59,7 @@ def print_accelerations(scene: Scene, u=None, keys: Iterable[str] | None = None)
         InputError, UnknownNameError: bad speeds, no such formulation, or one that does not apply.
         RefusedError: the scene has no such speeds at this pose.
     """
-    chosen = [one.key for one in formulations_for(scene, keys)]
+    chosen = [f.key for f in formulations_for(scene, keys)]
     q, v = scene.initial_state()
     if u is not None:
         v = velocity(scene, q, u) if np.any(u) else np.zeros_like(v)
@@ -90,11 +90,11 @@ def _state(scene: Scene, q: Array, v: Array) -> str:
     """Return coordinates and velocities with their units, at most `MOST` of each."""
     names = [*zip(scene.coordinate_names, units(scene), strict=True)][:MOST]
     more = f" and {scene.n - MOST} more" if scene.n > MOST else ""
-    at = ", ".join(f"{name} = {x:.4g} {unit}" for (name, unit), x in zip(names, q, strict=False))
+    pose = ", ".join(f"{name} = {x:.4g} {unit}" for (name, unit), x in zip(names, q, strict=False))
     if not v.any():
-        return f"At t = 0 s, at rest: {at}{more}."
+        return f"At t = 0 s, at rest: {pose}{more}."
     rates = (f"{name}: {x:.4g} {unit}/s" for (name, unit), x in zip(names, v, strict=False))
-    return f"At t = 0 s: {at}{more}. Their rates: {', '.join(rates)}{more}."
+    return f"At t = 0 s: {pose}{more}. Their rates: {', '.join(rates)}{more}."
 
 
 # ---- Constraints ---------------------------------------------------------------------------------
@@ -134,11 +134,11 @@ def print_trajectories(trajectories: Iterable[Trajectory]) -> None:
     scene = trajectories[0].scene
     energy = "energy error" if scene.conserves_energy else "energy left"
     columns = {
-        "formulation": lambda one: one.key,
-        "end (s)": lambda one: f"{one.times[-1]:g}" if one.times.size else "0",
-        "steps": lambda one: str(one.steps),
-        "right-hand sides": lambda one: str(one.right_hand_sides),
-        "run time (s)": lambda one: f"{one.seconds:.2g}",
+        "formulation": lambda t: t.key,
+        "end (s)": lambda t: f"{t.times[-1]:g}" if t.times.size else "0",
+        "steps": lambda t: str(t.steps),
+        "right-hand sides": lambda t: str(t.right_hand_sides),
+        "run time (s)": lambda t: f"{t.seconds:.2g}",
         energy: _energy,
         "constraint error (m/s)": _constraint,
     }
@@ -146,21 +146,21 @@ def print_trajectories(trajectories: Iterable[Trajectory]) -> None:
     note = "" if scene.conserves_energy else why
     title = f"{scene.name}: motions from its start"
     print_tables([table_of("motions", title, trajectories, columns.items(), note=note)])
-    for one in trajectories:
-        if one.status != "finished":
-            say(f"{one.key} {one.status}: {one.reason}")
+    for trajectory in trajectories:
+        if trajectory.status != "finished":
+            say(f"{trajectory.key} {trajectory.status}: {trajectory.reason}")
 
 
-def _constraint(one: Trajectory) -> str:
-    return f"{constraint_error(one).max():.1e}" if one.scene.r and one.times.size else ""
+def _constraint(motion: Trajectory) -> str:
+    return f"{constraint_error(motion).max():.1e}" if motion.scene.r and motion.times.size else ""
 
 
-def _energy(one: Trajectory) -> str:
-    if not one.times.size:
+def _energy(motion: Trajectory) -> str:
+    if not motion.times.size:
         return ""
-    if one.scene.conserves_energy:
-        return f"{np.abs(energy_error(one)).max():.1e} J"
-    return f"{one.energy[-1]:.6g} J of {one.energy[0]:.6g} J"
+    if motion.scene.conserves_energy:
+        return f"{np.abs(energy_error(motion)).max():.1e} J"
+    return f"{motion.energy[-1]:.6g} J of {motion.energy[0]:.6g} J"
 
 
 # ---- Many motions --------------------------------------------------------------------------------
@@ -172,31 +172,31 @@ ACROSS = 3
 """Number of panels in a row."""
 
 
-def print_many(found: Trajectories) -> None:
+def print_many(batch: Trajectories) -> None:
     """Print the end states and errors of the finished trajectories, and the reasons of failures."""
-    good = found.status == "finished"
-    title = f"{found.key}, t = {found.t[-1]:g} s"
-    rows = list(_quantile_rows(found, good)) if good.any() else []
-    counts = ", ".join(f"{count} {status}" for status, count in Counter(found.status).items())
-    note = f"{counted(len(found), 'motion')}: {counts}; {found.seconds:.2g} s of integration"
+    good = batch.status == "finished"
+    title = f"{batch.key}, t = {batch.t[-1]:g} s"
+    rows = list(_quantile_rows(batch, good)) if good.any() else []
+    counts = ", ".join(f"{count} {status}" for status, count in Counter(batch.status).items())
+    note = f"{counted(len(batch), 'motion')}: {counts}; {batch.seconds:.2g} s of integration"
     print_tables([ResultTable("many", title, ("at the end", *QUANTILES), rows, note=note)])
     for i in np.flatnonzero(~good)[:3]:
-        say(f"motion {i} {found.status[i]}: {found.reason[i]}")
+        say(f"motion {i} {batch.status[i]}: {batch.reason[i]}")
 
 
-def _quantile_rows(found: Trajectories, good: Array) -> Iterator[tuple[str, ...]]:
+def _quantile_rows(batch: Trajectories, good: Array) -> Iterator[tuple[str, ...]]:
     """Yield the quantiles of each coordinate at the end, and of the errors."""
-    scene = found.scenes[0]
+    scene = batch.scenes[0]
     for name, unit, x in zip(
-        scene.coordinate_names, units(scene), found.q[good, -1].T, strict=True
+        scene.coordinate_names, units(scene), batch.q[good, -1].T, strict=True
     ):
         yield f"{name} / {unit}", *(f"{value:.5g}" for value in _quantiles(x))
-    energy = found.energy[good]
+    energy = batch.energy[good]
     errors = {"energy / J": energy[:, -1]}
     if scene.conserves_energy:
         errors = {"energy error / J": np.abs(energy - energy[:, :1]).max(axis=1)}
-    if found.constraint_residual is not None:
-        worst = found.constraint_residual[good].max(axis=(1, 2))
+    if batch.constraint_residual is not None:
+        worst = batch.constraint_residual[good].max(axis=(1, 2))
         errors["constraint error / (m/s)"] = worst
     for name, x in errors.items():
         yield name, *(f"{value:.2e}" for value in _quantiles(x))
@@ -207,13 +207,13 @@ def _quantiles(x: Array) -> Array:
     return np.quantile(x, list(QUANTILES.values()), axis=0)
 
 
-def chart_of_many(found: Trajectories) -> Chart:
+def chart_of_many(batch: Trajectories) -> Chart:
     """Return a chart of deviations from the median over time: bands of half and of all
     trajectories.
     """
-    scene, q = found.scenes[0], found.q[found.status == "finished"]
+    scene, q = batch.scenes[0], batch.q[batch.status == "finished"]
     shown = np.unique(np.linspace(0, scene.n - 1, min(scene.n, PANELS)).astype(int))
-    whole = f"{counted(len(q), 'motion')} of {scene.name} by {found.key}"
+    whole = f"{counted(len(q), 'motion')} of {scene.name} by {batch.key}"
     panels: dict[tuple[str, ...], Panel] = {}
     for i in shown:
         name = scene.coordinate_names[i]
@@ -224,8 +224,8 @@ def chart_of_many(found: Trajectories) -> Chart:
             Axis(f"({name} - median) / {units(scene)[i]}"),
             (),
             bands=(
-                Band(found.key, found.t.tolist(), least, most, whole),
-                Band(found.key, found.t.tolist(), low, high, "the middle half of them"),
+                Band(batch.key, batch.t.tolist(), least, most, whole),
+                Band(batch.key, batch.t.tolist(), low, high, "the middle half of them"),
             ),
             level=0.0,
         )

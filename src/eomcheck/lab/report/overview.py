@@ -49,7 +49,7 @@ def read_records(paths: Iterable[Path], unread: list[str] | None = None) -> list
     by_cell: dict[tuple[str, str], Record] = {}
     for path in paths:
         with Records(path, readonly=True, unread=unread) as records:
-            by_cell |= {(one.study, key_of(one.settings)): one for one in records.all()}
+            by_cell |= {(r.study, key_of(r.settings)): r for r in records.all()}
     if not by_cell:
         why = f": {unread[0]}" if unread else ""
         raise InputError(f"no records in {', '.join(repr(str(path)) for path in paths)}{why}")
@@ -72,12 +72,12 @@ class Overview:
     """
 
     def __init__(self, records: Sequence[Record], unread: Sequence[str] = ()):
-        faults = [(one, why_unreadable(one)) for one in records]
-        self.records = [one for one, fault in faults if fault is None]
+        faults = [(r, why_unreadable(r)) for r in records]
+        self.records = [r for r, fault in faults if fault is None]
         self.rows = stored_findings_in(self.records)
         self.unread = [
             *unread,
-            *(f"a record of {one.study!r} cannot be read: {why}" for one, why in faults if why),
+            *(f"a record of {r.study!r} cannot be read: {why}" for r, why in faults if why),
         ]
 
     def of(self, study: str) -> list[Record]:
@@ -87,7 +87,7 @@ class Overview:
     @cached_property
     def runs(self) -> list[Record]:
         """Validation runs, one per scene class, in the order of the registry."""
-        runs = {one.settings["scene"]: one for one in self.of(RUNS)}
+        runs = {r.settings["scene"]: r for r in self.of(RUNS)}
         return [runs[scene] for scene in _registered(runs)]
 
     @cached_property
@@ -141,18 +141,18 @@ class Overview:
         """The verdict as a sentence."""
         if self.verdict == "nothing checked":
             return "No claim was checked."
-        of = f"of {counted(len(self.claims), 'claim')}"
+        out_of = f"of {counted(len(self.claims), 'claim')}"
         if self.verdict == "failed":
             first = ", ".join(judged.claim.id for judged in self.failed)
             fails = "fails" if len(self.failed) == 1 else "fail"
-            return f"{len(self.failed)} {of} {fails}: {first}."
+            return f"{len(self.failed)} {out_of} {fails}: {first}."
         if self.verdict == "not finished" and not self.claims:
             return "The run did not come to its end; no claim was checked."
         if self.verdict == "not finished":
-            return f"The run did not come to its end; until then none {of} failed."
+            return f"The run did not come to its end; until then none {out_of} failed."
         checked = [judged for judged in self.claims if judged.kind == "passed"]
         if len(checked) < len(self.claims):
-            return f"{len(checked)} {of} hold; on the others nothing could be checked."
+            return f"{len(checked)} {out_of} hold; on the others nothing could be checked."
         hidden = [judged.claim.id for judged in self.claims if judged.unresolved]
         if hidden:
             entries = f"entries of {', '.join(hidden)} are resolved in no state"
@@ -179,7 +179,7 @@ class Overview:
     @property
     def provenance(self) -> list[str]:
         """Origins of the Records (date, sources, machine), each once."""
-        return list(dict.fromkeys(map(origin_of, sorted(self.records, key=lambda one: one.when))))
+        return list(dict.fromkeys(map(origin_of, sorted(self.records, key=lambda r: r.when))))
 
 
 def origin_of(record: Record) -> str:
@@ -219,9 +219,9 @@ class Section(NamedTuple):
 
 def sections_of(overview: Overview) -> list[Section]:
     """Return the sections with data."""
-    drawn = [one for one in (_digits(overview), _strata(overview)) if one.tables[0].rows]
+    drawn = [s for s in (_digits(overview), _strata(overview)) if s.tables[0].rows]
     studies = (_of_study(key, overview) for key in STUDIES if overview.of(key))
-    return [*drawn, *(one for one in studies if one is not None)]
+    return [*drawn, *(s for s in studies if s is not None)]
 
 
 def _of_study(key: str, overview: Overview) -> Section | None:
@@ -266,8 +266,8 @@ def _strata(overview: Overview) -> Section:
     for run in overview.runs:
         names = ("strata", "ways", "states in them")
         for name, way, states in zip(*(run.series.get(x, ()) for x in names), strict=True):
-            of = strata.setdefault(run.settings["scene"], {})
-            of.setdefault(name, {})[way] = states
+            factors = strata.setdefault(run.settings["scene"], {})
+            factors.setdefault(name, {})[way] = states
     return Section(
         "strata",
         "States drawn",

@@ -30,13 +30,13 @@ def registered_scenes() -> ResultTable:
     rows = []
     for kind in SCENES.values():
         scene = kind.example()
-        at = outline(scene, Counting())
+        quantities = outline(scene, Counting())
         rows.append(
             (
                 Cell(kind.key, "name"),
                 f"{first_line(kind)} {scene.name}: n = {scene.n}, r = {scene.r}",
-                _terms(at),
-                _speeds(at),
+                _terms(quantities),
+                _speeds(quantities),
                 _applying(kind),
                 ", ".join(key for key, engine in ENGINES.items() if engine.represents(scene)),
                 _invariants(scene),
@@ -46,17 +46,17 @@ def registered_scenes() -> ResultTable:
     return ResultTable("scenes", "", columns, rows, (15, 24, 18, 12, 12, 11, 24))
 
 
-def _terms(at: Quantities) -> str:
+def _terms(quantities: Quantities) -> str:
     """Return the names of the terms present in a scene: Lagrange's, then offset and gyroscopic."""
-    present = [name for name, term in at.terms._asdict().items() if term is not None]
-    names = {"offset": at.speeds.offset, "gyroscopic": at.bodies.gyroscopic}
+    present = [name for name, term in quantities.terms._asdict().items() if term is not None]
+    names = {"offset": quantities.speeds.offset, "gyroscopic": quantities.bodies.gyroscopic}
     return ", ".join((*present, *(name for name, part in names.items() if part is not None)))
 
 
-def _speeds(at: Quantities) -> str:
-    if at.speeds.W is None:
+def _speeds(quantities: Quantities) -> str:
+    if quantities.speeds.W is None:
         return "the velocities"
-    return "natural" if at.scene.natural_speeds else "partition"
+    return "natural" if quantities.scene.natural_speeds else "partition"
 
 
 def _applying(kind: type[Scene]) -> str:
@@ -89,8 +89,8 @@ def parameter_table(kind: type[Parametric]) -> ResultTable:
     range.
     """
     rows = []
-    for one in fields(kind):
-        spec = kind.declared[one.name]
+    for arg in fields(kind):
+        spec = kind.declared[arg.name]
         shape: object = spec.shape
         if callable(spec.shape):
             shape = f"{spec.shape.__name__.replace('_', ' ')}, {spec.shape_of(3)} if N = 3"
@@ -102,20 +102,20 @@ def parameter_table(kind: type[Parametric]) -> ResultTable:
         values = [spec.sign, "or None" if spec.optional else ""]
         about = spec.what, str(shape or "number"), spec.unit, " ".join(filter(None, values))
         rows.append(
-            (Cell(one.name, "name"), *about, _default(kind, one, spec.computed_default), drawn)
+            (Cell(arg.name, "name"), *about, _default(kind, arg, spec.computed_default), drawn)
         )
     about = ("name", "what it is", "shape", "SI unit", "value", "default", "drawn from")
     return ResultTable("parameters", "", about, rows)
 
 
-def _default(kind: type, one: Field, computed: object) -> str:
+def _default(kind: type, arg: Field, computed: object) -> str:
     if computed is not None:
         return "follows"
-    if one.default is MISSING:
+    if arg.default is MISSING:
         return "must be given"
-    if np.size(one.default) > SHOWN:
-        return f"{kind.__name__}().{one.name}"
-    return f"{one.default:.6g}" if isinstance(one.default, float) else str(one.default)
+    if np.size(arg.default) > SHOWN:
+        return f"{kind.__name__}().{arg.name}"
+    return f"{arg.default:.6g}" if isinstance(arg.default, float) else str(arg.default)
 
 
 # ---- Registries ----------------------------------------------------------------------------------
@@ -153,9 +153,9 @@ def function_claim_table() -> ResultTable:
     from eomcheck.testing import FUNCTION_CLAIMS
 
     columns = {
-        "claim": lambda one: Cell(one.id, "name"),
-        "statement": lambda one: one.statement,
-        "needs": lambda one: ", ".join(name.replace("|", " or ") for name in one.needs) or "any",
+        "claim": lambda c: Cell(c.id, "name"),
+        "statement": lambda c: c.statement,
+        "needs": lambda c: ", ".join(name.replace("|", " or ") for name in c.needs) or "any",
     }
     return table_of("function-claims", "", FUNCTION_CLAIMS.values(), columns.items())
 
@@ -190,7 +190,7 @@ def _engines() -> ResultTable:
 def _claims() -> ResultTable:
     from eomcheck.claims import CLAIMS
 
-    rows = [(Cell(one.id, "name"), one.statement, one.equations) for one in CLAIMS.values()]
+    rows = [(Cell(c.id, "name"), c.statement, c.equations) for c in CLAIMS.values()]
     return ResultTable("claims", "", ("id", "statement", "equations"), rows)
 
 

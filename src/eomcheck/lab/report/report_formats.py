@@ -51,7 +51,7 @@ def write_page(overview: Overview, path: Path) -> None:
     """
     from eomcheck.lab.show.chart_plotly import chart_json, plotly_js
 
-    sections = [(one, one.charts()) for one in sections_of(overview)]
+    sections = [(s, s.charts()) for s in sections_of(overview)]
     charts = [chart for _, charts in sections for chart in charts]
     page = render(
         "page.html.j2",
@@ -89,8 +89,8 @@ def _states(overview: Overview) -> list[StoredFinding]:
 
 
 def _pointed(judged: ClaimSummary) -> list[StoredFinding]:
-    found = judged.by(lambda row: (row.scene, row.level)).values()
-    return [*judged.failed, *(one.worst for one in found if one.worst is not None)]
+    groups = judged.by(lambda row: (row.scene, row.level)).values()
+    return [*judged.failed, *(s.worst for s in groups if s.worst is not None)]
 
 
 # ---- Colours in the dark -------------------------------------------------------------------------
@@ -107,9 +107,9 @@ def on_dark(color: str) -> str:
     return _hex(_mixed(rgb, white))
 
 
-def contrast(one: str, other: str) -> float:
+def contrast(first: str, second: str) -> float:
     """Return the contrast ratio of two colours "#rrggbb", 1 to 21 (WCAG 2)."""
-    high, low = sorted((_luminance(one), _luminance(other)), reverse=True)
+    high, low = sorted((_luminance(first), _luminance(second)), reverse=True)
     return (high + 0.05) / (low + 0.05)
 
 
@@ -185,8 +185,8 @@ def _seconds(overview: Overview) -> dict[tuple[str, str], float]:
 
 
 def _test_case(suite: ElementTree.Element, scene: str, name: str, seconds: float):
-    of = {"classname": _clean(f"eomcheck.{scene}"), "name": name, "time": f"{seconds:.3f}"}
-    return ElementTree.SubElement(suite, "testcase", of)
+    attributes = {"classname": _clean(f"eomcheck.{scene}"), "name": name, "time": f"{seconds:.3f}"}
+    return ElementTree.SubElement(suite, "testcase", attributes)
 
 
 def _case(suite: ElementTree.Element, scene: str, judged: ClaimSummary, seconds: float) -> None:

@@ -75,12 +75,12 @@ def _add_heat(figure: Figure, heat: Heat) -> None:
             **_trace_options(key, [[() if box is None else box.hover_text for box in boxes]]),
         )
         for mark, symbol in (("hatched", "x-thin-open"), ("framed", "square-open")):
-            at = [x for x, b in zip(centres, boxes, strict=True) if b and getattr(b, mark)]
-            if at:
+            marked = [x for x, b in zip(centres, boxes, strict=True) if b and getattr(b, mark)]
+            if marked:
                 marker = {"symbol": symbol, "size": 7}
                 figure.add_scatter(
-                    x=at,
-                    y=[row] * len(at),
+                    x=marked,
+                    y=[row] * len(marked),
                     mode="markers",
                     marker=marker,
                     **_trace_options(key, ()),
@@ -100,18 +100,18 @@ def _add_heat(figure: Figure, heat: Heat) -> None:
 
 
 def _axis(axis: Axis) -> dict[str, Any]:
-    made: dict[str, Any] = {"title": {"text": axis.title}, "automargin": True}
+    layout: dict[str, Any] = {"title": {"text": axis.title}, "automargin": True}
     if axis.categories:
-        made |= {"type": "category", "categoryarray": list(axis.categories)}
+        layout |= {"type": "category", "categoryarray": list(axis.categories)}
     elif axis.log:
-        made |= {"type": "log", "exponentformat": "power"}
+        layout |= {"type": "log", "exponentformat": "power"}
     elif axis.range:
-        made["range"] = axis.range
+        layout["range"] = axis.range
     if axis.unit:
-        made |= {"exponentformat": "SI", "ticksuffix": axis.unit}
+        layout |= {"exponentformat": "SI", "ticksuffix": axis.unit}
     if axis.ticks:
-        made["tickvals"] = list(axis.ticks)
-    return made
+        layout["tickvals"] = list(axis.ticks)
+    return layout
 
 
 def _add(figure: Figure, line: Line) -> None:

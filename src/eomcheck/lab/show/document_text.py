@@ -66,7 +66,7 @@ def environment() -> Environment:
         EngineError: jinja2 is not installed.
     """
     jinja2 = required("jinja2", "report")
-    made = jinja2.Environment(
+    templates = jinja2.Environment(
         loader=jinja2.PackageLoader("eomcheck.lab.report"),
         autoescape=jinja2.select_autoescape(["html.j2"], default=False),
         undefined=jinja2.StrictUndefined,
@@ -75,9 +75,9 @@ def environment() -> Environment:
         keep_trailing_newline=True,
         finalize=lambda value: without_control_characters(value) if type(value) is str else value,
     )
-    made.filters["number"] = number_text
-    made.filters["md"] = escaped
-    return made
+    templates.filters["number"] = number_text
+    templates.filters["md"] = escaped
+    return templates
 
 
 def render(template: str, **values: Any) -> str:

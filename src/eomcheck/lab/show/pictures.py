@@ -122,15 +122,15 @@ def draw_motion(
     sketches: Sequence[s.Sketch], times: Sequence[float], path: Path, every: int
 ) -> None:
     """Draw a motion into a GIF: one frame per `every` sketches, with the paths of traced points."""
-    drawings = [Drawing(one, LIGHT) for one in sketches]
-    bounds = np.array([one.bounds for one in drawings])
-    seen = np.array([bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)])
+    drawings = [Drawing(sketch, LIGHT) for sketch in sketches]
+    bounds = np.array([d.bounds for d in drawings])
+    extent = np.array([bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)])
     frames: list[Any] = []
     digits = max(0, 2 - int(np.floor(np.log10(times[-1]))))
     for k in range(0, len(drawings), every):
         drawing = drawings[k]
-        axes = canvas(seen, LIGHT, 5.6)
-        for trail in np.array([one.trails for one in drawings[: k + 1]]).transpose(1, 2, 0):
+        axes = canvas(extent, LIGHT, 5.6)
+        for trail in np.array([e.trails for e in drawings[: k + 1]]).transpose(1, 2, 0):
             axes.plot(*trail, color=LIGHT.coordinate, lw=1.2)
         paint(axes, drawing)
         axes.text(0.02, 0.03, f"t = {times[k]:.{digits}f} s", transform=axes.transAxes, fontsize=12)
@@ -163,12 +163,12 @@ def draw_structure(structure: Structure, path: Path, dark: bool) -> None:
 def structure_figure(structure: Structure, dark: bool = False) -> Any:
     """Return the figure of the matrices of a formulation."""
     colors = DARK if dark else LIGHT
-    apart = [[one] for one in (*structure.read, *structure.solved)]
-    columns = [one for one in ([*structure.read], *([m] for m in structure.solved)) if one]
-    if sum(one.entries.shape[1] + GAP for (one,) in apart) + GAP <= BESIDE:
+    apart = [[matrix] for matrix in (*structure.read, *structure.solved)]
+    columns = [c for c in ([*structure.read], *([m] for m in structure.solved)) if c]
+    if sum(matrix.entries.shape[1] + GAP for (matrix,) in apart) + GAP <= BESIDE:
         columns = apart
-    across = [max(one.entries.shape[1] for one in column) for column in columns]
-    down = [sum(len(one.entries) + GAP for one in column) for column in columns]
+    across = [max(matrix.entries.shape[1] for matrix in column) for column in columns]
+    down = [sum(len(matrix.entries) + GAP for matrix in column) for column in columns]
     wide, high = sum(across) + GAP * (len(across) + 1), max(down) + 1.0
     side = min(LARGEST, WIDTH / wide)
     wide = WIDTH / side
@@ -180,57 +180,57 @@ def structure_figure(structure: Structure, dark: bool = False) -> Any:
     starts = accumulate(across, lambda x, size: x + size + free, initial=free)
     for x, column in zip(starts, columns, strict=False):
         y = GAP
-        for one in column:
-            _draw(axes, one, x, y, colors, 72 * side)
-            y += len(one.entries) + GAP
+        for matrix in column:
+            _draw(axes, matrix, x, y, colors, 72 * side)
+            y += len(matrix.entries) + GAP
     return figure
 
 
-def _draw(axes: Any, one: Matrix, x: float, y: float, colors: Colors, points: float) -> None:
+def _draw(axes: Any, matrix: Matrix, x: float, y: float, colors: Colors, points: float) -> None:
     """Draw a matrix with its first entry at (x, y); an entry is `points` pt wide."""
-    rows, columns = one.entries.shape
-    of = {"M": colors.coordinate, "D": colors.coordinate, "a": colors.constraint, "I": colors.faint}
-    of |= {"A": colors.constraint, "C": colors.constraint}
-    for block in one.blocks:
-        known = block.name.lstrip("-") or one.name
-        plain = known.rstrip("0123456789ᵀ₁′") if len(known) < 5 else known
-        color = of.get(plain, colors.axis)
-        part = one.entries[block.rows, block.columns]
+    rows, columns = matrix.entries.shape
+    palette = dict.fromkeys("MD", colors.coordinate) | dict.fromkeys("aAC", colors.constraint)
+    palette["I"] = colors.faint
+    for block in matrix.blocks:
+        base = block.name.lstrip("-") or matrix.name
+        plain = base.rstrip("0123456789ᵀ₁′") if len(base) < 5 else base
+        color = palette.get(plain, colors.axis)
+        part = matrix.entries[block.rows, block.columns]
         for i, j in np.argwhere(part != 0):
             at = x + block.columns.start + j + 0.06, y + block.rows.start + i + 0.06
             axes.add_patch(Rectangle(at, 0.88, 0.88, color=color, lw=0))
         corner = x + block.columns.start, y + block.rows.start
-        if len(one.blocks) > 1:
+        if len(matrix.blocks) > 1:
             axes.add_patch(
                 Rectangle(corner, *part.shape[::-1], fill=False, ec=colors.faint, lw=0.8)
             )
         name = block.name if part.any() else "0"
-        if len(one.blocks) > 1 and block.name and part.shape[0] <= 2 < part.shape[1]:
+        if len(matrix.blocks) > 1 and block.name and part.shape[0] <= 2 < part.shape[1]:
             look = {"color": colors.ink, "fontsize": 12, "ha": "left", "va": "center"}
             axes.text(x + columns + 0.3, corner[1] + part.shape[0] / 2, name, **look)
-        elif len(one.blocks) > 1 and min(part.shape) > 2:
+        elif len(matrix.blocks) > 1 and min(part.shape) > 2:
             middle = corner[0] + part.shape[1] / 2, corner[1] + part.shape[0] / 2
             box = {"boxstyle": "round,pad=0.2", "fc": colors.ground, "ec": "none", "alpha": 0.85}
             size = 15 if name != "0" else 12
             look = {"color": colors.ink, "fontsize": size, "ha": "center", "va": "center"}
             axes.text(*middle, name, bbox=box if name != "0" else None, **look)
     axes.add_patch(Rectangle((x, y), columns, rows, fill=False, ec=colors.ink, lw=1.2))
-    named = [name for name, _ in one.columns if name]
+    named = [name for name, _ in matrix.columns if name]
     look = {"color": colors.ink, "ha": "center", "va": "bottom"}
     if named:
         start = x
-        for name, size in one.columns:
+        for name, size in matrix.columns:
             letters = min(13.0, 0.55 * points * size)
             axes.text(start + size / 2, y - 0.15, name, fontsize=letters, **look)
             start += size
     above = y - 0.25 - (16.0 / points if named else 0.0)
-    title = f"{_title(one)}   {rows} × {columns}"
+    title = f"{_title(matrix)}   {rows} × {columns}"
     axes.text(x + columns / 2, above, title, fontsize=12, **look)
 
 
-def _title(one: Matrix) -> str:
+def _title(matrix: Matrix) -> str:
     """Return the title of a matrix: its name, its only block, or an equation of both."""
-    base, _, index = one.name.partition("_")
-    name = rf"$\mathrm{{{base}}}_\mathrm{{{index}}}$" if index.isalnum() else one.name
-    whole = one.blocks[0].name if len(one.blocks) == 1 else ""
+    base, _, index = matrix.name.partition("_")
+    name = rf"$\mathrm{{{base}}}_\mathrm{{{index}}}$" if index.isalnum() else matrix.name
+    whole = matrix.blocks[0].name if len(matrix.blocks) == 1 else ""
     return f"{name} = {whole}" if whole and index.isalpha() else whole or name

@@ -112,54 +112,54 @@ class Drawing:
             getattr(self, f"_{type(part).__name__.lower()}")(part)
 
     def _line(self, points: Any, color: str, width: float, **look: Any) -> np.ndarray:
-        seen = self.see(points)
-        self.strokes.append(Stroke(seen, color, width, **look))
-        return seen
+        line = self.see(points)
+        self.strokes.append(Stroke(line, color, width, **look))
+        return line
 
     def _label(self, text: str, at: np.ndarray, color: str, away: np.ndarray | None = None) -> None:
         if text and self.named:
             self.labels.append(Label(symbol(text), at, color, away))
 
-    def _plane(self, one: s.Plane) -> None:
-        corners = [*one.points, one.points[0]]
+    def _plane(self, plane: s.Plane) -> None:
+        corners = [*plane.points, plane.points[0]]
         self._line(corners, self.colors.faint, 0.6, fill=self.colors.faint)
 
-    def _body(self, one: s.Body) -> None:
-        points = [*one.points, one.points[0]] if one.closed else [*one.points]
-        fill = self.colors.body if one.closed else ""
-        seen = self._line(points, self.colors.body, 3.0, fill=fill)
-        step = seen[1] - seen[0]
+    def _body(self, body: s.Body) -> None:
+        points = [*body.points, body.points[0]] if body.closed else [*body.points]
+        fill = self.colors.body if body.closed else ""
+        line = self._line(points, self.colors.body, 3.0, fill=fill)
+        step = line[1] - line[0]
         self._label(
-            one.name, (seen[0] + 2 * seen[1]) / 3, self.colors.ink, np.array([-step[1], step[0]])
+            body.name, (line[0] + 2 * line[1]) / 3, self.colors.ink, np.array([-step[1], step[0]])
         )
 
-    def _disk(self, one: s.Disk) -> None:
+    def _disk(self, disk: s.Disk) -> None:
         turn = np.linspace(0.0, 2 * np.pi, 73)
-        if one.ball:
-            center = self.see(one.center)[0]
-            rim = center + one.radius * np.column_stack((np.cos(turn), np.sin(turn)))
+        if disk.ball:
+            center = self.see(disk.center)[0]
+            rim = center + disk.radius * np.column_stack((np.cos(turn), np.sin(turn)))
             self.strokes.append(Stroke(rim, self.colors.body, 2.0, fill=self.colors.body))
         else:
-            axis = np.asarray(one.axis) / np.linalg.norm(one.axis)
+            axis = np.asarray(disk.axis) / np.linalg.norm(disk.axis)
             first = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
             first /= np.linalg.norm(first)
             second = np.cross(axis, first)
             circle = np.outer(np.cos(turn), first) + np.outer(np.sin(turn), second)
             rim = self._line(
-                one.center + one.radius * circle, self.colors.body, 2.5, fill=self.colors.body
+                disk.center + disk.radius * circle, self.colors.body, 2.5, fill=self.colors.body
             )
         low = rim[int(np.argmin(rim @ np.array([1.0, 0.6])))]
-        self._label(one.name, low, self.colors.ink, low - rim.mean(axis=0))
+        self._label(disk.name, low, self.colors.ink, low - rim.mean(axis=0))
 
-    def _jointmark(self, one: s.JointMark) -> None:
-        at = self.see(one.at)[0]
-        if one.axis is not None:
-            along = 0.05 * self.size * np.asarray(one.axis)
-            self._line((one.at - along, one.at + along), self.colors.axis, 4.0)
-        if one.ground:
+    def _jointmark(self, mark: s.JointMark) -> None:
+        at = self.see(mark.at)[0]
+        if mark.axis is not None:
+            along = 0.05 * self.size * np.asarray(mark.axis)
+            self._line((mark.at - along, mark.at + along), self.colors.axis, 4.0)
+        if mark.ground:
             self._hatching(at)
         self.dots.append((at, self.colors.body, 8.0, self.colors.ground))
-        self._label(one.name, at, self.colors.ink)
+        self._label(mark.name, at, self.colors.ink)
 
     def _hatching(self, at: np.ndarray) -> None:
         """Draw the ground below a pin joint."""
@@ -170,32 +170,36 @@ class Drawing:
             tooth = at + size * np.array([[shift + 0.4, -1.6], [shift, -2.3]])
             self.strokes.append(Stroke(tooth, self.colors.body, 1.2))
 
-    def _wheel(self, one: s.Wheel) -> None:
-        half = one.length / 2 * np.asarray(one.along) / np.linalg.norm(one.along)
+    def _wheel(self, wheel: s.Wheel) -> None:
+        half = wheel.length / 2 * np.asarray(wheel.along) / np.linalg.norm(wheel.along)
         self._line(
-            (one.at - half, one.at + half), self.colors.constraint, 7.0 if not one.edge else 4.0
+            (wheel.at - half, wheel.at + half),
+            self.colors.constraint,
+            7.0 if not wheel.edge else 4.0,
         )
         if self.named:
-            self._line((one.at + half, one.at + 1.9 * half), self.colors.constraint, 1.2, head=True)
+            self._line(
+                (wheel.at + half, wheel.at + 1.9 * half), self.colors.constraint, 1.2, head=True
+            )
         self.kinds.add("constraint")
 
-    def _center(self, one: s.Center) -> None:
-        at = self.see(one.at)[0]
+    def _center(self, center: s.Center) -> None:
+        at = self.see(center.at)[0]
         if self.named:
             self.dots.append((at, self.colors.ink, 6.0, self.colors.ink))
             self.kinds.add("center")
-        self._label(one.name, at, self.colors.ink)
+        self._label(center.name, at, self.colors.ink)
 
-    def _springmark(self, one: s.SpringMark) -> None:
-        start, end = (np.asarray(p, dtype=float) for p in (one.start, one.end))
-        seen = self.see((start, end))
-        along = seen[1] - seen[0]
+    def _springmark(self, spring: s.SpringMark) -> None:
+        start, end = (np.asarray(p, dtype=float) for p in (spring.start, spring.end))
+        ends = self.see((start, end))
+        along = ends[1] - ends[0]
         across = np.array([-along[1], along[0]]) / max(float(np.hypot(*along)), 1e-300)
         share = np.array([0.0, 0.2, *np.linspace(0.24, 0.76, 14), 0.8, 1.0])
         sway = np.array([0.0, 0.0, *np.tile([1.0, -1.0], 7), 0.0, 0.0])
-        points = seen[0] + np.outer(share, along) + 0.018 * self.size * np.outer(sway, across)
+        points = ends[0] + np.outer(share, along) + 0.018 * self.size * np.outer(sway, across)
         self.strokes.append(Stroke(points, self.colors.spring, 1.5))
-        self._label(one.name, seen.mean(axis=0), self.colors.spring, across)
+        self._label(spring.name, ends.mean(axis=0), self.colors.spring, across)
 
     def _measure(self, name: str) -> str:
         """Return the color of an angle or length: a coordinate's, or ink."""
@@ -204,41 +208,41 @@ class Drawing:
         self.kinds.add("coordinate")
         return self.colors.coordinate
 
-    def _angle(self, one: s.Angle) -> None:
-        color = self._measure(one.name)
-        first, second = np.asarray(one.first, float), np.asarray(one.second, float)
-        small = abs(one.angle) < SMALL
-        turn = np.linspace(0.0, SENSE if small else one.angle, 41)[:, None]
-        arc = one.at + one.radius * (np.cos(turn) * first + np.sin(turn) * second)
-        reference = (one.at, one.at + 1.12 * one.radius * first)
+    def _angle(self, angle: s.Angle) -> None:
+        color = self._measure(angle.name)
+        first, second = np.asarray(angle.first, float), np.asarray(angle.second, float)
+        small = abs(angle.angle) < SMALL
+        turn = np.linspace(0.0, SENSE if small else angle.angle, 41)[:, None]
+        arc = angle.at + angle.radius * (np.cos(turn) * first + np.sin(turn) * second)
+        reference = (angle.at, angle.at + 1.12 * angle.radius * first)
         self._line(reference, self.colors.faint, 1.0, style=(0, (4, 3)))
-        seen = self._line(arc, color, 1.8, head=True, style=(0, (1, 1.5)) if small else "-")
-        middle = seen[len(seen) // 2]
-        self._label(one.name, middle, color, middle - self.see(one.at)[0])
+        line = self._line(arc, color, 1.8, head=True, style=(0, (1, 1.5)) if small else "-")
+        middle = line[len(line) // 2]
+        self._label(angle.name, middle, color, middle - self.see(angle.at)[0])
 
-    def _distance(self, one: s.Distance) -> None:
-        color = self._measure(one.name) if one.name else self.colors.faint
-        look: dict[str, Any] = {"head": True} if one.name else {"style": (0, (4, 3))}
-        seen = self._line((one.start, one.end), color, 1.5, **look)
-        step = seen[1] - seen[0]
-        self._label(one.name, seen.mean(axis=0), color, np.array([-step[1], step[0]]))
+    def _distance(self, distance: s.Distance) -> None:
+        color = self._measure(distance.name) if distance.name else self.colors.faint
+        look: dict[str, Any] = {"head": True} if distance.name else {"style": (0, (4, 3))}
+        line = self._line((distance.start, distance.end), color, 1.5, **look)
+        step = line[1] - line[0]
+        self._label(distance.name, line.mean(axis=0), color, np.array([-step[1], step[0]]))
 
-    def _arrow(self, one: s.Arrow) -> None:
-        end = np.asarray(one.at, float) + np.asarray(one.along, float)
-        if not one.name:
-            self._line((one.at, end), self.colors.faint, 1.0, style=(0, (4, 3)))
+    def _arrow(self, arrow: s.Arrow) -> None:
+        end = np.asarray(arrow.at, float) + np.asarray(arrow.along, float)
+        if not arrow.name:
+            self._line((arrow.at, end), self.colors.faint, 1.0, style=(0, (4, 3)))
             return
-        color = self.colors.axis if one.frame else self.colors.ink
-        seen = self._line((one.at, end), color, 1.6 if one.frame else 2.4, head=True)
-        self._label(one.name.removesuffix(" axis"), seen[1], color, seen[1] - seen[0])
-        self.kinds.add("axis" if one.frame else "")
+        color = self.colors.axis if arrow.frame else self.colors.ink
+        line = self._line((arrow.at, end), color, 1.6 if arrow.frame else 2.4, head=True)
+        self._label(arrow.name.removesuffix(" axis"), line[1], color, line[1] - line[0])
+        self.kinds.add("axis" if arrow.frame else "")
 
-    def _constraintmark(self, one: s.ConstraintMark) -> None:
-        self._label(one.name, self.see(one.at)[0], self.colors.constraint)
+    def _constraintmark(self, mark: s.ConstraintMark) -> None:
+        self._label(mark.name, self.see(mark.at)[0], self.colors.constraint)
         self.kinds.add("constraint")
 
-    def _trail(self, one: s.Trail) -> None:
-        self.trails.append(self.see(one.at)[0])
+    def _trail(self, trail: s.Trail) -> None:
+        self.trails.append(self.see(trail.at)[0])
 
     @property
     def bounds(self) -> np.ndarray:
@@ -291,19 +295,19 @@ def place_labels(
     """Write labels into axes whose limits are final; return the text artists."""
     figure = axes.figure
     renderer = figure.canvas.get_renderer()
-    seen = axes.transData.transform
-    points = np.vstack([_sampled(seen(stroke)) for stroke in strokes])
+    to_pixels = axes.transData.transform
+    points = np.vstack([_sampled(to_pixels(stroke)) for stroke in strokes])
     frame = axes.get_window_extent(renderer)
     taken: list[np.ndarray] = []
     texts = []
     # Short names of coordinates first: they must stay close to their points, sentences need not.
-    for label in sorted(labels, key=lambda one: len(one.text)):
+    for label in sorted(labels, key=lambda label: len(label.text)):
         text = axes.text(
             *label.at, label.text, color=label.color, fontsize=SIZE, ha="center", va="center"
         )
         extent = text.get_window_extent(renderer)
-        size, at = np.array([extent.width, extent.height]) + 4, seen(label.at)
-        away = None if label.away is None else seen(label.at + label.away) - at
+        size, at = np.array([extent.width, extent.height]) + 4, to_pixels(label.at)
+        away = None if label.away is None else to_pixels(label.at + label.away) - at
         best = _best(at, size, away, taken, points, frame)
         taken.append(np.array([best - size / 2, best + size / 2]))
         text.set_position(axes.transData.inverted().transform(best))

@@ -43,9 +43,9 @@ class Cell(str):
 
     def __new__(cls, text: str, kind: str = "", link: str = "", hover_text: str = "") -> Self:
         """Make a cell from its text."""
-        made = super().__new__(cls, text)
-        made.kind, made.link, made.hover_text = kind, link, hover_text
-        return made
+        cell = super().__new__(cls, text)
+        cell.kind, cell.link, cell.hover_text = kind, link, hover_text
+        return cell
 
 
 CELL_STYLES = {"failed": "bold red", "open": "yellow", "passed": "green", "none": "dim"}
@@ -92,9 +92,9 @@ class ResultTable(NamedTuple):
 
     def without(self, *columns: str) -> ResultTable:
         """Return the table without some of its columns."""
-        kept = [i for i, head in enumerate(self.columns) if head not in columns]
-        rows = [[row[i] for i in kept] for row in self.rows]
-        return self._replace(columns=[self.columns[i] for i in kept], rows=rows)
+        indices = [i for i, head in enumerate(self.columns) if head not in columns]
+        rows = [[row[i] for i in indices] for row in self.rows]
+        return self._replace(columns=[self.columns[i] for i in indices], rows=rows)
 
     def of_numbers(self, column: int) -> bool:
         """Return whether a column has only numbers, to be aligned at the right."""
@@ -130,10 +130,10 @@ class ResultTable(NamedTuple):
     def _columns(self, width: int) -> list[Column] | None:
         """Return the columns if they fit, else None."""
         if self.widths:
-            made = self._shared(width - 3 * len(self.columns) - 1) if width >= 100 else None
-            if made is None:
+            shared = self._shared(width - 3 * len(self.columns) - 1) if width >= 100 else None
+            if shared is None:
                 return None
-            heads = zip(self.columns, made, strict=True)
+            heads = zip(self.columns, shared, strict=True)
             return [Column(escape(head), width=room) for head, room in heads]
         numbers = [self.of_numbers(i) for i in range(len(self.columns))]
         for heads in (self.columns, [head.replace("-", "-\n") for head in self.columns]):
@@ -165,8 +165,8 @@ class ResultTable(NamedTuple):
     def _least(self, column: int, head: str) -> int:
         """Return the least width of a column: its longest word, or its longest number."""
         cells = [row[column] for row in self.rows]
-        whole, words = (cells, []) if self.of_numbers(column) else ([], cells)
-        apart = [word for text in (head, *words) for word in text.split()]
+        whole, texts = (cells, []) if self.of_numbers(column) else ([], cells)
+        apart = [word for text in (head, *texts) for word in text.split()]
         return max(map(cell_len, (*whole, *apart)), default=0)
 
     def _listed(self, room: int) -> Group:
