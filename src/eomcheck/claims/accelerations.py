@@ -209,22 +209,22 @@ def _against_engines(case: Case, part: str, names: tuple[str, ...]) -> Iterator[
     Q = np.zeros(at.scene.n) if at.terms.Q is None else at.terms.Q
     handed = at.q, at.v, Q, at.terms.a, at.terms.gamma, at.t
     for engine in case.claim_engines:
-        theirs_by = cache(partial(_sensitivity, case, engine, part))
+        engine_sensitivity = cache(partial(_sensitivity, case, engine, part))
         answer = ask_engine(
             case,
             engine,
             *handed,
             expected=partial(_expected, case, engine, part),
             part=attrgetter(part),
-            excused=lambda by=theirs_by: by() == np.inf,
+            excused=lambda bound=engine_sensitivity: bound() == np.inf,
         )
         if isinstance(answer, Finding) or isinstance(engine, type):
             yield answer
             continue
-        theirs = getattr(answer, part)
-        if theirs is None and r > 0:
+        engine_value = getattr(answer, part)
+        if engine_value is None and r > 0:
             yield skipped_finding(case, type(engine), "it does not tell λ")
-        if theirs is None:
+        if engine_value is None:
             continue
         like = FORMULATIONS[engine.solves_like]
         # Formulations are compared with each other, so that one of them suffices for an engine
@@ -234,14 +234,16 @@ def _against_engines(case: Case, part: str, names: tuple[str, ...]) -> Iterator[
             with suppress(RefusedError):
                 chosen = ((like, at.acceleration(like)),)
         for formulation, x in chosen:
-            if (ours := getattr(x, part)) is None:
+            if (value := getattr(x, part)) is None:
                 continue
             if engine.compliant and r > 0:
-                yield _of_another_model(case, engine, ours, theirs)
+                yield _of_another_model(case, engine, value, engine_value)
                 break
-            sensitivity = case.part_sensitivity(formulation, part, coordinates=True) + theirs_by()
+            sensitivity = (
+                case.part_sensitivity(formulation, part, coordinates=True) + engine_sensitivity()
+            )
             subject = f"{formulation.key} ~ {engine.key}"
-            compared = case, engine, subject, ours, theirs, sensitivity
+            compared = case, engine, subject, value, engine_value, sensitivity
             again = partial(_part_again, part, handed)
             finding = compare_with_engine(*compared, again, names=(names,))
             yield _excused(case, engine, finding, Q) if part == "vdot" else finding
@@ -253,7 +255,8 @@ def _expected(case: Case, engine: Engine | type[Engine], part: str) -> Array | N
         solved = case.at.acceleration(FORMULATIONS[engine.solves_like])
         if (value := getattr(solved, part)) is not None:
             return value
-    return next((x for _, one in case.solutions if (x := getattr(one, part)) is not None), None)
+    parts = (getattr(solution, part) for _, solution in case.solutions)
+    return next((x for x in parts if x is not None), None)
 
 
 def _excused(case: Case, engine: Engine, finding: Finding, Q: Array) -> Finding:
@@ -287,17 +290,18 @@ def _own_sensitivity(case: Case, answers: Answers, Q: Array) -> float:
     free = inverse @ (np.abs(back.T @ Q) + np.abs(B))
     held = S @ np.linalg.solve(S.T @ M @ S, S.T @ M)
     sizes = back, held, inverse @ np.abs(M)
-    return float(np.prod([np.linalg.norm(one, np.inf) for one in sizes])) * largest(free)
+    return float(np.prod([np.linalg.norm(matrix, np.inf) for matrix in sizes])) * largest(free)
 
 
 def _part_again(part: str, handed: tuple, answers: Answers) -> Any:
     return getattr(answers.acceleration(*handed), part)
 
 
-def _of_another_model(case: Case, engine: Engine, ours: Array, theirs: Array) -> Finding:
+def _of_another_model(case: Case, engine: Engine, value: Array, engine_value: Array) -> Finding:
     """Return the skipped Finding on an engine with compliant constraints, a different model."""
-    scale = largest(ours)
-    share = f"{largest(theirs - ours) / scale:.2g} of it" if scale > 0 else f"{largest(theirs):.2g}"
+    scale = largest(value)
+    apart = largest(engine_value - value)
+    share = f"{apart / scale:.2g} of it" if scale > 0 else f"{largest(engine_value):.2g}"
     why = f"its constraints are compliant: a difference of model, here {share}"
     return skipped_finding(case, type(engine), why)
 
@@ -460,13 +464,13 @@ class _Rates:
     def __init__(self, e: Quantities):
         self._e = e
 
-    def _along_v(self, function: Callable, of: Callable, vdot: Array) -> Any:
+    def _along_v(self, function: Callable, scene_function: Callable, vdot: Array) -> Any:
         e = self._e
-        return e.run(function, of, e.parameters, e.prepared, e.q, e.v, vdot)
+        return e.run(function, scene_function, e.parameters, e.prepared, e.q, e.v, vdot)
 
-    def _along_q(self, function: Callable, of: Callable) -> Any:
+    def _along_q(self, function: Callable, scene_function: Callable) -> Any:
         e = self._e
-        return e.run(function, of, e.parameters, *e.prepared_and_rates(e.v), e.q, e.v)
+        return e.run(function, scene_function, e.parameters, *e.prepared_and_rates(e.v), e.q, e.v)
 
     @cached_property
     def _power_of_q(self) -> Any:
@@ -560,11 +564,11 @@ def invariance(case: Case) -> Iterator[Finding]:
     """Turning, shifting or mirroring the whole scene turns, shifts or mirrors q̈."""
     at = case.at
     for symmetry in at.scene.symmetries(at.q, at.v):
-        there = Evaluation(symmetry.scene, symmetry.q, symmetry.v, at.t)
+        mapped = Evaluation(symmetry.scene, symmetry.q, symmetry.v, at.t)
         longest = largest(np.abs(symmetry.image).sum(axis=1))
         for formulation in case.solved:
             try:
-                actual = there.acceleration(formulation).vdot
+                actual = mapped.acceleration(formulation).vdot
             except RefusedError as refused:
                 why = "skipped", "property-tested", f"refused after that: {refused}"
                 yield case.finding(f"{symmetry.name}: {formulation.key}", 0.0, 0.0, *why)
@@ -578,7 +582,7 @@ def invariance(case: Case) -> Iterator[Finding]:
             if not largest(actual - expected) <= allowed_error(sensitivity):
                 # An angle of 0 has no rounding error to measure; the transformed angle has.
                 try:
-                    sensitivity += acceleration_sensitivity(there, formulation, coordinates=True)
+                    sensitivity += acceleration_sensitivity(mapped, formulation, coordinates=True)
                 except RefusedError:
                     sensitivity = np.inf
             names = (at.scene.coordinate_names,)

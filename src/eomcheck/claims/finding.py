@@ -181,8 +181,8 @@ def worst(findings: Iterable[J], first: bool = False) -> J:
         first: return the first of that verdict, not the first with the largest ratio.
     """
 
-    def rank(one: Any) -> tuple[int, float]:
-        return VERDICTS.index(one.verdict), 0.0 if first else -one.ratio
+    def rank(finding: Any) -> tuple[int, float]:
+        return VERDICTS.index(finding.verdict), 0.0 if first else -finding.ratio
 
     return min(findings, key=rank)
 
@@ -228,33 +228,33 @@ def verdict_codes(observed: Array, allowed: Array, scale: Array) -> Array:
 
 
 def diagnose(
-    found: Array, expected: Array, allowed: float, worst: tuple[int, ...] | None = None
+    actual: Array, expected: Array, allowed: float, worst: tuple[int, ...] | None = None
 ) -> str:
     """Describe the likely error of an entry, "sign" or "half of it", or give both numbers.
 
     Args:
-        found: the array under test.
+        actual: the array under test.
         expected: its expected value, same shape.
         allowed: bound on the rounding error.
         worst: index of the entry, by default that of the largest error.
     """
-    worst = worst_of(found - expected) if worst is None else worst
-    what = resembles(found, expected, allowed, worst)
-    x, y = format_distinct(found[worst], expected[worst])
-    return what or f"{x}, expected {y}"
+    worst = worst_of(actual - expected) if worst is None else worst
+    likely = resembles(actual, expected, allowed, worst)
+    x, y = format_distinct(actual[worst], expected[worst])
+    return likely or f"{x}, expected {y}"
 
 
 def format_distinct(x: float, y: float, digits: int = 6) -> tuple[str, str]:
     """Format two numbers with `digits` digits, or as many more as they need to differ."""
     texts = [(f"{x:.{count}g}", f"{y:.{count}g}") for count in range(digits, 18)]
-    return next((each for each in texts if each[0] != each[1]), texts[0])
+    return next((pair for pair in texts if pair[0] != pair[1]), texts[0])
 
 
-def resembles(found: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
+def resembles(actual: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
     """Return the likely error of the entry `worst`, equal up to rounding; "" if none is known."""
-    x, y = float(found[worst]), float(expected[worst])
+    x, y = float(actual[worst]), float(expected[worst])
     near = max(allowed, 1e3 * EPS * max(abs(x), abs(y)))
-    return looks_like(found, expected, worst, lambda x, y: largest(x - y) <= near)
+    return looks_like(actual, expected, worst, lambda x, y: largest(x - y) <= near)
 
 
 def worst_of(error: Array) -> tuple[int, ...]:
@@ -264,18 +264,18 @@ def worst_of(error: Array) -> tuple[int, ...]:
 
 
 def looks_like(
-    found: Array, expected: Array, where: tuple, same: Callable[[Any, Any], bool]
+    actual: Array, expected: Array, where: tuple, same: Callable[[Any, Any], bool]
 ) -> str:
     """Return the likely error of one entry, such as "sign" or "transposed"; "" if none is known.
 
     Args:
-        found: the array under test.
+        actual: the array under test.
         expected: its expected value, same shape.
         where: index of the entry.
         same: returns whether two values agree.
     """
-    x, y = found[where], expected[where]
-    if found.ndim == 2 and found.shape[0] == found.shape[1] and same(found, expected.T):
+    x, y = actual[where], expected[where]
+    if actual.ndim == 2 and actual.shape[0] == actual.shape[1] and same(actual, expected.T):
         return "transposed"
     if same(x, -y):
         return "sign"
@@ -351,9 +351,9 @@ def entry_name(index: tuple[int, ...], names: Names) -> str:
 def merged(entries: Iterable[Entries]) -> list[Entries]:
     """Merge the flags of any number of comparisons into one `Entries` for each set of names."""
     by_names: dict[Names, Entries] = {}
-    for one in entries:
-        before = by_names.get(one.names)
-        by_names[one.names] = one if before is None else before.joined(one)
+    for flags in entries:
+        before = by_names.get(flags.names)
+        by_names[flags.names] = flags if before is None else before.joined(flags)
     return [*by_names.values()]
 
 
@@ -363,22 +363,20 @@ def never_resolved(entries: Iterable[Entries]) -> list[str]:
     Entries of equal names count as the same entry, also in scenes of different size: row θ_1 of a
     chain of two links is that of a chain of five.
     """
-    flags = [
-        (one.names, *map(int.from_bytes, (one.resolved, one.hidden))) for one in merged(entries)
-    ]
+    flags = [(x.names, *map(int.from_bytes, (x.resolved, x.hidden))) for x in merged(entries)]
     if not any(h & ~r for _, r, h in flags):
         return []
     resolved = {name for names, r, _ in flags for name in _named(r, names)}
-    left = (name for names, r, h in flags if h & ~r for name in _named(h, names))
-    return [name for name in dict.fromkeys(left) if name not in resolved]
+    hidden = (name for names, r, h in flags if h & ~r for name in _named(h, names))
+    return [name for name in dict.fromkeys(hidden) if name not in resolved]
 
 
 def _named(flags: int, names: Names) -> Iterator[str]:
     shape = tuple(map(len, names))
     size = int(np.prod(shape))
     packed = np.frombuffer(flags.to_bytes(-(-size // 8)), np.uint8)
-    at: Array = np.flatnonzero(np.unpackbits(packed)[:size])
-    for k in at:
+    set_bits: Array = np.flatnonzero(np.unpackbits(packed)[:size])
+    for k in set_bits:
         yield entry_name(tuple(int(i) for i in np.unravel_index(k, shape)), names)
 
 
@@ -432,39 +430,40 @@ def unresolved_by_claim(findings: Iterable[Finding]) -> dict[str, list[Unresolve
     Returns:
         Claim -> its unresolved subjects and entries; claims without any are left out.
     """
-    by: dict[str, dict[str, list[Finding]]] = {}
-    for one in findings:
-        if one.verdict != "skipped" and one.state is not None:
-            by.setdefault(one.claim, {}).setdefault(one.subject, []).append(one)
-    left: dict[str, list[Unresolved]] = {}
-    for claim, subjects in by.items():
+    by_claim: dict[str, dict[str, list[Finding]]] = {}
+    for finding in findings:
+        if finding.verdict != "skipped" and finding.state is not None:
+            by_claim.setdefault(finding.claim, {}).setdefault(finding.subject, []).append(finding)
+    unresolved: dict[str, list[Unresolved]] = {}
+    for claim, subjects in by_claim.items():
         states = max(map(len, subjects.values()))
-        for subject, each in subjects.items():
-            if all(one.verdict == "inconclusive" for one in each):
-                left.setdefault(claim, []).append(Unresolved(subject, "", each[0], states))
+        for subject, of_subject in subjects.items():
+            if all(finding.verdict == "inconclusive" for finding in of_subject):
+                about_all = Unresolved(subject, "", of_subject[0], states)
+                unresolved.setdefault(claim, []).append(about_all)
                 continue
-            for name in never_resolved(one.entries for one in each if one.entries is not None):
-                where = (one for one in each if one.entries and one.entries.hides(name))
-                largest = max(where, key=lambda one: one.scene.n)
-                left.setdefault(claim, []).append(Unresolved(subject, name, largest, states))
-    return left
+            for name in never_resolved(x.entries for x in of_subject if x.entries is not None):
+                where = (x for x in of_subject if x.entries and x.entries.hides(name))
+                largest = max(where, key=lambda x: x.scene.n)
+                unresolved.setdefault(claim, []).append(Unresolved(subject, name, largest, states))
+    return unresolved
 
 
 def unresolved_finding(
-    left: Sequence[Unresolved], shown: Unresolved | None = None, names: Sequence[str] = ()
+    unresolved: Sequence[Unresolved], shown: Unresolved | None = None, names: Sequence[str] = ()
 ) -> Finding:
     """Return the inconclusive finding of one claim that lists its unresolved entries.
 
     Args:
-        left: the unresolved subjects and entries.
+        unresolved: the unresolved subjects and entries.
         shown: the one whose numbers and state are shown, by default the first.
         names: their names, by default those of subject and entry.
     """
-    about, shown = list(dict.fromkeys(one.subject for one in left)), shown or left[0]
+    about, shown = list(dict.fromkeys(item.subject for item in unresolved)), shown or unresolved[0]
     return replace(
         shown.finding,
         subject=", ".join(about) if len(about) <= LISTED else "all",
         verdict="inconclusive",
-        detail=unresolved_detail(names or [one.name for one in left], shown.states),
+        detail=unresolved_detail(names or [item.name for item in unresolved], shown.states),
         entries=None,
     )

@@ -81,16 +81,16 @@ def enclosures(case: Case) -> Iterator[Finding]:
         yield case.finding("all", 0.0, 0.0, "skipped", EVIDENCE, why)
         return
     enclosed: list[tuple[Formulation, Enclosure]] = []
-    known: dict[int, Quantities] = {}
+    quantities: dict[int, Quantities] = {}
     for f in case.solved:
-        x = _enclosed(case, f, known)
+        x = _enclosed(case, f, quantities)
         if isinstance(x, Finding):
             yield x
         else:
             enclosed.append((f, x))
-    kept = {f: case.at.partition_for(f, False).redundant is None for f, _ in enclosed}
+    keeps_all_rows = {f: case.at.partition_for(f, False).redundant is None for f, _ in enclosed}
     for (f, x), (g, y) in unordered_pairs(enclosed):
-        if kept[f] != kept[g]:
+        if keeps_all_rows[f] != keeps_all_rows[g]:
             continue  # with rows left out as redundant in float64, the certified value differs
         apart = np.flatnonzero(~x.overlaps(y))
         rows = ", ".join(case.at.scene.coordinate_names[i] for i in apart)
@@ -126,8 +126,8 @@ def true_errors(case: Case) -> Iterator[Finding]:
         except RefusedError as error:
             yield _without_truth(case, formulation.key, error)
             continue
-        both, names = (certified.vdot, certified.truth.doubles()), (state.scene.coordinate_names,)
-        judged = true.compare(formulation.key, *both, sensitivity, names=names, evidence=EVIDENCE)
+        values, names = (certified.vdot, certified.truth.doubles()), (state.scene.coordinate_names,)
+        judged = true.compare(formulation.key, *values, sensitivity, names=names, evidence=EVIDENCE)
         yield replace(judged, digits=certified.digits, state=case.state)
 
 
@@ -148,8 +148,8 @@ def independent_rcond(formulation: Formulation, refusal: RefusedError, case: Cas
     M, _, _, a, _, _ = at.terms
     if a is not None and formulation.redundant:
         with suppress(RefusedError):  # the rank itself may be refused
-            kept = at.independent_partition.kept
-            a = a if kept is None else a[kept]
+            rows_kept = at.independent_partition.kept
+            a = a if rows_kept is None else a[rows_kept]
     if refusal.what == CONTRADICTION:
         return _agreement(at)
     overflows = np.isnan(refusal.rcond)
@@ -194,13 +194,16 @@ def _agreement(at: Evaluation) -> float:
     """
     M, _, _, a, gamma, _ = at.terms
     scale = _row_scale(a)
-    rows, rest = _by_energy(M, a) * scale[:, None], gamma * scale
+    rows, drift = _by_energy(M, a) * scale[:, None], gamma * scale
     U, sizes, _ = np.linalg.svd(rows, full_matrices=False)
-    rank = at.scene.r if (kept := at.independent_partition.kept) is None else len(kept)
-    left = largest(rest - U[:, :rank] @ (U[:, :rank].T @ rest))
-    explained = allowed_error(largest(rest) * sizes[0] / sizes[rank - 1])
+    rank = at.scene.r if (rows_kept := at.independent_partition.kept) is None else len(rows_kept)
+    contradiction = largest(drift - U[:, :rank] @ (U[:, :rank].T @ drift))
+    explained = allowed_error(largest(drift) * sizes[0] / sizes[rank - 1])
     apart = min(_rcond(_balanced(rows)), sizes[-1] / sizes[0])
-    shares = explained / left if left > 0 else math.inf, allowed_error(1.0) / max(apart, EPS**2)
+    shares = (
+        explained / contradiction if contradiction > 0 else math.inf,
+        allowed_error(1.0) / max(apart, EPS**2),
+    )
     return min(shares)
 
 
@@ -373,7 +376,7 @@ def _never_solved(drawn: list[SampledState]) -> list[str]:
         for level in levels_of_case(sampled.scene, sampled.state).items():
             refused.setdefault(level, []).append(set(sampled.refused))
     return [
-        f"{key} refused every state of {name} {way} ({len(each)})"
-        for (name, way), each in refused.items()
-        for key in sorted(set.intersection(*each))
+        f"{key} refused every state of {name} {way} ({len(refusals)})"
+        for (name, way), refusals in refused.items()
+        for key in sorted(set.intersection(*refusals))
     ]

@@ -92,19 +92,19 @@ ClaimOutput = Comparison | Decision | Skipped
 
 
 def vanishing(
-    subject: str, found: Any, names: Names, terms: Any, sensitivity: Any = None
+    subject: str, actual: Any, names: Names, terms: Any, sensitivity: Any = None
 ) -> Comparison:
     """Return the comparison of an array with 0.
 
     Args:
         subject: name of the compared quantity.
-        found: the array that should vanish.
+        actual: the array that should vanish.
         names: names along each axis.
         terms: magnitudes of the terms that cancel, in each entry or the largest of all.
         sensitivity: see `Comparison`.
     """
-    zero = np.zeros(np.shape(found), object)
-    sides = Comparison(subject, found, zero, names, terms, sensitivity)
+    zero = np.zeros(np.shape(actual), object)
+    sides = Comparison(subject, actual, zero, names, terms, sensitivity)
     return sized(sides, terms) if np.ndim(terms) > 0 else sides
 
 
@@ -127,10 +127,10 @@ def along_directions(
     context: EvaluationContext, subject: str, sides: Callable[[Array], tuple[Any, Any] | None]
 ) -> Iterator[Comparison]:
     """Yield one comparison of the sides along all directions; nothing if `sides` returns None."""
-    each = [sides(direction) for direction in context.directions]
-    both = [pair for pair in each if pair is not None]
-    if both:
-        actual, expected = (np.array(side, object) for side in zip(*both, strict=True))
+    pairs = [sides(direction) for direction in context.directions]
+    existing = [pair for pair in pairs if pair is not None]
+    if existing:
+        actual, expected = (np.array(side, object) for side in zip(*existing, strict=True))
         yield Comparison(subject, actual, expected, (context.direction_names,))
 
 
@@ -256,8 +256,8 @@ class BlindSpot(NamedTuple):
     def revealing_inputs(self, at: Inputs) -> str:
         """Return the missing inputs that would reveal it, as text; "" where none is missing."""
         alternatives: list[str] = []
-        for one in self.revealed_by:
-            missing = [x for x in one.split(" & ") if not has_any(at, x)]
+        for alternative in self.revealed_by:
+            missing = [x for x in alternative.split(" & ") if not has_any(at, x)]
             if not missing:
                 return ""
             alternatives.append(" with ".join(missing).replace("|", " or "))
@@ -354,7 +354,7 @@ class ClaimRegistry(dict[str, K], Generic[K]):
         """
         if ids is None:
             return tuple(self.values())
-        return tuple(registered("claim", one, self) for one in at_least_one("claims", ids))
+        return tuple(registered("claim", id, self) for id in at_least_one("claims", ids))
 
     def by_name(self, claims: Collection) -> bool:
         """Return whether claims were requested by name: fewer than all.

@@ -97,7 +97,7 @@ class RunSelection:
             InputError: a formulation applies to none of `scenes`, or `claims` names none.
             UnknownNameError: a name is not registered.
         """
-        ids = tuple(one.id for one in CLAIMS.select(claims))
+        ids = tuple(claim.id for claim in CLAIMS.select(claims))
         chosen, reader = engines_among(engines), None
         if engines is None and len(scenes) == 1 and (reader := default_reader(scenes[0])):
             chosen = (*chosen, reader)
@@ -143,7 +143,7 @@ def make_scene_engines(scene: Scene, selection: RunSelection) -> SceneEngines:
 
 
 def make_case(
-    asked: SceneEngines,
+    scene_engines: SceneEngines,
     state: State,
     selection: RunSelection,
     repeats: int = OFTEN,
@@ -152,15 +152,21 @@ def make_case(
     """Return the case of a state of a scene whose engines are constructed.
 
     Args:
-        asked: the scene and its engines.
+        scene_engines: the scene and its engines.
         state: (q, v, t).
         selection: formulations, engines and claims.
         repeats: number of repeated calls of engines under test for each answer.
         at: the evaluation at the state, if it was made already.
     """
-    formulations = tuple(f for f in selection.formulations if f.applies_to(asked.scene))
-    at = Evaluation(asked.scene, *state) if at is None else at
-    return Case(at, formulations, asked.engines, unavailable=asked.unavailable, repeats=repeats)
+    formulations = tuple(f for f in selection.formulations if f.applies_to(scene_engines.scene))
+    at = Evaluation(scene_engines.scene, *state) if at is None else at
+    return Case(
+        at,
+        formulations,
+        scene_engines.engines,
+        unavailable=scene_engines.unavailable,
+        repeats=repeats,
+    )
 
 
 def make_case_with_engines(scene: Scene, state: State, selection: RunSelection) -> Case:
@@ -173,17 +179,17 @@ def make_case_with_engines(scene: Scene, state: State, selection: RunSelection) 
 EITHER = "the file is read in two ways: either reading may be wrong"
 
 
-def evaluate_claim(asked: SceneEngines, case: Case, claim: Claim) -> list[Finding]:
+def evaluate_claim(scene_engines: SceneEngines, case: Case, claim: Claim) -> list[Finding]:
     """Return the Findings of one claim; failures by the file's library blame neither side."""
-    findings = [_neutral(asked, case, claim, finding) for finding in case.evaluate(claim)]
-    if asked.failed_reader is not None and claim.asks == "mass_matrix":
-        kind, why = asked.failed_reader
+    findings = [_neutral(scene_engines, case, claim, finding) for finding in case.evaluate(claim)]
+    if scene_engines.failed_reader is not None and claim.asks == "mass_matrix":
+        kind, why = scene_engines.failed_reader
         findings.append(skipped_finding(case, kind, f"takes no part: {why}"))
     return findings
 
 
-def _neutral(asked: SceneEngines, case: Case, claim: Claim, finding: Finding) -> Finding:
-    reader = asked.reader
+def _neutral(scene_engines: SceneEngines, case: Case, claim: Claim, finding: Finding) -> Finding:
+    reader = scene_engines.reader
     if reader is None or finding.engine is not type(reader) or finding.verdict != "failed":
         return finding
     if reason := reader.leaves_out(claim.asks):
@@ -236,9 +242,9 @@ def smallest_failure(
     """
 
     def examine(drawn: tuple[Scene, State]) -> None:
-        asked = make_scene_engines(drawn[0], selection)
-        case = make_case(asked, drawn[1], selection, ONCE)
-        for finding in evaluate_claim(asked, case, CLAIMS[failed.claim]):
+        scene_engines = make_scene_engines(drawn[0], selection)
+        case = make_case(scene_engines, drawn[1], selection, ONCE)
+        for finding in evaluate_claim(scene_engines, case, CLAIMS[failed.claim]):
             if finding.verdict == "failed":
                 raise _Falsified(finding)
 
@@ -278,21 +284,21 @@ class StateResult(NamedTuple):
 
 
 def evaluate_state(
-    asked: SceneEngines,
+    scene_engines: SceneEngines,
     state: State,
     selection: RunSelection,
     repeats: int,
     at: Evaluation | None = None,
 ) -> StateResult:
     """Check one state of a scene whose engines are constructed; for arguments see `make_case`."""
-    case = make_case(asked, state, selection, repeats, at)
+    case = make_case(scene_engines, state, selection, repeats, at)
     broken = case.terms_failure
     findings = [] if broken is None else [broken]
     seconds: dict[str, float] = {}
     for claim in selection.claims:
         start = time.perf_counter()
         if broken is None and (case.finite or claim == "finite-terms"):
-            findings += evaluate_claim(asked, case, CLAIMS[claim])
+            findings += evaluate_claim(scene_engines, case, CLAIMS[claim])
         seconds[claim] = time.perf_counter() - start
     return StateResult(findings, seconds, _refused(case) if broken is None and case.finite else ())
 
@@ -354,13 +360,13 @@ class ValidationRun:
         scene: Scene,
         state: State,
         selection: RunSelection,
-        asked_again: int,
+        repeats: int,
         at: Evaluation | None = None,
     ) -> StateResult:
         if self._engines_for is None or self._engines_for.scene is not scene:
             # Once for each scene.
             self._engines_for = make_scene_engines(scene, selection)
-        return evaluate_state(self._engines_for, state, selection, asked_again, at)
+        return evaluate_state(self._engines_for, state, selection, repeats, at)
 
     def _one_after_another(self, cases: Cases, selection: RunSelection) -> StateResults:
         for i, (scene, state) in enumerate(cases):
@@ -411,7 +417,7 @@ class ValidationRun:
                 state = (new[0].state if new else None) or state
                 self.sampled.append(SampledState(scene, state, self.refused))
                 on_case()
-                self.minimal = next((one for one in new if one.verdict == "failed"), None)
+                self.minimal = next((x for x in new if x.verdict == "failed"), None)
                 if self.minimal is not None:
                     break
         if self.minimal is not None and shrink_among is not None:
@@ -498,9 +504,9 @@ class ValidationRun:
         """Add the Findings about the run as a whole, and return every Finding."""
         if self.minimal is None:  # a run that ends at a failure has not checked all states
             proofs: dict[tuple, list[Finding]] = {}
-            for claim, left in unresolved_by_claim(self.findings).items():
-                exact, rest = prove_unresolved(CLAIMS[claim], left, proofs)
-                self.findings += [*exact, *([unresolved_finding(rest)] if rest else ())]
+            for claim, unresolved in unresolved_by_claim(self.findings).items():
+                exact, unproved = prove_unresolved(CLAIMS[claim], unresolved, proofs)
+                self.findings += [*exact, *([unresolved_finding(unproved)] if unproved else ())]
         if "coverage" in selection.claims and self.sampled:
             self.findings.append(coverage(self.sampled))
         if self.minimal is not None:

@@ -147,17 +147,17 @@ def speeds_remainder(at: Quantities, context: EvaluationContext) -> Iterator[Com
     """The velocity-dependent part of q̈, at u̇ = 0, is ẇ′u + ẋ′ and keeps the constraints."""
     if not context.has_speeds:
         return
-    a, gamma, rest = at.terms.a, at.terms.gamma, at.speeds.rest
+    a, gamma, drift = at.terms.a, at.terms.gamma, at.speeds.rest
     sensitivity = sensitivity_where(context.speeds_resolved)
     if at.speeds.W is not None:
         arguments = at.parameters, *at.prepared_and_rates(at.v), at.q, at.v, at.u
         expected = at.call(_differentiated, at.scene.kinematics, at.scene.speeds, *arguments)
         # At rest both are 0, which is right. Each side is a linear solve of its own.
         names = (at.scene.coordinate_names,)
-        yield Comparison("rest", rest, expected, names, sensitivity=sensitivity, may_vanish=True)
+        yield Comparison("rest", drift, expected, names, sensitivity=sensitivity, may_vanish=True)
     if a is not None:
-        names, terms = (at.scene.constraint_names,), magnitude(a, rest) + magnitude(gamma)
-        sides = vanishing("ml, kane", a @ rest + gamma, names, terms, sensitivity)
+        names, terms = (at.scene.constraint_names,), magnitude(a, drift) + magnitude(gamma)
+        sides = vanishing("ml, kane", a @ drift + gamma, names, terms, sensitivity)
         # For rods that stay parallel gamma and rest are 0.
         yield sides._replace(may_vanish=True)
 
@@ -226,20 +226,20 @@ def kane_n_matrix(case: Case) -> Iterator[Finding]:
     # The engine may differentiate vectors in rotating frames, as in B.
     W = case.at.speeds.W
     in_speeds = inertia_size(case.at) * (1.0 if W is None else largest(np.abs(W).sum(axis=0)))
-    ours = cache(partial(remainder, case.at))
+    expected = cache(partial(remainder, case.at))
     for engine in case.claim_engines:
-        answer = ask_engine(case, engine, *case.state, expected=ours, part=lambda x: x[0])
+        answer = ask_engine(case, engine, *case.state, expected=expected, part=lambda x: x[0])
         if isinstance(answer, Finding) or isinstance(engine, type):
             yield answer
             continue
-        theirs, terms, condition = answer
+        engine_value, terms, condition = answer
         scale = sensitivity_of(case.at, remainder, coordinates=True) + terms + in_speeds
         yield compare_with_engine(
             case,
             engine,
             f"kane ~ {engine.key}",
-            ours(),
-            theirs,
+            expected(),
+            engine_value,
             condition * scale,
             lambda answers: answers.kane_inertia_remainder(*case.state)[0],
             scale=scale,
@@ -325,11 +325,11 @@ def chain_remainder(at: Quantities, context: EvaluationContext) -> Iterator[Comp
     """The drift d of the joint equations is the rate of the coupling at constant x."""
     if not _has_joints(at):
         return
-    x, rest = as_objects(at.x), at.chain.rest
+    x, drift = as_objects(at.x), at.chain.rest
     turning = at.scene.chain(as_objects(at.parameters), *at.prepared_duals(at.v), x)
     gaps = joint_gaps(turning.before, turning.after, x)
-    terms = product_size(rest) + _size_in_joints(at) * product_size(at.v)
-    yield vanishing("d", rest - rate(gaps), _joint_names(len(rest)), terms)
+    terms = product_size(drift) + _size_in_joints(at) * product_size(at.v)
+    yield vanishing("d", drift - rate(gaps), _joint_names(len(drift)), terms)
 
 
 # ---- Accelerations -------------------------------------------------------------------------------

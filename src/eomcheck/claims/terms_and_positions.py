@@ -317,9 +317,9 @@ def _weighs_bodies_only(at: Quantities, heights: _Heights, direction: Array, exa
     """
     for pair in heights.rates(heights.moving(direction), at.parameters.mass):
         of_masses, of_all = pair
-        left = of_masses - of_all
+        of_others = of_masses - of_all
         try:
-            weighs = not (left == 0 if exact else abs(left) <= NOTICEABLE * abs(of_all))
+            weighs = not (of_others == 0 if exact else abs(of_others) <= NOTICEABLE * abs(of_all))
         except NotRationalError:
             continue  # degree bounds equal nothing; they bound sides that may be skipped
         if weighs:
@@ -454,7 +454,9 @@ def _cartesian_coordinates(scene: Scene) -> dict[str, list[int]]:
             points.setdefault(match[2], {})[match[1]] = i
     if any(not {"x", "y"} <= axes.keys() for axes in points.values()):
         return {}
-    return {axis: [of[axis] for of in points.values() if axis in of] for axis in "xyz"}
+    return {
+        axis: [indices[axis] for indices in points.values() if axis in indices] for axis in "xyz"
+    }
 
 
 def _in_turning_frame(at: Evaluation, J: Array, cartesian: list[int]) -> bool:
@@ -468,9 +470,9 @@ def _in_turning_frame(at: Evaluation, J: Array, cartesian: list[int]) -> bool:
         J: ∂V/∂v (n_b, d, n) there.
         cartesian: indices of the Cartesian coordinates.
     """
-    others = np.setdiff1d(np.arange(at.scene.n), cartesian)
+    other_coordinates = np.setdiff1d(np.arange(at.scene.n), cartesian)
     q = at.q.copy()
-    q[others] += ELSEWHERE
+    q[other_coordinates] += ELSEWHERE
     elsewhere = _along_each(Evaluation(at.scene, q, at.v, at.t), _linear_along)
     before, after = J[..., cartesian], elsewhere[..., cartesian]
 
@@ -490,8 +492,8 @@ def tried_motions(at: Evaluation) -> Iterator[Symmetry]:
     are among the other coordinates, if bodies do not turn with the angles, or if the angles that
     turn them are not determined.
     """
-    scene, q, v, places = at.scene, at.q, at.v, _cartesian_coordinates(at.scene)
-    if not places:
+    scene, q, v, coordinates = at.scene, at.q, at.v, _cartesian_coordinates(at.scene)
+    if not coordinates:
         return
     V, omega = at.run(scene.velocities, at.parameters, at.prepared, q, np.zeros_like(v))
     if np.any(V) or np.any(omega):
@@ -499,17 +501,17 @@ def tried_motions(at: Evaluation) -> Iterator[Symmetry]:
     J, turns = (_along_each(at, along) for along in (_linear_along, _angular_along))
     if not (np.isfinite(J).all() and np.isfinite(turns).all()):
         return
-    cartesian = [i for of in places.values() for i in of]
+    cartesian = [i for indices in coordinates.values() for i in indices]
     if turns[:, :, cartesian].any() or not J[:, :, cartesian].any(axis=(1, 2)).all():
         return
     if _in_turning_frame(at, J, cartesian):
         return
     shifted = q.copy()
     for axis, shift in zip("xyz", SHIFT, strict=True):
-        shifted[places[axis]] += shift
+        shifted[coordinates[axis]] += shift
     yield Symmetry("translation", scene, shifted, v, np.eye(scene.n))
     angles = np.arange(scene.n)[scene.angle_coordinates]
-    level = J.shape[1] == 2 and turns.shape[1] == 1 and not places["z"]
+    level = J.shape[1] == 2 and turns.shape[1] == 1 and not coordinates["z"]
     if not level or len(angles) + len(cartesian) < scene.n:
         return
     heading, _, rank, _ = np.linalg.lstsq(turns[:, 0, angles], np.ones(len(turns)))
@@ -517,7 +519,7 @@ def tried_motions(at: Evaluation) -> Iterator[Symmetry]:
         return  # some body does not turn, or at another rate, or its angles are not determined
     image = np.eye(scene.n)
     c, s = np.cos(records.TURN), np.sin(records.TURN)
-    for x, y in zip(places["x"], places["y"], strict=True):
+    for x, y in zip(coordinates["x"], coordinates["y"], strict=True):
         image[np.ix_((x, y), (x, y))] = [[c, -s], [s, c]]
     turned = image @ q
     turned[angles] += records.TURN * heading
@@ -535,12 +537,12 @@ def moved_energy(case: Case) -> Iterator[Finding]:
     declared = tuple(at.scene.symmetries(at.q, at.v))
     names = {symmetry.name for symmetry in declared}
     for symmetry in (*declared, *(x for x in tried_motions(at) if x.name not in names)):
-        there = Evaluation(symmetry.scene, symmetry.q, symmetry.v, at.t)
-        actual, expected = (np.array([float(_kinetic_energy(e))]) for e in (there, at))
+        mapped = Evaluation(symmetry.scene, symmetry.q, symmetry.v, at.t)
+        actual, expected = (np.array([float(_kinetic_energy(e))]) for e in (mapped, at))
         sensitivity = float(expected[0])
         if not abs(actual[0] - expected[0]) <= allowed_error(sensitivity):
             # A larger sensitivity only allows more.
-            each_way = (sensitivity_of(e, _kinetic_energy, coordinates=True) for e in (at, there))
+            each_way = (sensitivity_of(e, _kinetic_energy, coordinates=True) for e in (at, mapped))
             sensitivity = sum(each_way)
         finding = case.compare(symmetry.name, actual, expected, sensitivity, names=(("T",),))
         if finding.verdict == "failed" and symmetry.name not in names:

@@ -51,7 +51,7 @@ def scene_function_that_raised(scene: Scene, error: BaseException) -> str:
 def _files(kind: type[Scene]) -> set[str]:
     """Return the files that define functions of a scene class, files of this package excluded."""
     functions = [getattr(kind, name, None) for name in FUNCTIONS]
-    functions += [x for of in kind.__mro__ for x in vars(of).values()]
+    functions += [x for base in kind.__mro__ for x in vars(base).values()]
     codes = (getattr(inspect.unwrap(x), "__code__", None) for x in functions if callable(x))
     files = {code.co_filename for code in codes if code is not None}
     return {file for file in files if not Path(file).is_relative_to(HERE)}

@@ -59,8 +59,8 @@ def axis_names(at: FunctionState, name: str) -> tuple[tuple[str, ...], ...]:
     """Return the names along each axis of the result of a function."""
     f = at.functions
     rows = tuple(f"{i}" for i in range(at.caller.sizes.get("r", 0)))
-    known = {"n": f.coordinate_names, "p": f.velocity_names, "r": rows}
-    return tuple(known[symbol] for symbol in INPUTS[name].shape)
+    names_by_symbol = {"n": f.coordinate_names, "p": f.velocity_names, "r": rows}
+    return tuple(names_by_symbol[symbol] for symbol in INPUTS[name].shape)
 
 
 @function_claim("answers", "each function answers with finite numbers of the right shape", "")
@@ -96,9 +96,9 @@ def same_answer(at: FunctionState) -> Iterator[Comparison]:
     width_q, width_v = (x * np.linspace(1.0, 1.3, len(x)) for x in (at.width_q, at.width_v))
     # All functions at this state before any call at another one.
     for name, first in [(name, at.quantity(name)) for name in working_functions(at)]:
-        for other in working_functions(at):
+        for name_between in working_functions(at):
             # As in a simulation: every function at another state in between.
-            at.raw(other)(at.q - 0.3 * width_q, at.v + 0.7 * width_v)
+            at.raw(name_between)(at.q - 0.3 * width_q, at.v + 0.7 * width_v)
         again = at.caller(name, at.q, at.v)
         yield _again(at, name, again, first)
 
@@ -141,24 +141,24 @@ def answers_repeat(at: FunctionState) -> Iterator[Comparison | Decision]:
     where = [x] + [x + (0.1 + 0.2 * k) * along for k in range(AWAY)]
     for name in working_functions(at):
         f, first = at.raw(name), at.quantity(name)
-        known = [first.value, *(f(y[:n], y[n:]) for y in where[1:])]
+        values = [first.value, *(f(y[:n], y[n:]) for y in where[1:])]
         worst, error = first.value, np.zeros(first.shape)
         for k in order[: count if name in at.caller.repeated else AT_FIRST]:
-            away = np.abs(f(where[k][:n], where[k][n:]) - known[k])
+            away = np.abs(f(where[k][:n], where[k][n:]) - values[k])
             # NaN twice is the same result.
             if largest(np.nan_to_num(away, nan=0.0)) > largest(error):
                 error, worst = away, first.value + away
         at.caller.repeated.add(name)
-        rounding = EPS * np.maximum(first.size, np.fmax.reduce(np.abs(known)))
-        kept = UncertainArray(first.value, rounding, first.size)
+        rounding = EPS * np.maximum(first.size, np.fmax.reduce(np.abs(values)))
+        first_with_rounding = UncertainArray(first.value, rounding, first.size)
         double = name not in at.caller.single_precision and _relative(first) <= NOISE
         unfelt = _unfelt(at, name, KEPT, COARSE_BY) if double else ""
         cached = name not in at.caller.single_precision and _is_cached(at, name, double)
         if unfelt or cached:
-            what = f"{name}, does not feel small changes of {unfelt or 'q'}: cached?"
-            yield Decision(name, KEPT, 0.0, "failed", what)
+            text = f"{name}, does not feel small changes of {unfelt or 'q'}: cached?"
+            yield Decision(name, KEPT, 0.0, "failed", text)
             continue
-        yield _again(at, name, worst, kept)
+        yield _again(at, name, worst, first_with_rounding)
 
 
 @function_claim("fresh-answer", "f(x) of a fresh instance is f(x)", "", ("factory",))
@@ -198,11 +198,11 @@ def fresh_functions(functions: EquationsOfMotion) -> EquationsOfMotion:
     instance = functions.factory()
     if isinstance(instance, EquationsOfMotion):
         return instance
-    given = (
+    functions_by_name = (
         instance if isinstance(instance, dict) else {x: getattr(instance, x, None) for x in INPUTS}
     )
     options = {"speeds": functions.speeds, "qdot": functions.qdot, "array": functions.array}
-    return equations_from(functions.n, options | given)
+    return equations_from(functions.n, options | functions_by_name)
 
 
 @function_claim("double-precision", "functions compute in doubles", "precision")
@@ -217,20 +217,20 @@ def double_precision(at: FunctionState) -> Iterator[Decision]:
             unfelt = _unfelt(at.with_velocity(FAST * at.v), name)
         share = _relative(quantity, _size_beside(at, name))
         if name in at.caller.single_precision:
-            what = f"answers in {at.caller.single_precision[name]}"
+            text = f"answers in {at.caller.single_precision[name]}"
         elif unfelt:
-            what = f"does not feel small changes of {unfelt}: float32 arithmetic"
+            text = f"does not feel small changes of {unfelt}: float32 arithmetic"
         elif NOISE < share < NOTHING and name != "qdd":
             # Accelerations are noisy where M is nearly singular, which is no fault of theirs.
-            what = f"noise of {share:.1g} of its size: float32 arithmetic, or terms that cancel"
+            text = f"noise of {share:.1g} of its size: float32 arithmetic, or terms that cancel"
             if max(_noise_beside(at, name)) <= NOISE:
-                what = "jumps or has a kink at this state: its noise is not measured there"
-            yield Decision(name, share, NOISE, "inconclusive", f"{name}, {what}")
+                text = "jumps or has a kink at this state: its noise is not measured there"
+            yield Decision(name, share, NOISE, "inconclusive", f"{name}, {text}")
             continue
         else:
             yield Decision(name, share if share <= NOISE else 0.0, NOISE, "passed")
             continue
-        yield Decision(name, max(blur, 2.0**-24), NOISE, "failed", f"{name}, {what}")
+        yield Decision(name, max(blur, 2.0**-24), NOISE, "failed", f"{name}, {text}")
 
 
 def _size_beside(at: FunctionState, name: str) -> float:
@@ -263,7 +263,9 @@ def _relative(array: UncertainArray, beside: float = 0.0) -> float:
     return largest(array.error) / size if size > 0.0 and np.isfinite(size) else 0.0
 
 
-def _unfelt(at: FunctionState, name: str, small: float = UNFELT, by: float = FELT_BY) -> str:
+def _unfelt(
+    at: FunctionState, name: str, small: float = UNFELT, share_felt: float = FELT_BY
+) -> str:
     """Return the first entry of q and v of which only large changes have an effect, "" for none.
 
     A smooth function that the large change changes by `by` of its size changes by a fixed part of
@@ -276,12 +278,12 @@ def _unfelt(at: FunctionState, name: str, small: float = UNFELT, by: float = FEL
         if ("q" if k < n else "v") not in reads:
             continue
 
-        def changed(share: float, k: int = k, width: float = float(width)) -> Array:
+        def change_over(share: float, k: int = k, width: float = float(width)) -> Array:
             x = np.concatenate((at.q, at.v))
             x[k] += share * width
             return np.abs(f(x[:n], x[n:]) - value.value)
 
-        if _steps(changed, FELT, small, by * largest(value.size)):
+        if _steps(change_over, FELT, small, share_felt * largest(value.size)):
             return names[k]
     return ""
 
@@ -298,7 +300,7 @@ def _is_cached(at: FunctionState, name: str, double: bool) -> bool:
         return np.abs(f(at.q + share * along, at.v) - value.value)
 
     steps, size = CACHED_DOUBLES if double else CACHED, largest(value.size)
-    return any(_steps(changed, long, short, by * size) for long, short, by in steps)
+    return any(_steps(changed, long, short, share_felt * size) for long, short, share_felt in steps)
 
 
 def _steps(changed: Callable[[float], Array], long: float, short: float, least: float) -> bool:
@@ -309,7 +311,7 @@ def _steps(changed: Callable[[float], Array], long: float, short: float, least: 
     nothing but rounding may be 0 at one step and not at another.
     """
     once, *more = (changed(j * long) for j in (1, 2, 3))
-    straight = [np.abs(one - j * once) <= 0.1 * once for j, one in enumerate(more, 2)]
+    straight = [np.abs(change - j * once) <= 0.1 * once for j, change in enumerate(more, 2)]
     coarse = (once > least) & np.logical_and.reduce(straight)
     if not coarse.any():
         return False

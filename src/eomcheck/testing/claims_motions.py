@@ -93,11 +93,11 @@ def motion(at: FunctionState) -> Iterator[Comparison | Decision | Skipped]:
         if at.has("b"):
             yield Skipped(subject, FORCES)
             return
-        each = [at.with_velocity(-at.v), at.with_velocity(np.zeros(len(at.v)))]
-        biases = [supplied_or_derived_bias(one) for one in each]
-        back, rest = (
-            free @ (inertia(one) @ one.quantity("qdd") + B)
-            for one, B in zip(each, biases, strict=True)
+        states = [at.with_velocity(-at.v), at.with_velocity(np.zeros(len(at.v)))]
+        biases = [supplied_or_derived_bias(state) for state in states]
+        back, at_rest = (
+            free @ (inertia(state) @ state.quantity("qdd") + B)
+            for state, B in zip(states, biases, strict=True)
             if B is not None
         )
         odd, along = inertial - back, exact(free.value @ at.v)
@@ -105,19 +105,19 @@ def motion(at: FunctionState) -> Iterator[Comparison | Decision | Skipped]:
             # Dampers do work; terms of T that are linear in v do none.
             yield Comparison(subject, odd, exact(np.zeros(odd.shape)), (names,))
             return
-        yield Comparison(subject, inertial + back, 2.0 * rest, (names,))
+        yield Comparison(subject, inertial + back, 2.0 * at_rest, (names,))
         worst = float(np.abs(inertial.value).max())
         yield Decision("forces", worst, 0.0, "inconclusive", f"M q̈ + B is not 0, and {FORCES}")
         return
 
     def explain(actual: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
         for name, part in at.parts().items():
-            of = free @ part
-            for factor, what in HOW.items():
+            force = free @ part
+            for factor, diagnosis in HOW.items():
                 if within_allowed(
-                    actual - expected, factor * of.value, allowed + abs(factor) * C * of.error
+                    actual - expected, factor * force.value, allowed + abs(factor) * C * force.error
                 ):
-                    return f"off by {name}: {what}"
+                    return f"off by {name}: {diagnosis}"
         return ""
 
     yield Comparison(subject, inertial, forces, (names,), explain=explain)
@@ -152,8 +152,8 @@ def violation_power(
     if not at.has("a"):
         return exact(0.0)
     a, speed = at.quantity("a").value, np.abs(at.v)
-    left = np.abs(a @ at.v) + EPS * np.abs(a) @ speed
-    violation = np.abs(np.linalg.pinv(a)) @ left + EPS * speed
+    remaining = np.abs(a @ at.v) + EPS * np.abs(a) @ speed
+    violation = np.abs(np.linalg.pinv(a)) @ remaining + EPS * speed
     size = (inertia(at) @ qdd).size + forces.size
     return UncertainArray(np.zeros(()), np.asarray(size @ violation), np.zeros(()))
 
@@ -174,7 +174,9 @@ def acceleration_even(at: FunctionState) -> Iterator[Comparison | Decision]:
     """
     damped, odd = _damped(at), _odd(at)
     if damped.any():
-        rows_ = ", ".join(name for name, one in zip(row_names(at), damped, strict=True) if one)
+        rows_ = ", ".join(
+            name for name, is_damped in zip(row_names(at), damped, strict=True) if is_damped
+        )
         largest = float(np.abs(odd.value[damped]).max())
         yield Decision(
             "q̈ odd in v", largest, 0.0, "inconclusive", f"acceleration, row {rows_}: {DAMPER}"
@@ -227,13 +229,13 @@ def acceleration_quadratic(at: FunctionState) -> Iterator[Comparison]:
 
     In rows with a linear damper the mean of both directions of v is compared.
     """
-    rest = at.with_velocity(np.zeros(len(at.v))).quantity("qdd")
+    at_rest = at.with_velocity(np.zeros(len(at.v))).quantity("qdd")
     twice = at.with_velocity(2.0 * at.v)
     once, far, damped = at.quantity("qdd"), twice.quantity("qdd"), _damped(at)
     if damped.any():
         once = _where(damped, once - 0.5 * _odd(at), once)
         far = _where(damped, far - 0.5 * _odd(twice), far)
-    yield compare(at, "q̈", far - rest, 4.0 * (once - rest))
+    yield compare(at, "q̈", far - at_rest, 4.0 * (once - at_rest))
 
 
 # ---- Reference -----------------------------------------------------------------------------------
@@ -261,22 +263,22 @@ FOLLOWS = {"M": "T", "bias": "C|M|T", "gamma": "a"}
 
 def _has(at: FunctionState, name: str) -> bool:
     if name == "forces":
-        return any(at.has(one) for one in FORCE_TERMS)
+        return any(at.has(term) for term in FORCE_TERMS)
     return at.has(name)
 
 
-def _shared(at: FunctionState, theirs: FunctionState, name: str) -> bool:
+def _shared(at: FunctionState, reference: FunctionState, name: str) -> bool:
     """Return whether a quantity is given by both, or by one of them and follows in the other.
 
     Where both give the function that it follows from, that is compared, and this would repeat it.
     """
-    given = _has(at, name), _has(theirs, name)
-    if all(given) or not any(given) or name not in FOLLOWS:
-        return all(given)
+    provided = _has(at, name), _has(reference, name)
+    if all(provided) or not any(provided) or name not in FOLLOWS:
+        return all(provided)
     sources = FOLLOWS[name]
-    other = theirs if given[0] else at
-    both = any(at.has(one) and theirs.has(one) for one in sources.split("|"))
-    return has_any(other, sources) and not both
+    derived = reference if provided[0] else at
+    source_compared = any(at.has(source) and reference.has(source) for source in sources.split("|"))
+    return has_any(derived, sources) and not source_compared
 
 
 def _reference_at(at: FunctionState) -> FunctionState:
@@ -293,20 +295,20 @@ def check_reference(points: list[FunctionState]) -> None:
     """
     broken: BrokenError | None = None
     for at in points:
-        theirs = _reference_at(at)
-        for name, (_, of) in QUANTITIES.items():
-            if not _shared(at, theirs, name):
+        reference = _reference_at(at)
+        for name, (_, quantity_of) in QUANTITIES.items():
+            if not _shared(at, reference, name):
                 continue
             try:
-                of(theirs)
+                quantity_of(reference)
             except BrokenError as error:
                 broken = broken or error
             else:
                 return
     if broken is not None:
         assert points[0].reference is not None
-        what = f"against = {points[0].reference.name}: it does not answer in any state"
-        raise InputError(f"{what}: {broken}")
+        text = f"against = {points[0].reference.name}: it does not answer in any state"
+        raise InputError(f"{text}: {broken}")
 
 
 @function_claim(
@@ -326,9 +328,9 @@ def check_reference(points: list[FunctionState]) -> None:
 def reference(at: FunctionState) -> Iterator[Comparison | Skipped]:
     """Compare each quantity with that of the reference."""
     assert at.reference is not None
-    for name, (shaped, of) in QUANTITIES.items():
-        point, theirs = at, _reference_at(at)
-        if not _shared(at, theirs, name):
+    for name, (shaped, quantity_of) in QUANTITIES.items():
+        point, other_point = at, _reference_at(at)
+        if not _shared(at, other_point, name):
             continue
         subject = f"{name} ~ {at.reference.name}"
         if name == "qdd":
@@ -337,15 +339,15 @@ def reference(at: FunctionState) -> Iterator[Comparison | Skipped]:
                 yield Skipped(subject, "no consistent state is found nearby")
                 continue
             point = consistent
-            theirs = FunctionState(theirs.caller, point.q, point.v, at.seed)
+            other_point = FunctionState(other_point.caller, point.q, point.v, at.seed)
         try:
-            expected = of(theirs)
+            expected = quantity_of(other_point)
         except BrokenError as broken:
             yield Skipped(subject, f"the reference breaks: {broken}")
             continue
-        actual = of(point)
+        actual = quantity_of(point)
         if actual is None or expected is None:
-            yield Skipped(subject, why_no_bias(point if actual is None else theirs))
+            yield Skipped(subject, why_no_bias(point if actual is None else other_point))
             continue
         names = axis_names(at, shaped)
         yield Comparison(subject, actual, expected, names, explain=proportional)

@@ -81,9 +81,9 @@ def mass_matrix_symmetric(at: FunctionState) -> Iterator[Comparison]:
         for part, name in ((np.tril(actual, -1), "lower"), (np.triu(actual, 1), "upper")):
             if not part.any():
                 return f"the {name} triangle is empty"
-        other = ", ".join(row_names(at)[k] for k in reversed(worst))
+        mirrored = ", ".join(row_names(at)[k] for k in reversed(worst))
         x, y = actual[worst], expected[worst]
-        return f"{x:.6g}, and entry ({other}) is {y:.6g}{sign_hint(x, y, allowed)}"
+        return f"{x:.6g}, and entry ({mirrored}) is {y:.6g}{sign_hint(x, y, allowed)}"
 
     yield compare(at, "M", M, M.T, explain)
 
@@ -112,8 +112,8 @@ def mass_matrix_positive(at: FunctionState) -> Iterator[Decision]:
     least = float(np.linalg.eigvalsh(0.5 * (M.value + M.value.T) * np.outer(scale, scale))[0])
     allowed = C * float((M.error * np.outer(scale, scale)).sum() + EPS * len(scale))
     if least < -allowed:
-        what = f"mass matrix, its least eigenvalue is {least:.3g} of its diagonal"
-        yield Decision("M", -least, allowed, "failed", what)
+        text = f"mass matrix, its least eigenvalue is {least:.3g} of its diagonal"
+        yield Decision("M", -least, allowed, "failed", text)
     elif least > allowed:
         yield Decision("M", 0.0, allowed, "passed")
     else:
@@ -126,33 +126,33 @@ def bias_at_rest(at: FunctionState) -> Iterator[Comparison]:
 
     With `bias_has_gravity` the bias at rest is compared with gravity.
     """
-    rest = at.with_velocity(np.zeros(len(at.v)))
+    at_rest = at.with_velocity(np.zeros(len(at.v)))
     if at.functions.bias_has_gravity:
         if at.functions.gravity is not None or at.has("U"):
             g = at.quantity("gravity") if at.functions.gravity is not None else at.U_q()
-            yield compare(at, "bias at rest ~ ∂U/∂q", rest.quantity("bias"), g)
+            yield compare(at, "bias at rest ~ ∂U/∂q", at_rest.quantity("bias"), g)
         return
 
     def explain(actual: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
-        known = at.gravity() if at.has("gravity") or at.has("U") else None
+        gravity = at.gravity() if at.has("gravity") or at.has("U") else None
         for sign, name in ((1.0, "∂U/∂q"), (-1.0, "-∂U/∂q")):
-            if known is not None and within_allowed(
-                actual, sign * known.value, allowed + C * known.error
+            if gravity is not None and within_allowed(
+                actual, sign * gravity.value, allowed + C * gravity.error
             ):
                 return f"it is {name}: gravity is in the bias (say bias_has_gravity=True)"
-        potential = at.functions.qdot is None and _symmetric(_by_q(rest))
+        potential = at.functions.qdot is None and _symmetric(_by_q(at_rest))
         return "should vanish, and has a potential: gravity in it?" if potential else ""
 
-    yield compare(at, "bias", rest.quantity("bias"), zero(at.quantity("bias")), explain)
+    yield compare(at, "bias", at_rest.quantity("bias"), zero(at.quantity("bias")), explain)
 
 
-def _by_q(rest: FunctionState) -> UncertainArray:
-    return rest.by_q(rest.raw("bias"))
+def _by_q(at_rest: FunctionState) -> UncertainArray:
+    return at_rest.by_q(at_rest.raw("bias"))
 
 
-def within_allowed(found: Array, expected: Array, allowed: Array) -> bool:
+def within_allowed(actual: Array, expected: Array, allowed: Array) -> bool:
     """Return whether two arrays are equal, each entry to its allowed error."""
-    return bool((np.abs(found - expected) <= allowed).all())
+    return bool((np.abs(actual - expected) <= allowed).all())
 
 
 def _symmetric(jacobian: UncertainArray) -> bool:
@@ -198,28 +198,28 @@ def check_bias_of_mass_matrix(at: FunctionState) -> Iterator[Comparison | Skippe
     yield compare(at, "bias", at.B(), expected, proportional)
 
 
-def proportional(found: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
+def proportional(actual: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
     """Return a common factor of all rows as a diagnosis; "" if there is none.
 
     A factor has as many digits as `allowed` leaves, so that one cause has one text; a factor that
     would read as 1 is replaced by its relative difference from 1.
 
     Args:
-        found: array of the functions under test.
+        actual: array of the functions under test.
         expected: expected array, same shape.
         allowed: error that is allowed in the worst entry.
         worst: index of the worst entry.
     """
     size = float(np.abs(expected).max(initial=0.0))
-    if size == 0.0 or found.size < 1:
+    if size == 0.0 or actual.size < 1:
         return ""
     near = np.maximum(allowed, 1e-10 * size)
     known = {-1.0: "sign", 0.25: "a quarter of it", 0.5: "half of it", 0.0: "missing"}
     for value, name in known.items():
-        if (np.abs(found - value * expected) <= near).all():
+        if (np.abs(actual - value * expected) <= near).all():
             return name + EVERY_ROW
-    factor = float(found.ravel() @ expected.ravel() / (expected.ravel() @ expected.ravel()))
-    if near > 0.1 * size or not (np.abs(found - factor * expected) <= near).all():
+    factor = float(actual.ravel() @ expected.ravel() / (expected.ravel() @ expected.ravel()))
+    if near > 0.1 * size or not (np.abs(actual - factor * expected) <= near).all():
         return ""  # or not one digit of the factor is known
     digits = min(max(int(-np.log10(near / size)), 1), 7)
     text = f"{factor:.{digits}g}"
@@ -278,15 +278,15 @@ def coriolis_skew(at: FunctionState) -> Iterator[Comparison]:
 )
 def gravity_potential(at: FunctionState) -> Iterator[Comparison]:
     """Compare ∂g/∂q with its transpose: gravity has a potential."""
-    given = at.functions.gravity is not None
-    rest = at.with_velocity(np.zeros(len(at.v)))
-    jacobian = at.by_q(at.raw("gravity")) if given else _by_q(rest)
+    is_supplied = at.functions.gravity is not None
+    at_rest = at.with_velocity(np.zeros(len(at.v)))
+    jacobian = at.by_q(at.raw("gravity")) if is_supplied else _by_q(at_rest)
 
     def explain(actual: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
         k, i = (row_names(at)[entry] for entry in worst)
         x, y = actual[worst], expected[worst]
-        each = f"row {i} changes by {x:.6g} per {k}, and row {k} by {y:.6g} per {i}"
-        return each + sign_hint(x, y, allowed)
+        changes = f"row {i} changes by {x:.6g} per {k}, and row {k} by {y:.6g} per {i}"
+        return changes + sign_hint(x, y, allowed)
 
     yield compare(at, "gravity", jacobian, jacobian.T, explain)
 
@@ -320,11 +320,11 @@ def gravity_velocity(at: FunctionState) -> Iterator[Comparison]:
     if at.functions.gravity is None:
         return  # gravity is the bias at rest
     first = at.quantity("gravity")
-    moved = at.with_velocity(-3.0 * at.v + at.width_v)
+    faster = at.with_velocity(-3.0 * at.v + at.width_v)
     for name in at.functions.given:
         with suppress(BrokenError):
-            moved.raw(name)(moved.q, moved.v)
-    again = moved.caller("gravity", moved.q, moved.v)
+            faster.raw(name)(faster.q, faster.v)
+    again = faster.caller("gravity", faster.q, faster.v)
     yield compare(at, "gravity", UncertainArray(again, first.error, first.size), first)
 
 
@@ -392,29 +392,29 @@ def dissipation_positive(at: FunctionState) -> Iterator[Decision | Skipped]:
     Checked along v, and along the velocity for which second differences of R are least. Terms odd
     in v, as of a damper against a belt that moves, drop out.
     """
-    R, here, at_rest = at.raw("R"), at.quantity("R"), np.zeros(len(at.v))
+    R, R_of_v, at_rest = at.raw("R"), at.quantity("R"), np.zeros(len(at.v))
     least, size = _least_damped(at, R)
-    noise = EPS + (float(here.error / here.size) if here.size > 0.0 else 0.0)
-    rest = float(R(at.q, at_rest))
+    noise = EPS + (float(R_of_v.error / R_of_v.size) if R_of_v.size > 0.0 else 0.0)
+    R_at_rest = float(R(at.q, at_rest))
     changes = np.array(
-        [[float(R(at.q, sign * v)) - rest for sign in (1, -1)] for v in (at.v, least)]
+        [[float(R(at.q, sign * v)) - R_at_rest for sign in (1, -1)] for v in (at.v, least)]
     )
     if not np.isfinite(changes).all():
         yield Skipped("R", "R has no value at a velocity within the ranges")
         return
-    allowed = C * noise * max(size, float(here.size), abs(rest))
+    allowed = C * noise * max(size, float(R_of_v.size), abs(R_at_rest))
     gains, change = changes.sum(axis=1), float(np.abs(changes).max())
     gain, v = float(gains.min()), (at.v, least)[int(gains.argmin())]
     if gain < -allowed:
         where = ", ".join(f"{x:.3g}" for x in v)
         feeds = f"feeds energy at v = [{where}], where R is {-gain / 2.0:.3g} W less than at rest"
-        what = f"dissipation function, value: {feeds}: wrong sign? Active drives belong into Q"
-        yield Decision("R", -gain, allowed, "failed", what)
+        text = f"dissipation function, value: {feeds}: wrong sign? Active drives belong into Q"
+        yield Decision("R", -gain, allowed, "failed", text)
     elif change == 0.0 or allowed <= INCONCLUSIVE * change:
         yield Decision("R", max(0.0, -gain), allowed, "passed")
     else:
-        what = "R changes with v by no more than its own rounding"
-        yield Decision("R", max(0.0, -gain), allowed, "inconclusive", what)
+        text = "R changes with v by no more than its own rounding"
+        yield Decision("R", max(0.0, -gain), allowed, "inconclusive", text)
 
 
 def _least_damped(at: FunctionState, R: Callable[[Array, Array], Array]) -> tuple[Array, float]:
@@ -496,5 +496,5 @@ def constraint_drift(at: FunctionState) -> Iterator[Comparison]:
 )
 def constraint_acceleration(at: FunctionState) -> Iterator[Comparison]:
     """Compare a q̈ with -γ: accelerations keep the constraints; γ as given, else of a and b."""
-    left = at.quantity("a") @ at.quantity("qdd")
-    yield compare_constraints(at, "a q̈ ~ -γ", left, -supplied_or_derived_drift(at), proportional)
+    a_qdd = at.quantity("a") @ at.quantity("qdd")
+    yield compare_constraints(at, "a q̈ ~ -γ", a_qdd, -supplied_or_derived_drift(at), proportional)

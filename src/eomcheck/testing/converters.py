@@ -37,48 +37,48 @@ def from_scene(scene: Scene) -> EquationsOfMotion:
     """
     zero = np.zeros(checked_scene(scene).n)
 
-    def at(q: Array, v: Array = zero, t: float = 0.0) -> Evaluation:
+    def evaluation_at(q: Array, v: Array = zero, t: float = 0.0) -> Evaluation:
         return Evaluation(scene, q, v, t)
 
     def filled(term: Array | None) -> Array:
         return np.zeros(scene.n) if term is None else term
 
     def energies(q: Array, v: Array) -> tuple[Any, Any]:
-        state = at(q, v)
+        state = evaluation_at(q, v)
         return scene.energies(state.parameters, state.prepared, state.q, state.v)
 
     def dissipation(q: Array, v: Array) -> Any:
-        state = at(q, v)
+        state = evaluation_at(q, v)
         return state.dissipation(state.v)
 
     def constraint(q: Array, v: Array) -> Array:
-        state = at(q, v)
+        state = evaluation_at(q, v)
         return np.asarray(scene.constraint(state.parameters, state.prepared, state.q, state.v))
 
     solver = formulations_among([scene], None)[0] if scene.r == 0 else FORMULATIONS["au"]
-    example = at(*scene.initial_state())
+    example = evaluation_at(*scene.initial_state())
     U = energies(example.q, example.v)[1]
     damped = dissipation(example.q, example.v) is not None
-    given: dict[str, Any] = {
-        "M": lambda q: at(q).terms.M,
-        "bias": lambda q, v: filled(at(q, v).terms.B),
+    functions: dict[str, Any] = {
+        "M": lambda q: evaluation_at(q).terms.M,
+        "bias": lambda q, v: filled(evaluation_at(q, v).terms.B),
         "T": lambda q, v: energies(q, v)[0],
-        "qdd": lambda q, v: at(q, v).acceleration(solver).vdot,
+        "qdd": lambda q, v: evaluation_at(q, v).acceleration(solver).vdot,
     }
     if U is not None:
-        given["U"] = lambda q: energies(q, zero)[1]
-        given["gravity"] = lambda q: -filled(at(q).terms.Q)
+        functions["U"] = lambda q: energies(q, zero)[1]
+        functions["gravity"] = lambda q: -filled(evaluation_at(q).terms.Q)
     if damped:
-        given["R"] = dissipation
+        functions["R"] = dissipation
     if U is None and not damped and example.terms.Q is not None:
-        given["Q"] = lambda q, v: filled(at(q, v).terms.Q)
+        functions["Q"] = lambda q, v: filled(evaluation_at(q, v).terms.Q)
     if scene.r:
-        given["a"] = lambda q: at(q).terms.a
-        given["gamma"] = lambda q, v: at(q, v).terms.gamma
-        given["c"] = constraint
+        functions["a"] = lambda q: evaluation_at(q).terms.a
+        functions["gamma"] = lambda q, v: evaluation_at(q, v).terms.gamma
+        functions["c"] = constraint
         if example.terms.b is not None:
-            given["b"] = lambda q, t: at(q, t=t).terms.b
-    return EquationsOfMotion(scene.n, name=scene.name, **given)
+            functions["b"] = lambda q, t: evaluation_at(q, t=t).terms.b
+    return EquationsOfMotion(scene.n, name=scene.name, **functions)
 
 
 def from_engine(engine: Any) -> EquationsOfMotion:
@@ -90,14 +90,14 @@ def from_engine(engine: Any) -> EquationsOfMotion:
     scene, zero = engine.scene, np.zeros(engine.scene.n)
     # In the scene's coordinates, whatever coordinates the engine has itself.
     answers: Any = Answers(engine) if isinstance(engine, Engine) else engine
-    given: dict[str, Any] = {"M": answers.mass_matrix, "bias": answers.bias}
+    functions: dict[str, Any] = {"M": answers.mass_matrix, "bias": answers.bias}
     optional = {"Q": "forces", "gamma": "constraint_drift"} if scene.r else {"Q": "forces"}
     for name, method in optional.items():
         if _offers(engine, method):
-            given[name] = getattr(answers, method)
+            functions[name] = getattr(answers, method)
     if scene.r and _offers(engine, "constraint_jacobian"):
-        given["a"] = lambda q: answers.constraint_jacobian(q, zero)
-    return EquationsOfMotion(scene.n, name=f"{type(engine).key} of {scene.name}", **given)
+        functions["a"] = lambda q: answers.constraint_jacobian(q, zero)
+    return EquationsOfMotion(scene.n, name=f"{type(engine).key} of {scene.name}", **functions)
 
 
 def _offers(engine: Any, method: str) -> bool:
@@ -157,9 +157,9 @@ class _Numbers:
         parameters: symbol -> number.
     """
 
-    def __init__(self, what: str, q: Any, v: Any, parameters: Mapping[Any, float] | None):
+    def __init__(self, method: str, q: Any, v: Any, parameters: Mapping[Any, float] | None):
         self._sympy = required("sympy", "sympy")
-        self.what = what
+        self.what = method
         if not isinstance(parameters, Mapping | None):
             shown = safe_repr(parameters)
             raise InputError(f"parameters = {shown}, expected a dict, symbol -> number")
@@ -168,7 +168,7 @@ class _Numbers:
         self._names = dict(zip([*v, *q], [*symbols[len(q) :], *symbols[: len(q)]], strict=True))
         self._arguments = symbols
         self._parameters = {
-            self._sympy.sympify(x): _number(what, x, y) for x, y in (parameters or {}).items()
+            self._sympy.sympify(x): _number(method, x, y) for x, y in (parameters or {}).items()
         }
 
     def plain(self, expression: Any) -> Any:
@@ -187,16 +187,16 @@ class _Numbers:
             expressions: expressions of which every symbol needs a number.
             others: other expressions in the model, of which symbols may have cancelled.
         """
-        left = _symbols(map(self.plain, expressions)) - set(self._arguments)
+        unknown = _symbols(map(self.plain, expressions)) - set(self._arguments)
         used = _symbols(map(self._named, (*expressions, *others)))
-        unused = [one for one in self._parameters if not _symbols([one]) <= used]
-        names = sorted(map(str, left))
+        unused = [symbol for symbol in self._parameters if not _symbols([symbol]) <= used]
+        names = sorted(map(str, unknown))
         if alike := sorted({*names} & {*map(str, unused)}):
             raise InputError(
                 f"parameters of {self.what} have {', '.join(alike)} of other assumptions than its "
                 "equations, such as positive=True: in SymPy these are other symbols"
             )
-        if left:
+        if unknown:
             raise InputError(f"parameters of {self.what} have no number for {', '.join(names)}")
         if unused:
             listed = ", ".join(sorted(map(str, unused)))
@@ -215,13 +215,13 @@ class _Numbers:
         return numbers
 
 
-def _number(what: str, symbol: Any, value: Any) -> Any:
+def _number(method: str, symbol: Any, value: Any) -> Any:
     """Return the number of a symbol, checked to be a finite real one."""
     with suppress(TypeError, ValueError, OverflowError):
         if not isinstance(value, str) and isfinite(float(value)):
             return value
     raise InputError(
-        f"parameters of {what} have {symbol}: {safe_repr(value)}, expected a finite real number"
+        f"parameters of {method} have {symbol}: {safe_repr(value)}, expected a finite real number"
     )
 
 
@@ -289,8 +289,8 @@ def from_kane(
     speeds = required("sympy", "sympy").Matrix([rates[q.diff()] for q in kane.q])
     expressions = [mechanics.msubs(x, in_u) for x in (mass, forcing, Fr, speeds, energy)]
     inertias = (body.central_inertia.args for body in kane.bodies if hasattr(body, "inertia"))
-    others = [body.mass for body in kane.bodies] + [x[0] for one in inertias for x in one]
-    numbers.check(*expressions, others=[*others, kane._f_h])
+    further = [body.mass for body in kane.bodies] + [x[0] for inertia in inertias for x in inertia]
+    numbers.check(*expressions, others=[*further, kane._f_h])
     K, f, loads, qdot, T = map(numbers, expressions)
     o = len(kane.u)
 
@@ -368,12 +368,12 @@ def from_lagrange(
     full_mass, full_forcing = numbers(lagrange.mass_matrix_full), numbers(lagrange.forcing_full)
     at_rest = np.zeros(n)
 
-    given: dict[str, Any] = {}
+    constraints: dict[str, Any] = {}
     if r:
         a, c = numbers(-lagrange.lam_coeffs), numbers(lagrange.coneqs)
-        given["a"] = lambda q: a(q, at_rest)
-        given["c"] = lambda q, v: c(q, v)[:, 0]
-        given["gamma"] = lambda q, v: -full_forcing(q, v)[2 * n :, 0]
+        constraints["a"] = lambda q: a(q, at_rest)
+        constraints["c"] = lambda q, v: c(q, v)[:, 0]
+        constraints["gamma"] = lambda q, v: -full_forcing(q, v)[2 * n :, 0]
     return EquationsOfMotion(
         n,
         M=lambda q: M(q, at_rest),
@@ -385,7 +385,7 @@ def from_lagrange(
         U=lambda q: -L(q, at_rest),
         derived=True,
         name=name,
-        **given,
+        **constraints,
         **options,
     )
 

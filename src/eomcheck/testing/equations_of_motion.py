@@ -148,9 +148,9 @@ class EquationsOfMotion:
             if not callable(self.function(name)):
                 raise InputError(f"{name} = {safe_repr(self.function(name))}, expected a function")
         for name in ("factory", "array"):
-            made = getattr(self, name)
-            if made is not None and not callable(made):
-                raise InputError(f"{name} = {safe_repr(made)}, expected a function")
+            function = getattr(self, name)
+            if function is not None and not callable(function):
+                raise InputError(f"{name} = {safe_repr(function)}, expected a function")
         if not self.given:
             raise InputError(f"no function is given, expected at least one of {', '.join(INPUTS)}")
         if self.speeds is not None:
@@ -219,16 +219,16 @@ class EquationsOfMotion:
         size = self.n + self.p
         full = np.tile([-1.0, 1.0], (size, 1))
         if self.ranges is not None:
-            given = _pairs(self.ranges)
-            if given is None or (given.ndim == 2 and len(given) not in (self.n, size)):
+            pairs = _pairs(self.ranges)
+            if pairs is None or (pairs.ndim == 2 and len(pairs) not in (self.n, size)):
                 raise InputError(
                     f"ranges = {safe_repr(self.ranges)}, expected (low, high) with low < high, or "
                     f"{self.n} such pairs for the coordinates, or {size} with the velocities"
                 )
-            if given.ndim == 1:
-                full[:] = given
+            if pairs.ndim == 1:
+                full[:] = pairs
             else:
-                full[: len(given)] = given
+                full[: len(pairs)] = pairs
         return full.mean(axis=1), (full[:, 1] - full[:, 0]) / 2.0
 
 
@@ -361,8 +361,8 @@ class FunctionCaller:
         assert function is not None
         handed = {"q": q.copy(), "v": v.copy()}
         arrays: dict[str, Any] = handed if make is None else {x: make(y) for x, y in handed.items()}
-        given = {**arrays, "t": t}
-        arguments = [given[letter] for letter in self.reads(name)]
+        values = {**arrays, "t": t}
+        arguments = [values[letter] for letter in self.reads(name)]
         before = [] if make is None else _bytes(arrays)
         try:
             answer = call(f"{self.functions.name}: {name}", function, *arguments)
@@ -371,10 +371,10 @@ class FunctionCaller:
         except CallError as error:
             raise BrokenError(name, error.what.removeprefix("raised ")) from error
         except Exception as error:
-            what = described_error(error)
+            text = described_error(error)
             # PyTorch's error for an array of NumPy names its Tensor.
-            hint = "; say array=torch.as_tensor" if make is None and "Tensor" in what else ""
-            raise BrokenError(name, what + hint) from error
+            hint = "; say array=torch.as_tensor" if make is None and "Tensor" in text else ""
+            raise BrokenError(name, text + hint) from error
         finally:
             written = handed["q"].tobytes() != q.tobytes() or handed["v"].tobytes() != v.tobytes()
             if written or (make is not None and _bytes(arrays) != before):
@@ -413,8 +413,8 @@ class FunctionCaller:
         except OverflowError:
             raise BrokenError(name, "answers a number that is too large for a double") from None
         except (TypeError, ValueError, RuntimeError):
-            what = f"answers {_type_of(answer)}, expected an array of numbers"
-            raise BrokenError(name, what) from None
+            text = f"answers {_type_of(answer)}, expected an array of numbers"
+            raise BrokenError(name, text) from None
         if raw.dtype.kind == "f" and raw.dtype.itemsize < 8:
             self.single_precision[name] = str(raw.dtype)
         return array
@@ -452,8 +452,8 @@ def _type_of(answer: Any) -> str:
     types = {type(x) for x in entries} if isinstance(entries, list | tuple) else set()
     if len(types) != 1 or types & {int, float, list, tuple}:
         return kind
-    (of,) = types
-    return f"{kind} of {of.__name__}"
+    (entry_type,) = types
+    return f"{kind} of {entry_type.__name__}"
 
 
 PLAIN = np.ndarray, np.float64, float
@@ -465,7 +465,7 @@ def _plain(answer: Any) -> Any:
     if type(answer) in PLAIN:
         return answer
     if isinstance(answer, list | tuple):
-        return [_plain(one) for one in answer]
+        return [_plain(entry) for entry in answer]
     for method in ("detach", "cpu"):
         answer = getattr(answer, method, lambda answer=answer: answer)()
     return answer

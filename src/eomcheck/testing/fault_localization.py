@@ -94,7 +94,7 @@ def wrong_terms(failed: Finding, at: FunctionState) -> str:
     if terms is None:
         return CONSTANT
     wrong = sorted(filter(lambda x: x.is_wrong, terms), key=lambda x: -abs(x.got - x.expected))
-    texts = list(dict.fromkeys(_text(one, wrong, row_names(at)) for one in wrong))
+    texts = list(dict.fromkeys(_text(term, wrong, row_names(at)) for term in wrong))
     more = f"; {len(texts) - LISTED} more terms" if len(texts) > LISTED else ""
     return "; ".join(texts[:LISTED]) + more
 
@@ -102,7 +102,7 @@ def wrong_terms(failed: Finding, at: FunctionState) -> str:
 def _terms_of_bias(actual: OfV, expected: OfV, at: FunctionState) -> list[Term] | None:
     """Return the terms of both sides of a bias; None where they differ by a constant alone."""
     v = np.where(at.v < 0.0, -1.0, 1.0) * at.width_v  # not small, unlike v near rest
-    off, sound = (_degrees(of, v) for of in (_difference(actual, expected), expected))
+    off, sound = (_degrees(side, v) for side in (_difference(actual, expected), expected))
     if off.constant and not (off.odd or off.even):
         return None
     if off.constant or off.odd or sound.constant or sound.odd:
@@ -123,14 +123,16 @@ def _sides_of_bias(claim: str, at: FunctionState) -> tuple[OfV, OfV] | None:
     """Return both sides of a claim as functions of v; None where they are not quadratic in v."""
     if at.functions.qdot is not None:
         return None
-    given: OfV = lambda v: at.with_velocity(v).B()  # noqa: E731
+    supplied: OfV = lambda v: at.with_velocity(v).B()  # noqa: E731
     match claim:
         case "bias-of-mass-matrix":
-            return given, lambda v: bias_along(at, v)
+            return supplied, lambda v: bias_along(at, v)
         case "bias-of-energy":
-            return given, lambda v: bias_of_energy(at.with_velocity(v))
+            return supplied, lambda v: bias_of_energy(at.with_velocity(v))
         case "coriolis-bias":
-            expected = given if at.has("bias") else (lambda v: bias_of_inertia(at.with_velocity(v)))
+            expected = (
+                supplied if at.has("bias") else (lambda v: bias_of_inertia(at.with_velocity(v)))
+            )
             return lambda v: at.with_velocity(v).quantity("C") @ exact(v), expected
     return None
 
@@ -155,14 +157,14 @@ class VelocityDependence(NamedTuple):
 
 def velocity_dependence(values: Sequence[UncertainArray]) -> VelocityDependence:
     """Return the parities in v of a quantity from its values at `SCALES` times v."""
-    rest, ahead, behind, _ = values
-    odd, even = ahead - behind, ahead + behind - 2.0 * rest
-    return VelocityDependence(*(bool(is_nonzero(x).any()) for x in (rest, odd, even)))
+    at_rest, ahead, behind, _ = values
+    odd, even = ahead - behind, ahead + behind - 2.0 * at_rest
+    return VelocityDependence(*(bool(is_nonzero(x).any()) for x in (at_rest, odd, even)))
 
 
-def _degrees(of: OfV, v: Array) -> VelocityDependence:
+def _degrees(function: OfV, v: Array) -> VelocityDependence:
     """Return the parities of a function of v; even, as of a bias, where it has no value."""
-    values = [x for x in (of(scale * v) for scale in SCALES) if x is not None]
+    values = [x for x in (function(scale * v) for scale in SCALES) if x is not None]
     return (
         velocity_dependence(values)
         if len(values) == len(SCALES)
@@ -174,29 +176,29 @@ def _difference(x: OfV, y: OfV) -> OfV:
     """Return the function x - y, None where one of them has no value."""
 
     def difference(v: Array) -> UncertainArray | None:
-        left, right = x(v), y(v)
-        return None if left is None or right is None else left - right
+        x_value, y_value = x(v), y(v)
+        return None if x_value is None or y_value is None else x_value - y_value
 
     return difference
 
 
-def _quadratic_part(of: OfV) -> OfV:
+def _quadratic_part(function: OfV) -> OfV:
     """Return the part of a function that is even in v, without the constant."""
 
     def part(v: Array) -> UncertainArray | None:
-        ahead, back, rest = of(v), of(-v), of(0.0 * v)
-        if ahead is None or back is None or rest is None:
+        ahead, back, at_rest = function(v), function(-v), function(0.0 * v)
+        if ahead is None or back is None or at_rest is None:
             return None
-        return 0.5 * (ahead + back) - rest
+        return 0.5 * (ahead + back) - at_rest
 
     return part
 
 
-def coefficients(of: OfV, widths: Array) -> dict[tuple[int, int], UncertainArray]:
+def coefficients(function: OfV, widths: Array) -> dict[tuple[int, int], UncertainArray]:
     """Return the coefficients of a quadratic form in v.
 
     Args:
-        of: function of v that is quadratic in it.
+        function: function of v that is quadratic in it.
         widths: size of each velocity at which it is evaluated (p,).
 
     Returns:
@@ -204,48 +206,48 @@ def coefficients(of: OfV, widths: Array) -> dict[tuple[int, int], UncertainArray
     """
     axes, products = np.diag(widths), {}
     for i, axis in enumerate(axes):
-        value = of(axis)
+        value = function(axis)
         if value is None:
             return {}
         products[i, i] = value
         for j in range(i):
-            both = of(axis + axes[j])
-            assert both is not None
-            products[j, i] = both - products[i, i] - products[j, j]
+            of_both = function(axis + axes[j])
+            assert of_both is not None
+            products[j, i] = of_both - products[i, i] - products[j, j]
     return {(i, j): (1.0 / (widths[i] * widths[j])) * x for (i, j), x in products.items()}
 
 
 def _terms(actual: OfV, expected: OfV, widths: Array) -> Iterator[Term]:
     """Yield the terms that both functions have."""
-    left, right = coefficients(actual, widths), coefficients(expected, widths)
-    for (i, j), got in left.items():
-        if (i, j) in right:
-            other = right[i, j]
-            errors = C * (got.error + other.error)
-            numbers = zip(got.value, other.value, errors, strict=True)
+    actual_terms, expected_terms = coefficients(actual, widths), coefficients(expected, widths)
+    for (i, j), got in actual_terms.items():
+        if (i, j) in expected_terms:
+            wanted = expected_terms[i, j]
+            errors = C * (got.error + wanted.error)
+            numbers = zip(got.value, wanted.value, errors, strict=True)
             for row, (x, y, allowed) in enumerate(numbers):
                 yield Term(row, i, j, float(x), float(y), float(allowed))
 
 
-def _text(one: Term, wrong: list[Term], names: tuple[str, ...]) -> str:
+def _text(term: Term, wrong: list[Term], names: tuple[str, ...]) -> str:
     """Return a description of a wrong term, with the term that stands in its place, if any."""
-    got, expected, near = one.got, one.expected, one.allowed
-    beside = [x for x in wrong if x.row == one.row and x is not one]
-    for x, y in ((one, other) for other in beside):
+    got, expected, near = term.got, term.expected, term.allowed
+    beside = [x for x in wrong if x.row == term.row and x is not term]
+    for x, y in ((term, neighbour) for neighbour in beside):
         lost, extra = (x, y) if abs(x.got) <= x.allowed else (y, x)
-        moved = abs(extra.got - extra.expected - lost.expected) <= lost.allowed + extra.allowed
-        if abs(lost.got) <= lost.allowed < abs(lost.expected) and moved:
-            what = f"missing, {extra.name} in its place"
-            return f"row {names[lost.row]}, {lost.name}: {what}: {lost.expected:.6g}"
+        is_moved = abs(extra.got - extra.expected - lost.expected) <= lost.allowed + extra.allowed
+        if abs(lost.got) <= lost.allowed < abs(lost.expected) and is_moved:
+            diagnosis = f"missing, {extra.name} in its place"
+            return f"row {names[lost.row]}, {lost.name}: {diagnosis}: {lost.expected:.6g}"
     numbers = "got {}, expected {}".format(*format_distinct(got, expected))
     if abs(expected) <= near:
-        return f"row {names[one.row]}, {one.name}: should vanish: got {got:.6g}"
-    known = {-1.0: "wrong sign", 0.0: "missing", 0.5: "half", 2.0: "twice as large"}
-    for factor, what in known.items():
+        return f"row {names[term.row]}, {term.name}: should vanish: got {got:.6g}"
+    diagnoses = {-1.0: "wrong sign", 0.0: "missing", 0.5: "half", 2.0: "twice as large"}
+    for factor, diagnosis in diagnoses.items():
         if abs(got - factor * expected) <= near:
             numbers = f"expected {expected:.6g}" if factor == 0.0 else numbers
-            return f"row {names[one.row]}, {one.name}: {what}: {numbers}"
-    return f"row {names[one.row]}, {one.name}: {numbers}"
+            return f"row {names[term.row]}, {term.name}: {diagnosis}: {numbers}"
+    return f"row {names[term.row]}, {term.name}: {numbers}"
 
 
 # ---- Failures and suspects -----------------------------------------------------------------------
@@ -313,7 +315,7 @@ class Blame(NamedTuple):
 
 
 def localize_faults(
-    functions: EquationsOfMotion, found: list[Finding], points: Sequence[FunctionState]
+    functions: EquationsOfMotion, findings: list[Finding], points: Sequence[FunctionState]
 ) -> list[Finding]:
     """Return the Findings with the conclusion in the first failure, the others folded under it.
 
@@ -321,47 +323,47 @@ def localize_faults(
 
     Args:
         functions: the functions.
-        found: Findings of all claims.
+        findings: Findings of all claims.
         points: states at which they were judged.
     """
-    failed = [one for one in found if one.verdict == "failed"]
+    failed = [finding for finding in findings if finding.verdict == "failed"]
     if not failed:
-        return found
+        return findings
     at = {(x.q.tobytes(), x.v.tobytes()): x for x in points}
     where = {
-        id(one): at.get((one.state.q.tobytes(), one.state.v.tobytes()))
-        for one in failed
-        if one.state is not None
+        id(finding): at.get((finding.state.q.tobytes(), finding.state.v.tobytes()))
+        for finding in failed
+        if finding.state is not None
     }
     conflicts = [
         Conflict(
-            one,
-            suspects(functions, one, where.get(id(one))),
-            functions_read(functions, one.claim, one.subject),
+            finding,
+            suspects(functions, finding, where.get(id(finding))),
+            functions_read(functions, finding.claim, finding.subject),
         )
-        for one in failed
+        for finding in failed
     ]
     changed: dict[int, Finding] = {}
     unsettled = unsettled_by([x for x in (points[0], *where.values()) if x is not None])
-    for blame in blames_of(found, conflicts, unsettled):
-        own = [one.finding for one in blame.conflicts]
+    for blame in blames_of(findings, conflicts, unsettled):
+        own = [finding.finding for finding in blame.conflicts]
         cause = " or ".join(blame.causes)
         polarized = ""
-        for one in own:
-            term = _terms_of(blame, one, where.get(id(one)), polarized)
-            polarized = polarized or (term if one.claim != "motion" else "")
-            detailed = one.because(term) if term else one
-            changed[id(one)] = replace(
-                detailed, cause=cause, follows="" if one is own[0] else own[0].claim
+        for finding in own:
+            term = _terms_of(blame, finding, where.get(id(finding)), polarized)
+            polarized = polarized or (term if finding.claim != "motion" else "")
+            detailed = finding.because(term) if term else finding
+            changed[id(finding)] = replace(
+                detailed, cause=cause, follows="" if finding is own[0] else own[0].claim
             )
         text, head = sentence(functions, blame, points[0]), changed[id(own[0])]
         about = "T" in blame.causes or ("bias" in blame.causes and not blame.certain)
-        rest = rest_energy(where.get(id(own[0]))) if about else ""
-        if rest:
-            text = f"{text}; {rest}" if text else rest
+        energy = rest_energy(where.get(id(own[0]))) if about else ""
+        if energy:
+            text = f"{text}; {energy}" if text else energy
         if text:
             changed[id(own[0])] = replace(head, detail=f"{text}; {head.detail}")
-    return [changed.get(id(one), one) for one in found]
+    return [changed.get(id(finding), finding) for finding in findings]
 
 
 def _terms_of(blame: Blame, failed: Finding, at: FunctionState | None, polarized: str) -> str:
@@ -388,18 +390,18 @@ def _terms_of(blame: Blame, failed: Finding, at: FunctionState | None, polarized
 
 def read_by(functions: EquationsOfMotion, names: Iterable[str]) -> frozenset[str]:
     """Return the given functions that are read for quantities, of "x|y" the first one."""
-    read: set[str] = set()
+    given: set[str] = set()
     for name in names:
-        for one in name.split("|"):
-            if functions.function(one) is not None:
-                read.add(one)
+        for alternative in name.split("|"):
+            if functions.function(alternative) is not None:
+                given.add(alternative)
                 break
-            if one == "gravity" and functions.bias_has_gravity:
-                read.add("bias")
+            if alternative == "gravity" and functions.bias_has_gravity:
+                given.add("bias")
                 break
-    if functions.bias_has_gravity and "bias" in read and functions.gravity is not None:
-        read.add("gravity")
-    return frozenset(read)
+    if functions.bias_has_gravity and "bias" in given and functions.gravity is not None:
+        given.add("gravity")
+    return frozenset(given)
 
 
 def functions_read(functions: EquationsOfMotion, claim: str, subject: str = "") -> frozenset[str]:
@@ -410,14 +412,14 @@ def functions_read(functions: EquationsOfMotion, claim: str, subject: str = "") 
         claim: id, a key of `FUNCTION_CLAIMS`.
         subject: subject of a Finding.
     """
-    about, one = subject.split(" ~ ")[0], FUNCTION_CLAIMS[claim]
+    about, registered = subject.split(" ~ ")[0], FUNCTION_CLAIMS[claim]
     if claim == "reference":
         more = f"|{FOLLOWS[about]}" if about in FOLLOWS else ""
         return read_by(functions, OF_THE_REFERENCE.get(about, (f"{about}{more}",)))
-    needs = [name for name in one.needs if name not in ("factory", "against")]
+    needs = [name for name in registered.needs if name not in ("factory", "against")]
     if not needs:
         return frozenset({about} & {*INPUTS})
-    state = ("a", "b", "c") if one.consistent else ()
+    state = ("a", "b", "c") if registered.consistent else ()
     return read_by(functions, (*needs, *READS.get(claim, ()), *state))
 
 
@@ -431,12 +433,12 @@ def suspects(
         failed: the failure.
         at: state at which it fails, None if it is unknown.
     """
-    read = functions_read(functions, failed.claim, failed.subject)
+    names = functions_read(functions, failed.claim, failed.subject)
     if failed.claim != "motion" or at is None:
-        return read
+        return names
     if _in_motion(at):
-        read |= {"T"}
-    return _computed(lambda: read & _of_residual(at, read), read) or read
+        names |= {"T"}
+    return _computed(lambda: names & _of_residual(at, names), names) or names
 
 
 def residual(at: FunctionState) -> UncertainArray | None:
@@ -447,8 +449,8 @@ def residual(at: FunctionState) -> UncertainArray | None:
     B = supplied_or_derived_bias(at)
     if B is None:
         return None
-    left = inertia(at) @ at.quantity("qdd") + B - at.forces()
-    return exact(at.free().T) @ left if at.has("a") else left
+    remaining = inertia(at) @ at.quantity("qdd") + B - at.forces()
+    return exact(at.free().T) @ remaining if at.has("a") else remaining
 
 
 def _measured_residuals(at: FunctionState) -> tuple[list[FunctionState], list[UncertainArray]]:
@@ -475,17 +477,17 @@ def _of_motion(at: FunctionState) -> str:
     return f"the difference is {text}" if text else ""
 
 
-def _of_residual(at: FunctionState, found: frozenset[str]) -> frozenset[str]:
-    """Return the suspects in `found` that explain the parity in v of the residual of `motion`."""
+def _of_residual(at: FunctionState, names: frozenset[str]) -> frozenset[str]:
+    """Return the suspects among `names` that explain the parity of the `motion` residual."""
     points, values = _measured_residuals(at)
     if not values:
-        return found
+        return names
     state = points[1]
-    left = velocity_dependence(values)
+    observed = velocity_dependence(values)
     qdd = velocity_dependence([x.quantity("qdd") for x in points])
     free = exact(state.free().T) if state.has("a") else exact(np.eye(len(state.v)))
     parts = {name: [free @ x.parts()[name] for x in points] for name in state.parts()}
-    only = [name for name, of in parts.items() if _in_proportion(values, of)]
+    only = [name for name, force in parts.items() if _in_proportion(values, force)]
     damping = (
         velocity_dependence(parts["damping"])
         if "damping" in parts
@@ -494,32 +496,32 @@ def _of_residual(at: FunctionState, found: frozenset[str]) -> frozenset[str]:
     loads = (
         velocity_dependence(parts["Q"]) if "Q" in parts else VelocityDependence(True, False, False)
     )
-    rest = {"T"} if state.rest_energy_changes() else set()
+    energy_at_rest = {"T"} if state.rest_energy_changes() else set()
     explains = {
-        "bias": VelocityDependence(bool(rest), False, True),
+        "bias": VelocityDependence(bool(energy_at_rest), False, True),
         "C": VelocityDependence(False, False, True),
         "gravity": VelocityDependence(True, False, False),
         "U": VelocityDependence(True, False, False),
         "R": VelocityDependence(damping.constant, True, damping.even),
         "Q": VelocityDependence(True, loads.odd, loads.even),
     }
-    kept = set()
-    for name in found:
+    explaining = set()
+    for name in names:
         can = explains.get(name, VelocityDependence(True, True, True))
-        if name == "T" and "T" in rest:
-            kept.add(name)
+        if name == "T" and "T" in energy_at_rest:
+            explaining.add(name)
             continue
         if name in ("M", "T"):
             even = qdd.even or not (state.has("bias") or state.has("C"))
             can = VelocityDependence(qdd.constant, qdd.odd, even)
-            if (qdd.constant and not left.constant) or (qdd.odd and not left.odd):
+            if (qdd.constant and not observed.constant) or (qdd.odd and not observed.odd):
                 continue
-        if all(there <= able for there, able in zip(left, can, strict=True)):
-            kept.add(name)
+        if all(present <= able for present, able in zip(observed, can, strict=True)):
+            explaining.add(name)
     if only:
         named = {"Q": {"Q"}, "gravity": {"gravity", "U", "bias"}, "damping": {"R"}}
-        kept &= ({"qdd"} | rest).union(*(named[name] for name in only))
-    return frozenset(kept)
+        explaining &= ({"qdd"} | energy_at_rest).union(*(named[name] for name in only))
+    return frozenset(explaining)
 
 
 def _in_motion(at: FunctionState) -> bool:
@@ -527,8 +529,8 @@ def _in_motion(at: FunctionState) -> bool:
 
     Then M lacks terms of T.
     """
-    given = at.functions.function
-    return given("T") is not None and given("bias") is None and not _natural(at)
+    function = at.functions.function
+    return function("T") is not None and function("bias") is None and not _natural(at)
 
 
 def _natural(at: FunctionState) -> bool:
@@ -546,7 +548,7 @@ def unsettled_by(points: Sequence[FunctionState]) -> set[tuple[str, str]]:
     if all(map(_natural, points)):
         return set()
     pairs = {("kinetic-energy", "T"), ("bias-of-energy", "bias")}
-    even = all(one.even() for one in points if not _natural(one))
+    even = all(point.even() for point in points if not _natural(point))
     return pairs if even else pairs | {("bias-of-mass-matrix", "bias")}
 
 
@@ -560,20 +562,20 @@ def rest_energy(at: FunctionState | None) -> str:
 
 def _in_proportion(values: Sequence[UncertainArray], part: Sequence[UncertainArray]) -> bool:
     """Return whether a residual is one multiple of a force at all velocities."""
-    left, of = (np.concatenate([np.ravel(x.value) for x in y]) for y in (values, part))
-    square = float(of @ of)
-    if square == 0.0 or np.count_nonzero(np.abs(of) > 1e-3 * np.abs(of).max()) < 2:
+    residuals, force = (np.concatenate([np.ravel(x.value) for x in y]) for y in (values, part))
+    square = float(force @ force)
+    if square == 0.0 or np.count_nonzero(np.abs(force) > 1e-3 * np.abs(force).max()) < 2:
         return False
-    factor = float(left @ of) / square
+    factor = float(residuals @ force) / square
     error = sum(np.concatenate([np.ravel(x.error) for x in y]) for y in (values, part))
-    return bool((np.abs(left - factor * of) <= C * (1.0 + abs(factor)) * error).all())
+    return bool((np.abs(residuals - factor * force) <= C * (1.0 + abs(factor)) * error).all())
 
 
 # ---- Conclusions ---------------------------------------------------------------------------------
 
 
 def blames_of(
-    found: list[Finding],
+    findings: list[Finding],
     conflicts: list[Conflict],
     unsettled: Set[tuple[str, str]] = frozenset(),
 ) -> list[Blame]:
@@ -583,58 +585,62 @@ def blames_of(
     common suspects of all that are not explained yet, without those settled by a claim that passes.
 
     Args:
-        found: Findings of all claims.
+        findings: Findings of all claims.
         conflicts: the failures.
         unsettled: see `settled_by`.
     """
-    settled, blames = settled_by(found, unsettled), []
-    certain = {name for one in conflicts if len(one.suspects) == 1 for name in one.suspects}
+    settled, blames = settled_by(findings, unsettled), []
+    certain = {
+        name for conflict in conflicts if len(conflict.suspects) == 1 for name in conflict.suspects
+    }
     order = list(INPUTS).index
     for name in sorted(certain, key=order):
         own = [x for x in conflicts if min(x.read & certain, key=order, default="") == name]
         if own:
             blames.append(Blame((name,), True, tuple(own), ()))
-    left = [one for one in conflicts if one.suspects and not one.read & certain]
-    while left:
-        common, own = left[0].suspects, []
-        for one in left:
-            if common & one.suspects:
-                common &= one.suspects
-                own.append(one)
+    unexplained = [
+        conflict for conflict in conflicts if conflict.suspects and not conflict.read & certain
+    ]
+    while unexplained:
+        common, own = unexplained[0].suspects, []
+        for conflict in unexplained:
+            if common & conflict.suspects:
+                common &= conflict.suspects
+                own.append(conflict)
         causes = common - {*settled} or common
-        others = (own[0].suspects - causes) & {*settled}
-        cleared = tuple(dict.fromkeys(settled[x] for x in INPUTS if x in others))
+        cleared_names = (own[0].suspects - causes) & {*settled}
+        cleared = tuple(dict.fromkeys(settled[x] for x in INPUTS if x in cleared_names))
         ordered = tuple(x for x in INPUTS if x in causes)
         blames.append(Blame(ordered, len(causes) == 1, tuple(own), cleared))
-        left = [one for one in left if one not in own]
+        unexplained = [conflict for conflict in unexplained if conflict not in own]
     return blames
 
 
 def settled_by(
-    found: list[Finding], unsettled: Set[tuple[str, str]] = frozenset()
+    findings: list[Finding], unsettled: Set[tuple[str, str]] = frozenset()
 ) -> dict[str, str]:
     """Return the functions that are settled: cleared by a claim that passes.
 
     Args:
-        found: Findings of all claims.
+        findings: Findings of all claims.
         unsettled: pairs (claim, function) that are not settled, see `unsettled_by`.
 
     Returns:
         function -> the first claim that passes and settles it.
     """
     failed = {
-        (x.claim, x.claim == "reference" and x.subject) for x in found if x.verdict == "failed"
+        (x.claim, x.claim == "reference" and x.subject) for x in findings if x.verdict == "failed"
     }
     settled: dict[str, str] = {}
-    for one in found:
-        about = one.claim == "reference"
-        if one.verdict != "passed" or (one.claim, about and one.subject) in failed:
+    for finding in findings:
+        about = finding.claim == "reference"
+        if finding.verdict != "passed" or (finding.claim, about and finding.subject) in failed:
             continue
-        names = functions_read(one.scene, one.claim, one.subject)
-        for name in names if about else names & {*SETTLES.get(one.claim, ())}:
-            if (one.claim, name) in unsettled:
+        names = functions_read(finding.scene, finding.claim, finding.subject)
+        for name in names if about else names & {*SETTLES.get(finding.claim, ())}:
+            if (finding.claim, name) in unsettled:
                 continue
-            settled.setdefault(name, one.claim)
+            settled.setdefault(name, finding.claim)
     return settled
 
 
@@ -643,7 +649,7 @@ def sentence(functions: EquationsOfMotion, blame: Blame, at: FunctionState) -> s
     named = [
         INPUTS[x].what if INPUTS[x].what == x else f"{INPUTS[x].what} {x}" for x in blame.causes
     ]
-    failing = tuple(dict.fromkeys(one.finding.claim for one in blame.conflicts))
+    failing = tuple(dict.fromkeys(conflict.finding.claim for conflict in blame.conflicts))
     if blame.certain:
         if len(blame.conflicts[0].suspects) == 1:
             return ""  # such as gravity that raises, whatever fails because of it
@@ -657,11 +663,11 @@ def sentence(functions: EquationsOfMotion, blame: Blame, at: FunctionState) -> s
 
 def _nearest(blame: Blame) -> str:
     """Return the detail of the first failure about the cause itself, unless it is the head."""
-    what = f"{INPUTS[blame.causes[0]].what}, "
-    for one in blame.conflicts:
-        if one.finding.detail.startswith(what):
-            text = f"; {one.finding.claim}: {one.finding.detail.removeprefix(what)}"
-            return "" if one is blame.conflicts[0] else text
+    subject = f"{INPUTS[blame.causes[0]].what}, "
+    for conflict in blame.conflicts:
+        if conflict.finding.detail.startswith(subject):
+            text = f"; {conflict.finding.claim}: {conflict.finding.detail.removeprefix(subject)}"
+            return "" if conflict is blame.conflicts[0] else text
     return ""
 
 
@@ -710,9 +716,9 @@ def _tells(functions: EquationsOfMotion, name: str, causes: set[str]) -> bool:
     for id, claim in FUNCTION_CLAIMS.items():
         if "against" in claim.needs:
             continue
-        read = functions_read(wider, id)
-        there = all(any(wider.function(x) for x in need.split("|")) for need in claim.needs)
+        names = functions_read(wider, id)
+        applies = all(any(wider.function(x) for x in need.split("|")) for need in claim.needs)
         excluded = any(wider.function(x) for x in claim.without)
-        if there and not excluded and name in read and 0 < len(read & causes) < len(causes):
+        if applies and not excluded and name in names and 0 < len(names & causes) < len(causes):
             return True
     return False

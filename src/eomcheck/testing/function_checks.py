@@ -242,13 +242,13 @@ def check_equations(
         if claim.id not in LAST
     }
     if isinstance(wanted, int) and functions.ranges is None:
-        for one in outside_default_ranges(caller, findings, seed + wanted, reference):
-            findings[one.claim].append(one)
+        for finding in outside_default_ranges(caller, findings, seed + wanted, reference):
+            findings[finding.claim].append(finding)
     for id in LAST:
         findings |= {x.id: [*worst_findings(x, points)] for x in selected if x.id == id}
     if FUNCTION_CLAIMS.by_name(selected):
         findings = {x.id: findings[x.id] or [inapplicable(functions, x)] for x in selected}
-    ordered = [one for claim in selected for one in findings[claim.id]]
+    ordered = [finding for claim in selected for finding in findings[claim.id]]
     return localize_faults(functions, ordered, points)
 
 
@@ -283,16 +283,18 @@ def outside_default_ranges(
         reference: functions that they are compared with, or None.
     """
     functions, wide = caller.functions, []
-    if not any(one.verdict == "failed" for each in inside.values() for one in each):
+    if not any(finding.verdict == "failed" for of_claim in inside.values() for finding in of_claim):
         middle, half = functions.half_ranges()
         half[: functions.n] = np.pi
         points = _points(caller, _draws(functions, middle, half, WIDE, seed), seed, reference)
         wide = [at for at in points if _finite(at)]
     for id in inside:
-        for one in worst_findings(FUNCTION_CLAIMS[id], wide):
-            if one.verdict == "failed":
-                detail = f"outside the ranges only, with q in [-π, π]: {one.detail}; say `ranges`"
-                yield replace(one, verdict="inconclusive", detail=detail)
+        for finding in worst_findings(FUNCTION_CLAIMS[id], wide):
+            if finding.verdict == "failed":
+                detail = (
+                    f"outside the ranges only, with q in [-π, π]: {finding.detail}; say `ranges`"
+                )
+                yield replace(finding, verdict="inconclusive", detail=detail)
     if {"answers", "reference"} <= set(inside):  # in a report about all claims
         more = f", and {len(wide)} of {WIDE} states with q in [-π, π]" if wide else ""
         yield _within(functions, more)
@@ -367,19 +369,19 @@ def worst_findings(claim: FunctionClaim, points: Sequence[FunctionState]) -> Ite
     never hides behind those that are.
     """
     by_subject: dict[str, list[JudgedEntries]] = defaultdict(list)
-    for at in points:
-        for one in judged_at(claim, at):
+    for point in points:
+        for one in judged_at(claim, point):
             by_subject[one.finding.subject].append(one)
     hidden: list[Unresolved] = []
-    for subject, each in by_subject.items():
-        chosen, unresolved = worst(each), list(_unresolved(subject, each))
+    for subject, judged in by_subject.items():
+        chosen, unresolved = worst(judged), list(_unresolved(subject, judged))
         hidden += unresolved
         finding = chosen.finding
         if finding.verdict == "failed":
             yield _with_jump(claim, finding, points)
         elif finding.verdict == "passed":
             if len(unresolved) < chosen.verdicts.size or not unresolved:
-                yield replace(finding, detail=_not_resolved(each))
+                yield replace(finding, detail=_not_resolved(judged))
         elif not unresolved:
             yield finding
     if hidden:
@@ -389,17 +391,17 @@ def worst_findings(claim: FunctionClaim, points: Sequence[FunctionState]) -> Ite
         yield _with_jump(claim, unresolved_finding(hidden, first, names), points, hidden=True)
 
 
-def _unresolved(subject: str, each: Sequence[JudgedEntries]) -> Iterator[Unresolved]:
+def _unresolved(subject: str, judged: Sequence[JudgedEntries]) -> Iterator[Unresolved]:
     """Yield the entries that no state resolves, with the state where the least is allowed."""
     by_shape: dict[tuple[int, ...], list[JudgedEntries]] = defaultdict(list)
-    for one in each:
+    for one in judged:
         if one.finding.entries is not None:
             by_shape[one.verdicts.shape].append(one)
     for shape, group in by_shape.items():
         entries = [one.finding.entries for one in group if one.finding.entries is not None]
-        left = set(never_resolved(entries))
-        for index in np.ndindex(shape) if left else ():
-            if (name := entry_name(index, entries[0].names)) in left:
+        unresolved = set(never_resolved(entries))
+        for index in np.ndindex(shape) if unresolved else ():
+            if (name := entry_name(index, entries[0].names)) in unresolved:
                 least = min(group, key=lambda one, index=index: one.allowed[index])
                 errors = {
                     "observed": float(least.observed[index]),
@@ -408,18 +410,18 @@ def _unresolved(subject: str, each: Sequence[JudgedEntries]) -> Iterator[Unresol
                 yield Unresolved(subject, name, replace(least.finding, **errors), len(group))
 
 
-def _not_resolved(each: Sequence[JudgedEntries]) -> str:
+def _not_resolved(judged: Sequence[JudgedEntries]) -> str:
     """Return the number of unresolved entries of a subject that passes, as text; "" for none."""
-    compared = [one for one in each if one.verdict != "skipped"]
-    skipped = [one.finding.detail for one in each if one.verdict == "skipped"]
-    hidden = sum(int((one.verdicts == INCONCLUSIVE_CODE).sum()) for one in compared)
+    compared = [entries for entries in judged if entries.verdict != "skipped"]
+    skipped = [entries.finding.detail for entries in judged if entries.verdict == "skipped"]
+    hidden = sum(int((entries.verdicts == INCONCLUSIVE_CODE).sum()) for entries in compared)
     parts = []
     if hidden:
-        count = sum(one.verdicts.size for one in compared)
+        count = sum(entries.verdicts.size for entries in compared)
         states = counted(len(compared), "state")
         parts.append(f"{hidden} of {count} entries in {states} not resolved")
     if skipped:
-        of_all = f"{len(skipped)} of {counted(len(each), 'state')}"
+        of_all = f"{len(skipped)} of {counted(len(judged), 'state')}"
         parts.append(f"skipped in {of_all}: {skipped[0]}")
     return "; ".join(parts)
 
@@ -455,7 +457,7 @@ def check_functions_at(
     points = _points(FunctionCaller(functions), [state], seed)
     findings: list[Finding] = []
     for claim in map(FUNCTION_CLAIMS.__getitem__, claims):
-        for finding in (one.finding for one in judged_at(claim, points[0])):
+        for finding in (judged.finding for judged in judged_at(claim, points[0])):
             failed = finding.verdict == "failed"
             findings.append(_with_jump(claim, finding, points) if failed else finding)
     return findings
@@ -540,10 +542,10 @@ def judge_entries(
         observed = np.abs(actual.value - expected.value)
         allowed = allowed_error(1.0) * (error / EPS)
         larger = np.maximum(np.abs(actual.value), np.abs(expected.value))
-        known = (np.abs(actual.value) > C * actual.error) | (
+        nonzero = (np.abs(actual.value) > C * actual.error) | (
             np.abs(expected.value) > C * expected.error
         )
-        blind = known & (expected.value != 0.0) & (allowed > INCONCLUSIVE * larger)
+        blind = nonzero & (expected.value != 0.0) & (allowed > INCONCLUSIVE * larger)
         verdicts = verdict_codes(observed, allowed, np.maximum(actual.size, expected.size))
         finite = np.isfinite(error) & np.isfinite(observed)
         hidden = blind & (verdicts == PASSED_CODE) | ~finite
@@ -602,11 +604,11 @@ def caveats(functions: EquationsOfMotion, claims: Iterable[str]) -> list[Finding
     selected = FUNCTION_CLAIMS.select(claims)
     findings: list[Finding] = []
     for claim in selected:
-        each = list(undetectable(claim, at))
-        if FUNCTION_CLAIMS.by_name(selected) and not (each or claim.applies(at)):
-            each = [inapplicable(functions, claim)]
-        findings += each
-    if functions.ranges is None and {"answers", "reference"} <= {one.id for one in selected}:
+        of_claim = list(undetectable(claim, at))
+        if FUNCTION_CLAIMS.by_name(selected) and not (of_claim or claim.applies(at)):
+            of_claim = [inapplicable(functions, claim)]
+        findings += of_claim
+    if functions.ranges is None and {"answers", "reference"} <= {x.id for x in selected}:
         findings.append(_within(functions))
     return findings
 

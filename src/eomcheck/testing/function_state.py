@@ -79,8 +79,8 @@ class FunctionState:
                 return True
             return False
 
-        given = self.functions.function(name) is not None
-        return given and self.cached(("answers", name), has_value)
+        is_supplied = self.functions.function(name) is not None
+        return is_supplied and self.cached(("answers", name), has_value)
 
     def has(self, name: str) -> bool:
         """Return whether a quantity is available: it is given, or follows at once."""
@@ -237,10 +237,10 @@ class FunctionState:
         """Return whether T, where it is given, has quadratic terms in v only."""
 
         def is_quadratic() -> bool:
-            rest = self.with_velocity(np.zeros(len(self.v))).quantity("T")
+            at_rest = self.with_velocity(np.zeros(len(self.v))).quantity("T")
             ahead, back = self.quantity("T"), self.with_velocity(-self.v).quantity("T")
             odd = ahead - back
-            return all(abs(x.value) <= C * (x.error + ahead.error) for x in (rest, odd))
+            return all(abs(x.value) <= C * (x.error + ahead.error) for x in (at_rest, odd))
 
         return not self.has("T") or self.cached("natural", is_quadratic)
 
@@ -258,8 +258,8 @@ class FunctionState:
         """
 
         def changes() -> bool:
-            rest = self.with_velocity(np.zeros(len(self.v)))
-            slope = rest.by_q(rest.raw("T"))
+            at_rest = self.with_velocity(np.zeros(len(self.v)))
+            slope = at_rest.by_q(at_rest.raw("T"))
             return bool((np.abs(slope.value) > C * slope.error).any())
 
         if self.natural() or not self.even():
@@ -320,15 +320,15 @@ def _closed(at: FunctionState) -> Array | None:
 
     The last step is at most `CLOSE`, and the residual no longer decreases.
     """
-    answers, q, left = at.caller, at.q, np.inf
+    answers, q, previous = at.caller, at.q, np.inf
     for _ in range(STEPS):
         c = answers("c", q, at.v)
         residual = float(np.abs(c).max(initial=0.0))
         step = at.S().value @ (np.linalg.pinv(answers("a", q, at.v)) @ c)
         small = float(np.abs(step).max(initial=0.0)) <= CLOSE * max(1.0, float(np.abs(q).max()))
-        if small and residual >= left:
+        if small and residual >= previous:
             return q
-        q, left = q - step, residual
+        q, previous = q - step, residual
     return None
 
 
@@ -387,17 +387,17 @@ def differences(f: Callable[[Array, Array], Array], q: Array, widths: Array) -> 
         widths: steps of the velocities (p,).
     """
     steps, p = np.diag(widths), len(widths)
-    rest = float(f(q, np.zeros(p)))
+    at_rest = float(f(q, np.zeros(p)))
     ahead = np.array([float(f(q, step)) for step in steps])
     behind = np.array([float(f(q, -step)) for step in steps])
-    second, size = np.diag(ahead + behind - 2.0 * rest), np.zeros((p, p))
+    second, size = np.diag(ahead + behind - 2.0 * at_rest), np.zeros((p, p))
     sizes = np.maximum(np.abs(ahead), np.abs(behind))
     for i, k in zip(*np.tril_indices(p, -1), strict=True):
-        both = float(f(q, steps[i] + steps[k]))
-        second[i, k] = second[k, i] = both - ahead[i] - ahead[k] + rest
-        size[i, k] = size[k, i] = max(np.max(sizes[[i, k]]), abs(both))
+        of_both = float(f(q, steps[i] + steps[k]))
+        second[i, k] = second[k, i] = of_both - ahead[i] - ahead[k] + at_rest
+        size[i, k] = size[k, i] = max(np.max(sizes[[i, k]]), abs(of_both))
     np.fill_diagonal(size, sizes)
-    return second, 4.0 * np.maximum(size, abs(rest))
+    return second, 4.0 * np.maximum(size, abs(at_rest))
 
 
 # ---- Bias ----------------------------------------------------------------------------------------

@@ -131,7 +131,7 @@ class ClaimResult(NamedTuple):
 def claim_results(
     claims: Iterable[str],
     findings: Iterable[Finding],
-    known: Collection[str],
+    expected_to_fail: Collection[str],
     smallest: Callable[[Finding], Finding] = lambda failed: failed,
 ) -> dict[str, ClaimResult]:
     """Return the result of each claim from its Findings.
@@ -140,7 +140,7 @@ def claim_results(
         claims: ids, in the order in which a failure is closest to its cause.
         findings: Findings of all claims. One that follows from another is reported without code,
             which the other one has, unless that is expected to fail.
-        known: ids of the claims that are expected to fail.
+        expected_to_fail: ids of the claims that are expected to fail.
         smallest: function that returns the smallest failure like the one it is called with. It is
             called once, for the first failure that is not expected: later ones are mostly due to
             that one.
@@ -148,17 +148,17 @@ def claim_results(
     Returns:
         id of a claim -> its result, for claims with Findings.
     """
-    by: dict[str, list[Finding]] = {}
+    findings_by_claim: dict[str, list[Finding]] = {}
     for finding in findings:
-        by.setdefault(finding.claim, []).append(finding)
+        findings_by_claim.setdefault(finding.claim, []).append(finding)
     results: dict[str, ClaimResult] = {}
-    for claim in filter(by.__contains__, claims):
-        worst = result_or_failure(by[claim])
+    for claim in filter(findings_by_claim.__contains__, claims):
+        worst = result_or_failure(findings_by_claim[claim])
         if isinstance(worst, Finding):
-            if claim not in known:
+            if claim not in expected_to_fail:
                 worst, smallest = smallest(worst), lambda failed: failed
-            folded = worst.follows and worst.follows not in known
-            worst = _folded(worst) if folded else _failed(worst, by[claim])
+            folded = worst.follows and worst.follows not in expected_to_fail
+            worst = _folded(worst) if folded else _failed(worst, findings_by_claim[claim])
         results[claim] = worst
     return results
 
@@ -190,7 +190,7 @@ def without_unresolved(
     Returns:
         id of a claim -> its result.
     """
-    listed = {one.claim: str(one) for one in hidden}
+    listed = {finding.claim: str(finding) for finding in hidden}
     return {
         claim: ClaimResult("inconclusive", listed[claim])
         if claim in listed and result.verdict == "passed"
@@ -200,7 +200,7 @@ def without_unresolved(
 
 
 def _failed(shown: Finding, findings: list[Finding]) -> ClaimResult:
-    failures = sum(one.verdict == "failed" for one in findings)
+    failures = sum(finding.verdict == "failed" for finding in findings)
     count = f"failed in {failures} of {len(findings)} comparisons; " if len(findings) > 1 else ""
     return ClaimResult("failed", f"{shown}\n{count}to see it again:\n\n{shown.as_python()}")
 
@@ -249,7 +249,7 @@ class SceneTarget:
         return represents(self.engine, self.scene)
 
     def results(
-        self, examples: int, seed: int, known: Collection[str] = ()
+        self, examples: int, seed: int, expected_to_fail: Collection[str] = ()
     ) -> dict[str, ClaimResult]:
         """Return the result of each claim; a claim that is missing does not apply.
 
@@ -279,9 +279,9 @@ class SceneTarget:
             assert isinstance(failed.scene, Scene)
             return smallest_failure(failed, links(failed.scene), selection, seed)
 
-        results = claim_results(self.claims, findings, known, smallest)
+        results = claim_results(self.claims, findings, expected_to_fail, smallest)
         return without_unresolved(
-            results, (one for one in findings if is_unresolved_detail(one.detail))
+            results, (finding for finding in findings if is_unresolved_detail(finding.detail))
         )
 
     def absent(self, claim: str) -> str:
@@ -319,19 +319,21 @@ class EquationsTarget:
         return tuple(FUNCTION_CLAIMS)
 
     def results(
-        self, examples: int, seed: int, known: Collection[str] = ()
+        self, examples: int, seed: int, expected_to_fail: Collection[str] = ()
     ) -> dict[str, ClaimResult]:
         """Return the result of each claim, see `SceneTarget.results`."""
         findings = check(self.functions, states=examples, seed=seed, against=self.against)
         # A Finding of functions is about all states: an entry that none of them resolves no pass.
-        hidden = (one for one in findings if one.verdict == "inconclusive")
-        return without_unresolved(claim_results(self.claims, findings, known), hidden)
+        hidden = (finding for finding in findings if finding.verdict == "inconclusive")
+        return without_unresolved(claim_results(self.claims, findings, expected_to_fail), hidden)
 
     def absent(self, claim: str) -> str:
         """Return the reason why there is no result of a claim."""
-        one, given = FUNCTION_CLAIMS[claim], self.functions.given
-        missing = [name for name in one.needs if not any(x in given for x in name.split("|"))]
-        excluded = [name for name in one.without if name in given]
+        registered, names = FUNCTION_CLAIMS[claim], self.functions.given
+        missing = [
+            name for name in registered.needs if not any(x in names for x in name.split("|"))
+        ]
+        excluded = [name for name in registered.without if name in names]
         why = f", without {' and '.join(missing)}".replace("|", " or ") if missing else ""
         why += f", with {' and '.join(excluded)}" if excluded else ""
         return f"{claim} does not apply to {self.functions.name}{why}"
@@ -360,11 +362,17 @@ def scene_targets(engine: type[Engine] | None, scenes: Scenes | None) -> list[Sc
         named = [(kind.key, kind) for kind in SCENES.values()]
         named = [(key, kind) for key, kind in named if SceneTarget(key, kind, engine).represented]
     elif isinstance(scenes, Mapping):
-        named = [(str(name), one) for name, given in scenes.items() for one in _scenes(given)]
+        named = [
+            (str(name), named_scene)
+            for name, item in scenes.items()
+            for named_scene in _scenes(item)
+        ]
     elif isinstance(scenes, str | Scene | type):
         raise InputError(f"scenes = {scenes!r}, expected a list of scenes")
     else:
-        named = [(_name(one), one) for given in scenes for one in _scenes(given)]
+        named = [
+            (_name(named_scene), named_scene) for item in scenes for named_scene in _scenes(item)
+        ]
     targets: dict[str, SceneTarget] = {}
     for name, scene in named:
         if name in targets:
@@ -379,12 +387,12 @@ def scene_targets(engine: type[Engine] | None, scenes: Scenes | None) -> list[Sc
     return list(targets.values())
 
 
-def _scenes(given: Any) -> tuple[Scene | type[Scene], ...]:
-    if isinstance(given, str):
-        return scene_classes_named(given)
-    if isinstance(given, Scene) or (isinstance(given, type) and issubclass(given, Scene)):
-        return (given,)
-    raise InputError(f"scenes: {given!r} is neither a scene, a kind of scene nor the name of one")
+def _scenes(item: Any) -> tuple[Scene | type[Scene], ...]:
+    if isinstance(item, str):
+        return scene_classes_named(item)
+    if isinstance(item, Scene) or (isinstance(item, type) and issubclass(item, Scene)):
+        return (item,)
+    raise InputError(f"scenes: {item!r} is neither a scene, a kind of scene nor the name of one")
 
 
 def _name(scene: Scene | type[Scene]) -> str:
@@ -546,16 +554,16 @@ class Suite:
                 pytest.xfail(reason)
             _fail(text)
         if self.strict and reason is not None and verdict != "inconclusive":
-            what = "passes" if verdict == "passed" else f"is skipped ({text})"
-            _fail(f"{id} {what}, but is expected to fail: {reason}")
+            outcome = "passes" if verdict == "passed" else f"is skipped ({text})"
+            _fail(f"{id} {outcome}, but is expected to fail: {reason}")
         if verdict != "passed":
             pytest.skip(f"{verdict}: {text}" if verdict == "inconclusive" else text)
 
     def check_file(self) -> None:
         """Fail on ids in the file that no test has, in any of the suites that read this file."""
         __tracebackhide__ = True
-        sharing = [one for one in _suites.values() if one.file == self.file]
-        unmatched = [id for id in self.expected if not any(id in one.ids for one in sharing)]
+        sharing = [suite for suite in _suites.values() if suite.file == self.file]
+        unmatched = [id for id in self.expected if not any(id in suite.ids for suite in sharing)]
         if unmatched:
             _fail(f"{str(self.file)!r}: no test is called {', '.join(unmatched)}")
 
@@ -569,7 +577,7 @@ class Suite:
         if target.where not in self._done:
             work = partial(self._work, target)
             results = compute_once(_option("shared"), f"{self.name}-{target.where}", work)
-            self._done[target.where] = {id: ClaimResult(*one) for id, one in results.items()}
+            self._done[target.where] = {id: ClaimResult(*pair) for id, pair in results.items()}
         done = self._done[target.where]
         if STOPPED in done:
             raise InputError(done[STOPPED].text)
@@ -577,9 +585,11 @@ class Suite:
 
     def _work(self, target: ClaimTarget) -> dict[str, ClaimResult]:
         examples = _option("examples") or self.examples
-        known = {of for id, (on, of) in self.ids.items() if on is target and id in self.expected}
+        expected_to_fail = {
+            claim for id, (on, claim) in self.ids.items() if on is target and id in self.expected
+        }
         try:
-            return target.results(examples, self.seed, known)
+            return target.results(examples, self.seed, expected_to_fail)
         except EomcheckError as error:
             # Cached like any other result: the next claim would raise as well.
             return {STOPPED: ClaimResult("failed", str(error))}

@@ -81,8 +81,10 @@ class UncertainArray:
     __rmul__ = __mul__
 
     def __matmul__(self, other: UncertainArray) -> UncertainArray:
-        left, right = "ij"[2 - len(self.shape) :], "jk"[: len(other.shape)]
-        return contract(f"{left},{right}->{(left + right).replace('j', '')}", self, other)
+        own_axes, other_axes = "ij"[2 - len(self.shape) :], "jk"[: len(other.shape)]
+        return contract(
+            f"{own_axes},{other_axes}->{(own_axes + other_axes).replace('j', '')}", self, other
+        )
 
 
 def exact(array: Any) -> UncertainArray:
@@ -177,20 +179,20 @@ def noise(f: Callable[[Array], Array], x: Array, width: Array, seed: int = 0) ->
     short, long = _noise_on(SHORT, near), _noise_on(LONG, far)
     steps = (np.diff(near, axis=0) == 0.0).any(axis=0) & ~_vanishes_within_jump(near, far)
     floor = np.fmax(short, EPS * np.abs(near[SHORT.points // 2]))
-    asked = ~steps & np.isfinite(short) & (long > DISAGREE * floor)
-    if asked.any():
-        asked &= ~jumps_on(far)
+    doubtful = ~steps & np.isfinite(short) & (long > DISAGREE * floor)
+    if doubtful.any():
+        doubtful &= ~jumps_on(far)
     smooth = np.zeros(short.shape, bool)
-    if asked.any():
+    if doubtful.any():
         middle = _noise_on(MIDDLE, _values(f, x, width, MIDDLE, rng))
-        smooth = asked & (middle < long / DISAGREE)
-    rough = steps | (asked & ~smooth) | ~(long > DISAGREE * floor)
+        smooth = doubtful & (middle < long / DISAGREE)
+    rough = steps | (doubtful & ~smooth) | ~(long > DISAGREE * floor)
     # Where f has no value on one of the lines, the other line decides.
     estimate = np.where(rough | ~np.isfinite(short), np.fmax(short, long), short)
-    alone, rest = _alone(LONG, far)
+    alone, interpolated = _alone(LONG, far)
     if not alone.any():
         return estimate
-    return np.where(alone, np.fmin(estimate, _noise_on(LONG, rest)), estimate)
+    return np.where(alone, np.fmin(estimate, _noise_on(LONG, interpolated)), estimate)
 
 
 def _alone(line: SampleLine, values: Array) -> tuple[Array, Array]:
@@ -199,12 +201,17 @@ def _alone(line: SampleLine, values: Array) -> tuple[Array, Array]:
     The other values (points, ...) have at their center the interpolation of three values on each
     side.
     """
-    center, rest = line.points // 2, values.copy()
+    center, interpolated = line.points // 2, values.copy()
     sides = [values[center - k] + values[center + k] for k in (1, 2, 3)]
-    rest[center] = (15.0 * sides[0] - 6.0 * sides[1] + sides[2]) / 20.0
-    apart, rounding = np.abs(values[center] - rest[center]), EPS * np.abs(values).max(axis=0)
+    interpolated[center] = (15.0 * sides[0] - 6.0 * sides[1] + sides[2]) / 20.0
+    apart, rounding = (
+        np.abs(values[center] - interpolated[center]),
+        EPS * np.abs(values).max(axis=0),
+    )
     alone = apart > DISAGREE * rounding
-    return alone & (apart > DISAGREE * _noise_on(line, rest)) if alone.any() else alone, rest
+    return alone & (
+        apart > DISAGREE * _noise_on(line, interpolated)
+    ) if alone.any() else alone, interpolated
 
 
 def _vanishes_within_jump(near: Array, far: Array) -> Array:
@@ -446,15 +453,15 @@ def _kink(h: Array, bend: Array, blur: Array) -> Array:
     step. Three short steps in sequence must show that it does not.
     """
     ratio = _like(h[:-1] / h[1:], bend)
-    left = np.abs(bend[1:] - (bend[:-1] - bend[1:]) / (ratio - 1.0))
-    left = np.where(left > 4.0 * C * blur[1:], left, 0.0)[STEPS:]
-    if len(left) < 3:
+    shown = np.abs(bend[1:] - (bend[:-1] - bend[1:]) / (ratio - 1.0))
+    shown = np.where(shown > 4.0 * C * blur[1:], shown, 0.0)[STEPS:]
+    if len(shown) < 3:
         return np.zeros(bend.shape[1:])
-    return np.minimum(np.minimum(left[:-2], left[1:-1]), left[2:]).max(axis=0)
+    return np.minimum(np.minimum(shown[:-2], shown[1:-1]), shown[2:]).max(axis=0)
 
 
 def gradient(
-    f: Callable[[Array], Array], x: Array, width: Array, here: UncertainArray
+    f: Callable[[Array], Array], x: Array, width: Array, f_at_x: UncertainArray
 ) -> UncertainArray:
     """Return ∂f/∂x, the new axis of length m first.
 
@@ -462,10 +469,11 @@ def gradient(
         f: function of an array (m,), which returns an array.
         x: point (m,).
         width: half widths of the ranges of x (m,).
-        here: f at x.
+        f_at_x: f at x.
     """
-    each = [
-        partial(f, x, k, float(width[k]), here.error, here.size, here.value) for k in range(len(x))
+    derivatives = [
+        partial(f, x, k, float(width[k]), f_at_x.error, f_at_x.size, f_at_x.value)
+        for k in range(len(x))
     ]
-    parts = zip(*((d.value, d.error, d.size) for d in each), strict=True)
+    parts = zip(*((d.value, d.error, d.size) for d in derivatives), strict=True)
     return UncertainArray(*(np.array(part) for part in parts))
