@@ -128,7 +128,8 @@ def test_the_last_function_of_a_file_of_its_own_that_an_error_came_through_is_na
     where = f"(test_claims_by_hand.py, line {line})"
     assert said == f"Further.second raised LinAlgError: Singular matrix {where}"
     made = {"<string>"}  # by dataclasses
-    assert user_scenes._files(Further) - made == {__file__} and user_scenes._files(Sleigh) <= made
+    assert user_scenes._source_files(Further) - made == {__file__}
+    assert user_scenes._source_files(Sleigh) <= made
     assert scene_function_that_raised(SLEIGH, error.value) == ""
 
 

@@ -138,11 +138,11 @@ def test_a_chain_is_even_where_all_rows_of_its_equations_are_of_one_size():
     none = np.zeros((0, 2, 2))
     free = {"before": none, "after": none, "rest": np.zeros((0, 2))}
     even = chain_of(mass=np.array([1.0, 1.0]), force=np.array([3.0, -3.0]), **free)
-    assert numerical_accuracy._evenness(even) == pytest.approx(1.0)
+    assert numerical_accuracy._row_evenness(even) == pytest.approx(1.0)
     uneven = chain_of(mass=np.array([1.0, 1.0]), force=np.array([3.0, -0.75]), **free)
-    assert numerical_accuracy._evenness(uneven) == pytest.approx(0.25)
+    assert numerical_accuracy._row_evenness(uneven) == pytest.approx(0.25)
     still = chain_of(mass=np.array([1.0, 1.0]), force=None, **free)
-    assert numerical_accuracy._evenness(still) == 1.0
+    assert numerical_accuracy._row_evenness(still) == 1.0
 
 
 def test_what_is_known_to_so_much_only_may_be_as_singular_as_that():

@@ -494,7 +494,7 @@ def test_enclosures_ten_radii_apart_are_disjoint_and_a_tenth_of_a_radius_they_ar
         return replace(au, vdot=apart)
 
     formulations = FORMULATIONS["au"], FORMULATIONS["kane"]
-    with patch.object(numerical_accuracy, "_enclosed", of_au):
+    with patch.object(numerical_accuracy, "_enclose", of_au):
         found = Case(moving(), formulations, ()).evaluate(CLAIMS["enclosures"])
     (finding,) = found
     assert finding.verdict == verdict

@@ -121,7 +121,7 @@ def test_the_truth_of_a_driven_scene_is_that_of_the_time_at_hand():
     formulations = tuple(f for f in FORMULATIONS.values() if f.applies_to(scene))
     here = Case(at, formulations, ())
     for f in formulations:
-        enclosed = numerical_accuracy._enclosed(here, f, {})
+        enclosed = numerical_accuracy._enclose(here, f, {})
         assert not isinstance(enclosed, Finding)
         assert enclosed.doubles() == pytest.approx(at.acceleration(f).vdot, rel=1e-9)
     at_start = Evaluation(scene, at.q, eomcheck.velocity(scene, at.q, at.u), 0.0)

@@ -82,7 +82,7 @@ def test_engines_are_made_once_for_each_scene(monkeypatch):
     assert [x is y for x, y in zip(made, [SCENE, heavy, SCENE], strict=True)] == [True] * 3
     assert [x[:2] for x in looked] == cases
     assert [x[2] for x in looked] == [run.OFTEN, run.OFTEN, run.ONCE, run.ONCE]
-    list(one._one_after_another(cases, selected()))
+    list(one._evaluate_serially(cases, selected()))
     assert [x[2] for x in looked[4:]] == [run.OFTEN, run.ONCE, run.ONCE, run.ONCE]
 
 

@@ -166,10 +166,11 @@ def multipliers(at: Quantities, context: EvaluationContext) -> Iterator[Comparis
 
 
 def _part_in(formulation: Formulation, T: Array, part: str, e: Evaluation) -> Array:
+    """Return a part of the solution in the coordinates T; a function of the evaluation."""
     return getattr(e.acceleration_in(formulation, T), part)
 
 
-def _responses(at: Evaluation) -> tuple[float, float]:
+def _force_responses(at: Evaluation) -> tuple[float, float]:
     """Return the largest change of v̇ and of λ per unit change of every entry of F."""
     M, a = at.terms.M, at.terms.a
     if a is None:
@@ -180,7 +181,7 @@ def _responses(at: Evaluation) -> tuple[float, float]:
     return float(np.linalg.norm(response, np.inf)), float(np.linalg.norm(multipliers, np.inf))
 
 
-def _sensitivity(case: Case, engine: Engine | type[Engine], part: str) -> float:
+def _engine_sensitivity(case: Case, engine: Engine | type[Engine], part: str) -> float:
     """Return κ · scale of an engine's v̇ or λ; infinite if nothing can be judged."""
     if isinstance(engine, type):
         return 0.0
@@ -195,13 +196,13 @@ def _sensitivity(case: Case, engine: Engine | type[Engine], part: str) -> float:
         summed = cancelling_size(case, engine, "bias")
         if engine.offers("forces"):  # it may use its own Q instead of the scene's
             summed += cancelling_size(case, engine, "forces")
-        by_force = _responses(at)[part == "multipliers"] * summed
+        by_force = _force_responses(at)[part == "multipliers"] * summed
         return sensitivity_of(at, partial(_part_in, like, T, part), coordinates=True) + by_force
     except (np.linalg.LinAlgError, RefusedError):
         return float("inf")
 
 
-def _against_engines(case: Case, part: str, names: tuple[str, ...]) -> Iterator[Finding]:
+def _compare_engines(case: Case, part: str, names: tuple[str, ...]) -> Iterator[Finding]:
     """Yield the Findings of the part "vdot" or "multipliers" for each engine that has it."""
     at, r = case.at, case.at.scene.r
     if part == "multipliers" and r == 0:
@@ -209,12 +210,12 @@ def _against_engines(case: Case, part: str, names: tuple[str, ...]) -> Iterator[
     Q = np.zeros(at.scene.n) if at.terms.Q is None else at.terms.Q
     handed = at.q, at.v, Q, at.terms.a, at.terms.gamma, at.t
     for engine in case.claim_engines:
-        engine_sensitivity = cache(partial(_sensitivity, case, engine, part))
+        engine_sensitivity = cache(partial(_engine_sensitivity, case, engine, part))
         answer = ask_engine(
             case,
             engine,
             *handed,
-            expected=partial(_expected, case, engine, part),
+            expected=partial(_expected_part, case, engine, part),
             part=attrgetter(part),
             excused=lambda bound=engine_sensitivity: bound() == np.inf,
         )
@@ -237,19 +238,19 @@ def _against_engines(case: Case, part: str, names: tuple[str, ...]) -> Iterator[
             if (value := getattr(x, part)) is None:
                 continue
             if engine.compliant and r > 0:
-                yield _of_another_model(case, engine, value, engine_value)
+                yield _compliance_finding(case, engine, value, engine_value)
                 break
             sensitivity = (
                 case.part_sensitivity(formulation, part, coordinates=True) + engine_sensitivity()
             )
             subject = f"{formulation.key} ~ {engine.key}"
             compared = case, engine, subject, value, engine_value, sensitivity
-            again = partial(_part_again, part, handed)
+            again = partial(_repeated_part, part, handed)
             finding = compare_with_engine(*compared, again, names=(names,))
-            yield _excused(case, engine, finding, Q) if part == "vdot" else finding
+            yield _excuse_failure(case, engine, finding, Q) if part == "vdot" else finding
 
 
-def _expected(case: Case, engine: Engine | type[Engine], part: str) -> Array | None:
+def _expected_part(case: Case, engine: Engine | type[Engine], part: str) -> Array | None:
     """Return v̇ or λ by the formulation that an engine is most similar to, or by another one."""
     with suppress(np.linalg.LinAlgError, RefusedError):
         solved = case.at.acceleration(FORMULATIONS[engine.solves_like])
@@ -259,7 +260,7 @@ def _expected(case: Case, engine: Engine | type[Engine], part: str) -> Array | N
     return next((x for x in parts if x is not None), None)
 
 
-def _excused(case: Case, engine: Engine, finding: Finding, Q: Array) -> Finding:
+def _excuse_failure(case: Case, engine: Engine, finding: Finding, Q: Array) -> Finding:
     """Turn a failure into an inconclusive Finding if the engine's own, larger matrix explains it.
 
     With mimic joints, which follow others, S is not square: an engine may solve M_x and eliminate
@@ -293,11 +294,12 @@ def _own_sensitivity(case: Case, answers: Answers, Q: Array) -> float:
     return float(np.prod([np.linalg.norm(matrix, np.inf) for matrix in sizes])) * largest(free)
 
 
-def _part_again(part: str, handed: tuple, answers: Answers) -> Any:
+def _repeated_part(part: str, handed: tuple, answers: Answers) -> Any:
+    """Return a part of the engine's solution, computed once more."""
     return getattr(answers.acceleration(*handed), part)
 
 
-def _of_another_model(case: Case, engine: Engine, value: Array, engine_value: Array) -> Finding:
+def _compliance_finding(case: Case, engine: Engine, value: Array, engine_value: Array) -> Finding:
     """Return the skipped Finding on an engine with compliant constraints, a different model."""
     scale = largest(value)
     apart = largest(engine_value - value)
@@ -315,7 +317,7 @@ def _of_another_model(case: Case, engine: Engine, value: Array, engine_value: Ar
 )
 def engine_acceleration(case: Case) -> Iterator[Finding]:
     """Each formulation has the constrained acceleration of each engine."""
-    return _against_engines(case, "vdot", case.at.scene.coordinate_names)
+    return _compare_engines(case, "vdot", case.at.scene.coordinate_names)
 
 
 @case_claim(
@@ -327,7 +329,7 @@ def engine_acceleration(case: Case) -> Iterator[Finding]:
 )
 def engine_multipliers(case: Case) -> Iterator[Finding]:
     """Each formulation with multipliers has those of each engine."""
-    return _against_engines(case, "multipliers", case.at.scene.constraint_names)
+    return _compare_engines(case, "multipliers", case.at.scene.constraint_names)
 
 
 # ---- Machine code --------------------------------------------------------------------------------
@@ -354,7 +356,7 @@ def machine_code(case: Case) -> Iterator[Finding]:
             return
         except RefusedError:  # at the integrator's velocity, which differs by rounding
             continue
-        extreme = can_overflow(at.v, at.F, at.terms.M) or _subnormal(at.terms.a)
+        extreme = can_overflow(at.v, at.F, at.terms.M) or _has_subnormal(at.terms.a)
         if extreme and not np.isfinite(compiled).all():
             # Solves in machine code scale no columns: their products and quotients are larger.
             outcome = math.inf, 0.0, "inconclusive", "property-tested"
@@ -371,7 +373,7 @@ def machine_code(case: Case) -> Iterator[Finding]:
         yield case.compare(formulation.key, compiled, public, sensitivity, names=names)
 
 
-def _subnormal(a: Array | None) -> bool:
+def _has_subnormal(a: Array | None) -> bool:
     """Return whether constraints have subnormal entries, whose quotients may overflow."""
     return a is not None and bool(((a != 0) & (np.abs(a) < NORMAL)).any())
 
@@ -430,7 +432,7 @@ def _power_of_q(
     energies: Callable, parameters: Any, prepared: Any, rates: Any, *state: Array
 ) -> Any:
     """Return the share of q in Ṫ + U̇, W, from precomputed values, their rates, q and v."""
-    return _energy_rate(energies, *_while_q_changes(parameters, prepared, rates, *state))
+    return _energy_rate(energies, *_arguments_while_q_changes(parameters, prepared, rates, *state))
 
 
 def _power_along(energies: Callable, *arguments: Any) -> Any:
@@ -441,7 +443,7 @@ def _power_along(energies: Callable, *arguments: Any) -> Any:
 
 def _velocities_of_q(velocities: Callable, *arguments: Any) -> tuple[Array, Array]:
     """Return [V, ω] and the share of q in [V̇, ω̇]; see `_power_of_q`."""
-    along_q = np.concatenate(velocities(*_while_q_changes(*arguments)), axis=1)
+    along_q = np.concatenate(velocities(*_arguments_while_q_changes(*arguments)), axis=1)
     return map_entries(value, along_q), rate(along_q)
 
 
@@ -451,7 +453,10 @@ def _velocities_along(velocities: Callable, *arguments: Any) -> Any:
     return rate(np.concatenate(velocities(*as_objects(tuple(constants)), duals(v, vdot)), axis=1))
 
 
-def _while_q_changes(parameters: Any, prepared: Any, rates: Any, q: Array, v: Array) -> tuple:
+def _arguments_while_q_changes(
+    parameters: Any, prepared: Any, rates: Any, q: Array, v: Array
+) -> tuple:
+    """Return arguments in dual numbers whose dual part is the rate of q, v constant."""
     return as_objects(parameters), map_record(duals, prepared, rates), duals(q, v), as_objects(v)
 
 
@@ -465,10 +470,12 @@ class _Rates:
         self._e = e
 
     def _along_v(self, function: Callable, scene_function: Callable, vdot: Array) -> Any:
+        """Run a function on the scene's function at this state and v̇."""
         e = self._e
         return e.run(function, scene_function, e.parameters, e.prepared, e.q, e.v, vdot)
 
     def _along_q(self, function: Callable, scene_function: Callable) -> Any:
+        """Run a function on the scene's function, with precomputed values and their rates."""
         e = self._e
         return e.run(function, scene_function, e.parameters, *e.prepared_and_rates(e.v), e.q, e.v)
 
@@ -529,11 +536,11 @@ def power_balance(at: Quantities, context: EvaluationContext) -> Iterator[Compar
         return  # motion driven by the clock exchanges power that R does not contain
     for f, x in context.solutions:
         shares = (*rates_of(at).power(x.vdot), 0 if R is None else rate(R))
-        rounding = (0.0, 0.0) if context.exact else _of_power(context, f, rates_of, shares)
+        rounding = (0.0, 0.0) if context.exact else _power_size(context, f, rates_of, shares)
         yield vanishing(f.key, sum(shares), (), *rounding)
 
 
-def _of_power(
+def _power_size(
     case: Any, f: Formulation, rates_of: Callable[[Evaluation], _Rates], shares: tuple
 ) -> tuple[Any, Any]:
     """Return the size of the terms of the power, W, and κ · scale of their sum."""
@@ -549,11 +556,11 @@ def _of_power(
     if not batch_size(resolved) and not resolved:
         return terms, np.inf
     # Energies are summed over the bodies, which rounds as often.
-    rounding = case.at.scene.n * (largest(shares) + summed_sensitivity) + _of_constraints(case, f)
+    rounding = case.at.scene.n * (largest(shares) + summed_sensitivity) + _constraint_power(case, f)
     return terms, choose(resolved, case.sensitivity(power) + rounding, np.inf)
 
 
-def _of_constraints(case: Any, f: Formulation) -> Any:
+def _constraint_power(case: Any, f: Formulation) -> Any:
     """Return |λ|ᵀ |a| |v|, W: the size of the power of λ on the rounding of v in a v."""
     lambda_ = case.at.acceleration(f).multipliers
     return 0.0 if lambda_ is None else product_size(lambda_, case.at.terms.a, case.at.v)

@@ -327,7 +327,7 @@ class Entries(NamedTuple):
 
     def hides(self, name: str) -> bool:
         """Return whether the entry of this name is hidden."""
-        return name in _named(int.from_bytes(self.hidden), self.names)
+        return name in _flagged_names(int.from_bytes(self.hidden), self.names)
 
     def joined(self, other: Entries) -> Entries:
         """Return the union of the flags of two comparisons with the same names."""
@@ -366,12 +366,13 @@ def never_resolved(entries: Iterable[Entries]) -> list[str]:
     flags = [(x.names, *map(int.from_bytes, (x.resolved, x.hidden))) for x in merged(entries)]
     if not any(h & ~r for _, r, h in flags):
         return []
-    resolved = {name for names, r, _ in flags for name in _named(r, names)}
-    hidden = (name for names, r, h in flags if h & ~r for name in _named(h, names))
+    resolved = {name for names, r, _ in flags for name in _flagged_names(r, names)}
+    hidden = (name for names, r, h in flags if h & ~r for name in _flagged_names(h, names))
     return [name for name in dict.fromkeys(hidden) if name not in resolved]
 
 
-def _named(flags: int, names: Names) -> Iterator[str]:
+def _flagged_names(flags: int, names: Names) -> Iterator[str]:
+    """Yield the names of the entries whose bits are set in `flags`."""
     shape = tuple(map(len, names))
     size = int(np.prod(shape))
     packed = np.frombuffer(flags.to_bytes(-(-size // 8)), np.uint8)

@@ -52,7 +52,7 @@ from eomcheck.safe_output import counted
 EVIDENCE = f"enclosed: {REFERENCE_DIGITS} digits"
 
 
-def _enclosed(
+def _enclose(
     case: Case, formulation: Formulation, quantities_by_bits: dict[int, Quantities]
 ) -> Enclosure | Finding:
     """Return the enclosure, or the Finding that there is none; see `enclosure_at` for the cache."""
@@ -61,10 +61,10 @@ def _enclosed(
     try:
         return enclosure_at(at.scene, formulation, at.q, start, at.t, *how, quantities_by_bits)
     except (RefusedError, TypeError) as error:
-        return _without_truth(case, formulation.key, error)
+        return _uncertified_finding(case, formulation.key, error)
 
 
-def _without_truth(case: Case, subject: str, error: Exception) -> Finding:
+def _uncertified_finding(case: Case, subject: str, error: Exception) -> Finding:
     """Return the Finding that precision is exhausted, or a function rejects ball arithmetic."""
     if isinstance(error, RefusedError):
         return case.finding(subject, 0.0, 0.0, "inconclusive", EVIDENCE, str(error))
@@ -81,9 +81,9 @@ def enclosures(case: Case) -> Iterator[Finding]:
         yield case.finding("all", 0.0, 0.0, "skipped", EVIDENCE, why)
         return
     enclosed: list[tuple[Formulation, Enclosure]] = []
-    quantities: dict[int, Quantities] = {}
+    quantities_by_bits: dict[int, Quantities] = {}
     for f in case.solved:
-        x = _enclosed(case, f, quantities)
+        x = _enclose(case, f, quantities_by_bits)
         if isinstance(x, Finding):
             yield x
         else:
@@ -116,7 +116,7 @@ def true_errors(case: Case) -> Iterator[Finding]:
             how = {"t": state.t, "digits": REFERENCE_DIGITS, "v": state.v}
             truth, at = enclose(state.scene, REFERENCE_WITHOUT_SPEEDS, state.q, **how), state
     except (RefusedError, TypeError) as error:
-        yield _without_truth(case, "all", error)
+        yield _uncertified_finding(case, "all", error)
         return
     true = Case(at, case.formulations, (), case.claim)
     for formulation in true.solved:
@@ -124,7 +124,7 @@ def true_errors(case: Case) -> Iterator[Finding]:
         try:
             certified = accuracy_at(formulation, truth, at, sensitivity=sensitivity)
         except RefusedError as error:
-            yield _without_truth(case, formulation.key, error)
+            yield _uncertified_finding(case, formulation.key, error)
             continue
         values, names = (certified.vdot, certified.truth.doubles()), (state.scene.coordinate_names,)
         judged = true.compare(formulation.key, *values, sensitivity, names=names, evidence=EVIDENCE)
@@ -151,7 +151,7 @@ def independent_rcond(formulation: Formulation, refusal: RefusedError, case: Cas
             rows_kept = at.independent_partition.kept
             a = a if rows_kept is None else a[rows_kept]
     if refusal.what == CONTRADICTION:
-        return _agreement(at)
+        return _contradiction_rcond(at)
     overflows = np.isnan(refusal.rcond)
     if overflows and can_overflow(at.v, at.F, M):
         return 0.0
@@ -164,7 +164,7 @@ def independent_rcond(formulation: Formulation, refusal: RefusedError, case: Cas
         needed.append(_kkt(np.diag(at.chain.mass), _joints(at.chain)))
     rcond = [_rcond(matrix * column_scale(matrix)) for matrix in map(_balanced, needed)]
     if formulation.uses == "chain":
-        rcond[-1] *= _evenness(at.chain)
+        rcond[-1] *= _row_evenness(at.chain)
     # Velocities are scaled by their kinetic energy, and so have no units of their own.
     scale = power_of_two_scale(np.sqrt(np.abs(np.diagonal(M))))
     if a is not None and refusal.what == RANK:
@@ -175,17 +175,17 @@ def independent_rcond(formulation: Formulation, refusal: RefusedError, case: Cas
         if formulation.in_speeds:
             R = _speeds_map(at) * scale
             rcond.append(_rcond_of_speeds(at))
-        Z, unsure = null_space(rows), _unsure(R, rows)
+        Z, unsure = null_space(rows), _null_space_error(R, rows)
         rcond.append(_rcond(R @ Z, unsure) ** 2 * _rcond(Z.T @ (scale[:, None] * M * scale) @ Z))
     if a is not None and refusal.what == MOBILITY:
         # The square of another matrix: it is singular to working precision long before that one.
-        rcond.append(_rcond(_balanced(_by_energy(M, a))) ** 2 * len(a))
+        rcond.append(_rcond(_balanced(_scale_by_energy(M, a))) ** 2 * len(a))
     if overflows:
         return 0.0 if min(rcond) < at.scene.n * EPS else 1.0
     return min(rcond)
 
 
-def _agreement(at: Evaluation) -> float:
+def _contradiction_rcond(at: Evaluation) -> float:
     """Return the rounding bound over the contradiction of constraints that imply each other.
 
     The contradiction is the residual of least squares, where v̇ has no component in directions in
@@ -194,7 +194,7 @@ def _agreement(at: Evaluation) -> float:
     """
     M, _, _, a, gamma, _ = at.terms
     scale = _row_scale(a)
-    rows, drift = _by_energy(M, a) * scale[:, None], gamma * scale
+    rows, drift = _scale_by_energy(M, a) * scale[:, None], gamma * scale
     U, sizes, _ = np.linalg.svd(rows, full_matrices=False)
     rank = at.scene.r if (rows_kept := at.independent_partition.kept) is None else len(rows_kept)
     contradiction = largest(drift - U[:, :rank] @ (U[:, :rank].T @ drift))
@@ -207,7 +207,7 @@ def _agreement(at: Evaluation) -> float:
     return min(shares)
 
 
-def _by_energy(M: Array, a: Array) -> Array:
+def _scale_by_energy(M: Array, a: Array) -> Array:
     """Return a L⁻ᵀ with L Lᵀ = M, or a itself if M is not positive definite in float64."""
     try:
         return solve_triangular(np.linalg.cholesky(M), a.T, lower=True).T
@@ -216,6 +216,7 @@ def _by_energy(M: Array, a: Array) -> Array:
 
 
 def _kkt(M: Array, a: Array) -> Array:
+    """Return the KKT matrix of M and a."""
     return np.block([[M, a.T], [a, np.zeros((len(a), len(a)))]])
 
 
@@ -229,7 +230,7 @@ def _joints(chain: Chain) -> Array:
     return J
 
 
-def _evenness(chain: Chain) -> float:
+def _row_evenness(chain: Chain) -> float:
     """Return the ratio of the smallest to the largest row of |A||x| + |b|, A x = b a chain's KKT.
 
     Iterative refinement in the same precision reaches a row-wise backward error of rounding only if
@@ -246,10 +247,12 @@ def _evenness(chain: Chain) -> float:
 
 
 def _row_scale(matrix: Array) -> Array:
+    """Return the powers of two that scale each row of a matrix to about 1."""
     return column_scale(matrix.T)
 
 
 def _balanced(matrix: Array) -> Array:
+    """Return a matrix with each row scaled to about 1."""
     return matrix * _row_scale(matrix)[:, None]
 
 
@@ -268,7 +271,7 @@ def _rcond_of_speeds(at: Evaluation) -> float:
     return _rcond(np.vstack((a, np.abs(a).max() * u_of_v)))
 
 
-def _unsure(R: Array, rows: Array) -> float:
+def _null_space_error(R: Array, rows: Array) -> float:
     """Return a bound on the rounding error of R Z, Z the null space of `rows`."""
     if not (len(R) and len(rows)):
         return 0.0
@@ -349,7 +352,7 @@ def coverage(drawn: list[SampledState]) -> Finding:
     example = (refused or drawn)[0]
     share = len(refused) / len(drawn)
     verdict: Verdict = "passed" if share <= MAY_REFUSE else "failed"
-    never = _never_solved(drawn) if refused else []
+    never = _always_refused(drawn) if refused else []
     if never and verdict == "passed":
         verdict = "inconclusive"  # the share hides a factor level that is always refused
     by_key = Counter(key for sampled in refused for key in sampled.refused)
@@ -369,7 +372,7 @@ def coverage(drawn: list[SampledState]) -> Finding:
     )
 
 
-def _never_solved(drawn: list[SampledState]) -> list[str]:
+def _always_refused(drawn: list[SampledState]) -> list[str]:
     """Return a text for each formulation that refused every drawn state of a factor level."""
     refused: dict[tuple[str, str], list[set[str]]] = {}
     for sampled in drawn:

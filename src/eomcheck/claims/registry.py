@@ -542,6 +542,7 @@ class GenericPoint(Quantities):
         return result if isinstance(result, RefusedError) else None
 
     def _result(self, formulation: Formulation, other: bool = False) -> Solution | RefusedError:
+        """Return the cached solution of a formulation, or its refusal."""
         key = (formulation.key, other)
         if key not in self._results:
             try:

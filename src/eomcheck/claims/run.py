@@ -181,14 +181,19 @@ EITHER = "the file is read in two ways: either reading may be wrong"
 
 def evaluate_claim(scene_engines: SceneEngines, case: Case, claim: Claim) -> list[Finding]:
     """Return the Findings of one claim; failures by the file's library blame neither side."""
-    findings = [_neutral(scene_engines, case, claim, finding) for finding in case.evaluate(claim)]
+    findings = [
+        _blame_either_side(scene_engines, case, claim, finding) for finding in case.evaluate(claim)
+    ]
     if scene_engines.failed_reader is not None and claim.asks == "mass_matrix":
         kind, why = scene_engines.failed_reader
         findings.append(skipped_finding(case, kind, f"takes no part: {why}"))
     return findings
 
 
-def _neutral(scene_engines: SceneEngines, case: Case, claim: Claim, finding: Finding) -> Finding:
+def _blame_either_side(
+    scene_engines: SceneEngines, case: Case, claim: Claim, finding: Finding
+) -> Finding:
+    """Return the Finding of a failure by the file's library, which blames neither side."""
     reader = scene_engines.reader
     if reader is None or finding.engine is not type(reader) or finding.verdict != "failed":
         return finding
@@ -300,7 +305,9 @@ def evaluate_state(
         if broken is None and (case.finite or claim == "finite-terms"):
             findings += evaluate_claim(scene_engines, case, CLAIMS[claim])
         seconds[claim] = time.perf_counter() - start
-    return StateResult(findings, seconds, _refused(case) if broken is None and case.finite else ())
+    return StateResult(
+        findings, seconds, _refused_keys(case) if broken is None and case.finite else ()
+    )
 
 
 def repeats_at(number: int) -> int:
@@ -363,16 +370,19 @@ class ValidationRun:
         repeats: int,
         at: Evaluation | None = None,
     ) -> StateResult:
+        """Evaluate all claims at one state; engines are constructed once per scene."""
         if self._engines_for is None or self._engines_for.scene is not scene:
             # Once for each scene.
             self._engines_for = make_scene_engines(scene, selection)
         return evaluate_state(self._engines_for, state, selection, repeats, at)
 
-    def _one_after_another(self, cases: Cases, selection: RunSelection) -> StateResults:
+    def _evaluate_serially(self, cases: Cases, selection: RunSelection) -> StateResults:
+        """Yield the results of cases that are computed in this process."""
         for i, (scene, state) in enumerate(cases):
             yield scene, state, self._evaluate_state(scene, state, selection, repeats_at(i))
 
     def _add_result(self, result: StateResult) -> list[Finding]:
+        """Add the result of one state to the run, and return its new Findings."""
         new = list(filter(self._is_new, result.findings))
         for claim, seconds in result.seconds.items():
             self.seconds[claim] += seconds
@@ -411,7 +421,7 @@ class ValidationRun:
             seed: seed of that search.
             runner: yields the results of the cases, by default computed in this process.
         """
-        with closing((runner or self._one_after_another)(cases, selection)) as results:
+        with closing((runner or self._evaluate_serially)(cases, selection)) as results:
             for scene, state, result in results:
                 new = self._add_result(result)
                 state = (new[0].state if new else None) or state
@@ -514,7 +524,7 @@ class ValidationRun:
         return self.findings
 
 
-def _refused(case: Case) -> tuple[str, ...]:
+def _refused_keys(case: Case) -> tuple[str, ...]:
     """Return the keys of the formulations that refuse the state.
 
     Empty if a user-supplied scene function raises: its error is one of the Findings.
@@ -522,12 +532,12 @@ def _refused(case: Case) -> tuple[str, ...]:
     try:
         return case.refused
     except Exception as error:
-        if not _is_of(case.at.scene, case.state, error):
+        if not _is_scene_error(case.at.scene, case.state, error):
             raise
         return ()
 
 
-def _is_of(scene: Scene, state: State, error: Exception) -> bool:
+def _is_scene_error(scene: Scene, state: State, error: Exception) -> bool:
     """Return whether a user-supplied scene function raised an error, or its result led to it."""
     return bool(scene_function_that_raised(scene, error) or failing_function(scene, state))
 
@@ -578,7 +588,7 @@ def check_state(
     except EomcheckError:
         raise
     except Exception as error:
-        if not _is_of(scene, state, error):  # else it is one of the Findings
+        if not _is_scene_error(scene, state, error):  # else it is one of the Findings
             raise
     return ValidationRun().check_state(scene, state, selection, at)
 

@@ -251,10 +251,12 @@ def kane_n_matrix(case: Case) -> Iterator[Finding]:
 
 
 def _is_chain(at: Quantities) -> bool:
+    """Return whether the scene declares a chain."""
     return hasattr(at.scene, "chain")
 
 
 def _has_joints(at: Quantities) -> bool:
+    """Return whether the scene is a chain with at least one joint between bodies."""
     return _is_chain(at) and len(at.chain.before) > 0
 
 
@@ -296,6 +298,7 @@ def chain_forces(at: Quantities, context: EvaluationContext) -> Iterator[Compari
 
 
 def _joint_names(count: int) -> Names:
+    """Return the names of joints and of the two equations of each."""
     return numbered("joint ", count), ("first equation", "second equation")
 
 

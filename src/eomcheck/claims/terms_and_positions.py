@@ -527,6 +527,7 @@ def tried_motions(at: Evaluation) -> Iterator[Symmetry]:
 
 
 def _kinetic_energy(e: Evaluation) -> Any:
+    """Return T of the scene at an evaluation."""
     return e.run(e.scene.energies, e.parameters, e.prepared, e.q, e.v)[0]
 
 

@@ -39,7 +39,7 @@ HERE = Path(eomcheck.__file__).parent
 
 def scene_function_that_raised(scene: Scene, error: BaseException) -> str:
     """Return the user-supplied scene function that raised an error, with its line; "" if none."""
-    files = _files(type(scene))
+    files = _source_files(type(scene))
     through = [x for x in traceback.extract_tb(error.__traceback__) if x.filename in files]
     if not through:
         kinds = [f"{kind.__name__}." for kind in type(scene).__mro__]
@@ -48,7 +48,7 @@ def scene_function_that_raised(scene: Scene, error: BaseException) -> str:
     return f"{type(scene).__name__}.{through[-1].name} {raised(error, through[-1])}"
 
 
-def _files(kind: type[Scene]) -> set[str]:
+def _source_files(kind: type[Scene]) -> set[str]:
     """Return the files that define functions of a scene class, files of this package excluded."""
     functions = [getattr(kind, name, None) for name in FUNCTIONS]
     functions += [x for base in kind.__mro__ for x in vars(base).values()]
@@ -90,7 +90,7 @@ def check_shapes(scene: Scene) -> None:
     if which in _shapes_checked:
         return
     try:
-        compare_shapes(scene, _somewhere(scene))
+        compare_shapes(scene, _random_quantities(scene))
     except InputError:
         raise
     except Exception as error:
@@ -120,6 +120,7 @@ def compare_shapes(scene: Scene, at: Quantities) -> None:
 
 
 def _compare_shapes(scene: Scene, at: Quantities) -> None:
+    """Compare the shapes of all results of the scene functions with the expected ones."""
     needed = OF_CONSTRAINTS if scene.r else frozenset()
     with np.errstate(all="ignore"):
         if scene.natural_speeds:
@@ -148,7 +149,8 @@ def _check_shared(scene: Scene, part: Any) -> None:
         )
 
 
-def _somewhere(scene: Scene) -> Quantities:
+def _random_quantities(scene: Scene) -> Quantities:
+    """Return the quantities of a scene in float64 at a fixed random state."""
     random = np.random.default_rng(0)
     at = Quantities(scene, FLOAT64, random.uniform(0.1, 1.0, checked_scene(scene).n))
     at.v, at.u = random.uniform(0.1, 1.0, scene.n), random.uniform(0.1, 1.0, scene.p)
@@ -167,7 +169,7 @@ def function_results(scene: Scene, at: Quantities) -> Iterator[Returned]:
     yield "velocities", "ω", omega, (bodies, e)
     if hasattr(scene, "jacobians"):
         shapes = (bodies, d, n), (bodies, e, n), (bodies, d), (bodies, e), (bodies, e)
-        yield from _fields("jacobians", scene.jacobians(*arguments), shapes)
+        yield from _record_fields("jacobians", scene.jacobians(*arguments), shapes)
         yield "drift", "gamma", scene.drift(*arguments), (r,)
         yield "forces", "Q", scene.forces(*arguments), (n,)
         yield "potential", "U", scene.potential(*position), ()
@@ -175,7 +177,7 @@ def function_results(scene: Scene, at: Quantities) -> Iterator[Returned]:
         a, b = scene.constraints(*position)
         yield "constraints", "a", a, (r, n)
         yield "constraints", "b", b, (r,)
-    yield from _fields("terms", at.terms, ((n, n), (n,), (n,), (r, n), (r,), (r,)))
+    yield from _record_fields("terms", at.terms, ((n, n), (n,), (n,), (r, n), (r,), (r,)))
     yield "constraint", "c", scene.constraint(*arguments), (r,)
     T, U = scene.energies(*arguments)
     yield "energies", "T", T, ()
@@ -189,17 +191,18 @@ def function_results(scene: Scene, at: Quantities) -> Iterator[Returned]:
         yield "position_residual", "Φ", scene.position_residual(*position), (rows,)
     yield "speeds_of", "u", scene.speeds_of(*arguments), (p,)
     try:
-        yield from _fields("speeds", at.speeds, ((n, p), (n,), (n,)))
+        yield from _record_fields("speeds", at.speeds, ((n, p), (n,), (n,)))
         # Vanishing components of velocities may be left out in `bodies`.
         d, e = (np.shape(velocity)[1] for velocity in at.bodies[:2])
         shapes = (bodies, d, p), (bodies, e, p), (bodies, d), (bodies, e)
         shapes = *shapes, (bodies,), (bodies, e, e), (bodies, e), (p,)
-        yield from _fields("bodies", at.bodies, shapes)
+        yield from _record_fields("bodies", at.bodies, shapes)
     except RefusedError:
         return  # there are no generalized speeds at this point
 
 
-def _fields(function: str, record: Any, shapes: tuple[Shape, ...]) -> Iterator[Returned]:
+def _record_fields(function: str, record: Any, shapes: tuple[Shape, ...]) -> Iterator[Returned]:
+    """Yield the fields of a NamedTuple with their shapes; raise InputError for another type."""
     names = getattr(record, "_fields", ()) if isinstance(record, tuple) else ()
     if len(names) != len(shapes):
         wanted = f"a NamedTuple of {len(shapes)}"
@@ -247,6 +250,7 @@ def why_not_rational(scene: Scene) -> str:
 
 
 def _run_all(at: Quantities) -> None:
+    """Call every function of the scene, floating-point warnings off."""
     with np.errstate(all="ignore"):
         for _ in function_results(at.scene, at):
             pass

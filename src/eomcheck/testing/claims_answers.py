@@ -100,7 +100,7 @@ def same_answer(at: FunctionState) -> Iterator[Comparison]:
             # As in a simulation: every function at another state in between.
             at.raw(name_between)(at.q - 0.3 * width_q, at.v + 0.7 * width_v)
         again = at.caller(name, at.q, at.v)
-        yield _again(at, name, again, first)
+        yield _compare_repeated(at, name, again, first)
 
 
 AGAIN, AT_FIRST, AWAY = 24, 54, 3
@@ -151,14 +151,14 @@ def answers_repeat(at: FunctionState) -> Iterator[Comparison | Decision]:
         at.caller.repeated.add(name)
         rounding = EPS * np.maximum(first.size, np.fmax.reduce(np.abs(values)))
         first_with_rounding = UncertainArray(first.value, rounding, first.size)
-        double = name not in at.caller.single_precision and _relative(first) <= NOISE
-        unfelt = _unfelt(at, name, KEPT, COARSE_BY) if double else ""
+        double = name not in at.caller.single_precision and _relative_error(first) <= NOISE
+        unfelt = _unfelt_input(at, name, KEPT, COARSE_BY) if double else ""
         cached = name not in at.caller.single_precision and _is_cached(at, name, double)
         if unfelt or cached:
             text = f"{name}, does not feel small changes of {unfelt or 'q'}: cached?"
             yield Decision(name, KEPT, 0.0, "failed", text)
             continue
-        yield _again(at, name, worst, first_with_rounding)
+        yield _compare_repeated(at, name, worst, first_with_rounding)
 
 
 @function_claim("fresh-answer", "f(x) of a fresh instance is f(x)", "", ("factory",))
@@ -177,10 +177,12 @@ def fresh_answer(at: FunctionState) -> Iterator[Comparison | Decision]:
                 name, float("inf"), 0.0, "failed", f"{name} of the factory, {broken.why}"
             )
             continue
-        yield _again(at, name, anew, first)
+        yield _compare_repeated(at, name, anew, first)
 
 
-def _again(at: FunctionState, name: str, again: Array, first: UncertainArray) -> Comparison:
+def _compare_repeated(
+    at: FunctionState, name: str, again: Array, first: UncertainArray
+) -> Comparison:
     """Return the comparison of a repeated result with the first one, to rounding at most."""
 
     def explain(*_: object) -> str:
@@ -210,12 +212,12 @@ def double_precision(at: FunctionState) -> Iterator[Decision]:
     """Decide for each function: no single precision inside, whatever dtype its result has."""
     for name in working_functions(at):
         quantity = at.quantity(name)
-        blur = _relative(quantity)
-        unfelt = _unfelt(at, name) if NOISE < blur < NOTHING else ""
+        blur = _relative_error(quantity)
+        unfelt = _unfelt_input(at, name) if NOISE < blur < NOTHING else ""
         if unfelt and "v" in at.caller.reads(name):
             # A difference of larger terms has steps too, but not where v has made it large.
-            unfelt = _unfelt(at.with_velocity(FAST * at.v), name)
-        share = _relative(quantity, _size_beside(at, name))
+            unfelt = _unfelt_input(at.with_velocity(FAST * at.v), name)
+        share = _relative_error(quantity, _neighbouring_size(at, name))
         if name in at.caller.single_precision:
             text = f"answers in {at.caller.single_precision[name]}"
         elif unfelt:
@@ -223,7 +225,7 @@ def double_precision(at: FunctionState) -> Iterator[Decision]:
         elif NOISE < share < NOTHING and name != "qdd":
             # Accelerations are noisy where M is nearly singular, which is no fault of theirs.
             text = f"noise of {share:.1g} of its size: float32 arithmetic, or terms that cancel"
-            if max(_noise_beside(at, name)) <= NOISE:
+            if max(_neighbouring_noise(at, name)) <= NOISE:
                 text = "jumps or has a kink at this state: its noise is not measured there"
             yield Decision(name, share, NOISE, "inconclusive", f"{name}, {text}")
             continue
@@ -233,7 +235,7 @@ def double_precision(at: FunctionState) -> Iterator[Decision]:
         yield Decision(name, max(blur, 2.0**-24), NOISE, "failed", f"{name}, {text}")
 
 
-def _size_beside(at: FunctionState, name: str) -> float:
+def _neighbouring_size(at: FunctionState, name: str) -> float:
     """Return the size of a function half a width of the ranges away, on both sides of the state.
 
     A plain formula may vanish at the state, as 1 - cos q does: the terms that round in it are of
@@ -244,26 +246,26 @@ def _size_beside(at: FunctionState, name: str) -> float:
     return largest(np.nan_to_num(values, nan=0.0, posinf=0.0, neginf=0.0))
 
 
-def _noise_beside(at: FunctionState, name: str) -> list[float]:
+def _neighbouring_noise(at: FunctionState, name: str) -> list[float]:
     """Return the noise per size of a function `BESIDE` away on both sides, beyond any jump."""
     shares = []
     for shift in (-BESIDE, BESIDE):
         q, v = at.q + shift * at.width_q, at.v + shift * at.width_v
         try:
             side = FunctionState(at.caller, q, v, at.seed)
-            shares.append(_relative(side.quantity(name), _size_beside(side, name)))
+            shares.append(_relative_error(side.quantity(name), _neighbouring_size(side, name)))
         except BrokenError:
             shares.append(np.inf)
     return shares
 
 
-def _relative(array: UncertainArray, beside: float = 0.0) -> float:
+def _relative_error(array: UncertainArray, beside: float = 0.0) -> float:
     """Return the largest error of an entry per largest size, the latter `beside` or more."""
     size = max(largest(array.size), beside)
     return largest(array.error) / size if size > 0.0 and np.isfinite(size) else 0.0
 
 
-def _unfelt(
+def _unfelt_input(
     at: FunctionState, name: str, small: float = UNFELT, share_felt: float = FELT_BY
 ) -> str:
     """Return the first entry of q and v of which only large changes have an effect, "" for none.
@@ -283,7 +285,9 @@ def _unfelt(
             x[k] += share * width
             return np.abs(f(x[:n], x[n:]) - value.value)
 
-        if _steps(change_over, FELT, small, share_felt * largest(value.size)):
+        if _changes_over_long_steps_only(
+            change_over, FELT, small, share_felt * largest(value.size)
+        ):
             return names[k]
     return ""
 
@@ -300,10 +304,15 @@ def _is_cached(at: FunctionState, name: str, double: bool) -> bool:
         return np.abs(f(at.q + share * along, at.v) - value.value)
 
     steps, size = CACHED_DOUBLES if double else CACHED, largest(value.size)
-    return any(_steps(changed, long, short, share_felt * size) for long, short, share_felt in steps)
+    return any(
+        _changes_over_long_steps_only(changed, long, short, share_felt * size)
+        for long, short, share_felt in steps
+    )
 
 
-def _steps(changed: Callable[[float], Array], long: float, short: float, least: float) -> bool:
+def _changes_over_long_steps_only(
+    changed: Callable[[float], Array], long: float, short: float, least: float
+) -> bool:
     """Return whether an entry changes over long steps only.
 
     It changes by more than `least` and in proportion over one, two and three long steps, and not at

@@ -172,7 +172,7 @@ def acceleration_even(at: FunctionState) -> Iterator[Comparison | Decision]:
 
     Rows with an odd part that is linear in v, which may be a damper, are inconclusive.
     """
-    damped, odd = _damped(at), _odd(at)
+    damped, odd = _damped_rows(at), _odd_part_twice(at)
     if damped.any():
         rows_ = ", ".join(
             name for name, is_damped in zip(row_names(at), damped, strict=True) if is_damped
@@ -188,28 +188,30 @@ def acceleration_even(at: FunctionState) -> Iterator[Comparison | Decision]:
         return DRAG
 
     none = exact(np.zeros(len(at.v)))
-    back = _where(damped, none, at.with_velocity(-at.v).quantity("qdd"))
-    yield compare(at, "q̈", back, _where(damped, none, at.quantity("qdd")), explain)
+    back = _select_entries(damped, none, at.with_velocity(-at.v).quantity("qdd"))
+    yield compare(at, "q̈", back, _select_entries(damped, none, at.quantity("qdd")), explain)
 
 
-def _odd(at: FunctionState) -> UncertainArray:
+def _odd_part_twice(at: FunctionState) -> UncertainArray:
     """Return twice the part of q̈ (p,) that is odd in v."""
     return at.quantity("qdd") - at.with_velocity(-at.v).quantity("qdd")
 
 
-def _damped(at: FunctionState) -> Array:
+def _damped_rows(at: FunctionState) -> Array:
     """Return whether each row of q̈ (p,) has a part that is odd in v, and linear in it."""
 
     def damped() -> Array:
-        once = _odd(at)
+        once = _odd_part_twice(at)
         if not is_nonzero(once).any():
             return np.zeros(once.shape, bool)
-        return is_nonzero(once) & ~is_nonzero(_odd(at.with_velocity(2.0 * at.v)) - 2.0 * once)
+        return is_nonzero(once) & ~is_nonzero(
+            _odd_part_twice(at.with_velocity(2.0 * at.v)) - 2.0 * once
+        )
 
     return at.cached("damped", damped)
 
 
-def _where(chosen: Array, x: UncertainArray, y: UncertainArray) -> UncertainArray:
+def _select_entries(chosen: Array, x: UncertainArray, y: UncertainArray) -> UncertainArray:
     """Return the entries of x where `chosen`, of y elsewhere."""
     pairs = (x.value, y.value), (x.error, y.error), (x.size, y.size)
     return UncertainArray(*(np.where(chosen, *pair) for pair in pairs))
@@ -231,10 +233,10 @@ def acceleration_quadratic(at: FunctionState) -> Iterator[Comparison]:
     """
     at_rest = at.with_velocity(np.zeros(len(at.v))).quantity("qdd")
     twice = at.with_velocity(2.0 * at.v)
-    once, far, damped = at.quantity("qdd"), twice.quantity("qdd"), _damped(at)
+    once, far, damped = at.quantity("qdd"), twice.quantity("qdd"), _damped_rows(at)
     if damped.any():
-        once = _where(damped, once - 0.5 * _odd(at), once)
-        far = _where(damped, far - 0.5 * _odd(twice), far)
+        once = _select_entries(damped, once - 0.5 * _odd_part_twice(at), once)
+        far = _select_entries(damped, far - 0.5 * _odd_part_twice(twice), far)
     yield compare(at, "q̈", far - at_rest, 4.0 * (once - at_rest))
 
 
@@ -261,18 +263,19 @@ FOLLOWS = {"M": "T", "bias": "C|M|T", "gamma": "a"}
 """Name -> functions from which it follows where it is not given."""
 
 
-def _has(at: FunctionState, name: str) -> bool:
+def _is_provided(at: FunctionState, name: str) -> bool:
+    """Return whether a function, or for "forces" any of `FORCE_TERMS`, is supplied."""
     if name == "forces":
         return any(at.has(term) for term in FORCE_TERMS)
     return at.has(name)
 
 
-def _shared(at: FunctionState, reference: FunctionState, name: str) -> bool:
+def _is_comparable(at: FunctionState, reference: FunctionState, name: str) -> bool:
     """Return whether a quantity is given by both, or by one of them and follows in the other.
 
     Where both give the function that it follows from, that is compared, and this would repeat it.
     """
-    provided = _has(at, name), _has(reference, name)
+    provided = _is_provided(at, name), _is_provided(reference, name)
     if all(provided) or not any(provided) or name not in FOLLOWS:
         return all(provided)
     sources = FOLLOWS[name]
@@ -297,7 +300,7 @@ def check_reference(points: list[FunctionState]) -> None:
     for at in points:
         reference = _reference_at(at)
         for name, (_, quantity_of) in QUANTITIES.items():
-            if not _shared(at, reference, name):
+            if not _is_comparable(at, reference, name):
                 continue
             try:
                 quantity_of(reference)
@@ -330,7 +333,7 @@ def reference(at: FunctionState) -> Iterator[Comparison | Skipped]:
     assert at.reference is not None
     for name, (shaped, quantity_of) in QUANTITIES.items():
         point, other_point = at, _reference_at(at)
-        if not _shared(at, other_point, name):
+        if not _is_comparable(at, other_point, name):
             continue
         subject = f"{name} ~ {at.reference.name}"
         if name == "qdd":

@@ -140,13 +140,14 @@ def bias_at_rest(at: FunctionState) -> Iterator[Comparison]:
                 actual, sign * gravity.value, allowed + C * gravity.error
             ):
                 return f"it is {name}: gravity is in the bias (say bias_has_gravity=True)"
-        potential = at.functions.qdot is None and _symmetric(_by_q(at_rest))
+        potential = at.functions.qdot is None and _is_symmetric(_bias_jacobian(at_rest))
         return "should vanish, and has a potential: gravity in it?" if potential else ""
 
     yield compare(at, "bias", at_rest.quantity("bias"), zero(at.quantity("bias")), explain)
 
 
-def _by_q(at_rest: FunctionState) -> UncertainArray:
+def _bias_jacobian(at_rest: FunctionState) -> UncertainArray:
+    """Return ∂B/∂q (n, p), of which `at_rest` is the state at rest."""
     return at_rest.by_q(at_rest.raw("bias"))
 
 
@@ -155,7 +156,8 @@ def within_allowed(actual: Array, expected: Array, allowed: Array) -> bool:
     return bool((np.abs(actual - expected) <= allowed).all())
 
 
-def _symmetric(jacobian: UncertainArray) -> bool:
+def _is_symmetric(jacobian: UncertainArray) -> bool:
+    """Return whether a Jacobian is symmetric within its allowed error."""
     return within_allowed(jacobian.value, jacobian.value.T, C * (jacobian.error + jacobian.error.T))
 
 
@@ -214,8 +216,8 @@ def proportional(actual: Array, expected: Array, allowed: float, worst: tuple[in
     if size == 0.0 or actual.size < 1:
         return ""
     near = np.maximum(allowed, 1e-10 * size)
-    known = {-1.0: "sign", 0.25: "a quarter of it", 0.5: "half of it", 0.0: "missing"}
-    for value, name in known.items():
+    diagnoses = {-1.0: "sign", 0.25: "a quarter of it", 0.5: "half of it", 0.0: "missing"}
+    for value, name in diagnoses.items():
         if (np.abs(actual - value * expected) <= near).all():
             return name + EVERY_ROW
     factor = float(actual.ravel() @ expected.ravel() / (expected.ravel() @ expected.ravel()))
@@ -228,9 +230,9 @@ def proportional(actual: Array, expected: Array, allowed: float, worst: tuple[in
     beyond = abs(factor) - 1.0
     if abs(beyond) * size <= near:
         return ""  # any factor so close to 1 would do
-    known = min(int(np.log10(abs(beyond) * size / near)), 1)
+    shown_digits = min(int(np.log10(abs(beyond) * size / near)), 1)
     sign, large = "sign, and " if factor < 0.0 else "", "large" if beyond > 0.0 else "small"
-    return f"{sign}too {large} by {abs(beyond):.{known}e} of it{EVERY_ROW}"
+    return f"{sign}too {large} by {abs(beyond):.{shown_digits}e} of it{EVERY_ROW}"
 
 
 @function_claim("bias-power", "vᵀ B = ½ vᵀ Ṁ v", "bias", ("M|T", "bias"), natural=True)
@@ -280,7 +282,7 @@ def gravity_potential(at: FunctionState) -> Iterator[Comparison]:
     """Compare ∂g/∂q with its transpose: gravity has a potential."""
     is_supplied = at.functions.gravity is not None
     at_rest = at.with_velocity(np.zeros(len(at.v)))
-    jacobian = at.by_q(at.raw("gravity")) if is_supplied else _by_q(at_rest)
+    jacobian = at.by_q(at.raw("gravity")) if is_supplied else _bias_jacobian(at_rest)
 
     def explain(actual: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
         k, i = (row_names(at)[entry] for entry in worst)
@@ -393,7 +395,7 @@ def dissipation_positive(at: FunctionState) -> Iterator[Decision | Skipped]:
     in v, as of a damper against a belt that moves, drop out.
     """
     R, R_of_v, at_rest = at.raw("R"), at.quantity("R"), np.zeros(len(at.v))
-    least, size = _least_damped(at, R)
+    least, size = _least_damped_velocity(at, R)
     noise = EPS + (float(R_of_v.error / R_of_v.size) if R_of_v.size > 0.0 else 0.0)
     R_at_rest = float(R(at.q, at_rest))
     changes = np.array(
@@ -417,7 +419,9 @@ def dissipation_positive(at: FunctionState) -> Iterator[Decision | Skipped]:
         yield Decision("R", max(0.0, -gain), allowed, "inconclusive", text)
 
 
-def _least_damped(at: FunctionState, R: Callable[[Array, Array], Array]) -> tuple[Array, float]:
+def _least_damped_velocity(
+    at: FunctionState, R: Callable[[Array, Array], Array]
+) -> tuple[Array, float]:
     """Return the velocity (p,) in the ranges for which second differences of R are least.
 
     It lies in the directions that constraints leave, where constraints are given. The second value

@@ -173,9 +173,10 @@ class _Numbers:
 
     def plain(self, expression: Any) -> Any:
         """Return an expression as a matrix in symbols for q and v alone."""
-        return self._named(expression).subs(self._parameters)
+        return self._replace_names(expression).subs(self._parameters)
 
-    def _named(self, expression: Any) -> Any:
+    def _replace_names(self, expression: Any) -> Any:
+        """Return an expression as a matrix, its coordinates and speeds replaced by `_arguments`."""
         sp, mechanics = self._sympy, required("sympy.physics.mechanics", "sympy")
         matrix = sp.Matrix(expression) if hasattr(expression, "shape") else sp.Matrix([expression])
         return mechanics.msubs(matrix, self._names)
@@ -188,7 +189,7 @@ class _Numbers:
             others: other expressions in the model, of which symbols may have cancelled.
         """
         unknown = _symbols(map(self.plain, expressions)) - set(self._arguments)
-        used = _symbols(map(self._named, (*expressions, *others)))
+        used = _symbols(map(self._replace_names, (*expressions, *others)))
         unused = [symbol for symbol in self._parameters if not _symbols([symbol]) <= used]
         names = sorted(map(str, unknown))
         if alike := sorted({*names} & {*map(str, unused)}):
@@ -233,7 +234,7 @@ def _symbols(expressions: Iterable[Any]) -> set[Any]:
     return symbols - {mechanics.dynamicsymbols._t}
 
 
-def _only_options(maker: str, options: Mapping[str, Any]) -> None:
+def _check_options(maker: str, options: Mapping[str, Any]) -> None:
     """Raise InputError if a function is among the options of `maker`, which makes it itself."""
     for name in filter(INPUTS.__contains__, options):
         raise InputError(
@@ -264,7 +265,7 @@ def from_kane(
         EngineError: SymPy is not installed.
     """
     mechanics = required("sympy.physics.mechanics", "sympy")
-    _only_options("from_kane", options)
+    _check_options("from_kane", options)
     if not isinstance(kane, mechanics.KanesMethod):
         raise InputError(f"kane = {kane!r}, expected a sympy.physics.mechanics.KanesMethod")
     try:
@@ -351,7 +352,7 @@ def from_lagrange(
         EngineError: SymPy is not installed.
     """
     mechanics = required("sympy.physics.mechanics", "sympy")
-    _only_options("from_lagrange", options)
+    _check_options("from_lagrange", options)
     if not isinstance(lagrange, mechanics.LagrangesMethod):
         raise InputError(
             f"lagrange = {lagrange!r}, expected a sympy.physics.mechanics.LagrangesMethod"
@@ -408,7 +409,7 @@ def as_equations(subject: Any, parameters: Mapping[Any, float] | None = None) ->
     held = object_named(subject, required=True) if isinstance(subject, str) else subject
     equations = equations_held_by(held, parameters)
     if equations is None:
-        raise InputError(f"subject = {safe_repr(subject)}, {_instead_of(held)}")
+        raise InputError(f"subject = {safe_repr(subject)}, {_sort_and_call(held)}")
     return equations
 
 
@@ -425,7 +426,7 @@ def equations_held_by(
     return None
 
 
-def _instead_of(subject: Any) -> str:
+def _sort_and_call(subject: Any) -> str:
     """Return the sort of an object that holds no equations, and the call that checks it."""
     kind = subject if isinstance(subject, type) else type(subject)
     if issubclass(kind, Scene) and kind is subject:

@@ -219,7 +219,7 @@ class EquationsOfMotion:
         size = self.n + self.p
         full = np.tile([-1.0, 1.0], (size, 1))
         if self.ranges is not None:
-            pairs = _pairs(self.ranges)
+            pairs = _range_pairs(self.ranges)
             if pairs is None or (pairs.ndim == 2 and len(pairs) not in (self.n, size)):
                 raise InputError(
                     f"ranges = {safe_repr(self.ranges)}, expected (low, high) with low < high, or "
@@ -252,7 +252,7 @@ class ComparedEquations(EquationsOfMotion):
         )
 
 
-def _pairs(ranges: Any) -> Array | None:
+def _range_pairs(ranges: Any) -> Array | None:
     """Return pairs low < high as an array (2,) or (m, 2), None if `ranges` holds no such pairs."""
     try:
         pairs = np.asarray(ranges, np.float64)
@@ -347,7 +347,7 @@ class FunctionCaller:
     def reads(self, name: str) -> str:
         """Return the arguments of a function, one letter each: "q", "qv", "t" or "qt"."""
         if name not in self._reads:
-            more = name in MAY_READ_MORE and _arguments(self.functions.function(name)) == 2
+            more = name in MAY_READ_MORE and _argument_count(self.functions.function(name)) == 2
             self._reads[name] = MAY_READ_MORE[name] if more else INPUTS[name].reads
         return self._reads[name]
 
@@ -379,14 +379,15 @@ class FunctionCaller:
             written = handed["q"].tobytes() != q.tobytes() or handed["v"].tobytes() != v.tobytes()
             if written or (make is not None and _bytes(arrays) != before):
                 self.writing.add(name)
-        return self._checked(name, answer)
+        return self._check_result(name, answer)
 
-    def _checked(self, name: str, answer: Any) -> Array:
+    def _check_result(self, name: str, answer: Any) -> Array:
+        """Return a result as a finite float64 array of its shape, else raise BrokenError."""
         if type(answer) is np.ndarray and answer.dtype == np.float64:
             array = answer.copy()
         else:
-            array = self._read(name, answer)
-        array = self._shaped(name, array)
+            array = self._as_float64(name, answer)
+        array = self._reshape(name, array)
         # For a single number NumPy's own `all` takes longer than all other steps.
         finite = np.isfinite(array).all() if array.ndim else isfinite(array.item())
         if not finite:
@@ -395,12 +396,12 @@ class FunctionCaller:
             raise BrokenError(name, f"{entry} = {array[where]}, expected a finite number")
         return array
 
-    def _read(self, name: str, answer: Any) -> Array:
+    def _as_float64(self, name: str, answer: Any) -> Array:
         """Return a result of any type as a float64 array."""
         if answer is None:
             raise BrokenError(name, "answers None, expected an array of numbers")
         try:
-            raw = np.asarray(_plain(answer))
+            raw = np.asarray(_detached_result(answer))
             if np.ma.is_masked(answer):
                 raise BrokenError(name, "answers a masked array, of which entries are masked")
             if raw.dtype.kind == "c":
@@ -413,13 +414,14 @@ class FunctionCaller:
         except OverflowError:
             raise BrokenError(name, "answers a number that is too large for a double") from None
         except (TypeError, ValueError, RuntimeError):
-            text = f"answers {_type_of(answer)}, expected an array of numbers"
+            text = f"answers {_type_text(answer)}, expected an array of numbers"
             raise BrokenError(name, text) from None
         if raw.dtype.kind == "f" and raw.dtype.itemsize < 8:
             self.single_precision[name] = str(raw.dtype)
         return array
 
-    def _shaped(self, name: str, array: Array) -> Array:
+    def _reshape(self, name: str, array: Array) -> Array:
+        """Return a result in the shape of its input, else raise BrokenError."""
         if array.shape == self._shapes.get(name):
             return array
         symbols = INPUTS[name].shape
@@ -438,11 +440,11 @@ class FunctionCaller:
 def _bytes(arrays: dict[str, Any]) -> list[bytes]:
     """Return the numbers in arrays of any library as bytes; [] if NumPy cannot read them."""
     with suppress(TypeError, ValueError, RuntimeError):
-        return [np.asarray(_plain(array)).tobytes() for array in arrays.values()]
+        return [np.asarray(_detached_result(array)).tobytes() for array in arrays.values()]
     return []
 
 
-def _type_of(answer: Any) -> str:
+def _type_text(answer: Any) -> str:
     """Return the type of a result for messages, such as "a list of str" or "an array of bool".
 
     The type of its entries is named where all are of one type that is no number.
@@ -460,18 +462,18 @@ PLAIN = np.ndarray, np.float64, float
 """Types of results that NumPy reads as they are."""
 
 
-def _plain(answer: Any) -> Any:
+def _detached_result(answer: Any) -> Any:
     """Return a result that NumPy can read: detached from gradients, on the CPU."""
     if type(answer) in PLAIN:
         return answer
     if isinstance(answer, list | tuple):
-        return [_plain(entry) for entry in answer]
+        return [_detached_result(entry) for entry in answer]
     for method in ("detach", "cpu"):
         answer = getattr(answer, method, lambda answer=answer: answer)()
     return answer
 
 
-def _arguments(function: Any) -> int:
+def _argument_count(function: Any) -> int:
     """Return the number of positional arguments without default, 1 without a signature."""
     try:
         parameters = signature(function).parameters.values()

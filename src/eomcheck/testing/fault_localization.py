@@ -87,22 +87,22 @@ def wrong_terms(failed: Finding, at: FunctionState) -> str:
         failed: a failure.
         at: state at which it failed.
     """
-    pair = _sides_of_bias(failed.claim, at)
+    pair = _bias_sides(failed.claim, at)
     if pair is None or EVERY_ROW in failed.detail:
         return ""
-    terms = _computed(lambda: _terms_of_bias(*pair, at), [])
+    terms = _value_or(lambda: _bias_terms(*pair, at), [])
     if terms is None:
         return CONSTANT
     wrong = sorted(filter(lambda x: x.is_wrong, terms), key=lambda x: -abs(x.got - x.expected))
-    texts = list(dict.fromkeys(_text(term, wrong, row_names(at)) for term in wrong))
+    texts = list(dict.fromkeys(_term_text(term, wrong, row_names(at)) for term in wrong))
     more = f"; {len(texts) - LISTED} more terms" if len(texts) > LISTED else ""
     return "; ".join(texts[:LISTED]) + more
 
 
-def _terms_of_bias(actual: OfV, expected: OfV, at: FunctionState) -> list[Term] | None:
+def _bias_terms(actual: OfV, expected: OfV, at: FunctionState) -> list[Term] | None:
     """Return the terms of both sides of a bias; None where they differ by a constant alone."""
     v = np.where(at.v < 0.0, -1.0, 1.0) * at.width_v  # not small, unlike v near rest
-    off, sound = (_degrees(side, v) for side in (_difference(actual, expected), expected))
+    off, sound = (_parities(side, v) for side in (_difference(actual, expected), expected))
     if off.constant and not (off.odd or off.even):
         return None
     if off.constant or off.odd or sound.constant or sound.odd:
@@ -110,7 +110,7 @@ def _terms_of_bias(actual: OfV, expected: OfV, at: FunctionState) -> list[Term] 
     return list(_terms(actual, expected, at.width_v))
 
 
-def _computed(function: Callable[[], R], otherwise: R) -> R:
+def _value_or(function: Callable[[], R], otherwise: R) -> R:
     """Return function(), or `otherwise` where a function breaks or a matrix is singular."""
     try:
         with np.errstate(all="ignore"):
@@ -119,7 +119,7 @@ def _computed(function: Callable[[], R], otherwise: R) -> R:
         return otherwise
 
 
-def _sides_of_bias(claim: str, at: FunctionState) -> tuple[OfV, OfV] | None:
+def _bias_sides(claim: str, at: FunctionState) -> tuple[OfV, OfV] | None:
     """Return both sides of a claim as functions of v; None where they are not quadratic in v."""
     if at.functions.qdot is not None:
         return None
@@ -162,7 +162,7 @@ def velocity_dependence(values: Sequence[UncertainArray]) -> VelocityDependence:
     return VelocityDependence(*(bool(is_nonzero(x).any()) for x in (at_rest, odd, even)))
 
 
-def _degrees(function: OfV, v: Array) -> VelocityDependence:
+def _parities(function: OfV, v: Array) -> VelocityDependence:
     """Return the parities of a function of v; even, as of a bias, where it has no value."""
     values = [x for x in (function(scale * v) for scale in SCALES) if x is not None]
     return (
@@ -229,7 +229,7 @@ def _terms(actual: OfV, expected: OfV, widths: Array) -> Iterator[Term]:
                 yield Term(row, i, j, float(x), float(y), float(allowed))
 
 
-def _text(term: Term, wrong: list[Term], names: tuple[str, ...]) -> str:
+def _term_text(term: Term, wrong: list[Term], names: tuple[str, ...]) -> str:
     """Return a description of a wrong term, with the term that stands in its place, if any."""
     got, expected, near = term.got, term.expected, term.allowed
     beside = [x for x in wrong if x.row == term.row and x is not term]
@@ -350,7 +350,7 @@ def localize_faults(
         cause = " or ".join(blame.causes)
         polarized = ""
         for finding in own:
-            term = _terms_of(blame, finding, where.get(id(finding)), polarized)
+            term = _wrong_terms_of_cause(blame, finding, where.get(id(finding)), polarized)
             polarized = polarized or (term if finding.claim != "motion" else "")
             detailed = finding.because(term) if term else finding
             changed[id(finding)] = replace(
@@ -366,7 +366,9 @@ def localize_faults(
     return [changed.get(id(finding), finding) for finding in findings]
 
 
-def _terms_of(blame: Blame, failed: Finding, at: FunctionState | None, polarized: str) -> str:
+def _wrong_terms_of_cause(
+    blame: Blame, failed: Finding, at: FunctionState | None, polarized: str
+) -> str:
     """Return the wrong terms where a failure is about a cause in `blame`, as text; "" once known.
 
     Args:
@@ -378,7 +380,7 @@ def _terms_of(blame: Blame, failed: Finding, at: FunctionState | None, polarized
     if at is None:
         return ""
     if failed.claim == "motion":
-        return "" if "off by" in failed.detail else _of_motion(at)
+        return "" if "off by" in failed.detail else _residual_parity_text(at)
     if polarized or not {"bias", "C", "T"} & {*blame.causes}:
         return ""
     term = wrong_terms(failed, at)
@@ -436,9 +438,9 @@ def suspects(
     names = functions_read(functions, failed.claim, failed.subject)
     if failed.claim != "motion" or at is None:
         return names
-    if _in_motion(at):
+    if _bias_follows_from_T(at):
         names |= {"T"}
-    return _computed(lambda: names & _of_residual(at, names), names) or names
+    return _value_or(lambda: names & _suspects_by_parity(at, names), names) or names
 
 
 def residual(at: FunctionState) -> UncertainArray | None:
@@ -466,18 +468,18 @@ def _measured_residuals(at: FunctionState) -> tuple[list[FunctionState], list[Un
     return (points, values) if len(values) == len(SCALES) else ([], [])
 
 
-def _of_motion(at: FunctionState) -> str:
+def _residual_parity_text(at: FunctionState) -> str:
     """Return the parity in v of the residual of `motion`, as text; "" if it has several."""
 
     def dependence() -> str:
         _, values = _measured_residuals(at)
         return velocity_dependence(values).text if values else ""
 
-    text = _computed(dependence, "")
+    text = _value_or(dependence, "")
     return f"the difference is {text}" if text else ""
 
 
-def _of_residual(at: FunctionState, names: frozenset[str]) -> frozenset[str]:
+def _suspects_by_parity(at: FunctionState, names: frozenset[str]) -> frozenset[str]:
     """Return the suspects among `names` that explain the parity of the `motion` residual."""
     points, values = _measured_residuals(at)
     if not values:
@@ -487,7 +489,7 @@ def _of_residual(at: FunctionState, names: frozenset[str]) -> frozenset[str]:
     qdd = velocity_dependence([x.quantity("qdd") for x in points])
     free = exact(state.free().T) if state.has("a") else exact(np.eye(len(state.v)))
     parts = {name: [free @ x.parts()[name] for x in points] for name in state.parts()}
-    only = [name for name, force in parts.items() if _in_proportion(values, force)]
+    only = [name for name, force in parts.items() if _is_proportional(values, force)]
     damping = (
         velocity_dependence(parts["damping"])
         if "damping" in parts
@@ -524,18 +526,18 @@ def _of_residual(at: FunctionState, names: frozenset[str]) -> frozenset[str]:
     return frozenset(explaining)
 
 
-def _in_motion(at: FunctionState) -> bool:
+def _bias_follows_from_T(at: FunctionState) -> bool:
     """Return whether B in the equations of motion is that of T, and T is not quadratic in v.
 
     Then M lacks terms of T.
     """
     function = at.functions.function
-    return function("T") is not None and function("bias") is None and not _natural(at)
+    return function("T") is not None and function("bias") is None and not _is_natural(at)
 
 
-def _natural(at: FunctionState) -> bool:
+def _is_natural(at: FunctionState) -> bool:
     """Return whether T is quadratic in v; True where it has no value."""
-    return _computed(at.natural, True)
+    return _value_or(at.natural, True)
 
 
 def unsettled_by(points: Sequence[FunctionState]) -> set[tuple[str, str]]:
@@ -545,22 +547,22 @@ def unsettled_by(points: Sequence[FunctionState]) -> set[tuple[str, str]]:
     agrees with T then includes gravity. With terms linear in v the system is driven by time, and M
     alone does not determine B.
     """
-    if all(map(_natural, points)):
+    if all(map(_is_natural, points)):
         return set()
     pairs = {("kinetic-energy", "T"), ("bias-of-energy", "bias")}
-    even = all(point.even() for point in points if not _natural(point))
+    even = all(point.even() for point in points if not _is_natural(point))
     return pairs if even else pairs | {("bias-of-mass-matrix", "bias")}
 
 
 def rest_energy(at: FunctionState | None) -> str:
     """Return the reason why T is suspect at rest, "" for none."""
-    if at is None or _natural(at):
+    if at is None or _is_natural(at):
         return ""
     with np.errstate(all="ignore"):
         return REST_ENERGY if at.rest_energy_changes() else ""
 
 
-def _in_proportion(values: Sequence[UncertainArray], part: Sequence[UncertainArray]) -> bool:
+def _is_proportional(values: Sequence[UncertainArray], part: Sequence[UncertainArray]) -> bool:
     """Return whether a residual is one multiple of a force at all velocities."""
     residuals, force = (np.concatenate([np.ravel(x.value) for x in y]) for y in (values, part))
     square = float(force @ force)
@@ -653,15 +655,15 @@ def sentence(functions: EquationsOfMotion, blame: Blame, at: FunctionState) -> s
     if blame.certain:
         if len(blame.conflicts[0].suspects) == 1:
             return ""  # such as gravity that raises, whatever fails because of it
-        text = f"{named[0]} is wrong: {_listed(failing, 'fail')}"
-        text = f"{text}, {_listed(blame.settled, 'pass')}" if blame.settled else text
-        return f"{text}{_nearest(blame)}"
+        text = f"{named[0]} is wrong: {_claims_text(failing, 'fail')}"
+        text = f"{text}, {_claims_text(blame.settled, 'pass')}" if blame.settled else text
+        return f"{text}{_nearest_detail(blame)}"
     inputs = distinguishing_inputs(functions, blame.causes, at)
     text = f"{' or '.join(named)} is wrong"
     return f"{text}: {inputs} would tell" if inputs else text
 
 
-def _nearest(blame: Blame) -> str:
+def _nearest_detail(blame: Blame) -> str:
     """Return the detail of the first failure about the cause itself, unless it is the head."""
     subject = f"{INPUTS[blame.causes[0]].what}, "
     for conflict in blame.conflicts:
@@ -671,7 +673,7 @@ def _nearest(blame: Blame) -> str:
     return ""
 
 
-def _listed(claims: Sequence[str], verb: str) -> str:
+def _claims_text(claims: Sequence[str], verb: str) -> str:
     """Return the names of a few claims and a verb, as text."""
     names, more = [*claims[:LISTED]], len(claims) - LISTED
     if more > 0:
@@ -701,14 +703,14 @@ def distinguishing_inputs(
         if functions.function(x) is None
         and (constrained or x not in CONSTRAINTS)
         and not (x == "gravity" and functions.bias_has_gravity)
-        and _tells(functions, x, {*causes})
+        and _distinguishes(functions, x, {*causes})
     ]
     if not at.has("against"):
         names.append("against")
     return f"{', '.join(names[:-1])} or {names[-1]}" if len(names) > 1 else "".join(names)
 
 
-def _tells(functions: EquationsOfMotion, name: str, causes: set[str]) -> bool:
+def _distinguishes(functions: EquationsOfMotion, name: str, causes: set[str]) -> bool:
     """Return whether a claim that needs one more function reads some of the causes and not all."""
     if name == "qdd" and causes & INERTIA and causes & SPEEDS:
         return True  # M leaves a residual of the parity of q̈, the bias one that is even in v

@@ -233,7 +233,7 @@ def check_equations(
         functions = ComparedEquations.of(functions, against)
     caller = FunctionCaller(functions)
     drawn = sample_states(functions, wanted, seed) if isinstance(wanted, int) else wanted
-    points = _points(caller, drawn, seed, reference)
+    points = _function_states(caller, drawn, seed, reference)
     if reference is not None:
         claims_motions.check_reference(points)
     findings = {
@@ -252,7 +252,7 @@ def check_equations(
     return localize_faults(functions, ordered, points)
 
 
-def _points(
+def _function_states(
     caller: FunctionCaller,
     states: Sequence[State],
     seed: int,
@@ -286,8 +286,10 @@ def outside_default_ranges(
     if not any(finding.verdict == "failed" for of_claim in inside.values() for finding in of_claim):
         middle, half = functions.half_ranges()
         half[: functions.n] = np.pi
-        points = _points(caller, _draws(functions, middle, half, WIDE, seed), seed, reference)
-        wide = [at for at in points if _finite(at)]
+        points = _function_states(
+            caller, _random_states(functions, middle, half, WIDE, seed), seed, reference
+        )
+        wide = [at for at in points if _is_finite(at)]
     for id in inside:
         for finding in worst_findings(FUNCTION_CLAIMS[id], wide):
             if finding.verdict == "failed":
@@ -297,16 +299,16 @@ def outside_default_ranges(
                 yield replace(finding, verdict="inconclusive", detail=detail)
     if {"answers", "reference"} <= set(inside):  # in a report about all claims
         more = f", and {len(wide)} of {WIDE} states with q in [-π, π]" if wide else ""
-        yield _within(functions, more)
+        yield _ranges_finding(functions, more)
 
 
-def _within(functions: EquationsOfMotion, more: str = "") -> Finding:
+def _ranges_finding(functions: EquationsOfMotion, more: str = "") -> Finding:
     """Return the Finding with the ranges that were checked: the default ones, and `more`."""
     detail = f"checked q in [-1, 1], v in [-1, 1]{more}: `ranges` for more"
     return skipped_everywhere("reference", functions.name, functions, detail)
 
 
-def _finite(at: FunctionState) -> bool:
+def _is_finite(at: FunctionState) -> bool:
     """Whether every function has a value at a state."""
     try:
         with np.errstate(all="ignore"):
@@ -319,12 +321,13 @@ def _finite(at: FunctionState) -> bool:
 
 def sample_states(functions: EquationsOfMotion, count: int, seed: int) -> list[State]:
     """Return random states, uniformly distributed over the ranges."""
-    return _draws(functions, *functions.half_ranges(), count, seed)
+    return _random_states(functions, *functions.half_ranges(), count, seed)
 
 
-def _draws(
+def _random_states(
     functions: EquationsOfMotion, middle: Array, half: Array, count: int, seed: int
 ) -> list[State]:
+    """Return `count` states drawn uniformly from the ranges `middle` ± `half`."""
     rng, n = np.random.default_rng(seed), functions.n
     draws = middle + half * rng.uniform(-1.0, 1.0, (count, len(half)))
     return [State(x[:n], x[n:]) for x in draws]
@@ -374,24 +377,24 @@ def worst_findings(claim: FunctionClaim, points: Sequence[FunctionState]) -> Ite
             by_subject[one.finding.subject].append(one)
     hidden: list[Unresolved] = []
     for subject, judged in by_subject.items():
-        chosen, unresolved = worst(judged), list(_unresolved(subject, judged))
+        chosen, unresolved = worst(judged), list(_unresolved_entries(subject, judged))
         hidden += unresolved
         finding = chosen.finding
         if finding.verdict == "failed":
-            yield _with_jump(claim, finding, points)
+            yield _name_jumps(claim, finding, points)
         elif finding.verdict == "passed":
             if len(unresolved) < chosen.verdicts.size or not unresolved:
-                yield replace(finding, detail=_not_resolved(judged))
+                yield replace(finding, detail=_unresolved_text(judged))
         elif not unresolved:
             yield finding
     if hidden:
         # Where the least error is allowed.
         first = min(hidden, key=lambda one: one.finding.allowed)
         names = [f"{input_description(one.subject)}, {one.entry}" for one in hidden]
-        yield _with_jump(claim, unresolved_finding(hidden, first, names), points, hidden=True)
+        yield _name_jumps(claim, unresolved_finding(hidden, first, names), points, hidden=True)
 
 
-def _unresolved(subject: str, judged: Sequence[JudgedEntries]) -> Iterator[Unresolved]:
+def _unresolved_entries(subject: str, judged: Sequence[JudgedEntries]) -> Iterator[Unresolved]:
     """Yield the entries that no state resolves, with the state where the least is allowed."""
     by_shape: dict[tuple[int, ...], list[JudgedEntries]] = defaultdict(list)
     for one in judged:
@@ -410,7 +413,7 @@ def _unresolved(subject: str, judged: Sequence[JudgedEntries]) -> Iterator[Unres
                 yield Unresolved(subject, name, replace(least.finding, **errors), len(group))
 
 
-def _not_resolved(judged: Sequence[JudgedEntries]) -> str:
+def _unresolved_text(judged: Sequence[JudgedEntries]) -> str:
     """Return the number of unresolved entries of a subject that passes, as text; "" for none."""
     compared = [entries for entries in judged if entries.verdict != "skipped"]
     skipped = [entries.finding.detail for entries in judged if entries.verdict == "skipped"]
@@ -426,7 +429,7 @@ def _not_resolved(judged: Sequence[JudgedEntries]) -> str:
     return "; ".join(parts)
 
 
-def _with_jump(
+def _name_jumps(
     claim: FunctionClaim, finding: Finding, points: Sequence[FunctionState], hidden: bool = False
 ) -> Finding:
     """Return a Finding about entries with the names of the functions that jump near its state."""
@@ -454,12 +457,12 @@ def check_functions_at(
         claims: ids, keys of `FUNCTION_CLAIMS`.
         seed: seed of the directions in which noise is measured.
     """
-    points = _points(FunctionCaller(functions), [state], seed)
+    points = _function_states(FunctionCaller(functions), [state], seed)
     findings: list[Finding] = []
     for claim in map(FUNCTION_CLAIMS.__getitem__, claims):
         for finding in (judged.finding for judged in judged_at(claim, points[0])):
             failed = finding.verdict == "failed"
-            findings.append(_with_jump(claim, finding, points) if failed else finding)
+            findings.append(_name_jumps(claim, finding, points) if failed else finding)
     return findings
 
 
@@ -609,7 +612,7 @@ def caveats(functions: EquationsOfMotion, claims: Iterable[str]) -> list[Finding
             of_claim = [inapplicable(functions, claim)]
         findings += of_claim
     if functions.ranges is None and {"answers", "reference"} <= {x.id for x in selected}:
-        findings.append(_within(functions))
+        findings.append(_ranges_finding(functions))
     return findings
 
 

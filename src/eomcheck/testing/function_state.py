@@ -277,7 +277,7 @@ class FunctionState:
         """
         if not self.has("a"):
             return None if self.has("c") else self
-        return self.cached("consistent", lambda: _consistent(self))
+        return self.cached("consistent", lambda: _consistent_state(self))
 
     def why_not_consistent(self) -> str:
         """Return the reason why `consistent` is None."""
@@ -296,12 +296,12 @@ class FunctionState:
         return rows[rank:].T
 
 
-def _consistent(at: FunctionState) -> FunctionState | None:
+def _consistent_state(at: FunctionState) -> FunctionState | None:
     """Return a consistent state nearby: Newton's method for q, least squares for v."""
     answers, q = at.caller, at.q
     try:
         if at.has("c") and answers.reads("c") == "q":
-            q = _closed(at)
+            q = _solve_position(at)
             if q is None:
                 return None
         a = answers("a", q, at.v)
@@ -315,7 +315,7 @@ def _consistent(at: FunctionState) -> FunctionState | None:
     return FunctionState(answers, q, v, at.seed)
 
 
-def _closed(at: FunctionState) -> Array | None:
+def _solve_position(at: FunctionState) -> Array | None:
     """Return q (n,) with c(q) = 0, iterated until Newton's method gains nothing; None if it fails.
 
     The last step is at most `CLOSE`, and the residual no longer decreases.
@@ -356,7 +356,7 @@ def inertia_rate(at: FunctionState) -> UncertainArray:
     """Return the rate Ṁ (p, p) while q moves along v, of M or else of ∂²T/∂v²."""
     if uses_mass_matrix(at):
         return at.along(at.dM())
-    return at.cached("Ṁ of T", lambda: at.rate_of(_second_of(at)))
+    return at.cached("Ṁ of T", lambda: at.rate_of(_second_derivative(at)))
 
 
 def second_differences(at: FunctionState) -> UncertainArray:
@@ -372,7 +372,7 @@ def second_differences(at: FunctionState) -> UncertainArray:
     return at.cached("∂²T/∂v²", second)
 
 
-def _second_of(at: FunctionState) -> Callable[[Array, Array], Array]:
+def _second_derivative(at: FunctionState) -> Callable[[Array, Array], Array]:
     """Return the function (q, v) -> ∂²T/∂v² (p, p)."""
     T, scale = at.raw("T"), np.outer(at.width_v, at.width_v)
     return lambda q, v: differences(T, q, at.width_v)[0] / scale

@@ -158,7 +158,11 @@ def claim_results(
             if claim not in expected_to_fail:
                 worst, smallest = smallest(worst), lambda failed: failed
             folded = worst.follows and worst.follows not in expected_to_fail
-            worst = _folded(worst) if folded else _failed(worst, findings_by_claim[claim])
+            worst = (
+                _folded_result(worst)
+                if folded
+                else _failure_result(worst, findings_by_claim[claim])
+            )
         results[claim] = worst
     return results
 
@@ -172,7 +176,7 @@ def result_or_failure(findings: list[Finding]) -> ClaimResult | Finding:
     return ClaimResult(chosen.verdict, texts.get(chosen.verdict, str(chosen)))
 
 
-def _folded(shown: Finding) -> ClaimResult:
+def _folded_result(shown: Finding) -> ClaimResult:
     """Return the result of a failure that follows from another, without code to reproduce it."""
     why = f"follows from {shown.cause}, see {shown.follows}"
     return ClaimResult("failed", f"{why}\n{replace(shown, follows='')}")
@@ -199,7 +203,8 @@ def without_unresolved(
     }
 
 
-def _failed(shown: Finding, findings: list[Finding]) -> ClaimResult:
+def _failure_result(shown: Finding, findings: list[Finding]) -> ClaimResult:
+    """Return the result of a failure: its text, how often it failed, and code to reproduce it."""
     failures = sum(finding.verdict == "failed" for finding in findings)
     count = f"failed in {failures} of {len(findings)} comparisons; " if len(findings) > 1 else ""
     return ClaimResult("failed", f"{shown}\n{count}to see it again:\n\n{shown.as_python()}")
@@ -267,7 +272,7 @@ class SceneTarget:
         engines = None if self.engine is None else [self.engine]
         selection = RunSelection.of(None, engines, self.claims, scenes=[kind])
         run = ValidationRun()
-        cases = self._cases(examples, seed)
+        cases = self._drawn_cases(examples, seed)
         for scene, state in with_wide(cases, seed) if selection.engines_named else cases:
             run.check_state(scene, state, selection)
         findings = run.finish(selection)
@@ -290,7 +295,8 @@ class SceneTarget:
             return f"{self.engine.key} does not represent {self.where}"
         return f"{claim} does not apply to {self.where}"
 
-    def _cases(self, examples: int, seed: int) -> Iterator[tuple[Scene, State]]:
+    def _drawn_cases(self, examples: int, seed: int) -> Iterator[tuple[Scene, State]]:
+        """Yield the initial state of the example, then drawn cases."""
         example = self.example
         first = [(example, State(*example.initial_state()))]
         if isinstance(self.scene, type):
@@ -365,13 +371,15 @@ def scene_targets(engine: type[Engine] | None, scenes: Scenes | None) -> list[Sc
         named = [
             (str(name), named_scene)
             for name, item in scenes.items()
-            for named_scene in _scenes(item)
+            for named_scene in _scenes_of_item(item)
         ]
     elif isinstance(scenes, str | Scene | type):
         raise InputError(f"scenes = {scenes!r}, expected a list of scenes")
     else:
         named = [
-            (_name(named_scene), named_scene) for item in scenes for named_scene in _scenes(item)
+            (_scene_name(named_scene), named_scene)
+            for item in scenes
+            for named_scene in _scenes_of_item(item)
         ]
     targets: dict[str, SceneTarget] = {}
     for name, scene in named:
@@ -387,7 +395,8 @@ def scene_targets(engine: type[Engine] | None, scenes: Scenes | None) -> list[Sc
     return list(targets.values())
 
 
-def _scenes(item: Any) -> tuple[Scene | type[Scene], ...]:
+def _scenes_of_item(item: Any) -> tuple[Scene | type[Scene], ...]:
+    """Return the scenes or scene classes of an item of `scenes`: a name, a scene or a class."""
     if isinstance(item, str):
         return scene_classes_named(item)
     if isinstance(item, Scene) or (isinstance(item, type) and issubclass(item, Scene)):
@@ -395,7 +404,8 @@ def _scenes(item: Any) -> tuple[Scene | type[Scene], ...]:
     raise InputError(f"scenes: {item!r} is neither a scene, a kind of scene nor the name of one")
 
 
-def _name(scene: Scene | type[Scene]) -> str:
+def _scene_name(scene: Scene | type[Scene]) -> str:
+    """Return the name of a scene, the key of a scene class."""
     return scene.key if isinstance(scene, type) else scene.name
 
 
@@ -474,6 +484,7 @@ def parametrize_with_claims(
 
 
 def _targets(subject: Any, scenes: Scenes | None, against: Any) -> list[ClaimTarget]:
+    """Return the targets of the tests: the functions, or one per scene."""
     if isinstance(subject, EquationsOfMotion):
         if scenes is not None:
             raise InputError(f"scenes = {scenes!r}, but functions are no engine of scenes")
@@ -575,7 +586,7 @@ class Suite:
         """
         target, claim = self.ids[id]
         if target.where not in self._done:
-            work = partial(self._work, target)
+            work = partial(self._compute_results, target)
             results = compute_once(_option("shared"), f"{self.name}-{target.where}", work)
             self._done[target.where] = {id: ClaimResult(*pair) for id, pair in results.items()}
         done = self._done[target.where]
@@ -583,7 +594,8 @@ class Suite:
             raise InputError(done[STOPPED].text)
         return done[claim] if claim in done else ClaimResult("skipped", target.absent(claim))
 
-    def _work(self, target: ClaimTarget) -> dict[str, ClaimResult]:
+    def _compute_results(self, target: ClaimTarget) -> dict[str, ClaimResult]:
+        """Return the results of all claims on a target; an error becomes the failure `STOPPED`."""
         examples = _option("examples") or self.examples
         expected_to_fail = {
             claim for id, (on, claim) in self.ids.items() if on is target and id in self.expected
@@ -600,5 +612,6 @@ _suites: dict[str, Suite] = {}
 
 
 def _fail(text: str) -> NoReturn:
+    """Fail the running test, without a traceback."""
     __tracebackhide__ = True
     raise required("pytest").fail.Exception(text, pytrace=False)

@@ -174,9 +174,9 @@ def noise(f: Callable[[Array], Array], x: Array, width: Array, seed: int = 0) ->
         seed: seed of the directions of the lines.
     """
     rng = np.random.default_rng(seed)
-    near = _values(f, x, width, SHORT, rng)
-    far = _values(f, x, width, LONG, rng)
-    short, long = _noise_on(SHORT, near), _noise_on(LONG, far)
+    near = _values_on_line(f, x, width, SHORT, rng)
+    far = _values_on_line(f, x, width, LONG, rng)
+    short, long = _noise_on_line(SHORT, near), _noise_on_line(LONG, far)
     steps = (np.diff(near, axis=0) == 0.0).any(axis=0) & ~_vanishes_within_jump(near, far)
     floor = np.fmax(short, EPS * np.abs(near[SHORT.points // 2]))
     doubtful = ~steps & np.isfinite(short) & (long > DISAGREE * floor)
@@ -184,18 +184,18 @@ def noise(f: Callable[[Array], Array], x: Array, width: Array, seed: int = 0) ->
         doubtful &= ~jumps_on(far)
     smooth = np.zeros(short.shape, bool)
     if doubtful.any():
-        middle = _noise_on(MIDDLE, _values(f, x, width, MIDDLE, rng))
+        middle = _noise_on_line(MIDDLE, _values_on_line(f, x, width, MIDDLE, rng))
         smooth = doubtful & (middle < long / DISAGREE)
     rough = steps | (doubtful & ~smooth) | ~(long > DISAGREE * floor)
     # Where f has no value on one of the lines, the other line decides.
     estimate = np.where(rough | ~np.isfinite(short), np.fmax(short, long), short)
-    alone, interpolated = _alone(LONG, far)
+    alone, interpolated = _find_outliers(LONG, far)
     if not alone.any():
         return estimate
-    return np.where(alone, np.fmin(estimate, _noise_on(LONG, interpolated)), estimate)
+    return np.where(alone, np.fmin(estimate, _noise_on_line(LONG, interpolated)), estimate)
 
 
-def _alone(line: SampleLine, values: Array) -> tuple[Array, Array]:
+def _find_outliers(line: SampleLine, values: Array) -> tuple[Array, Array]:
     """Return whether each entry at the center of a line is far from all others, and other values.
 
     The other values (points, ...) have at their center the interpolation of three values on each
@@ -210,7 +210,7 @@ def _alone(line: SampleLine, values: Array) -> tuple[Array, Array]:
     )
     alone = apart > DISAGREE * rounding
     return alone & (
-        apart > DISAGREE * _noise_on(line, interpolated)
+        apart > DISAGREE * _noise_on_line(line, interpolated)
     ) if alone.any() else alone, interpolated
 
 
@@ -224,15 +224,17 @@ def _vanishes_within_jump(near: Array, far: Array) -> Array:
     return (near == 0.0).all(axis=0) & (change.max(axis=0) > JUMP * least)
 
 
-def _values(
+def _values_on_line(
     f: Callable, x: Array, width: Array, line: SampleLine, rng: np.random.Generator
 ) -> Array:
+    """Return f (points, ...) on a line through x with a random direction."""
     direction = rng.uniform(0.5, 1.0, len(x)) * rng.choice((-1.0, 1.0), len(x)) * width
     steps = np.arange(line.points) - line.points // 2
     return np.array([f(x + step * line.spacing * direction) for step in steps])
 
 
-def _noise_on(line: SampleLine, values: Array) -> Array:
+def _noise_on_line(line: SampleLine, values: Array) -> Array:
+    """Return the noise of values (points, ...) on a line, from differences of several orders."""
     estimates = []
     for order in line.orders:
         differences = np.diff(values, order, axis=0)
@@ -258,7 +260,7 @@ def jumps(f: Callable[[Array], Array], x: Array, width: Array, seed: int = 0) ->
     lines = [width, *sign_patterns(len(x)) * width]
     with np.errstate(all="ignore"):
         # The same directions each time, but for their signs.
-        along = (_values(f, x, y, line, np.random.default_rng(seed)) for y in lines)
+        along = (_values_on_line(f, x, y, line, np.random.default_rng(seed)) for y in lines)
         return any(bool(jumps_on(values).any()) for values in along)
 
 
@@ -349,10 +351,10 @@ def partial(
         rounding = EPS * np.maximum(np.abs(high), np.abs(low)) / step
         blur = np.maximum(noise / step, rounding)
         plain = (high - low) / step
-        values, errors = _extrapolated(h, plain, blur)
-        contradicted = _contradicted(values, plain, blur, rounding)
-        kink = _kink(h, (high + low - 2.0 * value) / _like(h, high), blur)
-    errors = np.where(_within_step(h / width, plain), np.inf, errors)
+        values, errors = _extrapolate(h, plain, blur)
+        contradicted = _contradiction(values, plain, blur, rounding)
+        kink = _kink(h, (high + low - 2.0 * value) / _with_axes_of(h, high), blur)
+    errors = np.where(_vanishes_within_step(h / width, plain), np.inf, errors)
     total = np.maximum(errors, contradicted)[1:-CONFIRMED]
     best = np.argmin(total, axis=0)[None]
 
@@ -368,7 +370,7 @@ def partial(
     )
 
 
-def _like(h: Array, rows: Array) -> Array:
+def _with_axes_of(h: Array, rows: Array) -> Array:
     """Return numbers (rows,) with as many axes as `rows` (rows, ...)."""
     return h.reshape(-1, *(1,) * (rows.ndim - 1))
 
@@ -397,17 +399,17 @@ def _central(
     if not rows:
         return np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0)
     steps, high, low, distance = (np.array(part) for part in zip(*rows, strict=True))
-    return steps, high, low, _like(distance, high)
+    return steps, high, low, _with_axes_of(distance, high)
 
 
-def _extrapolated(h: Array, plain: Array, blur: Array) -> tuple[Array, Array]:
+def _extrapolate(h: Array, plain: Array, blur: Array) -> tuple[Array, Array]:
     """Return the best entry of each row of the triangle and its error (rows, ...), entry by entry.
 
     The error of the first row, which has no neighbours, is infinite.
     """
     best, error, last = plain, np.full(plain.shape, np.inf), plain
     for column in range(1, min(len(h), COLUMNS)):
-        ratio = _like((h[:-column] / h[column:]) ** 2, plain)
+        ratio = _with_axes_of((h[:-column] / h[column:]) ** 2, plain)
         entries = last[1:] + (last[1:] - last[:-1]) / (ratio - 1.0)
         away = np.abs(entries - last[1:]) + np.abs(entries - last[:-1]) + 2.0 * blur[column:]
         less = away < error[column:]
@@ -417,7 +419,7 @@ def _extrapolated(h: Array, plain: Array, blur: Array) -> tuple[Array, Array]:
     return best, error
 
 
-def _contradicted(values: Array, plain: Array, blur: Array, rounding: Array) -> Array:
+def _contradiction(values: Array, plain: Array, blur: Array, rounding: Array) -> Array:
     """Return the distance of each estimate (rows, ...) from shorter steps that contradict it.
 
     They do where they are further apart than noise explains; or where three differences in
@@ -436,13 +438,13 @@ def _contradicted(values: Array, plain: Array, blur: Array, rounding: Array) -> 
     return distance
 
 
-def _within_step(h: Array, plain: Array) -> Array:
+def _vanishes_within_step(h: Array, plain: Array) -> Array:
     """Return whether a difference (rows, ...) is 0 though that of a hardly longer step is not.
 
     f then is rounded to multiples of a number, as in float32, and its measured noise may be 0 by
     chance.
     """
-    felt = (plain != 0.0) & (_like(h, plain) <= FLAT)
+    felt = (plain != 0.0) & (_with_axes_of(h, plain) <= FLAT)
     return (plain == 0.0) & np.logical_or.accumulate(felt, axis=0)
 
 
@@ -452,7 +454,7 @@ def _kink(h: Array, bend: Array, blur: Array) -> Array:
     For a smooth function the second difference per step, `bend` (rows, ...), vanishes with the
     step. Three short steps in sequence must show that it does not.
     """
-    ratio = _like(h[:-1] / h[1:], bend)
+    ratio = _with_axes_of(h[:-1] / h[1:], bend)
     shown = np.abs(bend[1:] - (bend[:-1] - bend[1:]) / (ratio - 1.0))
     shown = np.where(shown > 4.0 * C * blur[1:], shown, 0.0)[STEPS:]
     if len(shown) < 3:
