@@ -63,7 +63,7 @@ def validate_command(
             metavar="N..M", help="Number of links of the random scenes, N or N..M. [default: 1..12]"
         ),
     ] = None,
-    given: SetOption = None,
+    settings: SetOption = None,
     examples: Annotated[
         int,
         typer.Option(
@@ -91,7 +91,10 @@ def validate_command(
 
     With --set, or for one snake, on that scene alone, in random states.
     """
-    bounds, known = parse_interval("1..12" if links is None else links), parse_parameters(given)
+    bounds, parameters = (
+        parse_interval("1..12" if links is None else links),
+        parse_parameters(settings),
+    )
     check_count(examples=examples)
     for path in (json, report):
         check_output(path, [records] if records else [])
@@ -122,13 +125,13 @@ def validate_command(
     engine = selected_engines(engine)
     engines = engines_among(engine)
     tried = tuple(filter(is_under_test, engines))
-    name, one = scene or (ALL if tried else "snake"), None
-    if known or name in ROBOTS:
+    name, chosen_scene = scene or (ALL if tried else "snake"), None
+    if parameters or name in ROBOTS:
         if bounds[0] != bounds[1] and links is not None:
             raise InputError(f"links = {links!r}, expected one number: one scene is looked at")
-        one = scene_named(name, None if links is None else bounds[0], known)
-        bounds = (link_count(one) or 1, link_count(one) or 1)
-    kinds = scene_classes_named(name) if one is None else (type(one),)
+        chosen_scene = scene_named(name, None if links is None else bounds[0], parameters)
+        bounds = (link_count(chosen_scene) or 1, link_count(chosen_scene) or 1)
+    kinds = scene_classes_named(name) if chosen_scene is None else (type(chosen_scene),)
     if scene is None and tried:
         kinds += tuple(RANDOM.values())
     if engine:
@@ -136,7 +139,7 @@ def validate_command(
     if links is not None and not any(kind.has_links for kind in kinds):
         raise InputError(f"links = {links!r}: {kinds[0].key} has no number of links to choose")
     if claim is None and scene is None and tried:  # the engine is under test, not the scenes
-        claim = [one.id for one in CLAIMS.values() if one.asks]
+        claim = [entry.id for entry in CLAIMS.values() if entry.asks]
     selection = RunSelection.of(formulation, engine, claim, scenes=kinds)
     if len(kinds) == 1:
         if executor is None:
@@ -153,11 +156,15 @@ def validate_command(
     with (
         interruptible(),
         records_to_report(records, report) as kept,
-        progress("checking {state}", (examples + (1 if one else 2)) * len(kinds)) as advance,
+        progress(
+            "checking {state}", (examples + (1 if chosen_scene else 2)) * len(kinds)
+        ) as advance,
     ):
         with end.collected():
             if len(kinds) == 1:
-                validate_kind(kinds[0], runs[kinds[0].key], *how, advance, kept, one, executor)
+                validate_kind(
+                    kinds[0], runs[kinds[0].key], *how, advance, kept, chosen_scene, executor
+                )
             else:
                 validate_kinds(runs, *how, advance, kept, executor)
         # Files first, so that they are written even if printing fails.
@@ -414,12 +421,12 @@ def compare_command(
         )
     scene = scene_named(robot)
     with progress("comparing libraries at {state}", examples) as advance:
-        found = compare_libraries(scene, engine, examples, seed, advance)
+        comparison = compare_libraries(scene, engine, examples, seed, advance)
     if json is not None:
-        write_comparison(found, json)
-    print_comparison(found, pairs)
+        write_comparison(comparison, json)
+    print_comparison(comparison, pairs)
     if json is not None:
         print(f"written: {json}")
-    if found.disagree or found.unanswered:
+    if comparison.disagree or comparison.unanswered:
         raise typer.Exit(1)
-    found.check_decided()
+    comparison.check_decided()

@@ -282,13 +282,13 @@ def _functions(
     return FunctionsPlan(name, seed, claims, _families(family, (ORDINARY, SPECIAL)), climb)
 
 
-def _families(family: list[str] | None, known: Sequence[str]) -> tuple[str, ...]:
-    """Return the families asked for, by default all that are known."""
+def _families(family: list[str] | None, available: Sequence[str]) -> tuple[str, ...]:
+    """Return the families asked for, by default all that are available."""
     from eomcheck.errors import distinct, registered
 
-    families = tuple(known if family is None else distinct("family", family))
+    families = tuple(available if family is None else distinct("family", family))
     for one in families:
-        registered("family", one, dict.fromkeys(known))
+        registered("family", one, dict.fromkeys(available))
     return families
 
 
@@ -334,6 +334,8 @@ def _replay(path: Path, formulation: list[str] | None, scene: str | None) -> Non
     print_replayed(results)
     if any(one.outcome == "failed" for one in results):
         raise typer.Exit(1)
-    left = [one for one in results if one.outcome == "not checked"]
-    if left:
-        raise InputError(f"{counted(len(left), 'failure')} could not be checked: {left[0].reason}")
+    unchecked = [one for one in results if one.outcome == "not checked"]
+    if unchecked:
+        raise InputError(
+            f"{counted(len(unchecked), 'failure')} could not be checked: {unchecked[0].reason}"
+        )

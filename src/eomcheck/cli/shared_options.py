@@ -163,16 +163,16 @@ Patience = Annotated[
 ]
 
 
-def selected_scene(name: str, links: int | None, given: list[str] | None) -> Scene:
+def selected_scene(name: str, links: int | None, settings: list[str] | None) -> Scene:
     """Return the scene selected by `--scene`, `--links` and `--set`.
 
     Raises:
         InputError: there is none, see `eomcheck.scene_lookup.scene_named`.
     """
-    known = parse_parameters(given)
+    parameters = parse_parameters(settings)
     from eomcheck.scene_lookup import scene_named
 
-    return scene_named(name, no_more_than(links), known)
+    return scene_named(name, no_more_than(links), parameters)
 
 
 def selected_engines(names: list[str] | None) -> list[str] | None:

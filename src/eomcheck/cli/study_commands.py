@@ -66,9 +66,9 @@ class _Studies(CommandGroup):
         return super().get_command(ctx, cmd_name)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        known = self.list_commands(ctx)
-        if args[0] not in known:
-            raise UnknownNameError(f"command of {self.name}", args[0], known)
+        names = self.list_commands(ctx)
+        if args[0] not in names:
+            raise UnknownNameError(f"command of {self.name}", args[0], names)
         name, command, rest = super().resolve_command(ctx, args)
         if name in GROUPS[self.name or ""]:
             command = command_of(str(name), figure_only=self.name == "draw")
@@ -193,18 +193,18 @@ def _run(
     from eomcheck.lab.show.document_text import write_json
     from eomcheck.lab.show.table import print_tables, say
 
-    found = _run_study(one, records, fresh, options)
+    results = _run_study(one, records, fresh, options)
     # Files first, so that they are written even if printing fails.
     end, written = CommandEnd(), list[Path]()
     with end.collected():
-        written += [] if figures is None else one.write(found, figures)
+        written += [] if figures is None else one.write(results, figures)
         if json is not None:
-            write_json(json, one.document(found))
+            write_json(json, one.document(results))
             written.append(json)
-    print_tables(one.tables(found))
-    for sentence in one.remarks(found):
+    print_tables(one.tables(results))
+    for sentence in one.remarks(results):
         say(sentence)
-    end.conclude(written, one.alarm(found))
+    end.conclude(written, one.alarm(results))
 
 
 def _run_study(
@@ -251,7 +251,7 @@ def draw_scene_command(
     ],
     scene: SceneOption = "snake",
     links: Links = None,
-    given: SetOption = None,
+    settings: SetOption = None,
     dark: Dark = False,
     end: Annotated[
         float | None, typer.Option(metavar="END", help="A .gif: end of its motion, s. [default: 2]")
@@ -276,18 +276,20 @@ def draw_scene_command(
     else:
         check_figure(path)
         check_used("in a picture that is no .gif", end=end, frames=frames, formulation=formulation)
-    known = parse_parameters(given)
+    parameters = parse_parameters(settings)
     from eomcheck.lab.figure_data import posed_sketch, scene_to_draw, sketches_of_motion
     from eomcheck.lab.show.pictures import draw_motion, draw_scene
 
     if moving:
-        one = selected_scene(scene, links, given)
+        chosen_scene = selected_scene(scene, links, settings)
         until, count = 2.0 if end is None else end, 40 if frames is None else frames
         how = "au" if formulation is None else formulation
-        sketches, times, every = sketches_of_motion(one, how, until, count)
+        sketches, times, every = sketches_of_motion(chosen_scene, how, until, count)
         draw_motion(sketches, times.tolist(), path, every)
     else:
-        draw_scene(*posed_sketch(*scene_to_draw(scene, no_more_than(links), known)), path, dark)
+        draw_scene(
+            *posed_sketch(*scene_to_draw(scene, no_more_than(links), parameters)), path, dark
+        )
     print(f"written: {path}")
 
 
@@ -297,17 +299,17 @@ def draw_structure_command(
     formulation: FormulationOption = "au",
     scene: SceneOption = "snake",
     links: Links = None,
-    given: SetOption = None,
+    settings: SetOption = None,
     dark: Dark = False,
 ) -> None:
     """Draw the nonzero entries of a formulation's matrices, with their blocks named."""
     check_figure(path)
-    known = parse_parameters(given)
+    parameters = parse_parameters(settings)
     from eomcheck.formulations import formulation_of
     from eomcheck.lab.figure_data import moving_state, scene_to_draw, structure_of
     from eomcheck.lab.show import pictures
 
-    one = formulation_of(formulation)
-    state = moving_state(*scene_to_draw(scene, no_more_than(links), known), one)
+    chosen_formulation = formulation_of(formulation)
+    state = moving_state(*scene_to_draw(scene, no_more_than(links), parameters), chosen_formulation)
     pictures.draw_structure(structure_of(*state), path, dark)
     print(f"written: {path}")

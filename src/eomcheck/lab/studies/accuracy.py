@@ -125,43 +125,43 @@ def _certified(settings: Settings) -> Record:
 def _delivered(formulation: Formulation, truth: Enclosure, at: Evaluation) -> Delivered:
     key, links = formulation.key, at.scene.r
     try:
-        found = accuracy_at(formulation, truth, at)
+        certified = accuracy_at(formulation, truth, at)
     except RefusedError as refusal:
         return Delivered(key, links, refusal.what)
-    shares = found.relative / _bound(found), _of_machine_code(formulation, found, at)
+    shares = certified.relative / _bound(certified), _of_machine_code(formulation, certified, at)
     return Delivered(
         key,
         links,
         None,
-        found.digits,
-        found.relative,
-        float(found.ulps.max()),
-        max(found.condition.values()),
-        found.kappa,
-        found.ratio,
+        certified.digits,
+        certified.relative,
+        float(certified.ulps.max()),
+        max(certified.condition.values()),
+        certified.kappa,
+        certified.ratio,
         *shares,
         f"{at.scene!r}, q = {at.q.tolist()}, u = {at.u.tolist()}" if max(shares) > 1 else "",
     )
 
 
-def _bound(found: Accuracy) -> float:
+def _bound(result: Accuracy) -> float:
     """Return the error bound of the public path, over the largest true entry."""
-    least = UNDERFLOW / max(largest(found.truth.doubles()), UNDERFLOW)
-    return max(found.relative_bound, least)
+    least = UNDERFLOW / max(largest(result.truth.doubles()), UNDERFLOW)
+    return max(result.relative_bound, least)
 
 
-def _of_machine_code(formulation: Formulation, found: Accuracy, at: Evaluation) -> float:
+def _of_machine_code(formulation: Formulation, by_float64: Accuracy, at: Evaluation) -> float:
     """Return the error of machine code over the bound of the public path for the same state."""
     same, y = as_integrated(at, formulation)
     if same is not at:
         try:
-            found = accuracy(at.scene, formulation.key, at.q, t=at.t, v=same.v)
+            by_float64 = accuracy(at.scene, formulation.key, at.q, t=at.t, v=same.v)
         except RefusedError:
             return float("nan")
     machine = acceleration_in_machine_code(same, formulation, y)
     if not np.isfinite(machine).all():
         return float("nan")
-    return relative_error(machine, found.truth) / _bound(found)
+    return relative_error(machine, by_float64.truth) / _bound(by_float64)
 
 
 # ---- Results -------------------------------------------------------------------------------------
@@ -277,7 +277,7 @@ STUDY = Study(
     key="accuracy",
     cells=cells,
     label="certifying {state}",
-    worker=lambda known: _certified,
+    worker=lambda stored: _certified,
     tables=tables,
     charts=charts,
     alarm=alarm,

@@ -190,7 +190,7 @@ def alarm(records: Sequence[Record]) -> bool:
 STUDY = Study(
     key="agreement",
     cells=cells,
-    worker=lambda records: _record_of_size,
+    worker=lambda stored: _record_of_size,
     tables=tables,
     charts=charts,
     alarm=alarm,

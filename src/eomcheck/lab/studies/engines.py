@@ -136,19 +136,19 @@ def _differences(engine: Engine, scene: Scene, state: State) -> Iterator[tuple[s
     }
     terms, pairs = at.terms, dict[str, tuple[Array | None, Array | None]]()
     for claim in (CLAIMS[key] for key in QUANTITIES):
-        ours = getattr(terms, claim.against) if claim.against else None
-        if ours is not None and engine.offers(claim.asks):
-            pairs[claim.id] = ours, answers.ask(claim.asks, *state)
+        built_in = getattr(terms, claim.against) if claim.against else None
+        if built_in is not None and engine.offers(claim.asks):
+            pairs[claim.id] = built_in, answers.ask(claim.asks, *state)
     if engine.offers("acceleration"):
         Q = np.zeros(scene.n) if terms.Q is None else terms.Q
         with suppress(RefusedError):
-            ours = at.acceleration(FORMULATIONS[REFERENCE])
-            theirs = answers.acceleration(at.q, at.v, Q, terms.a, terms.gamma, at.t)
-            pairs["engine-acceleration"] = ours.vdot, theirs.vdot
-            pairs["engine-multipliers"] = ours.multipliers, theirs.multipliers
-    for claim, (ours, theirs) in pairs.items():
-        if ours is not None and theirs is not None:
-            yield claim, largest(ours - theirs), max(largest(ours), sizes.get(claim, 0.0))
+            built_in = at.acceleration(FORMULATIONS[REFERENCE])
+            answer = answers.acceleration(at.q, at.v, Q, terms.a, terms.gamma, at.t)
+            pairs["engine-acceleration"] = built_in.vdot, answer.vdot
+            pairs["engine-multipliers"] = built_in.multipliers, answer.multipliers
+    for claim, (built_in, answer) in pairs.items():
+        if built_in is not None and answer is not None:
+            yield claim, largest(built_in - answer), max(largest(built_in), sizes.get(claim, 0.0))
 
 
 # ---- Results -------------------------------------------------------------------------------------
@@ -184,17 +184,17 @@ def _cells(rows: Sequence[EngineDifference]) -> list[Cell]:
 
 
 def _cell(rows: Sequence[EngineDifference]) -> Cell:
-    known = [one.relative for one in rows if one.relative is not None]
-    if any(one.failed for one in rows):
+    errors = [row.relative for row in rows if row.relative is not None]
+    if any(row.failed for row in rows):
         # A failure in a quantity too small for a relative difference has no number.
-        return Cell(f"{max(known):.0e} FAIL" if known else "FAIL", "failed")
-    if not known:
+        return Cell(f"{max(errors):.0e} FAIL" if errors else "FAIL", "failed")
+    if not errors:
         return Cell("-", "none")
     of_kinds: dict[str, list[float]] = {"": [], " inconclusive": [], " soft": []}
-    for one in rows:
-        if one.relative is not None:
-            judged = "" if one.share is not None else " inconclusive"
-            of_kinds[" soft" if one.gives_way else judged].append(one.relative)
+    for row in rows:
+        if row.relative is not None:
+            judged = "" if row.share is not None else " inconclusive"
+            of_kinds[" soft" if row.gives_way else judged].append(row.relative)
     return Cell(", ".join(f"{max(those):.0e}{kind}" for kind, those in of_kinds.items() if those))
 
 
@@ -222,7 +222,7 @@ def alarm(records: Sequence[Record]) -> bool:
 STUDY = Study(
     key="engines",
     cells=cells,
-    worker=lambda known: _compare,
+    worker=lambda stored: _compare,
     tables=tables,
     remarks=remarks,
     label="comparing {pair} of engine and scene",

@@ -75,8 +75,8 @@ def cells(
         raise InputError(f"end = {end!r}, expected more than 2 s")
     how = {"t_end": end, "tolerance": TOLERANCE if tolerance is None else tolerance}
     check_tolerances([how["tolerance"]])
-    known = formulations_for(Snake, formulation or (QUICK_KEYS if quick else None))
-    for remedy, f in product(REMEDIES, known):
+    formulations = formulations_for(Snake, formulation or (QUICK_KEYS if quick else None))
+    for remedy, f in product(REMEDIES, formulations):
         if remedy == "none" or f.level == "acceleration":
             yield {"formulation": f.key, "remedy": remedy} | how
 
@@ -94,29 +94,29 @@ def _long_run(settings: dict[str, Any]) -> Record:
     t_end, remedy = settings["t_end"], REMEDIES[settings["remedy"]]
     options = solver_options(settings | {"integrator": INTEGRATOR}, output_times(t_end))
     start = time.thread_time()
-    found = simulate(Snake.paper(), settings["formulation"], t_end, **options, **remedy)
+    trajectory = simulate(Snake.paper(), settings["formulation"], t_end, **options, **remedy)
     used = time.thread_time() - start
-    start_energy = _start_energy(found.scene)
+    start_energy = _start_energy(trajectory.scene)
     series = {
-        "constraint": constraint_error(found),
-        "energy": np.abs(found.energy - start_energy) / start_energy,
+        "constraint": constraint_error(trajectory),
+        "energy": np.abs(trajectory.energy - start_energy) / start_energy,
     }
     errors: dict[str, float] = {}
-    for name, error in series.items() if found.times.size else ():
-        if (law := drift_of(found.times, error)) is not None:
+    for name, error in series.items() if trajectory.times.size else ():
+        if (law := drift_of(trajectory.times, error)) is not None:
             errors |= {f"{name}_exponent": law.exponent, f"{name}_rate": law.rate}
         errors |= {f"{name}_end": error[-1], f"{name}_largest": error.max()}
     return Record(
         STUDY.key,
         settings,
-        "done" if found.status == "finished" else "failed",
-        found.reason,
-        seconds=found.seconds,
-        cpu_seconds=min(used, found.seconds),
+        "done" if trajectory.status == "finished" else "failed",
+        trajectory.reason,
+        seconds=trajectory.seconds,
+        cpu_seconds=min(used, trajectory.seconds),
         runs=1,
-        counts={"right-hand sides": found.right_hand_sides, "steps": found.steps},
+        counts={"right-hand sides": trajectory.right_hand_sides, "steps": trajectory.steps},
         errors=errors,
-        series={name: x.tolist() for name, x in ({"times": found.times} | series).items()},
+        series={name: x.tolist() for name, x in ({"times": trajectory.times} | series).items()},
     )
 
 
@@ -174,7 +174,7 @@ def charts(records: Sequence[Record]) -> Iterator[Chart]:
 STUDY = Study(
     key="long-run",
     cells=cells,
-    worker=lambda known: _long_run,
+    worker=lambda stored: _long_run,
     tables=tables,
     charts=charts,
     remarks=remarks,

@@ -112,8 +112,8 @@ def _measure(motion: Motion) -> MotionTime:
 
 def tables(records: Sequence[Record]) -> Iterator[ResultTable]:
     """Yield the run time of a motion by CyRK and by SciPy, and their ratio."""
-    known = rows_in(records, MotionTime)
-    failed = [one.formulation for one in known if not math.isfinite(one.seconds)]
+    rows = rows_in(records, MotionTime)
+    failed = [one.formulation for one in rows if not math.isfinite(one.seconds)]
     names = dict.fromkeys(one.settings.get("scene", PAPER) for one in records)
     of = ", ".join("the paper's robot" if name == PAPER else name for name in names)
     note = (
@@ -121,14 +121,14 @@ def tables(records: Sequence[Record]) -> Iterator[ResultTable]:
         "with the same right-hand side in machine code."
         + (f" Do not reach the end: {', '.join(failed)}." if failed else "")
     )
-    finished = (one for one in known if math.isfinite(one.seconds))
+    finished = (one for one in rows if math.isfinite(one.seconds))
     yield table_of("motion", "Time of a motion", finished, COLUMNS, note=note)
 
 
 STUDY = Study(
     key="motion",
     cells=cells,
-    worker=lambda known: time_motion,
+    worker=lambda stored: time_motion,
     tables=tables,
     label="",
     alarm=failed,

@@ -209,15 +209,15 @@ def _casadi_call(scene: Scene, q: Array, u: Array) -> Call | None:
     if compiler is None:
         return None
     symbols, names = CasadiArithmetic(), parameter_arrays(scene)
-    columns, given = [], {}
+    columns, parameters = [], {}
     for name, x in names.items():
         column, entries = symbols.variables(name, x.size)
         columns.append(column)
-        given[name] = entries.reshape(x.shape)
+        parameters[name] = entries.reshape(x.shape)
     column, y = symbols.variables("y", scene.n + scene.p)
     time_now = symbols.casadi.SX.sym("t")
     at = Quantities(scene, symbols, y[: scene.n], time_now)
-    at.parameters = parameter_record(scene, given)
+    at.parameters = parameter_record(scene, parameters)
     at.u = y[scene.n :]
     rates = symbols.casadi.vertcat(*at.qdot, *at.rates(FORMULATIONS[KANE]).vdot)
     function = symbols.casadi.Function("kane", [column, time_now, *columns], [rates])

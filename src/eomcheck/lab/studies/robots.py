@@ -182,7 +182,7 @@ def alarm(records: Sequence[Record]) -> bool:
 STUDY = Study(
     key="robots",
     cells=cells,
-    worker=lambda known: _check_robot,
+    worker=lambda stored: _check_robot,
     tables=tables,
     remarks=remarks,
     label="looking at {robot}",

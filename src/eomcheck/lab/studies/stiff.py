@@ -556,8 +556,8 @@ def _saved(records: Sequence[Record]) -> Chart:
 TRUTHS = Study(
     key=TRUTH,
     cells=truth_cells,
-    worker=lambda known: damped_truth,
-    tables=lambda found: (),
+    worker=lambda stored: damped_truth,
+    tables=lambda records: (),
     label="integrating {true motion}",
 )
 STUDY = Study(

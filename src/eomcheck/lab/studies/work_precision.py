@@ -108,8 +108,8 @@ def worker(stored: Sequence[Record], *, references: References = REFERENCES) -> 
     def work(settings: Settings) -> Record:
         reference, motion = prepared(settings["reference"], settings["formulation"])
 
-        def judge(found: Trajectory) -> Judged:
-            return asdict(errors_of(found, reference)) | _drifts(found), {}
+        def judge(trajectory: Trajectory) -> Judged:
+            return asdict(errors_of(trajectory, reference)) | _drifts(trajectory), {}
 
         return motion_record(STUDY.key, settings, motion, reference.times, judge, runs=RUNS)
 
@@ -121,10 +121,10 @@ LAWS = {"drift": ".1e", "exponent": ".1f"}
 """Number of a drift in a Record, behind the name of the error -> its format."""
 
 
-def _drifts(found: Trajectory) -> dict[str, float]:
+def _drifts(trajectory: Trajectory) -> dict[str, float]:
     errors: dict[str, float] = {}
     for name, drift_in in DRIFTS.items():
-        if (drift := drift_in(found)) is not None:
+        if (drift := drift_in(trajectory)) is not None:
             errors |= {f"{name}_drift": drift.rate, f"{name}_exponent": drift.exponent}
     return errors
 

@@ -122,15 +122,15 @@ def fit_polynomial(points: Iterable[tuple[int, int]]) -> fmpq_poly | None:
     Its coefficients are exact rationals. It has a degree of at most `MAX_DEGREE` and goes through
     at least one point more than determines it: any points lie on a polynomial of a high degree.
     """
-    known = sorted(set(points))
+    distinct = sorted(set(points))
     N, polynomial, vanishing = fmpq_poly([0, 1]), fmpq_poly(), fmpq_poly([1])
-    for size, value in known[: min(MAX_DEGREE + 1, len(known) - 1)]:
+    for size, value in distinct[: min(MAX_DEGREE + 1, len(distinct) - 1)]:
         # Newton's form: the added term vanishes at the points already interpolated.
         if vanishing(size) == 0:  # two counts for one N
             return None
         polynomial += vanishing * ((value - polynomial(size)) / vanishing(size))
         vanishing *= N - size
-        if all(polynomial(other) == expected for other, expected in known):
+        if all(polynomial(other) == expected for other, expected in distinct):
             return polynomial
     return None
 
@@ -177,16 +177,16 @@ def fit_order(points: Iterable[tuple[int, int, int]]) -> tuple[int, int] | None:
 
     Two points determine them, so at least three are required.
     """
-    known = sorted(set(points))
-    if len(known) < 3:
+    distinct = sorted(set(points))
+    if len(distinct) < 3:
         return None
-    (n, r, order), (n_2, r_2, order_2), *_ = known
+    (n, r, order), (n_2, r_2, order_2), *_ = distinct
     determinant = n * r_2 - n_2 * r
     if determinant == 0:
         return None
     i = (order * r_2 - order_2 * r) // determinant
     j = (n * order_2 - n_2 * order) // determinant
-    if any(i * n + j * r != order for n, r, order in known):
+    if any(i * n + j * r != order for n, r, order in distinct):
         return None
     return i, j
 

@@ -40,12 +40,14 @@ HEIGHT = 1 / 20
 def tables(records: Iterable[Record]) -> list[ResultTable]:
     """Return every table of the study."""
     records = list(records)
-    found = PaperRecords(records)
-    sheets = [_table_i(found), _fig_2(found), _figs_3_and_4(found)]
+    paper_records = PaperRecords(records)
+    sheets = [_table_i(paper_records), _fig_2(paper_records), _figs_3_and_4(paper_records)]
     for figure, quantity, unit in ((5, "constraint", "m/s"), (6, "energy", "J")):
         title = f"Fig. {figure}: norm of the {QUANTITIES[quantity]} (Eqs. (32)-(33)), {unit}"
-        sheets.append(_over_links(found, f"paper-fig{figure}", title, quantity, "{:.1e}".format))
-    sheets += [_fig_7(found), _claims(records)]
+        sheets.append(
+            _over_links(paper_records, f"paper-fig{figure}", title, quantity, "{:.1e}".format)
+        )
+    sheets += [_fig_7(paper_records), _claims(records)]
     return [sheet for sheet in sheets if sheet.rows]
 
 
@@ -103,10 +105,10 @@ def _table_i(records: PaperRecords) -> ResultTable:
 
 def _order(counts: Iterable[dict[str, int]], name: str) -> str:
     """Return the order of a system in n and r, or all orders if none fits."""
-    known = [(one["n"], one["r"], one[name]) for one in counts]
-    fitted = fit_order(known)
+    orders = [(one["n"], one["r"], one[name]) for one in counts]
+    fitted = fit_order(orders)
     if fitted is None:
-        return ", ".join(str(order) for _, _, order in known)
+        return ", ".join(str(order) for _, _, order in orders)
     return signed_sum([(str(factor), of) for factor, of in zip(fitted, "nr", strict=True)], "")
 
 
@@ -158,11 +160,11 @@ def _over_links(
     """Return a quantity by solver, N and formulation; in brackets its ratio to that of `over`."""
     rows = []
     for solver, links in product(records.solvers, records.links):
-        of = {key: records.value(quantity, links, key, solver) for key in records.formulations}
-        ours = of.get(over or "")
+        values = {key: records.value(quantity, links, key, solver) for key in records.formulations}
+        reference = values.get(over or "")
         cells = []
-        for key, value in of.items():
-            ratio = f" ({_short(value / ours)})" if value and ours and key != over else ""
+        for key, value in values.items():
+            ratio = f" ({_short(value / reference)})" if value and reference and key != over else ""
             cells.append("-" if value is None else f"{text(value)}{ratio}")
         rows.append((str(solver), str(links), *cells))
     return ResultTable(name, title, ("solver", "N", *records.formulations), rows)
@@ -220,8 +222,8 @@ PARTS = "all formulations", "velocity level, enlarged"
 
 def charts(records: Iterable[Record]) -> Iterator[Chart]:
     """Yield Figs. 5 to 7, and Figs. 3 and 4 if the paper's robot is among the motions."""
-    found = PaperRecords(records)
-    solvers = [*map(str, found.solvers)]
+    paper_records = PaperRecords(records)
+    solvers = [*map(str, paper_records.solvers)]
     if not solvers:
         return
     width = max(3.4, 5.4 / len(solvers))
@@ -233,11 +235,14 @@ def charts(records: Iterable[Record]) -> Iterator[Chart]:
             (label, str(solver)): Panel(
                 LINKS,
                 NORMS[quantity],
-                [*_norms(found, quantity, solver), *_unfinished(found, quantity, solver)],
+                [
+                    *_norms(paper_records, quantity, solver),
+                    *_unfinished(paper_records, quantity, solver),
+                ],
                 str(solver),
                 legend=quantity == "cpu_seconds",
             )
-            for (quantity, label), solver in product(QUANTITIES.items(), found.solvers)
+            for (quantity, label), solver in product(QUANTITIES.items(), paper_records.solvers)
         },
         size=(width, 3.5),
         parts=[
@@ -245,8 +250,8 @@ def charts(records: Iterable[Record]) -> Iterator[Chart]:
             for figure, label in enumerate(QUANTITIES.values(), 5)
         ],
     )
-    if PAPER_LINKS in found.links:
-        yield _over_time(found, solvers, width)
+    if PAPER_LINKS in paper_records.links:
+        yield _over_time(paper_records, solvers, width)
 
 
 def _norms(records: PaperRecords, quantity: str, solver: Solver) -> Iterator[Line]:
@@ -274,12 +279,14 @@ def _links(record: Record) -> int:
 def _unfinished(records: PaperRecords, quantity: str, solver: Solver) -> Iterator[Line]:
     """Yield crosses for unfinished motions, each above all values at the same number of links."""
     points = product(records.links, records.formulations, records.solvers)
-    known = {
-        at: max(x, NOTHING) for at in points if (x := records.value(quantity, *at)) is not None
+    values = {
+        point: max(x, NOTHING)
+        for point in points
+        if (x := records.value(quantity, *point)) is not None
     }
-    least, most = (end(known.values(), default=1.0) for end in (min, max))
+    least, most = (end(values.values(), default=1.0) for end in (min, max))
     step, height = (most / least) ** HEIGHT, dict.fromkeys(records.links, least)
-    for (links, _, by), value in known.items():
+    for (links, _, by), value in values.items():
         if by == solver:
             height[links] = max(height[links], value)
     for key in records.formulations:

@@ -136,7 +136,7 @@ def _equations(settings: Settings) -> Record:
     at = Evaluation(scene, q, v)
     with recording_solves() as recorder:
         multipliers = at.solution(formulation).multipliers
-    found = acceleration(scene, formulation.key, q, v)
+    result = acceleration(scene, formulation.key, q, v)
     counts = {
         "n": scene.n,
         "r": scene.r,
@@ -148,8 +148,8 @@ def _equations(settings: Settings) -> Record:
         STUDY,
         settings,
         counts=counts | {f"order of {solve.name}": solve.size for solve in recorder.solves},
-        errors={"bound": found.error_bound},
-        series={"vdot": found.vdot.tolist()},
+        errors={"bound": result.error_bound},
+        series={"vdot": result.vdot.tolist()},
     )
 
 
@@ -159,19 +159,19 @@ def _equations(settings: Settings) -> Record:
 def _simulate(settings: Settings, prepared: tuple[Motion, float], runs: int) -> Record:
     scene = prepared[0].scene
 
-    def judge(found: Trajectory) -> Judged:
-        constraint, energy = constraint_error(found), energy_error(found)
-        states = zip(found.q, found.v, strict=True)
+    def judge(trajectory: Trajectory) -> Judged:
+        constraint, energy = constraint_error(trajectory), energy_error(trajectory)
+        states = zip(trajectory.q, trajectory.v, strict=True)
         rounding = [violation(Evaluation(scene, q, v), v)[1] for q, v in states]
         errors = {
             "constraint": error_norm(constraint),
             "constraint allowed": error_norm(np.array(rounding)),
             "energy": error_norm(energy),
-            "initial energy": found.energy[0],
+            "initial energy": trajectory.energy[0],
         }
-        series = {"times": found.times, "constraint": constraint, "energy": energy}
+        series = {"times": trajectory.times, "constraint": constraint, "energy": energy}
         if settings["links"] == PAPER_LINKS:
-            series["q"] = found.q
+            series["q"] = trajectory.q
         return errors, {name: values.tolist() for name, values in series.items()}
 
     times, size = np.linspace(0.0, settings["end"], settings["outputs"]), prepared[0].y0.size

@@ -58,10 +58,10 @@ def constraints(parameters, angles, q):
 @generic
 def terms(parameters, angles, q, v):
     """Return the `Terms` of the snake with one constraint more."""
-    found = Snake.terms(parameters.snake, angles, q, v)
+    first_wheel = Snake.terms(parameters.snake, angles, q, v)
     other = Snake.terms(_second(parameters), angles, q, v)
-    return found._replace(
-        a=_with_row(found.a, other.a[0]), gamma=_with_row(found.gamma, other.gamma[0])
+    return first_wheel._replace(
+        a=_with_row(first_wheel.a, other.a[0]), gamma=_with_row(first_wheel.gamma, other.gamma[0])
     )
 
 
@@ -83,11 +83,11 @@ def speeds(parameters, angles, rolling):
 @generic
 def bodies(parameters, angles, rolling):
     """Return the `Bodies`, with one partial velocity each."""
-    found = Snake.bodies(parameters.snake, angles, rolling)
-    return found._replace(
-        partial_velocity=found.partial_velocity[:, :, 1:],
-        partial_angular_velocity=found.partial_angular_velocity[:, :, 1:],
-        force=None if found.force is None else found.force[1:],
+    snake_bodies = Snake.bodies(parameters.snake, angles, rolling)
+    return snake_bodies._replace(
+        partial_velocity=snake_bodies.partial_velocity[:, :, 1:],
+        partial_angular_velocity=snake_bodies.partial_angular_velocity[:, :, 1:],
+        force=None if snake_bodies.force is None else snake_bodies.force[1:],
     )
 
 
