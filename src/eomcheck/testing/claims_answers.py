@@ -285,9 +285,7 @@ def _unfelt_input(
             x[k] += share * width
             return np.abs(f(x[:n], x[n:]) - value.value)
 
-        if _changes_over_long_steps_only(
-            change_over, FELT, small, share_felt * largest(value.size)
-        ):
+        if _is_coarse(change_over, FELT, small, share_felt * largest(value.size)):
             return names[k]
     return ""
 
@@ -305,14 +303,11 @@ def _is_cached(at: FunctionState, name: str, double: bool) -> bool:
 
     steps, size = CACHED_DOUBLES if double else CACHED, largest(value.size)
     return any(
-        _changes_over_long_steps_only(changed, long, short, share_felt * size)
-        for long, short, share_felt in steps
+        _is_coarse(changed, long, short, share_felt * size) for long, short, share_felt in steps
     )
 
 
-def _changes_over_long_steps_only(
-    changed: Callable[[float], Array], long: float, short: float, least: float
-) -> bool:
+def _is_coarse(changed: Callable[[float], Array], long: float, short: float, least: float) -> bool:
     """Return whether an entry changes over long steps only.
 
     It changes by more than `least` and in proportion over one, two and three long steps, and not at

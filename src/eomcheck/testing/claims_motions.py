@@ -172,11 +172,9 @@ def acceleration_even(at: FunctionState) -> Iterator[Comparison | Decision]:
 
     Rows with an odd part that is linear in v, which may be a damper, are inconclusive.
     """
-    damped, odd = _damped_rows(at), _odd_part_twice(at)
+    damped, odd = _damped_rows(at), _odd_part(at)
     if damped.any():
-        rows_ = ", ".join(
-            name for name, is_damped in zip(row_names(at), damped, strict=True) if is_damped
-        )
+        rows_ = ", ".join(name for name, x in zip(row_names(at), damped, strict=True) if x)
         largest = float(np.abs(odd.value[damped]).max())
         yield Decision(
             "q̈ odd in v", largest, 0.0, "inconclusive", f"acceleration, row {rows_}: {DAMPER}"
@@ -192,7 +190,7 @@ def acceleration_even(at: FunctionState) -> Iterator[Comparison | Decision]:
     yield compare(at, "q̈", back, _select_entries(damped, none, at.quantity("qdd")), explain)
 
 
-def _odd_part_twice(at: FunctionState) -> UncertainArray:
+def _odd_part(at: FunctionState) -> UncertainArray:
     """Return twice the part of q̈ (p,) that is odd in v."""
     return at.quantity("qdd") - at.with_velocity(-at.v).quantity("qdd")
 
@@ -201,12 +199,10 @@ def _damped_rows(at: FunctionState) -> Array:
     """Return whether each row of q̈ (p,) has a part that is odd in v, and linear in it."""
 
     def damped() -> Array:
-        once = _odd_part_twice(at)
+        once = _odd_part(at)
         if not is_nonzero(once).any():
             return np.zeros(once.shape, bool)
-        return is_nonzero(once) & ~is_nonzero(
-            _odd_part_twice(at.with_velocity(2.0 * at.v)) - 2.0 * once
-        )
+        return is_nonzero(once) & ~is_nonzero(_odd_part(at.with_velocity(2.0 * at.v)) - 2.0 * once)
 
     return at.cached("damped", damped)
 
@@ -235,8 +231,8 @@ def acceleration_quadratic(at: FunctionState) -> Iterator[Comparison]:
     twice = at.with_velocity(2.0 * at.v)
     once, far, damped = at.quantity("qdd"), twice.quantity("qdd"), _damped_rows(at)
     if damped.any():
-        once = _select_entries(damped, once - 0.5 * _odd_part_twice(at), once)
-        far = _select_entries(damped, far - 0.5 * _odd_part_twice(twice), far)
+        once = _select_entries(damped, once - 0.5 * _odd_part(at), once)
+        far = _select_entries(damped, far - 0.5 * _odd_part(twice), far)
     yield compare(at, "q̈", far - at_rest, 4.0 * (once - at_rest))
 
 

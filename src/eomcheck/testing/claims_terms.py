@@ -395,7 +395,7 @@ def dissipation_positive(at: FunctionState) -> Iterator[Decision | Skipped]:
     in v, as of a damper against a belt that moves, drop out.
     """
     R, R_of_v, at_rest = at.raw("R"), at.quantity("R"), np.zeros(len(at.v))
-    least, size = _least_damped_velocity(at, R)
+    least, size = _least_damped(at, R)
     noise = EPS + (float(R_of_v.error / R_of_v.size) if R_of_v.size > 0.0 else 0.0)
     R_at_rest = float(R(at.q, at_rest))
     changes = np.array(
@@ -419,9 +419,7 @@ def dissipation_positive(at: FunctionState) -> Iterator[Decision | Skipped]:
         yield Decision("R", max(0.0, -gain), allowed, "inconclusive", text)
 
 
-def _least_damped_velocity(
-    at: FunctionState, R: Callable[[Array, Array], Array]
-) -> tuple[Array, float]:
+def _least_damped(at: FunctionState, R: Callable[[Array, Array], Array]) -> tuple[Array, float]:
     """Return the velocity (p,) in the ranges for which second differences of R are least.
 
     It lies in the directions that constraints leave, where constraints are given. The second value

@@ -592,17 +592,13 @@ def blames_of(
         unsettled: see `settled_by`.
     """
     settled, blames = settled_by(findings, unsettled), []
-    certain = {
-        name for conflict in conflicts if len(conflict.suspects) == 1 for name in conflict.suspects
-    }
+    certain = {name for x in conflicts if len(x.suspects) == 1 for name in x.suspects}
     order = list(INPUTS).index
     for name in sorted(certain, key=order):
         own = [x for x in conflicts if min(x.read & certain, key=order, default="") == name]
         if own:
             blames.append(Blame((name,), True, tuple(own), ()))
-    unexplained = [
-        conflict for conflict in conflicts if conflict.suspects and not conflict.read & certain
-    ]
+    unexplained = [x for x in conflicts if x.suspects and not x.read & certain]
     while unexplained:
         common, own = unexplained[0].suspects, []
         for conflict in unexplained:

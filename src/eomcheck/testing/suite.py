@@ -148,21 +148,17 @@ def claim_results(
     Returns:
         id of a claim -> its result, for claims with Findings.
     """
-    findings_by_claim: dict[str, list[Finding]] = {}
+    by_claim: dict[str, list[Finding]] = {}
     for finding in findings:
-        findings_by_claim.setdefault(finding.claim, []).append(finding)
+        by_claim.setdefault(finding.claim, []).append(finding)
     results: dict[str, ClaimResult] = {}
-    for claim in filter(findings_by_claim.__contains__, claims):
-        worst = result_or_failure(findings_by_claim[claim])
+    for claim in filter(by_claim.__contains__, claims):
+        worst = result_or_failure(by_claim[claim])
         if isinstance(worst, Finding):
             if claim not in expected_to_fail:
                 worst, smallest = smallest(worst), lambda failed: failed
             folded = worst.follows and worst.follows not in expected_to_fail
-            worst = (
-                _folded_result(worst)
-                if folded
-                else _failure_result(worst, findings_by_claim[claim])
-            )
+            worst = _folded_result(worst) if folded else _failure_result(worst, by_claim[claim])
         results[claim] = worst
     return results
 
@@ -368,19 +364,11 @@ def scene_targets(engine: type[Engine] | None, scenes: Scenes | None) -> list[Sc
         named = [(kind.key, kind) for kind in SCENES.values()]
         named = [(key, kind) for key, kind in named if SceneTarget(key, kind, engine).represented]
     elif isinstance(scenes, Mapping):
-        named = [
-            (str(name), named_scene)
-            for name, item in scenes.items()
-            for named_scene in _scenes_of_item(item)
-        ]
+        named = [(str(name), x) for name, item in scenes.items() for x in _scenes_of_item(item)]
     elif isinstance(scenes, str | Scene | type):
         raise InputError(f"scenes = {scenes!r}, expected a list of scenes")
     else:
-        named = [
-            (_scene_name(named_scene), named_scene)
-            for item in scenes
-            for named_scene in _scenes_of_item(item)
-        ]
+        named = [(_scene_name(x), x) for item in scenes for x in _scenes_of_item(item)]
     targets: dict[str, SceneTarget] = {}
     for name, scene in named:
         if name in targets:

@@ -81,10 +81,8 @@ class UncertainArray:
     __rmul__ = __mul__
 
     def __matmul__(self, other: UncertainArray) -> UncertainArray:
-        own_axes, other_axes = "ij"[2 - len(self.shape) :], "jk"[: len(other.shape)]
-        return contract(
-            f"{own_axes},{other_axes}->{(own_axes + other_axes).replace('j', '')}", self, other
-        )
+        rows, columns = "ij"[2 - len(self.shape) :], "jk"[: len(other.shape)]
+        return contract(f"{rows},{columns}->{(rows + columns).replace('j', '')}", self, other)
 
 
 def exact(array: Any) -> UncertainArray:
@@ -189,10 +187,10 @@ def noise(f: Callable[[Array], Array], x: Array, width: Array, seed: int = 0) ->
     rough = steps | (doubtful & ~smooth) | ~(long > DISAGREE * floor)
     # Where f has no value on one of the lines, the other line decides.
     estimate = np.where(rough | ~np.isfinite(short), np.fmax(short, long), short)
-    alone, interpolated = _find_outliers(LONG, far)
+    alone, filled = _find_outliers(LONG, far)
     if not alone.any():
         return estimate
-    return np.where(alone, np.fmin(estimate, _noise_on_line(LONG, interpolated)), estimate)
+    return np.where(alone, np.fmin(estimate, _noise_on_line(LONG, filled)), estimate)
 
 
 def _find_outliers(line: SampleLine, values: Array) -> tuple[Array, Array]:
@@ -201,17 +199,14 @@ def _find_outliers(line: SampleLine, values: Array) -> tuple[Array, Array]:
     The other values (points, ...) have at their center the interpolation of three values on each
     side.
     """
-    center, interpolated = line.points // 2, values.copy()
+    center, filled = line.points // 2, values.copy()
     sides = [values[center - k] + values[center + k] for k in (1, 2, 3)]
-    interpolated[center] = (15.0 * sides[0] - 6.0 * sides[1] + sides[2]) / 20.0
-    apart, rounding = (
-        np.abs(values[center] - interpolated[center]),
-        EPS * np.abs(values).max(axis=0),
-    )
+    filled[center] = (15.0 * sides[0] - 6.0 * sides[1] + sides[2]) / 20.0
+    apart, rounding = np.abs(values[center] - filled[center]), EPS * np.abs(values).max(axis=0)
     alone = apart > DISAGREE * rounding
     return alone & (
-        apart > DISAGREE * _noise_on_line(line, interpolated)
-    ) if alone.any() else alone, interpolated
+        apart > DISAGREE * _noise_on_line(line, filled)
+    ) if alone.any() else alone, filled
 
 
 def _vanishes_within_jump(near: Array, far: Array) -> Array:
