@@ -170,6 +170,12 @@ def test_the_worst_state_looked_at_is_kept_wherever_it_is():
     }
 
 
+class CheckedState(SimpleNamespace):
+    """A state as `_ObservedMotion` keeps it: one and the same is counted once."""
+
+    __hash__ = object.__hash__
+
+
 @pytest.mark.parametrize(
     ("states", "ulps"),
     [
@@ -188,7 +194,7 @@ def test_a_rate_error_that_cannot_be_measured_at_one_state_is_infinite(monkeypat
     course: Any = object.__new__(trajectory._ObservedMotion)
     course.formulation = None
     course._checked = {
-        name: SimpleNamespace(
+        name: CheckedState(
             sensitivity=sensitivity,
             acceleration=lambda f, x=vdot: SimpleNamespace(vdot=np.array([x])),
         )

@@ -71,13 +71,37 @@ def _scene_class_with_rows(kind: Any, rows: tuple[int, ...], total: int) -> type
     closed = list(range(total)[kind.holonomic]) if kind.position_residual else []
     count = sum(i in closed for i in rows)
     indices = tuple(closed.index(i) for i in rows[:count])
-    selected = {"constraints": rows, "drift": rows, "constraint": rows}
+    all_constraints, all_drift, every = kind.constraints, kind.drift, kind.constraint
+    all_closed, all_terms = kind.position_residual, kind.terms
+
+    def terms(parameters, prepared, q, v):
+        M, Q, B, a, gamma, b = all_terms(parameters, prepared, q, v)
+        return Terms(
+            M, Q, B, selected_rows(a, rows), selected_rows(gamma, rows), selected_rows(b, rows)
+        )
+
+    def constraints(parameters, prepared, q):
+        a, b = all_constraints(parameters, prepared, q)
+        return selected_rows(a, rows), selected_rows(b, rows)
+
+    def drift(parameters, prepared, q, v):
+        return selected_rows(all_drift(parameters, prepared, q, v), rows)
+
+    def constraint(parameters, prepared, q, v):
+        return selected_rows(every(parameters, prepared, q, v), rows)
+
+    def position_residual(parameters, prepared, q):
+        return selected_rows(all_closed(parameters, prepared, q), indices)
+
+    selecting = {"constraints": constraints, "drift": drift, "constraint": constraint}
     if "terms" not in kind.derived_functions:
-        selected["terms"] = rows
+        selecting["terms"] = terms
     if count:
-        selected["position_residual"] = indices
+        selecting["position_residual"] = position_residual
     functions: dict[str, Any] = {"position_residual": None}
-    functions |= {name: _selecting(kind, name, chosen) for name, chosen in selected.items()}
+    for name, function in selecting.items():
+        function.__module__, function.__qualname__ = kind.__module__, f"{kind.__name__}.{name}"
+        functions[name] = staticmethod(generic(function))
 
     def constraint_names(self) -> tuple[str, ...]:
         """Names of the remaining constraints.
@@ -122,24 +146,6 @@ def _scene_class_with_rows(kind: Any, rows: tuple[int, ...], total: int) -> type
     }
     subset: Any = type(kind)(kind.__name__, (kind,), functions | body)
     return subset
-
-
-def _selecting(kind: Any, name: str, rows: tuple[int, ...]) -> Any:
-    """Return a function of a scene class whose results have these rows (k,) only."""
-    every = getattr(kind, name)
-
-    def selected(*arguments):
-        result = every(*arguments)
-        if isinstance(result, Terms):
-            chosen = {x: selected_rows(getattr(result, x), rows) for x in ("a", "gamma", "b")}
-            return result._replace(**chosen)
-        if isinstance(result, tuple):  # a and b
-            return tuple(selected_rows(x, rows) for x in result)
-        return selected_rows(result, rows)
-
-    selected.__name__, selected.__module__ = name, kind.__module__
-    selected.__qualname__ = f"{kind.__name__}.{name}"
-    return staticmethod(generic(selected))
 
 
 @generic
