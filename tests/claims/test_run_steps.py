@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import eomcheck
+from eomcheck.claims import CLAIMS as ALL_CLAIMS
 from eomcheck.claims import Finding, run
 from eomcheck.claims.finding import entries_of
 from eomcheck.claims.run import RunSelection, SceneEngines, StateResult, ValidationRun
@@ -311,3 +312,32 @@ def test_a_validation_asks_for_what_it_was_told(monkeypatch):
     eomcheck.validate(SCENE)
     assert calls[0] == ((None, None, None), {"scenes": [SCENE]})
     assert calls[1][2:] == (25, 0)
+
+
+@pytest.mark.parametrize(
+    ("claim", "formulations", "needs"),
+    [("equivalence", ["kane"], "two formulations"), ("position-rate", None, "loop closures")],
+)
+def test_a_claim_that_is_named_and_does_not_apply_is_skipped_with_its_reason(
+    claim, formulations, needs
+):
+    scene = Sleigh.example()
+    options = {"claims": [claim, "bias"], "formulations": formulations, "engines": ["casadi"]}
+    findings = eomcheck.validate(scene, examples=1, **options)
+    (skipped,) = (one for one in findings if one.claim == claim)
+    assert (skipped.verdict, skipped.state) == ("skipped", None)
+    assert needs in skipped.detail
+    assert {one.verdict for one in findings if one.claim == "bias"} == {"passed"}
+
+
+def test_all_claims_together_leave_out_those_that_do_not_apply():
+    scene = Sleigh.example()
+    findings = eomcheck.validate(scene, examples=1)
+    assert not any(one.claim == "position-rate" for one in findings)
+
+
+def test_a_claim_tells_all_that_it_needs():
+    needs = {one.id: one.requirements for one in ALL_CLAIMS.values()}
+    assert needs["engine-multipliers"] == "constraints, and an engine that offers acceleration"
+    assert needs["mass-matrix"] == "an engine that offers mass_matrix"
+    assert needs["kinetic-energy"] == "other states of this scene"

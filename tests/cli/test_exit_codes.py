@@ -74,6 +74,13 @@ def test_findings_without_a_failure_are_0(verdicts, monkeypatch):
     assert code_of(monkeypatch, "validate", "--scene", "sleigh") == 0
 
 
+@pytest.mark.parametrize("verdicts", [[], ["skipped"], ["inconclusive", "skipped"]])
+def test_a_run_that_decides_nothing_is_2(verdicts, monkeypatch, capsys):
+    found(monkeypatch, *map(finding, verdicts))
+    assert code_of(monkeypatch, "validate", "--scene", "sleigh") == 2
+    assert "no claim could be decided" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("verdicts", "code"),
     [

@@ -87,6 +87,7 @@ STUBS: dict[str, dict[str, Any]] = {
         "eomcheck.lab.report.finding_output.print_runs": None,
         "eomcheck.lab.report.finding_output.write_findings": None,
         "eomcheck.claims.run.check_compared": None,
+        "eomcheck.claims.run.check_decided": None,
         "eomcheck.cli.check_commands._write_page": None,
     },
     "prove": {

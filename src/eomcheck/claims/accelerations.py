@@ -122,7 +122,13 @@ def _constraint_forces(a: Any, net: Array) -> Array:
     return np.abs(a.T) @ np.abs(least_squares(a.T, net))
 
 
-@claim("constraint-acceleration", "a q̈ + ȧ q̇ + ḃ = 0", "(3)", "constraints at acceleration level")
+@claim(
+    "constraint-acceleration",
+    "a q̈ + ȧ q̇ + ḃ = 0",
+    "(3)",
+    "constraints at acceleration level",
+    needs="constraints, and a formulation that solves a state",
+)
 def constraint_acceleration(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """Each q̈ satisfies the differentiated constraints."""
     a, gamma, names = at.terms.a, at.terms.gamma, (at.scene.constraint_names,)
@@ -135,7 +141,13 @@ def constraint_acceleration(at: Quantities, context: EvaluationContext) -> Itera
         yield vanishing(f.key, a @ x.vdot + gamma, names, terms, sensitivity)
 
 
-@claim("equivalence", "q̈ of one formulation = q̈ of another", "(7)-(23)", "acceleration")
+@claim(
+    "equivalence",
+    "q̈ of one formulation = q̈ of another",
+    "(7)-(23)",
+    "acceleration",
+    needs="two formulations that solve one state",
+)
 def equivalence(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """All formulations give the same acceleration, pair by pair, whatever the partition."""
     names = (at.scene.coordinate_names,)
@@ -146,7 +158,13 @@ def equivalence(at: Quantities, context: EvaluationContext) -> Iterator[Comparis
         yield Comparison(f"{f.key}, drawn", x.vdot, y.vdot, names)
 
 
-@claim("multipliers", "λ of one formulation = λ of another", "(7), (9), (12)", "multipliers")
+@claim(
+    "multipliers",
+    "λ of one formulation = λ of another",
+    "(7), (9), (12)",
+    "multipliers",
+    needs="constraints, and two formulations that give λ at one state",
+)
 def multipliers(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """All formulations with multipliers have equal multipliers, pair by pair."""
     if at.terms.a is not None:
@@ -326,6 +344,7 @@ def engine_acceleration(case: Case) -> Iterator[Finding]:
     "(5), (7), (9), (12)",
     "multipliers",
     asks="acceleration",
+    needs="constraints",
 )
 def engine_multipliers(case: Case) -> Iterator[Finding]:
     """Each formulation with multipliers has those of each engine."""
@@ -339,7 +358,13 @@ FEW = 5
 machine code: that takes as long as checking hundreds of states."""
 
 
-@case_claim("machine-code", "q̈ in machine code = q̈ of the public path", "(7)-(23)", "machine code")
+@case_claim(
+    "machine-code",
+    "q̈ in machine code = q̈ of the public path",
+    "(7)-(23)",
+    "machine code",
+    needs="few coordinates or the example of a class, and a formulation that solves a state",
+)
 def machine_code(case: Case) -> Iterator[Finding]:
     """Each formulation has the same acceleration in JIT-compiled machine code."""
     scene = case.at.scene
@@ -386,6 +411,7 @@ def _has_subnormal(a: Array | None) -> bool:
     "a row that others imply: same q̈, same aᵀλ, least |λ|",
     "",
     "redundant constraints",
+    needs="constraints, and a formulation that solves a state",
 )
 def redundant_rows(at: Quantities, context: EvaluationContext) -> Iterator[Comparison | Skipped]:
     """With a redundant row added, a sum of the others, q̈ and aᵀλ stay and |λ| is least.
@@ -528,7 +554,14 @@ def _power_of_inertia(at: Evaluation, rates: Callable[[Evaluation], Array]) -> t
         return power(np.abs(exact)), power(sensitive)
 
 
-@claim("power-balance", "d(T + U)/dt = -q̇ ∂R/∂q̇", "(25)-(26), (31)", "power balance", rate_of="all")
+@claim(
+    "power-balance",
+    "d(T + U)/dt = -q̇ ∂R/∂q̇",
+    "(25)-(26), (31)",
+    "power balance",
+    rate_of="all",
+    needs="a scene that the clock does not drive, and a formulation that solves a state",
+)
 def power_balance(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """Ideal constraints do no work: along each q̈ the energy decreases by the dampers' power."""
     rates_of, R = cache(_Rates), at.dissipation(duals(at.v, at.v))
@@ -566,7 +599,13 @@ def _constraint_power(case: Any, f: Formulation) -> Any:
     return 0.0 if lambda_ is None else product_size(lambda_, case.at.terms.a, case.at.v)
 
 
-@case_claim("invariance", "q̈ moves with the scene", "(25)-(28)", "invariance")
+@case_claim(
+    "invariance",
+    "q̈ moves with the scene",
+    "(25)-(28)",
+    "invariance",
+    needs="a symmetry of the scene",
+)
 def invariance(case: Case) -> Iterator[Finding]:
     """Turning, shifting or mirroring the whole scene turns, shifts or mirrors q̈."""
     at = case.at

@@ -72,7 +72,13 @@ def _uncertified_finding(case: Case, subject: str, error: Exception) -> Finding:
     return case.finding(subject, 0.0, 0.0, "skipped", EVIDENCE, why)
 
 
-@case_claim("enclosures", "true q̈ of one formulation = of another", "(7)-(23)", "acceleration")
+@case_claim(
+    "enclosures",
+    "true q̈ of one formulation = of another",
+    "(7)-(23)",
+    "acceleration",
+    needs="two formulations that solve one state",
+)
 def enclosures(case: Case) -> Iterator[Finding]:
     """The enclosures by all formulations have a point in common, pair by pair."""
     if not case.has_speeds or not np.isfinite(case.at.u).all():
@@ -305,7 +311,13 @@ def judge_refusal(refusal: RefusedError, rcond: float) -> tuple[Verdict, str]:
     return "failed", "refused in vain"
 
 
-@case_claim("refusals", "refused: rcond is below the threshold", "(7)-(23)", "refusal")
+@case_claim(
+    "refusals",
+    "refused: rcond is below the threshold",
+    "(7)-(23)",
+    "refusal",
+    needs="a state that a formulation refuses",
+)
 def refusals(case: Case) -> Iterator[Finding]:
     """Every refusal is justified by a reciprocal condition number computed independently."""
     for formulation in case.formulations:

@@ -211,6 +211,7 @@ class Claim:
             `Comparison` records.
         rate_of: subject of the sides that need the rate of precomputed values (`prepare`).
         asks: name of the engine method that the claim compares with.
+        needs: what it needs to be compared at all, where a scene or a run may lack it.
         provable: False if the claim follows from another, proved one.
     """
 
@@ -224,12 +225,19 @@ class Claim:
     )
     rate_of: str = ""
     asks: str = ""
+    needs: str = ""
     provable: bool = True
 
     @property
     def against(self) -> str:
         """Field of `Terms` compared with engines in float64, in place of the sides; or ""."""
         return ENGINE_TERMS.get(self.asks, "")
+
+    @property
+    def requirements(self) -> str:
+        """The text of all that the claim needs to be compared at all."""
+        engine = f"an engine that offers {self.asks}" if self.asks else ""
+        return ", and ".join(filter(None, (self.needs, engine))) or "other states of this scene"
 
     @property
     def proved(self) -> bool:

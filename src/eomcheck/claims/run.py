@@ -30,7 +30,13 @@ from hypothesis.strategies import SearchStrategy
 from eomcheck import strategies
 from eomcheck.claims import CLAIMS, State
 from eomcheck.claims.case import OFTEN, ONCE, Case, skipped_finding
-from eomcheck.claims.finding import DECIDED, Finding, unresolved_by_claim, unresolved_finding
+from eomcheck.claims.finding import (
+    DECIDED,
+    Finding,
+    skipped_everywhere,
+    unresolved_by_claim,
+    unresolved_finding,
+)
 from eomcheck.claims.numerical_accuracy import SampledState, coverage
 from eomcheck.claims.proof import prove_unresolved
 from eomcheck.claims.registry import Claim
@@ -72,6 +78,8 @@ class RunSelection:
     """The library among `engines` that reads a robot's file itself, if no engines were named."""
     engines_named: bool = False
     """Whether engines were named: they are compared at wide states too, beyond ordinary ones."""
+    claims_named: bool = False
+    """Whether claims were named: each has a finding of the run, skipped where it does not apply."""
 
     @classmethod
     def of(
@@ -102,7 +110,8 @@ class RunSelection:
         if engines is None and len(scenes) == 1 and (reader := default_reader(scenes[0])):
             chosen = (*chosen, reader)
         named_ones = engines is not None and bool(chosen)
-        return cls(formulations_among(scenes, formulations), chosen, ids, reader, named_ones)
+        all_formulations = formulations_among(scenes, formulations)
+        return cls(all_formulations, chosen, ids, reader, named_ones, CLAIMS.by_name(ids))
 
 
 class SceneEngines(NamedTuple):
@@ -521,7 +530,24 @@ class ValidationRun:
             self.findings.append(coverage(self.sampled))
         if self.minimal is not None:
             self.findings.append(self.minimal)
+        self.findings += self.inapplicable(selection)
         return self.findings
+
+    def inapplicable(self, selection: RunSelection) -> list[Finding]:
+        """Return a skipped Finding of each claim that was named and has none, with its reason.
+
+        None after a failure, which may have kept other claims from being checked.
+        """
+        if not selection.claims_named or self._engines_for is None:
+            return []
+        if any(finding.verdict == "failed" for finding in self.findings):
+            return []
+        scene, checked = self._engines_for.scene, {finding.claim for finding in self.findings}
+        return [
+            skipped_everywhere(claim, "all", scene, f"needs {CLAIMS[claim].requirements}")
+            for claim in selection.claims
+            if claim not in checked
+        ]
 
 
 def _refused_keys(case: Case) -> tuple[str, ...]:
@@ -627,6 +653,16 @@ def validate(
     run = ValidationRun()
     run.validate_scene(scene, selection, examples, seed)
     return run.finish(selection)
+
+
+def check_decided(findings: Iterable[Finding]) -> None:
+    """Raise InputError if no claim was decided: a run that checks nothing is no pass."""
+    findings = list(findings)
+    if any(finding.verdict in DECIDED for finding in findings):
+        return
+    first = next((one for one in findings if one.detail), None)
+    reason = "" if first is None else f": {first.claim} {first.detail}"
+    raise InputError(f"no claim could be decided{reason}")
 
 
 def check_compared(engines: Sequence[type[Engine]], findings: Iterable[Finding]) -> None:

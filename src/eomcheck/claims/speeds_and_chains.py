@@ -57,7 +57,13 @@ def embedding_null_space(e: Quantities, partition: Partition) -> Array:
     return em.partition_embedding(e.terms.a, e.terms.gamma, partition)[0]
 
 
-@claim("null-space-embedding", "a w = 0", "(15), (A1)", "w of the embedding method")
+@claim(
+    "null-space-embedding",
+    "a w = 0",
+    "(15), (A1)",
+    "w of the embedding method",
+    needs="constraints",
+)
 def null_space_embedding(
     at: Quantities, context: EvaluationContext
 ) -> Iterator[Comparison | Skipped]:
@@ -80,7 +86,13 @@ def _has_digits(context: EvaluationContext, w: Array, partition: Partition) -> A
     return lost <= INCONCLUSIVE * largest(w)
 
 
-@claim("null-space-speeds", "a w′ = 0", "(20), (B1)-(B3)", "w′ of the generalized speeds")
+@claim(
+    "null-space-speeds",
+    "a w′ = 0",
+    "(20), (B1)-(B3)",
+    "w′ of the generalized speeds",
+    needs="constraints",
+)
 def null_space_speeds(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """The w′ of the generalized speeds spans the null space of a."""
     if at.terms.a is not None and context.has_speeds:
@@ -142,6 +154,7 @@ def _differentiated(
     "(3), (20)",
     "remainder ẇ′u + ẋ′",
     rate_of="rest",
+    needs="constraints",
 )
 def speeds_remainder(at: Quantities, context: EvaluationContext) -> Iterator[Comparison | Skipped]:
     """The velocity-dependent part of q̈, at u̇ = 0, is ẇ′u + ẋ′ and keeps the constraints."""
@@ -162,7 +175,13 @@ def speeds_remainder(at: Quantities, context: EvaluationContext) -> Iterator[Com
         yield sides._replace(may_vanish=True)
 
 
-@claim("active-forces", "F_Kane = w′ᵀ Q", "(23), (C1)-(C4), (D1)-(D2)", "generalized active forces")
+@claim(
+    "active-forces",
+    "F_Kane = w′ᵀ Q",
+    "(23), (C1)-(C4), (D1)-(D2)",
+    "generalized active forces",
+    needs="forces",
+)
 def active_forces(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """Kane's active forces, summed over the bodies, are Lagrange's, projected by w′."""
     if not context.has_speeds:
@@ -263,7 +282,13 @@ def _has_joints(at: Quantities) -> bool:
 # ---- Bodies --------------------------------------------------------------------------------------
 
 
-@claim("chain-velocity", "q̇ of x, x of q̇", "(2), (28)", "velocity of a chain")
+@claim(
+    "chain-velocity",
+    "q̇ of x, x of q̇",
+    "(2), (28)",
+    "velocity of a chain",
+    needs="a chain of links (`Scene.chain`)",
+)
 def chain_velocity(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """The quasi-velocities of a consistent velocity determine it: the maps are inverse."""
     if _is_chain(at):
@@ -271,7 +296,13 @@ def chain_velocity(at: Quantities, context: EvaluationContext) -> Iterator[Compa
         yield vanishing("q̇", v - at.v, (at.scene.coordinate_names,), product_size(at.v))
 
 
-@claim("chain-energy", "xᵀ D x = 2 T", "(25)", "mass of a chain")
+@claim(
+    "chain-energy",
+    "xᵀ D x = 2 T",
+    "(25)",
+    "mass of a chain",
+    needs="a chain of links (`Scene.chain`)",
+)
 def chain_energy(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """The mass matrix is diagonal in the quasi-velocities of a consistent velocity."""
     if _is_chain(at):
@@ -279,7 +310,13 @@ def chain_energy(at: Quantities, context: EvaluationContext) -> Iterator[Compari
         yield Comparison("D", (at.chain.mass * at.x * at.x).sum(), 2 * T, ())
 
 
-@claim("chain-forces", "fᵀ ∂x/∂q̇ = Q", "(26)-(27), (D2)", "forces of a chain")
+@claim(
+    "chain-forces",
+    "fᵀ ∂x/∂q̇ = Q",
+    "(26)-(27), (D2)",
+    "forces of a chain",
+    needs="a chain of links (`Scene.chain`)",
+)
 def chain_forces(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """Active forces of the chain do the same work as Q on any virtual displacement."""
     f, Q = (at.chain.force, at.terms.Q) if _is_chain(at) else (None, None)
@@ -309,7 +346,13 @@ def _size_in_joints(at: Quantities) -> float:
     return largest(terms)
 
 
-@claim("chain-coupling", "A_k x_{k-1} + C_k x_k = 0", "(2), (28)", "coupling of a chain")
+@claim(
+    "chain-coupling",
+    "A_k x_{k-1} + C_k x_k = 0",
+    "(2), (28)",
+    "coupling of a chain",
+    needs="a chain of links (`Scene.chain`)",
+)
 def chain_coupling(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """Quasi-velocities of a consistent velocity satisfy the joint equations."""
     if _has_joints(at):
@@ -323,6 +366,7 @@ def chain_coupling(at: Quantities, context: EvaluationContext) -> Iterator[Compa
     "(3), (28)",
     "remainder of a chain",
     rate_of="d",
+    needs="a chain of links (`Scene.chain`)",
 )
 def chain_remainder(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """The drift d of the joint equations is the rate of the coupling at constant x."""
@@ -338,7 +382,14 @@ def chain_remainder(at: Quantities, context: EvaluationContext) -> Iterator[Comp
 # ---- Accelerations -------------------------------------------------------------------------------
 
 
-@claim("chain-acceleration", "q̈ of ẋ, ẋ of q̈", "(3), (28)", "acceleration of a chain", rate_of="q̈")
+@claim(
+    "chain-acceleration",
+    "q̈ of ẋ, ẋ of q̈",
+    "(3), (28)",
+    "acceleration of a chain",
+    rate_of="q̈",
+    needs="a chain of links (`Scene.chain`)",
+)
 def chain_acceleration(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """The rates of the quasi-velocities determine the acceleration: the maps are inverse."""
     if not _is_chain(at):

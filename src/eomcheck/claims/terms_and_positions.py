@@ -91,6 +91,7 @@ def bias(at: GenericPoint, context: EvaluationContext) -> Iterator[Comparison]:
     "generalized forces",
     rate_of="Q",
     asks="forces",
+    needs="forces",
 )
 def generalized_forces(at: GenericPoint, context: EvaluationContext) -> Iterator[Comparison]:
     """Q is minus the derivatives of U by q and of R by v, along any virtual displacement."""
@@ -126,6 +127,7 @@ def _constraints(subject: str, at: Quantities) -> Iterator[Comparison]:
     "(2), (28)",
     "constraint Jacobian",
     asks="constraint_jacobian",
+    needs="constraints",
 )
 def constraint_jacobian(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """The constraints are a v + b for every v, and none is left out."""
@@ -138,6 +140,7 @@ def constraint_jacobian(at: Quantities, context: EvaluationContext) -> Iterator[
     "(2)",
     "constraints at velocity level",
     provable=False,
+    needs="constraints",
 )
 def constraint_velocity(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """The constraints are a v + b, without any engine."""
@@ -158,6 +161,7 @@ def _rate_along_q(
     "(2)",
     "rate of closed positions",
     rate_of="Φ",
+    needs="loop closures (`Scene.position_residual`)",
 )
 def position_rate(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """Holonomic constraints are the rates of the loop-closure residuals Φ."""
@@ -190,6 +194,7 @@ def position_rate(at: Quantities, context: EvaluationContext) -> Iterator[Compar
     "constraint drift",
     rate_of="gamma",
     asks="constraint_drift",
+    needs="constraints",
 )
 def constraint_drift(at: GenericPoint, context: EvaluationContext) -> Iterator[Comparison]:
     """The drift gamma is the rate of the constraints at v̇ = 0, for every v."""
@@ -343,6 +348,7 @@ def _moving_along(context: Any, at: Quantities) -> tuple[Array, type]:
     "(25), (26)",
     "velocity of a centre of mass",
     rate_of="r",
+    needs="positions of its bodies",
 )
 def position_velocity(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """V of a body is the rate of its position: by `positions`, and by the heights in U."""
@@ -392,7 +398,11 @@ def _moves(e: Evaluation) -> tuple[Array, Array]:
 
 
 @case_claim(
-    "height-velocity", "|ḣ| ≤ |V| of each body", "(25), (26)", "velocity of a centre of mass"
+    "height-velocity",
+    "|ḣ| ≤ |V| of each body",
+    "(25), (26)",
+    "velocity of a centre of mass",
+    needs="weights in fewer directions than the bodies move in",
 )
 def height_velocity(case: Case) -> Iterator[Finding]:
     """The height of a body in U changes no faster than the body moves, whatever the velocity."""
@@ -531,7 +541,13 @@ def _kinetic_energy(e: Evaluation) -> Any:
     return e.run(e.scene.energies, e.parameters, e.prepared, e.q, e.v)[0]
 
 
-@case_claim("moved-energy", "T stays as the scene is moved", "(25)", "kinetic energy")
+@case_claim(
+    "moved-energy",
+    "T stays as the scene is moved",
+    "(25)",
+    "kinetic energy",
+    needs="a motion of the whole scene",
+)
 def moved_energy(case: Case) -> Iterator[Finding]:
     """T is the same for the scene turned, shifted or mirrored, see `tried_motions`."""
     at = case.at

@@ -20,8 +20,8 @@ EXIT_CODES = {
     "libraries differ or one gives no answer (`compare`), a constraint is redundant "
     "(`constraints`), code that is not ours ends its process, or gives no answer when it is called",
     2: "bad input, an import that raises, exits or gives no answer, a missing library, nothing "
-    "decided about any library or engine (`compare`, `validate --engine`), or results that could "
-    "not be written",
+    "decided about any claim (`validate`), library or engine (`compare`, `validate --engine`), or "
+    "results that could not be written",
     130: "interrupted (Ctrl-C, SIGTERM); what was found is kept",
 }
 

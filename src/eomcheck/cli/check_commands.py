@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -100,7 +101,7 @@ def validate_command(
         check_output(path, [records] if records else [])
 
     from eomcheck.claims import CLAIMS
-    from eomcheck.claims.run import RunSelection, ValidationRun, check_compared
+    from eomcheck.claims.run import RunSelection, ValidationRun, check_compared, check_decided
     from eomcheck.console import console, deferring_interrupts, interruptible, progress
     from eomcheck.descriptions.random_mechanisms import RANDOM
     from eomcheck.draws.pairwise_design import link_count
@@ -138,9 +139,11 @@ def validate_command(
         kinds = represented(tried if scene is None and tried else engines, kinds)
     if links is not None and not any(kind.has_links for kind in kinds):
         raise InputError(f"links = {links!r}: {kinds[0].key} has no number of links to choose")
+    claims = claim
     if claim is None and scene is None and tried:  # the engine is under test, not the scenes
-        claim = [entry.id for entry in CLAIMS.values() if entry.asks]
-    selection = RunSelection.of(formulation, engine, claim, scenes=kinds)
+        claims = [entry.id for entry in CLAIMS.values() if entry.asks]
+    selection = RunSelection.of(formulation, engine, claims, scenes=kinds)
+    selection = replace(selection, claims_named=claim is not None and selection.claims_named)
     if len(kinds) == 1:
         if executor is None:
             executor = default_executor(examples, kinds, selection.engines)
@@ -182,6 +185,7 @@ def validate_command(
     end.conclude(json, any(finding.verdict == "failed" for finding in findings))
     if engine:
         check_compared(engines, findings)
+    check_decided(findings)
 
 
 @app.command("prove")

@@ -267,6 +267,7 @@ class SceneTarget:
         kind = type(self.example)
         engines = None if self.engine is None else [self.engine]
         selection = RunSelection.of(None, engines, self.claims, scenes=[kind])
+        selection = replace(selection, claims_named=False)  # `absent` gives the reason
         run = ValidationRun()
         cases = self._drawn_cases(examples, seed)
         for scene, state in with_wide(cases, seed) if selection.engines_named else cases:

@@ -91,7 +91,8 @@ def print_runs(
     else:
         whole = ClaimSummary(tuple(rows))
         passed = len(rows) - whole.undecided_count
-        say(f"{counted(passed, 'finding')} passed{whole.undecided}, 0 failed.", "bold green")
+        style = "bold green" if passed else ""
+        say(f"{counted(passed, 'finding')} passed{whole.undecided}, 0 failed.", style)
 
 
 def _called(engine: type[Engine], selection: RunSelection) -> str:
