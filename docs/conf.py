@@ -1,5 +1,5 @@
-"""Sphinx configuration. Tables of formulations and claims are written from the registries,
-tables of operations from the study, that of references from their files."""
+"""Sphinx configuration. Tables of formulations and claims are written from the registries, tables
+of operations from the study, those of renamed names and of references from their files."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from sphinx.application import Sphinx
 from sphinx.errors import ConfigError
 
 import eomcheck
-from eomcheck import FORMULATIONS, Formulation
+from eomcheck import FORMULATIONS, Formulation, deprecated
 from eomcheck.lab.references import reference_table
 from eomcheck.lab.report.registries import in_paper, parameter_table, registry_table, yes
 from eomcheck.lab.show.table import escaped as cell
@@ -142,6 +142,28 @@ def references_table() -> str:
     return f"{motions}\n\n{sheet._replace(columns=columns).markdown()}"
 
 
+def renamed_tables() -> dict[str, str]:
+    """Return the tables of old and new names by the name of their files."""
+
+    def owned(tables: dict[str, dict[str, str]]) -> list[tuple[str, ...]]:
+        return [
+            (f"`{owner}`", f"`{old}`", f"`{new}`")
+            for owner, names in tables.items()
+            for old, new in names.items()
+        ]
+
+    modules = [(f"`{old}`", f"`{new}`") for old, new in deprecated.MODULES.items()]
+    values = [(f"`{old}`", f"`{new}`") for old, new in deprecated.VALUES.items()]
+    return {
+        "options": table(("command", "old", "new"), owned(deprecated.OPTIONS)),
+        "fields": table(("class or function", "old", "new"), owned(deprecated.FIELDS)),
+        "names": table(("module", "old", "new"), owned(deprecated.NAMES)),
+        "modules": table(("old", "new"), modules),
+        "values": table(("old", "new"), values),
+        "record-keys": table(("study", "old", "new"), owned(deprecated.RECORD_KEYS)),
+    }
+
+
 def write(name: str, text: str) -> None:
     """Write a generated file, unless it holds that text already: Sphinx goes by its time."""
     path = GENERATED / name
@@ -166,6 +188,8 @@ def write_tables(app: Sphinx) -> None:
         write(parameters_file(kind.key), parameter_table(kind).markdown())
     for name, text in operations_tables().items():
         write(name, text)
+    for name, text in renamed_tables().items():
+        write(f"renamed/{name}.md", text)
 
 
 # ---- What must be complete -----------------------------------------------------------------------

@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 
 import pytest
 
+from eomcheck.deprecated import FIELDS, MODULES, NAMES, OPTIONS
 from eomcheck.lab.report.registries import function_claim_table
 
 ROOT = Path(__file__).parents[1]
@@ -78,6 +79,69 @@ def test_the_table_of_claims_about_functions_is_that_of_the_registry():
 def test_there_are_blocks():
     assert {"README.md", "andrews.md", "in-your-ci.md"} <= {page.name for page, *_ in BLOCKS}
 
+
+# ---- Renamed names -------------------------------------------------------------------------------
+
+RENAMED = DOCS / "renamed.md"
+CODE = re.compile(r"^```[^\n]*\n(.*?)^```$|(?<!`)`([^`\n]+)`(?!`)", re.S | re.M)
+"""Blocks of code, and code within a line."""
+
+CURRENT = {"constraint_drift", "energy_drift", "source", "turn", "velocity", "where"}
+"""Old names that are current ones of other objects."""
+
+
+def old_names_in(page: str) -> set[str]:
+    """Return the old names that the code of a page uses, as names, keywords or paths."""
+    codes = [block or inline for block, inline in CODE.findall(page)]
+    old = {path for path in MODULES if any(re.search(rf"{path}(?![\w/])", code) for code in codes)}
+    for module, names in NAMES.items():
+        for name in names.keys() - CURRENT:
+            imported = rf"from {module} import [^#\n]*\b{name}\b|\b{module}\.{name}\b"
+            bare = rf"\A(?:\w+\.)*{name}(?:\(.*)?\Z" if name[0].islower() else r"(?!)"
+            if any(re.search(f"{imported}|{bare}", code) for code in codes):
+                old.add(name)
+    for name in {name for names in FIELDS.values() for name in names} - CURRENT:
+        used = rf"\A{name}\Z|[\w)]\.{name}\b(?!\()|[(,]\s*{name}=|\A{name}="
+        if any(re.search(used, code) for code in codes):
+            old.add(name)
+    for command, options in OPTIONS.items():
+        for option in options:
+            if any(re.search(rf"\b{command}\b[^\n]*{option}\b", code) for code in codes):
+                old.add(f"{command} {option}")
+    return old
+
+
+@pytest.mark.parametrize("page", PAGES, ids=[page.name for page in PAGES])
+def test_no_page_teaches_a_renamed_name(page: Path):
+    if page != RENAMED:
+        # Also current: `Finding.follows`, and `square` in counts of random constraints.
+        assert old_names_in(page.read_text(encoding="utf-8")) <= {"follows", "square"}
+
+
+@pytest.mark.parametrize(
+    ("code", "old"),
+    [
+        ("`first=` names them", {"first"}),
+        ("`scene.made.description`", {"made"}),
+        ("`made.left_out`", {"left_out"}),
+        ("`pictured` is the pose", {"pictured"}),
+        ("`drawn=(low, high)`", {"drawn"}),
+        ("`square(name, link, along, other, along_other)`", {"square"}),
+        ("```text\nJoint(\n    name,\n    place=(0, 0, 0),\n)\n```\n", {"place"}),
+        ("```python\nfrom eomcheck.testing import Functions\n```\n", {"Functions"}),
+        (
+            "```python\nfrom eomcheck.random_mechanisms import x\n```\n",
+            {"eomcheck.random_mechanisms"},
+        ),
+        ("```console\n$ eomcheck fuzz --states 3\n```\n", {"fuzz --states"}),
+        ("a square, drawn first: `origin=` and `dependent`", set()),
+    ],
+)
+def test_an_old_name_in_code_is_found(code: str, old: set[str]):
+    assert old_names_in(code) == old
+
+
+# ---- Glossary ------------------------------------------------------------------------------------
 
 TERM = re.compile(r"\{term\}`(?:[^`<]*<)?\s*([^`>]+?)>?`", re.S)
 

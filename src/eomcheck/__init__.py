@@ -1,4 +1,4 @@
-"""eomcheck: gradcheck for equations of motion.
+"""eomcheck: tests of equations of motion of multibody systems.
 
 Claims about a scene (energies, constraints, accelerations by several formulations) are checked in
 float64 against rounding bounds by perturbation analysis, and proved by polynomial identity testing.

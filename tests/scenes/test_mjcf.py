@@ -90,7 +90,7 @@ def test_it_starts_where_the_file_draws_it(tmp_path: Path):
 def test_what_is_left_out_is_said_in_one_sentence(tmp_path: Path):
     scene = from_mjcf(limb(tmp_path / "limb.xml"))
     assert scene.source.ignored == (
-        "Left out: actuators (1), friction of joints (1), limits of joints (1), sensors (1), "
+        "Ignored: actuators (1), friction of joints (1), limits of joints (1), sensors (1), "
         "shapes to collide (6)."
     )
     assert "no-such-file" in (tmp_path / "limb.xml").read_text()  # a mesh that is not looked for
@@ -102,7 +102,7 @@ def test_a_shape_collides_if_either_of_its_masks_is_set(tmp_path: Path, contype,
     path = tmp_path / "shape.xml"
     body = f'<body><joint/><geom size="0.1" {masks}/></body>'
     path.write_text(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
-    collides = "Left out: shapes to collide (1)."
+    collides = "Ignored: shapes to collide (1)."
     assert from_mjcf(path).source.ignored == (collides if contype or conaffinity else "")
 
 
@@ -112,7 +112,7 @@ def test_the_drag_of_a_fluid_is_left_out_whether_dense_or_viscous(tmp_path: Path
     path = tmp_path / "wet.xml"
     path.write_text(f"<mujoco><option {fluid}/><worldbody>{body}</worldbody></mujoco>")
     said = from_mjcf(path).source.ignored
-    assert said == ("Left out: drag of a fluid (1)." if fluid else "")
+    assert said == ("Ignored: drag of a fluid (1)." if fluid else "")
 
 
 def test_every_identity_is_proved(tmp_path: Path):

@@ -93,7 +93,7 @@ def test_what_is_left_out_is_said():
     said = robot("arm").source.ignored
     for part in ("limits of joints (3)", "friction of joints (1)", "transmissions (1)", "Gazebo"):
         assert part in said
-    assert said.startswith("Left out: ")
+    assert said.startswith("Ignored: ")
     assert said.count(".") == 1
 
 
@@ -112,11 +112,11 @@ def test_dampers_and_friction_of_joints_with_several_coordinates_are_said_to_be_
             path.write_text(f"<robot>{text}</robot>", encoding="utf-8")
             said[kind, damping] = from_urdf(path).source.ignored
     friction = "friction of joints (1)"
-    dampers = f"Left out: dampers of joints with several coordinates (1), {friction}."
+    dampers = f"Ignored: dampers of joints with several coordinates (1), {friction}."
     for kind in ("planar", "floating", "spherical"):
         assert said.pop((kind, "0.5")) == dampers
     assert said.pop(("fixed", "0.5")) == said.pop(("fixed", "0")) == ""
-    assert {*said.values()} == {f"Left out: {friction}."}
+    assert {*said.values()} == {f"Ignored: {friction}."}
 
 
 def test_moments_of_inertia_that_no_body_has_are_taken_and_said(tmp_path: Path):

@@ -50,7 +50,7 @@ def test_a_robot_is_called_in_python_by_a_name_that_python_has(name: str, called
 
 def test_what_is_left_out_is_counted_by_kind_and_what_is_not_there_is_no_kind():
     counts = Counter({"visual": 3, "limit": 2, "friction": 0, "odd": 1})
-    said = "Left out: limits of joints (2), odd (1), shapes to be seen (3)."
+    said = "Ignored: limits of joints (2), odd (1), shapes to be seen (3)."
     assert ignored_summary(counts) == said
     assert ignored_summary(Counter({"limit": 0})) == ""
 
@@ -94,7 +94,7 @@ def test_every_number_of_a_urdf_is_where_it_belongs(tmp_path: Path):
     )
     assert still.orientation == pytest.approx((0.0, 0.0, 0.0, 1.0), abs=1e-15)
     assert found.ignored == (
-        "Left out: shapes to collide (1), friction of joints (2), settings of Gazebo (2), "
+        "Ignored: shapes to collide (1), friction of joints (2), settings of Gazebo (2), "
         "limits of joints (2), transmissions (1), shapes to be seen (3)."
     )
     path.write_text(TOLD.replace("NAME", ""), encoding="utf-8")
@@ -150,7 +150,7 @@ def test_every_number_of_an_mjcf_is_where_it_belongs(tmp_path: Path):
     np.testing.assert_allclose(one.moments, (0.4, 0.5, 0.6), rtol=1e-12)
     np.testing.assert_allclose(one.products, (0.01, 0.02, 0.03), rtol=1e-11)
     assert found.ignored == (
-        "Left out: compensation of gravity (2), friction of joints (2), keyframes (3), "
+        "Ignored: compensation of gravity (2), friction of joints (2), keyframes (3), "
         "limits of joints (1)."
     )
 

@@ -209,7 +209,7 @@ def test_motion_is_skipped_where_a_clock_drives_or_nothing_tells_the_bias():
     (one,) = says("motion", at(M=M, qdd=qdd, holonomic=False, **FORCED))
     assert isinstance(one, Skipped)
     assert one.subject == "M q̈ + B ~ forces"
-    assert one.reason.startswith("constraints may be built into M, which then does not tell B")
+    assert one.reason.startswith("constraints may be built into M, which then does not determine B")
 
 
 def test_what_is_odd_in_v_and_does_no_work_has_to_vanish_where_the_energy_has_linear_terms():

@@ -353,7 +353,7 @@ def test_a_bias_follows_from_what_is_closest():
     )
     fewer = FunctionState(FunctionCaller(speeds), q, v[:2])
     assert supplied_or_derived_bias(fewer) is None
-    assert why_no_bias(fewer).startswith("M or T tells B only where there are as many speeds")
+    assert why_no_bias(fewer).startswith("M or T determines B only for as many speeds")
 
 
 def test_the_bias_of_a_mass_matrix_in_speeds_is_lagranges():

@@ -152,8 +152,8 @@ def help_width(most: int = MAX_WIDTH) -> int:
 app = CommandLine(
     name="eomcheck",
     cls=CommandGroup,
-    help="gradcheck for equations of motion: are they right, how accurate are they, what do they "
-    "cost?",
+    help="Check equations of motion of multibody systems: are they right, how accurate are they, "
+    "what do they cost?",
     invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"]},
     pretty_exceptions_enable=False,

@@ -280,10 +280,10 @@ def identifier(name: str) -> str:
 
 
 def ignored_summary(counts: Counter[str]) -> str:
-    """Return a sentence that counts the parts of a file that are left out; "" without any."""
+    """Return a sentence that counts the parts of a file that are ignored; "" without any."""
     nonzero = sorted((tag, count) for tag, count in counts.items() if count)
     counted = ", ".join(f"{_PLURAL.get(tag, tag)} ({count})" for tag, count in nonzero)
-    return f"Left out: {counted}." if counted else ""
+    return f"Ignored: {counted}." if counted else ""
 
 
 _PLURAL = {

@@ -285,6 +285,14 @@ def for_each_noise(noises: NoiseBatch, function: Callable[[int, Noise], T]) -> l
     return results
 
 
+MEANINGS = {
+    "a'T": "; a'T is the transpose of the columns of the constraint Jacobian of the dependent "
+    "velocities",
+    "a_1": "; a_1 is made of the columns of the constraint Jacobian of the dependent velocities",
+}
+"""Name of a matrix -> its meaning, for the error, where the name alone is not one of a system."""
+
+
 def record(found: SolveRecord, matrix: np.ndarray, terms: int | None = None) -> None:
     """Record a matrix that was factored, and refuse it if it is singular, unless it is perturbed.
 
@@ -309,7 +317,7 @@ def record(found: SolveRecord, matrix: np.ndarray, terms: int | None = None) -> 
             allowed,
             f"the {found.size} x {found.size} matrix {found.name} is singular to working "
             f"precision: its reciprocal condition number is {found.rcond:.2g}, allowed is above "
-            f"{allowed:.2g}",
+            f"{allowed:.2g}{MEANINGS.get(found.name, '')}",
             matrix,
         )
 

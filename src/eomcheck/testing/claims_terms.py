@@ -37,7 +37,7 @@ from eomcheck.testing.uncertain import UncertainArray, contract, exact, zero
 
 # ---- M, bias, C and gravity ----------------------------------------------------------------------
 
-UNKNOWN = f"{BUILT_IN}: if none are, say holonomic=True"
+UNKNOWN = f"{BUILT_IN}: if none are, pass holonomic=True"
 
 
 def row_names(at: FunctionState) -> tuple[str, ...]:

@@ -334,7 +334,7 @@ def _solve_position(at: FunctionState) -> Array | None:
 
 # ---- Derived quantities --------------------------------------------------------------------------
 
-BUILT_IN = "constraints may be built into M, which then does not tell B"
+BUILT_IN = "constraints may be built into M, which then does not determine B"
 CLOCK = 0.25
 """Half width of the times, s, in which ḃ is differentiated."""
 
@@ -427,8 +427,8 @@ def why_no_bias(at: FunctionState) -> str:
     if not at.natural():
         return f"{NOT_QUADRATIC}: bias would tell B"
     if not at.functions.of_lagrange:
-        return f"{BUILT_IN}: bias or C would, or holonomic=True if none are"
-    return "M or T tells B only where there are as many speeds as coordinates: bias or C would"
+        return f"{BUILT_IN}: pass bias or C, or holonomic=True if none are"
+    return "M or T determines B only for as many speeds as coordinates: pass bias or C"
 
 
 def bias_of_mass_matrix(at: FunctionState) -> UncertainArray | None:
