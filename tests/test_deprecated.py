@@ -17,6 +17,7 @@ from eomcheck import cli, deprecated, strategies
 from eomcheck.descriptions.build import mechanism
 from eomcheck.descriptions.elements import Joint, Link
 from eomcheck.descriptions.random_mechanisms import RANDOM
+from eomcheck.errors import InputError
 from eomcheck.mechanics.parameters import parameter
 from eomcheck.mechanics.records import Range
 from eomcheck.scenes import Bricard, Sleigh
@@ -239,3 +240,53 @@ def test_an_old_option_of_the_command_line_warns_once(monkeypatch, capsys):
     first, second = capsys.readouterr().err.splitlines()
     assert first.startswith("eomcheck: --points is now --examples;")
     assert second == "eomcheck: --examples 0, expected a whole number of at least 1"
+
+
+def test_an_old_and_its_new_name_together_are_refused(monkeypatch, capsys):
+    for words in (
+        ["compare", "crane.urdf", "--examples", "2", "--states", "3"],
+        ["study", "paper", "--records", "foo.db", "x.db"],
+    ):
+        monkeypatch.setattr(sys, "argv", ["eomcheck", *words])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        assert end.value.code == 2
+        assert "are both given, expected one" in capsys.readouterr().err
+    old: Any = Joint
+    with pytest.raises(InputError, match="place and origin are both given"):
+        old("x", "fixed", "b", place=(0, 0, 0), origin=(1, 0, 0))
+
+
+@pytest.mark.parametrize("command", ["validate", "fuzz"])
+def test_a_seed_is_not_negative(command, monkeypatch, capsys):
+    monkeypatch.setattr("eomcheck.supervisor.can_supervise", lambda: False)
+    monkeypatch.setattr(sys, "argv", ["eomcheck", command, "--seed", "-1"])
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    assert end.value.code == 2
+    assert "--seed -1, expected a whole number of at least 0" in capsys.readouterr().err
+
+
+def test_holonomic_is_a_truth_value():
+    from eomcheck.testing import EquationsOfMotion
+
+    old: Any = EquationsOfMotion
+    with pytest.raises(InputError, match="holonomic = 'no', expected True or False"):
+        old(1, M=lambda q: [[1.0]], holonomic="no")
+
+
+def test_a_scene_with_constraints_and_no_drift_is_told_so(monkeypatch):
+    from eomcheck.claims import user_scenes
+    from eomcheck.mechanics.scene import no_velocity_term
+
+    class Driftless(Sleigh):
+        drift = staticmethod(no_velocity_term)
+
+    Driftless.__module__ = "own"
+
+    def fails(*_: Any) -> None:
+        raise TypeError("unsupported operand")
+
+    monkeypatch.setattr(user_scenes, "_compare_shapes", fails)
+    with pytest.raises(InputError, match="Driftless has constraints but no `drift`"):
+        user_scenes.check_shapes(Driftless())

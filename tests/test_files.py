@@ -101,9 +101,11 @@ def test_a_device_is_written_into(tmp_path: Path):
     assert Path("/dev/full").is_char_device()
 
 
-@pytest.mark.parametrize("path", ["", "none/x.json"])
-def test_what_cannot_be_written_is_known_before(tmp_path: Path, path: str):
-    with pytest.raises(InputError, match="is not a file in a folder that exists"):
+@pytest.mark.parametrize(
+    ("path", "why"), [("", "is a folder, expected a file"), ("none/x.json", "none' does not exist")]
+)
+def test_what_cannot_be_written_is_known_before(tmp_path: Path, path: str, why: str):
+    with pytest.raises(InputError, match=why):
         check_writable(tmp_path / path)
 
 

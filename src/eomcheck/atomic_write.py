@@ -95,8 +95,10 @@ def check_writable(path: Path | None) -> None:
     """Raise InputError if `path` cannot be written; None stands for no file."""
     if path is None or (path.exists() and not path.is_file() and not path.is_dir()):
         return
-    if path.is_dir() or not path.absolute().parent.is_dir():
-        raise InputError(f"{str(path)!r} is not a file in a folder that exists")
+    if path.is_dir():
+        raise InputError(f"{str(path)!r} is a folder, expected a file")
+    if not path.absolute().parent.is_dir():
+        raise InputError(f"folder {str(path.parent)!r} does not exist, for {str(path)!r}")
     try:
         if path.exists():
             with path.open("ab"):

@@ -18,6 +18,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar, cast
 
+from eomcheck.errors import InputError
+
 MODULES = {
     "eomcheck.mechanics.described": "eomcheck.descriptions",
     "eomcheck.mechanics.described.build": "eomcheck.descriptions.build",
@@ -142,6 +144,8 @@ def current_options(words: Sequence[str]) -> list[str]:
     for i, word in enumerate(current[:end]):
         option, equals, value = word.partition("=")
         if option in names:
+            if any(x.partition("=")[0] == names[option] for x in words[:end]):
+                raise InputError(f"{option} and {names[option]} are both given, expected one")
             current[i] = f"{names[option]}{equals}{value}"
             print_notice(option, names[option])
     return current
@@ -276,6 +280,8 @@ def _taking_old(function: F, owner: str, method: str = "") -> F:
     @wraps(function)
     def called(*arguments: Any, **options: Any) -> Any:
         for old in names.keys() & options.keys():
+            if names[old] in options:
+                raise InputError(f"{owner}: {old} and {names[old]} are both given, expected one")
             warn(f"{owner}{method}({old}=)", f"{names[old]}=")
             options[names[old]] = options.pop(old)
         return function(*arguments, **options)

@@ -106,4 +106,4 @@ def few_motions() -> tuple:
 
 def test_what_says_nothing_of_motions_is_bad_input(monkeypatch, capsys):
     assert run("--motions", monkeypatch=monkeypatch) == 2
-    assert "--engine says nothing with --motions" in capsys.readouterr().err
+    assert "--engine has no effect with --motions" in capsys.readouterr().err

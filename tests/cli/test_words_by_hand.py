@@ -347,6 +347,9 @@ def test_a_usage_error_is_a_sentence_that_leads_to_help():
         ("links = 3: it has none", "validate --links-of 3", "links = 3: it has none"),
         ("links = 3: it has none", "validate", "links = 3: it has none"),
         ("links are few", "validate --links 3", "links are few"),
+        ("t_end = -1.0, expected s", "simulate --end -1", "--end -1.0, expected s"),
+        ("u[1] = nan", "acceleration --speeds 1,nan", "--speeds nan"),
+        ("t_end = -1.0, expected s", "simulate -1", "t_end = -1.0, expected s"),
     ],
 )
 def test_an_error_names_an_option_as_it_was_typed(message: str, words: str, expected: str):

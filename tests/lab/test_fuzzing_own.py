@@ -328,7 +328,7 @@ def test_a_campaign_about_functions_goes_on_where_it_stopped(mine, tmp_path: Pat
 def test_what_says_nothing_of_functions_is_bad_input(mine, monkeypatch, capsys):
     for option in (["--motions"], ["--engine", "pinocchio"], ["--check-frequency", "balls=1"]):
         assert run("--scene", f"{mine}:right", *option, monkeypatch=monkeypatch) == 2
-        assert f"{option[0]} says nothing of" in capsys.readouterr().err
+        assert f"{option[0]} has no effect of" in capsys.readouterr().err
     assert run("--scene", f"{mine}:right", "--family", "fast", monkeypatch=monkeypatch) == 2
     assert run("--scene", f"{mine}:none", monkeypatch=monkeypatch) == 2
 

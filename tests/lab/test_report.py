@@ -327,7 +327,7 @@ def test_bad_input_is_one_sentence(
         (["nothing.db"], "is not a file of records"),
         (["empty.db"], "no records in 'empty.db'"),
         (["empty.db", "--html", "empty.db"], "holds the records themselves"),
-        (["empty.db", "--junit", "no/such/folder.xml"], "not a file in a folder that exists"),
+        (["empty.db", "--junit", "no/such/folder.xml"], "does not exist"),
     ):
         assert run("report", *arguments, monkeypatch=monkeypatch) == 2
         said = capsys.readouterr().err

@@ -28,7 +28,7 @@ from eomcheck.errors import CallError, InputError, RefusedError, described_error
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.mechanics.records import State
-from eomcheck.mechanics.scene import FUNCTIONS, Scene, checked_scene
+from eomcheck.mechanics.scene import FUNCTIONS, Scene, checked_scene, no_velocity_term
 from eomcheck.numbers.finite_field import DomainError, FiniteField, random_prime
 from eomcheck.numbers.generic import FLOAT64, map_record
 
@@ -115,6 +115,8 @@ def compare_shapes(scene: Scene, at: Quantities) -> None:
     except Exception as error:
         if is_ours(type(scene)) or scene_function_that_raised(scene, error):
             raise
+        if scene.r and scene.drift is no_velocity_term:
+            raise InputError(f"{type(scene).__name__} has constraints but no `drift`") from error
         why = f"{described_error(error)}, of what its functions return"
         raise InputError(f"{type(scene).__name__}: {why}") from error
 

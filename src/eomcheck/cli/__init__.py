@@ -28,7 +28,7 @@ from eomcheck.cli.app import app, as_typed, help_width, usage_error
 from eomcheck.cli.study_commands import bench, draw, study
 from eomcheck.console import slow_work_notice
 from eomcheck.deprecated import current_options
-from eomcheck.errors import DiedError, EomcheckError, WorkerError, described_error
+from eomcheck.errors import DiedError, EomcheckError, InputError, WorkerError, described_error
 from eomcheck.safe_output import unfailing_output
 
 SUPERVISED = "validate", "fuzz"
@@ -48,7 +48,10 @@ def main() -> None:
     if pipe is not None:
         supervisor.report_exit_code(pipe, code := _exit_code())
         sys.exit(code)
-    sys.argv[1:] = words = current_options(sys.argv[1:])
+    try:
+        sys.argv[1:] = words = current_options(sys.argv[1:])
+    except InputError as error:
+        sys.exit(_reported(str(error), 2))
     if not supervisor.can_supervise():
         _run()
     if words[:1] not in [[x] for x in SUPERVISED] and not any(".py:" in word for word in words):

@@ -131,6 +131,10 @@ def usage_error(error: BaseException) -> str | None:
     return f"eomcheck: {' '.join(text.split()).rstrip('.')} (see {command} --help)"
 
 
+OPTION_NAMES = {"t_end": "end", "u": "speeds"}
+"""Parameter of a function, without an index -> the option that sets it, if named otherwise."""
+
+
 def as_typed(message: str, words: Sequence[str]) -> str:
     """Return an error that begins with "links = 0" with the option as it was typed: "--links 0".
 
@@ -139,6 +143,7 @@ def as_typed(message: str, words: Sequence[str]) -> str:
         words: command line.
     """
     name, equals, problem = message.partition(" = ")
+    name = OPTION_NAMES.get(name.partition("[")[0], name)
     option = f"--{name.replace('_', '-')}"
     typed = any(word == option or word.startswith(f"{option}=") for word in words)
     return f"{option} {problem}" if equals and typed else message

@@ -19,7 +19,7 @@ import typer
 from eomcheck import calls
 from eomcheck.atomic_write import check_writable
 from eomcheck.cli.app import OLD_FORM
-from eomcheck.errors import InputError, UnwrittenError, WorkerError
+from eomcheck.errors import InputError, UnwrittenError, WorkerError, whole_number
 from eomcheck.lab.option_parsing import (
     ONE_HELP,
     SCENE_HELP,
@@ -101,6 +101,11 @@ def executor_option(default: str = "") -> Any:
     return typer.Option(metavar="PLACE", help=f"{text} [default: {default}]" if default else text)
 
 
+def _checked_seed(seed: int) -> int:
+    """Return the seed, one that is not negative."""
+    return whole_number("seed", seed, 0)
+
+
 SceneClassOption = Annotated[
     str,
     typer.Option(metavar="SCENE", help=SCENE_HELP, autocompletion=completer("scene", more=["all"])),
@@ -114,7 +119,7 @@ SetOption = Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALU
 FormulationOption = Annotated[
     str, typer.Option(metavar="KEY", help="Formulation.", autocompletion=completer("formulation"))
 ]
-Seed = Annotated[int, typer.Option(help="Seed of the draws.")]
+Seed = Annotated[int, typer.Option(help="Seed of the draws.", callback=_checked_seed)]
 ExecutorOption = Annotated[str, executor_option()]
 Formulations = Annotated[
     list[str] | None,
@@ -189,7 +194,7 @@ def check_used(condition: str, **options: object) -> None:
     """
     for name, value in options.items():
         if value is not None and value is not False:
-            raise InputError(f"--{name.replace('_', '-')} says nothing {condition}")
+            raise InputError(f"--{name.replace('_', '-')} has no effect {condition}")
 
 
 def records_or_none(path: Path | None) -> AbstractContextManager[Records | None]:

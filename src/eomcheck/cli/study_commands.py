@@ -107,6 +107,8 @@ def command_of(key: str, figure_only: bool = False) -> Any:
     def command(file: Path | None = None, **options: Any) -> None:
         del options["patience"]
         if file is not None:
+            if options.get("records") is not None:
+                raise InputError(f"{str(file)!r} and --records are both given, expected one")
             print_notice(f"study {key} FILE", f"study {key} --records FILE")
             options["records"] = file
         if options["records"] is None and not one.small:

@@ -174,7 +174,7 @@ def _check_length(what: str, value: Any, count: int) -> None:
     _check_numbers(what, value, count, " ")
     length = math.hypot(*value)
     if length == 0:
-        raise InputError(f"{what} ({', '.join(['0'] * count)})")
+        raise InputError(f"{what} ({', '.join(['0'] * count)}), expected one of length > 0")
     if not SHORTEST <= length <= LONGEST:
         between = f"expected a length between {SHORTEST:g} and {LONGEST:g}"
         raise InputError(f"{what} {value!r}, {between}")

@@ -56,8 +56,10 @@ def parse_interval(text: str) -> tuple[int, int]:
     if match is None:
         raise InputError(f"links = {text!r}, expected a number or a range such as 1..12")
     low, high = int(match[1]), int(match[2] or match[1])
-    if not 1 <= low <= high:
-        raise InputError(f"links = {text!r}, expected 1 <= first <= last")
+    if low < 1:
+        raise InputError(f"links = {text!r}, expected whole numbers of at least 1")
+    if low > high:
+        raise InputError(f"links = {text!r}, expected first <= last")
     if high > MOST_LINKS:
         raise InputError(f"links = {text!r}, expected at most {MOST_LINKS}")
     return low, high

@@ -160,6 +160,8 @@ class EquationsOfMotion:
                     f"speeds = {self.speeds} without qdot(q, u), which would tell how {self.n} "
                     "coordinates move with them"
                 )
+        if self.holonomic not in (None, True, False):
+            raise InputError(f"holonomic = {safe_repr(self.holonomic)}, expected True or False")
         if self.bias_has_gravity and self.bias is None:
             raise InputError("bias_has_gravity = True, but no bias is given")
         self.half_ranges()
