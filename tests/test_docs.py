@@ -86,7 +86,7 @@ RENAMED = DOCS / "renamed.md"
 CODE = re.compile(r"^```[^\n]*\n(.*?)^```$|(?<!`)`([^`\n]+)`(?!`)", re.S | re.M)
 """Blocks of code, and code within a line."""
 
-CURRENT = {"constraint_drift", "energy_drift", "source", "turn", "velocity", "where"}
+CURRENT = {"closed", "constraint_drift", "energy_drift", "source", "turn", "velocity", "where"}
 """Old names that are current ones of other objects."""
 
 
