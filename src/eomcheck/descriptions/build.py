@@ -256,7 +256,7 @@ def _source_of(
     first: tuple[str, ...],
     pose: dict[str, float],
 ) -> MechanismSource:
-    slots = _joints_reordered(frames, first)
+    slots = _reorder_joints(frames, first)
     for name in pose:
         _coordinate("pose", frames, name)
     bodies = {k: merged_body(frames.bodies[k]) for k in sorted(frames.bodies)}
@@ -299,7 +299,7 @@ def _coordinate(what: str, frames: JointTree, name: str) -> int:
     return frames.coordinate_index[name]
 
 
-def _joints_reordered(frames: JointTree, first: tuple[str, ...]) -> list[ScalarJoint]:
+def _reorder_joints(frames: JointTree, first: tuple[str, ...]) -> list[ScalarJoint]:
     """Return the scalar joints reordered so that those named `first` have the first coordinates."""
     for name in first:
         _coordinate("dependent", frames, name)

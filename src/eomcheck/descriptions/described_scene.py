@@ -211,12 +211,12 @@ def parse_description(description: Callable, parameters: Any) -> ParsedDescripti
         if cached_description is description and cached_parameters is parameters:
             return understood
     understood = _parse(description, parameters)
-    if all(map(_is_doubles, parameters)):
+    if all(map(_is_float64, parameters)):
         _cache = ((description, parameters, understood), *_cache[: CACHE_SIZE - 1])
     return understood
 
 
-def _is_doubles(x: Any) -> bool:
+def _is_float64(x: Any) -> bool:
     """Return whether x is None or an array of float64, or of objects that are floats."""
     return x is None or (
         type(x) is np.ndarray
@@ -259,7 +259,7 @@ def _inertia(parameters: Any, plan: TopologyPlan) -> Any:
 def _prepare(description: Callable) -> Callable:
     def prepare(arithmetic, parameters, q, t):
         parsed = parse_description(description, parameters)
-        return _called(parsed, "prepare", arithmetic, parsed.parameters, q, t)
+        return _call_function(parsed, "prepare", arithmetic, parsed.parameters, q, t)
 
     return generic(prepare)
 
@@ -267,13 +267,14 @@ def _prepare(description: Callable) -> Callable:
 def _function(description: Callable, name: str) -> Callable:
     def function(parameters, *arguments):
         parsed = parse_description(description, parameters)
-        return _called(parsed, name, parsed.parameters, *arguments)
+        return _call_function(parsed, name, parsed.parameters, *arguments)
 
     function.__name__ = function.__qualname__ = name
     return generic(function)
 
 
-def _called(parsed: ParsedDescription, name: str, *arguments: Any) -> Any:
+def _call_function(parsed: ParsedDescription, name: str, *arguments: Any) -> Any:
+    """Return the result of a function of a description; explain floats in exact arithmetic."""
     try:
         return parsed.functions[name](*arguments)
     except TypeError as error:

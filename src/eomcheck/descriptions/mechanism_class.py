@@ -148,7 +148,7 @@ def assembled_start(scene: Mechanism) -> tuple[Array, Array]:
         return pose, np.zeros(scene.n)
     parameters, q = scene.parameters(FLOAT64), pose
     for _ in range(STEPS):
-        a, _, residual = _held(scene, parameters, q)
+        a, _, residual = _evaluate_constraints(scene, parameters, q)
         if residual is None:
             break
         step = least_squares(a[scene.holonomic], residual)
@@ -158,11 +158,13 @@ def assembled_start(scene: Mechanism) -> tuple[Array, Array]:
             break
         if np.abs(step).max() <= 4 * np.finfo(np.float64).eps * max(1.0, np.abs(q).max()):
             break
-    a, b, _ = _held(scene, parameters, q)
+    a, b, _ = _evaluate_constraints(scene, parameters, q)
     return q, np.zeros(scene.n) if b is None else least_squares(a, -b)
 
 
-def _held(scene: Mechanism, parameters: Any, q: Array) -> tuple[Array, Array | None, Array | None]:
+def _evaluate_constraints(
+    scene: Mechanism, parameters: Any, q: Array
+) -> tuple[Array, Array | None, Array | None]:
     """Return a, b and the position residual; None for absent ones."""
     prepared = scene.prepare(FLOAT64, parameters, q, 0.0)
     a, b = scene.constraints(parameters, prepared, q)
@@ -329,12 +331,13 @@ class _Kind(ABCMeta):
     """The metaclass of mechanism classes, which pickle by their source."""
 
 
-def _reduced(kind: Any) -> Any:
+def _reduce_scene_class(kind: Any) -> Any:
+    """Return the pickled form of a scene class: its source, or the name of a class without one."""
     source = vars(kind).get("source")
     return kind.__qualname__ if source is None else (scene_class_of, (source,))
 
 
-copyreg.pickle(_Kind, _reduced)
+copyreg.pickle(_Kind, _reduce_scene_class)
 
 
 @old_attributes

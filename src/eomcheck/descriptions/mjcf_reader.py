@@ -113,7 +113,7 @@ def compile_model(path: Path) -> tuple[Any, Counter[str]]:
     require_supervision()
     library = required("mujoco", "mujoco")
     try:
-        return call(f"MuJoCo, reading {path.name},", _compiled, library, path, slow=True)
+        return call(f"MuJoCo, reading {path.name},", _compile_model, library, path, slow=True)
     except Unreadable:
         raise
     except Exception as error:  # exceptions of MuJoCo's own and of Python
@@ -130,7 +130,8 @@ def _check_coordinates(path: Path, coordinates: int) -> None:
         check_coordinates(coordinates)
 
 
-def _compiled(library: Any, path: Path) -> tuple[Any, Counter[str]]:
+def _compile_model(library: Any, path: Path) -> tuple[Any, Counter[str]]:
+    """Return the compiled model of a file, and the counts of its parts that are left out."""
     spec = _read(library, path)
     kinds = library.mjtJoint
     several = {kinds.mjJNT_FREE: 6, kinds.mjJNT_BALL: 3}
@@ -272,7 +273,7 @@ def equality_constraint(context: EqualityContext, i: int) -> Constraint:
     first, second, data = int(m.eq_obj1id[i]), int(m.eq_obj2id[i]), m.eq_data[i]
     if kind == JOINT:
         second_joint = None if second < 0 else context.joints[second]
-        return _coupled(context, name, context.joints[first], second_joint, data)
+        return _joint_constraint(context, name, context.joints[first], second_joint, data)
     if m.eq_objtype[i] == SITE:
         a, b = m.site_pos[first], m.site_pos[second]
         w, x, y, z = m.site_quat[second]
@@ -289,9 +290,10 @@ def equality_constraint(context: EqualityContext, i: int) -> Constraint:
     return weld(name, *ends, *points, quaternion_of(turn))
 
 
-def _coupled(
+def _joint_constraint(
     context: EqualityContext, name: str, joint: str, leader: str | None, data: Array
 ) -> Constraint:
+    """Return the coupling of two joints, or the drive of one without a leader."""
     for coupled in (joint, leader):
         if coupled is not None and coupled not in context.reference:
             several = f"joint {coupled!r}, which has several coordinates"

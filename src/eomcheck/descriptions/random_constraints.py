@@ -122,7 +122,7 @@ def _constraint(
     """
     name = f"c{len(tree.constraints) + 1}"
     if kind in ("coupling", "drive"):
-        constraint = _of_coordinates(tree, kind, name, choices)
+        constraint = _coordinate_constraint(tree, kind, name, choices)
         return None if constraint is None else (constraint,)
     pairs = _pairs(tree, kind, row_count_with_contact(kind, planar))
     if not pairs:
@@ -158,7 +158,7 @@ def _pairs(tree: RandomDescription, kind: str, rows: int) -> list[tuple[str, str
     ]
 
 
-def _of_coordinates(
+def _coordinate_constraint(
     tree: RandomDescription, kind: str, name: str, choices: Choices
 ) -> Constraint | None:
     """Return a constraint of coordinates; not of hinges that must avoid a singular pose."""

@@ -67,19 +67,20 @@ def direction_in_ground(
     plan: TopologyPlan, parameters: Any, prepared: PreparedMechanism, k: int, a: Vector
 ) -> Vector:
     """Return a direction of frame k, a along its axes, along the axes of the ground."""
-    return _outwards(plan, parameters, prepared, k, a, False)
+    return _vector_in_ground(plan, parameters, prepared, k, a, False)
 
 
 def point_in_ground(
     plan: TopologyPlan, parameters: Any, prepared: PreparedMechanism, k: int, a: Vector
 ) -> Vector:
     """Return the position of a point a of frame k, in ground axes."""
-    return _outwards(plan, parameters, prepared, k, a, True)
+    return _vector_in_ground(plan, parameters, prepared, k, a, True)
 
 
-def _outwards(
+def _vector_in_ground(
     plan: TopologyPlan, parameters: Any, prepared: PreparedMechanism, k: int, a: Vector, point: bool
 ) -> Vector:
+    """Return a point or a direction of frame k along the axes of the ground."""
     while k >= 0:
         slot = plan.joints[k]
         if not slot.slides:
@@ -146,19 +147,20 @@ def make_joint_potential(plan: TopologyPlan) -> Any:
             g = as_vector(parameters.gravity)
             for b, k in enumerate(plan.carriers):
                 c = point_in_ground(plan, parameters, prepared, k, as_vector(parameters.center[b]))
-                U = _less(U, times(parameters.mass[b], dot(g, c)))
+                U = _subtract(U, times(parameters.mass[b], dot(g, c)))
         for k in sprung:
             i = plan.joints[k].spring
             stretch = own(k, prepared) - parameters.relaxed[i]
-            U = _less(U, -(parameters.stiffness[i] * stretch * stretch) / 2)
+            U = _subtract(U, -(parameters.stiffness[i] * stretch * stretch) / 2)
         for k in driven:
-            U = _less(U, parameters.torque[plan.joints[k].torque] * own(k, prepared))
+            U = _subtract(U, parameters.torque[plan.joints[k].torque] * own(k, prepared))
         return U
 
     return potential
 
 
-def _less(U: Any, x: Any) -> Any:
+def _subtract(U: Any, x: Any) -> Any:
+    """Return U - x; None stands for 0."""
     if x is None:
         return U
     return -x if U is None else U - x

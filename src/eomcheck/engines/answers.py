@@ -92,7 +92,7 @@ def _called(name: str, what: str, fault: type[Exception], function: Callable[[],
     except EngineError:
         raise
     except Exception as error:
-        raise fault(f"{what} {_raised(error)}") from error
+        raise fault(f"{what} {_describe_error(error)}") from error
 
 
 class Answers:
@@ -127,11 +127,11 @@ class Answers:
             arguments: its arguments: q, v, ..., t.
         """
         q, v, *_, t = arguments
-        far = _away(q, ELSEWHERE), _away(-v / 2, ELSEWHERE)
+        far = _shift(q, ELSEWHERE), _shift(-v / 2, ELSEWHERE)
         for name in ("mass_matrix", "bias"):
             with suppress(Exception):
                 self.ask(name, *far, t)
-        near = _away(q, NEAR), _away(v, NEAR)
+        near = _shift(q, NEAR), _shift(v, NEAR)
         for position, speed in (far, near, (q, far[1])):
             with suppress(Exception):
                 self.ask(method, position, speed, *arguments[2:])
@@ -141,7 +141,7 @@ class Answers:
         q, v, *others = arguments
         distance = ELSEWHERE * number
         with suppress(Exception):
-            self.ask(method, _away(q, distance), _away(-v / 2, distance), *others)
+            self.ask(method, _shift(q, distance), _shift(-v / 2, distance), *others)
 
     def ask(self, method: str, *arguments: Any) -> Any:
         """Return the result of the method of this name, with arguments q, v, ..., t."""
@@ -166,27 +166,27 @@ class Answers:
     def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
         """Return the mass matrix M (n, n)."""
         x, S, _ = self.velocity_map(q, np.zeros_like(q))
-        M = self._asked("mass_matrix", (len(S),) * 2, x, t)
+        M = self._ask_checked("mass_matrix", (len(S),) * 2, x, t)
         return S.T @ M @ S if self._maps else M
 
     def own_terms(self, q: Array, v: Array, t: float = 0.0) -> tuple[VelocityMap, Array, Array]:
         """Return (x, S, Ṡ v), M_x (m, m) and B_x (m,), in the engine's own coordinates."""
         x, S, rest = self.velocity_map(q, v)
-        M = self._asked("mass_matrix", (len(S),) * 2, x, t)
-        return VelocityMap(x, S, rest), M, self._asked("bias", (len(S),), x, S @ v, t)
+        M = self._ask_checked("mass_matrix", (len(S),) * 2, x, t)
+        return VelocityMap(x, S, rest), M, self._ask_checked("bias", (len(S),), x, S @ v, t)
 
     def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return the bias B (n,)."""
         x, S, rest = self.velocity_map(q, v)
-        B = self._asked("bias", (len(S),), x, S @ v, t)
+        B = self._ask_checked("bias", (len(S),), x, S @ v, t)
         if rest.any():
-            B = B + self._asked("mass_matrix", (len(S),) * 2, x, t) @ rest
+            B = B + self._ask_checked("mass_matrix", (len(S),) * 2, x, t) @ rest
         return S.T @ B
 
     def forces(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return the forces Q (n,)."""
         x, S, _ = self.velocity_map(q, v)
-        return S.T @ self._asked("forces", (len(S),), x, S @ v, t)
+        return S.T @ self._ask_checked("forces", (len(S),), x, S @ v, t)
 
     def constraint_jacobian(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return the constraint Jacobian a (r, n)."""
@@ -196,7 +196,7 @@ class Answers:
     def constraint_drift(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return the constraint drift gamma (r,)."""
         x, S, rest = self.velocity_map(q, v)
-        drift = self._asked("constraint_drift", (self.engine.scene.r,), x, S @ v, t)
+        drift = self._ask_checked("constraint_drift", (self.engine.scene.r,), x, S @ v, t)
         return drift + self._jacobian(x, S, S @ v, t) @ rest if rest.any() else drift
 
     def kane_inertia_remainder(
@@ -237,9 +237,9 @@ class Answers:
         return EngineAcceleration(back @ (vdot - rest) if self._maps else vdot, multipliers)
 
     def _jacobian(self, x: Array, S: Array, w: Array, t: float) -> Array:
-        return self._asked("constraint_jacobian", (self.engine.scene.r, len(S)), x, w, t)
+        return self._ask_checked("constraint_jacobian", (self.engine.scene.r, len(S)), x, w, t)
 
-    def _asked(self, method: str, shape: Shape, *arguments: Any) -> Array:
+    def _ask_checked(self, method: str, shape: Shape, *arguments: Any) -> Array:
         return _checked(method, self._call(method, *arguments), shape)
 
     def _call(self, method: str, *arguments: Any) -> Any:
@@ -248,20 +248,20 @@ class Answers:
         try:
             result = call(f"{type(self.engine).__name__}.{method}", function, *handed)
         except Exception as error:
-            raise EngineFault(f"{method} {_raised(error)}") from error
+            raise EngineFault(f"{method} {_describe_error(error)}") from error
         for after, before in zip(handed, arguments, strict=True):
             if isinstance(after, np.ndarray) and not np.array_equal(after, before, equal_nan=True):
                 raise EngineFault(f"{method} changes an array that it is handed")
         return result
 
 
-def _away(x: Array, distance: float) -> Array:
+def _shift(x: Array, distance: float) -> Array:
     """Return numbers (n,) at `distance` from x, per size above 1, differences changed too."""
     shares = (-1.0) ** np.arange(x.size) * np.linspace(1.0, 0.5, x.size)
     return x + distance * shares * np.maximum(1.0, np.abs(x))
 
 
-def _raised(error: Exception) -> str:
+def _describe_error(error: Exception) -> str:
     """Return the description of an error in an engine, with its line."""
     through = traceback.extract_tb(error.__traceback__)
     user_frames = [x for x in through if not _is_library(Path(x.filename))]
@@ -296,7 +296,9 @@ def _checked(method: str, value: Any, shape: Shape) -> Array:
         array = np.asarray(value) if hasattr(value, "__array__") else None
         masked = bool(np.ma.is_masked(value))
     except Exception as error:
-        raise EngineFault(f"{method} returned {_kind(value)}, which {_raised(error)}") from error
+        raise EngineFault(
+            f"{method} returned {_kind(value)}, which {_describe_error(error)}"
+        ) from error
     if array is None:
         raise EngineFault(f"{method} returned {_kind(value)}, {expected}")
     if masked:
@@ -409,10 +411,11 @@ def represents_some(engine: type[Engine], kind: type[Scene]) -> bool:
     Raises:
         InputError: `represents` of the engine raises.
     """
-    return any(represents(engine, scene) for scene in _small(kind))
+    return any(represents(engine, scene) for scene in _small_scenes(kind))
 
 
-def _small(kind: type[Scene]) -> Iterator[Scene]:
+def _small_scenes(kind: type[Scene]) -> Iterator[Scene]:
+    """Yield small scenes of a class."""
     for links in (1, 2, 3) if kind.has_links else (None,):
         with suppress(InputError):  # no scene of the class has so many links
             yield from kind.structures(links)

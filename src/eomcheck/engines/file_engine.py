@@ -307,10 +307,10 @@ class FileEngine(TreeEngine):
         library = self._library()
         with capture_output() as self.library_output:
             self._read(library, self.description)
-        self.coordinates, self.shift = self._followed(self.joints())
+        self.coordinates, self.shift = self._coordinate_map(self.joints())
         self._n, self._place = len(self.shift), np.arange(len(self.shift))
 
-    def _followed(self, joints: list[str]) -> tuple[Array, Array]:
+    def _coordinate_map(self, joints: list[str]) -> tuple[Array, Array]:
         """Return S (m, n) and shift (m,), x = S q + shift, for joints of these names.
 
         Raises:

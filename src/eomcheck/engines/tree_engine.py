@@ -134,11 +134,11 @@ def bodies_with_mass(links: list[TreeLink]) -> list[BodyWithJoints] | None:
             while first != -1 and links[first].mass == 0:
                 chain.insert(0, links[first])
                 first = links[first].parent
-            bodies.append(_carried(indices[first], chain))
+            bodies.append(_body_of_chain(indices[first], chain))
     return bodies
 
 
-def _carried(parent: int, chain: list[TreeLink]) -> BodyWithJoints:
+def _body_of_chain(parent: int, chain: list[TreeLink]) -> BodyWithJoints:
     """Return the body of the last link of `chain`, moved by the joints of all."""
     seats = [(chain[0].rotation, chain[0].offset)]
     for link in chain[1:]:

@@ -56,7 +56,7 @@ def read_records(paths: Iterable[Path], unread: list[str] | None = None) -> list
     return list(by_cell.values())
 
 
-def _registered(scenes: Iterable[str]) -> list[str]:
+def _registry_order(scenes: Iterable[str]) -> list[str]:
     """Return keys of scenes in the order of the registry, then unregistered ones."""
     order = {key: index for index, key in enumerate(SCENES)}
     return sorted(scenes, key=lambda key: order.get(key, len(order)))
@@ -88,7 +88,7 @@ class Overview:
     def runs(self) -> list[Record]:
         """Validation runs, one per scene class, in the order of the registry."""
         runs = {r.settings["scene"]: r for r in self.of(RUNS)}
-        return [runs[scene] for scene in _registered(runs)]
+        return [runs[scene] for scene in _registry_order(runs)]
 
     @cached_property
     def claims(self) -> list[ClaimSummary]:
@@ -105,7 +105,7 @@ class Overview:
     @cached_property
     def scenes(self) -> list[str]:
         """Keys of the checked scene classes, in the order of the registry."""
-        return _registered(dict.fromkeys(row.scene for row in self.rows))
+        return _registry_order(dict.fromkeys(row.scene for row in self.rows))
 
     @property
     def states(self) -> int:
@@ -220,11 +220,11 @@ class Section(NamedTuple):
 def sections_of(overview: Overview) -> list[Section]:
     """Return the sections with data."""
     drawn = [s for s in (_digits(overview), _strata(overview)) if s.tables[0].rows]
-    studies = (_of_study(key, overview) for key in STUDIES if overview.of(key))
+    studies = (_study_section(key, overview) for key in STUDIES if overview.of(key))
     return [*drawn, *(s for s in studies if s is not None)]
 
 
-def _of_study(key: str, overview: Overview) -> Section | None:
+def _study_section(key: str, overview: Overview) -> Section | None:
     """Return the section of a study, None if its Records cannot be shown."""
     study = study_of(key)
     records = study.of(overview.records)

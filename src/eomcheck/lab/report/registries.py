@@ -37,7 +37,7 @@ def registered_scenes() -> ResultTable:
                 f"{first_line(kind)} {scene.name}: n = {scene.n}, r = {scene.r}",
                 _terms(quantities),
                 _speeds(quantities),
-                _applying(kind),
+                _applicable_formulations(kind),
                 ", ".join(key for key, engine in ENGINES.items() if engine.represents(scene)),
                 _invariants(scene),
             )
@@ -59,7 +59,7 @@ def _speeds(quantities: Quantities) -> str:
     return "natural" if quantities.scene.natural_speeds else "partition"
 
 
-def _applying(kind: type[Scene]) -> str:
+def _applicable_formulations(kind: type[Scene]) -> str:
     """Return the formulations that apply, as "all" or "all but ..."."""
     from eomcheck.formulations import FORMULATIONS
 

@@ -83,12 +83,13 @@ def _states(overview: Overview) -> list[StoredFinding]:
     """Return one Finding of each state linked from the page: failures, and the worst of each
     claim.
     """
-    pointed = [row for judged in overview.claims for row in _pointed(judged)]
+    pointed = [row for judged in overview.claims for row in _linked_findings(judged)]
     pointed.sort(key=lambda row: row.verdict != "failed")
     return list({anchor(row): row for row in reversed(pointed)}.values())[::-1]
 
 
-def _pointed(judged: ClaimSummary) -> list[StoredFinding]:
+def _linked_findings(judged: ClaimSummary) -> list[StoredFinding]:
+    """Return the failed findings of a claim, and the worst of each scene and level."""
     groups = judged.by(lambda row: (row.scene, row.level)).values()
     return [*judged.failed, *(s.worst for s in groups if s.worst is not None)]
 

@@ -130,14 +130,14 @@ class ResultTable(NamedTuple):
     def _columns(self, width: int) -> list[Column] | None:
         """Return the columns if they fit, else None."""
         if self.widths:
-            shared = self._shared(width - 3 * len(self.columns) - 1) if width >= 100 else None
+            shared = self._share_widths(width - 3 * len(self.columns) - 1) if width >= 100 else None
             if shared is None:
                 return None
             heads = zip(self.columns, shared, strict=True)
             return [Column(escape(head), width=room) for head, room in heads]
         numbers = [self.of_numbers(i) for i in range(len(self.columns))]
         for heads in (self.columns, [head.replace("-", "-\n") for head in self.columns]):
-            widths = self._fitted(heads, width - 3 * len(heads) - 1)
+            widths = self._fit_widths(heads, width - 3 * len(heads) - 1)
             if widths is not None:
                 whole = zip(heads, numbers, widths, strict=True)
                 return [
@@ -146,7 +146,7 @@ class ResultTable(NamedTuple):
                 ]
         return None
 
-    def _fitted(self, heads: Sequence[str], room: int) -> list[int] | None:
+    def _fit_widths(self, heads: Sequence[str], room: int) -> list[int] | None:
         """Return the widths of the columns within `room`, the widest ones narrowed; None if
         impossible.
         """
@@ -154,7 +154,7 @@ class ResultTable(NamedTuple):
         texts = ("\n".join(column).split("\n") for column in zip(heads, *self.rows, strict=True))
         return _narrowed([max(map(cell_len, lines)) for lines in texts], least, room)
 
-    def _shared(self, room: int) -> list[int] | None:
+    def _share_widths(self, room: int) -> list[int] | None:
         """Return widths within `room` in proportion to `widths`, none below its least; None if
         impossible.
         """
