@@ -97,7 +97,11 @@ def object_named(name: str, required: bool = False) -> Any:
     home, of = code
     names = vars(_in_file(Path(home)) if home.endswith(".py") else _installed(home))
     if required and of not in names:
-        public = [key for key in names if not key.startswith("_")]
+        public = [
+            key
+            for key, value in names.items()
+            if not key.startswith("_") and not isinstance(value, ModuleType)
+        ]
         raise InputError(f"{home!r} has no {of!r}{did_you_mean(of, public)}")
     return names.get(of)
 

@@ -15,6 +15,7 @@ import pytest
 import typer
 from tests.cli.test_cli import run
 
+import eomcheck
 from eomcheck import __version__, console
 from eomcheck.cli import shared_options
 from eomcheck.errors import (
@@ -560,3 +561,28 @@ def test_a_study_writes_prints_says_and_exits_by_its_alarm(alarm, monkeypatch, c
         study._run(one, None, False, None, None)
         assert [x[0] for x in order] == [None, "tables", "remarks", "alarm"]
         assert "written" not in capsys.readouterr().out
+
+
+def test_an_option_that_is_no_number_is_told_what_it_should_be(monkeypatch, capsys):
+    assert run("simulate", "--end", "1", "--max-steps", "many", monkeypatch=monkeypatch) == 2
+    error = capsys.readouterr().err
+    assert "--max-steps" in error and "unable to parse" not in error
+
+
+def test_a_campaign_without_a_failure_keeps_an_empty_file_that_replays(
+    tmp_path, monkeypatch, capsys
+):
+    kept = tmp_path / "k.json"
+    words = "fuzz", "--scene", "sleigh", "--examples", "1", "--engine", "none", "--claim", "bias"
+    monkeypatch.setattr("eomcheck.supervisor.can_supervise", lambda: False)
+    assert run(*words, "--no-climb", "--keep", str(kept), monkeypatch=monkeypatch) == 0
+    assert kept.read_text().split() == ["[", "]"]
+    assert run("fuzz", "--replay", str(kept), monkeypatch=monkeypatch) == 0
+    assert "holds no failures" in capsys.readouterr().out
+
+
+def test_a_name_like_an_imported_module_is_no_suggestion(tmp_path, monkeypatch, capsys):
+    own = tmp_path / "own_words.py"
+    own.write_text("import numpy as np\n")
+    with pytest.raises(InputError, match=r"has no 'nope'$"):
+        eomcheck.check(f"{own}:nope")

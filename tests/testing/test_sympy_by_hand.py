@@ -12,6 +12,8 @@ pytest.importorskip("sympy")
 import sympy as sm
 from tests.testing.test_sympy import g, m, pendulum, r, swung
 
+import eomcheck
+from eomcheck.errors import InputError
 from eomcheck.testing import from_kane, from_lagrange
 
 MASS, ROD, G = 1.3, 0.4, 9.81
@@ -65,3 +67,15 @@ def test_kanes_equations_of_a_pendulum_whose_rate_is_a_multiple_of_its_speed_are
     assert own.qdd(q, u) == pytest.approx(np.array([force / M]))
     assert own.T(q, u) == pytest.approx(M * 1.5**2 / 2)
     assert own.qdot(q, u) == pytest.approx(k * u)
+
+
+def test_a_second_symbol_of_other_assumptions_is_told_as_such():
+    from sympy import Symbol
+    from sympy.physics import mechanics
+
+    q, m, other = mechanics.dynamicsymbols("q"), Symbol("m"), Symbol("m", positive=True)
+    lagrangian = m * q.diff() ** 2 / 2 - m * q**2
+    method = mechanics.LagrangesMethod(lagrangian, [q])
+    method.form_lagranges_equations()
+    with pytest.raises(InputError, match="other assumptions"):
+        eomcheck.check(method, parameters={m: 1.0, other: 2.0})

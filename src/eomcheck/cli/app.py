@@ -111,6 +111,15 @@ def _first_sentence(command: Any) -> str:
     return (command.help or "").split("\n\n")[0].replace("\n", " ").strip()
 
 
+PARSED = {
+    "Input should be a valid integer, unable to parse string as an integer": (
+        "expected a whole number"
+    ),
+    "Input should be a valid number, unable to parse string as a number": "expected a number",
+}
+"""Message of the parser on a value -> what is expected."""
+
+
 def usage_error(error: BaseException) -> str | None:
     """Return the message for words that are not a command line; None for any other error.
 
@@ -127,6 +136,8 @@ def usage_error(error: BaseException) -> str | None:
     option, near = getattr(error, "option_name", None), getattr(error, "possibilities", None)
     if near and option:
         text = f"{error.message}{did_you_mean(option, near)}"  # type: ignore[attr-defined]
+    for parsed, expected in PARSED.items():
+        text = text.replace(parsed, expected)
     command = "eomcheck" if context is None else context.command_path
     return f"eomcheck: {' '.join(text.split()).rstrip('.')} (see {command} --help)"
 

@@ -202,14 +202,15 @@ def fuzz_command(
         campaign = Campaign(plan, name, variants, kept)
         with end.collected(), activity(f"fuzzing {name}"):
             campaign.run(examples, most, executor, ProgressPrinter())
-        if keep is not None and campaign.failure_records:
+        added = keep is not None and (bool(campaign.failure_records) or not keep.exists())
+        if keep is not None and added:
             # InputError: the file was damaged in the meantime.
             with end.collected(InputError), deferring_interrupts():
                 add_failures(keep, campaign.failure_records.values())
     print_campaign(campaign)
     if end.interrupted:
         console.print("interrupted: the tables hold what was checked until then")
-    end.conclude(keep if campaign.failure_records else None, bool(campaign.failure_records))
+    end.conclude(keep if added else None, bool(campaign.failure_records))
 
 
 def _kind(scene: str) -> tuple[type[Scene], str]:
@@ -312,7 +313,7 @@ def _replay(path: Path, formulation: list[str] | None, scene: str | None) -> Non
     """Check stored failures again.
 
     Raises:
-        InputError: there are none, or one could not be checked and none fails.
+        InputError: there is no such file, or one could not be checked and none fails.
         typer.Exit: with 1, one still fails.
     """
     from eomcheck.console import progress
@@ -327,7 +328,8 @@ def _replay(path: Path, formulation: list[str] | None, scene: str | None) -> Non
         raise InputError(f"{str(path)!r} is no file")
     stored = read_failures(path)
     if not stored:
-        raise InputError(f"{str(path)!r} holds no failures: nothing is checked")
+        print(f"{str(path)!r} holds no failures")
+        return
     allowed = () if scene is None else (scene,)
     with progress("checking {failure} again", len(stored)) as advance:
         results = replay_failures(stored, formulation or tuple(FORMULATIONS), advance, allowed)

@@ -192,7 +192,7 @@ class _Numbers:
         used = _symbols(map(self._replace_names, (*expressions, *others)))
         unused = [symbol for symbol in self._parameters if not _symbols([symbol]) <= used]
         names = sorted(map(str, unknown))
-        if alike := sorted({*names} & {*map(str, unused)}):
+        if alike := sorted({*map(str, unknown | used)} & {*map(str, unused)}):
             raise InputError(
                 f"parameters of {self.what} have {', '.join(alike)} of other assumptions than its "
                 "equations, such as positive=True: in SymPy these are other symbols"
