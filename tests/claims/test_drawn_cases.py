@@ -27,7 +27,7 @@ from eomcheck.scenes import SCENES, Snake, TurntableBall
 from eomcheck.strategies import (
     HypothesisChoices,
     draw_samples,
-    drawn,
+    strategy_of,
     without_tiny,
 )
 
@@ -41,13 +41,13 @@ def test_numbers_below_a_millionth_are_drawn_as_zero(x: float, drawn: float):
 
 
 def test_only_numbers_of_both_signs_are_drawn_as_zero_where_they_are_small():
-    small = draw_samples(drawn(lambda choices: choices.number(1e-9, 1e-7)), 30, 0)
+    small = draw_samples(strategy_of(lambda choices: choices.number(1e-9, 1e-7)), 30, 0)
     assert all(1e-9 <= x <= 1e-7 for x in small)
-    both = draw_samples(drawn(lambda choices: choices.number(-1e-7, 1e-7)), 30, 0)
+    both = draw_samples(strategy_of(lambda choices: choices.number(-1e-7, 1e-7)), 30, 0)
     assert {*both} == {0.0}
-    one_sided = draw_samples(drawn(lambda choices: choices.number(-1e-7, 0.0)), 30, 0)
+    one_sided = draw_samples(strategy_of(lambda choices: choices.number(-1e-7, 0.0)), 30, 0)
     assert one_sided != [0.0] * 30
-    tiny = draw_samples(drawn(lambda choices: choices.number(-1e-7, 1e-7), tiny=True), 30, 0)
+    tiny = draw_samples(strategy_of(lambda choices: choices.number(-1e-7, 1e-7), tiny=True), 30, 0)
     assert {*tiny} != {0.0}
 
 
@@ -57,17 +57,17 @@ def test_numbers_of_links_are_all_between_the_bounds_and_the_bounds():
 
 
 def test_magnitudes_are_powers_of_ten():
-    strategy = drawn(lambda choices: draw_magnitude(choices, -3.0, 5.0))
+    strategy = strategy_of(lambda choices: draw_magnitude(choices, -3.0, 5.0))
     exponents = np.log10(draw_samples(strategy, 80, 0))
     assert -3.0 <= exponents.min() < -2.0 and 4.0 < exponents.max() <= 5.0 + 1e-12
 
 
 def test_parameters_have_the_shape_of_their_range_and_may_be_absent():
-    table = draw_samples(drawn(lambda x: draw_array(Range(2.0, 3.0, (4, 2)), x)), 20, 0)
+    table = draw_samples(strategy_of(lambda x: draw_array(Range(2.0, 3.0, (4, 2)), x)), 20, 0)
     assert {np.shape(x) for x in table} == {(4, 2)}
     ranges = {"only": Range(2.0, 3.0, (3,), optional=True)}
     of: Any = lambda only: (only,)  # noqa: E731
-    either = [x for (x,) in draw_samples(drawn(lambda x: scene_within(of, ranges, x)), 60, 0)]
+    either = [x for (x,) in draw_samples(strategy_of(lambda x: scene_within(of, ranges, x)), 60, 0)]
     there = [x for x in either if x is not None]
     assert 10 < len(there) < 60
     assert {len(x) for x in there} == {3}

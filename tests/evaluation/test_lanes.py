@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from eomcheck.evaluation.evaluation import BatchEvaluation
-from eomcheck.evaluation.perturbed import PerturbedEvaluation, perturbed_samples
+from eomcheck.evaluation.perturbed import PerturbedEvaluation, perturbed_samples, sensitivity_of
 from eomcheck.mechanics.records import State
 from eomcheck.numbers.batch_arrays import BatchArray
+from eomcheck.numbers.linear import SolveRecorder
 from eomcheck.numbers.noise import SAMPLES
-from eomcheck.scenes import TurntableBall
+from eomcheck.scenes import Snake, TurntableBall
 
 STATE = State(*TurntableBall.example().initial_state(), 0.5)
 
@@ -32,3 +34,25 @@ def test_a_state_of_a_lane_is_that_of_its_own_time():
     at = BatchEvaluation([scene, scene], states)
     assert [at.state_of(lane).t for lane in (0, 1)] == [0.5, 2.0]
     assert [at.alone(lane).t for lane in (0, 1)] == [0.5, 2.0]
+
+
+@pytest.mark.parametrize("term", ["M", "B", "a"])
+def test_the_sensitivity_of_a_state_in_a_batch_is_that_of_the_state_alone(term: str):
+    """Each of its perturbed samples has noise of its own, in a batch as alone."""
+    scene = Snake.example()
+    q, v = scene.initial_state()
+    at = BatchEvaluation(
+        [scene] * 3, [State(q + 0.1 * i * np.arange(q.size), v, 0.0) for i in range(3)]
+    )
+    together = np.asarray(sensitivity_of(at, lambda x: getattr(x.terms, term)).data)
+    alone = [sensitivity_of(at.alone(i), lambda x: getattr(x.terms, term)) for i in range(3)]
+    assert together.tolist() == alone
+
+
+def test_a_state_is_refused_where_one_of_its_samples_is():
+    recorder = SolveRecorder()
+    assert recorder.refused_states(2).tolist() == [False, False]
+    recorder.refused = [np.array([True, False, False, False])]
+    assert recorder.refused_states(2).tolist() == [True, False]
+    recorder.refused.append(np.array([False, True]))
+    assert recorder.refused_states(2).tolist() == [True, True]

@@ -49,6 +49,7 @@ from eomcheck.lab.fuzzing.failures import (
     read_failures,
     replay_failures,
     shrink,
+    simplify,
     simplify_numbers,
     write_failures,
 )
@@ -626,3 +627,20 @@ def test_a_kept_failure_of_functions_keeps_its_fault_and_fails_by_its_subject(mo
     assert other.outcome == "holds" and asked == [("motion",)] * 2
     (every,) = replay_failures([kept(**of)], ("au",))
     assert every.outcome == "failed" and len(asked[2]) > 10
+
+
+def test_a_candidate_whose_check_raises_is_judged_by_no_other_s_failures():
+    def named(name: str) -> Any:
+        return SimpleNamespace(name=name, claim="bias", subject="B", verdict="failed")
+
+    first, bad, better, best = map(named, ("first", "bad", "better", "best"))
+
+    def check(candidate: Any) -> list[Any]:
+        if candidate is bad:
+            raise InputError("no case")
+        return [candidate]
+
+    assert simplify(first, [lambda x: [bad, better]], check) is better
+    steps = [lambda x: [better], lambda x: [bad, None, best]]
+    assert simplify(first, steps, check) is best
+    assert simplify(first, [lambda x: [bad]], check) is first
