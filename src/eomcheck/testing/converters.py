@@ -192,7 +192,8 @@ class _Numbers:
         used = _symbols(map(self._replace_names, (*expressions, *others)))
         unused = [symbol for symbol in self._parameters if not _symbols([symbol]) <= used]
         names = sorted(map(str, unknown))
-        if alike := sorted({*map(str, unknown | used)} & {*map(str, unused)}):
+        numbered = {str(symbol) for symbol in self._parameters if symbol not in unused}
+        if alike := sorted({*names, *numbered} & {*map(str, unused)}):
             raise InputError(
                 f"parameters of {self.what} have {', '.join(alike)} of other assumptions than its "
                 "equations, such as positive=True: in SymPy these are other symbols"
