@@ -78,7 +78,7 @@ def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
         (["prove", "--executor", "ray:1"], "expected local, local:NUMBER or dask:ADDRESS"),
         (["export", "no-such.db"], "no such file"),
         (["export", "pyproject.toml", "--csv"], "'pyproject.toml' is not a file of records"),
-        (["export", "no-such.db", "--csv", "no/such/folder/x"], "not a file in a folder"),
+        (["export", "no-such.db", "--csv", "no/such/folder/x"], "does not exist"),
         (["study", "accuracy", "--links", "x"], "--links 'x'"),
         (["study", "work-precision", "--records", "x.db", "--reference", "none"], "none.json"),
         (
@@ -118,7 +118,7 @@ def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
         (["bench", "tolerance", "--examples", "-3"], "--examples -3"),
         (["study", "operations", "--links", "0"], "--links '0'"),
         (["study", "operations", "--formulation", "xx"], "unknown formulation 'xx'; known: im, au"),
-        (["study", "operations", "--json", "no/such/folder/x"], "not a file in a folder"),
+        (["study", "operations", "--json", "no/such/folder/x"], "does not exist"),
         (["draw", "agreement", "picture.gif"], "written as .png, .svg or .pdf"),
         (["draw", "agreement", "a.png", "--links", "0"], "--links '0'"),
     ],

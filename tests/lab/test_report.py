@@ -369,4 +369,4 @@ def test_validate_writes_the_page_itself_and_leaves_no_records(tmp_path, monkeyp
     assert "claims hold" in page.read_text(encoding="utf-8")
     assert [path.name for path in tmp_path.iterdir()] == ["report.html"]
     assert run(*asked, "--report", str(tmp_path), monkeypatch=monkeypatch) == 2
-    assert "is not a file" in capsys.readouterr().err
+    assert "is a folder, expected a file" in capsys.readouterr().err

@@ -343,7 +343,7 @@ def test_draws_that_fail_are_counted_and_the_exit_code_tells():
             ["--examples", "2", "--formulation", "im", "--formulation", "el"],
             "expected one for --examples",
         ),
-        (["--examples", "2", "--plot", "no/such/x.png"], "not a file in a folder that exists"),
+        (["--examples", "2", "--plot", "no/such/x.png"], "does not exist"),
         (["--examples", "2", "--executor", "moon"], "executor = 'moon'"),
     ],
 )
