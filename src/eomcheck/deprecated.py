@@ -18,8 +18,6 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar, cast
 
-from eomcheck.errors import InputError
-
 MODULES = {
     "eomcheck.mechanics.described": "eomcheck.descriptions",
     "eomcheck.mechanics.described.build": "eomcheck.descriptions.build",
@@ -66,6 +64,13 @@ REMOVED = "the old name is removed in the next release"
 def _notice(old: str, new: str) -> str:
     """Return the sentence that a name has changed."""
     return f"{old} is now {new}; {REMOVED}"
+
+
+def _both_given(names: str) -> Exception:
+    """Return the InputError that an old and its new name are given together."""
+    from eomcheck.errors import InputError  # not at the top: the plugin of pytest loads this module
+
+    return InputError(f"{names} are both given, expected one")
 
 
 def warn(old: str, new: str, stacklevel: int | None = 3) -> None:
@@ -145,7 +150,7 @@ def current_options(words: Sequence[str]) -> list[str]:
         option, equals, value = word.partition("=")
         if option in names:
             if any(x.partition("=")[0] == names[option] for x in words[:end]):
-                raise InputError(f"{option} and {names[option]} are both given, expected one")
+                raise _both_given(f"{option} and {names[option]}")
             current[i] = f"{names[option]}{equals}{value}"
             print_notice(option, names[option])
     return current
@@ -281,7 +286,7 @@ def _taking_old(function: F, owner: str, method: str = "") -> F:
     def called(*arguments: Any, **options: Any) -> Any:
         for old in names.keys() & options.keys():
             if names[old] in options:
-                raise InputError(f"{owner}: {old} and {names[old]} are both given, expected one")
+                raise _both_given(f"{owner}: {old} and {names[old]}")
             warn(f"{owner}{method}({old}=)", f"{names[old]}=")
             options[names[old]] = options.pop(old)
         return function(*arguments, **options)
