@@ -181,7 +181,7 @@ CASES: dict[str, dict[str, Case]] = {
         **PATIENT,
         "scene": ("--scene sleigh", {"validate_kind.kind": "Sleigh"}),
         "links": ("--links 2..5", {"validate_kind.links": [2, 5]}),
-        "given": ("--set mass=2 --scene sleigh", {"validate_kind.one": "~mass=2"}),
+        "settings": ("--set mass=2 --scene sleigh", {"validate_kind.one": "~mass=2"}),
         "examples": ("--examples 7", {"validate_kind.examples": 7}),
         "seed": ("--seed 9", {"validate_kind.seed": 9}),
         "engine": ("--engine casadi", {"validate_kind.selection": "~'engines': ['CasadiEngine']"}),
@@ -326,7 +326,7 @@ CASES: dict[str, dict[str, Case]] = {
         "end": ("--end 0.2", {"simulate.t_end": 0.2}, ""),
         "scene": ("--scene sleigh", {"simulate.scene": "~Sleigh("}),
         "links": ("--scene coil --links 3", {"simulate.scene": "~length=[1.0, 1.0, 1.0]"}),
-        "given": ("--scene sleigh --set offset=0.25", {"simulate.scene": "~offset=0.25"}),
+        "settings": ("--scene sleigh --set offset=0.25", {"simulate.scene": "~offset=0.25"}),
         "speeds": ("--speeds 1,0.5", {"simulate.u0": [1.0, 0.5]}),
         "formulation": ("--formulation au", {"simulate.key": "au"}, "--end 0.1"),
         "integrator": ("--integrator RK45", {"simulate.integrator": "RK45"}),
@@ -359,7 +359,7 @@ CASES: dict[str, dict[str, Case]] = {
             "--scene coil --links 3",
             {"print_accelerations.scene": "~length=[1.0, 1.0, 1.0]"},
         ),
-        "given": (
+        "settings": (
             "--scene sleigh --set offset=0.25",
             {"print_accelerations.scene": "~offset=0.25"},
         ),
@@ -370,7 +370,10 @@ CASES: dict[str, dict[str, Case]] = {
         **PATIENT,
         "scene": ("--scene sleigh", {"print_constraints.scene": "~Sleigh("}),
         "links": ("--scene coil --links 3", {"print_constraints.scene": "~length=[1.0, 1.0, 1.0]"}),
-        "given": ("--scene sleigh --set offset=0.25", {"print_constraints.scene": "~offset=0.25"}),
+        "settings": (
+            "--scene sleigh --set offset=0.25",
+            {"print_constraints.scene": "~offset=0.25"},
+        ),
     },
     "compare": {
         **PATIENT,
@@ -388,7 +391,7 @@ CASES: dict[str, dict[str, Case]] = {
         "path": ("b.svg", {"draw_scene.path": "b.svg"}, ""),
         "scene": ("--scene sleigh", {}),
         "links": ("--links 3", {}),
-        "given": ("--scene sleigh --set offset=0.25", {}, "a.svg --scene sleigh"),
+        "settings": ("--scene sleigh --set offset=0.25", {}, "a.svg --scene sleigh"),
         "dark": ("--dark", {"draw_scene.dark": True}),
         "end": ("--end 3", {"sketches_of_motion.end": 3.0}, GIF),
         "frames": ("--frames 9", {"sketches_of_motion.frames": 9}, GIF),
@@ -399,7 +402,7 @@ CASES: dict[str, dict[str, Case]] = {
         "formulation": ("--formulation im", {"draw_structure.structure": "~im of "}),
         "scene": ("--scene sleigh", {}),
         "links": ("--links 3", {}),
-        "given": ("--scene sleigh --set offset=0.25", {}, "a.svg --scene sleigh"),
+        "settings": ("--scene sleigh --set offset=0.25", {}, "a.svg --scene sleigh"),
         "dark": ("--dark", {"draw_structure.dark": True}),
     },
 }
