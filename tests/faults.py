@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import inspect
-from pathlib import Path
-
-from tests.mutants import PACKAGE, Mutant, mutants
+from tests.mutants import Mutant, mutants
 
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import SCENES, Andrews, ChainPendulum, Snake
@@ -23,7 +20,8 @@ SHARED: dict[str, type[Scene]] = {
 }
 """File of functions that many scenes call -> one of the scenes."""
 OWN = {
-    Path(inspect.getfile(kind)).relative_to(PACKAGE).as_posix(): kind for kind in SCENES.values()
+    kind.__module__.removeprefix("eomcheck.").replace(".", "/") + ".py": kind
+    for kind in SCENES.values()
 }
 """File of each scene."""
 

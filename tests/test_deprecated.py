@@ -273,20 +273,3 @@ def test_holonomic_is_a_truth_value():
     old: Any = EquationsOfMotion
     with pytest.raises(InputError, match="holonomic = 'no', expected True or False"):
         old(1, M=lambda q: [[1.0]], holonomic="no")
-
-
-def test_a_scene_with_constraints_and_no_drift_is_told_so(monkeypatch):
-    from eomcheck.claims import user_scenes
-    from eomcheck.mechanics.scene import no_velocity_term
-
-    class Driftless(Sleigh):
-        drift = staticmethod(no_velocity_term)
-
-    Driftless.__module__ = "own"
-
-    def fails(*_: Any) -> None:
-        raise TypeError("unsupported operand")
-
-    monkeypatch.setattr(user_scenes, "_compare_shapes", fails)
-    with pytest.raises(InputError, match="Driftless has constraints but no `drift`"):
-        user_scenes.check_shapes(Driftless())

@@ -9,6 +9,7 @@ import pytest
 
 import eomcheck
 from eomcheck.claims import CLAIMS, Finding
+from eomcheck.errors import InputError
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scene_lookup import scene_classes_named
 
@@ -65,3 +66,14 @@ def test_a_mistake_in_the_trailer_is_found_and_named(tmp_path, old, new, claim, 
         assert found, "not found"
         assert found[0].claim == claim, str(found[0])
         assert says in str(found[0])
+
+
+def test_a_scene_with_constraints_and_no_drift_is_told_so(tmp_path):
+    text = TRAILER.read_text(encoding="utf-8")
+    begin = text.index("def drift(")
+    end = text.index("\n\n\n", begin) + 3
+    file = tmp_path / "driftless.py"
+    file.write_text(text[:begin] + text[end:], encoding="utf-8")
+    scene = trailer(file).example()
+    with pytest.raises(InputError, match="Trailer has constraints but no `drift`"):
+        eomcheck.check_state(scene, *scene.initial_state())

@@ -115,7 +115,8 @@ def compare_shapes(scene: Scene, at: Quantities) -> None:
     except Exception as error:
         if is_ours(type(scene)) or scene_function_that_raised(scene, error):
             raise
-        if scene.r and scene.drift is no_velocity_term:
+        derived = "terms" in type(scene).derived_functions
+        if derived and scene.r and scene.drift is no_velocity_term:
             raise InputError(f"{type(scene).__name__} has constraints but no `drift`") from error
         why = f"{described_error(error)}, of what its functions return"
         raise InputError(f"{type(scene).__name__}: {why}") from error
