@@ -22,7 +22,6 @@ from eomcheck.deprecated import old_keywords
 from eomcheck.errors import EomcheckError, InputError, RefusedError
 from eomcheck.lab.show.chart import Chart, Line
 from eomcheck.lab.show.table import ResultTable
-from eomcheck.lab.show.table import table_of as table_of
 from eomcheck.lab.store.parallel_map import check_executor, parallel_map
 from eomcheck.lab.store.record_file import Record, Records, Settings, group, key_of, rows_in
 
