@@ -108,11 +108,13 @@ def test_a_catcher_of_one_test_names_it(catcher: str, named: str):
 
 # ---- The campaign --------------------------------------------------------------------------------
 
-CATCHER = "python -c 'from eomcheck.numbers import pivots; assert pivots.STALLED == 0.5, \"named\"'"
+CATCHER = (
+    "python -c 'from eomcheck.numbers import banded_solve as b; assert b.STALLED == 0.5, \"named\"'"
+)
 STALLED = Mutant(
     "stalled",
     "harness",
-    "numbers/pivots.py",
+    "numbers/banded_solve.py",
     "STALLED = 0.5",
     "STALLED = 0.6",
     CATCHER,
@@ -171,7 +173,7 @@ def test_what_the_named_test_does_not_notice_the_rest_of_its_catcher_may(
     ("change", "says"),
     [
         ({"before": "STALLED = 0.7"}, "is 0 times in"),
-        ({"before": "EPS"}, "times in numbers/pivots.py"),
+        ({"before": "EPS"}, "times in numbers/banded_solve.py"),
         ({"catcher": "tests/test_mutants.py::test_that_is_not_there"}, "not found"),
         ({"catcher": "tests/numbers/test_ball.py -k no_such_test"}, "deselected"),
         ({"catcher": "python -c 'import time; time.sleep(60)'"}, "not done after"),

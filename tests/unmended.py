@@ -24,7 +24,7 @@ class Edit(NamedTuple):
 
 RESIDUAL = "residual = b - self.times(x) + noise.changes", "residual = noise.changes"
 EDITS = (
-    Edit("numbers/pivots.py", "REFINED = BAND_TERMS * EPS", "REFINED = 1.0"),
+    Edit("numbers/banded_solve.py", "REFINED = BAND_TERMS * EPS", "REFINED = 1.0"),
     Edit("numbers/banded_solve.py", *RESIDUAL),
     Edit("evaluation/perturbed.py", "resolved &= sound.all(axis=0)", "pass"),
 )

@@ -18,7 +18,7 @@ from eomcheck.evaluation.dynamics import CONTRADICTION
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.numbers.pivots import EPS
+from eomcheck.numbers.generic import EPS
 
 
 def near_singular(delta: float) -> np.ndarray:

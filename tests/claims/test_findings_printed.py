@@ -23,7 +23,7 @@ from eomcheck.claims.finding import (
     worst_of,
 )
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, UNDERFLOW, allowed_error
-from eomcheck.numbers.pivots import EPS
+from eomcheck.numbers.generic import EPS
 from eomcheck.scenes import Snake
 
 PROOF = Proof(7, 12.5, (101, 103, 107), 5, 1e-30)

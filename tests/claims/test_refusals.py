@@ -13,7 +13,7 @@ from eomcheck.claims.numerical_accuracy import SampledState, coverage, independe
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.numbers.pivots import EPS
+from eomcheck.numbers.generic import EPS
 from eomcheck.scenes import Snake
 
 AU = FORMULATIONS["au"]

@@ -27,9 +27,9 @@ from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.records import State, Terms
 from eomcheck.numbers.ball import precision
 from eomcheck.numbers.batch_arrays import BatchArray
+from eomcheck.numbers.generic import EPS
 from eomcheck.numbers.linear import SolveRecord, SolveRecorder
 from eomcheck.numbers.noise import SAMPLES, STEP, STRETCH
-from eomcheck.numbers.pivots import EPS
 from eomcheck.scenes import Sleigh, TurntableBall
 
 SLEIGH = Sleigh(mass=1.3, inertia=0.21, offset=0.37, rate=2.1)

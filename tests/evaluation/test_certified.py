@@ -19,7 +19,7 @@ from eomcheck.evaluation.tolerance import C
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.records import State
 from eomcheck.numbers.ball import ball, precision
-from eomcheck.numbers.pivots import EPS
+from eomcheck.numbers.generic import EPS
 from eomcheck.scenes import Snake
 
 keys = pytest.mark.parametrize("key", FORMULATIONS)

@@ -22,8 +22,8 @@ from eomcheck.evaluation.tolerance import (
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.records import Terms
 from eomcheck.numbers.batch_arrays import BatchArray
+from eomcheck.numbers.generic import EPS
 from eomcheck.numbers.noise import SAMPLES, STEP
-from eomcheck.numbers.pivots import EPS
 
 AU = FORMULATIONS["au"]
 

@@ -12,11 +12,11 @@ from tests.numbers.test_banded import factors_above_the_matrix, inside
 import eomcheck.kernels.perturbed_solves  # noqa: F401  (registers the solver of moved matrices)
 from eomcheck.errors import RefusedError
 from eomcheck.kernels.batched_solves import solve_banded_batch
-from eomcheck.numbers.banded_solve import TERMS, WIDTH, solve_banded, to_dense
+from eomcheck.numbers.banded_solve import LEAST_STEPS, TERMS, WIDTH, solve_banded, to_dense
 from eomcheck.numbers.batch_arrays import BatchArray, NoiseBatch, as_object_array
+from eomcheck.numbers.generic import EPS
 from eomcheck.numbers.linear import SolveRecord, recording_solves, singular_below, solve
 from eomcheck.numbers.noise import STEP, Noise
-from eomcheck.numbers.pivots import EPS, LEAST_STEPS
 
 SIZE = 4
 

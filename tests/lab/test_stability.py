@@ -40,7 +40,7 @@ from eomcheck.lab.studies.stability.measure import (
     settings_of,
 )
 from eomcheck.lab.studies.stability.two_wheels import TwoWheels
-from eomcheck.numbers.pivots import EPS
+from eomcheck.numbers.generic import EPS
 
 families = pytest.mark.parametrize("family", FAMILIES.values(), ids=FAMILIES)
 

@@ -18,7 +18,7 @@ from eomcheck.lab.studies import stiff as stiff
 from eomcheck.lab.studies.operations import measure
 from eomcheck.lab.studies.operations.measure import Operations, Saving, Springs, count_record
 from eomcheck.numbers.counting import System
-from eomcheck.numbers.pivots import EPS
+from eomcheck.numbers.generic import EPS
 from eomcheck.scenes import Sleigh, Snake
 
 # ---- Operations ----------------------------------------------------------------------------------

@@ -30,6 +30,10 @@ from eomcheck.numbers import ball, finite_field
 from eomcheck.numbers.banded_solve import (
     DIAGONAL,
     HALF,
+    LEAST_STEPS,
+    MOST_STEPS,
+    REFINED,
+    SMALLEST_SHARE,
     TERMS,
     WIDTH,
     BandFactors,
@@ -42,7 +46,6 @@ from eomcheck.numbers.finite_field import DegreeArithmetic
 from eomcheck.numbers.generic import Array, map_entries
 from eomcheck.numbers.linear import EPS, eliminate, recording_solves, singular_below
 from eomcheck.numbers.noise import SAMPLES, STEP, Noise
-from eomcheck.numbers.pivots import LEAST_STEPS, MOST_STEPS, REFINED, SMALLEST_SHARE
 from eomcheck.scenes import Snake
 
 SIZES = [1, 2, 3, 4, 7, 8, 9, 30, 31]

@@ -10,8 +10,8 @@ import pytest
 from tests.exact import RandomFractions
 
 from eomcheck.numbers.dual import Dual, dual_angles, dual_root, duals, rate
+from eomcheck.numbers.generic import EPS
 from eomcheck.numbers.linear import solve
-from eomcheck.numbers.pivots import EPS
 
 SEVEN = 7
 KINDS = {

@@ -16,10 +16,9 @@ from eomcheck.numbers.batch_arrays import (
     choose,
     everywhere,
 )
-from eomcheck.numbers.generic import Angles
+from eomcheck.numbers.generic import EPS, Angles
 from eomcheck.numbers.linear import least_squares, null_space, singular_values
 from eomcheck.numbers.noise import STEP, Noise
-from eomcheck.numbers.pivots import EPS
 
 RANDOM = np.random.default_rng(0)
 X, Y = RANDOM.uniform(1.0, 2.0, (5, 3, 2)), RANDOM.uniform(3.0, 5.0, (5, 3, 2))

@@ -10,7 +10,7 @@ import pytest
 from eomcheck.claims.registry import ClaimOutput, Comparison, Decision, Skipped
 from eomcheck.errors import InputError
 from eomcheck.evaluation.tolerance import C
-from eomcheck.numbers.pivots import EPS
+from eomcheck.numbers.generic import EPS
 from eomcheck.testing import FUNCTION_CLAIMS, EquationsOfMotion
 from eomcheck.testing.claims_motions import FORCES, check_reference, is_nonzero, violation_power
 from eomcheck.testing.claims_terms import proportional

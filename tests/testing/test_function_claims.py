@@ -13,7 +13,7 @@ from tests.testing.own import coriolis, given, guide
 from tests.testing.trees import random_tree
 
 from eomcheck.claims.finding import Finding
-from eomcheck.numbers.pivots import EPS
+from eomcheck.numbers.generic import EPS
 from eomcheck.testing import FUNCTION_CLAIMS, EquationsOfMotion, check_functions
 from eomcheck.testing.equations_of_motion import INPUTS
 from eomcheck.testing.function_checks import caveats

@@ -13,7 +13,7 @@ from eomcheck.claims.finding import Finding, Verdict
 from eomcheck.claims.registry import BlindSpot
 from eomcheck.errors import InputError
 from eomcheck.evaluation.tolerance import C
-from eomcheck.numbers.pivots import EPS
+from eomcheck.numbers.generic import EPS
 from eomcheck.scenes import SCENES
 from eomcheck.testing import EquationsOfMotion, check_functions, from_scene
 from eomcheck.testing.claims_answers import NOISE

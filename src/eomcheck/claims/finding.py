@@ -19,8 +19,7 @@ from eomcheck.claims.reproducer import reproducer_code
 from eomcheck.engines import Engine
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, UNDERFLOW, allowed_error, largest
 from eomcheck.mechanics.records import State
-from eomcheck.numbers.generic import Array
-from eomcheck.numbers.pivots import EPS
+from eomcheck.numbers.generic import EPS, Array
 
 Verdict = Literal["passed", "failed", "inconclusive", "skipped"]
 

@@ -42,9 +42,8 @@ from eomcheck.formulations import Formulation
 from eomcheck.formulations.gw import MOBILITY
 from eomcheck.mechanics.records import Chain, State
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.generic import Array
-from eomcheck.numbers.linear import column_scale
-from eomcheck.numbers.pivots import EPS, power_of_two_scale
+from eomcheck.numbers.generic import EPS, Array
+from eomcheck.numbers.linear import column_scale, power_of_two_scale
 from eomcheck.safe_output import counted
 
 # ---- Certified accelerations ---------------------------------------------------------------------

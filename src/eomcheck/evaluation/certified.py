@@ -23,8 +23,7 @@ from eomcheck.evaluation.tolerance import NOTICEABLE, allowed_error, largest
 from eomcheck.formulations import Formulation, Partition, formulation_for
 from eomcheck.mechanics.scene import Scene, checked_scene, finite_array
 from eomcheck.numbers.ball import Balls, ball, midpoints, midpoints_or_zero, precision
-from eomcheck.numbers.generic import Array
-from eomcheck.numbers.pivots import EPS
+from eomcheck.numbers.generic import EPS, Array
 
 # ---- Enclosures ----------------------------------------------------------------------------------
 

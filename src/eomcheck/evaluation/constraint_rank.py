@@ -27,9 +27,8 @@ from eomcheck.evaluation.tolerance import INCONCLUSIVE, UNDERFLOW, allowed_error
 from eomcheck.formulations import Partition
 from eomcheck.kernels.perturbed_trace import traceable_prepare
 from eomcheck.numbers.generic import Array, map_record
-from eomcheck.numbers.linear import least_squares
+from eomcheck.numbers.linear import least_squares, power_of_two_scale
 from eomcheck.numbers.noise import SAMPLES, STEP, Noise
-from eomcheck.numbers.pivots import power_of_two_scale
 
 # ---- Positions that satisfy the constraints ------------------------------------------------------
 

@@ -28,9 +28,8 @@ from eomcheck.evaluation.perturbed import (
 from eomcheck.evaluation.tolerance import NOTICEABLE, UNDERFLOW, allowed_error, largest
 from eomcheck.formulations import Formulation, formulation_for
 from eomcheck.mechanics.scene import Scene, checked_scene, finite_array
-from eomcheck.numbers.generic import Array
+from eomcheck.numbers.generic import EPS, Array
 from eomcheck.numbers.linear import least_squares
-from eomcheck.numbers.pivots import EPS
 
 # ---- Redundant constraints -----------------------------------------------------------------------
 

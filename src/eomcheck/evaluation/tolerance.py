@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 
 from eomcheck.numbers.batch_arrays import BatchArray, batch_data, batch_size
-from eomcheck.numbers.generic import Array
-from eomcheck.numbers.pivots import EPS
+from eomcheck.numbers.generic import EPS, Array
 
 C = 32.0
 """The constant factor of every tolerance.

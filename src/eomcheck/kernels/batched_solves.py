@@ -23,6 +23,7 @@ from eomcheck.numbers.banded_solve import (
     BANDED_SOLVERS,
     DIAGONAL,
     HALF,
+    REFINED,
     TERMS,
     BandFactors,
     scaled_factors,
@@ -39,7 +40,6 @@ from eomcheck.numbers.linear import (
     singular_below,
 )
 from eomcheck.numbers.noise import NORMAL
-from eomcheck.numbers.pivots import REFINED
 
 # ---- LAPACK in a loop ----------------------------------------------------------------------------
 

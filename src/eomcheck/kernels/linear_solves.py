@@ -1,6 +1,7 @@
 """Linear solves in machine code: no branch, no exception; of a singular matrix x is NaN.
 
-Scales, pivots and refinement follow `eomcheck.numbers.pivots`; what these refuse gives NaN.
+Scales and pivots follow `eomcheck.numbers.linear`, refinement `eomcheck.numbers.banded_solve`; what
+these refuse gives NaN.
 
 Small matrices are eliminated in registers, with rows exchanged by select instructions; larger ones
 in memory by LAPACK (`dgetrf`, `dgetrs`), lane by lane.
@@ -20,9 +21,7 @@ import ctypes
 from functools import cache, reduce
 
 from eomcheck.kernels.llvm import FINITE_NOT_ZERO, LANES, IRBuilder
-from eomcheck.numbers.pivots import (
-    ABOVE_ONE,
-    LARGEST_EXPONENT,
+from eomcheck.numbers.banded_solve import (
     LEAST_STEPS,
     MOST_STEPS,
     REFINED,
@@ -30,6 +29,7 @@ from eomcheck.numbers.pivots import (
     SMALLEST_SIZE,
     STALLED,
 )
+from eomcheck.numbers.linear import ABOVE_ONE, LARGEST_EXPONENT
 
 # ---- In registers --------------------------------------------------------------------------------
 
@@ -38,7 +38,7 @@ ONE, EXPONENT = 1023, 52
 
 
 def emit_power_of_two_scale(code: IRBuilder, largest: str) -> str:
-    """Return the powers of two of `eomcheck.numbers.pivots.power_of_two_scale`, lane by lane."""
+    """Return the powers of two of `eomcheck.numbers.linear.power_of_two_scale`, lane by lane."""
     kind = code.type_of("i64")
 
     def whole(x: int) -> str:

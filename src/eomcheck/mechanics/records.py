@@ -12,8 +12,7 @@ import numpy as np
 
 from eomcheck.deprecated import getattr_of
 from eomcheck.errors import RefusedError
-from eomcheck.numbers.generic import Array, generic
-from eomcheck.numbers.pivots import EPS
+from eomcheck.numbers.generic import EPS, Array, generic
 
 
 class Terms(NamedTuple):

@@ -55,9 +55,8 @@ from eomcheck.motion.simulate import (
     checked_times,
     initial_values,
 )
-from eomcheck.numbers.generic import FLOAT64, Array, map_entries
+from eomcheck.numbers.generic import EPS, FLOAT64, Array, map_entries
 from eomcheck.numbers.noise import SAMPLES, STEP, Noise
-from eomcheck.numbers.pivots import EPS
 from eomcheck.numbers.tape import Tape
 from eomcheck.safe_output import counted
 

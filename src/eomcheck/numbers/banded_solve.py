@@ -5,10 +5,18 @@ Row i of the matrix is `bands[i]`: entry (i, j) is `bands[i, 3 + j - i]`, a zero
 column j. The cost is O(m).
 
 float64 matrices are eliminated by LAPACK with partial pivoting, which may fill 3 more entries of a
-row, and the solution is refined in the same precision, see `eomcheck.numbers.pivots`. Without
-refinement a residual that is small for one row can be large for another if rows are of very
+row, and the solution is refined in the same precision until its backward error β, the largest of
+|b - A x|_i / (|A||x| + |b|)_i, is at most `REFINED`, but at least `LEAST_STEPS` times. A step that
+does not bring it below `STALLED` times its value before is the last one, and the matrix is refused:
+rounding does not explain x (Arioli, Demmel, Duff 1989; Higham 2002, Sec. 12.2).
+(|A||x| + |b|)_i counts as ε times the largest of all rows at least (`SMALLEST_SHARE`): if x is 0 in
+all unknowns of row i, the computed residual of that row is rounding error of other rows.
+
+Without refinement a residual that is small for one row can be large for another if rows are of very
 different size, as with masses over many decades; with it the residual of every row is small, or the
-matrix is refused. One step is nearly always enough (Skeel 1980; Higham 2002, Thm. 12.4).
+matrix is refused. One step is nearly always enough (Skeel 1980; Higham 2002, Thm. 12.4). Machine
+code (`eomcheck.kernels`) refines by the same rules, and takes any pivot of entries that agree to
+2^-50.
 """
 
 from __future__ import annotations
@@ -22,6 +30,7 @@ import numpy as np
 from scipy.linalg import get_lapack_funcs
 
 from eomcheck.errors import RefusedError
+from eomcheck.numbers.generic import EPS
 from eomcheck.numbers.linear import (
     ROUNDS,
     SOLVERS,
@@ -33,14 +42,6 @@ from eomcheck.numbers.linear import (
     singular_below,
 )
 from eomcheck.numbers.noise import NORMAL
-from eomcheck.numbers.pivots import (
-    LEAST_STEPS,
-    MOST_STEPS,
-    REFINED,
-    SMALLEST_SHARE,
-    SMALLEST_SIZE,
-    STALLED,
-)
 
 _gbtrf, _gbcon, _gbtrs = get_lapack_funcs(("gbtrf", "gbcon", "gbtrs"), dtype=np.float64)
 
@@ -58,6 +59,24 @@ TERMS = WIDTH
 BANDED_SOLVERS: dict[type, Callable] = {}
 """Scalar type -> function (bands, b, name) -> x. For other types in `SOLVERS` the full matrix is
 solved; for types in neither the band is eliminated exactly."""
+
+BAND_TERMS = 8
+"""Number of terms in a residual: 7 entries of a row of the band, and the right-hand side."""
+
+REFINED = BAND_TERMS * EPS
+"""Largest backward error that the rounding of a residual alone can cause."""
+
+LEAST_STEPS, MOST_STEPS = 1, 20
+"""Bounds of the number of refinement steps."""
+
+STALLED = 0.5
+"""Largest ratio of the backward errors after and before a step; above it refinement stops."""
+
+SMALLEST_SIZE = 2.0**-960
+"""Lower limit of |A||x| + |b|: below it residuals underflow, and their size means nothing."""
+
+SMALLEST_SHARE = EPS
+"""Lower limit of |A||x| + |b| as a share of its largest entry; rows are scaled."""
 
 
 def solve_banded(bands, b, name):

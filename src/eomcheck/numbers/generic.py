@@ -21,6 +21,9 @@ import numpy as np
 
 Array = np.ndarray
 
+EPS = float(np.finfo(np.float64).eps)
+"""Spacing of float64 at 1."""
+
 
 class Angles(NamedTuple):
     """Angles with their cosines and sines, computed by the arithmetic; each of shape (k,).

@@ -1,6 +1,9 @@
 """Linear algebra on every scalar type: `solve`, the one solve that formulations call, and products.
 
-float64 matrices are solved by LAPACK's LU with partial pivoting. Every matrix solved is recorded by
+float64 matrices are scaled by powers of two, which round nothing, so that the largest entry of each
+row is near 1; the scale of rows decides which pivots are taken. They are solved by LAPACK's LU with
+partial pivoting: the pivot of a column is its largest remaining entry, the first of several equal
+ones. Machine code (`eomcheck.kernels`) does the same. Every matrix solved is recorded by
 name with its reciprocal condition number, and one that is singular to working precision is refused:
 a `RefusedError` is raised. Object arrays are solved by the solver registered for their scalar type
 in `SOLVERS`; fields without one (`fractions.Fraction`) are eliminated exactly.
@@ -30,9 +33,45 @@ from scipy.linalg import get_lapack_funcs
 
 from eomcheck.errors import RefusedError
 from eomcheck.numbers.batch_arrays import BatchArray, NoiseBatch, batch_data, batch_size, of_each
-from eomcheck.numbers.generic import Array
+from eomcheck.numbers.generic import EPS, Array
 from eomcheck.numbers.noise import NORMAL, Noise
-from eomcheck.numbers.pivots import EPS, power_of_two_scale
+
+# ---- Scales --------------------------------------------------------------------------------------
+
+ABOVE_ONE = 1.0 + 2.0**-20
+"""Factor before the exponent is taken: numbers slightly below a power of two are scaled like it.
+Many numbers of models are powers of two; perturbed samples of them must not fall on different sides
+of a limit, or other pivots are taken."""
+
+LARGEST_EXPONENT = 1000
+"""Largest exponent of a scale, 2^-1000 to 2^1000, so that a scale is a normal number."""
+
+_LEAST = 1100
+_SCALES = np.ldexp(
+    1.0, np.clip(np.arange(_LEAST, -_LEAST, -1), -LARGEST_EXPONENT, LARGEST_EXPONENT)
+)
+"""Scales by exponent: entry i is the scale of numbers with the exponent `i - _LEAST`."""
+
+
+def power_of_two_scale(largest: np.ndarray) -> np.ndarray:
+    """Return the powers of two (k,) that bring numbers `largest` (k,) to [0.5, 1).
+
+    Numbers that are 0 or not finite are scaled like 1.
+    """
+    usable = (largest > 0) & (largest < np.inf)
+    if not usable.all():
+        largest = np.where(usable, largest, 1.0)
+    return _SCALES.take(np.frexp(largest * ABOVE_ONE)[1] + _LEAST)
+
+
+def column_scale(A: np.ndarray) -> np.ndarray:
+    """Return powers of two (..., k) that bring the largest entry of each column of A near 1.
+
+    A scaling of columns does not change elimination with partial pivoting: pivots and digits are
+    the same. A scaling of rows does; for it the same function is used on Aᵀ.
+    """
+    return power_of_two_scale(np.abs(A).max(axis=-2))
+
 
 # ---- LU factors ----------------------------------------------------------------------------------
 
@@ -126,15 +165,6 @@ def determinant(diagonal: np.ndarray, pivots: np.ndarray, *scales: np.ndarray) -
     with np.errstate(divide="ignore"):
         log = np.log2(np.abs(diagonal)).sum(-1) - sum(np.log2(s).sum(-1) for s in scales)
     return np.prod(np.sign(diagonal), axis=-1) * (-1) ** exchanges, log
-
-
-def column_scale(A: np.ndarray) -> np.ndarray:
-    """Return powers of two (..., k) that bring the largest entry of each column of A near 1.
-
-    A scaling of columns does not change elimination with partial pivoting: pivots and digits are
-    the same. A scaling of rows does; for it the same function is used on Aᵀ.
-    """
-    return power_of_two_scale(np.abs(A).max(axis=-2))
 
 
 def elimination_order(pivots):

@@ -40,8 +40,7 @@ from eomcheck.mechanics.records import (
     plane_rotation,
     plane_translation,
 )
-from eomcheck.numbers.generic import FLOAT64, Arithmetic, Array
-from eomcheck.numbers.pivots import EPS
+from eomcheck.numbers.generic import EPS, FLOAT64, Arithmetic, Array
 
 REAR, FRAME, FORK, FRONT = range(4)
 """Indices of the bodies: rear wheel, rear frame with the rider, front frame, front wheel."""

@@ -50,8 +50,7 @@ from eomcheck.mechanics.records import (
     plane_rotation,
     plane_translation,
 )
-from eomcheck.numbers.generic import Arithmetic, Array
-from eomcheck.numbers.pivots import EPS
+from eomcheck.numbers.generic import EPS, Arithmetic, Array
 
 # ---- Lagrange's terms ----------------------------------------------------------------------------
 

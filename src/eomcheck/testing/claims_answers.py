@@ -13,8 +13,7 @@ import numpy as np
 
 from eomcheck.claims.registry import Comparison, Decision, function_claim
 from eomcheck.evaluation.tolerance import largest
-from eomcheck.numbers.generic import Array
-from eomcheck.numbers.pivots import EPS
+from eomcheck.numbers.generic import EPS, Array
 from eomcheck.testing.equations_of_motion import (
     INPUTS,
     BrokenError,

@@ -21,8 +21,7 @@ from eomcheck.claims.registry import (
 )
 from eomcheck.errors import InputError
 from eomcheck.evaluation.tolerance import C
-from eomcheck.numbers.generic import Array
-from eomcheck.numbers.pivots import EPS
+from eomcheck.numbers.generic import EPS, Array
 from eomcheck.testing.claims_answers import axis_names
 from eomcheck.testing.claims_terms import (
     compare,

@@ -15,8 +15,7 @@ import numpy as np
 from eomcheck.claims.finding import EVERY_ROW
 from eomcheck.claims.registry import BlindSpot, Comparison, Decision, Skipped, function_claim
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, C, allowed_error
-from eomcheck.numbers.generic import Array
-from eomcheck.numbers.pivots import EPS
+from eomcheck.numbers.generic import EPS, Array
 from eomcheck.testing.equations_of_motion import BrokenError
 from eomcheck.testing.function_state import (
     BUILT_IN,

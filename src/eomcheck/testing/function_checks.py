@@ -46,8 +46,7 @@ from eomcheck.errors import InputError, safe_repr, whole_number
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, C, allowed_error
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.generic import Array
-from eomcheck.numbers.pivots import EPS
+from eomcheck.numbers.generic import EPS, Array
 from eomcheck.safe_output import counted
 
 from eomcheck.testing import claims_answers, claims_terms  # isort: skip

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 
 from eomcheck.evaluation.tolerance import C
-from eomcheck.numbers.generic import Array
-from eomcheck.numbers.pivots import EPS
+from eomcheck.numbers.generic import EPS, Array
 from eomcheck.testing.equations_of_motion import BrokenError, EquationsOfMotion, FunctionCaller
 from eomcheck.testing.uncertain import (
     UncertainArray,

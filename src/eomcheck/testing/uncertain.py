@@ -27,8 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.evaluation.tolerance import C
-from eomcheck.numbers.generic import Array
-from eomcheck.numbers.pivots import EPS
+from eomcheck.numbers.generic import EPS, Array
 
 # ---- Arrays with errors --------------------------------------------------------------------------
 

@@ -27,8 +27,7 @@ from eomcheck.mechanics.records import State
 from eomcheck.motion.batch import Trajectories, simulate_many
 from eomcheck.motion.simulate import simulate
 from eomcheck.numbers.batch_arrays import batch_data
-from eomcheck.numbers.generic import Array
-from eomcheck.numbers.pivots import EPS
+from eomcheck.numbers.generic import EPS, Array
 
 # ---- Simulated motions ---------------------------------------------------------------------------
 

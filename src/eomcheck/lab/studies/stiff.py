@@ -45,8 +45,7 @@ from eomcheck.lab.study import (
 from eomcheck.motion.integrators import INTEGRATORS
 from eomcheck.motion.right_hand_side import exact_jacobian
 from eomcheck.motion.simulate import Motion
-from eomcheck.numbers.generic import Array
-from eomcheck.numbers.pivots import EPS
+from eomcheck.numbers.generic import EPS, Array
 from eomcheck.safe_output import counted
 from eomcheck.scenes import Snake
 

@@ -32,7 +32,7 @@ from eomcheck.lab.store.record_file import Record, Settings, by_setting, group
 from eomcheck.lab.studies.stability.families import FAMILIES, Family, Posed
 from eomcheck.lab.study import Formulations
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.pivots import EPS
+from eomcheck.numbers.generic import EPS
 from eomcheck.scene_lookup import scene_classes_named
 
 

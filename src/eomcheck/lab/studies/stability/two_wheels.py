@@ -14,8 +14,7 @@ import numpy as np
 from eomcheck.errors import RefusedError
 from eomcheck.mechanics.records import Speeds
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.generic import Arithmetic, Array, generic
-from eomcheck.numbers.pivots import EPS
+from eomcheck.numbers.generic import EPS, Arithmetic, Array, generic
 from eomcheck.scenes import Snake
 
 
