@@ -14,8 +14,7 @@ import pytest
 from eomcheck.claims import Finding, State
 from eomcheck.claims.finding import Proof
 from eomcheck.claims.run import ValidationRun
-from eomcheck.lab import run_time as timing
-from eomcheck.lab.run_time import run_time, was_contended
+from eomcheck.lab import study as timing
 from eomcheck.lab.store import record_file
 from eomcheck.lab.store.record_file import Record, by_setting, group, record_of_rows, rows_in
 from eomcheck.lab.store.validation_runs import (
@@ -29,6 +28,7 @@ from eomcheck.lab.store.validation_runs import (
     stored_findings_in,
     why_unreadable,
 )
+from eomcheck.lab.study import run_time, was_contended
 from eomcheck.scenes import Snake
 
 SNAKE = Snake.coil(2)

@@ -34,9 +34,9 @@ from eomcheck.draws.fuzz_cases import (
 from eomcheck.errors import EomcheckError, InputError
 from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.lab.fuzzing import failures, function_rounds
+from eomcheck.lab.fuzzing import failures, state_rounds
 from eomcheck.lab.fuzzing import failures as replay
-from eomcheck.lab.fuzzing import function_rounds as fuzzed
+from eomcheck.lab.fuzzing import state_rounds as fuzzed
 from eomcheck.lab.fuzzing.campaign import Round, ScoredCase
 from eomcheck.lab.fuzzing.failures import (
     FUNCTIONS,
@@ -53,9 +53,9 @@ from eomcheck.lab.fuzzing.failures import (
     simplify_numbers,
     write_failures,
 )
-from eomcheck.lab.fuzzing.function_rounds import FunctionsPlan, drawn_state, hill_climbed_states
 from eomcheck.lab.fuzzing.motion_comparison import END_STATES, ENERGY, MotionFinding
 from eomcheck.lab.fuzzing.screening import Diagnosis, keys_in_subject
+from eomcheck.lab.fuzzing.state_rounds import FunctionsPlan, drawn_state, hill_climbed_states
 from eomcheck.mechanics.records import Range, State
 from eomcheck.scenes import SCENES, Sleigh, Snake, snake
 from eomcheck.testing import EquationsOfMotion
@@ -298,7 +298,7 @@ def test_special_states_of_functions_are_at_special_numbers_and_sometimes_at_res
 
 def test_near_states_of_functions_take_numbers_of_any_claim(monkeypatch):
     monkeypatch.setattr(
-        function_rounds, "changed_entries", lambda here, there, random: there + 0 * here
+        state_rounds, "changed_entries", lambda here, there, random: there + 0 * here
     )
     population: Any = {
         (name, ""): [ScoredCase(1.0, (NARROW, State(np.full(2, x), np.full(2, x))))]
@@ -307,7 +307,7 @@ def test_near_states_of_functions_take_numbers_of_any_claim(monkeypatch):
     found = hill_climbed_states(NARROW, population, 60, np.random.default_rng(0))
     assert {0.25, 0.5} <= {state.q[0] for state in found} <= {0.25, 0.5, 2.0}
     assert {state.v[0] for state in found} <= {0.25, 0.5, 1.0}
-    monkeypatch.setattr(function_rounds, "changed_entries", lambda here, *_: 0 * here + 5.0)
+    monkeypatch.setattr(state_rounds, "changed_entries", lambda here, *_: 0 * here + 5.0)
     del population["c", ""]
     found = hill_climbed_states(NARROW, population, 60, np.random.default_rng(0))
     # What leaves a range goes to its end, or stays.

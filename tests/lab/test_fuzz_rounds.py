@@ -32,7 +32,6 @@ from eomcheck.lab.fuzzing.campaign import (
     update_population,
 )
 from eomcheck.lab.fuzzing.failures import failure_record
-from eomcheck.lab.fuzzing.function_rounds import FunctionsPlan
 from eomcheck.lab.fuzzing.motion_rounds import MotionPlan
 from eomcheck.lab.fuzzing.screening import (
     DECIDED,
@@ -44,6 +43,7 @@ from eomcheck.lab.fuzzing.screening import (
     screen,
 )
 from eomcheck.lab.fuzzing.state_rounds import (
+    FunctionsPlan,
     RandomStatePlan,
     StatePlan,
     clamped_to_ranges,

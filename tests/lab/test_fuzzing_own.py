@@ -18,20 +18,21 @@ from eomcheck.claims.finding import entries_of
 from eomcheck.draws.fuzz_cases import FAMILIES, ORDINARY, SPECIAL, StructuralVariant, draw_cases
 from eomcheck.errors import InputError
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.fuzzing import function_rounds as fuzzed
 from eomcheck.lab.fuzzing import screening
+from eomcheck.lab.fuzzing import state_rounds as fuzzed
 from eomcheck.lab.fuzzing.campaign import Campaign, Round, ScoredCase
 from eomcheck.lab.fuzzing.failures import FUNCTIONS, read_failures, replay_failures, write_failures
-from eomcheck.lab.fuzzing.function_rounds import (
-    SKIPPED,
-    FunctionsPlan,
-    drawn_state,
-    hill_climbed_states,
-    state_bounds,
-)
 from eomcheck.lab.fuzzing.motion_comparison import jacobians
 from eomcheck.lab.fuzzing.screening import DECIDED, OPEN, CheckFrequency, runs_in_lanes
-from eomcheck.lab.fuzzing.state_rounds import StatePlan, is_ordinary
+from eomcheck.lab.fuzzing.state_rounds import (
+    SKIPPED,
+    FunctionsPlan,
+    StatePlan,
+    drawn_state,
+    hill_climbed_states,
+    is_ordinary,
+    state_bounds,
+)
 from eomcheck.lab.store.record_file import Records
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import Snake, snake

@@ -18,7 +18,7 @@ from eomcheck.engines import PinocchioFile
 from eomcheck.engines.file_engine import read_description
 from eomcheck.errors import EngineError, InputError
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.lab import library_comparison, proofs, run_time
+from eomcheck.lab import library_comparison, proofs
 from eomcheck.lab import proofs as proof_jobs
 from eomcheck.lab.discrepancy import Discrepancy, Explanation, explain, relative_scale
 from eomcheck.lab.library_comparison import (
@@ -31,9 +31,17 @@ from eomcheck.lab.library_comparison import (
     reference_quantities,
 )
 from eomcheck.lab.proofs import LINKS, ProofJobs, Proofs, numbers_of_links
-from eomcheck.lab.run_time import slope, was_contended
 from eomcheck.lab.store.record_file import Record, Records
-from eomcheck.lab.study import Study, document_of, failed, unfinished
+from eomcheck.lab.study import (
+    RunTime,
+    Study,
+    document_of,
+    failed,
+    run_time,
+    slope,
+    unfinished,
+    was_contended,
+)
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import Sleigh, Snake, from_urdf
 
@@ -447,12 +455,12 @@ def test_proofs_taken_over_are_kept_in_the_other_file_too_and_written_with_what_
 
 
 def test_quartiles_are_of_all_runs_and_long_work_ends_with_the_fewest(monkeypatch):
-    def timed(*walls: float, **options: Any) -> run_time.RunTime:
+    def timed(*walls: float, **options: Any) -> RunTime:
         starts = [x for wall in walls for x in (0.0, wall)]
         cpus = [x for wall in walls for x in (0.0, wall / 2)]
-        monkeypatch.setattr(run_time.time, "perf_counter", lambda: starts.pop(0))
-        monkeypatch.setattr(run_time.time, "thread_time", lambda: cpus.pop(0))
-        return run_time.run_time(lambda: None, **options)
+        monkeypatch.setattr("eomcheck.lab.study.time.perf_counter", lambda: starts.pop(0))
+        monkeypatch.setattr("eomcheck.lab.study.time.thread_time", lambda: cpus.pop(0))
+        return run_time(lambda: None, **options)
 
     found = timed(4.0, 1.0, 3.0, 2.0, 9.0, runs=5, long=99.0)
     assert (found.seconds, found.cpu_seconds, found.quartiles) == (1.0, 0.5, (2.0, 4.0))

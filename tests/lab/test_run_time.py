@@ -7,8 +7,8 @@ import time
 
 import pytest
 
-from eomcheck.lab import run_time as module
-from eomcheck.lab.run_time import held_on_a_core, run_time
+from eomcheck.lab import study as module
+from eomcheck.lab.study import held_on_a_core, run_time
 
 linux = pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="no affinity here")
 

@@ -18,7 +18,7 @@ from eomcheck.draws.fuzz_cases import StructuralVariant
 from eomcheck.errors import EomcheckError, InputError, RefusedError
 from eomcheck.evaluation.tolerance import NOTICEABLE, UNDERFLOW
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab import figure_data, references, run_time
+from eomcheck.lab import figure_data, references, study
 from eomcheck.lab import references as reference_runs
 from eomcheck.lab.fuzzing import campaign, motion_comparison, motion_rounds, screening
 from eomcheck.lab.fuzzing.campaign import Campaign, RoundResult
@@ -602,13 +602,13 @@ def test_a_reference_is_made_by_both_methods_and_checked_by_a_third_of_the_longe
 
 def test_a_motion_is_made_from_the_start_given_or_the_scene_s_own(monkeypatch):
     made: list[tuple] = []
-    monkeypatch.setattr(run_time, "Motion", lambda scene, f, *start: made.append((f.key, start)))
+    monkeypatch.setattr(study, "Motion", lambda scene, f, *start: made.append((f.key, start)))
     clock = iter([1.0, 3.5, 4.0, 4.25])
-    monkeypatch.setattr(run_time.time, "perf_counter", lambda: next(clock))
+    monkeypatch.setattr(study.time, "perf_counter", lambda: next(clock))
     scene = Sleigh.example()
     q, v = scene.initial_state()
-    assert run_time.prepare_motion(scene, "au")[1] == 2.5
-    assert run_time.prepare_motion(scene, "kane", q + 1, v + 2)[1] == 0.25
+    assert study.prepare_motion(scene, "au")[1] == 2.5
+    assert study.prepare_motion(scene, "kane", q + 1, v + 2)[1] == 0.25
     (first, own), (second, given) = made
     assert (first, second) == ("au", "kane")
     assert [x.tolist() for x in own] == [q.tolist(), v.tolist()]

@@ -635,7 +635,7 @@ def test_a_run_is_integrated_to_the_end_of_its_reference_compared_and_timed(monk
         return SimpleNamespace(recorded=lambda: recorded)
 
     drift = SimpleNamespace(rate=2e-9, exponent=1.5)
-    of, timing = "eomcheck.lab.studies.work_precision.", "eomcheck.lab.run_time."
+    of, timing = "eomcheck.lab.studies.work_precision.", "eomcheck.lab.study."
     monkeypatch.setattr(
         f"{of}stored_reference", lambda name, folder: asked.append((name, folder)) or reference
     )

@@ -19,9 +19,9 @@ from eomcheck.lab import library_comparison
 from eomcheck.lab.discrepancy import Explanation
 from eomcheck.lab.fuzzing.campaign import Campaign, ScoredCase
 from eomcheck.lab.fuzzing.failures import FailureRecord
-from eomcheck.lab.fuzzing.function_rounds import FunctionsPlan
 from eomcheck.lab.fuzzing.motion_rounds import CROSSED, STOPPED
 from eomcheck.lab.fuzzing.screening import DECIDED, OPEN
+from eomcheck.lab.fuzzing.state_rounds import FunctionsPlan
 from eomcheck.lab.library_comparison import LibraryComparison, LibraryResult
 from eomcheck.lab.report import finding_output, motion_tables
 from eomcheck.lab.report.claim_summary import (

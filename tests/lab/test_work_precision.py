@@ -18,7 +18,6 @@ from tests.widths import check_sheets_fit
 
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.run_time import was_contended
 from eomcheck.lab.show import chart_matplotlib
 from eomcheck.lab.show.chart_matplotlib import plt
 from eomcheck.lab.show.table import print_tables
@@ -35,6 +34,7 @@ from eomcheck.lab.studies.work_precision import (
     summary,
     tables,
 )
+from eomcheck.lab.study import was_contended
 from eomcheck.motion.integrators import INTEGRATORS
 from eomcheck.motion.simulate import Motion
 
@@ -260,10 +260,10 @@ def test_a_record_tells_the_drift_of_what_drifts(
 CLI = """
 import sys, time
 from eomcheck import cli
-from eomcheck.lab import run_time
+from eomcheck.lab import study
 
 log = sys.argv.pop(1)
-trajectory_of = run_time.trajectory_of
+trajectory_of = study.trajectory_of
 
 def noted(motion, steps, integrator, rtol, *more):
     with open(log, "a") as file:
@@ -271,7 +271,7 @@ def noted(motion, steps, integrator, rtol, *more):
     time.sleep(0.1)  # the cells alone are done before anybody can kill it twice
     return trajectory_of(motion, steps, integrator, rtol, *more)
 
-run_time.trajectory_of = noted
+study.trajectory_of = noted
 cli.main()
 """
 

@@ -34,9 +34,8 @@ from eomcheck.safe_output import counted
 
 if TYPE_CHECKING:
     from eomcheck.claims.run import RunSelection
-    from eomcheck.lab.fuzzing.function_rounds import FunctionsPlan
     from eomcheck.lab.fuzzing.motion_rounds import MotionPlan
-    from eomcheck.lab.fuzzing.state_rounds import StatePlan
+    from eomcheck.lab.fuzzing.state_rounds import FunctionsPlan, StatePlan
     from eomcheck.mechanics.scene import Scene
 
 
@@ -274,7 +273,7 @@ def _functions(
 ) -> FunctionsPlan:
     from eomcheck.draws.fuzz_cases import ORDINARY, SPECIAL
     from eomcheck.errors import distinct, registered
-    from eomcheck.lab.fuzzing.function_rounds import FunctionsPlan
+    from eomcheck.lab.fuzzing.state_rounds import FunctionsPlan
     from eomcheck.testing.function_checks import FUNCTION_CLAIMS
 
     claims = tuple(FUNCTION_CLAIMS if claim is None else distinct("claim", claim))

@@ -23,9 +23,9 @@ from eomcheck.engines import Engine, represents, version_of
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing.campaign import Campaign
 from eomcheck.lab.fuzzing.failures import ReplayResult
-from eomcheck.lab.fuzzing.function_rounds import SKIPPED, FunctionsPlan
 from eomcheck.lab.fuzzing.motion_rounds import CROSSED, STOPPED
 from eomcheck.lab.fuzzing.screening import DECIDED, OPEN
+from eomcheck.lab.fuzzing.state_rounds import SKIPPED, FunctionsPlan
 from eomcheck.lab.proofs import Proofs
 from eomcheck.lab.report.claim_summary import (
     ClaimSummary,

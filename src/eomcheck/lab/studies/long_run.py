@@ -18,11 +18,10 @@ import numpy as np
 from eomcheck.errors import InputError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS, formulations_for
-from eomcheck.lab.run_time import check_tolerances, solver_options
 from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
 from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.record_file import Record, Settings
-from eomcheck.lab.study import Formulations, Study, cell_text
+from eomcheck.lab.study import Formulations, Study, cell_text, check_tolerances, solver_options
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.reference_solution import constraint_error, drift_of
 from eomcheck.motion.simulate import simulate

@@ -30,7 +30,6 @@ from scipy.integrate import solve_ivp
 from eomcheck.errors import EomcheckError, InputError
 from eomcheck.formulations import formulation_of, formulations_for
 from eomcheck.lab.references import stored_reference
-from eomcheck.lab.run_time import prepare_motion, run_time, solver_options, was_contended
 from eomcheck.lab.show.chart import Axis, Chart, Panel
 from eomcheck.lab.show.table import ResultTable, table_of
 from eomcheck.lab.store.record_file import Record, Settings, group, select, values
@@ -41,6 +40,10 @@ from eomcheck.lab.study import (
     References,
     Study,
     line_of,
+    prepare_motion,
+    run_time,
+    solver_options,
+    was_contended,
 )
 from eomcheck.motion.integrators import INTEGRATORS
 from eomcheck.motion.right_hand_side import exact_jacobian

@@ -16,26 +16,24 @@ from typing import Annotated
 from eomcheck.evaluation.dynamics import velocity
 from eomcheck.formulations import formulations_for
 from eomcheck.lab.references import REFERENCE_CASES, stored_reference
-from eomcheck.lab.run_time import (
-    RUNS,
-    Judged,
-    check_tolerances,
-    motion_record,
-    prepare_motion,
-    was_contended,
-)
 from eomcheck.lab.show.chart import Axis, Chart, File, Line, Panel
 from eomcheck.lab.show.document_text import seconds_text
 from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.record_file import Record, Settings, by_setting, group, select, values
 from eomcheck.lab.study import (
     REFERENCES,
+    RUNS,
     CellWorker,
     Formulations,
+    Judged,
     References,
     Study,
     cell_text,
+    check_tolerances,
     line_of,
+    motion_record,
+    prepare_motion,
+    was_contended,
 )
 from eomcheck.motion.integrators import INTEGRATORS, integrator_of
 from eomcheck.motion.reference_solution import (

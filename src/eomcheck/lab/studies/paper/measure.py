@@ -23,9 +23,8 @@ from eomcheck.evaluation.dynamics import acceleration, velocity
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.perturbed import violation
 from eomcheck.formulations import FORMULATIONS, formulation_of
-from eomcheck.lab.run_time import Judged, motion_record, prepare_motion, slope
 from eomcheck.lab.store.record_file import Record, Settings
-from eomcheck.lab.study import CellWorker
+from eomcheck.lab.study import CellWorker, Judged, motion_record, prepare_motion, slope
 from eomcheck.motion.reference_solution import constraint_error, energy_error, error_norm
 from eomcheck.motion.simulate import Motion, Trajectory
 from eomcheck.numbers.linear import recording_solves
