@@ -113,6 +113,14 @@ def test_a_subject_is_refused_where_any_formulation_that_it_names_refuses(subjec
     assert case._refused_in(subject).tolist() == refused
 
 
+def test_a_state_refused_inside_the_sides_of_a_claim_is_absent_and_the_others_are_decided():
+    """The dependent velocity is ẋ, and the wheel rolls along x: the 1 x 1 matrix a_1 is 0."""
+    states = [State(np.array([0.1, 0.2, angle]), np.zeros(3)) for angle in (0.3, 0.0, 1.2)]
+    ((_, case),) = batched_cases([(Sleigh(), state) for state in states], ALL)
+    (result,) = case.evaluate(["null-space-embedding"])
+    assert result.verdict.tolist() == [PASSED_CODE, ABSENT, PASSED_CODE]
+
+
 def test_cases_of_one_structure_go_side_by_side_and_keep_their_places():
     two, three = ChainPendulum.rods(2), ChainPendulum.rods(3)
     snake, sprung = (Snake([1, 2], [1, 1], [1, 1], x, [0.1, 0.2]) for x in (None, [3.0]))

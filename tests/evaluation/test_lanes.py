@@ -7,6 +7,7 @@ import pytest
 
 from eomcheck.evaluation.evaluation import BatchEvaluation
 from eomcheck.evaluation.perturbed import PerturbedEvaluation, perturbed_samples, sensitivity_of
+from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.records import State
 from eomcheck.numbers.batch_arrays import BatchArray
 from eomcheck.numbers.linear import SolveRecorder
@@ -47,6 +48,22 @@ def test_the_sensitivity_of_a_state_in_a_batch_is_that_of_the_state_alone(term: 
     together = np.asarray(sensitivity_of(at, lambda x: getattr(x.terms, term)).data)
     alone = [sensitivity_of(at.alone(i), lambda x: getattr(x.terms, term)) for i in range(3)]
     assert together.tolist() == alone
+
+
+@pytest.mark.parametrize("part", [0, 1], ids=["accelerations", "multipliers"])
+def test_a_state_of_which_one_entry_overflows_is_refused_and_all_its_results_are_nan(part: int):
+    class Overflowing(BatchEvaluation):
+        def solution(self, formulation, partition):
+            results = super().solution(formulation, partition)
+            results[part].data[1, 0] = np.inf
+            return results
+
+    at = Overflowing([TurntableBall.example()] * 3, [STATE] * 3)
+    acceleration = at.acceleration(FORMULATIONS["au"])
+    assert at.refused["au", False].tolist() == [False, True, False]
+    for x in (acceleration.vdot, acceleration.multipliers):
+        assert np.isnan(x.data[1]).all() and x.data.shape[1] > 1
+        assert np.isfinite(x.data[[0, 2]]).all()
 
 
 def test_a_state_is_refused_where_one_of_its_samples_is():

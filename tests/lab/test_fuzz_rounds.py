@@ -522,6 +522,22 @@ def test_every_generation_has_every_structure_and_climbs_from_its_own():
     assert len({tuple(x) for x in orders}) > 1
 
 
+def test_the_order_of_variants_is_drawn_by_the_seed_and_by_the_generation():
+    variants = [StructuralVariant(n, ()) for n in range(1, 9)]
+
+    def orders(seed: int) -> list[list[int]]:
+        work = Worked(seed=seed)
+        Campaign(work, "worked", variants).run(states=2 * 5 * len(variants))  # type: ignore[arg-type]
+        numbers = [one.variant.links for one in work.rounds]
+        return [numbers[: len(variants)], numbers[len(variants) :]]
+
+    first, second = orders(1), orders(2)
+    assert first == orders(1)
+    different = {tuple(order) for order in first + second}
+    assert len(different) == 4
+    assert {tuple(sorted(order)) for order in different} == {tuple(range(1, 9))}
+
+
 @pytest.mark.parametrize(("states", "expected"), [(1, 1), (5, 1), (6, 2), (16, 4), (31, 7)])
 def test_a_campaign_ends_with_the_first_round_that_has_enough_states(states, expected):
     work = Worked()
