@@ -14,6 +14,7 @@ from threading import Thread
 import pytest
 
 from eomcheck import cli
+from eomcheck.cli.shared_options import CommandEnd
 from eomcheck.console import deferring_interrupts
 from eomcheck.errors import UnwrittenError
 from eomcheck.lab.fuzzing import campaign as campaigns
@@ -49,6 +50,15 @@ def campaign(monkeypatch: pytest.MonkeyPatch) -> list[object]:
 
     monkeypatch.setattr(campaigns.Campaign, "run", of_one_find)
     return ran
+
+
+def test_of_several_files_that_cannot_be_written_the_first_is_reported():
+    end = CommandEnd()
+    for name in ("first", "second"):
+        with end.collected():
+            raise UnwrittenError(name)
+    with pytest.raises(UnwrittenError, match=r"^first$"):
+        end.conclude(None, failed=False)
 
 
 @needs_full

@@ -43,7 +43,8 @@ def square(folder, seconds, item):
 
 def deadly(folder, item):
     note(folder, item)
-    if item == 3:
+    attempts = sum(x.read_text().split().count(str(item)) for x in Path(folder).iterdir())
+    if item == 3 and attempts < 9:  # a pool that tries for ever ends all the same
         os.kill(os.getpid(), signal.SIGKILL)
     time.sleep(0.05)
     return item

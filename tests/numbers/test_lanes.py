@@ -170,9 +170,14 @@ def test_a_turned_matrix_is_decomposed_as_such_whichever_is_first():
 
 def test_singular_values_of_rounding_count_as_zero():
     row = RANDOM.uniform(1.0, 2.0, (5, 3))
-    found = least_squares(BatchArray(np.stack((row, 3.0 * row), axis=1)), np.array([1.0, 3.0]))
+    a = np.stack((row, 3.0 * row), axis=1)
+    a[:, 1, 0] = np.nextafter(a[:, 1, 0], np.inf)
+    assert (np.linalg.svd(a, compute_uv=False)[:, 1] > 0).all()
+    b = np.array([1.0, 2.0])
+    solutions = least_squares(BatchArray(a), b)
     for i in range(5):
-        assert np.allclose(lane(found, i), row[i] / (row[i] @ row[i]), rtol=1e-12)
+        expected = row[i] / (row[i] @ row[i]) * (b @ [1.0, 3.0]) / 10.0
+        assert np.allclose(lane(solutions, i), expected, rtol=1e-12)
 
 
 @pytest.mark.parametrize(("a", "b"), [(np.inf, 1.0), (1.0, np.inf), (1.0, np.nan)])
