@@ -10,7 +10,7 @@ import pytest
 from rich.console import Console
 
 from eomcheck.lab.report.report_formats import write_junit
-from eomcheck.lab.show import document_text, table
+from eomcheck.lab.show import table
 from eomcheck.lab.show.table import Cell, ResultTable
 from eomcheck.safe_output import without_control_characters
 
@@ -36,7 +36,7 @@ def test_a_table_and_its_title_and_note_control_no_terminal(width, monkeypatch):
 
 def test_a_page_holds_no_control_character():
     jinja2 = pytest.importorskip("jinja2")
-    environment = document_text.environment()
+    environment = table.environment()
     environment.loader = jinja2.DictLoader({"x.html.j2": "<p>{{ name }}</p>\n"})
     page = environment.get_template("x.html.j2").render(name=NAME + "<b>")
     assert page == "<p>arm\ufffd]0;owned\ufffd\ufffd2J\ufffd\ufffd\ufffd&lt;b&gt;</p>\n"

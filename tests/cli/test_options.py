@@ -103,7 +103,7 @@ STUBS: dict[str, dict[str, Any]] = {
         "eomcheck.lab.report.report_formats.write_page": None,
         "eomcheck.lab.report.report_formats.write_markdown": None,
         "eomcheck.lab.report.report_formats.write_junit": None,
-        "eomcheck.lab.report.equivalences.write_equivalences": None,
+        "eomcheck.lab.report.report_formats.write_equivalences": None,
         "eomcheck.lab.report.overview.read_records": lambda paths, unread=None: [],
     },
     "export": {"eomcheck.cli.check_commands.write_text": None},
@@ -139,11 +139,11 @@ STUBS: dict[str, dict[str, Any]] = {
     "draw scene": {
         "eomcheck.lab.show.pictures.draw_scene": None,
         "eomcheck.lab.show.pictures.draw_motion": None,
-        "eomcheck.lab.figure_data.sketches_of_motion": ([], np.zeros(1), 1),
+        "eomcheck.lab.show.pictures.sketches_of_motion": ([], np.zeros(1), 1),
     },
     "draw structure": {
         "eomcheck.lab.show.pictures.draw_structure": None,
-        "eomcheck.lab.figure_data.structure_of": lambda scene, formulation, *state: (
+        "eomcheck.lab.show.pictures.structure_of": lambda scene, formulation, *state: (
             f"{formulation.key} of {scene!r}"
         ),
     },

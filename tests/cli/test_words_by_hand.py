@@ -466,13 +466,13 @@ def drawn(monkeypatch, tmp_path) -> list[Any]:
         return scene.structure, formulation.key
 
     lab = "eomcheck.lab"
-    monkeypatch.setattr(f"{lab}.figure_data.sketches_of_motion", moved)
+    monkeypatch.setattr(f"{lab}.show.pictures.sketches_of_motion", moved)
     monkeypatch.setattr(f"{lab}.show.pictures.draw_motion", lambda *x: seen.append(x))
     monkeypatch.setattr(
-        f"{lab}.figure_data.posed_sketch", lambda scene, q: (scene.structure, "names")
+        f"{lab}.show.pictures.posed_sketch", lambda scene, q: (scene.structure, "names")
     )
     monkeypatch.setattr(f"{lab}.show.pictures.draw_scene", lambda *x: seen.append(x))
-    monkeypatch.setattr(f"{lab}.figure_data.structure_of", structure)
+    monkeypatch.setattr(f"{lab}.show.pictures.structure_of", structure)
     monkeypatch.setattr(f"{lab}.show.pictures.draw_structure", lambda *x: seen.append(x))
     return seen
 

@@ -27,7 +27,7 @@ from eomcheck.lab.show.chart import (
 )
 from eomcheck.lab.show.chart_matplotlib import HOLLOW, draw_heat, draw_panel, plt, tick
 from eomcheck.lab.show.chart_plotly import chart_json
-from eomcheck.lab.show.document_text import grouped, seconds_text
+from eomcheck.lab.show.table import grouped, seconds_text
 from eomcheck.lab.store.record_file import Record, record_of_rows
 from eomcheck.lab.studies import study_of
 from eomcheck.lab.studies.accuracy import Delivered

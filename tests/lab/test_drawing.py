@@ -9,10 +9,18 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from eomcheck.lab.figure_data import Block, Matrix, Structure
 from eomcheck.lab.show import pictures, sketch_drawing
 from eomcheck.lab.show.chart_matplotlib import plt
-from eomcheck.lab.show.pictures import _title, canvas, paint, scene_figure, structure_figure
+from eomcheck.lab.show.pictures import (
+    Block,
+    Matrix,
+    Structure,
+    _title,
+    canvas,
+    paint,
+    scene_figure,
+    structure_figure,
+)
 from eomcheck.lab.show.sketch_drawing import DARK, LIGHT, Drawing, View
 from eomcheck.mechanics import sketch as s
 

@@ -13,15 +13,15 @@ from eomcheck import CLAIMS
 from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.errors import InputError
 from eomcheck.lab.proofs import Proofs, proof_jobs
-from eomcheck.lab.report.equivalences import (
+from eomcheck.lab.report.overview import Overview, read_records
+from eomcheck.lab.report.report_formats import (
     PROVED,
     RUN,
     independent_parameters,
     named_tests,
     write_equivalences,
 )
-from eomcheck.lab.report.overview import Overview, read_records
-from eomcheck.lab.show.document_text import ranges
+from eomcheck.lab.show.table import ranges
 from eomcheck.lab.store.record_file import Records
 from eomcheck.lab.store.validation_runs import validate_kind
 from eomcheck.scenes import SCENES, Sleigh

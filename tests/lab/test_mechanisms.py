@@ -15,16 +15,16 @@ from eomcheck.errors import InputError
 from eomcheck.evaluation.dynamics import assembly_error
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.figure_data import (
+from eomcheck.lab.show.chart_matplotlib import plt
+from eomcheck.lab.show.pictures import (
     moving_state,
     posed_sketch,
     scene_and_pose,
+    scene_figure,
     sketch_of,
     sketches_of_motion,
     structure_of,
 )
-from eomcheck.lab.show.chart_matplotlib import plt
-from eomcheck.lab.show.pictures import scene_figure
 from eomcheck.lab.show.sketch_drawing import DARK, LIGHT, symbol
 from eomcheck.mechanics import sketch as s
 from eomcheck.mechanics.scene import Scene

@@ -23,18 +23,17 @@ from eomcheck.lab import library_comparison
 from eomcheck.lab.discrepancy import Explanation
 from eomcheck.lab.fuzzing.failures import FailureRecord, ReplayResult
 from eomcheck.lab.library_comparison import LibraryComparison, LibraryResult
-from eomcheck.lab.report import (
-    equivalences,
-    finding_output,
-    motion_tables,
-    registries,
-    report_formats,
-)
-from eomcheck.lab.report.claim_summary import ClaimSummary, by_claim, evidence_table, worst_table
-from eomcheck.lab.report.equivalences import named_tests
+from eomcheck.lab.report import finding_output, motion_tables, registries, report_formats
 from eomcheck.lab.report.finding_output import write_findings
-from eomcheck.lab.report.overview import Overview, origin_of, sections_of
-from eomcheck.lab.report.report_formats import write_junit
+from eomcheck.lab.report.overview import (
+    ClaimSummary,
+    Overview,
+    by_claim,
+    evidence_table,
+    origin_of,
+    worst_table,
+)
+from eomcheck.lab.report.report_formats import named_tests, sections_of, write_junit
 from eomcheck.lab.show.chart import Axis, Chart, Line, Panel
 from eomcheck.lab.store.record_file import Record
 from eomcheck.lab.store.validation_runs import PROOFS, RUNS
@@ -273,7 +272,7 @@ def test_a_report_says_by_which_commands_it_can_be_made_again():
     proofs = [proof("snake", n) for n in (1, 2, 3, 20)] + [proof("sleigh", None)]
     overview = Overview([run("snake"), run("sleigh", examples=9)])
     overview.records += proofs
-    assert list(equivalences.commands(overview)) == [
+    assert list(report_formats.commands(overview)) == [
         "eomcheck validate --scene snake --examples 7 --links 2..5 --seed 3",
         "eomcheck validate --scene sleigh --examples 9 --links 2..5 --seed 3",
         "eomcheck prove --scene snake --links 1..3,20",
@@ -281,12 +280,12 @@ def test_a_report_says_by_which_commands_it_can_be_made_again():
     ]
     overview = Overview([run(key) for key in SCENES])
     overview.records += [proof(key, 4 if key == "snake" else None) for key in SCENES]
-    assert set(equivalences.commands(overview)) == {
+    assert set(report_formats.commands(overview)) == {
         "eomcheck validate --scene all --examples 7 --links 2..5 --seed 3",
         "eomcheck prove --scene all --links 4",
     }
     overview = Overview([run(key, seed=int(key == "snake")) for key in SCENES])
-    assert len(set(equivalences.commands(overview))) == len(SCENES)
+    assert len(set(report_formats.commands(overview))) == len(SCENES)
 
 
 SUITE = """

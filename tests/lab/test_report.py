@@ -14,12 +14,13 @@ from tests.cli.test_cli import run
 from eomcheck import CLAIMS, check_state
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.errors import InputError
-from eomcheck.lab.report.overview import Overview, read_records, sections_of
+from eomcheck.lab.report.overview import Overview, read_records
 from eomcheck.lab.report.report_formats import (
     CONTRAST,
     DARK,
     contrast,
     on_dark,
+    sections_of,
     write_junit,
     write_markdown,
     write_page,

@@ -10,20 +10,22 @@ import pytest
 from tests.lab.test_tables import kept, proof, table
 
 from eomcheck.errors import EngineError, InputError
-from eomcheck.lab.report import equivalences, finding_output, registries
-from eomcheck.lab.report import overview as sections
-from eomcheck.lab.report.claim_summary import (
+from eomcheck.lab.report import finding_output, registries, report_formats
+from eomcheck.lab.report import report_formats as sections
+from eomcheck.lab.report.overview import (
     CELLS,
     WORST,
+    Overview,
     by_claim,
     claim_link,
     digits_table,
     factor_table,
     participant_table,
+    record_columns,
+    record_table,
     scene_table,
     worst_table,
 )
-from eomcheck.lab.report.overview import Overview, record_columns, record_table
 from eomcheck.lab.report.registries import parameter_table
 from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.record_file import Record
@@ -427,10 +429,10 @@ def test_data_are_another_engine_s_where_they_change_the_tree_that_it_is_built_o
     monkeypatch, engines, by
 ):
     kinds = {"jointed": Jointed, "free": Free}
-    monkeypatch.setattr(equivalences, "SCENES", kinds)
-    monkeypatch.setattr(equivalences, "link_count", lambda scene: None)
+    monkeypatch.setattr(report_formats, "SCENES", kinds)
+    monkeypatch.setattr(report_formats, "link_count", lambda scene: None)
     monkeypatch.setattr(
-        equivalences,
+        report_formats,
         "ENGINES",
         {
             "reads": SimpleNamespace(reads_parameters=True),
@@ -445,7 +447,7 @@ def test_data_are_another_engine_s_where_they_change_the_tree_that_it_is_built_o
     overview: Any = SimpleNamespace(runs=runs)
     every = "common mode not covered: length, mass, damping, spring"
     of_tree = f"length, mass ({by}, from the tree)", "common mode not covered: damping, spring"
-    assert [tuple(one) for one in equivalences.independent_parameters(overview)] == [
+    assert [tuple(one) for one in report_formats.independent_parameters(overview)] == [
         ("jointed", *(of_tree if by else ("-", every))),
         ("free", "-", every),
     ]

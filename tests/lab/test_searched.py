@@ -18,11 +18,12 @@ from eomcheck.draws.fuzz_cases import StructuralVariant
 from eomcheck.errors import EomcheckError, InputError, RefusedError
 from eomcheck.evaluation.tolerance import NOTICEABLE, UNDERFLOW
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab import figure_data, references, study
+from eomcheck.lab import references, study
 from eomcheck.lab import references as reference_runs
 from eomcheck.lab.fuzzing import campaign, motion_comparison, motion_rounds, screening
 from eomcheck.lab.fuzzing.campaign import Campaign, RoundResult
 from eomcheck.lab.references import REFERENCE_CASES, ReferenceCase
+from eomcheck.lab.show import pictures
 from eomcheck.lab.show.table import Cell
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import ChainPendulum, Sleigh, Snake, TurntableBall
@@ -629,33 +630,33 @@ def test_sketches_of_a_motion_are_six_a_frame_at_equal_times(monkeypatch):
         return SimpleNamespace(status=status, reason="too steep", q=q)
 
     monkeypatch.setattr("eomcheck.motion.simulate.simulate", simulate)
-    monkeypatch.setattr(figure_data, "sketch_of", lambda scene, q, t: (q[0], t))
-    sketches, times, every = figure_data.sketches_of_motion(Sleigh.example(), "kane", 0.4, 3)
+    monkeypatch.setattr(pictures, "sketch_of", lambda scene, q, t: (q[0], t))
+    sketches, times, every = pictures.sketches_of_motion(Sleigh.example(), "kane", 0.4, 3)
     assert every == 6 and asked == [("kane", 0.4)]
     assert times == pytest.approx(np.arange(13) / 30)
     assert sketches == [(3.0 * k, t) for k, t in enumerate(times)]
     with pytest.raises(InputError, match="frames = 1, expected at least 2"):
-        figure_data.sketches_of_motion(Sleigh.example(), "kane", 0.4, 1)
+        pictures.sketches_of_motion(Sleigh.example(), "kane", 0.4, 1)
     with pytest.raises(InputError, match="the motion of sleigh by el failed: too steep"):
-        figure_data.sketches_of_motion(Sleigh.example(), "el", 0.4, 2)
+        pictures.sketches_of_motion(Sleigh.example(), "el", 0.4, 2)
 
 
 def test_a_state_whose_matrices_are_drawn_moves_in_every_way_that_is_allowed():
     free = ChainPendulum.rods(3)
-    _, formulation, q, v = figure_data.moving_state(free, np.full(3, 0.3), FORMULATIONS["au"])
+    _, formulation, q, v = pictures.moving_state(free, np.full(3, 0.3), FORMULATIONS["au"])
     assert (formulation.key, q.tolist()) == ("au", [0.3] * 3)
     assert v == pytest.approx([1.0, 0.5, 1 / 3])
     held = Sleigh.example()
-    scene, _, q, v = figure_data.moving_state(held, np.array([0.1, 0.2, 0.3]), FORMULATIONS["au"])
-    at = figure_data.Evaluation(scene, q, v)
+    scene, _, q, v = pictures.moving_state(held, np.array([0.1, 0.2, 0.3]), FORMULATIONS["au"])
+    at = pictures.Evaluation(scene, q, v)
     assert at.terms.a @ v == pytest.approx(0.0, abs=1e-15)
     assert np.linalg.norm(v) == pytest.approx(math.hypot(1.0, 0.5))
 
 
 def test_what_is_drawn_has_the_parameters_and_links_asked_for():
-    scene, q = figure_data.scene_to_draw("sleigh", given={"mass": [4.0]})
+    scene, q = pictures.scene_to_draw("sleigh", given={"mass": [4.0]})
     assert scene.mass == 4.0 and q.shape == (3,)  # type: ignore[attr-defined]
-    scene, q = figure_data.scene_to_draw("snake", 4)
+    scene, q = pictures.scene_to_draw("snake", 4)
     assert scene.links == 4 and q.shape == (6,)  # type: ignore[attr-defined]
     with pytest.raises(InputError):
-        figure_data.scene_and_pose(Snake, 0)
+        pictures.scene_and_pose(Snake, 0)

@@ -13,13 +13,8 @@ from rich.text import Text
 from tests import reports
 
 from eomcheck.lab.proofs import Proofs, proof_jobs
-from eomcheck.lab.report.claim_summary import (
-    by_claim,
-    evidence_table,
-    participant_table,
-    scene_table,
-)
 from eomcheck.lab.report.finding_output import proof_table
+from eomcheck.lab.report.overview import by_claim, evidence_table, participant_table, scene_table
 from eomcheck.lab.report.registries import parameter_table, registry_table
 from eomcheck.lab.show.table import Cell, ResultTable, _filled, _narrowed
 from eomcheck.lab.store.record_file import Records

@@ -16,7 +16,8 @@ from eomcheck.engines.pinocchio import PinocchioEngine
 from eomcheck.errors import InputError
 from eomcheck.evaluation.tolerance import C
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.report.overview import Overview, read_records, sections_of
+from eomcheck.lab.report.overview import Overview, read_records
+from eomcheck.lab.report.report_formats import sections_of
 from eomcheck.lab.show.chart import Axis, Chart, Panel
 from eomcheck.lab.show.chart_plotly import chart_json
 from eomcheck.lab.store.record_file import Record, Records, record_of_rows

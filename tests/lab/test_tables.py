@@ -24,8 +24,10 @@ from eomcheck.lab.fuzzing.screening import DECIDED, OPEN
 from eomcheck.lab.fuzzing.state_rounds import FunctionsPlan
 from eomcheck.lab.library_comparison import LibraryComparison, LibraryResult
 from eomcheck.lab.report import finding_output, motion_tables
-from eomcheck.lab.report.claim_summary import (
+from eomcheck.lab.report.motion_tables import units
+from eomcheck.lab.report.overview import (
     ClaimSummary,
+    Overview,
     by_claim,
     digits_table,
     evidence_table,
@@ -34,8 +36,6 @@ from eomcheck.lab.report.claim_summary import (
     scene_table,
     worst_table,
 )
-from eomcheck.lab.report.motion_tables import units
-from eomcheck.lab.report.overview import Overview
 from eomcheck.lab.report.report_formats import write_junit, write_page
 from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.record_file import Record

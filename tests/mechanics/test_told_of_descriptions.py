@@ -26,7 +26,7 @@ from eomcheck.descriptions.elements import (
 )
 from eomcheck.descriptions.joint_tree import inertia_warning
 from eomcheck.descriptions.mechanism_class import Mechanism
-from eomcheck.descriptions.random_constraints import poses
+from eomcheck.descriptions.random_mechanisms import poses
 from eomcheck.descriptions.random_trees import RandomDescription
 from eomcheck.errors import InputError
 from eomcheck.evaluation.evaluation import Evaluation

@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.descriptions.random_constraints import with_random_constraint, with_random_pose
-from eomcheck.descriptions.random_mechanisms import RANDOM
+from eomcheck.descriptions.random_mechanisms import RANDOM, with_random_constraint, with_random_pose
 from eomcheck.descriptions.random_trees import (
     COMMON_JOINTS,
     SPACE,

@@ -18,12 +18,12 @@ from eomcheck import strategies
 from eomcheck.claims import CLAIMS
 from eomcheck.claims.reproducer import reproducer_code
 from eomcheck.claims.run import RunSelection, ValidationRun, make_case_with_engines
-from eomcheck.descriptions import first_derivation, random_constraints
+from eomcheck.descriptions import first_derivation, random_mechanisms
 from eomcheck.descriptions.build import mechanism
 from eomcheck.descriptions.constraint_rows import KINDS
 from eomcheck.descriptions.elements import COORDINATES, Constraint, Joint, Link, coupling, weld
-from eomcheck.descriptions.random_constraints import INDEPENDENT, UPRIGHT, poses
-from eomcheck.descriptions.random_mechanisms import CONSTRAINTS, RANDOM
+from eomcheck.descriptions.joint_tree import ROLLING
+from eomcheck.descriptions.random_mechanisms import CONSTRAINTS, INDEPENDENT, RANDOM, UPRIGHT, poses
 from eomcheck.descriptions.random_trees import (
     BRANCHED,
     ROOT,
@@ -33,7 +33,6 @@ from eomcheck.descriptions.random_trees import (
     random_link,
     urdf_tree,
 )
-from eomcheck.descriptions.topology import ROLLING
 from eomcheck.descriptions.urdf_reader import urdf_text
 from eomcheck.descriptions.vector_algebra import (
     multiply_quaternions,
@@ -290,16 +289,16 @@ def test_a_constraint_is_drawn_again_until_its_rows_are_far_from_those_before(mo
         return turned(f"at {angle}", angle)
 
     tree = tree._replace(constraints=turned("before", 0.0))
-    monkeypatch.setattr(random_constraints, "_constraint", next_one)
+    monkeypatch.setattr(random_mechanisms, "_constraint", next_one)
     here = "coupling", True, GeneratorChoices(np.random.default_rng(0))
     angle = np.arccos(1.0 - INDEPENDENT**2)
     tried[:] = 0.0, 0.9 * angle, 1.1 * angle, 0.5
-    found = random_constraints.with_random_constraint(tree, *here)
+    found = random_mechanisms.with_random_constraint(tree, *here)
     assert [one.name for one in found.constraints] == ["before", f"at {1.1 * angle}"]
     assert tried == [0.5]
-    tried[:] = [*random_constraints.ATTEMPTS * (0.9 * angle,), 0.5]
+    tried[:] = [*random_mechanisms.ATTEMPTS * (0.9 * angle,), 0.5]
     with pytest.raises(RefusedError, match="no independent coupling") as refused:
-        random_constraints.with_random_constraint(tree, *here)
+        random_mechanisms.with_random_constraint(tree, *here)
     assert tried == [0.5]
     assert refused.value.rcond == pytest.approx(np.sqrt(1.0 - np.cos(0.9 * angle)))
 

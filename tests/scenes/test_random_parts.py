@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 
 from eomcheck.descriptions import random_trees
-from eomcheck.descriptions.random_constraints import row_count_with_contact
-from eomcheck.descriptions.random_mechanisms import RandomMechanism, RandomTree
+from eomcheck.descriptions.random_mechanisms import (
+    RandomMechanism,
+    RandomTree,
+    row_count_with_contact,
+)
 from eomcheck.descriptions.random_trees import JointBudget, _Tree, joint_budgets
 from eomcheck.errors import InputError
 

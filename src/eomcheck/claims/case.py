@@ -45,7 +45,7 @@ from eomcheck.engines import (
     make_engine,
     version_of,
 )
-from eomcheck.engines.answers import drift_size, inertia_size, mass_size, overflows, weight_size
+from eomcheck.engines.engine import drift_size, inertia_size, mass_size, overflows, weight_size
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.dynamics import solution_of
 from eomcheck.evaluation.evaluation import Acceleration, Evaluation

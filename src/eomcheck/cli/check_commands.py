@@ -106,7 +106,7 @@ def validate_command(
     from eomcheck.descriptions.random_mechanisms import RANDOM
     from eomcheck.draws.pairwise_design import link_count
     from eomcheck.engines import engines_among, is_under_test, version_of
-    from eomcheck.engines.answers import represented
+    from eomcheck.engines.engine import represented
     from eomcheck.lab.report.finding_output import print_runs, write_findings
     from eomcheck.lab.store.parallel_map import check_executor
     from eomcheck.lab.store.validation_runs import (
@@ -300,9 +300,13 @@ def report_command(
         check_output(path, records)
     from functools import partial
 
-    from eomcheck.lab.report.equivalences import write_equivalences
     from eomcheck.lab.report.overview import Overview, read_records
-    from eomcheck.lab.report.report_formats import write_junit, write_markdown, write_page
+    from eomcheck.lab.report.report_formats import (
+        write_equivalences,
+        write_junit,
+        write_markdown,
+        write_page,
+    )
     from eomcheck.lab.show.table import say
 
     unread: list[str] = []

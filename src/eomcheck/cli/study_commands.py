@@ -192,8 +192,7 @@ def _run(
 ) -> None:
     check_folder(figures)
     check_writable(json)
-    from eomcheck.lab.show.document_text import write_json
-    from eomcheck.lab.show.table import print_tables, say
+    from eomcheck.lab.show.table import print_tables, say, write_json
 
     results = _run_study(one, records, fresh, options)
     # Files first, so that they are written even if printing fails.
@@ -279,8 +278,13 @@ def draw_scene_command(
         check_figure(path)
         check_used("in a picture that is no .gif", end=end, frames=frames, formulation=formulation)
     parameters = parse_parameters(settings)
-    from eomcheck.lab.figure_data import posed_sketch, scene_to_draw, sketches_of_motion
-    from eomcheck.lab.show.pictures import draw_motion, draw_scene
+    from eomcheck.lab.show.pictures import (
+        draw_motion,
+        draw_scene,
+        posed_sketch,
+        scene_to_draw,
+        sketches_of_motion,
+    )
 
     if moving:
         chosen_scene = selected_scene(scene, links, settings)
@@ -308,10 +312,14 @@ def draw_structure_command(
     check_figure(path)
     parameters = parse_parameters(settings)
     from eomcheck.formulations import formulation_of
-    from eomcheck.lab.figure_data import moving_state, scene_to_draw, structure_of
-    from eomcheck.lab.show import pictures
+    from eomcheck.lab.show.pictures import (
+        draw_structure,
+        moving_state,
+        scene_to_draw,
+        structure_of,
+    )
 
     chosen_formulation = formulation_of(formulation)
     state = moving_state(*scene_to_draw(scene, no_more_than(links), parameters), chosen_formulation)
-    pictures.draw_structure(structure_of(*state), path, dark)
+    draw_structure(structure_of(*state), path, dark)
     print(f"written: {path}")

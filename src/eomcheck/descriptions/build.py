@@ -26,14 +26,17 @@ from eomcheck.descriptions.elements import (
     Triple,
 )
 from eomcheck.descriptions.joint_tree import (
+    ROLLING,
+    ConstraintSpec,
     JointTree,
     LinkFrame,
     RigidBody,
+    ScalarJoint,
+    Topology,
     check_positive,
     merged_body,
 )
 from eomcheck.descriptions.mechanism_class import Mechanism, MechanismSource
-from eomcheck.descriptions.topology import ROLLING, ConstraintSpec, ScalarJoint, Topology
 from eomcheck.descriptions.vector_algebra import rotation_matrix
 from eomcheck.errors import InputError, distinct
 from eomcheck.mechanics.records import PLANAR_JOINTS

@@ -41,13 +41,13 @@ from eomcheck.descriptions.first_derivation import (
     relative_acceleration,
     turning_columns,
 )
+from eomcheck.descriptions.joint_tree import ConstraintSpec, TopologyPlan
 from eomcheck.descriptions.second_derivation import (
     direction_in_ground,
     frame_velocities,
     point_in_ground,
     point_velocity,
 )
-from eomcheck.descriptions.topology import ConstraintSpec, TopologyPlan
 from eomcheck.descriptions.vector_algebra import (
     AXES,
     ZERO_VECTOR,

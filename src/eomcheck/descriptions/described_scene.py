@@ -18,9 +18,8 @@ import numpy as np
 from eomcheck.descriptions.constraint_rows import KINDS
 from eomcheck.descriptions.elements import COORDINATES, Constraint, Joint, Link, Spring, Triple
 from eomcheck.descriptions.first_derivation import joint_frames
-from eomcheck.descriptions.joint_tree import ElementReader
+from eomcheck.descriptions.joint_tree import ConstraintSpec, ElementReader, Topology, TopologyPlan
 from eomcheck.descriptions.mechanism_class import none_as_zero, plan_and_functions, tree_by
-from eomcheck.descriptions.topology import ConstraintSpec, Topology, TopologyPlan
 from eomcheck.descriptions.vector_algebra import IDENTITY, Quaternion, rotation_matrix
 from eomcheck.errors import InputError
 from eomcheck.mechanics.derived_functions import support_of

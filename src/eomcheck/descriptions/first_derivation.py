@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.descriptions.topology import ScalarJoint, TopologyPlan
+from eomcheck.descriptions.joint_tree import ScalarJoint, TopologyPlan
 from eomcheck.descriptions.vector_algebra import (
     AXES,
     ZERO_VECTOR,

@@ -18,8 +18,8 @@ from eomcheck.descriptions.constraint_rows import (
     relative_vector,
 )
 from eomcheck.descriptions.first_derivation import centers, factor, joint_frames
+from eomcheck.descriptions.joint_tree import TopologyPlan
 from eomcheck.descriptions.second_derivation import point_in_ground
-from eomcheck.descriptions.topology import TopologyPlan
 from eomcheck.descriptions.vector_algebra import (
     ZERO_VECTOR,
     add_vectors,

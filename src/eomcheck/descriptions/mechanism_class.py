@@ -43,7 +43,7 @@ from eomcheck.descriptions.forces import (
     spring_energy,
     with_lengths,
 )
-from eomcheck.descriptions.topology import Topology, TopologyPlan
+from eomcheck.descriptions.joint_tree import Topology, TopologyPlan
 from eomcheck.descriptions.vector_algebra import as_vector, plus, rotation_matrices
 from eomcheck.mechanics.derived_functions import support_of
 from eomcheck.mechanics.parameters import Parametric, parameter

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from eomcheck.descriptions.first_derivation import PreparedMechanism, factor
-from eomcheck.descriptions.topology import TopologyPlan
+from eomcheck.descriptions.joint_tree import TopologyPlan
 from eomcheck.descriptions.vector_algebra import (
     ZERO_VECTOR,
     Vector,

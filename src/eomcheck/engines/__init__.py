@@ -14,10 +14,19 @@ from inspect import getattr_static
 
 from eomcheck import calls
 from eomcheck.class_lookup import LookupKind, class_named
-from eomcheck.engines.answers import Answers, EngineFault, make_engine, represents, version_of
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.engines.drake import DrakeEngine, DrakeFile
-from eomcheck.engines.engine import OPTIONAL, Engine, EngineAcceleration, VelocityMap
+from eomcheck.engines.engine import (
+    OPTIONAL,
+    Answers,
+    Engine,
+    EngineAcceleration,
+    EngineFault,
+    VelocityMap,
+    make_engine,
+    represents,
+    version_of,
+)
 from eomcheck.engines.exudyn import ExudynEngine
 from eomcheck.engines.file_engine import FileEngine
 from eomcheck.engines.idyntree import IdyntreeEngine, IdyntreeFile

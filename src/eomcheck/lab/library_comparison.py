@@ -35,7 +35,7 @@ from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.console import console
 from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.engines import BY_FORMAT, Answers, Engine, EngineFault, FileEngine, version_of
-from eomcheck.engines.answers import inertia_size, weight_size
+from eomcheck.engines.engine import inertia_size, weight_size
 from eomcheck.errors import EngineError, InputError, RefusedError, UnknownNameError, message_of
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import largest

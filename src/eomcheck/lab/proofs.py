@@ -19,7 +19,7 @@ from eomcheck.claims.proof import new_seed, prove_structure
 from eomcheck.console import progress
 from eomcheck.errors import MOST_COUNTED, InputError, whole_number
 from eomcheck.formulations import formulation_of, formulations_among
-from eomcheck.lab.show.document_text import write_json
+from eomcheck.lab.show.table import write_json
 from eomcheck.lab.store.parallel_map import parallel_map
 from eomcheck.lab.store.record_file import Record, Records, group, sources
 from eomcheck.lab.store.validation_runs import (

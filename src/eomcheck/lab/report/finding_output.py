@@ -27,7 +27,7 @@ from eomcheck.lab.fuzzing.motion_rounds import CROSSED, STOPPED
 from eomcheck.lab.fuzzing.screening import DECIDED, OPEN
 from eomcheck.lab.fuzzing.state_rounds import SKIPPED, FunctionsPlan
 from eomcheck.lab.proofs import Proofs
-from eomcheck.lab.report.claim_summary import (
+from eomcheck.lab.report.overview import (
     ClaimSummary,
     by_claim,
     claim_link,
@@ -37,8 +37,8 @@ from eomcheck.lab.report.claim_summary import (
     scene_table,
     worst_table,
 )
-from eomcheck.lab.show.document_text import write_json as write_document
 from eomcheck.lab.show.table import Cell, ResultTable, print_tables, say, table_of
+from eomcheck.lab.show.table import write_json as write_document
 from eomcheck.lab.store.record_file import group
 from eomcheck.lab.store.validation_runs import stored_findings_of_runs
 from eomcheck.safe_output import counted, printable

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from eomcheck.errors import EngineError
 from eomcheck.lab.show.chart import STYLES, Axis, Chart, Heat, Line, Panel
-from eomcheck.lab.show.document_text import EXTRA
+from eomcheck.lab.show.table import EXTRA
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

@@ -1,19 +1,24 @@
-"""Tables as data, and their text for a terminal, Markdown and CSV.
+"""Tables as data, and their text; text of documents: numbers with units, JSON files, templates.
 
 A `ResultTable` is a table: headings and rows of cells, no layout. A `Cell` is a string that also
 carries its kind ("name", or the verdict "passed", "failed", "open", "none"), a link and a tooltip,
 for those outputs that can show them (HTML pages are filled in from the same data). Markdown escapes
 all text but intended markup. On a terminal, columns that do not fit wrap; where they cannot, each
 row becomes a list of its cells.
+
+The jinja2 templates are those of `eomcheck.lab.report`; HTML is escaped, Markdown is not. jinja2
+comes with the extra `report` and is imported when a template is first filled in.
 """
 
 from __future__ import annotations
 
 import csv
+import json
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from io import StringIO
-from typing import Any, NamedTuple, Self
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from rich.cells import cell_len
 from rich.console import Group, RenderableType
@@ -22,8 +27,15 @@ from rich.padding import Padding
 from rich.table import Column, Table
 from rich.text import Text
 
+from eomcheck import __version__
+from eomcheck.atomic_write import write_text
 from eomcheck.console import WIDTH_KNOWN, console
+from eomcheck.errors import required
 from eomcheck.safe_output import printable, without_control_characters
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
 
 # ---- Cells ---------------------------------------------------------------------------------------
 
@@ -267,3 +279,72 @@ def say(text: str, style: str = "") -> None:
     console.print(
         Text(without_control_characters(text), style), soft_wrap=not WIDTH_KNOWN or "\n" in text
     )
+
+
+# ---- Numbers and JSON ----------------------------------------------------------------------------
+
+
+def seconds_text(value: float) -> str:
+    """Return a time with three digits and its unit, s to ns."""
+    for unit, scale in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
+        if value >= scale:
+            return f"{value / scale:.3g} {unit}"
+    return f"{value / 1e-9:.3g} ns"
+
+
+def grouped(value: int) -> str:
+    """Return a whole number with its digits in groups of three."""
+    return f"{value:,}".replace(",", " ")
+
+
+def ranges(numbers: Iterable[int], to: str = " to ", then: str = ", ") -> str:
+    """Return whole numbers as text such as "1 to 4, 20"."""
+    runs: list[list[int]] = []
+    for number in sorted(set(numbers)):
+        if runs and number == runs[-1][1] + 1:
+            runs[-1][1] = number
+        else:
+            runs.append([number, number])
+    return then.join(f"{low}" if low == high else f"{low}{to}{high}" for low, high in runs)
+
+
+def write_json(path: Path, document: Mapping[str, Any]) -> None:
+    """Write a document as JSON, with the version of eomcheck."""
+    text = json.dumps({"eomcheck": __version__, **document}, indent=1, ensure_ascii=False)
+    write_text(path, text + "\n")
+
+
+# ---- Templates -----------------------------------------------------------------------------------
+
+EXTRA = "it comes with the extra `report`"
+
+
+def environment() -> Environment:
+    """Return the jinja2 environment; HTML is escaped, Markdown is not.
+
+    Raises:
+        EngineError: jinja2 is not installed.
+    """
+    jinja2 = required("jinja2", "report")
+    templates = jinja2.Environment(
+        loader=jinja2.PackageLoader("eomcheck.lab.report"),
+        autoescape=jinja2.select_autoescape(["html.j2"], default=False),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        finalize=lambda value: without_control_characters(value) if type(value) is str else value,
+    )
+    templates.filters["number"] = number_text
+    templates.filters["md"] = escaped
+    return templates
+
+
+def render(template: str, **values: Any) -> str:
+    """Return a template filled in with values."""
+    return environment().get_template(template).render(**values)
+
+
+def number_text(value: float) -> str:
+    """Return a number with two digits, such as "3.1e-14"."""
+    return "0" if value == 0 else f"{value:.1e}" if abs(value) < 0.01 else f"{value:.3g}"

@@ -14,8 +14,7 @@ from typing import Any
 from eomcheck.console import progress
 from eomcheck.formulations import FORMULATIONS, formulations_for
 from eomcheck.lab.option_parsing import One
-from eomcheck.lab.show.document_text import seconds_text
-from eomcheck.lab.show.table import ResultTable, table_of
+from eomcheck.lab.show.table import ResultTable, seconds_text, table_of
 from eomcheck.lab.store.record_file import Record, Settings, record_of_rows, rows_in
 from eomcheck.lab.study import Formulations, Study, document_of, failed, run_time
 from eomcheck.motion.simulate import Motion

@@ -34,8 +34,7 @@ from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.formulations import FORMULATIONS, Formulation, formulations_for
 from eomcheck.kernels.kernel import sincos_timing_loop, timing_loop
 from eomcheck.lab.option_parsing import Kind, Repeats, Set, check_count, parse_parameters
-from eomcheck.lab.show.document_text import seconds_text
-from eomcheck.lab.show.table import ResultTable
+from eomcheck.lab.show.table import ResultTable, seconds_text
 from eomcheck.lab.store.record_file import Record, Settings, group, record_of_rows, rows_in
 from eomcheck.lab.study import Formulations, Study, document_of, failed, slope
 from eomcheck.mechanics.parameters import with_parameters

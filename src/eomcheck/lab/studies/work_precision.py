@@ -17,8 +17,7 @@ from eomcheck.evaluation.dynamics import velocity
 from eomcheck.formulations import formulations_for
 from eomcheck.lab.references import REFERENCE_CASES, stored_reference
 from eomcheck.lab.show.chart import Axis, Chart, File, Line, Panel
-from eomcheck.lab.show.document_text import seconds_text
-from eomcheck.lab.show.table import ResultTable
+from eomcheck.lab.show.table import ResultTable, seconds_text
 from eomcheck.lab.store.record_file import Record, Settings, by_setting, group, select, values
 from eomcheck.lab.study import (
     REFERENCES,

@@ -19,8 +19,7 @@ from eomcheck.errors import InputError
 from eomcheck.formulations import FORMULATIONS, Formulation, formulation_of
 from eomcheck.lab.option_parsing import parse_interval
 from eomcheck.lab.show.chart import LINKS, Axis, Chart, Panel
-from eomcheck.lab.show.document_text import grouped
-from eomcheck.lab.show.table import ResultTable, table_of
+from eomcheck.lab.show.table import ResultTable, grouped, table_of
 from eomcheck.lab.store.record_file import Record, Settings, group, record_of_rows, rows_in
 from eomcheck.lab.studies.operations import measure
 from eomcheck.lab.studies.operations.measure import Operations, Saving, Springs, operations_of

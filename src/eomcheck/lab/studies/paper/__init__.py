@@ -11,8 +11,7 @@ import numpy as np
 
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.show.chart import Axis, Chart, File, Line, Panel
-from eomcheck.lab.show.document_text import seconds_text
-from eomcheck.lab.show.table import ResultTable, table_of
+from eomcheck.lab.show.table import ResultTable, seconds_text, table_of
 from eomcheck.lab.store.record_file import Record
 from eomcheck.lab.studies.operations import fit_order, signed_sum
 from eomcheck.lab.studies.paper import measure

@@ -20,7 +20,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from eomcheck.formulations import FORMULATIONS, kane, ml
-from eomcheck.lab.show.document_text import ranges
+from eomcheck.lab.show.table import ranges
 from eomcheck.lab.store.record_file import Record, group
 from eomcheck.lab.studies.paper.measure import (
     LARGE,
