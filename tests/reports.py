@@ -8,11 +8,10 @@ from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.lab.proofs import Proofs, proof_jobs
 from eomcheck.lab.store.record_file import Record, Records
 from eomcheck.lab.store.validation_runs import validate_kind
-from eomcheck.lab.studies import paper, work_precision
+from eomcheck.lab.studies import paper, stability, work_precision
 from eomcheck.lab.studies.operations import STUDY, counted_in
 from eomcheck.lab.studies.operations.measure import Operations
-from eomcheck.lab.studies.stability import measure as stability
-from eomcheck.lab.studies.stability.measure import FAMILIES
+from eomcheck.lab.studies.stability import FAMILIES
 from eomcheck.scenes import Sleigh
 
 CLAIMS = ("mass-matrix", "kinetic-energy", "speeds-velocity", "equivalence", "true-error")
@@ -88,11 +87,11 @@ def _stability():
             method = stability.Method(key)
             settings = stability.settings_of(family.key, family.variants[0], severity, method)
             if key == "kane" and place == len(family.quick) - 1:
-                yield Record(stability.STUDY, settings, "refused", "M_Kane: rcond <1e-17>")
+                yield Record(stability.STUDY.key, settings, "refused", "M_Kane: rcond <1e-17>")
                 continue
             relative = 10.0 ** (place - 14)
             errors = {"relative": relative, "bound": 2 * relative, "predicted": relative}
-            yield Record(stability.STUDY, settings, errors=errors | {"condition M": 10.0})
+            yield Record(stability.STUDY.key, settings, errors=errors | {"condition M": 10.0})
 
 
 def _paper():

@@ -20,7 +20,7 @@ from eomcheck.evaluation.certified import true_error
 from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.evaluation.tolerance import NOTICEABLE, largest
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.studies.stability.measure import FAMILIES, Posed, methods_of
+from eomcheck.lab.studies.stability import FAMILIES, Posed, methods_of
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.ball import Balls, ball, precision

@@ -14,8 +14,7 @@ from tests.cli.test_cli import run
 
 import eomcheck
 from eomcheck import cli, console
-from eomcheck.cli.app import EXIT_CODES, QUICK_START
-from eomcheck.cli.shared_options import KEY_PATTERNS, declared_keys
+from eomcheck.cli.application import EXIT_CODES, KEY_PATTERNS, QUICK_START, declared_keys
 from eomcheck.engines import engine_of
 from eomcheck.errors import InputError, UnknownNameError, did_you_mean
 from eomcheck.lab.option_parsing import parse_numbers, parse_parameters, split_list

@@ -18,7 +18,7 @@ from eomcheck.class_lookup import (
     object_named,
     outside_error,
 )
-from eomcheck.cli import shared_options
+from eomcheck.cli import application
 from eomcheck.errors import CallError, EngineError, InputError, UnknownNameError
 from eomcheck.lab.option_parsing import (
     no_more_than,
@@ -190,16 +190,16 @@ def test_an_error_of_code_that_was_looked_up_is_told_with_its_innermost_line(own
         (parse_parameters, ["=1"], "expected NAME=VALUE"),
         (parse_parameters, ["a=,"], "expected a number after a="),
         (parse_parameters, ["a=-1e3", "b=none"], {"a": [-1000.0], "b": None}),
-        (shared_options.selected_engines, ["none"], []),
-        (shared_options.selected_engines, None, None),
-        (shared_options.selected_engines, ["none", "casadi"], ["none", "casadi"]),
-        (shared_options.raise_unread, [], None),
-        (shared_options.raise_unread, ["first"], "not all is shown: first"),
-        (shared_options.raise_unread, ["first", "b", "c"], "not all is shown: first (and 2 more)"),
-        (shared_options.check_figure, Path("a.svg"), None),
-        (shared_options.check_figure, Path("a.gif"), "a figure is written as .png, .svg or .pdf"),
-        (shared_options._patient, 0.0, "expected seconds, a positive number up to 1e6"),
-        (shared_options._patient, 1.1e6, "expected seconds"),
+        (application.selected_engines, ["none"], []),
+        (application.selected_engines, None, None),
+        (application.selected_engines, ["none", "casadi"], ["none", "casadi"]),
+        (application.raise_unread, [], None),
+        (application.raise_unread, ["first"], "not all is shown: first"),
+        (application.raise_unread, ["first", "b", "c"], "not all is shown: first (and 2 more)"),
+        (application.check_figure, Path("a.svg"), None),
+        (application.check_figure, Path("a.gif"), "a figure is written as .png, .svg or .pdf"),
+        (application._patient, 0.0, "expected seconds, a positive number up to 1e6"),
+        (application._patient, 1.1e6, "expected seconds"),
     ],
 )
 def test_words_are_read_up_to_their_bounds(read, text, value, tmp_path, monkeypatch):
@@ -208,7 +208,7 @@ def test_words_are_read_up_to_their_bounds(read, text, value, tmp_path, monkeypa
         with pytest.raises(InputError) as error:
             read(text)
         assert value in str(error.value)
-        assert read is not shared_options.raise_unread or value == str(error.value)
+        assert read is not application.raise_unread or value == str(error.value)
     else:
         assert read(text) == value
 
@@ -217,12 +217,12 @@ def test_records_for_a_page_are_kept_where_they_are_asked_for_or_thrown_away(tmp
     page, path = tmp_path / "page.html", tmp_path / "r.db"
     installed = "eomcheck.lab.report.report_formats.check_installed"
     monkeypatch.setattr(installed, lambda: None)
-    with shared_options.records_to_report(None, None) as records:
+    with application.records_to_report(None, None) as records:
         assert records is None
-    with shared_options.records_to_report(path, page) as records:
+    with application.records_to_report(path, page) as records:
         assert records is not None and records.path == path
     assert path.exists()
-    with shared_options.records_to_report(None, page) as records:
+    with application.records_to_report(None, page) as records:
         assert records is not None
         spare = records.path
         assert spare.exists() and spare.parent != tmp_path
@@ -232,9 +232,9 @@ def test_records_for_a_page_are_kept_where_they_are_asked_for_or_thrown_away(tmp
         raise EngineError("no jinja2")
 
     monkeypatch.setattr(installed, missing)
-    with shared_options.records_to_report(path, None) as records:
+    with application.records_to_report(path, None) as records:
         assert records is not None
-    with pytest.raises(EngineError), shared_options.records_to_report(path, page):
+    with pytest.raises(EngineError), application.records_to_report(path, page):
         pass
 
 
@@ -243,12 +243,12 @@ def test_a_page_is_never_written_over_records_whatever_they_are_called(tmp_path)
     path.write_text("x")
     link.symlink_to(path)
     other = tmp_path / "other.db"
-    shared_options.check_output(other, [path])
-    shared_options.check_output(None, [path])
+    application.check_output(other, [path])
+    application.check_output(None, [path])
     for records in ([path], [other, path], [link]):
         with pytest.raises(InputError, match="holds the records themselves"):
-            shared_options.check_output(path, records)
+            application.check_output(path, records)
     with pytest.raises(InputError, match="is not a folder that exists"):
-        shared_options.check_folder(path)
-    shared_options.check_folder(tmp_path)
-    shared_options.check_folder(None)
+        application.check_folder(path)
+    application.check_folder(tmp_path)
+    application.check_folder(None)

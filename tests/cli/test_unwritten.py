@@ -14,7 +14,7 @@ from threading import Thread
 import pytest
 
 from eomcheck import cli
-from eomcheck.cli.shared_options import CommandEnd
+from eomcheck.cli.application import CommandEnd
 from eomcheck.console import deferring_interrupts
 from eomcheck.errors import UnwrittenError
 from eomcheck.lab.fuzzing import campaign as campaigns

@@ -17,7 +17,6 @@ from tests.cli.test_cli import run
 
 import eomcheck
 from eomcheck import __version__, console
-from eomcheck.cli import shared_options
 from eomcheck.errors import (
     CallError,
     EngineError,
@@ -39,7 +38,7 @@ from eomcheck.errors import (
 from eomcheck.lab.store.record_file import Record
 from eomcheck.safe_output import counted, printable, to_ascii, without_control_characters
 
-app: Any = import_module("eomcheck.cli.app")
+application: Any = import_module("eomcheck.cli.application")
 study: Any = import_module("eomcheck.cli.study_commands")
 
 # ---- Errors --------------------------------------------------------------------------------------
@@ -314,7 +313,7 @@ def test_alone_it_greets_with_its_version_and_whole_commands(monkeypatch, capsys
     ],
 )
 def test_help_names_values_by_what_they_are(name, told):
-    assert app._option_label(name) == told
+    assert application._option_label(name) == told
 
 
 def test_a_usage_error_is_a_sentence_that_leads_to_help():
@@ -325,19 +324,19 @@ def test_a_usage_error_is_a_sentence_that_leads_to_help():
         def format_message(self) -> str:
             return "No such\n option.."
 
-    assert app.usage_error(ValueError("x")) is None
-    assert app.usage_error(Wrong()) == "eomcheck: No such option (see eomcheck --help)"
+    assert application.usage_error(ValueError("x")) is None
+    assert application.usage_error(Wrong()) == "eomcheck: No such option (see eomcheck --help)"
     wrong = Wrong()
     wrong.ctx = SimpleNamespace(command_path="eomcheck list")
-    assert app.usage_error(wrong) == "eomcheck: No such option (see eomcheck list --help)"
+    assert application.usage_error(wrong) == "eomcheck: No such option (see eomcheck list --help)"
     hinted: Any = wrong
     hinted.option_name, hinted.possibilities = "--sceen", ["--scene", "--seed"]
     hint = "No such option: --sceen (did you mean '--scene'?)"
-    assert app.usage_error(hinted) == f"eomcheck: {hint} (see eomcheck list --help)"
+    assert application.usage_error(hinted) == f"eomcheck: {hint} (see eomcheck list --help)"
     hinted.possibilities = []
-    assert app.usage_error(hinted) == "eomcheck: No such option (see eomcheck list --help)"
+    assert application.usage_error(hinted) == "eomcheck: No such option (see eomcheck list --help)"
     alone = type("NoArgsIsHelpError", (Wrong,), {})()
-    assert app.usage_error(alone) == "No such\n option.."
+    assert application.usage_error(alone) == "No such\n option.."
 
 
 @pytest.mark.parametrize(
@@ -354,7 +353,7 @@ def test_a_usage_error_is_a_sentence_that_leads_to_help():
     ],
 )
 def test_an_error_names_an_option_as_it_was_typed(message: str, words: str, expected: str):
-    assert app.as_typed(message, words.split()) == expected
+    assert application.as_typed(message, words.split()) == expected
 
 
 @pytest.mark.parametrize("words", [(), ("validate",), ("study",), ("study", "accuracy")])
@@ -367,13 +366,13 @@ def test_h_is_help(words: tuple[str, ...], monkeypatch, capsys):
 
 @pytest.mark.parametrize(("columns", "width"), [(40, 38), (80, 78), (81, 78), (300, 78)])
 def test_help_is_two_columns_narrower_than_a_terminal_and_never_wide(monkeypatch, columns, width):
-    monkeypatch.setattr(app, "get_terminal_size", lambda: SimpleNamespace(columns=columns))
-    assert app.help_width() == width
+    monkeypatch.setattr(application, "get_terminal_size", lambda: SimpleNamespace(columns=columns))
+    assert application.help_width() == width
 
 
 def test_commands_are_listed_with_their_first_sentence_and_hidden_ones_are_not(monkeypatch, capsys):
-    made = app.CommandLine(
-        name="own", cls=app.CommandGroup, rich_markup_mode=None, add_completion=False
+    made = application.CommandLine(
+        name="own", cls=application.CommandGroup, rich_markup_mode=None, add_completion=False
     )
 
     @made.command("first")
@@ -401,7 +400,7 @@ def test_commands_are_listed_with_their_first_sentence_and_hidden_ones_are_not(m
     ]
     codes = " ".join(said[said.index("Exit codes:") :].split())
     assert codes == " ".join(
-        ["Exit codes:", *(f"{code} {what}" for code, what in app.EXIT_CODES.items())]
+        ["Exit codes:", *(f"{code} {what}" for code, what in application.EXIT_CODES.items())]
     )
     with pytest.raises(SystemExit):
         made(["first", "--help"], prog_name="own")
@@ -415,8 +414,8 @@ def test_commands_are_listed_with_their_first_sentence_and_hidden_ones_are_not(m
 
 def test_the_last_of_several_keys_is_completed_and_those_before_it_stay(monkeypatch):
     known = {"scene": ["snake", "sleigh"], "robot": ["snail", "paper"]}
-    monkeypatch.setattr(shared_options, "declared_keys", known.__getitem__)
-    completed = shared_options.completer("scene", "robot", more=("all", "snow"))
+    monkeypatch.setattr(application, "declared_keys", known.__getitem__)
+    completed = application.completer("scene", "robot", more=("all", "snow"))
     assert completed("sn") == ["snake", "snail", "snow"]
     assert completed("a,sleigh,s") == [
         f"a,sleigh,{x}" for x in ("snake", "sleigh", "snail", "snow")
@@ -424,7 +423,7 @@ def test_the_last_of_several_keys_is_completed_and_those_before_it_stay(monkeypa
     assert completed("paper,") == [
         f"paper,{x}" for x in (*known["scene"], *known["robot"], "all", "snow")
     ]
-    assert completed("x") == [] and shared_options.completer("scene")("a") == []
+    assert completed("x") == [] and application.completer("scene")("a") == []
 
 
 def test_keys_are_read_from_sources_and_from_what_packages_announce(monkeypatch, tmp_path):
@@ -442,10 +441,10 @@ def test_keys_are_read_from_sources_and_from_what_packages_announce(monkeypatch,
         asked.append(group)
         return [SimpleNamespace(name="far")] if group == "eomcheck.scenes" else []
 
-    monkeypatch.setattr(shared_options, "ROOT", tmp_path)
-    monkeypatch.setattr(shared_options, "entry_points", points)
-    assert shared_options.declared_keys("scene") == ["one", "two-words", "far"]
-    assert shared_options.declared_keys("engine") == ["own"]
+    monkeypatch.setattr(application, "ROOT", tmp_path)
+    monkeypatch.setattr(application, "entry_points", points)
+    assert application.declared_keys("scene") == ["one", "two-words", "far"]
+    assert application.declared_keys("engine") == ["own"]
     assert asked == ["eomcheck.scenes", "eomcheck.engines"]
 
 

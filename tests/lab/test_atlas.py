@@ -13,7 +13,7 @@ from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.lab.show.chart import Heat, Panel
 from eomcheck.lab.store.record_file import Record
 from eomcheck.lab.studies import study_of
-from eomcheck.lab.studies.stability.measure import FAMILIES, STUDY, Method, cells, settings_of
+from eomcheck.lab.studies.stability import FAMILIES, STUDY, Method, cells, settings_of
 from eomcheck.scenes import bicycle
 
 ATLAS = study_of("stability")
@@ -29,10 +29,10 @@ def cell(
     settings = settings_of(family, variant, severity, method)
     if isinstance(of[0], str):
         status: Any = of[0]
-        return Record(STUDY, settings, status, str(of[1]))
+        return Record(STUDY.key, settings, status, str(of[1]))
     relative, bound, predicted = map(float, of)
     errors = {"relative": relative, "bound": bound, "predicted": predicted, "condition": 4e7}
-    return Record(STUDY, settings, errors=errors | {"condition M": 3e2, "condition a_1": 4e7})
+    return Record(STUDY.key, settings, errors=errors | {"condition M": 3e2, "condition a_1": 4e7})
 
 
 FOUND = (

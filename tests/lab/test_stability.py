@@ -23,8 +23,7 @@ from eomcheck.lab import study as store
 from eomcheck.lab.show.table import print_tables
 from eomcheck.lab.store.record_file import Record, Records
 from eomcheck.lab.studies import study_of
-from eomcheck.lab.studies.stability.families import decades
-from eomcheck.lab.studies.stability.measure import (
+from eomcheck.lab.studies.stability import (
     FAMILIES,
     STATE,
     STUDY,
@@ -39,6 +38,7 @@ from eomcheck.lab.studies.stability.measure import (
     outcome_of,
     settings_of,
 )
+from eomcheck.lab.studies.stability.families import decades
 from eomcheck.lab.studies.stability.two_wheels import TwoWheels
 from eomcheck.numbers.generic import EPS
 
@@ -196,7 +196,7 @@ def test_a_run_is_resumed_and_repeats_nothing(tmp_path: Path, monkeypatch: pytes
         first = ATLAS.measure(records, **planned)
         assert len(first) == 2 * 2 * len(FAMILIES["turns"].quick)
         assert {outcome_of(record) for record in first} == {CellOutcome.GOOD}
-        records.forget(STUDY, [first[3].settings])
+        records.forget(STUDY.key, [first[3].settings])
         asked.clear()
         again = ATLAS.measure(records, **planned)
         assert asked == [(_place(first[3].settings), 1)]
@@ -254,9 +254,9 @@ def test_a_plan_covers_every_family_variant_and_severity_once():
 def record(severity: float, relative: float | None, bound: float = math.inf, variant="3 links"):
     settings = settings_of("straight", variant, severity, Method("el"))
     if relative is None:
-        return Record(STUDY, settings, "refused", "a'T is singular", errors={"rcond": 0.0})
+        return Record(STUDY.key, settings, "refused", "a'T is singular", errors={"rcond": 0.0})
     errors = {"relative": relative, "bound": bound, "predicted": 2 * relative, "condition": 7.0}
-    return Record(STUDY, settings, errors=errors | {"condition a'T": 7.0})
+    return Record(STUDY.key, settings, errors=errors | {"condition a'T": 7.0})
 
 
 RECORDS = [

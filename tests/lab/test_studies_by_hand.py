@@ -18,8 +18,7 @@ from eomcheck.evaluation.tolerance import UNDERFLOW
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.store.record_file import Record, record_of_rows
 from eomcheck.lab.studies import accuracy, long_run, motion, rhs, work_precision
-from eomcheck.lab.studies.stability import families, two_wheels
-from eomcheck.lab.studies.stability.measure import FAMILIES
+from eomcheck.lab.studies.stability import FAMILIES, families, two_wheels
 from eomcheck.numbers.generic import EPS, FLOAT64
 from eomcheck.scenes import SCENES, Bricard, Sleigh, Snake, bicycle
 

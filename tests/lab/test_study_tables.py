@@ -19,8 +19,7 @@ from eomcheck.lab.studies.engines import EngineDifference
 from eomcheck.lab.studies.motion import MotionTime
 from eomcheck.lab.studies.operations.measure import Operations, Saving, count_record
 from eomcheck.lab.studies.rhs import Timing
-from eomcheck.lab.studies.stability import WORDS
-from eomcheck.lab.studies.stability.measure import outcome_of
+from eomcheck.lab.studies.stability import WORDS, outcome_of
 from eomcheck.numbers.counting import System
 
 

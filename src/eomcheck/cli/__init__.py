@@ -1,4 +1,4 @@
-"""Command line entry point: `main` runs a command and returns one of `eomcheck.cli.app.EXIT_CODES`.
+"""Command line entry point: `main` runs a command and returns one of `application.EXIT_CODES`.
 
 Result files are written before anything is printed, and a failed print changes no exit code, unless
 output is lost on its way to a reader (2). Each command imports its dependencies when it runs. A
@@ -24,7 +24,7 @@ from eomcheck.cli import (
     scene_commands,
     study_commands,
 )
-from eomcheck.cli.app import app, as_typed, help_width, usage_error
+from eomcheck.cli.application import app, as_typed, help_width, usage_error
 from eomcheck.cli.study_commands import bench, draw, study
 from eomcheck.console import slow_work_notice
 from eomcheck.deprecated import current_options

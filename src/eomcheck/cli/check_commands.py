@@ -11,8 +11,7 @@ import typer
 
 from eomcheck.atomic_write import check_writable, write_text
 from eomcheck.calls import PATIENCE, require_supervision
-from eomcheck.cli.app import app
-from eomcheck.cli.shared_options import (
+from eomcheck.cli.application import (
     REFERENCES,
     SUITE,
     Claims,
@@ -26,6 +25,7 @@ from eomcheck.cli.shared_options import (
     SceneClassOption,
     Seed,
     SetOption,
+    app,
     check_folder,
     check_output,
     check_used,

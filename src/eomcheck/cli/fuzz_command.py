@@ -11,8 +11,7 @@ import typer
 
 from eomcheck.atomic_write import check_writable
 from eomcheck.calls import PATIENCE
-from eomcheck.cli.app import app
-from eomcheck.cli.shared_options import (
+from eomcheck.cli.application import (
     Claims,
     CommandEnd,
     Engines,
@@ -20,6 +19,7 @@ from eomcheck.cli.shared_options import (
     Patience,
     RecordsOption,
     Seed,
+    app,
     check_used,
     completer,
     executor_option,

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eomcheck.calls import PATIENCE
-from eomcheck.cli.app import app
-from eomcheck.cli.shared_options import (
+from eomcheck.cli.application import (
     DEFAULT_SCENE,
     Formulations,
     Links,
@@ -18,6 +17,7 @@ from eomcheck.cli.shared_options import (
     Patience,
     SceneOption,
     SetOption,
+    app,
     check_figure,
     check_used,
     completer,

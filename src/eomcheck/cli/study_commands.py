@@ -14,9 +14,11 @@ import typer
 
 from eomcheck.atomic_write import check_writable
 from eomcheck.calls import PATIENCE
-from eomcheck.cli.app import Command, CommandGroup, CommandLine
-from eomcheck.cli.shared_options import (
+from eomcheck.cli.application import (
+    Command,
     CommandEnd,
+    CommandGroup,
+    CommandLine,
     FormulationOption,
     Fresh,
     Json,
