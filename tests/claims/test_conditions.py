@@ -14,8 +14,8 @@ from eomcheck.claims import CLAIMS, Case, State, numerical_accuracy
 from eomcheck.claims.finding import Finding
 from eomcheck.claims.numerical_accuracy import SampledState, coverage, independent_rcond
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation.dynamics import CONTRADICTION
 from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.perturbed import CONTRADICTION
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.numbers.generic import EPS

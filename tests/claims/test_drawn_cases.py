@@ -20,8 +20,8 @@ from eomcheck.draws import (
     scene_within,
     state_ranges,
 )
-from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.perturbed import check_consistent
 from eomcheck.mechanics.records import Range
 from eomcheck.scenes import SCENES, Snake, TurntableBall
 from eomcheck.strategies import (

@@ -15,7 +15,7 @@ from eomcheck.claims import Finding, run
 from eomcheck.claims.finding import entries_of
 from eomcheck.claims.run import RunSelection, SceneEngines, StateResult, ValidationRun
 from eomcheck.errors import InconsistentVelocityError
-from eomcheck.evaluation.dynamics import CONSISTENT_HINT
+from eomcheck.evaluation.perturbed import CONSISTENT_HINT
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import SCENES, Sleigh, Snake
 

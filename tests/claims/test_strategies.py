@@ -11,8 +11,8 @@ from hypothesis import Phase, given, settings
 from eomcheck import acceleration, strategies
 from eomcheck.claims.numerical_accuracy import MAY_REFUSE
 from eomcheck.errors import InconsistentVelocityError, InputError, RefusedError
-from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.perturbed import check_consistent
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.scenes import SCENES, Snake, TurntableBall

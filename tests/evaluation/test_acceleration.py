@@ -20,9 +20,9 @@ from eomcheck.errors import (
     RefusedError,
     UnknownNameError,
 )
-from eomcheck.evaluation.dynamics import check_consistent, consistent_velocity
+from eomcheck.evaluation.dynamics import consistent_velocity
 from eomcheck.evaluation.evaluation import BatchEvaluation, Evaluation
-from eomcheck.evaluation.perturbed import acceleration_sensitivity, sensitivity_of
+from eomcheck.evaluation.perturbed import acceleration_sensitivity, check_consistent, sensitivity_of
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.records import State

@@ -17,7 +17,6 @@ from tests.samples import ordinary
 from eomcheck.errors import InconsistentVelocityError, RefusedError
 from eomcheck.evaluation import certified, constraint_rank, dynamics
 from eomcheck.evaluation import certified as enclosure
-from eomcheck.evaluation import dynamics as redundant
 from eomcheck.evaluation import perturbed as sensitivity
 from eomcheck.evaluation.certified import Enclosure
 from eomcheck.evaluation.evaluation import SPEEDS, Acceleration, BatchEvaluation, Evaluation
@@ -206,10 +205,10 @@ def test_a_velocity_is_held_against_the_constraints_of_its_time(off: float):
     v = -np.linalg.lstsq(at.terms.a, at.terms.b, rcond=None)[0]
     v += off * at.terms.a[1]
     if off == 0.0:
-        dynamics.check_consistent(Evaluation(scene, q, v, 0.7))
+        sensitivity.check_consistent(Evaluation(scene, q, v, 0.7))
         return
     with pytest.raises(InconsistentVelocityError):
-        dynamics.check_consistent(Evaluation(scene, q, v, 0.7))
+        sensitivity.check_consistent(Evaluation(scene, q, v, 0.7))
 
 
 @pytest.mark.parametrize(("share", "fine"), [(5e-7, True), (2e-6, False), (-2e-6, False)])
@@ -534,7 +533,7 @@ def test_a_contradiction_is_more_than_rounding_of_what_is_added(
         assert solved and residual(at).tolist() == [0.0, 0.0, sign * off * EPS]
         return spread
 
-    monkeypatch.setattr(redundant, "sensitivity_of", of)
+    monkeypatch.setattr(sensitivity, "sensitivity_of", of)
     a, gamma = np.array([[0.5, 0.0], [0.0, 0.25], [1.0, 0.0]]), np.array([-0.5, 0.0, -1.0])
     gamma[2] += sign * off * EPS
     found = Acceleration(np.array([1.0, 0.0]), None, {}, np.inf)
@@ -543,10 +542,10 @@ def test_a_contradiction_is_more_than_rounding_of_what_is_added(
     at.acceleration = lambda formulation: found
     given = at, FORMULATIONS["uk"], found
     if fine:
-        redundant.check_no_contradiction(*given)
+        sensitivity.check_no_contradiction(*given)
         return
     with pytest.raises(RefusedError, match="the constraint of left contradicts") as refused:
-        redundant.check_no_contradiction(*given)
+        sensitivity.check_no_contradiction(*given)
     assert refused.value.rcond == pytest.approx(32.0 * (spread + 2.0) / off)
 
 
@@ -564,7 +563,7 @@ def test_a_refusal_says_which_constraints_are_redundant_or_that_it_is_not_clear(
     def said(a: Any, which: Any, of: RefusedError = refusal) -> RefusedError:
         at: Any = Pose(terms=SimpleNamespace(a=a), redundant=which)
         at.scene = SimpleNamespace(constraint_names=NAMES)
-        return redundant.with_redundancy_hint(at, of)
+        return dynamics.with_redundancy_hint(at, of)
 
     assert said(None, unclear) is refusal and said(1, None) is refusal
     assert said(1, [0], unclear) is unclear

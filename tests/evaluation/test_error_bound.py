@@ -17,9 +17,13 @@ from eomcheck.claims import CLAIMS, Case
 from eomcheck.evaluation import perturbed
 from eomcheck.evaluation import perturbed as sensitivity
 from eomcheck.evaluation.certified import true_acceleration, true_error
-from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.evaluation.perturbed import acceleration_sensitivity, sensitivity_of, violation
+from eomcheck.evaluation.perturbed import (
+    acceleration_sensitivity,
+    check_consistent,
+    sensitivity_of,
+    violation,
+)
 from eomcheck.evaluation.tolerance import (
     INCONCLUSIVE,
     UNDERFLOW,

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from eomcheck import strategies
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation import constraint_rank
-from eomcheck.evaluation.dynamics import assembled_position, assembly_error, check_consistent
+from eomcheck.evaluation.dynamics import assembled_position, assembly_error
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.evaluation.perturbed import sensitivity_of
+from eomcheck.evaluation.perturbed import check_consistent, sensitivity_of
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.numbers.linear import least_squares
 from eomcheck.scenes import SCENES, FourBarChain

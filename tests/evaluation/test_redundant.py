@@ -17,9 +17,8 @@ from eomcheck.claims.numerical_accuracy import independent_rcond, judge_refusal
 from eomcheck.errors import InputError
 from eomcheck.evaluation import constraint_rank as rank_module
 from eomcheck.evaluation.constraint_rank import RANK, check_rank_kept, rank_of
-from eomcheck.evaluation.dynamics import CONTRADICTION
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.evaluation.perturbed import perturbed_samples
+from eomcheck.evaluation.perturbed import CONTRADICTION, perturbed_samples
 from eomcheck.formulations import FORMULATIONS, Partition, applicable
 from eomcheck.scenes import Bricard, FourBarChain, Snake
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation import constraint_rank, dynamics
+from eomcheck.evaluation import constraint_rank
 from eomcheck.evaluation import perturbed as sensitivity
 from eomcheck.evaluation.tolerance import (
     INCONCLUSIVE,
@@ -383,10 +383,10 @@ def test_results_are_held_against_rows_that_are_redundant_where_these_are_fine(
     monkeypatch, key: str, rows: Any, held: bool
 ):
     asked: list[Any] = []
-    monkeypatch.setattr(dynamics, "check_no_contradiction", lambda *given: asked.append(given))
+    monkeypatch.setattr(sensitivity, "check_no_contradiction", lambda *given: asked.append(given))
     at: Any = SimpleNamespace(independent_partition=SimpleNamespace(redundant=rows))
     at.acceleration = lambda formulation, pivoted: (formulation.key, pivoted)
-    found = dynamics.solution_of(at, FORMULATIONS[key], True)
+    found = sensitivity.solution_of(at, FORMULATIONS[key], True)
     assert found == (key, True)
     assert asked == ([(at, FORMULATIONS[key], (key, True))] if held else [])
 
@@ -395,7 +395,7 @@ def test_results_are_held_against_rows_that_are_redundant_where_these_are_fine(
 @pytest.mark.parametrize("row", [0, 1])
 def test_rows_contradict_beyond_the_rounding_of_what_is_added(monkeypatch, share, fine, row):
     """Of both rows |a| |v̇| + |gamma| is 16 and 6, the larger counts."""
-    monkeypatch.setattr(dynamics, "sensitivity_of", lambda at, quantity, solved: 2.0)
+    monkeypatch.setattr(sensitivity, "sensitivity_of", lambda at, quantity, solved: 2.0)
     vdot = np.array([-2.0, 3.0])
     off = share * allowed_error(16.0 + 2.0)
     terms = Terms(None, None, None, np.array([[4.0, 1.0], [1.0, 1.0]]), np.array([5.0, -1.0]), None)
@@ -405,7 +405,7 @@ def test_rows_contradict_beyond_the_rounding_of_what_is_added(monkeypatch, share
     found: Any = SimpleNamespace(vdot=vdot)
     at.acceleration = lambda formulation: found
     if fine:
-        dynamics.check_no_contradiction(at, FORMULATIONS["uk"], found)
+        sensitivity.check_no_contradiction(at, FORMULATIONS["uk"], found)
         return
     with pytest.raises(RefusedError, match=f"constraint of {('one', 'two')[row]} contradicts"):
-        dynamics.check_no_contradiction(at, FORMULATIONS["uk"], found)
+        sensitivity.check_no_contradiction(at, FORMULATIONS["uk"], found)

@@ -32,8 +32,8 @@ from eomcheck.draws.fuzz_cases import (
     varied,
 )
 from eomcheck.errors import EomcheckError, InputError
-from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.perturbed import check_consistent
 from eomcheck.lab.fuzzing import failures, state_rounds
 from eomcheck.lab.fuzzing import failures as replay
 from eomcheck.lab.fuzzing import state_rounds as fuzzed

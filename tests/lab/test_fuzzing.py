@@ -30,8 +30,8 @@ from eomcheck.draws.fuzz_cases import (
 )
 from eomcheck.draws.pairwise_design import levels_of_case as measured_strata
 from eomcheck.errors import InputError
-from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.evaluation.evaluation import BatchEvaluation, Evaluation
+from eomcheck.evaluation.perturbed import check_consistent
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import screening, state_rounds
 from eomcheck.lab.fuzzing.campaign import Campaign, Round, RoundResult, ScoredCase

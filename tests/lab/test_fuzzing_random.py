@@ -21,8 +21,8 @@ from eomcheck.draws.fuzz_cases import (
     structural_variants,
     varied,
 )
-from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.perturbed import check_consistent
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing.campaign import Campaign, Round
 from eomcheck.lab.fuzzing.failures import (

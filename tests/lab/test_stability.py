@@ -15,8 +15,8 @@ from tests.widths import check_sheets_fit
 
 from eomcheck.errors import RefusedError, UnknownNameError
 from eomcheck.evaluation.certified import FLOAT64_DIGITS, accuracy
-from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.perturbed import check_consistent
 from eomcheck.evaluation.tolerance import C
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.lab import study as store

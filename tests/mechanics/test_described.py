@@ -43,8 +43,9 @@ from eomcheck.descriptions.vector_algebra import (
     scale_vector,
 )
 from eomcheck.errors import InputError
-from eomcheck.evaluation.dynamics import assembled_position, check_consistent
+from eomcheck.evaluation.dynamics import assembled_position
 from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.perturbed import check_consistent
 from eomcheck.mechanics.parameters import parameter
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.sketch import Arrow, Center, ConstraintMark, JointMark

@@ -18,8 +18,8 @@ from eomcheck.descriptions.described_scene import Described, Description
 from eomcheck.descriptions.elements import Joint, Link
 from eomcheck.descriptions.vector_algebra import rotation_matrix
 from eomcheck.errors import InputError
-from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.perturbed import check_consistent
 from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.mechanics.parameters import diagonal, parameter
 from eomcheck.scenes import RollingDisk, TurntableBall

@@ -11,8 +11,9 @@ import pytest
 
 from eomcheck.claims.registry import GenericPoint
 from eomcheck.errors import RefusedError
-from eomcheck.numbers.dual import RecordingArithmetic, ReplayArithmetic, duals, rate, value
+from eomcheck.numbers.dual import ReplayArithmetic, duals, rate, value
 from eomcheck.numbers.finite_field import PRIME_COUNT, PRIMES, FiniteField, random_prime
+from eomcheck.numbers.generic import RecordingArithmetic
 from eomcheck.numbers.linear import solve
 from eomcheck.scenes import Snake
 

@@ -51,8 +51,9 @@ from eomcheck.draws.pairwise_design import (
     scene_cases,
 )
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluation.dynamics import assembly_error, check_consistent, position_residual
+from eomcheck.evaluation.dynamics import assembly_error, position_residual
 from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.perturbed import check_consistent
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import GeneratorChoices
 from eomcheck.scene_lookup import scene_classes_named

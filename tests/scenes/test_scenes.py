@@ -11,8 +11,8 @@ import eomcheck
 from eomcheck import strategies
 from eomcheck.claims.proof import prove
 from eomcheck.engines import ALWAYS, ENGINES
-from eomcheck.evaluation.dynamics import check_consistent
 from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.perturbed import check_consistent
 from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.mechanics.scene import Scene

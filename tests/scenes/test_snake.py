@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 import eomcheck
 from eomcheck import strategies
 from eomcheck.errors import InputError, RefusedError
-from eomcheck.evaluation.dynamics import check_consistent, velocity
+from eomcheck.evaluation.dynamics import velocity
 from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.perturbed import check_consistent
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.scenes import Snake

@@ -47,7 +47,6 @@ from eomcheck.engines import (
 )
 from eomcheck.engines.engine import drift_size, inertia_size, mass_size, overflows, weight_size
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation.dynamics import solution_of
 from eomcheck.evaluation.evaluation import Acceleration, Evaluation
 from eomcheck.evaluation.perturbed import (
     PerturbedEvaluation,
@@ -56,6 +55,7 @@ from eomcheck.evaluation.perturbed import (
     measured_sensitivity,
     perturbed_samples,
     sensitivity_of,
+    solution_of,
     speeds_resolved,
 )
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, allowed_error, largest

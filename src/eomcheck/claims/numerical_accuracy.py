@@ -34,8 +34,9 @@ from eomcheck.evaluation.certified import (
     true_acceleration,
 )
 from eomcheck.evaluation.constraint_rank import RANK
-from eomcheck.evaluation.dynamics import CONTRADICTION, solution_of, with_redundancy_hint
+from eomcheck.evaluation.dynamics import with_redundancy_hint
 from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.perturbed import CONTRADICTION, solution_of
 from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.evaluation.tolerance import UNDERFLOW, allowed_error, can_overflow, largest
 from eomcheck.formulations import Formulation

@@ -58,8 +58,8 @@ from eomcheck.engines import (
     represents,
 )
 from eomcheck.errors import EomcheckError, InputError, message_of
-from eomcheck.evaluation.dynamics import CONSISTENT_HINT, check_consistent
 from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.perturbed import CONSISTENT_HINT, check_consistent
 from eomcheck.formulations import Formulation, formulations_among
 from eomcheck.mechanics.scene import Scene, checked_scene
 from eomcheck.scenes import Snake

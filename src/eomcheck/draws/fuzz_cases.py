@@ -39,8 +39,9 @@ from eomcheck.draws.pairwise_design import (
     sample_level,
 )
 from eomcheck.errors import EomcheckError, InputError, RefusedError
-from eomcheck.evaluation.dynamics import assembled_position, check_consistent, consistent_velocity
+from eomcheck.evaluation.dynamics import assembled_position, consistent_velocity
 from eomcheck.evaluation.evaluation import BatchEvaluation, Evaluation
+from eomcheck.evaluation.perturbed import check_consistent
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.mechanics.records import Range, State
 from eomcheck.mechanics.scene import Factors, GeneratorChoices, Scene

@@ -15,9 +15,9 @@ import numpy as np
 
 from eomcheck.deprecated import old_attributes
 from eomcheck.errors import InputError, RefusedError, whole_number
-from eomcheck.evaluation.dynamics import representable, solution_of
+from eomcheck.evaluation.dynamics import representable
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.evaluation.perturbed import acceleration_sensitivity
+from eomcheck.evaluation.perturbed import acceleration_sensitivity, solution_of
 from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.evaluation.tolerance import NOTICEABLE, allowed_error, largest
 from eomcheck.formulations import Formulation, Partition, formulation_for

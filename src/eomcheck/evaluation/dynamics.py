@@ -2,8 +2,7 @@
 
 `acceleration` returns the result of a formulation with its error bound. Positions are assembled to
 satisfy the holonomic constraints (loop closure); velocities are computed from generalized speeds
-and back; both are checked. Redundant constraints, which the others imply, are named, and checked
-not to contradict the others.
+and back; both are checked. Redundant constraints, which the others imply, are named.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,22 +18,22 @@ from eomcheck.errors import InconsistentVelocityError, RefusedError
 from eomcheck.evaluation.constraint_rank import RANK, newton, position_residual
 from eomcheck.evaluation.evaluation import Acceleration, Evaluation
 from eomcheck.evaluation.perturbed import (
+    CONSISTENT_HINT,
+    CONTRADICTION,
     acceleration_sensitivity,
-    allowed_violation,
+    check_consistent,
     perturbed_samples,
     sensitivity_of,
+    solution_of,
     violation,
 )
 from eomcheck.evaluation.tolerance import NOTICEABLE, UNDERFLOW, allowed_error, largest
-from eomcheck.formulations import Formulation, formulation_for
+from eomcheck.formulations import formulation_for
 from eomcheck.mechanics.scene import Scene, checked_scene, finite_array
 from eomcheck.numbers.generic import EPS, Array
 from eomcheck.numbers.linear import least_squares
 
 # ---- Redundant constraints -----------------------------------------------------------------------
-
-CONTRADICTION = "gamma"
-"""Name of a contradiction between constraints in refusals."""
 
 
 class ConstraintRank(NamedTuple):
@@ -101,47 +100,6 @@ def _with_message(refusal: RefusedError, why: str) -> RefusedError:
     return RefusedError(refusal.what, refusal.rcond, refusal.threshold, why, refusal.matrix)
 
 
-def solution_of(at: Evaluation, formulation: Formulation, pivoted: bool = False) -> Acceleration:
-    """Return the result of a formulation, checked not to violate redundant constraints.
-
-    Raises:
-        RefusedError: as `Evaluation.acceleration`, or constraints contradict each other.
-    """
-    result = at.acceleration(formulation, pivoted)
-    if formulation.redundant and at.independent_partition.redundant is not None:
-        check_no_contradiction(at, formulation, result)
-    return result
-
-
-def check_no_contradiction(at: Evaluation, formulation: Formulation, found: Acceleration) -> None:
-    """Check that the acceleration satisfies the redundant constraints as well.
-
-    Args:
-        at: the evaluation.
-        formulation: one that handles redundant constraints.
-        found: its result.
-
-    Raises:
-        RefusedError: it does not; names the row that is violated most.
-    """
-
-    def residual(e: Any) -> Array:
-        return e.terms.a @ e.acceleration(formulation).vdot + e.terms.gamma
-
-    left, (_, _, _, a, gamma, _) = np.abs(residual(at)), at.terms
-    size = float((np.abs(a) @ np.abs(found.vdot) + np.abs(gamma)).max())
-    allowed = allowed_error(sensitivity_of(at, residual, solved=True) + size)
-    worst = int(np.argmax(left))
-    if left[worst] > allowed:
-        raise RefusedError(
-            CONTRADICTION,
-            allowed / float(left[worst]),
-            1.0,
-            f"the constraint of {at.scene.constraint_names[worst]} contradicts the others: "
-            f"|a v̇ + gamma| = {left[worst]:.3g} m/s² for every v̇, allowed {allowed:.3g}",
-        )
-
-
 # ---- Accelerations, velocities, positions --------------------------------------------------------
 
 
@@ -194,32 +152,6 @@ def acceleration(
     sensitivity = acceleration_sensitivity(at, formulation, pivoted=pivoted)
     # Underflow on the way is smaller than any effect of perturbed inputs.
     return replace(result, error_bound=max(allowed_error(sensitivity), UNDERFLOW))
-
-
-CONSISTENT_HINT = " (consistent=False lets it pass)"
-
-
-def check_consistent(at: Evaluation, hint: str = "") -> None:
-    """Check |a v + b| against the allowed rounding error, row by row; see `allowed_violation`.
-
-    Args:
-        at: the evaluation.
-        hint: end of the error message.
-
-    Raises:
-        InconsistentVelocityError: names the worst row, its residual and the allowed one.
-    """
-    if at.terms.a is None:
-        return
-    residual, allowed = violation(at, at.v)[0], at.cached(allowed_violation)
-    with np.errstate(invalid="ignore"):
-        excess = np.abs(residual) - allowed
-    if (excess > 0).any():
-        row = int(np.argmax(excess))
-        raise InconsistentVelocityError(
-            f"v violates the constraint of {at.scene.constraint_names[row]}: |a v + b| = "
-            f"{abs(residual[row]):.3g} m/s, allowed {allowed[row]:.3g}{hint}"
-        )
 
 
 CORRECTIONS = 3

@@ -11,7 +11,8 @@ the factor from a relative rounding error to a change of the quantity
 
 Perturbed velocities violate the constraints by as much as rounding allows. The violation of
 velocities v is |a v + b|, row by row. Rounding explains C ε (|a| |v| + |b|), more if the
-coordinates' own rounding changes a and b by more.
+coordinates' own rounding changes a and b by more. Velocities that violate them by more are
+rejected, and so are accelerations that violate redundant constraints.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ from typing import Any
 import numpy as np
 from scipy.linalg import qr, solve_triangular
 
-from eomcheck.errors import RefusedError
-from eomcheck.evaluation.evaluation import TRACES, BatchEvaluation, Evaluation, Key
+from eomcheck.errors import InconsistentVelocityError, RefusedError
+from eomcheck.evaluation.evaluation import TRACES, Acceleration, BatchEvaluation, Evaluation, Key
 from eomcheck.evaluation.scene_quantities import Solution, quantity
 from eomcheck.evaluation.tolerance import (
     INCONCLUSIVE,
@@ -45,8 +46,7 @@ from eomcheck.numbers.batch_arrays import (
     as_float64,
     batch_data,
 )
-from eomcheck.numbers.dual import RecordingArithmetic
-from eomcheck.numbers.generic import FLOAT64, Array, map_record
+from eomcheck.numbers.generic import FLOAT64, Array, RecordingArithmetic, map_record
 from eomcheck.numbers.linear import SolveRecorder, for_each_noise, recording_solves
 from eomcheck.numbers.noise import (
     SAMPLES,
@@ -316,6 +316,32 @@ def allowed_violation(at: Evaluation) -> Any:
     return allowed + allowed_error(1.0) * np.max(changes, axis=0) / STEP
 
 
+CONSISTENT_HINT = " (consistent=False lets it pass)"
+
+
+def check_consistent(at: Evaluation, hint: str = "") -> None:
+    """Check |a v + b| against the allowed rounding error, row by row; see `allowed_violation`.
+
+    Args:
+        at: the evaluation.
+        hint: end of the error message.
+
+    Raises:
+        InconsistentVelocityError: names the worst row, its residual and the allowed one.
+    """
+    if at.terms.a is None:
+        return
+    residual, allowed = violation(at, at.v)[0], at.cached(allowed_violation)
+    with np.errstate(invalid="ignore"):
+        excess = np.abs(residual) - allowed
+    if (excess > 0).any():
+        row = int(np.argmax(excess))
+        raise InconsistentVelocityError(
+            f"v violates the constraint of {at.scene.constraint_names[row]}: |a v + b| = "
+            f"{abs(residual[row]):.3g} m/s, allowed {allowed[row]:.3g}{hint}"
+        )
+
+
 def _velocity_perturbations(at: Evaluation, v: Array, noise: NoiseBatch) -> Array:
     """Return perturbations of v (B, n): of its entries, and within the allowed violation."""
     change = noise.perturbed(v, np.abs(v)) - v
@@ -548,3 +574,50 @@ def _matrices_resolved(at: Evaluation, samples: PerturbedEvaluation, key: Key) -
             sound = (signs == exact[name].sign) & (allowed_error(changes / STEP) <= INCONCLUSIVE)
         resolved &= sound.all(axis=0)
     return resolved
+
+
+# ---- Results that satisfy redundant constraints --------------------------------------------------
+
+CONTRADICTION = "gamma"
+"""Name of a contradiction between constraints in refusals."""
+
+
+def solution_of(at: Evaluation, formulation: Formulation, pivoted: bool = False) -> Acceleration:
+    """Return the result of a formulation, checked not to violate redundant constraints.
+
+    Raises:
+        RefusedError: as `Evaluation.acceleration`, or constraints contradict each other.
+    """
+    result = at.acceleration(formulation, pivoted)
+    if formulation.redundant and at.independent_partition.redundant is not None:
+        check_no_contradiction(at, formulation, result)
+    return result
+
+
+def check_no_contradiction(at: Evaluation, formulation: Formulation, found: Acceleration) -> None:
+    """Check that the acceleration satisfies the redundant constraints as well.
+
+    Args:
+        at: the evaluation.
+        formulation: one that handles redundant constraints.
+        found: its result.
+
+    Raises:
+        RefusedError: it does not; names the row that is violated most.
+    """
+
+    def residual(e: Any) -> Array:
+        return e.terms.a @ e.acceleration(formulation).vdot + e.terms.gamma
+
+    left, (_, _, _, a, gamma, _) = np.abs(residual(at)), at.terms
+    size = float((np.abs(a) @ np.abs(found.vdot) + np.abs(gamma)).max())
+    allowed = allowed_error(sensitivity_of(at, residual, solved=True) + size)
+    worst = int(np.argmax(left))
+    if left[worst] > allowed:
+        raise RefusedError(
+            CONTRADICTION,
+            allowed / float(left[worst]),
+            1.0,
+            f"the constraint of {at.scene.constraint_names[worst]} contradicts the others: "
+            f"|a v̇ + gamma| = {left[worst]:.3g} m/s² for every v̇, allowed {allowed:.3g}",
+        )

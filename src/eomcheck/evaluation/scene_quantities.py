@@ -18,11 +18,12 @@ from eomcheck.errors import RefusedError
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.mechanics.records import Bodies, Chain, Speeds, Terms, velocity_from_speeds
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.dual import Dual, RecordingArithmetic, ReplayArithmetic, duals, rate, value
+from eomcheck.numbers.dual import Dual, ReplayArithmetic, duals, rate, value
 from eomcheck.numbers.generic import (
     Arithmetic,
     Array,
     NotRationalError,
+    RecordingArithmetic,
     generic,
     map_entries,
     map_record,

@@ -39,8 +39,7 @@ from eomcheck.numbers.batch_arrays import (
     batch_size,
     packed_entries,
 )
-from eomcheck.numbers.dual import RecordingArithmetic
-from eomcheck.numbers.generic import FLOAT64, Angles, Array, map_record
+from eomcheck.numbers.generic import FLOAT64, Angles, Array, RecordingArithmetic, map_record
 from eomcheck.numbers.linear import PRODUCTS, SOLVERS, matrix_product, solve
 from eomcheck.numbers.noise import NORMAL
 from eomcheck.numbers.tape import ADD, DIV, MUL, NEG, SUB, RecordedNumber

@@ -17,9 +17,9 @@ import numpy as np
 from eomcheck.console import polled_progress
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluation.constraint_rank import check_rank_kept
-from eomcheck.evaluation.dynamics import check_consistent, velocity
+from eomcheck.evaluation.dynamics import velocity
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.evaluation.perturbed import acceleration_sensitivity
+from eomcheck.evaluation.perturbed import acceleration_sensitivity, check_consistent
 from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.formulations import Formulation, formulation_for
 from eomcheck.kernels.kernel import Kernel

@@ -16,7 +16,6 @@ import numpy as np
 from eomcheck.numbers.generic import (
     BRANCH,
     Angles,
-    Arithmetic,
     Array,
     NotRationalError,
     map_entries,
@@ -165,32 +164,6 @@ PLAIN = {float, np.float64, int}
 
 SOLVERS[Dual] = _solve
 CARRIERS.add(Dual)
-
-
-class RecordingArithmetic:
-    """An arithmetic that records the angles and roots that it returns.
-
-    Attributes:
-        recorded: `Angles` and roots, in the order of the calls.
-    """
-
-    def __init__(self, arithmetic: Arithmetic):
-        self._arithmetic = arithmetic
-        self.recorded: list[Any] = []
-
-    def numbers(self, x: Array) -> Array:
-        """Return x as numbers of the wrapped arithmetic."""
-        return self._arithmetic.numbers(x)
-
-    def angles(self, x: Array) -> Angles:
-        """Return the angles x (k,) of the wrapped arithmetic, and record them."""
-        self.recorded.append(self._arithmetic.angles(x))
-        return self.recorded[-1]
-
-    def root(self, x: Array) -> Array:
-        """Return the roots of x (k,) of the wrapped arithmetic, and record them."""
-        self.recorded.append(self._arithmetic.root(x))
-        return self.recorded[-1]
 
 
 class ReplayArithmetic:

@@ -7,7 +7,8 @@ term is `None` and is tested with `is None` on an argument of that very function
 returns the function unchanged; `GENERIC` holds the decorated functions.
 
 An `Arithmetic` is the interface of a scalar type to a scene: it converts the float64 parameters,
-and computes the sines, cosines and roots, which are not rational. `FLOAT64` is that of float64.
+and computes the sines, cosines and roots, which are not rational. `FLOAT64` is that of float64;
+a `RecordingArithmetic` records the angles and roots that another one computes.
 """
 
 from __future__ import annotations
@@ -144,3 +145,29 @@ class Float64:
 
 
 FLOAT64 = Float64()
+
+
+class RecordingArithmetic:
+    """An arithmetic that records the angles and roots that it returns.
+
+    Attributes:
+        recorded: `Angles` and roots, in the order of the calls.
+    """
+
+    def __init__(self, arithmetic: Arithmetic):
+        self._arithmetic = arithmetic
+        self.recorded: list[Any] = []
+
+    def numbers(self, x: Array) -> Array:
+        """Return x as numbers of the wrapped arithmetic."""
+        return self._arithmetic.numbers(x)
+
+    def angles(self, x: Array) -> Angles:
+        """Return the angles x (k,) of the wrapped arithmetic, and record them."""
+        self.recorded.append(self._arithmetic.angles(x))
+        return self.recorded[-1]
+
+    def root(self, x: Array) -> Array:
+        """Return the roots of x (k,) of the wrapped arithmetic, and record them."""
+        self.recorded.append(self._arithmetic.root(x))
+        return self.recorded[-1]

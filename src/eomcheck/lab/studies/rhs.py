@@ -48,8 +48,7 @@ from eomcheck.motion.right_hand_side import (
     parameter_record,
     state_of,
 )
-from eomcheck.numbers.dual import RecordingArithmetic
-from eomcheck.numbers.generic import FLOAT64, Angles, Array
+from eomcheck.numbers.generic import FLOAT64, Angles, Array, RecordingArithmetic
 from eomcheck.numbers.symbolic import CasadiArithmetic
 from eomcheck.scene_lookup import scene_classes_named
 from eomcheck.scenes import Snake
