@@ -87,6 +87,23 @@ def test_a_wrong_shape_is_told_of_the_structure_that_has_it_after_one_that_has_n
         check_shapes(kind(one, one, one, [1.0, 1.0], one))
 
 
+def test_a_structure_is_checked_again_where_a_function_raised_and_then_no_more():
+    asked = []
+
+    def constraint(parameters, angles, q, v):
+        asked.append(parameters.mass[0])
+        if asked[-1] == 1.0:
+            raise ValueError("too light")
+        return np.zeros(2 if asked[-1] == 2.0 else 1)
+
+    kind = type("Light", (Sleigh,), {"constraint": staticmethod(constraint)})
+    assert check_shapes(kind(mass=1.0)) is None
+    with pytest.raises(InputError, match=r"constraint: c has shape \(2,\), expected \(1,\)"):
+        check_shapes(kind(mass=2.0))
+    assert check_shapes(kind(mass=3.0)) and check_shapes(kind(mass=2.0))
+    assert asked == [1.0, 2.0, 3.0]
+
+
 class Odd:
     """An object of which everything raises."""
 

@@ -167,7 +167,8 @@ def make_case(
         repeats: number of repeated calls of engines under test for each answer.
         at: the evaluation at the state, if it was made already.
     """
-    formulations = tuple(f for f in selection.formulations if f.applies_to(scene_engines.scene))
+    offers = scene_engines.scene.offers
+    formulations = tuple(f for f in selection.formulations if offers(f.uses))
     at = Evaluation(scene_engines.scene, *state) if at is None else at
     return Case(
         at,

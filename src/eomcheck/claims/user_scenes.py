@@ -28,7 +28,13 @@ from eomcheck.errors import CallError, InputError, RefusedError, described_error
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.mechanics.records import State
-from eomcheck.mechanics.scene import FUNCTIONS, Scene, checked_scene, no_velocity_term
+from eomcheck.mechanics.scene import (
+    FUNCTIONS,
+    Scene,
+    checked_scene,
+    no_velocity_term,
+    once_per_structure,
+)
 from eomcheck.numbers.finite_field import DomainError, FiniteField, random_prime
 from eomcheck.numbers.generic import FLOAT64, map_record
 
@@ -75,29 +81,29 @@ OF_CONSTRAINTS = frozenset({("terms", "a"), ("constraint", "c")})
 `constraints` may leave out a: if `terms` are written by hand it is not used.
 """
 
-_shapes_checked: set[tuple[type[Scene], str]] = set()
 
-
-def check_shapes(scene: Scene) -> None:
+@once_per_structure
+def check_shapes(scene: Scene) -> bool | None:
     """Check the shapes that each function of `scene` returns, once for each structure.
 
     None stands for an absent optional quantity.
 
+    Returns:
+        True; None if a user-supplied function raises, which is reported at the state at which it
+        happens, and the next scene of this structure is checked again.
+
     Raises:
         InputError: an array has not the shape of the contract (`eomcheck.mechanics.scene`).
     """
-    which = type(scene), scene.structure
-    if which in _shapes_checked:
-        return
     try:
         compare_shapes(scene, _random_quantities(scene))
     except InputError:
         raise
     except Exception as error:
         if scene_function_that_raised(scene, error):
-            return  # reported at the state at which it happens
+            return None
         raise
-    _shapes_checked.add(which)
+    return True
 
 
 def compare_shapes(scene: Scene, at: Quantities) -> None:
@@ -216,8 +222,6 @@ def _record_fields(function: str, record: Any, shapes: tuple[Shape, ...]) -> Ite
 
 # ---- Float64 and exact numbers -------------------------------------------------------------------
 
-_why_not_rational: dict[tuple[type[Scene], str], str] = {}
-
 
 def failing_function(scene: Scene, state: State) -> str:
     """Return the scene function that raises or returns a wrong shape in float64; "" if none."""
@@ -229,27 +233,25 @@ def failing_function(scene: Scene, state: State) -> str:
     return ""
 
 
+@once_per_structure
 def why_not_rational(scene: Scene) -> str:
     """Return the reason that a scene function does not run on exact numbers, "" if all do.
 
     The result is cached for each structure. Such a function could lose digits in ball arithmetic
     too, by converting to float, and an enclosure would not contain the exact value.
     """
-    which = type(scene), scene.structure
-    if which not in _why_not_rational:
-        source = random.Random(0)
-        try:
-            _run_all(GenericPoint(scene, FiniteField(random_prime(source), source)))
-            _why_not_rational[which] = ""
-        except (TypeError, DomainError) as error:
-            _why_not_rational[which] = f"not rational: {message_of(error)}"
-        except (RefusedError, ZeroDivisionError):
-            _why_not_rational[which] = ""  # undefined at this point: `prove` reports it
-        except Exception as error:
-            if not (origin := scene_function_that_raised(scene, error)):
-                raise
-            _why_not_rational[which] = f"not rational: {origin}"
-    return _why_not_rational[which]
+    source = random.Random(0)
+    try:
+        _run_all(GenericPoint(scene, FiniteField(random_prime(source), source)))
+    except (TypeError, DomainError) as error:
+        return f"not rational: {message_of(error)}"
+    except (RefusedError, ZeroDivisionError):
+        return ""  # undefined at this point: `prove` reports it
+    except Exception as error:
+        if not (origin := scene_function_that_raised(scene, error)):
+            raise
+        return f"not rational: {origin}"
+    return ""
 
 
 def _run_all(at: Quantities) -> None:

@@ -384,7 +384,7 @@ def _check_regular(source: MechanismSource) -> None:
     n = len(names)
     # Any pose will do: if M is singular for want of inertia, it is so in a whole neighbourhood.
     q = 0.3 + 0.7 * np.sin(1.0 + np.arange(n))
-    parameters = scene.parameters(FLOAT64)
+    parameters = scene.float64_parameters
     prepared = scene.prepare(FLOAT64, parameters, q, 0.0)
     M = scene.terms(parameters, prepared, q, np.zeros(n)).M
     for name, own in zip(names, np.diagonal(M), strict=True):

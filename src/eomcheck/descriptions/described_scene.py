@@ -327,18 +327,18 @@ class Described(Parametric):
     @property
     def support(self) -> Array | None:
         """Mask of the generalized speeds that can move each body, bool (n_b, p)."""
-        plan = parse_description(type(self).description, self.parameters(FLOAT64)).plan
+        plan = parse_description(type(self).description, self.float64_parameters).plan
         return support_of(self, plan.support)
 
     def tree(self) -> Tree | None:
         """Return the tree of its bodies, joint by joint."""
-        parsed = parse_description(type(self).description, self.parameters(FLOAT64))
+        parsed = parse_description(type(self).description, self.float64_parameters)
         return tree_by(parsed.plan, parsed.parameters)
 
     def frames(self, q: Array, t: float = 0.0) -> dict[str, tuple[Array, Array]]:
         """Return origin (3,) and axes (3, 3), in rows, of each link in the pose q (n,), by name."""
         plan, functions, numbers, slots = parse_description(
-            type(self).description, self.parameters(FLOAT64)
+            type(self).description, self.float64_parameters
         )
         prepared = functions["prepare"](FLOAT64, numbers, np.asarray(q, np.float64), t)
         frames = joint_frames(plan, numbers, prepared)

@@ -146,7 +146,7 @@ def assembled_start(scene: Mechanism) -> tuple[Array, Array]:
     pose = np.array(scene.source.pose, np.float64)
     if not scene.r:
         return pose, np.zeros(scene.n)
-    parameters, q = scene.parameters(FLOAT64), pose
+    parameters, q = scene.float64_parameters, pose
     for _ in range(STEPS):
         a, _, residual = _evaluate_constraints(scene, parameters, q)
         if residual is None:
@@ -225,7 +225,7 @@ def _place(a: Any, d: int) -> Array:
 def mechanism_sketch(scene: Mechanism, q: Array, t: float = 0.0) -> Sketch:
     """Return the sketch of the mechanism in the pose q (n,)."""
     plan = scene.plan
-    parameters: Any = scene.parameters(FLOAT64)
+    parameters: Any = scene.float64_parameters
     prepared = scene.prepare(FLOAT64, parameters, np.asarray(q, np.float64), t)
     frames, d = joint_frames(plan, parameters, prepared), plan.d
     origins = [_place(frame.origin, d) for frame in frames]
@@ -424,7 +424,7 @@ class Mechanism(Parametric, metaclass=_Kind):
 
     def tree(self) -> Tree:
         """Return the tree of its bodies, joint by joint."""
-        return tree_by(self.plan, self.parameters(FLOAT64))
+        return tree_by(self.plan, self.float64_parameters)
 
     def sketch(self, q: Array, t: float = 0.0) -> Sketch:
         """Return links from joint to joint, joints with their axes, centres of mass."""

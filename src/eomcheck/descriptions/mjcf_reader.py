@@ -556,7 +556,7 @@ def _dependent_coordinates(scene: Mechanism) -> list[str]:
     q = scene.initial_state()[0]
     # Perturbed from the pose, which may be a singular configuration: many are drawn stretched.
     q = q + 0.1 * np.sin(1.0 + np.arange(scene.n))
-    parameters = scene.parameters(FLOAT64)
+    parameters = scene.float64_parameters
     a, _ = scene.constraints(parameters, scene.prepare(FLOAT64, parameters, q, 0.0), q)
     factors: Any = qr(a, mode="r", pivoting=True)
     order = factors[-1]

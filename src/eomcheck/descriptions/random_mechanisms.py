@@ -119,7 +119,7 @@ def with_random_constraint(
 def _jacobian(description: RandomDescription) -> Array:
     """Return the constraint Jacobian a (r, n) in the pose, columns in the order of the joints."""
     scene = description.source("Closed").scene_class()()
-    parameters, q = scene.parameters(FLOAT64), np.array([x for _, x in description.pose])
+    parameters, q = scene.float64_parameters, np.array([x for _, x in description.pose])
     return scene.constraints(parameters, scene.prepare(FLOAT64, parameters, q, 0.0), q)[0]
 
 

@@ -19,7 +19,7 @@ from eomcheck.engines.engine import Engine, EngineAcceleration
 from eomcheck.errors import required
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.generic import FLOAT64, Array
+from eomcheck.numbers.generic import Array
 from eomcheck.numbers.symbolic import CasadiArithmetic
 
 (_gesvx,) = get_lapack_funcs(("gesvx",), dtype=np.float64)
@@ -32,7 +32,7 @@ class CasadiEngine(Engine):
 
     def __init__(self, scene: Scene):
         super().__init__(scene)
-        parameters = scene.parameters(FLOAT64)
+        parameters = scene.float64_parameters
         self._parameters = _flatten(parameters)
         key = (type(scene), scene.n, scene.r, tuple(map(_shape, parameters)))
         if key not in _MODELS:
@@ -169,7 +169,7 @@ VECTORS = ("bias", "forces", "constraint_drift", "V_t", "fixed_t")
 def _symbolic_model(scene: Scene) -> dict[str, Any]:
     """Return name -> CasADi function of (q, v, t, parameters)."""
     ca = required("casadi")
-    like: Any = scene.parameters(FLOAT64)
+    like: Any = scene.float64_parameters
     q, v, t = ca.SX.sym("q", scene.n), ca.SX.sym("v", scene.n), ca.SX.sym("t")
     flat = ca.SX.sym("parameters", _flatten(like).size)
 

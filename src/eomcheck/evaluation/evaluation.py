@@ -125,6 +125,11 @@ class Evaluation(Quantities):
             as_float64, self.run(_prepared_with_rates, self.scene.prepare, int(clock), *state)
         )
 
+    @quantity
+    def parameters(self) -> Any:
+        """The scene's parameters."""
+        return self.scene.float64_parameters
+
     @property
     def time(self) -> Any:
         """The time (1,), as an argument of generic functions on float64 arrays."""
@@ -321,7 +326,7 @@ class BatchEvaluation(Evaluation):
     @quantity
     def parameters(self) -> Any:
         """The scenes' parameters, in a batch."""
-        return self.finished(stacked([scene.parameters(FLOAT64) for scene in self.scenes]))
+        return self.finished(stacked([scene.float64_parameters for scene in self.scenes]))
 
     def call(self, function: Callable, *arguments) -> Any:
         """Call a generic function on batches.

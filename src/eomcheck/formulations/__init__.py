@@ -61,13 +61,15 @@ def formulations_among(
         InputError: one of them applies to none of `scenes`.
         UnknownNameError: there is no such formulation.
     """
-    apply = {key for scene in scenes for key in applicable(scene)}
     if keys is None:
-        return tuple(f for key, f in FORMULATIONS.items() if key in apply)
-    return tuple(
-        formulation_of(key) if key in apply else formulation_for(scenes[0], key)
-        for key in distinct("formulations", keys)
-    )
+        return tuple(f for f in FORMULATIONS.values() if _apply(f, scenes))
+    named = map(formulation_of, distinct("formulations", keys))
+    return tuple(f if _apply(f, scenes) else formulation_for(scenes[0], f.key) for f in named)
+
+
+def _apply(formulation: Formulation, scenes: Sequence[Scene | type[Scene]]) -> bool:
+    """Return whether a formulation applies to any of the scenes."""
+    return any(scene.offers(formulation.uses) for scene in scenes)
 
 
 def formulation_for(scene: Scene | type[Scene], key: str) -> Formulation:

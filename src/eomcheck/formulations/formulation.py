@@ -108,7 +108,7 @@ class Formulation:
 
     def applies_to(self, scene: Scene | type[Scene]) -> bool:
         """Return whether `scene` has the functions that the formulation uses."""
-        return hasattr(scene, self.uses)
+        return scene.offers(self.uses)
 
     def unknowns(self, n: int, r: int, s: int = 0) -> int:
         """Return the number of equations of the final system (Table I).

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import namedtuple
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass, replace
-from functools import cache, lru_cache
+from functools import cache, cached_property
 from inspect import cleandoc
 from typing import Any, ClassVar, Literal, NamedTuple, dataclass_transform
 
@@ -203,6 +203,9 @@ class Parametric(Scene):
     def __post_init__(self):
         self.check_fields()
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: x for name, x in vars(self).items() if name != "float64_parameters"}
+
     def __setstate__(self, state: dict[str, Any]):
         for name, value in state.items():
             if name in self.declared and value is not None:
@@ -237,9 +240,6 @@ class Parametric(Scene):
 
     def parameters(self, arithmetic: Arithmetic) -> NamedTuple:
         """Return the inputs of the equations in the numbers of `arithmetic`, one number as (1,)."""
-        return _float64_parameters(self) if arithmetic is FLOAT64 else self._numbers_in(arithmetic)
-
-    def _numbers_in(self, arithmetic: Arithmetic) -> NamedTuple:
         values = {name: getattr(self, name) for name, spec in self.declared.items() if spec.read}
         numbers = {
             name: None if value is None else arithmetic.numbers(np.atleast_1d(value))
@@ -247,6 +247,11 @@ class Parametric(Scene):
         }
         numbers |= self.derived(arithmetic)
         return _record(f"{type(self).__name__}Parameters", tuple(numbers))(**numbers)
+
+    @cached_property
+    def float64_parameters(self) -> NamedTuple:  # type: ignore[override]
+        """The parameters in float64, one record, by whose identity descriptions are cached."""
+        return self.parameters(FLOAT64)
 
     def __repr__(self) -> str:
         """Return Python code that reconstructs the scene, defaults left out."""
@@ -257,12 +262,6 @@ class Parametric(Scene):
             if value != (np.array(usual).tolist() if isinstance(usual, tuple) else usual):
                 shown.append(f"{argument.name}={value!r}")
         return f"{type(self).__name__}({', '.join(shown)})"
-
-
-@lru_cache(16)
-def _float64_parameters(scene: Parametric) -> NamedTuple:
-    """Return the float64 parameters, the same record each time, so that caches can use its id."""
-    return scene._numbers_in(FLOAT64)
 
 
 class OfLinks(Parametric):

@@ -35,6 +35,7 @@ from inspect import get_annotations, isfunction
 from numbers import Integral
 from types import ModuleType
 from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -44,7 +45,7 @@ from eomcheck.errors import InputError, safe_repr
 from eomcheck.mechanics.derived_functions import derive_missing
 from eomcheck.mechanics.records import Range, Symmetry, Tree
 from eomcheck.mechanics.sketch import Sketch
-from eomcheck.numbers.generic import Arithmetic, Array, generic
+from eomcheck.numbers.generic import FLOAT64, Arithmetic, Array, generic
 
 # ---- Choices -------------------------------------------------------------------------------------
 
@@ -248,6 +249,11 @@ class Scene(ABC):
             _wrap_user_functions(cls)
         derive_missing(cls)
 
+    @classmethod
+    def offers(cls, function: str) -> bool:
+        """Return whether its scenes have a function, which some scenes leave out, by its name."""
+        return hasattr(cls, function)
+
     @property
     def natural_speeds(self) -> bool:
         """Whether the scene has its own choice of generalized speeds.
@@ -393,6 +399,11 @@ class Scene(ABC):
     def parameters(self, arithmetic: Arithmetic) -> NamedTuple:
         """Return the parameters in the numbers of `arithmetic`."""
 
+    @property
+    def float64_parameters(self) -> NamedTuple:
+        """The parameters in float64; cached by scenes whose numbers cannot change."""
+        return self.parameters(FLOAT64)
+
     @abstractmethod
     def initial_state(self) -> tuple[Array, Array]:
         """Return a consistent initial state (q (n,), v (n,))."""
@@ -474,6 +485,26 @@ def _pair(word: str, function: Callable[..., Any]) -> Callable[..., Any]:
 def _inner(value: Any) -> Any:
     """Return the underlying function of a property, static method or class method."""
     return getattr(value, "fget", None) or getattr(value, "__func__", value)
+
+
+R = TypeVar("R")
+
+
+def once_per_structure(function: Callable[[Scene], R]) -> Callable[[Scene], R]:
+    """Return a function of a scene whose results are cached, for each scene class and structure.
+
+    A result of None is not cached. The results of a class are dropped with it.
+    """
+    cache: WeakKeyDictionary[type[Scene], dict[str, R]] = WeakKeyDictionary()
+
+    @wraps(function)
+    def computed(scene: Scene) -> R:
+        results, structure = cache.setdefault(type(scene), {}), scene.structure
+        if results.get(structure) is None:
+            results[structure] = function(scene)
+        return results[structure]
+
+    return computed
 
 
 def checked_scene(scene: Any) -> Scene:

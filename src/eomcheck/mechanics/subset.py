@@ -132,7 +132,7 @@ def _scene_class_with_rows(kind: Any, rows: tuple[int, ...], total: int) -> type
         )
 
     def reduce(self):
-        return _restored, (kind, rows, total, vars(self))
+        return _restored, (kind, rows, total, self.__getstate__() or {})
 
     body = {
         "holonomic": slice(0, count),

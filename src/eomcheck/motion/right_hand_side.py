@@ -36,7 +36,7 @@ from eomcheck.kernels.llvm import EFFORT, LEAST_EFFORT
 from eomcheck.kernels.program import NotRegularError, Program, extrapolate_program, program_of
 from eomcheck.mechanics.scene import Scene
 from eomcheck.motion.stabilization import feed_back
-from eomcheck.numbers.generic import FLOAT64, Array
+from eomcheck.numbers.generic import Array
 from eomcheck.numbers.tape import Tape, jacobian
 
 # ---- State vectors -------------------------------------------------------------------------------
@@ -130,7 +130,7 @@ class Traced(NamedTuple):
 
 def parameter_arrays(scene: Scene) -> dict[str, Array]:
     """Return the parameters of `scene` as float64 arrays, by name; absent ones are left out."""
-    record = scene.parameters(FLOAT64)
+    record = scene.float64_parameters
     fields = zip(record._fields, record, strict=True)
     return {name: np.asarray(x, np.float64) for name, x in fields if x is not None}
 
@@ -145,7 +145,7 @@ def quantities_on(tape: Tape, scene: Scene, q: Array) -> Quantities:
 
 def parameter_record(scene: Scene, values: Mapping[str, Any]) -> Any:
     """Return the record of the scene's parameters with these values, by name; None for others."""
-    record = scene.parameters(FLOAT64)
+    record = scene.float64_parameters
     return record._make(map(values.get, record._fields))
 
 

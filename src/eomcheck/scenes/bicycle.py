@@ -40,7 +40,7 @@ from eomcheck.mechanics.records import (
     plane_rotation,
     plane_translation,
 )
-from eomcheck.numbers.generic import EPS, FLOAT64, Arithmetic, Array
+from eomcheck.numbers.generic import EPS, Arithmetic, Array
 
 REAR, FRAME, FORK, FRONT = range(4)
 """Indices of the bodies: rear wheel, rear frame with the rider, front frame, front wheel."""
@@ -241,7 +241,7 @@ class Bicycle(Described, description=description, closed=True):
         """Return wheels and frames, and each angle about its own axis."""
         # `frames` of the bicycle itself is a parameter, moments of inertia.
         frames, (east, north, up) = Described.frames(self, q), np.eye(3)
-        here: Any = self.parameters(FLOAT64)
+        here: Any = self.float64_parameters
         (heading, across, _), (_, spoke, _) = frames["heading"][1], frames["leaning"][1]
         (rear, b), (pivot, front) = frames["rear frame"], frames["front frame"]
         hub, foot = frames["front wheel"][0], np.array([q[0], q[1], 0.0])

@@ -184,7 +184,7 @@ def rate_call(at: Evaluation, formulation: Formulation) -> Call:
 def _angles(scene: Scene, q: Array) -> Array:
     """Return the angles (k,), rad, whose sines and cosines the scene computes."""
     recorder = RecordingArithmetic(FLOAT64)
-    scene.prepare(recorder, scene.parameters(FLOAT64), q, 0.0)
+    scene.prepare(recorder, scene.float64_parameters, q, 0.0)
     angles = [one.value for one in recorder.recorded if isinstance(one, Angles)]
     return np.concatenate([np.empty(0), *angles])
 
