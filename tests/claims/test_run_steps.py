@@ -258,9 +258,11 @@ def test_a_state_is_checked_at_its_time():
     q, _ = scene.initial_state()
     v = eomcheck.velocity(scene, q, [0.5, -0.4, 0.3], t=0.7)
     how: Any = {"engines": [], "claims": ["finite-terms"]}
-    found = eomcheck.check_state(scene, q, v, 0.7, **how)
-    assert {one.state.t for one in found} == {0.7}
-    assert all(one.state.v.tolist() == v.tolist() for one in found)
+    selection = RunSelection.of(scenes=[scene], **how)
+    in_a_run = ValidationRun().check_state(scene, State(q, v, 0.7), selection)
+    for found in (eomcheck.check_state(scene, q, v, 0.7, **how), in_a_run):
+        assert {one.state.t for one in found} == {0.7}
+        assert all(one.state.v.tolist() == v.tolist() for one in found)
 
 
 def test_a_velocity_is_refused_beyond_what_is_let_pass(monkeypatch):

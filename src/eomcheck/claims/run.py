@@ -606,9 +606,9 @@ def check_state(
         EngineError: an engine is not installed.
     """
     selection = RunSelection.of(formulations, engines, claims, scenes=[checked_scene(scene)])
-    state = State(*scene.check_state(q, v, t), t)
+    at = Evaluation(scene, q, v, t)
+    state = State(at.q, at.v, t)
     check_shapes(scene)
-    at = Evaluation(scene, *state)
     try:
         if consistent:
             check_consistent(at, CONSISTENT_HINT)
