@@ -483,7 +483,7 @@ def test_a_silent_error_shows_where_there_are_no_generalized_speeds(monkeypatch)
 
 
 def test_every_place_of_the_mend_that_is_taken_out_is_in_the_source(tmp_path: Path):
-    assert (unmended(tmp_path) / "numbers" / "pivots.py").is_file()
+    assert (unmended(tmp_path) / "numbers" / "banded_solve.py").is_file()
 
 
 # ---- Finds ---------------------------------------------------------------------------------------
