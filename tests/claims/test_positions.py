@@ -253,7 +253,8 @@ def test_a_body_that_is_slower_than_its_height_in_the_potential_fails(length: in
     """One height bounds a velocity from below; a body may move across it as it likes."""
     scene = body(swinging(length), "θ", slice(0, 1), low)
     found = eomcheck.check_state(scene, [1.5], [0.5], claims=NEW)  # it rises steeply
-    assert {f"{f.claim} {f.subject}": f.verdict for f in found} == {
+    checked = (f for f in found if f.verdict != "skipped")
+    assert {f"{f.claim} {f.subject}": f.verdict for f in checked} == {
         "height-velocity body 1": "failed" if told else "passed"
     }
 
@@ -294,8 +295,8 @@ def test_what_weighs_beside_the_bodies_is_no_height_of_theirs():
         return parameters.mass[0] * parameters.gravity[0] * 10 * q[0] + parameters.gravity[0] * q[0]
 
     scene = body(lambda q, cos, sin: [[1, 0]], "s", slice(0, 0), potential=heavy)
-    found = eomcheck.check_state(scene, *scene.initial_state(), claims=["height-velocity"])
-    assert not found
+    (skipped,) = eomcheck.check_state(scene, *scene.initial_state(), claims=["height-velocity"])
+    assert skipped.verdict == "skipped"
 
 
 @pytest.mark.parametrize("plane", [FourBar, Arm], ids=lambda kind: kind.key)

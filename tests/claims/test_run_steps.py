@@ -12,6 +12,7 @@ import pytest
 import eomcheck
 from eomcheck.claims import CLAIMS as ALL_CLAIMS
 from eomcheck.claims import Finding, run
+from eomcheck.claims.case import Case
 from eomcheck.claims.finding import entries_of
 from eomcheck.claims.run import RunSelection, SceneEngines, StateResult, ValidationRun
 from eomcheck.errors import InconsistentVelocityError
@@ -343,3 +344,33 @@ def test_a_claim_tells_all_that_it_needs():
     assert needs["engine-multipliers"] == "constraints, and an engine that offers acceleration"
     assert needs["mass-matrix"] == "an engine that offers mass_matrix"
     assert needs["kinetic-energy"] == "other states of this scene"
+
+
+def test_claims_are_named_by_the_argument_alone():
+    assert not RunSelection.of().claims_named
+    assert not RunSelection.of(claims=list(ALL_CLAIMS)).claims_named
+    assert RunSelection.of(claims=["bias"]).claims_named
+    chosen = RunSelection.of(default=["bias", "mass-matrix"])
+    assert chosen.claims == ("bias", "mass-matrix") and not chosen.claims_named
+    named = RunSelection.of(claims=["refusals"], default=["bias"])
+    assert named.claims == ("refusals",) and named.claims_named
+
+
+def test_a_named_claim_that_does_not_apply_at_a_state_is_skipped_with_its_reason():
+    scene = Sleigh()
+    state = np.array([0.1, 0.2, 0.3]), np.zeros(3)
+    claims = ["equivalence", "kinetic-energy"]
+    how = {"formulations": ["kane"], "engines": []}
+    *decided, skipped = eomcheck.check_state(scene, *state, claims=claims, **how)
+    assert {(one.claim, one.verdict) for one in decided} == {("kinetic-energy", "passed")}
+    assert (skipped.claim, skipped.verdict) == ("equivalence", "skipped")
+    assert skipped.detail == "needs two formulations that solve one state"
+    every = eomcheck.check_state(scene, *state, **how)
+    assert "equivalence" not in {one.claim for one in every}
+
+
+def test_terms_that_are_not_finite_are_reported_whichever_claims_are_named(monkeypatch):
+    monkeypatch.setattr(Case, "finite", False)
+    how: Any = {"claims": ["kinetic-energy"], "engines": []}
+    findings = eomcheck.check_state(Sleigh(), np.zeros(3), np.zeros(3), **how)
+    assert {one.claim for one in findings if one.verdict != "skipped"} == {"finite-terms"}

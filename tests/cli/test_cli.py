@@ -55,7 +55,7 @@ def run(*arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
         (["validate", "--scene", "all", "--executor", "ray:1"], "expected local, local:NUMBER"),
         (
             ["validate", "--scene", "tests/lab/test_states.py:HeavyInside", "--executor", "local"],
-            "executor = 'local': a scene or an engine of your own is looked at in one process",
+            "executor = 'local': a user-supplied scene or engine is checked in one process",
         ),
         (["fuzz", "--links", "0"], "--links '0'"),
         (["fuzz", "--time", "5"], "--time '5', expected a time such as 20s"),
@@ -451,7 +451,7 @@ def test_a_scene_of_which_nothing_can_be_proved_is_exit_code_2_and_told_why(
     assert run("prove", "--scene", place, monkeypatch=monkeypatch) == 2
     printed = capsys.readouterr()
     assert "skipped: finite-terms [terms]" in printed.out and "0 disproved" in printed.out
-    assert "no identity could be looked at" in printed.err
+    assert "no identity could be tested" in printed.err
 
 
 def test_prove_prints_the_bounds_and_the_probability(monkeypatch, capsys):

@@ -76,9 +76,11 @@ def test_findings_without_a_failure_are_0(verdicts, monkeypatch):
 
 @pytest.mark.parametrize("verdicts", [[], ["skipped"], ["inconclusive", "skipped"]])
 def test_a_run_that_decides_nothing_is_2(verdicts, monkeypatch, capsys):
-    found(monkeypatch, *map(finding, verdicts))
+    found(monkeypatch, *(replace(finding(x), detail="why") for x in verdicts))
     assert code_of(monkeypatch, "validate", "--scene", "sleigh") == 2
-    assert "no claim could be decided" in capsys.readouterr().err
+    message = capsys.readouterr().err
+    reasons = [f": bias is {verdict}: why" for verdict in verdicts[:1]]
+    assert message.endswith(f"no claim could be decided{''.join(reasons)}\n")
 
 
 @pytest.mark.parametrize(

@@ -217,6 +217,18 @@ def test_simulate_moves_any_scene_and_keeps_loops_closed_in_draws(monkeypatch, c
         (["fuzz", "--replay", "x.json", "--seed", "3"], "--seed has no effect with --replay"),
         (["fuzz", "--replay", "x.json", "--no-climb"], "--no-climb has no effect with --replay"),
         (["fuzz", "--replay", "x.json", "--executor", "local"], "--executor has no effect with"),
+        (["validate", "--seed", "-1"], "--seed -1, expected a whole number of at least 0"),
+        (["prove", "--seed", "-1"], "--seed -1, expected a whole number of at least 0"),
+        (["simulate", "--seed=-1"], "--seed -1, expected a whole number of at least 0"),
+        (
+            ["study", "agreement", "--links", "2", "--per-size", "1", "--seed", "-1"],
+            "--seed -1, expected a",
+        ),
+        (["draw", "scene", "x.foo"], "a figure is written as .png, .svg, .pdf or .gif"),
+        (
+            ["draw"],
+            "draw needs a command: accuracy, agreement, scene, structure",
+        ),
         (["validate", "--engine", ","], "',' names nothing"),
         (["validate", "--formulation", " , "], "' , ' names nothing"),
         (["prove", "--formulation", ""], "'' names nothing"),

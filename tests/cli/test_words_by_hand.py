@@ -336,7 +336,25 @@ def test_a_usage_error_is_a_sentence_that_leads_to_help():
     hinted.possibilities = []
     assert application.usage_error(hinted) == "eomcheck: No such option (see eomcheck list --help)"
     alone = type("NoArgsIsHelpError", (Wrong,), {})()
-    assert application.usage_error(alone) == "No such\n option.."
+    group = SimpleNamespace(name="draw", names=lambda context: ["scene", "structure"])
+    alone.ctx = SimpleNamespace(command_path="eomcheck draw", command=group)
+    needed = "draw needs a command: scene, structure"
+    assert application.usage_error(alone) == f"eomcheck: {needed} (see eomcheck draw --help)"
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ("validate --examples many", "'--examples': 'many', expected a whole number"),
+        ("simulate --tolerance abc", "'--tolerance': 'abc', expected a number"),
+    ],
+)
+def test_a_value_that_is_no_number_is_repeated_in_the_message(words: str, sentence: str):
+    with pytest.raises(Exception, match="Input should be a valid") as problem:
+        application.app(words.split(), prog_name="eomcheck", standalone_mode=False)
+    command = words.partition(" ")[0]
+    expected = f"eomcheck: Invalid value for {sentence} (see eomcheck {command} --help)"
+    assert application.usage_error(problem.value) == expected
 
 
 @pytest.mark.parametrize(

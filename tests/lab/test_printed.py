@@ -415,8 +415,7 @@ def test_constraints_are_told_with_their_distance_from_the_others_and_its_roundi
     away, rounding = ([float(row[i]) for row in rows] for i in (2, 3))
     assert away[:4] == pytest.approx([1.0, 0.58, 0.73, 1.0]) and away[4] < 1e-14
     assert all(0 < x < 1e-12 for x in rounding)
-    assert list(sheets[0].columns)[2:] == ["away from the others, of its size",
-                                           "by rounding at most"]  # fmt: skip
+    assert list(sheets[0].columns) == ["constraint", "status", "distance", "rounding error ≤"]
     assert capsys.readouterr().out.strip().endswith("n = 5, r = 5, rank 4")
 
 

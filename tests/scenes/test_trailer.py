@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -75,5 +76,31 @@ def test_a_scene_with_constraints_and_no_drift_is_told_so(tmp_path):
     file = tmp_path / "driftless.py"
     file.write_text(text[:begin] + text[end:], encoding="utf-8")
     scene = trailer(file).example()
-    with pytest.raises(InputError, match="Trailer has constraints but no `drift`"):
-        eomcheck.check_state(scene, *scene.initial_state())
+    calls: list[Callable[[], object]] = [
+        lambda: eomcheck.check_state(scene, *scene.initial_state()),
+        lambda: eomcheck.velocity(scene, Q, U),
+        lambda: eomcheck.acceleration(scene, "im", Q, np.zeros(3)),
+        lambda: eomcheck.acceleration(scene, "kane", Q, np.zeros(3)),
+        lambda: eomcheck.simulate(scene, "kane", 1.0),
+        lambda: eomcheck.prove(scene, points=1, seed=0),
+    ]
+    for call in calls:
+        with pytest.raises(InputError, match=r"^Trailer has constraints but no `drift`$"):
+            call()
+
+
+def test_a_constraint_that_is_nan_fails_by_its_own_name_and_beside_the_engine_built_of_it(tmp_path):
+    text = TRAILER.read_text(encoding="utf-8")
+    old = "return np.array([slip], v.dtype)"
+    assert text.count(old) == 1
+    file = tmp_path / "undefined.py"
+    file.write_text(text.replace(old, "return np.array([slip * float('nan')], v.dtype)"), "utf-8")
+    kind = trailer(file)
+    scene, state = kind.example(), (Q, eomcheck.velocity(kind.example(), Q, U))
+    name = "Trailer.constraint: c is nan"
+    for engines in ([], ["casadi"]):
+        failed = failures(eomcheck.check_state(scene, *state, engines=engines))
+        assert (failed[0].claim, failed[0].detail) == ("finite-terms", name)
+        by_engine = [one.detail for one in failed[1:] if "returned nan" in one.detail]
+        assert bool(by_engine) == bool(engines)
+        assert all(detail.endswith(f"; {name}") for detail in by_engine)

@@ -35,7 +35,11 @@ from eomcheck.claims.registry import (
     names_of_term,
     term_of,
 )
-from eomcheck.claims.user_scenes import failing_function, scene_function_that_raised
+from eomcheck.claims.user_scenes import (
+    failing_function,
+    scene_function_that_raised,
+    undefined_result,
+)
 from eomcheck.engines import (
     Answers,
     Engine,
@@ -539,7 +543,10 @@ def ask_engine(
             return skipped_finding(case, kind, fault.what)
         undecidable = overflows(case.at) or excused()
         verdict = "inconclusive" if undecidable else "failed"
-        outcome = np.inf, 0.0, verdict, evidence_of(kind), f"{kind.__name__}: {fault.what}"
+        why = f"{kind.__name__}: {fault.what}"
+        if not is_under_test(kind) and (origin := undefined_result(case.at.scene, case.at)):
+            why = f"{why}; {origin}"
+        outcome = np.inf, 0.0, verdict, evidence_of(kind), why
         return case.finding(kind.key, *outcome, engine=kind)
 
 

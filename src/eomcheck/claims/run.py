@@ -89,6 +89,7 @@ class RunSelection:
         claims: Iterable[str] | None = None,
         *,
         scenes: Sequence[Scene | type[Scene]] = (Snake,),
+        default: Iterable[str] | None = None,
     ) -> RunSelection:
         """Return the selection of these names; None stands for all that apply, [] for none.
 
@@ -100,18 +101,20 @@ class RunSelection:
             engines: keys, names or classes of engines.
             claims: ids of claims, at least one.
             scenes: scenes or scene classes, to which each formulation should apply.
+            default: ids of the claims that None stands for, instead of all.
 
         Raises:
             InputError: a formulation applies to none of `scenes`, or `claims` names none.
             UnknownNameError: a name is not registered.
         """
-        ids = tuple(claim.id for claim in CLAIMS.select(claims))
+        ids = tuple(claim.id for claim in CLAIMS.select(default if claims is None else claims))
         chosen, reader = engines_among(engines), None
         if engines is None and len(scenes) == 1 and (reader := default_reader(scenes[0])):
             chosen = (*chosen, reader)
         named_ones = engines is not None and bool(chosen)
         all_formulations = formulations_among(scenes, formulations)
-        return cls(all_formulations, chosen, ids, reader, named_ones, CLAIMS.by_name(ids))
+        claims_named = claims is not None and CLAIMS.by_name(ids)
+        return cls(all_formulations, chosen, ids, reader, named_ones, claims_named)
 
 
 class SceneEngines(NamedTuple):
@@ -305,19 +308,20 @@ def evaluate_state(
     repeats: int,
     at: Evaluation | None = None,
 ) -> StateResult:
-    """Check one state of a scene whose engines are constructed; for arguments see `make_case`."""
+    """Check one state of a scene whose engines are constructed; for arguments see `make_case`.
+
+    Terms that raise or are not finite are reported whichever claims are selected, and alone.
+    """
     case = make_case(scene_engines, state, selection, repeats, at)
-    broken = case.terms_failure
-    findings = [] if broken is None else [broken]
-    seconds: dict[str, float] = {}
-    for claim in selection.claims:
+    seconds = dict.fromkeys(selection.claims, 0.0)
+    if (broken := case.terms_failure) is not None:
+        return StateResult([broken], seconds, ())
+    findings: list[Finding] = []
+    for claim in selection.claims if case.finite else ("finite-terms",):
         start = time.perf_counter()
-        if broken is None and (case.finite or claim == "finite-terms"):
-            findings += evaluate_claim(scene_engines, case, CLAIMS[claim])
+        findings += evaluate_claim(scene_engines, case, CLAIMS[claim])
         seconds[claim] = time.perf_counter() - start
-    return StateResult(
-        findings, seconds, _refused_keys(case) if broken is None and case.finite else ()
-    )
+    return StateResult(findings, seconds, _refused_keys(case) if case.finite else ())
 
 
 def repeats_at(number: int) -> int:
@@ -596,7 +600,8 @@ def check_state(
             checked.
 
     Returns:
-        Every Finding, in the order of the claims.
+        Every Finding, in the order of the claims, then a skipped one of each claim in `claims` that
+        does not apply.
 
     Raises:
         InputError: wrong shapes, also of arrays that the scene's functions return, or values that
@@ -617,7 +622,8 @@ def check_state(
     except Exception as error:
         if not _is_scene_error(scene, state, error):  # else it is one of the Findings
             raise
-    return ValidationRun().check_state(scene, state, selection, at)
+    run = ValidationRun()
+    return [*run.check_state(scene, state, selection, at), *run.inapplicable(selection)]
 
 
 def validate(
@@ -662,7 +668,7 @@ def check_decided(findings: Iterable[Finding]) -> None:
     if any(finding.verdict in DECIDED for finding in findings):
         return
     first = next((one for one in findings if one.detail), None)
-    reason = "" if first is None else f": {first.claim} {first.detail}"
+    reason = "" if first is None else f": {first.claim} is {first.verdict}: {first.detail}"
     raise InputError(f"no claim could be decided{reason}")
 
 

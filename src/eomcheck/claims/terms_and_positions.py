@@ -29,6 +29,7 @@ from eomcheck.claims.registry import (
     names_of_term,
     product_size,
 )
+from eomcheck.claims.user_scenes import undefined_result
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.perturbed import sensitivity_of
 from eomcheck.evaluation.scene_quantities import Quantities
@@ -45,7 +46,10 @@ from eomcheck.numbers.generic import Array, NotRationalError, as_objects, map_en
 
 @case_claim("finite-terms", "M, Q, B, a, gamma are finite", "(2)-(5)", "term that is not finite")
 def finite_terms(case: Case) -> Iterator[Finding]:
-    """Every term is finite, unless the state itself is so large that it overflows."""
+    """Every term is finite, unless the state itself is so large that it overflows.
+
+    A user-supplied function that returns NaN fails too, where the terms do not depend on it.
+    """
     at = case.at
     with_inputs = [x for x in at.parameters if x is not None] + [at.q, at.v]
     overflow = max(largest(x) for x in with_inputs) > HUGE
@@ -54,6 +58,8 @@ def finite_terms(case: Case) -> Iterator[Finding]:
             zero = np.zeros(np.shape(term))
             bad = np.where(np.isfinite(term), 0.0, np.inf)
             yield case.compare(name, bad, zero, 0.0, names=names_of_term(at.scene, name))
+    if case.finite and not overflow and (why := undefined_result(at.scene, at)):
+        yield case.finding("functions", np.inf, 0.0, "failed", "property-tested", why)
 
 
 @claim("mass-matrix", "M = ∂²T/∂q̇²", "(5), (25)", "mass matrix", asks="mass_matrix")

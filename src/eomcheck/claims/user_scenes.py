@@ -32,7 +32,6 @@ from eomcheck.mechanics.scene import (
     FUNCTIONS,
     Scene,
     checked_scene,
-    no_velocity_term,
     once_per_structure,
 )
 from eomcheck.numbers.finite_field import DomainError, FiniteField, random_prime
@@ -121,9 +120,6 @@ def compare_shapes(scene: Scene, at: Quantities) -> None:
     except Exception as error:
         if is_ours(type(scene)) or scene_function_that_raised(scene, error):
             raise
-        derived = "terms" in type(scene).derived_functions
-        if derived and scene.r and scene.drift is no_velocity_term:
-            raise InputError(f"{type(scene).__name__} has constraints but no `drift`") from error
         why = f"{described_error(error)}, of what its functions return"
         raise InputError(f"{type(scene).__name__}: {why}") from error
 
@@ -230,6 +226,19 @@ def failing_function(scene: Scene, state: State) -> str:
     except Exception as error:
         misshapen = message_of(error) if isinstance(error, InputError) else ""
         return scene_function_that_raised(scene, error) or misshapen
+    return ""
+
+
+def undefined_result(scene: Scene, at: Quantities) -> str:
+    """Return which function of a user-supplied scene returns NaN: "Trailer.constraint: c is nan".
+
+    Returns "" if none does, or if the scene is built in.
+    """
+    if is_ours(type(scene)):
+        return ""
+    for function, name, returned, _ in function_results(scene, at):
+        if returned is not None and np.isnan(np.asarray(returned, np.float64)).any():
+            return f"{type(scene).__name__}.{function}: {name} is nan"
     return ""
 
 

@@ -148,22 +148,24 @@ PARSED = {
 def usage_error(error: BaseException) -> str | None:
     """Return the message for words that are not a command line; None for any other error.
 
-    The message is one sentence in one line, or the help of a group whose command is missing. The
-    parser is part of typer in newer versions and of click in older ones, so its errors are
-    recognized by their attributes.
+    The message is one sentence in one line. The parser is part of typer in newer versions and of
+    click in older ones, so its errors are recognized by their attributes.
     """
     if not hasattr(error, "format_message"):
         return None
     context: Any = getattr(error, "ctx", None)
     text: str = error.format_message()  # type: ignore[attr-defined]
+    command = getattr(context, "command_path", "eomcheck")
     if type(error).__name__ == "NoArgsIsHelpError":
-        return text
+        group = context.command
+        text = f"{group.name} needs a command: {', '.join(group.names(context))}"
     option, near = getattr(error, "option_name", None), getattr(error, "possibilities", None)
     if near and option:
         text = f"{error.message}{did_you_mean(option, near)}"  # type: ignore[attr-defined]
+    problems: Any = getattr(error.__cause__, "errors", list)()
     for parsed, expected in PARSED.items():
-        text = text.replace(parsed, expected)
-    command = "eomcheck" if context is None else context.command_path
+        value = "".join(f"{problem['input']!r}, " for problem in problems)
+        text = text.replace(parsed, f"{value}{expected}")
     return f"eomcheck: {' '.join(text.split()).rstrip('.')} (see {command} --help)"
 
 
@@ -295,9 +297,14 @@ def executor_option(default: str = "") -> Any:
     return typer.Option(metavar="PLACE", help=f"{text} [default: {default}]" if default else text)
 
 
-def _checked_seed(seed: int) -> int:
-    """Return the seed, one that is not negative."""
-    return whole_number("seed", seed, 0)
+def checked_seed(seed: int | None) -> int | None:
+    """Return the seed, one that is not negative, or None."""
+    return None if seed is None else whole_number("seed", seed, 0)
+
+
+def seed_option(text: str) -> Any:
+    """Return an option that takes the seed of draws."""
+    return typer.Option(help=text, callback=checked_seed)
 
 
 SceneClassOption = Annotated[
@@ -313,7 +320,7 @@ SetOption = Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALU
 FormulationOption = Annotated[
     str, typer.Option(metavar="KEY", help="Formulation.", autocompletion=completer("formulation"))
 ]
-Seed = Annotated[int, typer.Option(help="Seed of the draws.", callback=_checked_seed)]
+Seed = Annotated[int, seed_option("Seed of the draws.")]
 ExecutorOption = Annotated[str, executor_option()]
 Formulations = Annotated[
     list[str] | None,
@@ -481,8 +488,14 @@ def check_folder(path: Path | None) -> None:
         raise InputError(f"{str(path)!r} is not a folder that exists")
 
 
-def check_figure(path: Path | None) -> None:
-    """Raise InputError unless `path` is None, or can be written and has the suffix of a figure."""
-    if path is not None and path.suffix not in (".png", ".svg", ".pdf"):
-        raise InputError(f"{str(path)!r}: a figure is written as .png, .svg or .pdf")
+def check_figure(path: Path | None, *further: str) -> None:
+    """Raise InputError unless `path` is None, or can be written and has the suffix of a figure.
+
+    Args:
+        path: the file.
+        further: suffixes that are allowed beside those of all figures.
+    """
+    *suffixes, last = (".png", ".svg", ".pdf", *further)
+    if path is not None and path.suffix not in (*suffixes, last):
+        raise InputError(f"{str(path)!r}: a figure is written as {', '.join(suffixes)} or {last}")
     check_writable(path)

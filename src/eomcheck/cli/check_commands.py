@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -35,6 +34,7 @@ from eomcheck.cli.application import (
     records_or_none,
     records_to_report,
     scene_option,
+    seed_option,
     selected_engines,
 )
 from eomcheck.errors import InputError, UnknownNameError
@@ -69,8 +69,8 @@ def validate_command(
         int,
         typer.Option(
             help="Number of random scenes of a kind, each in one state, or of random states of one "
-            "scene. Beside them its example, or that scene, is looked at as it begins, and an "
-            "example in one random state too."
+            "scene. Beside them its example, or that scene, is checked in its initial state, "
+            "and an example in one random state too."
         ),
     ] = 120,
     seed: Seed = 0,
@@ -129,7 +129,7 @@ def validate_command(
     name, chosen_scene = scene or (ALL if tried else "snake"), None
     if parameters or name in ROBOTS:
         if bounds[0] != bounds[1] and links is not None:
-            raise InputError(f"links = {links!r}, expected one number: one scene is looked at")
+            raise InputError(f"links = {links!r}, expected one number: one scene is checked")
         chosen_scene = scene_named(name, None if links is None else bounds[0], parameters)
         bounds = (link_count(chosen_scene) or 1, link_count(chosen_scene) or 1)
     kinds = scene_classes_named(name) if chosen_scene is None else (type(chosen_scene),)
@@ -139,16 +139,15 @@ def validate_command(
         kinds = represented(tried if scene is None and tried else engines, kinds)
     if links is not None and not any(kind.has_links for kind in kinds):
         raise InputError(f"links = {links!r}: {kinds[0].key} has no number of links to choose")
-    claims = claim
-    if claim is None and scene is None and tried:  # the engine is under test, not the scenes
-        claims = [entry.id for entry in CLAIMS.values() if entry.asks]
-    selection = RunSelection.of(formulation, engine, claims, scenes=kinds)
-    selection = replace(selection, claims_named=claim is not None and selection.claims_named)
+    default = None
+    if scene is None and tried:  # the engine is under test, not the scenes
+        default = [entry.id for entry in CLAIMS.values() if entry.asks]
+    selection = RunSelection.of(formulation, engine, claim, scenes=kinds, default=default)
     if len(kinds) == 1:
         if executor is None:
             executor = default_executor(examples, kinds, selection.engines)
         elif not all_built_in(*kinds, *selection.engines):
-            own = "a scene or an engine of your own is looked at in one process"
+            own = "a user-supplied scene or engine is checked in one process"
             raise InputError(f"executor = {executor!r}: {own}")
     check_executor(executor)
     for kind in selection.engines:
@@ -198,7 +197,7 @@ def prove_command(
         ),
     ] = None,
     examples: Annotated[int, typer.Option(help="Number of random points per identity.")] = 4,
-    seed: Annotated[int | None, typer.Option(help="Seed of the draws. [default: random]")] = None,
+    seed: Annotated[int | None, seed_option("Seed of the draws. [default: random]")] = None,
     scene: SceneClassOption = "snake",
     formulation: Formulations = None,
     executor: ExecutorOption = "local",
@@ -233,7 +232,7 @@ def prove_command(
         print(warning)
     end.conclude(json if whole else None, proofs.failed)
     if not proofs.decided:
-        raise InputError(f"scene = {scene!r}: no identity could be looked at")
+        raise InputError(f"scene = {scene!r}: no identity could be tested")
 
 
 @app.command("list")

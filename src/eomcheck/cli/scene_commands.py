@@ -21,6 +21,7 @@ from eomcheck.cli.application import (
     check_figure,
     check_used,
     completer,
+    seed_option,
     selected_scene,
 )
 from eomcheck.deprecated import print_notice
@@ -170,7 +171,7 @@ def simulate_command(
             help="Standard deviation of --examples: of q, m, rad; of u, m/s, rad/s. [default: 0.01]"
         ),
     ] = None,
-    seed: Annotated[int | None, typer.Option(help="Seed of --examples. [default: 0]")] = None,
+    seed: Annotated[int | None, seed_option("Seed of --examples. [default: 0]")] = None,
     executor: Annotated[
         str | None,
         typer.Option(

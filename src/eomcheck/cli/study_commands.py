@@ -31,6 +31,7 @@ from eomcheck.cli.application import (
     check_figure,
     check_folder,
     check_used,
+    checked_seed,
     completer,
     selected_scene,
 )
@@ -158,7 +159,7 @@ def _option(name: str, annotation: Any) -> Any:
     their own.
     """
     kind, help_text = get_args(annotation)
-    parse = None
+    parse: Any = checked_seed if name == "seed" else None
     lists = [get_args(one)[0] for one in (kind, *get_args(kind)) if get_origin(one) is list]
     if lists and name != "set":
         (of,) = lists
@@ -273,11 +274,10 @@ def draw_scene_command(
 ) -> None:
     """Draw a scene with its coordinates, axes and constraints named, or its motion."""
     moving = path.suffix == ".gif"
+    check_figure(path, ".gif")
     if moving:
-        check_writable(path)
         check_used("in a .gif, which has a light ground", dark=dark)
     else:
-        check_figure(path)
         check_used("in a picture that is no .gif", end=end, frames=frames, formulation=formulation)
     parameters = parse_parameters(settings)
     from eomcheck.lab.show.pictures import (

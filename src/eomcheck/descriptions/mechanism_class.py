@@ -45,10 +45,10 @@ from eomcheck.descriptions.forces import (
 )
 from eomcheck.descriptions.joint_tree import Topology, TopologyPlan
 from eomcheck.descriptions.vector_algebra import as_vector, plus, rotation_matrices
-from eomcheck.mechanics.derived_functions import support_of
+from eomcheck.mechanics.derived_functions import no_velocity_term, support_of
 from eomcheck.mechanics.parameters import Parametric, parameter
 from eomcheck.mechanics.records import ANY_ANGLE, Range, Symmetry, Tree
-from eomcheck.mechanics.scene import Scene, no_velocity_term
+from eomcheck.mechanics.scene import Scene
 from eomcheck.mechanics.sketch import (
     Arrow,
     Body,

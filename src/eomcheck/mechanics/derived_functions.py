@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from eomcheck.errors import InputError
 from eomcheck.mechanics.records import Bodies, Speeds, Terms, velocity_from_speeds
 from eomcheck.numbers.generic import generic
 from eomcheck.numbers.linear import solve
@@ -278,6 +279,24 @@ _DERIVATIONS: dict[str, Callable[..., Callable]] = {
 """Name of a scene's function -> function that derives it from those named by its arguments."""
 
 
+@generic
+def no_velocity_term(parameters, prepared, q, v):
+    """Return None, for a drift, forces or constraints that a scene does not have."""
+    return
+
+
+def _drift_required(kind: Any) -> Callable:
+    """Return a drift that raises InputError if the scene has constraints, for a class without."""
+    constraints, why = kind.constraints, f"{kind.__name__} has constraints but no `drift`"
+
+    def drift(parameters, prepared, q, v):
+        a, _ = constraints(parameters, prepared, q)
+        if a is not None:
+            raise InputError(why)
+
+    return generic(drift)
+
+
 def derive_missing(kind: Any) -> None:
     """Add to a scene class the functions that it does not write itself, if their parts exist.
 
@@ -285,9 +304,12 @@ def derive_missing(kind: Any) -> None:
     derived again from the parts of the subclass.
     """
     composed = set()
+    own = {}
+    if getattr(kind, "drift", None) is no_velocity_term and hasattr(kind, "constraints"):
+        own["drift"] = _drift_required(kind)
     for name, composer in _DERIVATIONS.items():
         owner = next((base for base in kind.__mro__ if name in vars(base)), None)
-        parts = [getattr(kind, part, None) for part in signature(composer).parameters]
+        parts = [own.get(x, getattr(kind, x, None)) for x in signature(composer).parameters]
         if (
             owner is None or name in vars(owner).get("derived_functions", ())
         ) and None not in parts:

@@ -42,7 +42,7 @@ import numpy as np
 from eomcheck.calls import calling, is_ours
 from eomcheck.deprecated import old_attributes, take_old_attributes
 from eomcheck.errors import InputError, safe_repr
-from eomcheck.mechanics.derived_functions import derive_missing
+from eomcheck.mechanics.derived_functions import derive_missing, no_velocity_term
 from eomcheck.mechanics.records import Range, Symmetry, Tree
 from eomcheck.mechanics.sketch import Sketch
 from eomcheck.numbers.generic import FLOAT64, Arithmetic, Array, generic
@@ -97,12 +97,6 @@ class GeneratorChoices:
 # ---- Scene ---------------------------------------------------------------------------------------
 
 Functions = Mapping[str, Any] | tuple[ModuleType, ...]
-
-
-@generic
-def no_velocity_term(parameters, prepared, q, v):
-    """Return None, for a drift, forces or constraints that a scene does not have."""
-    return
 
 
 @generic

@@ -266,8 +266,8 @@ class SceneTarget:
             return {}
         kind = type(self.example)
         engines = None if self.engine is None else [self.engine]
-        selection = RunSelection.of(None, engines, self.claims, scenes=[kind])
-        selection = replace(selection, claims_named=False)  # `absent` gives the reason
+        # By default, not by name: `absent` gives the reason where a claim does not apply.
+        selection = RunSelection.of(None, engines, scenes=[kind], default=self.claims)
         run = ValidationRun()
         cases = self._drawn_cases(examples, seed)
         for scene, state in with_wide(cases, seed) if selection.engines_named else cases:

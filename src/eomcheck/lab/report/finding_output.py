@@ -196,6 +196,11 @@ def print_proofs(proofs: Proofs) -> None:
         console.print("nothing was proved")
         return
     print_tables([proof_table(claims)])
+    say(
+        "degree, height: of the polynomial that vanishes if the claim holds; its height is log₂ of "
+        "the sum of the magnitudes of its coefficients. failure probability: that a claim passes "
+        "although it is false."
+    )
     print_skipped(claims)
     if proofs.started_over:
         console.print("an unfinished file of other settings or sources was started over")

@@ -116,11 +116,16 @@ def print_constraints(scene: Scene) -> int:
     rank = rank_of(at)
     columns = {
         "constraint": lambda i: scene.constraint_names[i],
-        "it is": lambda i: "redundant" if i in without else "kept",
-        "away from the others, of its size": lambda i: f"{rank.distance[i]:.2g}",
-        "by rounding at most": lambda i: f"{rank.uncertainty[i]:.2g}",
+        "status": lambda i: "redundant" if i in without else "kept",
+        "distance": lambda i: f"{rank.distance[i]:.2g}",
+        "rounding error ≤": lambda i: f"{rank.uncertainty[i]:.2g}",
     }
     print_tables([table_of("constraints", "", range(scene.r), columns.items())])
+    say(
+        "distance: of the row of the constraint Jacobian from the span of the rows that are taken "
+        "before it, relative to the size of the row; at most the rounding error where it follows "
+        "from them"
+    )
     say(f"{scene.structure}: n = {scene.n}, r = {scene.r}, rank {scene.r - len(without)}")
     return len(without)
 
