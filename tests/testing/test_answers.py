@@ -462,7 +462,7 @@ def test_wrong_arguments_are_refused_in_one_sentence(arguments, message):
 
 @pytest.mark.parametrize(
     "arguments",
-    [{"mass": np.eye}, {"claims": ["no-claim"]}, {"against": ("no-engine", Snake.coil(3))}],
+    [{"masses": np.eye}, {"claims": ["no-claim"]}, {"against": ("no-engine", Snake.coil(3))}],
 )
 def test_unknown_names_are_refused_with_those_that_are_known(arguments):
     with pytest.raises(UnknownNameError, match=r"unknown .*; known: "):

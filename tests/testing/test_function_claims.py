@@ -5,11 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from functools import wraps
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from tests.testing.own import coriolis, given, guide
+from tests.testing.every_function import every_function, random_model
+from tests.testing.own import coriolis, guide
+from tests.testing.own import given as given_of_guide
 from tests.testing.trees import random_tree
 
 from eomcheck.claims.finding import Finding
@@ -19,19 +22,27 @@ from eomcheck.testing.equations_of_motion import INPUTS
 from eomcheck.testing.function_checks import caveats
 
 CART, DRIVE = guide("cart"), guide("drive")
+EVERY = every_function(random_model(44, joints=3))
+TREE = SimpleNamespace(**EVERY)
 REPEAT = ["answers-repeat"]
 
 STATES = {
     "cart": [([0.3, 0.7, -0.4], [0.5, -0.8, 0.9])],
     "drive": [([0.3, 0.7, -0.4, 0.2, 0.6, 0.5, -0.3], [0.5, -0.8, 0.9, 0.4, -0.3, 0.6, 0.7])],
+    "tree": [([0.3, 0.7, -0.4], [0.5, -0.8, 0.9])],
 }
+
+
+def given(name: str) -> dict[str, Any]:
+    """Return the functions of a file of the guide, or every function of a tree, by name."""
+    return dict(EVERY) if name == "tree" else given_of_guide(name)
 
 
 class Wrong(NamedTuple):
     """What makes a claim fail.
 
     Attributes:
-        own: the file of the guide whose functions are changed.
+        own: the file of the guide whose functions are changed, or "tree" for `EVERY`.
         change: eps -> functions that are wrong by an amount that is linear in eps, right at 0.
         counted: whether the error that is observed is linear in eps; not where a claim is about
             what functions do and not about numbers.
@@ -110,6 +121,18 @@ def factory_of(eps: float) -> dict[str, Any]:
     return {"factory": lambda: right | wrong}
 
 
+def one_entry(*_):
+    return np.outer([1, 0, 0], [0, 1, 0])
+
+
+def first_column(*_):
+    return np.outer([1, 0, 0], np.eye(30)[0])
+
+
+def last_moment(*_):
+    return np.outer([1, 0, 0], np.eye(30)[24])
+
+
 def cubic(q, v):
     return v[0] ** 3
 
@@ -176,6 +199,39 @@ WRONG: dict[str, Wrong] = {
                 CART.M(q), -CART.bias(q, v) - CART.gravity(q) - eps * np.array([v[0] ** 3, 0, 0])
             ),
         },
+    ),
+    "inverse-dynamics": Wrong("tree", plus("inverse_dynamics", TREE, lambda q, v, vdot: vdot)),
+    "inverse-dynamics-symmetric": Wrong(
+        "tree", plus("inverse_dynamics", TREE, lambda q, v, vdot: [vdot[1], 0, 0])
+    ),
+    "inverse-dynamics-acceleration": Wrong(
+        "tree", plus("inverse_dynamics", TREE, lambda q, v, vdot: [0, 1, 0])
+    ),
+    "inverse-dynamics-by-position": Wrong("tree", plus("tau_q", TREE, one_entry)),
+    "inverse-dynamics-by-velocity": Wrong("tree", plus("tau_v", TREE, one_entry)),
+    "inverse-dynamics-mixed": Wrong(
+        "tree", plus("tau_v", TREE, lambda q, v, vdot: np.diag([0, q[0], 0]))
+    ),
+    "acceleration-by-position": Wrong("tree", plus("qdd_q", TREE, one_entry)),
+    "acceleration-by-velocity": Wrong("tree", plus("qdd_v", TREE, one_entry)),
+    "acceleration-by-force": Wrong("tree", plus("qdd_tau", TREE, one_entry)),
+    "acceleration-force-symmetric": Wrong("tree", plus("qdd_tau", TREE, one_entry)),
+    "acceleration-force-mass": Wrong("tree", plus("qdd_tau", TREE, one_entry)),
+    "acceleration-force": Wrong("tree", plus("qdd", TREE, lambda q, v, tau: tau)),
+    "acceleration-mixed": Wrong(
+        "tree", plus("qdd_q", TREE, lambda q, v, tau: np.diag([0, v[0], 0]))
+    ),
+    "acceleration-inverse-position": Wrong("tree", plus("qdd_q", TREE, one_entry)),
+    "acceleration-inverse-velocity": Wrong("tree", plus("tau_v", TREE, one_entry)),
+    "inverse-mass-matrix": Wrong(
+        "tree", plus("inverse_mass_matrix", TREE, lambda q: np.diag([0, 1, 0]))
+    ),
+    "regressor-parameters": Wrong("tree", plus("regressor", TREE, first_column)),
+    "regressor-symmetric": Wrong(
+        "tree", plus("regressor", TREE, lambda q, v, vdot: vdot[1] * first_column(q))
+    ),
+    "regressor-power": Wrong(
+        "tree", plus("regressor", TREE, lambda q, v, vdot: v[0] ** 2 * last_moment(q))
     ),
     "reference": Wrong(
         "cart",

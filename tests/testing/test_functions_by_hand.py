@@ -47,10 +47,35 @@ def test_each_input_reads_answers_and_is_called_what_the_guide_says():
         "c": ("q", "r", "constraint"),
         "gamma": ("qv", "r", "constraint drift"),
         "qdot": ("qv", "n", "rates of the coordinates"),
+        "inverse_dynamics": ("qva", "p", "inverse dynamics"),
+        "tau_q": ("qva", "pp", "derivative ∂τ/∂q"),
+        "tau_v": ("qva", "pp", "derivative ∂τ/∂v"),
+        "qdd_q": ("qv", "pp", "derivative ∂q̈/∂q"),
+        "qdd_v": ("qv", "pp", "derivative ∂q̈/∂v"),
+        "qdd_tau": ("qv", "pp", "derivative ∂q̈/∂τ"),
+        "inverse_mass_matrix": ("q", "pp", "inverse mass matrix"),
+        "regressor": ("qva", "pk", "regressor"),
+        "parameters": ("", "k", "inertial parameters"),
+        "mass": ("", "", "total mass"),
+        "com": ("q", "3", "center of mass"),
+        "com_jacobian": ("q", "3p", "Jacobian of the center of mass"),
+        "com_velocity": ("qv", "3", "velocity of the center of mass"),
+        "com_acceleration": ("qva", "3", "acceleration of the center of mass"),
+        "momentum_matrix": ("q", "6p", "momentum matrix"),
+        "momentum": ("qv", "6", "momentum"),
+        "momentum_rate": ("qva", "6", "rate of the momentum"),
+        "frame_placement": ("q", "f34", "frame placement"),
+        "J": ("q", "f6p", "frame Jacobian"),
+        "frame_velocity": ("qv", "f6", "frame velocity"),
+        "frame_bias": ("qv", "f6", "frame bias"),
+        "frame_acceleration": ("qva", "f6", "frame acceleration"),
     }
-    assert MAY_READ_MORE == {"b": "qt", "c": "qv", "gravity": "qv"}
-    more = "bias_has_gravity", "speeds", "holonomic", "derived", "ranges", "name", "factory"
-    assert (*INPUTS, *more, "array") == OPTIONS
+    assert MAY_READ_MORE == {
+        **{"b": "qt", "c": "qv", "gravity": "qv", "qdd": "qvf"},
+        **{"qdd_q": "qvf", "qdd_v": "qvf", "qdd_tau": "qvf"},
+    }
+    more = "bias_has_gravity", "speeds", "holonomic", "coriolis_skew", "derived", "ranges", "name"
+    assert (*INPUTS, *more, "factory", "array") == OPTIONS
 
 
 def test_functions_are_called_by_their_name_and_what_is_given_in_the_order_of_the_table():
@@ -83,6 +108,16 @@ def test_functions_are_called_by_their_name_and_what_is_given_in_the_order_of_th
         ({}, f"no function is given, expected at least one of {', '.join(INPUTS)}"),
         ({"M": 3}, "M = 3, expected a function"),
         ({"M": len, "array": 3}, "array = 3, expected a function"),
+        ({"M": len, "coriolis_skew": 2}, "coriolis_skew = 2, expected True or False"),
+        ({"mass": np.nan}, "mass = nan, expected a function or a finite number"),
+        ({"mass": [1.0]}, "mass = [1.0], expected a function or a finite number"),
+        ({"parameters": []}, "parameters = [], expected a function or finite numbers"),
+        ({"mass": "m"}, "mass = 'm', expected a function or a finite number"),
+        ({"J": {}}, "J = {}, expected a function or a dict, name of a frame -> function"),
+        (
+            {"J": {"tool": 2}},
+            "J = {'tool': 2}, expected a function or a dict, name of a frame -> function",
+        ),
         ({"M": len, "bias_has_gravity": True}, "bias_has_gravity = True, but no bias is given"),
         (
             {"qdot": len, "speeds": 1, "ranges": [(0, 1)]},
@@ -178,7 +213,7 @@ def test_every_claim_needs_and_is_broken_by_what_there_is():
     assert len(function_checks.FUNCTION_CLAIMS) == len(FUNCTION_CLAIMS) > 20, (
         "running them registers all"
     )
-    known = {*INPUTS, "against", "factory"}
+    known = {*INPUTS, "against", "factory", "tau"}
     for one in FUNCTION_CLAIMS.values():
         for names in (*one.needs, *one.without):
             assert {*names.split("|")} <= known, (one.id, names)

@@ -204,6 +204,19 @@ def functions_reproducer(
         state: the failing state, or None for the states drawn by default.
     """
     head, arguments, paths = ["from eomcheck.testing import check_functions"], [], {}
+
+    def expression(name: str, function: Any) -> str:
+        """Return the expression of a function; what it takes goes into `head` and `paths`."""
+        where = import_location(function)
+        if where is None:
+            head.append(f"# to be put in: {name} = {function_label(function)}")
+            return name
+        if isinstance(where[0], Path):
+            holder = paths.setdefault(where[0], f"file{len(paths) + 1}" if paths else "file")
+            return f"{holder}[{where[1]!r}]"
+        head.append(f"from {where[0]} import {where[1]}")
+        return where[1]
+
     for one in fields:
         value = getattr(functions, one.name)
         if one.name == "n" or value is None or value is one.default:
@@ -213,19 +226,17 @@ def functions_reproducer(
             head.extend(code.splitlines())
             arguments.append(f"against={written}")
             continue
-        if one.name not in inputs and not callable(value):
-            arguments.append(f"{one.name}={value!r}")
-            continue
-        where = import_location(value)
-        if where is None:
-            arguments.append(f"{one.name}={one.name}")
-            head.append(f"# to be put in: {one.name} = {function_label(value)}")
-        elif isinstance(where[0], Path):
-            holder = paths.setdefault(where[0], f"file{len(paths) + 1}" if paths else "file")
-            arguments.append(f"{one.name}={holder}[{where[1]!r}]")
+        if isinstance(value, Mapping) and one.name in inputs:  # a function for each frame
+            items = [
+                f"{frame!r}: {expression(f'{one.name}_{i}', function)}"
+                for i, (frame, function) in enumerate(value.items())
+            ]
+            arguments.append(f"{one.name}={{{', '.join(items)}}}")
+        elif callable(value):
+            arguments.append(f"{one.name}={expression(one.name, value)}")
         else:
-            head.append(f"from {where[0]} import {where[1]}")
-            arguments.append(f"{one.name}={where[1]}")
+            numbers = isinstance(value, np.ndarray | np.generic)
+            arguments.append(f"{one.name}={_literal(value) if numbers else repr(value)}")
     if paths:
         folders = dict.fromkeys(str(path.parent) for path in paths)
         head.insert(0, "import runpy\nimport sys\n")

@@ -40,6 +40,9 @@ UNFELT, FELT, FELT_BY = 2.0**-36, 2.0**-16, 2.0**-26
 """Changes of an argument, per half width of its range: if the larger one changes a function by more
 than `FELT_BY` of its size, the smaller one changes it in float64, and not in float32."""
 
+INVERSES = "qdd", "qdd_q", "qdd_v", "qdd_tau", "inverse_mass_matrix"
+"""Functions that are noisy where M is nearly singular, which is no fault of theirs."""
+
 BESIDE = 2.0**-8
 """Distance, per half width of the ranges, at which a jump no longer adds to the measured noise."""
 
@@ -48,7 +51,7 @@ def working_functions(at: FunctionState) -> Iterator[str]:
     """Yield the names of the functions that have a value at this state."""
     for name in at.functions.given:
         try:
-            at.caller(name, at.q, at.v)
+            at.call(name)
         except BrokenError:
             continue
         yield name
@@ -56,10 +59,25 @@ def working_functions(at: FunctionState) -> Iterator[str]:
 
 def axis_names(at: FunctionState, name: str) -> tuple[tuple[str, ...], ...]:
     """Return the names along each axis of the result of a function."""
-    f = at.functions
-    rows = tuple(f"{i}" for i in range(at.caller.sizes.get("r", 0)))
+    f, sizes = at.functions, at.caller.sizes
+    rows = tuple(f"{i}" for i in range(sizes.get("r", 0)))
     names_by_symbol = {"n": f.coordinate_names, "p": f.velocity_names, "r": rows}
-    return tuple(names_by_symbol[symbol] for symbol in INPUTS[name].shape)
+    names_by_symbol |= {"k": parameter_names(sizes.get("k", 0)), "f": f.frames(name)}
+    return tuple((names_by_symbol | FIXED_AXES)[symbol] for symbol in INPUTS[name].shape)
+
+
+FIXED_AXES = {
+    "3": ("x", "y", "z"),
+    "4": ("x", "y", "z", "p"),
+    "6": ("x", "y", "z", "ω_x", "ω_y", "ω_z"),
+}
+"""Number of entries of an axis -> names along it, of points, of placements and of 6-vectors."""
+
+
+def parameter_names(count: int) -> tuple[str, ...]:
+    """Return the names of the parameters of a regressor, ten a body."""
+    of_body = ("m", "m c_x", "m c_y", "m c_z", "I_xx", "I_xy", "I_xz", "I_yy", "I_yz", "I_zz")
+    return tuple(f"{of_body[i % 10]} of body {i // 10}" for i in range(count))
 
 
 @function_claim("answers", "each function answers with finite numbers of the right shape", "")
@@ -67,7 +85,7 @@ def answers(at: FunctionState) -> Iterator[Decision]:
     """Decide for each function: no exception, finite numbers, the right shape."""
     for name in at.functions.given:
         try:
-            at.caller(name, at.q, at.v)
+            at.call(name)
         except BrokenError as broken:
             at.caller.reported.add(name)
             yield Decision(name, float("inf"), 0.0, "failed", f"{name}, {broken.why}")
@@ -98,7 +116,7 @@ def same_answer(at: FunctionState) -> Iterator[Comparison]:
         for name_between in working_functions(at):
             # As in a simulation: every function at another state in between.
             at.raw(name_between)(at.q - 0.3 * width_q, at.v + 0.7 * width_v)
-        again = at.caller(name, at.q, at.v)
+        again = at.call(name)
         yield _compare_repeated(at, name, again, first)
 
 
@@ -170,7 +188,7 @@ def fresh_answer(at: FunctionState) -> Iterator[Comparison | Decision]:
             continue
         first = at.quantity(name)
         try:
-            anew = fresh(name, at.q, at.v)
+            anew = fresh(name, at.q, at.v, **at.loads(name))
         except BrokenError as broken:
             yield Decision(
                 name, float("inf"), 0.0, "failed", f"{name} of the factory, {broken.why}"
@@ -221,8 +239,7 @@ def double_precision(at: FunctionState) -> Iterator[Decision]:
             text = f"answers in {at.caller.single_precision[name]}"
         elif unfelt:
             text = f"does not feel small changes of {unfelt}: float32 arithmetic"
-        elif NOISE < share < NOTHING and name != "qdd":
-            # Accelerations are noisy where M is nearly singular, which is no fault of theirs.
+        elif NOISE < share < NOTHING and name not in INVERSES:
             text = f"noise of {share:.1g} of its size: float32 arithmetic, or terms that cancel"
             if max(_neighbouring_noise(at, name)) <= NOISE:
                 text = "jumps or has a kink at this state: its noise is not measured there"

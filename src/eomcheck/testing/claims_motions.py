@@ -8,6 +8,7 @@ other functions, is compared.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 
@@ -30,7 +31,7 @@ from eomcheck.testing.claims_terms import (
     row_names,
     within_allowed,
 )
-from eomcheck.testing.equations_of_motion import BrokenError, FunctionCaller
+from eomcheck.testing.equations_of_motion import INPUTS, BrokenError, FunctionCaller
 from eomcheck.testing.function_state import (
     FunctionState,
     inertia,
@@ -254,6 +255,9 @@ QUANTITIES: dict[str, tuple[str, Callable[[FunctionState], UncertainArray | None
 U is not compared, as it is known up to a constant only: it is compared by its forces.
 """
 
+for _name in [*INPUTS][[*INPUTS].index("qdot") + 1 :]:
+    QUANTITIES[_name] = _name, partial(FunctionState.quantity, name=_name)
+
 FOLLOWS = {"M": "T", "bias": "C|M|T", "gamma": "a"}
 """Name -> functions from which it follows where it is not given."""
 
@@ -280,9 +284,11 @@ def _is_comparable(at: FunctionState, reference: FunctionState, name: str) -> bo
 
 
 def _reference_at(at: FunctionState) -> FunctionState:
-    """Return the reference at the same state."""
+    """Return the reference at the same state, under the same loads."""
     assert at.reference is not None
-    return FunctionState(FunctionCaller(at.reference), at.q, at.v, at.seed)
+    state = FunctionState(FunctionCaller(at.reference), at.q, at.v, at.seed)
+    state.loads_of = at
+    return state
 
 
 def check_reference(points: list[FunctionState]) -> None:
@@ -346,6 +352,9 @@ def reference(at: FunctionState) -> Iterator[Comparison | Skipped]:
         actual = quantity_of(point)
         if actual is None or expected is None:
             yield Skipped(subject, why_no_bias(point if actual is None else other_point))
+            continue
+        if actual.shape != expected.shape:
+            yield Skipped(subject, f"the reference has shape {expected.shape}, not {actual.shape}")
             continue
         names = axis_names(at, shaped)
         yield Comparison(subject, actual, expected, names, explain=proportional)

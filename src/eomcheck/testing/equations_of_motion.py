@@ -41,8 +41,11 @@ class Input(NamedTuple):
     """Signature of one of the functions.
 
     Attributes:
-        reads: its arguments, one letter each: "q", "qv" or "t"; see also `MAY_READ_MORE`.
-        shape: shape of its result, in terms of n coordinates, p velocities and r constraints.
+        reads: its arguments, one letter each: q, v, t, a for v̇ and f for forces τ; see also
+            `MAY_READ_MORE`. "" stands for a constant: a function, or the numbers themselves.
+        shape: shape of its result, in terms of n coordinates, p velocities, r constraints, k
+            parameters of a regressor, f frames, and numbers. A function of frames is called for
+            each frame, and may be a dict, name of the frame -> function.
         what: description of it in messages, such as "mass matrix".
     """
 
@@ -66,6 +69,28 @@ INPUTS: dict[str, Input] = {
     "c": Input("q", ("r",), "constraint"),
     "gamma": Input("qv", ("r",), "constraint drift"),
     "qdot": Input("qv", ("n",), "rates of the coordinates"),
+    "inverse_dynamics": Input("qva", ("p",), "inverse dynamics"),
+    "tau_q": Input("qva", ("p", "p"), "derivative ∂τ/∂q"),
+    "tau_v": Input("qva", ("p", "p"), "derivative ∂τ/∂v"),
+    "qdd_q": Input("qv", ("p", "p"), "derivative ∂q̈/∂q"),
+    "qdd_v": Input("qv", ("p", "p"), "derivative ∂q̈/∂v"),
+    "qdd_tau": Input("qv", ("p", "p"), "derivative ∂q̈/∂τ"),
+    "inverse_mass_matrix": Input("q", ("p", "p"), "inverse mass matrix"),
+    "regressor": Input("qva", ("p", "k"), "regressor"),
+    "parameters": Input("", ("k",), "inertial parameters"),
+    "mass": Input("", (), "total mass"),
+    "com": Input("q", ("3",), "center of mass"),
+    "com_jacobian": Input("q", ("3", "p"), "Jacobian of the center of mass"),
+    "com_velocity": Input("qv", ("3",), "velocity of the center of mass"),
+    "com_acceleration": Input("qva", ("3",), "acceleration of the center of mass"),
+    "momentum_matrix": Input("q", ("6", "p"), "momentum matrix"),
+    "momentum": Input("qv", ("6",), "momentum"),
+    "momentum_rate": Input("qva", ("6",), "rate of the momentum"),
+    "frame_placement": Input("q", ("f", "3", "4"), "frame placement"),
+    "J": Input("q", ("f", "6", "p"), "frame Jacobian"),
+    "frame_velocity": Input("qv", ("f", "6"), "frame velocity"),
+    "frame_bias": Input("qv", ("f", "6"), "frame bias"),
+    "frame_acceleration": Input("qva", ("f", "6"), "frame acceleration"),
 }
 """Name -> signature of the function of that name."""
 
@@ -75,8 +100,10 @@ MOST_COORDINATES = 10_000
 MOST_STATES = 1_000_000
 """Largest number of states that may be drawn in one call."""
 
-MAY_READ_MORE = {"b": "qt", "c": "qv", "gravity": "qv"}
-"""Name -> arguments of a function if it has two positional arguments without default."""
+MAY_READ_MORE = {"b": "qt", "c": "qv", "gravity": "qv", "qdd": "qvf"} | dict.fromkeys(
+    ("qdd_q", "qdd_v", "qdd_tau"), "qvf"
+)
+"""Name -> arguments of a function if it has as many positional arguments without default."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -103,7 +130,8 @@ class EquationsOfMotion:
     C: Function | None = None
     """C(q, v) -> Coriolis matrix (p, p), C v = B and Ṁ - 2 C skew-symmetric."""
     qdd: Function | None = None
-    """qdd(q, v) -> acceleration (p,), with everything in it."""
+    """qdd(q, v) -> acceleration (p,), with everything in it; or qdd(q, v, tau), with forces τ (p,)
+    beside all others."""
     T: Function | None = None
     """T(q, v) -> kinetic energy, J."""
     U: Function | None = None
@@ -123,6 +151,53 @@ class EquationsOfMotion:
     """gamma(q, v) -> ȧ v + ḃ (r,)."""
     qdot: Function | None = None
     """qdot(q, u) -> q̇ (n,), where velocities are generalized speeds u; linear in u."""
+    inverse_dynamics: Function | None = None
+    """inverse_dynamics(q, v, vdot) -> τ (p,) = M v̇ + B + gravity + ∂R/∂v - Q."""
+    tau_q: Function | None = None
+    """tau_q(q, v, vdot) -> ∂τ/∂q (p, p), with `qdot` along the velocities, ∂τ/∂q · ∂q̇/∂u."""
+    tau_v: Function | None = None
+    """tau_v(q, v, vdot) -> ∂τ/∂v (p, p)."""
+    qdd_q: Function | None = None
+    """qdd_q(q, v, tau) -> ∂q̈/∂q (p, p), with `qdot` along the velocities; or qdd_q(q, v)."""
+    qdd_v: Function | None = None
+    """qdd_v(q, v, tau) -> ∂q̈/∂v (p, p); or qdd_v(q, v)."""
+    qdd_tau: Function | None = None
+    """qdd_tau(q, v, tau) -> ∂q̈/∂τ (p, p), M⁻¹ where there are no constraints; or qdd_tau(q, v)."""
+    inverse_mass_matrix: Function | None = None
+    """inverse_mass_matrix(q) -> M⁻¹ (p, p)."""
+    regressor: Function | None = None
+    """regressor(q, v, vdot) -> Y (p, k) with Y π = M v̇ + B + gravity; k = 10 numbers a body."""
+    parameters: Any = None
+    """Inertial parameters π (k,), or a function without arguments: of each body its mass m, m c and
+    the moments of inertia xx xy xz yy yz zz about the origin of its frame."""
+    mass: Any = None
+    """Mass of all bodies, kg, or a function without arguments."""
+    com: Function | None = None
+    """com(q) -> center of mass (3,), m."""
+    com_jacobian: Function | None = None
+    """com_jacobian(q) -> Jacobian of the center of mass (3, p)."""
+    com_velocity: Function | None = None
+    """com_velocity(q, v) -> velocity of the center of mass (3,)."""
+    com_acceleration: Function | None = None
+    """com_acceleration(q, v, vdot) -> acceleration of the center of mass (3,)."""
+    momentum_matrix: Function | None = None
+    """momentum_matrix(q) -> A (6, p): linear momentum, then angular about the center of mass."""
+    momentum: Function | None = None
+    """momentum(q, v) -> A v (6,)."""
+    momentum_rate: Function | None = None
+    """momentum_rate(q, v, vdot) -> A v̇ + Ȧ v (6,)."""
+    frame_placement: Any = None
+    """frame_placement(q) -> R (3, 3) and origin p (3,) of a frame, as a pair, or as a matrix (3, 4)
+    or (4, 4). This and all further functions may be dicts, name of a frame -> function."""
+    J: Any = None
+    """J(q) -> frame Jacobian (6, p): linear velocity of the frame's origin, then angular velocity,
+    along the axes of the world."""
+    frame_velocity: Any = None
+    """frame_velocity(q, v) -> J v (6,)."""
+    frame_bias: Any = None
+    """frame_bias(q, v) -> J̇ v (6,)."""
+    frame_acceleration: Any = None
+    """frame_acceleration(q, v, vdot) -> J v̇ + J̇ v (6,): that of the origin, not a spatial one."""
     bias_has_gravity: bool = False
     """Whether `bias` is the sum of bias and gravity."""
     speeds: int | None = None
@@ -130,6 +205,8 @@ class EquationsOfMotion:
     holonomic: bool | None = None
     """Whether M v̇ + B are Lagrange's of ½ vᵀ M v, which is not so where nonholonomic constraints
     are built into M; None for True without `qdot`, and False with it."""
+    coriolis_skew: bool = True
+    """Whether Ṁ - 2 C is skew-symmetric."""
     derived: bool = False
     """Whether all result from one derivation, so that none reveals a wrong input of it."""
     ranges: Any = None
@@ -145,8 +222,7 @@ class EquationsOfMotion:
     def __post_init__(self):
         whole_number("n", self.n, most=MOST_COORDINATES)
         for name in self.given:
-            if not callable(self.function(name)):
-                raise InputError(f"{name} = {safe_repr(self.function(name))}, expected a function")
+            _check_input(name, self.function(name))
         for name in ("factory", "array"):
             function = getattr(self, name)
             if function is not None and not callable(function):
@@ -160,15 +236,21 @@ class EquationsOfMotion:
                     f"speeds = {self.speeds} without qdot(q, u), which would tell how {self.n} "
                     "coordinates move with them"
                 )
-        if self.holonomic not in (None, True, False):
-            raise InputError(f"holonomic = {safe_repr(self.holonomic)}, expected True or False")
+        for name, option in ("holonomic", self.holonomic), ("coriolis_skew", self.coriolis_skew):
+            if option not in (None, True, False):
+                raise InputError(f"{name} = {safe_repr(option)}, expected True or False")
         if self.bias_has_gravity and self.bias is None:
             raise InputError("bias_has_gravity = True, but no bias is given")
         self.half_ranges()
 
     def function(self, name: str) -> Function | None:
         """Return the function of this name, a key of `INPUTS`, or None."""
-        return getattr(self, name)
+        return getattr(self, name, None)
+
+    def frames(self, name: str) -> tuple[str, ...]:
+        """Return the names of the frames of a function; ("",) where it is no dict."""
+        function = self.function(name)
+        return tuple(map(str, function)) if isinstance(function, Mapping) else ("",)
 
     @property
     def given(self) -> tuple[str, ...]:
@@ -252,6 +334,23 @@ class ComparedEquations(EquationsOfMotion):
             **{x.name: getattr(functions, x.name) for x in fields(EquationsOfMotion)},
             against=against,
         )
+
+
+def _check_input(name: str, function: Any) -> None:
+    """Raise InputError unless an input is a function, numbers if constant, or a dict of frames."""
+    symbols, more = INPUTS[name], ""
+    if not symbols.reads and not callable(function):
+        with suppress(TypeError, ValueError, OverflowError):
+            numbers = np.asarray(function, np.float64)
+            if numbers.ndim == len(symbols.shape) and np.isfinite(numbers).all() and numbers.size:
+                return
+        more = " or finite numbers" if symbols.shape else " or a finite number"
+    elif "f" in symbols.shape:
+        more = " or a dict, name of a frame -> function"
+        if isinstance(function, Mapping) and function and all(map(callable, function.values())):
+            return
+    if not callable(function):
+        raise InputError(f"{name} = {safe_repr(function)}, expected a function{more}")
 
 
 def _range_pairs(ranges: Any) -> Array | None:
@@ -347,21 +446,59 @@ class FunctionCaller:
         """Names of functions that fail at some state, with the reason in a Finding."""
 
     def reads(self, name: str) -> str:
-        """Return the arguments of a function, one letter each: "q", "qv", "t" or "qt"."""
+        """Return the arguments of a function, one letter each, see `Input`."""
         if name not in self._reads:
-            more = name in MAY_READ_MORE and _argument_count(self.functions.function(name)) == 2
-            self._reads[name] = MAY_READ_MORE[name] if more else INPUTS[name].reads
+            more = MAY_READ_MORE.get(name, "")
+            takes = more and _argument_count(self.functions.function(name)) == len(more)
+            self._reads[name] = more if takes else INPUTS[name].reads
         return self._reads[name]
 
-    def __call__(self, name: str, q: Array, v: Array, t: float = 0.0) -> Array:
+    def __call__(
+        self,
+        name: str,
+        q: Array,
+        v: Array,
+        t: float = 0.0,
+        *,
+        vdot: Array | None = None,
+        tau: Array | None = None,
+    ) -> Array:
         """Return the result of the function `name` at (q, v, t), called with those it reads.
+
+        Args:
+            name: name of the function; of one of frames the results are stacked, the frame first.
+            q, v, t: state.
+            vdot: acceleration (p,), by default 0.
+            tau: applied forces (p,), by default 0.
 
         Raises:
             BrokenError: an exception inside, no array of numbers, of wrong shape, or not finite.
         """
-        function, make = self.functions.function(name), self.functions.array
-        assert function is not None
-        handed = {"q": q.copy(), "v": v.copy()}
+        function = self.functions.function(name)
+        reads, none = self.reads(name), np.zeros(len(v))
+        handed = {"q": q, "v": v, "a": none if vdot is None else vdot}
+        arrays = {
+            x: y for x, y in {**handed, "f": none if tau is None else tau}.items() if x in reads
+        }
+        if "f" not in INPUTS[name].shape:
+            return self._answer(name, function, arrays, t)
+        results = []
+        for frame in self.functions.frames(name):
+            of_frame = function[frame] if isinstance(function, Mapping) else function
+            try:
+                results.append(self._answer(name, of_frame, arrays, t))
+            except BrokenError as broken:
+                if not frame:
+                    raise
+                raise BrokenError(name, f"of frame {frame}: {broken.why}") from broken
+        return np.array(results)
+
+    def _answer(self, name: str, function: Any, given: dict[str, Array], t: float) -> Array:
+        """Return the checked result of a function, called with copies of the arrays it reads."""
+        if not callable(function):
+            return self._check_result(name, function)
+        make = self.functions.array
+        handed = {letter: array.copy() for letter, array in given.items()}
         arrays: dict[str, Any] = handed if make is None else {x: make(y) for x, y in handed.items()}
         values = {**arrays, "t": t}
         arguments = [values[letter] for letter in self.reads(name)]
@@ -378,14 +515,16 @@ class FunctionCaller:
             hint = "; say array=torch.as_tensor" if make is None and "Tensor" in text else ""
             raise BrokenError(name, text + hint) from error
         finally:
-            written = handed["q"].tobytes() != q.tobytes() or handed["v"].tobytes() != v.tobytes()
+            written = any(handed[x].tobytes() != y.tobytes() for x, y in given.items())
             if written or (make is not None and _bytes(arrays) != before):
                 self.writing.add(name)
         return self._check_result(name, answer)
 
     def _check_result(self, name: str, answer: Any) -> Array:
         """Return a result as a finite float64 array of its shape, else raise BrokenError."""
-        if type(answer) is np.ndarray and answer.dtype == np.float64:
+        if name == "frame_placement":
+            array = self._placement(answer)
+        elif type(answer) is np.ndarray and answer.dtype == np.float64:
             array = answer.copy()
         else:
             array = self._as_float64(name, answer)
@@ -397,6 +536,18 @@ class FunctionCaller:
             entry = f"{name}{list(where)}" if where else name
             raise BrokenError(name, f"{entry} = {array[where]}, expected a finite number")
         return array
+
+    def _placement(self, answer: Any) -> Array:
+        """Return a placement as one matrix, [R p]; of one of shape (4, 4) the first three rows."""
+        pair = isinstance(answer, tuple) and len(answer) == 2
+        parts = [self._as_float64("frame_placement", x) for x in (answer if pair else [answer])]
+        if not pair:
+            return parts[0][:3] if parts[0].shape == (4, 4) else parts[0]
+        if parts[0].shape != (3, 3) or parts[1].size != 3:
+            shapes = f"{parts[0].shape} and {parts[1].shape}"
+            why = f"answers arrays of shapes {shapes}, expected (3, 3) and (3,)"
+            raise BrokenError("frame_placement", why)
+        return np.column_stack((parts[0], parts[1].ravel()))
 
     def _as_float64(self, name: str, answer: Any) -> Array:
         """Return a result of any type as a float64 array."""
@@ -426,10 +577,11 @@ class FunctionCaller:
         """Return a result in the shape of its input, else raise BrokenError."""
         if array.shape == self._shapes.get(name):
             return array
-        symbols = INPUTS[name].shape
-        if "r" in symbols and "r" not in self.sizes and array.ndim >= 1:
-            self.sizes["r"] = array.shape[0]
-        shape = tuple(self.sizes.get(x, 1) for x in symbols)
+        symbols = [x for x in INPUTS[name].shape if x != "f"]
+        for x in {"r", "k"} & {*symbols} - {*self.sizes}:
+            if array.ndim > symbols.index(x):
+                self.sizes[x] = array.shape[symbols.index(x)]
+        shape = tuple(int(x) if x.isdigit() else self.sizes.get(x, 1) for x in symbols)
         # A column, or a number in an array, as lambdified SymPy returns.
         if len(shape) < 2 and array.shape in ((*shape, 1), (1, 1)) and array.size == np.prod(shape):
             return array.reshape(shape)

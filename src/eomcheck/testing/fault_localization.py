@@ -263,6 +263,11 @@ READS: dict[str, tuple[str, ...]] = {
     "constraint-acceleration": ("gamma|a", "b", "qdot"),
     "motion": ("bias|C|M|T", "gravity|U", "R", "Q", "qdot"),
     "power-balance": ("gravity|U", "R", "Q", "qdot"),
+    "inverse-dynamics": ("bias|C|M|T", "gravity|U", "R", "Q", "qdot"),
+    "inverse-dynamics-by-position": ("qdot",),
+    "acceleration-by-position": ("qdot",),
+    "regressor-parameters": ("qdot",),
+    "regressor-power": ("qdot",),
 }
 """Claim -> functions it reads beside those it needs, if they are given; of "x|y" the first one."""
 
@@ -280,6 +285,18 @@ SETTLES: dict[str, tuple[str, ...]] = {
     "constraint-drift": ("gamma", "b"),
     "constraint-acceleration": ("gamma",),
     "motion": ("M", "bias", "C", "gravity", "U", "R", "Q", "a"),
+    "inverse-dynamics": ("inverse_dynamics", "M", "bias", "C", "gravity", "U", "R", "Q"),
+    "inverse-dynamics-acceleration": ("inverse_dynamics", "qdd"),
+    "inverse-dynamics-by-position": ("inverse_dynamics", "tau_q"),
+    "inverse-dynamics-by-velocity": ("inverse_dynamics", "tau_v"),
+    "acceleration-by-position": ("qdd", "qdd_q"),
+    "acceleration-by-velocity": ("qdd", "qdd_v"),
+    "acceleration-by-force": ("qdd", "qdd_tau"),
+    "acceleration-force-mass": ("qdd_tau", "M", "inverse_mass_matrix"),
+    "acceleration-inverse-position": ("qdd_q", "tau_q"),
+    "acceleration-inverse-velocity": ("qdd_v", "tau_v"),
+    "inverse-mass-matrix": ("inverse_mass_matrix", "M"),
+    "regressor-parameters": ("regressor", "parameters"),
 }
 """Claim -> functions that are right if it passes, unless two are wrong in the same way."""
 
@@ -418,7 +435,7 @@ def functions_read(functions: EquationsOfMotion, claim: str, subject: str = "") 
     if claim == "reference":
         more = f"|{FOLLOWS[about]}" if about in FOLLOWS else ""
         return read_by(functions, OF_THE_REFERENCE.get(about, (f"{about}{more}",)))
-    needs = [name for name in registered.needs if name not in ("factory", "against")]
+    needs = [name for name in registered.needs if name not in ("factory", "against", "tau")]
     if not needs:
         return frozenset({about} & {*INPUTS})
     state = ("a", "b", "c") if registered.consistent else ()
@@ -682,6 +699,9 @@ def _claims_text(claims: Sequence[str], verb: str) -> str:
 TELL = "T", "U", "M", "bias", "gravity", "c", "a", "gamma", "qdd"
 """Inputs that may distinguish suspects, in the order in which they are named."""
 
+TELL_MORE = "inverse_dynamics", "com_velocity", "com", "momentum", "frame_velocity", "J"
+"""Inputs that may distinguish suspects beside those that the equations of motion consist of."""
+
 CONSTRAINTS = "a", "b", "c", "gamma"
 """Inputs without which there are no constraints."""
 
@@ -693,9 +713,10 @@ def distinguishing_inputs(
 ) -> str:
     """Return the inputs that are not given and would distinguish the causes, as text."""
     constrained = any(functions.function(x) is not None for x in CONSTRAINTS)
+    basic = {*list(INPUTS)[: list(INPUTS).index("qdot") + 1]}
     names = [
         x
-        for x in TELL
+        for x in (TELL if basic >= {*causes} else (*TELL, *TELL_MORE))
         if functions.function(x) is None
         and (constrained or x not in CONSTRAINTS)
         and not (x == "gravity" and functions.bias_has_gravity)

@@ -50,7 +50,7 @@ from eomcheck.numbers.generic import EPS, Array
 from eomcheck.safe_output import counted
 
 from eomcheck.testing import claims_answers, claims_terms  # isort: skip
-from eomcheck.testing import claims_motions  # isort: skip
+from eomcheck.testing import claims_motions, claims_derivatives  # isort: skip
 from eomcheck.testing.converters import as_equations, reference_functions
 from eomcheck.testing.equations_of_motion import (
     INPUTS,
@@ -68,7 +68,7 @@ from eomcheck.testing.uncertain import NEAR
 
 # In the order in which a failure is closest to its cause.
 
-GATHERED = claims_answers, claims_terms, claims_motions
+GATHERED = claims_answers, claims_terms, claims_motions, claims_derivatives
 """Modules that register claims."""
 
 LAST = "answers-repeat", "arguments-unchanged"
@@ -124,13 +124,16 @@ def check_functions(
             arguments c(q, v) -> slip velocity (r,), 0 where nothing slips, a = ∂c/∂v.
         gamma: gamma(q, v) -> ȧ v + ḃ (r,).
         qdot: qdot(q, u) -> q̇ (n,), where all functions read generalized speeds u for v.
+        options: further functions, about derivatives of the dynamics, inverse dynamics, regressors,
+            center of mass, momentum and frames, as listed in `eomcheck.testing.EquationsOfMotion`:
+            `qdd_q`, `qdd_v`, `qdd_tau`, `inverse_dynamics`, `tau_q`, `tau_v`, `regressor`, `com`,
+            `momentum`, `J` and others; and `bias_has_gravity`, `coriolis_skew`, `holonomic`,
+            `ranges`, `speeds`, `name`, `factory`, `array`.
         against: reference, with which every quantity is compared that both have: a scene, an engine
             made for one, (engine or its name, scene), or other `EquationsOfMotion`.
         states: number of random states, or a list of (q (n,), v (n,)).
         seed: seed of the random states.
         claims: ids of the claims to check, keys of `FUNCTION_CLAIMS`; all by default.
-        options: `bias_has_gravity`, `holonomic`, `ranges`, `speeds`, `name`, `factory`, `array`,
-            see `eomcheck.testing.EquationsOfMotion`.
 
     Returns:
         One Finding per claim and subject, that of the worst state, by the largest error per allowed
@@ -312,7 +315,7 @@ def _is_finite(at: FunctionState) -> bool:
     try:
         with np.errstate(all="ignore"):
             for name in at.functions.given:
-                at.caller(name, at.q, at.v)
+                at.call(name)
     except BrokenError:
         return False
     return True

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any
+from functools import cached_property
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -38,6 +39,13 @@ NOT_QUADRATIC = "T has terms that are not quadratic in v"
 REST_ENERGY = "T(q, 0) changes with q; is the potential energy in it?"
 
 
+class Loads(TypedDict, total=False):
+    """Arguments of functions beside the state: acceleration (p,) and applied forces (p,)."""
+
+    vdot: Array
+    tau: Array
+
+
 class FunctionState:
     """Quantities at (q, v), each computed on first use.
 
@@ -61,7 +69,44 @@ class FunctionState:
         self.q, self.v, self.seed = q, v, seed
         _, widths = self.functions.half_ranges()
         self.width_q, self.width_v = widths[: len(q)], widths[len(q) :]
+        self.loads_of: FunctionState | None = None
+        """State of other functions with the same loads, or None."""
         self._cache: dict[Any, Any] = {}
+
+    @cached_property
+    def vdot(self) -> Array:
+        """Acceleration (p,) of functions that read one, as large as the range of velocities.
+
+        It and `tau` are drawn by q alone, so that a state that is checked again has the same.
+        """
+        return self.width_v * self._draw(0) if self.loads_of is None else self.loads_of.vdot
+
+    @cached_property
+    def tau(self) -> Array:
+        """Applied forces (p,) of functions that read them; 0 where q̈ is given without them.
+
+        They are as large as those that give accelerations in the range of velocities.
+        """
+        if self.loads_of is not None:
+            return self.loads_of.tau
+        if self.has("qdd") and not self.has("tau"):
+            return np.zeros(len(self.v))
+        return self.width_tau * self._draw(1)
+
+    @cached_property
+    def width_tau(self) -> Array:
+        """Half widths of the range of applied forces (p,)."""
+        sizes = np.ones(len(self.v))
+        with suppress(BrokenError):
+            if self.has("M") or self.has("T"):
+                of_inertia = np.abs(inertia(self).value) @ self.width_v
+                sizes = np.where(of_inertia > 0.0, of_inertia, 1.0)
+        return sizes
+
+    def _draw(self, which: int) -> Array:
+        """Return random numbers (p,), each of magnitude at least ½ and at most 1."""
+        rng = np.random.default_rng([which, *np.frombuffer(self.q.tobytes(), np.uint32)])
+        return rng.uniform(0.5, 1.0, len(self.v)) * rng.choice((-1.0, 1.0), len(self.v))
 
     def cached(self, key: Any, make: Callable[[], Any]) -> Any:
         """Return the result of `make()`, computed once per key."""
@@ -74,7 +119,7 @@ class FunctionState:
 
         def has_value() -> bool:
             with suppress(BrokenError):
-                self.caller(name, self.q, self.v)
+                self.call(name)
                 return True
             return False
 
@@ -87,28 +132,76 @@ class FunctionState:
             return self.functions.gravity is not None or self.functions.bias_has_gravity
         if name == "against":
             return self.reference is not None
+        if name == "tau":
+            return self.has("qdd") and "f" in self.caller.reads("qdd")
         return self.functions.function(name) is not None
 
     def with_velocity(self, v: Array) -> FunctionState:
         """Return the state with the same coordinates and another velocity."""
         return self.cached(
             ("v", v.tobytes()),
-            lambda: FunctionState(self.caller, self.q, v, self.seed, self.reference),
+            lambda: self._with(v, {}),
         )
+
+    def with_loads(self, vdot: Array | None = None, tau: Array | None = None) -> FunctionState:
+        """Return the state with another acceleration, or with other applied forces."""
+        loads = {name: x for name, x in (("vdot", vdot), ("tau", tau)) if x is not None}
+        key = tuple((name, x.tobytes()) for name, x in loads.items())
+        return self.cached(("loads", key), lambda: self._with(self.v, loads))
+
+    def _with(self, v: Array, loads: dict[str, Array]) -> FunctionState:
+        """Return the state with velocity v and `loads`, others as far as they are known."""
+        state = FunctionState(self.caller, self.q, v, self.seed, self.reference)
+        known = {x: self.__dict__[x] for x in ("vdot", "tau", "width_tau") if x in self.__dict__}
+        state.__dict__.update(known | loads)
+        return state
 
     # ---- Black boxes ---------------------------------------------------------------------------
 
-    def raw(self, name: str) -> Callable[[Array, Array], Array]:
-        """Return the function `name` of (q, v), NaN where it has no value."""
-        value = self.caller(name, self.q, self.v)
+    def loads(self, name: str) -> Loads:
+        """Return acceleration and forces of this state that the function `name` reads.
+
+        The acceleration q̈ is that without forces, except for `driven`.
+        """
+        reads = self.caller.reads(name)
+        loads: Loads = {}
+        if "a" in reads:
+            loads["vdot"] = self.vdot
+        if "f" in reads and name != "qdd":
+            loads["tau"] = self.tau
+        return loads
+
+    def call(self, name: str) -> Array:
+        """Return the result of the function `name` at this state.
+
+        Raises:
+            BrokenError: see `FunctionCaller`.
+        """
+        return self.caller(name, self.q, self.v, **self.loads(name))
+
+    def raw(self, name: str, loads: Loads | None = None) -> Callable[[Array, Array], Array]:
+        """Return the function `name` of (q, v), NaN where it has no value.
+
+        Args:
+            name: name of the function.
+            loads: `vdot` and `tau`, those of the state by default.
+        """
+        under: Loads = self.loads(name) if loads is None else loads
+        value = self.caller(name, self.q, self.v, **under)
 
         def quiet(q: Array, v: Array) -> Array:
             try:
-                return self.caller(name, q, v)
+                return self.caller(name, q, v, **under)
             except BrokenError:
                 return np.full(value.shape, np.nan)
 
         return quiet
+
+    def driven(self, tau: Array | None = None) -> Callable[[Array, Array], Array]:
+        """Return q̈ of (q, v) with applied forces τ (p,), those of the state by default."""
+        if not self.has("tau"):
+            return self.raw("qdd")
+        return self.raw("qdd", {"tau": self.tau if tau is None else tau})
 
     def measure(self, f: Callable[[Array, Array], Array]) -> UncertainArray:
         """Return f(q, v) with its measured noise, and the size of the terms that cancel in it."""
@@ -156,6 +249,11 @@ class FunctionState:
         """Return ∂f/∂v (p, ...)."""
         return gradient(lambda v: f(self.q, v), self.v, self.width_v, self.measure(f))
 
+    def by_tau(self, f: Callable[[Array], Callable[[Array, Array], Array]]) -> UncertainArray:
+        """Return ∂f/∂τ (p, ...) of a function τ -> function of (q, v)."""
+        at_tau = self.measure(f(self.tau))
+        return gradient(lambda tau: f(tau)(self.q, self.v), self.tau, self.width_tau, at_tau)
+
     # ---- Derived from single functions ---------------------------------------------------------
 
     def S(self) -> UncertainArray:
@@ -168,6 +266,12 @@ class FunctionState:
         if self.functions.qdot is None:
             return exact(np.eye(len(self.q)))
         return self.cached("S", lambda: self.measure(columns))
+
+    def along_velocities(self, f: Callable[[Array, Array], Array]) -> UncertainArray:
+        """Return ∂f/∂q ∂q̇/∂v (..., p): derivatives along each velocity, last."""
+        by_q = self.by_q(f)
+        axes = "abc"[: len(by_q.shape) - 1]
+        return contract(f"n{axes},np->{axes}p", by_q, self.S())
 
     def rates(self) -> UncertainArray:
         """q̇ (n,)."""
@@ -369,6 +473,11 @@ def second_differences(at: FunctionState) -> UncertainArray:
         return UncertainArray(value / scale, noisy * size / scale, size / scale)
 
     return at.cached("∂²T/∂v²", second)
+
+
+def inertia_function(at: FunctionState) -> Callable[[Array, Array], Array]:
+    """Return the function (q, v) -> mass matrix (p, p): M if it is given, else ∂²T/∂v²."""
+    return at.raw("M") if uses_mass_matrix(at) else _second_derivative(at)
 
 
 def _second_derivative(at: FunctionState) -> Callable[[Array, Array], Array]:
