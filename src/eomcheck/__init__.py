@@ -29,7 +29,15 @@ if TYPE_CHECKING:
         RefusedError,
         UnknownNameError,
     )
-    from eomcheck.evaluation.certified import Accuracy, Enclosure, accuracy, enclose
+    from eomcheck.evaluation.certified import (
+        Accuracy,
+        EnclosedDerivatives,
+        Enclosure,
+        accuracy,
+        enclose,
+        enclose_derivatives,
+    )
+    from eomcheck.evaluation.derivatives import Derivatives, derivatives
     from eomcheck.evaluation.dynamics import (
         ConstraintRank,
         acceleration,
@@ -41,6 +49,7 @@ if TYPE_CHECKING:
     from eomcheck.formulations import FORMULATIONS, Formulation
     from eomcheck.mechanics.subset import with_constraints
     from eomcheck.motion.batch import Trajectories, simulate_many
+    from eomcheck.motion.compiled_derivatives import compile_derivatives
     from eomcheck.motion.integrators import INTEGRATORS
     from eomcheck.motion.simulate import Trajectory, simulate
     from eomcheck.scenes import SCENES
@@ -51,8 +60,13 @@ _HOME = {
     "Acceleration": "evaluation.evaluation",
     "velocity": "evaluation.dynamics",
     "speeds_of": "evaluation.dynamics",
+    "derivatives": "evaluation.derivatives",
+    "Derivatives": "evaluation.derivatives",
+    "compile_derivatives": "motion.compiled_derivatives",
     "enclose": "evaluation.certified",
     "Enclosure": "evaluation.certified",
+    "enclose_derivatives": "evaluation.certified",
+    "EnclosedDerivatives": "evaluation.certified",
     "independent_constraints": "evaluation.dynamics",
     "ConstraintRank": "evaluation.dynamics",
     "with_constraints": "mechanics.subset",
@@ -110,6 +124,8 @@ __all__ = [
     "Accuracy",
     "Claim",
     "ConstraintRank",
+    "Derivatives",
+    "EnclosedDerivatives",
     "Enclosure",
     "Engine",
     "EngineError",
@@ -127,7 +143,10 @@ __all__ = [
     "accuracy",
     "check",
     "check_state",
+    "compile_derivatives",
+    "derivatives",
     "enclose",
+    "enclose_derivatives",
     "independent_constraints",
     "prove",
     "scenes",

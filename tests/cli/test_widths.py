@@ -38,6 +38,7 @@ COMMANDS = {
     "draws": "simulate paper --end 0.01 --examples 3",
     "constraints": "constraints --scene four-bar-chain",
     "rhs": "bench rhs --scene sleigh --repeats 1 --formulation kane,au",
+    "differentiation": "bench differentiation --repeats 1 --formulation au",
     "tolerance": "bench tolerance --links 1 --examples 2",
     "operations": "study operations --links 2..4",
     "saved": "study operations --scene sleigh --repeats 0",

@@ -44,6 +44,7 @@ SMALL = {
     "accuracy": {"links": "2..3", "examples": 3},
     "agreement": {"links": "1..2", "per_size": 3},
     "rhs": {"scene": "sleigh", "formulation": ["kane"], "repeats": 2},
+    "differentiation": {"scene": "chain-pendulum", "formulation": ["au"], "repeats": 2},
     "motion": {"formulation": ["kane"]},
     "engines": {"engine": ["pinocchio"], "links": "2", "states": 2},
     "tolerance": {"links": "2", "examples": 2},

@@ -1,20 +1,29 @@
-"""Certified accelerations by ball arithmetic, and the certified digits of a float64 result.
+"""Certified accelerations and derivatives by ball arithmetic, and certified digits of float64.
 
-An enclosure is an acceleration in balls that provably contain the true values. `enclose` computes
-it by a formulation, with the precision doubled until enough digits are certain; `accuracy` measures
-the true error of a float64 result against it.
+An enclosure is an acceleration, or its derivatives, in balls that provably contain the true values.
+`enclose` and `enclose_derivatives` compute it by a formulation, with the precision doubled until
+enough digits are certain; `accuracy` measures the true error of a float64 result against it.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import flint
 import numpy as np
 
 from eomcheck.deprecated import old_attributes
 from eomcheck.errors import InputError, RefusedError, whole_number
+from eomcheck.evaluation.derivatives import (
+    ARRAYS,
+    Direction,
+    arrays_by_name,
+    solution_along,
+    unit_directions,
+)
 from eomcheck.evaluation.dynamics import representable
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.perturbed import acceleration_sensitivity, solution_of
@@ -23,7 +32,7 @@ from eomcheck.evaluation.tolerance import NOTICEABLE, allowed_error, largest
 from eomcheck.formulations import Formulation, Partition, formulation_for
 from eomcheck.mechanics.scene import Scene, checked_scene, finite_array
 from eomcheck.numbers.ball import Balls, ball, midpoints, midpoints_or_zero, precision
-from eomcheck.numbers.generic import EPS, Array
+from eomcheck.numbers.generic import EPS, Array, map_entries
 
 # ---- Enclosures ----------------------------------------------------------------------------------
 
@@ -155,13 +164,31 @@ def enclosure_at(
     Formulations at one state share `quantities_by_bits`, their cache, filled here.
     """
     quantities = {} if quantities_by_bits is None else quantities_by_bits
+
+    def with_bits(bits: int) -> Enclosure:
+        if bits not in quantities:
+            quantities[bits] = _ball_quantities(scene, q, start, t, bits)
+        return _enclosure_of(quantities[bits], formulation, bits, partition)
+
+    return _with_certain_digits(with_bits, digits, formulation, "v̇")
+
+
+E = TypeVar("E", "Enclosure", "EnclosedDerivatives")
+
+
+def _with_certain_digits(
+    with_bits: Callable[[int], E], digits: int, formulation: Formulation, what: str
+) -> E:
+    """Return the first enclosure with enough certain digits; the precision is doubled until then.
+
+    Raises:
+        RefusedError: a matrix cannot be shown to be invertible, or the digits stay uncertain.
+    """
     bits = math.ceil(digits * math.log2(10.0)) + GUARD_BITS
     enough = max(MOST_BITS, 4 * bits)
     while True:
         try:
-            if bits not in quantities:
-                quantities[bits] = _ball_quantities(scene, q, start, t, bits)
-            result = _enclosure_of(quantities[bits], formulation, bits, partition)
+            result = with_bits(bits)
         except RefusedError:
             if bits >= enough:
                 raise
@@ -170,11 +197,11 @@ def enclosure_at(
                 return result
             if bits >= enough:
                 raise RefusedError(
-                    "v̇",
+                    what,
                     0.0,
                     0.0,
                     f"{formulation.key}: with {bits} bits {max(result.digits, 0.0):.0f} digits of "
-                    f"every entry of v̇ are certain, asked for are {digits}",
+                    f"every entry of {what} are certain, asked for are {digits}",
                 )
         bits *= 2
 
@@ -213,6 +240,95 @@ def _certain_digits(vdot: Array, v: Array) -> float:
             size = max(x.abs_lower(), floor)
             certain = min(certain, float((size / x.rad()).log_base(10))) if size > 0 else -math.inf
     return certain
+
+
+# ---- Enclosures of derivatives -------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class EnclosedDerivatives:
+    """The derivatives of one state by a formulation, in balls that contain the true values.
+
+    Attributes:
+        q: ∂v̇/∂q (n, n) of `flint.arb`, and so on, as in `eomcheck.Derivatives`.
+        v: ∂v̇/∂v (n, n).
+        tau: ∂v̇/∂τ (n, n).
+        multipliers_q: ∂λ/∂q (r, n), or None if the formulation has no multipliers.
+        multipliers_v: ∂λ/∂v (r, n), or None.
+        multipliers_tau: ∂λ/∂τ (r, n), or None.
+        bits: working precision.
+        digits: certain decimal digits of every entry of `q`, `v` and `tau`; an entry that vanishes
+            needs none.
+    """
+
+    q: Array
+    v: Array
+    tau: Array
+    multipliers_q: Array | None
+    multipliers_v: Array | None
+    multipliers_tau: Array | None
+    bits: int
+    digits: float
+
+    def __repr__(self) -> str:
+        """Return the text with 15 digits of each ball, independent of the current precision."""
+        arrays = ((name, getattr(self, name)) for name in ARRAYS)
+        shown = (f"{name}={None if x is None else _shown_rows(x)}" for name, x in arrays)
+        return f"EnclosedDerivatives({', '.join(shown)}, bits={self.bits}, digits={self.digits})"
+
+
+def _shown_rows(balls: Array) -> str:
+    """Return the text of a matrix of balls."""
+    return f"[{', '.join(map(_shown, balls))}]"
+
+
+def enclose_derivatives(
+    scene: Scene, key: str, q, v, tau=None, t: float = 0.0, digits: int = 30
+) -> EnclosedDerivatives:
+    """Return the enclosure of the derivatives of v̇ and λ by one formulation.
+
+    It contains the derivatives of this formulation for exactly these float64 numbers, consistent or
+    not; see `eomcheck.derivatives`.
+
+    Args:
+        scene: the scene.
+        key: the formulation, a key of `eomcheck.FORMULATIONS`.
+        q: coordinates (n,).
+        v: velocities (n,); formulations in generalized speeds take the u of v.
+        tau: generalized forces (n,) in addition to the scene's own; None for none.
+        t: time, s.
+        digits: decimal digits that must be certain in every entry of the derivatives of v̇.
+
+    Raises:
+        InputError: wrong shapes, values that are not finite, `digits` below 1 or above
+            `MOST_DIGITS`, a formulation that does not apply to the scene.
+        UnknownNameError: no such formulation.
+        RefusedError: a matrix cannot be shown to be invertible, or the digits stay uncertain.
+    """
+    formulation = formulation_for(checked_scene(scene), key)
+    q, v = scene.check_state(q, v, t)
+    start = {"v": v, "tau": np.zeros(scene.n) if tau is None else finite_array("tau", tau, v.shape)}
+    digits = whole_number("digits", digits, most=MOST_DIGITS)
+    partition = Evaluation(scene, q, v, t).partition_for(formulation, pivoted=False)
+
+    def with_bits(bits: int) -> EnclosedDerivatives:
+        with precision(bits):
+            at = _ball_quantities(scene, q, start, t, bits)
+            columns = [
+                solution_along(at, formulation, Direction(*map(Balls().numbers, x)), partition)
+                for x in unit_directions(scene.n)
+            ]
+            rows: list[Any] = [
+                None if parts[0] is None else map_entries(ball, np.stack(parts))
+                for parts in zip(*columns, strict=True)
+            ]
+            arrays = arrays_by_name(rows, scene.n)
+            fields: dict[str, Any] = dict.fromkeys(ARRAYS)
+            fields |= {name: x.T for name, x in arrays.items()}
+            certain = _certain_digits(np.ravel(rows[0]), at.v)
+            return EnclosedDerivatives(**fields, bits=bits, digits=certain)
+
+    return _with_certain_digits(with_bits, digits, formulation, "the derivatives of v̇")
 
 
 # ---- Certified digits ----------------------------------------------------------------------------

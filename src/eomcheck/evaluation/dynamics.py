@@ -112,6 +112,7 @@ def acceleration(
     *,
     consistent: bool = True,
     pivoted: bool = False,
+    tau=None,
 ) -> Acceleration:
     """Return the constrained acceleration of `scene` by one formulation, with its error bound.
 
@@ -126,6 +127,7 @@ def acceleration(
             acceleration at another velocity than the others.
         pivoted: for El and Em, choose the dependent coordinates by pivoted QR instead of the
             paper's first r.
+        tau: generalized forces (n,) in addition to the scene's own; None for none.
 
     Returns:
         v̇, the multipliers λ if the formulation has them, condition numbers and the error bound.
@@ -141,6 +143,7 @@ def acceleration(
     """
     formulation = formulation_for(checked_scene(scene), key)
     at = Evaluation(scene, q, v, t)
+    at.tau = None if tau is None else finite_array("tau", tau, (scene.n,))
     with suppress(RefusedError):  # later, for it is more than bad input
         at.partition_for(formulation, pivoted)
     if consistent:

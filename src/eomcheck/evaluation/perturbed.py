@@ -93,6 +93,9 @@ class PerturbedEvaluation(Evaluation):
         t: Any = original.t
         t = self.noise.repeated(t) if isinstance(t, BatchArray) else t
         self._begin_batch(original.scene, q, v, t)
+        if original.tau is not None:
+            with self.computing("tau"):
+                self.tau = self.finished(self.noise.repeated(original.tau))
         self._without_noise: dict[Key, Solution] = {}
 
     @contextmanager

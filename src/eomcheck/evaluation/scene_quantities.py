@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from eomcheck.errors import RefusedError
+from eomcheck.errors import InputError, RefusedError
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.mechanics.records import Bodies, Chain, Speeds, Terms, velocity_from_speeds
 from eomcheck.mechanics.scene import Scene
@@ -49,6 +49,24 @@ def net_force(M, Q, B):
     if B is None:
         return Q
     return Q - B
+
+
+@generic
+def loaded(force, tau):
+    """Return a force (k,) and additional forces tau (k,); either is None if it is absent."""
+    if tau is None:
+        return force
+    if force is None:
+        return tau
+    return force + tau
+
+
+@generic
+def along_speeds(W, tau):
+    """Return Wᵀ tau (p,), the forces along generalized speeds; tau itself without W."""
+    if tau is None or W is None:
+        return tau
+    return np.ascontiguousarray(W.T) @ tau
 
 
 @generic
@@ -95,7 +113,9 @@ def quantity(function: Callable[[Any], T]) -> cached_property[T]:
 class Quantities:
     """The quantities of `scene` at one point, in the numbers of `arithmetic`.
 
-    Either `v` or `u` is to be set from outside; the other one then follows from it.
+    Either `v` or `u` is to be set from outside; the other one then follows from it. `tau`,
+    generalized forces (n,) in addition to the scene's own, may be set too, before anything is
+    computed.
 
     Args:
         scene: the scene.
@@ -103,6 +123,8 @@ class Quantities:
         q: coordinates (n,), numbers of `arithmetic`.
         t: time, s, a number of `arithmetic`.
     """
+
+    tau: Any = None
 
     def __init__(self, scene: Scene, arithmetic: Arithmetic, q: Array, t: Any = 0.0):
         self.scene, self.arithmetic, self.q, self.t = scene, arithmetic, q, t
@@ -204,9 +226,9 @@ class Quantities:
 
     @quantity
     def F(self) -> Array:
-        """The net force F = Q - B (n,)."""
+        """The net force F = Q + tau - B (n,)."""
         M, Q, B, *_ = self.terms
-        return net_force(M, Q, B)
+        return loaded(net_force(M, Q, B), self.tau)
 
     @quantity
     def kinematics(self) -> Any:
@@ -293,9 +315,29 @@ class Quantities:
             W, rest, _ = self.speeds
             return Solution(self.call(formulation.solution, self.terms.M, self.F, W, rest), None)
         if formulation.uses == "bodies":
-            more = (self.scene.support,) if formulation.sparse else ()
-            return Solution(self.call(formulation.solution, *self.bodies, *more), None)
-        return Solution(*self.call(formulation.solution, *self.chain))
+            bodies, more = self.bodies, (self.scene.support,) if formulation.sparse else ()
+            if self.tau is not None:
+                force = loaded(bodies.force, along_speeds(self.speeds.W, self.tau))
+                bodies = bodies._replace(force=force)
+            return Solution(self.call(formulation.solution, *bodies, *more), None)
+        chain = self.chain
+        if self.tau is not None:
+            chain = chain._replace(force=loaded(chain.force, self._chain_load[0]))
+        return Solution(*self.call(formulation.solution, *chain))
+
+    @cached_property
+    def _chain_load(self) -> tuple[Array, Array]:
+        """The forces f (s,) and the change of λ (r,) by `tau`, see `Scene.chain_load`.
+
+        Raises:
+            InputError: the scene does not have them.
+        """
+        if self.scene.chain_load is None:
+            raise InputError(
+                f"tau: the chain of the scene {self.scene.key} takes no forces, for it gives no "
+                "chain_load"
+            )
+        return self.call(self.scene.chain_load, self.parameters, self.prepared, self.tau)
 
     def solution(self, formulation: Formulation, partition: Partition | None = None) -> Solution:
         """Return v̇ and λ by `formulation`; see `rates`."""
@@ -306,7 +348,8 @@ class Quantities:
             common = self.parameters, self.prepared
             vdot = self.call(self.scene.chain_acceleration, *common, self.x, rates)
             forces = self.chain, self.x, multipliers
-            return Solution(vdot, self.call(self.scene.chain_multipliers, *common, *forces))
+            lambda_ = self.call(self.scene.chain_multipliers, *common, *forces)
+            return Solution(vdot, lambda_ if self.tau is None else lambda_ + self._chain_load[1])
         return Solution(self.rate_of_velocity(rates), None)
 
     def rate_of_velocity(self, udot: Array) -> Array:

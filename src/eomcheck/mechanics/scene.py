@@ -160,6 +160,9 @@ class Scene(ABC):
     - `chain_acceleration(parameters, prepared, x, xdot) -> v̇ (n,)`
     - `chain_multipliers(parameters, prepared, chain, x, forces) -> λ (r,)`: the multipliers of
       `terms` from the joint forces ρ (n_b-1, 2)
+    - `chain_load(parameters, prepared, tau) -> (f (s,), λ (r,))`: the forces along x of generalized
+      forces tau (n,), and the multipliers that balance the rest of them. None, and no function,
+      where the chain takes no forces but its own
     """
 
     key: ClassVar[str]
@@ -216,6 +219,7 @@ class Scene(ABC):
     chain_velocity: ClassVar[Callable[..., Any]]
     chain_acceleration: ClassVar[Callable[..., Any]]
     chain_multipliers: ClassVar[Callable[..., Any]]
+    chain_load: ClassVar[Callable[..., Any] | None] = None
 
     def __init_subclass__(cls, functions: Functions = (), **options):
         """Take the functions of the scene by their names from the namespaces that define them.

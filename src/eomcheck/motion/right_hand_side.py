@@ -170,6 +170,7 @@ def traced_kernel(
     outputs: dict[str, int],
     width: int = 1,
     effort: int = EFFORT,
+    extrapolated: bool = True,
     **options: Any,
 ) -> Kernel:
     """Return the compiled kernel of a trace, cached for scenes of this class, terms and sizes.
@@ -181,6 +182,7 @@ def traced_kernel(
         outputs: number of entries of each output, by name.
         width: number of SIMD lanes.
         effort: optimization level of LLVM.
+        extrapolated: whether the program of a long chain follows from those of shorter chains.
         options: options of the trace, as in `kernel_of`.
     """
     sizes = {name: x.shape for name, x in parameter_arrays(scene).items()}
@@ -192,7 +194,7 @@ def traced_kernel(
         parameters = {name: int(np.prod(shape)) for name, shape in sizes.items()}
         if options.get("stabilized"):
             parameters[FEEDBACK] = 1
-        along = formulation.linear and options.get("also") != JACOBIAN
+        along = extrapolated and formulation.linear and options.get("also") != JACOBIAN
         program = _program(lambda one: trace(one, formulation, **options), scene, along)
         kernel = Kernel(program, parameters, outputs, width, effort)
     _kernels[key] = kernel

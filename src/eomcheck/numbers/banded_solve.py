@@ -39,6 +39,7 @@ from eomcheck.numbers.linear import (
     column_scale,
     determinant,
     record,
+    scalar_type_of,
     singular_below,
 )
 from eomcheck.numbers.noise import NORMAL
@@ -96,7 +97,7 @@ def solve_banded(bands, b, name):
     """
     if bands.dtype != object:
         return _lapack_solve(bands, b, name)
-    kind = type(next((x for x in chain(bands.flat, b.flat) if not isinstance(x, int)), 0))
+    kind = scalar_type_of(bands, b)
     if kind not in BANDED_SOLVERS and kind in SOLVERS:
         return SOLVERS[kind](to_dense(bands), b, name)
     return BANDED_SOLVERS.get(kind, eliminate_banded)(bands, b, name)

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from eomcheck.numbers.banded_solve import BANDED_SOLVERS, HALF, solve_banded
 from eomcheck.numbers.generic import (
     BRANCH,
     Angles,
@@ -22,7 +23,7 @@ from eomcheck.numbers.generic import (
     map_record,
     product_of,
 )
-from eomcheck.numbers.linear import CARRIERS, SOLVERS, solve
+from eomcheck.numbers.linear import CARRIERS, PRODUCTS, SOLVERS, matrix_product, solve
 
 
 class Dual:
@@ -153,6 +154,24 @@ def _solve(A: Array, b: Array, name: str) -> Array:
     return duals(x, solve(values, _as_float64(rate(b) - rate(A) @ x), name))
 
 
+def _solve_banded(bands: Array, b: Array, name: str) -> Array:
+    """Solve A x = b, A by its bands (m, 7), for x and its derivative as `_solve` does."""
+    values, changes = _as_float64(map_entries(value, bands)), rate(bands)
+    x = solve_banded(values, _as_float64(map_entries(value, b)), name)
+    size, outside = len(b), np.zeros(HALF, object)
+    extended = np.concatenate((outside, x, outside))
+    products = np.zeros(size, object)
+    products[:] = [changes[i] @ extended[i : i + 2 * HALF + 1] for i in range(size)]
+    return duals(x, solve_banded(values, _as_float64(rate(b) - products), name))
+
+
+def _product(A: Array, B: Array) -> Array:
+    """Return A B (k, m), with its derivative A′ B + A B′."""
+    first, second = map_entries(value, A), map_entries(value, B)
+    change = matrix_product(rate(A), second) + matrix_product(first, rate(B))
+    return duals(matrix_product(first, second), change)
+
+
 def _as_float64(x: Array) -> Array:
     """Return an object array of float64 as float64, to be solved with pivots; others unchanged."""
     kinds = {type(entry) for entry in x.flat}
@@ -162,7 +181,7 @@ def _as_float64(x: Array) -> Array:
 PLAIN = {float, np.float64, int}
 
 
-SOLVERS[Dual] = _solve
+SOLVERS[Dual], BANDED_SOLVERS[Dual], PRODUCTS[Dual] = _solve, _solve_banded, _product
 CARRIERS.add(Dual)
 
 

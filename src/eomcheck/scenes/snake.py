@@ -467,6 +467,23 @@ def chain_multipliers(parameters, angles, chain, x, forces):
     return lambda_
 
 
+def chain_load(parameters, angles, tau):
+    """Return (f (2N,), λ (N,)) of tau (N+2,): a force on the tip of link 1, and torques.
+
+    What the force does not do along t_1 and on ω_1, the first wheel holds along e_1.
+    """
+    cos, sin = angles.cos[0], angles.sin[0]
+    cos_phi, sin_phi = first_wheel(parameters, angles)
+    half, links = parameters.length[0] / 2, parameters.length.size
+    f = np.zeros(2 * links, tau.dtype)
+    f[0] = tau[0] * cos_phi + tau[1] * sin_phi
+    f[1::2] = tau[2:]
+    f[1] += half * (tau[0] * sin - tau[1] * cos)
+    lambda_ = np.zeros(links, tau.dtype)
+    lambda_[0] = tau[1] * cos_phi - tau[0] * sin_phi
+    return f, lambda_
+
+
 # ---- The second derivation: positions and velocities only ----------------------------------------
 
 

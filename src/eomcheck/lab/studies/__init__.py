@@ -29,13 +29,14 @@ STUDIES: dict[str, str] = {
     "agreement": "Compare the formulations on random snakes, beside a fault.",
     "rhs": "Time one right-hand side of each formulation, over the number of links where there is "
     "one.",
+    "differentiation": "Time derivatives of the acceleration, beside those of Pinocchio.",
     "motion": "Time a motion, by default of the paper's robot, in machine code and through Python.",
     "tolerance": "Measure observed / (κ ε scale) per claim: what the constant C of the tolerances "
     "rests on.",
 }
 """Key -> description. A study of key a-b is STUDY of the module a_b, imported on demand."""
 
-BENCHMARKS = ("rhs", "motion", "tolerance")
+BENCHMARKS = ("rhs", "differentiation", "motion", "tolerance")
 """Keys of the commands of `eomcheck bench`, not of `eomcheck study`."""
 DRAWN = ("accuracy", "agreement")
 """Keys of the studies with a figure by `eomcheck draw`."""

@@ -1,0 +1,422 @@
+"""Derivatives of accelerations and multipliers by q, v and τ, exact by dual numbers.
+
+The functions of a scene and a formulation are run on dual numbers (`eomcheck.numbers.dual`), one
+direction after the other: forward automatic differentiation, in any scalar type. No difference
+quotient is formed. A solve A x = b is differentiated as A x′ = b′ - A′ x.
+
+Derivatives of constrained scenes are those of v̇ and λ as the KKT system
+
+    M v̇ = F + aᵀλ,  a v̇ = -gamma
+
+defines them at every (q, v), consistent or not. Formulations in generalized speeds or quasi-
+velocities (ml, kane, banded) are functions of (q, u(q, v)): they drop the part of v that violates
+the constraints. Their derivatives equal those of the others along variations that keep the
+constraints to first order: a δq = 0 for holonomic rows, δ(a v + b) = 0 for all. Redundant
+constraints are those of the state; λ is the smallest, and aᵀλ does not depend on this choice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from eomcheck.errors import RefusedError
+from eomcheck.evaluation.dynamics import with_redundancy_hint
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.perturbed import (
+    acceleration_sensitivity,
+    check_consistent,
+    measured_sensitivity,
+    perturbed_samples,
+    solution_of,
+)
+from eomcheck.evaluation.scene_quantities import Quantities
+from eomcheck.evaluation.tolerance import UNDERFLOW, allowed_error
+from eomcheck.formulations import Formulation, Partition, au, formulation_for
+from eomcheck.mechanics.scene import FUNCTIONS, Scene, checked_scene, finite_array
+from eomcheck.numbers.batch_arrays import as_float64
+from eomcheck.numbers.dual import duals, rate
+from eomcheck.numbers.generic import FLOAT64, Array, as_objects, map_record
+
+# ---- One direction -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class SceneFunctions:
+    """The functions of a scene, its sizes and its support: hashable, as the key of a trace."""
+
+    functions: tuple[tuple[str, Callable | None], ...]
+    n: int
+    r: int
+    mask: tuple[tuple[bool, ...], ...] | None
+
+    def __getattr__(self, name: str) -> Any:
+        for key, function in self.functions:
+            if key == name:
+                return function
+        raise AttributeError(name)
+
+    @property
+    def support(self) -> Array | None:
+        """Mask of the generalized speeds that can move each body, see `Scene.support`."""
+        return None if self.mask is None else np.array(self.mask)
+
+
+def scene_functions(scene: Scene) -> SceneFunctions:
+    """Return the functions of `scene`."""
+    functions = tuple((x, getattr(scene, x)) for x in sorted(FUNCTIONS) if hasattr(scene, x))
+    mask = None if scene.support is None else tuple(map(tuple, scene.support.tolist()))
+    return SceneFunctions(functions, scene.n, scene.r, mask)
+
+
+class Direction(NamedTuple):
+    """Rates of q, v and tau (n,) each, along which a quantity is differentiated."""
+
+    q: Any
+    v: Any
+    tau: Any
+
+
+def quantities_along(
+    scene: Any, parameters: Any, prepared: Any, prepared_rates: Any, *state: Array
+) -> Quantities:
+    """Return the quantities of a scene in dual numbers.
+
+    Args:
+        scene: the scene, or its functions.
+        parameters: its parameters, which are constant.
+        prepared: its precomputed values.
+        prepared_rates: their rates.
+        state: q, v, tau and the rates of these, (n,) each.
+    """
+    q, v, tau = map(duals, state[:3], state[3:])
+    at = Quantities(scene, FLOAT64, q)  # which computes nothing: all numbers are there
+    at.parameters, at.prepared = as_objects(parameters), map_record(duals, prepared, prepared_rates)
+    at.v, at.tau = v, tau
+    return at
+
+
+def _solution_rates(formulation: Formulation, partition: Partition, *inputs: Any) -> Any:
+    """Return the rates of v̇ and λ; `inputs` as of `quantities_along`."""
+    return map_record(rate, tuple(quantities_along(*inputs).solution(formulation, partition)))
+
+
+def _inverse_rates(vdot: Array, *inputs: Any) -> Any:
+    """Return the rates of M v̇ - F (n,) at constant v̇; `inputs` as of `quantities_along`."""
+    at = quantities_along(*inputs)
+    return rate(at.terms.M @ vdot - at.F)
+
+
+def _inputs_along(at: Quantities, direction: Direction) -> tuple:
+    """Return the arguments of `quantities_along` at `at`."""
+    prepared, rates = at.prepared_and_rates(direction.q, clock=False)
+    tau = np.zeros(at.scene.n, at.q.dtype) if at.tau is None else at.tau
+    state = at.q, at.v, tau, *direction
+    return scene_functions(at.scene), at.parameters, prepared, rates, *state
+
+
+def solution_along(
+    at: Quantities,
+    formulation: Formulation,
+    direction: Direction,
+    partition: Partition | None = None,
+) -> tuple[Any, Any]:
+    """Return the derivatives of v̇ (n,) and of λ (r,), or None, along a direction.
+
+    Args:
+        at: the state, in any scalar type; its `tau` counts.
+        formulation: the formulation.
+        direction: rates in the numbers of `at`.
+        partition: the partition, by default the paper's.
+
+    Raises:
+        RefusedError: as `Quantities.rates`.
+    """
+    partition = at.partition if partition is None else partition
+    inputs = _inputs_along(at, direction)
+    vdot, multipliers = at.run(_solution_rates, formulation, partition, *inputs)
+    return vdot, multipliers
+
+
+def inverse_along(at: Quantities, vdot: Array, direction: Direction) -> Any:
+    """Return the derivative of τ = M v̇ - F (n,) along a direction, v̇ (n,) constant."""
+    return at.run(_inverse_rates, vdot, *_inputs_along(at, direction))
+
+
+def unit_directions(n: int, parts: Sequence[str] = Direction._fields) -> list[Direction]:
+    """Return the directions of the entries of q, v and tau, or of some of these, in order."""
+    zero = np.zeros(n)
+    return [
+        Direction(*(unit if name == part else zero for name in Direction._fields))
+        for part in parts
+        for unit in np.eye(n)
+    ]
+
+
+def _violation_rates(*inputs: Any) -> Any:
+    """Return the rates of a v + b (r,); `inputs` as of `quantities_along`."""
+    at = quantities_along(*inputs)
+    *_, a, _, b = at.terms
+    return rate(a @ at.v if b is None else a @ at.v + b)
+
+
+def tangent_direction(
+    at: Quantities, direction: Direction, partition: Partition | None = None
+) -> Direction:
+    """Return the direction next to another one that keeps the constraints to first order.
+
+    That is, a δq = 0 for holonomic rows and δ(a v + b) = 0 for all.
+
+    Args:
+        at: the state, in any scalar type.
+        direction: any direction.
+        partition: one that names redundant rows, which do not count.
+
+    Raises:
+        RefusedError: the constraints are dependent.
+    """
+    a = at.terms.a
+    if a is None:
+        return direction
+    rows = np.arange(at.scene.r)
+    kept = rows if partition is None or partition.kept is None else partition.kept
+    dq, one = direction.q, np.eye(at.scene.n, dtype=int).astype(a.dtype)
+    if at.scene.position_residual is not None:
+        closed = np.intersect1d(kept, rows[at.scene.holonomic])
+        still = np.zeros(len(closed), int).astype(a.dtype)
+        dq, _ = au.solution(one, dq, a[closed], still, None, None)
+    violation = at.run(_violation_rates, *_inputs_along(at, direction._replace(q=dq, v=0 * dq)))
+    dv, _ = au.solution(one, direction.v, a[kept], violation[kept], None, None)
+    return direction._replace(q=dq, v=dv)
+
+
+# ---- Derivatives at a state ----------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Derivatives:
+    """Derivatives of the acceleration and the multipliers of one state by a formulation.
+
+    Entry (i, j) is the derivative of entry i of v̇ or λ by entry j of q, v or τ.
+
+    Attributes:
+        q: ∂v̇/∂q (n, n) at constant v and t.
+        v: ∂v̇/∂v (n, n).
+        tau: ∂v̇/∂τ (n, n), τ being generalized forces in addition to the scene's own.
+        multipliers_q: ∂λ/∂q (r, n), or None if the formulation has no multipliers.
+        multipliers_v: ∂λ/∂v (r, n), or None.
+        multipliers_tau: ∂λ/∂τ (r, n), or None.
+        error_bound: bound on the rounding error of every entry of `q`, `v` and `tau`, absolute.
+            Infinite if a matrix is so ill-conditioned that no bound can be measured.
+        error_bounds: the bound of each array by itself, by the name of its field.
+    """
+
+    q: Array
+    v: Array
+    tau: Array
+    multipliers_q: Array | None
+    multipliers_v: Array | None
+    multipliers_tau: Array | None
+    error_bound: float
+    error_bounds: dict[str, float]
+
+
+ANY_VELOCITY_HINT = "; au and others in terms of v are differentiated at any v"
+
+
+def derivatives(scene: Scene, key: str, q, v, tau=None, t: float = 0.0) -> Derivatives:
+    """Return the derivatives of v̇ and λ of `scene` by one formulation, with an error bound.
+
+    They are exact but for rounding, by dual numbers. At constraints they are those of the KKT
+    system at every (q, v), consistent or not; formulations in generalized speeds or quasi-
+    velocities drop the violating part of v, and equal the others along variations that keep the
+    constraints to first order (see `eomcheck.evaluation.derivatives`).
+
+    Args:
+        scene: the scene.
+        key: the formulation, a key of `eomcheck.FORMULATIONS`.
+        q: coordinates (n,).
+        v: velocities q̇ (n,).
+        tau: generalized forces (n,) in addition to the scene's own; None for none.
+        t: time, s.
+
+    Returns:
+        ∂v̇/∂q, ∂v̇/∂v, ∂v̇/∂τ and those of λ, if the formulation has multipliers.
+
+    Raises:
+        InputError: wrong shapes, values that are not finite, a formulation that does not apply to
+            the scene.
+        UnknownNameError: no such formulation.
+        InconsistentVelocityError: v violates the constraints, and the formulation reads generalized
+            speeds or quasi-velocities.
+        RefusedError: the formulation cannot handle this state; the message names redundant
+            constraints, if there are any. Or a derivative overflows.
+    """
+    formulation = formulation_for(checked_scene(scene), key)
+    at = Evaluation(scene, q, v, t)
+    at.tau = np.zeros(scene.n) if tau is None else finite_array("tau", tau, (scene.n,))
+    if formulation.uses != "terms":
+        check_consistent(at, ANY_VELOCITY_HINT)
+    try:
+        solution_of(at, formulation)
+    except RefusedError as refusal:
+        raise with_redundancy_hint(at, refusal) from None
+    arrays = derivative_arrays(at, formulation)
+    sensitivities = derivative_sensitivities(at, formulation, arrays)
+    bounds = {name: _error_bound(sensitivities[name]) for name in arrays}
+    fields: dict[str, Any] = {name: arrays.get(name) for name in ARRAYS}
+    return Derivatives(
+        **fields,
+        error_bound=max(bounds[name] for name in Direction._fields),
+        error_bounds=bounds,
+    )
+
+
+ARRAYS = (*Direction._fields, *(f"multipliers_{name}" for name in Direction._fields))
+"""Names of the arrays in `Derivatives`."""
+
+
+def _error_bound(sensitivity: float) -> float:
+    # Underflow on the way is smaller than any effect of perturbed inputs.
+    return max(allowed_error(sensitivity), UNDERFLOW)
+
+
+def derivative_arrays(at: Evaluation, formulation: Formulation) -> dict[str, Array]:
+    """Return the arrays of `Derivatives` by name, without those of absent multipliers.
+
+    Raises:
+        RefusedError: as `Evaluation.acceleration`, or a derivative overflows.
+    """
+    arrays = arrays_by_name(_rows_of(at, formulation), at.scene.n)
+    for name, x in arrays.items():
+        if not np.isfinite(x).all():
+            message = (
+                f"the derivative {name} by {formulation.key} overflows: doubles cannot hold it"
+            )
+            raise RefusedError(name, float("nan"), 0.0, message)
+    return {name: np.ascontiguousarray(x.T) for name, x in arrays.items()}
+
+
+def arrays_by_name(rows: Sequence[Any], n: int) -> dict[str, Any]:
+    """Return the rows of each array of `Derivatives`, transposed: (n, n) or (n, r).
+
+    Args:
+        rows: the derivatives of v̇ (3n, n) and of λ (3n, r), or None.
+        n: number of coordinates.
+    """
+    both = zip(("", "multipliers_"), rows, strict=True)
+    return {
+        prefix + part: x[i * n : i * n + n]
+        for prefix, x in both
+        if x is not None
+        for i, part in enumerate(Direction._fields)
+    }
+
+
+def _rows_of(at: Evaluation, formulation: Formulation) -> tuple[Any, Any]:
+    """Return the derivatives of v̇ (3n, n) and of λ (3n, r), or None, by q, v and tau in turn."""
+    key = f"derivatives by {formulation.key}", False
+    partition = at.partition_for(formulation, pivoted=False)
+    with at.recording_solves(key) as recorder, np.errstate(all="ignore"):
+        results = [
+            solution_along(at, formulation, direction, partition)
+            for direction in unit_directions(at.scene.n)
+        ]
+    at.solves[key] = {solve.name: solve for solve in recorder.solves}
+    vdot, multipliers = zip(*results, strict=True)
+    return _stacked(vdot), None if multipliers[0] is None else _stacked(multipliers)
+
+
+def _stacked(rows: Sequence[Any]) -> Any:
+    return np.stack([as_float64(x) for x in rows])
+
+
+def derivative_sensitivities(
+    at: Evaluation, formulation: Formulation, arrays: dict[str, Array]
+) -> dict[str, float]:
+    """Return κ · scale of each array of `Derivatives`, by name.
+
+    It is infinite where that of the acceleration is (`acceleration_sensitivity`).
+
+    Args:
+        at: the state.
+        formulation: the formulation.
+        arrays: the result of `derivative_arrays`.
+
+    Raises:
+        RefusedError: as `Evaluation.acceleration`.
+    """
+    n, lost = at.scene.n, dict.fromkeys(arrays, np.inf)
+    if not np.isfinite(acceleration_sensitivity(at, formulation)):
+        return lost
+    samples = perturbed_samples(at)
+    with np.errstate(all="ignore"):
+        try:
+            with samples.computing("quantity"):
+                perturbed = arrays_by_name(_rows_of(samples, formulation), n)
+            # Inputs alone: their perturbations and those of operations may cancel by chance.
+            with samples.noise.disabled():
+                inputs = arrays_by_name(_rows_of(samples, formulation), n)
+        except (RefusedError, np.linalg.LinAlgError):
+            return lost
+        return {
+            name: max(
+                measured_sensitivity(at, x.T, perturbed[name], solved=True),
+                measured_sensitivity(at, x.T, inputs[name]),
+            )
+            for name, x in arrays.items()
+        }
+
+
+# ---- Inverse dynamics ----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class InverseDynamicsDerivatives:
+    """Derivatives of τ = M v̇ + B - Q at constant v̇; M itself is ∂τ/∂v̇.
+
+    Attributes:
+        q: ∂τ/∂q (n, n) at constant v and t.
+        v: ∂τ/∂v (n, n).
+        error_bound: bound on the rounding error of every entry, absolute.
+    """
+
+    q: Array
+    v: Array
+    error_bound: float
+
+
+def inverse_dynamics_derivatives(
+    scene: Scene, q, v, vdot, t: float = 0.0
+) -> InverseDynamicsDerivatives:
+    """Return the derivatives of τ = M v̇ + B - Q, without forces of constraints.
+
+    Args:
+        scene: the scene.
+        q: coordinates (n,).
+        v: velocities (n,).
+        vdot: accelerations (n,).
+        t: time, s.
+
+    Raises:
+        InputError: wrong shapes or values that are not finite.
+    """
+    at = Evaluation(checked_scene(scene), q, v, t)
+    vdot = finite_array("vdot", vdot, (scene.n,))
+    samples = perturbed_samples(at)
+
+    def rows(e: Evaluation, vdot: Any) -> Any:
+        directions = unit_directions(scene.n, ("q", "v"))
+        return _stacked([inverse_along(e, vdot, direction) for direction in directions])
+
+    exact = rows(at, vdot)
+    with np.errstate(all="ignore"), samples.computing("quantity"):
+        perturbed = rows(samples, samples.finished(samples.noise.repeated(vdot)))
+    bound = _error_bound(measured_sensitivity(at, exact, perturbed))
+    by_q, by_v = exact.reshape(2, scene.n, scene.n)
+    return InverseDynamicsDerivatives(
+        np.ascontiguousarray(by_q.T), np.ascontiguousarray(by_v.T), bound
+    )
