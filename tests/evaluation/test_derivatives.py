@@ -215,6 +215,7 @@ DIFFERENT = {
     "a lift": (Lifted.example(), ("au", "ml")),
     "gears": (Geared.example(), ("au",)),
     "rolling on a table that turns": (Marble.example(), ("gw",)),
+    "a turntable": (SCENES["turntable-ball"].example(), ("au", "kane")),
     "a bicycle": (SCENES["bicycle"].example(), ("im",)),
     "a ring": (SCENES["bricard"].example(), ("uk",)),
 }
