@@ -215,6 +215,7 @@ class Named(SimpleNamespace):
     """An engine of which nothing but the name is asked."""
 
     __hash__ = object.__hash__
+    unit_roundoff = 2.0**-53
 
 
 ONE, OTHER = Named(key="one"), Named(key="other")

@@ -29,7 +29,7 @@ def somewhere(**more: Any) -> Any:
     scene = SimpleNamespace(n=4, angle_coordinates=slice(2, 4))
     terms = SimpleNamespace(M=M, a=a)
     here = {"scene": scene, "terms": terms, "q": np.zeros(4), "v": np.array([3.0, -5.0, 2.0, -1.0])}
-    return SimpleNamespace(parameters=(np.ones(3), None), **(here | more))
+    return SimpleNamespace(parameters=(np.ones(3), None), unit_roundoff=2.0**-53, **(here | more))
 
 
 # ---- Sizes ---------------------------------------------------------------------------------------

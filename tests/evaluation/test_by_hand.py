@@ -174,7 +174,9 @@ def test_bits_are_doubled_until_the_digits_are_certain(monkeypatch, known, enoug
 
 def test_how_large_a_violation_may_be_is_what_all_moved_coordinates_make_of_it(monkeypatch):
     a, b = np.array([[1.0, -2.0], [0.0, 3.0]]), np.array([0.5, -5.0])
-    at: Any = SimpleNamespace(q=np.ones(2), v=np.array([2.0, -1.0]), t=0.7, scene=None)
+    at: Any = SimpleNamespace(
+        unit_roundoff=2.0**-53, q=np.ones(2), v=np.array([2.0, -1.0]), t=0.7, scene=None
+    )
     at.terms = Terms(None, None, None, a, None, b)
     seen = []
 
@@ -343,10 +345,10 @@ def test_speeds_are_told_where_their_matrices_are_and_w_is_more_than_rounding(
         return BatchArray(np.array([1.0, spread, 1.0])) if at.states else spread
 
     monkeypatch.setattr(sensitivity, "sensitivity_of", of)
-    at: Any = SimpleNamespace(speeds_rcond=rcond, states=0)
+    at: Any = SimpleNamespace(unit_roundoff=2.0**-53, speeds_rcond=rcond, states=0)
     assert sensitivity.speeds_resolved(at) is told
     several = {name: np.array([0.5, 0.5, x]) for name, x in rcond.items()}
-    at = SimpleNamespace(speeds_rcond=several, states=3)
+    at = SimpleNamespace(unit_roundoff=2.0**-53, speeds_rcond=several, states=3)
     bad = [False, not rcond or np.isfinite(spread), not rcond or min(rcond.values()) > 1e-3]
     expected = [True, bad[1], bad[2]]
     assert sensitivity.speeds_resolved(at).data.tolist() == expected
@@ -385,6 +387,7 @@ def test_of_lanes_each_is_unsure_by_any_matrix_and_any_copy(monkeypatch):
         ),
     )
     at: Any = SimpleNamespace(
+        unit_roundoff=2.0**-53,
         states=6,
         solves={key: here},
         acceleration=lambda *given: SimpleNamespace(rcond=rcond, vdot=vdot),

@@ -60,7 +60,7 @@ def test_a_determinant_is_told_where_all_copies_have_its_sign_and_its_size(
     own = {name: SimpleNamespace(sign=-1.0, log_determinant=7.0) for name in names}
 
     samples: Any = SimpleNamespace(solves={key: copies})
-    at: Any = SimpleNamespace(solves={key: own}, states=0)
+    at: Any = SimpleNamespace(unit_roundoff=2.0**-53, solves={key: own}, states=0)
     assert sensitivity._matrices_resolved(at, samples, key).tolist() == [told]
 
 
@@ -117,6 +117,7 @@ def test_an_acceleration_is_as_sensitive_as_what_makes_most_of_it(
         monkeypatch.setattr(sensitivity, name, function)
     answer = {False: "the paper's", True: "the pivoted"}
     at: Any = SimpleNamespace(
+        unit_roundoff=2.0**-53,
         acceleration=lambda f, pivoted: SimpleNamespace(rcond=rcond, multipliers=answer[pivoted]),
         states=0,
     )
@@ -173,7 +174,7 @@ def test_of_two_numbers_and_of_lanes_the_larger_magnitudes_count():
 
 def test_a_violation_is_signed_and_allowed_by_the_size_of_its_terms():
     a, v = np.array([[1.0, -2.0], [3.0, 0.5]]), np.array([-4.0, 2.0])
-    at: Any = SimpleNamespace(terms=Terms(None, None, None, a, None, None))
+    at: Any = SimpleNamespace(unit_roundoff=2.0**-53, terms=Terms(None, None, None, a, None, None))
     residual, allowed = sensitivity.violation(at, v)
     assert residual.tolist() == [-8.0, -11.0]
     assert allowed == pytest.approx(32.0 * EPS * np.array([8.0, 13.0]), abs=0.0)
@@ -202,7 +203,13 @@ class Told:
 def slipping(a: Any, kept: Any = None) -> Any:
     terms = Terms(None, None, None, None if a is None else np.array(a), None, None)
     r, n = (0, 3) if a is None else np.shape(a)
-    at: Any = SimpleNamespace(terms=terms, scene=SimpleNamespace(r=r), states=0)
+    at: Any = SimpleNamespace(
+        unit_roundoff=2.0**-53,
+        input_sizes=None,
+        terms=terms,
+        scene=SimpleNamespace(r=r),
+        states=0,
+    )
     at.v, at.cached = np.array([1.0, -4.0, 8.0][:n]), lambda function: function(at)
     at.independent_partition = SimpleNamespace(kept=kept)
     return at

@@ -222,50 +222,57 @@ def _engine_sensitivity(case: Case, engine: Engine | type[Engine], part: str) ->
 
 def _compare_engines(case: Case, part: str, names: tuple[str, ...]) -> Iterator[Finding]:
     """Yield the Findings of the part "vdot" or "multipliers" for each engine that has it."""
-    at, r = case.at, case.at.scene.r
-    if part == "multipliers" and r == 0:
+    if part == "multipliers" and case.at.scene.r == 0:
         return
+    for engine in case.claim_engines:
+        yield from _compare_engine(case.rounded_for(engine), engine, part, names)
+
+
+def _compare_engine(
+    case: Case, engine: Engine | type[Engine], part: str, names: tuple[str, ...]
+) -> Iterator[Finding]:
+    """Yield the Findings of the part "vdot" or "multipliers" of an engine."""
+    at, r = case.at, case.at.scene.r
     Q = np.zeros(at.scene.n) if at.terms.Q is None else at.terms.Q
     handed = at.q, at.v, Q, at.terms.a, at.terms.gamma, at.t
-    for engine in case.claim_engines:
-        engine_sensitivity = cache(partial(_engine_sensitivity, case, engine, part))
-        answer = ask_engine(
-            case,
-            engine,
-            *handed,
-            expected=partial(_expected_part, case, engine, part),
-            part=attrgetter(part),
-            excused=lambda bound=engine_sensitivity: bound() == np.inf,
-        )
-        if isinstance(answer, Finding) or isinstance(engine, type):
-            yield answer
+    engine_sensitivity = cache(partial(_engine_sensitivity, case, engine, part))
+    answer = ask_engine(
+        case,
+        engine,
+        *handed,
+        expected=partial(_expected_part, case, engine, part),
+        part=attrgetter(part),
+        excused=lambda: engine_sensitivity() == np.inf,
+    )
+    if isinstance(answer, Finding) or isinstance(engine, type):
+        yield answer
+        return
+    engine_value = getattr(answer, part)
+    if engine_value is None and r > 0:
+        yield skipped_finding(case, type(engine), "it does not tell λ")
+    if engine_value is None:
+        return
+    like = FORMULATIONS[engine.solves_like]
+    # Formulations are compared with each other, so that one of them suffices for an engine under
+    # test.
+    chosen = case.solutions
+    if is_under_test(type(engine)):
+        with suppress(RefusedError):
+            chosen = ((like, at.acceleration(like)),)
+    for formulation, x in chosen:
+        if (value := getattr(x, part)) is None:
             continue
-        engine_value = getattr(answer, part)
-        if engine_value is None and r > 0:
-            yield skipped_finding(case, type(engine), "it does not tell λ")
-        if engine_value is None:
-            continue
-        like = FORMULATIONS[engine.solves_like]
-        # Formulations are compared with each other, so that one of them suffices for an engine
-        # under test.
-        chosen = case.solutions
-        if is_under_test(type(engine)):
-            with suppress(RefusedError):
-                chosen = ((like, at.acceleration(like)),)
-        for formulation, x in chosen:
-            if (value := getattr(x, part)) is None:
-                continue
-            if engine.compliant and r > 0:
-                yield _compliance_finding(case, engine, value, engine_value)
-                break
-            sensitivity = (
-                case.part_sensitivity(formulation, part, coordinates=True) + engine_sensitivity()
-            )
-            subject = f"{formulation.key} ~ {engine.key}"
-            compared = case, engine, subject, value, engine_value, sensitivity
-            again = partial(_repeated_part, part, handed)
-            finding = compare_with_engine(*compared, again, names=(names,))
-            yield _excuse_failure(case, engine, finding, Q) if part == "vdot" else finding
+        if engine.compliant and r > 0:
+            yield _compliance_finding(case, engine, value, engine_value)
+            break
+        both = case.part_sensitivity(formulation, part, coordinates=True), engine_sensitivity()
+        # Beside an engine with fewer digits, rounding of the formulation itself does not count.
+        sensitivity = sum(both) if case.unrounded is None else max(both)
+        subject = f"{formulation.key} ~ {engine.key}"
+        compared = case, engine, subject, value, engine_value, sensitivity
+        again = partial(_repeated_part, part, handed)
+        finding = compare_with_engine(*compared, again, names=(names,))
+        yield _excuse_failure(case, engine, finding, Q) if part == "vdot" else finding
 
 
 def _expected_part(case: Case, engine: Engine | type[Engine], part: str) -> Array | None:
@@ -288,7 +295,8 @@ def _excuse_failure(case: Case, engine: Engine, finding: Finding, Q: Array) -> F
     if finding.verdict != "failed":
         return finding
     try:
-        allowed = allowed_error(_own_sensitivity(case, Answers(engine), Q))
+        own = _own_sensitivity(case, Answers(engine), Q)
+        allowed = allowed_error(own, case.at.unit_roundoff)
     except (np.linalg.LinAlgError, EngineFault):
         return finding
     if not finding.observed <= allowed:

@@ -8,6 +8,7 @@ reference, and its method is called repeatedly, since each of its answers has to
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -49,9 +50,16 @@ from eomcheck.engines import (
     make_engine,
     version_of,
 )
-from eomcheck.engines.engine import drift_size, inertia_size, mass_size, overflows, weight_size
+from eomcheck.engines.engine import (
+    drift_size,
+    inertia_size,
+    mass_size,
+    overflows,
+    own_input_sizes,
+    weight_size,
+)
 from eomcheck.errors import RefusedError
-from eomcheck.evaluation.evaluation import Acceleration, Evaluation
+from eomcheck.evaluation.evaluation import Acceleration, Evaluation, RoundedEvaluation
 from eomcheck.evaluation.perturbed import (
     PerturbedEvaluation,
     acceleration_sensitivity,
@@ -62,7 +70,7 @@ from eomcheck.evaluation.perturbed import (
     solution_of,
     speeds_resolved,
 )
-from eomcheck.evaluation.tolerance import INCONCLUSIVE, allowed_error, largest
+from eomcheck.evaluation.tolerance import INCONCLUSIVE, UNIT_ROUNDOFF, allowed_error, largest
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.mechanics.records import State
 from eomcheck.numbers.batch_arrays import batch_size
@@ -176,6 +184,7 @@ class Case(FloatContext):
         claim: the claim being checked.
         unavailable: engines that could not be constructed -> error message.
         repeats: number of repeated calls of engines under test for each answer.
+        unrounded: the state before it was rounded to the numbers of an engine, None if it was not.
     """
 
     at: Evaluation
@@ -184,6 +193,32 @@ class Case(FloatContext):
     claim: Claim | None = None
     unavailable: dict[type[Engine], str] = field(default_factory=dict)
     repeats: int = OFTEN
+    unrounded: State | None = None
+
+    def rounded_for(self, engine: Engine | type[Engine]) -> Case:
+        """Return the case at the state that an engine computes: itself where it is float64.
+
+        Inputs are rounded to the engine's numbers (`eomcheck.engines.engine`, rule 8). Findings
+        name the state before, whose velocities are consistent.
+        """
+        kind = engine_class_of(engine)
+        if kind.unit_roundoff <= self.at.unit_roundoff:
+            return self  # of float64, or rounded already
+        # What rounding of its own coordinates adds is that of one engine.
+        key: Any = kind if kind.offers("velocity_map") else kind.unit_roundoff
+        if key not in self._rounded:
+            at = RoundedEvaluation(self.at.scene, self.state, kind.unit_roundoff)
+            if isinstance(engine, Engine):
+                with suppress(*UNABLE):
+                    at.input_sizes = own_input_sizes(engine, at.q, at.v)
+            self._rounded[key] = replace(self, at=at, unrounded=self.state)
+        case = self._rounded[key]
+        case.claim = self.claim
+        return case
+
+    @cached_property
+    def _rounded(self) -> dict[Any, Case]:
+        return {}
 
     @property
     def state(self) -> State:
@@ -337,38 +372,43 @@ class Case(FloatContext):
 
     def _against_engines(self, term: str, method: str) -> Iterator[Finding]:
         """Yield the Findings of a term being equal to the result of each engine."""
+        for engine in self.claim_engines:
+            yield from self.rounded_for(engine)._against_engine(engine, term, method)
+
+    def _against_engine(
+        self, engine: Engine | type[Engine], term: str, method: str
+    ) -> Iterator[Finding]:
+        """Yield the Findings of a term being equal to the result of an engine."""
 
         def quantity(e: Evaluation) -> Any:
             array = term_of(e, term)
             return np.zeros(np.shape(theirs)) if array is None else array
 
-        known, sensitivity = term_of(self.at, term), None
+        known = term_of(self.at, term)
         absent = known is None
         expected = 0.0 if absent else known
         state = (self.at.q, self.at.v, self.at.t)
-        for engine in self.claim_engines:
-            theirs = ask_engine(self, engine, *state, expected=lambda: expected)
-            if isinstance(theirs, Finding) or isinstance(engine, type):
-                if not absent or theirs.verdict == "failed":
-                    yield theirs
-                continue
-            if absent and not np.any(theirs):
-                continue  # neither the scene nor the engine has this term
-            ours = quantity(self.at)
-            if sensitivity is None:
-                sensitivity = sensitivity_of(self.at, quantity, coordinates=True)
-            # A term of size 0 (B at rest) is compared too: it should vanish.
-            scale = sensitivity + cancelling_size(self, engine, method)
-            compared = self, engine, engine.key, ours, theirs, scale
-            again = partial(_asked_again, method, state)
-            names = names_of_term(self.at.scene, term)
-            # No sum over bodies has larger terms in the entry of two coordinates.
-            roots = np.sqrt(np.abs(np.diagonal(np.atleast_2d(np.asarray(ours)))))
-            sizes = np.outer(roots, roots) if term == "M" else None
-            own = partial(entry_sensitivity_of, self.at, quantity)
-            yield compare_with_engine(
-                *compared, again, names=names, scale=scale, sizes=sizes, own=own
-            )
+        theirs = ask_engine(self, engine, *state, expected=lambda: expected)
+        if isinstance(theirs, Finding) or isinstance(engine, type):
+            if not absent or theirs.verdict == "failed":
+                yield theirs
+            return
+        if absent and not np.any(theirs):
+            return  # neither the scene nor the engine has this term
+        ours = quantity(self.at)
+        key = term, "term", True
+        if key not in self._sensitivities:
+            self._sensitivities[key] = sensitivity_of(self.at, quantity, coordinates=True)
+        # A term of size 0 (B at rest) is compared too: it should vanish.
+        scale = self._sensitivities[key] + cancelling_size(self, engine, method)
+        compared = self, engine, engine.key, ours, theirs, scale
+        again = partial(_asked_again, method, state)
+        names = names_of_term(self.at.scene, term)
+        # No sum over bodies has larger terms in the entry of two coordinates.
+        roots = np.sqrt(np.abs(np.diagonal(np.atleast_2d(np.asarray(ours)))))
+        sizes = np.outer(roots, roots) if term == "M" else None
+        own = partial(entry_sensitivity_of, self.at, quantity)
+        yield compare_with_engine(*compared, again, names=names, scale=scale, sizes=sizes, own=own)
 
     def compare(
         self,
@@ -404,7 +444,8 @@ class Case(FloatContext):
         actual, expected = np.asarray(actual, np.float64), np.asarray(expected, np.float64)
         observed = largest(actual - expected)
         scale = largest(expected) if scale is None else scale
-        allowed, verdict = judge(observed, sensitivity, scale)
+        unit_roundoff = self.at.unit_roundoff
+        allowed, verdict = judge(observed, sensitivity, scale, unit_roundoff)
         if not np.isfinite(expected).all():
             verdict = "inconclusive"  # nothing to compare with
         detail = ""
@@ -426,7 +467,8 @@ class Case(FloatContext):
         zero: Any = False
         if engine is not None and is_under_test(engine):
             # Entries of the scene that should be 0 are so up to the rounding of their own terms.
-            zero = np.abs(expected) <= (0.0 if own is None else allowed_error(1.0) * own())
+            unit = allowed_error(1.0, unit_roundoff)
+            zero = np.abs(expected) <= (0.0 if own is None else unit * own())
         entries = _resolved(actual, expected, allowed, names, sizes, zero)
         hidden = entries.count_hidden if verdict == "passed" else 0
         what = f"{hidden} of {actual.size} entries not resolved"
@@ -442,7 +484,8 @@ class Case(FloatContext):
                 if it is a reference.
         """
         assert self.claim is not None
-        finding = Finding(self.claim.id, subject, self.at.scene, self.state, *outcome)
+        state = self.state if self.unrounded is None else self.unrounded
+        finding = Finding(self.claim.id, subject, self.at.scene, state, *outcome)
         under_test = engine is not None and is_under_test(engine)
         return replace(finding, engine=engine) if under_test else finding
 
@@ -588,8 +631,13 @@ def skipped_finding(case: Case, kind: type[Engine], why: str) -> Finding:
 
 
 def evidence_of(kind: type[Engine]) -> str:
-    """Return the evidence of a comparison with an engine: the level, and its name and version."""
-    return f"compared: {version_of(kind)}"
+    """Return the evidence of a comparison with an engine: the level, and its name and version.
+
+    If it does not compute in float64, with its unit roundoff: then less is shown.
+    """
+    u = kind.unit_roundoff
+    precision = "" if u <= UNIT_ROUNDOFF else f", unit roundoff 2**{round(math.log2(u))}"
+    return f"compared: {version_of(kind)}{precision}"
 
 
 def compare_with_engine(
@@ -658,6 +706,7 @@ def describe_engine_error(
     if kind.reads_file:
         what = ""
         numbers = f"{x} by the library, {y} by eomcheck"
-    if largest(actual - expected) <= FLOAT32 * largest(expected):
+    in_float64 = kind.unit_roundoff <= UNIT_ROUNDOFF
+    if in_float64 and largest(actual - expected) <= FLOAT32 * largest(expected):
         what = "as large as the rounding of single precision"
     return f"{numbers}: {what}" if what else numbers

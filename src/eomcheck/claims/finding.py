@@ -17,7 +17,14 @@ import numpy as np
 
 from eomcheck.claims.reproducer import reproducer_code
 from eomcheck.engines import Engine
-from eomcheck.evaluation.tolerance import INCONCLUSIVE, UNDERFLOW, allowed_error, largest
+from eomcheck.evaluation.tolerance import (
+    INCONCLUSIVE,
+    UNDERFLOW,
+    UNIT_ROUNDOFF,
+    allowed_error,
+    largest,
+    underflow_error,
+)
 from eomcheck.mechanics.records import State
 from eomcheck.numbers.generic import EPS, Array
 
@@ -186,27 +193,30 @@ def worst(findings: Iterable[J], first: bool = False) -> J:
     return min(findings, key=rank)
 
 
-def judge(observed: float, sensitivity: float, scale: float) -> tuple[float, Verdict]:
+def judge(
+    observed: float, sensitivity: float, scale: float, unit_roundoff: float = UNIT_ROUNDOFF
+) -> tuple[float, Verdict]:
     """Judge an observed error by perturbation analysis.
 
     Args:
         observed: the error.
         sensitivity: κ · scale of the computation, see `eomcheck.evaluation.tolerance`.
         scale: size of the compared quantity; for a sum that should vanish, of its terms.
+        unit_roundoff: u of the numbers of the computation.
 
     Returns:
         (allowed, verdict): the bound on the rounding error, and the verdict.
     """
-    allowed = allowed_error(sensitivity)
+    allowed, underflow = allowed_error(sensitivity, unit_roundoff), underflow_error(unit_roundoff)
     if not np.isfinite(scale):
         return allowed, "inconclusive"  # it overflows: nothing to compare with
     if not np.isfinite(observed):
         return allowed, "failed"
     if not np.isfinite(allowed):
         return allowed, "inconclusive"
-    if allowed > INCONCLUSIVE * scale and not (observed == 0.0 and allowed <= UNDERFLOW):
+    if allowed > INCONCLUSIVE * scale and not (observed == 0.0 and allowed <= underflow):
         return allowed, "inconclusive"
-    if allowed < observed <= UNDERFLOW:
+    if allowed < observed <= underflow:
         return allowed, "inconclusive"
     return allowed, "passed" if observed <= allowed else "failed"
 

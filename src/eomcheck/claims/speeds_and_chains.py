@@ -31,6 +31,7 @@ from eomcheck.claims.registry import (
     speed_names,
     vanishing,
 )
+from eomcheck.engines import Engine
 from eomcheck.engines.engine import inertia_size
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.perturbed import sensitivity_of
@@ -236,6 +237,12 @@ def kane_ml_force(at: Quantities, context: EvaluationContext) -> Iterator[Compar
 )
 def kane_n_matrix(case: Case) -> Iterator[Finding]:
     """The inertia remainder is N_Kane q̇ + G_Kane of Eq. (23), as differentiated by an engine."""
+    for engine in case.claim_engines:
+        yield from _compare_inertia_remainder(case.rounded_for(engine), engine)
+
+
+def _compare_inertia_remainder(case: Case, engine: Engine | type[Engine]) -> Iterator[Finding]:
+    """Yield the Finding of the inertia remainder of an engine."""
     if not case.has_speeds:
         return
 
@@ -246,24 +253,23 @@ def kane_n_matrix(case: Case) -> Iterator[Finding]:
     W = case.at.speeds.W
     in_speeds = inertia_size(case.at) * (1.0 if W is None else largest(np.abs(W).sum(axis=0)))
     expected = cache(partial(remainder, case.at))
-    for engine in case.claim_engines:
-        answer = ask_engine(case, engine, *case.state, expected=expected, part=lambda x: x[0])
-        if isinstance(answer, Finding) or isinstance(engine, type):
-            yield answer
-            continue
-        engine_value, terms, condition = answer
-        scale = sensitivity_of(case.at, remainder, coordinates=True) + terms + in_speeds
-        yield compare_with_engine(
-            case,
-            engine,
-            f"kane ~ {engine.key}",
-            expected(),
-            engine_value,
-            condition * scale,
-            lambda answers: answers.kane_inertia_remainder(*case.state)[0],
-            scale=scale,
-            names=(speed_names(case.at),),
-        )
+    answer = ask_engine(case, engine, *case.state, expected=expected, part=lambda x: x[0])
+    if isinstance(answer, Finding) or isinstance(engine, type):
+        yield answer
+        return
+    engine_value, terms, condition = answer
+    scale = sensitivity_of(case.at, remainder, coordinates=True) + terms + in_speeds
+    yield compare_with_engine(
+        case,
+        engine,
+        f"kane ~ {engine.key}",
+        expected(),
+        engine_value,
+        condition * scale,
+        lambda answers: answers.kane_inertia_remainder(*case.state)[0],
+        scale=scale,
+        names=(speed_names(case.at),),
+    )
 
 
 # ---- Chains --------------------------------------------------------------------------------------

@@ -9,8 +9,11 @@ eomcheck validate --scene ant.xml --engine eomcheck.engines:MjcfFile
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from inspect import getattr_static
+from numbers import Real
+from typing import Any
 
 from eomcheck import calls
 from eomcheck.class_lookup import LookupKind, class_named
@@ -34,7 +37,8 @@ from eomcheck.engines.mujoco import MjcfFile, MujocoEngine, MujocoFile
 from eomcheck.engines.pinocchio import PinocchioEngine, PinocchioFile
 from eomcheck.engines.pybullet import PybulletEngine, PybulletFile
 from eomcheck.engines.tree_engine import FILE
-from eomcheck.errors import InputError, distinct
+from eomcheck.errors import InputError, distinct, safe_repr
+from eomcheck.evaluation.tolerance import UNIT_ROUNDOFF
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.scene import Scene
 
@@ -56,6 +60,9 @@ ALWAYS = tuple(key for key, engine in ENGINES.items() if engine.extra is None)
 """Keys of the engines whose libraries come with eomcheck: they take part unless others are named.
 So a run does not depend on other libraries that happen to be installed."""
 
+
+LARGEST_UNIT_ROUNDOFF = 2.0**-8
+"""The largest unit roundoff of an engine, that of bfloat16."""
 
 ENGINE: LookupKind[Engine] = LookupKind("engine", Engine, ENGINES)
 
@@ -106,7 +113,8 @@ def checked_engine(kind: type[Engine]) -> type[Engine]:
 
     Raises:
         InputError: a required method is missing, or no class method; the key is no identifier, or
-            taken; it overrides `acceleration` and has no valid `solves_like`.
+            taken; `unit_roundoff` is none; it overrides `acceleration` and has no valid
+            `solves_like`.
     """
     whose = f"engine {kind.__name__}"
     if missing := sorted(getattr(kind, "__abstractmethods__", ())):
@@ -114,6 +122,7 @@ def checked_engine(kind: type[Engine]) -> type[Engine]:
     for method in ("version", "represents"):
         if not isinstance(getattr_static(kind, method), classmethod | staticmethod):
             raise InputError(f"{whose}: {method} is no class method, write @classmethod above it")
+    check_unit_roundoff(kind)
     if not kind.key.isidentifier():
         raise InputError(f"{whose}: key = {kind.key!r}, expected letters, digits and underscores")
     if kind.key in FORMULATIONS or ENGINES.get(kind.key, kind) is not kind:
@@ -123,6 +132,22 @@ def checked_engine(kind: type[Engine]) -> type[Engine]:
         listed = ", ".join(solvers)
         raise InputError(f"{whose} has an acceleration, but solves_like is none of {listed}")
     return kind
+
+
+def check_unit_roundoff(kind: type[Engine]) -> None:
+    """Check the `unit_roundoff` of an engine class.
+
+    Raises:
+        InputError: it is no power of two from 2**-53 to 2**-8.
+    """
+    u: Any = kind.unit_roundoff
+    is_number = isinstance(u, Real) and not isinstance(u, bool)
+    if is_number and UNIT_ROUNDOFF <= u <= LARGEST_UNIT_ROUNDOFF and math.frexp(u)[0] == 0.5:
+        return
+    raise InputError(
+        f"engine {kind.__name__}: unit_roundoff = {safe_repr(u)}, expected a power of two from "
+        "2**-53, of float64, to 2**-8: half the spacing of its numbers at 1, 2**-24 for float32"
+    )
 
 
 def is_under_test(kind: type[Engine]) -> bool:

@@ -17,6 +17,11 @@ The rules of the contract are numbered, so that a message or a note can refer to
 6.  A scene that it cannot represent it rejects in `represents`, once for the whole scene. An
     exception, a wrong shape or a value that is not finite is a failure of the engine.
 7.  Only the file of an engine imports its library, and only when the engine is constructed.
+8.  An engine that does not compute in float64 declares `unit_roundoff`. Every array that it is
+    handed, and t, is then rounded to its numbers first, x and w of rule 4 too, so that the
+    reference computes the same state; the parameters that it reads from its scene it rounds
+    itself. Both sorts of rounding are part of the error that is allowed, C κ ε with
+    ε = u + 2⁻⁵³. Its numbers have the range of float32, or a larger one.
 
 Results of an engine are mapped to the scene's coordinates, with their faults and their sizes.
 A result that breaks the contract raises `EngineFault`: an exception, a wrong shape, a value that is
@@ -40,7 +45,7 @@ from eomcheck.calls import call
 from eomcheck.errors import CallError, EngineError, InputError, raised
 from eomcheck.errors import required as required
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.evaluation.tolerance import HUGE, largest
+from eomcheck.evaluation.tolerance import UNIT_ROUNDOFF, huge_input, largest, rounded
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
 from eomcheck.safe_output import printable
@@ -70,7 +75,7 @@ class VelocityMap(NamedTuple):
 
 
 class Engine(ABC):
-    """External model of a scene (rules 1-7).
+    """External model of a scene (rules 1-8).
 
     Args:
         scene: the scene to represent.
@@ -89,6 +94,10 @@ class Engine(ABC):
     compliant: ClassVar[bool] = False
     """Whether its constraints are soft, as of contacts: constrained accelerations then differ by
     the model and not by a mistake, and no comparison of them can pass or fail."""
+
+    unit_roundoff: ClassVar[float] = 2.0**-53
+    """Unit roundoff u of the numbers in which it computes, half their spacing at 1: a power of two,
+    2**-53 for float64, 2**-24 for float32 (rule 8)."""
 
     reads_parameters: ClassVar[bool] = True
     """Whether it builds its model from `Scene.parameters`, as the scene's own equations do: an
@@ -214,8 +223,18 @@ OPTIONAL = (
 ELSEWHERE = 0.25
 """Distance, per size above 1, of the states at which an engine is called before, see
 `Answers.provoke_stale_answers`."""
-NEAR = 2.0**-26
-"""Distance, per size above 1, of states that a cache by rounded numbers takes for the same."""
+
+
+def _near(unit_roundoff: float) -> float:
+    """Return the distance of states that a cache by rounded numbers takes for the same, 2⁻²⁶.
+
+    It is per size above 1, and in numbers with fewer digits larger: half of the digits differ.
+    """
+    return float(np.sqrt(2.0 * unit_roundoff))
+
+
+DIFFERENCE = 2.0**-9
+"""Step, per size above 1, of the differences of x(q), which may be known to few digits."""
 
 Shape = tuple[int | None, ...]
 T = TypeVar("T")
@@ -304,9 +323,9 @@ class Answers:
         claim about its quantity, whatever was called before, and in the code that reproduces it.
         For built-in engines a test shows that none is kept.
 
-        `method` itself is called also where q and v differ in the eighth digit, for which no
-        result may be cached, and last of all where only the velocity differs. Results and
-        exceptions are ignored.
+        `method` itself is called also where half of the digits of q and v agree, eight of
+        float64, for which no result may be cached, and last of all where only the velocity
+        differs. Results and exceptions are ignored.
 
         Args:
             method: name of the method that is called next.
@@ -317,7 +336,8 @@ class Answers:
         for name in ("mass_matrix", "bias"):
             with suppress(Exception):
                 self.ask(name, *far, t)
-        near = _shift(q, NEAR), _shift(v, NEAR)
+        distance = _near(type(self.engine).unit_roundoff)
+        near = _shift(q, distance), _shift(v, distance)
         for position, speed in (far, near, (q, far[1])):
             with suppress(Exception):
                 self.ask(method, position, speed, *arguments[2:])
@@ -429,6 +449,7 @@ class Answers:
         return _checked(method, self._call(method, *arguments), shape)
 
     def _call(self, method: str, *arguments: Any) -> Any:
+        arguments = tuple(map(self._rounded, arguments))
         handed = [np.array(x) if isinstance(x, np.ndarray) else x for x in arguments]
         function: Callable[..., Any] = getattr(self.engine, method)
         try:
@@ -439,6 +460,39 @@ class Answers:
             if isinstance(after, np.ndarray) and not np.array_equal(after, before, equal_nan=True):
                 raise EngineFault(f"{method} changes an array that it is handed")
         return result
+
+    def _rounded(self, x: Any) -> Any:
+        """Return an argument rounded to the numbers of the engine; None stays None."""
+        u = type(self.engine).unit_roundoff
+        if x is None or u <= UNIT_ROUNDOFF:
+            return x
+        return rounded(x, u) if isinstance(x, np.ndarray) else float(rounded(x, u))
+
+
+def own_input_sizes(engine: Engine, q: Array, v: Array) -> tuple[Array, Array] | None:
+    """Return the sizes of q (n,) and v (n,) to which an engine's own rounding is relative.
+
+    An engine rounds its own x(q) and w = S v: this changes q by X⁺ |x| u and v by S⁺ |w| u, where
+    X = ∂x/∂q, by differences. None without coordinates of its own.
+
+    Raises:
+        EngineFault: its `velocity_map` breaks the contract.
+    """
+    if not engine.offers("velocity_map"):
+        return None
+    answers = Answers(engine)
+    x, S, _ = answers.velocity_map(q, v)
+    X = np.zeros((len(x), len(q)))
+    for k, step in enumerate(DIFFERENCE * np.maximum(1.0, np.abs(q))):
+        sides = []
+        for signed in (step, -step):
+            shifted = np.array(q)
+            shifted[k] += signed
+            sides.append((answers.velocity_map(shifted, v).x - x) / (shifted[k] - q[k]))
+        # Quaternions may change their sign between two states, angles jump by a turn.
+        X[:, k] = min(sides, key=largest)
+    back = np.abs(np.linalg.pinv(X)), np.abs(np.linalg.pinv(S))
+    return back[0] @ np.abs(x), back[1] @ np.abs(S @ v)
 
 
 def _shift(x: Array, distance: float) -> Array:
@@ -504,7 +558,7 @@ def _checked(method: str, value: Any, shape: Shape) -> Array:
 def overflows(at: Evaluation) -> bool:
     """Return whether the state or the scene is so large that products of it overflow."""
     numbers = [x for x in at.parameters if x is not None] + [at.q, at.v]
-    return max(largest(x) for x in numbers) > HUGE
+    return max(largest(x) for x in numbers) > huge_input(at.unit_roundoff)
 
 
 def inertia_size(at: Evaluation) -> float:

@@ -18,7 +18,7 @@ from scipy.linalg import qr
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluation.constraint_rank import independent_partition
 from eomcheck.evaluation.scene_quantities import Quantities, quantity, values_and_rates
-from eomcheck.evaluation.tolerance import well_conditioned
+from eomcheck.evaluation.tolerance import UNIT_ROUNDOFF, rounded, well_conditioned
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.kernels.perturbed_trace import TraceRunner
 from eomcheck.mechanics.records import State
@@ -91,6 +91,12 @@ class Evaluation(Quantities):
     is_perturbed = False
     """Whether its numbers are perturbed."""
 
+    unit_roundoff: float = UNIT_ROUNDOFF
+    """Unit roundoff of the numbers in which the quantities are compared."""
+
+    input_sizes: tuple[Array, Array] | None = None
+    """Sizes of q (n,) and of v (n,) to which rounding is relative; None for their own."""
+
     def __init__(self, scene: Scene, q, v, t: float = 0.0):
         q, v = checked_scene(scene).check_state(q, v, t)
         self._begin(scene, q, t)
@@ -140,7 +146,9 @@ class Evaluation(Quantities):
         with self.recording_solves((name, False)) as recorder:
             result = self.call(function, *arguments)
         self.solves[name, False] = {solve.name: solve for solve in recorder.solves}
-        return result, not recorder.rcond or bool(well_conditioned(recorder.rcond))
+        return result, not recorder.rcond or bool(
+            well_conditioned(recorder.rcond, self.unit_roundoff)
+        )
 
     def recording_solves(self, key: Key | None = None) -> AbstractContextManager[SolveRecorder]:
         """Record the matrices that are solved inside the block, for the entry `key` of `solves`."""
@@ -286,6 +294,31 @@ class Evaluation(Quantities):
                 self.partition,
             )
         return Acceleration(back @ xdd, multipliers, recorder.rcond, float("inf"))
+
+
+class RoundedEvaluation(Evaluation):
+    """The quantities of a scene at a state that was rounded to numbers with fewer digits.
+
+    They are computed in float64, as the reference of an engine that computes in such numbers. The
+    velocities violate the constraints by as much as their rounding does.
+
+    Args:
+        scene: the scene; its parameters are not rounded, but perturbed with all other inputs.
+        state: the state (q, v, t), which is rounded.
+        unit_roundoff: u of the numbers.
+        input_sizes: see `Evaluation`.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        state: State,
+        unit_roundoff: float,
+        input_sizes: tuple[Array, Array] | None = None,
+    ):
+        q, v, t = (rounded(x, unit_roundoff) for x in state)
+        super().__init__(scene, q, v, float(t))
+        self.unit_roundoff, self.input_sizes = unit_roundoff, input_sizes
 
 
 # ---- Batches of states ---------------------------------------------------------------------------

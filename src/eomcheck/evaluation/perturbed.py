@@ -84,11 +84,13 @@ class PerturbedEvaluation(Evaluation):
 
     def __init__(self, original: Evaluation, coordinates: bool):
         self.original, self.states = original, original.states
+        self.unit_roundoff = original.unit_roundoff
         self.noise = NoiseBatch(NOISES, original.states or 1)
         self.count = self.noise.count
         with self.computing("state"):
             q, v = self.noise.repeated((original.q, original.v))
-            q = self.noise.perturb(q) if coordinates else q
+            if coordinates:
+                q = BatchArray(self.noise.perturbed(q.data, _input_size(original, 0, q.data)))
             v = BatchArray(v.data + _velocity_perturbations(original, v.data, self.noise))
         t: Any = original.t
         t = self.noise.repeated(t) if isinstance(t, BatchArray) else t
@@ -293,7 +295,7 @@ def violation(at: Evaluation, v: Any) -> tuple[Any, Any]:
     with np.errstate(all="ignore"):
         residual = a @ v if b is None else a @ v + b
         size = np.abs(a) @ np.abs(v) + (0.0 if b is None else np.abs(b))
-        return residual, allowed_error(1.0) * size
+        return residual, allowed_error(1.0, at.unit_roundoff) * size
 
 
 def allowed_violation(at: Evaluation) -> Any:
@@ -316,7 +318,13 @@ def allowed_violation(at: Evaluation) -> Any:
         near = Evaluation(at.scene, q, at.v, at.t).terms
         change = np.abs(near.a - a) @ np.abs(at.v)
         changes.append(change if b is None else change + np.abs(near.b - b))
-    return allowed + allowed_error(1.0) * np.max(changes, axis=0) / STEP
+    return allowed + allowed_error(1.0, at.unit_roundoff) * np.max(changes, axis=0) / STEP
+
+
+def _input_size(at: Evaluation, part: int, x: Array) -> Array:
+    """Return the sizes of q (`part` 0) or v (1) to which their rounding is relative."""
+    own = np.abs(x)
+    return own if at.input_sizes is None else np.maximum(own, at.input_sizes[part])
 
 
 CONSISTENT_HINT = " (consistent=False lets it pass)"
@@ -347,11 +355,12 @@ def check_consistent(at: Evaluation, hint: str = "") -> None:
 
 def _velocity_perturbations(at: Evaluation, v: Array, noise: NoiseBatch) -> Array:
     """Return perturbations of v (B, n): of its entries, and within the allowed violation."""
-    change = noise.perturbed(v, np.abs(v)) - v
+    change = noise.perturbed(v, _input_size(at, 1, v)) - v
     if at.terms.a is None:
         return change
     states = at.states or 1
-    allowed = batch_data(at.cached(allowed_violation), states) / allowed_error(1.0) * SLIP
+    unit = allowed_error(1.0, at.unit_roundoff)
+    allowed = batch_data(at.cached(allowed_violation), states) / unit * SLIP
     residuals = np.tile(allowed, (len(v) // states, 1))
     residuals = residuals * noise.changes(residuals.shape)
     factors = at.cached(_constraint_factors)
@@ -516,7 +525,7 @@ def acceleration_sensitivity(
         RefusedError: as `Evaluation.acceleration`.
     """
     rcond = at.acceleration(formulation, pivoted).rcond
-    resolved = np.asarray(well_conditioned(rcond) if rcond else True)
+    resolved = np.asarray(well_conditioned(rcond, at.unit_roundoff) if rcond else True)
     if not resolved.any():
         return _of_states(np.inf, at)
     sensitivity = sensitivity_of(
@@ -558,7 +567,7 @@ def speeds_resolved(at: Evaluation) -> Any:
     if not rcond:
         return _of_states(True, at)
     of_W = batch_data(sensitivity_of(at, lambda e: e.speeds.W, solved=True), at.states or 1)
-    return _of_states(well_conditioned(rcond) & np.isfinite(of_W), at)
+    return _of_states(well_conditioned(rcond, at.unit_roundoff) & np.isfinite(of_W), at)
 
 
 def _matrices_resolved(at: Evaluation, samples: PerturbedEvaluation, key: Key) -> Array:
@@ -574,7 +583,8 @@ def _matrices_resolved(at: Evaluation, samples: PerturbedEvaluation, key: Key) -
         )
         with np.errstate(all="ignore"):
             changes = np.abs(logs - exact[name].log_determinant) * np.log(2.0)
-            sound = (signs == exact[name].sign) & (allowed_error(changes / STEP) <= INCONCLUSIVE)
+            allowed = allowed_error(changes / STEP, at.unit_roundoff)
+            sound = (signs == exact[name].sign) & (allowed <= INCONCLUSIVE)
         resolved &= sound.all(axis=0)
     return resolved
 

@@ -6,7 +6,8 @@ product, the sensitivity, is measured at every state by perturbation analysis
 that its computation reads is perturbed relative to itself and every matrix that it solves by the
 backward error of elimination. It includes the condition numbers of the matrices, and the
 cancellation before and after them, which a matrix alone does not show. ε is the spacing of float64
-at 1.
+at 1, twice its unit roundoff: that of both sides. For an engine that computes with fewer digits it
+is the sum of both, u + 2⁻⁵³.
 """
 
 from __future__ import annotations
@@ -27,8 +28,14 @@ It has to exceed true error / (κ ε scale) at every state: at most 1.37 over 15
 1 to 40 links (`eomcheck study accuracy --links 1..40 --examples 1500 --seed 1`).
 """
 
+UNIT_ROUNDOFF = EPS / 2
+"""Unit roundoff u of float64, 2⁻⁵³: the largest relative error of rounding a number."""
+
 HUGE = 1e100
 """Size of inputs above which the products in terms can overflow."""
+
+HUGE_IN_FLOAT32 = 1e12
+"""The same of float32, whose largest number is about its third power."""
 
 INCONCLUSIVE = 1e-3
 """Largest allowed error / |reference| of a comparison; above it the result is inconclusive."""
@@ -41,20 +48,48 @@ NOTICEABLE = 1e-6
 UNDERFLOW = 2.0**-900
 """Largest error that underflow alone may cause: of a quantity that vanishes, it always passes."""
 
-
-def allowed_error(sensitivity: float) -> float:
-    """Return C · ε · sensitivity, where sensitivity = κ · scale."""
-    return C * EPS * sensitivity
+UNDERFLOW_IN_FLOAT32 = 2.0**-100
+"""The same of float32, whose smallest normal number is 2⁻¹²⁶."""
 
 
-def well_conditioned(rcond: Mapping[str, Any]) -> Any:
+def allowed_error(sensitivity: float, unit_roundoff: float = UNIT_ROUNDOFF) -> float:
+    """Return C · ε · sensitivity, where sensitivity = κ · scale and ε = u + 2⁻⁵³.
+
+    ε is the sum of the unit roundoffs of what is compared, u, and of our side, which is in float64.
+    """
+    return C * (unit_roundoff + UNIT_ROUNDOFF) * sensitivity
+
+
+def well_conditioned(rcond: Mapping[str, Any], unit_roundoff: float = UNIT_ROUNDOFF) -> Any:
     """Return whether C κ ε stays below `INCONCLUSIVE` for matrices solved; of a batch (B,).
 
     Args:
         rcond: their reciprocal condition numbers by name, one at least.
+        unit_roundoff: u of the numbers in which they are solved.
     """
     with np.errstate(all="ignore"):
-        return allowed_error(1.0) / np.min(list(rcond.values()), axis=0) <= INCONCLUSIVE
+        least = np.min(list(rcond.values()), axis=0)
+        return allowed_error(1.0, unit_roundoff) / least <= INCONCLUSIVE
+
+
+def underflow_error(unit_roundoff: float) -> float:
+    """Return the largest error that underflow alone may cause in numbers of this unit roundoff.
+
+    Numbers with fewer digits than float64 have the range of float32, as bfloat16 has.
+    """
+    return UNDERFLOW if unit_roundoff <= UNIT_ROUNDOFF else UNDERFLOW_IN_FLOAT32
+
+
+def huge_input(unit_roundoff: float) -> float:
+    """Return the size of inputs above which products can overflow, see `underflow_error`."""
+    return HUGE if unit_roundoff <= UNIT_ROUNDOFF else HUGE_IN_FLOAT32
+
+
+def rounded(x: Any, unit_roundoff: float) -> Any:
+    """Return float64 numbers rounded to the nearest ones of a unit roundoff, of the same shape."""
+    significand, exponent = np.frexp(x)
+    digits = 1.0 / unit_roundoff
+    return np.ldexp(np.rint(significand * digits) / digits, exponent)
 
 
 def can_overflow(*inputs: Array) -> bool:

@@ -18,6 +18,7 @@ from eomcheck.class_lookup import object_named
 from eomcheck.engines import Answers, Engine, EngineFault, engine_of, make_engine, represents
 from eomcheck.errors import InputError, required, safe_repr
 from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.tolerance import UNIT_ROUNDOFF
 from eomcheck.formulations import FORMULATIONS, formulations_among
 from eomcheck.mechanics.scene import Scene, checked_scene
 from eomcheck.numbers.generic import Array
@@ -86,7 +87,15 @@ def from_engine(engine: Any) -> EquationsOfMotion:
 
     Args:
         engine: an engine, made for its scene; of the optional methods those it overrides.
+
+    Raises:
+        InputError: it does not compute in float64.
     """
+    if isinstance(engine, Engine) and engine.unit_roundoff > UNIT_ROUNDOFF:
+        raise InputError(
+            f"engine {type(engine).key}: unit_roundoff = {engine.unit_roundoff!r}, expected "
+            f"{UNIT_ROUNDOFF!r}: functions are compared in float64"
+        )
     scene, zero = engine.scene, np.zeros(engine.scene.n)
     # In the scene's coordinates, whatever coordinates the engine has itself.
     answers: Any = Answers(engine) if isinstance(engine, Engine) else engine
