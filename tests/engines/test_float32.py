@@ -341,6 +341,14 @@ def test_engines_of_both_precisions_are_judged_side_by_side():
     assert both[0].allowed > 1e8 * both[1].allowed
 
 
+def test_rounding_of_an_engine_s_own_coordinates_is_that_of_no_other():
+    engines = Copy32, Shifted32
+    both = eomcheck.check_state(PENDULUM, Q, V, engines=engines, claims=["mass-matrix"])
+    alone = [finding(kind, "mass-matrix") for kind in engines]
+    assert [x.allowed for x in both] == [x.allowed for x in alone]
+    assert alone[1].allowed > 1e3 * alone[0].allowed
+
+
 # ---- Many states ---------------------------------------------------------------------------------
 
 

@@ -224,15 +224,6 @@ ELSEWHERE = 0.25
 """Distance, per size above 1, of the states at which an engine is called before, see
 `Answers.provoke_stale_answers`."""
 
-
-def _near(unit_roundoff: float) -> float:
-    """Return the distance of states that a cache by rounded numbers takes for the same, 2⁻²⁶.
-
-    It is per size above 1, and in numbers with fewer digits larger: half of the digits differ.
-    """
-    return float(np.sqrt(2.0 * unit_roundoff))
-
-
 DIFFERENCE = 2.0**-9
 """Step, per size above 1, of the differences of x(q), which may be known to few digits."""
 
@@ -493,6 +484,14 @@ def own_input_sizes(engine: Engine, q: Array, v: Array) -> tuple[Array, Array] |
         X[:, k] = min(sides, key=largest)
     back = np.abs(np.linalg.pinv(X)), np.abs(np.linalg.pinv(S))
     return back[0] @ np.abs(x), back[1] @ np.abs(S @ v)
+
+
+def _near(unit_roundoff: float) -> float:
+    """Return the distance, per size above 1, of states that agree in half of their digits.
+
+    A cache by rounded numbers takes them for the same: 2⁻²⁶ in float64.
+    """
+    return float(np.sqrt(2.0 * unit_roundoff))
 
 
 def _shift(x: Array, distance: float) -> Array:

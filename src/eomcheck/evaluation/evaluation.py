@@ -318,7 +318,7 @@ class RoundedEvaluation(Evaluation):
     ):
         q, v, t = (rounded(x, unit_roundoff) for x in state)
         super().__init__(scene, q, v, float(t))
-        self.unit_roundoff, self.input_sizes = unit_roundoff, input_sizes
+        self.unit_roundoff, self.input_sizes = float(unit_roundoff), input_sizes
 
 
 # ---- Batches of states ---------------------------------------------------------------------------
