@@ -242,7 +242,8 @@ class Planar32(Engine):
         return M + np.diag(self.tree.armature)
 
     def bias(self, q, v, t=0.0):
-        return sum(m * J.T @ rest for m, _, J, rest, _ in self.bodies(q, v))
+        B: Any = sum(m * J.T @ rest for m, _, J, rest, _ in self.bodies(q, v))
+        return B
 
     def acceleration(self, q, v, Q, a, gamma, t=0.0):
         T, Q = FLOAT32.numbers(self.tree.coordinates), FLOAT32.numbers(Q)
@@ -415,7 +416,8 @@ def main() -> int:
     if options.markdown is not None:
         options.markdown.write_text(sheet.markdown(), encoding="utf-8")
     print(f"{states} states, {alarms} false alarms, largest error {ratio:.1%} of the allowed one")
-    unseen = [" ".join(pair) for pair in pairs if not counts[pair][FAULTS[1]]]
+    judgeable = [pair for pair in pairs if counts[pair]["passed"]]
+    unseen = [" ".join(pair) for pair in judgeable if not counts[pair][FAULTS[1]]]
     if unseen:
         print(f"{FAULTS[1]:g} is found nowhere in {', '.join(unseen)}")
     none = not any(counter[FAULTS[0]] for counter in counts.values())

@@ -141,8 +141,8 @@ def check_unit_roundoff(kind: type[Engine]) -> None:
         InputError: it is no power of two from 2**-53 to 2**-8.
     """
     u: Any = kind.unit_roundoff
-    is_number = isinstance(u, Real) and not isinstance(u, bool)
-    if is_number and UNIT_ROUNDOFF <= u <= LARGEST_UNIT_ROUNDOFF and math.frexp(u)[0] == 0.5:
+    number = float(u) if isinstance(u, Real) and not isinstance(u, bool) else math.nan
+    if UNIT_ROUNDOFF <= number <= LARGEST_UNIT_ROUNDOFF and math.frexp(number)[0] == 0.5:
         return
     raise InputError(
         f"engine {kind.__name__}: unit_roundoff = {safe_repr(u)}, expected a power of two from "
