@@ -367,4 +367,5 @@ def test_the_trial_prints_its_numbers(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr("sys.argv", ["float32_engines", *few])
     assert float32_engines.main() == 0
     assert "6 states, 0 false alarms, largest error " in capsys.readouterr().out
-    assert "| copy32 | mass_matrix | 6 | 0 | 0 |" in (tmp_path / "x").read_text()
+    first, *_ = (x for x in (tmp_path / "x").read_text().splitlines() if "copy32" in x)
+    assert first.replace(" ", "").startswith("|copy32|mass_matrix|6|0|0|")
