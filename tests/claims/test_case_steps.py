@@ -56,11 +56,11 @@ SIGN = "mass matrix, entry (x, b): "
 @pytest.mark.parametrize(
     ("by", "how", "verdict", "observed", "detail", "entries"),
     [
-        (WRONG, {}, "failed", 6.0, f"{SIGN}sign", ("010001", "000000")),
-        (WRONG, {"engine": Tried}, "failed", 6.0, f"{SIGN}found 3, expected -3: sign", ...),
-        (WRONG, {"engine": CasadiEngine}, "failed", 6.0, f"{SIGN}sign", ...),
+        (WRONG, {}, "failed", 6.0, f"{SIGN}wrong sign", ("010001", "000000")),
+        (WRONG, {"engine": Tried}, "failed", 6.0, f"{SIGN}found 3, expected -3: wrong sign", ...),
+        (WRONG, {"engine": CasadiEngine}, "failed", 6.0, f"{SIGN}wrong sign", ...),
         (WRONG, {"scale": 1e-12}, "inconclusive", 6.0, "", ("111101", "000000")),
-        (WRONG, {"entrywise": False}, "failed", 6.0, f"{SIGN}sign", ("010001", "000000")),
+        (WRONG, {"entrywise": False}, "failed", 6.0, f"{SIGN}wrong sign", ("010001", "000000")),
         ({}, {}, "passed", 0.0, "", ("111101", "000000")),
         ({}, {"entrywise": False}, "passed", 0.0, "", None),
         ({}, {"sizes": np.ones((2, 3))}, "passed", 0.0, "", ("111111", "000000")),

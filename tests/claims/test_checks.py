@@ -7,7 +7,8 @@ from tests.samples import NOT_OF_SNAKES
 
 import eomcheck
 from eomcheck.claims import accelerations
-from eomcheck.claims.finding import diagnose, format_distinct, judge, worst_entry
+from eomcheck.claims.confusions import diagnose
+from eomcheck.claims.finding import entry_name, format_distinct, judge, worst_of
 from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.engines import ALWAYS
 from eomcheck.errors import InconsistentVelocityError, InputError, UnknownNameError
@@ -46,10 +47,10 @@ def test_a_verdict_follows_from_observed_allowed_and_size(observed, spread, scal
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (lambda x: -x, "sign"),
+        (lambda x: -x, "wrong sign"),
         (lambda x: 0 * x, "missing"),
-        (lambda x: 2 * x, "2 times too large"),
-        (lambda x: x / 2, "half of it"),
+        (lambda x: 2 * x, "twice the expected value"),
+        (lambda x: x / 2, "half the expected value"),
         (lambda x: x.T, "transposed"),
         (lambda x: 1.1 * x, "4.4, expected 4"),
     ],
@@ -81,8 +82,8 @@ def test_two_numbers_that_differ_are_printed_with_the_digits_in_which_they_do(x,
 
 def test_the_worst_entry_is_named_along_each_axis():
     error = np.array([[0.0, 0.1], [-0.3, 0.2]])
-    assert worst_entry(error, (("x", "y"), ("a", "b"))) == "entry (y, a)"
-    assert worst_entry(error[:, 1], (("x", "y"),)) == "row y"
+    assert entry_name(worst_of(error), (("x", "y"), ("a", "b"))) == "entry (y, a)"
+    assert entry_name(worst_of(error[:, 1]), (("x", "y"),)) == "row y"
 
 
 @pytest.mark.parametrize("claim", eomcheck.CLAIMS)

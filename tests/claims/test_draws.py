@@ -11,9 +11,9 @@ import pytest
 from tests.claims.test_proof import ALL, wrong_block
 
 from eomcheck.claims import proof
+from eomcheck.claims.confusions import agree_everywhere, equal
 from eomcheck.claims.proof import (
     IdentitySampler,
-    _same,
     failure_probability,
     largest_bounds,
     new_seed,
@@ -37,10 +37,10 @@ def objects(*entries) -> np.ndarray:
 
 
 def test_sides_are_the_same_only_if_every_entry_is():
-    assert _same(objects(1, 2), objects(1, 2))
-    assert not _same(objects(1, 2), objects(1, 3))
-    assert not _same(objects(1, 2), objects(3, 4))
-    assert not _same(objects(1, 1), np.array(1, object))
+    assert agree_everywhere(objects(1, 2), objects(1, 2), equal)
+    assert not agree_everywhere(objects(1, 2), objects(1, 3), equal)
+    assert not agree_everywhere(objects(1, 2), objects(3, 4), equal)
+    assert not agree_everywhere(objects(1, 1), np.array(1, object), equal)
 
 
 def test_the_prime_stated_is_the_prime_of_the_numbers():

@@ -106,7 +106,7 @@ def test_a_wrong_row_that_a_larger_one_hides_in_every_state_fails_in_exact_arith
     found = eomcheck.validate(springs(-1), examples=3, **CLAIM)
     (failed,) = of_verdict("failed", found)
     said = "not resolved in any of 4 states: casadi, row weak"
-    assert failed.detail == f"generalized forces, row weak: sign; in exact arithmetic; {said}"
+    assert failed.detail == f"generalized forces, row weak: wrong sign; in exact arithmetic; {said}"
     assert not of_verdict("inconclusive", found)
 
 

@@ -10,11 +10,11 @@ import pytest
 from tests.claims.test_finding import FOUND, SCENE
 
 from eomcheck.claims import registry
+from eomcheck.claims.confusions import diagnose
 from eomcheck.claims.finding import (
     Finding,
     Proof,
     Unresolved,
-    diagnose,
     entries_of,
     entry_name,
     judge,
@@ -44,8 +44,8 @@ FOR_ALL = replace(FOUND, state=None, evidence="proved: 3 points", detail="", pro
         ),
         (FOR_ALL, f"bias [au] proved: 3 points on {SCENE.structure}"),
         (
-            replace(FOR_ALL, detail="row y: sign"),
-            f"bias [au] proved: 3 points on {SCENE.structure} (row y: sign)",
+            replace(FOR_ALL, detail="row y: wrong sign"),
+            f"bias [au] proved: 3 points on {SCENE.structure} (row y: wrong sign)",
         ),
         (
             replace(FOUND, cause="M", follows="of-energy"),
@@ -136,16 +136,16 @@ def with_worst(x: np.ndarray, where: tuple[int, ...], value: float) -> np.ndarra
     ("found", "said"),
     [
         (SQUARE.T, "transposed"),
-        (-SQUARE, "sign"),
-        (with_worst(ROWS, (1, 0), 3.0), "sign"),
+        (-SQUARE, "wrong sign"),
+        (with_worst(ROWS, (1, 0), 3.0), "wrong sign"),
         (with_worst(ROWS, (0, 2), 0.0), "missing"),
-        (with_worst(ROWS, (0, 2), 14.0), "2 times too large"),
-        (with_worst(ROWS, (1, 1), 20.0), "4 times too large"),
-        (with_worst(ROWS, (0, 2), 3.5), "half of it"),
-        (with_worst(ROWS, (0, 2), 1.75), "a quarter of it"),
-        (with_worst(ROWS, (1, 2), -0.5), "4 times too large"),
+        (with_worst(ROWS, (0, 2), 14.0), "twice the expected value"),
+        (with_worst(ROWS, (1, 1), 20.0), "4 times the expected value"),
+        (with_worst(ROWS, (0, 2), 3.5), "half the expected value"),
+        (with_worst(ROWS, (0, 2), 1.75), "a quarter of the expected value"),
+        (with_worst(ROWS, (1, 2), -0.5), "4 times the expected value"),
         (with_worst(ROWS, (1, 1), 15.0), "15, expected 5"),
-        (with_worst(ROWS, (0, 2), -7.0 * (1 + 500 * EPS)), "sign"),
+        (with_worst(ROWS, (0, 2), -7.0 * (1 + 500 * EPS)), "wrong sign"),
         (with_worst(ROWS, (0, 2), -7.0 * (1 + 2000 * EPS)), "-7, expected 7"),
     ],
 )
@@ -154,7 +154,7 @@ def test_the_worst_entry_is_told_by_what_it_looks_like(found: np.ndarray, said: 
     assert diagnose(found, expected, 0.0) == said
 
 
-@pytest.mark.parametrize(("off", "said"), [(0.9e-3, "sign"), (1.1e-3, "-7.0011, expected 7")])
+@pytest.mark.parametrize(("off", "said"), [(0.9e-3, "wrong sign"), (1.1e-3, "-7.0011, expected 7")])
 def test_what_an_entry_looks_like_is_told_within_what_rounding_explains(off: float, said: str):
     assert diagnose(with_worst(ROWS, (0, 2), -7.0 - off), ROWS, 1e-3) == said
 
@@ -162,7 +162,7 @@ def test_what_an_entry_looks_like_is_told_within_what_rounding_explains(off: flo
 def test_an_entry_is_told_as_asked_though_another_is_worse():
     found = with_worst(ROWS, (0, 2), -7.0)
     found[1, 1] = 10.0
-    assert diagnose(found, ROWS, 0.0, (1, 1)) == "2 times too large"
+    assert diagnose(found, ROWS, 0.0, (1, 1)) == "twice the expected value"
 
 
 def test_the_worst_entry_is_the_largest_of_either_sign_and_what_is_no_number():

@@ -341,8 +341,8 @@ def test_a_scene_of_ones_own_is_proved(scene: Scene):
 
 
 WRONG_TERMS = [
-    ("Q", lambda x: -x, "generalized-forces", "generalized forces, row x: sign"),
-    ("M", lambda x: 2 * x, "mass-matrix", "mass matrix, row x: 2 times too large"),
+    ("Q", lambda x: -x, "generalized-forces", "generalized forces, row x: wrong sign"),
+    ("M", lambda x: 2 * x, "mass-matrix", "mass matrix, row x: twice the expected value"),
     ("a", lambda x: -x, "constraint-jacobian", "constraint Jacobian, row belt"),
     ("b", lambda x: -x, "constraint-jacobian", "constraint Jacobian, row belt"),
     ("gamma", lambda x: x + 1, "constraint-drift", "constraint drift, row belt: should vanish"),
@@ -371,7 +371,7 @@ def test_wrong_signs_of_speeds_and_bodies_are_disproved_and_named():
     }
     assert (named["speeds"].claim, named["speeds"].subject) == ("speeds-velocity", "a q̇ + b")
     assert named["speeds"].detail == "generalized speeds, row belt: should vanish"
-    assert named["bodies"].detail == "generalized active forces, row u_1: sign"
+    assert named["bodies"].detail == "generalized active forces, row u_1: wrong sign"
 
 
 @pytest.mark.parametrize("base", [MarkedFree, Belt])

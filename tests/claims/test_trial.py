@@ -205,7 +205,7 @@ def changed(entry: tuple[int, int], by: float) -> np.ndarray:
 @pytest.mark.parametrize(
     ("entry", "by", "what"),
     [
-        ((0, 1), 6.0, "found 3, expected -3: sign"),
+        ((0, 1), 6.0, "found 3, expected -3: wrong sign"),
         ((1, 1), 0.25, "found 0.25, expected 0: should vanish"),
         ((0, 0), 0.123456789123, "found 4.12345679, expected 4"),
         ((1, 2), 1e-3, "found -0.499, expected -0.5"),

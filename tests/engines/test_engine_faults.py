@@ -55,7 +55,7 @@ MODEL = {
     "transposed_rotation": (ROTATION, f"{ROTATION}).T + 0 * (0", "mass-matrix", "sign"),
     "wrong_parent": ("placed[parent]", "placed[max(parent - 1, -1)]", "mass-matrix", "(y, θ_1)"),
     "centrifugal_sign": ("rest - (spin @ w) ** 2", "rest + (spin @ w) ** 2", "bias", "sign"),
-    "centrifugal_half": ("rest - (spin", "rest - 0.5 * (spin", "bias", "half of it"),
+    "centrifugal_half": ("rest - (spin", "rest - 0.5 * (spin", "bias", "half the expected value"),
     "centrifugal_in_degrees": ("rest - (spin", "rest - 57.3**2 * (spin", "bias", "found"),
     "armature": (MASS, f"{MASS} + 0.01 * np.eye(len(q))", "mass-matrix", "found"),
     "no_inertia": (" + i * np.outer(spin, spin)", "", "mass-matrix", "(θ_3, θ_3): found"),
@@ -96,7 +96,7 @@ def test_found_is_the_engines_and_expected_the_references():
     here = SCENE.terms(*_arguments())
     largest = np.unravel_index(np.argmax(np.abs(here.M)), here.M.shape)
     assert f"found {2 * here.M[largest]:.9g}, expected {here.M[largest]:.9g}" in detail
-    assert "2 times too large" in detail
+    assert "twice the expected value" in detail
 
 
 def _arguments():
@@ -117,7 +117,7 @@ def test_of_our_engines_found_is_still_the_scenes():
     (finding,) = eomcheck.check_state(
         scene, np.zeros(3), np.zeros(3), engines=["casadi"], claims=["mass-matrix"]
     )
-    assert finding.detail.endswith("2 times too large")
+    assert finding.detail.endswith("twice the expected value")
     assert finding.engine is None
 
 

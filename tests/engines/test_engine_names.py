@@ -224,7 +224,7 @@ def test_an_engine_that_is_wrong_is_exit_code_1_and_named(tmp_path):
     path = with_fault(tmp_path, "planar_wrong", "rest - (spin", "rest + (spin")
     found = command("--engine", f"{path}:Planar", "--scene", "sleigh", "--examples", "3")
     assert found.returncode == 1
-    assert "bias, row" in found.stdout and ": sign" in found.stdout
+    assert "bias, row" in found.stdout and ": wrong sign" in found.stdout
     assert f"Planar = in_file({str(path)!r}, 'Planar')" in found.stdout
     assert "engines=[Planar]" in found.stdout
 

@@ -270,7 +270,7 @@ FAULTS = [
     ),
     Fault("B without its first row", answered("bias", lambda B: B[1:]), "bias", "shape (5,)"),
     Fault("the first answer kept for ever", kept, "mass-matrix", "keeps what it was asked"),
-    Fault("half of B", answered("bias", lambda B: B / 2), "bias", "half of it"),
+    Fault("half of B", answered("bias", lambda B: B / 2), "bias", "half the expected value"),
     Fault("B of the other sign", answered("bias", lambda B: -B), "bias", "sign"),
     Fault(
         "no gamma", without_gamma, "engine-acceleration", engines=("pinocchio", "drake", "exudyn")

@@ -453,8 +453,8 @@ def test_causes_are_formulations_or_the_engine_alone(claim, subject, cause):
     ("detail", "diagnosis"),
     [
         ("bias, row θ_1: wrong sign", "wrong sign"),
-        ("bias, row θ_1: wrong sign, in every row", "wrong sign"),
-        ("bias: row x: half of it", "half of it"),
+        ("bias, row θ_1: wrong sign (every row)", "wrong sign"),
+        ("bias: row x: half the expected value", "half the expected value"),
         ("bias, row θ_1: got 1.25, expected 1.5", ""),
         ("no numbers at all", ""),
         ("", ""),

@@ -529,7 +529,7 @@ def test_finds_of_another_claim_or_fault_are_other_finds():
     )
     row = one.__class__(**(vars(one) | {"detail": "acceleration, row θ_1: 1.2, expected 1.3"}))
     other = one.__class__(**(vars(one) | {"whose": "silent error"}))
-    sign = one.__class__(**(vars(one) | {"detail": "acceleration, row θ_1: sign"}))
+    sign = one.__class__(**(vars(one) | {"detail": "acceleration, row θ_1: wrong sign"}))
     assert first_of_each_cause([one, row, other, sign]) == [one, other, sign]
 
 

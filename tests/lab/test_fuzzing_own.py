@@ -95,7 +95,7 @@ def test_a_term_lost_next_to_a_special_pose_is_found_kept_and_replayed(
     how = "--scene", f"{mine}:wrong", "--examples", "200", "--keep", str(kept)
     assert run(*how, "--claim", "bias-of-mass-matrix", monkeypatch=monkeypatch) == 1
     said = capsys.readouterr().out
-    assert "half of it" in said and "check_functions" in said
+    assert "half the expected value" in said and "check_functions" in said
     # Close to the pose the factor is known to six digits only, and is called a half all the same.
     (find,) = read_failures(kept)
     assert (find.whose, find.claim) == (FUNCTIONS, "bias-of-mass-matrix")

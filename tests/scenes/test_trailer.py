@@ -48,7 +48,7 @@ def test_the_tutorial_takes_less_than_60_lines_and_passes_all_checks_and_proofs(
 @pytest.mark.parametrize(
     ("old", "new", "claim", "says"),
     [
-        ("array([-v[0]", "array([v[0]", "constraint-drift", "row axle: sign"),
+        ("array([-v[0]", "array([v[0]", "constraint-drift", "row axle: wrong sign"),
         ("[-back * cos", "[back * cos", "mass-matrix", "θ"),
         ("-angle.sin[0], angle", "angle.sin[0], angle", "constraint-jacobian", "axle"),
         ("[[back * cos", "[[back * sin", "bias", "row"),

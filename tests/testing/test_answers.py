@@ -497,7 +497,7 @@ def test_every_quantity_is_compared_with_a_scene_or_an_engine(how: str):
         expected |= {"T": "passed", "forces": "passed"}
     assert verdicts == expected
     (wrong,) = [x for x in found if x.verdict == "failed"]
-    assert wrong.detail.endswith("2 times what is expected, in every row")
+    assert wrong.detail.endswith("twice the expected value (every row)")
     assert wrong.detail.startswith("mass matrix, entry (q[")
 
 

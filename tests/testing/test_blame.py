@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from tests.testing.own import coriolis, given, guide
 
-from eomcheck.claims.finding import Finding, diagnose
+from eomcheck.claims.confusions import diagnose
+from eomcheck.claims.finding import Finding
 from eomcheck.testing import FUNCTION_CLAIMS, EquationsOfMotion, check_functions
 from eomcheck.testing.claims_terms import proportional
 from eomcheck.testing.equations_of_motion import INPUTS
@@ -28,11 +29,11 @@ EVERY: dict[str, Any] = dict.fromkeys(INPUTS, len)
 @pytest.mark.parametrize(
     ("factor", "text"),
     [
-        (0.5, "half of it, in every row"),
-        (-1.0, "sign, in every row"),
-        (0.0, "missing, in every row"),
-        (0.7, "0.7 times what is expected, in every row"),
-        (0.7001, "0.7001 times what is expected, in every row"),
+        (0.5, "half the expected value (every row)"),
+        (-1.0, "wrong sign (every row)"),
+        (0.0, "missing (every row)"),
+        (0.7, "0.7 times the expected value (every row)"),
+        (0.7001, "0.7001 times the expected value (every row)"),
     ],
 )
 def test_a_factor_that_is_known_to_six_digits_has_one_text(factor: float, text: str):
@@ -43,13 +44,13 @@ def test_a_factor_that_is_known_to_six_digits_has_one_text(factor: float, text: 
 @pytest.mark.parametrize(
     ("factor", "text"),
     [
-        (1.0 + 1e-7, "too large by 1.0e-07 of it, in every row"),
-        (1.0 - 3.2e-8, "too small by 3.2e-08 of it, in every row"),
-        (-1.0 - 1e-7, "sign, and too large by 1.0e-07 of it, in every row"),
-        (-1.0 + 3e-8, "sign, and too small by 3.0e-08 of it, in every row"),
-        (1.0 + 3e-10, "too large by 3e-10 of it, in every row"),
+        (1.0 + 1e-7, "too large by 1.0e-07 of the expected value (every row)"),
+        (1.0 - 3.2e-8, "too small by 3.2e-08 of the expected value (every row)"),
+        (-1.0 - 1e-7, "wrong sign, and too large by 1.0e-07 of the expected value (every row)"),
+        (-1.0 + 3e-8, "wrong sign, and too small by 3.0e-08 of the expected value (every row)"),
+        (1.0 + 3e-10, "too large by 3e-10 of the expected value (every row)"),
         (1.0 + 1e-11, ""),  # less than is known of each row
-        (1.0 + 1e-6, "1.000001 times what is expected, in every row"),
+        (1.0 + 1e-6, "1.000001 times the expected value (every row)"),
     ],
 )
 def test_a_factor_that_reads_as_one_is_a_relative_difference(factor: float, text: str):
@@ -60,7 +61,8 @@ def test_a_difference_from_one_has_as_many_digits_as_are_known():
     noise = 1e-10 * np.array([1.0, -1.0, 1.0])
     found = (1.0 + 3.4e-7) * EXPECTED / 2e-7 + noise
     assert (
-        proportional(found, EXPECTED / 2e-7, 5e-8, (1,)) == "too large by 3e-07 of it, in every row"
+        proportional(found, EXPECTED / 2e-7, 5e-8, (1,))
+        == "too large by 3e-07 of the expected value (every row)"
     )
 
 
@@ -72,11 +74,11 @@ def test_a_factor_beyond_noise_is_another_one():
 def test_a_factor_of_which_not_one_digit_is_known_is_none():
     expected, found = np.array([-6.8, -4.08, 0.0]), np.array([-6.8, -2.04, 0.0])
     assert proportional(found, expected, 1.83, (1,)) == ""
-    assert diagnose(found, expected, 1.83, (1,)) == "half of it"
+    assert diagnose(found, expected, 1.83, (1,)) == "half the expected value"
     size = np.abs(EXPECTED).max()
     assert proportional(0.8 * EXPECTED, EXPECTED, 0.11 * size, (1,)) == ""
     found = proportional(0.8 * EXPECTED, EXPECTED, 0.09 * size, (1,))
-    assert found == "0.8 times what is expected, in every row"
+    assert found == "0.8 times the expected value (every row)"
 
 
 # ---- Which function ------------------------------------------------------------------------------
@@ -122,7 +124,7 @@ WRONG = {
         {"M": wrong_M},
         "M",
         "mass matrix M is wrong: bias-of-mass-matrix, bias-power, kinetic-energy and 1 more fail, "
-        "bias-of-energy passes; kinetic-energy: entry (q[0], q[1]): sign; bias, row q[0]: ",
+        "bias-of-energy passes; kinetic-energy: entry (q[0], q[1]): wrong sign; bias, row q[0]: ",
     ),
     "M, and q̈ tells": Wrong(
         "cart",
@@ -474,8 +476,14 @@ def with_term(row: int, change: Callable) -> Callable:
 
 TERMS = {
     "v[0]²: wrong sign: got -0.479426, expected 0.479426": (1, lambda v: -2 * v[0] ** 2),
-    "v[0] v[1]: half: got -0.479426, expected -0.958851": (0, lambda v: v[0] * v[1]),
-    "v[1]²: twice as large: got -0.958851, expected -0.479426": (0, lambda v: -(v[1] ** 2)),
+    "v[0] v[1]: half the expected value: got -0.479426, expected -0.958851": (
+        0,
+        lambda v: v[0] * v[1],
+    ),
+    "v[1]²: twice the expected value: got -0.958851, expected -0.479426": (
+        0,
+        lambda v: -(v[1] ** 2),
+    ),
     "v[0] v[1]: missing: expected -0.958851": (0, lambda v: 2 * v[0] * v[1]),
     "v[0] v[1]: missing, v[0]² in its place: -0.958851": (
         0,
@@ -506,8 +514,8 @@ def test_no_term_is_listed_where_every_row_is_wrong_in_proportion_beside_a_jump_
     for of, jump in ((lambda q, v: 0.7 * bias(q, v), ""), (wrong, "; bias jumps within 0.001")):
         found = check_functions(2, M=M, bias=of, states=[([0.3, 0.5], [0.7, -0.4])])
         (failed,) = (x for x in found if x.verdict == "failed" and x.claim == "bias-of-mass-matrix")
-        assert f"0.7 times what is expected, in every row{jump}" in failed.detail
-        assert "row q[" not in failed.detail.partition("in every row")[2]
+        assert f"0.7 times the expected value (every row){jump}" in failed.detail
+        assert "row q[" not in failed.detail.partition("(every row)")[2]
 
 
 def test_a_term_that_is_lost_beside_another_wrong_one_is_not_in_its_place():

@@ -115,7 +115,7 @@ def test_a_wrong_sign_in_them_is_named(how: str):
     source, switches = DOUBLES[how]
     first, *_ = told(source, '{"gravity": lambda q: -gravity(q)}', **switches)
     assert first.startswith("gravity-of-potential [gravity] failed: gravity is wrong: ")
-    assert "; gravity, row q[1]: sign" in first
+    assert "; gravity, row q[1]: wrong sign" in first
 
 
 @pytest.mark.parametrize("how", SINGLES)

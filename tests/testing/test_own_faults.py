@@ -105,13 +105,13 @@ FAULTS: dict[str, Fault] = {
         "cart",
         {"bias": lambda q, v: CART.bias(q, v) / 2},
         "bias-of-mass-matrix",
-        "half of it, in every row",
+        "half the expected value (every row)",
     ),
     "sign of bias": Fault(
         "cart",
         {"bias": lambda q, v: -CART.bias(q, v)},
         "bias-of-mass-matrix",
-        "sign, in every row",
+        "wrong sign (every row)",
     ),
     "sign of one term of the bias": Fault(
         "cart",
@@ -123,7 +123,7 @@ FAULTS: dict[str, Fault] = {
             )
         },
         "bias-of-mass-matrix",
-        "row q[1]: sign",
+        "row q[1]: wrong sign",
     ),
     "gravity in bias": Fault(
         "cart",
@@ -150,7 +150,7 @@ FAULTS: dict[str, Fault] = {
         "cart",
         {"gravity": lambda q: CART.gravity(q) * 9.80665 / CART.g},
         "gravity-of-potential",
-        "0.9996585 times what is expected, in every row",
+        "0.9996585 times the expected value (every row)",
     ),
     "sign of gravity": Fault(
         "cart", {"gravity": lambda q: -CART.gravity(q)}, "gravity-of-potential", "sign"
@@ -294,7 +294,7 @@ FAULTS: dict[str, Fault] = {
         "drive",
         {"a": added(DRIVE.a, (3, 5), lambda q: 2 * DRIVE.trail)},
         "constraint-jacobian",
-        "entry (constraint 3, q[5]): sign",
+        "entry (constraint 3, q[5]): wrong sign",
     ),
     "swivel forgotten in gamma": Fault(
         "drive",
@@ -306,7 +306,7 @@ FAULTS: dict[str, Fault] = {
         "drive",
         {"gamma": lambda q, v: -DRIVE.gamma(q, v)},
         "constraint-drift",
-        "sign, in every row",
+        "wrong sign (every row)",
     ),
     "acceleration without gamma": Fault(
         "drive",
@@ -324,13 +324,13 @@ FAULTS: dict[str, Fault] = {
         "drive",
         {"M": added(DRIVE.M, (5, 5), lambda q: -DRIVE.J_caster / 2)},
         "kinetic-energy",
-        "entry (q[5], q[5]): half of it",
+        "entry (q[5], q[5]): half the expected value",
     ),
     "half of a wheel's inertia in T": Fault(
         "drive",
         {"T": lambda q, v: DRIVE.T(q, v) - 0.25 * DRIVE.J_wheel * v[3] ** 2},
         "kinetic-energy",
-        "entry (q[3], q[3]): 2 times too large",
+        "entry (q[3], q[3]): twice the expected value",
     ),
     "the caster does not turn with the body in M": Fault(
         "drive",
@@ -348,7 +348,7 @@ FAULTS: dict[str, Fault] = {
         "drive",
         {"bias": lambda q, v: -DRIVE.bias(q, v)},
         "bias-of-mass-matrix",
-        "sign, in every row",
+        "wrong sign (every row)",
     ),
     "bias without the square": Fault(
         "drive",
@@ -366,7 +366,7 @@ FAULTS: dict[str, Fault] = {
         "drive",
         {"a": added(DRIVE.a, (1, 2), lambda q: -2 * DRIVE.half)},
         "constraint-jacobian",
-        "entry (constraint 1, q[2]): sign",
+        "entry (constraint 1, q[2]): wrong sign",
     ),
     "the trail forgotten in a": Fault(
         "drive",
@@ -378,7 +378,7 @@ FAULTS: dict[str, Fault] = {
         "drive",
         {"c": lambda q, v: DRIVE.c(q, v) - np.array([0, DRIVE.radius * v[3], 0, 0, 0])},
         "constraint-jacobian",
-        "entry (constraint 1, q[3]): half of it",
+        "entry (constraint 1, q[3]): half the expected value",
     ),
     "rows of gamma exchanged": Fault(
         "drive",

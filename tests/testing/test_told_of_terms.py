@@ -40,8 +40,11 @@ def failed(claim: str, n: int = 3, states: Any = (STATE,), **own: Any) -> Findin
 
 def test_a_quarter_of_all_rows_is_said():
     expected = np.array([3.0, -1.0, 2.0])
-    assert proportional(0.25 * expected, expected, 1e-12, (0,)) == "a quarter of it, in every row"
-    assert proportional(4.0 * expected, expected, 1e-12, (0,)).startswith("4 times what is expec")
+    assert (
+        proportional(0.25 * expected, expected, 1e-12, (0,))
+        == "a quarter of the expected value (every row)"
+    )
+    assert proportional(4.0 * expected, expected, 1e-12, (0,)).startswith("4 times the expec")
     assert proportional(0.0 * expected, 0.0 * expected, 1e-12, (0,)) == ""
 
 
@@ -49,7 +52,7 @@ def test_what_is_allowed_decides_whether_a_factor_is_known():
     expected = np.array([3.0, -1.0, 2.0])
     found = 0.5 * expected + [1e-3, 0.0, -1e-3]
     assert proportional(found, expected, 0.5e-3, (0,)) == ""
-    assert proportional(found, expected, 1.1e-3, (0,)) == "half of it, in every row"
+    assert proportional(found, expected, 1.1e-3, (0,)) == "half the expected value (every row)"
 
 
 FULL = np.array([[4.0, 0.5, -0.7], [0.5, 3.0, 0.2], [-0.7, 0.2, 2.0]])

@@ -167,7 +167,7 @@ def test_a_value_that_stands_alone_is_no_noise_beside_other_states_and_reference
     states = [([0.3, 0.0], [0.2, 0.7]), ([0.5, 0.4], [0.3, -0.6])]
     found = of(check_functions(2, M=M, bias=wrong, against=right, states=states), "failed")
     assert {"bias-of-mass-matrix", "bias-power", "reference"} <= found.keys()
-    assert "row q[0]: 1.5 times what is expected" in found["bias-of-mass-matrix"]
+    assert "row q[0]: 1.5 times the expected value" in found["bias-of-mass-matrix"]
     assert not of(check_functions(2, M=M, bias=B, against=right, states=states), "failed")
     T = {"T": lambda q, v: v @ M(q) @ v / 2, "states": states, "claims": ["kinetic-energy"]}
     scaled = check_functions(2, M=lambda q: M(q) * (1.5 if abs(q[1]) <= near else 1.0), **T)

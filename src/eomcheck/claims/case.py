@@ -17,17 +17,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from eomcheck.claims.finding import (
-    Entries,
-    Finding,
-    diagnose,
-    entries_of,
-    format_distinct,
-    judge,
-    resembles,
-    worst_entry,
-    worst_of,
-)
+from eomcheck.claims.confusions import NO_CONTEXT, SINGLE_PRECISION, ConfusionContext, locate
+from eomcheck.claims.finding import Entries, Finding, entries_of, format_distinct, judge
 from eomcheck.claims.registry import (
     CLAIMS,
     Claim,
@@ -368,6 +359,7 @@ class Case(FloatContext):
                 arguments: tuple[Any, ...] = one.subject, one.actual, one.expected, sensitivity
                 entrywise = one.size is None or one.sizes is not None
                 how = {"scale": scale, "sizes": one.sizes, "entrywise": entrywise}
+                how["context"] = one.context
                 yield self.compare(*arguments, names=one.names, **how)
 
     def _against_engines(self, term: str, method: str) -> Iterator[Finding]:
@@ -424,6 +416,7 @@ class Case(FloatContext):
         entrywise: bool = True,
         evidence: str = "property-tested",
         engine: type[Engine] | None = None,
+        context: Callable[[], ConfusionContext] | None = None,
     ) -> Finding:
         """Return the Finding of actual = expected.
 
@@ -439,6 +432,7 @@ class Case(FloatContext):
             entrywise: whether entries have sizes of their own, see `eomcheck.claims.finding`.
             evidence: level of evidence and its basis.
             engine: the engine that is compared with, if any.
+            context: returns further arrays by which confusions are recognized.
         """
         assert self.claim is not None
         actual, expected = np.asarray(actual, np.float64), np.asarray(expected, np.float64)
@@ -450,11 +444,12 @@ class Case(FloatContext):
             verdict = "inconclusive"  # nothing to compare with
         detail = ""
         if verdict == "failed":
-            where = worst_entry(actual - expected, names)
-            what = diagnose(actual, expected, allowed) if actual.ndim else ""
+            known = NO_CONTEXT if context is None else context()
+            difference = locate(actual, expected, names, allowed, known)
+            what = difference.text if actual.ndim else ""
             if engine is not None and is_under_test(engine):
-                what = describe_engine_error(engine, actual, expected, allowed)
-            detail = f"{self.claim.term}, {where}" + (f": {what}" if what else "")
+                what = describe_engine_error(engine, actual, expected, allowed, known)
+            detail = f"{self.claim.term}, {difference.where}" + (f": {what}" if what else "")
         outcome = subject, observed, allowed, verdict, evidence, detail
         finding = self.finding(*outcome, engine=engine)
         entrywise = entrywise and (sizes is not None or bool(np.any(expected)))
@@ -522,11 +517,6 @@ UNABLE = (np.linalg.LinAlgError, EngineFault)
 
 BETWEEN = 0.25
 """Share of the repeated calls that follow a call at another state."""
-
-FLOAT32 = 2.0**-19
-"""Largest relative error attributed to single precision, if float64 does not explain it.
-
-An engine that declares float32 is allowed at least as much."""
 
 
 def cancelling_size(case: Case, engine: Engine, method: str) -> float:
@@ -655,6 +645,7 @@ def compare_with_engine(
     scale: float | None = None,
     sizes: Any = None,
     own: Callable[[], Any] | None = None,
+    context: Callable[[], ConfusionContext] | None = None,
 ) -> Finding:
     """Return the Finding of an engine's answer being equal to the scene's.
 
@@ -670,12 +661,13 @@ def compare_with_engine(
         scale: size of the quantity, by default the largest entry of the expected value.
         sizes: sizes of the summed terms of each entry, if known.
         own: returns κ · scale of each entry of the scene's value.
+        context: returns further arrays by which confusions are recognized.
     """
     kind, under_test = type(engine), is_under_test(type(engine))
     actual, expected = (theirs, ours) if under_test else (ours, theirs)
     compared = subject, actual, expected, sensitivity
     how: dict[str, Any] = {"names": tuple(names), "scale": scale, "sizes": sizes}
-    how |= {"evidence": evidence_of(kind), "own": own}
+    how |= {"evidence": evidence_of(kind), "own": own, "context": context}
     finding = case.compare(*compared, **how, engine=kind)
     if finding.verdict == "failed" and under_test:
         try:
@@ -688,9 +680,13 @@ def compare_with_engine(
 
 
 def describe_engine_error(
-    kind: type[Engine], actual: Array, expected: Array, allowed: float
+    kind: type[Engine],
+    actual: Array,
+    expected: Array,
+    allowed: float,
+    context: ConfusionContext = NO_CONTEXT,
 ) -> str:
-    """Describe the worst entry of an engine under test: both numbers, and the sort of the error.
+    """Describe the worst entry of an engine under test: both numbers, and the confusion.
 
     For a library that reads a robot's file itself neither side is blamed: both numbers, each with
     its source.
@@ -700,14 +696,14 @@ def describe_engine_error(
         actual: its answer.
         expected: the expected answer, same shape.
         allowed: bound on the rounding error.
+        context: further arrays of the claim.
     """
-    worst = worst_of(actual - expected)
-    what = resembles(actual, expected, allowed, worst)
-    x, y = format_distinct(actual[worst], expected[worst], 9)
+    context = context._replace(single_precision=True)
+    difference = locate(actual, expected, (), allowed, context)
+    what = difference.what
+    x, y = format_distinct(difference.actual, difference.expected, 9)
     numbers = f"found {x}, expected {y}"
     if kind.reads_file:
-        what = ""
+        what = what if what == SINGLE_PRECISION else ""
         numbers = f"{x} by the library, {y} by eomcheck"
-    if largest(actual - expected) <= FLOAT32 * largest(expected):
-        what = "as large as the rounding of single precision"
     return f"{numbers}: {what}" if what else numbers

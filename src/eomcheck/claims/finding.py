@@ -9,7 +9,7 @@ Entries that no state of a run resolves are listed by name in one inconclusive f
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal, NamedTuple, TypeVar
 
@@ -22,11 +22,10 @@ from eomcheck.evaluation.tolerance import (
     UNDERFLOW,
     UNIT_ROUNDOFF,
     allowed_error,
-    largest,
     underflow_error,
 )
 from eomcheck.mechanics.records import State
-from eomcheck.numbers.generic import EPS, Array
+from eomcheck.numbers.generic import Array
 
 Verdict = Literal["passed", "failed", "inconclusive", "skipped"]
 
@@ -38,7 +37,7 @@ FAILED_CODE, PASSED_CODE, INCONCLUSIVE_CODE, SKIPPED_CODE = range(len(VERDICTS))
 DECIDED: tuple[Verdict, ...] = VERDICTS[:INCONCLUSIVE_CODE]
 """The verdicts that decide a claim."""
 
-EVERY_ROW = ", in every row"
+EVERY_ROW = " (every row)"
 """Suffix of a text about all rows of a quantity."""
 
 
@@ -236,73 +235,16 @@ def verdict_codes(observed: Array, allowed: Array, scale: Array) -> Array:
     )
 
 
-def diagnose(
-    actual: Array, expected: Array, allowed: float, worst: tuple[int, ...] | None = None
-) -> str:
-    """Describe the likely error of an entry, "sign" or "half of it", or give both numbers.
-
-    Args:
-        actual: the array under test.
-        expected: its expected value, same shape.
-        allowed: bound on the rounding error.
-        worst: index of the entry, by default that of the largest error.
-    """
-    worst = worst_of(actual - expected) if worst is None else worst
-    likely = resembles(actual, expected, allowed, worst)
-    x, y = format_distinct(actual[worst], expected[worst])
-    return likely or f"{x}, expected {y}"
-
-
 def format_distinct(x: float, y: float, digits: int = 6) -> tuple[str, str]:
     """Format two numbers with `digits` digits, or as many more as they need to differ."""
     texts = [(f"{x:.{count}g}", f"{y:.{count}g}") for count in range(digits, 18)]
     return next((pair for pair in texts if pair[0] != pair[1]), texts[0])
 
 
-def resembles(actual: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
-    """Return the likely error of the entry `worst`, equal up to rounding; "" if none is known."""
-    x, y = float(actual[worst]), float(expected[worst])
-    near = max(allowed, 1e3 * EPS * max(abs(x), abs(y)))
-    return looks_like(actual, expected, worst, lambda x, y: largest(x - y) <= near)
-
-
 def worst_of(error: Array) -> tuple[int, ...]:
     """Return the index of the entry with the largest magnitude."""
     at = np.unravel_index(int(np.argmax(np.abs(error))), error.shape)
     return tuple(int(i) for i in at)
-
-
-def looks_like(
-    actual: Array, expected: Array, where: tuple, same: Callable[[Any, Any], bool]
-) -> str:
-    """Return the likely error of one entry, such as "sign" or "transposed"; "" if none is known.
-
-    Args:
-        actual: the array under test.
-        expected: its expected value, same shape.
-        where: index of the entry.
-        same: returns whether two values agree.
-    """
-    x, y = actual[where], expected[where]
-    if actual.ndim == 2 and actual.shape[0] == actual.shape[1] and same(actual, expected.T):
-        return "transposed"
-    if same(x, -y):
-        return "sign"
-    if same(x, 0):
-        return "missing"
-    if same(y, 0):
-        return "should vanish"
-    for factor, part in ((2, "half of it"), (4, "a quarter of it")):
-        if same(x, factor * y):
-            return f"{factor} times too large"
-        if same(factor * x, y):
-            return part
-    return ""
-
-
-def worst_entry(error: Array, names: tuple[tuple[str, ...], ...]) -> str:
-    """Return the name of the entry with the largest error: "row θ_3" or "entry (x, θ_3)"."""
-    return entry_name(worst_of(error), names)
 
 
 # ---- Resolved and hidden entries -----------------------------------------------------------------

@@ -17,13 +17,12 @@ from pathlib import Path
 
 import numpy as np
 
+from eomcheck.claims.confusions import NO_CONTEXT, agree_everywhere, equal, locate
 from eomcheck.claims.finding import (
     DECIDED,
     Finding,
     Proof,
     Unresolved,
-    entry_name,
-    looks_like,
     skipped_everywhere,
     unresolved_detail,
 )
@@ -128,7 +127,7 @@ class IdentitySampler:
                 outcome.skip_reason = sides.reason
                 continue
             outcome.primes.append(prime)
-            if not _same(*_as_arrays(sides)):
+            if not agree_everywhere(*_as_arrays(sides), equal):
                 outcome.differing_points += 1
                 outcome.detail = outcome.detail or self._detail(at, key, sides)
 
@@ -191,19 +190,16 @@ def _as_arrays(sides: Comparison) -> tuple[Array, Array]:
     return np.asarray(sides.actual, object), np.asarray(sides.expected, object)
 
 
-def _same(x: Array, y: Array) -> bool:
-    """Return whether two exact arrays are equal, their shapes too."""
-    return np.shape(x) == np.shape(y) and bool(np.all(x == y))
-
-
 def describe_difference(sides: Comparison) -> str:
-    """Return the name of the first entry in which two sides differ, and its likely error."""
+    """Return the place of a difference of two exact sides, and the confusion that explains it."""
     actual, expected = _as_arrays(sides)
     if actual.shape != expected.shape:
         return f"shape {actual.shape}, expected {expected.shape}"
     where = tuple(int(i) for i in np.argwhere(actual != expected)[0])
-    entry, what = entry_name(where, sides.names), looks_like(actual, expected, where, _same)
-    return f"{entry}: {what}" if what else entry
+    context = NO_CONTEXT if sides.context is None else sides.context()
+    names = sides.names
+    difference = locate(actual, expected, names, context=context, worst=where, agree=equal)
+    return ": ".join(filter(None, (difference.where, difference.what)))
 
 
 # ---- Proof ---------------------------------------------------------------------------------------

@@ -26,6 +26,7 @@ from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
+from eomcheck.claims.confusions import ConfusionContext
 from eomcheck.claims.finding import Finding, Verdict
 from eomcheck.errors import RefusedError, at_least_one, registered
 from eomcheck.evaluation.scene_quantities import Quantities, Solution
@@ -58,6 +59,8 @@ class Comparison(NamedTuple):
         sizes: sizes of the terms that cancel in each entry, same shape; None if unknown.
         explain: function (actual, expected, allowed error, index of the worst entry) -> diagnosis,
             "" where it has none; None for the diagnosis of any two arrays.
+        context: returns further arrays by which confusions are recognized, in the numbers of the
+            sides; called only where these differ.
     """
 
     subject: str
@@ -69,6 +72,7 @@ class Comparison(NamedTuple):
     may_vanish: bool = False
     sizes: Any = None
     explain: Callable[[Array, Array, float, tuple[int, ...]], str] | None = None
+    context: Callable[[], ConfusionContext] | None = None
 
 
 class Decision(NamedTuple):

@@ -8,12 +8,13 @@ the free base, or bodies that a file describes in a way that libraries read diff
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import combinations, product
 from typing import NamedTuple
 
 import numpy as np
 
+from eomcheck.claims.confusions import Candidate, agreement_within, matching
 from eomcheck.engines.file_engine import AXES, FREE, BaseVelocity, FreeBase, RobotDescription, few
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, largest
 from eomcheck.numbers.generic import Array
@@ -181,8 +182,8 @@ def _axes(gap: Discrepancy) -> Iterator[Explanation]:
     for flipped in (i for count in (1, 2) for i in combinations(range(n), count)):
         signs = np.ones(n)
         signs[list(flipped)] = -1
-        error = largest(gap.library["M"] - np.outer(signs, signs) * gap.reference["M"])
-        if error <= CLOSE * largest(gap.reference["M"]):
+        candidate = Candidate("opposite axis", np.outer(signs, signs) * gap.reference["M"])
+        if _matching(gap, [candidate]):
             weight = gap.library["gravity"] - signs * gap.reference["gravity"]
             fitting.append((largest(weight) > CLOSE * largest(gap.reference["gravity"]), flipped))
     if fitting:
@@ -197,15 +198,21 @@ def _base_frame(gap: Discrepancy) -> Iterator[Explanation]:
         return
     base, assumed = gap.free
     taken, _ = base.velocity(assumed, gap.v[:FREE])
-    fitting, close = [], CLOSE * largest(gap.reference["M"])
+    conventions = []
     for convention in map(BaseVelocity._make, product(AXES, AXES, (False, True))):
         T = np.eye(len(gap.v))
         T[:FREE, :FREE] = np.linalg.solve(base.velocity(convention, gap.v[:FREE])[0], taken)
         M = T.T @ gap.reference["M"] @ T
-        if convention != assumed and largest(gap.library["M"] - M) <= close:
-            fitting.append(convention)
+        conventions.append(Candidate(str(convention), M))
+    fitting = _matching(gap, conventions)
     if len(fitting) == 1:  # without a rotation of the base, all axes are the same
-        yield Explanation(f"has another velocity of the base: {fitting[0]}, not {assumed}")
+        yield Explanation(f"has another velocity of the base: {fitting[0].text}, not {assumed}")
+
+
+def _matching(gap: Discrepancy, candidates: Iterable[Candidate]) -> list[Candidate]:
+    """Return the candidates for M that agree with the library's, other than like the expected M."""
+    agree = agreement_within(CLOSE * largest(gap.reference["M"]))
+    return [*matching(gap.library["M"], gap.reference["M"], candidates, agree)]
 
 
 ODD_LINKS = {

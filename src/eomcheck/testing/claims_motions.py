@@ -12,6 +12,7 @@ from functools import partial
 
 import numpy as np
 
+from eomcheck.claims.confusions import term_multiple
 from eomcheck.claims.registry import (
     BlindSpot,
     Comparison,
@@ -29,7 +30,6 @@ from eomcheck.testing.claims_terms import (
     kinetic_rate,
     proportional,
     row_names,
-    within_allowed,
 )
 from eomcheck.testing.equations_of_motion import INPUTS, BrokenError, FunctionCaller
 from eomcheck.testing.function_state import (
@@ -113,11 +113,9 @@ def motion(at: FunctionState) -> Iterator[Comparison | Decision | Skipped]:
     def explain(actual: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
         for name, part in at.parts().items():
             force = free @ part
-            for factor, diagnosis in HOW.items():
-                if within_allowed(
-                    actual - expected, factor * force.value, allowed + abs(factor) * C * force.error
-                ):
-                    return f"off by {name}: {diagnosis}"
+            multiple = term_multiple(actual - expected, force.value, allowed, C * force.error)
+            if multiple is not None:
+                return f"off by {name}: {HOW[multiple]}"
         return ""
 
     yield Comparison(subject, inertial, forces, (names,), explain=explain)

@@ -12,6 +12,7 @@ from contextlib import suppress
 
 import numpy as np
 
+from eomcheck.claims.confusions import OPPOSITE, agreement_within, scaling, term_multiple
 from eomcheck.claims.finding import EVERY_ROW
 from eomcheck.claims.registry import BlindSpot, Comparison, Decision, Skipped, function_claim
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, C, allowed_error
@@ -89,7 +90,8 @@ def mass_matrix_symmetric(at: FunctionState) -> Iterator[Comparison]:
 
 def sign_hint(x: float, y: float, allowed: float) -> str:
     """Return a hint that two numbers that should be equal have opposite signs, "" otherwise."""
-    return ": opposite sign in one of them" if abs(x + y) <= allowed else ""
+    opposite = scaling(x, y, agreement_within(allowed)) == OPPOSITE
+    return ": opposite sign in one of them" if opposite else ""
 
 
 @function_claim("mass-matrix-positive", "vᵀ M v > 0", "mass matrix", ("M",))
@@ -134,10 +136,10 @@ def bias_at_rest(at: FunctionState) -> Iterator[Comparison]:
 
     def explain(actual: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
         gravity = at.gravity() if at.has("gravity") or at.has("U") else None
-        for sign, name in ((1.0, "∂U/∂q"), (-1.0, "-∂U/∂q")):
-            if gravity is not None and within_allowed(
-                actual, sign * gravity.value, allowed + C * gravity.error
-            ):
+        if gravity is not None:
+            multiple = term_multiple(actual, gravity.value, allowed, C * gravity.error)
+            if multiple in (1, -1):
+                name = "∂U/∂q" if multiple == 1 else "-∂U/∂q"
                 return f"it is {name}: gravity is in the bias (say bias_has_gravity=True)"
         potential = at.functions.qdot is None and _is_symmetric(_bias_jacobian(at_rest))
         return "should vanish, and has a potential: gravity in it?" if potential else ""
@@ -215,23 +217,21 @@ def proportional(actual: Array, expected: Array, allowed: float, worst: tuple[in
     if size == 0.0 or actual.size < 1:
         return ""
     near = np.maximum(allowed, 1e-10 * size)
-    diagnoses = {-1.0: "sign", 0.25: "a quarter of it", 0.5: "half of it", 0.0: "missing"}
-    for value, name in diagnoses.items():
-        if (np.abs(actual - value * expected) <= near).all():
-            return name + EVERY_ROW
+    if what := scaling(actual, expected, agreement_within(near)):
+        return what + EVERY_ROW
     factor = float(actual.ravel() @ expected.ravel() / (expected.ravel() @ expected.ravel()))
     if near > 0.1 * size or not (np.abs(actual - factor * expected) <= near).all():
         return ""  # or not one digit of the factor is known
     digits = min(max(int(-np.log10(near / size)), 1), 7)
     text = f"{factor:.{digits}g}"
     if text not in ("1", "-1"):
-        return f"{text} times what is expected{EVERY_ROW}"
+        return f"{text} times the expected value{EVERY_ROW}"
     beyond = abs(factor) - 1.0
     if abs(beyond) * size <= near:
         return ""  # any factor so close to 1 would do
     shown_digits = min(int(np.log10(abs(beyond) * size / near)), 1)
-    sign, large = "sign, and " if factor < 0.0 else "", "large" if beyond > 0.0 else "small"
-    return f"{sign}too {large} by {abs(beyond):.{shown_digits}e} of it{EVERY_ROW}"
+    sign, large = "wrong sign, and " if factor < 0.0 else "", "large" if beyond > 0.0 else "small"
+    return f"{sign}too {large} by {abs(beyond):.{shown_digits}e} of the expected value{EVERY_ROW}"
 
 
 @function_claim("bias-power", "vᵀ B = ½ vᵀ Ṁ v", "bias", ("M|T", "bias"), natural=True)

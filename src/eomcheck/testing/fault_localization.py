@@ -19,6 +19,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
+from eomcheck.claims.confusions import MISSING, agreement_within, scaling
 from eomcheck.claims.finding import EVERY_ROW, Finding, format_distinct
 from eomcheck.claims.registry import FUNCTION_CLAIMS
 from eomcheck.evaluation.tolerance import C
@@ -242,11 +243,9 @@ def _term_text(term: Term, wrong: list[Term], names: tuple[str, ...]) -> str:
     numbers = "got {}, expected {}".format(*format_distinct(got, expected))
     if abs(expected) <= near:
         return f"row {names[term.row]}, {term.name}: should vanish: got {got:.6g}"
-    diagnoses = {-1.0: "wrong sign", 0.0: "missing", 0.5: "half", 2.0: "twice as large"}
-    for factor, diagnosis in diagnoses.items():
-        if abs(got - factor * expected) <= near:
-            numbers = f"expected {expected:.6g}" if factor == 0.0 else numbers
-            return f"row {names[term.row]}, {term.name}: {diagnosis}: {numbers}"
+    if diagnosis := scaling(got, expected, agreement_within(near)):
+        numbers = f"expected {expected:.6g}" if diagnosis == MISSING else numbers
+        return f"row {names[term.row]}, {term.name}: {diagnosis}: {numbers}"
     return f"row {names[term.row]}, {term.name}: {numbers}"
 
 

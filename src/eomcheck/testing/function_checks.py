@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck import deprecated
+from eomcheck.claims.confusions import NO_CONTEXT, locate
 from eomcheck.claims.finding import (
     INCONCLUSIVE_CODE,
     PASSED_CODE,
@@ -25,7 +26,6 @@ from eomcheck.claims.finding import (
     Finding,
     Unresolved,
     Verdict,
-    diagnose,
     entries_of,
     entry_name,
     never_resolved,
@@ -584,8 +584,11 @@ def failure_detail(
     actual, expected = sides.actual.value, sides.expected.value
     term = claim.term or input_description(sides.subject)
     own = sides.explain(actual, expected, allowed, index) if sides.explain is not None else ""
-    why = own or diagnose(actual, expected, allowed, index)
-    return f"{term}, {entry_name(index, sides.names)}: {why}"
+    if own:
+        return f"{term}, {entry_name(index, sides.names)}: {own}"
+    context = NO_CONTEXT if sides.context is None else sides.context()
+    difference = locate(actual, expected, sides.names, allowed, context, worst=index)
+    return f"{term}, {difference.where}: {difference.text}"
 
 
 def input_description(subject: str) -> str:
