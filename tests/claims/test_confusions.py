@@ -14,7 +14,6 @@ from eomcheck.claims.confusions import (
     TRANSFORMATIONS,
     ConfusionContext,
     agreement_within,
-    cross,
     diagnose,
     equal,
     locate,
@@ -125,6 +124,12 @@ def changed(x: Any, part: slice, value: Any) -> Any:
 
 def swapped(x: Any, _: Any = None) -> Any:
     return np.concatenate((x[3:], x[:3]))
+
+
+def cross(x: Any, y: Any) -> Any:
+    """Return x × y by components."""
+    rows = [x[i - 2] * y[i - 1] - x[i - 1] * y[i - 2] for i in range(3)]
+    return np.array(rows)
 
 
 def local(x: Any, c: ConfusionContext) -> Any:
@@ -408,6 +413,17 @@ def test_rows_and_columns_with_one_factor_are_named(make, part, where, factor, w
     worst = tuple(int(i) for i in np.argwhere(actual != expected)[0])
     difference = locate(actual, expected, (SIX_ROWS, JOINTS), worst=worst, **how)
     assert difference[:2] == (where, what)
+
+
+def test_the_only_entry_of_a_row_is_named_as_an_entry():
+    expected = np.zeros((6, 3))
+    expected[1] = 1.0, 2.0, 3.0
+    expected[5, 2] = 0.5
+    actual = changed(expected, (5,), -expected[5])
+    assert locate(actual, expected, (SIX_ROWS, JOINTS)).where == "entry (ω_z, θ_3)"
+    assert locate(changed(actual, (5, 0), 1e-9), expected, (SIX_ROWS, JOINTS)).where == (
+        "entry (ω_z, θ_3)"
+    )
 
 
 def test_angles_in_degrees_are_named_by_their_rows():

@@ -233,11 +233,9 @@ Change = tuple[str, Callable[[Array], Array]]
 UNCHANGED: Change = "", lambda x: x
 
 
-def cross(x: Any, y: Any) -> Array:
+def _cross(x: Any, y: Any) -> Array:
     """Return x × y of a vector (3,) and rows (3, ...), in any numbers."""
-    return np.array(
-        [x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]]
-    )
+    return np.cross(x, y, axisa=0, axisb=0, axisc=0)
 
 
 def _with_parts(x: Array, linear: Any = None, angular: Any = None) -> Array:
@@ -281,7 +279,7 @@ def _accelerations(context: ConfusionContext) -> Iterator[tuple[Change, bool]]:
     omega, velocity = context.omega, context.velocity
     yield UNCHANGED, False
     if context.rows == "acceleration" and omega is not None and velocity is not None:
-        turning = cross(omega, velocity)
+        turning = _cross(omega, velocity)
         spatial = "spatial acceleration, expected classical"
         yield (spatial, lambda x: _with_parts(x, linear=x[:3] - turning)), True
         more = "ω × v added once too often"
@@ -293,10 +291,10 @@ def _moved(context: ConfusionContext, arm: Any, is_spatial: bool, x: Array) -> A
     if context.rows == "point":
         return x + arm
     if context.rows == "force":
-        return _with_parts(x, angular=x[3:] - cross(arm, x[:3]))
-    linear = x[:3] - cross(arm, x[3:])
+        return _with_parts(x, angular=x[3:] - _cross(arm, x[:3]))
+    linear = x[:3] - _cross(arm, x[3:])
     if context.rows == "acceleration" and not is_spatial and context.omega is not None:
-        linear = linear + cross(context.omega, cross(context.omega, arm))
+        linear = linear + _cross(context.omega, _cross(context.omega, arm))
     return _with_parts(x, linear=linear)
 
 
@@ -557,7 +555,9 @@ def locate(
 def _of_one_entry(x: Any, y: Any, agree: Agreement) -> str:
     if what := scaling(x, y, agree):
         return what
-    return "should vanish" if np.all(agree(y, 0 * y)) and not np.all(agree(x, 0 * y)) else ""
+    with np.errstate(all="ignore"):
+        zero = 0 * y
+    return "should vanish" if np.all(agree(y, zero)) and not np.all(agree(x, zero)) else ""
 
 
 def _scaled_slices(
