@@ -36,7 +36,7 @@ from eomcheck.descriptions.joint_tree import (
     check_positive,
     merged_body,
 )
-from eomcheck.descriptions.mechanism_class import Mechanism, MechanismSource
+from eomcheck.descriptions.mechanism_class import Mechanism, MechanismSource, NumberedFrame
 from eomcheck.descriptions.vector_algebra import rotation_matrix
 from eomcheck.errors import InputError, distinct
 from eomcheck.mechanics.records import PLANAR_JOINTS
@@ -290,6 +290,11 @@ def _source_of(
         compound_coordinates=tuple(several),
         pitch_coordinates=tuple(
             frames.coordinate_index[name] for name in several if name.endswith("_pitch")
+        ),
+        frames=tuple(
+            NumberedFrame(name, frame.joint, frame.orientation, (x, y, z))
+            for name, frame in frames.link_frames.items()
+            for x, y, z in [frame.offset.tolist()]
         ),
         fixed_geometry=any(KINDS[c.kind].holonomic and c.points for c in closures),
     )

@@ -24,7 +24,7 @@ from eomcheck.descriptions.vector_algebra import IDENTITY, Quaternion, rotation_
 from eomcheck.errors import InputError
 from eomcheck.mechanics.derived_functions import support_of
 from eomcheck.mechanics.parameters import Parametric
-from eomcheck.mechanics.records import Tree
+from eomcheck.mechanics.records import Tree, TreeFrame
 from eomcheck.numbers.generic import FLOAT64, Array, generic
 
 GROUND = "ground"
@@ -333,7 +333,11 @@ class Described(Parametric):
     def tree(self) -> Tree | None:
         """Return the tree of its bodies, joint by joint."""
         parsed = parse_description(type(self).description, self.float64_parameters)
-        return tree_by(parsed.plan, parsed.parameters)
+        links = (
+            TreeFrame(name, joint, np.eye(3), np.zeros(3))
+            for name, joint in parsed.link_joints.items()
+        )
+        return tree_by(parsed.plan, parsed.parameters)._replace(links=tuple(links))
 
     def frames(self, q: Array, t: float = 0.0) -> dict[str, tuple[Array, Array]]:
         """Return origin (3,) and axes (3, 3), in rows, of each link in the pose q (n,), by name."""

@@ -44,10 +44,16 @@ from eomcheck.descriptions.forces import (
     with_lengths,
 )
 from eomcheck.descriptions.joint_tree import Topology, TopologyPlan
-from eomcheck.descriptions.vector_algebra import as_vector, plus, rotation_matrices
+from eomcheck.descriptions.vector_algebra import (
+    Quaternion,
+    as_vector,
+    plus,
+    rotation_matrices,
+    rotation_matrix,
+)
 from eomcheck.mechanics.derived_functions import no_velocity_term, support_of
 from eomcheck.mechanics.parameters import Parametric, parameter
-from eomcheck.mechanics.records import ANY_ANGLE, Range, Symmetry, Tree
+from eomcheck.mechanics.records import ANY_ANGLE, Range, Symmetry, Tree, TreeFrame
 from eomcheck.mechanics.scene import Scene
 from eomcheck.mechanics.sketch import (
     Arrow,
@@ -207,8 +213,14 @@ def tree_by(plan: TopologyPlan, numbers: Any) -> Tree:
     for b, k in enumerate(plan.rotors, len(plan.carriers)):
         armature[k] = numbers.inertia[b, -1, -1]
     parent, kinds = tuple(slot.parent for slot in slots), tuple(slot.kind for slot in slots)
+    gravity = np.zeros(3)
+    if numbers.gravity is not None:
+        gravity[: plan.d] = none_as_zero(numbers.gravity)[: plan.d]
+    names = tuple(slot.name for slot in slots)
     return Tree(
-        parent, kinds, rotation, offset, mass, center, inertia, coordinates, shift, armature
+        *(parent, kinds, rotation, offset, mass, center, inertia, coordinates, shift, armature),
+        gravity=gravity,
+        names=names,
     )
 
 
@@ -272,6 +284,19 @@ SLIDING, AWAY = Range(-1.0, 1.0), Range(-1.2, 1.2)
 """Ranges of slides, m, and of hinges that could align two others, rad."""
 
 
+class NumberedFrame(NamedTuple):
+    """Frame of a link, fixed to a scalar joint, in plain numbers."""
+
+    name: str
+    """Name of the link."""
+    joint: int
+    """Index of the scalar joint that moves it, -1: the ground."""
+    orientation: Quaternion
+    """Orientation in the frame of the scalar joint, of any length."""
+    offset: tuple[float, float, float]
+    """Origin in the frame of the scalar joint, m."""
+
+
 @old_attributes
 class MechanismSource(NamedTuple):
     """Source of a mechanism class, in numbers and names."""
@@ -304,6 +329,8 @@ class MechanismSource(NamedTuple):
     """Format of that file: "urdf" or "mjcf"."""
     floating: str = ""
     """Name of the link of the file that is free to move by request."""
+    frames: tuple[NumberedFrame, ...] = ()
+    """Frames of its links, in their order."""
     base: Any = None
     """Base class of its class, which has the same `key`; by default `Mechanism`."""
     description: Any = None
@@ -424,7 +451,11 @@ class Mechanism(Parametric, metaclass=_Kind):
 
     def tree(self) -> Tree:
         """Return the tree of its bodies, joint by joint."""
-        return tree_by(self.plan, self.float64_parameters)
+        links = (
+            TreeFrame(x.name, x.joint, rotation_matrix(x.orientation), np.array(x.offset))
+            for x in self.source.frames
+        )
+        return tree_by(self.plan, self.float64_parameters)._replace(links=tuple(links))
 
     def sketch(self, q: Array, t: float = 0.0) -> Sketch:
         """Return links from joint to joint, joints with their axes, centres of mass."""

@@ -150,6 +150,10 @@ class PerturbedEvaluation(Evaluation):
 
     # ---- Inputs ----------------------------------------------------------------------------------
 
+    def constants(self, record: Any) -> Any:
+        """Return `record`, perturbed in every sample by itself."""
+        return self.finished(self.noise.repeated(record))
+
     @quantity
     def parameters(self) -> Any:
         """The scene's parameters, perturbed."""

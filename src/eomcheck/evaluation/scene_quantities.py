@@ -165,6 +165,10 @@ class Quantities:
         """Return `record`, a new result, in the form in which it is cached."""
         return self.in_numbers(record)
 
+    def constants(self, record: Any) -> Any:
+        """Return `record`, numbers that are the same in every state, as parameters are cached."""
+        return self.finished(record)
+
     def in_numbers(self, record: Any) -> Any:
         """Return `record` with its literals as numbers of the arithmetic."""
         literal = getattr(self.arithmetic, "literal", None)

@@ -218,6 +218,23 @@ PLANAR_JOINTS = ("px", "py", "rz")
 """Kinds of joints that keep a body in the plane z = 0."""
 
 
+class TreeFrame(NamedTuple):
+    """Frame of a link, fixed to the frame of a joint."""
+
+    name: str
+    """Name of the link."""
+    joint: int
+    """Index of the joint that moves it, -1: the ground."""
+    R: Array
+    """Orientation in the frame of the joint, columns along its axes (3, 3)."""
+    p: Array
+    """Origin in the frame of the joint (3,), m."""
+
+
+NO_GRAVITY = np.zeros(3)
+NO_GRAVITY.setflags(write=False)
+
+
 class Tree(NamedTuple):
     """Rigid bodies on joints with one coordinate each.
 
@@ -245,6 +262,27 @@ class Tree(NamedTuple):
     """Constant part of the joint coordinates (n_j,), m or rad."""
     armature: Array
     """Rotor inertia added along each joint's own coordinate (n_j,), kg m² or kg."""
+    gravity: Array = NO_GRAVITY
+    """Acceleration of gravity (3,), m/s²."""
+    names: tuple[str, ...] = ()
+    """Names of the joints; empty for joint[0], joint[1], ..."""
+    links: tuple[TreeFrame, ...] = ()
+    """Frames of the links; empty for body[0], body[1], ..., each that of a joint with a body."""
+
+    @property
+    def name(self) -> tuple[str, ...]:
+        """Names of the joints (n_j,)."""
+        return self.names or tuple(f"joint[{j}]" for j in range(len(self.joint)))
+
+    @property
+    def frames(self) -> tuple[TreeFrame, ...]:
+        """Frames of the links, in their order."""
+        if self.links:
+            return self.links
+        heavy = (j for j in range(len(self.joint)) if self.mass[j] > 0 or np.any(self.inertia[j]))
+        return tuple(
+            TreeFrame(f"body[{i}]", j, np.eye(3), np.zeros(3)) for i, j in enumerate(heavy)
+        )
 
 
 def planar_tree(
@@ -255,8 +293,11 @@ def planar_tree(
     center: Array,
     inertia: Array,
     coordinates: Array,
+    links: tuple[str, ...] = (),
 ) -> Tree:
     """Return a tree in the plane z = 0, with one moment of inertia about z per joint (n_j,).
+
+    `links` are the names of the bodies, in the order of their joints.
 
     In the plane no other moment counts. All three axes get it, because many libraries refuse a
     physically impossible body, such as one with (0, 0, I).
@@ -264,4 +305,11 @@ def planar_tree(
     turned, joints = np.asarray(inertia, np.float64)[:, None, None] * np.eye(3), len(joint)
     seats = np.broadcast_to(np.eye(3), (joints, 3, 3))
     none = np.zeros(joints)
-    return Tree(parent, joint, seats, offset, mass, center, turned, coordinates, none, none.copy())
+    heavy = [j for j in range(joints) if mass[j] > 0 or inertia[j]]
+    frames = tuple(
+        TreeFrame(name, j, np.eye(3), np.zeros(3)) for name, j in zip(links, heavy, strict=False)
+    )
+    return Tree(
+        *(parent, joint, seats, offset, mass, center, turned, coordinates, none, none.copy()),
+        links=frames,
+    )

@@ -142,7 +142,8 @@ class Sleigh(Parametric, functions=globals()):
         center, mass, inertia = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
         center[2, 0], mass[2], inertia[2] = self.offset, self.mass, self.inertia
         joints = "px", "py", "rz"
-        return planar_tree((-1, 0, 1), joints, np.zeros((3, 3)), mass, center, inertia, np.eye(3))
+        none = np.zeros((3, 3))
+        return planar_tree((-1, 0, 1), joints, none, mass, center, inertia, np.eye(3), ("sleigh",))
 
     def sketch(self, q: Array, t: float = 0.0) -> draw.Sketch:
         """Return the body about its centre of mass, and the edge."""

@@ -721,6 +721,7 @@ class Snake(OfLinks, functions=globals()):
             center=center,
             inertia=np.r_[none, self.inertia],
             coordinates=coordinates,
+            links=tuple(f"link {i + 1}" for i in range(self.links)),
         )
 
     @classmethod

@@ -1,0 +1,137 @@
+"""Claims about conformance quantities: centre of mass, momentum, frames, Coriolis, regressor.
+
+Each quantity is the rate of another, a product with v, or equal to a term of the scene. Rates are
+those of dual numbers, along q̇ = v and v̇ any acceleration. The tree of bodies is a derivation of
+its own: what it has in common with the terms of the scene is independent evidence of both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from eomcheck.claims.registry import Comparison, EvaluationContext, claim
+from eomcheck.evaluation.conformance import AXIS_NAMES, SPATIAL_NAMES, ConformancePoint
+from eomcheck.evaluation.scene_quantities import Quantities
+from eomcheck.numbers.dual import duals, rate
+from eomcheck.numbers.generic import as_objects, map_record
+
+TREE = "a tree of bodies (`Scene.tree`)"
+"""Requirement of all claims here."""
+
+
+def _point(at: Quantities, context: EvaluationContext) -> ConformancePoint | None:
+    """Return the point at a velocity that need not be consistent; None for a scene without a tree.
+
+    The acceleration is the sum of all directions: random in exact numbers, ones in float64.
+    """
+    if getattr(at, "states", 0) and not getattr(at, "is_perturbed", False):
+        return None  # batches of states are screened by the other claims
+    points = at.cached(_points)
+    if not points:
+        points.append(ConformancePoint(context.free, np.sum(context.directions, axis=0), at))
+    return points[0] if points[0].has_tree else None
+
+
+def _points(at: Quantities) -> list[ConformancePoint]:
+    """Return the list that keeps the point of all claims here."""
+    return []
+
+
+@claim(
+    "center-of-mass",
+    "c, ċ = J v, c̈ are rates of each other",
+    "",
+    "centre of mass",
+    needs=TREE,
+)
+def center_of_mass(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
+    """The velocity of the centre of mass is J v and the rate of its position; likewise c̈."""
+    point = _point(at, context)
+    if point is None:
+        return
+    center, rates = point.center, point.result("center_of_mass", rates=True)
+    names = (AXIS_NAMES,)
+    yield Comparison("J v", center.jacobian @ point.at.v, center.velocity, names, may_vanish=True)
+    yield Comparison("ċ", center.velocity, rates.position, names, may_vanish=True)
+    yield Comparison("c̈", center.acceleration, rates.velocity, names, may_vanish=True)
+
+
+@claim("momentum", "h = A v, and ḣ is its rate", "", "momentum", needs=TREE)
+def momentum(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
+    """The momentum is A v, its linear part m ċ, and its rate that of dual numbers."""
+    point = _point(at, context)
+    if point is None:
+        return
+    values, rates = point.momentum, point.result("momentum", rates=True)
+    yield Comparison(
+        "A v", values.matrix @ point.at.v, values.momentum, (SPATIAL_NAMES,), may_vanish=True
+    )
+    yield Comparison("ḣ", values.rate, rates.momentum, (SPATIAL_NAMES,), may_vanish=True)
+
+
+@claim("frame-motion", "V = J v, V̇ = J v̇ + J̇ v, rates of R and p", "", "frames", needs=TREE)
+def frame_motion(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
+    """The velocity of a frame is J v and the rate of its placement; its acceleration that of it."""
+    point = _point(at, context)
+    if point is None:
+        return
+    links, rates = point.links, point.result("link_motions", rates=True)
+    names = point.model.links, SPATIAL_NAMES
+    yield Comparison("J v", links.jacobian @ point.at.v, links.velocity, names, may_vanish=True)
+    yield Comparison("ṗ", links.velocity[:, :3], rates.p, (names[0], AXIS_NAMES), may_vanish=True)
+    turned = np.stack([_turned(w, R) for w, R in zip(links.velocity[:, 3:], links.R, strict=True)])
+    yield Comparison("Ṙ", turned, rates.R, (names[0], AXIS_NAMES, AXIS_NAMES), may_vanish=True)
+    yield Comparison("V̇", links.acceleration, rates.velocity, names, may_vanish=True)
+    sides = links.jacobian @ point.vdot + links.bias, links.acceleration
+    yield Comparison("J v̇ + J̇ v", *sides, names, may_vanish=True)
+
+
+def _turned(omega: Any, R: Any) -> Any:
+    """Return ω× R."""
+    x, y, z = omega
+    return np.stack([y * R[2] - z * R[1], z * R[0] - x * R[2], x * R[1] - y * R[0]])
+
+
+@claim("weight", "dU/dt = vᵀ ∂U/∂q of weight", "", "gravity", needs=TREE)
+def weight(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
+    """The potential energy of weight changes by its gradient."""
+    point = _point(at, context)
+    if point is None:
+        return
+    rates = point.result("weight", rates=True)
+    yield Comparison("∂U/∂q", point.weight.gradient @ point.at.v, rates.U, (), may_vanish=True)
+
+
+def _rate_of_M(terms: Callable, parameters: Any, prepared: Any, rates: Any, q: Any, v: Any) -> Any:
+    """Return Ṁ along q̇ = v."""
+    arguments = map_record(duals, prepared, rates), duals(q, v), as_objects(v)
+    return rate(terms(as_objects(parameters), *arguments).M)
+
+
+@claim("coriolis-matrix", "C v = B, Ṁ = C + Cᵀ", "", "Coriolis matrix", needs=TREE)
+def coriolis_matrix(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
+    """The Coriolis matrix of the tree gives the scene's B, and Ṁ - 2 C is skew-symmetric."""
+    point = _point(at, context)
+    if point is None or (context.exact and point.model.tree is not None):
+        return  # its variables are not the parameters of the scene
+    free, C = point.at, point.coriolis_matrix
+    names = at.scene.coordinate_names
+    yield Comparison("C v", C @ free.v, point.bias, (names,), may_vanish=True)
+    arguments = free.parameters, *point.prepared_and_rates, free.q, free.v
+    Mdot = free.run(_rate_of_M, at.scene.terms, *arguments)
+    yield Comparison("Ṁ", C + C.T, Mdot, (names, names), may_vanish=True)
+
+
+@claim("regressor", "Y π = M v̇ + B + ∂U/∂q", "", "regressor", needs=TREE)
+def regressor(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
+    """The regressor times the bodies' parameters is inverse dynamics under weight alone."""
+    point = _point(at, context)
+    if point is None or (context.exact and point.model.tree is not None):
+        return
+    Y, parameters, rotors = point.regressor
+    torques = Y @ parameters + rotors
+    expected = point.inertia_force + point.weight.gradient
+    yield Comparison("Y π", torques, expected, (at.scene.coordinate_names,), may_vanish=True)

@@ -1,0 +1,253 @@
+"""Tree model of a scene: the plan of its bodies, their numbers, and the frames of its links.
+
+A mechanism and a described scene have a plan of their own, with which every scalar type works. That
+of any other scene follows from its `Scene.tree()`, in the coordinates x = T q + shift of its
+joints, and has the float64 numbers of that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from eomcheck.descriptions.described_scene import Described, parse_description
+from eomcheck.descriptions.first_derivation import PreparedMechanism
+from eomcheck.descriptions.joint_tree import ScalarJoint, Topology, TopologyPlan
+from eomcheck.descriptions.mechanism_class import Mechanism
+from eomcheck.descriptions.tree_quantities import (
+    LinkNumbers,
+    make_center_of_mass,
+    make_coriolis_matrix,
+    make_link_motions,
+    make_momentum,
+    make_regressor,
+    make_weight,
+    plan_without_constraints,
+)
+from eomcheck.descriptions.vector_algebra import rotation_matrices
+from eomcheck.mechanics.records import Tree
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.generic import FLOAT64, Angles, Arithmetic, Array, generic
+
+
+class TreeNumbers(NamedTuple):
+    """Numbers of the plan of a `Tree`."""
+
+    mass: Any
+    inertia: Any
+    center: Any
+    offset: Any
+    rotation: Any
+    gravity: Any
+
+
+class TreeModel(NamedTuple):
+    """Bodies of a scene as a tree of scalar joints, without numbers.
+
+    Attributes:
+        topology: topology of its joints.
+        links: names of its links with a frame.
+        joints: scalar joint of each link, -1 for the ground.
+        description: function of the parameters that returns the `Description`, of a described
+            scene; otherwise None.
+        tree: the tree in float64, where the scene has no plan of its own; otherwise None.
+    """
+
+    topology: Topology
+    links: tuple[str, ...]
+    joints: tuple[int, ...]
+    description: Callable[..., Any] | None = None
+    tree: Tree | None = None
+
+    @property
+    def plan(self) -> TopologyPlan:
+        """The plan of its bodies."""
+        return plan_without_constraints(self.topology)
+
+    @property
+    def body_links(self) -> tuple[int, ...]:
+        """Indices of the links of bodies: of each scalar joint that carries one, the first."""
+        first: dict[int, int] = {}
+        for place, joint in enumerate(self.joints):
+            first.setdefault(joint, place)
+        return tuple(sorted(first[k] for k in self.plan.carriers if k in first))
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Names of the links of bodies, in the order of the parameters of a regressor."""
+        return tuple(self.links[place] for place in self.body_links)
+
+    def function(self, name: str) -> Callable[..., Any]:
+        """Return a generic function of this model, the same one for equal models.
+
+        Its arguments are parameters, prepared values, v and, where it needs them, v̇ and the numbers
+        of links (`LinkNumbers`).
+
+        Args:
+            name: "center_of_mass", "momentum", "weight", "link_motions", "coriolis_matrix" or
+                "regressor".
+        """
+        carriers = {k: b for b, k in enumerate(self.plan.carriers)}
+        bodies = tuple(carriers[self.joints[place]] for place in self.body_links)
+        links = {"link_motions": self.joints, "regressor": bodies}.get(name)
+        return _function(self.topology, self.description, name, links)
+
+
+MAKERS: dict[str, Callable[..., Callable[..., Any]]] = {
+    "center_of_mass": make_center_of_mass,
+    "momentum": make_momentum,
+    "weight": make_weight,
+    "link_motions": make_link_motions,
+    "coriolis_matrix": make_coriolis_matrix,
+    "regressor": make_regressor,
+}
+
+
+@lru_cache(4096)
+def _function(
+    topology: Topology,
+    description: Callable[..., Any] | None,
+    name: str,
+    links: tuple[int, ...] | None,
+) -> Callable[..., Any]:
+    plan = plan_without_constraints(topology)
+    function = MAKERS[name](plan) if links is None else MAKERS[name](plan, links)
+    if description is None:
+        return generic(function)
+
+    def described(parameters, *arguments):
+        return function(parse_description(description, parameters).parameters, *arguments)
+
+    described.__name__ = described.__qualname__ = name
+    return generic(described)
+
+
+def tree_model(scene: Scene) -> TreeModel | None:
+    """Return the model of a scene's tree of bodies; None for a scene without a tree."""
+    if isinstance(scene, Mechanism):
+        frames = scene.source.frames
+        names, joints = tuple(x.name for x in frames), tuple(x.joint for x in frames)
+        return TreeModel(scene.plan.topology, names, joints)
+    if isinstance(scene, Described):
+        kind = type(scene)
+        parsed = parse_description(kind.description, scene.parameters(FLOAT64))
+        links = parsed.link_joints
+        return TreeModel(
+            parsed.plan.topology, tuple(links), tuple(links.values()), kind.description
+        )
+    tree = scene.tree()
+    if tree is None:
+        return None
+    frames = tree.frames
+    names, joints = tuple(x.name for x in frames), tuple(x.joint for x in frames)
+    return TreeModel(_topology_of(tree), names, joints, tree=tree)
+
+
+def _topology_of(tree: Tree) -> Topology:
+    """Return the topology of a tree, each scalar joint with its own coordinate."""
+    joints, bodies, rotors = [], 0, 0
+    for k, (parent, kind) in enumerate(zip(tree.parent, tree.joint, strict=True)):
+        heavy, rotor = bool(tree.mass[k] > 0 or np.any(tree.inertia[k])), bool(tree.armature[k])
+        joints.append(
+            ScalarJoint(
+                parent,
+                kind,
+                coordinate=k,
+                orientation=k,
+                offset=k,
+                body=bodies if heavy else None,
+                rotor=rotors if rotor else None,
+                name=tree.name[k],
+            )
+        )
+        bodies, rotors = bodies + heavy, rotors + rotor
+    return Topology(tuple(joints), tree.name)
+
+
+# ---- Numbers -------------------------------------------------------------------------------------
+
+
+def tree_numbers(model: TreeModel, arithmetic: Arithmetic) -> TreeNumbers:
+    """Return the numbers of a model that has a `Tree`, in those of `arithmetic`.
+
+    They are variables if it creates such: rotations that are still orthogonal and inertias that are
+    still symmetric, so that identities hold for all trees of this topology.
+    """
+    tree, plan = model.tree, model.plan
+    assert tree is not None
+    carriers, rotors = list(plan.carriers), list(plan.rotors)
+    inertia = np.zeros((len(carriers) + len(rotors), 3, 3))
+    inertia[: len(carriers)] = np.asarray(tree.inertia)[carriers]
+    inertia[len(carriers) :, 2, 2] = np.asarray(tree.armature)[rotors]
+    mass = np.r_[np.asarray(tree.mass)[carriers], np.zeros(len(rotors))]
+    center = np.asarray(tree.center)[carriers]
+    if arithmetic is FLOAT64:
+        return TreeNumbers(mass, inertia, center, tree.offset, tree.rotation, tree.gravity)
+    moments = arithmetic.numbers(inertia)
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        moments[:, j, i] = moments[:, i, j]
+    parts = (arithmetic.numbers(np.asarray(x)) for x in (mass, center, tree.offset, tree.gravity))
+    mass, center, offset, gravity = parts
+    rotation = rotations_in(arithmetic, np.asarray(tree.rotation))
+    return TreeNumbers(mass, moments, center, offset, rotation, gravity)
+
+
+def rotations_in(arithmetic: Arithmetic, R: Array) -> Array:
+    """Return rotations (k, 3, 3) in the numbers of `arithmetic`, any ones if it has variables."""
+    if (np.rint(R) == R).all():
+        return R.astype(int).astype(object)
+    if hasattr(arithmetic, "vector"):
+        return rotation_matrices(arithmetic.numbers(np.ones((len(R), 4))))
+    return arithmetic.numbers(R)
+
+
+def joint_coordinates(tree: Tree, arithmetic: Arithmetic) -> tuple[Array, Array]:
+    """Return T (n_j, n) and shift (n_j,) of x = T q + shift, whole numbers as literals."""
+    if arithmetic is FLOAT64:
+        return tree.coordinates, tree.shift
+    parts = []
+    for x in (tree.coordinates, tree.shift):
+        numbers, whole = arithmetic.numbers(np.asarray(x)), np.rint(x)
+        part = np.array(numbers, object)
+        part[whole == x] = whole[whole == x].astype(int)
+        parts.append(part)
+    T, shift = parts
+    return T, shift
+
+
+def joint_positions(
+    model: TreeModel, arithmetic: Arithmetic, T: Array, shift: Array, q: Array
+) -> PreparedMechanism:
+    """Return the joint coordinates T q + shift of a model that has a `Tree`, and their angles."""
+    x, hinges = T @ q + shift, list(model.plan.hinges)
+    return PreparedMechanism(x, arithmetic.angles(x[hinges]) if hinges else None, None)
+
+
+def position_rates(
+    model: TreeModel, positions: PreparedMechanism, rates: Array
+) -> PreparedMechanism:
+    """Return the rates of joint coordinates and their angles, from those of the coordinates."""
+    angles, hinges = positions.angles, list(model.plan.hinges)
+    if angles is None:
+        return PreparedMechanism(rates, None, None)
+    turning = rates[hinges]
+    return PreparedMechanism(
+        rates, Angles(turning, -angles.sin * turning, angles.cos * turning), None
+    )
+
+
+def link_numbers(scene: Scene, model: TreeModel, arithmetic: Arithmetic) -> LinkNumbers:
+    """Return the frames of a scene's links on their scalar joints, in numbers of `arithmetic`."""
+    if model.description is not None:
+        count = len(model.links)
+        rotation, offset = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
+    else:
+        frames = (scene.tree() if model.tree is None else model.tree).frames  # type: ignore[union-attr]
+        rotation = np.array([x.R for x in frames], np.float64).reshape(-1, 3, 3)
+        offset = np.array([x.p for x in frames], np.float64).reshape(-1, 3)
+    if arithmetic is FLOAT64:
+        return LinkNumbers(rotation, offset)
+    return LinkNumbers(rotations_in(arithmetic, rotation), arithmetic.numbers(offset))

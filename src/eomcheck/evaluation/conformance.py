@@ -1,0 +1,507 @@
+"""Conformance quantities: all that a rigid-body library computes, in one table, and our own values.
+
+A `Quantity` has a name, which is that of the method of an engine, its arguments, its shape, how it
+maps to other coordinates, and the quantity whose rate it is. What engines are asked, the claims
+about it, the documentation and the coverage of a library follow from its line in `QUANTITIES`. Own
+values come from a scene's terms and its tree of bodies (`eomcheck.descriptions.tree_model`), in any
+scalar type.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from eomcheck.descriptions.tree_model import (
+    TreeModel,
+    joint_coordinates,
+    joint_positions,
+    link_numbers,
+    position_rates,
+    tree_model,
+    tree_numbers,
+)
+from eomcheck.descriptions.tree_quantities import (
+    CenterOfMass,
+    LinkMotions,
+    LinkNumbers,
+    Momentum,
+    Regressor,
+    Weight,
+)
+from eomcheck.errors import InputError, registered
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.scene_quantities import Quantities
+from eomcheck.mechanics.scene import Scene, finite_array
+from eomcheck.numbers.dual import duals, rate
+from eomcheck.numbers.generic import FLOAT64, Arithmetic, Array, as_objects, map_record
+from eomcheck.numbers.linear import solve
+
+# ---- A state -------------------------------------------------------------------------------------
+
+
+class ConformancePoint:
+    """The conformance quantities of a scene at one point (q, v, v̇, t), each on first use.
+
+    Args:
+        at: the quantities of the scene at (q, v, t), in any scalar type.
+        vdot: acceleration v̇ (n,); by default 0.
+        source: quantities at the same q that have the rates of prepared values; by default `at`.
+    """
+
+    def __init__(self, at: Quantities, vdot: Array | None = None, source: Quantities | None = None):
+        self.at, self._source = at, at if source is None else source
+        self.vdot = np.zeros(at.scene.n, at.v.dtype) if vdot is None else vdot
+        self._results: dict[tuple[str, bool], Any] = {}
+
+    @cached_property
+    def model(self) -> TreeModel:
+        """The tree of bodies of the scene.
+
+        Raises:
+            InputError: it has none.
+        """
+        model = self.at.cached(_model)
+        if model is None:
+            name = self.at.scene.name
+            raise InputError(f"{name} has no tree of bodies: its `tree` returns None")
+        return model
+
+    @property
+    def has_tree(self) -> bool:
+        """Whether the scene has a tree of bodies."""
+        return self.at.cached(_model) is not None
+
+    # ---- Functions of the tree -------------------------------------------------------------------
+
+    def result(self, name: str, rates: bool = False) -> Any:
+        """Return the result of a function of the model, `TreeModel.function`, at this point.
+
+        Args:
+            name: name of the function.
+            rates: whether the rates of its parts are wanted, while q moves by v and v by v̇.
+        """
+        key = name, rates
+        if key not in self._results:
+            self._results[key] = self._in_scene(self._run(name, rates))
+        return self._results[key]
+
+    def _run(self, name: str, rates: bool) -> Any:
+        at, function = self.at, self.model.function(name)
+        v, vdot = self._mapped(at.v), self._mapped(self.vdot)
+        arguments = ARGUMENTS[name](self, vdot)
+        if rates:
+            changing = *self._prepared_and_rates, v, vdot
+            return at.run(_rates_of, function, self._numbers, *changing, *arguments)
+        return at.run(function, self._numbers, self._prepared, v, *arguments)
+
+    @property
+    def _arithmetic(self) -> Arithmetic:
+        """The arithmetic of constants of the tree: float64 for perturbed samples too."""
+        return FLOAT64 if isinstance(self.at, Evaluation) else self.at.arithmetic
+
+    @cached_property
+    def link_numbers(self) -> LinkNumbers:
+        """The frames of the links on their scalar joints."""
+        return self.at.constants(link_numbers(self.at.scene, self.model, self._arithmetic))
+
+    @cached_property
+    def body_numbers(self) -> LinkNumbers:
+        """The frames of the links of bodies on their scalar joints."""
+        bodies = list(self.model.body_links)
+        return LinkNumbers(*(x[bodies] for x in self.link_numbers))
+
+    def _mapped(self, x: Array) -> Array:
+        """Return rates of the coordinates of the model's joints, from those of the scene."""
+        return x if self.model.tree is None else self._coordinates[0] @ x
+
+    @cached_property
+    def _coordinates(self) -> tuple[Array, Array]:
+        """Matrix T and shift of the coordinates x = T q + shift of the model's joints."""
+        assert self.model.tree is not None
+        return joint_coordinates(self.model.tree, self._arithmetic)
+
+    def _in_scene(self, record: Any) -> Any:
+        """Return a result in the coordinates of the scene, from those of the model's joints."""
+        if self.model.tree is None:
+            return record
+        T, _ = self._coordinates
+        if not isinstance(record, tuple):
+            return T.T @ record @ T
+        parts: dict[str, Any] = {}
+        for name, part in record._asdict().items():  # type: ignore[attr-defined]
+            if name in ("jacobian", "matrix"):
+                parts[name] = part @ T
+            elif name in ("gradient", "Y", "rotors"):
+                parts[name] = T.T @ part
+        return record._replace(**parts)  # type: ignore[attr-defined]
+
+    @cached_property
+    def _numbers(self) -> Any:
+        if self.model.tree is None:
+            return self.at.parameters
+        return self.at.constants(tree_numbers(self.model, self._arithmetic))
+
+    @cached_property
+    def _prepared(self) -> Any:
+        if self.model.tree is None:
+            return self.at.prepared
+        arithmetic = self.at.prepare_arithmetic
+        return joint_positions(self.model, arithmetic, *self._coordinates, self.at.q)
+
+    @cached_property
+    def _prepared_and_rates(self) -> tuple[Any, Any]:
+        if self.model.tree is None:
+            return self.prepared_and_rates
+        prepared = self._prepared
+        return prepared, position_rates(self.model, prepared, self._mapped(self.at.v))
+
+    @property
+    def prepared_and_rates(self) -> tuple[Any, Any]:
+        """The prepared values of the scene, and their rates along q̇ = v."""
+        return self._source.prepared_and_rates(self.at.v)
+
+    # ---- Own values ------------------------------------------------------------------------------
+
+    @property
+    def center(self) -> CenterOfMass:
+        """The centre of mass, its Jacobian, velocity and acceleration."""
+        return self.result("center_of_mass")
+
+    @property
+    def momentum(self) -> Momentum:
+        """The momentum, its matrix and its rate."""
+        return self.result("momentum")
+
+    @property
+    def weight(self) -> Weight:
+        """The potential energy of weight and its gradient."""
+        return self.result("weight")
+
+    @property
+    def links(self) -> LinkMotions:
+        """Poses and motions of the frames of all links."""
+        return self.result("link_motions")
+
+    @property
+    def coriolis_matrix(self) -> Array:
+        """The Coriolis matrix (n, n)."""
+        return self.result("coriolis_matrix")
+
+    @property
+    def regressor(self) -> Regressor:
+        """The regressor of inverse dynamics, its parameters and the torques of rotors."""
+        return self.result("regressor")
+
+    def link(self, frame: str) -> LinkMotions:
+        """Return pose and motion of the frame of one link.
+
+        Raises:
+            UnknownNameError: there is no such link.
+        """
+        places = {name: place for place, name in enumerate(self.model.links)}
+        place = registered("frame", frame, places)
+        return LinkMotions(*(x[place] for x in self.links))
+
+    @cached_property
+    def bias(self) -> Array:
+        """The bias B (n,); zeros where the scene has none."""
+        B = self.at.terms.B
+        return np.zeros(self.at.scene.n, self.at.v.dtype) if B is None else B
+
+    @cached_property
+    def inertia_force(self) -> Array:
+        """The torques M v̇ + B (n,) without forces."""
+        return self.at.terms.M @ self.vdot + self.bias
+
+
+ARGUMENTS: dict[str, Callable[[ConformancePoint, Array], tuple[Any, ...]]] = {
+    "center_of_mass": lambda point, vdot: (vdot,),
+    "momentum": lambda point, vdot: (vdot,),
+    "weight": lambda point, vdot: (),
+    "link_motions": lambda point, vdot: (vdot, *point.link_numbers),
+    "coriolis_matrix": lambda point, vdot: (),
+    "regressor": lambda point, vdot: (vdot, *point.body_numbers),
+}
+"""Function of a model -> its arguments after the parameters, prepared values and v."""
+
+
+def _model(at: Quantities) -> TreeModel | None:
+    return tree_model(at.scene)
+
+
+def _rates_of(function: Callable, numbers: Any, *arguments: Any) -> Any:
+    """Return the rates of a function's results.
+
+    Arguments are prepared values, their rates, v, v̇, and those of the function that are constant.
+    """
+    prepared, rates, v, vdot, *constants = arguments
+    state = map_record(duals, prepared, rates), duals(v, vdot)
+    result = function(as_objects(numbers), *state, *as_objects(tuple(constants)))
+    return map_record(rate, result)
+
+
+# ---- Table ---------------------------------------------------------------------------------------
+
+MAPPINGS = {
+    "invariant": "x",
+    "force": "Sᵀ x",
+    "matrix": "Sᵀ x S",
+    "inverse": "S⁻¹ x S⁻ᵀ",
+    "jacobian": "x S",
+    "bias": "x + J Ṡ v",
+    "acceleration": "S⁻¹ (x - Ṡ v)",
+    "coriolis": "Sᵀ x S + Sᵀ M Ṡ",
+    "rows": "Sᵀ x",
+    "derivatives": "by ∂(S v)/∂q and ∂(Ṡ v)/∂q",
+}
+"""How a quantity x in an engine's own coordinates, w = S v, becomes that of the scene."""
+
+
+class Quantity(NamedTuple):
+    """A quantity of the table.
+
+    Attributes:
+        name: name of the method of an engine.
+        symbol: symbol in formulas.
+        arguments: arguments of the method without t: "f" (name of a link), "q", "v", "vdot", "tau".
+        shape: entries along each axis: a number, "n" velocities, or "p" parameters of bodies.
+        mapping: key of `MAPPINGS`.
+        unit: SI units.
+        about: description, with axes and conventions.
+        value: function (point, frame) -> own value; None for derivatives, which have their own.
+        rate_of: name of the quantity whose rate it is; "" if none.
+        needs_tree: whether it needs the scene's tree of bodies.
+        timed: whether its method takes the time.
+    """
+
+    name: str
+    symbol: str
+    arguments: tuple[str, ...]
+    shape: tuple[int | str, ...]
+    mapping: str
+    unit: str
+    about: str
+    value: Callable[[ConformancePoint, str], Any]
+    rate_of: str = ""
+    needs_tree: bool = True
+    timed: bool = False
+
+    @property
+    def of_frame(self) -> bool:
+        """Whether it belongs to a link."""
+        return "f" in self.arguments
+
+    def axis_names(self, point: ConformancePoint) -> tuple[tuple[str, ...], ...]:
+        """Return the names along each axis, for messages."""
+        scene = point.at.scene
+        names: list[tuple[str, ...]] = []
+        for size in self.shape:
+            if size == "n":
+                names.append(scene.coordinate_names)
+            elif size == "p":
+                names.append(parameter_names(point.model.bodies))
+            else:
+                names.append({3: AXIS_NAMES, 6: SPATIAL_NAMES}[int(size)])
+        return tuple(names)
+
+
+AXIS_NAMES = "x", "y", "z"
+SPATIAL_NAMES = "x", "y", "z", "ω_x", "ω_y", "ω_z"
+"""Names of the rows of a velocity: linear first, then angular."""
+
+PARAMETER_NAMES = "m", "m c_x", "m c_y", "m c_z", "I_xx", "I_xy", "I_xz", "I_yy", "I_yz", "I_zz"
+"""Names of the parameters of a body."""
+
+
+def parameter_names(bodies: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the names of the parameters π of bodies with these names."""
+    return tuple(f"{name} of {body}" for body in bodies for name in PARAMETER_NAMES)
+
+
+def _inverse(M: Array) -> Array:
+    identity = np.eye(len(M), dtype=M.dtype if M.dtype == object else np.float64)
+    return solve(M, identity, "M")
+
+
+Q, V, A, F = "q", "v", "vdot", "f"
+
+QUANTITIES: dict[str, Quantity] = {
+    one.name: one
+    for one in (
+        Quantity(
+            *("inverse_dynamics", "τ", (Q, V, A), ("n",), "force", "N, N m"),
+            "generalized forces M v̇ + B + ∂U/∂q, of forces the weight alone",
+            lambda x, f: x.inertia_force + x.weight.gradient,
+            timed=True,
+        ),
+        Quantity(
+            *("forward_dynamics", "v̇", (Q, V, "tau"), ("n",), "acceleration", "m/s², rad/s²"),
+            "acceleration M⁻¹ (τ - B - ∂U/∂q) without constraints, of forces τ and the weight",
+            lambda x, f: x.vdot,
+            timed=True,
+        ),
+        Quantity(
+            *("inverse_mass_matrix", "M⁻¹", (Q,), ("n", "n"), "inverse", "1/kg, 1/(kg m²)"),
+            "inverse of the mass matrix",
+            lambda x, f: _inverse(x.at.terms.M),
+            needs_tree=False,
+            timed=True,
+        ),
+        Quantity(
+            *("gravity", "∂U/∂q", (Q,), ("n",), "force", "N, N m"),
+            "gradient of the potential energy of weight, on the side of M v̇",
+            lambda x, f: x.weight.gradient,
+            timed=True,
+        ),
+        Quantity(
+            *("coriolis_matrix", "C", (Q, V), ("n", "n"), "coriolis", "kg m/s, kg m²/s"),
+            "a matrix C with C v = B; Ṁ = C + Cᵀ where the engine states `coriolis_skew`",
+            lambda x, f: x.coriolis_matrix,
+        ),
+        Quantity(
+            *("kinetic_energy", "T", (Q, V), (), "invariant", "J"),
+            "kinetic energy vᵀ M v / 2, with rotors",
+            lambda x, f: x.at.v @ x.at.terms.M @ x.at.v / 2,
+            needs_tree=False,
+        ),
+        Quantity(
+            *("potential_energy", "U", (Q,), (), "invariant", "J"),
+            "potential energy of weight, up to a constant",
+            lambda x, f: x.weight.U,
+        ),
+        Quantity(
+            *("center_of_mass", "c", (Q,), (3,), "invariant", "m"),
+            "position of the centre of mass of all bodies",
+            lambda x, f: x.center.position,
+        ),
+        Quantity(
+            *("center_of_mass_jacobian", "∂ċ/∂v", (Q,), (3, "n"), "jacobian", "1, m"),
+            "derivatives of the velocity of the centre of mass",
+            lambda x, f: x.center.jacobian,
+        ),
+        Quantity(
+            *("center_of_mass_velocity", "ċ", (Q, V), (3,), "invariant", "m/s"),
+            "velocity of the centre of mass",
+            lambda x, f: x.center.velocity,
+            rate_of="center_of_mass",
+        ),
+        Quantity(
+            *("center_of_mass_acceleration", "c̈", (Q, V, A), (3,), "invariant", "m/s²"),
+            "acceleration of the centre of mass",
+            lambda x, f: x.center.acceleration,
+            rate_of="center_of_mass_velocity",
+        ),
+        Quantity(
+            *("momentum", "h", (Q, V), (6,), "invariant", "kg m/s, kg m²/s"),
+            "linear momentum, then angular about the centre of mass, of the bodies without rotors",
+            lambda x, f: x.momentum.momentum,
+        ),
+        Quantity(
+            *("momentum_matrix", "A", (Q,), (6, "n"), "jacobian", "kg, kg m²"),
+            "derivatives of the momentum by the velocities, h = A v",
+            lambda x, f: x.momentum.matrix,
+        ),
+        Quantity(
+            *("momentum_rate", "ḣ", (Q, V, A), (6,), "invariant", "N, N m"),
+            "rate of the momentum",
+            lambda x, f: x.momentum.rate,
+            rate_of="momentum",
+        ),
+        Quantity(
+            *("frame_placement", "R, p", (F, Q), (3, 4), "invariant", "1, m"),
+            "orientation R, columns along the axes of the link, and position p: [R p]",
+            lambda x, f: np.column_stack([x.link(f).R, x.link(f).p]),
+        ),
+        Quantity(
+            *("frame_velocity", "V", (F, Q, V), (6,), "invariant", "m/s, rad/s"),
+            "velocity of the origin, then angular velocity, along the axes of the world",
+            lambda x, f: x.link(f).velocity,
+            rate_of="frame_placement",
+        ),
+        Quantity(
+            *("frame_jacobian", "J", (F, Q), (6, "n"), "jacobian", "1, m"),
+            "derivatives of `frame_velocity` by the velocities",
+            lambda x, f: x.link(f).jacobian,
+        ),
+        Quantity(
+            *("frame_acceleration", "V̇", (F, Q, V, A), (6,), "invariant", "m/s², rad/s²"),
+            "rate of `frame_velocity`: classical acceleration of the origin, then angular",
+            lambda x, f: x.link(f).acceleration,
+            rate_of="frame_velocity",
+        ),
+        Quantity(
+            *("frame_bias", "J̇ v", (F, Q, V), (6,), "bias", "m/s², rad/s²"),
+            "`frame_acceleration` at v̇ = 0",
+            lambda x, f: x.link(f).bias,
+        ),
+        Quantity(
+            *("regressor", "Y", (Q, V, A), ("n", "p"), "rows", "N/(unit of π)"),
+            "matrix Y with τ = Y π + torques of rotors; π of each body, in the order of its "
+            "links: m, m c and I xx, xy, xz, yy, yz, zz about the link's origin, along its axes",
+            lambda x, f: x.regressor.Y,
+        ),
+    )
+}
+"""Name -> quantity, in the order of docs and of blame."""
+
+
+# ---- Public --------------------------------------------------------------------------------------
+
+
+def quantity(
+    scene: Scene,
+    name: str,
+    q,
+    v=None,
+    vdot=None,
+    *,
+    frame: str | None = None,
+    t: float = 0.0,
+) -> Array:
+    """Return a quantity of a scene at a state, in float64.
+
+    Inverse dynamics is M v̇ + B - Q with all forces of the scene; all else is as in the table of
+    `QUANTITIES`, whose forces are the weight alone: `gravity`, `potential_energy` and `regressor`.
+
+    Args:
+        scene: the scene.
+        name: name of the quantity, a key of `QUANTITIES`.
+        q: coordinates (n,).
+        v: velocities (n,); by default 0.
+        vdot: accelerations (n,); by default 0.
+        frame: name of the link, for quantities of a frame.
+        t: time, s.
+
+    Returns:
+        Its value; `frame_placement` is [R p] (3, 4), an energy has shape ().
+
+    Raises:
+        InputError: wrong shapes, values that are not finite, a missing `frame` or one that the
+            quantity does not have.
+        UnknownNameError: no such quantity or link.
+        InputError: the scene has no tree of bodies.
+
+    Example:
+        >>> import eomcheck
+        >>> arm = eomcheck.SCENES["chain_pendulum"].example()
+        >>> eomcheck.quantity(arm, "center_of_mass", [0.0, 0.0, 0.0]).round(6)
+        array([1.5, 0. , 0. ])
+    """
+    one: Quantity = registered("quantity", name, QUANTITIES)
+    if one.of_frame and frame is None:
+        raise InputError(f"frame = None: {name} is that of a link, name it")
+    if frame is not None and not one.of_frame:
+        raise InputError(f"frame = {frame!r}: {name} belongs to no link")
+    at = Evaluation(scene, q, np.zeros(scene.n) if v is None else v, t)
+    rates = None if vdot is None else finite_array("vdot", vdot, (scene.n,))
+    point = ConformancePoint(at, rates)
+    with np.errstate(all="ignore"):
+        if name == "inverse_dynamics":
+            return at.terms.M @ point.vdot - at.F
+        if name == "forward_dynamics":
+            return solve(at.terms.M, at.F, "M")
+        return np.asarray(one.value(point, frame or ""), np.float64)
