@@ -8,7 +8,8 @@ states, `proof` tests them in finite fields (polynomial identity testing), for a
 from __future__ import annotations
 
 from eomcheck.claims import terms_and_positions, speeds_and_chains  # isort: skip
-from eomcheck.claims import bodies_and_frames, accelerations, numerical_accuracy  # isort: skip
+from eomcheck.claims import bodies_and_frames, engine_quantities  # isort: skip
+from eomcheck.claims import accelerations, numerical_accuracy  # isort: skip
 from eomcheck.claims.case import Case
 from eomcheck.claims.finding import Finding, Proof, State
 from eomcheck.claims.registry import CLAIMS, Claim
@@ -25,6 +26,7 @@ __all__ = [
     "State",
     "accelerations",
     "bodies_and_frames",
+    "engine_quantities",
     "numerical_accuracy",
     "speeds_and_chains",
     "terms_and_positions",

@@ -41,7 +41,7 @@ def _points(at: Quantities) -> list[ConformancePoint]:
 
 
 @claim(
-    "center-of-mass",
+    "center-of-mass-rates",
     "c, ċ = J v, c̈ are rates of each other",
     "",
     "centre of mass",
@@ -59,7 +59,7 @@ def center_of_mass(at: Quantities, context: EvaluationContext) -> Iterator[Compa
     yield Comparison("c̈", center.acceleration, rates.velocity, names, may_vanish=True)
 
 
-@claim("momentum", "h = A v, and ḣ is its rate", "", "momentum", needs=TREE)
+@claim("momentum-rates", "h = A v, and ḣ is its rate", "", "momentum", needs=TREE)
 def momentum(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """The momentum is A v, its linear part m ċ, and its rate that of dual numbers."""
     point = _point(at, context)
@@ -72,7 +72,7 @@ def momentum(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]
     yield Comparison("ḣ", values.rate, rates.momentum, (SPATIAL_NAMES,), may_vanish=True)
 
 
-@claim("frame-motion", "V = J v, V̇ = J v̇ + J̇ v, rates of R and p", "", "frames", needs=TREE)
+@claim("frame-rates", "V = J v, V̇ = J v̇ + J̇ v, rates of R and p", "", "frames", needs=TREE)
 def frame_motion(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """The velocity of a frame is J v and the rate of its placement; its acceleration that of it."""
     point = _point(at, context)
@@ -95,7 +95,7 @@ def _turned(omega: Any, R: Any) -> Any:
     return np.stack([y * R[2] - z * R[1], z * R[0] - x * R[2], x * R[1] - y * R[0]])
 
 
-@claim("weight", "dU/dt = vᵀ ∂U/∂q of weight", "", "gravity", needs=TREE)
+@claim("weight-gradient", "dU/dt = vᵀ ∂U/∂q of weight", "", "gravity", needs=TREE)
 def weight(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """The potential energy of weight changes by its gradient."""
     point = _point(at, context)
@@ -111,7 +111,7 @@ def _rate_of_M(terms: Callable, parameters: Any, prepared: Any, rates: Any, q: A
     return rate(terms(as_objects(parameters), *arguments).M)
 
 
-@claim("coriolis-matrix", "C v = B, Ṁ = C + Cᵀ", "", "Coriolis matrix", needs=TREE)
+@claim("coriolis-identities", "C v = B, Ṁ = C + Cᵀ", "", "Coriolis matrix", needs=TREE)
 def coriolis_matrix(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """The Coriolis matrix of the tree gives the scene's B, and Ṁ - 2 C is skew-symmetric."""
     point = _point(at, context)
@@ -125,7 +125,7 @@ def coriolis_matrix(at: Quantities, context: EvaluationContext) -> Iterator[Comp
     yield Comparison("Ṁ", C + C.T, Mdot, (names, names), may_vanish=True)
 
 
-@claim("regressor", "Y π = M v̇ + B + ∂U/∂q", "", "regressor", needs=TREE)
+@claim("regressor-identity", "Y π = M v̇ + B + ∂U/∂q", "", "regressor", needs=TREE)
 def regressor(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """The regressor times the bodies' parameters is inverse dynamics under weight alone."""
     point = _point(at, context)

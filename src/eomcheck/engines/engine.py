@@ -35,6 +35,7 @@ import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, Self, TypeVar
 
@@ -42,8 +43,11 @@ import numpy as np
 
 from eomcheck import calls
 from eomcheck.calls import call
+from eomcheck.descriptions.tree_model import tree_model
+from eomcheck.descriptions.tree_quantities import PER_BODY
 from eomcheck.errors import CallError, EngineError, InputError, raised
 from eomcheck.errors import required as required
+from eomcheck.evaluation.conformance import QUANTITIES, Quantity
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import UNIT_ROUNDOFF, huge_input, largest, rounded
 from eomcheck.mechanics.scene import Scene
@@ -207,6 +211,98 @@ class Engine(ABC):
         """
         raise NotImplementedError
 
+    # ---- Optional: conformance quantities, `eomcheck.evaluation.conformance` ---------------------
+
+    coriolis_skew: ClassVar[bool] = False
+    """Whether Ṁ = C + Cᵀ holds for its Coriolis matrix."""
+
+    def velocity_map_derivatives(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return (∂(S v)/∂q (m, n), ∂(Ṡ v)/∂q (m, n)) of `velocity_map`; q and v are the scene's.
+
+        Without it, its derivatives by q are skipped where it has coordinates of its own.
+        """
+        raise NotImplementedError
+
+    def inverse_dynamics(self, q: Array, v: Array, vdot: Array, t: float = 0.0) -> Array:
+        """Return the generalized forces M v̇ + B + ∂U/∂q (n,), of forces the weight alone."""
+        raise NotImplementedError
+
+    def forward_dynamics(self, q: Array, v: Array, tau: Array, t: float = 0.0) -> Array:
+        """Return the acceleration M⁻¹ (τ - B - ∂U/∂q) (n,), without constraints, under weight."""
+        raise NotImplementedError
+
+    def inverse_mass_matrix(self, q: Array, t: float = 0.0) -> Array:
+        """Return the inverse of the mass matrix (n, n)."""
+        raise NotImplementedError
+
+    def gravity(self, q: Array, t: float = 0.0) -> Array:
+        """Return the gradient ∂U/∂q (n,) of the potential energy of weight."""
+        raise NotImplementedError
+
+    def coriolis_matrix(self, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return the matrix C (n, n) with C v = B; see `coriolis_skew`."""
+        raise NotImplementedError
+
+    def kinetic_energy(self, q: Array, v: Array, t: float = 0.0) -> float:
+        """Return the kinetic energy, J, of bodies and rotors."""
+        raise NotImplementedError
+
+    def potential_energy(self, q: Array, t: float = 0.0) -> float:
+        """Return the potential energy of weight, J, up to a constant."""
+        raise NotImplementedError
+
+    def center_of_mass(self, q: Array, t: float = 0.0) -> Array:
+        """Return the position (3,) of the centre of mass of all bodies, m."""
+        raise NotImplementedError
+
+    def center_of_mass_jacobian(self, q: Array, t: float = 0.0) -> Array:
+        """Return the derivatives (3, n) of its velocity by v."""
+        raise NotImplementedError
+
+    def center_of_mass_velocity(self, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return the velocity (3,) of the centre of mass, m/s."""
+        raise NotImplementedError
+
+    def center_of_mass_acceleration(self, q: Array, v: Array, vdot: Array, t: float = 0.0) -> Array:
+        """Return the acceleration (3,) of the centre of mass, m/s²."""
+        raise NotImplementedError
+
+    def momentum(self, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return the momentum (6,): linear, then angular about the centre of mass."""
+        raise NotImplementedError
+
+    def momentum_matrix(self, q: Array, t: float = 0.0) -> Array:
+        """Return the matrix A (6, n) with momentum A v."""
+        raise NotImplementedError
+
+    def momentum_rate(self, q: Array, v: Array, vdot: Array, t: float = 0.0) -> Array:
+        """Return the rate of the momentum (6,)."""
+        raise NotImplementedError
+
+    def frame_placement(self, f: str, q: Array, t: float = 0.0) -> tuple[Array, Array]:
+        """Return the orientation R (3, 3) and position p (3,) of the link's frame."""
+        raise NotImplementedError
+
+    def frame_velocity(self, f: str, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return the velocity (6,) of its origin, then angular, along the axes of the world."""
+        raise NotImplementedError
+
+    def frame_jacobian(self, f: str, q: Array, t: float = 0.0) -> Array:
+        """Return the derivatives (6, n) of `frame_velocity` by v."""
+        raise NotImplementedError
+
+    def frame_acceleration(self, f: str, q: Array, v: Array, vdot: Array, t: float = 0.0) -> Array:
+        """Return the rate (6,) of `frame_velocity`: classical acceleration, then angular."""
+        raise NotImplementedError
+
+    def frame_bias(self, f: str, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return the `frame_acceleration` (6,) at v̇ = 0, J̇ v."""
+        raise NotImplementedError
+
+    def regressor(self, q: Array, v: Array, vdot: Array, t: float = 0.0) -> Array:
+        """Return the matrix Y (n, 10 n_b): `inverse_dynamics` without rotors is Y π."""
+        raise NotImplementedError
+
 
 OPTIONAL = (
     "forces",
@@ -214,6 +310,7 @@ OPTIONAL = (
     "constraint_drift",
     "kane_inertia_remainder",
     "acceleration",
+    *QUANTITIES,
 )
 """Names of the methods that an engine may offer beside M and B."""
 
@@ -341,9 +438,14 @@ class Answers:
             self.ask(method, _shift(q, distance), _shift(-v / 2, distance), *others)
 
     def ask(self, method: str, *arguments: Any) -> Any:
-        """Return the result of the method of this name, with arguments q, v, ..., t."""
+        """Return the result of the method of this name, with arguments q, v, ..., t.
+
+        Those of a conformance quantity are q, v, v̇ or τ, the name of a link or "", and t.
+        """
         if method == "mass_matrix":
             return self.mass_matrix(arguments[0], arguments[-1])
+        if method in QUANTITIES:
+            return self.quantity(QUANTITIES[method], *arguments)
         return getattr(self, method)(*arguments)
 
     def velocity_map(self, q: Array, v: Array) -> VelocityMap:
@@ -362,8 +464,8 @@ class Answers:
 
     def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
         """Return the mass matrix M (n, n)."""
-        x, S, _ = self.velocity_map(q, np.zeros_like(q))
-        M = self._ask_checked("mass_matrix", (len(S),) * 2, x, t)
+        S = self.velocity_map(q, np.zeros_like(q)).S
+        M = self._own_mass_matrix(q, t)
         return S.T @ M @ S if self._maps else M
 
     def own_terms(self, q: Array, v: Array, t: float = 0.0) -> tuple[VelocityMap, Array, Array]:
@@ -432,6 +534,83 @@ class Answers:
         if multipliers is not None:
             multipliers = _checked("acceleration: λ", multipliers, (self.engine.scene.r,))
         return EngineAcceleration(back @ (vdot - rest) if self._maps else vdot, multipliers)
+
+    def quantity(
+        self, one: Quantity, q: Array, v: Array, third: Array, frame: str, t: float = 0.0
+    ) -> Array:
+        """Return a conformance quantity in the scene's coordinates.
+
+        That of a Coriolis matrix is C v (n,), because C is not unique.
+
+        Args:
+            one: the quantity.
+            q: coordinates (n,).
+            v: velocities (n,).
+            third: v̇ (n,), or τ (n,) of forward dynamics.
+            frame: name of the link, "" for quantities of none.
+            t: time, s.
+        """
+        if one.name == "potential_energy":
+            here, there = (self._own_quantity(one, x, v, third, frame, t) for x in (q, 0.0 * q))
+            return here[0] - there[0]
+        value, S, rest = self._own_quantity(one, q, v, third, frame, t)
+        if one.name == "coriolis_matrix":
+            force = S.T @ (value @ (S @ v))
+            return force + S.T @ (self._own_mass_matrix(q, t) @ rest) if rest.any() else force
+        if not self._maps or one.mapping == "invariant":
+            return value
+        if one.mapping in ("force", "rows"):
+            return S.T @ value
+        if one.mapping == "jacobian":
+            return value @ S
+        if one.mapping == "bias":
+            jacobian, _, _ = self._own_quantity(QUANTITIES[one.companion], q, v, third, frame, t)
+            return value + jacobian @ rest
+        back = np.linalg.pinv(S)
+        if one.mapping == "inverse":
+            return back @ value @ back.T
+        return back @ (value - rest)  # an acceleration
+
+    @cached_property
+    def _parameter_count(self) -> int:
+        """Number of parameters of a regressor."""
+        model = tree_model(self.engine.scene)
+        return 0 if model is None else PER_BODY * len(model.bodies)
+
+    def _own_mass_matrix(self, q: Array, t: float) -> Array:
+        """Return the mass matrix in the engine's own coordinates."""
+        x, S, _ = self.velocity_map(q, np.zeros_like(q))
+        return self._ask_checked("mass_matrix", (len(S),) * 2, x, t)
+
+    def _own_quantity(
+        self, one: Quantity, q: Array, v: Array, third: Array, frame: str, t: float
+    ) -> tuple[Array, Array, Array]:
+        """Return a quantity in the engine's own coordinates, with S and Ṡ v."""
+        x, S, rest = self.velocity_map(q, v)
+        w = S @ v
+        if "tau" in one.arguments:
+            third = np.linalg.pinv(S).T @ third if self._maps else third
+        elif self._maps:
+            third = S @ third + rest
+        values = {"f": frame, "q": x, "v": w, "vdot": third, "tau": third}
+        sizes = {"n": len(S), "p": self._parameter_count}
+        shape = tuple(sizes.get(size, size) for size in one.shape)  # type: ignore[arg-type]
+        result = self._call(one.name, *(values[name] for name in one.arguments), t)
+        if one.name == "frame_placement":
+            result = self._placement(result)
+        elif not shape:
+            result = np.asarray(result) if isinstance(result, float | int) else result
+        return _checked(one.name, result, shape), S, rest  # type: ignore[arg-type]
+
+    def _placement(self, result: Any) -> Array:
+        """Return (R, p) as [R p] (3, 4)."""
+        try:
+            R, p = result
+        except (TypeError, ValueError):
+            message = f"frame_placement returned {_kind(result)}, expected (R, p)"
+            raise EngineFault(message) from None
+        R = _checked("frame_placement: R", R, (3, 3))
+        return np.column_stack([R, _checked("frame_placement: p", p, (3,))])
 
     def _jacobian(self, x: Array, S: Array, w: Array, t: float) -> Array:
         return self._ask_checked("constraint_jacobian", (self.engine.scene.r, len(S)), x, w, t)
@@ -568,7 +747,7 @@ def inertia_size(at: Evaluation) -> float:
     independent of the velocity at which the whole scene translates. For a scene that names no
     angles all velocities count.
     """
-    return _turning(at) * largest(np.abs(at.terms.M) @ np.abs(at.v))
+    return turning_rate(at) * largest(np.abs(at.terms.M) @ np.abs(at.v))
 
 
 def drift_size(at: Evaluation) -> float:
@@ -579,12 +758,12 @@ def drift_size(at: Evaluation) -> float:
     """
     if at.terms.a is None:
         return 0.0
-    turning, speeds = _turning(at), np.abs(at.v)
+    turning, speeds = turning_rate(at), np.abs(at.v)
     speeds[_angles(at)] = turning
     return turning * largest(np.abs(at.terms.a) @ speeds)
 
 
-def _turning(at: Evaluation) -> float:
+def turning_rate(at: Evaluation) -> float:
     """Return the largest angular velocity of any body, rad/s: the sum of all rates of angles."""
     return float(np.abs(at.v)[_angles(at)].sum())
 

@@ -301,9 +301,9 @@ class FileEngine(TreeEngine):
         self.file = Path(scene.source.file)
         self.description = self._described()
         self.base = FREE if is_free(scene) else 0
-        self._gravity = np.zeros(3)
-        if (gravity := getattr(scene, "gravity", None)) is not None:
-            self._gravity[: len(gravity)] = gravity  # a plane scene has two components
+        tree = scene.tree()
+        self._gravity = np.asarray(tree.gravity, np.float64)
+        self.frames = tuple(x._replace(R=np.eye(3), p=np.zeros(3)) for x in tree.frames)
         library = self._library()
         with capture_output() as self.library_output:
             self._read(library, self.description)

@@ -12,7 +12,7 @@ import numpy as np
 
 from eomcheck.engines.engine import EngineAcceleration, VelocityMap
 from eomcheck.engines.file_engine import BaseVelocity, FileEngine, FreeBase, RobotDescription
-from eomcheck.engines.tree_engine import TreeLink, TreeSolverEngine
+from eomcheck.engines.tree_engine import TreeLink, TreeSolverEngine, moved_parameters
 from eomcheck.numbers.generic import Array
 
 
@@ -40,6 +40,10 @@ class PinocchioEngine(TreeSolverEngine):
             if link.mass > 0 or link.turns_without_mass:
                 body = pin.Inertia(link.mass, link.center, link.inertia)
                 model.appendBodyToJoint(joint, body, pin.SE3.Identity())
+        for frame in self.frames:
+            seat = pin.SE3(frame.R, frame.p)
+            kind = pin.FrameType.OP_FRAME
+            model.addFrame(pin.Frame(frame.name, frame.joint + 1, 0, seat, kind))
         self.data = model.createData()
 
     def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
@@ -60,6 +64,122 @@ class PinocchioEngine(TreeSolverEngine):
             return EngineAcceleration(np.array(self._pin.aba(*state)), None)
         xdd = self._pin.forwardDynamics(*state, a, gamma)
         return EngineAcceleration(np.array(xdd), np.array(self.data.lambda_c))
+
+    # ---- Conformance quantities ------------------------------------------------------------------
+
+    def _under_gravity(self, algorithm: Any, *arguments: Array) -> Any:
+        """Return the result of one of Pinocchio's algorithms for the model under gravity."""
+        self.model.gravity.linear = self._gravity
+        try:
+            return algorithm(self.model, self.data, *arguments)
+        finally:
+            self.model.gravity.linear = np.zeros(3)
+
+    def inverse_dynamics(self, q: Array, v: Array, vdot: Array, t: float = 0.0) -> Array:
+        """Return τ (n,) by `rnea`."""
+        return np.array(self._under_gravity(self._pin.rnea, q, v, vdot))
+
+    def forward_dynamics(self, q: Array, v: Array, tau: Array, t: float = 0.0) -> Array:
+        """Return v̇ (n,) by `aba`."""
+        return np.array(self._under_gravity(self._pin.aba, q, v, tau))
+
+    def inverse_mass_matrix(self, q: Array, t: float = 0.0) -> Array:
+        """Return M⁻¹ (n, n) by `computeMinverse`, which fills its upper triangle."""
+        upper = np.triu(np.array(self._pin.computeMinverse(self.model, self.data, q)))
+        return upper + upper.T - np.diag(np.diagonal(upper))
+
+    def gravity(self, q: Array, t: float = 0.0) -> Array:
+        """Return ∂U/∂q (n,) by `computeGeneralizedGravity`."""
+        return np.array(self._under_gravity(self._pin.computeGeneralizedGravity, q))
+
+    def coriolis_matrix(self, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return C (n, n) by `computeCoriolisMatrix`."""
+        return np.array(self._pin.computeCoriolisMatrix(self.model, self.data, q, v))
+
+    def kinetic_energy(self, q: Array, v: Array, t: float = 0.0) -> float:
+        """Return T by `computeKineticEnergy`."""
+        return float(self._pin.computeKineticEnergy(self.model, self.data, q, v))
+
+    def potential_energy(self, q: Array, t: float = 0.0) -> float:
+        """Return U by `computePotentialEnergy`."""
+        return float(self._under_gravity(self._pin.computePotentialEnergy, q))
+
+    def center_of_mass(self, q: Array, t: float = 0.0) -> Array:
+        """Return c (3,) by `centerOfMass`."""
+        return np.array(self._pin.centerOfMass(self.model, self.data, q))
+
+    def center_of_mass_jacobian(self, q: Array, t: float = 0.0) -> Array:
+        """Return ∂ċ/∂v (3, n) by `jacobianCenterOfMass`."""
+        return np.array(self._pin.jacobianCenterOfMass(self.model, self.data, q))
+
+    def center_of_mass_velocity(self, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return ċ (3,) by `centerOfMass`."""
+        self._pin.centerOfMass(self.model, self.data, q, v)
+        return np.array(self.data.vcom[0])
+
+    def center_of_mass_acceleration(self, q: Array, v: Array, vdot: Array, t: float = 0.0) -> Array:
+        """Return c̈ (3,) by `centerOfMass`."""
+        self._pin.centerOfMass(self.model, self.data, q, v, vdot)
+        return np.array(self.data.acom[0])
+
+    def momentum(self, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return h (6,) by `computeCentroidalMomentum`."""
+        return np.array(self._pin.computeCentroidalMomentum(self.model, self.data, q, v).vector)
+
+    def momentum_matrix(self, q: Array, t: float = 0.0) -> Array:
+        """Return A (6, n) by `computeCentroidalMap`."""
+        return np.array(self._pin.computeCentroidalMap(self.model, self.data, q))
+
+    def momentum_rate(self, q: Array, v: Array, vdot: Array, t: float = 0.0) -> Array:
+        """Return ḣ (6,) by `computeCentroidalMomentumTimeVariation`."""
+        algorithm = self._pin.computeCentroidalMomentumTimeVariation
+        return np.array(algorithm(self.model, self.data, q, v, vdot).vector)
+
+    def _frame(self, f: str, *state: Array) -> tuple[Any, ...]:
+        """Return (model, data, frame) after forward kinematics at a state."""
+        self._pin.forwardKinematics(self.model, self.data, *state)
+        self._pin.updateFramePlacements(self.model, self.data)
+        return self.model, self.data, self.model.getFrameId(f)
+
+    def frame_placement(self, f: str, q: Array, t: float = 0.0) -> tuple[Array, Array]:
+        """Return (R, p) of `oMf`."""
+        _, data, frame = self._frame(f, q)
+        return np.array(data.oMf[frame].rotation), np.array(data.oMf[frame].translation)
+
+    def frame_velocity(self, f: str, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return the velocity (6,) by `getFrameVelocity`, along the axes of the world."""
+        axes = self._pin.LOCAL_WORLD_ALIGNED
+        return np.array(self._pin.getFrameVelocity(*self._frame(f, q, v), axes).vector)
+
+    def frame_jacobian(self, f: str, q: Array, t: float = 0.0) -> Array:
+        """Return J (6, n) by `computeFrameJacobian`, along the axes of the world."""
+        axes, frame = self._pin.LOCAL_WORLD_ALIGNED, self.model.getFrameId(f)
+        return np.array(self._pin.computeFrameJacobian(self.model, self.data, q, frame, axes))
+
+    def frame_acceleration(self, f: str, q: Array, v: Array, vdot: Array, t: float = 0.0) -> Array:
+        """Return the acceleration (6,) by `getFrameClassicalAcceleration`."""
+        axes = self._pin.LOCAL_WORLD_ALIGNED
+        algorithm = self._pin.getFrameClassicalAcceleration
+        return np.array(algorithm(*self._frame(f, q, v, vdot), axes).vector)
+
+    def frame_bias(self, f: str, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return J̇ v (6,), the acceleration at v̇ = 0."""
+        return self.frame_acceleration(f, q, v, np.zeros(len(v)), t)
+
+    def regressor(self, q: Array, v: Array, vdot: Array, t: float = 0.0) -> Array:
+        """Return Y (n, 10 n_b) by `computeJointTorqueRegressor`, of the frames of its joints."""
+        Y = np.array(self._under_gravity(self._pin.computeJointTorqueRegressor, q, v, vdot))
+        columns = []
+        for frame in self.body_frames:
+            joint = self.model.frames[self.model.getFrameId(frame.name)].parentJoint
+            own = Y[:, 10 * (joint - 1) : 10 * joint][:, INERTIA_ORDER]
+            columns.append(own @ moved_parameters(frame))
+        return np.hstack(columns)
+
+
+INERTIA_ORDER = [0, 1, 2, 3, 4, 5, 7, 6, 8, 9]
+"""Place of our parameters m, m c, I xx, xy, xz, yy, yz, zz among Pinocchio's: ... xx, xy, yy, xz,
+yz, zz."""
 
 
 # ---- Model read from a URDF ----------------------------------------------------------------------
@@ -95,22 +215,13 @@ class PinocchioFile(FileEngine, PinocchioEngine):
         """Return the position and the quaternion x, y, z, w."""
         return np.concatenate([base.position, np.roll(base.quaternion, -1)])
 
-    def _under_gravity(self, algorithm: Any, *arguments: Array) -> Array:
-        """Return the result of one of Pinocchio's algorithms for the model under gravity."""
-        self.model.gravity.linear = self._gravity
-        try:
-            return np.array(algorithm(self.model, self.data, *arguments))
-        finally:
-            self.model.gravity.linear = np.zeros(3)
-
     def forces(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return Q (m,) of gravity and of the dampers that it reads."""
-        gravity = self._under_gravity(self._pin.computeGeneralizedGravity, q)
-        return -gravity - self.model.damping * v
+        return -self.gravity(q, t) - self.model.damping * v
 
     def free_acceleration(self, q: Array, v: Array) -> Array:
         """Return ẇ (m,) by the articulated body algorithm, which leaves out all dampers.
 
         So it differs from ẇ = M⁻¹ (Q - B) of `forces` where a joint is damped (`undamped`).
         """
-        return self._under_gravity(self._pin.aba, q, v, np.zeros(len(v)))
+        return self.forward_dynamics(q, v, np.zeros(len(v)))

@@ -13,9 +13,10 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from eomcheck.descriptions.tree_model import tree_model
 from eomcheck.engines.engine import Engine, EngineAcceleration, VelocityMap
 from eomcheck.errors import EngineError, required
-from eomcheck.mechanics.records import Tree
+from eomcheck.mechanics.records import Tree, TreeFrame
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
 
@@ -193,6 +194,9 @@ class TreeEngine(Engine):
         """Matrix T (m, n), x = T q + shift for the m joints of the tree."""
         self.shift: Array = tree.shift
         """Joint coordinates x where q = 0 (m,)."""
+        self.frames: tuple[TreeFrame, ...] = tree.frames
+        """Frames of the links, fixed to joints."""
+        self._gravity: Array = np.asarray(tree.gravity, np.float64)
         self._n = len(tree.joint)
         self._build(self._library(), self.links(tree))
 
@@ -247,6 +251,13 @@ class TreeEngine(Engine):
         return VelocityMap(self.coordinates @ q + self.shift, self.coordinates, np.zeros(self._n))
 
     @property
+    def body_frames(self) -> list[TreeFrame]:
+        """The frames of bodies, in the order of the parameters of a regressor."""
+        model = tree_model(self.scene)
+        bodies = () if model is None else model.bodies
+        return [frame for frame in self.frames if frame.name in bodies]
+
+    @property
     def follow(self) -> bool:
         """Whether some joints follow others."""
         return self._n > self.scene.n
@@ -291,6 +302,23 @@ class TreeSolverEngine(TreeEngine):
         self, q: Array, v: Array, Q: Array, a: Array | None, gamma: Array | None
     ) -> EngineAcceleration:
         """Return v̇ (n,) and λ (r,) by the library, from Q, a and gamma of the scene."""
+
+
+def moved_parameters(frame: TreeFrame) -> Array:
+    """Return X (10, 10): parameters about the joint's origin, along its axes, are X π.
+
+    π are the parameters of a body about the origin of its link's frame (`Engine.regressor`).
+    """
+    columns = []
+    for unit in np.eye(10):
+        mass, moment, (xx, xy, xz, yy, yz, zz) = unit[0], unit[1:4], unit[4:]
+        inertia = frame.R @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ frame.R.T
+        first, p = frame.R @ moment, frame.p
+        mixed = np.outer(first, p) + np.outer(p, first)
+        inertia += (2 * (p @ first) + mass * (p @ p)) * np.eye(3) - mixed - mass * np.outer(p, p)
+        moved = inertia[np.triu_indices(3)]
+        columns.append(np.concatenate(([mass], first + mass * p, moved)))
+    return np.column_stack(columns)
 
 
 def all_move(tree: Tree) -> bool:

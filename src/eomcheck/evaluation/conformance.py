@@ -10,6 +10,7 @@ scalar type.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -37,7 +38,7 @@ from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.mechanics.scene import Scene, finite_array
 from eomcheck.numbers.dual import duals, rate
-from eomcheck.numbers.generic import FLOAT64, Arithmetic, Array, as_objects, map_record
+from eomcheck.numbers.generic import FLOAT64, Arithmetic, Array, as_objects, generic, map_record
 from eomcheck.numbers.linear import solve
 
 # ---- A state -------------------------------------------------------------------------------------
@@ -50,9 +51,17 @@ class ConformancePoint:
         at: the quantities of the scene at (q, v, t), in any scalar type.
         vdot: acceleration v̇ (n,); by default 0.
         source: quantities at the same q that have the rates of prepared values; by default `at`.
+        tau: forces τ (n,) of forward dynamics; by default those of inverse dynamics.
     """
 
-    def __init__(self, at: Quantities, vdot: Array | None = None, source: Quantities | None = None):
+    def __init__(
+        self,
+        at: Quantities,
+        vdot: Array | None = None,
+        source: Quantities | None = None,
+        tau: Array | None = None,
+    ):
+        self.tau = tau
         self.at, self._source = at, at if source is None else source
         self.vdot = np.zeros(at.scene.n, at.v.dtype) if vdot is None else vdot
         self._results: dict[tuple[str, bool], Any] = {}
@@ -212,6 +221,42 @@ class ConformancePoint:
         B = self.at.terms.B
         return np.zeros(self.at.scene.n, self.at.v.dtype) if B is None else B
 
+    @property
+    def mass(self) -> Any:
+        """The mass of all bodies, kg."""
+        return self.at.parameters.mass.sum()
+
+    @cached_property
+    def inverse_mass_matrix(self) -> Array:
+        """The inverse of the mass matrix (n, n).
+
+        Raises:
+            RefusedError: M is singular to working precision.
+        """
+        with self._solving():
+            return self.at.call(inverse_of, self.at.terms.M)
+
+    @cached_property
+    def torques(self) -> Array:
+        """The forces M v̇ + B + ∂U/∂q (n,) of inverse dynamics."""
+        return self.inertia_force + self.weight.gradient
+
+    @cached_property
+    def free_acceleration(self) -> Array:
+        """The acceleration M⁻¹ (τ - B - ∂U/∂q) (n,) without constraints.
+
+        Raises:
+            RefusedError: M is singular to working precision.
+        """
+        tau = self.torques if self.tau is None else self.tau
+        with self._solving():
+            F = -self.bias - self.weight.gradient + tau
+            return self.at.call(solve, self.at.terms.M, F, "M")
+
+    def _solving(self) -> AbstractContextManager:
+        recording = getattr(self.at, "recording_solves", None)
+        return nullcontext() if recording is None else recording()
+
     @cached_property
     def inertia_force(self) -> Array:
         """The torques M v̇ + B (n,) without forces."""
@@ -227,6 +272,12 @@ ARGUMENTS: dict[str, Callable[[ConformancePoint, Array], tuple[Any, ...]]] = {
     "regressor": lambda point, vdot: (vdot, *point.body_numbers),
 }
 """Function of a model -> its arguments after the parameters, prepared values and v."""
+
+
+@generic
+def inverse_of(M):
+    """Return the inverse of a matrix (n, n)."""
+    return solve(M, np.eye(M.shape[0], dtype=M.dtype), "M")
 
 
 def _model(at: Quantities) -> TreeModel | None:
@@ -274,8 +325,8 @@ class Quantity(NamedTuple):
         about: description, with axes and conventions.
         value: function (point, frame) -> own value; None for derivatives, which have their own.
         rate_of: name of the quantity whose rate it is; "" if none.
+        companion: name of the Jacobian J by which a bias maps; "" if it is none.
         needs_tree: whether it needs the scene's tree of bodies.
-        timed: whether its method takes the time.
     """
 
     name: str
@@ -287,8 +338,8 @@ class Quantity(NamedTuple):
     about: str
     value: Callable[[ConformancePoint, str], Any]
     rate_of: str = ""
+    companion: str = ""
     needs_tree: bool = True
-    timed: bool = False
 
     @property
     def of_frame(self) -> bool:
@@ -305,13 +356,16 @@ class Quantity(NamedTuple):
             elif size == "p":
                 names.append(parameter_names(point.model.bodies))
             else:
-                names.append({3: AXIS_NAMES, 6: SPATIAL_NAMES}[int(size)])
+                names.append(SIZE_NAMES[int(size)])
         return tuple(names)
 
 
 AXIS_NAMES = "x", "y", "z"
 SPATIAL_NAMES = "x", "y", "z", "ω_x", "ω_y", "ω_z"
 """Names of the rows of a velocity: linear first, then angular."""
+
+SIZE_NAMES = {3: AXIS_NAMES, 4: ("R_x", "R_y", "R_z", "p"), 6: SPATIAL_NAMES}
+"""Size of an axis -> names along it; 4 are the columns of [R p]."""
 
 PARAMETER_NAMES = "m", "m c_x", "m c_y", "m c_z", "I_xx", "I_xy", "I_xz", "I_yy", "I_yz", "I_zz"
 """Names of the parameters of a body."""
@@ -322,11 +376,6 @@ def parameter_names(bodies: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(f"{name} of {body}" for body in bodies for name in PARAMETER_NAMES)
 
 
-def _inverse(M: Array) -> Array:
-    identity = np.eye(len(M), dtype=M.dtype if M.dtype == object else np.float64)
-    return solve(M, identity, "M")
-
-
 Q, V, A, F = "q", "v", "vdot", "f"
 
 QUANTITIES: dict[str, Quantity] = {
@@ -335,31 +384,27 @@ QUANTITIES: dict[str, Quantity] = {
         Quantity(
             *("inverse_dynamics", "τ", (Q, V, A), ("n",), "force", "N, N m"),
             "generalized forces M v̇ + B + ∂U/∂q, of forces the weight alone",
-            lambda x, f: x.inertia_force + x.weight.gradient,
-            timed=True,
+            lambda x, f: x.torques,
         ),
         Quantity(
             *("forward_dynamics", "v̇", (Q, V, "tau"), ("n",), "acceleration", "m/s², rad/s²"),
             "acceleration M⁻¹ (τ - B - ∂U/∂q) without constraints, of forces τ and the weight",
-            lambda x, f: x.vdot,
-            timed=True,
+            lambda x, f: x.free_acceleration,
         ),
         Quantity(
             *("inverse_mass_matrix", "M⁻¹", (Q,), ("n", "n"), "inverse", "1/kg, 1/(kg m²)"),
             "inverse of the mass matrix",
-            lambda x, f: _inverse(x.at.terms.M),
+            lambda x, f: x.inverse_mass_matrix,
             needs_tree=False,
-            timed=True,
         ),
         Quantity(
             *("gravity", "∂U/∂q", (Q,), ("n",), "force", "N, N m"),
             "gradient of the potential energy of weight, on the side of M v̇",
             lambda x, f: x.weight.gradient,
-            timed=True,
         ),
         Quantity(
             *("coriolis_matrix", "C", (Q, V), ("n", "n"), "coriolis", "kg m/s, kg m²/s"),
-            "a matrix C with C v = B; Ṁ = C + Cᵀ where the engine states `coriolis_skew`",
+            "a matrix C with C v = B, by which it is compared; it is not unique",
             lambda x, f: x.coriolis_matrix,
         ),
         Quantity(
@@ -414,7 +459,7 @@ QUANTITIES: dict[str, Quantity] = {
         Quantity(
             *("frame_placement", "R, p", (F, Q), (3, 4), "invariant", "1, m"),
             "orientation R, columns along the axes of the link, and position p: [R p]",
-            lambda x, f: np.column_stack([x.link(f).R, x.link(f).p]),
+            lambda x, f: np.concatenate((x.link(f).R, x.link(f).p.reshape(3, 1)), axis=1),
         ),
         Quantity(
             *("frame_velocity", "V", (F, Q, V), (6,), "invariant", "m/s, rad/s"),
@@ -437,6 +482,7 @@ QUANTITIES: dict[str, Quantity] = {
             *("frame_bias", "J̇ v", (F, Q, V), (6,), "bias", "m/s², rad/s²"),
             "`frame_acceleration` at v̇ = 0",
             lambda x, f: x.link(f).bias,
+            companion="frame_jacobian",
         ),
         Quantity(
             *("regressor", "Y", (Q, V, A), ("n", "p"), "rows", "N/(unit of π)"),
