@@ -156,11 +156,17 @@ def _check(one: Quantity, case: Case) -> Iterator[Finding]:
             yield case.finding(frame or one.name, *outcome)
 
 
-for _one in QUANTITIES.values():
-    _statement = f"{_one.symbol} = {_one.symbol} of the engine"
-    case_claim(_one.name.replace("_", "-"), _statement, "", _one.name, asks=_one.name)(
-        partial(_check, _one)
-    )
+def _register(one: Quantity) -> str:
+    """Register the claim about a quantity, and return its id."""
+    id = "engine-" + one.name.replace("_", "-")
 
-CONFORMANCE = tuple(one.name.replace("_", "-") for one in QUANTITIES.values())
+    @case_claim(id, f"{one.symbol} = {one.symbol} of the engine", "", one.name, asks=one.name)
+    def check(case: Case) -> Iterator[Finding]:
+        return _check(one, case)
+
+    check.__name__ = check.__qualname__ = f"engine_{one.name}"
+    return id
+
+
+CONFORMANCE = tuple(map(_register, QUANTITIES.values()))
 """Ids of the claims here."""

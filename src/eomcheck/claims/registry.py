@@ -352,6 +352,7 @@ class ClaimRegistry(dict[str, K], Generic[K]):
 
         def decorate(function: F) -> F:
             claim = self._kind(*about, **options, **{body: function})
+            assert claim.id not in self, claim.id
             self[claim.id] = claim
             return function
 

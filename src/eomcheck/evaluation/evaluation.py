@@ -17,7 +17,7 @@ from scipy.linalg import qr
 
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluation.constraint_rank import independent_partition
-from eomcheck.evaluation.scene_quantities import Quantities, quantity, values_and_rates
+from eomcheck.evaluation.scene_quantities import Quantities, cached_quantity, values_and_rates
 from eomcheck.evaluation.tolerance import UNIT_ROUNDOFF, rounded, well_conditioned
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.kernels.perturbed_trace import TraceRunner
@@ -131,7 +131,7 @@ class Evaluation(Quantities):
             as_float64, self.run(_prepared_with_rates, self.scene.prepare, int(clock), *state)
         )
 
-    @quantity
+    @cached_quantity
     def parameters(self) -> Any:
         """The scene's parameters."""
         return self.scene.float64_parameters
@@ -154,7 +154,7 @@ class Evaluation(Quantities):
         """Record the matrices that are solved inside the block, for the entry `key` of `solves`."""
         return recording_solves()
 
-    @quantity
+    @cached_quantity
     def kinematics(self) -> Any:
         """The intermediate values that speeds and bodies share.
 
@@ -180,7 +180,7 @@ class Evaluation(Quantities):
         """Raise RefusedError if the scene has no generalized speeds at this state."""
         self.scene.refuse_speeds(self.q)
 
-    @quantity
+    @cached_quantity
     def pivoted_partition(self) -> Partition:
         """The partition by pivoted QR of a."""
         if self.terms.a is None:
@@ -189,7 +189,7 @@ class Evaluation(Quantities):
         r = self.scene.r
         return Partition(np.sort(order[:r]), np.sort(order[r:]))
 
-    @quantity
+    @cached_quantity
     def independent_partition(self) -> Partition:
         """The partition into independent and redundant constraints.
 
@@ -356,7 +356,7 @@ class BatchEvaluation(Evaluation):
         self.scenes, self.states = scenes, len(scenes)
         self.refused: dict[Key, Array] = {}
 
-    @quantity
+    @cached_quantity
     def parameters(self) -> Any:
         """The scenes' parameters, in a batch."""
         return self.finished(stacked([scene.float64_parameters for scene in self.scenes]))

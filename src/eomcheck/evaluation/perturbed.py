@@ -27,7 +27,7 @@ from scipy.linalg import qr, solve_triangular
 
 from eomcheck.errors import InconsistentVelocityError, RefusedError
 from eomcheck.evaluation.evaluation import TRACES, Acceleration, BatchEvaluation, Evaluation, Key
-from eomcheck.evaluation.scene_quantities import Solution, quantity
+from eomcheck.evaluation.scene_quantities import Solution, cached_quantity
 from eomcheck.evaluation.tolerance import (
     INCONCLUSIVE,
     NOTICEABLE,
@@ -154,7 +154,7 @@ class PerturbedEvaluation(Evaluation):
         """Return `record`, perturbed in every sample by itself."""
         return self.finished(self.noise.repeated(record))
 
-    @quantity
+    @cached_quantity
     def parameters(self) -> Any:
         """The scene's parameters, perturbed."""
         return self.finished(self.noise.repeated(self.original.parameters))
@@ -180,7 +180,7 @@ class PerturbedEvaluation(Evaluation):
         parameters, q = _part((self.parameters, self.q), i, noise)
         return self.scene.prepare(recorder, parameters, q, self.t), tuple(recorder.recorded)
 
-    @quantity
+    @cached_quantity
     def terms(self) -> Terms:
         """The terms M, Q, B, a, gamma, b, with perturbed body Jacobians if derived from these."""
         scene = self.scene
@@ -193,17 +193,17 @@ class PerturbedEvaluation(Evaluation):
 
     # ---- Choices of the original -----------------------------------------------------------------
 
-    @quantity
+    @cached_quantity
     def partition(self) -> Partition:
         """The partition of the original."""
         return self.original.partition
 
-    @quantity
+    @cached_quantity
     def pivoted_partition(self) -> Partition:
         """The pivoted partition of the original."""
         return self.original.pivoted_partition
 
-    @quantity
+    @cached_quantity
     def independent_partition(self) -> Partition:
         """The partition of the original into independent and redundant constraints."""
         return self.original.independent_partition

@@ -99,7 +99,7 @@ def with_literals(record: Any, literal: Callable[[int], Any]) -> Any:
     return map_record(numbers, record)
 
 
-def quantity(function: Callable[[Any], T]) -> cached_property[T]:
+def cached_quantity(function: Callable[[Any], T]) -> cached_property[T]:
     """Return a cached property, computed by `function` in the context `computing` of its name."""
 
     @wraps(function)
@@ -174,12 +174,12 @@ class Quantities:
         literal = getattr(self.arithmetic, "literal", None)
         return record if literal is None else with_literals(record, literal)
 
-    @quantity
+    @cached_quantity
     def parameters(self) -> Any:
         """The scene's parameters."""
         return self.finished(self.scene.parameters(self.arithmetic))
 
-    @quantity
+    @cached_quantity
     def prepared(self) -> Any:
         """The precomputed values that are not rational in q and t: sines, cosines, roots."""
         prepared, self._angles_and_roots = self.prepare()
@@ -212,53 +212,53 @@ class Quantities:
         prepared, _ = self.prepared_duals(qdot, clock)
         return values_and_rates(prepared)
 
-    @quantity
+    @cached_quantity
     def v(self) -> Array:
         """Velocities (n,), computed from u."""
         return self.velocity
 
-    @quantity
+    @cached_quantity
     def u(self) -> Array:
         """Generalized speeds (p,), computed from v."""
         return self.run(self.scene.speeds_of, self.parameters, self.prepared, self.q, self.v)
 
-    @quantity
+    @cached_quantity
     def terms(self) -> Terms:
         """The terms M, Q, B, a, gamma, b."""
         arguments = self.parameters, self.prepared, self.q, self.v
         return self.finished(self.run(self.scene.terms, *arguments))
 
-    @quantity
+    @cached_quantity
     def F(self) -> Array:
         """The net force F = Q + tau - B (n,)."""
         M, Q, B, *_ = self.terms
         return loaded(net_force(M, Q, B), self.tau)
 
-    @quantity
+    @cached_quantity
     def kinematics(self) -> Any:
         """The intermediate values that speeds and bodies share."""
         arguments = self.parameters, self.prepared, self.q, self.u
         return self.finished(self.run(self.scene.kinematics, *arguments))
 
-    @quantity
+    @cached_quantity
     def speeds(self) -> Speeds:
         """W, rest and offset of generalized speeds."""
         arguments = self.parameters, self.prepared, self.kinematics
         return self.finished(self.run(self.scene.speeds, *arguments))
 
-    @quantity
+    @cached_quantity
     def bodies(self) -> Bodies:
         """Partial velocities, inertias, forces and bias accelerations of the bodies."""
         arguments = self.parameters, self.prepared, self.kinematics
         return self.finished(self.run(self.scene.bodies, *arguments))
 
-    @quantity
+    @cached_quantity
     def x(self) -> Array:
         """Quasi-velocities (s,) of a chain, computed from v."""
         arguments = self.parameters, self.prepared, self.q, self.v
         return self.finished(self.run(self.scene.quasi_velocities, *arguments))
 
-    @quantity
+    @cached_quantity
     def chain(self) -> Chain:
         """The bodies as a chain."""
         arguments = self.parameters, self.prepared, self.q, self.x
@@ -269,20 +269,20 @@ class Quantities:
         function = self.scene.dissipation
         return None if function is None else function(self.parameters, self.prepared, self.q, v)
 
-    @quantity
+    @cached_quantity
     def velocity(self) -> Array:
         """The velocity W u + offset (n,), equal to v if v is consistent."""
         with np.errstate(all="ignore"):
             return velocity_from_speeds(self.u, self.speeds.W, self.speeds.offset)
 
-    @quantity
+    @cached_quantity
     def qdot(self) -> Array:
         """The velocity W u + offset (n,) by `Scene.qdot`, without W, if the scene has it."""
         if self.scene.qdot is None:
             return self.velocity
         return self.run(self.scene.qdot, self.parameters, self.prepared, self.kinematics)
 
-    @quantity
+    @cached_quantity
     def partition(self) -> Partition:
         """The paper's partition: the first r columns of a are dependent."""
         columns, r = np.arange(self.scene.n), self.scene.r

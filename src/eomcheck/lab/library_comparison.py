@@ -52,8 +52,8 @@ from eomcheck.strategies import draw_samples
 # ---- Quantities ----------------------------------------------------------------------------------
 
 
-class Quantity(NamedTuple):
-    """Quantity that is compared."""
+class ComparedQuantity(NamedTuple):
+    """ComparedQuantity that is compared."""
 
     method: str
     """Method of an engine that returns it."""
@@ -70,11 +70,11 @@ def _weights(at: Evaluation) -> float:
 
 
 QUANTITIES = {
-    "M": Quantity("mass_matrix", lambda at: at.terms.M),
-    "bias": Quantity("bias", lambda at: at.terms.B, inertia_size),
-    "gravity": Quantity("forces", lambda at: at.terms.Q, _weights, at_rest=True),
-    "forces": Quantity("forces", lambda at: at.terms.Q, _weights),
-    "q̈": Quantity("acceleration", lambda at: at.acceleration(FORMULATIONS["gw"]).vdot),
+    "M": ComparedQuantity("mass_matrix", lambda at: at.terms.M),
+    "bias": ComparedQuantity("bias", lambda at: at.terms.B, inertia_size),
+    "gravity": ComparedQuantity("forces", lambda at: at.terms.Q, _weights, at_rest=True),
+    "forces": ComparedQuantity("forces", lambda at: at.terms.Q, _weights),
+    "q̈": ComparedQuantity("acceleration", lambda at: at.acceleration(FORMULATIONS["gw"]).vdot),
 }
 """Name -> quantity; gravity is the forces at rest."""
 
