@@ -39,19 +39,18 @@ LINKS_PER_STATE = 3
 """Number of links whose frames are compared in one state."""
 
 
-def acceleration_asked(case: Case) -> Array:
+def acceleration_asked(at: Evaluation) -> Array:
     """Return the acceleration v̇ (n,) at which an engine is asked: no two entries are the same."""
-    n = case.at.scene.n
-    return np.cos(1.0 + np.arange(n)) * max(1.0, largest(case.at.v) ** 2)
+    return np.cos(1.0 + np.arange(at.scene.n)) * max(1.0, largest(at.v) ** 2)
 
 
-def frames_asked(case: Case, point: ConformancePoint) -> tuple[str, ...]:
+def frames_asked(at: Evaluation, point: ConformancePoint) -> tuple[str, ...]:
     """Return the links compared in this state: the last one, and others by q; none at rest."""
     model = point.model
     names = [name for name, joint in zip(model.links, model.joints, strict=True) if joint >= 0]
     if len(names) <= LINKS_PER_STATE:
         return tuple(names)
-    start = crc32(np.ascontiguousarray(case.at.q).tobytes())
+    start = crc32(np.ascontiguousarray(at.q).tobytes())
     others = [names[(start + 7 * i) % (len(names) - 1)] for i in range(LINKS_PER_STATE - 1)]
     return tuple(dict.fromkeys((names[-1], *others)))
 
@@ -103,7 +102,7 @@ def _value(one: Quantity, frame: str, vdot: Array, tau: Array | None, e: Evaluat
 
 def _compare(case: Case, one: Quantity, frame: str) -> Iterator[Finding]:
     """Yield the Findings of one quantity, of one link, being equal to those of the engines."""
-    at, vdot = case.at, acceleration_asked(case)
+    at, vdot = case.at, acceleration_asked(case.at)
     point = point_at(at, vdot)
     tau = point.torques if "tau" in one.arguments else None
     own = partial(_value, one, frame, vdot, tau)
@@ -148,7 +147,7 @@ def _check(one: Quantity, case: Case) -> Iterator[Finding]:
         return
     if not any(engines_offering(case, one.name)):
         return
-    for frame in frames_asked(case, point) if one.of_frame else ("",):
+    for frame in frames_asked(case.at, point) if one.of_frame else ("",):
         try:
             yield from _compare(case, one, frame)
         except RefusedError as refusal:

@@ -37,6 +37,7 @@ from eomcheck.errors import InputError, registered
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.mechanics.scene import Scene, finite_array
+from eomcheck.numbers.ball import Balls, midpoints_or_zero, precision
 from eomcheck.numbers.dual import duals, rate
 from eomcheck.numbers.generic import FLOAT64, Arithmetic, Array, as_objects, generic, map_record
 from eomcheck.numbers.linear import solve
@@ -493,6 +494,39 @@ QUANTITIES: dict[str, Quantity] = {
     )
 }
 """Name -> quantity, in the order of docs and of blame."""
+
+
+BITS = 320
+"""Working precision of true values, bits: many cancel in a float64 result."""
+
+
+def enclosed_quantity(
+    at: Evaluation, one: Quantity, frame: str, vdot: Array, tau: Array | None = None
+) -> Array:
+    """Return the true value of a quantity at a state, by ball arithmetic, rounded to float64 once.
+
+    That of a Coriolis matrix is C v; entries that cannot be told from 0 are 0.
+
+    Args:
+        at: the state.
+        one: the quantity.
+        frame: name of the link, "" for a quantity of none.
+        vdot: accelerations (n,).
+        tau: forces (n,) of forward dynamics; by default those of inverse dynamics.
+
+    Raises:
+        RefusedError: a matrix cannot be shown to be invertible.
+    """
+    balls = Balls()
+    with precision(BITS):
+        exact = Quantities(
+            at.scene, balls, balls.numbers(at.q), balls.numbers(np.array(at.t)).item()
+        )
+        exact.v = balls.numbers(at.v)
+        forces = None if tau is None else balls.numbers(tau)
+        point = ConformancePoint(exact, balls.numbers(vdot), tau=forces)
+        value = point.bias if one.name == "coriolis_matrix" else one.value(point, frame)
+        return midpoints_or_zero(value)
 
 
 # ---- Public --------------------------------------------------------------------------------------

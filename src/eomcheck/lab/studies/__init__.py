@@ -25,6 +25,8 @@ STUDIES: dict[str, str] = {
     "accuracy": "Certify how many digits each formulation delivers in doubles, against ball "
     "arithmetic.",
     "engines": "Ask every engine at random states, and measure how far it is from the scenes' own.",
+    "conformance": "Compare each quantity of each library, on robots and scenes, and count its "
+    "true digits.",
     "robots": "Check and prove robot descriptions, and compare how libraries read them.",
     "agreement": "Compare the formulations on random snakes, beside a fault.",
     "rhs": "Time one right-hand side of each formulation, over the number of links where there is "

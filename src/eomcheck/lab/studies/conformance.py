@@ -1,0 +1,261 @@
+"""Conformance of libraries: each quantity of each engine, on robots from packages and on scenes.
+
+A cell is one library and one robot (read by the library itself) or one scene (its tree built in the
+library). Every quantity that the engine offers is compared by its claim at random states; the
+digits that are true are counted against ball arithmetic, in the first few of them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+from eomcheck import strategies
+from eomcheck.claims import CLAIMS
+from eomcheck.claims.engine_quantities import CONFORMANCE, acceleration_asked, frames_asked
+from eomcheck.claims.finding import Finding, Verdict, worst
+from eomcheck.claims.run import RunSelection, ValidationRun
+from eomcheck.descriptions.urdf_reader import FLOATING
+from eomcheck.engines import BY_FORMAT, ENGINES, Answers, Engine, EngineFault, version_of
+from eomcheck.errors import EngineError, RefusedError
+from eomcheck.evaluation.conformance import (
+    QUANTITIES,
+    ConformancePoint,
+    Quantity,
+    enclosed_quantity,
+)
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.tolerance import largest
+from eomcheck.lab.option_parsing import Seed, check_count
+from eomcheck.lab.show.table import Cell, ResultTable
+from eomcheck.lab.store.record_file import Record, Settings, group, record_of_rows, rows_in
+from eomcheck.lab.studies.robots import ROBOTS, WALKING, robot_path
+from eomcheck.lab.study import Study, failed, unfinished
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.generic import Array
+from eomcheck.scene_lookup import robot_named
+from eomcheck.scenes import SCENES
+from eomcheck.strategies import draw_samples
+
+DIGIT_STATES = 2
+"""Number of states in which true digits are counted, which takes ball arithmetic."""
+
+MOST_DIGITS = -math.log10(2.0**-53)
+"""Decimal digits of a float64 that is right but for its own rounding."""
+
+TERMS = {
+    "mass-matrix": "mass_matrix",
+    "bias": "bias",
+    "generalized-forces": "forces",
+    "engine-acceleration": "acceleration",
+}
+"""Claims about the terms of all engines -> method, beside those of `QUANTITIES`."""
+
+
+@dataclass(frozen=True)
+class ConformanceRow:
+    """Result of one quantity of one engine on one robot or scene.
+
+    Attributes:
+        engine: its key.
+        version: name and version of its library.
+        robot: name of the robot or the scene.
+        quantity: name of the method.
+        states: number of states in which it was compared.
+        verdict: the worst verdict.
+        digits: fewest true decimal digits of the largest entry; None if not counted.
+        detail: what differs in the worst state.
+    """
+
+    engine: str
+    version: str
+    robot: str
+    quantity: str
+    states: int
+    verdict: Verdict
+    digits: float | None
+    detail: str
+
+
+def cells(
+    *,
+    robot: Annotated[list[str] | None, "Robot by name, its file, or scene; repeat."] = None,
+    free: Annotated[list[str] | None, "Robot whose base is free; repeat for more."] = None,
+    engine: Annotated[list[str] | None, "Engine, or several: a,b. [default: all]"] = None,
+    states: Annotated[int, "Random states of a robot."] = 12,
+    seed: Seed = 0,
+) -> Iterator[Settings]:
+    """Yield a cell for each robot and each library that reads it, or scene and engine.
+
+    Raises:
+        InputError: no such robot, or no states.
+    """
+    check_count(states=states)
+    if robot is free is None:
+        robot, free = [*ROBOTS, *SCENES], [*WALKING]
+    for name, floating in [*((x, False) for x in robot or ()), *((x, True) for x in free or ())]:
+        if name not in SCENES and name not in ROBOTS:
+            robot_path(name)
+        for key in ENGINES if engine is None else engine:
+            yield {"robot": name, "free": floating, "engine": key, "states": states, "seed": seed}
+
+
+def _subject(settings: Settings) -> tuple[Scene, type[Engine]]:
+    """Return the scene of a cell and the class of its engine.
+
+    Raises:
+        EngineError: the package of the robot is not installed, or the library does not read it.
+    """
+    name, key = settings["robot"], settings["engine"]
+    if name in SCENES:
+        return SCENES[name].example(), ENGINES[key]
+    file = str(robot_path(name))
+    scene = robot_named(f"{file}:{FLOATING}" if settings["free"] else file)()
+    readers = BY_FORMAT[scene.source.format]
+    if key not in readers:
+        raise EngineError(f"{key} reads no {scene.source.format.upper()}")
+    return scene, readers[key]
+
+
+def _check(settings: Settings) -> Record:
+    """Compare all quantities of one engine on one robot."""
+    name = settings["robot"] + (", free" if settings["free"] else "")
+    try:
+        scene, kind = _subject(settings)
+        version = version_of(kind)
+        if not kind.represents(scene):
+            raise EngineError(f"{kind.key} does not represent {scene.name}")
+        engine = kind(scene)
+    except Exception as refusal:  # any error of a library at a file that it cannot read
+        return Record(STUDY.key, settings, "refused", f"{name}, {settings['engine']}: {refusal}")
+    claims = [claim for claim in (*TERMS, *CONFORMANCE) if kind.offers(CLAIMS[claim].asks)]
+    run, selection = ValidationRun(), RunSelection.of(["gw"], [kind], claims, scenes=[scene])
+    found: dict[str, list[Finding]] = {claim: [] for claim in claims}
+    digits: dict[str, float] = {}
+    draws = draw_samples(strategies.states(scene), settings["states"], settings["seed"])
+    for number, state in enumerate(draws):
+        for finding in run.check_state(scene, state, selection):
+            if finding.claim in found and finding.verdict != "skipped":
+                found[finding.claim].append(finding)
+        if number < DIGIT_STATES:
+            for method, count in true_digits(Evaluation(scene, *state), Answers(engine), kind):
+                digits[method] = min(count, digits.get(method, MOST_DIGITS))
+    rows = []
+    for claim, findings in found.items():
+        if findings:
+            method, one = CLAIMS[claim].asks, worst(findings)
+            about = settings["engine"], version, name, method, len(findings)
+            detail = one.detail if one.verdict == "failed" else ""
+            rows.append(ConformanceRow(*about, one.verdict, digits.get(method), detail))
+    if not rows:
+        return Record(STUDY.key, settings, "refused", f"{name}: {kind.key} offers nothing")
+    return record_of_rows(STUDY.key, settings, rows)
+
+
+def true_digits(
+    at: Evaluation, answers: Answers, kind: type[Engine]
+) -> Iterator[tuple[str, float]]:
+    """Yield the quantities that an engine offers, each with the true digits of its answer.
+
+    They are those of the largest entry, at one link for a quantity of frames.
+    """
+    vdot = acceleration_asked(at)
+    point = ConformancePoint(at, vdot)
+    for one in QUANTITIES.values():
+        if not kind.offers(one.name) or (one.needs_tree and not point.has_tree):
+            continue
+        frame = frames_asked(at, point)[0] if one.of_frame else ""
+        tau = point.torques if "tau" in one.arguments else None
+        try:
+            truth = _truth(at, one, frame, vdot, tau)
+            third = vdot if tau is None else tau
+            theirs = answers.ask(one.name, at.q, at.v, third, frame, at.t)
+        except (RefusedError, EngineFault):
+            continue
+        size = largest(truth)
+        if size > 0:
+            error = max(largest(theirs - truth) / size, 2.0**-53)
+            yield one.name, max(-math.log10(error), 0.0)
+
+
+def _truth(at: Evaluation, one: Quantity, frame: str, vdot: Array, tau: Array | None) -> Array:
+    """Return the true value of a quantity, rounded once; of U the difference from that at q = 0."""
+    truth = enclosed_quantity(at, one, frame, vdot, tau)
+    if one.name == "potential_energy":
+        origin = Evaluation(at.scene, 0.0 * at.q, at.v, at.t)
+        truth = truth - enclosed_quantity(origin, one, frame, vdot, tau)
+    return truth
+
+
+# ---- Results -------------------------------------------------------------------------------------
+
+
+def tables(records: Sequence[Record]) -> Iterator[ResultTable]:
+    """Yield the table of quantities by engine over all robots, and one by robot."""
+    rows = rows_in(records, ConformanceRow)
+    engines = list(group(rows, lambda one: one.engine))
+    methods = [*TERMS.values(), *QUANTITIES]
+    by_quantity, by_robot = [], []
+    for method in methods:
+        mine = [one for one in rows if one.quantity == method]
+        cells_of = (_cell([one for one in mine if one.engine == key]) for key in engines)
+        by_quantity.append((Cell(method, "name"), *cells_of))
+    for robot, mine in group(rows, lambda one: one.robot).items():
+        cells_of = (_count([one for one in mine if one.engine == key]) for key in engines)
+        by_robot.append((Cell(robot, "name"), *cells_of))
+    title = "Each quantity of each library: robots on which it differs, and fewest true digits"
+    yield ResultTable("conformance", title, ("quantity", *engines), by_quantity)
+    title = "Each robot: number of quantities that agree, of those that are offered"
+    yield ResultTable("conformance-by-robot", title, ("robot", *engines), by_robot)
+
+
+def _cell(rows: Sequence[ConformanceRow]) -> Cell:
+    """Return the cell of one quantity of one engine."""
+    if not rows:
+        return Cell("-", "none")
+    counted = [one.digits for one in rows if one.digits is not None]
+    digits = f"{min(counted):.0f} digits" if counted else ""
+    wrong = [one for one in rows if one.verdict == "failed"]
+    if wrong:
+        return Cell(f"differs on {len(wrong)} of {len(rows)}", "failed")
+    if all(one.verdict == "inconclusive" for one in rows):
+        return Cell("inconclusive", "open")
+    return Cell(digits or "agrees", "passed")
+
+
+def _count(rows: Sequence[ConformanceRow]) -> Cell:
+    """Return the cell of one robot and one engine."""
+    if not rows:
+        return Cell("-", "none")
+    wrong = sum(one.verdict == "failed" for one in rows)
+    kind = "failed" if wrong else "passed"
+    return Cell(f"{len(rows) - wrong} of {len(rows)}", kind)
+
+
+def remarks(records: Sequence[Record]) -> Iterator[str]:
+    """Yield the quantities that differ, each with what differs, and the robots left out."""
+    for one in rows_in(records, ConformanceRow):
+        if one.verdict == "failed":
+            yield f"{one.robot}, {one.version}, {one.quantity}: {one.detail}"
+    yield from unfinished([x for x in records if x.status != "refused"])
+
+
+def alarm(records: Sequence[Record]) -> bool:
+    """Return whether a cell failed; that libraries differ is a result."""
+    return failed([record for record in records if record.status != "refused"])
+
+
+STUDY = Study(
+    key="conformance",
+    cells=cells,
+    worker=lambda stored: _check,
+    tables=tables,
+    remarks=remarks,
+    label="comparing {robot} with {engine}",
+    alarm=alarm,
+    reading="A dash: the library does not compute it, or does not read the robot.",
+    small=True,
+    parallel_by=("robot", "free", "engine"),
+)
