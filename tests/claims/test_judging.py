@@ -11,8 +11,11 @@ from tests.claims.test_every_claim_fails import MOVING, SNAKE, moving, sample
 
 import eomcheck
 from eomcheck.claims import CLAIMS, Case, numerical_accuracy
+from eomcheck.claims.engine_quantities import CONFORMANCE
 from eomcheck.claims.finding import Finding
 from eomcheck.engines.casadi import CasadiEngine
+from eomcheck.engines.pinocchio import PinocchioEngine
+from eomcheck.evaluation.conformance import QUANTITIES
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.scene import Scene
@@ -63,7 +66,8 @@ def findings_with(claim: str, error: float) -> list[Finding]:
 
 def test_every_question_to_an_engine_has_an_error_here():
     asked = {id: claim.asks for id, claim in CLAIMS.items() if claim.asks}
-    assert asked == {claim: method for claim, (method, _) in SLIGHT.items()}
+    of_terms = {claim: method for claim, (method, _) in SLIGHT.items()}
+    assert asked == of_terms | dict(zip(CONFORMANCE, QUANTITIES, strict=True))
 
 
 @pytest.mark.parametrize("claim", SLIGHT)
@@ -72,6 +76,40 @@ def test_an_engine_that_is_off_by_three_times_what_rounding_explains_fails(claim
     assert failure.verdict == "failed", str(failure)
     (right,) = findings_with(claim, 0.0)
     assert right.verdict == "passed", str(right)
+
+
+def conformance_findings(quantity: str, error: float) -> list[Finding]:
+    """Look at a quantity of an engine whose answers have this error in their first entry."""
+    right = getattr(PinocchioEngine, quantity)
+
+    def wrong(self: Any, *arguments: Any) -> Any:
+        answer = right(self, *arguments)
+        if isinstance(answer, tuple):
+            return (shifted(answer[0]), *answer[1:])
+        return answer + error if isinstance(answer, float) else shifted(answer)
+
+    def shifted(x: Any) -> Any:
+        changed = np.array(x)
+        changed[(0,) * changed.ndim] += error
+        return changed
+
+    engine = type("Slight", (PinocchioEngine,), {"key": "slight", quantity: wrong})
+    claim = dict(zip(QUANTITIES, CONFORMANCE, strict=True))[quantity]
+    return eomcheck.check_state(SNAKE, *MOVING[:2], engines=[engine], claims=[claim])
+
+
+@pytest.mark.parametrize("quantity", [one for one in QUANTITIES if one != "potential_energy"])
+def test_a_quantity_that_is_off_by_three_times_what_rounding_explains_fails(quantity: str):
+    right = conformance_findings(quantity, 0.0)
+    assert {one.verdict for one in right} == {"passed"}
+    # Of C an entry is multiplied by a velocity.
+    error = 3.0 * max(one.allowed for one in right) / min(1.0, abs(MOVING.v[0]))
+    assert {one.verdict for one in conformance_findings(quantity, error)} == {"failed"}
+
+
+def test_a_constant_of_the_potential_energy_is_no_error():
+    findings = conformance_findings("potential_energy", 1.0)
+    assert {one.verdict for one in findings} == {"passed"}
 
 
 # ---- Terms that are not finite -------------------------------------------------------------------

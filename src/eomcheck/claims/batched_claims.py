@@ -232,11 +232,11 @@ def _of_lanes(x: Any, lanes: int) -> Any:
 
 def batchable_claims(claims: Sequence[str]) -> tuple[str, ...]:
     """Return the claims that can be evaluated on a batch: those with sides and without engines."""
-    return tuple(
-        claim
-        for claim in claims
-        if claim == "invariance" or (CLAIMS[claim].sides is not None and not CLAIMS[claim].against)
-    )
+
+    def batchable(claim: Claim) -> bool:
+        return claim.batchable and claim.sides is not None and not claim.against
+
+    return tuple(id for id in claims if id == "invariance" or batchable(CLAIMS[id]))
 
 
 def batched_cases(

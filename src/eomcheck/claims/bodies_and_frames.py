@@ -8,18 +8,19 @@ its own: what it has in common with the terms of the scene is independent eviden
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from eomcheck.claims.registry import Comparison, EvaluationContext, claim
+from eomcheck.claims.registry import Comparison, EvaluationContext, claim, product_size
 from eomcheck.evaluation.conformance import AXIS_NAMES, SPATIAL_NAMES, ConformancePoint
 from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.numbers.dual import duals, rate
 from eomcheck.numbers.generic import as_objects, map_record
 
-TREE = "a tree of bodies (`Scene.tree`)"
-"""Requirement of all claims here."""
+tree_claim = partial(claim, needs="a tree of bodies (`Scene.tree`)", batchable=False)
+"""Decorator of a claim about the tree of bodies."""
 
 
 def _point(at: Quantities, context: EvaluationContext) -> ConformancePoint | None:
@@ -27,8 +28,6 @@ def _point(at: Quantities, context: EvaluationContext) -> ConformancePoint | Non
 
     The acceleration is the sum of all directions: random in exact numbers, ones in float64.
     """
-    if getattr(at, "states", 0) and not getattr(at, "is_perturbed", False):
-        return None  # batches of states are screened by the other claims
     points = at.cached(_points)
     if not points:
         points.append(ConformancePoint(context.free, np.sum(context.directions, axis=0), at))
@@ -40,12 +39,11 @@ def _points(at: Quantities) -> list[ConformancePoint]:
     return []
 
 
-@claim(
+@tree_claim(
     "center-of-mass-rates",
     "c, ċ = J v, c̈ are rates of each other",
     "",
     "centre of mass",
-    needs=TREE,
 )
 def center_of_mass(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """The velocity of the centre of mass is J v and the rate of its position; likewise c̈."""
@@ -59,9 +57,9 @@ def center_of_mass(at: Quantities, context: EvaluationContext) -> Iterator[Compa
     yield Comparison("c̈", center.acceleration, rates.velocity, names, may_vanish=True)
 
 
-@claim("momentum-rates", "h = A v, and ḣ is its rate", "", "momentum", needs=TREE)
+@tree_claim("momentum-rates", "h = A v, and ḣ is its rate", "", "momentum")
 def momentum(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
-    """The momentum is A v, its linear part m ċ, and its rate that of dual numbers."""
+    """The momentum is A v, and its rate that of dual numbers."""
     point = _point(at, context)
     if point is None:
         return
@@ -72,7 +70,7 @@ def momentum(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]
     yield Comparison("ḣ", values.rate, rates.momentum, (SPATIAL_NAMES,), may_vanish=True)
 
 
-@claim("frame-rates", "V = J v, V̇ = J v̇ + J̇ v, rates of R and p", "", "frames", needs=TREE)
+@tree_claim("frame-rates", "V = J v, V̇ = J v̇ + J̇ v, rates of R and p", "", "frames")
 def frame_motion(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """The velocity of a frame is J v and the rate of its placement; its acceleration that of it."""
     point = _point(at, context)
@@ -95,7 +93,7 @@ def _turned(omega: Any, R: Any) -> Any:
     return np.stack([y * R[2] - z * R[1], z * R[0] - x * R[2], x * R[1] - y * R[0]])
 
 
-@claim("weight-gradient", "dU/dt = vᵀ ∂U/∂q of weight", "", "gravity", needs=TREE)
+@tree_claim("weight-gradient", "dU/dt = vᵀ ∂U/∂q of weight", "", "gravity")
 def weight(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """The potential energy of weight changes by its gradient."""
     point = _point(at, context)
@@ -111,7 +109,7 @@ def _rate_of_M(terms: Callable, parameters: Any, prepared: Any, rates: Any, q: A
     return rate(terms(as_objects(parameters), *arguments).M)
 
 
-@claim("coriolis-identities", "C v = B, Ṁ = C + Cᵀ", "", "Coriolis matrix", needs=TREE)
+@tree_claim("coriolis-identities", "C v = B, Ṁ = C + Cᵀ", "", "Coriolis matrix")
 def coriolis_matrix(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """The Coriolis matrix of the tree gives the scene's B, and Ṁ - 2 C is skew-symmetric."""
     point = _point(at, context)
@@ -119,13 +117,15 @@ def coriolis_matrix(at: Quantities, context: EvaluationContext) -> Iterator[Comp
         return  # its variables are not the parameters of the scene
     free, C = point.at, point.coriolis_matrix
     names = at.scene.coordinate_names
-    yield Comparison("C v", C @ free.v, point.bias, (names,), may_vanish=True)
+    size = product_size(C, free.v)  # rows may vanish
+    yield Comparison("C v", C @ free.v, point.bias, (names,), size, may_vanish=True)
     arguments = free.parameters, *point.prepared_and_rates, free.q, free.v
     Mdot = free.run(_rate_of_M, at.scene.terms, *arguments)
-    yield Comparison("Ṁ", C + C.T, Mdot, (names, names), may_vanish=True)
+    size = product_size(C)  # its diagonal vanishes where angles are absolute
+    yield Comparison("Ṁ", C + C.T, Mdot, (names, names), size, may_vanish=True)
 
 
-@claim("regressor-identity", "Y π = M v̇ + B + ∂U/∂q", "", "regressor", needs=TREE)
+@tree_claim("regressor-identity", "Y π = M v̇ + B + ∂U/∂q", "", "regressor")
 def regressor(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """The regressor times the bodies' parameters is inverse dynamics under weight alone."""
     point = _point(at, context)

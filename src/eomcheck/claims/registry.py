@@ -217,6 +217,7 @@ class Claim:
         asks: name of the engine method that the claim compares with.
         needs: what it needs to be compared at all, where a scene or a run may lack it.
         provable: False if the claim follows from another, proved one.
+        batchable: False if its sides are evaluated at one state at a time (`batched_claims`).
     """
 
     id: str
@@ -231,6 +232,7 @@ class Claim:
     asks: str = ""
     needs: str = ""
     provable: bool = True
+    batchable: bool = True
 
     @property
     def against(self) -> str:

@@ -420,7 +420,14 @@ def _in_tree(scene: Any, name: str) -> bool:
     if tree is None or value is None:
         return False
     changed = replace(scene, **{name: 1.5 * value + 0.1}).tree()
-    return any(not np.array_equal(x, y) for x, y in zip(tree, changed, strict=True))
+    return not _equal(tree, changed)
+
+
+def _equal(x: Any, y: Any) -> bool:
+    """Return whether two records of arrays are equal."""
+    if isinstance(x, tuple) and isinstance(y, tuple):
+        return len(x) == len(y) and all(map(_equal, x, y))
+    return np.array_equal(x, y)
 
 
 # ---- Page of verified equivalences: the page -----------------------------------------------------
