@@ -37,6 +37,7 @@ if TYPE_CHECKING:
         enclose,
         enclose_derivatives,
     )
+    from eomcheck.evaluation.conformance import quantity
     from eomcheck.evaluation.derivatives import Derivatives, derivatives
     from eomcheck.evaluation.dynamics import (
         ConstraintRank,
@@ -72,6 +73,7 @@ _HOME = {
     "with_constraints": "mechanics.subset",
     "accuracy": "evaluation.certified",
     "Accuracy": "evaluation.certified",
+    "quantity": "evaluation.conformance",
     "check": "testing.function_checks",
     "check_state": "claims.run",
     "validate": "claims.run",
@@ -149,6 +151,7 @@ __all__ = [
     "enclose_derivatives",
     "independent_constraints",
     "prove",
+    "quantity",
     "scenes",
     "simulate",
     "simulate_many",

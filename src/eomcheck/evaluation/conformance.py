@@ -36,7 +36,7 @@ from eomcheck.descriptions.tree_quantities import (
 from eomcheck.errors import InputError, registered
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.scene_quantities import Quantities
-from eomcheck.mechanics.scene import Scene, finite_array
+from eomcheck.mechanics.scene import Scene, checked_scene, finite_array
 from eomcheck.numbers.ball import Balls, midpoints_or_zero, precision
 from eomcheck.numbers.dual import duals, rate
 from eomcheck.numbers.generic import FLOAT64, Arithmetic, Array, as_objects, generic, map_record
@@ -561,9 +561,9 @@ def quantity(
 
     Raises:
         InputError: wrong shapes, values that are not finite, a missing `frame` or one that the
-            quantity does not have.
+            quantity does not have, or a scene without a tree of bodies.
         UnknownNameError: no such quantity or link.
-        InputError: the scene has no tree of bodies.
+        RefusedError: M is singular to working precision, of a quantity that solves with it.
 
     Example:
         >>> import eomcheck
@@ -572,13 +572,14 @@ def quantity(
         array([1.5, 0. , 0. ])
     """
     one: Quantity = registered("quantity", name, QUANTITIES)
-    if one.of_frame and frame is None:
-        raise InputError(f"frame = None: {name} is that of a link, name it")
-    if frame is not None and not one.of_frame:
-        raise InputError(f"frame = {frame!r}: {name} belongs to no link")
-    at = Evaluation(scene, q, np.zeros(scene.n) if v is None else v, t)
+    at = Evaluation(checked_scene(scene), q, np.zeros(scene.n) if v is None else v, t)
     rates = None if vdot is None else finite_array("vdot", vdot, (scene.n,))
     point = ConformancePoint(at, rates)
+    if one.of_frame and frame is None:
+        names = ", ".join(map(repr, point.model.links))
+        raise InputError(f"frame = None: {name} needs the name of a link: {names}")
+    if frame is not None and not one.of_frame:
+        raise InputError(f"frame = {frame!r}: {name} belongs to no link")
     with np.errstate(all="ignore"):
         if name == "inverse_dynamics":
             return at.terms.M @ point.vdot - at.F
