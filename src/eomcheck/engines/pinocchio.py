@@ -85,7 +85,8 @@ class PinocchioEngine(TreeSolverEngine):
 
     def inverse_mass_matrix(self, q: Array, t: float = 0.0) -> Array:
         """Return M⁻¹ (n, n) by `computeMinverse`, which fills its upper triangle."""
-        upper = np.triu(np.array(self._pin.computeMinverse(self.model, self.data, q)))
+        inverse = self._pin.computeMinverse(self.model, self.data, q)
+        upper = np.triu(rows_of(inverse, self.model.nv))
         return upper + upper.T - np.diag(np.diagonal(upper))
 
     def gravity(self, q: Array, t: float = 0.0) -> Array:
@@ -94,7 +95,8 @@ class PinocchioEngine(TreeSolverEngine):
 
     def coriolis_matrix(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return C (n, n) by `computeCoriolisMatrix`."""
-        return np.array(self._pin.computeCoriolisMatrix(self.model, self.data, q, v))
+        C = self._pin.computeCoriolisMatrix(self.model, self.data, q, v)
+        return rows_of(C, len(v))
 
     def kinetic_energy(self, q: Array, v: Array, t: float = 0.0) -> float:
         """Return T by `computeKineticEnergy`."""
@@ -110,7 +112,7 @@ class PinocchioEngine(TreeSolverEngine):
 
     def center_of_mass_jacobian(self, q: Array, t: float = 0.0) -> Array:
         """Return ∂ċ/∂v (3, n) by `jacobianCenterOfMass`."""
-        return np.array(self._pin.jacobianCenterOfMass(self.model, self.data, q))
+        return rows_of(self._pin.jacobianCenterOfMass(self.model, self.data, q), 3)
 
     def center_of_mass_velocity(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return ċ (3,) by `centerOfMass`."""
@@ -128,7 +130,7 @@ class PinocchioEngine(TreeSolverEngine):
 
     def momentum_matrix(self, q: Array, t: float = 0.0) -> Array:
         """Return A (6, n) by `computeCentroidalMap`."""
-        return np.array(self._pin.computeCentroidalMap(self.model, self.data, q))
+        return rows_of(self._pin.computeCentroidalMap(self.model, self.data, q), 6)
 
     def momentum_rate(self, q: Array, v: Array, vdot: Array, t: float = 0.0) -> Array:
         """Return ḣ (6,) by `computeCentroidalMomentumTimeVariation`."""
@@ -154,7 +156,7 @@ class PinocchioEngine(TreeSolverEngine):
     def frame_jacobian(self, f: str, q: Array, t: float = 0.0) -> Array:
         """Return J (6, n) by `computeFrameJacobian`, along the axes of the world."""
         axes, frame = self._pin.LOCAL_WORLD_ALIGNED, self.model.getFrameId(f)
-        return np.array(self._pin.computeFrameJacobian(self.model, self.data, q, frame, axes))
+        return rows_of(self._pin.computeFrameJacobian(self.model, self.data, q, frame, axes), 6)
 
     def frame_acceleration(self, f: str, q: Array, v: Array, vdot: Array, t: float = 0.0) -> Array:
         """Return the acceleration (6,) by `getFrameClassicalAcceleration`."""
@@ -168,13 +170,19 @@ class PinocchioEngine(TreeSolverEngine):
 
     def regressor(self, q: Array, v: Array, vdot: Array, t: float = 0.0) -> Array:
         """Return Y (n, 10 n_b) by `computeJointTorqueRegressor`, of the frames of its joints."""
-        Y = np.array(self._under_gravity(self._pin.computeJointTorqueRegressor, q, v, vdot))
+        Y = self._under_gravity(self._pin.computeJointTorqueRegressor, q, v, vdot)
+        Y = rows_of(Y, len(v))
         columns = []
         for frame in self.body_frames:
             joint = self.model.frames[self.model.getFrameId(frame.name)].parentJoint
             own = Y[:, 10 * (joint - 1) : 10 * joint][:, INERTIA_ORDER]
             columns.append(own @ moved_parameters(frame))
         return np.hstack(columns)
+
+
+def rows_of(matrix: Any, rows: int) -> Array:
+    """Return a matrix of so many rows: with one column or row Pinocchio returns a vector."""
+    return np.array(matrix).reshape(rows, -1)
 
 
 INERTIA_ORDER = [0, 1, 2, 3, 4, 5, 7, 6, 8, 9]

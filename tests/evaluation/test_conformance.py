@@ -1,0 +1,311 @@
+"""Conformance quantities of all kinds of trees: against Pinocchio, and in every scalar type."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+from itertools import islice
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import pytest
+from tests import robots
+from tests.machine_code import MachineCode, leaves
+
+import eomcheck
+from eomcheck import strategies
+from eomcheck.claims.engine_quantities import CONFORMANCE, acceleration_asked, point_at
+from eomcheck.claims.proof import prove_structure
+from eomcheck.descriptions.build import mechanism
+from eomcheck.descriptions.elements import Joint, Link
+from eomcheck.descriptions.random_mechanisms import RandomMechanism, RandomTree
+from eomcheck.descriptions.tree_model import MAKERS, tree_model
+from eomcheck.engines import PinocchioFile
+from eomcheck.evaluation.conformance import (
+    ARGUMENTS,
+    QUANTITIES,
+    ConformancePoint,
+    Quantity,
+    enclosed_quantity,
+)
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.perturbed import perturbed_samples, sensitivity_of
+from eomcheck.evaluation.scene_quantities import Quantities
+from eomcheck.evaluation.tolerance import allowed_error, largest
+from eomcheck.lab.studies.robots import ROBOTS, WALKING, robot_path
+from eomcheck.mechanics.records import State
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.ball import Balls, precision
+from eomcheck.numbers.generic import Array
+from eomcheck.scenes import SCENES, from_urdf
+from eomcheck.strategies import draw_samples
+
+WITH_TREE = [key for key, kind in SCENES.items() if kind.example().tree() is not None]
+
+Following = mechanism(
+    "Following",
+    [
+        Link("ground"),
+        Link("upper", 2.0, (0.1, 0.2, -0.1), (0.3, 0.2, 0.25), (0.01, -0.02, 0.03)),
+        Link("fore", 1.0, (0.0, 0.3, 0.1), (0.1, 0.2, 0.15), (0.02, 0.01, -0.01)),
+        Link("finger", 0.5, (0.05, 0.0, 0.1), (0.02, 0.03, 0.01)),
+        Link("thumb", 0.4, (0.0, 0.1, 0.0), (0.03, 0.01, 0.02)),
+    ],
+    [
+        Joint("shoulder", "revolute", "ground", "upper", (0.0, 0.1, 0.5), armature=0.7),
+        Joint("slide", "prismatic", "upper", "fore", (0.2, 0.0, 0.1), axis=(1.0, 2.0, 2.0)),
+        Joint(
+            *("grip", "revolute", "fore", "finger", (0.0, 0.1, 0.3), (0.8, 0.2, -0.5, 0.1)),
+            axis=(0.0, 1.0, 0.0),
+            armature=0.2,
+        ),
+        Joint(
+            *("counter", "revolute", "fore", "thumb", (0.1, 0.0, 0.3)),
+            axis=(0.6, 0.0, 0.8),
+            armature=0.3,
+            mimics=("grip", -1.5, 0.2),
+        ),
+    ],
+)
+"""A hand on an arm: one finger follows the other, joints have rotors, links are turned."""
+
+TIP = robots.LINK.format(
+    **{"name": "tip", "at": "0.1 0 0", "turn": "0 1 0", "mass": 0.3}, xx=0.1, yy=0.1, zz=0.15
+)
+BASE = robots.LINK.format(
+    **{"name": "base", "at": "0 0.1 0.1", "turn": "0 0 1", "mass": 4.0}, xx=0.3, yy=0.4, zz=0.5
+)
+TOOL = "".join(
+    [
+        '<link name="tool"/>',
+        TIP,
+        robots.joint("flange", "hand", "tool", "fixed", "0 0 1"),
+        robots.joint("mount", "tool", "tip", "fixed", "0 0 1"),
+    ]
+)
+"""Links fixed to the hand of an arm, turned against it; the second one has a mass."""
+
+OTHERS = {
+    "following": Following,
+    "arm": lambda: arm(False),
+    "free-arm": lambda: arm(True),
+    "ur5": lambda: from_urdf(robot_path("ur5")),
+    "free-solo12": lambda: from_urdf(robot_path("solo12"), floating=True),
+}
+LARGE = {"free-solo12"}
+RANDOM = [f"{kind.key}-{links}" for links in range(1, 13) for kind in (RandomTree, RandomMechanism)]
+
+
+FOLDER = TemporaryDirectory()
+"""Folder of a robot's file, while tests run: libraries read it again."""
+
+
+def arm(floating: bool) -> Scene:
+    """Return an arm with links fixed to its hand, on a base that has a mass."""
+    path = robots.arm(Path(FOLDER.name) / "arm.urdf", more=TOOL)
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace('<link name="base"/>', BASE), encoding="utf-8")
+    return from_urdf(path, floating=floating)
+
+
+@cache
+def subject(name: str) -> tuple[Scene, State]:
+    """Return a scene and a state of it in motion."""
+    if name in SCENES:
+        scene = SCENES[name].example()
+    elif name in OTHERS:
+        scene = OTHERS[name]()
+    else:
+        key, _, links = name.rpartition("-")
+        kind = RandomTree if key == RandomTree.key else RandomMechanism
+        scene = next(kind.structures(int(links)))
+    (state,) = draw_samples(strategies.states(scene), 1, seed=3)
+    return scene, state
+
+
+def evaluation(name: str) -> Evaluation:
+    """Return a new evaluation of a subject."""
+    scene, state = subject(name)
+    return Evaluation(scene, *state)
+
+
+subjects = pytest.mark.parametrize("name", [*WITH_TREE, *OTHERS, *RANDOM])
+few_subjects = pytest.mark.parametrize(
+    "name", [x for x in (*WITH_TREE, *OTHERS) if x not in LARGE] + RANDOM[:10]
+)
+
+
+# ---- Pinocchio -----------------------------------------------------------------------------------
+
+
+SOLVED = {"engine-forward-dynamics", "engine-inverse-mass-matrix"}
+"""Claims about what a library computes by a solve, in which no joint of it follows others."""
+
+
+@subjects
+@pytest.mark.sampled(4)
+def test_every_quantity_of_a_tree_is_that_of_pinocchio(name: str):
+    scene, state = subject(name)
+    findings = eomcheck.check_state(scene, *state, engines=["pinocchio"], claims=CONFORMANCE)
+    assert [str(one) for one in findings if one.verdict == "failed"] == []
+    passed = {one.claim for one in findings if one.verdict == "passed"}
+    if len(scene.tree().joint) > scene.n:
+        skipped = {one.claim: one.detail for one in findings if one.verdict == "skipped"}
+        reason = "its joints that follow others are independent there"
+        assert skipped == dict.fromkeys(SOLVED, reason)
+        assert passed == set(CONFORMANCE) - SOLVED
+    else:
+        assert passed == set(CONFORMANCE)
+
+
+@pytest.mark.parametrize("name", ["arm", "free-arm", "ur5", "free-solo12"])
+@pytest.mark.sampled(2)
+def test_every_quantity_of_a_file_is_that_of_pinocchio_s_own_reading(name: str):
+    scene, state = subject(name)
+    findings = eomcheck.check_state(scene, *state, engines=[PinocchioFile], claims=CONFORMANCE)
+    assert [str(one) for one in findings if one.verdict == "failed"] == []
+    assert {one.claim for one in findings if one.verdict == "passed"} == set(CONFORMANCE)
+
+
+def test_frames_of_fixed_links_are_turned_against_their_joint():
+    scene, _ = subject("arm")
+    frames = {frame.name: frame for frame in scene.tree().frames}
+    assert [*frames] == ["base", "upper", "fore", "hand", "tool", "tip"]
+    assert frames["hand"].joint == frames["tool"].joint == frames["tip"].joint == 2
+    assert frames["base"].joint == -1
+    for one in ("tool", "tip"):
+        R = frames[one].R
+        assert largest(R - np.eye(3)) > 0.1 and largest(R @ R.T - np.eye(3)) < 1e-15
+    assert tree_model(scene).bodies == ("upper", "fore", "hand")
+
+
+# ---- Scalar types --------------------------------------------------------------------------------
+
+
+def each_quantity(at: Evaluation, point: ConformancePoint) -> Iterator[tuple[Quantity, str]]:
+    """Yield the quantities, those of frames for the first and the last link that moves."""
+    model = point.model
+    names = [x for x, joint in zip(model.links, model.joints, strict=True) if joint >= 0]
+    for one in QUANTITIES.values():
+        for frame in dict.fromkeys((names[0], names[-1])) if one.of_frame else ("",):
+            yield one, frame
+
+
+@few_subjects
+@pytest.mark.sampled(3)
+def test_values_in_float64_are_as_near_to_the_true_ones_as_their_sensitivity_allows(name: str):
+    at = evaluation(name)
+    vdot = acceleration_asked(at)
+    for one, frame in each_quantity(at, ConformancePoint(at, vdot)):
+
+        def value(e: Evaluation, one: Quantity = one, frame: str = frame) -> Any:
+            point = point_at(e, vdot)
+            return point.bias if one.name == "coriolis_matrix" else one.value(point, frame)
+
+        true = enclosed_quantity(at, one, frame, vdot)
+        allowed = allowed_error(1.0) * sensitivity_of(at, value, coordinates=True)
+        error = largest(np.asarray(value(at), np.float64) - true)
+        assert error <= allowed, (one.name, frame, error, allowed)
+        assert allowed <= 1e-6 * max(largest(true), 1.0), (one.name, allowed)
+
+
+@few_subjects
+@pytest.mark.sampled(3)
+def test_balls_of_any_precision_contain_one_value(name: str):
+    at = evaluation(name)
+    results: list[list[Any]] = []
+    for bits in (60, 200):
+        balls = Balls()
+        with precision(bits):
+            t = balls.numbers(np.array(at.t)).item()
+            exact = Quantities(at.scene, balls, balls.numbers(at.q), t)
+            exact.v = balls.numbers(at.v)
+            point = ConformancePoint(exact, balls.numbers(acceleration_asked(at)))
+            results.append([x for key in MAKERS for x in leaves(point.result(key))])
+    wide, narrow = (np.concatenate([np.ravel(x) for x in one]) for one in results)
+    assert len(wide) == len(narrow) > 0
+    for x, y in zip(wide, narrow, strict=True):
+        if hasattr(x, "contains"):
+            assert x.contains(y) or x.overlaps(y)
+
+
+@few_subjects
+@pytest.mark.sampled(3)
+def test_machine_code_computes_the_same_numbers(name: str):
+    at = evaluation(name)
+    point = ConformancePoint(at, acceleration_asked(at))
+    v, vdot = point._mapped(at.v), point._mapped(point.vdot)
+    for key in MAKERS:
+        function = point.model.function(key)
+        arguments = point._numbers, point._prepared, v, *ARGUMENTS[key](point, vdot)
+        ours, theirs = function(*arguments), MachineCode(function, *arguments)(*arguments)
+        for x, y in zip(leaves(ours), leaves(theirs), strict=True):
+            assert np.array_equal(np.asarray(x, np.float64), y), key
+
+
+@few_subjects
+@pytest.mark.sampled(3)
+def test_perturbed_samples_are_near_and_differ(name: str):
+    at = evaluation(name)
+    vdot = acceleration_asked(at)
+    samples = perturbed_samples(at)
+    with samples.computing("sides"):
+        for key in MAKERS:
+            value = ConformancePoint(at, vdot).result(key)
+            noisy = ConformancePoint(samples, vdot).result(key)
+            for x, y in zip(leaves(value), leaves(noisy), strict=True):
+                exact, batch = np.asarray(x, np.float64), as_batch(y)
+                assert batch.shape == (samples.samples, *exact.shape)
+                apart = np.abs(batch - exact)
+                assert largest(apart) <= 1e-9 * max(largest(exact), 1.0), key
+                assert not exact.size or apart.any() == bool(exact.any()), key
+
+
+def as_batch(x: Any) -> Array:
+    """Return the numbers of a perturbed result, the samples along its first axis."""
+    return np.asarray(x.data if hasattr(x, "data") else x, np.float64)
+
+
+# ---- Proofs --------------------------------------------------------------------------------------
+
+IDENTITIES = {
+    "center-of-mass-rates",
+    "momentum-rates",
+    "frame-rates",
+    "weight-gradient",
+    "coriolis-identities",
+    "regressor-identity",
+}
+
+
+def check_proofs(scene: Scene) -> None:
+    """Assert that all identities of the tree of bodies are proved for the structure of a scene."""
+    findings = [one for one in prove_structure(scene, (), 1, 0) if one.claim in IDENTITIES]
+    assert [str(one) for one in findings if one.verdict != "passed"] == []
+    assert {one.claim for one in findings} == IDENTITIES
+
+
+@pytest.mark.parametrize("links", range(1, 13))
+@pytest.mark.parametrize("kind", [RandomTree, RandomMechanism], ids=lambda kind: kind.key)
+@pytest.mark.sampled(6)
+def test_identities_are_proved_for_random_mechanisms(kind: type[Scene], links: int, sized):
+    for scene in islice(kind.structures(links), sized(3, 1)):
+        check_proofs(scene)
+
+
+@pytest.mark.night
+@pytest.mark.parametrize(
+    ("name", "free"), [*((x, False) for x in ROBOTS), *((x, True) for x in WALKING)]
+)
+def test_identities_are_proved_for_every_robot(name: str, free: bool):
+    from eomcheck.scene_lookup import robot_named
+
+    file = str(robot_path(name))
+    check_proofs(robot_named(f"{file}:floating" if free else file)())
+
+
+@pytest.mark.parametrize("name", ["following", "free-arm", "bicycle"])
+def test_identities_are_proved_where_joints_follow_others_float_or_carry_wheels(name: str):
+    check_proofs(subject(name)[0])
