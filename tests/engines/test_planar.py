@@ -85,7 +85,9 @@ def test_the_guide_lists_every_field_of_a_tree_with_its_shape_in_the_order_of_th
     rows = dict(re.findall(r"^\| `(\w+)` \| ([^|]+?) \|", table, re.M))
     tree, sizes = crank().tree(), {"m": 4, "n": 3}
     assert tree is not None
-    assert tuple(rows) == tree._fields
+    # Where a scene names no joints and links, properties do.
+    assert tuple(rows) == (*tree._fields[:-2], "name", "frames")
+    assert rows.pop("frames") == "one a link" and len(tree.frames) == 5
     for field, shape in rows.items():
         held, listed = getattr(tree, field), re.match(r"\((.+?)\)", shape)
         if listed is None:

@@ -24,6 +24,7 @@ from typing import Any, NamedTuple, NoReturn, TypeVar
 
 from eomcheck.atomic_write import read_text
 from eomcheck.claims import CLAIMS, Finding, State
+from eomcheck.claims.engine_quantities import CONFORMANCE
 from eomcheck.claims.finding import Verdict, is_unresolved_detail, worst
 from eomcheck.claims.run import (
     RunSelection,
@@ -209,9 +210,10 @@ def _failure_result(shown: Finding, findings: list[Finding]) -> ClaimResult:
 # ---- Engines and scenes --------------------------------------------------------------------------
 
 
-def engine_claims() -> tuple[str, ...]:
-    """Return the ids of the claims about engines."""
-    return tuple(id for id, claim in CLAIMS.items() if claim.asks)
+def engine_claims(engine: type[Engine]) -> tuple[str, ...]:
+    """Return the ids of the claims about an engine: its terms, and further quantities it offers."""
+    about_engines = (claim for claim in CLAIMS.values() if claim.asks)
+    return tuple(x.id for x in about_engines if x.id not in CONFORMANCE or engine.offers(x.asks))
 
 
 @dataclass(frozen=True)
@@ -232,7 +234,7 @@ class SceneTarget:
     def claims(self) -> tuple[str, ...]:
         """Ids of the claims about engines, or of all claims that are about a state."""
         if self.engine is not None:
-            return engine_claims()
+            return engine_claims(self.engine)
         return tuple(id for id, claim in CLAIMS.items() if id != "coverage")
 
     @property
