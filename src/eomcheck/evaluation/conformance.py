@@ -355,7 +355,7 @@ class Quantity(NamedTuple):
             if size == "n":
                 names.append(scene.coordinate_names)
             elif size == "p":
-                names.append(parameter_names(point.model.bodies))
+                names.append(names_of_parameters(point.model.bodies))
             else:
                 names.append(SIZE_NAMES[int(size)])
         return tuple(names)
@@ -372,7 +372,7 @@ PARAMETER_NAMES = "m", "m c_x", "m c_y", "m c_z", "I_xx", "I_xy", "I_xz", "I_yy"
 """Names of the parameters of a body."""
 
 
-def parameter_names(bodies: tuple[str, ...]) -> tuple[str, ...]:
+def names_of_parameters(bodies: tuple[str, ...]) -> tuple[str, ...]:
     """Return the names of the parameters π of bodies with these names."""
     return tuple(f"{name} of {body}" for body in bodies for name in PARAMETER_NAMES)
 
