@@ -141,7 +141,7 @@ def test_a_finding_names_the_state_before_it_was_rounded():
 
 def test_a_wrong_engine_is_found_and_its_fault_is_named():
     wrong = finding(changed(np.negative), "bias")
-    assert wrong.verdict == "failed" and wrong.detail.endswith(": sign")
+    assert wrong.verdict == "failed" and wrong.detail.endswith(": wrong sign")
     small = finding(changed(lambda x: x * np.float32(1.0 + 1e-4)), "bias")
     assert small.verdict == "failed" and "single precision" not in small.detail
 
