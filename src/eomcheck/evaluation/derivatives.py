@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -321,13 +322,26 @@ def _rows_of(at: Evaluation, formulation: Formulation) -> tuple[Any, Any]:
     key = f"derivatives by {formulation.key}", False
     partition = at.partition_for(formulation, pivoted=False)
     with at.recording_solves(key) as recorder, np.errstate(all="ignore"):
-        results = [
-            solution_along(at, formulation, direction, partition)
-            for direction in unit_directions(at.scene.n)
-        ]
+        results = _for_each_direction(
+            at, Direction._fields, partial(solution_along, at, formulation, partition=partition)
+        )
     at.solves[key] = {solve.name: solve for solve in recorder.solves}
     vdot, multipliers = zip(*results, strict=True)
     return _stacked(vdot), None if multipliers[0] is None else _stacked(multipliers)
+
+
+def _for_each_direction(
+    at: Evaluation, parts: Sequence[str], function: Callable[[Direction], Any]
+) -> list[Any]:
+    """Return the results of a function of each direction, all perturbed by the same noise.
+
+    To draw it anew for each direction would take most of the time.
+    """
+    results = []
+    for direction in unit_directions(at.scene.n, parts):
+        with at.computing("direction"):
+            results.append(function(direction))
+    return results
 
 
 def _stacked(rows: Sequence[Any]) -> Any:
@@ -335,7 +349,7 @@ def _stacked(rows: Sequence[Any]) -> Any:
 
 
 def derivative_sensitivities(
-    at: Evaluation, formulation: Formulation, arrays: dict[str, Array]
+    at: Evaluation, formulation: Formulation, arrays: dict[str, Array], coordinates: bool = False
 ) -> dict[str, float]:
     """Return κ · scale of each array of `Derivatives`, by name.
 
@@ -345,23 +359,37 @@ def derivative_sensitivities(
         at: the state.
         formulation: the formulation.
         arrays: the result of `derivative_arrays`.
+        coordinates: whether the coordinates are perturbed too, see `perturbed_samples`.
 
     Raises:
         RefusedError: as `Evaluation.acceleration`.
     """
-    n, lost = at.scene.n, dict.fromkeys(arrays, np.inf)
-    if not np.isfinite(acceleration_sensitivity(at, formulation)):
-        return lost
-    samples = perturbed_samples(at)
+    if not np.isfinite(acceleration_sensitivity(at, formulation, coordinates=coordinates)):
+        return dict.fromkeys(arrays, np.inf)
+
+    def rows(e: Evaluation) -> dict[str, Any]:
+        return arrays_by_name(_rows_of(e, formulation), at.scene.n)
+
+    return _sensitivities(at, arrays, rows, coordinates)
+
+
+def _sensitivities(
+    at: Evaluation,
+    arrays: dict[str, Array],
+    rows: Callable[[Evaluation], dict[str, Any]],
+    coordinates: bool,
+) -> dict[str, float]:
+    """Return κ · scale of arrays, by name; `rows` returns their transposes in perturbed samples."""
+    samples = perturbed_samples(at, coordinates)
     with np.errstate(all="ignore"):
         try:
             with samples.computing("quantity"):
-                perturbed = arrays_by_name(_rows_of(samples, formulation), n)
+                perturbed = rows(samples)
             # Inputs alone: their perturbations and those of operations may cancel by chance.
             with samples.noise.disabled():
-                inputs = arrays_by_name(_rows_of(samples, formulation), n)
+                inputs = rows(samples)
         except (RefusedError, np.linalg.LinAlgError):
-            return lost
+            return dict.fromkeys(arrays, np.inf)
         return {
             name: max(
                 measured_sensitivity(at, x.T, perturbed[name], solved=True),
@@ -382,11 +410,13 @@ class InverseDynamicsDerivatives:
         q: ∂τ/∂q (n, n) at constant v and t.
         v: ∂τ/∂v (n, n).
         error_bound: bound on the rounding error of every entry, absolute.
+        error_bounds: the bound of each array by itself, by the name of its field.
     """
 
     q: Array
     v: Array
     error_bound: float
+    error_bounds: dict[str, float]
 
 
 def inverse_dynamics_derivatives(
@@ -406,17 +436,41 @@ def inverse_dynamics_derivatives(
     """
     at = Evaluation(checked_scene(scene), q, v, t)
     vdot = finite_array("vdot", vdot, (scene.n,))
-    samples = perturbed_samples(at)
-
-    def rows(e: Evaluation, vdot: Any) -> Any:
-        directions = unit_directions(scene.n, ("q", "v"))
-        return _stacked([inverse_along(e, vdot, direction) for direction in directions])
-
-    exact = rows(at, vdot)
-    with np.errstate(all="ignore"), samples.computing("quantity"):
-        perturbed = rows(samples, samples.finished(samples.noise.repeated(vdot)))
-    bound = _error_bound(measured_sensitivity(at, exact, perturbed))
-    by_q, by_v = exact.reshape(2, scene.n, scene.n)
+    arrays = inverse_arrays(at, vdot)
+    sensitivities = inverse_sensitivities(at, vdot, arrays)
+    bounds = {name: _error_bound(x) for name, x in sensitivities.items()}
     return InverseDynamicsDerivatives(
-        np.ascontiguousarray(by_q.T), np.ascontiguousarray(by_v.T), bound
+        **arrays, error_bound=max(bounds.values()), error_bounds=bounds
     )
+
+
+def inverse_arrays(at: Evaluation, vdot: Array) -> dict[str, Array]:
+    """Return ∂τ/∂q and ∂τ/∂v (n, n) at v̇ (n,), by the names "q" and "v"."""
+    return {name: np.ascontiguousarray(x.T) for name, x in _inverse_rows(at, vdot).items()}
+
+
+def inverse_sensitivities(
+    at: Evaluation, vdot: Array, arrays: dict[str, Array], coordinates: bool = False
+) -> dict[str, float]:
+    """Return κ · scale of the result of `inverse_arrays`, by name; v̇ is perturbed as well.
+
+    Args:
+        at: the state.
+        vdot: v̇ (n,).
+        arrays: the result of `inverse_arrays`.
+        coordinates: whether the coordinates are perturbed too, see `perturbed_samples`.
+    """
+
+    def rows(samples: Any) -> dict[str, Any]:
+        return _inverse_rows(samples, samples.finished(samples.noise.repeated(vdot)))
+
+    return _sensitivities(at, arrays, rows, coordinates)
+
+
+def _inverse_rows(at: Evaluation, vdot: Any) -> dict[str, Any]:
+    """Return the transposes of ∂τ/∂q and ∂τ/∂v."""
+    parts, n = ("q", "v"), at.scene.n
+    with np.errstate(all="ignore"):
+        results = _for_each_direction(at, parts, partial(inverse_along, at, vdot))
+    stacked = _stacked(results)
+    return {part: stacked[i * n : i * n + n] for i, part in enumerate(parts)}
