@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cache
 from itertools import islice
 from pathlib import Path
@@ -15,7 +16,7 @@ from tests.machine_code import MachineCode, leaves
 
 import eomcheck
 from eomcheck import strategies
-from eomcheck.claims.engine_quantities import CONFORMANCE, acceleration_asked
+from eomcheck.claims.engine_quantities import CONFORMANCE, acceleration_asked, point_at
 from eomcheck.claims.proof import prove_structure
 from eomcheck.descriptions.build import mechanism
 from eomcheck.descriptions.elements import Joint, Link
@@ -24,15 +25,20 @@ from eomcheck.descriptions.tree_model import MAKERS, tree_model
 from eomcheck.engines import PinocchioFile
 from eomcheck.evaluation.conformance import (
     ARGUMENTS,
+    QUANTITIES,
     ConformancePoint,
+    Quantity,
+    enclosed_quantity,
 )
 from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.perturbed import NOISES, perturbed_samples, sensitivity_of
 from eomcheck.evaluation.scene_quantities import Quantities
-from eomcheck.evaluation.tolerance import largest
+from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.lab.studies.robots import ROBOTS, WALKING, robot_path
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.ball import Balls, precision
+from eomcheck.numbers.generic import Array
 from eomcheck.scenes import SCENES, from_urdf
 from eomcheck.strategies import draw_samples
 
@@ -178,6 +184,33 @@ def test_frames_of_fixed_links_are_turned_against_their_joint():
 # ---- Scalar types --------------------------------------------------------------------------------
 
 
+def each_quantity(at: Evaluation, point: ConformancePoint) -> Iterator[tuple[Quantity, str]]:
+    """Yield the quantities, those of frames for the first and the last link that moves."""
+    model = point.model
+    names = [x for x, joint in zip(model.links, model.joints, strict=True) if joint >= 0]
+    for one in QUANTITIES.values():
+        for frame in dict.fromkeys((names[0], names[-1])) if one.of_frame else ("",):
+            yield one, frame
+
+
+@few_subjects
+@pytest.mark.sampled(3)
+def test_values_in_float64_are_as_near_to_the_true_ones_as_their_sensitivity_allows(name: str):
+    at = evaluation(name)
+    vdot = acceleration_asked(at)
+    for one, frame in each_quantity(at, ConformancePoint(at, vdot)):
+
+        def value(e: Evaluation, one: Quantity = one, frame: str = frame) -> Any:
+            point = point_at(e, vdot)
+            return point.bias if one.name == "coriolis_matrix" else one.value(point, frame)
+
+        true = enclosed_quantity(at, one, frame, vdot)
+        allowed = allowed_error(1.0) * sensitivity_of(at, value, coordinates=True)
+        error = largest(np.asarray(value(at), np.float64) - true)
+        assert error <= allowed, (one.name, frame, error, allowed)
+        assert allowed <= 1e-6 * max(largest(true), 1.0), (one.name, allowed)
+
+
 @few_subjects
 @pytest.mark.sampled(3)
 def test_balls_of_any_precision_contain_one_value(name: str):
@@ -210,6 +243,31 @@ def test_machine_code_computes_the_same_numbers(name: str):
         ours, theirs = function(*arguments), MachineCode(function, *arguments)(*arguments)
         for x, y in zip(leaves(ours), leaves(theirs), strict=True):
             assert np.array_equal(np.asarray(x, np.float64), y), key
+
+
+@few_subjects
+@pytest.mark.sampled(3)
+def test_perturbed_samples_are_near_and_differ(name: str):
+    at = evaluation(name)
+    vdot = acceleration_asked(at)
+    samples = perturbed_samples(at)
+    with samples.computing("sides"):
+        for key in MAKERS:
+            value = ConformancePoint(at, vdot).result(key)
+            noisy = ConformancePoint(samples, vdot).result(key)
+            size = apart = 0.0
+            for x, y in zip(leaves(value), leaves(noisy), strict=True):
+                exact, batch = np.asarray(x, np.float64), as_batch(y)
+                assert batch.shape == (len(NOISES), *exact.shape)
+                difference = largest(batch - exact)
+                assert difference <= 1e-9 * max(largest(exact), 1.0), key
+                size, apart = max(size, largest(exact)), max(apart, difference)
+            assert apart >= 1e-18 * size, key
+
+
+def as_batch(x: Any) -> Array:
+    """Return the numbers of a perturbed result, the samples along its first axis."""
+    return np.asarray(x.data if hasattr(x, "data") else x, np.float64)
 
 
 # ---- Proofs --------------------------------------------------------------------------------------

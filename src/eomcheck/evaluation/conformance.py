@@ -526,7 +526,7 @@ def enclosed_quantity(
         forces = None if tau is None else balls.numbers(tau)
         point = ConformancePoint(exact, balls.numbers(vdot), tau=forces)
         value = point.bias if one.name == "coriolis_matrix" else one.value(point, frame)
-        return midpoints_or_zero(value)
+        return midpoints_or_zero(np.asarray(value, object))
 
 
 # ---- Public --------------------------------------------------------------------------------------
