@@ -11,12 +11,15 @@ FAULTS = [fault for fault in mutants() if fault.claim]
 
 DESCRIBED = "descriptions/"
 COMPOSED = "mechanics/derived_functions.py"
+TREES = f"{DESCRIBED}tree_quantities.py"
+"""File of functions of trees of bodies, which scenes do not call themselves."""
 SHARED: dict[str, type[Scene]] = {
     COMPOSED: ChainPendulum,
     f"{DESCRIBED}constraint_rows.py": Andrews,
     f"{DESCRIBED}forces.py": ChainPendulum,
     f"{DESCRIBED}first_derivation.py": ChainPendulum,
     f"{DESCRIBED}second_derivation.py": ChainPendulum,
+    TREES: ChainPendulum,
 }
 """File of functions that many scenes call -> one of the scenes."""
 OWN = {

@@ -14,16 +14,18 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
-from tests.faults import COMPOSED, DESCRIBED, FAULTS, OWN, SHARED
+from tests.faults import COMPOSED, DESCRIBED, FAULTS, OWN, SHARED, TREES
 from tests.mutants import PACKAGE, Mutant
 from tests.samples import random_scene, random_state
 
 from eomcheck.claims import CLAIMS, Finding, speeds_and_chains
 from eomcheck.claims.run import RunSelection, make_case_with_engines
+from eomcheck.descriptions import tree_model
+from eomcheck.descriptions.tree_model import MAKERS
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import GENERIC
-from eomcheck.scenes import SCENES, Snake
+from eomcheck.scenes import SCENES, ChainPendulum, Snake
 
 HOME = "eomcheck.descriptions"
 _numbers = count()
@@ -33,7 +35,7 @@ _numbers = count()
 def planted(file: str, source: str) -> Iterator[ModuleType]:
     """Run `source` as a module of its own, beside the real one."""
     marked = len(GENERIC)
-    described = file.startswith(DESCRIBED)
+    described = file.startswith(DESCRIBED) and file != TREES
     name = f"{HOME}.{Path(file).stem}" if described else f"planted_{next(_numbers)}"
     module = ModuleType(name)
     module.__file__ = str(PACKAGE / file)
@@ -96,7 +98,10 @@ def with_fault(fault: Mutant) -> Iterator[tuple[type[Scene], dict[str, Any]]]:
     """Yield the kind of scene and the formulations, one of which has the fault."""
     with planted(fault.file, fault.planted()) as module:
         key = Path(fault.file).stem
-        if fault.kind == "scene":
+        if fault.file == TREES:
+            with tree_functions_of(module):
+                yield SCENES.get(fault.scene, ChainPendulum), FORMULATIONS
+        elif fault.kind == "scene":
             yield kind_in(module, fault.file, SCENES.get(fault.scene)), FORMULATIONS
         elif hasattr(speeds_and_chains, key):
             with patch.object(speeds_and_chains, key, module):
@@ -105,8 +110,20 @@ def with_fault(fault: Mutant) -> Iterator[tuple[type[Scene], dict[str, Any]]]:
             yield Snake, formulation_in(module, key)
 
 
+@contextmanager
+def tree_functions_of(module: ModuleType) -> Iterator[None]:
+    """Let models of trees call the functions of this module."""
+    makers = {name: getattr(module, maker.__name__) for name, maker in MAKERS.items()}
+    tree_model._function.cache_clear()
+    with patch.dict(MAKERS, makers):
+        yield
+    tree_model._function.cache_clear()
+
+
 def kind_in(module: ModuleType, file: str, other: type[Scene] | None = None) -> type[Scene]:
     """Return the scene with the fault in `file`; one that is built on it, if it is no scene's."""
+    if file == TREES:
+        return ChainPendulum
     if file in OWN:
         return getattr(module, OWN[file].__name__)
     kind = other or SHARED[file]
