@@ -27,6 +27,8 @@ from eomcheck.engines import ENGINES
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import UNDERFLOW, allowed_error
 from eomcheck.formulations import FORMULATIONS
+from eomcheck.lab.fuzzing.screening import screen
+from eomcheck.lab.fuzzing.state_rounds import StatePlan, sampled
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import SCENES, Snake
@@ -102,6 +104,18 @@ def test_on_ordinary_snakes_lanes_judge_as_the_single_path_but_for_invariance_lo
 def test_every_claim_of_every_scene_can_be_looked_at_in_lanes(kind: type[Scene]):
     found = differences(list(scene_cases(kind, (1, 3), 3, seed=1)))
     assert all(key[1] == "invariance" and y[0] == "failed" for key, _, y in found), found
+
+
+def test_claims_that_are_evaluated_at_one_state_are_left_to_the_single_path():
+    alone = {id for id, claim in CLAIMS.items() if not claim.batchable}
+    assert {"center-of-mass-rates", "frame-rates", "regressor-identity"} <= alone
+    assert not alone & set(batchable_claims(tuple(CLAIMS)))
+    cases = list(scene_cases(Snake, (2, 2), 2, seed=1))
+    screening = screen(cases, ALL, tuple(CLAIMS), 0)
+    assert not alone & {claim for _, claim in screening.by_claim}
+    plan = StatePlan(Snake, 0, tuple(CLAIMS), tuple(FORMULATIONS))
+    checked = {one for how, _, claims in sampled(plan, screening, 0, set()) for one in claims}
+    assert alone <= checked
 
 
 Bob = mechanism(
