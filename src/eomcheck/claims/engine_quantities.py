@@ -7,7 +7,7 @@ engine that does not offer a method has no finding about it, unless the claim is
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -45,10 +45,19 @@ def acceleration_asked(at: Evaluation) -> Array:
     return np.cos(1.0 + np.arange(at.scene.n)) * max(1.0, largest(at.v) ** 2)
 
 
-def frames_asked(at: Evaluation, point: ConformancePoint) -> tuple[str, ...]:
-    """Return the links compared in this state: the last one, and others by q; none at rest."""
+def frames_asked(
+    at: Evaluation, point: ConformancePoint, known: Callable[[str], bool] = lambda frame: True
+) -> tuple[str, ...]:
+    """Return the links compared in this state: the last one, and others by q; none at rest.
+
+    Args:
+        at: the state.
+        point: the point at that state.
+        known: returns whether an engine has the frame of a link; if it has none, all are returned.
+    """
     model = point.model
     names = [name for name, joint in zip(model.links, model.joints, strict=True) if joint >= 0]
+    names = list(filter(known, names)) or names
     if len(names) <= LINKS_PER_STATE:
         return tuple(names)
     start = crc32(np.ascontiguousarray(at.q).tobytes())
@@ -56,28 +65,47 @@ def frames_asked(at: Evaluation, point: ConformancePoint) -> tuple[str, ...]:
     return tuple(dict.fromkeys((names[-1], *others)))
 
 
+def knows_frame(engine: Engine | type[Engine], frame: str) -> bool:
+    """Return whether an engine has the frame of a link; True if it could not be constructed."""
+    return isinstance(engine, type) or Answers(engine).has_frame(frame)
+
+
+def _some_knows(engines: Sequence[Engine | type[Engine]], frame: str) -> bool:
+    return any(knows_frame(engine, frame) for engine in engines)
+
+
 def cancelling_terms(at: Evaluation, point: ConformancePoint, one: Quantity, ours: Array) -> float:
     """Return the size of the terms that an engine may sum to a quantity and that may cancel.
 
     Engines work in frames that turn, where accelerations have terms ω × v, or about the origin of
-    the world, where momenta and moments of inertia are those of the mass at its distance.
+    the world, where momenta and moments of inertia are those of the mass at its distance. Arms may
+    be differences of positions in the world: their errors are relative to these.
     """
     v = np.abs(at.v)
     turning = turning_rate(at)
+    arm = largest(point.links.p) if point.has_tree else 0.0
+    local = largest(np.abs(point.links.jacobian) @ v) if point.has_tree else 0.0
+    speed = local + turning * arm
+    heavy = point.mass * arm if point.has_tree else 0.0
     if one.mapping in ("force", "rows") or one.name == "forward_dynamics":
         size = inertia_size(at) + at.cached(weight_size)
-        return size + largest(np.abs(at.terms.M) @ np.abs(point.vdot))
+        size += largest(np.abs(at.terms.M) @ np.abs(point.vdot))
+        if "tau" not in one.arguments:
+            return size
+        return (size + heavy * turning**2) * largest(point.inverse_mass_matrix)
+    if one.name in ("frame_velocity", "center_of_mass_velocity"):
+        return speed
     if one.name.startswith(("frame_acc", "frame_bias", "center_of_mass_acc")):
-        return turning * largest(np.abs(point.links.jacobian) @ v)
-    arm = largest(point.links.p) if point.has_tree else 0.0
+        return turning * speed
+    if one.name == "kinetic_energy":
+        return heavy * turning * local
     if one.name.startswith("momentum"):
         rate = turning if one.name == "momentum_rate" else 1.0
         return rate * arm * largest(np.abs(point.momentum.matrix) @ v)
-    about_origin = point.mass * arm**2
     if one.name == "coriolis_matrix":
-        return inertia_size(at) + turning * about_origin * largest(v)
+        return inertia_size(at) + turning * heavy * arm * largest(v)
     if one.name == "inverse_mass_matrix":
-        return about_origin * largest(ours) ** 2
+        return heavy * arm * largest(ours) ** 2
     return 0.0
 
 
@@ -118,6 +146,10 @@ def _compare(case: Case, one: Quantity, frame: str) -> Iterator[Finding]:
     arguments = at.q, at.v, vdot if tau is None else tau, frame, at.t
     asked = replace(case, repeats=min(case.repeats, FEW))
     for engine in engines_offering(case, one.name):
+        if frame and not knows_frame(engine, frame):
+            why = f"its model has no frame of link {frame}"
+            yield skipped_finding(case, engine_class_of(engine), why)
+            continue
         if one.mapping in SOLVED and isinstance(engine, Engine) and follow(engine, at):
             why = "its joints that follow others are independent there"
             yield skipped_finding(case, type(engine), why)
@@ -167,7 +199,9 @@ def _check(one: Quantity, case: Case) -> Iterator[Finding]:
         return
     if not any(engines_offering(case, one.name)):
         return
-    for frame in frames_asked(case.at, point) if one.of_frame else ("",):
+    engines = list(engines_offering(case, one.name))
+    known = partial(_some_knows, engines)
+    for frame in frames_asked(case.at, point, known) if one.of_frame else ("",):
         try:
             yield from _compare(case, one, frame)
         except RefusedError as refusal:

@@ -279,6 +279,13 @@ class Engine(ABC):
         """Return the rate of the momentum (6,)."""
         raise NotImplementedError
 
+    def has_frame(self, f: str) -> bool:
+        """Return whether its model has this link; by default True.
+
+        Libraries that merge links fixed to others have no frame of these.
+        """
+        return True
+
     def frame_placement(self, f: str, q: Array, t: float = 0.0) -> tuple[Array, Array]:
         """Return the orientation R (3, 3) and position p (3,) of the link's frame."""
         raise NotImplementedError
@@ -564,12 +571,24 @@ class Answers:
         if one.mapping == "jacobian":
             return value @ S
         if one.mapping == "bias":
+            if not rest.any():
+                return value
             jacobian, _, _ = self._own_quantity(QUANTITIES[one.companion], q, v, third, frame, t)
             return value + jacobian @ rest
         back = np.linalg.pinv(S)
         if one.mapping == "inverse":
             return back @ value @ back.T
         return back @ (value - rest)  # an acceleration
+
+    def has_frame(self, frame: str) -> bool:
+        """Return whether the engine has the frame of a link; True where it raises instead.
+
+        Its answers about the frame then fail by themselves.
+        """
+        try:
+            return bool(self._call("has_frame", frame))
+        except EngineFault:
+            return True
 
     @cached_property
     def _parameter_count(self) -> int:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -10,6 +12,16 @@ from eomcheck.engines.engine import EngineAcceleration
 from eomcheck.engines.tree_engine import TreeLink, TreeSolverEngine
 from eomcheck.errors import required
 from eomcheck.numbers.generic import Array
+
+SENSORS = (
+    "Position",
+    "RotationMatrix",
+    "Velocity",
+    "AngularVelocity",
+    "Acceleration",
+    "AngularAcceleration",
+)
+"""Output variables of a link that its `SensorKinematicTree` can measure."""
 
 
 class ExudynEngine(TreeSolverEngine):
@@ -50,6 +62,18 @@ class ExudynEngine(TreeSolverEngine):
         )
         if self.scene.r:
             self._constraints = self._add_constraints(items, node)
+        self._sensors = {
+            name: self.system.AddSensor(
+                items.SensorKinematicTree(
+                    objectNumber=self._tree,
+                    linkNumber=0,
+                    outputVariableType=getattr(library.OutputVariableType, name),
+                    writeToFile=False,
+                )
+            )
+            for name in SENSORS
+        }
+        self._joint_of = {x.name: x for x in self.frames if x.joint >= 0}
         self.system.Assemble()
         self._settings = library.SimulationSettings()
         self._settings.solution.file.write = False
@@ -113,3 +137,64 @@ class ExudynEngine(TreeSolverEngine):
         solver.FinalizeSolver(self.system, self._settings)
         self.system.SetObjectParameter(self._tree, "jointForceVector", np.zeros(self._n))
         return EngineAcceleration(vdot, multipliers)
+
+    # ---- Conformance quantities ------------------------------------------------------------------
+
+    @contextmanager
+    def _weight_alone(self) -> Iterator[None]:
+        """Give the tree its gravity, and switch the constraints off."""
+        self.system.SetObjectParameter(self._tree, "gravity", self._gravity)
+        if self.scene.r:
+            self.system.SetObjectParameter(self._constraints, "activeConnector", False)
+        try:
+            yield
+        finally:
+            self.system.SetObjectParameter(self._tree, "gravity", np.zeros(3))
+            if self.scene.r:
+                self.system.SetObjectParameter(self._constraints, "activeConnector", True)
+
+    def forward_dynamics(self, q: Array, v: Array, tau: Array, t: float = 0.0) -> Array:
+        """Return v̇ (n,), the initial acceleration of the implicit solver, without constraints."""
+        with self._weight_alone():
+            return self.solved(q, v, tau, None, None).vdot
+
+    def gravity(self, q: Array, t: float = 0.0) -> Array:
+        """Return ∂U/∂q (n,), minus the right-hand side of the equations at rest."""
+        with self._weight_alone():
+            return self.bias(q, np.zeros(self._n))
+
+    def has_frame(self, f: str) -> bool:
+        """Return whether a link of this name moves."""
+        return f in self._joint_of
+
+    def _measured(self, f: str, *names: str) -> Array:
+        """Return output variables of a frame's origin by `SensorKinematicTree`, concatenated."""
+        frame, values = self._joint_of[f], []
+        for name in names:
+            sensor = self._sensors[name]
+            self.system.SetSensorParameter(sensor, "linkNumber", frame.joint)
+            self.system.SetSensorParameter(sensor, "localPosition", frame.p)
+            values.append(np.array(self.system.GetSensorValues(sensor)))
+        return np.concatenate(values)
+
+    def frame_placement(self, f: str, q: Array, t: float = 0.0) -> tuple[Array, Array]:
+        """Return (R, p), the `RotationMatrix` and the `Position` of a sensor."""
+        self._move_to(q, np.zeros(self._n))
+        R = self._measured(f, "RotationMatrix").reshape(3, 3)
+        return R @ self._joint_of[f].R, self._measured(f, "Position")
+
+    def frame_velocity(self, f: str, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return the velocity (6,): `Velocity` and `AngularVelocity` of a sensor."""
+        self._move_to(q, v)
+        return self._measured(f, "Velocity", "AngularVelocity")
+
+    def frame_acceleration(self, f: str, q: Array, v: Array, vdot: Array, t: float = 0.0) -> Array:
+        """Return the acceleration (6,): `Acceleration`, classical, and `AngularAcceleration`."""
+        self._move_to(q, v)
+        where = self._exu.ConfigurationType.Current
+        self.system.systemData.SetODE2Coordinates_tt(vdot, where)
+        return self._measured(f, "Acceleration", "AngularAcceleration")
+
+    def frame_bias(self, f: str, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return J̇ v (6,), the acceleration at v̇ = 0."""
+        return self.frame_acceleration(f, q, v, np.zeros(self._n), t)

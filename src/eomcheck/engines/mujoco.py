@@ -6,12 +6,18 @@ by MuJoCo's own solver as stiffly as its settings allow.
 
 In a model read from a URDF, limits, contacts and constraints are switched off. An MJCF file is read
 as MuJoCo's own model, without the elements that `from_mjcf` leaves out.
+
+A frame of MuJoCo is a site, or the frame of a body. Links that are fixed to others are merged with
+them while it reads a URDF, and then have no frame (`has_frame`). Spatial vectors have the angular
+part first, which is moved behind the linear one here.
 """
 
 from __future__ import annotations
 
 import warnings
-from typing import Any
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -33,6 +39,23 @@ STIFFEST = 0.9999
 """Largest impedance that MuJoCo accepts: 1e-4 of the unconstrained response remains."""
 
 
+class _FrameState(NamedTuple):
+    """Frame of a link in a state of MuJoCo's data."""
+
+    kind: Any
+    """Type of the object that has it, `mjtObj`."""
+    index: int
+    """Index among objects of that type."""
+    body: int
+    """Index of the body to which it is fixed."""
+    R: Array
+    """Orientation (3, 3)."""
+    p: Array
+    """Position of the link's origin (3,), m."""
+    arm: Array
+    """The same from the origin of the object, along the axes of the world (3,), m."""
+
+
 class MujocoEngine(TreeSolverEngine):
     """Tree of rigid bodies as a MuJoCo model."""
 
@@ -50,7 +73,11 @@ class MujocoEngine(TreeSolverEngine):
         carried = bodies_with_mass(links) or []
         placed = [spec.worldbody]
         for mounted in carried:
-            placed.append(self._add_body(placed[mounted.parent + 1], mounted))
+            body = self._add_body(placed[mounted.parent + 1], mounted)
+            placed.append(body)
+            for frame in self.frames:
+                if frame.joint >= 0 and links[frame.joint].name == mounted.body.name:
+                    body.add_site(name=frame.name, pos=frame.p, quat=self._quaternion(frame.R))
         for row in range(self.scene.r):
             self._add_constraint(spec, f"row_{row}", links)
         with warnings.catch_warnings():
@@ -135,6 +162,173 @@ class MujocoEngine(TreeSolverEngine):
         multipliers = None if a is None else self.data.efc_force.copy()
         return EngineAcceleration(self.data.qacc[self._place], multipliers)
 
+    # ---- Conformance quantities ------------------------------------------------------------------
+
+    @contextmanager
+    def _weight_alone(self) -> Iterator[None]:
+        """Turn gravity on, and constraints, springs, dampers and actuators off."""
+        option, bits = self.model.opt, self._mj.mjtDisableBit
+        flags = option.disableflags
+        for bit in ("CONSTRAINT", "SPRING", "DAMPER", "ACTUATION"):
+            option.disableflags |= int(getattr(bits, f"mjDSBL_{bit}"))
+        option.gravity[:] = self._gravity
+        try:
+            yield
+        finally:
+            option.gravity[:] = 0.0
+            option.disableflags = flags
+
+    def inverse_dynamics(self, q: Array, v: Array, vdot: Array, t: float = 0.0) -> Array:
+        """Return τ (n,) by `mj_inverse`, without passive and constraint forces."""
+        with self._weight_alone():
+            self._move_to(q, v)
+            self.data.qacc[self._place] = vdot
+            self._mj.mj_inverse(self.model, self.data)
+        return self.data.qfrc_inverse[self._place]
+
+    def forward_dynamics(self, q: Array, v: Array, tau: Array, t: float = 0.0) -> Array:
+        """Return v̇ (n,) by `mj_forward`, τ as `qfrc_applied`; without constraints."""
+        with self._weight_alone():
+            self._move_to(q, v)
+            self.data.qfrc_applied[self._place] = tau
+            self._mj.mj_forward(self.model, self.data)
+            self.data.qfrc_applied[:] = 0.0
+        return self.data.qacc[self._place]
+
+    def inverse_mass_matrix(self, q: Array, t: float = 0.0) -> Array:
+        """Return M⁻¹ (n, n) by `mj_solveM`, from MuJoCo's factors of M."""
+        self._forward(q, np.zeros(self._n))
+        inverse = np.zeros((self._n, self._n))
+        self._mj.mj_solveM(self.model, self.data, inverse, np.eye(self._n))
+        return inverse[np.ix_(self._place, self._place)]
+
+    def gravity(self, q: Array, t: float = 0.0) -> Array:
+        """Return ∂U/∂q (n,), the `qfrc_bias` at rest."""
+        with self._weight_alone():
+            self._forward(q, np.zeros(self._n))
+        return self.data.qfrc_bias[self._place]
+
+    def kinetic_energy(self, q: Array, v: Array, t: float = 0.0) -> float:
+        """Return T by `mj_energyVel`."""
+        self._forward(q, v)
+        self._mj.mj_energyVel(self.model, self.data)
+        return float(self.data.energy[1])
+
+    def potential_energy(self, q: Array, t: float = 0.0) -> float:
+        """Return U by `mj_energyPos`, 0 for bodies at the origin; without springs."""
+        with self._weight_alone():
+            self._forward(q, np.zeros(self._n))
+            self._mj.mj_energyPos(self.model, self.data)
+        return float(self.data.energy[0])
+
+    def center_of_mass(self, q: Array, t: float = 0.0) -> Array:
+        """Return c (3,), the `subtree_com` of the world; fixed bodies have no mass here."""
+        self._forward(q, np.zeros(self._n))
+        return self.data.subtree_com[0]
+
+    def center_of_mass_jacobian(self, q: Array, t: float = 0.0) -> Array:
+        """Return ∂ċ/∂v (3, n) by `mj_jacSubtreeCom` of the world."""
+        self._forward(q, np.zeros(self._n))
+        jacobian = np.zeros((3, self._n))
+        self._mj.mj_jacSubtreeCom(self.model, self.data, jacobian, 0)
+        return jacobian[:, self._place]
+
+    def center_of_mass_velocity(self, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return ċ (3,), the `subtree_linvel` of the world by `mj_subtreeVel`."""
+        self._forward(q, v)
+        self._mj.mj_subtreeVel(self.model, self.data)
+        return self.data.subtree_linvel[0]
+
+    def momentum(self, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return h (6,) by `mj_subtreeVel`: mass times `subtree_linvel`, and `subtree_angmom`.
+
+        The latter is about the centre of mass.
+        """
+        linear = self._mj.mj_getTotalmass(self.model) * self.center_of_mass_velocity(q, v)
+        return np.concatenate((linear, self.data.subtree_angmom[0]))
+
+    def momentum_matrix(self, q: Array, t: float = 0.0) -> Array:
+        """Return A (6, n): mass times `mj_jacSubtreeCom`, and `mj_angmomMat`.
+
+        The latter is about the centre of mass.
+        """
+        linear = self._mj.mj_getTotalmass(self.model) * self.center_of_mass_jacobian(q)
+        angular = np.zeros((3, self._n))
+        self._mj.mj_angmomMat(self.model, self.data, angular, 0)
+        return np.vstack((linear, angular[:, self._place]))
+
+    @property
+    def _frame_kind(self) -> Any:
+        """Type of the objects that have the frames of links, `mjtObj`."""
+        return self._mj.mjtObj.mjOBJ_SITE
+
+    def has_frame(self, f: str) -> bool:
+        """Return whether there is a site of this name."""
+        return self._mj.mj_name2id(self.model, self._frame_kind, f) >= 0
+
+    def _frame(self, f: str, q: Array, v: Array) -> _FrameState:
+        """Return the frame of a link at a state, which MuJoCo is set to."""
+        self._forward(q, v)
+        kind, data = self._frame_kind, self.data
+        index = self._mj.mj_name2id(self.model, kind, f)
+        if index < 0:
+            raise EngineError(f"{self.key} has no frame of link {f!r}")
+        if kind == self._mj.mjtObj.mjOBJ_SITE:
+            body, R, p = self.model.site_bodyid[index], data.site_xmat[index], data.site_xpos[index]
+        else:
+            body, R, p = index, data.xmat[index], data.xpos[index]
+        R = R.reshape(3, 3).copy()
+        arm = R @ self._origin(int(body))
+        return _FrameState(kind, index, int(body), R, p + arm, arm)
+
+    def _origin(self, body: int) -> Array:
+        """Return the origin of a link's frame in that of the object which has it (3,), m."""
+        return np.zeros(3)
+
+    def frame_placement(self, f: str, q: Array, t: float = 0.0) -> tuple[Array, Array]:
+        """Return (R, p) of MuJoCo's forward kinematics."""
+        frame = self._frame(f, q, np.zeros(self._n))
+        return frame.R, frame.p
+
+    def frame_velocity(self, f: str, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return the velocity (6,) by `mj_objectVelocity`, angular first there."""
+        frame = self._frame(f, q, v)
+        velocity, omega = np.split(self._motion(self._mj.mj_objectVelocity, frame), 2)
+        return np.concatenate((velocity + np.cross(omega, frame.arm), omega))
+
+    def _motion(self, function: Any, frame: _FrameState) -> Array:
+        """Return a velocity or acceleration (6,) by MuJoCo, along the axes of the world."""
+        result = np.zeros(6)
+        function(self.model, self.data, frame.kind, frame.index, result, 0)
+        return np.roll(result, 3)
+
+    def frame_jacobian(self, f: str, q: Array, t: float = 0.0) -> Array:
+        """Return J (6, n) by `mj_jac`."""
+        return self._columns(self._mj.mj_jac, self._frame(f, q, np.zeros(self._n)))
+
+    def _columns(self, function: Any, frame: _FrameState) -> Array:
+        """Return a Jacobian (6, n), or its rate, by MuJoCo."""
+        linear, angular = np.zeros((2, 3, self._n))
+        function(self.model, self.data, linear, angular, frame.p, frame.body)
+        return np.vstack((linear, angular))[:, self._place]
+
+    def frame_acceleration(self, f: str, q: Array, v: Array, vdot: Array, t: float = 0.0) -> Array:
+        """Return the acceleration (6,) by `mj_objectAcceleration`, angular first there.
+
+        Its linear part is classical. MuJoCo adds -g to it: gravity is zero in the model.
+        """
+        frame = self._frame(f, q, v)
+        self.data.qacc[self._place] = vdot
+        self._mj.mj_rnePostConstraint(self.model, self.data)
+        omega = self._motion(self._mj.mj_objectVelocity, frame)[3:]
+        acceleration, alpha = np.split(self._motion(self._mj.mj_objectAcceleration, frame), 2)
+        swung = np.cross(alpha, frame.arm) + np.cross(omega, np.cross(omega, frame.arm))
+        return np.concatenate((acceleration + swung, alpha))
+
+    def frame_bias(self, f: str, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return J̇ v (6,) with J̇ by `mj_jacDot`."""
+        return self._columns(self._mj.mj_jacDot, self._frame(f, q, v)) @ v
+
 
 # ---- Model read from a URDF ----------------------------------------------------------------------
 
@@ -173,15 +367,18 @@ class MujocoFile(FileEngine, MujocoEngine):
 
     def forces(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return Q (m,): gravity, and the dampers and springs of its joints."""
-        self._under_gravity(q, np.zeros(len(v)))  # at v, subtracting the bias would lose digits
-        gravity = -self.data.qfrc_bias
+        weight = self.gravity(q)  # at v, subtracting the bias would lose digits
         self._under_gravity(q, v)
-        return gravity + self.data.qfrc_passive
+        return self.data.qfrc_passive - weight
 
     def free_acceleration(self, q: Array, v: Array) -> Array:
         """Return ẍ (m,) of `mj_forward`."""
         self._under_gravity(q, v)
         return self.data.qacc.copy()
+
+    @property
+    def _frame_kind(self) -> Any:
+        return self._mj.mjtObj.mjOBJ_XBODY
 
 
 # ---- Model read from an MJCF file ----------------------------------------------------------------
@@ -207,9 +404,19 @@ class MjcfFile(MujocoFile):
         model.opt.disableflags &= ~int(library.mjtDisableBit.mjDSBL_GRAVITY)
         model.opt.gravity[:] = 0.0
         self.model, self.data = model, library.MjData(model)
+        fixed = model.body_weldid == 0
+        if model.body_mass[fixed].any():  # MuJoCo counts it in the centre of mass of the world
+            model.body_mass[fixed] = 0.0
+            library.mj_setConst(model, self.data)
         damped = zip(self._joints, model.dof_damping, strict=True)
         names = frozenset(name for name, damping in damped if damping)
         self.description = description._replace(damped=names)
+
+    def _origin(self, body: int) -> Array:
+        """Return the position of the last joint in the body's frame; ours is at the joint."""
+        count = self.model.body_jntnum[body]
+        joint = self.model.body_jntadr[body] + count - 1
+        return self.model.jnt_pos[joint] if count else np.zeros(3)
 
     @classmethod
     def represents(cls, scene: Scene) -> bool:

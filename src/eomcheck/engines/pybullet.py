@@ -4,6 +4,9 @@ In a model read from the URDF of a robot, the base is fixed or free. A free base
 the principal axes of its body. PyBullet is called as if these were momentarily the axes of the
 ground, and its accelerations are those of the centre of mass along them: v̇ + ω × v, where v̇ is
 the rate of the velocity along the axes of the base.
+
+Frames of PyBullet are at the centre of mass of a link, along the principal axes of its inertia. The
+frames of links follow from these: `getLinkState` also returns them, but in single precision.
 """
 
 from __future__ import annotations
@@ -12,7 +15,7 @@ import tempfile
 import weakref
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -28,10 +31,28 @@ from eomcheck.engines.file_engine import (
     free_base,
 )
 from eomcheck.engines.tree_engine import TreeEngine, TreeLink
+from eomcheck.mechanics.records import TreeFrame
 from eomcheck.numbers.generic import Array
 
 BASE = 7
 """Number of entries of a free base's pose; PyBullet counts joints after it even if it is fixed."""
+
+
+class _LinkState(NamedTuple):
+    """Motion of a link's centre of mass in PyBullet, along the axes of the world."""
+
+    R: Array
+    """Principal axes of the inertia, columns (3, 3)."""
+    p: Array
+    """Centre of mass (3,), m."""
+    axes: Array
+    """The same axes in the frame of the link (3, 3)."""
+    center: Array
+    """The same point in the frame of the link (3,), m."""
+    velocity: Array
+    """Velocity of the centre of mass (3,), m/s."""
+    omega: Array
+    """Angular velocity (3,), rad/s."""
 
 
 class PybulletEngine(TreeEngine):
@@ -53,6 +74,11 @@ class PybulletEngine(TreeEngine):
         self._unit = _unit_of_mass(links)
         index = {name: i for i, name in self._load(_urdf(links, self._unit)).items()}
         self._place = np.array([index[f"joint_of_{link.name}"] for link in links])
+        self._seats = {
+            frame.name: (self._links[links[frame.joint].name], frame)
+            for frame in self.frames
+            if frame.joint >= 0
+        }
 
     def _load(self, urdf: str, fixed: bool = True) -> dict[int, str]:
         """Load the text of a URDF into a world of its own; return index -> name of its joints."""
@@ -68,6 +94,10 @@ class PybulletEngine(TreeEngine):
             self._body = self._ask("loadURDF", str(path), useFixedBase=fixed, flags=flags)
         indices = range(self._ask("getNumJoints", self._body))
         joints = [self._ask("getJointInfo", self._body, i) for i in indices]
+        self._links = {info[12].decode(): info[0] for info in joints}
+        self._links[self._ask("getBodyInfo", self._body)[0].decode()] = -1
+        moving = {info[3]: info[0] for info in joints if info[3] >= BASE}
+        self._moving = [moving[i] for i in sorted(moving)]
         return {info[3] - BASE: info[1].decode() for info in joints if info[3] >= BASE}
 
     def _ask(self, function: str, *arguments: Any, **options: Any) -> Any:
@@ -89,6 +119,82 @@ class PybulletEngine(TreeEngine):
         state = self._ordered(q), self._ordered(v), [0.0] * self._n
         forces = self._ask("calculateInverseDynamics", self._body, *state)
         return self._unit * np.array(forces)[self._place]
+
+    # ---- Conformance quantities ------------------------------------------------------------------
+
+    def inverse_dynamics(self, q: Array, v: Array, vdot: Array, t: float = 0.0) -> Array:
+        """Return τ (n,) by `calculateInverseDynamics` under gravity."""
+        self._ask("setGravity", *self._gravity)
+        state = self._ordered(q), self._ordered(v), self._ordered(vdot)
+        forces = self._ask("calculateInverseDynamics", self._body, *state)
+        self._ask("setGravity", 0.0, 0.0, 0.0)
+        return self._unit * np.array(forces)[self._place]
+
+    def gravity(self, q: Array, t: float = 0.0) -> Array:
+        """Return ∂U/∂q (n,) by `calculateInverseDynamics` at rest."""
+        return self.inverse_dynamics(q, np.zeros(self._n), np.zeros(self._n), t)
+
+    def has_frame(self, f: str) -> bool:
+        """Return whether there is a link of this name; those of fixed joints are links."""
+        return f in self._seats
+
+    def _base_axes(self, x: Array) -> Array:
+        """Return the axes of the base, along which Jacobians are (3, 3)."""
+        return np.eye(3)
+
+    def _reset(self, q: Array, v: Array) -> None:
+        """Set the world of PyBullet to a state."""
+        for joint, x, rate in zip(self._moving, self._ordered(q), self._ordered(v), strict=True):
+            self._ask("resetJointState", self._body, joint, x, rate)
+
+    def _link(self, f: str, q: Array, v: Array) -> tuple[TreeFrame, _LinkState]:
+        """Return the frame of a link, fixed to one of PyBullet's, and the motion of that."""
+        self._reset(q, v)
+        index, frame = self._seats[f]
+        if index < 0:
+            state = *self._ask("getBasePositionAndOrientation", self._body), *self._inertial(-1)
+            state = *state, *self._ask("getBaseVelocity", self._body)
+        else:
+            every = self._ask("getLinkState", self._body, index, 1, 1)
+            state = *every[:4], *every[6:8]
+        p, turn, center, axes, velocity, omega = state
+        R, axes = self._rotation(turn), self._rotation(axes)
+        return frame, _LinkState(R, *map(np.array, (p, axes, center, velocity, omega)))
+
+    def _inertial(self, index: int) -> tuple[Any, Any]:
+        """Return centre of mass and quaternion of the principal axes, in the frame of a link."""
+        info = self._ask("getDynamicsInfo", self._body, index)
+        return info[3], info[4]
+
+    def _rotation(self, quaternion: Any) -> Array:
+        return np.array(self._bullet.getMatrixFromQuaternion(quaternion)).reshape(3, 3)
+
+    def frame_placement(self, f: str, q: Array, t: float = 0.0) -> tuple[Array, Array]:
+        """Return (R, p), from the pose of the centre of mass by `getLinkState`."""
+        frame, link = self._link(f, q, np.zeros(self._n))
+        R = link.R @ link.axes.T
+        return R @ frame.R, link.p + R @ (frame.p - link.center)
+
+    def frame_velocity(self, f: str, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return the velocity (6,), from that of the centre of mass by `getLinkState`."""
+        frame, link = self._link(f, q, v)
+        arm = link.R @ (link.axes.T @ (frame.p - link.center))
+        return np.concatenate((link.velocity + np.cross(link.omega, arm), link.omega))
+
+    def frame_jacobian(self, f: str, q: Array, t: float = 0.0) -> Array:
+        """Return J (6, n) by `calculateJacobian`.
+
+        Its point is along the principal axes of the link, from the link's origin, and from the
+        centre of mass for the base. Its rows are along the principal axes of the base, whose
+        columns come first, angular before linear ones.
+        """
+        frame, link = self._link(f, q, np.zeros(self._n))
+        index, joints = self._seats[f][0], self._ordered(q)
+        origin = link.center if index < 0 else np.zeros(3)
+        point, rest = (link.axes.T @ (frame.p - origin)).tolist(), [0.0] * len(joints)
+        parts = self._ask("calculateJacobian", self._body, index, point, joints, rest, rest)
+        R = self._base_axes(q)
+        return np.vstack([(R @ np.array(part))[:, self._place] for part in parts])
 
 
 def _unit_of_mass(links: list[TreeLink]) -> float:
@@ -140,8 +246,8 @@ def _text(numbers: Iterable[float]) -> str:
 
 # ---- Model read from a URDF ----------------------------------------------------------------------
 
-POSE = 9
-"""Number of entries of `pose`."""
+POSE = 16
+"""Number of entries of `pose`: position, quaternion x, y, z, w, rotation."""
 
 NOWHERE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 """Position and quaternion x, y, z, w of a base that coincides with the ground."""
@@ -156,22 +262,37 @@ class PybulletFile(FileEngine, PybulletEngine):
     def _read(self, library: Any, description: RobotDescription) -> None:
         moving = self._load(description.text, not self.base)
         self._joints = [moving[i] for i in sorted(moving)]
-        info = self._ask("getDynamicsInfo", self._body, -1)
-        self._center = np.array(info[3])
-        self._axes = np.array(library.getMatrixFromQuaternion(info[4])).reshape(3, 3)
+        center, axes = self._inertial(-1)
+        self._center, self._axes = np.array(center), self._rotation(axes)
+        links = {frame.name: frame for frame in self.frames if frame.name in self._links}
+        self._seats = {name: (self._links[name], frame) for name, frame in links.items()}
 
     def base_frame(self, q: Array, v: Array) -> FreeBase:
         """Return the frame of the principal axes of the base, at its centre of mass."""
         return free_base(q[:FREE], v[:FREE], self._center, self._axes)
 
     def pose(self, base: FreeBase) -> Array:
-        """Return the rotation: no quantity depends on the position."""
-        return base.R.ravel()
+        """Return position, quaternion and rotation of the axes."""
+        return np.concatenate([base.position, np.roll(base.quaternion, -1), base.R.ravel()])
 
     def _split(self, x: Array) -> tuple[Array, list[float]]:
         """Return the rotation of the axes of the base, and the coordinates of the joints."""
         pose, joints = np.split(x, [POSE if self.base else 0])
-        return pose.reshape(-1, 3) if self.base else self._axes, joints.tolist()
+        return pose[BASE:].reshape(3, 3) if self.base else self._axes, joints.tolist()
+
+    def _base_axes(self, x: Array) -> Array:
+        return self._split(x)[0]
+
+    def _reset(self, q: Array, v: Array) -> None:
+        R, joints = self._split(q)
+        rates = v.tolist()
+        if self.base:
+            position, turn = np.split(q[:BASE], [3])
+            self._ask("resetBasePositionAndOrientation", self._body, position, turn)
+            self._ask("resetBaseVelocity", self._body, R @ v[3:FREE], R @ v[:3])
+            rates = rates[FREE:]
+        for joint, x, rate in zip(self._moving, joints, rates, strict=True):
+            self._ask("resetJointState", self._body, joint, x, rate)
 
     def _ordered(self, x: Array) -> list[float]:
         return self._split(x)[1]
@@ -190,18 +311,25 @@ class PybulletFile(FileEngine, PybulletEngine):
         # With a free base forces come before moments, though angular velocities come first.
         return np.concatenate([forces[3:6], forces[:3], forces[6:]] if self.base else [forces])
 
+    def _with_gravity(self, g: Array, q: Array, v: Array, vdot: Array) -> Array:
+        """Return forces (m,) by inverse dynamics in a world with gravity g (3,)."""
+        R, joints = self._split(q)
+        acceleration = vdot.copy()
+        if self.base:
+            acceleration[3:6] += np.cross(v[:3], v[3:6])
+        self._ask("setGravity", *(R.T @ g))
+        forces = self._inverse(joints, v, acceleration)
+        self._ask("setGravity", 0.0, 0.0, 0.0)
+        return forces
+
     def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return B (m,) by inverse dynamics."""
-        acceleration = np.zeros(self._n)
-        if self.base:
-            acceleration[3:6] = np.cross(v[:3], v[3:6])
-        return self._inverse(self._ordered(q), v, acceleration)
+        return self._with_gravity(np.zeros(3), q, v, np.zeros(self._n))
+
+    def inverse_dynamics(self, q: Array, v: Array, vdot: Array, t: float = 0.0) -> Array:
+        """Return τ (m,) by `calculateInverseDynamics`, which leaves out dampers and springs."""
+        return self._with_gravity(self._gravity, q, v, vdot)
 
     def forces(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return Q (m,) of gravity."""
-        R, joints = self._split(q)
-        self._ask("setGravity", *(R.T @ self._gravity))
-        at_rest = np.zeros(self._n)
-        weights = self._inverse(joints, at_rest, at_rest)
-        self._ask("setGravity", 0.0, 0.0, 0.0)
-        return -weights
+        return -self.gravity(q, t)

@@ -14,7 +14,13 @@ from typing import Annotated
 
 from eomcheck import strategies
 from eomcheck.claims import CLAIMS
-from eomcheck.claims.engine_quantities import CONFORMANCE, acceleration_asked, frames_asked
+from eomcheck.claims.engine_quantities import (
+    CONFORMANCE,
+    SOLVED,
+    acceleration_asked,
+    follow,
+    frames_asked,
+)
 from eomcheck.claims.finding import Finding, Verdict, worst
 from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.descriptions.urdf_reader import FLOATING
@@ -166,7 +172,9 @@ def true_digits(
     for one in QUANTITIES.values():
         if not kind.offers(one.name) or (one.needs_tree and not point.has_tree):
             continue
-        frame = frames_asked(at, point)[0] if one.of_frame else ""
+        if one.mapping in SOLVED and follow(answers.engine, at):
+            continue
+        frame = frames_asked(at, point, answers.has_frame)[0] if one.of_frame else ""
         tau = point.torques if "tau" in one.arguments else None
         try:
             truth = _truth(at, one, frame, vdot, tau)
