@@ -191,15 +191,14 @@ def engines_offering(case: Case, method: str) -> Iterator[Engine | type[Engine]]
 
 
 def _check(one: Quantity, case: Case) -> Iterator[Finding]:
-    point = ConformancePoint(case.at)
+    point, engines = ConformancePoint(case.at), list(engines_offering(case, one.name))
     if one.needs_tree and not point.has_tree:
-        for engine in engines_offering(case, one.name):
+        for engine in engines:
             why = "the scene has no tree of bodies"
             yield skipped_finding(case, engine_class_of(engine), why)
         return
-    if not any(engines_offering(case, one.name)):
+    if not engines:
         return
-    engines = list(engines_offering(case, one.name))
     known = partial(_some_knows, engines)
     for frame in frames_asked(case.at, point, known) if one.of_frame else ("",):
         try:

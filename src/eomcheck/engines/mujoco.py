@@ -44,7 +44,7 @@ class _FrameState(NamedTuple):
 
     kind: Any
     """Type of the object that has it, `mjtObj`."""
-    index: int
+    number: int
     """Index among objects of that type."""
     body: int
     """Index of the body to which it is fixed."""
@@ -299,7 +299,7 @@ class MujocoEngine(TreeSolverEngine):
     def _motion(self, function: Any, frame: _FrameState) -> Array:
         """Return a velocity or acceleration (6,) by MuJoCo, along the axes of the world."""
         result = np.zeros(6)
-        function(self.model, self.data, frame.kind, frame.index, result, 0)
+        function(self.model, self.data, frame.kind, frame.number, result, 0)
         return np.roll(result, 3)
 
     def frame_jacobian(self, f: str, q: Array, t: float = 0.0) -> Array:

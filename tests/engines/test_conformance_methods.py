@@ -1,0 +1,246 @@
+"""Conformance quantities that libraries offer: which, equal to ours, and planted mistakes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.robots import arm, body, joint
+from tests.samples import ordinary, random_state
+
+from eomcheck import check_state
+from eomcheck.claims.engine_quantities import CONFORMANCE, frames_asked
+from eomcheck.claims.finding import Finding
+from eomcheck.engines import Answers, Engine, EngineFault
+from eomcheck.engines.exudyn import ExudynEngine
+from eomcheck.engines.mujoco import MjcfFile, MujocoEngine, MujocoFile
+from eomcheck.engines.pybullet import PybulletEngine, PybulletFile
+from eomcheck.evaluation.conformance import QUANTITIES, ConformancePoint
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.mechanics.records import State
+from eomcheck.mechanics.scene import Scene
+from eomcheck.scenes import SCENES, from_mjcf, from_urdf
+
+FRAMES = {"frame_placement", "frame_velocity"}
+MUJOCO = {
+    *("inverse_dynamics", "forward_dynamics", "inverse_mass_matrix", "gravity"),
+    *("kinetic_energy", "potential_energy", "center_of_mass", "center_of_mass_jacobian"),
+    *("center_of_mass_velocity", "momentum", "momentum_matrix"),
+    *FRAMES | {"frame_jacobian", "frame_acceleration", "frame_bias"},
+}
+PYBULLET = {"inverse_dynamics", "gravity", "frame_jacobian"} | FRAMES
+EXUDYN = {"forward_dynamics", "gravity", "frame_acceleration", "frame_bias"} | FRAMES
+OFFERED: dict[type[Engine], set[str]] = {
+    MujocoEngine: MUJOCO,
+    MujocoFile: MUJOCO,
+    MjcfFile: MUJOCO,
+    PybulletEngine: PYBULLET,
+    PybulletFile: PYBULLET,
+    ExudynEngine: EXUDYN,
+}
+"""Engine -> the quantities that its library computes."""
+
+OFF_ITS_JOINT = """
+<mujoco><worldbody>
+  <body name="stand"><geom type="sphere" size=".2" mass="5" pos=".3 .1 .2"/>
+    <body name="cart" pos=".1 .2 .3" euler="20 30 40">
+      <joint name="slide" type="slide" axis="1 2 2"/>
+      <geom type="box" size=".1 .2 .3" mass="2" pos=".05 0 .1"/>
+      <body name="pole" pos="0 .1 .4">
+        <joint name="swing" type="hinge" axis="0 1 0" pos=".02 .05 -.03"/>
+        <geom type="box" size=".02 .03 .5" mass="1" pos="0 0 .4"/>
+      </body>
+    </body>
+  </body>
+  <body name="drone"><freejoint name="flight"/>
+    <geom type="box" size=".1 .2 .05" mass="1"/>
+    <body name="camera" pos="0 0 -.1"><joint name="gimbal" type="ball"/>
+      <geom type="box" size=".03 .05 .02" mass=".2" pos="0 .01 -.05"/></body>
+  </body>
+</worldbody></mujoco>
+"""
+"""A mass that is fixed, a joint off the origin of its body, a free joint and a ball."""
+
+
+def robot(folder: Path, *, floating: bool = False, products: bool = True) -> Scene:
+    """Return the arm with a link that is fixed to its hand."""
+    more = body("tip") + joint("grip", "hand", "tip", "fixed", "1 0 0")
+    path = arm(folder / "arm.urdf", more=more)
+    text = path.read_text(encoding="utf-8")
+    if floating:
+        text = text.replace('<link name="base"/>', body("base"))
+    if not products:
+        text = text.replace('ixy="0.01" ixz="-0.02" iyz="0.015"', 'ixy="0" ixz="0" iyz="0"')
+    path.write_text(text, encoding="utf-8")
+    return from_urdf(path, floating=floating)
+
+
+def scene_of(kind: type[Engine], folder: Path, *, floating: bool = True) -> Scene:
+    """Return a scene that an engine represents: a robot for those that read files."""
+    if kind is MjcfFile:
+        path = folder / "off.xml"
+        path.write_text(OFF_ITS_JOINT, encoding="utf-8")
+        return from_mjcf(path)
+    if kind.reads_file:
+        # PyBullet turns to principal axes itself, to 1e-9 to 1e-11 only.
+        return robot(folder, floating=floating, products=kind is not PybulletFile)
+    return ordinary(SCENES["andrews"], 3)[0]
+
+
+def findings(kind: type[Engine], scene: Scene, seed: int = 1, *names: str) -> list[Finding]:
+    """Return the Findings about quantities of an engine in an ordinary state."""
+    state = random_state(scene, np.random.default_rng(seed))
+    claims = [f"engine-{x.replace('_', '-')}" for x in names] or CONFORMANCE
+    return check_state(scene, *state, engines=[kind], claims=claims)
+
+
+@pytest.mark.parametrize("kind", OFFERED)
+def test_an_engine_offers_what_its_library_computes(kind: type[Engine]):
+    assert {name for name in QUANTITIES if kind.offers(name)} == OFFERED[kind]
+
+
+@pytest.mark.parametrize("floating", [False, True])
+@pytest.mark.parametrize("kind", OFFERED)
+def test_all_quantities_of_an_engine_are_ours(kind: type[Engine], floating: bool, tmp_path: Path):
+    scene = scene_of(kind, tmp_path, floating=floating)
+    for seed in range(3):
+        found = findings(kind, scene, seed)
+        wrong = [str(x) for x in found if x.verdict not in ("passed", "skipped")]
+        assert not wrong
+        passed = {x.claim.removeprefix("engine-") for x in found if x.verdict == "passed"}
+        assert passed == {name.replace("_", "-") for name in OFFERED[kind]}
+
+
+@pytest.mark.parametrize("kind", OFFERED)
+def test_no_quantity_of_an_engine_keeps_what_was_asked_before(kind: type[Engine], tmp_path: Path):
+    """Constraints, gravity, forces and accelerations that one method sets are gone after it."""
+    scene = scene_of(kind, tmp_path)
+    state, elsewhere = (random_state(scene, np.random.default_rng(seed)) for seed in (1, 2))
+    engine, third = kind(scene), np.cos(np.arange(scene.n))
+    frames = [x.name for x in scene.tree().frames if x.joint >= 0 and engine.has_frame(x.name)]
+
+    def ask(engine: Engine, name: str, at: State) -> Any:
+        frame = frames[-1] if name in QUANTITIES and QUANTITIES[name].of_frame else ""
+        arguments = (third, frame) if name in QUANTITIES else ()
+        return Answers(engine).ask(name, at.q, at.v, *arguments, at.t)
+
+    asked = *sorted(OFFERED[kind]), "mass_matrix", "bias"
+    for name in asked:
+        for other in asked:
+            ask(engine, other, elsewhere)
+            again, fresh = ask(engine, name, state), ask(kind(scene), name, state)
+            assert np.array_equal(again, fresh), (name, other)
+
+
+# ---- Frames and coordinates that a library does not have -----------------------------------------
+
+
+def test_a_link_that_mujoco_merges_with_another_has_no_frame(tmp_path: Path):
+    held, free = robot(tmp_path), robot(tmp_path, floating=True)
+    held_names = [x.name for x in held.tree().frames if MujocoFile(held).has_frame(x.name)]
+    assert held_names == ["upper", "fore", "hand"]
+    assert MujocoFile(free).has_frame("tip")
+    with pytest.raises(EngineFault, match="no frame of link 'tip'"):
+        q = np.zeros(held.n)
+        Answers(MujocoFile(held)).ask("frame_placement", q, q, q, "tip", 0.0)
+    found = findings(MujocoFile, held, 1, "frame_velocity")
+    assert {x.subject.split(", ")[-1].split(" ")[0] for x in found} == {"upper", "fore", "hand"}
+    assert {x.verdict for x in found} == {"passed"}
+
+
+def test_a_link_that_one_of_two_engines_lacks_is_skipped_for_that(tmp_path: Path):
+    scene = robot(tmp_path)
+    state = random_state(scene, np.random.default_rng(1))
+    claims = ["engine-frame-placement"]
+    found = check_state(scene, *state, engines=[MujocoFile, PybulletFile], claims=claims)
+    skipped = [x for x in found if x.verdict == "skipped"]
+    assert {x.detail for x in skipped} == {"its model has no frame of link tip"}
+    assert {x.subject for x in skipped} == {"mujoco_file"}
+    assert any("tip" in x.subject and x.verdict == "passed" for x in found)
+
+
+def test_links_are_asked_of_those_that_are_known_and_of_all_if_none_is():
+    scene, state = ordinary(SCENES["snake"], 1)
+    at = Evaluation(scene, *state)
+    point = ConformancePoint(at)
+    assert set(frames_asked(at, point, lambda name: name in ("link 2", "link 3"))) == {
+        "link 2",
+        "link 3",
+    }
+    assert frames_asked(at, point, lambda name: False) == frames_asked(at, point)
+    assert len(frames_asked(at, point)) <= 3
+
+
+def test_an_engine_that_cannot_say_which_frames_it_has_is_asked_for_them_all_the_same():
+    class Silent(PybulletEngine):
+        def has_frame(self, f):
+            raise ValueError(f)
+
+    Silent.key = "silent"
+    scene, _ = ordinary(SCENES["snake"], 1)
+    assert Answers(Silent(scene)).has_frame("nowhere") is True
+    assert {x.verdict for x in findings(Silent, scene, 1, "frame_placement")} == {"passed"}
+
+
+def test_inverses_are_skipped_where_joints_follow_others_in_one_model_alone(tmp_path: Path):
+    more = '<mimic joint="slide" multiplier="0.5"/>'
+    path = arm(tmp_path / "arm.urdf", more=body("tip") + joint("b", "hand", "tip", "revolute",
+                                                              "1 0 0", more))  # fmt: skip
+    found = findings(MujocoFile, from_urdf(path), 1)
+    skipped = {x.claim for x in found if x.verdict == "skipped"}
+    assert skipped == {"engine-forward-dynamics", "engine-inverse-mass-matrix"}
+    assert all("more velocities" in x.detail for x in found if x.verdict == "skipped")
+    assert not [str(x) for x in found if x.verdict == "failed"]
+
+
+# ---- Mistakes ------------------------------------------------------------------------------------
+
+
+def answered(name: str, change: Callable[[Any, Engine], Any]):
+    """Return a fault that changes the result of one method."""
+
+    def plant(kind: type[Any]) -> type[Engine]:
+        def faulty(self, *arguments):
+            return change(getattr(kind, name)(self, *arguments), self)
+
+        return type("Faulty", (kind,), {name: faulty})
+
+    return plant
+
+
+MISTAKES = [
+    *((name, "angular first", lambda x, _: np.roll(x, 3, axis=0)) for name in EXUDYN & FRAMES
+      if name != "frame_placement"),
+    ("gravity", "other sign", lambda x, _: -x),
+    ("frame_placement", "R transposed", lambda x, _: (x[0].T, x[1])),
+    ("frame_jacobian", "angular first", lambda x, _: np.roll(x, 3, axis=0)),
+    ("inverse_dynamics", "half", lambda x, _: x / 2),
+    ("forward_dynamics", "other sign", lambda x, _: -x),
+    ("inverse_mass_matrix", "single precision", lambda x, _: np.float64(np.float32(x))),
+    ("kinetic_energy", "without the half", lambda x, _: 2 * x),
+    ("potential_energy", "other sign", lambda x, _: -x),
+    ("center_of_mass_jacobian", "columns in another order", lambda x, _: x[:, ::-1]),
+    ("momentum", "angular first", lambda x, _: np.roll(x, 3)),
+    ("momentum_matrix", "per mass", lambda x, e: x / e._mj.mj_getTotalmass(e.model)),
+    ("frame_bias", "other sign", lambda x, _: -x),
+    ("frame_acceleration", "with gravity", lambda x, e: x - np.r_[e._gravity, 0, 0, 0]),
+]  # fmt: skip
+"""Method, mistake, and how it changes a result."""
+
+
+@pytest.mark.parametrize("name, what, change", MISTAKES, ids=[f"{x[0]}: {x[1]}" for x in MISTAKES])
+@pytest.mark.parametrize("kind", OFFERED)
+def test_a_wrong_convention_is_found(
+    kind: type[Engine], name: str, what: str, change: Any, tmp_path: Path
+):
+    if name not in OFFERED[kind]:
+        assert not kind.offers(name)
+        return
+    scene = scene_of(kind, tmp_path)
+    if kind is ExudynEngine or not kind.reads_file:
+        scene = ordinary(SCENES["bicycle"], 1)[0]
+    found = findings(answered(name, change)(kind), scene, 1, name)
+    assert "failed" in {x.verdict for x in found}, found
