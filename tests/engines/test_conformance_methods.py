@@ -87,7 +87,7 @@ def scene_of(kind: type[Engine], folder: Path, *, floating: bool = True) -> Scen
     if kind.reads_file:
         # PyBullet turns to principal axes itself, to 1e-9 to 1e-11 only.
         return robot(folder, floating=floating, products=kind is not PybulletFile)
-    return ordinary(SCENES["andrews"], 3)[0]
+    return ordinary(SCENES["four-bar-chain"], 3)[0]
 
 
 def findings(kind: type[Engine], scene: Scene, seed: int = 1, *names: str) -> list[Finding]:
@@ -112,6 +112,17 @@ def test_all_quantities_of_an_engine_are_ours(kind: type[Engine], floating: bool
         assert not wrong
         passed = {x.claim.removeprefix("engine-") for x in found if x.verdict == "passed"}
         assert passed == {name.replace("_", "-") for name in OFFERED[kind]}
+
+
+@pytest.mark.parametrize("floating", [False, True])
+@pytest.mark.parametrize("kind", [MujocoEngine, PybulletEngine, ExudynEngine])
+def test_frames_off_their_joints_are_ours(kind: type[Engine], floating: bool, tmp_path: Path):
+    scene = robot(tmp_path, floating=floating)
+    assert {x.name: x.p.any() for x in scene.tree().frames}["tip"]
+    names = sorted(name for name in OFFERED[kind] if QUANTITIES[name].of_frame)
+    found = findings(kind, scene, 1, *names)
+    assert [str(x) for x in found if x.verdict != "passed"] == []
+    assert {x.subject.split(", ")[-1].split(" ~ ")[0] for x in found} >= {"tip"}
 
 
 @pytest.mark.parametrize("kind", OFFERED)
