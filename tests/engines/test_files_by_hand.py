@@ -339,7 +339,7 @@ def test_libraries_have_these_velocities_and_coordinates_of_a_free_base():
     assert MujocoFile.pose(None, base).tolist() == [*place, w, x, y, z]  # type: ignore
     assert READERS["drake"].pose(None, base).tolist() == [w, x, y, z, *place]  # type: ignore
     assert IdyntreeFile.pose(None, base).tolist() == [*place, *R]  # type: ignore
-    assert PybulletFile.pose(None, base).tolist() == R  # type: ignore
+    assert PybulletFile.pose(None, base).tolist() == [*place, x, y, z, w, *R]  # type: ignore
 
 
 # ---- Answers of libraries ------------------------------------------------------------------------
