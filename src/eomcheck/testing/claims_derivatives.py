@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
+from eomcheck.claims.confusions import Candidate, agreement_within, matching
 from eomcheck.claims.registry import BlindSpot, Comparison, Decision, Skipped, function_claim
 from eomcheck.numbers.generic import Array
 from eomcheck.testing.claims_answers import parameter_names
@@ -50,11 +51,13 @@ def recognized(candidates: Callable[[Array], Mapping[str, Array | None]]) -> Exp
 
     def explain(actual: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
         near = max(allowed, 1e-9 * float(np.abs(expected).max(initial=0.0)))
+        agree = agreement_within(near)
         for column in (..., (..., worst[-1])) if actual.ndim > 1 else (...,):
             of_column = "" if column is ... else ", in this column"
-            for mistake, array in candidates(expected).items():
-                if array is not None and within_allowed(actual[column], array[column], near):
-                    return mistake + of_column
+            arrays = candidates(expected).items()
+            known = [Candidate(mistake, x[column]) for mistake, x in arrays if x is not None]
+            for mistake in matching(actual[column], expected[column], known, agree):
+                return mistake.text + of_column
         return proportional(actual, expected, allowed, worst)
 
     return explain
