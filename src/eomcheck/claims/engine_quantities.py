@@ -30,7 +30,7 @@ from eomcheck.errors import RefusedError
 from eomcheck.evaluation.conformance import QUANTITIES, ConformancePoint, Quantity
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.perturbed import sensitivity_of
-from eomcheck.evaluation.tolerance import largest
+from eomcheck.evaluation.tolerance import largest, rounded
 from eomcheck.numbers.generic import Array
 
 FEW = 4
@@ -131,9 +131,22 @@ def _value(one: Quantity, frame: str, vdot: Array, tau: Array | None, e: Evaluat
 
 def _compare(case: Case, one: Quantity, frame: str) -> Iterator[Finding]:
     """Yield the Findings of one quantity, of one link, being equal to those of the engines."""
-    at, vdot = case.at, acceleration_asked(case.at)
+    groups: dict[int, tuple[Case, list[Engine | type[Engine]]]] = {}
+    for engine in engines_offering(case, one.name):
+        at_state = case.rounded_for(engine)
+        groups.setdefault(id(at_state), (at_state, []))[1].append(engine)
+    for at_state, engines in groups.values():
+        yield from _compare_at(at_state, engines, one, frame)
+
+
+def _compare_at(
+    case: Case, engines: Sequence[Engine | type[Engine]], one: Quantity, frame: str
+) -> Iterator[Finding]:
+    """Yield the Findings of engines that are asked at one state: that of their own numbers."""
+    at, u = case.at, case.at.unit_roundoff
+    vdot = rounded(acceleration_asked(at), u)
     point = point_at(at, vdot)
-    tau = point.torques if "tau" in one.arguments else None
+    tau = rounded(point.torques, u) if "tau" in one.arguments else None
     own = partial(_value, one, frame, vdot, tau)
     ours = np.asarray(own(at), np.float64)
     sensitivity = sensitivity_of(at, own, coordinates=True)
@@ -145,7 +158,7 @@ def _compare(case: Case, one: Quantity, frame: str) -> Iterator[Finding]:
     names = one.axis_names(point)[: ours.ndim]
     arguments = at.q, at.v, vdot if tau is None else tau, frame, at.t
     asked = replace(case, repeats=min(case.repeats, FEW))
-    for engine in engines_offering(case, one.name):
+    for engine in engines:
         if frame and not knows_frame(engine, frame):
             why = f"its model has no frame of link {frame}"
             yield skipped_finding(case, engine_class_of(engine), why)

@@ -651,9 +651,9 @@ class Answers:
         return result
 
     def _rounded(self, x: Any) -> Any:
-        """Return an argument rounded to the numbers of the engine; None stays None."""
+        """Return an argument rounded to the numbers of the engine; a name stays as it is."""
         u = type(self.engine).unit_roundoff
-        if x is None or u <= UNIT_ROUNDOFF:
+        if u <= UNIT_ROUNDOFF or not isinstance(x, np.ndarray | float):
             return x
         return rounded(x, u) if isinstance(x, np.ndarray) else float(rounded(x, u))
 
