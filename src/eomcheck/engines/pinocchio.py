@@ -12,7 +12,7 @@ import numpy as np
 
 from eomcheck.engines.engine import EngineAcceleration, VelocityMap
 from eomcheck.engines.file_engine import BaseVelocity, FileEngine, FreeBase, RobotDescription
-from eomcheck.engines.tree_engine import TreeLink, TreeSolverEngine, moved_parameters
+from eomcheck.engines.tree_engine import TreeLink, TreeSolverEngine
 from eomcheck.numbers.generic import Array
 
 
@@ -173,10 +173,10 @@ class PinocchioEngine(TreeSolverEngine):
         Y = self._under_gravity(self._pin.computeJointTorqueRegressor, q, v, vdot)
         Y = rows_of(Y, len(v))
         columns = []
-        for frame in self.body_frames:
+        for frame, moved in zip(self.body_frames, self.body_parameters, strict=True):
             joint = self.model.frames[self.model.getFrameId(frame.name)].parentJoint
             own = Y[:, 10 * (joint - 1) : 10 * joint][:, INERTIA_ORDER]
-            columns.append(own @ moved_parameters(frame))
+            columns.append(own @ moved)
         return np.hstack(columns)
 
 

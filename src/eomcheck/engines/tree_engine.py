@@ -8,6 +8,7 @@ encoding of a `Tree`.
 from __future__ import annotations
 
 from abc import abstractmethod
+from functools import cached_property
 from importlib import metadata
 from typing import Any, ClassVar, NamedTuple
 
@@ -250,12 +251,17 @@ class TreeEngine(Engine):
         """Return (T q + shift, T, 0)."""
         return VelocityMap(self.coordinates @ q + self.shift, self.coordinates, np.zeros(self._n))
 
-    @property
+    @cached_property
     def body_frames(self) -> list[TreeFrame]:
         """The frames of bodies, in the order of the parameters of a regressor."""
         model = tree_model(self.scene)
         bodies = () if model is None else model.bodies
         return [frame for frame in self.frames if frame.name in bodies]
+
+    @cached_property
+    def body_parameters(self) -> list[Array]:
+        """The matrices of `moved_parameters` of the frames of bodies."""
+        return [moved_parameters(frame) for frame in self.body_frames]
 
     @property
     def follow(self) -> bool:
