@@ -22,8 +22,13 @@ TOOL = "tool"
 WORLD = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
-def random_model(seed: int, free: bool = False, joints: int | None = None) -> pin.Model:
-    """Return a random tree of 1 to 5 joints with two frames, "tool" at its end and "side"."""
+def random_model(
+    seed: int, free: bool = False, joints: int | None = None, chain: str = ""
+) -> pin.Model:
+    """Return a random tree of 1 to 5 joints with two frames, "tool" at its end and "side".
+
+    With `chain`, such as "RX PZ", each joint hangs on the one before.
+    """
     rng = np.random.default_rng(seed)
     pin.seed(seed)
     model = pin.Model()
@@ -31,14 +36,17 @@ def random_model(seed: int, free: bool = False, joints: int | None = None) -> pi
     kinds = [pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ]
     kinds += [pin.JointModelPX, pin.JointModelPZ]
     n = int(rng.integers(1, 6)) if joints is None else joints
+    names = chain.split()
     branch = [0]
     if free:
         branch = [model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "base")]
         model.appendBodyToJoint(branch[0], pin.Inertia.Random(), pin.SE3.Random())
-    for k in range(n):
+    for k in range(len(names) or n):
         # Turning ones first, so that no tree has slides alone; depth first, as recursions want it.
         kind = kinds[rng.integers(3 if k == 0 else len(kinds))]
         branch = branch[: int(rng.integers(len(branch))) + 1]
+        if names:
+            kind, branch = getattr(pin, f"JointModel{names[k]}"), [k]
         joint = model.addJoint(branch[-1], kind(), pin.SE3.Random(), f"joint {k}")
         branch.append(joint)
         model.appendBodyToJoint(joint, pin.Inertia.Random(), pin.SE3.Random())

@@ -133,6 +133,28 @@ def last_moment(*_):
     return np.outer([1, 0, 0], np.eye(30)[24])
 
 
+def one_row():
+    return np.outer(np.eye(6)[4], np.eye(3)[0])
+
+
+def one_more(x, eps, *_):
+    return x + eps * np.eye(6)[1]
+
+
+def stretched(x, eps, *_):
+    return x[0] * [1.0 + eps, 1.0, 1.0], x[1]
+
+
+def of_tool(name: str, entry: Callable) -> Callable[[float], dict[str, Any]]:
+    """Return the change of a function of the frame "tool" to `entry(result, eps, *arguments)`."""
+    function = EVERY[name]["tool"]
+
+    def change(eps: float) -> dict[str, Any]:
+        return {name: EVERY[name] | {"tool": lambda *x: entry(function(*x), eps, *x)}}
+
+    return change
+
+
 def cubic(q, v):
     return v[0] ** 3
 
@@ -233,6 +255,29 @@ WRONG: dict[str, Wrong] = {
     "regressor-power": Wrong(
         "tree", plus("regressor", TREE, lambda q, v, vdot: v[0] ** 2 * last_moment(q))
     ),
+    "com-jacobian": Wrong("tree", plus("com_jacobian", TREE, one_entry)),
+    "com-jacobian-symmetric": Wrong(
+        "tree", plus("com_jacobian", TREE, lambda q: q[2] * one_entry())
+    ),
+    "com-velocity": Wrong("tree", plus("com_velocity", TREE, lambda q, v: [0, 1, 0])),
+    "com-rate": Wrong("tree", plus("com", TREE, lambda q: [q[0], 0, 0])),
+    "com-acceleration": Wrong("tree", plus("com_acceleration", TREE, lambda *_: [0, 1, 0])),
+    "com-momentum": Wrong("tree", lambda eps: {"mass": EVERY["mass"] + eps}),
+    "mass-parameters": Wrong("tree", lambda eps: {"mass": EVERY["mass"] + eps}),
+    "momentum-linear": Wrong("tree", plus("momentum", TREE, lambda *_: np.eye(6)[4])),
+    "momentum-matrix": Wrong("tree", plus("momentum_matrix", TREE, lambda q: one_row())),
+    "momentum-rate": Wrong("tree", plus("momentum_rate", TREE, lambda *_: np.eye(6)[5])),
+    "com-momentum-rate": Wrong("tree", plus("momentum_rate", TREE, lambda *_: np.eye(6)[2])),
+    "frame-rotation": Wrong("tree", of_tool("frame_placement", stretched)),
+    "frame-jacobian": Wrong("tree", of_tool("J", lambda x, eps, *_: x + eps * one_row())),
+    "frame-jacobian-symmetric": Wrong(
+        "tree", of_tool("J", lambda x, eps, q: x + eps * q[1] * one_row())
+    ),
+    "frame-velocity": Wrong("tree", of_tool("frame_velocity", one_more)),
+    "frame-rate": Wrong("tree", of_tool("frame_velocity", one_more)),
+    "frame-bias": Wrong("tree", of_tool("frame_bias", one_more)),
+    "frame-acceleration": Wrong("tree", of_tool("frame_acceleration", one_more)),
+    "frame-acceleration-bias": Wrong("tree", of_tool("frame_acceleration", one_more)),
     "reference": Wrong(
         "cart",
         lambda eps: {

@@ -13,18 +13,16 @@ from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
-from eomcheck.claims.confusions import Candidate, agreement_within, matching
+from eomcheck.claims.confusions import ConfusionContext
 from eomcheck.claims.registry import BlindSpot, Comparison, Decision, Skipped, function_claim
 from eomcheck.numbers.generic import Array
 from eomcheck.testing.claims_answers import parameter_names
 from eomcheck.testing.claims_motions import FORCES, is_nonzero
 from eomcheck.testing.claims_terms import (
-    Explain,
     compare,
     compare_constraints,
     proportional,
     row_names,
-    within_allowed,
 )
 from eomcheck.testing.function_state import (
     FunctionState,
@@ -34,33 +32,23 @@ from eomcheck.testing.function_state import (
     supplied_or_derived_bias,
     why_no_bias,
 )
-from eomcheck.testing.uncertain import UncertainArray, contract, exact
+from eomcheck.testing.uncertain import UncertainArray, contract, exact, stack_uncertain
 
 # ---- Recognized mistakes -------------------------------------------------------------------------
 
 
-def recognized(candidates: Callable[[Array], Mapping[str, Array | None]]) -> Explain:
-    """Return the explanation by the first mistake that gives the array, else by a common factor.
+Mistakes = Callable[[Array], Mapping[str, Array | None]]
+"""Function of the expected array that returns mistake -> array it gives, None where unknown."""
 
-    An array that a mistake gives in one column alone is recognized in that column.
 
-    Args:
-        candidates: function of the expected array that returns mistake -> the array it gives, or
-            None where it cannot be made.
-    """
+def recognized(mistakes: Mistakes, expected: UncertainArray) -> Callable[[], ConfusionContext]:
+    """Return the function that makes the context by which mistakes are recognized."""
 
-    def explain(actual: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
-        near = max(allowed, 1e-9 * float(np.abs(expected).max(initial=0.0)))
-        agree = agreement_within(near)
-        for column in (..., (..., worst[-1])) if actual.ndim > 1 else (...,):
-            of_column = "" if column is ... else ", in this column"
-            arrays = candidates(expected).items()
-            known = [Candidate(mistake, x[column]) for mistake, x in arrays if x is not None]
-            for mistake in matching(actual[column], expected[column], known, agree):
-                return mistake.text + of_column
-        return proportional(actual, expected, allowed, worst)
+    def context() -> ConfusionContext:
+        arrays = mistakes(expected.value)
+        return ConfusionContext(alternatives={x: y for x, y in arrays.items() if y is not None})
 
-    return explain
+    return context
 
 
 def _value(make: Callable[[], UncertainArray | None]) -> Array | None:
@@ -141,21 +129,17 @@ def inverse_dynamics(at: FunctionState) -> Iterator[Comparison | Decision | Skip
     if B is None:
         yield Skipped(subject, why_no_bias(at))
         return
-    accelerating, inertial = inertia(at) @ exact(at.vdot), inertia(at) @ exact(at.vdot) + B
+    inertial = inertia(at) @ exact(at.vdot) + B
     if at.parts():
 
         def mistakes(expected: Array) -> dict[str, Array | None]:
-            parts = {name: part.value for name, part in at.parts().items()}
-            without = {f"without {name}": expected + part for name, part in parts.items()}
-            signs = {f"{name} of other sign": expected + 2.0 * x for name, x in parts.items()}
-            return {
-                **without,
-                "without the bias": expected - B.value,
-                "without M v̇": expected - accelerating.value,
-                **signs,
-            }
+            parts = {f"without {name}": expected + x.value for name, x in at.parts().items()}
+            accelerating = (inertia(at) @ exact(at.vdot)).value
+            bias = {"without the bias": expected - B.value}
+            return {**parts, **bias, "without M v̇": expected - accelerating}
 
-        yield compare(at, subject, tau, inertial - at.forces(), recognized(mistakes))
+        expected = inertial - at.forces()
+        yield compare(at, subject, tau, expected, context=recognized(mistakes, expected))
         return
     at_rest = at.with_loads(vdot=np.zeros(len(at.v))).with_velocity(np.zeros(len(at.v)))
     rest = at_rest.quantity(ID)
@@ -185,9 +169,7 @@ def mass_columns(at: FunctionState, name: str) -> tuple[UncertainArray, Uncertai
     changes = []
     for axis, width in zip(np.eye(len(at.v)), at.width_v, strict=True):
         changes.append((1.0 / width) * (at.with_loads(vdot=width * axis).quantity(name) - none))
-    columns = UncertainArray(
-        *(np.stack([getattr(x, y) for x in changes], -1) for y in ("value", "error", "size"))
-    )
+    columns = stack_uncertain(changes, -1)
     axes = "abc"[: len(none.shape)]
     return columns, none + contract(f"{axes}p,p->{axes}", columns, exact(at.vdot))
 
@@ -213,7 +195,8 @@ def inverse_dynamics_acceleration(at: FunctionState) -> Iterator[Comparison]:
             "q̈ without the forces τ": 0.0 * expected if expected.any() else None,
         }
 
-    yield compare(at, "inverse_dynamics ~ q̈", back, exact(at.tau), recognized(mistakes))
+    tau = exact(at.tau)
+    yield compare(at, "inverse_dynamics ~ q̈", back, tau, context=recognized(mistakes, tau))
 
 
 # ---- Derivatives of inverse dynamics -------------------------------------------------------------
@@ -232,47 +215,39 @@ def inverse_dynamics_by_position(at: FunctionState) -> Iterator[Comparison | Ski
     """Compare ∂τ/∂q with differences of τ, or else, of M alone, its change with v̇."""
     tau, tau_q = forces_function(at), at.quantity("tau_q")
     if tau is not None:
-        yield compare(at, "tau_q ~ τ", tau_q, at.along_velocities(tau), _tau_q_mistakes(at))
+        expected = at.along_velocities(tau)
+        context = recognized(lambda expected: _tau_q_mistakes(at, expected), expected)
+        yield compare(at, "tau_q ~ τ", tau_q, expected, context=context)
         return
     M = inertia_function(at)
     at_rest = at.with_loads(vdot=np.zeros(len(at.v))).quantity("tau_q")
     expected = at.along_velocities(lambda q, v: M(q, v) @ at.vdot)
-    yield compare(at, "tau_q ~ ∂M/∂q v̇", tau_q - at_rest, expected, recognized(_transposed))
+    yield compare(at, "tau_q ~ ∂M/∂q v̇", tau_q - at_rest, expected, proportional)
     yield Skipped(
         "tau_q ~ τ", "B and forces in ∂τ/∂q: inverse_dynamics, or bias and gravity, would tell"
     )
 
 
-def _transposed(expected: Array) -> dict[str, Array | None]:
-    """Return the transposed array."""
-    return {"transposed": expected.T if expected.shape == expected.T.shape else None}
+def _tau_q_mistakes(at: FunctionState, expected: Array) -> dict[str, Array | None]:
+    """Return mistakes of a derivative ∂τ/∂q, and the arrays that they give."""
+    none = np.zeros(len(at.v))
 
+    def gravity() -> UncertainArray:
+        if at.functions.gravity is not None:
+            return at.along_velocities(at.raw("gravity"))
+        rest = at.with_loads(vdot=none).with_velocity(none)
+        return rest.along_velocities(rest.raw(ID))
 
-def _tau_q_mistakes(at: FunctionState) -> Explain:
-    """Return the explanation of a wrong ∂τ/∂q."""
+    def at_no_acceleration() -> UncertainArray | None:
+        tau = forces_function(at.with_loads(vdot=none))
+        return None if tau is None else at.along_velocities(tau)
 
-    def mistakes(expected: Array) -> dict[str, Array | None]:
-        none = np.zeros(len(at.v))
-
-        def without_gravity() -> UncertainArray:
-            if at.functions.gravity is not None:
-                return at.along_velocities(at.raw("gravity"))
-            rest = at.with_loads(vdot=none).with_velocity(none)
-            return rest.along_velocities(rest.raw(ID))
-
-        def at_no_acceleration() -> UncertainArray | None:
-            tau = forces_function(at.with_loads(vdot=none))
-            return None if tau is None else at.along_velocities(tau)
-
-        gravity = _value(without_gravity)
-        return {
-            **_transposed(expected),
-            "of gravity alone, or of other terms without it": gravity,
-            "without the derivative of gravity": None if gravity is None else expected - gravity,
-            "without the derivative of M v̇": _value(at_no_acceleration),
-        }
-
-    return recognized(mistakes)
+    weight = _value(gravity)
+    return {
+        "derivative of gravity alone": weight,
+        "without the derivative of gravity": None if weight is None else expected - weight,
+        "without the derivative of M v̇": _value(at_no_acceleration),
+    }
 
 
 @function_claim(
@@ -307,9 +282,9 @@ def inverse_dynamics_by_velocity(at: FunctionState) -> Iterator[Comparison | Ski
 
     def mistakes(expected: Array) -> dict[str, Array | None]:
         C = at.quantity("C").value if at.has("C") else None
-        return {**_transposed(expected), "C, which is not ∂(C v)/∂v": C}
+        return {"C, which is not ∂(C v)/∂v": C}
 
-    yield compare(at, "tau_v ~ τ", tau_v, expected, recognized(mistakes))
+    yield compare(at, "tau_v ~ τ", tau_v, expected, context=recognized(mistakes, expected))
 
 
 def bias_by_velocity(at: FunctionState) -> UncertainArray | None:
@@ -327,8 +302,7 @@ def bias_by_velocity(at: FunctionState) -> UncertainArray | None:
         sides = [bias_of_inertia(at.with_velocity(at.v + s * width * axis)) for s in (1.0, -1.0)]
         assert sides[0] is not None and sides[1] is not None
         columns.append((0.5 / width) * (sides[0] - sides[1]))
-    parts = ("value", "error", "size")
-    return UncertainArray(*(np.stack([getattr(x, y) for x in columns], -1) for y in parts))
+    return stack_uncertain(columns, -1)
 
 
 @function_claim(
@@ -369,8 +343,7 @@ def _gradient_blind(name: str, of_tau: str) -> tuple[BlindSpot, ...]:
 def acceleration_by_position(at: FunctionState) -> Iterator[Comparison]:
     """Compare ∂q̈/∂q with differences of q̈ at the same τ."""
     expected = at.along_velocities(at.driven())
-    explain = recognized(lambda expected: _gradient_mistakes(at, expected, at.along_velocities))
-    yield compare(at, "qdd_q ~ q̈", at.quantity("qdd_q"), expected, explain)
+    yield _compare_gradient(at, "qdd_q", expected, at.along_velocities)
 
 
 @function_claim(
@@ -383,8 +356,18 @@ def acceleration_by_position(at: FunctionState) -> Iterator[Comparison]:
 def acceleration_by_velocity(at: FunctionState) -> Iterator[Comparison]:
     """Compare ∂q̈/∂v with differences of q̈."""
     expected = at.by_v(at.driven()).T
-    explain = recognized(lambda expected: _gradient_mistakes(at, expected, lambda f: at.by_v(f).T))
-    yield compare(at, "qdd_v ~ q̈", at.quantity("qdd_v"), expected, explain)
+    yield _compare_gradient(at, "qdd_v", expected, lambda f: at.by_v(f).T)
+
+
+def _compare_gradient(
+    at: FunctionState,
+    name: str,
+    expected: UncertainArray,
+    derivative: Callable[..., UncertainArray],
+) -> Comparison:
+    """Return the comparison of a derivative of q̈ with finite differences."""
+    context = recognized(lambda x: _gradient_mistakes(at, x, derivative), expected)
+    return compare(at, f"{name} ~ q̈", at.quantity(name), expected, context=context)
 
 
 def _gradient_mistakes(
@@ -401,7 +384,6 @@ def _gradient_mistakes(
 
     forces = _value(of_forces)
     return {
-        **_transposed(expected),
         "at τ = 0, whatever τ is": _value(of_no_force),
         "M is left out: M ∂q̈": forces,
         "M is left out: -M ∂q̈, or ∂τ": None if forces is None else -forces,
@@ -422,28 +404,19 @@ def _gradient_mistakes(
 def acceleration_by_force(at: FunctionState) -> Iterator[Comparison]:
     """Compare ∂q̈/∂τ with differences of q̈ in τ."""
     expected = at.by_tau(at.driven).T
-    yield compare(at, "qdd_tau ~ q̈", at.quantity("qdd_tau"), expected, _inverse_mistakes(at))
+    context = recognized(lambda expected: _inverse_mistakes(at, expected), expected)
+    yield compare(at, "qdd_tau ~ q̈", at.quantity("qdd_tau"), expected, context=context)
 
 
-def _inverse_mistakes(at: FunctionState) -> Explain:
-    """Return the explanation of a wrong inverse of M."""
-
-    def mistakes(expected: Array) -> dict[str, Array | None]:
-        has_mass = at.has("M") or at.has("T")
-        M = _value(lambda: inertia(at)) if has_mass else None
-        return {
-            **_transposed(expected),
-            "M, which is not inverted": M,
-            "M⁻¹ without the constraints": (
-                np.linalg.inv(M) if M is not None and at.has("a") else None
-            ),
-            "the diagonal of M⁻¹ alone": np.diag(np.diagonal(expected)),
-            "the inverse of the diagonal of M": (
-                None if M is None else np.diag(1.0 / np.diagonal(M))
-            ),
-        }
-
-    return recognized(mistakes)
+def _inverse_mistakes(at: FunctionState, expected: Array) -> dict[str, Array | None]:
+    """Return mistakes of an inverse of M, and the arrays that they give."""
+    M = _value(lambda: inertia(at)) if at.has("M") or at.has("T") else None
+    return {
+        "M, which is not inverted": M,
+        "M⁻¹ without the constraints": np.linalg.inv(M) if M is not None and at.has("a") else None,
+        "the diagonal of M⁻¹ alone": np.diag(np.diagonal(expected)),
+        "the inverse of the diagonal of M": None if M is None else np.diag(1.0 / np.diagonal(M)),
+    }
 
 
 @function_claim(
@@ -471,17 +444,17 @@ def acceleration_force_mass(at: FunctionState) -> Iterator[Comparison]:
     product, one = inertia(at) @ response, exact(np.eye(len(at.v)))
 
     def mistakes(expected: Array) -> dict[str, Array | None]:
-        M, X = inertia(at).value, response.value
-        if within_allowed(X, M, 1e-9 * np.abs(M).max()):
-            return {"M, which is not inverted": (at.free().T if at.has("a") else one.value) @ M @ M}
-        return {"0 in place of the inverse": 0.0 * expected}
+        M = inertia(at).value
+        wrong = {x: y for x, y in _inverse_mistakes(at, expected).items() if "alone" not in x}
+        return {x: None if y is None else free.value @ M @ y for x, y in wrong.items()}
 
+    free = exact(at.free().T if at.has("a") else one.value)
     if not at.has("a"):
-        yield compare(at, "qdd_tau ~ M", product, one, recognized(mistakes))
+        yield compare(at, "qdd_tau ~ M", product, one, context=recognized(mistakes, one))
         return
-    free = exact(at.free().T)
     names = tuple(f"free direction {i}" for i in range(free.shape[0])), row_names(at)
-    yield Comparison("qdd_tau ~ M", free @ product, free @ one, names, explain=recognized(mistakes))
+    context = recognized(mistakes, one)
+    yield Comparison("qdd_tau ~ M", free @ product, free @ one, names, context=context)
     kept = at.quantity("a") @ response
     yield compare_constraints(at, "qdd_tau ~ a", kept, exact(np.zeros(kept.shape)))
 
@@ -584,10 +557,12 @@ def inverse_mass_matrix(at: FunctionState) -> Iterator[Comparison]:
         return {
             "M, which is not inverted": M.value @ M.value,
             "the inverse of the diagonal of M": diagonal @ M.value,
+            "the upper triangle alone": np.triu(np.linalg.inv(M.value)) @ M.value,
+            "the lower triangle alone": np.tril(np.linalg.inv(M.value)) @ M.value,
         }
 
     product, one = inverse @ M, exact(np.eye(len(at.v)))
-    yield compare(at, "inverse_mass_matrix ~ M", product, one, recognized(mistakes))
+    yield compare(at, "inverse_mass_matrix ~ M", product, one, context=recognized(mistakes, one))
 
 
 # ---- Regressor -----------------------------------------------------------------------------------
@@ -619,8 +594,8 @@ def regressor_parameters(at: FunctionState) -> Iterator[Comparison | Skipped]:
     actual, subject = Y @ parameters, "regressor ~ τ"
     if at.has(ID):
         expected = at.quantity(ID)
-        for name, sign in (("damping", 1.0), ("Q", 1.0)):
-            expected = expected + sign * at.parts()[name] if name in at.parts() else expected
+        for name in {"damping", "Q"} & {*at.parts()}:
+            expected = expected + at.parts()[name]
     else:
         B = supplied_or_derived_bias(at)
         if B is None or not at.natural():
@@ -638,7 +613,7 @@ def regressor_parameters(at: FunctionState) -> Iterator[Comparison | Skipped]:
     def mistakes(expected: Array) -> dict[str, Array | None]:
         return _regressor_mistakes(at, expected, Y.value, parameters.value, actual.value)
 
-    yield compare(at, subject, actual, expected, recognized(mistakes))
+    yield compare(at, subject, actual, expected, context=recognized(mistakes, expected))
 
 
 def _regressor_mistakes(
@@ -654,8 +629,8 @@ def _regressor_mistakes(
             bodies[:, DIAGONAL_FIRST]
         ),
         "bodies in opposite order": bodies[::-1],
-        "moments of inertia about the center of mass": moments_about_center(bodies),
-        "moments of inertia about the center of mass, expected in π": moments_about_origin(bodies),
+        "columns of moments of inertia about the center of mass": moments_about_center(bodies),
+        "π has moments of inertia about the center of mass": moments_about_origin(bodies),
         "m c for c, or c for m c": np.column_stack(
             (bodies[:, 0], bodies[:, 1:4] * bodies[:, :1], bodies[:, 4:])
         ),
@@ -664,7 +639,7 @@ def _regressor_mistakes(
     found = {
         name: actual
         for name, x in undone.items()
-        if within_allowed(Y @ x.ravel() + offset, expected, near)
+        if (np.abs(Y @ x.ravel() + offset - expected) <= near).all()
     }
     return {**found, "without gravity": expected - at.gravity().value if _has_weight(at) else None}
 

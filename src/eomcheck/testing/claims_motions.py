@@ -325,6 +325,10 @@ def check_reference(points: list[FunctionState]) -> None:
         BlindSpot(
             "", "a velocity or a load of wrong sign in the derivation", ("against",), derived=True
         ),
+        BlindSpot("com", "a constant added to the center of mass", ("against",)),
+        BlindSpot("momentum", "the point about which the angular momentum is", ("against",)),
+        BlindSpot("momentum_matrix", "the point about which its angular rows are", ("against",)),
+        BlindSpot("frame_placement", "another frame that is fixed to the same link", ("against",)),
     ),
 )
 def reference(at: FunctionState) -> Iterator[Comparison | Skipped]:

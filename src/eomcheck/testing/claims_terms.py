@@ -12,7 +12,14 @@ from contextlib import suppress
 
 import numpy as np
 
-from eomcheck.claims.confusions import OPPOSITE, agreement_within, scaling, term_multiple
+from eomcheck.claims.confusions import (
+    OPPOSITE,
+    ConfusionContext,
+    agreement_within,
+    recognize,
+    scaling,
+    term_multiple,
+)
 from eomcheck.claims.finding import EVERY_ROW
 from eomcheck.claims.registry import BlindSpot, Comparison, Decision, Skipped, function_claim
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, C, allowed_error
@@ -54,10 +61,38 @@ def compare(
     actual: UncertainArray,
     expected: UncertainArray,
     explain: Explain | None = None,
+    context: Callable[[], ConfusionContext] | None = None,
 ) -> Comparison:
     """Return the comparison of two arrays whose axes are rows of M; see `Comparison`."""
     names = (row_names(at),) * len(actual.shape)
-    return Comparison(subject, actual, expected, names, explain=explain)
+    if context is not None:
+        explain = explained_by(context)
+    return Comparison(subject, actual, expected, names, explain=explain, context=context)
+
+
+def explained_by(context: Callable[[], ConfusionContext]) -> Explain:
+    """Return the explanation by a confusion of all entries or of a column, else by a factor."""
+
+    def explain(actual: Array, expected: Array, allowed: float, worst: tuple[int, ...]) -> str:
+        known = context()
+        if confusion := recognize(actual, expected, allowed, known):
+            return confusion
+        if factor := proportional(actual, expected, allowed, worst):
+            return factor
+        if actual.ndim != 2:
+            return ""
+        column = slice(worst[1], worst[1] + 1)
+        cut = {
+            name: {text: x[:, column] for text, x in getattr(known, name).items()}
+            for name in ("terms", "alternatives")
+        }
+        sides = actual[:, column], expected[:, column]
+        if np.count_nonzero(sides[1]) < 2:
+            return ""
+        confusion = recognize(*sides, allowed, known._replace(**cut))
+        return f"{confusion}, in this column" if confusion else ""
+
+    return explain
 
 
 def compare_constraints(

@@ -267,6 +267,14 @@ READS: dict[str, tuple[str, ...]] = {
     "acceleration-by-position": ("qdot",),
     "regressor-parameters": ("qdot",),
     "regressor-power": ("qdot",),
+    "com-jacobian": ("qdot",),
+    "com-rate": ("qdot",),
+    "com-acceleration": ("qdot",),
+    "momentum-rate": ("qdot",),
+    "frame-jacobian": ("qdot",),
+    "frame-rate": ("qdot",),
+    "frame-bias": ("qdot",),
+    "frame-acceleration": ("qdot",),
 }
 """Claim -> functions it reads beside those it needs, if they are given; of "x|y" the first one."""
 
@@ -296,6 +304,21 @@ SETTLES: dict[str, tuple[str, ...]] = {
     "acceleration-inverse-velocity": ("qdd_v", "tau_v"),
     "inverse-mass-matrix": ("inverse_mass_matrix", "M"),
     "regressor-parameters": ("regressor", "parameters"),
+    "com-jacobian": ("com", "com_jacobian"),
+    "com-velocity": ("com_velocity", "com_jacobian"),
+    "com-rate": ("com", "com_velocity"),
+    "com-acceleration": ("com_velocity", "com_acceleration"),
+    "com-momentum": ("mass",),
+    "mass-parameters": ("mass",),
+    "momentum-matrix": ("momentum", "momentum_matrix"),
+    "momentum-rate": ("momentum", "momentum_rate"),
+    "com-momentum-rate": ("mass", "com_acceleration"),
+    "frame-jacobian": ("J", "frame_placement"),
+    "frame-velocity": ("J", "frame_velocity"),
+    "frame-rate": ("frame_velocity", "frame_placement"),
+    "frame-bias": ("frame_bias", "frame_velocity"),
+    "frame-acceleration": ("frame_acceleration", "frame_velocity"),
+    "frame-acceleration-bias": ("frame_acceleration", "frame_bias"),
 }
 """Claim -> functions that are right if it passes, unless two are wrong in the same way."""
 
@@ -735,8 +758,10 @@ def _distinguishes(functions: EquationsOfMotion, name: str, causes: set[str]) ->
         if "against" in claim.needs:
             continue
         names = functions_read(wider, id)
-        applies = all(any(wider.function(x) for x in need.split("|")) for need in claim.needs)
-        excluded = any(wider.function(x) for x in claim.without)
+        applies = all(
+            any(wider.function(x) is not None for x in need.split("|")) for need in claim.needs
+        )
+        excluded = any(wider.function(x) is not None for x in claim.without)
         if applies and not excluded and name in names and 0 < len(names & causes) < len(causes):
             return True
     return False

@@ -50,7 +50,7 @@ from eomcheck.numbers.generic import EPS, Array
 from eomcheck.safe_output import counted
 
 from eomcheck.testing import claims_answers, claims_terms  # isort: skip
-from eomcheck.testing import claims_motions, claims_derivatives  # isort: skip
+from eomcheck.testing import claims_motions, claims_derivatives, claims_kinematics  # isort: skip
 from eomcheck.testing.converters import as_equations, reference_functions
 from eomcheck.testing.equations_of_motion import (
     INPUTS,
@@ -68,7 +68,7 @@ from eomcheck.testing.uncertain import NEAR
 
 # In the order in which a failure is closest to its cause.
 
-GATHERED = claims_answers, claims_terms, claims_motions, claims_derivatives
+GATHERED = claims_answers, claims_terms, claims_motions, claims_derivatives, claims_kinematics
 """Modules that register claims."""
 
 LAST = "answers-repeat", "arguments-unchanged"

@@ -19,7 +19,7 @@ vibration over many periods.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import comb
 from typing import Any, NamedTuple
@@ -93,6 +93,12 @@ def exact(array: Any) -> UncertainArray:
 def zero(like: UncertainArray) -> UncertainArray:
     """Return zeros with the rounding error of terms of the size of `like`."""
     return UncertainArray(np.zeros(like.shape), EPS * like.size, like.size)
+
+
+def stack_uncertain(parts: Sequence[UncertainArray], axis: int = 0) -> UncertainArray:
+    """Return arrays beside each other along a new axis."""
+    fields = "value", "error", "size"
+    return UncertainArray(*(np.stack([getattr(x, y) for x in parts], axis) for y in fields))
 
 
 def contract(subscripts: str, *factors: UncertainArray) -> UncertainArray:
