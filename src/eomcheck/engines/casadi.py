@@ -52,8 +52,8 @@ class CasadiEngine(Engine):
         """Return True: every scene has energies and constraints."""
         return True
 
-    def _evaluate(self, name: str, q: Array, v: Array, t: float) -> Array:
-        result = np.asarray(self._model[name](q, v, t, self._parameters))
+    def _evaluate(self, name: str, q: Array, v: Array, t: float, *others: Array) -> Array:
+        result = np.asarray(self._model[name](q, v, t, self._parameters, *others))
         return result[:, 0] if name in VECTORS else result
 
     def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
@@ -132,6 +132,30 @@ class CasadiEngine(Engine):
         x = _solved(kkt, np.concatenate((F, -drift)))
         return EngineAcceleration(x[: q.size], -x[q.size :])
 
+    # ---- Conformance quantities ------------------------------------------------------------------
+
+    def inverse_dynamics(self, q: Array, v: Array, vdot: Array, t: float = 0.0) -> Array:
+        """Return τ (n,) = d/dt (∂T/∂v) - ∂T/∂q + ∂U/∂q, of U the weight alone."""
+        return self._evaluate("inverse_dynamics", q, v, t, vdot)
+
+    def gravity(self, q: Array, t: float = 0.0) -> Array:
+        """Return ∂U/∂q (n,), of U the weight alone."""
+        return self._evaluate("gravity", q, np.zeros_like(q), t)
+
+    coriolis_skew = True
+
+    def coriolis_matrix(self, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return C (n, n) = ½ ∂B/∂v, of Christoffel symbols: B is quadratic in v."""
+        return self._evaluate("coriolis_matrix", q, v, t)
+
+    def kinetic_energy(self, q: Array, v: Array, t: float = 0.0) -> float:
+        """Return T of the scene's `energies`."""
+        return float(self._evaluate("kinetic_energy", q, v, t).item())
+
+    def potential_energy(self, q: Array, t: float = 0.0) -> float:
+        """Return U of the weight: the part of `energies` that is linear in gravity, g ∂U/∂g."""
+        return float(self._evaluate("potential_energy", q, np.zeros_like(q), t).item())
+
 
 def _solved(A: Array, b: Array) -> Array:
     """Return the solution of A x = b by LAPACK, with equilibration and iterative refinement.
@@ -162,12 +186,15 @@ def _flatten(parameters) -> Array:
     return np.concatenate(present) if present else np.zeros(0)
 
 
-VECTORS = ("bias", "forces", "constraint_drift", "V_t", "fixed_t")
+VECTORS = (
+    *("bias", "forces", "constraint_drift", "V_t", "fixed_t"),
+    *("inverse_dynamics", "gravity"),
+)
 """Outputs that are vectors; the others are matrices, also where they have one column."""
 
 
 def _symbolic_model(scene: Scene) -> dict[str, Any]:
-    """Return name -> CasADi function of (q, v, t, parameters)."""
+    """Return name -> CasADi function of (q, v, t, parameters), and of v̇ for inverse dynamics."""
     ca = required("casadi")
     like: Any = scene.float64_parameters
     q, v, t = ca.SX.sym("q", scene.n), ca.SX.sym("v", scene.n), ca.SX.sym("t")
@@ -194,9 +221,12 @@ def _symbolic_model(scene: Scene) -> dict[str, Any]:
     c = ca.SX(0, 1) if scene.r == 0 else ca.vertcat(*scene.constraint(*state))
     fixed = ca.vertcat(c, *scene.speeds_of(*state))
     momentum = ca.gradient(T, v)
+    bias = ca.jtimes(momentum, q, v) + ca.jacobian(momentum, t) - ca.gradient(T, q)
+    vdot, weight = ca.SX.sym("vdot", scene.n), _weight(ca, U, parameters)
+    gravity = ca.gradient(weight, q)
     outputs = {
         "mass_matrix": ca.jacobian(momentum, v),
-        "bias": ca.jtimes(momentum, q, v) + ca.jacobian(momentum, t) - ca.gradient(T, q),
+        "bias": bias,
         "forces": -ca.gradient(U, q) - ca.gradient(R, v),
         "constraint_jacobian": ca.jacobian(c, v),
         "constraint_drift": ca.jtimes(c, q, v) + ca.jacobian(c, t),
@@ -208,10 +238,24 @@ def _symbolic_model(scene: Scene) -> dict[str, Any]:
         "fixed_v": ca.jacobian(fixed, v),
         "fixed_q": ca.jacobian(fixed, q),
         "fixed_t": ca.jacobian(fixed, t),
+        "inverse_dynamics": ca.jtimes(momentum, v, vdot) + bias + gravity,
+        "gravity": gravity,
+        "coriolis_matrix": ca.jacobian(bias, v) / 2,
+        "kinetic_energy": T,
+        "potential_energy": weight,
     }
-    return {
-        name: ca.Function(name, [q, v, t, flat], [ca.densify(x)]) for name, x in outputs.items()
-    }
+    inputs = {name: [q, v, t, flat] for name in outputs}
+    inputs["inverse_dynamics"] = [q, v, t, flat, vdot]
+    return {name: ca.Function(name, inputs[name], [ca.densify(x)]) for name, x in outputs.items()}
+
+
+def _weight(ca: Any, U: Any, parameters: Any) -> Any:
+    """Return the part of a potential energy U that is linear in gravity; 0 without gravity."""
+    gravity = getattr(parameters, "gravity", None)
+    if gravity is None:
+        return ca.SX(0)
+    g = ca.vertcat(*np.ravel(gravity))
+    return ca.jtimes(U, g, g)
 
 
 def _matrix(ca: Any) -> Callable:

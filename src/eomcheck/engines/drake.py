@@ -1,10 +1,14 @@
 """Drake: its `MultibodyPlant` in continuous time, which has no constraints.
 
-In a model read from a URDF, the base is welded to the world or free.
+In a model read from a URDF, the base is welded to the world or free. Spatial vectors of Drake have
+the rotational part first; its spatial accelerations are classical. It has no regressor of bodies,
+no momentum matrix and no inverse of M by itself.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -35,8 +39,15 @@ class DrakeEngine(TreeSolverEngine):
             joint = kind(f"joint of {link.name}", seat, body.body_frame(), link.axis)
             joints.append(plant.AddJoint(joint))
             bodies.append(body)
+        self._seats = {}
+        for frame in self.frames:
+            pose = math.RigidTransform(math.RotationMatrix(frame.R), frame.p)
+            carrier = bodies[frame.joint + 1].body_frame()
+            seat = parts.FixedOffsetFrame(f"frame of {frame.name}", carrier, pose)
+            self._seats[frame.name] = plant.AddFrame(seat)
         plant.Finalize()
         self.context = plant.CreateDefaultContext()
+        self._moving = joints
         self._place = np.array([joint.velocity_start() for joint in joints])
 
     def _move_to(self, x: Array, rate: Array) -> None:
@@ -54,10 +65,15 @@ class DrakeEngine(TreeSolverEngine):
         self._move_to(q, v)
         return self.plant.CalcBiasTerm(self.context)[self._place]
 
+    def _ordered(self, values: Array) -> Array:
+        """Return values (n,) of its velocities in the order of the plant."""
+        ordered = np.zeros(self._n)
+        ordered[self._place] = values
+        return ordered
+
     def _under(self, force: Array) -> Array:
         """Return the acceleration (n,) by the articulated body algorithm, without constraints."""
-        applied = np.zeros(self._n)
-        applied[self._place] = force
+        applied = self._ordered(force)
         self.plant.get_applied_generalized_force_input_port().FixValue(self.context, applied)
         port = self.plant.get_generalized_acceleration_output_port()
         return np.array(port.Eval(self.context))[self._place]
@@ -77,6 +93,150 @@ class DrakeEngine(TreeSolverEngine):
         responses = np.array([self._under(row) for row in a]).T
         multipliers = np.linalg.solve(a @ responses, -gamma - a @ free)
         return EngineAcceleration(free + responses @ multipliers, multipliers)
+
+    # ---- Conformance quantities ------------------------------------------------------------------
+
+    @contextmanager
+    def _weight_alone(self, q: Array, v: Array) -> Iterator[None]:
+        """Set the state under gravity, and dampers to 0.
+
+        A state that is set makes Drake forget what it computed under another gravity.
+        """
+        field = self.plant.mutable_gravity_field()
+        before = np.array(field.gravity_vector())
+        dampers = [np.array(joint.GetDampingVector(self.context)) for joint in self._moving]
+        field.set_gravity_vector(self._gravity)
+        for joint, damping in zip(self._moving, dampers, strict=True):
+            joint.SetDampingVector(self.context, np.zeros_like(damping))
+        self._move_to(q, v)
+        try:
+            yield
+        finally:
+            field.set_gravity_vector(before)
+            for joint, damping in zip(self._moving, dampers, strict=True):
+                joint.SetDampingVector(self.context, damping)
+
+    def inverse_dynamics(self, q: Array, v: Array, vdot: Array, t: float = 0.0) -> Array:
+        """Return τ (n,) by `CalcInverseDynamics`, with the forces of the gravity field."""
+        with self._weight_alone(q, v):
+            forces = required("pydrake.multibody.tree").MultibodyForces(self.plant)
+            self.plant.CalcForceElementsContribution(self.context, forces)
+            state = self.context, self._ordered(vdot), forces
+            return self.plant.CalcInverseDynamics(*state)[self._place]
+
+    def forward_dynamics(self, q: Array, v: Array, tau: Array, t: float = 0.0) -> Array:
+        """Return v̇ (n,) by the articulated body algorithm, τ as applied generalized force."""
+        with self._weight_alone(q, v):
+            return self._under(tau)
+
+    def gravity(self, q: Array, t: float = 0.0) -> Array:
+        """Return ∂U/∂q (n,), minus `CalcGravityGeneralizedForces`."""
+        with self._weight_alone(q, np.zeros(self._n)):
+            return -self.plant.CalcGravityGeneralizedForces(self.context)[self._place]
+
+    def kinetic_energy(self, q: Array, v: Array, t: float = 0.0) -> float:
+        """Return T by `CalcKineticEnergy`."""
+        self._move_to(q, v)
+        return float(self.plant.CalcKineticEnergy(self.context))
+
+    def potential_energy(self, q: Array, t: float = 0.0) -> float:
+        """Return U by `CalcPotentialEnergy`, 0 for bodies at the origin."""
+        with self._weight_alone(q, np.zeros(self._n)):
+            return float(self.plant.CalcPotentialEnergy(self.context))
+
+    def center_of_mass(self, q: Array, t: float = 0.0) -> Array:
+        """Return c (3,) by `CalcCenterOfMassPositionInWorld`.
+
+        Drake counts links that are welded to the ground; they have no mass here.
+        """
+        self._move_to(q, np.zeros(self._n))
+        return self.plant.CalcCenterOfMassPositionInWorld(self.context)
+
+    @property
+    def _by_speeds(self) -> Any:
+        """What Drake differentiates by: velocities v, and not rates of coordinates."""
+        return required("pydrake.multibody.tree").JacobianWrtVariable.kV
+
+    def center_of_mass_jacobian(self, q: Array, t: float = 0.0) -> Array:
+        """Return ∂ċ/∂v (3, n) by `CalcJacobianCenterOfMassTranslationalVelocity`."""
+        self._move_to(q, np.zeros(self._n))
+        world = self.plant.world_frame()
+        algorithm = self.plant.CalcJacobianCenterOfMassTranslationalVelocity
+        return algorithm(self.context, self._by_speeds, world, world)[:, self._place]
+
+    def center_of_mass_velocity(self, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return ċ (3,) by `CalcCenterOfMassTranslationalVelocityInWorld`."""
+        self._move_to(q, v)
+        return self.plant.CalcCenterOfMassTranslationalVelocityInWorld(self.context)
+
+    def center_of_mass_acceleration(self, q: Array, v: Array, vdot: Array, t: float = 0.0) -> Array:
+        """Return c̈ (3,): J v̇, and `CalcBiasCenterOfMassTranslationalAcceleration`.
+
+        `CalcCenterOfMassTranslationalAccelerationInWorld` takes v̇ of forward dynamics alone.
+        """
+        jacobian = self.center_of_mass_jacobian(q)
+        self._move_to(q, v)
+        world = self.plant.world_frame()
+        algorithm = self.plant.CalcBiasCenterOfMassTranslationalAcceleration
+        bias = algorithm(self.context, self._by_speeds, world, world)
+        return jacobian @ vdot + np.ravel(bias)
+
+    def momentum(self, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return h (6,) by `CalcSpatialMomentumInWorldAboutPoint`, of the centre of mass."""
+        center = self.center_of_mass(q)
+        self._move_to(q, v)
+        momentum = self.plant.CalcSpatialMomentumInWorldAboutPoint(self.context, center)
+        return _linear_first(momentum)
+
+    def has_frame(self, f: str) -> bool:
+        """Return whether there is a frame of this link."""
+        return f in self._seats
+
+    def frame_placement(self, f: str, q: Array, t: float = 0.0) -> tuple[Array, Array]:
+        """Return (R, p) by `Frame.CalcPoseInWorld`."""
+        self._move_to(q, np.zeros(self._n))
+        pose = self._seats[f].CalcPoseInWorld(self.context)
+        return pose.rotation().matrix(), pose.translation()
+
+    def frame_velocity(self, f: str, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return the velocity (6,) by `Frame.CalcSpatialVelocityInWorld`."""
+        self._move_to(q, v)
+        return _linear_first(self._seats[f].CalcSpatialVelocityInWorld(self.context))
+
+    def _of_origin(self, f: str) -> tuple[Any, ...]:
+        """Return arguments of a method about the origin of a frame, in the world."""
+        world = self.plant.world_frame()
+        return self.context, self._by_speeds, self._seats[f], np.zeros(3), world, world
+
+    def frame_jacobian(self, f: str, q: Array, t: float = 0.0) -> Array:
+        """Return J (6, n) by `CalcJacobianSpatialVelocity`, whose rotational rows are first."""
+        self._move_to(q, np.zeros(self._n))
+        jacobian = self.plant.CalcJacobianSpatialVelocity(*self._of_origin(f))
+        return np.roll(jacobian, 3, axis=0)[:, self._place]
+
+    def frame_acceleration(self, f: str, q: Array, v: Array, vdot: Array, t: float = 0.0) -> Array:
+        """Return the acceleration (6,) by `CalcSpatialAccelerationsFromVdot`.
+
+        That of the body is moved to the frame by `SpatialAcceleration.Shift`.
+        """
+        self._move_to(q, v)
+        frame = self._seats[f]
+        state = self.context, self._ordered(vdot)
+        every = self.plant.CalcSpatialAccelerationsFromVdot(*state)
+        pose = frame.body().body_frame().CalcPoseInWorld(self.context)
+        arm = pose.rotation().matrix() @ frame.GetFixedPoseInBodyFrame().translation()
+        omega = frame.CalcSpatialVelocityInWorld(self.context).rotational()
+        return _linear_first(every[int(frame.body().index())].Shift(arm, omega))
+
+    def frame_bias(self, f: str, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return J̇ v (6,) by `CalcBiasSpatialAcceleration`."""
+        self._move_to(q, v)
+        return _linear_first(self.plant.CalcBiasSpatialAcceleration(*self._of_origin(f)))
+
+
+def _linear_first(spatial: Any) -> Array:
+    """Return a spatial vector of Drake (6,) with its translational part first."""
+    return np.concatenate([spatial.translational(), spatial.rotational()])
 
 
 def _inertia(parts: Any, link: TreeLink) -> Any:
@@ -111,7 +271,13 @@ class DrakeFile(FileEngine, DrakeEngine):
         joints = [plant.get_joint(i) for i in plant.GetJointIndices(robot)]
         moving = sorted((x for x in joints if x.num_velocities()), key=lambda x: x.velocity_start())
         # Drake adds a joint of its own for a free base.
-        self._joints = [x.name() for x in moving if x.num_velocities() == 1]
+        self._moving = [x for x in moving if x.num_velocities() == 1]
+        self._joints = [x.name() for x in self._moving]
+        names = [x.name for x in self.frames if plant.HasFrameNamed(x.name, robot)]
+        self._seats = {name: plant.GetFrameByName(name, robot) for name in names}
+        for body in plant.GetBodiesWeldedTo(plant.world_body()):
+            if body.index() != plant.world_body().index():
+                body.SetMass(self.context, 0.0)
         self._damping = np.concatenate([x.default_damping_vector() for x in moving])
 
     def _move_to(self, x: Array, rate: Array) -> None:

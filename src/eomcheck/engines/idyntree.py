@@ -1,6 +1,9 @@
 """iDynTree: its `KinDynComputations`, with the ground as a base that does not move.
 
-In a model read from a URDF, the base is fixed or free; iDynTree has no damping.
+In a model read from a URDF, the base is fixed or free; iDynTree has no damping. Velocities and
+accelerations are in its `MIXED_REPRESENTATION`: linear ones of the origin of a frame, then angular,
+both along the axes of the world. It has no energies, no inverse of M, no rate of momentum, and
+forward dynamics of free bases alone, without gravity.
 """
 
 from __future__ import annotations
@@ -11,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from eomcheck.engines.file_engine import BaseVelocity, FileEngine, FreeBase, RobotDescription
-from eomcheck.engines.tree_engine import TreeEngine, TreeLink
+from eomcheck.engines.tree_engine import TreeEngine, TreeLink, moved_parameters
 from eomcheck.errors import EngineError
 from eomcheck.numbers.generic import Array
 
@@ -48,6 +51,13 @@ class IdyntreeEngine(TreeEngine):
             joint.setRestTransform(idt.Transform(rotation, idt.Position(*link.offset)))
             joint.setAxis(idt.Axis(idt.Direction(*link.axis), idt.Position.Zero()), after, before)
             model.addJoint(f"joint of {link.name}", joint)
+        self._seats, self._carriers = {}, {}
+        for frame in self.frames:
+            carrier = model.getLinkName(indices[frame.joint + 1])
+            seat = idt.Transform(idt.Rotation(*frame.R.ravel()), idt.Position(*frame.p))
+            model.addAdditionalFrameToLink(carrier, f"frame of {frame.name}", seat)
+            self._seats[frame.name] = f"frame of {frame.name}"
+            self._carriers[frame.name] = carrier
         model.setDefaultBaseLink(indices[0])
         self.dynamics = idt.KinDynComputations()
         self.dynamics.loadRobotModel(model)
@@ -56,22 +66,40 @@ class IdyntreeEngine(TreeEngine):
         self._place = np.array([joint.getDOFsOffset() for joint in joints])
 
     def _move_to(self, x: Array, rate: Array) -> None:
-        state = np.zeros((2, self._n))
-        state[:, self._place] = x, rate
-        self.dynamics.setRobotState(*state, np.zeros(3))
+        """Set the state to coordinates x and velocities `rate`, without gravity."""
+        self._under(x, rate, np.zeros(3))
+
+    def _under(self, x: Array, rate: Array, gravity: Array) -> None:
+        """Set the state to coordinates x and velocities `rate`, under gravity (3,), m/s²."""
+        self.dynamics.setRobotState(self._ordered(x), self._ordered(rate), gravity)
+
+    def _ordered(self, values: Array) -> Array:
+        """Return values (n,) of its velocities in the order of the model."""
+        ordered = np.zeros(self._n)
+        ordered[self._place] = values
+        return ordered
 
     def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
         """Return M (n, n), without the part of a base that is held."""
         self._move_to(q, np.zeros(self._n))
-        held = BASE - self.base
-        matrix = self._idt.MatrixDynSize(held + self._n, held + self._n)
-        self.dynamics.getFreeFloatingMassMatrix(matrix)
-        return matrix.toNumPy()[held:, held:][np.ix_(self._place, self._place)]
+        matrix = self._all_by(self.dynamics.getFreeFloatingMassMatrix, self._held + self._n)
+        return matrix[self._held :][self._place]
 
-    def _forces_by(self, method: Any) -> Array:
+    @property
+    def _held(self) -> int:
+        """Number of velocities of the library that are no coordinates: those of a held base."""
+        return BASE - self.base
+
+    def _all_by(self, method: Any, rows: int) -> Array:
+        """Return a matrix (rows, n) of a method of the library, without columns of a held base."""
+        matrix = self._idt.MatrixDynSize(rows, self._held + self._n)
+        method(matrix)
+        return matrix.toNumPy()[:, self._held :][:, self._place]
+
+    def _forces_by(self, method: Any, *arguments: Any) -> Array:
         """Return the generalized forces (n,) of a method of the library, of a free base first."""
         forces = self._idt.FreeFloatingGeneralizedTorques(self.dynamics.model())
-        method(forces)
+        method(*arguments, forces)
         wrench, torques = forces.baseWrench().toNumPy(), forces.jointTorques().toNumPy()
         return np.concatenate([wrench[: self.base], torques])[self._place]
 
@@ -79,6 +107,120 @@ class IdyntreeEngine(TreeEngine):
         """Return B (n,), without the part of a base that is held."""
         self._move_to(q, v)
         return self._forces_by(self.dynamics.generalizedBiasForces)
+
+    # ---- Conformance quantities ------------------------------------------------------------------
+
+    def _acceleration(self, vdot: Array) -> tuple[Any, Any]:
+        """Return the accelerations of the base (6,), 0 where it is held, and of the joints."""
+        base, joints = np.split(self._ordered(vdot), [self.base])
+        base = np.concatenate([base, np.zeros(self._held)])
+        return self._idt.Vector6.FromPython(base), self._idt.VectorDynSize.FromPython(joints)
+
+    def inverse_dynamics(self, q: Array, v: Array, vdot: Array, t: float = 0.0) -> Array:
+        """Return τ (n,) by `inverseDynamics`, without the part of a base that is held."""
+        self._under(q, v, self._gravity)
+        external = self._idt.LinkWrenches(self.dynamics.model())
+        external.zero()
+        arguments = *self._acceleration(vdot), external
+        return self._forces_by(self.dynamics.inverseDynamics, *arguments)
+
+    def gravity(self, q: Array, t: float = 0.0) -> Array:
+        """Return ∂U/∂q (n,) by `generalizedGravityForces`."""
+        self._under(q, np.zeros(self._n), self._gravity)
+        return self._forces_by(self.dynamics.generalizedGravityForces)
+
+    coriolis_skew = True
+
+    def coriolis_matrix(self, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return C (n, n) by `getCoriolisAndMassMatrices`."""
+        self._move_to(q, v)
+        size = self._held + self._n
+        others = [self._idt.MatrixDynSize(size, size) for _ in range(2)]
+        algorithm = self.dynamics.getCoriolisAndMassMatrices
+        C = self._all_by(lambda matrix: algorithm(matrix, *others), size)
+        return C[self._held :][self._place]
+
+    def center_of_mass(self, q: Array, t: float = 0.0) -> Array:
+        """Return c (3,) by `getCenterOfMassPosition`.
+
+        iDynTree counts links that are fixed to a base which is held; they have no mass here.
+        """
+        self._move_to(q, np.zeros(self._n))
+        return self.dynamics.getCenterOfMassPosition().toNumPy()
+
+    def center_of_mass_jacobian(self, q: Array, t: float = 0.0) -> Array:
+        """Return ∂ċ/∂v (3, n) by `getCenterOfMassJacobian`."""
+        self._move_to(q, np.zeros(self._n))
+        return self._all_by(self.dynamics.getCenterOfMassJacobian, 3)
+
+    def center_of_mass_velocity(self, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return ċ (3,) by `getCenterOfMassVelocity`."""
+        self._move_to(q, v)
+        return self.dynamics.getCenterOfMassVelocity().toNumPy()
+
+    def center_of_mass_acceleration(self, q: Array, v: Array, vdot: Array, t: float = 0.0) -> Array:
+        """Return c̈ (3,): J v̇, and `getCenterOfMassBiasAcc`."""
+        self._move_to(q, v)
+        bias = self.dynamics.getCenterOfMassBiasAcc().toNumPy()
+        return self._all_by(self.dynamics.getCenterOfMassJacobian, 3) @ vdot + bias
+
+    def momentum(self, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return h (6,) by `getCentroidalTotalMomentum`."""
+        self._move_to(q, v)
+        return self.dynamics.getCentroidalTotalMomentum().asVector().toNumPy()
+
+    def momentum_matrix(self, q: Array, t: float = 0.0) -> Array:
+        """Return A (6, n) by `getCentroidalTotalMomentumJacobian`."""
+        self._move_to(q, np.zeros(self._n))
+        return self._all_by(self.dynamics.getCentroidalTotalMomentumJacobian, 6)
+
+    def has_frame(self, f: str) -> bool:
+        """Return whether there is a frame of this link."""
+        return f in self._seats
+
+    def frame_placement(self, f: str, q: Array, t: float = 0.0) -> tuple[Array, Array]:
+        """Return (R, p) by `getWorldTransform`."""
+        self._move_to(q, np.zeros(self._n))
+        pose = self.dynamics.getWorldTransform(self._seats[f])
+        return pose.getRotation().toNumPy(), pose.getPosition().toNumPy()
+
+    def frame_velocity(self, f: str, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return the velocity (6,) by `getFrameVel`."""
+        self._move_to(q, v)
+        return self.dynamics.getFrameVel(self._seats[f]).asVector().toNumPy()
+
+    def frame_jacobian(self, f: str, q: Array, t: float = 0.0) -> Array:
+        """Return J (6, n) by `getFrameFreeFloatingJacobian`."""
+        self._move_to(q, np.zeros(self._n))
+        algorithm, name = self.dynamics.getFrameFreeFloatingJacobian, self._seats[f]
+        return self._all_by(lambda matrix: algorithm(name, matrix), BASE)
+
+    def frame_acceleration(self, f: str, q: Array, v: Array, vdot: Array, t: float = 0.0) -> Array:
+        """Return the acceleration (6,) by `getFrameAcc`, the rate of `getFrameVel`."""
+        self._move_to(q, v)
+        arguments = self._seats[f], *self._acceleration(vdot)
+        return self.dynamics.getFrameAcc(*arguments).toNumPy()
+
+    def frame_bias(self, f: str, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return J̇ v (6,) by `getFrameBiasAcc`."""
+        self._move_to(q, v)
+        return self.dynamics.getFrameBiasAcc(self._seats[f]).toNumPy()
+
+    def regressor(self, q: Array, v: Array, vdot: Array, t: float = 0.0) -> Array:
+        """Return Y (n, 10 n_b) by `inverseDynamicsInertialParametersRegressor`.
+
+        Parameters of iDynTree are in our order: m, m c, I about the origin xx, xy, xz, yy, yz, zz.
+        """
+        self._under(q, v, self._gravity)
+        model = self.dynamics.model()
+        Y = self._idt.MatrixDynSize(BASE + model.getNrOfDOFs(), 10 * model.getNrOfLinks())
+        algorithm = self.dynamics.inverseDynamicsInertialParametersRegressor
+        algorithm(*self._acceleration(vdot), Y)
+        rows, columns = Y.toNumPy()[self._held :][self._place], []
+        for frame in self.body_frames:
+            link = model.getLinkIndex(self._carriers[frame.name])
+            columns.append(rows[:, 10 * link : 10 * (link + 1)] @ moved_parameters(frame))
+        return np.hstack(columns)
 
 
 def _inertia(idt: Any, link: TreeLink) -> Any:
@@ -113,6 +255,10 @@ class IdyntreeFile(FileEngine, IdyntreeEngine):
         model = loader.model()
         if description.root in [model.getLinkName(i) for i in range(model.getNrOfLinks())]:
             model.setDefaultBaseLink(model.getLinkIndex(description.root))
+        for frame in self.frames:
+            if frame.joint < 0 and model.isLinkNameUsed(frame.name):
+                held = model.getLink(model.getLinkIndex(frame.name))
+                held.setInertia(library.SpatialInertia.Zero())
         self.dynamics = library.KinDynComputations()
         self.dynamics.loadRobotModel(model)
         self.dynamics.setFrameVelocityRepresentation(library.MIXED_REPRESENTATION)
@@ -123,13 +269,13 @@ class IdyntreeFile(FileEngine, IdyntreeEngine):
             if joint.getNrOfDOFs():
                 moving[joint.getDOFsOffset()] = model.getJointName(i)
         self._joints = [moving[i] for i in sorted(moving)]
+        frames = {model.getFrameName(i) for i in range(model.getNrOfFrames())}
+        self._seats = {frame.name: frame.name for frame in self.frames if frame.name in frames}
+        self._carriers = self._seats
 
     def pose(self, base: FreeBase) -> Array:
         """Return the position and the rotation matrix."""
         return np.concatenate([base.position, base.R.ravel()])
-
-    def _move_to(self, x: Array, rate: Array) -> None:
-        self._under(x, rate, np.zeros(3))
 
     def _under(self, x: Array, rate: Array, gravity: Array) -> None:
         """Set the state to coordinates x and velocities `rate`, under gravity (3,), m/s²."""
@@ -149,5 +295,4 @@ class IdyntreeFile(FileEngine, IdyntreeEngine):
 
     def forces(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return Q (m,) of gravity."""
-        self._under(q, np.zeros(self._n), self._gravity)
-        return -self._forces_by(self.dynamics.generalizedGravityForces)
+        return -self.gravity(q, t)
