@@ -15,7 +15,10 @@ from eomcheck import check_state
 from eomcheck.claims.engine_quantities import CONFORMANCE, frames_asked
 from eomcheck.claims.finding import Finding
 from eomcheck.engines import Answers, Engine, EngineFault
+from eomcheck.engines.casadi import CasadiEngine
+from eomcheck.engines.drake import DrakeEngine, DrakeFile
 from eomcheck.engines.exudyn import ExudynEngine
+from eomcheck.engines.idyntree import IdyntreeEngine, IdyntreeFile
 from eomcheck.engines.mujoco import MjcfFile, MujocoEngine, MujocoFile
 from eomcheck.engines.pybullet import PybulletEngine, PybulletFile
 from eomcheck.evaluation.conformance import QUANTITIES, ConformancePoint
@@ -33,7 +36,28 @@ MUJOCO = {
 }
 PYBULLET = {"inverse_dynamics", "gravity", "frame_jacobian"} | FRAMES
 EXUDYN = {"forward_dynamics", "gravity", "frame_acceleration", "frame_bias"} | FRAMES
+FRAME_MOTIONS = FRAMES | {"frame_jacobian", "frame_acceleration", "frame_bias"}
+DRAKE = {
+    *("inverse_dynamics", "forward_dynamics", "gravity", "kinetic_energy", "potential_energy"),
+    *("center_of_mass", "center_of_mass_jacobian", "center_of_mass_velocity"),
+    *("center_of_mass_acceleration", "momentum"),
+    *FRAME_MOTIONS,
+}
+IDYNTREE = {
+    *("inverse_dynamics", "gravity", "coriolis_matrix", "regressor"),
+    *("center_of_mass", "center_of_mass_jacobian", "center_of_mass_velocity"),
+    *("center_of_mass_acceleration", "momentum", "momentum_matrix"),
+    *FRAME_MOTIONS,
+}
+CASADI = {
+    *("inverse_dynamics", "gravity", "coriolis_matrix", "kinetic_energy", "potential_energy"),
+}
 OFFERED: dict[type[Engine], set[str]] = {
+    CasadiEngine: CASADI,
+    DrakeEngine: DRAKE,
+    DrakeFile: DRAKE,
+    IdyntreeEngine: IDYNTREE,
+    IdyntreeFile: IDYNTREE,
     MujocoEngine: MUJOCO,
     MujocoFile: MUJOCO,
     MjcfFile: MUJOCO,
@@ -65,12 +89,14 @@ OFF_ITS_JOINT = """
 """A mass that is fixed, a joint off the origin of its body, a free joint and a ball."""
 
 
-def robot(folder: Path, *, floating: bool = False, products: bool = True) -> Scene:
-    """Return the arm with a link that is fixed to its hand."""
+def robot(
+    folder: Path, *, floating: bool = False, products: bool = True, heavy: bool = False
+) -> Scene:
+    """Return the arm with a link that is fixed to its hand; a free or `heavy` base has mass."""
     more = body("tip") + joint("grip", "hand", "tip", "fixed", "1 0 0")
-    path = arm(folder / "arm.urdf", more=more)
+    path = arm(folder / "arm.urdf", more=more, damping="0.3")
     text = path.read_text(encoding="utf-8")
-    if floating:
+    if floating or heavy:
         text = text.replace('<link name="base"/>', body("base"))
     if not products:
         text = text.replace('ixy="0.01" ixz="-0.02" iyz="0.015"', 'ixy="0" ixz="0" iyz="0"')
@@ -115,7 +141,9 @@ def test_all_quantities_of_an_engine_are_ours(kind: type[Engine], floating: bool
 
 
 @pytest.mark.parametrize("floating", [False, True])
-@pytest.mark.parametrize("kind", [MujocoEngine, PybulletEngine, ExudynEngine])
+@pytest.mark.parametrize(
+    "kind", [MujocoEngine, PybulletEngine, ExudynEngine, DrakeEngine, IdyntreeEngine]
+)
 def test_frames_off_their_joints_are_ours(kind: type[Engine], floating: bool, tmp_path: Path):
     scene = robot(tmp_path, floating=floating)
     assert {x.name: x.p.any() for x in scene.tree().frames}["tip"]
@@ -144,6 +172,46 @@ def test_no_quantity_of_an_engine_keeps_what_was_asked_before(kind: type[Engine]
             ask(engine, other, elsewhere)
             again, fresh = ask(engine, name, state), ask(kind(scene), name, state)
             assert np.array_equal(again, fresh), (name, other)
+
+
+@pytest.mark.parametrize("kind", [MujocoFile, DrakeFile, IdyntreeFile])
+def test_a_link_that_is_fixed_to_the_ground_has_no_part_in_the_centre_of_mass(
+    kind: type[Engine], tmp_path: Path
+):
+    found = findings(kind, robot(tmp_path, heavy=True), 1, "center_of_mass", "momentum")
+    assert {x.verdict for x in found} == {"passed"}
+
+
+def test_the_weight_of_casadi_has_no_part_of_springs():
+    scene = ordinary(SCENES["flyball-governor"], 1)[0]
+    found = findings(CasadiEngine, scene, 1, "gravity", "potential_energy", "inverse_dynamics")
+    assert {x.verdict for x in found} == {"passed"}
+
+
+@pytest.mark.parametrize("distance, verdict", [(1e5, "passed"), (1e12, "skipped")])
+def test_far_from_the_base_idyntree_is_allowed_the_inverse_of_the_locked_inertia(
+    distance: float, verdict: str
+):
+    scene, state = ordinary(SCENES["snake"], 1)
+    q = state.q + np.r_[distance, distance, np.zeros(scene.n - 2)]
+    claims = ["engine-center-of-mass-jacobian", "engine-center-of-mass-acceleration"]
+    found = check_state(scene, q, state.v, 0.0, engines=[IdyntreeEngine], claims=claims)
+    assert {x.verdict for x in found} == {verdict}
+    assert all("locked inertia" in x.detail for x in found if verdict == "skipped")
+
+
+def test_idyntree_is_allowed_the_rounding_of_the_momentum_of_a_link():
+    """In v × m (v + ω × c) a fast link loses ω × c, which does not cancel any more."""
+    scene, _ = ordinary(SCENES["sleigh"], 1)
+    v = np.array([1e20 * np.cos(1.0), 1e20 * np.sin(1.0), 1e-20])
+    claims = ["bias", "engine-coriolis-matrix"]
+    state = np.array([0.0, 0.0, 1.0]), v, 0.0
+    found = check_state(scene, *state, engines=[IdyntreeEngine], claims=claims)
+    asked = [x for x in found if "idyntree" in x.subject]
+    assert {x.claim for x in asked} == set(claims)
+    assert "failed" not in {x.verdict for x in asked}
+    theirs = Answers(IdyntreeEngine(scene)).bias(*state)
+    assert abs(theirs[2]) > 0.01, "the rounding that is allowed"
 
 
 # ---- Frames and coordinates that a library does not have -----------------------------------------
@@ -234,7 +302,11 @@ MISTAKES = [
     ("potential_energy", "other sign", lambda x, _: -x),
     ("center_of_mass_jacobian", "columns in another order", lambda x, _: x[:, ::-1]),
     ("momentum", "angular first", lambda x, _: np.roll(x, 3)),
-    ("momentum_matrix", "per mass", lambda x, e: x / e._mj.mj_getTotalmass(e.model)),
+    ("momentum_matrix", "per mass", lambda x, _: x / 7),
+    ("center_of_mass_acceleration", "other sign", lambda x, _: -x),
+    ("coriolis_matrix", "transposed", lambda x, _: x.T),
+    ("regressor", "products of inertia in another order",
+     lambda x, _: x.reshape(len(x), -1, 10)[:, :, [0, 1, 2, 3, 4, 5, 7, 6, 8, 9]].reshape(x.shape)),
     ("frame_bias", "other sign", lambda x, _: -x),
     ("frame_acceleration", "with gravity", lambda x, e: x - np.r_[e._gravity, 0, 0, 0]),
 ]  # fmt: skip

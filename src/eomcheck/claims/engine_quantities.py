@@ -24,7 +24,7 @@ from eomcheck.claims.case import (
 )
 from eomcheck.claims.finding import Finding
 from eomcheck.claims.registry import case_claim
-from eomcheck.engines import Answers, Engine, engine_class_of
+from eomcheck.engines import Answers, Engine, engine_class_of, is_under_test
 from eomcheck.engines.engine import inertia_size, turning_rate, weight_size
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.conformance import QUANTITIES, ConformancePoint, Quantity
@@ -173,8 +173,11 @@ def _compare_at(
             continue
         subject = f"{engine.key}, {frame}" if frame else engine.key
         again = partial(_asked_again, one.name, arguments)
-        compared = asked, engine, subject, ours, theirs, sensitivity, again
-        yield compare_with_engine(*compared, names=names, scale=sensitivity)
+        size = sensitivity
+        if not is_under_test(type(engine)):
+            size += engine.quantity_size(one.name, *arguments[:3], at.t)
+        compared = asked, engine, subject, ours, theirs, size, again
+        yield compare_with_engine(*compared, names=names, scale=size)
 
 
 SOLVED = "acceleration", "inverse"

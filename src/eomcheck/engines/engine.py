@@ -223,6 +223,21 @@ class Engine(ABC):
         """
         raise NotImplementedError
 
+    def quantity_size(self, name: str, q: Array, v: Array, third: Array, t: float = 0.0) -> float:
+        """Return the size of terms that it sums to a quantity and that may cancel; 0 if unknown.
+
+        Called for built-in engines only, as `bias_size`, and with the scene's coordinates.
+
+        Args:
+            name: name of the quantity.
+            q: coordinates (n,).
+            v: velocities (n,).
+            third: acceleration v̇ (n,), or τ (n,) of forward dynamics.
+            t: time, s.
+        """
+        biased = name in ("inverse_dynamics", "coriolis_matrix", "regressor")
+        return self.bias_size(q, v, t) if biased else 0.0
+
     def inverse_dynamics(self, q: Array, v: Array, vdot: Array, t: float = 0.0) -> Array:
         """Return the generalized forces M v̇ + B + ∂U/∂q (n,), of forces the weight alone."""
         raise NotImplementedError

@@ -108,6 +108,12 @@ class IdyntreeEngine(TreeEngine):
         self._move_to(q, v)
         return self._forces_by(self.dynamics.generalizedBiasForces)
 
+    def bias_size(self, q: Array, v: Array, t: float = 0.0) -> float:
+        """Return |w| |M| |w|, N m, the size of moments v × m (v + ω × c) of a link's momentum."""
+        x, S, _ = self.velocity_map(q, v)
+        w = np.abs(S @ v)
+        return float(w @ np.abs(self.mass_matrix(x, t)) @ w)
+
     # ---- Conformance quantities ------------------------------------------------------------------
 
     def _acceleration(self, vdot: Array) -> tuple[Any, Any]:
@@ -148,9 +154,43 @@ class IdyntreeEngine(TreeEngine):
         self._move_to(q, np.zeros(self._n))
         return self.dynamics.getCenterOfMassPosition().toNumPy()
 
+    def quantity_size(self, name: str, q: Array, v: Array, third: Array, t: float = 0.0) -> float:
+        """Return the size of terms that it sums to a quantity and that may cancel; 0 if unknown.
+
+        Those of ∂ċ/∂v are products of the inverse of the locked inertia about the base, and of the
+        momentum about the base, moved by the distance of the centre of mass.
+        """
+        if name not in ("center_of_mass_jacobian", "center_of_mass_acceleration"):
+            return super().quantity_size(name, q, v, third, t)
+        x, S, rest = self.velocity_map(q, v)
+        center = np.linalg.norm(self.center_of_mass(x))
+        momentum = np.abs(self._all_by(self.dynamics.getLinearAngularMomentumJacobian, BASE))
+        size = np.linalg.norm(np.linalg.inv(self._locked_inertia())) * (1.0 + center)
+        asked = np.abs(S)
+        if name == "center_of_mass_acceleration":
+            asked = asked @ np.abs(third) + np.abs(rest)
+        return float(size * np.max(momentum @ asked))
+
+    def _locked_inertia(self) -> Array:
+        """Return the inertia (6, 6) of all links about the base, at the state that is set."""
+        return self.dynamics.getRobotLockedInertia().asMatrix().toNumPy()
+
     def center_of_mass_jacobian(self, q: Array, t: float = 0.0) -> Array:
-        """Return ∂ċ/∂v (3, n) by `getCenterOfMassJacobian`."""
+        """Return ∂ċ/∂v (3, n) by `getCenterOfMassJacobian`.
+
+        iDynTree divides by the locked inertia about the base: far from it, digits are lost.
+
+        Raises:
+            np.linalg.LinAlgError: that inertia is singular to working precision.
+        """
         self._move_to(q, np.zeros(self._n))
+        return self._center_jacobian()
+
+    def _center_jacobian(self) -> Array:
+        """Return ∂ċ/∂v (3, n) at the state that is set."""
+        condition = np.linalg.cond(self._locked_inertia())
+        if not condition * np.finfo(float).eps < 1.0:
+            raise np.linalg.LinAlgError(f"locked inertia of condition number {condition:.2g}")
         return self._all_by(self.dynamics.getCenterOfMassJacobian, 3)
 
     def center_of_mass_velocity(self, q: Array, v: Array, t: float = 0.0) -> Array:
@@ -162,7 +202,7 @@ class IdyntreeEngine(TreeEngine):
         """Return c̈ (3,): J v̇, and `getCenterOfMassBiasAcc`."""
         self._move_to(q, v)
         bias = self.dynamics.getCenterOfMassBiasAcc().toNumPy()
-        return self._all_by(self.dynamics.getCenterOfMassJacobian, 3) @ vdot + bias
+        return self._center_jacobian() @ vdot + bias
 
     def momentum(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return h (6,) by `getCentroidalTotalMomentum`."""
