@@ -154,7 +154,7 @@ class DrakeEngine(TreeSolverEngine):
 
     @property
     def _by_speeds(self) -> Any:
-        """What Drake differentiates by: velocities v, and not rates of coordinates."""
+        """Variables of Jacobians: velocities v, and not rates of coordinates."""
         return required("pydrake.multibody.tree").JacobianWrtVariable.kV
 
     def center_of_mass_jacobian(self, q: Array, t: float = 0.0) -> Array:
