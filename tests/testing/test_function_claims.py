@@ -129,6 +129,10 @@ def first_column(*_):
     return np.outer([1, 0, 0], np.eye(30)[0])
 
 
+def last_mass():
+    return np.outer([1, 0, 0], np.eye(30)[20])
+
+
 def last_moment(*_):
     return np.outer([1, 0, 0], np.eye(30)[24])
 
@@ -232,7 +236,7 @@ WRONG: dict[str, Wrong] = {
     "inverse-dynamics-by-position": Wrong("tree", plus("tau_q", TREE, one_entry)),
     "inverse-dynamics-by-velocity": Wrong("tree", plus("tau_v", TREE, one_entry)),
     "inverse-dynamics-mixed": Wrong(
-        "tree", plus("tau_v", TREE, lambda q, v, vdot: np.diag([0, q[0], 0]))
+        "tree", plus("tau_v", TREE, lambda q, v, vdot: q[2] * np.outer([0, 1, 0], [0, 0, 1]))
     ),
     "acceleration-by-position": Wrong("tree", plus("qdd_q", TREE, one_entry)),
     "acceleration-by-velocity": Wrong("tree", plus("qdd_v", TREE, one_entry)),
@@ -250,7 +254,7 @@ WRONG: dict[str, Wrong] = {
     ),
     "regressor-parameters": Wrong("tree", plus("regressor", TREE, first_column)),
     "regressor-symmetric": Wrong(
-        "tree", plus("regressor", TREE, lambda q, v, vdot: vdot[1] * first_column(q))
+        "tree", plus("regressor", TREE, lambda q, v, vdot: vdot[1] * last_mass())
     ),
     "regressor-power": Wrong(
         "tree", plus("regressor", TREE, lambda q, v, vdot: v[0] ** 2 * last_moment(q))
