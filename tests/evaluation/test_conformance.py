@@ -145,8 +145,15 @@ few_subjects = pytest.mark.parametrize(
 # ---- Pinocchio -----------------------------------------------------------------------------------
 
 
-SOLVED = {"engine-forward-dynamics", "engine-inverse-mass-matrix"}
+SOLVED = {
+    "engine-forward-dynamics",
+    "engine-inverse-mass-matrix",
+    "engine-forward-dynamics-derivatives",
+}
 """Claims about what a library computes by a solve, in which no joint of it follows others."""
+
+UNCOMPARED = {"engine-constraint-force-derivatives"}
+"""Claims about what Pinocchio does not offer by rows of constraints."""
 
 
 @subjects
@@ -160,9 +167,9 @@ def test_every_quantity_of_a_tree_is_that_of_pinocchio(name: str):
         skipped = {one.claim: one.detail for one in findings if one.verdict == "skipped"}
         reason = "its joints that follow others are independent there"
         assert skipped == dict.fromkeys(SOLVED, reason)
-        assert passed == set(CONFORMANCE) - SOLVED
+        assert passed == set(CONFORMANCE) - SOLVED - UNCOMPARED
     else:
-        assert passed == set(CONFORMANCE)
+        assert passed == set(CONFORMANCE) - UNCOMPARED
 
 
 @pytest.mark.parametrize("name", ["arm", "free-arm", "ur5", "free-solo12"])
@@ -171,7 +178,8 @@ def test_every_quantity_of_a_file_is_that_of_pinocchio_s_own_reading(name: str):
     scene, state = subject(name)
     findings = eomcheck.check_state(scene, *state, engines=[PinocchioFile], claims=CONFORMANCE)
     assert [str(one) for one in findings if one.verdict == "failed"] == []
-    assert {one.claim for one in findings if one.verdict == "passed"} == set(CONFORMANCE)
+    passed = {one.claim for one in findings if one.verdict == "passed"}
+    assert passed == set(CONFORMANCE) - UNCOMPARED
 
 
 def test_frames_of_fixed_links_are_turned_against_their_joint():

@@ -58,7 +58,9 @@ METHOD = """    def {signature}:
         {body}
 """
 
-SIGNATURES = {
+Signatures = dict[str, tuple[str, str]]
+
+SIGNATURES: Signatures = {
     "mass_matrix": ("mass_matrix(self, q, t=0.0)", "mass_matrix(q, t)"),
     "bias": ("bias(self, q, v, t=0.0)", "bias(q, v, t)"),
     "forces": ("forces(self, q, v, t=0.0)", "forces(q, v, t)"),
@@ -82,7 +84,8 @@ class Fault(NamedTuple):
         method: the method that is wrong.
         body: lines that end with a `return`; `right` is the right answer.
         base: the engine that is right otherwise.
-        says: a word that the output must contain; "" for the usual name of the term.
+        says: words with | between them that a line of the output must contain; "" for the usual
+            name of the term.
     """
 
     id: str
@@ -195,12 +198,12 @@ FAULTS: tuple[Fault, ...] = (
 """Faults, about half of them in some calls or states only."""
 
 
-def source_of(fault: Fault | None, base: str = TREE) -> str:
+def source_of(fault: Fault | None, base: str = TREE, signatures: Signatures = SIGNATURES) -> str:
     """Return the file of an engine with a fault, or of a right one."""
     module, name = (base if fault is None else fault.base).split(":")
     method = ""
     if fault is not None:
-        signature, call = SIGNATURES[fault.method]
+        signature, call = signatures[fault.method]
         body = fault.body.replace("\n", "\n        ")
         method = METHOD.format(signature=signature, call=call, body=body)
     # An engine of one's own reads the parameters in every call, and says so.
@@ -223,18 +226,25 @@ class Outcome(NamedTuple):
     def named(self) -> bool:
         """Whether a line about a failure names the term."""
         assert self.fault is not None
-        word = self.fault.says or self.fault.method.replace("_", " ").split()[-1]
+        words = (self.fault.says or self.fault.method.replace("_", " ").split()[-1]).split("|")
         lines = (line for line in self.output.splitlines() if "failed" in line or "died" in line)
-        return any(word in line for line in lines)
+        return any(all(word in line for word in words) for line in lines)
 
 
-def run(fault: Fault | None, folder: Path, seed: int, base: str = TREE) -> Outcome:
+def run(
+    fault: Fault | None,
+    folder: Path,
+    seed: int,
+    base: str = TREE,
+    trial: Trial | None = None,
+) -> Outcome:
     """Return how `validate --engine` ends for an engine with a fault."""
+    trial = TRIAL if trial is None else trial
     name = "right" if fault is None else "".join(c if c.isalnum() else "_" for c in fault.id)
     path = folder / f"engine_{name}_{base.rpartition(':')[2]}.py"
-    path.write_text(source_of(fault, base), encoding="utf-8")
+    path.write_text(source_of(fault, base, trial.signatures), encoding="utf-8")
     command = [sys.executable, "-c", "from eomcheck.cli import main; main()", "validate"]
-    command += ["--engine", f"{path}:Wrong", "--seed", str(seed)]
+    command += ["--engine", f"{path}:Wrong", "--seed", str(seed), *trial.options]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS)
     except subprocess.TimeoutExpired:
@@ -242,13 +252,36 @@ def run(fault: Fault | None, folder: Path, seed: int, base: str = TREE) -> Outco
     return Outcome(fault, done.returncode, done.stdout + done.stderr)
 
 
-def outcomes(chosen: list[Fault], seed: int, jobs: int) -> Iterator[Outcome]:
+def outcomes(
+    chosen: list[Fault], seed: int, jobs: int, trial: Trial | None = None
+) -> Iterator[Outcome]:
     """Yield the end of each command, in order."""
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(jobs) as pool:
-        yield from pool.map(partial(run, folder=Path(folder), seed=seed), chosen)
+        yield from pool.map(partial(run, folder=Path(folder), seed=seed, trial=trial), chosen)
 
 
-def main() -> int:
+class Trial(NamedTuple):
+    """A trial of faults in engines.
+
+    Attributes:
+        faults: the faults.
+        least: so many must be found and named.
+        bases: engines that are right, which must pass.
+        signatures: method -> its signature, and the call of the right one.
+        options: further options of the command.
+    """
+
+    faults: tuple[Fault, ...]
+    least: int
+    bases: tuple[str, ...]
+    signatures: Signatures
+    options: tuple[str, ...] = ()
+
+
+TRIAL = Trial(FAULTS, LEAST, (TREE, ALL), SIGNATURES)
+
+
+def main(trial: Trial = TRIAL) -> int:
     """Run all, print a table, and return the exit code."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--jobs", type=int, default=2)
@@ -256,9 +289,9 @@ def main() -> int:
     parser.add_argument("--only", default="", help="only faults that begin so")
     parser.add_argument("--markdown", type=Path, help="write the table to this file too")
     options = parser.parse_args()
-    chosen = [one for one in FAULTS if one.id.startswith(options.only)]
+    chosen = [one for one in trial.faults if one.id.startswith(options.only)]
     rows, good = [], 0
-    for one in outcomes(chosen, options.seed, options.jobs):
+    for one in outcomes(chosen, options.seed, options.jobs, trial):
         assert one.fault is not None
         good += one.found and one.named
         result = "named" if one.found and one.named else "found" if one.found else "MISSED"
@@ -269,8 +302,8 @@ def main() -> int:
     failed = 0
     if not options.only:
         with tempfile.TemporaryDirectory() as folder:
-            for base in (TREE, ALL):
-                right = run(None, Path(folder), options.seed, base)
+            for base in trial.bases:
+                right = run(None, Path(folder), options.seed, base, trial)
                 if right.code != 0:
                     failed += 1
                     print(
@@ -282,7 +315,7 @@ def main() -> int:
     if options.markdown is not None:
         options.markdown.write_text(sheet.markdown(), encoding="utf-8")
     print(f"{good} of {len(chosen)} found and named; right engines that fail: {failed}")
-    return int(failed > 0 or (not options.only and good < LEAST))
+    return int(failed > 0 or (not options.only and good < trial.least))
 
 
 if __name__ == "__main__":

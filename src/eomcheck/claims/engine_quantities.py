@@ -8,9 +8,10 @@ engine that does not offer a method has no finding about it, unless the claim is
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 from zlib import crc32
 
 import numpy as np
@@ -22,14 +23,16 @@ from eomcheck.claims.case import (
     compare_with_engine,
     skipped_finding,
 )
+from eomcheck.claims.confusions import ConfusionContext, RowKind
 from eomcheck.claims.finding import Finding
 from eomcheck.claims.registry import case_claim
-from eomcheck.engines import Answers, Engine, engine_class_of, is_under_test
+from eomcheck.descriptions.tree_quantities import PER_BODY
+from eomcheck.engines import Answers, Engine, VelocityMap, engine_class_of, is_under_test
 from eomcheck.engines.engine import inertia_size, turning_rate, weight_size
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.conformance import QUANTITIES, ConformancePoint, Quantity
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.evaluation.perturbed import sensitivity_of
+from eomcheck.evaluation.perturbed import entry_sensitivity_of, sensitivity_of
 from eomcheck.evaluation.tolerance import largest, rounded
 from eomcheck.numbers.generic import Array
 
@@ -102,6 +105,14 @@ def cancelling_terms(at: Evaluation, point: ConformancePoint, one: Quantity, our
     if one.name.startswith("momentum"):
         rate = turning if one.name == "momentum_rate" else 1.0
         return rate * arm * largest(np.abs(point.momentum.matrix) @ v)
+    about_origin = heavy * arm
+    if one.mapping == "derivatives":
+        size = about_origin * (largest(point.vdot) + turning * largest(v))
+        size += inertia_size(at) + at.cached(weight_size)
+        if one.name == "inverse_dynamics_derivatives":
+            return size
+        inverse = largest(point.inverse_mass_matrix)
+        return inverse * (size + about_origin * largest(ours))
     if one.name == "coriolis_matrix":
         return inertia_size(at) + turning * heavy * arm * largest(v)
     if one.name == "inverse_mass_matrix":
@@ -129,70 +140,170 @@ def _value(one: Quantity, frame: str, vdot: Array, tau: Array | None, e: Evaluat
     return point.bias if one.name == "coriolis_matrix" else one.value(point, frame)
 
 
-def _compare(case: Case, one: Quantity, frame: str) -> Iterator[Finding]:
-    """Yield the Findings of one quantity, of one link, being equal to those of the engines."""
-    groups: dict[int, tuple[Case, list[Engine | type[Engine]]]] = {}
-    for engine in engines_offering(case, one.name):
-        at_state = case.rounded_for(engine)
-        groups.setdefault(id(at_state), (at_state, []))[1].append(engine)
-    for at_state, engines in groups.values():
-        yield from _compare_at(at_state, engines, one, frame)
+class OwnValue(NamedTuple):
+    """Value of a quantity by ourselves, with κ · scale of it and of terms that engines may sum."""
+
+    array: Array
+    sensitivity: float
 
 
-def _compare_at(
-    case: Case, engines: Sequence[Engine | type[Engine]], one: Quantity, frame: str
+def _own_values(at: Evaluation) -> dict[tuple[str, str], OwnValue]:
+    """Return the own values at a state that are kept, by quantity and link."""
+    return {}
+
+
+def _own_value(at: Evaluation, one: Quantity, frame: str, own: Any, point: Any) -> OwnValue:
+    """Return our own value of a quantity at a state, the same one for all engines."""
+    values = at.cached(_own_values)
+    if (one.name, frame) not in values:
+        array = np.asarray(own(at), np.float64)
+        sensitivity = sensitivity_of(at, own, coordinates=True)
+        sensitivity += cancelling_terms(at, point, one, array)
+        if one.name == "potential_energy":  # it is known up to a constant
+            origin = Evaluation(at.scene, 0.0 * at.q, at.v, at.t)
+            array = array - own(origin)
+            sensitivity += sensitivity_of(origin, own, coordinates=True)
+        values[one.name, frame] = OwnValue(array, sensitivity)
+    return values[one.name, frame]
+
+
+def _compare(
+    case: Case, engine: Engine | type[Engine], one: Quantity, frame: str
 ) -> Iterator[Finding]:
-    """Yield the Findings of engines that are asked at one state: that of their own numbers."""
-    at, u = case.at, case.at.unit_roundoff
-    vdot = rounded(acceleration_asked(at), u)
+    """Yield the Finding of a quantity, of one link, being equal to that of an engine."""
+    at = case.at
+    if reason := _incomparable(engine, one, at, frame):
+        yield skipped_finding(case, engine_class_of(engine), reason)
+        return
+    vdot = rounded(acceleration_asked(at), at.unit_roundoff)
     point = point_at(at, vdot)
-    tau = rounded(point.torques, u) if "tau" in one.arguments else None
+    tau = rounded(point.torques, at.unit_roundoff) if "tau" in one.arguments else None
     own = partial(_value, one, frame, vdot, tau)
-    ours = np.asarray(own(at), np.float64)
-    sensitivity = sensitivity_of(at, own, coordinates=True)
-    sensitivity += cancelling_terms(at, point, one, ours)
-    if one.name == "potential_energy":  # it is known up to a constant
-        origin = Evaluation(at.scene, 0.0 * at.q, at.v, at.t)
-        ours = ours - own(origin)
-        sensitivity += sensitivity_of(origin, own, coordinates=True)
-    names = one.axis_names(point)[: ours.ndim]
+    ours, sensitivity = _own_value(at, one, frame, own, point)
     arguments = at.q, at.v, vdot if tau is None else tau, frame, at.t
     asked = replace(case, repeats=min(case.repeats, FEW))
-    for engine in engines:
-        if frame and not knows_frame(engine, frame):
-            why = f"its model has no frame of link {frame}"
-            yield skipped_finding(case, engine_class_of(engine), why)
-            continue
-        if one.mapping in SOLVED and isinstance(engine, Engine) and follow(engine, at):
-            why = "its joints that follow others are independent there"
-            yield skipped_finding(case, type(engine), why)
-            continue
-        theirs = ask_engine(asked, engine, *arguments, expected=lambda: ours)
-        if isinstance(theirs, Finding) or isinstance(engine, type):
-            yield theirs
-            continue
-        subject = f"{engine.key}, {frame}" if frame else engine.key
-        again = partial(_asked_again, one.name, arguments)
-        size = sensitivity
-        if not is_under_test(type(engine)):
-            size += engine.quantity_size(one.name, *arguments[:3], at.t)
-        compared = asked, engine, subject, ours, theirs, size, again
-        yield compare_with_engine(*compared, names=names, scale=size)
+    theirs = ask_engine(asked, engine, *arguments, expected=lambda: ours)
+    if isinstance(theirs, Finding) or isinstance(engine, type):
+        yield theirs
+        return
+    subject = f"{engine.key}, {frame}" if frame else engine.key
+    again = partial(_asked_again, one.name, arguments)
+    size = sensitivity
+    if not is_under_test(type(engine)):
+        size += engine.quantity_size(one.name, *arguments[:3], at.t)
+    compared = asked, engine, subject, ours, theirs, size, again
+    sizes = partial(entry_sensitivity_of, at, own)
+    names = one.axis_names(point)[: ours.ndim]
+    how: dict[str, Any] = {"names": names, "scale": size, "own": sizes}
+    yield compare_with_engine(*compared, **how, context=partial(_context, one, frame, point))
+
+
+ROWS: dict[str, RowKind] = {
+    "center_of_mass": "point",
+    "center_of_mass_jacobian": "vector",
+    "center_of_mass_velocity": "vector",
+    "center_of_mass_acceleration": "vector",
+    "momentum": "force",
+    "momentum_matrix": "force",
+    "momentum_rate": "force",
+    "frame_velocity": "motion",
+    "frame_jacobian": "motion",
+    "frame_acceleration": "acceleration",
+    "frame_bias": "acceleration",
+}
+"""Quantity -> kind of its rows."""
+
+ORIGIN = "the origin of the world"
+
+
+def _context(one: Quantity, frame: str, point: ConformancePoint) -> ConfusionContext:
+    """Return the axes, points and summands by which confusions of a quantity are recognized."""
+    context = ConfusionContext(ROWS.get(one.name, ""), terms=_summands(one, point))
+    if one.of_frame:
+        link = point.link(frame)
+        if one.name == "frame_acceleration":
+            context = context._replace(terms={"J̇ v": link.bias})
+        context = context._replace(
+            R=link.R,
+            frame=frame,
+            point="the frame's origin",
+            arms={ORIGIN: -link.p},
+            omega=link.velocity[3:],
+            velocity=link.velocity[:3],
+        )
+    elif context.rows == "force":
+        arms = {ORIGIN: -point.center.position}
+        context = context._replace(point="the centre of mass", arms=arms)
+    if one.name == "inverse_mass_matrix":
+        return context._replace(alternatives={"the mass matrix": point.at.terms.M})
+    if one.name == "regressor":
+        order = [*range(6), 7, 6, 8, 9]
+        Y = point.regressor.Y
+        columns = [PER_BODY * b + i for b in range(Y.shape[1] // PER_BODY) for i in order]
+        text = "products of inertia in the order xx, xy, yy, xz, yz, zz"
+        return context._replace(alternatives={text: Y[:, columns]})
+    return context
+
+
+def _summands(one: Quantity, point: ConformancePoint) -> dict[str, Array]:
+    """Return the summands of a quantity that engines forget or add, by name."""
+    weight, bias = point.weight.gradient, point.bias
+    if one.name == "inverse_dynamics":
+        return {"gravity": weight, "the bias": bias, "M v̇": point.inertia_force - bias}
+    if one.name == "forward_dynamics":
+        with suppress(RefusedError):
+            inverse = point.inverse_mass_matrix
+            return {"gravity": -inverse @ weight, "the bias": -inverse @ bias}
+    if one.name == "center_of_mass_acceleration":
+        return {"J̇ v": point.center.acceleration - point.center.jacobian @ point.vdot}
+    if one.name == "momentum_rate":
+        return {"Ȧ v": point.momentum.rate - point.momentum.matrix @ point.vdot}
+    return {}
 
 
 SOLVED = "acceleration", "inverse"
 """Mappings of results of a solve, which is another one where joints of an engine follow others."""
 
 
+def _map_of(engine: Engine, at: Evaluation) -> VelocityMap | None:
+    """Return the velocity map of an engine, None for one in the scene's coordinates."""
+    if not engine.offers("velocity_map"):
+        return None
+    try:
+        return Answers(engine).velocity_map(at.q, at.v)
+    except UNABLE:
+        return None  # it is asked, and the fault is reported
+
+
 def follow(engine: Engine, at: Evaluation) -> bool:
     """Return whether an engine has more velocities than the scene, some of which follow others."""
-    if not engine.offers("velocity_map"):
-        return False
-    try:
-        S = Answers(engine).velocity_map(at.q, at.v).S
-    except UNABLE:
-        return False  # it is asked, and the fault is reported
-    return S.shape[0] > S.shape[1]
+    own = _map_of(engine, at)
+    return own is not None and own.S.shape[0] > own.S.shape[1]
+
+
+def turns(engine: Engine, at: Evaluation) -> bool:
+    """Return whether the map of an engine's velocities changes with the coordinates."""
+    own = _map_of(engine, at)
+    return own is not None and bool(own.rest.any())
+
+
+def _incomparable(engine: Engine | type[Engine], one: Quantity, at: Evaluation, frame: str) -> str:
+    """Return the reason why a quantity of an engine is not compared; "" if it is."""
+    if isinstance(engine, type):
+        return ""
+    if frame and not knows_frame(engine, frame):
+        return f"its model has no frame of link {frame}"
+    if one.mapping == "derivatives" and engine.derivatives_by_differences:
+        return "its derivatives are difference quotients"
+    if one.mapping == "derivatives" and not (
+        engine.offers("velocity_map_derivatives") or not engine.offers("velocity_map")
+    ):
+        return "it does not offer velocity_map_derivatives"
+    if one.name == "constraint_force_derivatives" and turns(engine, at):
+        return "its velocities are no constant sums of the scene's"
+    if one.mapping in SOLVED or one.name == "forward_dynamics_derivatives":
+        return "its joints that follow others are independent there" if follow(engine, at) else ""
+    return ""
 
 
 def _asked_again(method: str, arguments: tuple[Any, ...], answers: Answers) -> Any:
@@ -207,21 +318,24 @@ def engines_offering(case: Case, method: str) -> Iterator[Engine | type[Engine]]
 
 
 def _check(one: Quantity, case: Case) -> Iterator[Finding]:
-    point, engines = ConformancePoint(case.at), list(engines_offering(case, one.name))
-    if one.needs_tree and not point.has_tree:
-        for engine in engines:
+    """Yield the Findings of a quantity of all engines that offer it."""
+    if "r" in one.shape and not case.at.scene.r:
+        return
+    engines = list(engines_offering(case, one.name))
+    known = partial(_some_knows, engines)
+    for engine in engines:
+        rounded_case = case.rounded_for(engine)
+        at, point = rounded_case.at, ConformancePoint(rounded_case.at)
+        if one.needs_tree and not point.has_tree:
             why = "the scene has no tree of bodies"
             yield skipped_finding(case, engine_class_of(engine), why)
-        return
-    if not engines:
-        return
-    known = partial(_some_knows, engines)
-    for frame in frames_asked(case.at, point, known) if one.of_frame else ("",):
-        try:
-            yield from _compare(case, one, frame)
-        except RefusedError as refusal:
-            outcome = 0.0, 0.0, "skipped", "property-tested", str(refusal)
-            yield case.finding(frame or one.name, *outcome)
+            continue
+        for frame in frames_asked(at, point, known) if one.of_frame else ("",):
+            try:
+                yield from _compare(rounded_case, engine, one, frame)
+            except RefusedError as refusal:
+                outcome = 0.0, 0.0, "skipped", "property-tested", str(refusal)
+                yield case.finding(frame or one.name, *outcome)
 
 
 def _register(one: Quantity) -> str:

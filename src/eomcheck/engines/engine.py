@@ -321,6 +321,34 @@ class Engine(ABC):
         """Return the `frame_acceleration` (6,) at v̇ = 0, J̇ v."""
         raise NotImplementedError
 
+    derivatives_by_differences: ClassVar[bool] = False
+    """Whether its derivatives are difference quotients, which no bound of rounding explains."""
+
+    def inverse_dynamics_derivatives(
+        self, q: Array, v: Array, vdot: Array, t: float = 0.0
+    ) -> tuple[Array, Array]:
+        """Return the derivatives of `inverse_dynamics` by q and v (n, n) each, v̇ constant."""
+        raise NotImplementedError
+
+    def forward_dynamics_derivatives(
+        self, q: Array, v: Array, tau: Array, t: float = 0.0
+    ) -> tuple[Array, Array, Array]:
+        """Return the derivatives of `forward_dynamics` by q, v and τ (n, n) each.
+
+        In coordinates of its own those by q are along its velocities: ∂/∂q stands for the rate
+        along each entry of w, as x moves by it.
+        """
+        raise NotImplementedError
+
+    def constraint_force_derivatives(
+        self, q: Array, v: Array, tau: Array, t: float = 0.0
+    ) -> tuple[Array, Array]:
+        """Return the derivatives (r, n) of λ by q and v, M v̇ + B + ∂U/∂q = τ + aᵀλ.
+
+        Compared for an engine whose velocities are constant sums of the scene's.
+        """
+        raise NotImplementedError
+
     def regressor(self, q: Array, v: Array, vdot: Array, t: float = 0.0) -> Array:
         """Return the matrix Y (n, 10 n_b): `inverse_dynamics` without rotors is Y π."""
         raise NotImplementedError
@@ -575,6 +603,8 @@ class Answers:
         if one.name == "potential_energy":
             here, there = (self._own_quantity(one, x, v, third, frame, t) for x in (q, 0.0 * q))
             return here[0] - there[0]
+        if one.mapping == "derivatives":
+            return self._derivatives(one, q, v, third, t)
         value, S, rest = self._own_quantity(one, q, v, third, frame, t)
         if one.name == "coriolis_matrix":
             force = S.T @ (value @ (S @ v))
@@ -627,14 +657,65 @@ class Answers:
         elif self._maps:
             third = S @ third + rest
         values = {"f": frame, "q": x, "v": w, "vdot": third, "tau": third}
-        sizes = {"n": len(S), "p": self._parameter_count}
+        m = len(S)
+        sizes = {"n": m, "2n": 2 * m, "3n": 3 * m, "p": self._parameter_count}
+        sizes["r"] = self.engine.scene.r
         shape = tuple(sizes.get(size, size) for size in one.shape)  # type: ignore[arg-type]
         result = self._call(one.name, *(values[name] for name in one.arguments), t)
         if one.name == "frame_placement":
             result = self._placement(result)
+        elif one.mapping == "derivatives":
+            size = shape[0], m
+            result = self._beside(one.name, result, shape[1] // m, size)  # type: ignore[operator]
         elif not shape:
             result = np.asarray(result) if isinstance(result, float | int) else result
         return _checked(one.name, result, shape), S, rest  # type: ignore[arg-type]
+
+    def _derivatives(self, one: Quantity, q: Array, v: Array, third: Array, t: float) -> Array:
+        """Return derivatives of inverse or forward dynamics, one beside the other (n, k n)."""
+        parts, S, _ = self._own_quantity(one, q, v, third, "", t)
+        if not self._maps:
+            return parts
+        n, m = self.engine.scene.n, len(S)
+        if one.name == "constraint_force_derivatives":
+            return np.hstack((parts[:, :m] @ S, parts[:, m:] @ S))
+        changes = [self._map_derivatives(q, unit)[0] for unit in np.eye(n)]
+        along, more = self._map_derivatives(q, v)
+        # ∂(Ṡ v)/∂v = Ṡ + ∂(S v)/∂q
+        by_v = np.column_stack([change @ v for change in changes]) + along
+        if one.name == "inverse_dynamics_derivatives":
+            torques = self._own_quantity(QUANTITIES["inverse_dynamics"], q, v, third, "", t)[0]
+            M, turned = self._own_mass_matrix(q, t), np.stack([torques @ x for x in changes])
+            by_x, by_w = parts[:, :m], parts[:, m:]
+            moved = self._map_derivatives(q, third)[0] + more
+            by_q = turned + S.T @ (by_x @ S + by_w @ along + M @ moved)
+            return np.hstack((by_q, S.T @ (by_w @ S + M @ by_v)))
+        back = np.linalg.pinv(S)
+        vdot = self.quantity(QUANTITIES["forward_dynamics"], q, v, third, "", t)
+        turned = np.stack([(back.T @ third) @ x for x in changes])
+        by_x, by_w, by_force = parts[:, :m], parts[:, m : 2 * m], parts[:, 2 * m :]
+        moved = self._map_derivatives(q, vdot)[0] + more
+        by_q = back @ (by_x @ S + by_w @ along - by_force @ back.T @ turned - moved)
+        return np.hstack((by_q, back @ (by_w @ S - by_v), back @ by_force @ back.T))
+
+    def _map_derivatives(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return ∂(S v)/∂q and ∂(Ṡ v)/∂q (m, n) each."""
+        parts = self._call("velocity_map_derivatives", q, v)
+        try:
+            along, more = parts
+        except (TypeError, ValueError):
+            message = f"velocity_map_derivatives returned {_kind(parts)}, expected two arrays"
+            raise EngineFault(message) from None
+        shape = (None, self.engine.scene.n)
+        along = _checked("velocity_map_derivatives: ∂(S v)/∂q", along, shape)
+        return along, _checked("velocity_map_derivatives: ∂(Ṡ v)/∂q", more, along.shape)
+
+    def _beside(self, method: str, result: Any, count: int, size: Shape) -> Array:
+        """Return a number of matrices of this size one beside the other."""
+        if not isinstance(result, tuple | list) or len(result) != count:
+            message = f"{method} returned {_kind(result)}, expected {count} arrays"
+            raise EngineFault(message)
+        return np.hstack([_checked(method, x, size) for x in result])
 
     def _placement(self, result: Any) -> Array:
         """Return (R, p) as [R p] (3, 4)."""

@@ -33,6 +33,7 @@ from eomcheck.engines.engine import EngineAcceleration, VelocityMap
 from eomcheck.engines.tree_engine import TreeEngine
 from eomcheck.errors import EngineError
 from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.dual import duals, rate
 from eomcheck.numbers.generic import Array
 
 # ---- Free base -----------------------------------------------------------------------------------
@@ -125,14 +126,11 @@ def free_base(q: Array, v: Array, at: Array | None = None, turn: Array | None = 
     )
 
 
-def _about(angle: float, axis: Array) -> Array:
-    """Return the rotation about one of the axes x, y, z."""
-    across = np.cross(np.eye(3), -axis)
-    return (
-        np.outer(axis, axis)
-        + np.cos(angle) * (np.eye(3) - np.outer(axis, axis))
-        + (np.sin(angle) * across.T)
-    )
+def _about(angle: Any, axis: Array) -> Array:
+    """Return the rotation about one of the axes x, y, z, by an angle that may be a dual number."""
+    across, along = np.cross(np.eye(3), -axis), np.outer(axis, axis)
+    # The array comes first: entries of the product are then numbers like the angle.
+    return along + (np.eye(3) - along) * np.cos(angle) + across.T * np.sin(angle)
 
 
 def _quaternion(R: Array) -> Array:
@@ -375,6 +373,19 @@ class FileEngine(TreeEngine):
             S[:FREE, :FREE], rest[:FREE] = base.velocity(self.base_velocity, v[:FREE])
             x = np.concatenate([self.pose(base), x[FREE:]])
         return VelocityMap(x, S, rest)
+
+    def velocity_map_derivatives(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return ∂(S v)/∂q and ∂(Ṡ v)/∂q (m, n), by dual numbers; those of joints are 0."""
+        along, more = super().velocity_map_derivatives(q, v)
+        # Both are sums of terms with a velocity of the base.
+        for k in range(self.base if v[:FREE].any() else 0):
+            rates = np.zeros(len(q))
+            rates[k] = 1.0
+            base = self.base_frame(duals(q, rates), v.astype(object))
+            S, rest = base.velocity(self.base_velocity, v[:FREE].astype(object))
+            along[:FREE, k] = rate(S @ v[:FREE]).astype(float)
+            more[:FREE, k] = rate(rest).astype(float)
+        return along, more
 
     def base_frame(self, q: Array, v: Array) -> FreeBase:
         """Return the frame that represents a free base in the library; q and v are the scene's."""

@@ -168,6 +168,21 @@ class PinocchioEngine(TreeSolverEngine):
         """Return J̇ v (6,), the acceleration at v̇ = 0."""
         return self.frame_acceleration(f, q, v, np.zeros(len(v)), t)
 
+    def inverse_dynamics_derivatives(
+        self, q: Array, v: Array, vdot: Array, t: float = 0.0
+    ) -> tuple[Array, Array]:
+        """Return ∂τ/∂q and ∂τ/∂v by `computeRNEADerivatives`."""
+        by_q, by_v, _ = self._under_gravity(self._pin.computeRNEADerivatives, q, v, vdot)
+        return np.array(by_q), np.array(by_v)
+
+    def forward_dynamics_derivatives(
+        self, q: Array, v: Array, tau: Array, t: float = 0.0
+    ) -> tuple[Array, Array, Array]:
+        """Return ∂v̇/∂q, ∂v̇/∂v and ∂v̇/∂τ by `computeABADerivatives`."""
+        parts = self._under_gravity(self._pin.computeABADerivatives, q, v, tau)
+        by_q, by_v, by_tau = (np.array(x) for x in parts)
+        return by_q, by_v, by_tau
+
     def regressor(self, q: Array, v: Array, vdot: Array, t: float = 0.0) -> Array:
         """Return Y (n, 10 n_b) by `computeJointTorqueRegressor`, of the frames of its joints."""
         Y = self._under_gravity(self._pin.computeJointTorqueRegressor, q, v, vdot)

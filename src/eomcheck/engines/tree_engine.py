@@ -251,6 +251,10 @@ class TreeEngine(Engine):
         """Return (T q + shift, T, 0)."""
         return VelocityMap(self.coordinates @ q + self.shift, self.coordinates, np.zeros(self._n))
 
+    def velocity_map_derivatives(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return zeros: T does not depend on q."""
+        return np.zeros(self.coordinates.shape), np.zeros(self.coordinates.shape)
+
     @cached_property
     def body_frames(self) -> list[TreeFrame]:
         """The frames of bodies, in the order of the parameters of a regressor."""

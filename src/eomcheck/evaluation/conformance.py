@@ -36,8 +36,10 @@ from eomcheck.descriptions.tree_quantities import (
 from eomcheck.errors import InputError, registered
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.scene_quantities import Quantities
+from eomcheck.formulations import au
 from eomcheck.mechanics.scene import Scene, checked_scene, finite_array
 from eomcheck.numbers.ball import Balls, midpoints_or_zero, precision
+from eomcheck.numbers.batch_arrays import as_float64
 from eomcheck.numbers.dual import duals, rate
 from eomcheck.numbers.generic import FLOAT64, Arithmetic, Array, as_objects, generic, map_record
 from eomcheck.numbers.linear import solve
@@ -174,6 +176,93 @@ class ConformancePoint:
         """The prepared values of the scene, and their rates along q̇ = v."""
         return self._source.prepared_and_rates(self.at.v)
 
+    # ---- Derivatives -----------------------------------------------------------------------------
+
+    def torques_along(self, dq: Array, dv: Array) -> Array:
+        """Return the derivative of M v̇ + B + ∂U/∂q (n,) along a direction of q and v, v̇ constant.
+
+        Args:
+            dq: rates of q (n,).
+            dv: rates of v (n,).
+        """
+        at = self.at
+        inertia = at.run(_inertia_rates, at.scene.terms, self.vdot, *self._along(dq, dv))
+        weight = self.model.function("weight")
+        _, prepared, rates, *_ = self._along(dq, dv)
+        if self.model.tree is not None:
+            prepared = self._prepared
+            rates = position_rates(self.model, prepared, self._mapped(dq))
+        v = self._mapped(at.v)
+        changing = self._numbers, prepared, rates, v, v
+        return inertia + self._in_scene(at.run(_rates_of, weight, *changing)).gradient
+
+    @cached_property
+    def torque_derivatives(self) -> Array:
+        """The derivatives of inverse dynamics by q, then by v (n, 2n), v̇ constant."""
+        columns = [self.torques_along(dq, dv) for dq, dv in self._directions]
+        return np.stack([as_float64(x) if self._in_float64 else x for x in columns], axis=1)
+
+    @cached_property
+    def acceleration_derivatives(self) -> Array:
+        """The derivatives of forward dynamics by q, v and τ (n, 3n): M⁻¹ [-∂τ/∂q, -∂τ/∂v, 1].
+
+        Raises:
+            RefusedError: M is singular to working precision.
+        """
+        n = self.at.scene.n
+        point = ConformancePoint(self.at, self.free_acceleration, self._source)
+        right = np.concatenate((-point.torque_derivatives, self._unit), axis=1)
+        with self._solving():
+            derivatives = self.at.call(solve, self.at.terms.M, right, "M")
+        assert derivatives.shape[-1] == 3 * n
+        return derivatives
+
+    @cached_property
+    def constraint_force_derivatives(self) -> Array:
+        """The derivatives of λ by q, then by v (r, 2n), of M v̇ + B + ∂U/∂q = τ + aᵀλ.
+
+        Raises:
+            RefusedError: M or the constraints are singular to working precision.
+        """
+        at = self.at
+        M, _, _, a, gamma, _ = at.terms
+        F = -self.bias - self.weight.gradient + (self.torques if self.tau is None else self.tau)
+        with self._solving():
+            vdot, multipliers = at.call(au.solution, M, F, a, gamma, None, None)
+        point = ConformancePoint(at, vdot, self._source)
+        rows = []
+        for dq, dv in self._directions:
+            violation, pull = at.run(
+                _constraint_rates, at.scene.terms, vdot, multipliers, *self._along(dq, dv)
+            )
+            with self._solving():
+                force = pull - point.torques_along(dq, dv)
+                rates = at.call(au.solution, M, force, a, violation, None, None)
+            rows.append(rates[1])
+        return np.stack([as_float64(x) if self._in_float64 else x for x in rows], axis=1)
+
+    @property
+    def _in_float64(self) -> bool:
+        return isinstance(self.at, Evaluation)
+
+    @property
+    def _directions(self) -> list[tuple[Array, Array]]:
+        """Rates of q and v along which derivatives by q, then by v, are taken."""
+        n = self.at.scene.n
+        units = np.eye(n) if self._in_float64 else np.eye(n, dtype=int).astype(object)
+        return [(unit, 0 * unit) for unit in units] + [(0 * unit, unit) for unit in units]
+
+    def _along(self, dq: Array, dv: Array) -> tuple[Any, ...]:
+        """Return parameters, prepared values and their rates, q, v and their rates."""
+        changing = self._source.prepared_and_rates(dq, clock=False)
+        return self.at.parameters, *changing, self.at.q, self.at.v, dq, dv
+
+    @property
+    def _unit(self) -> Any:
+        """The identity (n, n) in the numbers of M."""
+        M = self.at.terms.M
+        return 0 * M + np.eye(self.at.scene.n)
+
     # ---- Own values ------------------------------------------------------------------------------
 
     @property
@@ -275,6 +364,33 @@ ARGUMENTS: dict[str, Callable[[ConformancePoint, Array], tuple[Any, ...]]] = {
 """Function of a model -> its arguments after the parameters, prepared values and v."""
 
 
+def _inertia_rates(
+    terms: Callable, vdot: Array, parameters: Any, prepared: Any, rates: Any, *state: Array
+) -> Any:
+    """Return the rates of M v̇ + B at constant v̇, from q, v and their rates."""
+    q, v, dq, dv = state
+    changing = map_record(duals, prepared, rates), duals(q, dq), duals(v, dv)
+    M, _, B, *_ = terms(as_objects(parameters), *changing)
+    force = M @ vdot
+    return rate(force if B is None else force + B)
+
+
+def _constraint_rates(
+    terms: Callable,
+    vdot: Array,
+    multipliers: Array,
+    parameters: Any,
+    prepared: Any,
+    rates: Any,
+    *state: Array,
+) -> Any:
+    """Return the rates of a v̇ + gamma and of aᵀλ at constant v̇ and λ, from q, v and their rates."""
+    q, v, dq, dv = state
+    changing = map_record(duals, prepared, rates), duals(q, dq), duals(v, dv)
+    _, _, _, a, gamma, _ = terms(as_objects(parameters), *changing)
+    return rate(a @ vdot + gamma), rate(a.T @ multipliers)
+
+
 @generic
 def inverse_of(M):
     """Return the inverse of a matrix (n, n)."""
@@ -308,7 +424,7 @@ MAPPINGS = {
     "acceleration": "S⁻¹ (x - Ṡ v)",
     "coriolis": "Sᵀ x S + Sᵀ M Ṡ",
     "rows": "Sᵀ x",
-    "derivatives": "by ∂(S v)/∂q and ∂(Ṡ v)/∂q",
+    "derivatives": "by the chain rule, with ∂(S v)/∂q and ∂(Ṡ v)/∂q",
 }
 """How a quantity x in an engine's own coordinates, w = S v, becomes that of the scene."""
 
@@ -320,7 +436,8 @@ class Quantity(NamedTuple):
         name: name of the method of an engine.
         symbol: symbol in formulas.
         arguments: arguments of the method without t: "f" (name of a link), "q", "v", "vdot", "tau".
-        shape: entries along each axis: a number, "n" velocities, or "p" parameters of bodies.
+        shape: entries along each axis: a number, "n" velocities, "r" constraints, "2n" by q and v,
+            "3n" by q, v and τ, or "p" parameters of bodies.
         mapping: key of `MAPPINGS`.
         unit: SI units.
         about: description, with axes and conventions.
@@ -354,6 +471,10 @@ class Quantity(NamedTuple):
         for size in self.shape:
             if size == "n":
                 names.append(scene.coordinate_names)
+            elif size == "r":
+                names.append(scene.constraint_names)
+            elif size in ("2n", "3n"):
+                names.append(derivative_names(scene.coordinate_names, int(size[0])))
             elif size == "p":
                 names.append(names_of_parameters(point.model.bodies))
             else:
@@ -372,12 +493,19 @@ PARAMETER_NAMES = "m", "m c_x", "m c_y", "m c_z", "I_xx", "I_xy", "I_xz", "I_yy"
 """Names of the parameters of a body."""
 
 
+def derivative_names(coordinates: tuple[str, ...], count: int) -> tuple[str, ...]:
+    """Return the names of derivatives by q, by v and, of three, by τ."""
+    parts = ("by", "by rate of", "by force on")[:count]
+    return tuple(f"{part} {name}" for part in parts for name in coordinates)
+
+
 def names_of_parameters(bodies: tuple[str, ...]) -> tuple[str, ...]:
     """Return the names of the parameters π of bodies with these names."""
     return tuple(f"{name} of {body}" for body in bodies for name in PARAMETER_NAMES)
 
 
 Q, V, A, F = "q", "v", "vdot", "f"
+DERIVED = "derivatives"
 
 QUANTITIES: dict[str, Quantity] = {
     one.name: one
@@ -484,6 +612,24 @@ QUANTITIES: dict[str, Quantity] = {
             "`frame_acceleration` at v̇ = 0",
             lambda x, f: x.link(f).bias,
             companion="frame_jacobian",
+        ),
+        Quantity(
+            *("inverse_dynamics_derivatives", "∂τ/∂q, ∂τ/∂v", (Q, V, A), ("n", "2n"), DERIVED),
+            "N/rad, N s/rad and the like",
+            "derivatives of `inverse_dynamics` by q and by v, v̇ constant; M is that by v̇",
+            lambda x, f: x.torque_derivatives,
+        ),
+        Quantity(
+            *("forward_dynamics_derivatives", "∂v̇/∂q, ∂v̇/∂v, ∂v̇/∂τ"),
+            *((Q, V, "tau"), ("n", "3n"), DERIVED, "1/s², 1/s, 1/kg and the like"),
+            "derivatives of `forward_dynamics` by q, v and τ",
+            lambda x, f: x.acceleration_derivatives,
+        ),
+        Quantity(
+            *("constraint_force_derivatives", "∂λ/∂q, ∂λ/∂v", (Q, V, "tau"), ("r", "2n"), DERIVED),
+            "N/rad, N s/rad and the like",
+            "derivatives of λ by q and v, M v̇ + B + ∂U/∂q = τ + aᵀλ and a v̇ + gamma = 0",
+            lambda x, f: x.constraint_force_derivatives,
         ),
         Quantity(
             *("regressor", "Y", (Q, V, A), ("n", "p"), "rows", "N/(unit of π)"),

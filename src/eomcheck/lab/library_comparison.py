@@ -23,6 +23,7 @@ from eomcheck import strategies
 from eomcheck.atomic_write import write_text
 from eomcheck.calls import call
 from eomcheck.claims import CLAIMS
+from eomcheck.claims.engine_quantities import CONFORMANCE
 from eomcheck.claims.finding import (
     DECIDED,
     Finding,
@@ -341,6 +342,7 @@ def compare_libraries(
         raise InputError(f"nothing to compare {scene.name} with: {refusals}")
     methods = {q.method for q in QUANTITIES.values()}
     claim_ids = [claim.id for claim in CLAIMS.values() if claim.asks in methods]
+    claim_ids += CONFORMANCE
     run, selection = ValidationRun(), RunSelection.of(["gw"], by_engine, claim_ids, scenes=[scene])
     for state in draw_samples(strategies.states(scene), states, seed):
         _compare_at(comparison, state, run.check_state(scene, state, selection))
@@ -367,6 +369,7 @@ def _compare_at(comparison: LibraryComparison, state: State, findings: list[Find
         own_findings = [finding for finding in findings if finding.engine is type(result.engine)]
         answers = library_quantities(result, at, reference)
         unsure = {CLAIMS[x.claim].asks for x in own_findings if x.verdict == "inconclusive"}
+        unsure &= {quantity.method for quantity in QUANTITIES.values()}
         unsure -= {"acceleration"} if "q̈" not in reference else set()
         result.inconclusive_counts.update(unsure)
         # Where rounding explains any difference, no number is shown.
@@ -462,6 +465,28 @@ def library_table(comparison: LibraryComparison) -> ResultTable:
     return ResultTable("libraries", title, heads, rows, note=note)
 
 
+def quantity_table(comparison: LibraryComparison) -> ResultTable | None:
+    """Return the table of conformance quantities by library; None if no library has any."""
+    rows = []
+    for claim in CONFORMANCE:
+        found = [result.findings.get(claim) for result in comparison.answered]
+        if any(found):
+            rows.append([Cell(CLAIMS[claim].asks, "name"), *map(_quantity_cell, found)])
+    heads = ["quantity", *(result.library for result in comparison.answered)]
+    return ResultTable("quantities", "Other quantities", heads, rows) if rows else None
+
+
+def _quantity_cell(finding: Finding | None) -> Cell:
+    """Return the cell of the worst finding on a quantity of a library."""
+    if finding is None:
+        return Cell("-", "none")
+    if finding.verdict == "passed":
+        return Cell("agrees", "passed")
+    return (
+        Cell("differs", "failed") if finding.verdict == "failed" else Cell("inconclusive", "open")
+    )
+
+
 def pair_tables(comparison: LibraryComparison) -> Iterator[ResultTable]:
     """Yield one table per quantity: libraries × libraries, their largest difference."""
     names = [REFERENCE_NAME, *(r.library for r in comparison.answered)]
@@ -519,7 +544,9 @@ def sentences(comparison: LibraryComparison) -> Iterator[str]:
 
 def print_comparison(comparison: LibraryComparison, pairs: bool = False) -> None:
     """Print the differences of libraries from eomcheck and, on demand, from each other."""
-    print_tables([library_table(comparison), *(pair_tables(comparison) if pairs else ())])
+    more = quantity_table(comparison)
+    tables = [library_table(comparison), *([] if more is None else [more])]
+    print_tables([*tables, *(pair_tables(comparison) if pairs else ())])
     for sentence in sentences(comparison):
         say(sentence)
     if comparison.agree:
