@@ -226,6 +226,8 @@ class ConformancePoint:
         """
         at = self.at
         M, _, _, a, gamma, _ = at.terms
+        if a is None:
+            return np.zeros((0, 2 * at.scene.n), M.dtype)
         F = -self.bias - self.weight.gradient + (self.torques if self.tau is None else self.tau)
         with self._solving():
             vdot, multipliers = at.call(au.solution, M, F, a, gamma, None, None)
