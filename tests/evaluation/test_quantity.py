@@ -86,7 +86,7 @@ def test_every_quantity_is_a_float64_array_of_its_shape(name: str):
     one, frame = QUANTITIES[name], "link 2" if QUANTITIES[name].of_frame else None
     value = eomcheck.quantity(ARM, name, Q, V, [0.2, -0.3], frame=frame)
     assert value.dtype == np.float64
-    sizes: dict[int | str, int | str] = {"n": 2, "p": 20}
+    sizes: dict[int | str, int | str] = {"n": 2, "2n": 4, "3n": 6, "r": 0, "p": 20}
     assert value.shape == tuple(sizes.get(size, size) for size in one.shape)
 
 
