@@ -98,7 +98,11 @@ def conformance_findings(quantity: str, error: float) -> list[Finding]:
     return eomcheck.check_state(SNAKE, *MOVING[:2], engines=[engine], claims=[claim])
 
 
-@pytest.mark.parametrize("quantity", [one for one in QUANTITIES if one != "potential_energy"])
+ELSEWHERE = "potential_energy", "constraint_force_derivatives"
+"""Quantities that are known up to a constant, or that Pinocchio does not offer."""
+
+
+@pytest.mark.parametrize("quantity", [one for one in QUANTITIES if one not in ELSEWHERE])
 def test_a_quantity_that_is_off_by_three_times_what_rounding_explains_fails(quantity: str):
     right = conformance_findings(quantity, 0.0)
     assert {one.verdict for one in right} == {"passed"}

@@ -243,6 +243,8 @@ def test_a_closed_mechanism_keeps_all_of_its_geometry():
 
 def assert_tree(tree: Any, **expected: Any) -> None:
     for name, value in tree._asdict().items():
+        if name not in expected:
+            continue  # names, links and gravity have tests of their own
         if name in ("parent", "joint"):
             assert value == expected[name]
         else:

@@ -100,7 +100,8 @@ class Hanging(Described, description=hanging, held=False):
 def test_a_literal_that_keeps_exact_arithmetic_away_is_named():
     found = eomcheck.check_state(Hanging(), [0.3], [0.1])
     assert not [x for x in found if x.verdict == "failed"]
-    exact = {x.claim: x.detail for x in found if x.verdict == "skipped"}
+    skipped = (x for x in found if x.verdict == "skipped" and not x.claim.startswith("engine-"))
+    exact = {x.claim: x.detail for x in skipped}
     assert set(exact) >= {"enclosures", "true-error"}
     for detail in exact.values():
         assert detail.endswith("-9.81 in a description is no whole number: make it a parameter")

@@ -19,7 +19,10 @@ from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.numbers.dual import duals, rate
 from eomcheck.numbers.generic import as_objects, map_record
 
-tree_claim = partial(claim, needs="a tree of bodies (`Scene.tree`)", batchable=False)
+TREE = "a tree of bodies (`Scene.tree`)"
+"""Requirement of claims about conformance quantities."""
+
+tree_claim = partial(claim, needs=TREE, batchable=False)
 """Decorator of a claim about the tree of bodies."""
 
 

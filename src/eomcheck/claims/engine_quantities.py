@@ -16,6 +16,7 @@ from zlib import crc32
 
 import numpy as np
 
+from eomcheck.claims.bodies_and_frames import TREE
 from eomcheck.claims.case import (
     UNABLE,
     Case,
@@ -247,6 +248,8 @@ def _context(one: Quantity, frame: str, point: ConformancePoint) -> ConfusionCon
 
 def _summands(one: Quantity, point: ConformancePoint) -> dict[str, Array]:
     """Return the summands of a quantity that engines forget or add, by name."""
+    if not point.has_tree:
+        return {}
     weight, bias = point.weight.gradient, point.bias
     if one.name == "inverse_dynamics":
         return {"gravity": weight, "the bias": bias, "M v̇": point.inertia_force - bias}
@@ -327,8 +330,6 @@ def _check(one: Quantity, case: Case) -> Iterator[Finding]:
         rounded_case = case.rounded_for(engine)
         at, point = rounded_case.at, ConformancePoint(rounded_case.at)
         if one.needs_tree and not point.has_tree:
-            why = "the scene has no tree of bodies"
-            yield skipped_finding(case, engine_class_of(engine), why)
             continue
         for frame in frames_asked(at, point, known) if one.of_frame else ("",):
             try:
@@ -342,7 +343,11 @@ def _register(one: Quantity) -> str:
     """Register the claim about a quantity, and return its id."""
     id = "engine-" + one.name.replace("_", "-")
 
-    @case_claim(id, f"{one.symbol} = {one.symbol} of the engine", "", one.name, asks=one.name)
+    about = id, f"{one.symbol} = {one.symbol} of the engine", "", one.name
+    needs = [TREE] if one.needs_tree else []
+    needs += ["constraints"] if "r" in one.shape else []
+
+    @case_claim(*about, asks=one.name, needs=", and ".join(needs))
     def check(case: Case) -> Iterator[Finding]:
         return _check(one, case)
 

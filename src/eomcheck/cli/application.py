@@ -239,7 +239,7 @@ KEY_PATTERNS = {
     "formulation": ("formulations", r'^    key="(\w+)",'),
     "engine": ("engines", r"^class (?!Tree|File)(\w+)Engine\(\w*Engine\):"),
     "robot": ("", r'^    "(\w+)": lambda links'),
-    "claim": ("claims", r'^(?:@(?:case_)?claim\(\s*|CLAIMS\[)"([\w-]+)"'),
+    "claim": ("claims", r'^(?:@(?:case_|tree_)?claim\(\s*|CLAIMS\[)"([\w-]+)"'),
 }
 """Kind of key -> folder of its source files, and the pattern of a key in one."""
 
@@ -252,6 +252,10 @@ def declared_keys(word: str) -> list[str]:
         for file in sorted((ROOT / folder).glob("*.py"))
         for key in re.findall(pattern, file.read_text(encoding="utf-8"), re.MULTILINE)
     ]
+    if word == "claim":  # one for each quantity of engines
+        text = (ROOT / "evaluation" / "conformance.py").read_text(encoding="utf-8")
+        methods = re.findall(r'^            \*\("(\w+)", "', text, re.MULTILINE)
+        built_in += [f"engine-{method.replace('_', '-')}" for method in methods]
     announced = [point.name for point in entry_points(group=f"eomcheck.{word}s")]
     return [*built_in, *announced]
 

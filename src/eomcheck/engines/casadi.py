@@ -136,11 +136,23 @@ class CasadiEngine(Engine):
 
     def inverse_dynamics(self, q: Array, v: Array, vdot: Array, t: float = 0.0) -> Array:
         """Return τ (n,) = d/dt (∂T/∂v) - ∂T/∂q + ∂U/∂q, of U the weight alone."""
+        self._check_weight()
         return self._evaluate("inverse_dynamics", q, v, t, vdot)
 
     def gravity(self, q: Array, t: float = 0.0) -> Array:
         """Return ∂U/∂q (n,), of U the weight alone."""
+        self._check_weight()
         return self._evaluate("gravity", q, np.zeros_like(q), t)
+
+    def _check_weight(self) -> None:
+        """Check that the weight of the scene is known: by a parameter, or there is none.
+
+        Raises:
+            np.linalg.LinAlgError: gravity is a number in the scene's functions.
+        """
+        tree, gravity = self.scene.tree(), getattr(self.scene.float64_parameters, "gravity", None)
+        if gravity is None and tree is not None and np.any(tree.gravity):
+            raise np.linalg.LinAlgError("the weight of a scene without the parameter gravity")
 
     coriolis_skew = True
 
@@ -154,6 +166,7 @@ class CasadiEngine(Engine):
 
     def potential_energy(self, q: Array, t: float = 0.0) -> float:
         """Return U of the weight: the part of `energies` that is linear in gravity, g ∂U/∂g."""
+        self._check_weight()
         return float(self._evaluate("potential_energy", q, np.zeros_like(q), t).item())
 
 
