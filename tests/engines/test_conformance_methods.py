@@ -20,6 +20,7 @@ from eomcheck.engines.drake import DrakeEngine, DrakeFile
 from eomcheck.engines.exudyn import ExudynEngine
 from eomcheck.engines.idyntree import IdyntreeEngine, IdyntreeFile
 from eomcheck.engines.mujoco import MjcfFile, MujocoEngine, MujocoFile
+from eomcheck.engines.pinocchio import PinocchioFile
 from eomcheck.engines.pybullet import PybulletEngine, PybulletFile
 from eomcheck.evaluation.conformance import QUANTITIES, ConformancePoint
 from eomcheck.evaluation.evaluation import Evaluation
@@ -272,6 +273,23 @@ def test_inverses_are_skipped_where_joints_follow_others_in_one_model_alone(tmp_
     skipped = {x.claim for x in found if x.verdict == "skipped" and "follow others" in x.detail}
     assert skipped == {"engine-forward-dynamics", "engine-inverse-mass-matrix"}
     assert not [str(x) for x in found if x.verdict == "failed"]
+
+
+@pytest.mark.parametrize("kind", [PinocchioFile, MujocoFile, DrakeFile, IdyntreeFile])
+def test_a_base_that_is_fixed_at_an_angle_to_a_root_without_mass_stays_there(kind, tmp_path: Path):
+    path = tmp_path / "turned.urdf"
+    path.write_text(
+        '<robot name="turned"><link name="root"/>'
+        + body("base")
+        + body("upper", mass=2.0)
+        + joint("held", "root", "base", "fixed", "1 0 0")
+        + joint("shoulder", "base", "upper", "revolute", "0 1 0")
+        + "</robot>",
+        encoding="utf-8",
+    )
+    found = findings(kind, from_urdf(path), 1)
+    assert not [str(x) for x in found if x.verdict == "failed"]
+    assert "engine-frame-placement" in {x.claim for x in found if x.verdict == "passed"}
 
 
 # ---- Mistakes ------------------------------------------------------------------------------------

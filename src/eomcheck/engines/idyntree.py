@@ -303,6 +303,9 @@ class IdyntreeFile(FileEngine, IdyntreeEngine):
         self.dynamics.loadRobotModel(model)
         self.dynamics.setFrameVelocityRepresentation(library.MIXED_REPRESENTATION)
         model = self.dynamics.model()
+        # A root without mass becomes a frame of the link that is fixed to it, the model's base.
+        base = model.getLinkName(model.getDefaultBaseLink())
+        self._base_pose = self.dynamics.getRelativeTransform(description.root, base)
         moving = {}
         for i in range(model.getNrOfJoints()):
             joint = model.getJoint(i)
@@ -320,7 +323,7 @@ class IdyntreeFile(FileEngine, IdyntreeEngine):
     def _under(self, x: Array, rate: Array, gravity: Array) -> None:
         """Set the state to coordinates x and velocities `rate`, under gravity (3,), m/s²."""
         idt = self._idt
-        frame, twist = idt.Transform.Identity(), idt.Twist.Zero()
+        frame, twist = self._base_pose, idt.Twist.Zero()
         if self.base:
             pose, x = np.split(x, [POSE])
             frame = idt.Transform(idt.Rotation(*pose[3:]), idt.Position(*pose[:3]))
