@@ -428,6 +428,7 @@ def test_rounding_of_an_engine_s_own_coordinates_is_that_of_no_other():
 
 
 @pytest.mark.parametrize("key", ["snake", "chain-pendulum", "four-bar-chain", "random-mechanisms"])
+@pytest.mark.sampled(2)
 def test_no_right_engine_in_float32_is_called_wrong(key: str):
     results = float32_engines.judged(key, 4, 1)
     assert results and not [alarm for one in results for alarm in one.alarms]

@@ -147,6 +147,7 @@ def test_all_formulations_agree_on_the_papers_robot_within_their_bounds(links, k
 
 
 @robots
+@pytest.mark.sampled(3)
 def test_enclosures_contain_the_derivatives_of_the_papers_robot(links, keys):
     scene, (q, v, _) = snake(links)
     for key in keys:

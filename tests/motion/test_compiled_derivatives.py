@@ -62,6 +62,7 @@ def test_other_scenes(kind, key):
     assert_compiled(scene, key, *usual_state(scene))
 
 
+@pytest.mark.night
 def test_redundant_rows_are_those_of_the_initial_state_or_of_another():
     q, v = RING.closed_state(0.5, 0.7)
     public = derivatives(RING, "uk", q, v)
