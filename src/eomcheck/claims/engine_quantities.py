@@ -27,7 +27,7 @@ from eomcheck.claims.case import (
 from eomcheck.claims.confusions import ConfusionContext, RowKind
 from eomcheck.claims.finding import Finding
 from eomcheck.claims.registry import case_claim
-from eomcheck.descriptions.tree_quantities import PER_BODY
+from eomcheck.descriptions.tree_quantities import BY_COLUMNS, PER_BODY
 from eomcheck.engines import Answers, Engine, VelocityMap, engine_class_of, is_under_test
 from eomcheck.engines.engine import inertia_size, turning_rate, weight_size
 from eomcheck.errors import RefusedError
@@ -137,8 +137,7 @@ def point_at(e: Evaluation, vdot: Array, tau: Array | None = None) -> Conformanc
 
 def _value(one: Quantity, frame: str, vdot: Array, tau: Array | None, e: Evaluation) -> Any:
     """Return our own value of a quantity at an evaluation, or at its perturbed samples."""
-    point = point_at(e, vdot, tau)
-    return point.bias if one.name == "coriolis_matrix" else one.value(point, frame)
+    return one.compared(point_at(e, vdot, tau), frame)
 
 
 class OwnValue(NamedTuple):
@@ -238,9 +237,8 @@ def _context(one: Quantity, frame: str, point: ConformancePoint) -> ConfusionCon
     if one.name == "inverse_mass_matrix":
         return context._replace(alternatives={"the mass matrix": point.at.terms.M})
     if one.name == "regressor":
-        order = [*range(6), 7, 6, 8, 9]
         Y = point.regressor.Y
-        columns = [PER_BODY * b + i for b in range(Y.shape[1] // PER_BODY) for i in order]
+        columns = [PER_BODY * b + i for b in range(Y.shape[1] // PER_BODY) for i in BY_COLUMNS]
         text = "products of inertia in the order xx, xy, yy, xz, yz, zz"
         return context._replace(alternatives={text: Y[:, columns]})
     return context
@@ -342,7 +340,6 @@ def _check(one: Quantity, case: Case) -> Iterator[Finding]:
 def _register(one: Quantity) -> str:
     """Register the claim about a quantity, and return its id."""
     id = "engine-" + one.name.replace("_", "-")
-
     about = id, f"{one.symbol} = {one.symbol} of the engine", "", one.name
     needs = [TREE] if one.needs_tree else []
     needs += ["constraints"] if "r" in one.shape else []

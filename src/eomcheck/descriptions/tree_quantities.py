@@ -553,6 +553,11 @@ PER_BODY = 4 + len(PRODUCTS_OF_INERTIA)
 """Number of parameters of a body."""
 
 
+BY_COLUMNS = [0, 1, 2, 3, 4, 5, 7, 6, 8, 9]
+"""Place of each parameter of a body among those of libraries that have I column by column: xx, xy,
+yy, xz, yz, zz."""
+
+
 def _inertia_columns(a: Vector) -> list[Vector]:
     """Return ∂(I a)/∂(xx, xy, xz, yy, yz, zz)."""
     columns = []

@@ -65,15 +65,9 @@ class DrakeEngine(TreeSolverEngine):
         self._move_to(q, v)
         return self.plant.CalcBiasTerm(self.context)[self._place]
 
-    def _ordered(self, values: Array) -> Array:
-        """Return values (n,) of its velocities in the order of the plant."""
-        ordered = np.zeros(self._n)
-        ordered[self._place] = values
-        return ordered
-
     def _under(self, force: Array) -> Array:
         """Return the acceleration (n,) by the articulated body algorithm, without constraints."""
-        applied = self._ordered(force)
+        applied = self._in_own_order(force)
         self.plant.get_applied_generalized_force_input_port().FixValue(self.context, applied)
         port = self.plant.get_generalized_acceleration_output_port()
         return np.array(port.Eval(self.context))[self._place]
@@ -121,7 +115,7 @@ class DrakeEngine(TreeSolverEngine):
         with self._weight_alone(q, v):
             forces = required("pydrake.multibody.tree").MultibodyForces(self.plant)
             self.plant.CalcForceElementsContribution(self.context, forces)
-            state = self.context, self._ordered(vdot), forces
+            state = self.context, self._in_own_order(vdot), forces
             return self.plant.CalcInverseDynamics(*state)[self._place]
 
     def forward_dynamics(self, q: Array, v: Array, tau: Array, t: float = 0.0) -> Array:
@@ -221,7 +215,7 @@ class DrakeEngine(TreeSolverEngine):
         """
         self._move_to(q, v)
         frame = self._seats[f]
-        state = self.context, self._ordered(vdot)
+        state = self.context, self._in_own_order(vdot)
         every = self.plant.CalcSpatialAccelerationsFromVdot(*state)
         pose = frame.body().body_frame().CalcPoseInWorld(self.context)
         arm = pose.rotation().matrix() @ frame.GetFixedPoseInBodyFrame().translation()

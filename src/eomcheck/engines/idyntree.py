@@ -71,13 +71,7 @@ class IdyntreeEngine(TreeEngine):
 
     def _under(self, x: Array, rate: Array, gravity: Array) -> None:
         """Set the state to coordinates x and velocities `rate`, under gravity (3,), m/s²."""
-        self.dynamics.setRobotState(self._ordered(x), self._ordered(rate), gravity)
-
-    def _ordered(self, values: Array) -> Array:
-        """Return values (n,) of its velocities in the order of the model."""
-        ordered = np.zeros(self._n)
-        ordered[self._place] = values
-        return ordered
+        self.dynamics.setRobotState(self._in_own_order(x), self._in_own_order(rate), gravity)
 
     def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
         """Return M (n, n), without the part of a base that is held."""
@@ -118,7 +112,7 @@ class IdyntreeEngine(TreeEngine):
 
     def _acceleration(self, vdot: Array) -> tuple[Any, Any]:
         """Return the accelerations of the base (6,), 0 where it is held, and of the joints."""
-        base, joints = np.split(self._ordered(vdot), [self.base])
+        base, joints = np.split(self._in_own_order(vdot), [self.base])
         base = np.concatenate([base, np.zeros(self._held)])
         return self._idt.Vector6.FromPython(base), self._idt.VectorDynSize.FromPython(joints)
 

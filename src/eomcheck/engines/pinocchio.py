@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from eomcheck.descriptions.tree_quantities import BY_COLUMNS
 from eomcheck.engines.engine import EngineAcceleration, VelocityMap
 from eomcheck.engines.file_engine import BaseVelocity, FileEngine, FreeBase, RobotDescription
 from eomcheck.engines.tree_engine import TreeLink, TreeSolverEngine
@@ -190,7 +191,7 @@ class PinocchioEngine(TreeSolverEngine):
         columns = []
         for frame, moved in zip(self.body_frames, self.body_parameters, strict=True):
             joint = self.model.frames[self.model.getFrameId(frame.name)].parentJoint
-            own = Y[:, 10 * (joint - 1) : 10 * joint][:, INERTIA_ORDER]
+            own = Y[:, 10 * (joint - 1) : 10 * joint][:, BY_COLUMNS]
             columns.append(own @ moved)
         return np.hstack(columns)
 
@@ -198,11 +199,6 @@ class PinocchioEngine(TreeSolverEngine):
 def rows_of(matrix: Any, rows: int) -> Array:
     """Return a matrix of so many rows: with one column or row Pinocchio returns a vector."""
     return np.array(matrix).reshape(rows, -1)
-
-
-INERTIA_ORDER = [0, 1, 2, 3, 4, 5, 7, 6, 8, 9]
-"""Place of our parameters m, m c, I xx, xy, xz, yy, yz, zz among Pinocchio's: ... xx, xy, yy, xz,
-yz, zz."""
 
 
 # ---- Model read from a URDF ----------------------------------------------------------------------

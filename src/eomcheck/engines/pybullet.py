@@ -105,9 +105,7 @@ class PybulletEngine(TreeEngine):
         return getattr(self._bullet, function)(*arguments, physicsClientId=self._client, **options)
 
     def _ordered(self, x: Array) -> list[float]:
-        result = np.zeros(self._n)
-        result[self._place] = x
-        return result.tolist()
+        return self._in_own_order(x).tolist()
 
     def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
         """Return M (n, n)."""

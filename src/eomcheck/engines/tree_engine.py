@@ -247,6 +247,15 @@ class TreeEngine(Engine):
     def _build(self, library: Any, links: list[TreeLink]) -> None:
         """Build the library's model, without gravity and forces."""
 
+    _place: Array
+    """Index of each of its velocities in the library's own order; `_build` sets it."""
+
+    def _in_own_order(self, values: Array) -> Array:
+        """Return values (n,) of its velocities in the library's own order."""
+        ordered = np.zeros(self._n)
+        ordered[self._place] = values
+        return ordered
+
     def velocity_map(self, q: Array, v: Array) -> VelocityMap:
         """Return (T q + shift, T, 0)."""
         return VelocityMap(self.coordinates @ q + self.shift, self.coordinates, np.zeros(self._n))

@@ -9,7 +9,7 @@ scalar type.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, nullcontext
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -178,29 +178,23 @@ class ConformancePoint:
 
     # ---- Derivatives -----------------------------------------------------------------------------
 
-    def torques_along(self, dq: Array, dv: Array) -> Array:
-        """Return the derivative of M v̇ + B + ∂U/∂q (n,) along a direction of q and v, v̇ constant.
-
-        Args:
-            dq: rates of q (n,).
-            dv: rates of v (n,).
-        """
-        at = self.at
-        inertia = at.run(_inertia_rates, at.scene.terms, self.vdot, *self._along(dq, dv))
-        weight = self.model.function("weight")
-        _, prepared, rates, *_ = self._along(dq, dv)
-        if self.model.tree is not None:
+    def _torques_along(self, along: tuple[Any, ...]) -> Array:
+        """Return the derivative of M v̇ + B + ∂U/∂q (n,) along a direction, see `_along`."""
+        at, model = self.at, self.model
+        inertia = at.run(_inertia_rates, at.scene.terms, self.vdot, *along)
+        _, prepared, rates, _, _, dq, _ = along
+        if model.tree is not None:
             prepared = self._prepared
-            rates = position_rates(self.model, prepared, self._mapped(dq))
+            rates = position_rates(model, prepared, self._mapped(dq))
         v = self._mapped(at.v)
         changing = self._numbers, prepared, rates, v, v
-        return inertia + self._in_scene(at.run(_rates_of, weight, *changing)).gradient
+        weight = at.run(_rates_of, model.function("weight"), *changing)
+        return inertia + self._in_scene(weight).gradient
 
     @cached_property
     def torque_derivatives(self) -> Array:
         """The derivatives of inverse dynamics by q, then by v (n, 2n), v̇ constant."""
-        columns = [self.torques_along(dq, dv) for dq, dv in self._directions]
-        return np.stack([as_float64(x) if self._in_float64 else x for x in columns], axis=1)
+        return self._columns([self._torques_along(along) for along in self._directions])
 
     @cached_property
     def acceleration_derivatives(self) -> Array:
@@ -209,13 +203,12 @@ class ConformancePoint:
         Raises:
             RefusedError: M is singular to working precision.
         """
-        n = self.at.scene.n
+        M = self.at.terms.M
         point = ConformancePoint(self.at, self.free_acceleration, self._source)
-        right = np.concatenate((-point.torque_derivatives, self._unit), axis=1)
+        unit = 0 * M + np.eye(self.at.scene.n)
+        right = np.concatenate((-point.torque_derivatives, unit), axis=1)
         with self._solving():
-            derivatives = self.at.call(solve, self.at.terms.M, right, "M")
-        assert derivatives.shape[-1] == 3 * n
-        return derivatives
+            return self.at.call(solve, M, right, "M")
 
     @cached_property
     def constraint_force_derivatives(self) -> Array:
@@ -228,42 +221,40 @@ class ConformancePoint:
         M, _, _, a, gamma, _ = at.terms
         if a is None:
             return np.zeros((0, 2 * at.scene.n), M.dtype)
-        F = -self.bias - self.weight.gradient + (self.torques if self.tau is None else self.tau)
         with self._solving():
-            vdot, multipliers = at.call(au.solution, M, F, a, gamma, None, None)
+            vdot, multipliers = at.call(au.solution, M, self._net_force, a, gamma, None, None)
         point = ConformancePoint(at, vdot, self._source)
-        rows = []
-        for dq, dv in self._directions:
-            violation, pull = at.run(
-                _constraint_rates, at.scene.terms, vdot, multipliers, *self._along(dq, dv)
-            )
+        columns = []
+        for along in self._directions:
+            violation, pull = at.run(_constraint_rates, at.scene.terms, vdot, multipliers, *along)
+            force = pull - point._torques_along(along)
             with self._solving():
-                force = pull - point.torques_along(dq, dv)
-                rates = at.call(au.solution, M, force, a, violation, None, None)
-            rows.append(rates[1])
-        return np.stack([as_float64(x) if self._in_float64 else x for x in rows], axis=1)
+                _, column = at.call(au.solution, M, force, a, violation, None, None)
+            columns.append(column)
+        return self._columns(columns)
 
     @property
     def _in_float64(self) -> bool:
         return isinstance(self.at, Evaluation)
 
     @property
-    def _directions(self) -> list[tuple[Array, Array]]:
-        """Rates of q and v along which derivatives by q, then by v, are taken."""
+    def _directions(self) -> Iterator[tuple[Any, ...]]:
+        """Directions of derivatives by q, then by v, see `_along`."""
         n = self.at.scene.n
         units = np.eye(n) if self._in_float64 else np.eye(n, dtype=int).astype(object)
-        return [(unit, 0 * unit) for unit in units] + [(0 * unit, unit) for unit in units]
+        for unit in units:
+            yield self._along(unit, 0 * unit)
+        for unit in units:
+            yield self._along(0 * unit, unit)
 
     def _along(self, dq: Array, dv: Array) -> tuple[Any, ...]:
-        """Return parameters, prepared values and their rates, q, v and their rates."""
+        """Return parameters, prepared values and their rates, q, v and their rates dq and dv."""
         changing = self._source.prepared_and_rates(dq, clock=False)
         return self.at.parameters, *changing, self.at.q, self.at.v, dq, dv
 
-    @property
-    def _unit(self) -> Any:
-        """The identity (n, n) in the numbers of M."""
-        M = self.at.terms.M
-        return 0 * M + np.eye(self.at.scene.n)
+    def _columns(self, columns: list[Any]) -> Array:
+        """Return the matrix of these columns."""
+        return np.stack([as_float64(x) if self._in_float64 else x for x in columns], axis=1)
 
     # ---- Own values ------------------------------------------------------------------------------
 
@@ -340,10 +331,14 @@ class ConformancePoint:
         Raises:
             RefusedError: M is singular to working precision.
         """
-        tau = self.torques if self.tau is None else self.tau
         with self._solving():
-            F = -self.bias - self.weight.gradient + tau
-            return self.at.call(solve, self.at.terms.M, F, "M")
+            return self.at.call(solve, self.at.terms.M, self._net_force, "M")
+
+    @property
+    def _net_force(self) -> Array:
+        """The force τ - B - ∂U/∂q (n,) of forward dynamics."""
+        tau = self.torques if self.tau is None else self.tau
+        return -self.bias - self.weight.gradient + tau
 
     def _solving(self) -> AbstractContextManager:
         recording = getattr(self.at, "recording_solves", None)
@@ -465,6 +460,10 @@ class Quantity(NamedTuple):
     def of_frame(self) -> bool:
         """Whether it belongs to a link."""
         return "f" in self.arguments
+
+    def compared(self, point: ConformancePoint, frame: str) -> Any:
+        """Return the own value to compare: C v (n,) of a Coriolis matrix, which is not unique."""
+        return point.bias if self.mapping == "coriolis" else self.value(point, frame)
 
     def axis_names(self, point: ConformancePoint) -> tuple[tuple[str, ...], ...]:
         """Return the names along each axis, for messages."""
@@ -673,7 +672,7 @@ def enclosed_quantity(
         exact.v = balls.numbers(at.v)
         forces = None if tau is None else balls.numbers(tau)
         point = ConformancePoint(exact, balls.numbers(vdot), tau=forces)
-        value = point.bias if one.name == "coriolis_matrix" else one.value(point, frame)
+        value = one.compared(point, frame)
         return midpoints_or_zero(np.asarray(value, object))
 
 

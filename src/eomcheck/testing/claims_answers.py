@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from eomcheck.claims.registry import Comparison, Decision, function_claim
+from eomcheck.descriptions.tree_quantities import PER_BODY
+from eomcheck.evaluation.conformance import names_of_parameters
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.numbers.generic import EPS, Array
 from eomcheck.testing.equations_of_motion import (
@@ -76,8 +78,8 @@ FIXED_AXES = {
 
 def parameter_names(count: int) -> tuple[str, ...]:
     """Return the names of the parameters of a regressor, ten a body."""
-    of_body = ("m", "m c_x", "m c_y", "m c_z", "I_xx", "I_xy", "I_xz", "I_yy", "I_yz", "I_zz")
-    return tuple(f"{of_body[i % 10]} of body {i // 10}" for i in range(count))
+    bodies = tuple(f"body {b}" for b in range(-(-count // PER_BODY)))
+    return names_of_parameters(bodies)[:count]
 
 
 @function_claim("answers", "each function answers with finite numbers of the right shape", "")

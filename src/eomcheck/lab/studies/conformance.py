@@ -23,7 +23,6 @@ from eomcheck.claims.engine_quantities import (
 )
 from eomcheck.claims.finding import Finding, Verdict, worst
 from eomcheck.claims.run import RunSelection, ValidationRun
-from eomcheck.descriptions.urdf_reader import FLOATING
 from eomcheck.engines import BY_FORMAT, ENGINES, Answers, Engine, EngineFault, version_of
 from eomcheck.errors import EngineError, RefusedError
 from eomcheck.evaluation.conformance import (
@@ -37,11 +36,10 @@ from eomcheck.evaluation.tolerance import largest
 from eomcheck.lab.option_parsing import Seed, check_count
 from eomcheck.lab.show.table import Cell, ResultTable
 from eomcheck.lab.store.record_file import Record, Settings, group, record_of_rows, rows_in
-from eomcheck.lab.studies.robots import ROBOTS, WALKING, robot_path
+from eomcheck.lab.studies.robots import chosen_robot, chosen_robots, robot_label
 from eomcheck.lab.study import Study, failed, unfinished
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
-from eomcheck.scene_lookup import robot_named
 from eomcheck.scenes import SCENES
 from eomcheck.strategies import draw_samples
 
@@ -99,13 +97,9 @@ def cells(
         InputError: no such robot, or no states.
     """
     check_count(states=states)
-    if robot is free is None:
-        robot, free = [*ROBOTS, *SCENES], [*WALKING]
-    for name, floating in [*((x, False) for x in robot or ()), *((x, True) for x in free or ())]:
-        if name not in SCENES and name not in ROBOTS:
-            robot_path(name)
+    for chosen in chosen_robots(robot, free, SCENES):
         for key in ENGINES if engine is None else engine:
-            yield {"robot": name, "free": floating, "engine": key, "states": states, "seed": seed}
+            yield chosen | {"engine": key, "states": states, "seed": seed}
 
 
 def _subject(settings: Settings) -> tuple[Scene, type[Engine]]:
@@ -117,8 +111,7 @@ def _subject(settings: Settings) -> tuple[Scene, type[Engine]]:
     name, key = settings["robot"], settings["engine"]
     if name in SCENES:
         return SCENES[name].example(), ENGINES[key]
-    file = str(robot_path(name))
-    scene = robot_named(f"{file}:{FLOATING}" if settings["free"] else file)()
+    scene = chosen_robot(settings)
     readers = BY_FORMAT[scene.source.format]
     if key not in readers:
         raise EngineError(f"{key} reads no {scene.source.format.upper()}")
@@ -127,7 +120,7 @@ def _subject(settings: Settings) -> tuple[Scene, type[Engine]]:
 
 def _check(settings: Settings) -> Record:
     """Compare all quantities of one engine on one robot."""
-    name = settings["robot"] + (", free" if settings["free"] else "")
+    name = robot_label(settings)
     try:
         scene, kind = _subject(settings)
         version = version_of(kind)

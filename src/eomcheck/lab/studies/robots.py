@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import Annotated
 
 from eomcheck.claims.proof import prove_structure
 from eomcheck.claims.run import validate
+from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.descriptions.urdf_reader import FLOATING
 from eomcheck.errors import EngineError, InputError
 from eomcheck.formulations import FORMULATIONS
@@ -83,20 +84,46 @@ def cells(
         InputError: no such robot, or no states.
     """
     check_count(states=states)
+    for chosen in chosen_robots(robot, free):
+        yield chosen | {"states": states, "seed": seed}
+
+
+def chosen_robots(
+    robot: list[str] | None, free: list[str] | None, more: Collection[str] = ()
+) -> Iterator[Settings]:
+    """Yield the settings of the robots that are named, by default all, and those with a free base.
+
+    Args:
+        robot: names of `ROBOTS`, files, or names in `more`.
+        free: the same, with a free base.
+        more: further names that stand for no file.
+
+    Raises:
+        InputError: it is neither a known name nor a file.
+    """
     if robot is free is None:
-        robot, free = [*ROBOTS], [*WALKING]
+        robot, free = [*ROBOTS, *more], [*WALKING]
     for name, floating in [*((x, False) for x in robot or ()), *((x, True) for x in free or ())]:
-        if name not in ROBOTS:
+        if name not in ROBOTS and name not in more:
             robot_path(name)
-        yield {"robot": name, "free": floating, "states": states, "seed": seed}
+        yield {"robot": name, "free": floating}
+
+
+def chosen_robot(settings: Settings) -> Mechanism:
+    """Return the robot of a cell, as its file describes it.
+
+    Raises:
+        EngineError: the package with its description is not installed.
+    """
+    file = str(robot_path(settings["robot"]))
+    return robot_named(f"{file}:{FLOATING}" if settings["free"] else file)()
 
 
 def _check_robot(settings: Settings) -> Record:
     """Check, prove and compare one robot."""
-    name, states, seed = (settings[x] for x in ("robot", "states", "seed"))
+    states, seed = settings["states"], settings["seed"]
     try:
-        file = str(robot_path(name))
-        scene = robot_named(f"{file}:{FLOATING}" if settings["free"] else file)()
+        scene = chosen_robot(settings)
     except EngineError as missing:
         return Record(STUDY.key, settings, "refused", str(missing))
     start = time.perf_counter()
@@ -113,12 +140,13 @@ def _check_robot(settings: Settings) -> Record:
         "disproved": proved.count("failed"),
     }
     seconds = {"checks, s": validated - start, "proof, s": done - validated}
-    rows = compare_libraries(scene, None, states, seed).readings(_called(settings))
+    rows = compare_libraries(scene, None, states, seed).readings(robot_label(settings))
     series = {"rows": [vars(row) for row in rows], "left out": [scene.source.ignored]}
     return Record(STUDY.key, settings, counts=counts, errors=seconds, series=series)
 
 
-def _called(settings: Settings) -> str:
+def robot_label(settings: Settings) -> str:
+    """Return the name of the robot of a cell in tables."""
     return settings["robot"] + (", free" if settings["free"] else "")
 
 
@@ -131,7 +159,7 @@ def tables(records: Sequence[Record]) -> Iterator[ResultTable]:
     names = ("coordinates", "passed", "failed", "proved", "disproved")
     rows = [
         (
-            Cell(_called(record.settings), "name"),
+            Cell(robot_label(record.settings), "name"),
             *(str(record.counts[name]) for name in names),
             *(f"{seconds:.1f}" for seconds in record.errors.values()),
         )
@@ -145,7 +173,7 @@ def tables(records: Sequence[Record]) -> Iterator[ResultTable]:
     libraries = list(dict.fromkeys(_key(one) for one in reads))
     rows = []
     for record in done:
-        name = _called(record.settings)
+        name = robot_label(record.settings)
         mine = {_key(one): one for one in reads if one.robot == name}
         rows.append((Cell(name, "name"), *(_cell(mine.get(key)) for key in libraries)))
     title = "The same file by others: largest difference of M from ours, and what they differ in"
