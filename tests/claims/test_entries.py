@@ -183,8 +183,8 @@ def test_entries_are_hidden_where_any_error_of_theirs_would_pass(
     assert ["".join(map(str, x)) for x in flags] == [resolved, hidden]
 
 
-def test_an_entry_of_an_engine_on_trial_that_should_be_0_is_so_but_for_rounding():
-    """Where it should be anything else it is hidden."""
+def test_an_entry_that_is_0_by_the_scene_is_so_but_for_rounding():
+    """Where the scene says anything else it is hidden."""
 
     class Tried(ENGINES["casadi"]):
         key = "tried"
@@ -202,6 +202,18 @@ def test_an_entry_of_an_engine_on_trial_that_should_be_0_is_so_but_for_rounding(
     one = case.compare("x", found, expected, 1.0, **how)
     assert one.entries is not None and one.entries.hides("row c")
     assert one.entries.count_hidden == 1
+    built_in = how | {"engine": ENGINES["casadi"]}
+    one = case.compare("x", expected, found, 1.0, **built_in)
+    assert one.entries is not None and one.entries.count_hidden == 3  # proofs show them
+    case.claim = CLAIMS["engine-momentum"]
+    one = case.compare("x", expected, found, 1.0, **built_in)
+    assert one.entries is not None and one.entries.hides("row c")
+    assert one.entries.count_hidden == 1
+    one = case.compare("x", np.array([1.0, 0.0, 0.0, 0.0]), found, 1.0, **built_in)
+    assert one.entries is not None and one.entries.count_hidden == 0
+    wrong = expected + np.array([0.0, 1e-12, 0.0, 0.0])
+    assert case.compare("x", wrong, found, 1.0, **built_in).verdict == "failed"
+    assert case.compare("x", expected, found + wrong, 1.0, **built_in).verdict == "failed"
 
 
 def test_a_row_that_a_failure_shows_to_be_wrong_is_not_listed_as_unresolved():

@@ -459,12 +459,16 @@ class Case(FloatContext):
             return replace(finding, entries=entries_of(names, wrong, np.zeros_like(wrong)))
         if not names or not entrywise:
             return finding  # a vanishing array has no size of its own
-        zero: Any = False
-        if engine is not None and is_under_test(engine):
+        entries = _resolved(actual, expected, allowed, names, sizes, False)
+        under_test = engine is not None and is_under_test(engine)
+        # Beside a reference, entries are hidden until they are proved, if the claim can be.
+        known_by_scene = under_test or (own is not None and not self.claim.proved)
+        if known_by_scene and entries.count_hidden:
             # Entries of the scene that should be 0 are so up to the rounding of their own terms.
+            ours = expected if under_test else actual
             unit = allowed_error(1.0, unit_roundoff)
-            zero = np.abs(expected) <= (0.0 if own is None else unit * own())
-        entries = _resolved(actual, expected, allowed, names, sizes, zero)
+            zero = np.abs(ours) <= (0.0 if own is None else unit * own())
+            entries = _resolved(actual, expected, allowed, names, sizes, zero)
         hidden = entries.count_hidden if verdict == "passed" else 0
         what = f"{hidden} of {actual.size} entries not resolved"
         return replace(finding, entries=entries, detail=what if hidden else detail)
