@@ -21,8 +21,8 @@ def drawn(one: Range, random: np.random.Generator) -> Any:
     return value if one.shape else float(value)
 
 
-NOT_OF_SNAKES = {"height-velocity", "position-rate", "engine-constraint-force-derivatives"}
-"""Claims about closed positions, which snakes do not have, and about what no engine offers."""
+NOT_OF_SNAKES = {"height-velocity", "position-rate"}
+"""Claims about closed positions and heights, which snakes do not have."""
 NOT_PROVED_OF_SNAKES = NOT_OF_SNAKES | {"coriolis-identities", "regressor-identity"}
 """Further ones compare terms with the tree, whose numbers are its own in proofs of a snake."""
 

@@ -173,6 +173,17 @@ def test_every_quantity_of_a_tree_is_that_of_pinocchio(name: str):
         assert passed == set(CONFORMANCE) - UNCOMPARED
 
 
+@subjects
+@pytest.mark.sampled(4)
+def test_every_derivative_is_that_of_casadi(name: str):
+    scene, state = subject(name)
+    claims = [claim for claim in CONFORMANCE if claim.endswith("-derivatives")]
+    findings = eomcheck.check_state(scene, *state, engines=["casadi"], claims=claims)
+    compared = {one.claim: one.verdict for one in findings if one.subject == "casadi"}
+    without = set() if scene.r else UNCOMPARED
+    assert compared == dict.fromkeys(set(claims) - without, "passed")
+
+
 @pytest.mark.parametrize("name", ["arm", "free-arm", "ur5", "free-solo12"])
 @pytest.mark.sampled(2)
 def test_every_quantity_of_a_file_is_that_of_pinocchio_s_own_reading(name: str):

@@ -262,6 +262,14 @@ def _summands(one: Quantity, point: ConformancePoint) -> dict[str, Array]:
     return {}
 
 
+BY_DIFFERENCES = "its derivatives are difference quotients"
+
+
+def by_differences(kind: type[Engine], method: str) -> bool:
+    """Return whether a method returns derivatives that an engine takes by differences."""
+    return QUANTITIES[method].mapping == "derivatives" and kind.derivatives_by_differences
+
+
 SOLVED = "acceleration", "inverse"
 """Mappings of results of a solve, which is another one where joints of an engine follow others."""
 
@@ -294,8 +302,8 @@ def _incomparable(engine: Engine | type[Engine], one: Quantity, at: Evaluation, 
         return ""
     if frame and not knows_frame(engine, frame):
         return f"its model has no frame of link {frame}"
-    if one.mapping == "derivatives" and engine.derivatives_by_differences:
-        return "its derivatives are difference quotients"
+    if by_differences(type(engine), one.name):
+        return BY_DIFFERENCES
     if one.mapping == "derivatives" and not (
         engine.offers("velocity_map_derivatives") or not engine.offers("velocity_map")
     ):

@@ -123,14 +123,27 @@ class CasadiEngine(Engine):
         t: float = 0.0,
     ) -> EngineAcceleration:
         """Return v̇ and λ from the KKT system of CasADi's own M, B, Q, a and gamma."""
-        M, F = self.mass_matrix(q, t), self.forces(q, v, t) - self.bias(q, v, t)
+        F = self.forces(q, v, t) - self.bias(q, v, t)
         if self.scene.r == 0:
-            return EngineAcceleration(_solved(M, F), None)
-        jacobian, drift = self.constraint_jacobian(q, v, t), self.constraint_drift(q, v, t)
-        r = drift.size
-        kkt = np.block([[M, jacobian.T], [jacobian, np.zeros((r, r))]])
-        x = _solved(kkt, np.concatenate((F, -drift)))
-        return EngineAcceleration(x[: q.size], -x[q.size :])
+            return EngineAcceleration(_solved(self.mass_matrix(q, t), F), None)
+        return EngineAcceleration(*self._constrained(q, v, F, -self.constraint_drift(q, v, t), t))
+
+    def _constrained(
+        self, q: Array, v: Array, force: Array, drift: Array, t: float
+    ) -> tuple[Array, Array]:
+        """Return x and y of M x = force + aᵀ y, a x = drift, by CasADi's own M and a.
+
+        Args:
+            q: coordinates (n,).
+            v: velocities (n,).
+            force: right sides (n,) or (n, k).
+            drift: right sides (r,) or (r, k).
+            t: time, s.
+        """
+        a, r = self.constraint_jacobian(q, v, t), self.scene.r
+        kkt = np.block([[self.mass_matrix(q, t), a.T], [a, np.zeros((r, r))]])
+        x, y = np.split(_solved(kkt, np.concatenate((force, drift))), [q.size])
+        return x, -y
 
     # ---- Conformance quantities ------------------------------------------------------------------
 
@@ -138,6 +151,11 @@ class CasadiEngine(Engine):
         """Return τ (n,) = d/dt (∂T/∂v) - ∂T/∂q + ∂U/∂q, of U the weight alone."""
         self._check_weight()
         return self._evaluate("inverse_dynamics", q, v, t, vdot)
+
+    def forward_dynamics(self, q: Array, v: Array, tau: Array, t: float = 0.0) -> Array:
+        """Return v̇ (n,) of M v̇ = τ - B - ∂U/∂q, by CasADi's own terms."""
+        net = tau - self.inverse_dynamics(q, v, np.zeros_like(q), t)
+        return _solved(self.mass_matrix(q, t), net)
 
     def gravity(self, q: Array, t: float = 0.0) -> Array:
         """Return ∂U/∂q (n,), of U the weight alone."""
@@ -169,9 +187,57 @@ class CasadiEngine(Engine):
         self._check_weight()
         return float(self._evaluate("potential_energy", q, np.zeros_like(q), t).item())
 
+    def _residual_derivatives(
+        self, q: Array, v: Array, t: float, vdot: Array, multipliers: Array
+    ) -> tuple[Array, Array]:
+        """Return derivatives of M v̇ + B + ∂U/∂q - aᵀλ (n, 2n) and of a v̇ + gamma (r, 2n).
+
+        By q, then by v, at constant v̇ and λ, by forward automatic differentiation.
+        """
+        residual = self._model["residual"]
+        n, state = q.size, (q, v, t, self._parameters, vdot, multipliers)
+        # CasADi calls a function once for each column of its arguments.
+        directions = np.zeros((residual.nnz_in(), 2 * n))
+        directions[: 2 * n] = np.eye(2 * n)
+        sizes = [residual.nnz_in(i) for i in range(residual.n_in())]
+        seeds = np.split(directions, np.cumsum(sizes)[:-1])
+        rates = residual.forward(1)(*state, residual(*state), *seeds)
+        by_state = np.asarray(rates)
+        return by_state[:n], by_state[n:]
+
+    def inverse_dynamics_derivatives(
+        self, q: Array, v: Array, vdot: Array, t: float = 0.0
+    ) -> tuple[Array, Array]:
+        """Return ∂τ/∂q and ∂τ/∂v by automatic differentiation of `inverse_dynamics`."""
+        self._check_weight()
+        torques, _ = self._residual_derivatives(q, v, t, vdot, np.zeros(self.scene.r))
+        return torques[:, : q.size], torques[:, q.size :]
+
+    def forward_dynamics_derivatives(
+        self, q: Array, v: Array, tau: Array, t: float = 0.0
+    ) -> tuple[Array, Array, Array]:
+        """Return ∂v̇/∂q, ∂v̇/∂v and ∂v̇/∂τ, solutions of M ∂v̇ = ∂τ at constant v̇, and M⁻¹."""
+        vdot = self.forward_dynamics(q, v, tau, t)
+        torques = np.hstack(self.inverse_dynamics_derivatives(q, v, vdot, t))
+        right = np.hstack((-torques, np.eye(q.size)))
+        by_q, by_v, by_tau = np.hsplit(_solved(self.mass_matrix(q, t), right), 3)
+        return by_q, by_v, by_tau
+
+    def constraint_force_derivatives(
+        self, q: Array, v: Array, tau: Array, t: float = 0.0
+    ) -> tuple[Array, Array]:
+        """Return ∂λ/∂q and ∂λ/∂v of the KKT system, its residual differentiated automatically."""
+        net = tau - self.inverse_dynamics(q, v, np.zeros_like(q), t)
+        vdot, multipliers = self._constrained(q, v, net, -self.constraint_drift(q, v, t), t)
+        force, drift = self._residual_derivatives(q, v, t, vdot, multipliers)
+        _, rates = self._constrained(q, v, -force, -drift, t)
+        return rates[:, : q.size], rates[:, q.size :]
+
 
 def _solved(A: Array, b: Array) -> Array:
     """Return the solution of A x = b by LAPACK, with equilibration and iterative refinement.
+
+    b is a vector, or a matrix of right sides.
 
     Without these, multipliers of constraints that are nearly dependent would leave the others with
     rounding errors of their own size. Not by `eomcheck.numbers.linear`, which formulations use: the
@@ -183,7 +249,7 @@ def _solved(A: Array, b: Array) -> Array:
     *_, x, rcond, _, _, info = _gesvx(A, b)
     if info > 0:
         raise np.linalg.LinAlgError(f"singular to working precision: rcond is {rcond:.2g}")
-    return x[:, 0]
+    return x[:, 0] if b.ndim == 1 else x
 
 
 _MODELS: dict[tuple, dict[str, Any]] = {}
@@ -207,7 +273,10 @@ VECTORS = (
 
 
 def _symbolic_model(scene: Scene) -> dict[str, Any]:
-    """Return name -> CasADi function of (q, v, t, parameters), and of v̇ for inverse dynamics."""
+    """Return name -> CasADi function of (q, v, t, parameters).
+
+    Inverse dynamics is also one of v̇; the residual of equations and constraints, of v̇ and λ.
+    """
     ca = required("casadi")
     like: Any = scene.float64_parameters
     q, v, t = ca.SX.sym("q", scene.n), ca.SX.sym("v", scene.n), ca.SX.sym("t")
@@ -237,12 +306,15 @@ def _symbolic_model(scene: Scene) -> dict[str, Any]:
     bias = ca.jtimes(momentum, q, v) + ca.jacobian(momentum, t) - ca.gradient(T, q)
     vdot, weight = ca.SX.sym("vdot", scene.n), _weight(ca, U, parameters)
     gravity = ca.gradient(weight, q)
+    torques = ca.jtimes(momentum, v, vdot) + bias + gravity
+    a, drift = ca.jacobian(c, v), ca.jtimes(c, q, v) + ca.jacobian(c, t)
+    multipliers = ca.SX.sym("multipliers", scene.r)
     outputs = {
         "mass_matrix": ca.jacobian(momentum, v),
         "bias": bias,
         "forces": -ca.gradient(U, q) - ca.gradient(R, v),
-        "constraint_jacobian": ca.jacobian(c, v),
-        "constraint_drift": ca.jtimes(c, q, v) + ca.jacobian(c, t),
+        "constraint_jacobian": a,
+        "constraint_drift": drift,
         "V_v": ca.jacobian(V_all, v),
         "V_q": ca.jacobian(V_all, q),
         "V_t": ca.jacobian(V_all, t),
@@ -251,7 +323,8 @@ def _symbolic_model(scene: Scene) -> dict[str, Any]:
         "fixed_v": ca.jacobian(fixed, v),
         "fixed_q": ca.jacobian(fixed, q),
         "fixed_t": ca.jacobian(fixed, t),
-        "inverse_dynamics": ca.jtimes(momentum, v, vdot) + bias + gravity,
+        "inverse_dynamics": torques,
+        "residual": ca.vertcat(torques - a.T @ multipliers, a @ vdot + drift),
         "gravity": gravity,
         "coriolis_matrix": ca.jacobian(bias, v) / 2,
         "kinetic_energy": T,
@@ -259,6 +332,7 @@ def _symbolic_model(scene: Scene) -> dict[str, Any]:
     }
     inputs = {name: [q, v, t, flat] for name in outputs}
     inputs["inverse_dynamics"] = [q, v, t, flat, vdot]
+    inputs["residual"] = [q, v, t, flat, vdot, multipliers]
     return {name: ca.Function(name, inputs[name], [ca.densify(x)]) for name, x in outputs.items()}
 
 

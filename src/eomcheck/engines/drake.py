@@ -2,13 +2,14 @@
 
 In a model read from a URDF, the base is welded to the world or free. Spatial vectors of Drake have
 the rotational part first; its spatial accelerations are classical. It has no regressor of bodies,
-no momentum matrix and no inverse of M by itself.
+no momentum matrix and no inverse of M by itself. Its derivatives are of the plant in `AutoDiffXd`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -226,6 +227,60 @@ class DrakeEngine(TreeSolverEngine):
         """Return J̇ v (6,) by `CalcBiasSpatialAcceleration`."""
         self._move_to(q, v)
         return _linear_first(self.plant.CalcBiasSpatialAcceleration(*self._of_origin(f)))
+
+    @cached_property
+    def _differentiated(self) -> tuple[Any, Any]:
+        """The plant in `AutoDiffXd`, under gravity, and its context."""
+        plant = self.plant.ToAutoDiffXd()
+        plant.mutable_gravity_field().set_gravity_vector(self._gravity)
+        return plant, plant.CreateDefaultContext()
+
+    def _variables(self, q: Array, v: Array, third: Array) -> tuple[Any, Any, Any]:
+        """Set a state of variables q, v and `third`, under gravity and without dampers.
+
+        A derivative by q is the rate along a velocity, also of quaternions.
+
+        Returns:
+            The differentiated plant, its context, and `third` in Drake's order.
+        """
+        plant, context = self._differentiated
+        with self._weight_alone(q, v):
+            context.SetTimeStateAndParametersFrom(self.context)
+            state = self.plant.GetPositionsAndVelocities(self.context)
+            units = np.eye(self._n)[self._place]
+            moves = [self.plant.MapVelocityToQDot(self.context, unit) for unit in units]
+        none = np.zeros((self._n, self._n))
+        by_q = np.hstack((np.column_stack(moves), np.zeros((len(moves[0]), 2 * self._n))))
+        by_v, by_third = np.hstack((none, units.T, none)), np.hstack((none, none, units.T))
+        variables = required("pydrake.autodiffutils").InitializeAutoDiff
+        plant.SetPositionsAndVelocities(context, variables(state, np.vstack((by_q, by_v))))
+        return plant, context, variables(self._in_own_order(third), by_third)
+
+    def _gradients(self, values: Any) -> list[Array]:
+        """Return the derivatives (n, n) by q, v and a third variable."""
+        gradient = required("pydrake.autodiffutils").ExtractGradient(values)
+        return np.hsplit(gradient[self._place], 3)
+
+    def inverse_dynamics_derivatives(
+        self, q: Array, v: Array, vdot: Array, t: float = 0.0
+    ) -> tuple[Array, Array]:
+        """Return ∂τ/∂q and ∂τ/∂v of `CalcInverseDynamics`, by automatic differentiation."""
+        plant, context, rates = self._variables(q, v, vdot)
+        number = required("pydrake.autodiffutils").AutoDiffXd
+        forces = required("pydrake.multibody.tree").MultibodyForces_[number](plant)
+        plant.CalcForceElementsContribution(context, forces)
+        by_q, by_v, _ = self._gradients(plant.CalcInverseDynamics(context, rates, forces))
+        return by_q, by_v
+
+    def forward_dynamics_derivatives(
+        self, q: Array, v: Array, tau: Array, t: float = 0.0
+    ) -> tuple[Array, Array, Array]:
+        """Return those of the articulated body algorithm, by automatic differentiation."""
+        plant, context, applied = self._variables(q, v, tau)
+        plant.get_applied_generalized_force_input_port().FixValue(context, applied)
+        port = plant.get_generalized_acceleration_output_port()
+        by_q, by_v, by_tau = self._gradients(port.Eval(context))
+        return by_q, by_v, by_tau
 
 
 def _linear_first(spatial: Any) -> Array:

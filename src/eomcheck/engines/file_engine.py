@@ -17,7 +17,7 @@ import os
 import sys
 import tempfile
 from abc import abstractmethod
-from collections.abc import Iterable, Iterator, Set
+from collections.abc import Callable, Iterable, Iterator, Set
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
@@ -124,6 +124,26 @@ def free_base(q: Array, v: Array, at: Array | None = None, turn: Array | None = 
         np.hstack([np.zeros((3, 3)), turns]),
         alpha,
     )
+
+
+def base_derivatives(
+    frame: Callable[[Array, Array], FreeBase], convention: BaseVelocity, q: Array, v: Array
+) -> tuple[Array, Array]:
+    """Return ∂(S v)/∂q and ∂(Ṡ v)/∂q (6, 6) of the velocity of a free base, by dual numbers.
+
+    Args:
+        frame: function of q and v that returns the base.
+        convention: that of the library for its velocity.
+        q: coordinates of the base (6,).
+        v: their rates (6,).
+    """
+    along, more = np.zeros((2, FREE, FREE))
+    # Both are sums of terms with a velocity of the base.
+    for k, unit in enumerate(np.eye(FREE) if v.any() else ()):
+        base = frame(duals(q, unit), v.astype(object))
+        S, rest = base.velocity(convention, v.astype(object))
+        along[:, k], more[:, k] = (rate(x).astype(float) for x in (S @ v, rest))
+    return along, more
 
 
 def _about(angle: Any, axis: Array) -> Array:
@@ -377,14 +397,9 @@ class FileEngine(TreeEngine):
     def velocity_map_derivatives(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Return ∂(S v)/∂q and ∂(Ṡ v)/∂q (m, n), by dual numbers; those of joints are 0."""
         along, more = super().velocity_map_derivatives(q, v)
-        # Both are sums of terms with a velocity of the base.
-        for k in range(self.base if v[:FREE].any() else 0):
-            rates = np.zeros(len(q))
-            rates[k] = 1.0
-            base = self.base_frame(duals(q, rates), v.astype(object))
-            S, rest = base.velocity(self.base_velocity, v[:FREE].astype(object))
-            along[:FREE, k] = rate(S @ v[:FREE]).astype(float)
-            more[:FREE, k] = rate(rest).astype(float)
+        if self.base:
+            parts = base_derivatives(self.base_frame, self.base_velocity, q[:FREE], v[:FREE])
+            along[:FREE, :FREE], more[:FREE, :FREE] = parts
         return along, more
 
     def base_frame(self, q: Array, v: Array) -> FreeBase:

@@ -24,7 +24,14 @@ import numpy as np
 from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.descriptions.mjcf_reader import BALL_JOINT, FREE_JOINT, GROUND, read_mjcf
 from eomcheck.engines.engine import EngineAcceleration, VelocityMap
-from eomcheck.engines.file_engine import FREE, BaseVelocity, FileEngine, RobotDescription, free_base
+from eomcheck.engines.file_engine import (
+    FREE,
+    BaseVelocity,
+    FileEngine,
+    RobotDescription,
+    base_derivatives,
+    free_base,
+)
 from eomcheck.engines.tree_engine import (
     BodyWithJoints,
     TreeLink,
@@ -37,6 +44,10 @@ from eomcheck.numbers.generic import Array
 
 STIFFEST = 0.9999
 """Largest impedance that MuJoCo accepts: 1e-4 of the unconstrained response remains."""
+
+
+STEP = 2.0**-20
+"""Step of `mjd_inverseFD`, whose differences are one-sided."""
 
 
 class _FrameState(NamedTuple):
@@ -329,6 +340,21 @@ class MujocoEngine(TreeSolverEngine):
         """Return J̇ v (6,) with J̇ by `mj_jacDot`."""
         return self._columns(self._mj.mj_jacDot, self._frame(f, q, v)) @ v
 
+    derivatives_by_differences = True
+
+    def inverse_dynamics_derivatives(
+        self, q: Array, v: Array, vdot: Array, t: float = 0.0
+    ) -> tuple[Array, Array]:
+        """Return ∂τ/∂q and ∂τ/∂v by `mjd_inverseFD`, which returns them transposed."""
+        by_q, by_v = np.zeros((2, self._n, self._n))
+        with self._weight_alone():
+            self._move_to(q, v)
+            self.data.qacc[self._place] = vdot
+            state = self.model, self.data, STEP, False
+            self._mj.mjd_inverseFD(*state, by_q, by_v, *[None] * 5)
+        own = np.ix_(self._place, self._place)
+        return by_q.T[own], by_v.T[own]
+
 
 # ---- Model read from a URDF ----------------------------------------------------------------------
 
@@ -433,18 +459,42 @@ class MjcfFile(MujocoFile):
         """
         x: list[float] = []
         q, v = self.coordinates @ q, self.coordinates @ v  # in the order of the file
-        S, rest, i = np.eye(self._n), np.zeros(self._n), 0
-        for kind in self.model.jnt_type:
-            if kind not in (FREE_JOINT, BALL_JOINT):
-                x, i = [*x, float(q[i])], i + 1
+        S, rest = np.eye(self._n), np.zeros(self._n)
+        for own, part in self._blocks():
+            if part is None:
+                x.append(float(q[own].item()))
                 continue
-            count = FREE if kind == FREE_JOINT else TURNS
-            state = np.zeros((2, FREE))
-            state[:, FREE - count :] = q[i : i + count], v[i : i + count]
+            state = _base_state(q[own], v[own])
             base = free_base(*state)
-            whole, more = base.velocity(BaseVelocity("ground", "base"), state[1])
-            own, part = slice(i, i + count), slice(FREE - count, FREE)
+            whole, more = base.velocity(self.base_velocity, state[1])
             S[own, own], rest[own] = whole[part, part], more[part]
-            x += [*(base.position if count == FREE else ()), *base.quaternion]
-            i += count
+            x += [*(base.position if part.start == 0 else ()), *base.quaternion]
         return VelocityMap(np.array(x), S @ self.coordinates, rest)
+
+    def velocity_map_derivatives(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return ∂(S v)/∂q and ∂(Ṡ v)/∂q (m, n), by dual numbers."""
+        q, v = self.coordinates @ q, self.coordinates @ v
+        along, more = np.zeros((2, self._n, self._n))
+        for own, part in self._blocks():
+            if part is not None:
+                parts = base_derivatives(
+                    free_base, self.base_velocity, *_base_state(q[own], v[own])
+                )
+                along[own, own], more[own, own] = (x[part, part] for x in parts)
+        return along @ self.coordinates, more @ self.coordinates
+
+    def _blocks(self) -> Iterator[tuple[slice, slice | None]]:
+        """Yield the coordinates of each joint, and which of a free base they are; None if none."""
+        first = 0
+        for kind in self.model.jnt_type:
+            count = {FREE_JOINT: FREE, BALL_JOINT: TURNS}.get(kind, 1)
+            part = slice(FREE - count, FREE) if count > 1 else None
+            yield slice(first, first + count), part
+            first += count
+
+
+def _base_state(q: Array, v: Array) -> Array:
+    """Return the state (2, 6) of a free base, from that of a free joint or a ball."""
+    state = np.zeros((2, FREE))
+    state[:, FREE - len(q) :] = q, v
+    return state

@@ -15,9 +15,11 @@ from typing import Annotated
 from eomcheck import strategies
 from eomcheck.claims import CLAIMS
 from eomcheck.claims.engine_quantities import (
+    BY_DIFFERENCES,
     CONFORMANCE,
     SOLVED,
     acceleration_asked,
+    by_differences,
     follow,
     frames_asked,
 )
@@ -143,11 +145,15 @@ def _check(settings: Settings) -> Record:
                 digits[method] = min(count, digits.get(method, MOST_DIGITS))
     rows = []
     for claim, findings in found.items():
+        method = CLAIMS[claim].asks
         if findings:
-            method, one = CLAIMS[claim].asks, worst(findings)
+            one = worst(findings)
             about = settings["engine"], version, name, method, len(findings)
             detail = one.detail if one.verdict == "failed" else ""
             rows.append(ConformanceRow(*about, one.verdict, digits.get(method), detail))
+        elif method in digits and by_differences(kind, method):
+            about = settings["engine"], version, name, method, DIGIT_STATES
+            rows.append(ConformanceRow(*about, "skipped", digits[method], BY_DIFFERENCES))
     if not rows:
         return Record(STUDY.key, settings, "refused", f"{name}: {kind.key} offers nothing")
     return record_of_rows(STUDY.key, settings, rows)
@@ -221,6 +227,8 @@ def _cell(rows: Sequence[ConformanceRow]) -> Cell:
     wrong = [one for one in rows if one.verdict == "failed"]
     if wrong:
         return Cell(f"differs on {len(wrong)} of {len(rows)}", "failed")
+    if all(one.verdict == "skipped" for one in rows):
+        return Cell(f"{digits} by differences", "open")
     if all(one.verdict == "inconclusive" for one in rows):
         return Cell("inconclusive", "open")
     return Cell(digits or "agrees", "passed")
@@ -228,6 +236,7 @@ def _cell(rows: Sequence[ConformanceRow]) -> Cell:
 
 def _count(rows: Sequence[ConformanceRow]) -> Cell:
     """Return the cell of one robot and one engine."""
+    rows = [one for one in rows if one.verdict != "skipped"]
     if not rows:
         return Cell("-", "none")
     wrong = sum(one.verdict == "failed" for one in rows)
