@@ -194,16 +194,16 @@ class CasadiEngine(Engine):
 
         By q, then by v, at constant v̇ and λ, by forward automatic differentiation.
         """
-        residual = self._model["residual"]
-        n, state = q.size, (q, v, t, self._parameters, vdot, multipliers)
-        # CasADi calls a function once for each column of its arguments.
-        directions = np.zeros((residual.nnz_in(), 2 * n))
-        directions[: 2 * n] = np.eye(2 * n)
+        residual, n = self._model["residual"], q.size
         sizes = [residual.nnz_in(i) for i in range(residual.n_in())]
-        seeds = np.split(directions, np.cumsum(sizes)[:-1])
-        rates = residual.forward(1)(*state, residual(*state), *seeds)
-        by_state = np.asarray(rates)
-        return by_state[:n], by_state[n:]
+        if "rates" not in self._model:  # CasADi itself keeps no function that nobody has
+            constant = list(range(len(sizes) + 1))
+            rates_along = residual.forward(1)
+            self._model["rates"] = rates_along.map("rates", "serial", 2 * n, constant, [])
+        state = q, v, t, self._parameters, vdot, multipliers
+        seeds = np.split(np.eye(sum(sizes), 2 * n), np.cumsum(sizes)[:-1])
+        rates = np.asarray(self._model["rates"](*state, residual(*state), *seeds))
+        return rates[:n], rates[n:]
 
     def inverse_dynamics_derivatives(
         self, q: Array, v: Array, vdot: Array, t: float = 0.0
