@@ -40,13 +40,15 @@ from eomcheck.evaluation.derivatives import (
     tangent_direction,
 )
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.evaluation.perturbed import acceleration_sensitivity
+from eomcheck.evaluation.perturbed import acceleration_sensitivity, perturbed_samples
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.ball import ball, precision
+from eomcheck.numbers.batch_arrays import as_float64
 from eomcheck.numbers.finite_field import FiniteField, random_prime
+from eomcheck.numbers.linear import solve
 from eomcheck.scenes import SCENES, ChainPendulum, Snake, from_urdf
 from eomcheck.strategies import draw_samples
 
@@ -207,6 +209,49 @@ def test_additional_forces_act_as_their_derivative_says(key):
     public = acceleration(scene, key, q, v, tau=tau)
     assert (public.vdot == acting.acceleration(formulation).vdot).all()
     assert np.isfinite(public.error_bound)
+
+
+# ---- Several values at once ----------------------------------------------------------------------
+
+
+def solved(M: Any, force: Any, factor: Any) -> Any:
+    """Return M⁻¹ (factor² force), after some operations."""
+    return solve(M, factor * factor * force, "M")
+
+
+def untraceable(M: Any, force: Any, factor: Any) -> Any:
+    """Return the same by more than rational operations."""
+    return solved(M, force, factor * float(np.sign(factor)))
+
+
+def one_after_the_other(at: Evaluation, function: Callable, shared: tuple, factors: Any) -> Any:
+    results, key = [], ("alone", False)
+    for x in factors:
+        with at.computing("quantity"), at.recording_solves(key) as recorder:
+            results.append(as_float64(at.run(function, *shared, np.array(x))))
+    at.solves[key] = {solve.name: solve for solve in recorder.solves}
+    return np.stack(results)
+
+
+@pytest.mark.parametrize("function", [solved, untraceable])
+def test_values_at_once_are_those_of_one_after_the_other(function):
+    scene, (q, v, _) = snake(3)
+    at = Evaluation(scene, q, v)
+    M, factors = at.terms.M, np.array([1.0, 2.0, 3.0])
+    shared = M, at.F
+    alone = one_after_the_other(at, function, shared, factors)
+    assert np.allclose(at.run_for_each("x", function, shared, (factors,)), alone, 1e-12, 0.0)
+    samples = perturbed_samples(at)
+    with samples.computing("quantity"):
+        several = samples.run_for_each("x", function, (samples.terms.M, samples.F), (factors,))
+    alone = one_after_the_other(samples, function, (samples.terms.M, samples.F), factors)
+    changes = np.abs(alone.data - alone.data.mean(axis=0)).max(axis=0)
+    assert (changes > 0.0).all()
+    share = 1e-3 if function is solved else 100.0  # the noise of one value after the other goes on
+    assert (np.abs(several.data - alone.data).max(axis=0) <= share * changes).all()
+    singular = 0.0 * M, at.F
+    with pytest.raises(RefusedError, match="singular"):
+        at.run_for_each("x", function, singular, (factors,))
 
 
 # ---- Differences ---------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, TypeVar
 
 import flint
@@ -21,7 +22,7 @@ from eomcheck.evaluation.derivatives import (
     ARRAYS,
     Direction,
     arrays_by_name,
-    solution_along,
+    solutions_along,
     unit_directions,
 )
 from eomcheck.evaluation.dynamics import representable
@@ -32,7 +33,7 @@ from eomcheck.evaluation.tolerance import NOTICEABLE, allowed_error, largest
 from eomcheck.formulations import Formulation, Partition, formulation_for
 from eomcheck.mechanics.scene import Scene, checked_scene, finite_array
 from eomcheck.numbers.ball import Balls, ball, midpoints, midpoints_or_zero, precision
-from eomcheck.numbers.generic import EPS, Array, map_entries
+from eomcheck.numbers.generic import EPS, Array, map_entries, map_record
 
 # ---- Enclosures ----------------------------------------------------------------------------------
 
@@ -314,14 +315,9 @@ def enclose_derivatives(
     def with_bits(bits: int) -> EnclosedDerivatives:
         with precision(bits):
             at = _ball_quantities(scene, q, start, t, bits)
-            columns = [
-                solution_along(at, formulation, Direction(*map(Balls().numbers, x)), partition)
-                for x in unit_directions(scene.n)
-            ]
-            rows: list[Any] = [
-                None if parts[0] is None else map_entries(ball, np.stack(parts))
-                for parts in zip(*columns, strict=True)
-            ]
+            directions = Direction(*map(Balls().numbers, unit_directions(scene.n)))
+            both = solutions_along(at, formulation, directions, partition)
+            rows = map_record(partial(map_entries, ball), both)
             arrays = arrays_by_name(rows, scene.n)
             fields: dict[str, Any] = dict.fromkeys(ARRAYS)
             fields |= {name: x.T for name, x in arrays.items()}

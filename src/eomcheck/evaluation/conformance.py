@@ -9,7 +9,7 @@ scalar type.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -34,12 +34,12 @@ from eomcheck.descriptions.tree_quantities import (
     Weight,
 )
 from eomcheck.errors import InputError, registered
+from eomcheck.evaluation.derivatives import Direction, for_each_direction, unit_directions
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.formulations import au
 from eomcheck.mechanics.scene import Scene, checked_scene, finite_array
 from eomcheck.numbers.ball import Balls, midpoints_or_zero, precision
-from eomcheck.numbers.batch_arrays import as_float64
 from eomcheck.numbers.dual import duals, rate
 from eomcheck.numbers.generic import FLOAT64, Arithmetic, Array, as_objects, generic, map_record
 from eomcheck.numbers.linear import solve
@@ -178,23 +178,24 @@ class ConformancePoint:
 
     # ---- Derivatives -----------------------------------------------------------------------------
 
-    def _torques_along(self, along: tuple[Any, ...]) -> Array:
-        """Return the derivative of M v̇ + B + ∂U/∂q (n,) along a direction, see `_along`."""
+    def _torques_along(self, key: str, along: tuple[Any, ...]) -> Array:
+        """Return the derivatives of M v̇ + B + ∂U/∂q (k, n) along k directions, see `_along`."""
         at, model = self.at, self.model
-        inertia = at.run(_inertia_rates, at.scene.terms, self.vdot, *along)
-        _, prepared, rates, _, _, dq, _ = along
+        shared = at.scene.terms, self.vdot, at.parameters, at.q, at.v
+        inertia = at.run_for_each(key, _inertia_rates, shared, along)
+        prepared, rates, dq, _ = along
         if model.tree is not None:
-            prepared = self._prepared
-            rates = position_rates(model, prepared, self._mapped(dq))
-        v = self._mapped(at.v)
-        changing = self._numbers, prepared, rates, v, v
-        weight = at.run(_rates_of, model.function("weight"), *changing)
-        return inertia + self._in_scene(weight).gradient
+            one = self._prepared
+            each = [(one, position_rates(model, one, self._mapped(x))) for x in dq]
+            prepared, rates = map_record(lambda *parts: np.stack(parts), *each)
+        shared = model.function("weight"), self._numbers, self._mapped(at.v)
+        gradient = at.run_for_each(key, _weight_rates, shared, (prepared, rates))
+        return inertia + (gradient if model.tree is None else gradient @ self._coordinates[0])
 
     @cached_property
     def torque_derivatives(self) -> Array:
         """The derivatives of inverse dynamics by q, then by v (n, 2n), v̇ constant."""
-        return self._columns([self._torques_along(along) for along in self._directions])
+        return self._columns(self._torques_along)
 
     @cached_property
     def acceleration_derivatives(self) -> Array:
@@ -224,37 +225,30 @@ class ConformancePoint:
         with self._solving():
             vdot, multipliers = at.call(au.solution, M, self._net_force, a, gamma, None, None)
         point = ConformancePoint(at, vdot, self._source)
-        columns = []
-        for along in self._directions:
-            violation, pull = at.run(_constraint_rates, at.scene.terms, vdot, multipliers, *along)
-            force = pull - point._torques_along(along)
+
+        def multiplier_rates(key: str, along: tuple[Any, ...]) -> Array:
+            shared = at.scene.terms, vdot, multipliers, at.parameters, at.q, at.v
+            violation, pull = at.run_for_each(key, _constraint_rates, shared, along)
+            force = pull - point._torques_along(key, along)
             with self._solving():
-                _, column = at.call(au.solution, M, force, a, violation, None, None)
-            columns.append(column)
-        return self._columns(columns)
+                return at.run_for_each(key, _multipliers, (M, a), (force, violation))
 
-    @property
-    def _in_float64(self) -> bool:
-        return isinstance(self.at, Evaluation)
+        return self._columns(multiplier_rates)
 
-    @property
-    def _directions(self) -> Iterator[tuple[Any, ...]]:
-        """Directions of derivatives by q, then by v, see `_along`."""
-        n = self.at.scene.n
-        units = np.eye(n) if self._in_float64 else np.eye(n, dtype=int).astype(object)
-        for unit in units:
-            yield self._along(unit, 0 * unit)
-        for unit in units:
-            yield self._along(0 * unit, unit)
+    def _columns(self, function: Callable[[str, tuple[Any, ...]], Array]) -> Array:
+        """Return the matrix of columns along the entries of q, then of v.
 
-    def _along(self, dq: Array, dv: Array) -> tuple[Any, ...]:
-        """Return parameters, prepared values and their rates, q, v and their rates dq and dv."""
-        changing = self._source.prepared_and_rates(dq, clock=False)
-        return self.at.parameters, *changing, self.at.q, self.at.v, dq, dv
+        `function` returns them (k, ...) from a key and precomputed values, their rates, and k rates
+        of q and of v.
+        """
+        directions = unit_directions(self.at.scene.n, ("q", "v"))
+        if not isinstance(self.at, Evaluation):
+            directions = Direction(*(x.astype(int).astype(object) for x in directions))
 
-    def _columns(self, columns: list[Any]) -> Array:
-        """Return the matrix of these columns."""
-        return np.stack([as_float64(x) if self._in_float64 else x for x in columns], axis=1)
+        def columns(key: str, part: Direction) -> Array:
+            return function(key, (*self._source.rates_along(part.q), part.q, part.v))
+
+        return for_each_direction(self.at, directions, columns).T
 
     # ---- Own values ------------------------------------------------------------------------------
 
@@ -362,10 +356,10 @@ ARGUMENTS: dict[str, Callable[[ConformancePoint, Array], tuple[Any, ...]]] = {
 
 
 def _inertia_rates(
-    terms: Callable, vdot: Array, parameters: Any, prepared: Any, rates: Any, *state: Array
+    terms: Callable, vdot: Array, parameters: Any, q: Array, v: Array, *along: Any
 ) -> Any:
-    """Return the rates of M v̇ + B at constant v̇, from q, v and their rates."""
-    q, v, dq, dv = state
+    """Return the rates of M v̇ + B at constant v̇, along precomputed values, q and v."""
+    prepared, rates, dq, dv = along
     changing = map_record(duals, prepared, rates), duals(q, dq), duals(v, dv)
     M, _, B, *_ = terms(as_objects(parameters), *changing)
     force = M @ vdot
@@ -377,15 +371,27 @@ def _constraint_rates(
     vdot: Array,
     multipliers: Array,
     parameters: Any,
-    prepared: Any,
-    rates: Any,
-    *state: Array,
+    q: Array,
+    v: Array,
+    *along: Any,
 ) -> Any:
-    """Return the rates of a v̇ + gamma and of aᵀλ at constant v̇ and λ, from q, v and their rates."""
-    q, v, dq, dv = state
+    """Return the rates of a v̇ + gamma and of aᵀλ at constant v̇ and λ; see `_inertia_rates`."""
+    prepared, rates, dq, dv = along
     changing = map_record(duals, prepared, rates), duals(q, dq), duals(v, dv)
     _, _, _, a, gamma, _ = terms(as_objects(parameters), *changing)
     return rate(a @ vdot + gamma), rate(a.T @ multipliers)
+
+
+def _weight_rates(function: Callable, numbers: Any, v: Array, prepared: Any, rates: Any) -> Any:
+    """Return the rates of ∂U/∂q of weight, along precomputed values."""
+    arguments = as_objects(numbers), map_record(duals, prepared, rates), as_objects(v)
+    return rate(function(*arguments).gradient)
+
+
+@generic
+def _multipliers(M, a, force, violation):
+    """Return λ (r,) of M v̇ = force + aᵀλ, a v̇ = -violation."""
+    return au.solution(M, force, a, violation, None, None)[1]
 
 
 @generic

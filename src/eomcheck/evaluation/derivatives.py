@@ -1,8 +1,8 @@
 """Derivatives of accelerations and multipliers by q, v and τ, exact by dual numbers.
 
-The functions of a scene and a formulation are run on dual numbers (`eomcheck.numbers.dual`), one
-direction after the other: forward automatic differentiation, in any scalar type. No difference
-quotient is formed. A solve A x = b is differentiated as A x′ = b′ - A′ x.
+The functions of a scene and a formulation are run on dual numbers (`eomcheck.numbers.dual`):
+forward automatic differentiation, in any scalar type, in float64 in several directions at once. No
+difference quotient is formed. A solve A x = b is differentiated as A x′ = b′ - A′ x.
 
 Derivatives of constrained scenes are those of v̇ and λ as the KKT system
 
@@ -19,7 +19,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -38,11 +37,10 @@ from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.evaluation.tolerance import UNDERFLOW, allowed_error
 from eomcheck.formulations import Formulation, Partition, au, formulation_for
 from eomcheck.mechanics.scene import FUNCTIONS, Scene, checked_scene, finite_array
-from eomcheck.numbers.batch_arrays import as_float64
 from eomcheck.numbers.dual import duals, rate
 from eomcheck.numbers.generic import FLOAT64, Array, as_objects, map_record
 
-# ---- One direction -------------------------------------------------------------------------------
+# ---- Directions -------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -74,7 +72,7 @@ def scene_functions(scene: Scene) -> SceneFunctions:
 
 
 class Direction(NamedTuple):
-    """Rates of q, v and tau (n,) each, along which a quantity is differentiated."""
+    """Rates of q, v and tau, along which a quantity is differentiated: (n,), or k (k, n)."""
 
     q: Any
     v: Any
@@ -82,18 +80,20 @@ class Direction(NamedTuple):
 
 
 def quantities_along(
-    scene: Any, parameters: Any, prepared: Any, prepared_rates: Any, *state: Array
+    scene: Any, parameters: Any, q: Array, v: Array, tau: Array, *along: Any
 ) -> Quantities:
     """Return the quantities of a scene in dual numbers.
 
     Args:
         scene: the scene, or its functions.
         parameters: its parameters, which are constant.
-        prepared: its precomputed values.
-        prepared_rates: their rates.
-        state: q, v, tau and the rates of these, (n,) each.
+        q: coordinates (n,).
+        v: velocities (n,).
+        tau: forces (n,).
+        along: precomputed values and their rates, and the rates of q, v and tau, (n,) each.
     """
-    q, v, tau = map(duals, state[:3], state[3:])
+    prepared, prepared_rates, *rates = along
+    q, v, tau = map(duals, (q, v, tau), rates)
     at = Quantities(scene, FLOAT64, q)  # which computes nothing: all numbers are there
     at.parameters, at.prepared = as_objects(parameters), map_record(duals, prepared, prepared_rates)
     at.v, at.tau = v, tau
@@ -111,12 +111,40 @@ def _inverse_rates(vdot: Array, *inputs: Any) -> Any:
     return rate(at.terms.M @ vdot - at.F)
 
 
-def _inputs_along(at: Quantities, direction: Direction) -> tuple:
-    """Return the arguments of `quantities_along` at `at`."""
-    prepared, rates = at.prepared_and_rates(direction.q, clock=False)
+def _differentiated(
+    at: Quantities, key: str, function: Callable, constants: tuple, directions: Direction
+) -> Any:
+    """Return the results of a function of `constants` and the arguments of `quantities_along`.
+
+    They are stacked, one for each of k directions; `key` names the matrices that are solved.
+    """
     tau = np.zeros(at.scene.n, at.q.dtype) if at.tau is None else at.tau
-    state = at.q, at.v, tau, *direction
-    return scene_functions(at.scene), at.parameters, prepared, rates, *state
+    shared = *constants, scene_functions(at.scene), at.parameters, at.q, at.v, tau
+    varied = *at.rates_along(directions.q), *directions
+    return at.run_for_each(key, function, shared, varied)
+
+
+def solutions_along(
+    at: Quantities,
+    formulation: Formulation,
+    directions: Direction,
+    partition: Partition | None = None,
+    key: str = "solutions",
+) -> tuple[Any, Any]:
+    """Return the derivatives of v̇ (k, n) and of λ (k, r), or None, along k directions.
+
+    Args:
+        at: the state, in any scalar type; its `tau` counts.
+        formulation: the formulation.
+        directions: rates (k, n) in the numbers of `at`.
+        partition: the partition, by default the paper's.
+        key: name under which the matrices are recorded.
+
+    Raises:
+        RefusedError: as `Quantities.rates`.
+    """
+    constants = formulation, at.partition if partition is None else partition
+    return _differentiated(at, key, _solution_rates, constants, directions)
 
 
 def solution_along(
@@ -125,36 +153,45 @@ def solution_along(
     direction: Direction,
     partition: Partition | None = None,
 ) -> tuple[Any, Any]:
-    """Return the derivatives of v̇ (n,) and of λ (r,), or None, along a direction.
+    """Return the derivatives of v̇ (n,) and of λ (r,), or None, along a direction (n,) each.
 
-    Args:
-        at: the state, in any scalar type; its `tau` counts.
-        formulation: the formulation.
-        direction: rates in the numbers of `at`.
-        partition: the partition, by default the paper's.
-
-    Raises:
-        RefusedError: as `Quantities.rates`.
+    See `solutions_along`.
     """
-    partition = at.partition if partition is None else partition
-    inputs = _inputs_along(at, direction)
-    vdot, multipliers = at.run(_solution_rates, formulation, partition, *inputs)
-    return vdot, multipliers
+    both = solutions_along(at, formulation, _as_stack(direction), partition)
+    return map_record(lambda x: x[0], both)
 
 
-def inverse_along(at: Quantities, vdot: Array, direction: Direction) -> Any:
-    """Return the derivative of τ = M v̇ - F (n,) along a direction, v̇ (n,) constant."""
-    return at.run(_inverse_rates, vdot, *_inputs_along(at, direction))
+def _as_stack(direction: Direction) -> Direction:
+    return Direction(*(np.reshape(x, (1, -1)) for x in direction))
 
 
-def unit_directions(n: int, parts: Sequence[str] = Direction._fields) -> list[Direction]:
+def unit_directions(n: int, parts: Sequence[str] = Direction._fields) -> Direction:
     """Return the directions of the entries of q, v and tau, or of some of these, in order."""
-    zero = np.zeros(n)
-    return [
-        Direction(*(unit if name == part else zero for name in Direction._fields))
-        for part in parts
-        for unit in np.eye(n)
-    ]
+    order = {part: i for i, part in enumerate(parts)}
+    directions = np.zeros((len(Direction._fields), len(order), n, n))
+    for i, part in enumerate(Direction._fields):
+        if part in order:
+            directions[i, order[part]] = np.eye(n)
+    return Direction(*directions.reshape(len(directions), -1, n))
+
+
+AT_ONCE = 16
+"""Number of directions that are differentiated at once: more take more memory, and no less time."""
+
+
+def for_each_direction(
+    at: Quantities, directions: Direction, function: Callable[[str, Direction], Any]
+) -> Any:
+    """Return the results of a function of a key and `AT_ONCE` directions, for all of them.
+
+    In all directions the same noise perturbs them: to draw it anew would take most of the time.
+    """
+    results = []
+    for first in range(0, len(directions.q), AT_ONCE):
+        part = Direction(*(x[first : first + AT_ONCE] for x in directions))
+        with at.computing("direction"):
+            results.append(function(f"directions from {first}", part))
+    return map_record(lambda *parts: np.concatenate(parts), *results)
 
 
 def _violation_rates(*inputs: Any) -> Any:
@@ -189,7 +226,8 @@ def tangent_direction(
         closed = np.intersect1d(kept, rows[at.scene.holonomic])
         still = np.zeros(len(closed), int).astype(a.dtype)
         dq, _ = au.solution(one, dq, a[closed], still, None, None)
-    violation = at.run(_violation_rates, *_inputs_along(at, direction._replace(q=dq, v=0 * dq)))
+    along_q = _as_stack(direction._replace(q=dq, v=0 * dq))
+    (violation,) = _differentiated(at, "violation", _violation_rates, (), along_q)
     dv, _ = au.solution(one, direction.v, a[kept], violation[kept], None, None)
     return direction._replace(q=dq, v=dv)
 
@@ -319,33 +357,14 @@ def arrays_by_name(rows: Sequence[Any], n: int) -> dict[str, Any]:
 
 def _rows_of(at: Evaluation, formulation: Formulation) -> tuple[Any, Any]:
     """Return the derivatives of v̇ (3n, n) and of λ (3n, r), or None, by q, v and tau in turn."""
-    key = f"derivatives by {formulation.key}", False
     partition = at.partition_for(formulation, pivoted=False)
-    with at.recording_solves(key) as recorder, np.errstate(all="ignore"):
-        results = _for_each_direction(
-            at, Direction._fields, partial(solution_along, at, formulation, partition=partition)
-        )
-    at.solves[key] = {solve.name: solve for solve in recorder.solves}
-    vdot, multipliers = zip(*results, strict=True)
-    return _stacked(vdot), None if multipliers[0] is None else _stacked(multipliers)
 
+    def function(key: str, directions: Direction) -> Any:
+        key = f"{formulation.key}, {key}"
+        return solutions_along(at, formulation, directions, partition, key)
 
-def _for_each_direction(
-    at: Evaluation, parts: Sequence[str], function: Callable[[Direction], Any]
-) -> list[Any]:
-    """Return the results of a function of each direction, all perturbed by the same noise.
-
-    To draw it anew for each direction would take most of the time.
-    """
-    results = []
-    for direction in unit_directions(at.scene.n, parts):
-        with at.computing("direction"):
-            results.append(function(direction))
-    return results
-
-
-def _stacked(rows: Sequence[Any]) -> Any:
-    return np.stack([as_float64(x) for x in rows])
+    with np.errstate(all="ignore"):
+        return for_each_direction(at, unit_directions(at.scene.n), function)
 
 
 def derivative_sensitivities(
@@ -470,7 +489,10 @@ def inverse_sensitivities(
 def _inverse_rows(at: Evaluation, vdot: Any) -> dict[str, Any]:
     """Return the transposes of ∂τ/∂q and ∂τ/∂v."""
     parts, n = ("q", "v"), at.scene.n
+
+    def function(key: str, directions: Direction) -> Any:
+        return _differentiated(at, key, _inverse_rates, (vdot,), directions)
+
     with np.errstate(all="ignore"):
-        results = _for_each_direction(at, parts, partial(inverse_along, at, vdot))
-    stacked = _stacked(results)
-    return {part: stacked[i * n : i * n + n] for i, part in enumerate(parts)}
+        rows = for_each_direction(at, unit_directions(n, parts), function)
+    return {part: rows[i * n : i * n + n] for i, part in enumerate(parts)}

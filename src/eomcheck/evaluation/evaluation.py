@@ -8,7 +8,7 @@ the evaluation, see `eomcheck.evaluation.perturbed`.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -23,7 +23,13 @@ from eomcheck.formulations import Formulation, Partition
 from eomcheck.kernels.perturbed_trace import TraceRunner
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene, checked_scene
-from eomcheck.numbers.batch_arrays import BATCH_ARITHMETIC, BatchArray, as_float64
+from eomcheck.numbers.batch_arrays import (
+    BATCH_ARITHMETIC,
+    BatchArray,
+    as_float64,
+    batch_data,
+    batch_size,
+)
 from eomcheck.numbers.dual import Dual, ReplayArithmetic, duals
 from eomcheck.numbers.generic import FLOAT64, Array, map_record
 from eomcheck.numbers.linear import SolveRecord, SolveRecorder, recording_solves
@@ -61,8 +67,8 @@ class Acceleration:
 def _prepared_with_rates(
     prepare: Callable, clock: int, parameters: Any, made: tuple, *state: Array
 ) -> Any:
-    """Return the precomputed values and their rates, from angles and roots, q, q̇ and t (1,)."""
-    q, qdot, t = state
+    """Return the precomputed values and their rates, from angles and roots, q, t (1,) and q̇."""
+    q, t, qdot = state
     return values_and_rates(
         prepare(ReplayArithmetic(made), parameters, duals(q, qdot), Dual(t[0], clock))
     )
@@ -125,11 +131,54 @@ class Evaluation(Quantities):
 
     def prepared_and_rates(self, qdot: Array, clock: bool = True) -> tuple[Any, Any]:
         """Return the precomputed values and their rates, in float64; see `prepared_duals`."""
-        self.prepared  # noqa: B018  (its angles and roots are needed)
-        state = self.parameters, tuple(self._angles_and_roots), self.q, qdot, self.time
         return map_record(
-            as_float64, self.run(_prepared_with_rates, self.scene.prepare, int(clock), *state)
+            as_float64, self.run(_prepared_with_rates, *self._before_rates(clock), qdot)
         )
+
+    def _before_rates(self, clock: bool) -> tuple:
+        """Return the arguments of `_prepared_with_rates` without q̇."""
+        self.prepared  # noqa: B018  (its angles and roots are needed)
+        state = self.parameters, tuple(self._angles_and_roots), self.q, self.time
+        return self.scene.prepare, int(clock), *state
+
+    def rates_along(self, qdots: Array) -> tuple[Any, Any]:
+        """Return the precomputed values and their rates along k velocities (k, n), stacked."""
+        shared = self._before_rates(clock=False)
+        return self.run_for_each("rates", _prepared_with_rates, shared, (qdots,))
+
+    def run_for_each(self, key: str, function: Callable, shared: tuple, varied: tuple) -> Any:
+        """Return the results of a generic function for k values, in one replay of its trace.
+
+        See `Quantities`. Where it cannot be traced, refuses a matrix or is not finite, it is called
+        for one value after the other.
+
+        Raises:
+            RefusedError: a matrix is singular to working precision.
+        """
+        if not self.states:
+            with suppress(TypeError):
+                result = self._in_lanes((key, False), function, shared, varied)
+                if result is not None:
+                    return result
+        self.solves.pop((key, False), None)  # perturbed samples take their own pivots
+        with self.recording_solves():
+            return map_record(as_float64, super().run_for_each(key, function, shared, varied))
+
+    def _in_lanes(self, key: Key, function: Callable, shared: tuple, varied: tuple) -> Any:
+        """Return the results for k values as lanes of one batch; None if one has to be refused.
+
+        Raises:
+            TypeError: the function cannot be traced.
+        """
+        lanes = map_record(lambda x: BatchArray(np.asarray(x, np.float64)), varied)
+        with self.recording_solves(key) as recorder, np.errstate(all="ignore"):
+            result = TRACES.run(None, function, *shared, *lanes)
+        count = batch_size(lanes)
+        result = map_record(lambda x: batch_data(x, count), result)
+        self.solves[key] = {solve.name: solve for solve in recorder.solves}
+        finite: list[bool] = []
+        map_record(lambda x: finite.append(bool(np.isfinite(x).all())), result)
+        return None if recorder.refused_states(count).any() or not all(finite) else result
 
     @cached_quantity
     def parameters(self) -> Any:

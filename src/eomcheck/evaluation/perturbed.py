@@ -27,7 +27,7 @@ from scipy.linalg import qr, solve_triangular
 
 from eomcheck.errors import InconsistentVelocityError, RefusedError
 from eomcheck.evaluation.evaluation import TRACES, Acceleration, BatchEvaluation, Evaluation, Key
-from eomcheck.evaluation.scene_quantities import Solution, cached_quantity
+from eomcheck.evaluation.scene_quantities import Solution, cached_quantity, number_of_values
 from eomcheck.evaluation.tolerance import (
     INCONCLUSIVE,
     NOTICEABLE,
@@ -45,6 +45,7 @@ from eomcheck.numbers.batch_arrays import (
     NoiseBatch,
     as_float64,
     batch_data,
+    repeated,
 )
 from eomcheck.numbers.generic import FLOAT64, Array, RecordingArithmetic, map_record
 from eomcheck.numbers.linear import SolveRecorder, for_each_noise, recording_solves
@@ -134,6 +135,26 @@ class PerturbedEvaluation(Evaluation):
     def run(self, function: Callable, *arguments) -> Any:
         """Call a generic function with each operation perturbed: see `call`."""
         return self.call(function, *arguments)
+
+    def _in_lanes(self, key: Key, function: Callable, shared: tuple, varied: tuple) -> Any:
+        """Return the results for k values of all samples, each perturbed as it would be alone."""
+        count = number_of_values(varied)
+        noise, samples = self.noise.of_states(count), self.count
+
+        def spread(x: Any) -> Any:
+            x = as_float64(x) if isinstance(x, np.ndarray) and x.dtype == object else x
+            return BatchArray(np.repeat(x.data, count, 0)) if isinstance(x, BatchArray) else x
+
+        def lanes(x: Any) -> BatchArray:
+            if isinstance(x, BatchArray):
+                return BatchArray(x.data.reshape(-1, *x.data.shape[2:]))
+            return BatchArray(repeated(np.asarray(x, np.float64), samples))
+
+        with recording_solves(noise, self.original.solves.get(key)), np.errstate(all="ignore"):
+            arguments = map_record(spread, shared), map_record(lanes, varied)
+            result = TRACES.run(noise, function, *arguments[0], *arguments[1])
+        data = map_record(lambda x: batch_data(x, samples * count), result)
+        return map_record(lambda x: BatchArray(x.reshape(samples, count, *x.shape[1:])), data)
 
     def _stacked(self, records: Sequence[Any]) -> Any:
         """Return the records of all samples as one; parts that are not float64 are equal."""

@@ -153,6 +153,21 @@ class Quantities:
         """Call a generic function of scalar operations, such as those of a scene."""
         return self.call(function, *arguments)
 
+    def run_for_each(self, key: str, function: Callable, shared: tuple, varied: tuple) -> Any:
+        """Return the results of a generic function for k values of its last arguments, stacked.
+
+        Args:
+            key: name under which matrices that it solves are recorded.
+            function: the function.
+            shared: its first arguments.
+            varied: its last arguments, records of arrays (k, ...).
+        """
+        results = [
+            self.run(function, *shared, *map_record(lambda x, i=i: x[i], varied))
+            for i in range(number_of_values(varied))
+        ]
+        return map_record(lambda *parts: np.stack(parts), *results)
+
     def call_solving(self, name: str, function: Callable, *arguments) -> tuple[Any, bool]:
         """Call a generic function that solves matrices, and record these under `name`.
 
@@ -211,6 +226,14 @@ class Quantities:
         """Return the precomputed values and their rates; see `prepared_duals`."""
         prepared, _ = self.prepared_duals(qdot, clock)
         return values_and_rates(prepared)
+
+    def rates_along(self, qdots: Array) -> tuple[Any, Any]:
+        """Return the precomputed values and their rates along k velocities (k, n), stacked.
+
+        The clock stands still.
+        """
+        both = [self.prepared_and_rates(qdot, clock=False) for qdot in qdots]
+        return map_record(lambda *parts: np.stack(parts), *both)
 
     @cached_quantity
     def v(self) -> Array:
@@ -360,6 +383,13 @@ class Quantities:
         """Return v̇ (n,) of u̇ (p,)."""
         W, rest, _ = self.speeds
         return rate_of_velocity(udot, W, rest)
+
+
+def number_of_values(varied: Any) -> int:
+    """Return the length of the arrays of a record, which are all as long."""
+    lengths: list[int] = []
+    map_record(lambda x: lengths.append(len(x)), varied)
+    return lengths[0]
 
 
 def values_and_rates(record: Any) -> tuple[Any, Any]:

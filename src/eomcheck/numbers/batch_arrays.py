@@ -465,6 +465,12 @@ class NoiseBatch(Noise):
         self.states, self.enabled = states, True
         self.count = len(noises) * states
 
+    def of_states(self, states: int) -> NoiseBatch:
+        """Return a batch of the same noises of so many states, at the same position."""
+        noises = NoiseBatch([Noise(*source) for source in self._sources], states)
+        noises.position, noises.enabled = self.position, self.enabled
+        return noises
+
     def draws(self, count: int) -> Array:
         """Return the next perturbations of each noise (k, count)."""
         return self._next(self._sources, count)
