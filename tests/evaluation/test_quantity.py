@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from tests.samples import ordinary
 
 import eomcheck
+from eomcheck.descriptions.build import mechanism
+from eomcheck.descriptions.elements import Joint, Link
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.evaluation.conformance import QUANTITIES
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.scenes import SCENES, ChainPendulum, RollingDisk, Snake
+from eomcheck.numbers.generic import Array
+from eomcheck.scenes import SCENES, ChainPendulum, RollingDisk, Snake, from_urdf
+
+CRANE = Path(__file__).parents[2] / "docs" / "guides" / "crane.urdf"
 
 ARM = ChainPendulum(np.array([1.0, 2.0]), np.array([1.0, 0.5]), np.array([0.1, 0.2]), 9.81)
 Q, V = [0.3, -0.4], [1.0, 0.5]
@@ -62,6 +70,26 @@ Q, V = [0.3, -0.4], [1.0, 0.5]
             "vdot[1] = nan, expected a finite number",
         ),
         (
+            lambda: eomcheck.quantity(ARM, "center_of_mass", Q, vdot=V),
+            InputError,
+            "vdot: center_of_mass does not depend on it, only on q",
+        ),
+        (
+            lambda: eomcheck.quantity(ARM, "frame_bias", Q, tau=V, frame="link 1"),
+            InputError,
+            "tau: frame_bias does not depend on it, only on q, v",
+        ),
+        (
+            lambda: eomcheck.quantity(ARM, "forward_dynamics", Q, V, [0.2, -0.3]),
+            InputError,
+            "vdot: forward_dynamics does not depend on it, only on q, v, tau",
+        ),
+        (
+            lambda: eomcheck.quantity(ARM, "forward_dynamics", Q, V, tau=[1.0]),
+            InputError,
+            "tau has shape (1,), expected (2,)",
+        ),
+        (
             lambda: eomcheck.quantity(RollingDisk.example(), "momentum", np.zeros(5)),
             InputError,
             "rolling-disk has no tree of bodies: its `tree` returns None",
@@ -84,7 +112,9 @@ def test_a_mistake_is_named_in_one_sentence(call: Callable, kind: type[Exception
 @pytest.mark.parametrize("name", QUANTITIES)
 def test_every_quantity_is_a_float64_array_of_its_shape(name: str):
     one, frame = QUANTITIES[name], "link 2" if QUANTITIES[name].of_frame else None
-    value = eomcheck.quantity(ARM, name, Q, V, [0.2, -0.3], frame=frame)
+    options = {"v": V, "vdot": [0.2, -0.3], "tau": [0.1, 0.7]}
+    more: Any = {x: value for x, value in options.items() if x in one.arguments}
+    value = eomcheck.quantity(ARM, name, Q, **more, frame=frame)
     assert value.dtype == np.float64
     sizes: dict[int | str, int | str] = {"n": 2, "2n": 4, "3n": 6, "r": 0, "p": 20}
     assert value.shape == tuple(sizes.get(size, size) for size in one.shape)
@@ -100,6 +130,97 @@ def test_inverse_and_forward_dynamics_have_all_forces_of_the_scene(key: str):
     assert np.array_equal(value, force)
     free = eomcheck.quantity(scene, "forward_dynamics", *state[:2], t=state.t)
     assert np.allclose(at.terms.M @ free, at.F, rtol=0, atol=1e-9 * np.abs(at.F).max())
+    back = eomcheck.quantity(scene, "forward_dynamics", *state[:2], tau=force, t=state.t)
+    assert np.allclose(back, vdot, rtol=0, atol=1e-9)
+
+
+# ---- Derivatives ---------------------------------------------------------------------------------
+
+STEP = 2.0**-11
+
+Free = mechanism(
+    "Free",
+    [Link("ground"), *(Link(x, 1.0, (0.5, 0.1, 0.2), (0.7, 0.8, 0.9)) for x in ("base", "arm"))],
+    [
+        Joint("base", "floating", "ground", "base"),
+        Joint("arm", "revolute", "base", "arm", (1.0, 0.0, 0.0), stiffness=3.0, damping=0.4),
+    ],
+)
+SPRUNG = {
+    "a damper": from_urdf(CRANE),
+    "springs and dampers": Snake.paper(),
+    "a free base": Free.example(),
+    "a loop": SCENES["four-bar-chain"].example(),
+}
+
+
+def difference(function: Callable[[float], Array], noise: float) -> tuple[Array, float]:
+    """Return the derivative of a function at 0, extrapolated, and a bound on its error."""
+    coarse, fine = ((function(h) - function(-h)) / (2 * h) for h in (STEP, STEP / 2))
+    return (4 * fine - coarse) / 3, np.abs(fine - coarse).max() + 8 * noise / STEP
+
+
+@pytest.mark.parametrize("name", SPRUNG)
+def test_derivatives_are_those_of_the_quantities_that_are_returned(name: str):
+    scene = SPRUNG[name]
+    n, r = scene.n, scene.r
+    random = np.random.default_rng(3)
+    q = scene.initial_state()[0] + 0.1 * random.normal(size=n)
+    v, vdot, tau = random.normal(size=(3, n))
+    one = eomcheck.acceleration(scene, "au", q, v, consistent=False, tau=tau)
+    digits_lost = one.error_bound / np.abs(one.vdot).max()
+
+    def value(quantity: str, q: Array, v: Array, third: Array) -> Array:
+        accelerated = "vdot" in QUANTITIES[quantity].arguments
+        vdot, tau = (third, None) if accelerated else (None, third)
+        return eomcheck.quantity(scene, quantity, q, v, vdot, tau=tau)
+
+    def multipliers(q: Array, v: Array, tau: Array) -> Array:
+        found = eomcheck.acceleration(scene, "au", q, v, consistent=False, tau=tau)
+        assert found.multipliers is not None
+        return found.multipliers
+
+    functions: dict[str, tuple[Callable[[Array, Array, Array], Array], Array, int]] = {
+        "inverse_dynamics": (partial(value, "inverse_dynamics"), vdot, 2),
+        "forward_dynamics": (partial(value, "forward_dynamics"), tau, 3),
+    }
+    if r:
+        functions["constraint_force"] = multipliers, tau, 2
+    for quantity, (function, third, count) in functions.items():
+        state = q, v, third
+        found = value(f"{quantity}_derivatives", *state)
+        noise = digits_lost * np.abs(function(*state)).max()
+        for i in range(count):
+            change = np.zeros((3, n))
+            change[i] = random.normal(size=n)
+
+            def along(h, function=function, state=state, change=change):
+                return function(*(x + h * dx for x, dx in zip(state, change, strict=True)))
+
+            expected, allowed = difference(along, noise)
+            actual = found[:, i * n : (i + 1) * n] @ change[i]
+            assert np.abs(actual - expected).max() <= allowed, (quantity, i)
+            assert allowed < 0.01 * max(np.abs(actual).max(), 1.0), "steps decide nothing"
+
+
+def test_derivatives_are_at_no_forces_unless_some_are_given():
+    scene = SPRUNG["a loop"]
+    q, v = scene.initial_state()
+    for tau in (None, np.sin(np.arange(scene.n))):
+        found = eomcheck.derivatives(scene, "au", q, v, tau)
+        assert found.multipliers_q is not None and found.multipliers_v is not None
+        value = eomcheck.quantity(scene, "constraint_force_derivatives", q, v, tau=tau)
+        assert np.array_equal(value, np.hstack((found.multipliers_q, found.multipliers_v)))
+    crane, none = SPRUNG["a damper"], np.zeros(3)
+    for name in ("forward_dynamics", "forward_dynamics_derivatives"):
+        value = eomcheck.quantity(crane, name, [0.3, 0.5, 0.2], V_3)
+        assert np.array_equal(value, eomcheck.quantity(crane, name, [0.3, 0.5, 0.2], V_3, tau=none))
+    found = eomcheck.derivatives(crane, "au", [0.3, 0.5, 0.2], V_3)
+    expected = np.hstack((found.q, found.v, found.tau))
+    assert np.abs(value - expected).max() <= 2 * max(found.error_bounds.values())
+
+
+V_3 = [0.4, -0.1, 0.6]
 
 
 def test_velocities_and_accelerations_that_are_not_given_are_0():

@@ -34,10 +34,16 @@ from eomcheck.descriptions.tree_quantities import (
     Weight,
 )
 from eomcheck.errors import InputError, registered
-from eomcheck.evaluation.derivatives import Direction, for_each_direction, unit_directions
+from eomcheck.evaluation.derivatives import (
+    Direction,
+    derivative_arrays,
+    for_each_direction,
+    inverse_arrays,
+    unit_directions,
+)
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.scene_quantities import Quantities
-from eomcheck.formulations import au
+from eomcheck.formulations import FORMULATIONS, au
 from eomcheck.mechanics.scene import Scene, checked_scene, finite_array
 from eomcheck.numbers.ball import Balls, midpoints_or_zero, precision
 from eomcheck.numbers.dual import duals, rate
@@ -692,13 +698,17 @@ def quantity(
     v=None,
     vdot=None,
     *,
+    tau=None,
     frame: str | None = None,
     t: float = 0.0,
 ) -> Array:
     """Return a quantity of a scene at a state, in float64.
 
-    Inverse dynamics is M v̇ + B - Q with all forces of the scene; all else is as in the table of
-    `QUANTITIES`, whose forces are the weight alone: `gravity`, `potential_energy` and `regressor`.
+    Inverse and forward dynamics have all forces Q of the scene, springs and dampers too:
+    τ = M v̇ + B - Q and v̇ = M⁻¹ (τ + Q - B) are inverse to each other. Their derivatives are those
+    of these functions, and `constraint_force_derivatives` are those of M v̇ + B = Q + τ + aᵀλ. All
+    else is as in the table of `QUANTITIES`, whose force is the weight alone: `gravity`,
+    `potential_energy` and `regressor`.
 
     Args:
         scene: the scene.
@@ -706,15 +716,17 @@ def quantity(
         q: coordinates (n,).
         v: velocities (n,); by default 0.
         vdot: accelerations (n,); by default 0.
+        tau: generalized forces (n,) in addition to the scene's own; by default 0.
         frame: name of the link, for quantities of a frame.
         t: time, s.
 
     Returns:
-        Its value; `frame_placement` is [R p] (3, 4), an energy has shape ().
+        Its value; `frame_placement` is [R p] (3, 4), an energy has shape (), and derivatives are
+        side by side: [∂/∂q ∂/∂v] (n, 2n), [∂/∂q ∂/∂v ∂/∂τ] (n, 3n).
 
     Raises:
-        InputError: wrong shapes, values that are not finite, a missing `frame` or one that the
-            quantity does not have, or a scene without a tree of bodies.
+        InputError: wrong shapes, values that are not finite, a missing `frame`, an argument that
+            the quantity does not have, or a scene without a tree of bodies.
         UnknownNameError: no such quantity or link.
         RefusedError: M is singular to working precision, of a quantity that solves with it.
 
@@ -725,17 +737,64 @@ def quantity(
         array([1.5, 0. , 0. ])
     """
     one: Quantity = registered("quantity", name, QUANTITIES)
-    at = Evaluation(checked_scene(scene), q, np.zeros(scene.n) if v is None else v, t)
-    rates = None if vdot is None else finite_array("vdot", vdot, (scene.n,))
-    point = ConformancePoint(at, rates)
+    options = {"v": v, "vdot": vdot, "tau": tau}
+    shape = (checked_scene(scene).n,)
+    at = Evaluation(scene, q, np.zeros(shape) if v is None else v, t)
+    vdot, tau = (
+        np.zeros(shape) if options[x] is None else finite_array(x, options[x], shape)
+        for x in ("vdot", "tau")
+    )
+    point = ConformancePoint(at, vdot)
     if one.of_frame and frame is None:
         names = ", ".join(map(repr, point.model.links))
         raise InputError(f"frame = None: {name} needs the name of a link: {names}")
     if frame is not None and not one.of_frame:
         raise InputError(f"frame = {frame!r}: {name} belongs to no link")
+    for option, value in options.items():
+        if value is not None and option not in one.arguments:
+            message = f"{option}: {name} does not depend on it, only on "
+            raise InputError(message + ", ".join(x for x in one.arguments if x != "f"))
+    at.tau = tau
     with np.errstate(all="ignore"):
-        if name == "inverse_dynamics":
-            return at.terms.M @ point.vdot - at.F
-        if name == "forward_dynamics":
-            return solve(at.terms.M, at.F, "M")
+        if name in WITH_ALL_FORCES:
+            return WITH_ALL_FORCES[name](at, vdot)
         return np.asarray(one.value(point, frame or ""), np.float64)
+
+
+def _side_by_side(arrays: dict[str, Array], *names: str) -> Array:
+    return np.hstack([arrays[name] for name in names])
+
+
+def _torques(at: Evaluation, vdot: Array) -> Array:
+    return at.terms.M @ vdot - at.F
+
+
+def _torque_derivatives(at: Evaluation, vdot: Array) -> Array:
+    return _side_by_side(inverse_arrays(at, vdot), "q", "v")
+
+
+def _free_acceleration(at: Evaluation, vdot: Array) -> Array:
+    return solve(at.terms.M, at.F, "M")
+
+
+def _free_acceleration_derivatives(at: Evaluation, vdot: Array) -> Array:
+    """Return M⁻¹ [-∂τ/∂q, -∂τ/∂v, 1] (n, 3n), at the acceleration by `at.tau`."""
+    torques = _torque_derivatives(at, _free_acceleration(at, vdot))
+    return solve(at.terms.M, np.hstack((-torques, np.eye(at.scene.n))), "M")
+
+
+def _constraint_force_derivatives(at: Evaluation, vdot: Array) -> Array:
+    if not at.scene.r:
+        return np.zeros((0, 2 * at.scene.n))
+    arrays = derivative_arrays(at, FORMULATIONS["au"])
+    return _side_by_side(arrays, "multipliers_q", "multipliers_v")
+
+
+WITH_ALL_FORCES: dict[str, Callable[[Evaluation, Array], Array]] = {
+    "inverse_dynamics": _torques,
+    "forward_dynamics": _free_acceleration,
+    "inverse_dynamics_derivatives": _torque_derivatives,
+    "forward_dynamics_derivatives": _free_acceleration_derivatives,
+    "constraint_force_derivatives": _constraint_force_derivatives,
+}
+"""Name -> function of a state with its τ and of v̇: what `quantity` returns with the forces Q."""
