@@ -6,6 +6,7 @@ import ast
 import re
 from collections import Counter
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -29,22 +30,27 @@ every_file = pytest.mark.parametrize("file", sorted({mutant.file for mutant in A
 # ---- The data ------------------------------------------------------------------------------------
 
 
-def statements(source: str) -> list[tuple[str, ast.stmt]]:
-    """Statements of a file, each with its text."""
-    lines, found = source.splitlines(), []
-    for one in ast.parse(source).body:
-        first = min(x.lineno for x in (one, *getattr(one, "decorator_list", ())))
-        found.append(("\n".join(lines[first - 1 : one.end_lineno]), one))
-    return found
+@cache
+def starts(source: str) -> list[int]:
+    """Indices of the lines with which statements of a file begin."""
+    body = ast.parse(source).body
+    return [min(x.lineno for x in (y, *getattr(y, "decorator_list", ()))) - 1 for y in body]
 
 
 def another_program(planted: str, source: str) -> bool:
-    """Whether two texts are two programs. Only statements that differ are compared: it is quick."""
-    first, second = statements(planted), statements(source)
-    for end in (0, -1):
-        while first and second and first[end][0] == second[end][0]:
-            del first[end], second[end]
-    return [ast.dump(one) for _, one in first] != [ast.dump(one) for _, one in second]
+    """Whether two texts are two programs. Only statements with lines that differ are parsed."""
+    lines = planted.splitlines(), source.splitlines()
+    same, shorter = 0, min(map(len, lines))
+    while same < shorter and lines[0][same] == lines[1][same]:
+        same += 1
+    rest = 0
+    while rest < shorter - same and lines[0][-1 - rest] == lines[1][-1 - rest]:
+        rest += 1
+    begin = max((x for x in starts(source) if x <= same), default=0)
+    end = min((x for x in starts(source) if x >= len(lines[1]) - rest), default=len(lines[1]))
+    after = len(lines[1]) - end
+    first, second = ("\n".join(x[begin : len(x) - after]) for x in lines)
+    return ast.dump(ast.parse(first)) != ast.dump(ast.parse(second))
 
 
 @every_file

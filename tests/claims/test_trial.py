@@ -13,7 +13,7 @@ from eomcheck.claims import CLAIMS, Case, run
 from eomcheck.claims import case as trial
 from eomcheck.claims.finding import Finding
 from eomcheck.engines import CasadiEngine, MujocoEngine, PinocchioEngine
-from eomcheck.engines import engine as interface
+from eomcheck.engines import answers as interface
 from eomcheck.errors import InputError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.records import State

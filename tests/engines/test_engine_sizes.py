@@ -13,8 +13,8 @@ from eomcheck.descriptions.build import mechanism
 from eomcheck.descriptions.elements import Joint, Link, knife_edge, rolling_ball
 from eomcheck.draws.pairwise_design import scene_cases
 from eomcheck.engines import ENGINES, Answers, Engine, represents
+from eomcheck.engines.answers import inertia_size, mass_size
 from eomcheck.engines.casadi import CasadiEngine
-from eomcheck.engines.engine import inertia_size, mass_size
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.scenes import SCENES, Bricard, Sleigh, Snake

@@ -14,7 +14,7 @@ from eomcheck import velocity
 from eomcheck.claims.run import RunSelection
 from eomcheck.engines import ALWAYS, ENGINES, Answers, engine_of
 from eomcheck.engines import casadi as casadi_engine
-from eomcheck.engines.engine import inertia_size, mass_size
+from eomcheck.engines.answers import inertia_size, mass_size
 from eomcheck.errors import EngineError, UnknownNameError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.perturbed import acceleration_sensitivity, sensitivity_of

@@ -13,8 +13,14 @@ from tests.trials.float32_engines import FLOAT32, Copy32, HalfAngles32
 import eomcheck
 from eomcheck.claims import case as cases
 from eomcheck.claims.finding import judge
-from eomcheck.engines import Answers, EngineAcceleration, VelocityMap, engine_of, make_engine
-from eomcheck.engines import engine as answers
+from eomcheck.engines import (
+    Answers,
+    EngineAcceleration,
+    VelocityMap,
+    answers,
+    engine_of,
+    make_engine,
+)
 from eomcheck.errors import InputError
 from eomcheck.evaluation import tolerance
 from eomcheck.evaluation.dynamics import consistent_velocity

@@ -24,7 +24,7 @@ from eomcheck.descriptions.elements import Joint, Link
 from eomcheck.descriptions.random_mechanisms import RandomMechanism, RandomTree
 from eomcheck.descriptions.tree_model import MAKERS, tree_model
 from eomcheck.engines import PinocchioFile
-from eomcheck.errors import RefusedError
+from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluation.conformance import (
     ARGUMENTS,
     QUANTITIES,
@@ -71,6 +71,11 @@ Following = mechanism(
     ],
 )
 """A hand on an arm: one finger follows the other, joints have rotors, links are turned."""
+
+TILTED = Link("ground"), Link("wing", 1.0, (0.2, 0.1, 0.0), (0.4, 0.5, 0.6), (0.0, 0.1, 0.2))
+TURN = [Joint("turn", "revolute", "ground", "wing")]
+Tilted = mechanism("Tilted", [*TILTED], TURN)
+"""A body that turns about z and has momentum about x and y."""
 
 TIP = robots.LINK.format(
     **{"name": "tip", "at": "0.1 0 0", "turn": "0 1 0", "mass": 0.3}, xx=0.1, yy=0.1, zz=0.15
@@ -192,6 +197,23 @@ def test_every_quantity_of_a_file_is_that_of_pinocchio_s_own_reading(name: str):
     assert [str(one) for one in findings if one.verdict == "failed"] == []
     passed = {one.claim for one in findings if one.verdict == "passed"}
     assert passed == set(CONFORMANCE) - UNCOMPARED
+
+
+MOMENTUM = "momentum", "momentum_matrix", "momentum_rate"
+
+
+@pytest.mark.parametrize("name", MOMENTUM)
+def test_in_the_plane_the_momentum_of_tilted_bodies_is_skipped_and_not_wrong(name: str):
+    """It has parts about x and y, whose products of inertia a planar scene leaves out."""
+    q, v = np.zeros(1), np.ones(1)
+    turned = [one._replace(products=(0.2, 0.0, 0.0)) if one.mass else one for one in TILTED]
+    assert eomcheck.quantity(mechanism("Flat", turned, TURN)(), name, q, v, v).any()
+    assert Tilted().source.topology.planar
+    with pytest.raises(InputError, match="Tilted does not have all momentum"):
+        eomcheck.quantity(Tilted(), name, q, v)
+    claims = [f"engine-{name.replace('_', '-')}"]
+    findings = eomcheck.check_state(Tilted(), q, v, engines=["pinocchio"], claims=claims)
+    assert {one.verdict for one in findings} <= {"skipped"}
 
 
 def test_frames_of_fixed_links_are_turned_against_their_joint():

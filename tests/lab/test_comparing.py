@@ -18,7 +18,7 @@ from eomcheck.claims.run import ValidationRun
 from eomcheck.cli import app
 from eomcheck.descriptions.vector_algebra import rotation_matrix
 from eomcheck.engines import READERS, Answers, PinocchioFile, VelocityMap
-from eomcheck.engines.engine import weight_size
+from eomcheck.engines.answers import weight_size
 from eomcheck.engines.file_engine import (
     AXES,
     BaseVelocity,

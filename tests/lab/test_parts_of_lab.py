@@ -303,6 +303,9 @@ def test_an_armature_is_told_only_where_nothing_beside_the_diagonal_and_no_bias_
     armature = at._replace(library=at.library | {"M": M})
     said = "adds to the diagonal of M alone, as an armature does: shoulder, wrist"
     assert [one.sentence for one in explain(armature)] == [said]
+    less = at._replace(library=at.library | {"M": at.reference["M"] - np.diag([0.5, 0.0, 0.25])})
+    said = "has less on the diagonal of M alone, as without an armature: shoulder, wrist"
+    assert [one.sentence for one in explain(less)] == [said]
     beside = M.copy()
     beside[0, 1] = beside[1, 0] = 0.25 + 1e-6
     for other in (

@@ -16,7 +16,7 @@ import pytest
 
 from eomcheck.claims.proof import prove
 from eomcheck.engines import PinocchioFile
-from eomcheck.engines.engine import Answers
+from eomcheck.engines.answers import Answers
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.scenes import from_urdf
 

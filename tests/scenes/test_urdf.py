@@ -16,7 +16,7 @@ from eomcheck.claims.reproducer import reproducer_code
 from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.descriptions.urdf_reader import urdf_kind
 from eomcheck.engines import PinocchioFile
-from eomcheck.engines.engine import Answers
+from eomcheck.engines.answers import Answers
 from eomcheck.errors import InputError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.records import State

@@ -32,7 +32,7 @@ from eomcheck.claims.run import RunSelection, evaluate_claim, make_case, make_sc
 from eomcheck.descriptions.random_mechanisms import RANDOM
 from eomcheck.draws.pairwise_design import scene_cases, with_wide
 from eomcheck.engines import Engine, EngineAcceleration, VelocityMap
-from eomcheck.engines.engine import represents
+from eomcheck.engines.answers import represents
 from eomcheck.lab.show.table import ResultTable, print_tables
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene

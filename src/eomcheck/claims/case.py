@@ -41,7 +41,7 @@ from eomcheck.engines import (
     make_engine,
     version_of,
 )
-from eomcheck.engines.engine import (
+from eomcheck.engines.answers import (
     drift_size,
     inertia_size,
     mass_size,

@@ -29,7 +29,7 @@ from eomcheck.claims.finding import Finding
 from eomcheck.claims.registry import case_claim
 from eomcheck.descriptions.tree_quantities import BY_COLUMNS, PER_BODY
 from eomcheck.engines import Answers, Engine, VelocityMap, engine_class_of, is_under_test
-from eomcheck.engines.engine import inertia_size, turning_rate, weight_size
+from eomcheck.engines.answers import inertia_size, turning_rate, weight_size
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.conformance import QUANTITIES, ConformancePoint, Quantity
 from eomcheck.evaluation.evaluation import Evaluation
@@ -335,7 +335,7 @@ def _check(one: Quantity, case: Case) -> Iterator[Finding]:
     for engine in engines:
         rounded_case = case.rounded_for(engine)
         at, point = rounded_case.at, ConformancePoint(rounded_case.at)
-        if one.needs_tree and not point.has_tree:
+        if one.lacks(point):
             continue
         for frame in frames_asked(at, point, known) if one.of_frame else ("",):
             try:

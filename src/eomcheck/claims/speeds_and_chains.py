@@ -32,7 +32,7 @@ from eomcheck.claims.registry import (
     vanishing,
 )
 from eomcheck.engines import Engine
-from eomcheck.engines.engine import inertia_size
+from eomcheck.engines.answers import inertia_size
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.perturbed import sensitivity_of
 from eomcheck.evaluation.scene_quantities import Quantities

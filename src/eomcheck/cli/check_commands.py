@@ -106,7 +106,7 @@ def validate_command(
     from eomcheck.descriptions.random_mechanisms import RANDOM
     from eomcheck.draws.pairwise_design import link_count
     from eomcheck.engines import engines_among, is_under_test, version_of
-    from eomcheck.engines.engine import represented
+    from eomcheck.engines.answers import represented
     from eomcheck.lab.report.finding_output import print_runs, write_findings
     from eomcheck.lab.store.parallel_map import check_executor
     from eomcheck.lab.store.validation_runs import (

@@ -231,7 +231,7 @@ def _selection(
 ) -> RunSelection:
     from eomcheck.claims.run import RunSelection
     from eomcheck.engines import ALWAYS, version_of
-    from eomcheck.engines.engine import represented
+    from eomcheck.engines.answers import represented
 
     # Random robots have other parameters than their files, so the files' library has no result.
     engines = ALWAYS if engine is None else selected_engines(engine)

@@ -34,6 +34,7 @@ from eomcheck.descriptions.joint_tree import (
     ScalarJoint,
     Topology,
     check_positive,
+    is_tilted,
     merged_body,
 )
 from eomcheck.descriptions.mechanism_class import Mechanism, MechanismSource, NumberedFrame
@@ -296,6 +297,7 @@ def _source_of(
             for name, frame in frames.link_frames.items()
             for x, y, z in [frame.offset.tolist()]
         ),
+        tilted=planar and any(map(is_tilted, bodies.values())),
         fixed_geometry=any(KINDS[c.kind].holonomic and c.points for c in closures),
     )
 

@@ -231,6 +231,11 @@ def merged_body(bodies: list[RigidBody]) -> RigidBody:
     return RigidBody(mass, center, inertia)
 
 
+def is_tilted(body: RigidBody) -> bool:
+    """Return whether a body that turns about z has momentum about x or y."""
+    return bool(body.inertia[2, :2].any())
+
+
 def rigid_body_of(link: Link, turn: Quaternion, offset: Array) -> RigidBody | None:
     """Return a link's body in the frame of its scalar joint; None without inertia."""
     if not link.has_inertia:

@@ -312,6 +312,8 @@ class MechanismSource(NamedTuple):
     """Coordinates of joints with more than one coordinate."""
     pitch_coordinates: tuple[int, ...] = ()
     """Coordinates of hinges that ordinary states keep away from their singularity."""
+    tilted: bool = False
+    """Whether it is in the plane and has bodies with momentum about axes in the plane."""
     fixed_geometry: bool = False
     """Whether sampling keeps the geometry, because another might not assemble."""
     code: str = ""

@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import qr
 
 from eomcheck.calls import call, require_supervision
 from eomcheck.descriptions.build import mechanism_source
@@ -553,6 +552,8 @@ def mjcf_kind(
 
 def _dependent_coordinates(scene: Mechanism) -> list[str]:
     """Return the names of dependent coordinates, as many as there are constraints."""
+    from scipy.linalg import qr
+
     q = scene.initial_state()[0]
     # Perturbed from the pose, which may be a singular configuration: many are drawn stretched.
     q = q + 0.1 * np.sin(1.0 + np.arange(scene.n))

@@ -54,6 +54,8 @@ class TreeModel(NamedTuple):
         description: function of the parameters that returns the `Description`, of a described
             scene; otherwise None.
         tree: the tree in float64, where the scene has no plan of its own; otherwise None.
+        tilted: whether it is in the plane and its bodies have momentum about axes in the plane,
+            which its numbers leave out.
     """
 
     topology: Topology
@@ -61,6 +63,7 @@ class TreeModel(NamedTuple):
     joints: tuple[int, ...]
     description: Callable[..., Any] | None = None
     tree: Tree | None = None
+    tilted: bool = False
 
     @property
     def plan(self) -> TopologyPlan:
@@ -130,7 +133,7 @@ def tree_model(scene: Scene) -> TreeModel | None:
     if isinstance(scene, Mechanism):
         frames = scene.source.frames
         names, joints = tuple(x.name for x in frames), tuple(x.joint for x in frames)
-        return TreeModel(scene.plan.topology, names, joints)
+        return TreeModel(scene.plan.topology, names, joints, tilted=scene.source.tilted)
     if isinstance(scene, Described):
         kind = type(scene)
         parsed = parse_description(kind.description, scene.parameters(FLOAT64))

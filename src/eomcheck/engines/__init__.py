@@ -5,6 +5,11 @@ Each engine has one file, and one line in `ENGINES`. Importing this package impo
 
 eomcheck validate --scene arm.urdf --engine eomcheck.engines:PinocchioFile
 eomcheck validate --scene ant.xml --engine eomcheck.engines:MjcfFile
+
+A name with a version is an engine whose library runs in a process and an environment of its own
+(`eomcheck.engines.isolation`), in any version with `*`:
+
+eomcheck compare arm.urdf --engine mujoco==3.12.0 --engine mujoco==4.0.0
 """
 
 from __future__ import annotations
@@ -17,27 +22,26 @@ from typing import Any
 
 from eomcheck import calls
 from eomcheck.class_lookup import LookupKind, class_named
-from eomcheck.engines.casadi import CasadiEngine
-from eomcheck.engines.drake import DrakeEngine, DrakeFile
-from eomcheck.engines.engine import (
+from eomcheck.engines.answers import (
     OPTIONAL,
     Answers,
-    Engine,
-    EngineAcceleration,
     EngineFault,
-    VelocityMap,
     make_engine,
     represents,
     version_of,
 )
+from eomcheck.engines.casadi import CasadiEngine
+from eomcheck.engines.drake import DrakeEngine, DrakeFile
+from eomcheck.engines.engine import Engine, EngineAcceleration, VelocityMap
 from eomcheck.engines.exudyn import ExudynEngine
 from eomcheck.engines.file_engine import FileEngine
 from eomcheck.engines.idyntree import IdyntreeEngine, IdyntreeFile
+from eomcheck.engines.isolation import PINNED, adapter_of, isolated
 from eomcheck.engines.mujoco import MjcfFile, MujocoEngine, MujocoFile
 from eomcheck.engines.pinocchio import PinocchioEngine, PinocchioFile
 from eomcheck.engines.pybullet import PybulletEngine, PybulletFile
 from eomcheck.engines.tree_engine import FILE
-from eomcheck.errors import InputError, distinct, safe_repr
+from eomcheck.errors import InputError, distinct, registered, safe_repr
 from eomcheck.evaluation.tolerance import UNIT_ROUNDOFF
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.scene import Scene
@@ -72,7 +76,7 @@ def engine_of(name: str | type[Engine]) -> type[Engine]:
 
     Args:
         name: a key of `ENGINES`, another name as `eomcheck.class_lookup.class_named` understands
-            it, or the class itself.
+            it, either with a version as in "mujoco==4.0.0", or the class itself.
 
     Raises:
         UnknownNameError: no engine has this name.
@@ -84,7 +88,9 @@ def engine_of(name: str | type[Engine]) -> type[Engine]:
         if not issubclass(name, Engine):
             raise InputError(f"engine = {name.__name__}, expected a class that derives from Engine")
         return checked_engine(name)
-    return checked_engine(class_named(ENGINE, name))
+    library, pinned, version = name.partition(PINNED) if isinstance(name, str) else (name, "", "")
+    kind = checked_engine(class_named(ENGINE, library))
+    return isolated(kind, version) if pinned else kind
 
 
 def engines_among(names: Iterable[str | type[Engine]] | None) -> tuple[type[Engine], ...]:
@@ -101,8 +107,8 @@ def engines_among(names: Iterable[str | type[Engine]] | None) -> tuple[type[Engi
     """
     engines: dict[str, type[Engine]] = {}
     for kind in map(engine_of, ALWAYS if names is None else distinct("engines", names)):
-        if kind.extra is not None:
-            calls.require_supervision()  # a library that may crash
+        if kind.extra is not None and adapter_of(kind) is kind:
+            calls.require_supervision()  # a library that may crash this process
         if engines.setdefault(kind.key, kind) is not kind:
             raise InputError(f"engines = {names!r}: two have the key {kind.key!r}")
     return tuple(engines.values())
@@ -123,6 +129,8 @@ def checked_engine(kind: type[Engine]) -> type[Engine]:
         if not isinstance(getattr_static(kind, method), classmethod | staticmethod):
             raise InputError(f"{whose}: {method} is no class method, write @classmethod above it")
     check_unit_roundoff(kind)
+    if adapter_of(kind) is not kind:
+        return kind
     if not kind.key.isidentifier():
         raise InputError(f"{whose}: key = {kind.key!r}, expected letters, digits and underscores")
     if kind.key in FORMULATIONS or ENGINES.get(kind.key, kind) is not kind:
@@ -152,7 +160,7 @@ def check_unit_roundoff(kind: type[Engine]) -> None:
 
 def is_under_test(kind: type[Engine]) -> bool:
     """Return whether an engine is user-supplied, not built in, and so the code under test."""
-    return kind not in ENGINES.values()
+    return adapter_of(kind) not in ENGINES.values()
 
 
 def engine_class_of(engine: Engine | type[Engine]) -> type[Engine]:
@@ -173,6 +181,22 @@ DEFAULT: dict[str, type[FileEngine]] = {"urdf": PinocchioFile, "mjcf": MjcfFile}
 
 BY_FORMAT: dict[str, dict[str, type[FileEngine]]] = {"urdf": READERS, "mjcf": {"mujoco": MjcfFile}}
 """Format of a file -> classes that read it, by key of the library."""
+
+
+def reader_of(format: str, name: str) -> type[FileEngine]:
+    """Return the class that reads files of a format by a library.
+
+    Args:
+        format: "urdf" or "mjcf".
+        name: key of the library, maybe with a version as in "mujoco==4.0.0".
+
+    Raises:
+        UnknownNameError: no library of this name reads it.
+        InputError: the version is none.
+    """
+    library, pinned, version = name.partition(PINNED)
+    kind = registered("engine", library, BY_FORMAT[format])
+    return isolated(kind, version) if pinned else kind
 
 
 def default_reader(scene: Scene | type[Scene]) -> type[FileEngine] | None:
@@ -198,6 +222,7 @@ __all__ = [
     "engine_of",
     "engines_among",
     "make_engine",
+    "reader_of",
     "represents",
     "version_of",
 ]

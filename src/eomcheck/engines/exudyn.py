@@ -60,7 +60,7 @@ class ExudynEngine(TreeSolverEngine):
                 linkMasses=[link.mass for link in links],
             )
         )
-        if self.scene.r:
+        if self.inputs.r:
             self._constraints = self._add_constraints(items, node)
         self._sensors = {
             name: self.system.AddSensor(
@@ -91,8 +91,8 @@ class ExudynEngine(TreeSolverEngine):
         return self.system.AddObject(
             items.ObjectConnectorCoordinateVector(
                 markerNumbers=markers,
-                scalingMarker1=np.ones((self.scene.r, self._n)),
-                offset=np.zeros(self.scene.r),
+                scalingMarker1=np.ones((self.inputs.r, self._n)),
+                offset=np.zeros(self.inputs.r),
                 velocityLevel=True,
             )
         )
@@ -144,13 +144,13 @@ class ExudynEngine(TreeSolverEngine):
     def _weight_alone(self) -> Iterator[None]:
         """Give the tree its gravity, and switch the constraints off."""
         self.system.SetObjectParameter(self._tree, "gravity", self._gravity)
-        if self.scene.r:
+        if self.inputs.r:
             self.system.SetObjectParameter(self._constraints, "activeConnector", False)
         try:
             yield
         finally:
             self.system.SetObjectParameter(self._tree, "gravity", np.zeros(3))
-            if self.scene.r:
+            if self.inputs.r:
                 self.system.SetObjectParameter(self._constraints, "activeConnector", True)
 
     def forward_dynamics(self, q: Array, v: Array, tau: Array, t: float = 0.0) -> Array:

@@ -30,7 +30,7 @@ from eomcheck.descriptions.joint_tree import has_impossible_inertia
 from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.descriptions.urdf_reader import Element, read_urdf, root_of
 from eomcheck.engines.engine import EngineAcceleration, VelocityMap
-from eomcheck.engines.tree_engine import TreeEngine
+from eomcheck.engines.tree_engine import TreeEngine, TreeInputs, tree_inputs
 from eomcheck.errors import EngineError
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.dual import duals, rate
@@ -312,16 +312,21 @@ class FileEngine(TreeEngine):
 
     _joints: list[str]
 
-    def __init__(self, scene: Scene):
-        self.scene = scene
-        if not (isinstance(scene, Mechanism) and self.represents(scene)):
-            raise EngineError(f"{self.key} cannot represent {scene.name} by its file")
-        self.file = Path(scene.source.file)
+    @classmethod
+    def inputs_of(cls, scene: Scene) -> TreeInputs:
+        """Return the file of a robot, its frames and gravity; EngineError for other scenes."""
+        if not (isinstance(scene, Mechanism) and cls.represents(scene)):
+            raise EngineError(f"{cls.key} cannot represent {scene.name} by its file")
+        inputs = tree_inputs(scene, scene.tree())
+        return inputs._replace(file=str(scene.source.file), floating=is_free(scene))
+
+    def set_up(self, inputs: TreeInputs) -> None:
+        """Read the file."""
+        self.inputs, self.file = inputs, Path(inputs.file)
         self.description = self._described()
-        self.base = FREE if is_free(scene) else 0
-        tree = scene.tree()
-        self._gravity = np.asarray(tree.gravity, np.float64)
-        self.frames = tuple(x._replace(R=np.eye(3), p=np.zeros(3)) for x in tree.frames)
+        self.base = FREE if inputs.floating else 0
+        self._gravity = np.asarray(inputs.tree.gravity, np.float64)
+        self.frames = tuple(x._replace(R=np.eye(3), p=np.zeros(3)) for x in inputs.tree.frames)
         library = self._library()
         with capture_output() as self.library_output:
             self._read(library, self.description)
@@ -334,7 +339,7 @@ class FileEngine(TreeEngine):
         Raises:
             EngineError: it has another joint than the file, or lacks one.
         """
-        names, base = self.scene.coordinate_names, self.base
+        names, base = self.inputs.coordinate_names, self.base
         columns = {name: i for i, name in enumerate(names)}
         S, shift = np.zeros((base + len(joints), len(names))), np.zeros(base + len(joints))
         S[:base, :base] = np.eye(base)
@@ -347,7 +352,7 @@ class FileEngine(TreeEngine):
             if leader not in columns:
                 raise EngineError(f"{self.key} has a joint {name!r} that the file does not move")
             S[i, columns[leader]] = factor
-        for name, column in zip(self.scene.coordinate_names, S.T, strict=True):
+        for name, column in zip(names, S.T, strict=True):
             if not column.any():
                 raise EngineError(f"{self.key} has no joint {name!r}, which the file moves")
         return S, shift

@@ -71,6 +71,7 @@ class MujocoEngine(TreeSolverEngine):
     """Tree of rigid bodies as a MuJoCo model."""
 
     module = extra = "mujoco"
+    oldest = "3.3.7"
     compliant = True
 
     @classmethod
@@ -89,7 +90,7 @@ class MujocoEngine(TreeSolverEngine):
             for frame in self.frames:
                 if frame.joint >= 0 and links[frame.joint].name == mounted.body.name:
                     body.add_site(name=frame.name, pos=frame.p, quat=self._quaternion(frame.R))
-        for row in range(self.scene.r):
+        for row in range(self.inputs.r):
             self._add_constraint(spec, f"row_{row}", links)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # warnings about bodies without inertia so far
@@ -117,7 +118,8 @@ class MujocoEngine(TreeSolverEngine):
         body.quat = self._quaternion(mounted.rotation)
         body.mass, body.ipos, body.inertia = mounted.body.mass, mounted.body.center, np.ones(3)
         body.explicitinertial = True
-        body.simple = 0  # a simple body could not be changed after compilation, as inertia is
+        if hasattr(body, "simple"):  # not yet in 3.3
+            body.simple = 0  # a simple body could not be changed after compilation, as inertia is
         for joint in mounted.joints:
             kind = kinds.mjJNT_SLIDE if joint.slides else kinds.mjJNT_HINGE
             body.add_joint(name=joint.name, type=kind, pos=joint.position, axis=joint.axis)
@@ -150,7 +152,10 @@ class MujocoEngine(TreeSolverEngine):
         """Return M (n, n) by the composite rigid body algorithm."""
         self._forward(q, np.zeros(self._n))
         M = np.zeros((self._n, self._n))
-        self._mj.mj_fullM(self.model, self.data, M)
+        if hasattr(self.data, "qM"):  # before 4.0
+            self._mj.mj_fullM(self.model, M, self.data.qM)
+        else:
+            self._mj.mj_fullM(self.model, self.data, M)
         return M[np.ix_(self._place, self._place)]
 
     def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:

@@ -24,6 +24,11 @@ class PinocchioEngine(TreeSolverEngine):
     any_inertia = True
 
     @classmethod
+    def distribution(cls) -> str:
+        """Return "pin", the name of Pinocchio's wheels."""
+        return "pin"
+
+    @classmethod
     def holds(cls, links: list[TreeLink]) -> bool:
         """Return True: Pinocchio holds every tree."""
         return True

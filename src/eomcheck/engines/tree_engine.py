@@ -7,6 +7,7 @@ encoding of a `Tree`.
 
 from __future__ import annotations
 
+import re
 from abc import abstractmethod
 from functools import cached_property
 from importlib import metadata
@@ -166,6 +167,33 @@ TOUCHING = 1e-12
 moment is the sum of the others."""
 
 
+class TreeInputs(NamedTuple):
+    """Scene as an engine of a tree needs it, in plain data that another process can read."""
+
+    name: str
+    """Name of the scene."""
+    n: int
+    """Number of coordinates."""
+    r: int
+    """Number of constraints."""
+    coordinate_names: tuple[str, ...]
+    """Names of the coordinates."""
+    tree: Tree
+    bodies: tuple[str, ...]
+    """Names of the links of bodies, in the order of the parameters of a regressor."""
+    file: str = ""
+    """File of the robot, "" for an engine that reads none."""
+    floating: bool = False
+    """Whether its base is free by request."""
+
+
+def tree_inputs(scene: Scene, tree: Tree) -> TreeInputs:
+    """Return a scene with this tree as plain data."""
+    model = tree_model(scene)
+    bodies = () if model is None else model.bodies
+    return TreeInputs(scene.name, scene.n, scene.r, tuple(scene.coordinate_names), tree, bodies)
+
+
 class TreeEngine(Engine):
     """Engine of a tree of rigid bodies, in coordinates of its joints x = T q + shift.
 
@@ -177,6 +205,9 @@ class TreeEngine(Engine):
     module: ClassVar[str]
     """Module to import."""
 
+    oldest: ClassVar[str] = "0"
+    """Oldest version of the library that the adapter supports."""
+
     any_inertia: ClassVar[bool] = False
     """Whether it accepts moments of inertia that no body has."""
 
@@ -186,11 +217,27 @@ class TreeEngine(Engine):
     base = 0
     """Number of coordinates of a free base, which come first: that of a tree is fixed."""
 
+    inputs: TreeInputs
+
     def __init__(self, scene: Scene):
         super().__init__(scene)
+        self.set_up(self.inputs_of(scene))
+
+    @classmethod
+    def inputs_of(cls, scene: Scene) -> TreeInputs:
+        """Return the part of a scene that the model is built from.
+
+        Raises:
+            EngineError: the engine cannot represent the scene.
+        """
         tree = scene.tree()
-        if tree is None or not self.represents(scene):
-            raise EngineError(f"{self.key} cannot represent {scene.name} as a tree of bodies")
+        if tree is None or not cls.represents(scene):
+            raise EngineError(f"{cls.key} cannot represent {scene.name} as a tree of bodies")
+        return tree_inputs(scene, tree)
+
+    def set_up(self, inputs: TreeInputs) -> None:
+        """Build the model from `inputs`; called once, maybe in a process that has no scene."""
+        tree, self.inputs = inputs.tree, inputs
         self.coordinates: Array = tree.coordinates
         """Matrix T (m, n), x = T q + shift for the m joints of the tree."""
         self.shift: Array = tree.shift
@@ -204,6 +251,21 @@ class TreeEngine(Engine):
     @classmethod
     def _library(cls) -> Any:
         return required(cls.module, cls.extra)
+
+    @classmethod
+    def distribution(cls) -> str:
+        """Return the name under which the library is installed."""
+        return cls.extra or cls.module
+
+    @classmethod
+    def requirement(cls) -> str:
+        """Return the library with its least version, as eomcheck requires it."""
+        name = cls.distribution()
+        for line in metadata.requires("eomcheck") or ():
+            requirement = line.partition(";")[0].strip()
+            if re.match(rf"{name}\b(?!-)", requirement):
+                return requirement
+        return name
 
     @classmethod
     def version(cls) -> str:
@@ -267,9 +329,7 @@ class TreeEngine(Engine):
     @cached_property
     def body_frames(self) -> list[TreeFrame]:
         """The frames of bodies, in the order of the parameters of a regressor."""
-        model = tree_model(self.scene)
-        bodies = () if model is None else model.bodies
-        return [frame for frame in self.frames if frame.name in bodies]
+        return [frame for frame in self.frames if frame.name in self.inputs.bodies]
 
     @cached_property
     def body_parameters(self) -> list[Array]:
@@ -279,7 +339,7 @@ class TreeEngine(Engine):
     @property
     def follow(self) -> bool:
         """Whether some joints follow others."""
-        return self._n > self.scene.n
+        return self._n > self.inputs.n
 
     def eliminated(
         self, q: Array, v: Array, Q: Array, a: Array | None, gamma: Array | None, t: float

@@ -454,6 +454,7 @@ class Quantity(NamedTuple):
         rate_of: name of the quantity whose rate it is; "" if none.
         companion: name of the Jacobian J by which a bias maps; "" if it is none.
         needs_tree: whether it needs the scene's tree of bodies.
+        out_of_plane: whether it needs products of inertia that the plane leaves out.
     """
 
     name: str
@@ -467,6 +468,15 @@ class Quantity(NamedTuple):
     rate_of: str = ""
     companion: str = ""
     needs_tree: bool = True
+    out_of_plane: bool = False
+
+    def lacks(self, point: ConformancePoint) -> str:
+        """Return the part of a scene that it needs and that is missing, "" if none."""
+        if self.needs_tree and not point.has_tree:
+            return "a tree of bodies: its `tree` returns None"
+        if self.out_of_plane and point.model.tilted:
+            return "all momentum: it is planar, with products of inertia that leave its plane"
+        return ""
 
     @property
     def of_frame(self) -> bool:
@@ -586,17 +596,20 @@ QUANTITIES: dict[str, Quantity] = {
             *("momentum", "h", (Q, V), (6,), "invariant", "kg m/s, kg m²/s"),
             "linear momentum, then angular about the centre of mass, of the bodies without rotors",
             lambda x, f: x.momentum.momentum,
+            out_of_plane=True,
         ),
         Quantity(
             *("momentum_matrix", "A", (Q,), (6, "n"), "jacobian", "kg, kg m²"),
             "derivatives of the momentum by the velocities, h = A v",
             lambda x, f: x.momentum.matrix,
+            out_of_plane=True,
         ),
         Quantity(
             *("momentum_rate", "ḣ", (Q, V, A), (6,), "invariant", "N, N m"),
             "rate of the momentum",
             lambda x, f: x.momentum.rate,
             rate_of="momentum",
+            out_of_plane=True,
         ),
         Quantity(
             *("frame_placement", "R, p", (F, Q), (3, 4), "invariant", "1, m"),
@@ -745,6 +758,8 @@ def quantity(
         for x in ("vdot", "tau")
     )
     point = ConformancePoint(at, vdot)
+    if what := one.lacks(point):
+        raise InputError(f"{scene.name} does not have {what}")
     if one.of_frame and frame is None:
         names = ", ".join(map(repr, point.model.links))
         raise InputError(f"frame = None: {name} needs the name of a link: {names}")

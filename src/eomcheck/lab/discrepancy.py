@@ -152,9 +152,10 @@ def _armature(gap: Discrepancy) -> Iterator[Explanation]:
         rounding = ROUNDED * largest(gap.reference["M"])
         explained = np.maximum(rounding, CLOSE * np.abs(np.diagonal(gap.reference["M"])))
         where = [int(i) for i in np.flatnonzero(np.abs(np.diagonal(error)) > explained)]
-        yield Explanation(
-            f"adds to the diagonal of M alone, as an armature does: {_joints(gap, where)}"
-        )
+        more = bool((np.diagonal(error)[where] > 0).all())
+        adds = "adds to the diagonal of M alone, as an armature does"
+        less = "has less on the diagonal of M alone, as without an armature"
+        yield Explanation(f"{adds if more else less}: {_joints(gap, where)}")
 
 
 @_reason

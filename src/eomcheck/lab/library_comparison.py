@@ -35,9 +35,17 @@ from eomcheck.claims.finding import (
 from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.console import console
 from eomcheck.descriptions.mechanism_class import Mechanism
-from eomcheck.engines import BY_FORMAT, Answers, Engine, EngineFault, FileEngine, version_of
-from eomcheck.engines.engine import inertia_size, weight_size
-from eomcheck.errors import EngineError, InputError, RefusedError, UnknownNameError, message_of
+from eomcheck.engines import (
+    BY_FORMAT,
+    Answers,
+    Engine,
+    EngineFault,
+    FileEngine,
+    reader_of,
+    version_of,
+)
+from eomcheck.engines.answers import inertia_size, weight_size
+from eomcheck.errors import EngineError, InputError, RefusedError, message_of
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import FORMULATIONS
@@ -284,11 +292,9 @@ def readers(scene: Scene, names: Iterable[str] | None) -> dict[str, type[FileEng
     """
     if not (isinstance(scene, Mechanism) and scene.source.format and scene.as_described):
         raise InputError(f"{scene.name} is no robot as its file describes it")
-    engines = BY_FORMAT[scene.source.format]
-    for name in names or ():
-        if name not in engines:
-            raise UnknownNameError("engine", name, engines)
-    return engines if names is None else {name: engines[name] for name in names}
+    format = scene.source.format
+    named = BY_FORMAT[format] if names is None else names
+    return {name: reader_of(format, name) for name in named}
 
 
 def library_result(key: str, kind: type[FileEngine], scene: Scene, required: bool) -> LibraryResult:

@@ -27,7 +27,6 @@ from functools import lru_cache
 from itertools import chain
 
 import numpy as np
-from scipy.linalg import get_lapack_funcs
 
 from eomcheck.errors import RefusedError
 from eomcheck.numbers.generic import EPS
@@ -38,13 +37,12 @@ from eomcheck.numbers.linear import (
     active_noise,
     column_scale,
     determinant,
+    lapack,
     record,
     scalar_type_of,
     singular_below,
 )
 from eomcheck.numbers.noise import NORMAL
-
-_gbtrf, _gbcon, _gbtrs = get_lapack_funcs(("gbtrf", "gbcon", "gbtrs"), dtype=np.float64)
 
 HALF = 3
 """Entries on each side of the diagonal."""
@@ -227,16 +225,16 @@ class BandFactors:
 
     def factor(self, stored):
         """Set the factors of a matrix in LAPACK's storage (..., 10, m)."""
-        self.lu, self.pivots, _ = _gbtrf(stored, HALF, HALF)
+        self.lu, self.pivots, _ = lapack("gbtrf")(stored, HALF, HALF)
         self.diagonal = self.lu[DIAGONAL]
 
     def substitute(self, b):
         """Return the unrefined solutions for b (..., m) or (..., m, k)."""
-        return _gbtrs(self.lu, HALF, HALF, b, self.pivots)[0]
+        return lapack("gbtrs")(self.lu, HALF, HALF, b, self.pivots)[0]
 
     def condition(self):
         """Return LAPACK's estimate (...,) of the reciprocal condition number if the norm is 1."""
-        return _gbcon(HALF, HALF, self.lu, self.pivots, 1.0, norm="I")[0]
+        return lapack("gbcon")(HALF, HALF, self.lu, self.pivots, 1.0, norm="I")[0]
 
     def solve(self, b):
         """Return x (..., m), its backward errors (...,), and numbers of refinement steps (...,).

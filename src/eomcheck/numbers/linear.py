@@ -28,8 +28,6 @@ from itertools import chain
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-import scipy.linalg
-from scipy.linalg import get_lapack_funcs
 
 from eomcheck.errors import RefusedError
 from eomcheck.numbers.batch_arrays import BatchArray, NoiseBatch, batch_data, batch_size, of_each
@@ -75,7 +73,13 @@ def column_scale(A: np.ndarray) -> np.ndarray:
 
 # ---- LU factors ----------------------------------------------------------------------------------
 
-(_getri,) = get_lapack_funcs(("getri",), dtype=np.float64)
+
+@cache
+def lapack(name: str) -> Callable[..., Any]:
+    """Return a function of LAPACK for float64, by SciPy: processes of engines are without it."""
+    from scipy.linalg import get_lapack_funcs
+
+    return get_lapack_funcs((name,), dtype=np.float64)[0]
 
 
 class FactorMagnitudes:
@@ -138,7 +142,7 @@ def reciprocal_condition(lu: np.ndarray, pivots: np.ndarray, sizes: FactorMagnit
     if not (np.isfinite(lu).all() and np.diagonal(lu).all()):
         return 0.0
     size = len(lu)
-    inverse = np.abs(_getri(lu, pivots, lwork=64 * size)[0])
+    inverse = np.abs(lapack("getri")(lu, pivots, lwork=64 * size)[0])
     if not np.isfinite(inverse).all():
         return 0.0
     inverse = inverse[:, sizes.row_index[-1]]  # rows in the order of their elimination
@@ -186,8 +190,6 @@ def scale_rows(x, scale):
 
 
 # ---- Solves and products -------------------------------------------------------------------------
-
-_getrf, _getrs, _trtrs = get_lapack_funcs(("getrf", "getrs", "trtrs"), dtype=np.float64)
 
 T = TypeVar("T")
 
@@ -421,12 +423,12 @@ def _lapack_solve(A, b, name):
     if (noise := active_noise()) is not None:
         return _perturbed_solve(A, b, name, noise)
     A, b, scale, row_scale = equilibrate(A, b)
-    lu, pivots, _ = _getrf(A)
+    lu, pivots, _ = lapack("getrf")(A)
     sign, log = determinant(np.diagonal(lu), pivots, scale, row_scale)
     sizes = FactorMagnitudes(lu, pivots)
     rcond, rounding = reciprocal_condition(lu, pivots, sizes), Rounding(sizes, scale, row_scale)
     record(SolveRecord(name, size, rcond, float(sign), float(log), 0, pivots, rounding), A)
-    return scale_rows(_getrs(lu, pivots, b)[0], scale)
+    return scale_rows(lapack("getrs")(lu, pivots, b)[0], scale)
 
 
 def _perturbed_solve(A, b, name, noise) -> Any:
@@ -487,9 +489,11 @@ def null_space(a: Any) -> Any:
 
     In a batch every matrix is assumed to have the same rank; singular values show which has not.
     """
+    from scipy import linalg
+
     if not batch_size(a):
-        return scipy.linalg.null_space(a)
-    return of_each(lambda x: scipy.linalg.svd(x)[2][len(x) :].T, a)
+        return linalg.null_space(a)
+    return of_each(lambda x: linalg.svd(x)[2][len(x) :].T, a)
 
 
 def singular_values(a: Any) -> Any:

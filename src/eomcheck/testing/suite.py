@@ -36,7 +36,7 @@ from eomcheck.claims.run import (
 )
 from eomcheck.draws.pairwise_design import scene_cases, state_cases, with_wide
 from eomcheck.engines import Engine, engine_of, represents
-from eomcheck.engines.engine import represents_some
+from eomcheck.engines.answers import represents_some
 from eomcheck.errors import EomcheckError, InputError, required, whole_number
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scene_lookup import scene_classes_named

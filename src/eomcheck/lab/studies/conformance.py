@@ -169,7 +169,7 @@ def true_digits(
     vdot = acceleration_asked(at)
     point = ConformancePoint(at, vdot)
     for one in QUANTITIES.values():
-        if not kind.offers(one.name) or (one.needs_tree and not point.has_tree):
+        if not kind.offers(one.name) or one.lacks(point):
             continue
         if one.mapping in SOLVED and follow(answers.engine, at):
             continue

@@ -1,0 +1,94 @@
+"""Engines of Pinocchio whose bias fails, each in a way that a process of its own survives."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+import time
+
+import numpy as np
+
+from eomcheck.engines.pinocchio import PinocchioEngine
+
+
+class Failing(PinocchioEngine):
+    """Pinocchio's tree of bodies."""
+
+    solves_like = "gw"
+
+
+class Segfaulting(Failing):
+    """Engine that reads an address that it may not."""
+
+    def bias(self, q, v, t=0.0):
+        print("about to read address 0", flush=True)
+        return ctypes.string_at(0)
+
+
+class Exiting(Failing):
+    """Engine that ends its process with exit code 0."""
+
+    def bias(self, q, v, t=0.0):
+        os._exit(0)
+
+
+class Babbling(Failing):
+    """Engine that writes garbage where its answer goes."""
+
+    def bias(self, q, v, t=0.0):
+        os.write(int(sys.argv[3]), b"garbage " * 100)
+        return super().bias(q, v, t)
+
+
+class Printing(Failing):
+    """Engine that prints, as libraries do."""
+
+    def bias(self, q, v, t=0.0):
+        print("garbage " * 100000, flush=True)
+        os.write(1, b"garbage\n")
+        return super().bias(q, v, t)
+
+
+class Sleeping(Failing):
+    """Engine that never answers, and holds Python's lock."""
+
+    def bias(self, q, v, t=0.0):
+        ctypes.PyDLL(None).sleep(600)
+
+
+class Waiting(Failing):
+    """Engine that never answers."""
+
+    def bias(self, q, v, t=0.0):
+        time.sleep(600)
+
+
+class Undefined(Failing):
+    """Engine that answers NaN."""
+
+    def bias(self, q, v, t=0.0):
+        return np.full(len(q), np.nan)
+
+
+class Raising(Failing):
+    """Engine that raises an exception."""
+
+    def bias(self, q, v, t=0.0):
+        raise KeyError("Coriolis")
+
+
+class Overwriting(Failing):
+    """Engine that changes an array that it is handed."""
+
+    def bias(self, q, v, t=0.0):
+        result = super().bias(q, v, t)
+        v[0] += 1.0
+        return result
+
+
+class Textual(Failing):
+    """Engine that answers an object that no message holds."""
+
+    def bias(self, q, v, t=0.0):
+        return object()
