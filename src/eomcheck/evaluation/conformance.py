@@ -471,11 +471,11 @@ class Quantity(NamedTuple):
     out_of_plane: bool = False
 
     def lacks(self, point: ConformancePoint) -> str:
-        """Return the part of a scene that it needs and that is missing, "" if none."""
+        """Return the reason why a scene does not have it, after its name; "" if it has it."""
         if self.needs_tree and not point.has_tree:
-            return "a tree of bodies: its `tree` returns None"
+            return "has no tree of bodies: its `tree` returns None"
         if self.out_of_plane and point.model.tilted:
-            return "all momentum: it is planar, with products of inertia that leave its plane"
+            return "is planar, and its products of inertia leave the plane"
         return ""
 
     @property
@@ -759,7 +759,7 @@ def quantity(
     )
     point = ConformancePoint(at, vdot)
     if what := one.lacks(point):
-        raise InputError(f"{scene.name} does not have {what}")
+        raise InputError(f"{scene.name} {what}")
     if one.of_frame and frame is None:
         names = ", ".join(map(repr, point.model.links))
         raise InputError(f"frame = None: {name} needs the name of a link: {names}")
