@@ -21,6 +21,7 @@ from validation.harness import holds
         "machine-code",
         "power-balance",
         "invariance",
+        "derivatives",
     ],
 )
 @pytest.mark.sampled(2)

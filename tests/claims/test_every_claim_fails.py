@@ -197,6 +197,7 @@ ABOUT: dict[str, dict[str, tuple[Part, ...]]] = {
     "power-balance": {"snake": (*RATES, T)},
     # An error in u̇_1, the speed ahead, moves with the scene.
     "invariance": {"snake": (FORCES, B, replace(ACTIVE, entries=((1,),)))},
+    "derivatives": {"snake": (*RATES, *MULTIPLIERS)},
     "true-error": {"snake": RATES},
     "center-of-mass-rates": {
         "chain-pendulum": tree_parts(

@@ -70,7 +70,7 @@ def test_engines_are_made_once_for_each_scene(monkeypatch):
         return SceneEngines(scene, (), {})
 
     def look(
-        asked: SceneEngines, state: State, selection: RunSelection, often: int, at: Any
+        asked: SceneEngines, state: State, selection: RunSelection, often: int, at: Any, number: int
     ) -> StateResult:
         looked.append((asked.scene, state, often))
         return StateResult([], {}, ())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from fractions import Fraction
 
 import flint
@@ -134,3 +135,18 @@ def test_functions_of_numpy_have_the_derivative_of_the_function_times_that_of_it
 def test_powers_have_the_derivative_of_a_product():
     found = Dual(Fraction(3), Fraction(2)) ** 3
     assert (found.x, found.rate) == (27, 2 * 3 * 9)
+
+
+@pytest.mark.parametrize("operation", [operator.add, operator.sub, operator.mul, operator.truediv])
+@pytest.mark.parametrize("array", [np.array([2.0, 4.0]), duals(np.array([2.0, 4.0]), np.ones(2))])
+def test_a_dual_number_and_an_array_are_combined_entry_by_entry(operation, array):
+    number = Dual(3.0, 5.0)
+    for first, second in ((number, array), (array, number)):
+        found = operation(first, second)
+        assert found.shape == (2,)
+        pairs = zip(
+            *np.broadcast_arrays(np.array(first, object), np.array(second, object)), strict=True
+        )
+        expected = [operation(*(x if isinstance(x, Dual) else Dual(x) for x in p)) for p in pairs]
+        assert [value(x) for x in found] == [value(x) for x in expected]
+        assert rate(found).tolist() == [x.rate for x in expected]

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from eomcheck.claims import terms_and_positions, speeds_and_chains  # isort: skip
 from eomcheck.claims import bodies_and_frames, engine_quantities  # isort: skip
-from eomcheck.claims import accelerations, numerical_accuracy  # isort: skip
+from eomcheck.claims import accelerations, formulation_derivatives  # isort: skip
+from eomcheck.claims import numerical_accuracy  # isort: skip
 from eomcheck.claims.case import Case
 from eomcheck.claims.finding import Finding, Proof, State
 from eomcheck.claims.registry import CLAIMS, Claim
@@ -27,6 +28,7 @@ __all__ = [
     "accelerations",
     "bodies_and_frames",
     "engine_quantities",
+    "formulation_derivatives",
     "numerical_accuracy",
     "speeds_and_chains",
     "terms_and_positions",

@@ -178,7 +178,7 @@ class IdentitySampler:
 
     def _detail(self, at: GenericPoint, key: Key, sides: Comparison) -> str:
         """Return the term and the entry that differ; directions are tried along the axes."""
-        if sides.names == (at.direction_names,):
+        if at.direction_names in sides.names:
             at.use_axis_directions()
             along_axes = dict(identities_at(at, CLAIMS[key[0]]))[key]
             sides = along_axes if isinstance(along_axes, Comparison) else sides

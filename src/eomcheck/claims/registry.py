@@ -218,6 +218,7 @@ class Claim:
         needs: what it needs to be compared at all, where a scene or a run may lack it.
         provable: False if the claim follows from another, proved one.
         batchable: False if its sides are evaluated at one state at a time (`batched_claims`).
+        every: k, if only each k-th state of a run is checked unless the claim is named.
     """
 
     id: str
@@ -233,6 +234,7 @@ class Claim:
     needs: str = ""
     provable: bool = True
     batchable: bool = True
+    every: int = 1
 
     @property
     def against(self) -> str:

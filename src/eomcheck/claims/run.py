@@ -307,9 +307,11 @@ def evaluate_state(
     selection: RunSelection,
     repeats: int,
     at: Evaluation | None = None,
+    number: int = 0,
 ) -> StateResult:
     """Check one state of a scene whose engines are constructed; for arguments see `make_case`.
 
+    `number` counts the states of the run: some claims are checked in each k-th one (`Claim.every`).
     Terms that raise or are not finite are reported whichever claims are selected, and alone.
     """
     case = make_case(scene_engines, state, selection, repeats, at)
@@ -318,6 +320,8 @@ def evaluate_state(
         return StateResult([broken], seconds, ())
     findings: list[Finding] = []
     for claim in selection.claims if case.finite else ("finite-terms",):
+        if number % CLAIMS[claim].every and not selection.claims_named:
+            continue
         start = time.perf_counter()
         findings += evaluate_claim(scene_engines, case, CLAIMS[claim])
         seconds[claim] = time.perf_counter() - start
@@ -383,17 +387,19 @@ class ValidationRun:
         selection: RunSelection,
         repeats: int,
         at: Evaluation | None = None,
+        number: int = 0,
     ) -> StateResult:
         """Evaluate all claims at one state; engines are constructed once per scene."""
         if self._engines_for is None or self._engines_for.scene is not scene:
             # Once for each scene.
             self._engines_for = make_scene_engines(scene, selection)
-        return evaluate_state(self._engines_for, state, selection, repeats, at)
+        return evaluate_state(self._engines_for, state, selection, repeats, at, number)
 
     def _evaluate_serially(self, cases: Cases, selection: RunSelection) -> StateResults:
         """Yield the results of cases that are computed in this process."""
         for i, (scene, state) in enumerate(cases):
-            yield scene, state, self._evaluate_state(scene, state, selection, repeats_at(i))
+            result = self._evaluate_state(scene, state, selection, repeats_at(i), number=i)
+            yield scene, state, result
 
     def _add_result(self, result: StateResult) -> list[Finding]:
         """Add the result of one state to the run, and return its new Findings."""

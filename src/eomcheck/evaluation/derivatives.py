@@ -38,7 +38,7 @@ from eomcheck.evaluation.tolerance import UNDERFLOW, allowed_error
 from eomcheck.formulations import Formulation, Partition, au, formulation_for
 from eomcheck.mechanics.scene import FUNCTIONS, Scene, checked_scene, finite_array
 from eomcheck.numbers.dual import duals, rate
-from eomcheck.numbers.generic import FLOAT64, Array, as_objects, map_record
+from eomcheck.numbers.generic import FLOAT64, Array, as_objects, generic, map_record
 
 # ---- Directions -------------------------------------------------------------------------------
 
@@ -201,16 +201,22 @@ def _violation_rates(*inputs: Any) -> Any:
     return rate(a @ at.v if b is None else a @ at.v + b)
 
 
-def tangent_direction(
-    at: Quantities, direction: Direction, partition: Partition | None = None
+@generic
+def _nearest(one, a, direction, violation):
+    """Return the x (n,) next to a direction with a x = -violation; `one` is the unit matrix."""
+    return au.solution(one, direction, a, violation, None, None)[0]
+
+
+def tangent_directions(
+    at: Quantities, directions: Direction, partition: Partition | None = None
 ) -> Direction:
-    """Return the direction next to another one that keeps the constraints to first order.
+    """Return the k directions next to others that keep the constraints to first order.
 
     That is, a δq = 0 for holonomic rows and δ(a v + b) = 0 for all.
 
     Args:
         at: the state, in any scalar type.
-        direction: any direction.
+        directions: any k directions.
         partition: one that names redundant rows, which do not count.
 
     Raises:
@@ -218,18 +224,39 @@ def tangent_direction(
     """
     a = at.terms.a
     if a is None:
-        return direction
+        return directions
     rows = np.arange(at.scene.r)
     kept = rows if partition is None or partition.kept is None else partition.kept
-    dq, one = direction.q, np.eye(at.scene.n, dtype=int).astype(a.dtype)
+    dq, one = directions.q, np.eye(at.scene.n, dtype=int).astype(a.dtype)
     if at.scene.position_residual is not None:
         closed = np.intersect1d(kept, rows[at.scene.holonomic])
-        still = np.zeros(len(closed), int).astype(a.dtype)
-        dq, _ = au.solution(one, dq, a[closed], still, None, None)
-    along_q = _as_stack(direction._replace(q=dq, v=0 * dq))
-    (violation,) = _differentiated(at, "violation", _violation_rates, (), along_q)
-    dv, _ = au.solution(one, direction.v, a[kept], violation[kept], None, None)
-    return direction._replace(q=dq, v=dv)
+        still = np.zeros((len(dq), len(closed)), int).astype(dq.dtype)
+        dq = at.run_for_each("tangent q", _nearest, (one, a[closed]), (dq, still))
+    along_q = directions._replace(q=dq, v=0 * directions.q)
+    violation = _differentiated(at, "violation", _violation_rates, (), along_q)
+    varied = directions.v, violation[:, kept]
+    return directions._replace(
+        q=dq, v=at.run_for_each("tangent v", _nearest, (one, a[kept]), varied)
+    )
+
+
+def tangent_direction(
+    at: Quantities, direction: Direction, partition: Partition | None = None
+) -> Direction:
+    """Return the direction (n,) next to another one that keeps the constraints to first order.
+
+    See `tangent_directions`.
+    """
+    tangent = tangent_directions(at, _as_stack(direction), partition)
+    return Direction(*(x[0] for x in tangent))
+
+
+def _unit_directions(at: Quantities) -> Direction:
+    return unit_directions(at.scene.n)
+
+
+Directions = Callable[[Any], Direction]
+"""Function of an evaluation, or of its perturbed samples, that returns directions."""
 
 
 # ---- Derivatives at a state ----------------------------------------------------------------------
@@ -323,13 +350,20 @@ def _error_bound(sensitivity: float) -> float:
     return max(allowed_error(sensitivity), UNDERFLOW)
 
 
-def derivative_arrays(at: Evaluation, formulation: Formulation) -> dict[str, Array]:
+def derivative_arrays(
+    at: Evaluation, formulation: Formulation, directions: Directions = _unit_directions
+) -> dict[str, Array]:
     """Return the arrays of `Derivatives` by name, without those of absent multipliers.
+
+    Args:
+        at: the state.
+        formulation: the formulation.
+        directions: n directions for each of q, v and tau, by default those of their entries.
 
     Raises:
         RefusedError: as `Evaluation.acceleration`, or a derivative overflows.
     """
-    arrays = arrays_by_name(_rows_of(at, formulation), at.scene.n)
+    arrays = arrays_by_name(_rows_of(at, formulation, directions), at.scene.n)
     for name, x in arrays.items():
         if not np.isfinite(x).all():
             message = (
@@ -355,20 +389,25 @@ def arrays_by_name(rows: Sequence[Any], n: int) -> dict[str, Any]:
     }
 
 
-def _rows_of(at: Evaluation, formulation: Formulation) -> tuple[Any, Any]:
+def _rows_of(
+    at: Evaluation, formulation: Formulation, directions: Directions = _unit_directions
+) -> tuple[Any, Any]:
     """Return the derivatives of v̇ (3n, n) and of λ (3n, r), or None, by q, v and tau in turn."""
     partition = at.partition_for(formulation, pivoted=False)
 
-    def function(key: str, directions: Direction) -> Any:
-        key = f"{formulation.key}, {key}"
-        return solutions_along(at, formulation, directions, partition, key)
+    def function(key: str, part: Direction) -> Any:
+        return solutions_along(at, formulation, part, partition, f"{formulation.key}, {key}")
 
     with np.errstate(all="ignore"):
-        return for_each_direction(at, unit_directions(at.scene.n), function)
+        return for_each_direction(at, directions(at), function)
 
 
 def derivative_sensitivities(
-    at: Evaluation, formulation: Formulation, arrays: dict[str, Array], coordinates: bool = False
+    at: Evaluation,
+    formulation: Formulation,
+    arrays: dict[str, Array],
+    coordinates: bool = False,
+    directions: Directions = _unit_directions,
 ) -> dict[str, float]:
     """Return κ · scale of each array of `Derivatives`, by name.
 
@@ -379,6 +418,7 @@ def derivative_sensitivities(
         formulation: the formulation.
         arrays: the result of `derivative_arrays`.
         coordinates: whether the coordinates are perturbed too, see `perturbed_samples`.
+        directions: those of `arrays`.
 
     Raises:
         RefusedError: as `Evaluation.acceleration`.
@@ -387,7 +427,7 @@ def derivative_sensitivities(
         return dict.fromkeys(arrays, np.inf)
 
     def rows(e: Evaluation) -> dict[str, Any]:
-        return arrays_by_name(_rows_of(e, formulation), at.scene.n)
+        return arrays_by_name(_rows_of(e, formulation, directions), at.scene.n)
 
     return _sensitivities(at, arrays, rows, coordinates)
 

@@ -42,6 +42,8 @@ class Dual:
     def __add__(self, other):
         if isinstance(other, Dual):
             return Dual(self.x + other.x, self.rate + other.rate)
+        if isinstance(other, np.ndarray):
+            return NotImplemented  # the array adds entry by entry
         return Dual(self.x + other, self.rate)
 
     def __neg__(self):
@@ -56,12 +58,16 @@ class Dual:
     def __mul__(self, other):
         if isinstance(other, Dual):
             return Dual(self.x * other.x, self.x * other.rate + self.rate * other.x)
+        if isinstance(other, np.ndarray):
+            return NotImplemented
         return Dual(self.x * other, self.rate * other)
 
     def __truediv__(self, other):
         if isinstance(other, Dual):
             x = _quotient(self.x, other.x)
             return Dual(x, _quotient(self.rate - x * other.rate, other.x))
+        if isinstance(other, np.ndarray):
+            return NotImplemented
         return Dual(_quotient(self.x, other), _quotient(self.rate, other))
 
     def __rtruediv__(self, other):

@@ -217,13 +217,20 @@ def participant_table(
 
 def worst_table(claims: Iterable[ClaimSummary]) -> ResultTable:
     """Return the worst case of each claim: observed / allowed, its subject, and its state."""
-    rows = []
+    claims, rows = list(claims), []
     for c in claims:
         worst = c.worst if c.kind in DECIDED and c.text != "0" else None
         subject, on = ("·", "·") if worst is None else (worst.subject, state_label(worst))
         rows.append([claim_link(c), c.cell, subject, on, f"{len(c.rows)}{c.undecided}"])
     columns = ["claim", "worst", "by", "on", "findings"]
-    return ResultTable("worst", "", columns, rows, note=WORST)
+    return ResultTable("worst", "", columns, rows, note=WORST + _sampled_note(claims))
+
+
+def _sampled_note(claims: Sequence[ClaimSummary]) -> str:
+    """Return the sentence about claims that are checked in some states of a run only, or ""."""
+    sampled = [x.claim for x in claims if x.claim.every > 1]
+    states = [f"{one.id}: in one state of {one.every} unless --claim names it." for one in sampled]
+    return "".join(f" {text}" for text in states)
 
 
 def state_label(row: StoredFinding) -> str:

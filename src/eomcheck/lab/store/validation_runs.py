@@ -390,9 +390,8 @@ class _Item(NamedTuple):
 
 
 def _evaluate(item: _Item, selection: RunSelection) -> StateResult:
-    return evaluate_state(
-        _asked(item.scene, selection), item.state, selection, repeats_at(item.number)
-    )
+    asked, number = _asked(item.scene, selection), item.number
+    return evaluate_state(asked, item.state, selection, repeats_at(number), number=number)
 
 
 @lru_cache(1)
