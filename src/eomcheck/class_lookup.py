@@ -115,6 +115,21 @@ def home_of_code(name: object) -> tuple[str, str] | None:
     return (home, of) if colon and home and of.isidentifier() else None
 
 
+def location_of(kind: type) -> str:
+    """Return the name by which `class_named` finds a class of user code again; "" if by none.
+
+    A file in the current folder, or below it, has its path from there.
+    """
+    name, module = kind.__name__, kind.__module__
+    file = getattr(sys.modules.get(module), "__file__", None)
+    if kind.__qualname__ != name or file is None or module == "__main__":
+        return ""
+    if file not in _run_here or "." in module:
+        return f"{module}:{name}"
+    path, current = Path(file).resolve(), Path.cwd().resolve()
+    return f"{path.relative_to(current) if path.is_relative_to(current) else path}:{name}"
+
+
 def announced(kind: LookupKind[Any]) -> dict[str, EntryPoint]:
     """Return name -> entry point of the classes of installed packages, built-in ones excluded."""
     points = {point.name: point for point in entry_points(group=kind.group)}

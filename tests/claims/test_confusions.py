@@ -256,6 +256,15 @@ def test_every_transformation_has_a_case():
     assert len(keys) == len(TRANSFORMATIONS) == 9
 
 
+def test_a_block_of_columns_is_transposed():
+    blocks = np.random.default_rng(3).normal(size=(2, 4, 4))
+    expected = np.concatenate(blocks, axis=1)
+    second = np.concatenate((blocks[0], blocks[1].T), axis=1)
+    assert recognize(second, expected, 1e-14) == "columns 5 to 8 transposed"
+    each = np.concatenate([x.T for x in blocks], axis=1)
+    assert recognize(each, expected, 1e-14) == "each block of 4 columns transposed"
+
+
 def test_a_rotation_matrix_is_transposed():
     R = rotation(Doubles(3))
     assert recognize(R.T, R, 1e-12) == "transposed"

@@ -12,7 +12,7 @@ from tests.claims.test_checks import SNAKE, Q, V
 from eomcheck.claims import CLAIMS, Case, run
 from eomcheck.claims import case as trial
 from eomcheck.claims.finding import Finding
-from eomcheck.engines import CasadiEngine, MujocoEngine, PinocchioEngine
+from eomcheck.engines import CasadiEngine, MujocoEngine, PinocchioFile
 from eomcheck.engines import answers as interface
 from eomcheck.errors import InputError
 from eomcheck.evaluation.evaluation import Evaluation
@@ -224,11 +224,15 @@ def test_of_an_engine_on_trial_both_numbers_of_the_worst_entry_are_said(entry, b
 
 
 def test_of_the_library_of_a_file_nobody_is_blamed():
-    kind: Any = type("Reader", (PinocchioEngine,), {"reads_file": True})
-    found = changed((0, 1), 6.0)
+    kind, found = PinocchioFile, changed((0, 1), 6.0)
     assert (
         trial.describe_engine_error(kind, found, EXPECTED, 1e-12)
         == "3 by the library, -3 by eomcheck"
+    )
+    own: Any = type("Reader", (PinocchioFile,), {})
+    assert (
+        trial.describe_engine_error(own, found, EXPECTED, 1e-12)
+        == "3 by the library, -3 by eomcheck: wrong sign"
     )
     slight = trial.describe_engine_error(kind, changed((1, 0), -1e-6), EXPECTED, 1e-12)
     assert slight.startswith("0.999999 by the library, 1 by eomcheck: as large as")

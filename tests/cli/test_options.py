@@ -105,6 +105,9 @@ STUBS: dict[str, dict[str, Any]] = {
         "eomcheck.lab.report.report_formats.write_junit": None,
         "eomcheck.lab.report.report_formats.write_equivalences": None,
         "eomcheck.lab.report.overview.read_records": lambda paths, unread=None: [],
+        "eomcheck.lab.report.overview.Overview": SimpleNamespace(
+            rows=[], headline="", unread=[], verdict="passed"
+        ),
     },
     "export": {"eomcheck.cli.check_commands.write_text": None},
     "reference": {
@@ -219,6 +222,7 @@ CASES: dict[str, dict[str, Case]] = {
         "seed": ("--seed 8", {"proof_jobs.seed": 8}),
         "scene": ("--scene sleigh", {"proof_jobs.scene": "sleigh"}),
         "formulation": ("--formulation au", {"proof_jobs.formulations": ["au"]}),
+        "claim": ("--claim bias", {"proof_jobs.claims": ["bias"]}),
         "executor": ("--executor local:2", {"Proofs.executor": "local:2"}),
         "json": ("--json a.json", {"Proofs.path": "a.json"}),
         "records": ("--records new.db", {"Proofs.records": "records"}),
@@ -229,6 +233,7 @@ CASES: dict[str, dict[str, Case]] = {
         "html": ("--html a.html", {"write_page.path": "a.html"}),
         "markdown": ("--markdown a.md", {"write_markdown.path": "a.md"}),
         "junit": ("--junit a.xml", {"write_junit.path": "a.xml"}),
+        "claim": ("--claim bias", {"Overview.claims": ["bias"]}),
         "equivalences": ("--equivalences e.md", {"write_equivalences.path": "e.md"}),
         "suite": (
             "--suite there",
@@ -296,6 +301,11 @@ CASES: dict[str, dict[str, Case]] = {
         "formulation of a replay": (
             "--formulation au,el",
             {"replay_failures.formulations": ["au", "el"]},
+            REPLAY,
+        ),
+        "engine of a replay": (
+            f"--engine {PLANAR}",
+            {"replay_failures.allowed": [PLANAR]},
             REPLAY,
         ),
         "scene of a replay": ("--scene sleigh", {"replay_failures.allowed": ["sleigh"]}, REPLAY),
@@ -384,6 +394,10 @@ CASES: dict[str, dict[str, Case]] = {
         ),
         "examples": ("--examples 3", {"compare_libraries.states": 3}),
         "seed": ("--seed 4", {"compare_libraries.seed": 4}),
+        "claim": (
+            "--claim mass-matrix,engine-gravity",
+            {"compare_libraries.claims": ["mass-matrix", "engine-gravity"]},
+        ),
         "pairs": ("--pairs", {"print_comparison.pairs": True}),
         "json": ("--json a.json", {"write_comparison.path": "a.json"}),
     },

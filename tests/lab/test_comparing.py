@@ -79,6 +79,88 @@ def test_a_library_that_reads_the_file_agrees_to_rounding(key, more, floating, t
     assert found.states == 5
 
 
+class Signed(PinocchioFile):
+    """A library in which one row of the frame Jacobians has the other sign."""
+
+    key = "signed_file"
+
+    def frame_jacobian(self, f, q, t=0.0):
+        J = super().frame_jacobian(f, q, t)
+        J[5] = -J[5]
+        return J
+
+
+def test_a_quantity_that_no_reason_explains_differs_beside_what_one_does(
+    monkeypatch, tmp_path, capsys
+):
+    monkeypatch.setitem(library_comparison.BY_FORMAT["urdf"], Signed.key, Signed)
+    scene = from_urdf(arm(tmp_path / "arm.urdf", damping="0.3"))
+    found = compare_libraries(scene, [Signed.key, "pinocchio"], states=4)
+    signed, right = found.libraries[Signed.key], found.libraries["pinocchio"]
+    assert (signed.verdict, right.verdict) == ("differs", "no damping")
+    assert signed.why == f"{right.why}; no reason known for frame_jacobian"
+    print_comparison(found)
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "by eomcheck: wrong sign [" in printed
+    # Of that quantity alone the dampers are no reason.
+    found = compare_libraries(
+        scene, [Signed.key, "pinocchio"], states=2, claims=["engine-frame-jacobian"]
+    )
+    signed, right = found.libraries[Signed.key], found.libraries["pinocchio"]
+    assert (signed.verdict, signed.why, right.verdict) == ("differs", "", "agrees")
+    assert not found.differences
+    assert set(signed.findings) == set(right.findings) == {"engine-frame-jacobian"}
+
+
+def test_claims_choose_what_libraries_are_compared_by(tmp_path: Path):
+    scene = from_urdf(arm(tmp_path / "arm.urdf", damping="0.3"))
+    found = compare_libraries(
+        scene, ["pinocchio"], states=2, claims=["engine-gravity", "mass-matrix"]
+    )
+    mine = found.libraries["pinocchio"]
+    assert (mine.verdict, list(found.differences)) == ("agrees", ["M"])
+    assert list(mine.findings) == ["mass-matrix", "engine-gravity"]
+    for name, message in (
+        ("mass-matri", "did you mean 'mass-matrix'"),
+        ("equivalence", "claim = 'equivalence', expected one that compares libraries"),
+    ):
+        with pytest.raises(InputError, match=message):
+            compare_libraries(scene, ["pinocchio"], states=1, claims=[name])
+
+
+OWN_READER = """
+from eomcheck.engines import PinocchioFile
+
+
+class Turned(PinocchioFile):
+    key = "turned_file"
+
+    @classmethod
+    def version(cls):
+        return "turned 1.0"
+
+    def inverse_dynamics_derivatives(self, q, v, vdot, t=0.0):
+        by_q, by_v = super().inverse_dynamics_derivatives(q, v, vdot, t)
+        return by_q.T, by_v
+
+
+class NoReader:
+    pass
+"""
+
+
+def test_an_engine_of_a_user_that_reads_the_file_is_compared(tmp_path: Path):
+    own, robot = tmp_path / "own_reader.py", arm(tmp_path / "arm.urdf")
+    own.write_text(OWN_READER, encoding="utf-8")
+    options = ["--examples", "2", "--claim", "engine-inverse-dynamics-derivatives"]
+    command = ["compare", str(robot), "--engine", f"{own}:Turned", *options]
+    result = CliRunner().invoke(app, command)
+    assert result.exit_code == 1, result.output
+    assert "columns 1 to 3 transposed" in " ".join(result.output.split())
+    with pytest.raises(InputError, match="is no FileEngine that reads arm"):
+        compare_libraries(from_urdf(robot), ["eomcheck.engines.pinocchio:PinocchioEngine"])
+
+
 def test_a_joint_that_follows_another_is_no_coordinate_but_the_library_s_own(tmp_path: Path):
     scene = from_urdf(arm(tmp_path / "arm.urdf", more=FINGERS))
     engine = PinocchioFile(scene)
@@ -251,7 +333,7 @@ def test_a_base_whose_velocity_is_another_than_taken_is_named(monkeypatch, tmp_p
     monkeypatch.setitem(library_comparison.BY_FORMAT["urdf"], "taken_file", Taken)
     scene = from_urdf(free(tmp_path / "arm.urdf"), floating=True)
     found = compare_libraries(scene, ["taken_file"], states=3)
-    ((why, _),) = found.libraries["taken_file"].explanations
+    ((why, *_),) = found.libraries["taken_file"].explanations
     assert why.startswith("has another velocity of the base: ")
     assert told in why
     assert why.endswith(f"not {taken}")

@@ -12,18 +12,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import eomcheck
 from eomcheck import cli
 from eomcheck.claims import CLAIMS
 from eomcheck.claims.finding import entries_of
 from eomcheck.draws.fuzz_cases import FAMILIES, ORDINARY, SPECIAL, StructuralVariant, draw_cases
+from eomcheck.engines import engine_of
 from eomcheck.errors import InputError
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import screening
 from eomcheck.lab.fuzzing import state_rounds as fuzzed
 from eomcheck.lab.fuzzing.campaign import Campaign, Round, ScoredCase
-from eomcheck.lab.fuzzing.failures import FUNCTIONS, read_failures, replay_failures, write_failures
+from eomcheck.lab.fuzzing.failures import (
+    FUNCTIONS,
+    failure_record,
+    read_failures,
+    replay_failures,
+    write_failures,
+)
 from eomcheck.lab.fuzzing.motion_comparison import jacobians
-from eomcheck.lab.fuzzing.screening import DECIDED, OPEN, CheckFrequency, runs_in_lanes
+from eomcheck.lab.fuzzing.screening import DECIDED, OPEN, CheckFrequency, Diagnosis, runs_in_lanes
 from eomcheck.lab.fuzzing.state_rounds import (
     SKIPPED,
     FunctionsPlan,
@@ -497,3 +505,42 @@ def test_functions_that_no_lanes_can_run_are_looked_at_one_by_one():
 def test_terms_that_are_no_numbers_end_a_campaign_with_a_sentence():
     with pytest.raises(InputError, match="no state could be drawn"):
         campaign_of(NoNumbers).run(states=1)
+
+
+SIGNED = """
+from eomcheck.engines.pinocchio import PinocchioEngine
+
+
+class Signed(PinocchioEngine):
+    @classmethod
+    def version(cls):
+        return "signed 1.0"
+
+    def frame_jacobian(self, f, q, t=0.0):
+        J = super().frame_jacobian(f, q, t)
+        J[5] = -J[5]
+        return J
+"""
+
+
+def test_a_find_of_an_engine_of_ones_own_names_it_in_its_code_and_where_it_is_replayed(
+    tmp_path: Path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "signed_row.py").write_text(SIGNED, encoding="utf-8")
+    engine = engine_of("signed_row.py:Signed")
+    scene = eomcheck.scenes.Sleigh()
+    chosen = {"claims": ["engine-frame-jacobian"], "engines": [engine]}
+    (failed,) = eomcheck.check_state(scene, [0.1, 0.2, 0.3], [0.0, 0.0, 0.0], **chosen)
+    record = failure_record(failed, "sleigh", Diagnosis("engine", ""))
+    assert record.engine == "signed_row.py:Signed"
+    write_failures(tmp_path / "f.json", [record])
+    assert read_failures(tmp_path / "f.json") == [record]
+    exec(record.python, {})  # the printed code, as it is
+    assert "wrong sign" in capsys.readouterr().out
+    (unnamed,) = replay_failures([record], ["au"], allowed=[])
+    assert unnamed.outcome == "not checked"
+    assert unnamed.reason.endswith("imported with --engine signed_row.py:Signed only")
+    (again,) = replay_failures([record], ["au"], allowed=["signed_row.py:Signed"])
+    assert (again.outcome, again.failure.engine) == ("failed", record.engine)
+    assert failure_record(replace(failed, engine=None), "sleigh", Diagnosis("", "")).engine == ""

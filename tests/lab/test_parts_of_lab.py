@@ -218,7 +218,7 @@ def test_quantities_are_taken_moving_and_at_rest_and_sized_by_what_they_are_summ
     assert summed["M"] == summed["q̈"] == 0.0 < summed["bias"]
     assert summed["gravity"] == summed["forces"] != summed["bias"]
     pin = LibraryResult("pin", "1", engine=PinocchioFile(scene))
-    told = library_quantities(pin, at, ours)
+    told = library_quantities(pin, at, ours, ours)
     assert np.allclose(told["M"], ours["M"]) and np.allclose(told["gravity"], ours["gravity"])
     still = from_urdf(tmp_path / "arm.urdf", gravity=None)
     of_still = reference_quantities(
@@ -238,7 +238,7 @@ def test_the_first_fault_of_a_quantity_is_kept_and_said_once(tmp_path):
     failing = LibraryResult("x", "1", engine=Failing(scene))
     at = Evaluation(scene, np.zeros(3), np.zeros(3), 0.0)
     for _ in range(2):
-        told = library_quantities(failing, at, ["M", "bias"])
+        told = library_quantities(failing, at, ["M", "bias"], ["M", "bias"])
         assert list(told) == ["bias"]
     ((quantity, said),) = failing.faults.items()
     assert quantity == "M" and "time 1" in said
@@ -375,7 +375,7 @@ def chains(monkeypatch) -> tuple[list, list]:
     """Return chains of 3, 30 and 40 coordinates, and where each is proved and how."""
     asked: list = []
 
-    def prove(scene, formulations, points, seed):
+    def prove(scene, formulations, points, seed, claims):
         asked.append(("here", scene.structure, formulations, points, seed))
         return [proved("passed", scene.structure)]
 
@@ -394,7 +394,7 @@ def chains(monkeypatch) -> tuple[list, list]:
 
 def test_large_scenes_are_spread_where_there_are_several_and_all_others_proved_here(chains):
     scenes, asked = chains
-    keywords = {"formulations": ("au",), "points": 2, "seed": 7}
+    keywords = {"formulations": ("au",), "points": 2, "seed": 7, "claims": None}
     run = Proofs(ProofJobs(tuple(scenes), ("au",), 2, 7), executor="local:2")
     run.run()
     assert asked == [

@@ -47,6 +47,35 @@ def test_every_structure_is_proved_and_written(tmp_path: Path):
     assert not run.failed
 
 
+def test_only_the_claims_that_are_named_are_proved_and_others_start_over(tmp_path: Path):
+    path = tmp_path / "proofs.json"
+    named = proof_jobs("sleigh", None, 1, 5, None, ["frame-rates", "kinetic-energy"])
+    run = Proofs(named, path)
+    run.run()
+    rows = [row for rows in run.findings.values() for row in rows]
+    assert {row.claim for row in rows} == {"kinetic-energy", "frame-rates"}
+    assert {row.verdict for row in rows} == {"passed"}
+    again = Proofs(named, path)
+    again.run()
+    assert (again.taken_over, again.started_over) == (1, False)
+    every = Proofs(proof_jobs("sleigh", None, 1, 5, None), path)
+    every.run()
+    assert (every.taken_over, every.started_over) == (0, True)
+
+
+@pytest.mark.parametrize(
+    ("claims", "message"),
+    [
+        (["frame-rate"], "did you mean 'frame-rates'"),
+        (["engine-gravity"], "claim = 'engine-gravity', expected one that is an identity"),
+        ([], "names nothing"),
+    ],
+)
+def test_a_claim_that_is_no_identity_is_refused(claims, message):
+    with pytest.raises(InputError, match=message):
+        proof_jobs("sleigh", None, 1, 5, None, claims)
+
+
 def test_a_run_goes_on_where_another_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     path = tmp_path / "proofs.json"
     whole = Proofs(jobs())

@@ -15,6 +15,7 @@ from eomcheck.claims.numerical_accuracy import SampledState
 from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.draws.fuzz_cases import StructuralVariant
 from eomcheck.engines import CasadiEngine
+from eomcheck.errors import InputError
 from eomcheck.lab import library_comparison
 from eomcheck.lab.discrepancy import Explanation
 from eomcheck.lab.fuzzing.campaign import Campaign, ScoredCase
@@ -39,7 +40,7 @@ from eomcheck.lab.report.overview import (
 from eomcheck.lab.report.report_formats import write_junit, write_page
 from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.record_file import Record
-from eomcheck.lab.store.validation_runs import PROOFS, RUNS, StoredFinding
+from eomcheck.lab.store.validation_runs import PROOFS, RUNS, StoredFinding, findings_record
 from eomcheck.mechanics.records import State
 from eomcheck.motion.batch import Trajectories
 from eomcheck.motion.simulate import Trajectory
@@ -263,6 +264,17 @@ def run_of(scene: str, status: str, *rows: StoredFinding) -> Record:
     """Return the Record of a validation."""
     series = {"engines": [], "engine versions": [], "claims": [], "seconds": []}
     return Record(RUNS, {"scene": scene}, status, series=series, counts={"states": 4})
+
+
+def test_a_report_is_about_the_claims_that_are_named():
+    stored = findings_record([kept(), kept("forces-of-old"), kept("mass-matrix")])
+    only = Overview([stored], claims=["bias", "momentum-rates"])
+    assert ([x.claim for x in only.rows], only.headline) == (["bias"], "All 1 claim hold.")
+    assert [x.claim for x in Overview([stored], claims=["forces-of-old"]).rows] == ["forces-of-old"]
+    with pytest.raises(InputError, match="did you mean 'bias'"):
+        Overview([stored], claims=["bia"])
+    with pytest.raises(InputError, match="no finding about any of equivalence, momentum-rates"):
+        Overview([stored], claims=["equivalence", "momentum-rates"])
 
 
 def test_a_page_tells_inconclusive_findings_from_those_not_looked_at(tmp_path: Path):

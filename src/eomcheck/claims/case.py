@@ -17,6 +17,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from eomcheck.calls import is_ours
 from eomcheck.claims.confusions import NO_CONTEXT, SINGLE_PRECISION, ConfusionContext, locate
 from eomcheck.claims.finding import Entries, Finding, entries_of, format_distinct, judge
 from eomcheck.claims.registry import (
@@ -693,7 +694,7 @@ def describe_engine_error(
     """Describe the worst entry of an engine under test: both numbers, and the confusion.
 
     For a library that reads a robot's file itself neither side is blamed: both numbers, each with
-    its source.
+    its source, and the confusion only of a user's own engine.
 
     Args:
         kind: the engine.
@@ -708,6 +709,6 @@ def describe_engine_error(
     x, y = format_distinct(difference.actual, difference.expected, 9)
     numbers = f"found {x}, expected {y}"
     if kind.reads_file:
-        what = what if what == SINGLE_PRECISION else ""
+        what = what if what == SINGLE_PRECISION or not is_ours(kind) else ""
         numbers = f"{x} by the library, {y} by eomcheck"
     return f"{numbers}: {what}" if what else numbers

@@ -199,8 +199,20 @@ def _in_units(expected: Any) -> Iterator[Candidate]:
 def _transposed(
     actual: Array, expected: Array, context: ConfusionContext, agree: Agreement
 ) -> Iterator[Candidate]:
-    if expected.ndim == 2:
-        yield Candidate("transposed", expected.T)
+    if expected.ndim != 2:
+        return
+    yield Candidate("transposed", expected.T)
+    rows, columns = expected.shape
+    if columns <= rows or columns % rows:
+        return
+    blocks = range(0, columns, rows)  # such as ∂τ/∂q beside ∂τ/∂v
+    parts = [expected[:, start : start + rows] for start in blocks]
+    for k, start in enumerate(blocks):
+        one_turned = [part.T if k == i else part for i, part in enumerate(parts)]
+        text = f"columns {start + 1} to {start + rows} transposed"
+        yield Candidate(text, np.concatenate(one_turned, axis=1))
+    text = f"each block of {rows} columns transposed"
+    yield Candidate(text, np.concatenate([part.T for part in parts], axis=1))
 
 
 def _one_triangle(

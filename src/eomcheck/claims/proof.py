@@ -65,6 +65,17 @@ NO_RATE = "`prepare` uses more than angles, roots and the clock, and its rate is
 """Reason for skipping an identity: only of angles, square roots and time is the rate computed."""
 
 
+def provable_claims(names: Iterable[str] | None = None) -> tuple[str, ...]:
+    """Return the ids of the claims that are identities, by default all, in order of `CLAIMS`.
+
+    Raises:
+        InputError: a claim is no identity, or there are no names.
+        UnknownNameError: there is no claim of a name.
+    """
+    known = tuple(claim.id for claim in CLAIMS.values() if claim.proved)
+    return known if names is None else CLAIMS.chosen(names, known, "is an identity")
+
+
 def identities_at(at: GenericPoint, *claims: Claim) -> Iterator[tuple[Key, Comparison | Skipped]]:
     """Yield the sides of identities at a point, by default of all claims in order of `CLAIMS`."""
     for claim in claims or CLAIMS.values():
@@ -104,8 +115,15 @@ class IdentitySampler:
         partition: a choice of dependent coordinates drawn at random, beside the paper's.
     """
 
-    def __init__(self, scene: Scene, formulations: tuple[Formulation, ...], source: random.Random):
+    def __init__(
+        self,
+        scene: Scene,
+        formulations: tuple[Formulation, ...],
+        source: random.Random,
+        claims: tuple[Claim, ...] = (),
+    ):
         self.scene, self.formulations, self._source = scene, formulations, source
+        self._claims = claims
         self.count = 0
         self.results: dict[Key, IdentityResult] = {}
         self.refused: dict[str, str] = {}
@@ -121,7 +139,7 @@ class IdentitySampler:
                 rational.
         """
         at, prime = self._point()
-        for key, sides in identities_at(at):
+        for key, sides in identities_at(at, *self._claims):
             outcome = self.results.setdefault(key, IdentityResult())
             if isinstance(sides, Skipped):
                 outcome.skip_reason = sides.reason
@@ -212,6 +230,7 @@ def prove(
     *,
     seed: int | None = None,
     formulations: Iterable[str] | None = None,
+    claims: Iterable[str] | None = None,
 ) -> list[Finding]:
     """Prove the algebraic claims for all parameters, angles and speeds of a scene at once.
 
@@ -222,6 +241,7 @@ def prove(
         points: random points per identity, each modulo a prime of its own.
         seed: seed of the draws; by default from the operating system, as the probabilities assume.
         formulations: keys of the formulations to prove, by default all that apply.
+        claims: ids of the claims to prove, by default all that are identities.
 
     Returns:
         One Finding per identity, each with its `proof`, which holds the bounds, the primes and the
@@ -229,16 +249,18 @@ def prove(
 
     Raises:
         InputError: `points` or a number of links below 1; a scene class without its `links`; a
-            formulation that does not apply to the scene; a function of the scene that returns an
-            array of wrong shape.
-        UnknownNameError: no such formulation.
+            formulation that does not apply to the scene; a claim that is no identity; a function of
+            the scene that returns an array of wrong shape.
+        UnknownNameError: no such formulation or claim.
     """
+    ids = None if claims is None else provable_claims(claims)
     keys = None if formulations is None else distinct("formulations", formulations)
     points = whole_number("points", points, most=MOST_COUNTED)
     seed = new_seed() if seed is None else seed
     findings: list[Finding] = []
     for structure in structures(scene, links):
-        findings += prove_structure(structure, formulations_for(structure, keys), points, seed)
+        chosen = formulations_for(structure, keys)
+        findings += prove_structure(structure, chosen, points, seed, ids)
     return findings
 
 
@@ -276,9 +298,20 @@ def structures(scene: Scene | type[Scene], links: int | Iterable[int] | None) ->
 
 
 def prove_structure(
-    scene: Scene, formulations: tuple[Formulation, ...], points: int, seed: int
+    scene: Scene,
+    formulations: tuple[Formulation, ...],
+    points: int,
+    seed: int,
+    claims: Iterable[str] | None = None,
 ) -> list[Finding]:
     """Return the Findings about all scenes of the structure of `scene`.
+
+    Args:
+        scene: the scene.
+        formulations: the formulations that take part.
+        points: random points per identity.
+        seed: seed of the draws.
+        claims: ids of the claims to prove, by default all that are identities.
 
     Raises:
         InputError: see `check_shapes`.
@@ -290,12 +323,14 @@ def prove_structure(
             "satisfies them (eomcheck.with_constraints leaves those that are independent)"
         )
         return [skipped_everywhere("finite-terms", "speeds", scene, why)]
-    draws = IdentitySampler(scene, formulations, random.Random(f"{seed} {scene.structure}"))
+    chosen = () if claims is None else tuple(CLAIMS[id] for id in provable_claims(claims))
+    source = random.Random(f"{seed} {scene.structure}")
+    draws = IdentitySampler(scene, formulations, source, chosen)
     try:
         for _ in range(points):
             draws.sample()
         bounds = largest_bounds(
-            GenericPoint(scene, DegreeArithmetic(), formulations, draws.partition)
+            GenericPoint(scene, DegreeArithmetic(), formulations, draws.partition), *chosen
         )
     except (TypeError, DomainError) as error:
         return [_not_rational(scene, error)]
@@ -349,15 +384,15 @@ def _not_rational(scene: Scene, error: Exception) -> Finding:
     return skipped_everywhere("finite-terms", "terms", scene, detail)
 
 
-def largest_bounds(at: GenericPoint) -> dict[Key, tuple[int, float]]:
-    """Return bounds on the numerator of actual - expected for each identity.
+def largest_bounds(at: GenericPoint, *claims: Claim) -> dict[Key, tuple[int, float]]:
+    """Return bounds on the numerator of actual - expected for each identity, of all claims or some.
 
     Returns:
         (claim, subject) -> (degree, height): the total degree, and log2 of the sum of the
         coefficients' magnitudes; the largest over all entries.
     """
     bounds: dict[Key, tuple[int, float]] = {}
-    for key, sides in identities_at(at):
+    for key, sides in identities_at(at, *claims):
         if isinstance(sides, Skipped):
             continue
         actual, expected = _as_arrays(sides)

@@ -28,7 +28,7 @@ import numpy as np
 
 from eomcheck.claims.confusions import ConfusionContext
 from eomcheck.claims.finding import Finding, Verdict
-from eomcheck.errors import RefusedError, at_least_one, registered
+from eomcheck.errors import InputError, RefusedError, at_least_one, distinct, registered
 from eomcheck.evaluation.scene_quantities import Quantities, Solution
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import Formulation, Partition
@@ -372,6 +372,24 @@ class ClaimRegistry(dict[str, K], Generic[K]):
         if ids is None:
             return tuple(self.values())
         return tuple(registered("claim", id, self) for id in at_least_one("claims", ids))
+
+    def chosen(self, names: Iterable[str], allowed: Collection[str], what: str) -> tuple[str, ...]:
+        """Return ids that are all among the allowed ones, in the order of these.
+
+        Args:
+            names: ids, at least one.
+            allowed: ids of the claims that a command checks.
+            what: verb phrase about what such claims do, for the message.
+
+        Raises:
+            InputError: no id, an id twice, or one that is not allowed.
+            UnknownNameError: an id is not registered.
+        """
+        ids = [claim.id for claim in self.select(distinct("claims", names))]
+        for id in ids:
+            if id not in allowed:
+                raise InputError(f"claim = {id!r}, expected one that {what}")
+        return tuple(id for id in allowed if id in ids)
 
     def by_name(self, claims: Collection) -> bool:
         """Return whether claims were requested by name: fewer than all.

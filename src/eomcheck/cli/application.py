@@ -342,6 +342,9 @@ Engines = Annotated[
 Claims = Annotated[
     list[str] | None, keys_option("Claim to check, or several: a,b. [default: all]", "claim")
 ]
+ReportedClaims = Annotated[
+    list[str] | None, keys_option("Claim to report, or several: a,b. [default: all]", "claim")
+]
 References = Annotated[Path, typer.Option(help="Folder of the reference solutions.")]
 OldRecords = Annotated[Path | None, typer.Argument(metavar=OLD_FORM, hidden=True)]
 Fresh = Annotated[bool, typer.Option("--fresh", help="Measure everything anew.")]

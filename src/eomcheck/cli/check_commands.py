@@ -21,6 +21,7 @@ from eomcheck.cli.application import (
     Json,
     Patience,
     RecordsOption,
+    ReportedClaims,
     SceneClassOption,
     Seed,
     SetOption,
@@ -200,6 +201,7 @@ def prove_command(
     seed: Annotated[int | None, seed_option("Seed of the draws. [default: random]")] = None,
     scene: SceneClassOption = "snake",
     formulation: Formulations = None,
+    claim: Claims = None,
     executor: ExecutorOption = "local",
     json: Json = None,
     records: RecordsOption = None,
@@ -216,7 +218,7 @@ def prove_command(
     from eomcheck.lab.store.parallel_map import check_executor
     from eomcheck.scene_lookup import robot_file_warnings, scene_classes_named
 
-    jobs = proof_jobs(scene, numbers, examples, seed, formulation)
+    jobs = proof_jobs(scene, numbers, examples, seed, formulation, claim)
     check_executor(executor)
     with interruptible(), records_or_none(records) as kept:
         proofs, end, whole = Proofs(jobs, json, executor, kept), CommandEnd(), False
@@ -286,6 +288,7 @@ def report_command(
             help="Folder of the suite, of which that page names tests. [default: validation]"
         ),
     ] = None,
+    claim: ReportedClaims = None,
 ) -> None:
     """Report stored results: verdict, claims, failing states, and the studies there are.
 
@@ -309,7 +312,7 @@ def report_command(
     from eomcheck.lab.show.table import say
 
     unread: list[str] = []
-    overview = Overview(read_records(records, unread), unread)
+    overview = Overview(read_records(records, unread), unread, claim)
     for path, write in (
         (html, write_page),
         (markdown, write_markdown),
@@ -396,10 +399,15 @@ def compare_command(
     ],
     engine: Annotated[
         list[str] | None,
-        keys_option("Library to compare with, or several: a,b. [default: all installed]", "engine"),
+        keys_option(
+            "Library to compare with, or several: a,b, or your own: FILE.py:CLASS. [default: all "
+            "installed]",
+            "engine",
+        ),
     ] = None,
     examples: Annotated[int, typer.Option(help="Number of random states.")] = 20,
     seed: Seed = 0,
+    claim: Claims = None,
     pairs: Annotated[
         bool, typer.Option("--pairs", help="Also print each library beside each other.")
     ] = False,
@@ -428,7 +436,7 @@ def compare_command(
         )
     scene = scene_named(robot)
     with progress("comparing libraries at {state}", examples) as advance:
-        comparison = compare_libraries(scene, engine, examples, seed, advance)
+        comparison = compare_libraries(scene, engine, examples, seed, advance, claim)
     if json is not None:
         write_comparison(comparison, json)
     print_comparison(comparison, pairs)

@@ -134,7 +134,7 @@ def fuzz_command(
         Path | None,
         typer.Option(
             help="Check the failures in this file again, and nothing else; code that they name is "
-            "imported only if --scene names it too."
+            "imported only if --scene or --engine names it too."
         ),
     ] = None,
     keep: Annotated[
@@ -151,12 +151,12 @@ def fuzz_command(
     """
     check_writable(keep)
     if replay is not None:
-        elsewhere = {"links": links, "engine": engine, "claim": claim, "family": family}
+        elsewhere = {"links": links, "claim": claim, "family": family}
         many = {"time": time, "examples": examples, "records": records, "keep": keep}
         how = {"seed": seed or None, "no-climb": not climb, "executor": executor}
         how["check-frequency"] = check_frequency
         check_used("with --replay", motions=motions, **elsewhere, **many, **how)
-        _replay(replay, formulation, scene)
+        _replay(replay, formulation, scene, engine)
         return
     scene = "snake" if scene is None else scene
     if time is not None and examples is not None:
@@ -308,7 +308,9 @@ def _motions(
     return MotionPlan(kind, seed, keys, families, climb)
 
 
-def _replay(path: Path, formulation: list[str] | None, scene: str | None) -> None:
+def _replay(
+    path: Path, formulation: list[str] | None, scene: str | None, engine: list[str] | None
+) -> None:
     """Check stored failures again.
 
     Raises:
@@ -329,7 +331,7 @@ def _replay(path: Path, formulation: list[str] | None, scene: str | None) -> Non
     if not stored:
         print(f"{str(path)!r} holds no failures")
         return
-    allowed = () if scene is None else (scene,)
+    allowed = (*([] if scene is None else [scene]), *(selected_engines(engine) or ()))
     with progress("checking {failure} again", len(stored)) as advance:
         results = replay_failures(stored, formulation or tuple(FORMULATIONS), advance, allowed)
     print_replayed(results)

@@ -103,10 +103,12 @@ class Explanation(NamedTuple):
     Attributes:
         sentence: the explanation.
         label: the same in a word or two, where it explains the whole difference; else "".
+        of_quantities: whether conformance quantities may differ for that reason too.
     """
 
     sentence: str
     label: str = ""
+    of_quantities: bool = True
 
 
 # ---- Reasons -------------------------------------------------------------------------------------
@@ -138,7 +140,8 @@ def _digits(gap: Discrepancy) -> Iterator[Explanation]:
 def _damping(gap: Discrepancy) -> Iterator[Explanation]:
     """Yield the explanation that the library ignores damping."""
     if gap.leaves_out_damping:
-        yield Explanation(f"leaves out the damping of {_joints(gap, gap.damped)}", "no damping")
+        sentence = f"leaves out the damping of {_joints(gap, gap.damped)}"
+        yield Explanation(sentence, "no damping", of_quantities=False)  # they have weight alone
 
 
 @_reason

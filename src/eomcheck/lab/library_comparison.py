@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -33,6 +33,7 @@ from eomcheck.claims.finding import (
     worst,
 )
 from eomcheck.claims.run import RunSelection, ValidationRun
+from eomcheck.class_lookup import home_of_code
 from eomcheck.console import console
 from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.engines import (
@@ -41,7 +42,9 @@ from eomcheck.engines import (
     Engine,
     EngineFault,
     FileEngine,
+    engine_of,
     reader_of,
+    represents,
     version_of,
 )
 from eomcheck.engines.answers import inertia_size, weight_size
@@ -184,12 +187,24 @@ class LibraryResult:
                 return "nothing compared" if self.decided is None else "inconclusive"
             return "agrees where decided" if self.undecided_claims else "agrees"
         labels = [e.label for e in self.explanations]
+        if self.unexplained:
+            return "differs"
         return ", ".join(labels) if labels and all(labels) else "differs"
+
+    @property
+    def unexplained(self) -> list[str]:
+        """Conformance quantities that differ, if no explanation is about such."""
+        if any(e.of_quantities for e in self.explanations):
+            return []
+        return [CLAIMS[f.claim].asks for f in self.failures if f.claim in CONFORMANCE]
 
     @property
     def why(self) -> str:
         """The known explanations of its differences, or the reason why there is no answer."""
-        return self.refusal or "; ".join(e.sentence for e in self.explanations)
+        known = "; ".join(e.sentence for e in self.explanations)
+        if known and self.unexplained:
+            known += f"; no reason known for {', '.join(self.unexplained)}"
+        return self.refusal or known
 
     def add(self, finding: Finding) -> None:
         """Take a finding into account: of each claim the worst one is kept."""
@@ -216,6 +231,7 @@ class LibraryComparison:
         skipped: reason why q̈ is not compared, once for each state in which it is not.
         self_failures: failures of the agreement of our two derivations, in states where a library
             differs.
+        claims: ids of the claims that judge the libraries, all of them if there are none.
     """
 
     scene: Scene
@@ -224,6 +240,13 @@ class LibraryComparison:
     states: int = 0
     skipped: list[str] = field(default_factory=list)
     self_failures: list[Finding] = field(default_factory=list)
+    claims: tuple[str, ...] = ()
+
+    @property
+    def quantities(self) -> dict[str, ComparedQuantity]:
+        """Name -> quantity, those of `QUANTITIES` that a claim is about."""
+        asked = {CLAIMS[claim].asks for claim in self.claims or comparable_claims()}
+        return {name: q for name, q in QUANTITIES.items() if q.method in asked}
 
     @property
     def answered(self) -> list[LibraryResult]:
@@ -286,15 +309,27 @@ SELF_CHECKS = "kinetic-energy", "power-balance"
 def readers(scene: Scene, names: Iterable[str] | None) -> dict[str, type[FileEngine]]:
     """Return the libraries of these names that read the file of a scene, by default all.
 
+    A name is a key, or `FILE.py:CLASS` of a `FileEngine` of a user.
+
     Raises:
-        InputError: the scene is no file, or has other parameters.
+        InputError: the scene is no file, or has other parameters; or a class reads no such file.
         UnknownNameError: there is no library of a name.
     """
     if not (isinstance(scene, Mechanism) and scene.source.format and scene.as_described):
         raise InputError(f"{scene.name} is no robot as its file describes it")
     format = scene.source.format
     named = BY_FORMAT[format] if names is None else names
-    return {name: reader_of(format, name) for name in named}
+    return dict(_reader(scene, format, name) for name in named)
+
+
+def _reader(scene: Scene, format: str, name: str) -> tuple[str, type[FileEngine]]:
+    """Return key and class of the library of one name, see `readers`."""
+    if home_of_code(name) is None:
+        return name, reader_of(format, name)
+    kind = engine_of(name)
+    if not (issubclass(kind, FileEngine) and represents(kind, scene)):
+        raise InputError(f"engine = {name!r} is no FileEngine that reads {scene.name}")
+    return kind.key, kind
 
 
 def library_result(key: str, kind: type[FileEngine], scene: Scene, required: bool) -> LibraryResult:
@@ -316,12 +351,26 @@ def library_result(key: str, kind: type[FileEngine], scene: Scene, required: boo
     return LibraryResult(key, version, engine=engine, messages=engine.library_output)
 
 
+def comparable_claims(names: Iterable[str] | None = None) -> tuple[str, ...]:
+    """Return the ids of the claims that compare libraries, by default all.
+
+    Raises:
+        InputError: a claim compares no library, or there are no names.
+        UnknownNameError: there is no claim of a name.
+    """
+    methods = {q.method for q in QUANTITIES.values()}
+    terms = [claim.id for claim in CLAIMS.values() if claim.asks in methods]
+    known = (*terms, *CONFORMANCE)
+    return known if names is None else CLAIMS.chosen(names, known, "compares libraries")
+
+
 def compare_libraries(
     scene: Scene,
     engines: Iterable[str] | None = None,
     states: int = 20,
     seed: int = 0,
     advance: Callable[[], None] = lambda: None,
+    claims: Iterable[str] | None = None,
 ) -> LibraryComparison:
     """Compare the equations of motion of the libraries that read the file of a scene.
 
@@ -331,24 +380,24 @@ def compare_libraries(
         states: number of random states.
         seed: seed of their draws.
         advance: called after each state.
+        claims: ids of the claims that judge the libraries; by default all that compare them.
 
     Raises:
-        InputError: the scene is no file, or no library is left to compare with.
+        InputError: the scene is no file, no library is left to compare with, or a claim compares
+            none.
         EngineError: a library that was named is not installed.
-        UnknownNameError: there is no library of a name.
+        UnknownNameError: there is no library or claim of a name.
     """
+    claim_ids = comparable_claims(claims)
     kinds, required = readers(scene, engines), engines is not None
     results = {key: library_result(key, kind, scene, required) for key, kind in kinds.items()}
-    comparison = LibraryComparison(scene, results)
+    comparison = LibraryComparison(scene, results, claims=claim_ids)
     by_engine: dict[type[Engine], LibraryResult] = {
         type(r.engine): r for r in results.values() if r.engine is not None
     }
     if not by_engine:
         refusals = "; ".join(f"{r.library}: {r.refusal}" for r in results.values())
         raise InputError(f"nothing to compare {scene.name} with: {refusals}")
-    methods = {q.method for q in QUANTITIES.values()}
-    claim_ids = [claim.id for claim in CLAIMS.values() if claim.asks in methods]
-    claim_ids += CONFORMANCE
     run, selection = ValidationRun(), RunSelection.of(["gw"], by_engine, claim_ids, scenes=[scene])
     for state in draw_samples(strategies.states(scene), states, seed):
         _compare_at(comparison, state, run.check_state(scene, state, selection))
@@ -373,7 +422,7 @@ def _compare_at(comparison: LibraryComparison, state: State, findings: list[Find
     for result in comparison.answered:
         assert result.engine is not None
         own_findings = [finding for finding in findings if finding.engine is type(result.engine)]
-        answers = library_quantities(result, at, reference)
+        answers = library_quantities(result, at, reference, comparison.quantities)
         unsure = {CLAIMS[x.claim].asks for x in own_findings if x.verdict == "inconclusive"}
         unsure &= {quantity.method for quantity in QUANTITIES.values()}
         unsure -= {"acceleration"} if "q̈" not in reference else set()
@@ -387,9 +436,11 @@ def _compare_at(comparison: LibraryComparison, state: State, findings: list[Find
             if answers.keys() == reference.keys():
                 about = result.engine.description, scene.coordinate_names, state.v
                 free = result.engine.free_base(state.q, state.v)
-                result.explain(explain(Discrepancy(*about, reference, answers, summed, free)))
-    for name, size in summed.items():
-        values = [side.get(name) for side in sides]
+                reasons = explain(Discrepancy(*about, reference, answers, summed, free))
+                terms = any(f.claim not in CONFORMANCE for f in result.failures)
+                result.explain(e for e in reasons if terms or e.of_quantities)
+    for name in comparison.quantities:
+        size, values = summed[name], [side.get(name) for side in sides]
         table = np.array([[relative_difference(x, y, size) for y in values] for x in values])
         comparison.differences[name] = np.fmax(comparison.differences.get(name, table), table)
     if differ:
@@ -408,16 +459,21 @@ def reference_quantities(comparison: LibraryComparison, at: Evaluation) -> dict[
         try:
             value = quantity.reference(at_rest if quantity.at_rest else at)
         except RefusedError as refusal:
-            comparison.skipped.append(str(refusal))
+            if name in comparison.quantities:
+                comparison.skipped.append(str(refusal))
         else:
             quantities[name] = np.zeros(at.scene.n) if value is None else value
     return quantities
 
 
 def library_quantities(
-    result: LibraryResult, at: Evaluation, names: Iterable[str]
+    result: LibraryResult, at: Evaluation, names: Iterable[str], judged: Collection[str]
 ) -> dict[str, Array]:
-    """Return the answers of a library by quantity; its faults are added to `result`."""
+    """Return the answers of a library by quantity.
+
+    Faults in the quantities that are `judged` are added to `result`; the other ones are asked for
+    the sake of explanations.
+    """
     assert result.engine is not None
     answers, zero, quantities = Answers(result.engine), np.zeros(at.scene.n), {}
     for name in names:
@@ -428,6 +484,8 @@ def library_quantities(
                 quantity.method, at.q, zero if quantity.at_rest else at.v, *inputs, at.t
             )
         except EngineFault as fault:
+            if name not in judged:
+                continue
             result.faults.setdefault(name, fault.what)
             first = result.faults[name]
             result.explain([Explanation(f"gives no {name}: {first}", f"no {name}")])
@@ -518,7 +576,7 @@ def sentences(comparison: LibraryComparison) -> Iterator[str]:
     """Yield sentences on each library that differs or gave no answer."""
     for result in comparison.answered:
         if result.differs:
-            where = "; ".join(x.detail for x in result.failures) or "where it answers, it agrees"
+            where = "; ".join(map(_located, result.failures)) or "where it answers, it agrees"
             yield f"{result.version} differs: {where}. Why: {result.why or 'no reason known'}."
             if result.messages:
                 more = len(result.messages) - MOST_LINES
@@ -546,6 +604,12 @@ def sentences(comparison: LibraryComparison) -> Iterator[str]:
     for result in comparison.refused:
         how = "was left out" if result.missing else "gave no answer"
         yield f"{result.library} {how}: {result.refusal}"
+
+
+def _located(finding: Finding) -> str:
+    """Return the detail of a finding, with the frame that its subject names behind the engine."""
+    frame = finding.subject.partition(", ")[2] if finding.claim in CONFORMANCE else ""
+    return f"{finding.detail} [{frame}]" if frame else finding.detail
 
 
 def print_comparison(comparison: LibraryComparison, pairs: bool = False) -> None:

@@ -15,7 +15,7 @@ from typing import Any
 
 import eomcheck
 from eomcheck.claims.finding import DECIDED, plain_row
-from eomcheck.claims.proof import new_seed, prove_structure
+from eomcheck.claims.proof import new_seed, provable_claims, prove_structure
 from eomcheck.console import progress
 from eomcheck.errors import MOST_COUNTED, InputError, whole_number
 from eomcheck.formulations import formulation_of, formulations_among
@@ -47,12 +47,14 @@ class ProofJobs:
         formulations: keys; a scene is proved by those of them that apply to it.
         points: random points per identity.
         seed: seed of the draws, or None for one by the operating system.
+        claims: ids of the claims that were named, or None for all identities.
     """
 
     scenes: tuple[Scene, ...]
     formulations: tuple[str, ...]
     points: int
     seed: int | None
+    claims: tuple[str, ...] | None = None
 
 
 def proof_jobs(
@@ -61,6 +63,7 @@ def proof_jobs(
     points: int,
     seed: int | None,
     formulations: Iterable[str] | None,
+    claims: Iterable[str] | None = None,
 ) -> ProofJobs:
     """Return the jobs for the scene classes that `scene` names.
 
@@ -70,11 +73,14 @@ def proof_jobs(
         points: random points per identity.
         seed: seed of the draws, or None for one by the operating system.
         formulations: keys, by default all that apply.
+        claims: ids of claims, by default all that are identities.
 
     Raises:
-        InputError: `points` below 1, no such number of links, or a formulation that does not apply.
-        UnknownNameError: no such scene or formulation.
+        InputError: `points` below 1, no such number of links, a formulation that does not apply, or
+            a claim that is no identity.
+        UnknownNameError: no such scene, formulation or claim.
     """
+    named = None if claims is None else provable_claims(claims)
     kinds = scene_classes_named(scene)
     points = whole_number("points", points, most=MOST_COUNTED)
     chosen = tuple(formulation.key for formulation in formulations_among(kinds, formulations))
@@ -84,7 +90,7 @@ def proof_jobs(
         for count in numbers_of_links(kind, links, scene)
         for structure in kind.structures(count)
     )
-    return ProofJobs(scenes, chosen, points, seed)
+    return ProofJobs(scenes, chosen, points, seed, named)
 
 
 def numbers_of_links(
@@ -112,10 +118,14 @@ WORTH_A_PROCESS = 40
 
 
 def _prove(
-    scene: Scene, formulations: tuple[str, ...], points: int, seed: int
+    scene: Scene,
+    formulations: tuple[str, ...],
+    points: int,
+    seed: int,
+    claims: tuple[str, ...] | None,
 ) -> list[StoredFinding]:
     chosen = tuple(f for f in map(formulation_of, formulations) if f.applies_to(scene))
-    return stored_findings(prove_structure(scene, chosen, points, seed), scene.key)
+    return stored_findings(prove_structure(scene, chosen, points, seed, claims), scene.key)
 
 
 class Proofs:
@@ -178,14 +188,15 @@ class Proofs:
                     advance()
 
     def _proved(self, scenes: list[Scene]) -> Iterator[tuple[str, list[StoredFinding]]]:
-        arguments = self.jobs.formulations, self.jobs.points, self.seed
+        jobs = self.jobs
+        arguments = jobs.formulations, jobs.points, self.seed, jobs.claims
         large = [scene for scene in scenes if scene.n >= WORTH_A_PROCESS]
         for scene in scenes:
             if scene not in large or len(large) == 1:
                 yield scene.structure, _prove(scene, *arguments)
         if len(large) < 2:
             return
-        names = ("formulations", "points", "seed")
+        names = ("formulations", "points", "seed", "claims")
         prove = partial(_prove, **dict(zip(names, arguments, strict=True)))
         for scene, findings in parallel_map(self.executor, prove, large):
             yield scene.structure, findings
@@ -195,12 +206,14 @@ class Proofs:
         return None if self.path is None else self.path.with_name(self.path.name + ".part")
 
     def _header(self) -> dict[str, Any]:
+        claims = self.jobs.claims
         return {
             "eomcheck": eomcheck.__version__,
             "sources": sources(),
             "formulations": list(self.jobs.formulations),
             "points": self.jobs.points,
             "seed": self.seed,
+            **({} if claims is None else {"claims": list(claims)}),
         }
 
     def _unfinished(self) -> Records:

@@ -24,12 +24,12 @@ from eomcheck.claims import CLAIMS, Finding
 from eomcheck.claims.finding import EVERY_ROW, worst
 from eomcheck.claims.reproducer import motion_reproducer, reproducer_code
 from eomcheck.claims.run import RunSelection, no_larger, smallest_failure
-from eomcheck.class_lookup import home_of_code, object_named
+from eomcheck.class_lookup import home_of_code, location_of, object_named
 from eomcheck.descriptions.elements import Constraint, Joint, Link
 from eomcheck.descriptions.random_mechanisms import RandomScene
 from eomcheck.descriptions.random_trees import RandomDescription
 from eomcheck.draws.fuzz_cases import FuzzCase
-from eomcheck.engines import ALWAYS, ENGINES
+from eomcheck.engines import ALWAYS, ENGINES, engine_of, is_under_test
 from eomcheck.errors import EomcheckError, InputError, described_error, message_of
 from eomcheck.evaluation.dynamics import consistent_velocity
 from eomcheck.evaluation.evaluation import Evaluation
@@ -185,6 +185,7 @@ class FailureRecord:
         detail: the finding's description of the error.
         why: a sentence by the author of the fix.
         t_end: end of a motion from this state, s; 0 for a failure of the state alone.
+        engine: location of a user-supplied engine at fault: path/to/file.py:Class.
     """
 
     scene: str
@@ -201,6 +202,7 @@ class FailureRecord:
     detail: str = ""
     why: str = ""
     t_end: float = 0.0
+    engine: str = ""
 
     @property
     def key(self) -> tuple[str, ...]:
@@ -223,7 +225,7 @@ class FailureRecord:
         """Python code that reproduces the failure."""
         if self.t_end:
             return motion_reproducer(*self.case, self.t_end, self.subject, TIGHT)
-        return reproducer_code(*self.case)
+        return reproducer_code(*self.case, [engine_of(self.engine)] if self.engine else [])
 
     def __str__(self) -> str:
         how = f"observed {self.observed:.3g}, allowed {self.allowed:.3g}"
@@ -256,6 +258,7 @@ def failure_record(finding: Finding, name: str, fault: Diagnosis | None = None) 
     scene, state = finding.scene, finding.state
     assert state is not None
     fault = diagnose_failure(finding) if fault is None else fault
+    engine = finding.engine
     return FailureRecord(
         name,
         parameters_of(scene),
@@ -270,6 +273,7 @@ def failure_record(finding: Finding, name: str, fault: Diagnosis | None = None) 
         fault.evidence,
         finding.detail,
         t_end=finding.t_end if isinstance(finding, MotionFinding) else 0.0,
+        engine="" if engine is None or not is_under_test(engine) else location_of(engine),
     )
 
 
@@ -499,7 +503,8 @@ def replay_failures(
         failures: the stored failures.
         formulations: keys of the formulations that take part.
         advance: called after each.
-        allowed: names of scenes whose code may be imported, see `runs_code`; None for all.
+        allowed: names of scenes and engines whose code may be imported, see `runs_code`; None for
+            all.
     """
     results = []
     for failure in failures:
@@ -509,7 +514,9 @@ def replay_failures(
 
 
 def runs_code(name: str) -> tuple[str, str] | None:
-    """Return the file or module that a scene's name imports, and the name in it; None if none.
+    """Return the file or module that a name of a scene or engine imports, and the name in it.
+
+    None if it imports none.
 
     Files are resolved, so that two paths of one file are equal.
     """
@@ -523,10 +530,11 @@ def runs_code(name: str) -> tuple[str, str] | None:
 def _replayed(
     one: FailureRecord, formulations: Sequence[str], allowed: Collection[str] | None
 ) -> ReplayResult:
-    code = runs_code(one.scene)
-    if allowed is not None and code is not None and code not in map(runs_code, allowed):
-        reason = f"it runs code of {code[0]}, which is imported with --scene {one.scene} only"
-        return ReplayResult(one, "not checked", reason)
+    for option, name in (("--scene", one.scene), ("--engine", one.engine)):
+        code = runs_code(name)
+        if allowed is not None and code is not None and code not in map(runs_code, allowed):
+            reason = f"it runs code of {code[0]}, which is imported with {option} {name} only"
+            return ReplayResult(one, "not checked", reason)
     try:
         findings, wanted = _findings(one, formulations)
     except EomcheckError as error:
@@ -556,7 +564,8 @@ def _findings(
         _claims(one, MOTION_CLAIMS)
         return findings_of_motion((scene, state), formulations, one.t_end), same
     claims = _claims(one, CLAIMS)
-    engines = keys_in_subject(one.subject, ENGINES) if one.claim else ALWAYS
+    engines: Sequence[str] = keys_in_subject(one.subject, ENGINES) if one.claim else ALWAYS
+    engines = [one.engine] if one.engine else engines
     # Any failure of the claim counts: a fault may appear in another subject now.
     return check_case((scene, state), claims, formulations, engines), lambda finding: True
 

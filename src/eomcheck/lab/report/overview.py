@@ -20,7 +20,7 @@ from typing import Any, Literal
 from eomcheck.claims import CLAIMS, Claim
 from eomcheck.claims.finding import DECIDED, is_unresolved_detail, worst
 from eomcheck.engines import ENGINES
-from eomcheck.errors import InputError
+from eomcheck.errors import InputError, distinct, registered
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.show.table import Cell, ResultTable, number_text, ranges
 from eomcheck.lab.store.record_file import Record, Records, group, key_of
@@ -351,6 +351,16 @@ def read_records(paths: Iterable[Path], unread: list[str] | None = None) -> list
     return list(by_cell.values())
 
 
+def _rows_about(rows: Sequence[StoredFinding], claims: Sequence[str]) -> list[StoredFinding]:
+    """Return the Findings about some claims, of which at least one has any."""
+    known = dict.fromkeys((*CLAIMS, *(row.claim for row in rows)))
+    ids = [registered("claim", claim, {x: x for x in known}) for claim in claims]
+    chosen = [row for row in rows if row.claim in ids]
+    if not chosen:
+        raise InputError(f"no finding about any of {', '.join(ids)} in the records")
+    return chosen
+
+
 def _registry_order(scenes: Iterable[str]) -> list[str]:
     """Return keys of scenes in the order of the registry, then unregistered ones."""
     order = {key: index for index, key in enumerate(SCENES)}
@@ -366,10 +376,28 @@ class Overview:
         unread: descriptions of unreadable content, a sentence each; sections add to it.
     """
 
-    def __init__(self, records: Sequence[Record], unread: Sequence[str] = ()):
+    def __init__(
+        self,
+        records: Sequence[Record],
+        unread: Sequence[str] = (),
+        claims: Iterable[str] | None = None,
+    ):
+        """Collect the Findings of Records.
+
+        Args:
+            records: the Records.
+            unread: descriptions of unreadable content.
+            claims: ids of the claims to report, by default all.
+
+        Raises:
+            InputError: there is no Finding about any of the claims.
+            UnknownNameError: no such claim, neither now nor in the Records.
+        """
         faults = [(r, why_unreadable(r)) for r in records]
         self.records = [r for r, fault in faults if fault is None]
         self.rows = stored_findings_in(self.records)
+        if claims is not None:
+            self.rows = _rows_about(self.rows, distinct("claims", claims))
         self.unread = [
             *unread,
             *(f"a record of {r.study!r} cannot be read: {why}" for r, why in faults if why),
