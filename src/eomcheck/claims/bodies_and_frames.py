@@ -116,7 +116,7 @@ def _rate_of_M(terms: Callable, parameters: Any, prepared: Any, rates: Any, q: A
 def coriolis_matrix(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """The Coriolis matrix of the tree gives the scene's B, and Ṁ - 2 C is skew-symmetric."""
     point = _point(at, context)
-    if point is None or (context.exact and point.model.tree is not None):
+    if point is None or (context.exact and not point.has_own_numbers):
         return  # its variables are not the parameters of the scene
     free, C = point.at, point.coriolis_matrix
     names = at.scene.coordinate_names
@@ -132,7 +132,7 @@ def coriolis_matrix(at: Quantities, context: EvaluationContext) -> Iterator[Comp
 def regressor(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     """The regressor times the bodies' parameters is inverse dynamics under weight alone."""
     point = _point(at, context)
-    if point is None or (context.exact and point.model.tree is not None):
+    if point is None or (context.exact and not point.has_own_numbers):
         return
     Y, parameters, rotors = point.regressor
     torques = Y @ parameters + rotors

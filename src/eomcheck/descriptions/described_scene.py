@@ -330,9 +330,10 @@ class Described(Parametric):
         plan = parse_description(type(self).description, self.float64_parameters).plan
         return support_of(self, plan.support)
 
-    def tree(self) -> Tree | None:
+    def tree(self, parameters: Any = None) -> Tree | None:
         """Return the tree of its bodies, joint by joint."""
-        parsed = parse_description(type(self).description, self.float64_parameters)
+        numbers = self.float64_parameters if parameters is None else parameters
+        parsed = parse_description(type(self).description, numbers)
         links = (
             TreeFrame(name, joint, np.eye(3), np.zeros(3))
             for name, joint in parsed.link_joints.items()

@@ -183,17 +183,29 @@ def _evaluate_constraints(
 
 def none_as_zero(entries: Any) -> Array:
     """Return entries as float64, absent ones as 0."""
+    return _zero_where_absent(entries).astype(np.float64)
+
+
+def _zero_where_absent(entries: Any) -> Array:
     objects = np.asarray(entries, object)
-    return np.where(objects == None, 0.0, objects).astype(np.float64)  # noqa: E711
+    return np.where(objects == None, 0, objects)  # noqa: E711
+
+
+def _moments(moment: Any) -> Array:
+    """Return the inertia (3, 3) with one moment about all axes."""
+    axes, inertia = np.arange(3), np.zeros((3, 3), object)
+    inertia[axes, axes] = moment
+    return inertia
 
 
 def tree_by(plan: TopologyPlan, numbers: Any) -> Tree:
-    """Return the tree of a plan's bodies; absolute joints must be in the plane."""
+    """Return the tree of a plan's bodies, in its numbers; absolute joints must be in the plane."""
     slots, joints = plan.joints, len(plan.joints)
-    rotation = np.tile(np.eye(3), (joints, 1, 1))
-    offset, center, inertia = (np.zeros((joints, *shape)) for shape in ((3,), (3,), (3, 3)))
-    mass, shift, armature = np.zeros((3, joints))
-    coordinates = np.zeros((joints, plan.n))
+    kind = np.asarray(numbers.mass).dtype
+    rotation = np.tile(np.eye(3, dtype=int).astype(kind), (joints, 1, 1))
+    offset, center, inertia = (np.zeros((joints, *shape), kind) for shape in ((3,), (3,), (3, 3)))
+    mass, shift, armature = np.zeros((3, joints), kind)
+    coordinates = np.zeros((joints, plan.n), kind)
     for k, slot in enumerate(slots):
         coordinates[k, slot.coordinate] = slot.sense
         if slot.absolute:  # relative coordinate: the absolute one less all earlier rotations
@@ -203,19 +215,20 @@ def tree_by(plan: TopologyPlan, numbers: Any) -> Tree:
             coordinates[k] *= numbers.ratio[slot.mimics]
             shift[k] = slot.sense * numbers.shift[slot.mimics]
         if slot.orientation is not None:
-            rotation[k] = none_as_zero(numbers.rotation[slot.orientation])
+            rotation[k] = _zero_where_absent(numbers.rotation[slot.orientation])
         if slot.offset is not None:
-            offset[k, : plan.d] = none_as_zero(numbers.offset[slot.offset])[: plan.d]
+            offset[k, : plan.d] = _zero_where_absent(numbers.offset[slot.offset])[: plan.d]
     for b, k in enumerate(plan.carriers):
-        mass[k], center[k, : plan.d] = numbers.mass[b], none_as_zero(numbers.center[b])[: plan.d]
+        mass[k] = numbers.mass[b]
+        center[k, : plan.d] = _zero_where_absent(numbers.center[b])[: plan.d]
         # In the plane one moment counts; all axes get it, so that the body is physically possible.
-        inertia[k] = numbers.inertia[b] if plan.e == 3 else numbers.inertia[b, 0, 0] * np.eye(3)
+        inertia[k] = numbers.inertia[b] if plan.e == 3 else _moments(numbers.inertia[b, 0, 0])
     for b, k in enumerate(plan.rotors, len(plan.carriers)):
         armature[k] = numbers.inertia[b, -1, -1]
     parent, kinds = tuple(slot.parent for slot in slots), tuple(slot.kind for slot in slots)
-    gravity = np.zeros(3)
+    gravity = np.zeros(3, kind)
     if numbers.gravity is not None:
-        gravity[: plan.d] = none_as_zero(numbers.gravity)[: plan.d]
+        gravity[: plan.d] = _zero_where_absent(numbers.gravity)[: plan.d]
     names = tuple(slot.name for slot in slots)
     return Tree(
         *(parent, kinds, rotation, offset, mass, center, inertia, coordinates, shift, armature),
@@ -451,13 +464,14 @@ class Mechanism(Parametric, metaclass=_Kind):
         """Mask of the generalized speeds that can move each body, bool (n_b, p)."""
         return support_of(self, self.plan.support)
 
-    def tree(self) -> Tree:
-        """Return the tree of its bodies, joint by joint."""
+    def tree(self, parameters: Any = None) -> Tree:
+        """Return the tree of its bodies, joint by joint; frames of links are float64."""
+        numbers = self.float64_parameters if parameters is None else parameters
         links = (
             TreeFrame(x.name, x.joint, rotation_matrix(x.orientation), np.array(x.offset))
             for x in self.source.frames
         )
-        return tree_by(self.plan, self.float64_parameters)._replace(links=tuple(links))
+        return tree_by(self.plan, numbers)._replace(links=tuple(links))
 
     def sketch(self, q: Array, t: float = 0.0) -> Sketch:
         """Return links from joint to joint, joints with their axes, centres of mass."""

@@ -2,13 +2,14 @@
 
 A mechanism and a described scene have a plan of their own, with which every scalar type works. That
 of any other scene follows from its `Scene.tree()`, in the coordinates x = T q + shift of its
-joints, and has the float64 numbers of that.
+joints, and has the numbers of that: those of the scene's parameters, where its `tree` takes them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import lru_cache
+from inspect import signature
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -173,6 +174,45 @@ def _topology_of(tree: Tree) -> Topology:
 # ---- Numbers -------------------------------------------------------------------------------------
 
 
+def exact_tree(scene: Scene, parameters: Any) -> Tree | None:
+    """Return the tree of a scene in the numbers of its parameters; None if it is float64 alone."""
+    if len(signature(scene.tree).parameters) == 0:
+        return None
+    return scene.tree(parameters)
+
+
+def _whole_or(arithmetic: Arithmetic, x: Array) -> Array:
+    """Return numbers of `arithmetic`, whole ones as literals; exact numbers as they are."""
+    whole = np.asarray(x)
+    if whole.dtype == object:
+        return whole
+    numbers, nearest = np.array(arithmetic.numbers(whole), object), np.rint(whole)
+    numbers[nearest == whole] = nearest[nearest == whole].astype(int)
+    return numbers
+
+
+def exact_tree_numbers(model: TreeModel, tree: Tree, arithmetic: Arithmetic) -> TreeNumbers:
+    """Return the numbers of a `Tree` in exact numbers, whose float64 entries are constants."""
+    carriers, rotors = list(model.plan.carriers), list(model.plan.rotors)
+    parts = (tree.mass, tree.center, tree.inertia, tree.armature, tree.offset, tree.rotation)
+    parts = (_whole_or(arithmetic, x) for x in (*parts, tree.gravity))
+    mass, center, inertia, armature, offset, rotation, gravity = parts
+    turning = np.zeros((len(rotors), 3, 3), object)
+    turning[:, 2, 2] = armature[rotors]
+    moments = np.concatenate((inertia[carriers], turning))
+    masses = np.concatenate((mass[carriers], np.zeros(len(rotors), object)))
+    parts = map(_none_where_zero, (moments, center[carriers], offset, rotation))
+    return TreeNumbers(masses, *parts, gravity)
+
+
+def _none_where_zero(x: Array) -> Array:
+    """Return exact numbers with None, an absent term, in place of literals that are 0."""
+    entries = [None if _is_literal(entry, 0) else entry for entry in x.flat]
+    absent = np.empty(x.shape, object)
+    absent.flat = entries
+    return absent
+
+
 def tree_numbers(model: TreeModel, arithmetic: Arithmetic) -> TreeNumbers:
     """Return the numbers of a model that has a `Tree`, in those of `arithmetic`.
 
@@ -211,22 +251,78 @@ def joint_coordinates(tree: Tree, arithmetic: Arithmetic) -> tuple[Array, Array]
     """Return T (n_j, n) and shift (n_j,) of x = T q + shift, whole numbers as literals."""
     if arithmetic is FLOAT64:
         return tree.coordinates, tree.shift
-    parts = []
-    for x in (tree.coordinates, tree.shift):
-        numbers, whole = arithmetic.numbers(np.asarray(x)), np.rint(x)
-        part = np.array(numbers, object)
-        part[whole == x] = whole[whole == x].astype(int)
-        parts.append(part)
-    T, shift = parts
-    return T, shift
+    return _whole_or(arithmetic, tree.coordinates), _whole_or(arithmetic, tree.shift)
 
 
 def joint_positions(
-    model: TreeModel, arithmetic: Arithmetic, T: Array, shift: Array, q: Array
+    model: TreeModel,
+    arithmetic: Arithmetic,
+    T: Array,
+    shift: Array,
+    q: Array,
+    angles: Angles | None = None,
 ) -> PreparedMechanism:
-    """Return the joint coordinates T q + shift of a model that has a `Tree`, and their angles."""
+    """Return the joint coordinates T q + shift of a model that has a `Tree`, and their angles.
+
+    Args:
+        model: the model.
+        arithmetic: source of the angles.
+        T: matrix from q to the joint coordinates (n_j, n).
+        shift: constant part of these (n_j,).
+        q: coordinates (n,).
+        angles: angles of the hinges, if they are known.
+    """
     x, hinges = T @ q + shift, list(model.plan.hinges)
-    return PreparedMechanism(x, arithmetic.angles(x[hinges]) if hinges else None, None)
+    if hinges and angles is None:
+        angles = arithmetic.angles(x[hinges])
+    return PreparedMechanism(x, angles, None)
+
+
+def summed_angles(
+    model: TreeModel, T: Array, shift: Array, q: Array, known: Iterable[Angles]
+) -> Angles | None:
+    """Return the angles of the hinges as sums of known ones, by the addition theorems.
+
+    In exact numbers an angle is a point of the circle: its sine does not follow from its value.
+
+    Args:
+        model: a model that has a `Tree`.
+        T: matrix from q to the joint coordinates (n_j, n).
+        shift: constant part of these (n_j,).
+        q: coordinates (n,).
+        known: angles, of which those whose values are coordinates are used.
+
+    Returns:
+        The angles; None where a coordinate has no known angle, or a sum is not one of whole
+        multiples.
+    """
+    points = {
+        id(value): (cos, sin)
+        for angles in known
+        for value, cos, sin in zip(angles.value, angles.cos, angles.sin, strict=True)
+    }
+    cosines, sines = [], []
+    for k in model.plan.hinges:
+        summands = [(j, factor) for j, factor in enumerate(T[k]) if not _is_literal(factor, 0)]
+        whole = all(isinstance(factor, int) for _, factor in summands)
+        if not (whole and _is_literal(shift[k], 0)):
+            return None
+        cosine, sine = 1, 0
+        for j, factor in summands:
+            if id(q[j]) not in points:
+                return None
+            cos, sin = points[id(q[j])]
+            for _ in range(abs(factor)):
+                turned = sin if factor > 0 else -sin
+                cosine, sine = cosine * cos - sine * turned, sine * cos + cosine * turned
+        cosines.append(cosine)
+        sines.append(sine)
+    x, hinges = T @ q + shift, list(model.plan.hinges)
+    return Angles(x[hinges], np.array(cosines, object), np.array(sines, object))
+
+
+def _is_literal(x: Any, value: int) -> bool:
+    return isinstance(x, int) and x == value
 
 
 def position_rates(

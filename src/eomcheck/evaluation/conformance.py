@@ -18,10 +18,13 @@ import numpy as np
 
 from eomcheck.descriptions.tree_model import (
     TreeModel,
+    exact_tree,
+    exact_tree_numbers,
     joint_coordinates,
     joint_positions,
     link_numbers,
     position_rates,
+    summed_angles,
     tree_model,
     tree_numbers,
 )
@@ -44,10 +47,19 @@ from eomcheck.evaluation.derivatives import (
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.scene_quantities import Quantities
 from eomcheck.formulations import FORMULATIONS, au
+from eomcheck.mechanics.records import Tree
 from eomcheck.mechanics.scene import Scene, checked_scene, finite_array
 from eomcheck.numbers.ball import Balls, midpoints_or_zero, precision
 from eomcheck.numbers.dual import duals, rate
-from eomcheck.numbers.generic import FLOAT64, Arithmetic, Array, as_objects, generic, map_record
+from eomcheck.numbers.generic import (
+    FLOAT64,
+    Angles,
+    Arithmetic,
+    Array,
+    as_objects,
+    generic,
+    map_record,
+)
 from eomcheck.numbers.linear import solve
 
 # ---- A state -------------------------------------------------------------------------------------
@@ -161,14 +173,39 @@ class ConformancePoint:
     def _numbers(self) -> Any:
         if self.model.tree is None:
             return self.at.parameters
+        if self._exact_tree is not None:
+            numbers = exact_tree_numbers(self.model, self._exact_tree, self._arithmetic)
+            return self.at.constants(numbers)
         return self.at.constants(tree_numbers(self.model, self._arithmetic))
+
+    @cached_property
+    def _exact_tree(self) -> Tree | None:
+        """The tree in the numbers of the parameters, exact ones; None if there is none."""
+        if self.model.tree is None or self._arithmetic is FLOAT64:
+            return None
+        return exact_tree(self.at.scene, self.at.parameters)
+
+    @property
+    def has_own_numbers(self) -> bool:
+        """Whether numbers and angles of the tree are those of the scene, not variables beside."""
+        if self.model.tree is None:
+            return True
+        return self._exact_tree is not None and self._scene_angles is not None
 
     @cached_property
     def _prepared(self) -> Any:
         if self.model.tree is None:
             return self.at.prepared
-        arithmetic = self.at.prepare_arithmetic
-        return joint_positions(self.model, arithmetic, *self._coordinates, self.at.q)
+        arithmetic, at_q = self.at.prepare_arithmetic, (*self._coordinates, self.at.q)
+        return joint_positions(self.model, arithmetic, *at_q, self._scene_angles)
+
+    @cached_property
+    def _scene_angles(self) -> Angles | None:
+        """The angles of hinges as sums of those of the scene, which are variables; None if not."""
+        if not hasattr(self.at.prepare_arithmetic, "vector"):
+            return None
+        known = (x for x in self._source.angles_and_roots if isinstance(x, Angles))
+        return summed_angles(self.model, *self._coordinates, self.at.q, known)
 
     @cached_property
     def _prepared_and_rates(self) -> tuple[Any, Any]:

@@ -200,6 +200,12 @@ class Quantities:
         prepared, self._angles_and_roots = self.prepare()
         return self.in_numbers(prepared)
 
+    @property
+    def angles_and_roots(self) -> Sequence[Any]:
+        """The angles and roots of which the precomputed values are made, in the order of calls."""
+        self.prepared  # noqa: B018  (they are recorded with it)
+        return self._angles_and_roots
+
     def prepare(self) -> tuple[Any, Sequence[Any]]:
         """Return the precomputed values of q and t, and the angles and roots they are made of."""
         recorder = RecordingArithmetic(self.prepare_arithmetic)

@@ -285,6 +285,11 @@ class Tree(NamedTuple):
         )
 
 
+def _is_zero(x: Any) -> bool:
+    """Return whether a number is 0 in float64 or a literal: exact ones are any other number."""
+    return isinstance(x, float | int) and x == 0
+
+
 def planar_tree(
     parent: tuple[int, ...],
     joint: tuple[str, ...],
@@ -302,10 +307,12 @@ def planar_tree(
     In the plane no other moment counts. All three axes get it, because many libraries refuse a
     physically impossible body, such as one with (0, 0, I).
     """
-    turned, joints = np.asarray(inertia, np.float64)[:, None, None] * np.eye(3), len(joint)
+    joints, axes = len(joint), np.arange(3)
+    turned = np.zeros((joints, 3, 3), np.asarray(inertia).dtype)
+    turned[:, axes, axes] = np.asarray(inertia)[:, None]
     seats = np.broadcast_to(np.eye(3), (joints, 3, 3))
     none = np.zeros(joints)
-    heavy = [j for j in range(joints) if mass[j] > 0 or inertia[j]]
+    heavy = [j for j in range(joints) if not (_is_zero(mass[j]) and _is_zero(inertia[j]))]
     frames = tuple(
         TreeFrame(name, j, np.eye(3), np.zeros(3)) for name, j in zip(links, heavy, strict=False)
     )

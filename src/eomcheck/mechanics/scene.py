@@ -414,8 +414,14 @@ class Scene(ABC):
         """Yield motions of the whole scene that must not change its dynamics."""
         yield from ()
 
-    def tree(self) -> Tree | None:
-        """Return the tree of bodies, or None where `Tree` cannot describe them."""
+    def tree(self, parameters: Any = None) -> Tree | None:
+        """Return the tree of bodies, or None where `Tree` cannot describe them.
+
+        Args:
+            parameters: the parameters of the scene in any scalar type, in whose numbers masses,
+                lengths and moments of inertia are; by default float64. A scene may do without this
+                argument: proofs about its tree then have variables in place of its numbers.
+        """
         return None
 
     @classmethod

@@ -137,12 +137,14 @@ class Sleigh(Parametric, functions=globals()):
         yield plane_translation(self, q, v)
         yield plane_mirror(self, q, v, unflipped=(0,))
 
-    def tree(self) -> Tree:
+    def tree(self, parameters: Any = None) -> Tree:
         """Return the joints PX, PY and RZ with the body."""
-        center, mass, inertia = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
-        center[2, 0], mass[2], inertia[2] = self.offset, self.mass, self.inertia
-        joints = "px", "py", "rz"
-        none = np.zeros((3, 3))
+        parameters = self.float64_parameters if parameters is None else parameters
+        kind = parameters.mass.dtype
+        center, mass, inertia = np.zeros((3, 3), kind), np.zeros(3, kind), np.zeros(3, kind)
+        center[2, 0], mass[2] = parameters.offset[0], parameters.mass[0]
+        inertia[2] = parameters.inertia[0]
+        joints, none = ("px", "py", "rz"), np.zeros((3, 3))
         return planar_tree((-1, 0, 1), joints, none, mass, center, inertia, np.eye(3), ("sleigh",))
 
     def sketch(self, q: Array, t: float = 0.0) -> draw.Sketch:

@@ -706,20 +706,22 @@ class Snake(OfLinks, functions=globals()):
         yield plane_translation(self, q, v)
         yield plane_mirror(replace(self, wheel_angle=-self.wheel_angle), q, v, unflipped=(0,))
 
-    def tree(self) -> Tree:
+    def tree(self, parameters: Any = None) -> Tree:
         """Return the joints PX, PY and RZ for link 1, then RZ for the others: relative angles."""
-        n, none = self.n, np.zeros(2)
-        offset, center = np.zeros((2, n, 3))
-        offset[3:, 0], center[2:, 0] = self.length[:-1], self.length / 2
+        parameters = self.float64_parameters if parameters is None else parameters
+        mass, length, inertia = parameters.mass, parameters.length, parameters.inertia
+        n, none = self.n, np.zeros(2, mass.dtype)
+        offset, center = np.zeros((2, n, 3), mass.dtype)
+        offset[3:, 0], center[2:, 0] = length[:-1], length / 2
         coordinates = np.eye(n)
         coordinates[2:, 2:] -= np.eye(self.links, k=-1)
         return planar_tree(
             parent=tuple(range(-1, n - 1)),
             joint=("px", "py", *["rz"] * self.links),
             offset=offset,
-            mass=np.r_[none, self.mass],
+            mass=np.concatenate((none, mass)),
             center=center,
-            inertia=np.r_[none, self.inertia],
+            inertia=np.concatenate((none, inertia)),
             coordinates=coordinates,
             links=tuple(f"link {i + 1}" for i in range(self.links)),
         )
