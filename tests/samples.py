@@ -23,8 +23,6 @@ def drawn(one: Range, random: np.random.Generator) -> Any:
 
 NOT_OF_SNAKES = {"height-velocity", "position-rate"}
 """Claims about closed positions and heights, which snakes do not have."""
-NOT_PROVED_OF_SNAKES = NOT_OF_SNAKES | {"coriolis-identities", "regressor-identity"}
-"""Further ones compare terms with the tree, whose numbers are its own in proofs of a snake."""
 
 
 def random_scene(kind: type[Scene], random: np.random.Generator, links: int = LINKS) -> Scene:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.samples import NOT_PROVED_OF_SNAKES
+from tests.samples import NOT_OF_SNAKES
 from tests.scenes.test_own_scene import Free, MarkedFree, free_terms
 
 from eomcheck.claims import CLAIMS, Finding, proof
@@ -59,9 +59,9 @@ def test_every_claim_about_a_kind_of_scene_is_proved_with_and_without_absent_ter
 
 def test_every_identity_is_proved_and_none_without_a_claim():
     findings = prove(Snake, 3, points=1, seed=0)
-    assert {f.claim for f in findings} == IDENTITIES - NOT_PROVED_OF_SNAKES
+    assert {f.claim for f in findings} == IDENTITIES - NOT_OF_SNAKES
     springless = [f for f in findings if f.scene.structure.endswith("no stiffness")]
-    absent = {"generalized-forces", "active-forces", "chain-forces"} | NOT_PROVED_OF_SNAKES
+    absent = {"generalized-forces", "active-forces", "chain-forces"} | NOT_OF_SNAKES
     assert {f.claim for f in springless} == IDENTITIES - absent
 
 

@@ -39,9 +39,9 @@ from eomcheck.evaluation.tolerance import allowed_error, largest
 from eomcheck.lab.studies.robots import ROBOTS, WALKING, robot_path
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
-from eomcheck.numbers.ball import Balls, precision
+from eomcheck.numbers.ball import Balls, ball, precision
 from eomcheck.numbers.generic import Array
-from eomcheck.scenes import SCENES, from_urdf
+from eomcheck.scenes import SCENES, Sleigh, Snake, from_urdf
 
 WITH_TREE = [key for key, kind in SCENES.items() if kind.example().tree() is not None]
 
@@ -345,6 +345,40 @@ def check_proofs(scene: Scene) -> None:
 def test_identities_are_proved_for_random_mechanisms(kind: type[Scene], links: int, sized):
     for scene in islice(kind.structures(links), sized(3, 1)):
         check_proofs(scene)
+
+
+@pytest.mark.parametrize("scene", [Sleigh(), Snake.coil(1), Snake.coil(3)], ids=str)
+def test_identities_are_proved_for_trees_that_their_scenes_give_in_any_numbers(scene: Scene):
+    """Of these two, terms and tree share no formula: M of the tree is that of the scene."""
+    check_proofs(scene)
+
+
+class FloatTree(Sleigh):
+    """A sleigh with a tree in float64 alone."""
+
+    def tree(self):
+        return super().tree()
+
+
+def test_a_tree_in_float64_alone_is_not_proved_against_its_terms():
+    findings = [one for one in prove_structure(FloatTree(), (), 1, 0) if one.claim in IDENTITIES]
+    assert {one.verdict for one in findings} == {"passed"}
+    assert IDENTITIES - {one.claim for one in findings} == {
+        "coriolis-identities",
+        "regressor-identity",
+    }
+
+
+@pytest.mark.parametrize("key", WITH_TREE)
+def test_a_tree_is_in_the_numbers_of_the_parameters(key: str):
+    scene, balls = SCENES[key].example(), Balls()
+    tree = scene.tree()
+    exact = scene.tree(scene.parameters(balls))
+    assert exact.mass.dtype == exact.center.dtype == exact.inertia.dtype == object
+    for name in ("mass", "center", "inertia", "offset", "coordinates", "shift", "gravity"):
+        numbers = [float(ball(x).mid()) for x in np.ravel(getattr(exact, name))]
+        assert numbers == pytest.approx(np.ravel(getattr(tree, name)).tolist(), rel=1e-15), name
+    assert [x.name for x in exact.frames] == [x.name for x in tree.frames]
 
 
 @pytest.mark.night

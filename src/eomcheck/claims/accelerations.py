@@ -155,7 +155,7 @@ def equivalence(at: Quantities, context: EvaluationContext) -> Iterator[Comparis
         sensitivity = context.vdot_sensitivity(f) + context.vdot_sensitivity(g)
         yield Comparison(f"{f.key} ~ {g.key}", x.vdot, y.vdot, names, sensitivity=sensitivity)
     for f, x, y in context.others:
-        yield Comparison(f"{f.key}, drawn", x.vdot, y.vdot, names)
+        yield Comparison(f"{f.key}, drawn", x.vdot, y.vdot, names, drawn_partition=True)
 
 
 @claim(

@@ -97,12 +97,14 @@ class IdentityResult:
         differing_points: number of points at which its sides differ.
         detail: the term, the row and the sort of error at the first of these.
         skip_reason: reason for skipping it, if it was skipped at a point; otherwise empty.
+        drawn_partition: whether it is about the partition that was drawn.
     """
 
     primes: list[int] = field(default_factory=list)
     differing_points: int = 0
     detail: str = ""
     skip_reason: str = ""
+    drawn_partition: bool = False
 
 
 class IdentitySampler:
@@ -145,6 +147,7 @@ class IdentitySampler:
                 outcome.skip_reason = sides.reason
                 continue
             outcome.primes.append(prime)
+            outcome.drawn_partition = sides.drawn_partition
             if not agree_everywhere(*_as_arrays(sides), equal):
                 outcome.differing_points += 1
                 outcome.detail = outcome.detail or self._detail(at, key, sides)
@@ -354,7 +357,7 @@ def prove_structure(
         degree, height = bounds[key]
         primes = tuple(outcome.primes)
         # Up to n partitions are tried, until one is not singular: any might have been the one.
-        choices = scene.n if key[1].endswith("drawn") else 1
+        choices = scene.n if outcome.drawn_partition else 1
         chance = failure_probability(degree, height, len(primes), draws.count, choices)
         basis = f"failure probability below {chance:.1e}" if chance else "nothing in it is random"
         evidence = f"proved: {counted(len(primes), 'point')}, {basis}"

@@ -61,6 +61,7 @@ class Comparison(NamedTuple):
             "" where it has none; None for the diagnosis of any two arrays.
         context: returns further arrays by which confusions are recognized, in the numbers of the
             sides; called only where these differ.
+        drawn_partition: whether it is about a partition that was drawn, until one is not singular.
     """
 
     subject: str
@@ -73,6 +74,7 @@ class Comparison(NamedTuple):
     sizes: Any = None
     explain: Callable[[Array, Array, float, tuple[int, ...]], str] | None = None
     context: Callable[[], ConfusionContext] | None = None
+    drawn_partition: bool = False
 
 
 class Decision(NamedTuple):

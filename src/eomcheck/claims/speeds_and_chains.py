@@ -78,7 +78,8 @@ def null_space_embedding(
         else:
             # Where w grows from row to row, so do earlier rounding errors in it.
             sensitivity = sensitivity_where(context.exact or _has_digits(context, w, partition))
-            yield vanishing(subject, at.terms.a @ w, names, magnitude(at.terms.a, w), sensitivity)
+            sides = vanishing(subject, at.terms.a @ w, names, magnitude(at.terms.a, w), sensitivity)
+            yield sides._replace(drawn_partition=context.exact and partition is not at.partition)
 
 
 def _has_digits(context: EvaluationContext, w: Array, partition: Partition) -> Any:

@@ -210,12 +210,16 @@ def _with_certain_digits(
 def _ball_quantities(
     scene: Scene, q: Array, start: dict[str, Array], t: float, bits: int
 ) -> Quantities:
-    """Return the quantities of a state in balls; `start` sets its u or v."""
+    """Return the quantities of a state in balls; `start` has its u or its v, and any τ."""
     balls = Balls()
     with precision(bits):
         at = Quantities(scene, balls, balls.numbers(q), balls.numbers(np.array(t)).item())
-        for name, value in start.items():
-            setattr(at, name, balls.numbers(value))
+        if "u" in start:
+            at.u = balls.numbers(start["u"])
+        if "v" in start:
+            at.v = balls.numbers(start["v"])
+        if "tau" in start:
+            at.tau = balls.numbers(start["tau"])
     return at
 
 
