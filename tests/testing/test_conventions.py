@@ -8,6 +8,7 @@ from tests.testing.own import given, guide
 
 from eomcheck.scenes import ChainPendulum
 from eomcheck.testing import check_functions, from_engine, from_scene
+from eomcheck.testing.handed_over import HANDED_OVER
 
 CART = guide("cart")
 m, turn = 2.0, 1.5
@@ -170,5 +171,8 @@ def test_an_engine_as_functions_offers_what_it_overrides():
     from eomcheck.engines import ENGINES
 
     scene = ChainPendulum.example()
-    assert from_engine(ENGINES["pinocchio"](scene)).given == ("M", "bias")
-    assert from_engine(ENGINES["casadi"](scene)).given == ("M", "bias", "Q")
+    derivatives = "tau_q", "tau_v", "qdd_q", "qdd_v", "qdd_tau"
+    whole = {*HANDED_OVER, "parameters", "mass"}
+    assert {*from_engine(ENGINES["pinocchio"](scene)).given} == {"M", "bias"} | whole
+    own = from_engine(ENGINES["casadi"](scene)).given
+    assert own == ("M", "bias", "qdd", "Q", "inverse_dynamics", *derivatives)

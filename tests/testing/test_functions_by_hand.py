@@ -27,6 +27,7 @@ from eomcheck.testing.equations_of_motion import (
     checked_states,
     equations_from,
 )
+from eomcheck.testing.handed_over import HANDED_OVER, weighs_alone
 
 # ---- Functions -----------------------------------------------------------------------------------
 
@@ -222,6 +223,10 @@ def test_every_claim_needs_and_is_broken_by_what_there_is():
 
 # ---- What they are compared with -----------------------------------------------------------------
 
+OF_SCENE = {*HANDED_OVER, "parameters", "mass"}
+OF_EQUATIONS = {"tau_q", "tau_v", "qdd_q", "qdd_v", "qdd_tau", "inverse_dynamics"} | {
+    "inverse_mass_matrix"
+}
 OF_SCENES = {
     "snake": "M bias gravity qdd T U a c gamma",
     "chain-pendulum": "M bias gravity qdd T U",
@@ -235,7 +240,12 @@ OF_SCENES = {
 def test_a_scene_gives_the_functions_that_it_has(key):
     scene = SCENES[key].example()
     made = from_scene(scene)
-    assert (made.n, made.name, " ".join(made.given)) == (scene.n, scene.name, OF_SCENES[key])
+    terms = [name for name in made.given if name == "qdd" or name not in OF_SCENE]
+    assert (made.n, made.name, " ".join(terms)) == (scene.n, scene.name, OF_SCENES[key])
+    has_tree = scene.tree() is not None
+    more = OF_SCENE if has_tree else {name for name in OF_SCENE if name in OF_EQUATIONS}
+    alone = {"regressor", "parameters"} if weighs_alone(scene) else set()
+    assert {*made.given} - {*terms} == more - {"qdd"} - {"regressor", "parameters"} | alone
 
 
 class Pushed(Sleigh, functions=()):

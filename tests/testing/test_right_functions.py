@@ -8,7 +8,7 @@ from tests.testing.trees import random_tree
 
 from eomcheck.evaluation.tolerance import C
 from eomcheck.scenes import SCENES
-from eomcheck.testing import check, check_functions, from_scene
+from eomcheck.testing import EquationsOfMotion, check, check_functions, from_scene
 
 TREES = 120
 
@@ -28,7 +28,13 @@ def test_no_random_tree_is_refused(first: int):
 @pytest.mark.night
 @pytest.mark.parametrize("key", SCENES)
 def test_no_scene_is_refused(key: str):
-    found = check(from_scene(SCENES[key].example()), states=1, seed=3)
+    made = from_scene(SCENES[key].example())
+    terms = {
+        name: made.function(name) for name in made.given[: made.given.index("inverse_dynamics")]
+    }
+    # Differences of all quantities of a large scene take an hour.
+    subject = made if key == "sleigh" else EquationsOfMotion(made.n, **terms)
+    found = check(subject, states=1, seed=3)
     assert not [str(x) for x in found if x.verdict == "failed"]
     assert "bias-of-mass-matrix" in {x.claim for x in found if x.verdict == "passed"}
 

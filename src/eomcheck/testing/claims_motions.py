@@ -7,8 +7,10 @@ other functions, is compared.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +33,12 @@ from eomcheck.testing.claims_terms import (
     proportional,
     row_names,
 )
-from eomcheck.testing.equations_of_motion import INPUTS, BrokenError, FunctionCaller
+from eomcheck.testing.equations_of_motion import (
+    INPUTS,
+    BrokenError,
+    EquationsOfMotion,
+    FunctionCaller,
+)
 from eomcheck.testing.function_state import (
     FunctionState,
     inertia,
@@ -284,9 +291,22 @@ def _is_comparable(at: FunctionState, reference: FunctionState, name: str) -> bo
 def _reference_at(at: FunctionState) -> FunctionState:
     """Return the reference at the same state, under the same loads."""
     assert at.reference is not None
-    state = FunctionState(FunctionCaller(at.reference), at.q, at.v, at.seed)
+    reference = _with_frames_of(at.functions, at.reference)
+    state = FunctionState(FunctionCaller(reference), at.q, at.v, at.seed)
     state.loads_of = at
     return state
+
+
+def _with_frames_of(
+    functions: EquationsOfMotion, reference: EquationsOfMotion
+) -> EquationsOfMotion:
+    """Return a reference with the frames that the functions have, in their order."""
+    chosen: dict[str, Any] = {}
+    for name in reference.given:
+        own, theirs = functions.function(name), reference.function(name)
+        if isinstance(own, Mapping) and isinstance(theirs, Mapping) and own.keys() <= theirs.keys():
+            chosen[name] = {frame: theirs[frame] for frame in own}
+    return replace(reference, **chosen) if chosen else reference
 
 
 def check_reference(points: list[FunctionState]) -> None:

@@ -23,6 +23,7 @@ from eomcheck.formulations import FORMULATIONS, formulations_among
 from eomcheck.mechanics.scene import Scene, checked_scene
 from eomcheck.numbers.generic import Array
 from eomcheck.testing.equations_of_motion import INPUTS, EquationsOfMotion
+from eomcheck.testing.handed_over import EngineQuantities, SceneQuantities
 
 # ---- Scenes and engines --------------------------------------------------------------------------
 
@@ -31,7 +32,8 @@ def from_scene(scene: Scene) -> EquationsOfMotion:
     """Return the equations of a scene as float64 functions, at t = 0 s.
 
     All forces are in `Q` where the scene has no potential energy; where it has one, forces at rest
-    are `gravity` and damping follows from `R`.
+    are `gravity` and damping follows from `R`. Derivatives are those by dual numbers; momentum,
+    frames of its links and the regressor are those of its tree of bodies, where it has one.
 
     Raises:
         InputError: `scene` is no scene, such as the name of one.
@@ -79,11 +81,15 @@ def from_scene(scene: Scene) -> EquationsOfMotion:
         functions["c"] = constraint
         if example.terms.b is not None:
             functions["b"] = lambda q, t: evaluation_at(q, t=t).terms.b
+    functions = SceneQuantities(scene, solver).functions() | functions
     return EquationsOfMotion(scene.n, name=scene.name, **functions)
 
 
 def from_engine(engine: Any) -> EquationsOfMotion:
     """Return the quantities that an engine computes of its scene as float64 functions, at t = 0 s.
+
+    Forces of the scene beside weight, which an engine's inverse and forward dynamics have not, are
+    added on our side.
 
     Args:
         engine: an engine, made for its scene; of the optional methods those it overrides.
@@ -106,6 +112,8 @@ def from_engine(engine: Any) -> EquationsOfMotion:
             functions[name] = getattr(answers, method)
     if scene.r and _offers(engine, "constraint_jacobian"):
         functions["a"] = lambda q: answers.constraint_jacobian(q, zero)
+    if isinstance(engine, Engine):
+        functions |= EngineQuantities(engine).functions()
     return EquationsOfMotion(scene.n, name=f"{type(engine).key} of {scene.name}", **functions)
 
 

@@ -1,0 +1,198 @@
+"""Quantities of scenes and engines as functions: the same numbers, and faults of an engine."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.samples import ordinary
+
+import eomcheck
+from eomcheck.engines import ENGINES, Engine
+from eomcheck.engines.pinocchio import PinocchioEngine
+from eomcheck.mechanics.scene import Scene
+from eomcheck.scenes import SCENES
+from eomcheck.testing import EquationsOfMotion, check, from_engine, from_scene
+from eomcheck.testing.handed_over import HANDED_OVER, weighs_alone
+
+
+def scene_of(key: str) -> Scene:
+    return ordinary(SCENES[key], 3)[0]
+
+
+def functions_of(engine: Engine, *names: str) -> EquationsOfMotion:
+    """Return some of the functions of an engine."""
+    made = from_engine(engine)
+    return EquationsOfMotion(made.n, **{name: made.function(name) for name in names})
+
+
+def referred(engine: Engine, *names: str) -> dict[str, str]:
+    """Return the verdict of each function of an engine beside that of its scene."""
+    subject = functions_of(engine, *names)
+    found = check(subject, against=engine.scene, states=1, seed=1, claims=["reference"])
+    verdicts: dict[str, str] = {}
+    for verdict in ("inconclusive", "passed", "failed"):
+        same = (one.subject for one in found if one.verdict == verdict)
+        verdicts |= {subject.partition(" ~ ")[0]: verdict for subject in same}
+    return {name: verdicts[name] for name in names if name in verdicts}
+
+
+# ---- Equal numbers -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("key", ["chain-pendulum", "sleigh", "flyball-governor"])
+@pytest.mark.parametrize("library", ["pinocchio", "casadi"])
+def test_functions_of_an_engine_are_those_of_its_scene(library: str, key: str):
+    """Springs and dampers of the governor are in both."""
+    engine = ENGINES[library](scene_of(key))
+    names = [name for name in from_engine(engine).given if name in HANDED_OVER]
+    assert {"inverse_dynamics", "tau_q", "tau_v"} <= {*names}
+    assert ("qdd_q" in names) == (engine.scene.r == 0)
+    assert referred(engine, *names) == dict.fromkeys(names, "passed")
+
+
+def test_what_is_asked_of_a_scene_is_its_quantity_with_all_its_forces():
+    scene = scene_of("flyball-governor")
+    assert not weighs_alone(scene) and weighs_alone(scene_of("chain-pendulum"))
+    made: Any = from_scene(scene)
+    q, v, third = (np.cos(k + np.arange(scene.n)) for k in range(3))
+    for name, method in (("inverse_dynamics", "inverse_dynamics"), ("com", "center_of_mass")):
+        arguments = (q, v, third) if name == "inverse_dynamics" else (q,)
+        ours = eomcheck.quantity(scene, method, *arguments)
+        assert np.allclose(made.function(name)(*arguments), ours, rtol=1e-13)
+    exact = eomcheck.derivatives(scene, "au", q, v, third)
+    for name in ("q", "v", "tau"):
+        theirs = made.function(f"qdd_{name}")(q, v, third)
+        assert np.abs(theirs - getattr(exact, name)).max() <= 2 * exact.error_bounds[name]
+
+
+def test_nothing_is_computed_before_a_function_is_called():
+    class Silent(PinocchioEngine):
+        """An engine that breaks where it is asked."""
+
+        key = "silent"
+
+        def center_of_mass(self, q, t=0.0):
+            """Raise an error."""
+            raise RuntimeError("asked")
+
+    made: Any = from_engine(Silent(scene_of("chain-pendulum")))
+    with pytest.raises(Exception, match="asked"):
+        made.com(np.zeros(made.n))
+
+
+def test_a_reference_has_the_frames_of_the_functions():
+    scene = scene_of("chain-pendulum")
+    made: Any = from_scene(scene)
+    last = [*made.J][-1]
+    for factor, verdict in ((1.0, "passed"), (-1.0, "failed")):
+        J = {last: lambda q, factor=factor: factor * made.J[last](q)}
+        found = check(EquationsOfMotion(made.n, J=J), against=scene, states=1, claims=["reference"])
+        assert verdict in {one.verdict for one in found if one.subject.startswith("J ~")}
+
+
+# ---- Faults --------------------------------------------------------------------------------------
+
+Change = Callable[[Any], Any]
+
+
+def beside(k: int, change: Change) -> Change:
+    """Return the change of one of several arrays."""
+    return lambda parts: tuple(change(x) if i == k else x for i, x in enumerate(parts))
+
+
+def transposed(x: Any) -> Any:
+    return x.T
+
+
+def opposite(x: Any) -> Any:
+    return -x
+
+
+def angular_first(x: Any) -> Any:
+    return np.roll(x, 3, axis=0)
+
+
+FAULTS: list[tuple[str, str, Change]] = [
+    ("inverse_dynamics", "inverse_dynamics", opposite),
+    ("tau_q", "inverse_dynamics_derivatives", beside(0, transposed)),
+    ("tau_v", "inverse_dynamics_derivatives", beside(1, opposite)),
+    ("qdd", "forward_dynamics", opposite),
+    ("qdd_q", "forward_dynamics_derivatives", beside(0, opposite)),
+    ("qdd_v", "forward_dynamics_derivatives", beside(1, transposed)),
+    ("qdd_tau", "forward_dynamics_derivatives", beside(2, np.linalg.inv)),
+    ("inverse_mass_matrix", "inverse_mass_matrix", np.linalg.inv),
+    ("regressor", "regressor", lambda Y: np.roll(Y, 1, axis=1)),
+    ("com", "center_of_mass", lambda c: c + 0.1),
+    ("com_jacobian", "center_of_mass_jacobian", lambda J: J[:, ::-1]),
+    ("com_velocity", "center_of_mass_velocity", opposite),
+    ("com_acceleration", "center_of_mass_acceleration", lambda c: c - np.r_[0, 0, 9.81]),
+    ("momentum_matrix", "momentum_matrix", angular_first),
+    ("momentum", "momentum", angular_first),
+    ("momentum_rate", "momentum_rate", lambda h: h / 2),
+    ("frame_placement", "frame_placement", beside(0, transposed)),
+    ("J", "frame_jacobian", angular_first),
+    ("frame_velocity", "frame_velocity", angular_first),
+    ("frame_bias", "frame_bias", lambda x: 0 * x),
+    ("frame_acceleration", "frame_acceleration", lambda x: x - np.r_[0, 0, 9.81, 0, 0, 0]),
+]
+"""Function, method of an engine, and the fault of its result."""
+
+
+def planted(method: str, change: Change) -> type[Engine]:
+    """Return an engine whose method has a fault."""
+
+    def wrong(self: Any, *arguments: Any) -> Any:
+        return change(getattr(PinocchioEngine, method)(self, *arguments))
+
+    return type("Wrong", (PinocchioEngine,), {"key": "wrong", method: wrong})
+
+
+def test_every_function_has_a_fault():
+    assert {(name, method) for name, method, _ in FAULTS} == {
+        (name, one.quantity) for name, one in HANDED_OVER.items()
+    }
+
+
+@pytest.mark.parametrize("name, method, change", FAULTS, ids=[x[0] for x in FAULTS])
+def test_a_fault_of_an_engine_is_found_beside_its_scene(name: str, method: str, change: Change):
+    scene = scene_of("chain-pendulum")
+    assert referred(PinocchioEngine(scene), name) == {name: "passed"}
+    assert referred(planted(method, change)(scene), name) == {name: "failed"}
+
+
+OF_QDD = "qdd_q", "qdd_v", "qdd_tau"
+
+COMPANIONS = {
+    "tau_q": "inverse_dynamics",
+    "tau_v": "inverse_dynamics",
+    "qdd_q": "qdd",
+    "qdd_v": "qdd",
+    "qdd_tau": "qdd",
+    "inverse_mass_matrix": "M",
+    "regressor": "parameters inverse_dynamics",
+    "com_jacobian": "com",
+    "com_velocity": "com",
+    "com_acceleration": "com_velocity",
+    "momentum": "momentum_matrix",
+    "momentum_rate": "momentum",
+    "J": "frame_placement",
+    "frame_velocity": "J",
+    "frame_bias": "J",
+    "frame_acceleration": "J frame_bias",
+}
+"""Function -> functions of the same engine by which its fault is found without a reference."""
+
+
+@pytest.mark.parametrize("name", COMPANIONS)
+def test_a_fault_of_an_engine_is_found_without_a_reference(name: str):
+    (fault,) = (x for x in FAULTS if x[0] == name)
+    names = name, *COMPANIONS[name].split()
+    # The frame of a sleigh moves along the ground: its J is constant.
+    scene = scene_of("chain-pendulum" if name in ("frame_bias", *OF_QDD) else "sleigh")
+    right = check(functions_of(PinocchioEngine(scene), *names), states=2, seed=1)
+    assert not [str(x) for x in right if x.verdict == "failed"]
+    wrong = check(functions_of(planted(*fault[1:])(scene), *names), states=2, seed=1)
+    assert {x.verdict for x in wrong} >= {"failed"}
