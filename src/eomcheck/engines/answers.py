@@ -134,8 +134,9 @@ class Answers:
         For built-in engines a test shows that none is kept.
 
         `method` itself is called also where half of the digits of q and v agree, eight of
-        float64, for which no result may be cached, and last of all where only the velocity
-        differs. Results and exceptions are ignored.
+        float64, for which no result may be cached, where only the velocity differs, and last of
+        all at the same (q, v) with another link and with another v̇, τ or Q. Results and exceptions
+        are ignored.
 
         Args:
             method: name of the method that is called next.
@@ -151,13 +152,45 @@ class Answers:
         for position, speed in (far, near, (q, far[1])):
             with suppress(Exception):
                 self.ask(method, position, speed, *arguments[2:])
+        self._ask_of_another_link(method, arguments)
+        self._ask_with_another_third(method, arguments, ELSEWHERE)
 
     def ask_elsewhere(self, method: str, arguments: Sequence[Any], number: int) -> None:
-        """Call a method at another state, one for each number; see `provoke_stale_answers`."""
+        """Call a method at another state, one for each number; see `provoke_stale_answers`.
+
+        The link is changed last here, and v̇, τ or Q there: a result that is kept from one call to
+        the next, whichever of them it ignores, is wrong after one of both.
+        """
         q, v, *others = arguments
         distance = ELSEWHERE * number
         with suppress(Exception):
             self.ask(method, _shift(q, distance), _shift(-v / 2, distance), *others)
+        self._ask_with_another_third(method, arguments, distance)
+        self._ask_of_another_link(method, arguments)
+
+    def _ask_with_another_third(
+        self, method: str, arguments: Sequence[Any], distance: float
+    ) -> None:
+        """Call a method at the same (q, v) with another v̇, τ or Q, if it takes one."""
+        q, v, *others = arguments
+        one = QUANTITIES.get(method)
+        if len(others) > 1 and (one is None or {"vdot", "tau"} & set(one.arguments)):
+            with suppress(Exception):
+                self.ask(method, q, v, _shift(others[0], distance), *others[1:])
+
+    def _ask_of_another_link(self, method: str, arguments: Sequence[Any]) -> None:
+        """Call the method of a frame with the same arguments for the next link that is known."""
+        if method not in QUANTITIES or not QUANTITIES[method].of_frame:
+            return
+        q, v, third, frame, t = arguments
+        model = tree_model(self.engine.scene)
+        links = () if model is None else model.links
+        after = links.index(frame) + 1 if frame in links else 0
+        for link in (*links[after:], *links[:after]):
+            if link != frame and self.has_frame(link):
+                with suppress(Exception):
+                    self.ask(method, q, v, third, link, t)
+                return
 
     def ask(self, method: str, *arguments: Any) -> Any:
         """Return the result of the method of this name, with arguments q, v, ..., t.

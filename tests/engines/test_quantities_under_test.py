@@ -1,0 +1,82 @@
+"""Conformance quantities of engines under test: caches, links, bounds and options all judged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.samples import ordinary, random_state
+
+from eomcheck import check_state
+from eomcheck.claims.finding import Finding
+from eomcheck.engines.pinocchio import PinocchioEngine
+from eomcheck.evaluation.conformance import QUANTITIES
+from eomcheck.mechanics.scene import Scene
+from eomcheck.scenes import SCENES
+
+BICYCLE, _ = ordinary(SCENES["bicycle"], 1)
+
+
+def under_test(base: type[Any] = PinocchioEngine, **members: Any) -> type[Any]:
+    """Return an engine with these members that is no built-in one."""
+    return type("UnderTest", (base,), {"version": classmethod(lambda cls: "ours 1.0"), **members})
+
+
+def findings(kind: type[Any], *names: str, scene: Scene = BICYCLE, **options: Any) -> list[Finding]:
+    """Return the Findings about quantities of an engine in an ordinary state."""
+    state = random_state(scene, np.random.default_rng(1))
+    claims = [f"engine-{x.replace('_', '-')}" for x in names]
+    return check_state(scene, *state, engines=[kind], claims=claims, **options)
+
+
+# ---- Results that are kept -----------------------------------------------------------------------
+
+
+def keeping(name: str, ignored: str, *, last: bool) -> dict[str, Any]:
+    """Return the method of a quantity that keeps results by all arguments but one.
+
+    Args:
+        name: the quantity.
+        ignored: the argument that it ignores.
+        last: whether it keeps the last result alone.
+    """
+    arguments = QUANTITIES[name].arguments
+    index = arguments.index(ignored)
+
+    def method(self: Any, *asked: Any) -> Any:
+        if not hasattr(self, "kept"):
+            self.kept = {}
+        parts = [x.tobytes() if isinstance(x, np.ndarray) else x for x in asked[: len(arguments)]]
+        key = tuple(parts[:index] + parts[index + 1 :])
+        if key not in self.kept:
+            if last:
+                self.kept.clear()
+            self.kept[key] = getattr(PinocchioEngine, name)(self, *asked)
+        return self.kept[key]
+
+    return {name: method}
+
+
+KEPT = [
+    *((name, "vdot") for name in ("inverse_dynamics", "frame_acceleration", "momentum_rate")),
+    *((name, "vdot") for name in ("center_of_mass_acceleration", "inverse_dynamics_derivatives")),
+    ("forward_dynamics", "tau"),
+    *((name, "f") for name in ("frame_placement", "frame_jacobian", "frame_acceleration")),
+]
+
+
+@pytest.mark.parametrize("last", [False, True])
+@pytest.mark.parametrize("name, ignored", KEPT)
+def test_a_result_kept_by_all_arguments_but_one_fails(name: str, ignored: str, last: bool):
+    failed = [x for x in findings(under_test(**keeping(name, ignored, last=last)), name)
+              if x.verdict == "failed"]  # fmt: skip
+    assert failed
+    assert "it keeps what it was asked before" in failed[0].detail
+
+
+@pytest.mark.parametrize("name", QUANTITIES)
+def test_a_right_engine_passes(name: str):
+    if PinocchioEngine.offers(name):
+        assert {x.verdict for x in findings(under_test(), name)} == {"passed"}
