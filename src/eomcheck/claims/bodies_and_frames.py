@@ -14,10 +14,13 @@ from typing import Any
 import numpy as np
 
 from eomcheck.claims.registry import Comparison, EvaluationContext, claim, product_size
+from eomcheck.claims.terms_and_positions import potential_function
+from eomcheck.descriptions.described_scene import Described, parse_description
 from eomcheck.evaluation.conformance import AXIS_NAMES, SPATIAL_NAMES, ConformancePoint
 from eomcheck.evaluation.scene_quantities import Quantities
-from eomcheck.numbers.dual import duals, rate
-from eomcheck.numbers.generic import as_objects, map_record
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.dual import Dual, duals, rate
+from eomcheck.numbers.generic import Array, as_objects, map_entries, map_record
 
 TREE = "a tree of bodies (`Scene.tree`)"
 """Requirement of claims about conformance quantities."""
@@ -96,14 +99,75 @@ def _turned(omega: Any, R: Any) -> Any:
     return np.stack([y * R[2] - z * R[1], z * R[0] - x * R[2], x * R[1] - y * R[0]])
 
 
+def _weight_power(
+    potential: Callable,
+    description: Callable | None,
+    parameters: Any,
+    prepared: Any,
+    rates: Any,
+    q: Array,
+    qdot: Array,
+) -> Any:
+    """Return dU/dt of the weight in a scene's U, while q moves by q̇.
+
+    The weight is the part of U in proportion to gravity or, where that is no parameter, to the
+    masses. Dual numbers are nested by derivative: that by q is outermost.
+
+    Args:
+        potential: U by (parameters, prepared, q).
+        description: function that returns the `Description` of a described scene, whose gravity
+            need not be a parameter; otherwise None.
+        parameters: of the scene.
+        prepared: precomputed values of the scene.
+        rates: their rates.
+        q: coordinates (n,).
+        qdot: their rates (n,).
+    """
+    parameters = as_objects(parameters)
+    if description is not None:
+        parsed = parse_description(description, parameters)
+        potential, parameters = parsed.functions["potential"], parsed.parameters
+    name = "mass" if getattr(parameters, "gravity", None) is None else "gravity"
+    weighed = parameters._replace(**{name: _scalable(getattr(parameters, name))})
+    U = potential(weighed, map_record(duals, prepared, rates), duals(q, qdot))
+    return rate(rate(U))
+
+
+def _scalable(numbers: Any) -> Any:
+    """Return numbers (1 + ε) as duals, without a rate outside; None stays None."""
+
+    def entry(x: Any) -> Any:
+        return None if x is None else Dual(Dual(x, x))
+
+    return map_entries(entry, np.asarray(numbers, object)) if np.ndim(numbers) else entry(numbers)
+
+
 @tree_claim("weight-gradient", "dU/dt = vᵀ ∂U/∂q of weight", "", "gravity")
 def weight(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
-    """The potential energy of weight changes by its gradient."""
+    """The potential energy of weight changes by its gradient, and as in the scene's U or Q."""
     point = _point(at, context)
     if point is None:
         return
     rates = point.result("weight", rates=True)
     yield Comparison("∂U/∂q", point.weight.gradient @ point.at.v, rates.U, (), may_vanish=True)
+    scene, direction = at.scene, point.at.v + point.vdot
+    weighs = any(getattr(at.parameters, name, None) is not None for name in ("gravity", "mass"))
+    if not (weighs or isinstance(scene, Described)):
+        return
+    if context.exact and point.model.tree is not None:
+        return  # its variables are not the parameters of the scene
+    moving = *at.prepared_and_rates(direction, False), at.q, direction
+    power = at.run(_weight_power, *_potential_of(scene), at.parameters, *moving)
+    gradient = point.weight.gradient
+    size = product_size(gradient, direction)
+    yield Comparison("U", gradient @ direction, power, (), size, may_vanish=True)
+
+
+def _potential_of(scene: Scene) -> tuple[Callable, Callable | None]:
+    """Return the function U of a scene, and its description if it is a described one."""
+    derived = "energies" in scene.derived_functions
+    potential = scene.potential if derived else potential_function(scene.energies)
+    return potential, type(scene).description if isinstance(scene, Described) else None
 
 
 def _rate_of_M(terms: Callable, parameters: Any, prepared: Any, rates: Any, q: Any, v: Any) -> Any:

@@ -130,12 +130,15 @@ def _function(
 
 
 def tree_model(scene: Scene) -> TreeModel | None:
-    """Return the model of a scene's tree of bodies; None for a scene without a tree."""
-    if isinstance(scene, Mechanism):
+    """Return the model of a scene's tree of bodies; None for a scene without a tree.
+
+    It is that of `Scene.tree()` too where a class overrides the one that follows from its plan.
+    """
+    if type(scene).tree is Mechanism.tree and isinstance(scene, Mechanism):
         frames = scene.source.frames
         names, joints = tuple(x.name for x in frames), tuple(x.joint for x in frames)
         return TreeModel(scene.plan.topology, names, joints, tilted=scene.source.tilted)
-    if isinstance(scene, Described):
+    if type(scene).tree is Described.tree and isinstance(scene, Described):
         kind = type(scene)
         parsed = parse_description(kind.description, scene.parameters(FLOAT64))
         links = parsed.link_joints
