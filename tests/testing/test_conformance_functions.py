@@ -223,6 +223,14 @@ def transposed(x: Any, *_: Any) -> Any:
     return x.T
 
 
+def response(f: Functions, q: Any, forces: Any) -> Any:
+    return np.linalg.solve(f["M"](q), forces)
+
+
+def without_weight(x: Any, f: Functions, q: Any, v: Any, tau: Any) -> Any:
+    return x + response(f, q, f["tau_q"](q, 0.0 * v, 0.0 * v))
+
+
 OTHERS = [1, 0, 3, 2]
 OWN, WORLD = "own axes, expected along the world's", "at the world's origin"
 FIRST, FLOAT32 = "angular part first", "float32 arithmetic"
@@ -426,6 +434,23 @@ FAULTS: dict[str, Fault] = {
     ),
     "qdd-q-without-inverse": Fault(
         "qdd_q", after("qdd_q", lambda x, f, q, *_: -f["M"](q) @ x), "M is left out", DYNAMICS
+    ),
+    "qdd-q-without-gravity": Fault(
+        "qdd_q", after("qdd_q", without_weight), "without the derivative of gravity", DYNAMICS
+    ),
+    "qdd-q-of-weightless-system": Fault(
+        "qdd_q",
+        lambda f: (
+            lambda q, v, tau: without_weight(f["qdd_q"](q, v, tau + f["gravity"](q)), f, q, v, tau)
+        ),
+        "of q̈ without gravity",
+        DYNAMICS,
+    ),
+    "qdd-q-without-acceleration": Fault(
+        "qdd_q",
+        after("qdd_q", lambda x, f, q, v, _: response(f, q, -f["tau_q"](q, v, 0.0 * v))),
+        "without the derivative of M v̇",
+        DYNAMICS,
     ),
     "qdd-q-sign": Fault("qdd_q", after("qdd_q", scaled(-1.0)), "wrong sign", DYNAMICS),
     "qdd-q-transposed": Fault("qdd_q", after("qdd_q", transposed), "transposed", DYNAMICS),

@@ -297,3 +297,45 @@ def test_with_constraints_the_response_to_forces_is_projected():
     assert {x.subject for x in failed} == {"qdd_tau ~ q̈", "qdd_tau ~ a"}
     assert {x.cause for x in failed} == {"qdd_tau"}
     assert any("M⁻¹ without the constraints" in x.detail for x in failed)
+
+
+# ---- Conclusions ---------------------------------------------------------------------------------
+
+
+def conclusions(names: str, **wrong: Any) -> dict[str, str]:
+    """Return cause -> detail of the first failure of each cause."""
+    failed = [x for x in check(names, **wrong) if x.verdict == "failed" and not x.follows]
+    return {x.cause: x.detail for x in failed}
+
+
+@pytest.mark.parametrize(
+    ("first", "other", "names", "passing"),
+    [
+        ("qdd_q", "qdd_v", "M bias gravity qdd", "motion and acceleration-force pass"),
+        ("tau_q", "tau_v", "M bias gravity inverse_dynamics", "inverse-dynamics passes"),
+    ],
+)
+def test_derivatives_that_are_exchanged_are_named_and_what_they_derive_is_cleared(
+    first: str, other: str, names: str, passing: str
+):
+    causes = conclusions(names, **{first: CHAIN[other], other: CHAIN[first]})
+    assert causes.keys() == {first, other}
+    assert f"{passing}; " in causes[first]
+    assert causes[first].endswith(f"{first} and {other} exchanged")
+    assert causes[other].endswith(f"{other} and {first} exchanged")
+    (right,) = conclusions(names, **{first: CHAIN[other], other: CHAIN[other]}).values()
+    assert "exchanged" not in right
+
+
+def test_a_force_that_is_missing_in_the_acceleration_does_not_clear_it():
+    wrong = {"qdd": lambda q, v, tau: CHAIN["qdd"](q, v, tau + CHAIN["gravity"](q))}
+    names = "M bias gravity qdd_q qdd_v qdd_tau"
+    assert conclusions(names, **wrong).keys() == {"qdd"}
+
+
+@pytest.mark.parametrize("momentum", ["momentum", "momentum_matrix"])
+def test_a_center_of_mass_is_wrong_whose_jacobian_agrees_with_the_momentum(momentum: str):
+    wrong = {"com": lambda q: 1.1 * CHAIN["com"](q)}
+    (cause, detail), *others = conclusions(f"com_jacobian mass {momentum}", **wrong).items()
+    assert (cause, others) == ("com", [])
+    assert "center of mass com is wrong: com-jacobian fails, com-momentum passes" in detail

@@ -15,6 +15,7 @@ import numpy as np
 
 from eomcheck.claims.confusions import ConfusionContext
 from eomcheck.claims.registry import BlindSpot, Comparison, Decision, Skipped, function_claim
+from eomcheck.evaluation.tolerance import C
 from eomcheck.numbers.generic import Array
 from eomcheck.testing.claims_answers import parameter_names
 from eomcheck.testing.claims_motions import FORCES, is_nonzero
@@ -201,6 +202,9 @@ def inverse_dynamics_acceleration(at: FunctionState) -> Iterator[Comparison]:
 
 # ---- Derivatives of inverse dynamics -------------------------------------------------------------
 
+WITHOUT_WEIGHT = "without the derivative of gravity"
+WITHOUT_INERTIA = "without the derivative of M v̇"
+
 TELLS_TAU = ("inverse_dynamics", "bias & gravity & M", "against")
 
 
@@ -216,7 +220,7 @@ def inverse_dynamics_by_position(at: FunctionState) -> Iterator[Comparison | Ski
     tau, tau_q = forces_function(at), at.quantity("tau_q")
     if tau is not None:
         expected = at.along_velocities(tau)
-        context = recognized(lambda expected: _tau_q_mistakes(at, expected), expected)
+        context = recognized(lambda _: _tau_q_mistakes(at, expected), expected)
         yield compare(at, "tau_q ~ τ", tau_q, expected, context=context)
         return
     M = inertia_function(at)
@@ -228,26 +232,29 @@ def inverse_dynamics_by_position(at: FunctionState) -> Iterator[Comparison | Ski
     )
 
 
-def _tau_q_mistakes(at: FunctionState, expected: Array) -> dict[str, Array | None]:
+def _tau_q_mistakes(at: FunctionState, expected: UncertainArray) -> dict[str, Array | None]:
     """Return mistakes of a derivative ∂τ/∂q, and the arrays that they give."""
-    none = np.zeros(len(at.v))
-
-    def gravity() -> UncertainArray:
-        if at.functions.gravity is not None:
-            return at.along_velocities(at.raw("gravity"))
-        rest = at.with_loads(vdot=none).with_velocity(none)
-        return rest.along_velocities(rest.raw(ID))
 
     def at_no_acceleration() -> UncertainArray | None:
-        tau = forces_function(at.with_loads(vdot=none))
+        tau = forces_function(at.with_loads(vdot=np.zeros(len(at.v))))
         return None if tau is None else at.along_velocities(tau)
 
-    weight = _value(gravity)
+    weight = _value(lambda: _gravity_by_position(at))
     return {
+        **_exchanged(at, "tau_q", "tau_v", expected, lambda: _tau_by_velocity(at)),
         "derivative of gravity alone": weight,
-        "without the derivative of gravity": None if weight is None else expected - weight,
-        "without the derivative of M v̇": _value(at_no_acceleration),
+        WITHOUT_WEIGHT: None if weight is None else expected.value - weight,
+        WITHOUT_INERTIA: _value(at_no_acceleration),
     }
+
+
+def _gravity_by_position(at: FunctionState) -> UncertainArray:
+    """Return ∂g/∂q (p, p) of gravity as given, else of what is in the bias or in τ at rest."""
+    none = np.zeros(len(at.v))
+    if at.functions.gravity is not None:
+        return at.along_velocities(at.raw("gravity"))
+    rest = at.with_loads(vdot=none).with_velocity(none)
+    return rest.along_velocities(rest.raw("bias" if at.functions.bias_has_gravity else ID))
 
 
 @function_claim(
@@ -264,27 +271,60 @@ def inverse_dynamics_by_velocity(at: FunctionState) -> Iterator[Comparison | Ski
 
     Where no force is given, dampers may be in τ: what is odd in v is compared.
     """
-    tau_v, Q = at.quantity("tau_v"), at.has("Q")
-    if at.has(ID):
-        expected = at.by_v(at.raw(ID)).T
-    elif at.has("R"):
+    tau_v = at.quantity("tau_v")
+    if at.has("R") and not at.has(ID):
         yield Skipped("tau_v ~ τ", "R is given without inverse_dynamics, which would tell ∂²R/∂v²")
         return
-    else:
-        gradient = bias_by_velocity(at)
-        if gradient is None:
-            yield Skipped("tau_v ~ τ", why_no_bias(at))
-            return
-        expected = gradient - at.by_v(at.raw("Q")).T if Q else gradient
-        if not at.parts() and at.natural():
-            back = at.with_velocity(-at.v).quantity("tau_v")
-            tau_v = 0.5 * (tau_v - back)
+    expected = _tau_by_velocity(at)
+    if expected is None:
+        yield Skipped("tau_v ~ τ", why_no_bias(at))
+        return
+    if not at.has(ID) and not at.parts() and at.natural():
+        back = at.with_velocity(-at.v).quantity("tau_v")
+        tau_v = 0.5 * (tau_v - back)
 
-    def mistakes(expected: Array) -> dict[str, Array | None]:
-        C = at.quantity("C").value if at.has("C") else None
-        return {"C, which is not ∂(C v)/∂v": C}
+    def tau_by_position() -> UncertainArray | None:
+        tau = forces_function(at)
+        return None if tau is None else at.along_velocities(tau)
+
+    def mistakes(_: Array) -> dict[str, Array | None]:
+        coriolis = at.quantity("C").value if at.has("C") else None
+        exchanged = _exchanged(at, "tau_v", "tau_q", expected, tau_by_position)
+        return {"C, which is not ∂(C v)/∂v": coriolis, **exchanged}
 
     yield compare(at, "tau_v ~ τ", tau_v, expected, context=recognized(mistakes, expected))
+
+
+def _tau_by_velocity(at: FunctionState) -> UncertainArray | None:
+    """Return ∂τ/∂v (p, p) without dampers, unless τ is given; None where B is unknown."""
+    if at.has(ID):
+        return at.by_v(at.raw(ID)).T
+    gradient = bias_by_velocity(at)
+    return gradient if gradient is None or not at.has("Q") else gradient - at.by_v(at.raw("Q")).T
+
+
+def _exchanged(
+    at: FunctionState,
+    name: str,
+    other: str,
+    expected: UncertainArray,
+    of_other: Callable[[], UncertainArray | None],
+) -> dict[str, Array | None]:
+    """Return the array of a function if another one holds what it should: both are exchanged.
+
+    Args:
+        at: the state.
+        name, other: names of both functions.
+        expected: expected value of `name`.
+        of_other: function that returns the expected value of `other`.
+    """
+
+    def value() -> UncertainArray | None:
+        held = at.quantity(other)
+        same = np.abs(held.value - expected.value) <= C * (held.error + expected.error)
+        return of_other() if same.all() else None
+
+    return {f"{name} and {other} exchanged": _value(value)} if at.has(other) else {}
 
 
 def bias_by_velocity(at: FunctionState) -> UncertainArray | None:
@@ -342,8 +382,7 @@ def _gradient_blind(name: str, of_tau: str) -> tuple[BlindSpot, ...]:
 )
 def acceleration_by_position(at: FunctionState) -> Iterator[Comparison]:
     """Compare ∂q̈/∂q with differences of q̈ at the same τ."""
-    expected = at.along_velocities(at.driven())
-    yield _compare_gradient(at, "qdd_q", expected, at.along_velocities)
+    yield _compare_gradient(at, "qdd_q", "qdd_v")
 
 
 @function_claim(
@@ -355,19 +394,57 @@ def acceleration_by_position(at: FunctionState) -> Iterator[Comparison]:
 )
 def acceleration_by_velocity(at: FunctionState) -> Iterator[Comparison]:
     """Compare ∂q̈/∂v with differences of q̈."""
-    expected = at.by_v(at.driven()).T
-    yield _compare_gradient(at, "qdd_v", expected, lambda f: at.by_v(f).T)
+    yield _compare_gradient(at, "qdd_v", "qdd_q")
 
 
-def _compare_gradient(
-    at: FunctionState,
-    name: str,
-    expected: UncertainArray,
-    derivative: Callable[..., UncertainArray],
-) -> Comparison:
-    """Return the comparison of a derivative of q̈ with finite differences."""
-    context = recognized(lambda x: _gradient_mistakes(at, x, derivative), expected)
+def _compare_gradient(at: FunctionState, name: str, other: str) -> Comparison:
+    """Return the comparison of a derivative of q̈ with finite differences.
+
+    Args:
+        at: the state.
+        name: `qdd_q` or `qdd_v`.
+        other: the other one.
+    """
+    by_position, by_velocity = at.along_velocities, lambda f: at.by_v(f).T
+    derivative, other_derivative = by_position, by_velocity
+    if name == "qdd_v":
+        derivative, other_derivative = by_velocity, by_position
+    expected = derivative(at.driven())
+
+    def mistakes(value: Array) -> dict[str, Array | None]:
+        of_position = _qdd_q_mistakes(at, value) if name == "qdd_q" else {}
+        of_other = lambda: other_derivative(at.driven())  # noqa: E731
+        exchanged = _exchanged(at, name, other, expected, of_other)
+        return {**_gradient_mistakes(at, value, derivative), **of_position, **exchanged}
+
+    context = recognized(mistakes, expected)
     return compare(at, f"{name} ~ q̈", at.quantity(name), expected, context=context)
+
+
+def _qdd_q_mistakes(at: FunctionState, expected: Array) -> dict[str, Array | None]:
+    """Return mistakes of ∂q̈/∂q = -M⁻¹ ∂τ/∂q at v̇ = q̈, and the arrays that they give."""
+    if not (at.has("M") or at.has("T")) or at.has("a"):
+        return {}
+
+    def responding(part: Callable[[], UncertainArray]) -> Array | None:
+        forces = _value(part)
+        if forces is None:
+            return None
+        return _value(lambda: exact(expected + np.linalg.solve(inertia(at).value, forces)))
+
+    def weightless() -> UncertainArray:
+        qdd, M, gravity = at.driven(), inertia_function(at), at.raw("gravity")
+        return at.along_velocities(lambda q, v: qdd(q, v) + np.linalg.solve(M(q, v), gravity(q, v)))
+
+    def of_inertia() -> UncertainArray:
+        M, qdd = inertia_function(at), at.driven()(at.q, at.v)
+        return at.along_velocities(lambda q, v: M(q, v) @ qdd)
+
+    return {
+        WITHOUT_WEIGHT: responding(lambda: _gravity_by_position(at)),
+        "of q̈ without gravity": _value(weightless) if at.functions.gravity is not None else None,
+        WITHOUT_INERTIA: responding(of_inertia),
+    }
 
 
 def _gradient_mistakes(

@@ -13,8 +13,9 @@ form in v, so that its values at v = e_i and e_i + e_j give all coefficients at 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence, Set
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import replace
+from types import MappingProxyType
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -307,8 +308,8 @@ SETTLES: dict[str, tuple[str, ...]] = {
     "com-jacobian": ("com", "com_jacobian"),
     "com-velocity": ("com_velocity", "com_jacobian"),
     "com-rate": ("com", "com_velocity"),
-    "com-acceleration": ("com_velocity", "com_acceleration"),
-    "com-momentum": ("mass",),
+    "com-acceleration": ("com_velocity", "com_jacobian", "com_acceleration"),
+    "com-momentum": ("mass", "com_velocity", "com_jacobian"),
     "mass-parameters": ("mass",),
     "momentum-matrix": ("momentum", "momentum_matrix"),
     "momentum-rate": ("momentum", "momentum_rate"),
@@ -321,6 +322,13 @@ SETTLES: dict[str, tuple[str, ...]] = {
     "frame-acceleration-bias": ("frame_acceleration", "frame_bias"),
 }
 """Claim -> functions that are right if it passes, unless two are wrong in the same way."""
+
+
+CONFIRMED_BY: dict[str, tuple[str, ...]] = {
+    "qdd": ("motion", "acceleration-force", "constraint-acceleration"),
+    "inverse_dynamics": ("inverse-dynamics",),
+}
+"""Function -> the claims that together compare all of it; those without their inputs are not."""
 
 
 class Conflict(NamedTuple):
@@ -384,7 +392,8 @@ def localize_faults(
     ]
     changed: dict[int, Finding] = {}
     unsettled = unsettled_by([x for x in (points[0], *where.values()) if x is not None])
-    for blame in blames_of(findings, conflicts, unsettled):
+    confirmed = confirmed_by(findings, points[0])
+    for blame in blames_of(findings, conflicts, unsettled, confirmed):
         own = [finding.finding for finding in blame.conflicts]
         cause = " or ".join(blame.causes)
         polarized = ""
@@ -619,24 +628,30 @@ def blames_of(
     findings: list[Finding],
     conflicts: list[Conflict],
     unsettled: Set[tuple[str, str]] = frozenset(),
+    confirmed: Mapping[str, tuple[str, ...]] = MappingProxyType({}),
 ) -> list[Blame]:
     """Return the conclusions: the fewest functions that explain all failures.
 
-    A failure with a single suspect makes that one certain. Among other failures the causes are the
-    common suspects of all that are not explained yet, without those settled by a claim that passes.
+    A failure with a single suspect that is not confirmed makes that one certain. Among other
+    failures the causes are the common suspects of all that are not explained yet, without those
+    settled by a claim that passes.
 
     Args:
         findings: Findings of all claims.
         conflicts: the failures.
         unsettled: see `settled_by`.
+        confirmed: see `confirmed_by`.
     """
     settled, blames = settled_by(findings, unsettled), []
-    certain = {name for x in conflicts if len(x.suspects) == 1 for name in x.suspects}
+    left = [x.suspects - {*confirmed} or x.suspects for x in conflicts]
+    certain = {name for names in left if len(names) == 1 for name in names}
     order = list(INPUTS).index
     for name in sorted(certain, key=order):
         own = [x for x in conflicts if min(x.read & certain, key=order, default="") == name]
         if own:
-            blames.append(Blame((name,), True, tuple(own), ()))
+            others = [x for x in INPUTS if x in own[0].suspects - {name} and x in confirmed]
+            passed = dict.fromkeys(claim for other in others for claim in confirmed[other])
+            blames.append(Blame((name,), True, tuple(own), tuple(passed)))
     unexplained = [x for x in conflicts if x.suspects and not x.read & certain]
     while unexplained:
         common, own = unexplained[0].suspects, []
@@ -651,6 +666,30 @@ def blames_of(
         blames.append(Blame(ordered, len(causes) == 1, tuple(own), cleared))
         unexplained = [conflict for conflict in unexplained if conflict not in own]
     return blames
+
+
+def confirmed_by(findings: list[Finding], at: FunctionState) -> dict[str, tuple[str, ...]]:
+    """Return the functions that are confirmed: claims that compare all of them pass everywhere.
+
+    A function that is only settled may be wrong in a part that the claim does not compare.
+
+    Args:
+        findings: Findings of all claims.
+        at: one of the states.
+
+    Returns:
+        function -> the claims that confirm it.
+    """
+    verdicts: dict[str, set[str]] = {}
+    for finding in findings:
+        verdicts.setdefault(finding.claim, set()).add(finding.verdict)
+    confirmed: dict[str, tuple[str, ...]] = {}
+    for name, claims in CONFIRMED_BY.items():
+        applied = tuple(claim for claim in claims if FUNCTION_CLAIMS[claim].applies(at))
+        passed = all(verdicts.get(claim) == {"passed"} for claim in applied)
+        if claims[0] in applied and passed:
+            confirmed[name] = applied
+    return confirmed
 
 
 def settled_by(
