@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from tests.engines.test_conformance_methods import robot
 from tests.samples import ordinary, random_state
 
 from eomcheck import check_state
 from eomcheck.claims.finding import Finding
-from eomcheck.engines.pinocchio import PinocchioEngine
+from eomcheck.engines.casadi import CasadiEngine
+from eomcheck.engines.idyntree import IdyntreeEngine, IdyntreeFile
+from eomcheck.engines.pinocchio import PinocchioEngine, PinocchioFile
 from eomcheck.evaluation.conformance import QUANTITIES
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import SCENES
@@ -73,6 +77,41 @@ def test_a_result_kept_by_all_arguments_but_one_fails(name: str, ignored: str, l
               if x.verdict == "failed"]  # fmt: skip
     assert failed
     assert "it keeps what it was asked before" in failed[0].detail
+
+
+# ---- Coriolis matrices ---------------------------------------------------------------------------
+
+
+def along_v(self: Any, q: Any, v: Any, t: float = 0.0) -> Any:
+    """Return a matrix C of rank one with C v = B."""
+    return np.outer(self.bias(q, v, t), v) / (v @ v)
+
+
+@pytest.mark.parametrize("skew, verdicts", [(True, {"passed", "failed"}), (False, {"passed"})])
+def test_a_coriolis_matrix_declared_to_give_the_rate_of_M_is_compared_with_it(skew, verdicts):
+    kind = under_test(coriolis_matrix=along_v, coriolis_skew=skew)
+    found = findings(kind, "coriolis_matrix")
+    assert {x.verdict for x in found} == verdicts
+    assert [x.verdict for x in found if "C + Cᵀ" in x.subject] == ["failed"] * skew
+
+
+@pytest.mark.parametrize("scene", ["bicycle", "snake", "four-bar-chain", "chain-pendulum"])
+@pytest.mark.parametrize("kind", [CasadiEngine, IdyntreeEngine, PinocchioEngine])
+def test_coriolis_matrices_of_libraries_give_the_rate_of_M(kind: type[Any], scene: str):
+    own = ordinary(SCENES[scene], 2)[0]
+    if kind.represents(own):
+        found = findings(under_test(kind, coriolis_skew=True), "coriolis_matrix", scene=own)
+        assert [x.verdict for x in found] == ["passed", "passed"]
+
+
+def test_the_rate_of_M_is_mapped_from_the_axes_of_a_free_base(tmp_path: Path):
+    scene = robot(tmp_path, floating=True)
+    for kind, verdict in ((PinocchioFile, "passed"), (IdyntreeFile, "failed")):
+        found = findings(under_test(kind, coriolis_skew=True), "coriolis_matrix", scene=scene)
+        assert [x.verdict for x in found] == ["passed", verdict], "iDynTree: C v = B alone"
+
+
+# ---- Right engines -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", QUANTITIES)

@@ -549,6 +549,7 @@ def ask_engine(
     expected: Callable[[], Any],
     part: Callable[[Any], Any] = lambda answer: answer,
     excused: Callable[[], bool] = lambda: False,
+    asks: str = "",
 ) -> Any:
     """Return the engine's answer to the method of the claim, or the Finding that there is none.
 
@@ -561,11 +562,12 @@ def ask_engine(
         expected: returns the expected value of `part`; None if it is unknown at this state.
         part: returns the compared quantity of an answer; None if the answer lacks it.
         excused: returns whether no answer could be judged at this state.
+        asks: name of the method of `Answers`, by default that of the claim.
     """
     assert case.claim is not None
-    method, kind = case.claim.asks, engine_class_of(engine)
-    if not kind.offers(method):
-        return skipped_finding(case, kind, f"it does not offer {method}")
+    method, kind = asks or case.claim.asks, engine_class_of(engine)
+    if not kind.offers(case.claim.asks):
+        return skipped_finding(case, kind, f"it does not offer {case.claim.asks}")
     if isinstance(engine, type) and not is_under_test(engine):
         return skipped_finding(case, engine, f"not rational: {case.unavailable[engine]}")
     try:

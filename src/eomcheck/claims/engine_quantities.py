@@ -29,7 +29,7 @@ from eomcheck.claims.finding import Finding
 from eomcheck.claims.registry import case_claim
 from eomcheck.descriptions.tree_quantities import BY_COLUMNS, PER_BODY
 from eomcheck.engines import Answers, Engine, VelocityMap, engine_class_of, is_under_test
-from eomcheck.engines.answers import inertia_size, turning_rate, weight_size
+from eomcheck.engines.answers import CORIOLIS_RATE, inertia_size, turning_rate, weight_size
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.conformance import QUANTITIES, ConformancePoint, Quantity
 from eomcheck.evaluation.evaluation import Evaluation
@@ -116,6 +116,8 @@ def cancelling_terms(at: Evaluation, point: ConformancePoint, one: Quantity, our
         return inverse * (size + about_origin * largest(ours))
     if one.name == "coriolis_matrix":
         return inertia_size(at) + turning * heavy * arm * largest(v)
+    if one.name == CORIOLIS_RATE:
+        return turning * (largest(at.terms.M) + about_origin)
     if one.name == "inverse_mass_matrix":
         return heavy * arm * largest(ours) ** 2
     return 0.0
@@ -167,6 +169,15 @@ def _own_value(at: Evaluation, one: Quantity, frame: str, own: Any, point: Any) 
     return values[one.name, frame]
 
 
+MASS_MATRIX_RATE = QUANTITIES["coriolis_matrix"]._replace(
+    name=CORIOLIS_RATE,
+    symbol="C + Cᵀ",
+    mapping="matrix",
+    value=lambda point, frame: point.coriolis_matrix + point.coriolis_matrix.T,
+)
+"""Sum of a Coriolis matrix and its transpose: Ṁ, for engines that declare `coriolis_skew`."""
+
+
 def _compare(
     case: Case, engine: Engine | type[Engine], one: Quantity, frame: str
 ) -> Iterator[Finding]:
@@ -182,11 +193,12 @@ def _compare(
     ours, sensitivity = _own_value(at, one, frame, own, point)
     arguments = at.q, at.v, vdot if tau is None else tau, frame, at.t
     asked = replace(case, repeats=min(case.repeats, FEW))
-    theirs = ask_engine(asked, engine, *arguments, expected=lambda: ours)
+    theirs = ask_engine(asked, engine, *arguments, expected=lambda: ours, asks=one.name)
     if isinstance(theirs, Finding) or isinstance(engine, type):
         yield theirs
         return
-    subject = f"{engine.key}, {frame}" if frame else engine.key
+    part = one.symbol if one is MASS_MATRIX_RATE else frame
+    subject = f"{engine.key}, {part}" if part else engine.key
     again = partial(_asked_again, one.name, arguments)
     size = sensitivity
     if not is_under_test(type(engine)):
@@ -302,9 +314,9 @@ def _incomparable(engine: Engine | type[Engine], one: Quantity, at: Evaluation, 
         return ""
     if frame and not knows_frame(engine, frame):
         return f"its model has no frame of link {frame}"
-    if by_differences(type(engine), one.name):
+    if one.name in QUANTITIES and by_differences(type(engine), one.name):
         return BY_DIFFERENCES
-    if one.mapping == "derivatives" and not (
+    if (one.mapping == "derivatives" or one is MASS_MATRIX_RATE) and not (
         engine.offers("velocity_map_derivatives") or not engine.offers("velocity_map")
     ):
         return "it does not offer velocity_map_derivatives"
@@ -343,6 +355,9 @@ def _check(one: Quantity, case: Case) -> Iterator[Finding]:
             except RefusedError as refusal:
                 outcome = 0.0, 0.0, "skipped", "property-tested", str(refusal)
                 yield case.finding(frame or one.name, *outcome)
+        declared = one.mapping == "coriolis" and engine_class_of(engine).coriolis_skew
+        if declared and not isinstance(engine, type):
+            yield from _compare(rounded_case, engine, MASS_MATRIX_RATE, "")
 
 
 def _register(one: Quantity) -> str:

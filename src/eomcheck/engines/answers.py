@@ -43,6 +43,9 @@ ELSEWHERE = 0.25
 """Distance, per size above 1, of the states at which an engine is called before, see
 `Answers.provoke_stale_answers`."""
 
+CORIOLIS_RATE = "coriolis_rate"
+"""Name by which C + Cᵀ of an engine is asked for: it is not unique otherwise."""
+
 DIFFERENCE = 2.0**-9
 """Step, per size above 1, of the differences of x(q), which may be known to few digits."""
 
@@ -199,6 +202,8 @@ class Answers:
         """
         if method == "mass_matrix":
             return self.mass_matrix(arguments[0], arguments[-1])
+        if method == CORIOLIS_RATE:
+            return self.coriolis_rate(arguments[0], arguments[1], arguments[-1])
         if method in QUANTITIES:
             return self.quantity(QUANTITIES[method], *arguments)
         return getattr(self, method)(*arguments)
@@ -329,6 +334,16 @@ class Answers:
         if one.mapping == "inverse":
             return back @ value @ back.T
         return back @ (value - rest)  # an acceleration
+
+    def coriolis_rate(self, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return C + Cᵀ (n, n) of the Coriolis matrix Sᵀ C_x S + Sᵀ M_x Ṡ."""
+        one = QUANTITIES["coriolis_matrix"]
+        C, S, _ = self._own_quantity(one, q, v, np.zeros_like(v), "", t)
+        if self._maps:
+            units = np.eye(self.engine.scene.n)
+            rate = np.column_stack([self._map_derivatives(q, unit)[0] @ v for unit in units])
+            C = S.T @ (C @ S + self._own_mass_matrix(q, t) @ rate)
+        return C + C.T
 
     def has_frame(self, frame: str) -> bool:
         """Return whether the engine has the frame of a link; True where it raises instead.

@@ -280,6 +280,7 @@ class IdyntreeFile(FileEngine, IdyntreeEngine):
 
     key = "idyntree_file"
     base_velocity = BaseVelocity("ground", "ground")
+    coriolis_skew = False  # not for a free base, whose C satisfies C v = B alone
 
     def _read(self, library: Any, description: RobotDescription) -> None:
         self._idt = library
