@@ -12,7 +12,6 @@ from sphinx.errors import ConfigError
 
 import eomcheck
 from eomcheck import FORMULATIONS, Formulation, deprecated
-from eomcheck.evaluation.conformance import MAPPINGS, QUANTITIES
 from eomcheck.lab.references import reference_table
 from eomcheck.lab.report.registries import in_paper, parameter_table, registry_table, yes
 from eomcheck.lab.show.table import escaped as cell
@@ -108,22 +107,6 @@ def facts(f: Formulation) -> str:
     )
 
 
-def quantities_table() -> str:
-    """Return the quantities of rigid-body libraries, one a row."""
-    rows = [
-        (
-            f"`{one.name}`",
-            cell(one.symbol),
-            cell("(" + ", ".join(map(str, one.shape)) + ("," if len(one.shape) == 1 else "") + ")"),
-            cell(one.unit),
-            cell(one.about),
-            cell(MAPPINGS[one.mapping]),
-        )
-        for one in QUANTITIES.values()
-    ]
-    return table(("name", "symbol", "shape", "unit", "convention", "mapped from w = S v"), rows)
-
-
 COUNTED = "2..30"
 """Numbers of links whose counts the tables rest on; the command goes further."""
 
@@ -199,7 +182,6 @@ def write_tables(app: Sphinx) -> None:
     write("formulations.md", formulations_table())
     write("studies.md", studies_table())
     write("references.md", references_table())
-    write("quantities.md", quantities_table())
     for f in FORMULATIONS.values():
         write(f"facts/{f.key}.md", facts(f))
     for kind in SCENES.values():

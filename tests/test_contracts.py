@@ -179,7 +179,7 @@ LAYERS = (
     "testing",
     "validation",
     "lab",
-    "cli",
+    "cli __main__",
 )
 RANK = {name: rank for rank, names in enumerate(LAYERS) for name in names.split()}
 

@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import pytest
 
 from eomcheck.deprecated import FIELDS, MODULES, NAMES, OPTIONS
-from eomcheck.lab.report.registries import function_claim_table
+from eomcheck.lab.report.registries import function_claim_table, registry_table
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -74,6 +74,20 @@ def test_no_guide_hides_its_code_from_who_reads_it_unbuilt():
 def test_the_table_of_claims_about_functions_is_that_of_the_registry():
     page = (DOCS / "guides" / "check-your-own.md").read_text(encoding="utf-8")
     assert f"\n\n{function_claim_table().markdown().strip()}\n\n" in page
+
+
+def test_the_table_of_quantities_is_that_of_the_registry():
+    page = (DOCS / "guides" / "quantities.md").read_text(encoding="utf-8")
+    assert f"\n\n{registry_table('quantities').markdown().strip()}\n\n" in page
+
+
+def test_every_row_of_a_table_is_in_it():
+    """A row after a blank line is text, unless it is the head of another table."""
+    for page in PAGES:
+        lines = ["", *page.read_text(encoding="utf-8").split("\n"), ""]
+        for before, line, after in zip(lines, lines[1:], lines[2:], strict=False):
+            if not before and line.startswith("|"):
+                assert re.match(r"[|] ?---", after), f"{page.name}: {line}"
 
 
 def test_there_are_blocks():

@@ -30,6 +30,7 @@ COMMANDS = {
     "scenes": "list scenes",
     "engines": "list engines",
     "claims": "list claims",
+    "quantities": "list quantities",
     "validate": "validate --scene sleigh --examples 2",
     "wide": "validate --scene sleigh --examples 2 --wide",
     "prove": "prove --links 1 --examples 1 --seed 1",

@@ -178,6 +178,28 @@ def test_frames_off_their_joints_are_ours(kind: type[Engine], floating: bool, tm
     assert {x.subject.split(", ")[-1].split(" ~ ")[0] for x in found} >= {"tip"}
 
 
+def test_several_arrays_may_be_one(tmp_path: Path):
+    """Side by side or stacked, and no other."""
+    scene = robot(tmp_path)
+    q, v, _ = random_state(scene, np.random.default_rng(1))
+    names = ("inverse_dynamics_derivatives", "forward_dynamics_derivatives", "frame_placement")
+
+    def answers(join: Callable[[Any], Any]) -> list[Any]:
+        def joined(name: str) -> Callable[..., Any]:
+            return lambda self, *x: join(getattr(PinocchioFile, name)(self, *x))
+
+        kind = type("Joined", (PinocchioFile,), {name: joined(name) for name in names})
+        return [Answers(kind(scene)).ask(name, q, v, np.cos(q), "hand", 0.0) for name in names]
+
+    separate, beside = answers(tuple), answers(np.column_stack)
+    assert all(map(np.array_equal, separate, beside))
+    stacked = answers(lambda parts: np.stack(parts) if parts[1].ndim == 2 else parts)
+    assert all(map(np.array_equal, separate, stacked))
+    for parts in (np.vstack, lambda parts: np.column_stack(parts[:1]), np.concatenate):
+        with pytest.raises(EngineFault, match="inverse_dynamics_derivatives returned"):
+            answers(parts)
+
+
 @pytest.mark.parametrize("kind", OFFERED)
 def test_no_quantity_of_an_engine_keeps_what_was_asked_before(kind: type[Engine], tmp_path: Path):
     """Constraints, gravity, forces and accelerations that one method sets are gone after it."""

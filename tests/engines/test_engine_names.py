@@ -58,6 +58,15 @@ def test_an_engine_is_called_by_its_class_unless_it_says_otherwise():
         ({"solves_like": "newton"}, "solves_like is none of im, au"),
         ({"solves_like": "kane"}, "solves_like is none of im, au, el, gw, em, uk"),
         ({"bias": Engine.bias}, "has no bias"),
+        (
+            {"center_of_mas_velocity": len},
+            r"center_of_mas_velocity is no method that is called \(did you mean "
+            r"'center_of_mass_velocity'\?\); begin the name of a helper with _",
+        ),
+        ({"gravty": len}, "did you mean 'gravity'"),
+        ({"centre_of_mass": len}, "did you mean 'center_of_mass'"),
+        ({"jacobian_frame": len}, "did you mean 'frame_jacobian'"),
+        ({"velocity_map_derivative": len}, "did you mean 'velocity_map_derivatives'"),
     ],
 )
 def test_a_class_that_does_not_keep_the_contract_is_refused_in_one_sentence(changes, says):
@@ -66,6 +75,13 @@ def test_a_class_that_does_not_keep_the_contract_is_refused_in_one_sentence(chan
         engine_of(kind)
     with pytest.raises(InputError, match="engine Wrong"):
         eomcheck.check_state(Sleigh(), *Sleigh().initial_state(), engines=[kind])
+
+
+def test_a_helper_is_no_misspelt_method():
+    helpers = ("bodies", "force", "constraint_jacobian_rate", "frame", "base_frame", "momenta")
+    assert engine_of(type("Helped", (planar(),), dict.fromkeys(helpers, len)))
+    beside = {"gravity": len, "gravitys": len, "_momentun": len, "momentun": 1.0}
+    assert engine_of(type("Helped", (planar(),), beside))
 
 
 def test_keys_names_and_classes_stand_side_by_side():

@@ -47,7 +47,7 @@ from eomcheck.lab.option_parsing import (
     parse_whole_numbers,
 )
 
-REGISTRIES = ("formulations", "scenes", "engines", "claims")
+REGISTRIES = ("formulations", "scenes", "engines", "claims", "quantities")
 """Arguments of `eomcheck list`."""
 
 
@@ -243,12 +243,12 @@ def list_registry(
         str,
         typer.Argument(
             metavar="WHAT",
-            help="formulations, scenes, engines or claims.",
+            help="formulations, scenes, engines, claims or quantities.",
             autocompletion=lambda incomplete: [x for x in REGISTRIES if x.startswith(incomplete)],
         ),
     ],
 ) -> None:
-    """List formulations, scenes, engines or claims."""
+    """List formulations, scenes, engines, claims or quantities."""
     if registry not in REGISTRIES:
         raise UnknownNameError("list", registry, REGISTRIES)
     from eomcheck.lab.report.registries import registry_table

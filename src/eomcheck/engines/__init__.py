@@ -119,8 +119,8 @@ def checked_engine(kind: type[Engine]) -> type[Engine]:
 
     Raises:
         InputError: a required method is missing, or no class method; the key is no identifier, or
-            taken; `unit_roundoff` is none; it overrides `acceleration` and has no valid
-            `solves_like`.
+            taken; `unit_roundoff` is none; an optional method is misspelt; it overrides
+            `acceleration` and has no valid `solves_like`.
     """
     whose = f"engine {kind.__name__}"
     if missing := sorted(getattr(kind, "__abstractmethods__", ())):
@@ -135,11 +135,63 @@ def checked_engine(kind: type[Engine]) -> type[Engine]:
         raise InputError(f"{whose}: key = {kind.key!r}, expected letters, digits and underscores")
     if kind.key in FORMULATIONS or ENGINES.get(kind.key, kind) is not kind:
         raise InputError(f"{whose}: key = {kind.key!r} is that of something else")
+    check_method_names(kind)
     solvers = [key for key, f in FORMULATIONS.items() if f.uses == "terms"]
     if kind.offers("acceleration") and getattr(kind, "solves_like", None) not in solvers:
         listed = ", ".join(solvers)
         raise InputError(f"{whose} has an acceleration, but solves_like is none of {listed}")
     return kind
+
+
+SHORTEST = 7
+"""Letters of a name from which on it is recognized although it is misspelt."""
+
+
+def check_method_names(kind: type[Engine]) -> None:
+    """Check that no public method of an engine class has nearly the name of an optional one.
+
+    Nothing would ever call it. A helper beside the method itself may have any name.
+
+    Raises:
+        InputError: one has.
+    """
+    optional = {name for name in (*OPTIONAL, *FURTHER) if not kind.offers(name)}
+    own = {
+        name: value
+        for base in kind.__mro__[: kind.__mro__.index(Engine)]
+        for name, value in vars(base).items()
+        if callable(value) and not name.startswith("_") and not hasattr(Engine, name)
+    }
+    for name in own:
+        for near in sorted(optional):
+            if len(near) >= SHORTEST and is_misspelt(name, near):
+                raise InputError(
+                    f"engine {kind.__name__}: {name} is no method that is called (did you mean "
+                    f"{near!r}?); begin the name of a helper with _"
+                )
+
+
+def is_misspelt(name: str, known: str) -> bool:
+    """Return whether a name is another one but for a letter, two exchanged ones or the order of
+    its words.
+    """
+    if sorted(name.split("_")) == sorted(known.split("_")):
+        return name != known
+    start = _common(name, known)
+    first, second = name[start:], known[start:]
+    end = _common(first[::-1], second[::-1])
+    first, second = first[: len(first) - end], second[: len(second) - end]
+    return max(len(first), len(second)) == 1 or (len(first) == 2 and first == second[::-1])
+
+
+def _common(first: str, second: str) -> int:
+    """Return the number of letters with which both begin."""
+    pairs = enumerate(zip(first, second, strict=False))
+    return next((i for i, (x, y) in pairs if x != y), min(len(first), len(second)))
+
+
+FURTHER = "velocity_map", "velocity_map_derivatives", "has_frame"
+"""Optional methods beside those that answer for a quantity."""
 
 
 def check_unit_roundoff(kind: type[Engine]) -> None:

@@ -431,14 +431,18 @@ class Answers:
         return along, _checked("velocity_map_derivatives: ∂(Ṡ v)/∂q", more, along.shape)
 
     def _beside(self, method: str, result: Any, count: int, size: Shape) -> Array:
-        """Return a number of matrices of this size one beside the other."""
-        if not isinstance(result, tuple | list) or len(result) != count:
+        """Return a number of matrices of this size one beside the other, as it may be itself."""
+        if isinstance(result, np.ndarray) and result.ndim == 2:
+            return _checked(method, result, (size[0], count * (size[1] or 0)))
+        if not isinstance(result, tuple | list | np.ndarray) or len(result) != count:
             message = f"{method} returned {_kind(result)}, expected {count} arrays"
             raise EngineFault(message)
         return np.hstack([_checked(method, x, size) for x in result])
 
     def _placement(self, result: Any) -> Array:
-        """Return (R, p) as [R p] (3, 4)."""
+        """Return (R, p) as [R p] (3, 4), as it may be itself."""
+        if isinstance(result, np.ndarray) and result.ndim == 2:
+            return _checked("frame_placement", result, (3, 4))
         try:
             R, p = result
         except (TypeError, ValueError):

@@ -520,6 +520,24 @@ class Quantity(NamedTuple):
         """Whether it belongs to a link."""
         return "f" in self.arguments
 
+    @property
+    def signature(self) -> str:
+        """The method of an engine with its arguments, in their order."""
+        return f"{self.name}({', '.join((*self.arguments, 't=0.0'))})"
+
+    @property
+    def parts(self) -> tuple[tuple[int | str, ...], ...]:
+        """The shapes of the arrays that an engine returns, a tuple if there are several.
+
+        Such a tuple may be one array too, its parts side by side: of shape `shape`.
+        """
+        if self.name == "frame_placement":
+            return (3, 3), (3,)
+        if self.mapping == DERIVED:
+            rows, columns = self.shape
+            return ((rows, "n"),) * int(str(columns)[0])
+        return (self.shape,)
+
     def compared(self, point: ConformancePoint, frame: str) -> Any:
         """Return the own value to compare: C v (n,) of a Coriolis matrix, which is not unique."""
         return point.bias if self.mapping == "coriolis" else self.value(point, frame)
@@ -782,7 +800,7 @@ def quantity(
 
     Example:
         >>> import eomcheck
-        >>> arm = eomcheck.SCENES["chain_pendulum"].example()
+        >>> arm = eomcheck.SCENES["chain-pendulum"].example()
         >>> eomcheck.quantity(arm, "center_of_mass", [0.0, 0.0, 0.0]).round(6)
         array([1.5, 0. , 0. ])
     """

@@ -1,4 +1,5 @@
-"""Tables of the registries: formulations (Table I), scenes, engines, claims; of parameters."""
+"""Tables of the registries: formulations (Table I), scenes, engines, claims, quantities; of
+parameters."""
 
 from __future__ import annotations
 
@@ -194,11 +195,32 @@ def _claims() -> ResultTable:
     return ResultTable("claims", "", ("id", "statement", "equations"), rows)
 
 
+def _shape(sizes: tuple[int | str, ...]) -> str:
+    """Return a shape as text, of quantities too: (3, n), (n,)."""
+    inside = ", ".join(map(str, sizes))
+    return f"({inside},)" if len(sizes) == 1 else f"({inside})" if sizes else "number"
+
+
+def _quantities() -> ResultTable:
+    from eomcheck.evaluation.conformance import MAPPINGS, QUANTITIES
+
+    columns = {
+        "method": lambda one: Cell(one.signature, "name"),
+        "returns": lambda one: f"{one.symbol}: {', '.join(map(_shape, one.parts))}",
+        "unit": lambda one: one.unit,
+        "convention": lambda one: one.about,
+        "x from w = S v": lambda one: MAPPINGS[one.mapping],
+    }
+    widths = (22, 18, 12, 34, 16)
+    return table_of("quantities", "", QUANTITIES.values(), columns.items(), widths=widths)
+
+
 _SHEETS = {
     "formulations": _formulations,
     "scenes": registered_scenes,
     "engines": _engines,
     "claims": _claims,
+    "quantities": _quantities,
 }
 
 
