@@ -92,7 +92,8 @@ def tree(**more: Any) -> Any:
     ids=["second", "third", "without mass", "no slide", "slide", "hinge"],
 )
 def test_weights_pull_at_arms_as_long_as_the_tree(more: dict, longest: float):
-    hanging = SimpleNamespace(tree=lambda: tree(**more), gravity=np.array([0.0, 6.0, -8.0]))
+    weight = np.array([0.0, 6.0, -8.0])
+    hanging = SimpleNamespace(tree=lambda: tree(**more, gravity=weight))
     at = somewhere(scene=hanging, q=np.array([1.0, 5.0, 7.0, -3.0]))
     assert interface.weight_size(at) == pytest.approx(6.5 * 10 * longest)
 
@@ -100,8 +101,8 @@ def test_weights_pull_at_arms_as_long_as_the_tree(more: dict, longest: float):
 def test_nothing_weighs_without_a_tree_or_without_gravity():
     for scene in (
         SimpleNamespace(tree=lambda: None, gravity=9.81),
-        SimpleNamespace(tree=tree),
-        SimpleNamespace(tree=tree, gravity=None),
+        SimpleNamespace(tree=lambda: tree(gravity=np.zeros(3))),
+        SimpleNamespace(tree=lambda: tree(gravity=np.zeros(3)), gravity=9.81),
     ):
         assert interface.weight_size(somewhere(scene=scene)) == 0.0
 

@@ -14,7 +14,8 @@ from tests.samples import ordinary
 import eomcheck
 from eomcheck.descriptions.build import mechanism
 from eomcheck.descriptions.elements import Joint, Link
-from eomcheck.errors import InputError, UnknownNameError
+from eomcheck.engines.answers import weight_size
+from eomcheck.errors import InputError, RefusedError, UnknownNameError
 from eomcheck.evaluation.conformance import QUANTITIES
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.numbers.generic import Array
@@ -240,3 +241,26 @@ def test_the_center_of_mass_of_one_arm_is_where_it_is():
     momentum = eomcheck.quantity(arm, "momentum", [angle], [speed])
     linear = 3.0 * speed * np.array([-np.sin(angle), np.cos(angle), 0.0])
     assert np.allclose(momentum, [*linear, 0.0, 0.0, 0.1 * speed], rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    "name", ["kinetic_energy", "momentum_rate", "inverse_dynamics", "inverse_dynamics_derivatives"]
+)
+def test_a_quantity_that_overflows_is_refused(name: str):
+    with pytest.raises(RefusedError, match="overflows: "):
+        eomcheck.quantity(ARM, name, Q, [1e200, -1e200])
+
+
+def test_weight_that_engines_sum_is_that_of_the_tree():
+    """A constant gravity of a description counts, though the scene has no parameter for it."""
+
+    class Held(ChainPendulum):
+        def tree(self):
+            return super().tree()._replace(gravity=np.array([0.0, -2 * 9.81, 0.0]))
+
+    arm, heavy = (
+        kind(np.array([1.0, 2.0]), np.array([1.0, 0.5]), np.array([0.1, 0.2]), 9.81)
+        for kind in (ChainPendulum, Held)
+    )
+    light, twice = (weight_size(Evaluation(scene, Q, V, 0.0)) for scene in (arm, heavy))
+    assert 0 < light < twice == 2 * light

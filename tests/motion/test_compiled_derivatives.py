@@ -148,3 +148,10 @@ def test_wrong_shapes_are_named():
         compile_derivatives(scene, "kan")
     with pytest.raises(InputError, match="banded does not apply"):
         compile_derivatives(ChainPendulum.example(), "banded")
+
+
+@pytest.mark.parametrize("key", ["au", "uk"])
+@pytest.mark.parametrize("q", [[1], [np.nan] * 6])
+def test_coordinates_are_checked_for_every_formulation(key: str, q: list[float]):
+    with pytest.raises(InputError, match=r"^q"):
+        compile_derivatives(RING, key, q)

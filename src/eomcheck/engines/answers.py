@@ -631,9 +631,10 @@ def weight_size(at: Evaluation) -> float:
     axes without a moment of gravity such moments appear in frames that turn, and cancel. 0 for a
     scene that is no tree, or has no gravity.
     """
-    tree, gravity = at.scene.tree(), getattr(at.scene, "gravity", None)
-    if tree is None or not isinstance(gravity, float | int | np.ndarray):
+    tree = at.scene.tree()
+    if tree is None:
         return 0.0
+    gravity = tree.gravity
     slides = np.array([kind[0] == "p" for kind in tree.joint])
     reach = np.abs(tree.coordinates @ at.q + tree.shift) * slides
     reach += np.linalg.norm(tree.offset, axis=1)

@@ -36,7 +36,7 @@ from eomcheck.descriptions.tree_quantities import (
     Regressor,
     Weight,
 )
-from eomcheck.errors import InputError, registered
+from eomcheck.errors import InputError, RefusedError, registered
 from eomcheck.evaluation.derivatives import (
     Direction,
     derivative_arrays,
@@ -796,7 +796,8 @@ def quantity(
         InputError: wrong shapes, values that are not finite, a missing `frame`, an argument that
             the quantity does not have, or a scene without a tree of bodies.
         UnknownNameError: no such quantity or link.
-        RefusedError: M is singular to working precision, of a quantity that solves with it.
+        RefusedError: M is singular to working precision, of a quantity that solves with it. Or the
+            quantity overflows.
 
     Example:
         >>> import eomcheck
@@ -827,8 +828,13 @@ def quantity(
     at.tau = tau
     with np.errstate(all="ignore"):
         if name in WITH_ALL_FORCES:
-            return WITH_ALL_FORCES[name](at, vdot)
-        return np.asarray(one.value(point, frame or ""), np.float64)
+            result = WITH_ALL_FORCES[name](at, vdot)
+        else:
+            result = np.asarray(one.value(point, frame or ""), np.float64)
+    if not np.isfinite(result).all():
+        message = f"{name} overflows: float64 cannot hold it"
+        raise RefusedError(name, float("nan"), 0.0, message)
+    return result
 
 
 def _side_by_side(arrays: dict[str, Array], *names: str) -> Array:

@@ -163,13 +163,15 @@ def compile_derivatives(scene: Scene, key: str, q=None, t: float = 0.0) -> Compi
         t: time of these, s.
 
     Raises:
-        InputError: wrong shape, or a formulation that does not apply to the scene.
+        InputError: wrong shape, values that are not finite, or a formulation that does not apply to
+            the scene.
         UnknownNameError: no such formulation.
         NotRationalError: a function of the scene does more than rational operations.
         RefusedError: it is not clear which constraints are independent.
     """
     formulation, choice = formulation_for(checked_scene(scene), key), None
+    start = q if q is None else scene.check_state(q, np.zeros(scene.n), t)[0]
     if formulation.redundant and scene.r:
-        start = scene.initial_state()[0] if q is None else q
+        start = scene.initial_state()[0] if start is None else start
         choice = choice_for(Evaluation(scene, start, np.zeros(scene.n), t), formulation)
     return CompiledDerivatives(scene, formulation, choice)

@@ -186,7 +186,7 @@ def check(
         >>> from eomcheck.testing import EquationsOfMotion
         >>> rod = EquationsOfMotion(1, M=lambda q: [[2.0]], bias=lambda q, v: [v[0] ** 2])
         >>> sorted({one.claim for one in eomcheck.check(rod) if one.verdict == "failed"})
-        ['bias-of-mass-matrix']
+        ['bias-of-mass-matrix', 'bias-power']
     """
     if isinstance(subject, Scene) and (state or older):
         # Not at the top: hypothesis is loaded with it, which functions do not need.
