@@ -11,13 +11,15 @@ from tests.engines.test_conformance_methods import robot
 from tests.samples import ordinary, random_state
 
 from eomcheck import check_state
+from eomcheck.claims.engine_quantities import frames_asked
 from eomcheck.claims.finding import Finding
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.engines.idyntree import IdyntreeEngine, IdyntreeFile
 from eomcheck.engines.pinocchio import PinocchioEngine, PinocchioFile
-from eomcheck.evaluation.conformance import QUANTITIES
+from eomcheck.evaluation.conformance import QUANTITIES, ConformancePoint
+from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.scene import Scene
-from eomcheck.scenes import SCENES
+from eomcheck.scenes import SCENES, Snake
 
 BICYCLE, _ = ordinary(SCENES["bicycle"], 1)
 
@@ -109,6 +111,60 @@ def test_the_rate_of_M_is_mapped_from_the_axes_of_a_free_base(tmp_path: Path):
     for kind, verdict in ((PinocchioFile, "passed"), (IdyntreeFile, "failed")):
         found = findings(under_test(kind, coriolis_skew=True), "coriolis_matrix", scene=scene)
         assert [x.verdict for x in found] == ["passed", verdict], "iDynTree: C v = B alone"
+
+
+# ---- Links ---------------------------------------------------------------------------------------
+
+CHAIN = ordinary(Snake, 9)[0]
+
+
+def links_of(scene: Scene) -> list[str]:
+    """Return the names of the links of a scene."""
+    tree = scene.tree()
+    assert tree is not None
+    return [frame.name for frame in tree.frames]
+
+
+LINKS = links_of(CHAIN)
+
+
+def wrong_about(*links: str) -> dict[str, Any]:
+    """Return the Jacobian of frames, of the other sign for some links."""
+
+    def frame_jacobian(self: Any, f: str, q: Any, t: float = 0.0) -> Any:
+        sign = -1.0 if f in links else 1.0
+        return sign * PinocchioEngine.frame_jacobian(self, f, q, t)
+
+    return {"frame_jacobian": frame_jacobian}
+
+
+@pytest.mark.parametrize("link", LINKS)
+def test_all_links_are_judged_where_answers_are_repeated_often(link: str):
+    found = findings(under_test(**wrong_about(link)), "frame_jacobian", scene=CHAIN)
+    assert {x.subject.split(", ")[1] for x in found} == set(LINKS)
+    assert [x.subject.split(", ")[1] for x in found if x.verdict == "failed"] == [link]
+
+
+def test_links_that_an_engine_does_not_have_are_named_in_one_skipped_finding():
+    def has_frame(self: Any, f: str) -> bool:
+        return f == LINKS[0]
+
+    kind = under_test(**wrong_about(*LINKS[1:]), has_frame=has_frame)
+    skipped, passed = findings(kind, "frame_jacobian", scene=CHAIN)
+    assert (skipped.verdict, passed.verdict) == ("skipped", "passed")
+    assert skipped.detail == f"its model has no frame of link {', '.join(LINKS[1:])}"
+
+
+@pytest.mark.parametrize("count", [4, 8, 9, 15, 30])
+def test_links_of_one_state_differ_and_those_of_many_states_are_all(count: int):
+    scene, asked = ordinary(Snake, count)[0], set()
+    random = np.random.default_rng(0)
+    for _ in range(40 * count):
+        at = Evaluation(scene, random.normal(size=scene.n), np.zeros(scene.n))
+        frames = frames_asked(at, ConformancePoint(at))
+        assert len(set(frames)) == 3
+        asked |= set(frames)
+    assert asked == set(links_of(scene))
 
 
 # ---- Right engines -------------------------------------------------------------------------------
