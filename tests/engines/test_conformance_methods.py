@@ -274,7 +274,7 @@ def test_a_link_that_mujoco_merges_with_another_has_no_frame(tmp_path: Path):
         Answers(MujocoFile(held)).ask("frame_placement", q, q, q, "tip", 0.0)
     found = findings(MujocoFile, held, 1, "frame_velocity")
     skipped, *passed = found
-    assert skipped.detail == "its model has no frame of link tip"
+    assert skipped.detail == "its model has no frame of link base, tip"
     assert {x.subject.split(", ")[-1].split(" ")[0] for x in passed} == {"upper", "fore", "hand"}
     assert (skipped.verdict, {x.verdict for x in passed}) == ("skipped", {"passed"})
 
@@ -285,7 +285,7 @@ def test_a_link_that_one_of_two_engines_lacks_is_skipped_for_that(tmp_path: Path
     claims = ["engine-frame-placement"]
     found = check_state(scene, *state, engines=[MujocoFile, PybulletFile], claims=claims)
     skipped = [x for x in found if x.verdict == "skipped"]
-    assert {x.detail for x in skipped} == {"its model has no frame of link tip"}
+    assert {x.detail for x in skipped} == {"its model has no frame of link base, tip"}
     assert {x.subject for x in skipped} == {"mujoco_file"}
     assert any("tip" in x.subject and x.verdict == "passed" for x in found)
 

@@ -167,6 +167,29 @@ def test_links_of_one_state_differ_and_those_of_many_states_are_all(count: int):
     assert asked == set(links_of(scene))
 
 
+GROUND = {
+    "frame_placement": lambda x: (x[0], x[1] + 7.0),
+    "frame_velocity": lambda x: x + 1.0,
+    "frame_jacobian": lambda x: x + 1.0,
+    "frame_acceleration": lambda x: x + 1.0,
+}
+"""Quantity -> a fault of it."""
+
+
+@pytest.mark.parametrize("name", GROUND)
+def test_the_motion_of_a_link_on_the_ground_is_judged(name: str, tmp_path: Path):
+    def wrong(self: Any, f: str, *asked: Any) -> Any:
+        right = getattr(PinocchioFile, name)(self, f, *asked)
+        return GROUND[name](right) if f == "base" else right
+
+    scene = robot(tmp_path)
+    for kind, verdicts in ((under_test(PinocchioFile), set()),
+                           (under_test(PinocchioFile, **{name: wrong}), {"base"})):  # fmt: skip
+        found = findings(kind, name, scene=scene)
+        failed = {x.subject.split(", ")[1] for x in found if x.verdict != "passed"}
+        assert failed == verdicts, found
+
+
 # ---- Right engines -------------------------------------------------------------------------------
 
 

@@ -55,23 +55,17 @@ def acceleration_asked(at: Evaluation) -> Array:
     return np.cos(1.0 + np.arange(at.scene.n)) * max(1.0, largest(at.v) ** 2)
 
 
-def _moving_links(point: ConformancePoint) -> list[str]:
-    """Return the names of all links that move."""
-    model = point.model
-    return [name for name, joint in zip(model.links, model.joints, strict=True) if joint >= 0]
-
-
 def frames_asked(
     at: Evaluation, point: ConformancePoint, known: Callable[[str], bool] = lambda frame: True
 ) -> tuple[str, ...]:
-    """Return the links compared in this state: the last one, and others by q; none at rest.
+    """Return the links compared in this state, of the ground too: the last one, and others by q.
 
     Args:
         at: the state.
         point: the point at that state.
         known: returns whether an engine has the frame of a link; if it has none, all are returned.
     """
-    names = _moving_links(point)
+    names = list(point.model.links)
     names = list(filter(known, names)) or names
     if len(names) <= LINKS_PER_STATE:
         return tuple(names)
@@ -93,8 +87,8 @@ def _links_under_test(
 
     Where answers are repeated often, in the first states of a run, these are all that it has.
     """
-    links, has = _moving_links(point), partial(knows_frame, engine)
-    known = tuple(filter(has, links))
+    links = point.model.links
+    known = tuple(filter(partial(knows_frame, engine), links))
     unknown = tuple(name for name in links if name not in known)
     if not known or case.repeats > ONCE:
         return known, unknown
