@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 from tests.samples import random_state
 
-from eomcheck import check_state
+from eomcheck import check_state, quantity
 from eomcheck.descriptions import elements
 from eomcheck.descriptions.described_scene import GROUND, Described, Description
+from eomcheck.engines.casadi import CasadiEngine
+from eomcheck.errors import InputError
 from eomcheck.mechanics.parameters import parameter
 from eomcheck.mechanics.records import Tree
-from eomcheck.mechanics.scene import Scene
+from eomcheck.mechanics.scene import Scene, check_tree
 from eomcheck.scenes import SCENES
 
 CLAIMS = "weight-gradient", "coriolis-identities", "regressor-identity"
@@ -94,3 +96,86 @@ def test_gravity_that_is_no_parameter_is_that_of_the_tree() -> None:
         findings = check_state(kind(), [0.3], [0.1], claims=CLAIMS)
         assert [x.claim for x in findings if x.verdict == "failed"] == failed
         assert sum(x.claim == "weight-gradient" for x in findings) == 2
+
+
+def linked(tree: Tree, **changes: Any) -> Tree:
+    """Return a tree with changes of its last link."""
+    *others, last = tree.frames
+    return tree._replace(links=(*others, last._replace(**changes)))
+
+
+REFLECTION = np.diag([1.0, 1.0, -1.0])
+MALFORMED: dict[str, tuple[Callable[[Tree], Any], str]] = {
+    "no tree": (lambda x: [1], r" = \[1\], expected a Tree or None"),
+    "gravity": (
+        lambda x: x._replace(gravity=np.array([0.0, np.nan, 0.0])),
+        r"\.gravity\[1\] = nan, expected a finite number",
+    ),
+    "mass": (lambda x: x._replace(mass=x.mass[:-1]), r"\.mass has shape \(2,\), expected \(3,\)"),
+    "matrix": (
+        lambda x: x._replace(coordinates=np.eye(3)[:, :2]),
+        r"\.coordinates has shape \(3, 2\), expected \(3, 3\)",
+    ),
+    "kind": (
+        lambda x: x._replace(joint=(*x.joint[:-1], "ball")),
+        r"\.joint\[2\] = 'ball', expected one of px, py, pz, rx, ry, rz",
+    ),
+    "parents": (
+        lambda x: x._replace(parent=(-1, 0, 2)),
+        r"\.parent\[2\] = 2, expected one of -1, 0, 1: joints are in depth-first order",
+    ),
+    "few parents": (lambda x: x._replace(parent=(-1, 0)), r"\.parent has 2 entries, expected 3"),
+    "rotation": (
+        lambda x: x._replace(rotation=2 * x.rotation),
+        r"\.rotation\[0\] is no rotation: \|RᵀR - 1\| = 3, expected 0",
+    ),
+    "reflection": (
+        lambda x: x._replace(rotation=np.stack([np.eye(3), np.eye(3), REFLECTION])),
+        r"\.rotation\[2\] is no rotation but a reflection",
+    ),
+    "names": (lambda x: x._replace(names=("a", "b")), r"\.names has 2 names, expected 3"),
+    "same names": (
+        lambda x: x._replace(names=("a", "b", "a")),
+        r"\.names: the name 'a' is there 2 times, expected once",
+    ),
+    "same links": (
+        lambda x: x._replace(links=(*x.frames, x.frames[-1])),
+        r"\.links: the name '[^']+' is there 2 times, expected once",
+    ),
+    "no name": (lambda x: linked(x, name=3), r"\.links\[.\]: name = 3, expected a string"),
+    "no link": (lambda x: x._replace(links=(3,)), r"\.links\[0\] = 3, expected a TreeFrame"),
+    "joint": (
+        lambda x: linked(x, joint=99),
+        r"\.links\[.\]\.joint = 99, expected a joint from 0 to 2, or -1 for the ground",
+    ),
+    "position": (
+        lambda x: linked(x, p=np.zeros(2)),
+        r"\.links\[.\]\.p has shape \(2,\), expected \(3,\)",
+    ),
+    "orientation": (lambda x: linked(x, R=2 * np.eye(3)), r"\.links\[.\]\.R is no rotation: "),
+}
+
+
+@pytest.mark.parametrize("name", MALFORMED)
+@pytest.mark.parametrize("key", ["sleigh", "chain-pendulum"])
+def test_a_malformed_tree_is_one_sentence(key: str, name: str) -> None:
+    """Whoever reads it, claims, quantities or engines, gets the same InputError."""
+    change, message = MALFORMED[name]
+    scene = with_tree(key, change)
+    with pytest.raises(InputError, match=r"^Changed\.tree\(\)" + message):
+        scene.tree()
+    q = np.zeros(scene.n)
+    for read in (
+        lambda: quantity(scene, "center_of_mass", q),
+        lambda: check_state(scene, q, 0 * q, claims=CLAIMS, consistent=False),
+        lambda: CasadiEngine(scene).gravity(q),
+    ):
+        with pytest.raises(InputError, match=r"^Changed\.tree\(\)" + message):
+            read()
+
+
+def test_trees_of_the_package_are_well_formed() -> None:
+    """The check passes on every scene of this package and on robots."""
+    scenes = [kind.example() for kind in SCENES.values()]
+    for scene in [x for x in scenes if x.tree() is not None]:
+        check_tree(scene.name, scene.tree(), scene.n)

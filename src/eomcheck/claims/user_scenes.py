@@ -83,7 +83,7 @@ OF_CONSTRAINTS = frozenset({("terms", "a"), ("constraint", "c")})
 
 @once_per_structure
 def check_shapes(scene: Scene) -> bool | None:
-    """Check the shapes that each function of `scene` returns, once for each structure.
+    """Check the shapes that each function of `scene` returns, and its tree, once per structure.
 
     None stands for an absent optional quantity.
 
@@ -92,9 +92,11 @@ def check_shapes(scene: Scene) -> bool | None:
         happens, and the next scene of this structure is checked again.
 
     Raises:
-        InputError: an array has not the shape of the contract (`eomcheck.mechanics.scene`).
+        InputError: an array has not the shape of the contract (`eomcheck.mechanics.scene`), or the
+            tree of bodies is malformed.
     """
     try:
+        scene.tree()  # a malformed one is no fault of an engine that reads it
         compare_shapes(scene, _random_quantities(scene))
     except InputError:
         raise

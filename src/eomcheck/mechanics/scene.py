@@ -29,6 +29,7 @@ A scene is drawn by `Choices`: a NumPy generator or hypothesis.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import wraps
 from inspect import get_annotations, isfunction
@@ -43,7 +44,7 @@ from eomcheck.calls import calling, is_ours
 from eomcheck.deprecated import old_attributes, take_old_attributes
 from eomcheck.errors import InputError, safe_repr
 from eomcheck.mechanics.derived_functions import derive_missing, no_velocity_term
-from eomcheck.mechanics.records import Range, Symmetry, Tree
+from eomcheck.mechanics.records import JOINT_KINDS, Range, Symmetry, Tree, TreeFrame
 from eomcheck.mechanics.sketch import Sketch
 from eomcheck.numbers.generic import FLOAT64, Arithmetic, Array, generic
 
@@ -467,6 +468,8 @@ def _wrap_user_functions(kind: type[Scene]) -> None:
             guarded = calling(word, value)
             if name == "initial_state":
                 guarded = _pair(word, guarded)
+            elif name == "tree":
+                guarded = checking_tree(word, guarded)
         else:
             continue
         if not is_ours(_inner(value)):
@@ -550,3 +553,105 @@ def finite_array(name: str, value, shape: tuple[int, ...]) -> Array:
         entry = f"{name}{list(where)}" if where else name
         raise InputError(f"{entry} = {array[where]}, expected a finite number")
     return array
+
+
+# ---- Checks of trees of bodies -------------------------------------------------------------------
+
+NEAR_ROTATION = float(np.sqrt(np.finfo(np.float32).eps))
+"""Largest entry of RᵀR - 1 of a rotation, which may have been rounded to half a float32."""
+
+
+def check_tree(name: str, tree: Any, n: int) -> None:
+    """Check a tree of bodies of a scene with n coordinates.
+
+    Args:
+        name: its name in messages, such as "Crane.tree()".
+        tree: the tree.
+        n: number of coordinates of the scene.
+
+    Raises:
+        InputError: it is no `Tree`, or a field of it is malformed.
+    """
+    if not isinstance(tree, Tree):
+        raise InputError(f"{name} = {safe_repr(tree)}, expected a Tree or None")
+    joints = len(tree.joint)
+    shapes = {
+        "rotation": (joints, 3, 3),
+        "offset": (joints, 3),
+        "mass": (joints,),
+        "center": (joints, 3),
+        "inertia": (joints, 3, 3),
+        "coordinates": (joints, n),
+        "shift": (joints,),
+        "armature": (joints,),
+        "gravity": (3,),
+    }
+    arrays = {x: finite_array(f"{name}.{x}", getattr(tree, x), shapes[x]) for x in shapes}
+    for j, kind in enumerate(tree.joint):
+        if kind not in JOINT_KINDS:
+            known = ", ".join(JOINT_KINDS)
+            raise InputError(f"{name}.joint[{j}] = {safe_repr(kind)}, expected one of {known}")
+    _check_parents(name, tree.parent, joints)
+    for j, R in enumerate(arrays["rotation"]):
+        _check_rotation(f"{name}.rotation[{j}]", R)
+    if tree.names and len(tree.names) != joints:
+        raise InputError(f"{name}.names has {len(tree.names)} names, expected {joints}")
+    _check_names(f"{name}.names", tree.names)
+    for i, link in enumerate(tree.links):
+        where = f"{name}.links[{i}]"
+        if not isinstance(link, TreeFrame):
+            raise InputError(f"{where} = {safe_repr(link)}, expected a TreeFrame")
+        if not isinstance(link.joint, Integral) or not -1 <= link.joint < joints:
+            allowed = f"expected a joint from 0 to {joints - 1}, or -1 for the ground"
+            raise InputError(f"{where}.joint = {safe_repr(link.joint)}, {allowed}")
+        finite_array(f"{where}.p", link.p, (3,))
+        _check_rotation(f"{where}.R", finite_array(f"{where}.R", link.R, (3, 3)))
+    _check_names(f"{name}.links", [link.name for link in tree.links])
+
+
+def _check_parents(name: str, parents: Sequence[Any], joints: int) -> None:
+    """Check that the parents (n_j,) are those of joints in depth-first order."""
+    if len(parents) != joints:
+        raise InputError(f"{name}.parent has {len(parents)} entries, expected {joints}")
+    path = [-1]
+    for j, parent in enumerate(parents):
+        if parent not in path:
+            allowed = ", ".join(map(str, path))
+            message = f"{name}.parent[{j}] = {safe_repr(parent)}, expected one of {allowed}"
+            raise InputError(f"{message}: joints are in depth-first order")
+        path = [*path[: path.index(parent) + 1], j]
+
+
+def _check_rotation(name: str, R: Array) -> None:
+    """Check that R (3, 3) is a rotation: RᵀR = 1, and not a reflection."""
+    error = float(np.abs(R.T @ R - np.eye(3)).max())
+    if error > NEAR_ROTATION:
+        raise InputError(f"{name} is no rotation: |RᵀR - 1| = {error:.3g}, expected 0")
+    if np.linalg.det(R) < 0:
+        raise InputError(f"{name} is no rotation but a reflection: det R = -1, expected 1")
+
+
+def _check_names(name: str, names: Sequence[Any]) -> None:
+    """Check that names are strings, each there once."""
+    for i, x in enumerate(names):
+        if not isinstance(x, str) or not x:
+            raise InputError(f"{name}[{i}]: name = {safe_repr(x)}, expected a string")
+    for x, count in Counter(names).items():
+        if count > 1:
+            raise InputError(f"{name}: the name {x!r} is there {count} times, expected once")
+
+
+def checking_tree(word: str, function: Callable[..., Any]) -> Callable[..., Any]:
+    """Wrap a `Scene.tree`: InputError where it returns no valid tree in float64.
+
+    Trees by parameters of another scalar type are not checked.
+    """
+
+    @wraps(function)
+    def checked(scene: Any, *arguments: Any, **options: Any) -> Any:
+        tree = function(scene, *arguments, **options)
+        if tree is not None and not arguments and not options:
+            check_tree(f"{word}()", tree, scene.n)
+        return tree
+
+    return checked
