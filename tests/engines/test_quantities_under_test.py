@@ -13,6 +13,7 @@ from tests.samples import ordinary, random_state
 from eomcheck import check_state
 from eomcheck.claims.engine_quantities import frames_asked
 from eomcheck.claims.finding import Finding
+from eomcheck.engines import Engine, VelocityMap
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.engines.idyntree import IdyntreeEngine, IdyntreeFile
 from eomcheck.engines.pinocchio import PinocchioEngine, PinocchioFile
@@ -188,6 +189,48 @@ def test_the_motion_of_a_link_on_the_ground_is_judged(name: str, tmp_path: Path)
         found = findings(kind, name, scene=scene)
         failed = {x.subject.split(", ")[1] for x in found if x.verdict != "passed"}
         assert failed == verdicts, found
+
+
+# ---- Velocities of its own -----------------------------------------------------------------------
+
+
+class Multipliers(Engine):
+    """Our own derivatives of λ, in the coordinates of the scene."""
+
+    version = classmethod(lambda cls: "ours 1.0")
+    represents = classmethod(lambda cls, scene: True)
+
+    def mass_matrix(self, q, t=0.0):
+        return Evaluation(self.scene, q, 0 * q, t).terms.M
+
+    def bias(self, q, v, t=0.0):
+        return Evaluation(self.scene, q, v, t).terms.B
+
+    def constraint_force_derivatives(self, q, v, tau, t=0.0):
+        at = Evaluation(self.scene, q, v, t)
+        both = ConformancePoint(at, tau=tau).constraint_force_derivatives
+        return both[:, : len(q)], both[:, len(q) :]
+
+
+class Turning(Multipliers):
+    """The same in velocities w = S v, S = diag(2 + sin q): its derivatives are not mapped."""
+
+    def velocity_map(self, q, v):
+        return VelocityMap(q, np.diag(2.0 + np.sin(q)), np.cos(q) * v * v)
+
+    def velocity_map_derivatives(self, q, v):
+        return np.diag(np.cos(q) * v), np.diag(-np.sin(q) * v * v)
+
+
+@pytest.mark.parametrize("speed", [0.0, 1.0])
+@pytest.mark.parametrize("kind, verdict", [(Multipliers, "passed"), (Turning, "skipped")])
+def test_derivatives_of_multipliers_by_velocities_that_turn_are_skipped_at_rest_too(
+    kind: type[Any], verdict: str, speed: float
+):
+    scene, state = ordinary(SCENES["four-bar-chain"], 1)
+    claims = ["engine-constraint-force-derivatives"]
+    (only,) = check_state(scene, state.q, speed * state.v, engines=[kind], claims=claims)
+    assert only.verdict == verdict, only
 
 
 # ---- Right engines -------------------------------------------------------------------------------

@@ -324,9 +324,17 @@ def follow(engine: Engine, at: Evaluation) -> bool:
 
 
 def turns(engine: Engine, at: Evaluation) -> bool:
-    """Return whether the map of an engine's velocities changes with the coordinates."""
-    own = _map_of(engine, at)
-    return own is not None and bool(own.rest.any())
+    """Return whether the map S of an engine's velocities changes with q, also where v = 0.
+
+    By ∂(S v)/∂q of unit velocities.
+    """
+    if _map_of(engine, at) is None:
+        return False
+    answers = Answers(engine)
+    try:
+        return any(answers.map_derivatives(at.q, unit)[0].any() for unit in np.eye(at.scene.n))
+    except UNABLE:
+        return False  # it is asked
 
 
 def _no_frame(*links: str) -> str:

@@ -341,7 +341,7 @@ class Answers:
         C, S, _ = self._own_quantity(one, q, v, np.zeros_like(v), "", t)
         if self._maps:
             units = np.eye(self.engine.scene.n)
-            rate = np.column_stack([self._map_derivatives(q, unit)[0] @ v for unit in units])
+            rate = np.column_stack([self.map_derivatives(q, unit)[0] @ v for unit in units])
             C = S.T @ (C @ S + self._own_mass_matrix(q, t) @ rate)
         return C + C.T
 
@@ -399,26 +399,26 @@ class Answers:
         n, m = self.engine.scene.n, len(S)
         if one.name == "constraint_force_derivatives":
             return np.hstack((parts[:, :m] @ S, parts[:, m:] @ S))
-        changes = [self._map_derivatives(q, unit)[0] for unit in np.eye(n)]
-        along, more = self._map_derivatives(q, v)
+        changes = [self.map_derivatives(q, unit)[0] for unit in np.eye(n)]
+        along, more = self.map_derivatives(q, v)
         # ∂(Ṡ v)/∂v = Ṡ + ∂(S v)/∂q
         by_v = np.column_stack([change @ v for change in changes]) + along
         if one.name == "inverse_dynamics_derivatives":
             torques = self._own_quantity(QUANTITIES["inverse_dynamics"], q, v, third, "", t)[0]
             M, turned = self._own_mass_matrix(q, t), np.stack([torques @ x for x in changes])
             by_x, by_w = parts[:, :m], parts[:, m:]
-            moved = self._map_derivatives(q, third)[0] + more
+            moved = self.map_derivatives(q, third)[0] + more
             by_q = turned + S.T @ (by_x @ S + by_w @ along + M @ moved)
             return np.hstack((by_q, S.T @ (by_w @ S + M @ by_v)))
         back = np.linalg.pinv(S)
         vdot = self.quantity(QUANTITIES["forward_dynamics"], q, v, third, "", t)
         turned = np.stack([(back.T @ third) @ x for x in changes])
         by_x, by_w, by_force = parts[:, :m], parts[:, m : 2 * m], parts[:, 2 * m :]
-        moved = self._map_derivatives(q, vdot)[0] + more
+        moved = self.map_derivatives(q, vdot)[0] + more
         by_q = back @ (by_x @ S + by_w @ along - by_force @ back.T @ turned - moved)
         return np.hstack((by_q, back @ (by_w @ S - by_v), back @ by_force @ back.T))
 
-    def _map_derivatives(self, q: Array, v: Array) -> tuple[Array, Array]:
+    def map_derivatives(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Return ∂(S v)/∂q and ∂(Ṡ v)/∂q (m, n) each."""
         parts = self._call("velocity_map_derivatives", q, v)
         try:
