@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +20,7 @@ from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.scene import Scene
-from eomcheck.motion.compiled_derivatives import trace_derivatives
+from eomcheck.motion.compiled_derivatives import CompiledResult, trace_derivatives
 from eomcheck.numbers.tape import FACTORS, live_entries
 from eomcheck.scenes import SCENES, ChainPendulum
 
@@ -155,3 +157,45 @@ def test_wrong_shapes_are_named():
 def test_coordinates_are_checked_for_every_formulation(key: str, q: list[float]):
     with pytest.raises(InputError, match=r"^q"):
         compile_derivatives(RING, key, q)
+
+
+# ---- One state per call --------------------------------------------------------------------------
+
+
+def assert_same(one: CompiledResult, other: CompiledResult) -> None:
+    for x, y in zip(one, other, strict=True):
+        assert (x is None) == (y is None)
+        assert x is None or y is None or np.array_equal(x, y)
+
+
+@pytest.mark.parametrize("key", ["au", "kane"])
+def test_a_state_of_arrays_is_that_of_lists_and_its_result_is_kept(key):
+    scene, (q, v, _) = snake(3)
+    compiled, tau = compile_derivatives(scene, key), loads(scene)
+    for forces in (tau, None, 2 * tau):
+        listed = None if forces is None else forces.tolist()
+        expected = compiled(q.tolist(), v.tolist(), listed, 0.5)
+        result = compiled(q, v, forces, 0.5)
+        compiled(v, q, tau)
+        assert_same(result, expected)
+    for bad in (np.full_like(v, np.nan), np.full_like(v, np.inf)):
+        with pytest.raises(InputError, match="expected a finite number"):
+            compiled(q, bad)
+
+
+def test_a_pickled_function_is_compiled_again():
+    scene, (q, v, _) = snake(3)
+    compiled = compile_derivatives(scene, "au")
+    assert_same(pickle.loads(pickle.dumps(compiled))(q, v), compiled(q, v))
+
+
+def test_compiling_for_long_is_announced(monkeypatch):
+    announced = []
+
+    def notice(what: str) -> AbstractContextManager[None]:
+        announced.append(what)
+        return nullcontext()
+
+    monkeypatch.setattr("eomcheck.motion.compiled_derivatives.slow_work_notice", notice)
+    compile_derivatives(ChainPendulum.example(), "au")
+    assert announced == ["compiling the derivatives of chain-pendulum[3] by au"]

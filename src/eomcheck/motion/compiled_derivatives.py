@@ -8,10 +8,12 @@ that is ∂v̇ = -M⁻¹ ∂τ.
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from eomcheck.console import slow_work_notice
 from eomcheck.errors import InputError
 from eomcheck.evaluation.derivatives import ARRAYS, Direction
 from eomcheck.evaluation.evaluation import Evaluation
@@ -100,8 +102,20 @@ class CompiledDerivatives:
 
     def __init__(self, scene: Scene, formulation: Formulation, choice: Choice | None = None):
         self.n, self.r = scene.n, scene.r if formulation.multipliers else 0
+        self._made_of = scene, formulation.key, choice
         self.kernel: Kernel = derivatives_kernel(scene, formulation, choice)
         self.block = block_of(self.kernel, scene)
+        self._time, self._state = np.zeros(1), np.zeros((3, self.n))
+        self._flat = self._state.reshape(-1)
+        outputs, self._views, start = np.zeros(self.kernel.size), dict[str, Array](), 0
+        for name, size in self.kernel.outputs.items():
+            self._views[name] = outputs[start : start + size].reshape(self._shape(name))
+            start += size
+        self._run = self.kernel.bound(self.block, self._time, self._flat, outputs)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return how it is made again, compiled anew where it is unpickled."""
+        return _made_again, self._made_of
 
     def __call__(self, q, v, tau=None, t: float = 0.0) -> CompiledResult:
         """Return v̇, λ and their derivatives at one state, or at k states by a loop in machine code.
@@ -115,6 +129,14 @@ class CompiledDerivatives:
         Raises:
             InputError: wrong shapes, values that are not finite.
         """
+        if _is_plain(q, v, tau, t, (self.n,)):
+            self._state[0], self._state[1] = q, v
+            self._state[2] = 0.0 if tau is None else tau
+            self._time[0] = t
+            if np.isfinite(self._flat).all():
+                self._run()
+                copies = {name: view.copy() for name, view in self._views.items()}
+                return CompiledResult(**NOTHING | copies)
         shape = np.shape(q)
         if len(shape) not in (1, 2) or shape[-1] != self.n:
             raise InputError(f"q has shape {shape}, expected ({self.n},) or (k, {self.n})")
@@ -130,6 +152,25 @@ class CompiledDerivatives:
     def _shape(self, name: str) -> tuple[int, ...]:
         rows = self.r if name.startswith("multipliers") else self.n
         return (rows, self.n) if name in ARRAYS else (rows,)
+
+
+NOTHING: dict[str, Any] = dict.fromkeys(CompiledResult._fields)
+
+
+def _is_plain(q: Any, v: Any, tau: Any, t: Any, shape: tuple[int, ...]) -> bool:
+    """Return whether the arguments are float64 arrays of this shape, and need no conversion."""
+    arrays = (q, v) if tau is None else (q, v, tau)
+    for x in arrays:
+        if type(x) is not np.ndarray or x.dtype != FLOAT or x.shape != shape:
+            return False
+    return type(t) is float and math.isfinite(t)
+
+
+FLOAT = np.dtype(float)
+
+
+def _made_again(scene: Scene, key: str, choice: Choice | None) -> CompiledDerivatives:
+    return CompiledDerivatives(scene, formulation_for(scene, key), choice)
 
 
 def derivatives_kernel(
@@ -151,6 +192,10 @@ def derivatives_kernel(
 
 def compile_derivatives(scene: Scene, key: str, q=None, t: float = 0.0) -> CompiledDerivatives:
     """Return the derivatives by one formulation as a function (q, v, tau) in machine code.
+
+    Compiling takes seconds to minutes and is announced on standard error; scenes of the same
+    topology share the code in a process. The function can be pickled, and is compiled again where
+    it is unpickled.
 
     They are those of `eomcheck.derivatives`, without an error bound and checks of the state:
     v may violate the constraints, and a singular matrix gives NaN.
@@ -174,4 +219,5 @@ def compile_derivatives(scene: Scene, key: str, q=None, t: float = 0.0) -> Compi
     if formulation.redundant and scene.r:
         start = scene.initial_state()[0] if start is None else start
         choice = choice_for(Evaluation(scene, start, np.zeros(scene.n), t), formulation)
-    return CompiledDerivatives(scene, formulation, choice)
+    with slow_work_notice(f"compiling the derivatives of {scene.name} by {key}"):
+        return CompiledDerivatives(scene, formulation, choice)
