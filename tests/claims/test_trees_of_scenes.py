@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from tests.samples import random_state
 
-from eomcheck import check_state, quantity
+from eomcheck import check_state, prove, quantity
 from eomcheck.descriptions import elements
 from eomcheck.descriptions.described_scene import GROUND, Described, Description
 from eomcheck.engines.casadi import CasadiEngine
@@ -179,3 +179,16 @@ def test_trees_of_the_package_are_well_formed() -> None:
     scenes = [kind.example() for kind in SCENES.values()]
     for scene in [x for x in scenes if x.tree() is not None]:
         check_tree(scene.name, scene.tree(), scene.n)
+
+
+def test_gravity_of_a_tree_is_disproved() -> None:
+    """A proof in the numbers of the scene finds gravity that the scene does not have."""
+    kind: Any = SCENES["sleigh"]
+
+    class Changed(kind):
+        def tree(self, parameters: Any = None) -> Tree:
+            return super().tree(parameters)._replace(gravity=PULLED)
+
+    for scene, verdict in ((kind.example(), "passed"), (Changed.example(), "failed")):
+        findings = [x for x in prove(scene, points=1, seed=0) if x.claim == "weight-gradient"]
+        assert {x.subject: x.verdict for x in findings} == {"∂U/∂q": "passed", "U": verdict}

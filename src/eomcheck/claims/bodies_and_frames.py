@@ -154,7 +154,7 @@ def weight(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
     weighs = any(getattr(at.parameters, name, None) is not None for name in ("gravity", "mass"))
     if not (weighs or isinstance(scene, Described)):
         return
-    if context.exact and point.model.tree is not None:
+    if context.exact and not point.has_own_numbers:
         return  # its variables are not the parameters of the scene
     moving = *at.prepared_and_rates(direction, False), at.q, direction
     power = at.run(_weight_power, *_potential_of(scene), at.parameters, *moving)
