@@ -266,6 +266,10 @@ WRONG: dict[str, Wrong] = {
     "com-velocity": Wrong("tree", plus("com_velocity", TREE, lambda q, v: [0, 1, 0])),
     "com-rate": Wrong("tree", plus("com", TREE, lambda q: [q[0], 0, 0])),
     "com-acceleration": Wrong("tree", plus("com_acceleration", TREE, lambda *_: [0, 1, 0])),
+    "com-gravity": Wrong("tree", plus("com_jacobian", TREE, one_entry)),
+    "com-kinetic-energy": Wrong(
+        "tree", lambda eps: {"mass": 1e3 * EVERY["mass"]} if eps else {}, counted=False
+    ),
     "com-momentum": Wrong("tree", lambda eps: {"mass": EVERY["mass"] + eps}),
     "mass-parameters": Wrong("tree", lambda eps: {"mass": EVERY["mass"] + eps}),
     "momentum-linear": Wrong("tree", plus("momentum", TREE, lambda *_: np.eye(6)[4])),

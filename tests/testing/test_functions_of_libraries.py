@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.testing.every_function import TOOL, every_function, random_model
+from tests.testing.every_function import TOOL, every_function, random_model, with_free_base
 
 from eomcheck.claims.finding import Finding
 from eomcheck.testing import EquationsOfMotion, check_functions
@@ -249,7 +249,6 @@ def test_a_coriolis_matrix_need_not_be_skew():
 
 
 def test_everything_is_compared_with_a_reference_under_the_same_loads():
-    shift = {TOOL: lambda q: (R, CHAIN["frame_placement"][TOOL](q)[1] + 0.1)}
     names = "M qdd tau_q qdd_q com momentum parameters frame_acceleration"
     # Without M other forces would be drawn.
     of_reference = names.removeprefix("M ")
@@ -260,14 +259,23 @@ def test_everything_is_compared_with_a_reference_under_the_same_loads():
         *of_reference.split(),
         "frame_placement",
     }
-    (other,) = [
-        x
-        for x in check("com", "reference", frame_placement=shift, against=against)
-        if x.subject.startswith("frame_placement")
-    ]
+
+
+def test_frames_are_compared_with_those_of_a_reference_that_has_all_of_them():
+    every = CHAIN["frame_placement"]
+    shift = {TOOL: lambda q: (every[TOOL](q)[0], every[TOOL](q)[1] + 0.1)}
+
+    def compared(own: Any, reference: Any) -> Finding:
+        against = EquationsOfMotion(**of("com", frame_placement=reference))
+        found = check("com", "reference", frame_placement=own, against=against)
+        (finding,) = [x for x in found if x.subject.startswith("frame_placement")]
+        return finding
+
+    assert compared(shift, every).verdict == "failed"
+    other = compared(every, shift)
     assert (other.verdict, other.detail) == (
         "skipped",
-        "the reference has shape (2, 3, 4), not (1, 3, 4)",
+        "the reference has shape (1, 3, 4), not (2, 3, 4)",
     )
 
 
@@ -339,3 +347,50 @@ def test_a_center_of_mass_is_wrong_whose_jacobian_agrees_with_the_momentum(momen
     (cause, detail), *others = conclusions(f"com_jacobian mass {momentum}", **wrong).items()
     assert (cause, others) == ("com", [])
     assert "center of mass com is wrong: com-jacobian fails, com-momentum passes" in detail
+
+
+# ---- Bodies --------------------------------------------------------------------------------------
+
+OF_BODIES = "com com_jacobian com_velocity mass momentum momentum_matrix"
+
+
+def of_other_bodies(free: bool) -> dict[str, Any]:
+    """Return functions of a tree, those of `OF_BODIES` with twice the mass of the last link."""
+    model = random_model(3, free, joints=2) if free else random_model(7, chain="RX PZ RY")
+    make = with_free_base if free else every_function
+    right = make(model.copy())
+    model.inertias[model.njoints - 1].mass *= 2.0
+    wrong = make(model)
+    names = ["n", "M", "bias", "gravity", "qdd", "qdot", "speeds", "holonomic"]
+    return {x: right[x] for x in names if x in right} | {x: wrong[x] for x in OF_BODIES.split()}
+
+
+@pytest.mark.parametrize("free", [False, True])
+def test_a_center_of_mass_of_other_bodies_is_not_where_gravity_pulls(free: bool):
+    found = check_functions(**of_other_bodies(free), states=2, ranges=(-1.0, 1.0))
+    failed = {x.claim: x for x in found if x.verdict == "failed"}
+    assert failed.keys() == {"com-gravity", "com-kinetic-energy"}
+    assert "com_jacobian" in failed["com-gravity"].cause
+    assert "gravity" not in failed["com-gravity"].cause
+    assert "springs belong in Q" in failed["com-gravity"].detail
+    assert "times the energy that M gives" in failed["com-kinetic-energy"].detail
+
+
+@pytest.mark.parametrize(
+    ("length", "g", "verdict"),
+    [
+        (lambda q: 0.6, 9.81, "passed"),
+        (lambda q: 0.6 + 0.1 * np.sin(q), 9.81, "failed"),
+        (lambda q: 0.6, 0.0, "skipped"),
+    ],
+)
+def test_a_pendulum_hangs_at_its_center_of_mass(length: Any, g: float, verdict: str):
+    """No motion leaves its plane: the weight across it is not determined."""
+    (finding,) = check_functions(
+        1,
+        gravity=lambda q: 2.0 * g * 0.6 * np.sin(q),
+        com=lambda q: length(q[0]) * np.array([np.sin(q[0]), 0.0, -np.cos(q[0])]),
+        claims=["com-gravity"],
+        states=3,
+    )
+    assert finding.verdict == verdict

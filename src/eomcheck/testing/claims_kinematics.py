@@ -14,11 +14,14 @@ from typing import Any
 import numpy as np
 
 from eomcheck.claims.confusions import ConfusionContext
-from eomcheck.claims.registry import BlindSpot, Comparison, Skipped, function_claim
-from eomcheck.numbers.generic import Array
+from eomcheck.claims.registry import BlindSpot, Comparison, Decision, Skipped, function_claim
+from eomcheck.evaluation.tolerance import INCONCLUSIVE, C
+from eomcheck.numbers.generic import EPS, Array
 from eomcheck.testing.claims_answers import FIXED_AXES
+from eomcheck.testing.claims_motions import is_nonzero
 from eomcheck.testing.claims_terms import explained_by, proportional, row_names
-from eomcheck.testing.function_state import FunctionState
+from eomcheck.testing.equations_of_motion import BrokenError
+from eomcheck.testing.function_state import FunctionState, inertia
 from eomcheck.testing.uncertain import UncertainArray, contract, exact, stack_uncertain
 
 XYZ, SIX = FIXED_AXES["3"], FIXED_AXES["6"]
@@ -168,6 +171,102 @@ def _product(at: FunctionState, name: str) -> Callable[[Array, Array], Array]:
     """Return the function (q, v) -> X v of a function X of q (..., p)."""
     X = at.raw(name)
     return lambda q, v: X(q, v) @ v
+
+
+def center_jacobian(at: FunctionState) -> UncertainArray:
+    """Return the Jacobian of the center of mass (3, p): as given, else derivatives of it."""
+    if at.has("com_jacobian"):
+        return at.quantity("com_jacobian")
+    return at.cached("J of com", lambda: at.along_velocities(at.raw("com")))
+
+
+POSES = 4
+"""Number of further coordinates that determine the weight, beside those of the state."""
+
+
+def _weights(at: FunctionState) -> tuple[UncertainArray, UncertainArray]:
+    """Return g (k,) and J_cᵀ (k, 3) at the state, its p rows first, and at drawn coordinates."""
+
+    def rows_at(state: FunctionState) -> list[tuple[UncertainArray, UncertainArray]]:
+        g, J = state.gravity(), center_jacobian(state)
+        return [(g[i], J[:, i]) for i in range(len(at.v))]
+
+    middle, half = (x[: len(at.q)] for x in at.functions.half_ranges())
+    draws = np.random.default_rng(at.seed).uniform(-1.0, 1.0, (POSES, len(at.q)))
+    rows = rows_at(at)
+    for q in middle + half * draws:
+        try:
+            rows += rows_at(FunctionState(at.caller, q, at.v, at.seed))
+        except BrokenError:  # such as outside of a table: fewer poses tell enough
+            continue
+    g, columns = zip(*rows, strict=True)
+    return stack_uncertain(g), stack_uncertain(columns)
+
+
+@function_claim(
+    "com-gravity",
+    "g = J_cᵀ w with one constant w at all q",
+    "gravity at the center of mass",
+    ("gravity", "com_jacobian|com"),
+    blind_spots=tuple(
+        BlindSpot(name, "whether gravity pulls at the center of mass", ("gravity", "against"))
+        for name in ("com", "com_jacobian")
+    ),
+)
+def com_gravity(at: FunctionState) -> Iterator[Comparison | Skipped]:
+    """Compare gravity with that of the constant weight w that fits best, by least squares.
+
+    The residual of least squares changes by that of the errors of g and J_cᵀ w. Directions in which
+    J_c is not 0 by its error alone, as across the plane of a mechanism, do not determine w.
+    """
+    subject, (g, J) = "gravity ~ J_cᵀ w", _weights(at)
+    if not is_nonzero(g).any():
+        yield Skipped(subject, "gravity is 0, which tells nothing about the center of mass")
+        return
+    U, singular, V = np.linalg.svd(J.value, full_matrices=False)
+    kept = singular > C * np.linalg.norm(J.error)
+    U, p = U[:, kept], len(at.v)
+    weight = V[kept].T @ (U.T @ g.value / singular[kept])
+    size = J.size @ np.abs(weight)
+    error = J.error @ np.abs(weight) + EPS * size
+    fit, reach = U[:p] @ (U.T @ g.value), np.abs(U[:p] @ U.T)
+    expected = UncertainArray(fit, error[:p] + reach @ (error + g.error + EPS * g.size), size[:p])
+
+    def explain(actual: Array, expected: Array, _: float, worst: tuple[int, ...]) -> str:
+        pair = f"{actual[worst]:.6g}, expected {expected[worst]:.6g}"
+        return f"{pair} of the constant weight that fits best; forces of springs belong in Q"
+
+    yield Comparison(subject, g[:p], expected, (row_names(at),), explain=explain)
+
+
+@function_claim(
+    "com-kinetic-energy",
+    "½ m ċ² ≤ ½ vᵀ M v for all v",
+    "mass at the center of mass",
+    ("mass", "com_jacobian|com", "M|T"),
+    natural=True,
+)
+def com_kinetic_energy(at: FunctionState) -> Iterator[Decision]:
+    """Decide whether M - m J_cᵀ J_c is semidefinite: it belongs to motion about the center of mass.
+
+    Eigenvalues are in units in which the diagonal of M is 1.
+    """
+    J, M, subject = center_jacobian(at), inertia(at), "mass ~ M"
+    relative = M - contract(",ai,aj->ij", at.quantity("mass"), J, J)
+    diagonal = np.diagonal(M.value)
+    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    units = np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(0.5 * (relative.value + relative.value.T) * units)
+    least, v = float(values[0]), scale * vectors[:, 0]
+    allowed = C * float((relative.error * units).sum() + EPS * len(scale))
+    if least < -allowed:
+        times = 1.0 - (v @ relative.value @ v) / (v @ M.value @ v)
+        text = f"mass at the center of mass, one motion: {times:.6g} times the energy that M gives"
+        yield Decision(subject, -least, allowed, "failed", text)
+    elif allowed > INCONCLUSIVE:
+        yield Decision(subject, max(-least, 0.0), allowed, "inconclusive", "the error is as large")
+    else:
+        yield Decision(subject, max(-least, 0.0), allowed, "passed")
 
 
 # ---- Momentum ------------------------------------------------------------------------------------

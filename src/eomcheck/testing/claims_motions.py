@@ -346,8 +346,9 @@ def check_reference(points: list[FunctionState]) -> None:
             "", "a velocity or a load of wrong sign in the derivation", ("against",), derived=True
         ),
         BlindSpot("com", "a constant added to the center of mass", ("against",)),
-        BlindSpot("momentum", "the point about which the angular momentum is", ("against",)),
-        BlindSpot("momentum_matrix", "the point about which its angular rows are", ("against",)),
+        BlindSpot("com", "a factor of the center of mass, and of 1/m", ("against",)),
+        BlindSpot("momentum", "the size of the angular momentum, and its point", ("against",)),
+        BlindSpot("momentum_matrix", "the size and the point of its angular rows", ("against",)),
         BlindSpot("frame_placement", "another frame that is fixed to the same link", ("against",)),
     ),
 )

@@ -270,6 +270,8 @@ READS: dict[str, tuple[str, ...]] = {
     "regressor-power": ("qdot",),
     "com-jacobian": ("qdot",),
     "com-rate": ("qdot",),
+    "com-gravity": ("com_jacobian|qdot",),
+    "com-kinetic-energy": ("com_jacobian|qdot",),
     "com-acceleration": ("qdot",),
     "momentum-rate": ("qdot",),
     "frame-jacobian": ("qdot",),
