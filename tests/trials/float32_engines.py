@@ -20,7 +20,6 @@ from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from functools import cache
-from importlib import metadata
 from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
@@ -37,8 +36,7 @@ from eomcheck.descriptions.random_mechanisms import RANDOM
 from eomcheck.draws.pairwise_design import scene_cases, with_wide
 from eomcheck.engines import Engine, EngineAcceleration, VelocityMap
 from eomcheck.engines.answers import represents
-from eomcheck.engines.mujoco import MujocoEngine
-from eomcheck.engines.tree_engine import TreeLink
+from eomcheck.engines.mjx import MjxEngine
 from eomcheck.lab.show.table import ResultTable, print_tables
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
@@ -276,86 +274,15 @@ def _shifted(
     return J + np.outer(_across(arm), spin), rest - (spin @ w) ** 2 * arm
 
 
-class _Free(MujocoEngine):
-    """MuJoCo's model of a tree without constraints, which MJX reads."""
+class Mjx32(MjxEngine):
+    """MuJoCo's model of a scene in MJX, where it is installed."""
 
-    key = "mujoco_free"
-
-    def _add_constraint(self, spec: Any, name: str, links: list[TreeLink]) -> None:
-        """Add none."""
-
-
-class Mjx32(Engine):
-    """MuJoCo's model of a scene in MJX: M, B, centre of mass and Jacobians of links."""
-
-    unit_roundoff = 2.0**-24
-    reads_parameters = False
     installed = find_spec("mujoco.mjx") is not None
-
-    def __init__(self, scene: Scene):
-        super().__init__(scene)
-        from mujoco import mjx
-
-        self.built = _Free(scene)
-        self.mjx, self.model = mjx, mjx.put_model(self.built.model)
-        self.frames = {x.name: x for x in self.built.frames}
-
-    @classmethod
-    def version(cls) -> str:
-        """Return name and version of the library."""
-        return f"mjx {metadata.version('mujoco-mjx')}"
 
     @classmethod
     def represents(cls, scene: Scene) -> bool:
-        """Return whether it is installed, and compiles the topology for more than one state."""
-        return cls.installed and type(scene) in SCENES.values() and MujocoEngine.represents(scene)
-
-    def velocity_map(self, q, v):
-        return self.built.velocity_map(q, v)
-
-    def state(self, q: np.ndarray, v: np.ndarray) -> Any:
-        """Return the data of MJX, with M and B."""
-        x, rate = (self.built._in_own_order(y).astype(np.float32) for y in (q, v))
-        return _mjx_forward()(self.model, self.mjx.make_data(self.model), x, rate)
-
-    def mass_matrix(self, q, t=0.0):
-        M, _, _, _ = self.state(q, np.zeros(len(q)))
-        place = self.built._place
-        return np.asarray(M)[np.ix_(place, place)]
-
-    def bias(self, q, v, t=0.0):
-        return np.asarray(self.state(q, v)[1])[self.built._place]
-
-    def center_of_mass(self, q, t=0.0):
-        return np.asarray(self.state(q, np.zeros(len(q)))[2])
-
-    def has_frame(self, f):
-        return self.built.has_frame(f)
-
-    def frame_jacobian(self, f, q, t=0.0):
-        site = self.built.model.site(f).id
-        jacobian = np.asarray(self.state(q, np.zeros(len(q)))[3][site])
-        return jacobian[:, self.built._place]
-
-
-@cache
-def _mjx_forward() -> Any:
-    """Return the compiled function of (model, data, qpos, qvel): M, B, centre, Jacobians."""
-    import jax
-    from mujoco import mjx
-
-    def forward(model: Any, data: Any, x: Any, rate: Any) -> tuple[Any, ...]:
-        data = mjx.fwd_position(model, data.replace(qpos=x, qvel=rate))
-        data = mjx.fwd_velocity(model, data)
-        jacobians = [
-            jax.numpy.concatenate(mjx.jac(model, data, data.site_xpos[site], body), axis=1).T
-            for site, body in enumerate(model.site_bodyid)
-        ]
-        results = mjx.full_m(model, data), data.qfrc_bias, data.subtree_com[0]
-        assert results[0].dtype == np.float32, "MJX computes in float32"
-        return *results, jacobians
-
-    return jax.jit(forward)
+        """Return whether it compiles the topology for more than one state."""
+        return cls.installed and type(scene) in SCENES.values() and super().represents(scene)
 
 
 ENGINES: tuple[type[Engine], ...] = (Copy32, HalfAngles32, Planar32, Mjx32)
