@@ -204,16 +204,17 @@ def exact_tree_numbers(model: TreeModel, tree: Tree, arithmetic: Arithmetic) -> 
     turning[:, 2, 2] = armature[rotors]
     moments = np.concatenate((inertia[carriers], turning))
     masses = np.concatenate((mass[carriers], np.zeros(len(rotors), object)))
-    parts = map(_none_where_zero, (moments, center[carriers], offset, rotation))
-    return TreeNumbers(masses, *parts, gravity)
+    own = (_none_where_zero(x) for x in (moments, center[carriers], offset, rotation))
+    inertia, center, offset, rotation = own
+    return TreeNumbers(masses, inertia, center, offset, rotation, gravity)
 
 
 def _none_where_zero(x: Array) -> Array:
     """Return exact numbers with None, an absent term, in place of literals that are 0."""
     entries = [None if _is_literal(entry, 0) else entry for entry in x.flat]
-    absent = np.empty(x.shape, object)
-    absent.flat = entries
-    return absent
+    absent = np.empty(x.size, object)
+    absent[:] = entries
+    return absent.reshape(x.shape)
 
 
 def tree_numbers(model: TreeModel, arithmetic: Arithmetic) -> TreeNumbers:

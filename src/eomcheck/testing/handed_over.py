@@ -103,7 +103,7 @@ class SceneQuantities:
         if name == "inverse_dynamics":
             return point.at.terms.M @ third - point.at.F
         if name == "inverse_dynamics_derivatives":
-            parts = inverse_arrays(point.at, third)
+            parts = inverse_arrays(Evaluation(self.scene, q, v), third)
             return np.hstack((parts["q"], parts["v"]))
         return np.asarray(QUANTITIES[name].value(point, frame), np.float64)
 
