@@ -12,6 +12,9 @@ from sphinx.errors import ConfigError
 
 import eomcheck
 from eomcheck import FORMULATIONS, Formulation, deprecated
+from eomcheck.engines import ENGINES, READERS
+from eomcheck.engines.tree_engine import FILE
+from eomcheck.evaluation.conformance import QUANTITIES
 from eomcheck.lab.references import reference_table
 from eomcheck.lab.report.registries import in_paper, parameter_table, registry_table, yes
 from eomcheck.lab.show.table import escaped as cell
@@ -107,6 +110,24 @@ def facts(f: Formulation) -> str:
     )
 
 
+LIBRARIES = (*READERS.values(), *(ENGINES[key] for key in ("casadi", "exudyn")))
+"""Class of each library that offers most of the quantities."""
+
+
+def library_calls() -> str:
+    """Return the call of each library for each quantity, from the docstrings of the adapters."""
+    sections = []
+    for kind in LIBRARIES:
+        rows = []
+        for name in QUANTITIES:
+            if kind.offers(name):
+                first = str(getattr(kind, name).__doc__).strip().splitlines()[0]
+                rows.append((f"`{name}`", cell(first.removeprefix("Return ").removesuffix("."))))
+        key = kind.key.removesuffix(FILE)
+        sections.append(f"### {key}\n\n{table(('quantity', 'from'), rows)}")
+    return "\n\n".join(sections)
+
+
 COUNTED = "2..30"
 """Numbers of links whose counts the tables rest on; the command goes further."""
 
@@ -182,6 +203,7 @@ def write_tables(app: Sphinx) -> None:
     write("formulations.md", formulations_table())
     write("studies.md", studies_table())
     write("references.md", references_table())
+    write("library-calls.md", library_calls())
     for f in FORMULATIONS.values():
         write(f"facts/{f.key}.md", facts(f))
     for kind in SCENES.values():

@@ -200,7 +200,7 @@ def _truth(at: Evaluation, one: Quantity, frame: str, vdot: Array, tau: Array | 
 
 
 def tables(records: Sequence[Record]) -> Iterator[ResultTable]:
-    """Yield the table of quantities by engine over all robots, and one by robot."""
+    """Yield the table of quantities by engine over all robots, one by robot, and differences."""
     rows = rows_in(records, ConformanceRow)
     engines = list(group(rows, lambda one: one.engine))
     methods = [*TERMS.values(), *QUANTITIES]
@@ -216,6 +216,19 @@ def tables(records: Sequence[Record]) -> Iterator[ResultTable]:
     yield ResultTable("conformance", title, ("quantity", *engines), by_quantity)
     title = "Each robot: number of quantities that agree, of those that are offered"
     yield ResultTable("conformance-by-robot", title, ("robot", *engines), by_robot)
+    title = "Each quantity that differs, and on which robots"
+    columns = "library", "quantity", "differs on"
+    yield ResultTable("conformance-differences", title, columns, _differences(rows))
+
+
+def _differences(rows: Sequence[ConformanceRow]) -> list[tuple[str, ...]]:
+    """Return a row for each quantity of each engine that differs: the names of the robots."""
+    table = []
+    for (engine, quantity), mine in group(rows, lambda one: (one.engine, one.quantity)).items():
+        robots = [one.robot for one in mine if one.verdict == "failed"]
+        if robots:
+            table.append((Cell(engine, "name"), Cell(quantity, "name"), "; ".join(robots)))
+    return table
 
 
 def _cell(rows: Sequence[ConformanceRow]) -> Cell:
