@@ -25,7 +25,7 @@ from eomcheck.engines.drake import DrakeEngine, DrakeFile
 from eomcheck.engines.exudyn import ExudynEngine
 from eomcheck.engines.idyntree import IdyntreeEngine, IdyntreeFile
 from eomcheck.engines.mujoco import MjcfFile, MujocoEngine, MujocoFile
-from eomcheck.engines.pinocchio import PinocchioFile
+from eomcheck.engines.pinocchio import PinocchioEngine, PinocchioFile
 from eomcheck.engines.pybullet import PybulletEngine, PybulletFile
 from eomcheck.evaluation.conformance import QUANTITIES, ConformancePoint
 from eomcheck.evaluation.evaluation import Evaluation
@@ -401,3 +401,13 @@ def test_a_wrong_convention_is_found(
         scene = ordinary(SCENES["bicycle"], 1)[0]
     found = findings(answered(name, change)(kind), scene, 1, name)
     assert "failed" in {x.verdict for x in found}, found
+
+
+@pytest.mark.parametrize(
+    ("method", "count"),
+    [("placement", 1), ("velocity", 2), ("jacobian", 1), ("acceleration", 3), ("bias", 2)],
+)
+def test_pinocchio_is_not_asked_about_a_frame_that_it_does_not_have(method: str, count: int):
+    engine = PinocchioEngine(SCENES["chain-pendulum"].example())
+    with pytest.raises(KeyError, match="the model has no frame 'missing'"):
+        getattr(engine, f"frame_{method}")("missing", *[np.zeros(3)] * count)

@@ -147,7 +147,17 @@ class PinocchioEngine(TreeSolverEngine):
         """Return (model, data, frame) after forward kinematics at a state."""
         self._pin.forwardKinematics(self.model, self.data, *state)
         self._pin.updateFramePlacements(self.model, self.data)
-        return self.model, self.data, self.model.getFrameId(f)
+        return self.model, self.data, self._frame_index(f)
+
+    def _frame_index(self, f: str) -> int:
+        """Return the index of a frame; the library reads beyond its arrays at that of none.
+
+        Raises:
+            KeyError: the model has no such frame.
+        """
+        if not self.model.existFrame(f):
+            raise KeyError(f"the model has no frame {f!r}")
+        return self.model.getFrameId(f)
 
     def frame_placement(self, f: str, q: Array, t: float = 0.0) -> tuple[Array, Array]:
         """Return (R, p) of `oMf`."""
@@ -161,7 +171,7 @@ class PinocchioEngine(TreeSolverEngine):
 
     def frame_jacobian(self, f: str, q: Array, t: float = 0.0) -> Array:
         """Return J (6, n) by `computeFrameJacobian`, along the axes of the world."""
-        axes, frame = self._pin.LOCAL_WORLD_ALIGNED, self.model.getFrameId(f)
+        axes, frame = self._pin.LOCAL_WORLD_ALIGNED, self._frame_index(f)
         return rows_of(self._pin.computeFrameJacobian(self.model, self.data, q, frame, axes), 6)
 
     def frame_acceleration(self, f: str, q: Array, v: Array, vdot: Array, t: float = 0.0) -> Array:
