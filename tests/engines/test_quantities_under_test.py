@@ -233,6 +233,33 @@ def test_derivatives_of_multipliers_by_velocities_that_turn_are_skipped_at_rest_
     assert only.verdict == verdict, only
 
 
+# ---- Bounds --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["gravity", "momentum_matrix"])
+def test_zeros_fail_at_any_speed_for_a_quantity_of_positions(name: str):
+    def zeros(self: Any, q: Any, t: float = 0.0) -> Any:
+        return 0.0 * getattr(PinocchioEngine, name)(self, q, t)
+
+    state = random_state(BICYCLE, np.random.default_rng(1))
+    for speed in (1.0, 1e7, 1e12):
+        for kind, verdict in ((under_test(), "passed"), (under_test(**{name: zeros}), "failed")):
+            claims = [f"engine-{name.replace('_', '-')}"]
+            asked = BICYCLE, state.q, speed * state.v
+            found = check_state(*asked, engines=[kind], claims=claims, consistent=False)
+            assert [x.verdict for x in found] == [verdict], (speed, found)
+
+
+def test_a_bound_as_large_as_the_value_shows_nothing():
+    state = random_state(BICYCLE, np.random.default_rng(1))
+    q = state.q + np.r_[1e15, np.zeros(BICYCLE.n - 1)]
+    claims = ["engine-kinetic-energy", "engine-center-of-mass-velocity"]
+    found = check_state(
+        BICYCLE, q, state.v, engines=[under_test()], claims=claims, consistent=False
+    )
+    assert {x.verdict for x in found} == {"inconclusive"}
+
+
 # ---- Right engines -------------------------------------------------------------------------------
 
 
