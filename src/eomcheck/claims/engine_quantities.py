@@ -58,17 +58,19 @@ def acceleration_asked(at: Evaluation) -> Array:
 def frames_asked(
     at: Evaluation, point: ConformancePoint, known: Callable[[str], bool] = lambda frame: True
 ) -> tuple[str, ...]:
-    """Return the links compared in this state, of the ground too: the last one, and others by q.
+    """Return the links compared in this state: the last one that moves, and others by q.
 
     Args:
         at: the state.
         point: the point at that state.
         known: returns whether an engine has the frame of a link; if it has none, all are returned.
     """
-    names = list(point.model.links)
+    model = point.model
+    moving = {name: joint >= 0 for name, joint in zip(model.links, model.joints, strict=True)}
+    names = sorted(model.links, key=lambda name: moving[name])
     names = list(filter(known, names)) or names
     if len(names) <= LINKS_PER_STATE:
-        return tuple(names)
+        return tuple(reversed(names))
     start, others = crc32(np.ascontiguousarray(at.q).tobytes()), len(names) - 1
     step = next(k for k in range(FAR_APART, FAR_APART + others) if gcd(k, others) == 1)
     chosen = (names[(start + step * i) % others] for i in range(LINKS_PER_STATE - 1))
