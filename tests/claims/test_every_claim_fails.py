@@ -469,7 +469,8 @@ def shifted(claim: str, key: str, by: float) -> list[tuple[str, Finding]]:
     ("claim", "key"), [(c, key) for c, about in ABOUT.items() for key in about]
 )
 def test_an_error_in_any_row_is_judged_by_its_size_and_named_by_its_row(claim: str, key: str):
-    failed = shifted(claim, key, 10.0)
+    # Links on the ground do not move at all: nothing is allowed about them.
+    failed = [pair for pair in shifted(claim, key, 10.0) if pair[1].allowed]
     assert failed
     for name, finding in failed:
         assert finding.verdict == "failed", str(finding)
