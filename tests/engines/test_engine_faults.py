@@ -360,3 +360,16 @@ def test_without_constraints_even_a_compliant_engine_is_compared():
         scene, *scene.initial_state(), engines=[engine], claims=["engine-acceleration"]
     )
     assert [f.verdict for f in found] == ["failed"]
+
+
+def test_a_wrong_signature_is_reported_at_the_method():
+    class Narrow(planar()):  # type: ignore[misc]
+        def bias(self, q, t=0.0):
+            return q
+
+    scene = Sleigh()
+    (finding,) = eomcheck.check_state(
+        scene, *scene.initial_state(), engines=[Narrow], claims=["bias"]
+    )
+    line = Narrow.bias.__code__.co_firstlineno
+    assert finding.detail.endswith(f"were given (test_engine_faults.py, line {line})")

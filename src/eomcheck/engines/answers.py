@@ -464,7 +464,7 @@ class Answers:
         try:
             result = call(f"{type(self.engine).__name__}.{method}", function, *handed)
         except Exception as error:
-            raise EngineFault(f"{method} {_describe_error(error)}") from error
+            raise EngineFault(f"{method} {_describe_error(error, function)}") from error
         for after, before in zip(handed, arguments, strict=True):
             if isinstance(after, np.ndarray) and not np.array_equal(after, before, equal_nan=True):
                 raise EngineFault(f"{method} changes an array that it is handed")
@@ -518,9 +518,15 @@ def _shift(x: Array, distance: float) -> Array:
     return x + distance * shares * np.maximum(1.0, np.abs(x))
 
 
-def _describe_error(error: Exception) -> str:
-    """Return the description of an error in an engine, with its line."""
+def _describe_error(error: Exception, function: Callable[..., Any] | None = None) -> str:
+    """Return the description of an error in an engine, with its line.
+
+    A function that does not take the arguments raises none of its lines: then it is its first.
+    """
     through = traceback.extract_tb(error.__traceback__)
+    code = getattr(function, "__code__", None)
+    if code is not None and through[-1].filename == calls.__file__:
+        through.append(traceback.FrameSummary(code.co_filename, code.co_firstlineno, code.co_name))
     user_frames = [x for x in through if not _is_library(Path(x.filename))]
     if isinstance(error, CallError) and not user_frames:
         return raised(error, None)
