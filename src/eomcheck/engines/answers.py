@@ -191,8 +191,10 @@ class Answers:
         after = links.index(frame) + 1 if frame in links else 0
         for link in (*links[after:], *links[:after]):
             if link != frame and self.has_frame(link):
-                with suppress(Exception):
-                    self.ask(method, q, v, third, link, t)
+                # Another v̇ first: a result kept whatever v̇ is has to be wrong for this link too.
+                for other in (_shift(third, ELSEWHERE), third):
+                    with suppress(Exception):
+                        self.ask(method, q, v, other, link, t)
                 return
 
     def ask(self, method: str, *arguments: Any) -> Any:
