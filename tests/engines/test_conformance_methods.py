@@ -290,6 +290,28 @@ def test_a_link_that_one_of_two_engines_lacks_is_skipped_for_that(tmp_path: Path
     assert any("tip" in x.subject and x.verdict == "passed" for x in found)
 
 
+@pytest.mark.parametrize("kind", [PinocchioFile, MujocoFile, DrakeFile, IdyntreeFile, PybulletFile])
+@pytest.mark.parametrize("root", ["base", "world", "free"])
+def test_a_link_on_the_ground_that_a_library_lacks_is_no_fault(kind, root: str, tmp_path: Path):
+    scene = robot(tmp_path, floating=root == "free")
+    if root == "world":
+        file = tmp_path / "arm.urdf"
+        file.write_text(file.read_text(encoding="utf-8").replace('"base"', '"world"'))
+        scene = from_urdf(file)
+    engine, q = kind(scene), np.zeros(scene.n)
+    lacks = [x.name for x in scene.tree().frames if not Answers(engine).has_frame(x.name)]
+    for link in lacks:
+        with pytest.raises(EngineFault, match=link):
+            Answers(engine).ask("frame_placement", q, q, q, link, 0.0)
+    for seed in (1, 2, 3):
+        found = findings(kind, scene, seed, "frame_placement", "frame_velocity", "frame_jacobian")
+        assert {x.verdict for x in found} - {"skipped"} == {"passed"}, found
+        skipped = [x.claim for x in found if x.verdict == "skipped"]
+        assert len(skipped) == len(set(skipped)) <= 3 * len(lacks)
+    if root == "free":
+        assert lacks == ["the ground"]
+
+
 def test_links_are_asked_of_those_that_are_known_and_of_all_if_none_is():
     scene, state = ordinary(SCENES["snake"], 1)
     at = Evaluation(scene, *state)

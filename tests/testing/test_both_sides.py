@@ -131,7 +131,7 @@ def test_whether_a_state_has_to_keep_constraints_or_the_energy_to_be_quadratic_i
     accelerations = "acceleration-even acceleration-quadratic"
     assert {id for id, x in every if x.consistent} == {*f"{consistent} {accelerations}".split()}
     natural = "bias-at-rest bias-quadratic bias-even bias-power coriolis-bias "
-    natural += "coriolis-skew power-balance inverse-dynamics "
+    natural += "coriolis-skew power-balance inverse-dynamics com-kinetic-energy "
     assert {id for id, x in every if x.natural} == {*(natural + accelerations).split()}
 
 

@@ -143,6 +143,10 @@ class PinocchioEngine(TreeSolverEngine):
         algorithm = self._pin.computeCentroidalMomentumTimeVariation
         return np.array(algorithm(self.model, self.data, q, v, vdot).vector)
 
+    def has_frame(self, f: str) -> bool:
+        """Return whether there is a frame of this name; a free base stands on no link."""
+        return bool(self.model.existFrame(f))
+
     def _frame(self, f: str, *state: Array) -> tuple[Any, ...]:
         """Return (model, data, frame) after forward kinematics at a state."""
         self._pin.forwardKinematics(self.model, self.data, *state)
@@ -155,7 +159,7 @@ class PinocchioEngine(TreeSolverEngine):
         Raises:
             KeyError: the model has no such frame.
         """
-        if not self.model.existFrame(f):
+        if not self.has_frame(f):
             raise KeyError(f"the model has no frame {f!r}")
         return self.model.getFrameId(f)
 
