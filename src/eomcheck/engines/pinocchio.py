@@ -159,7 +159,7 @@ class PinocchioEngine(TreeSolverEngine):
         Raises:
             KeyError: the model has no such frame.
         """
-        if not self.has_frame(f):
+        if not self.model.existFrame(f):  # whatever a subclass says that it has
             raise KeyError(f"the model has no frame {f!r}")
         return self.model.getFrameId(f)
 
