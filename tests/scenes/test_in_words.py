@@ -12,7 +12,7 @@ from tests.scenes.by_hand import given_by
 import eomcheck
 from eomcheck.descriptions import elements
 from eomcheck.descriptions.described_scene import GROUND, Described, Description
-from eomcheck.errors import InputError
+from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.mechanics.parameters import parameter
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scene_lookup import scene_classes_named
@@ -131,3 +131,24 @@ class Doubled(Weightless, description=hanging, held=False):
 def test_moments_of_inertia_that_do_not_fit_the_bodies_are_refused(kind: type[Scene], said: str):
     with pytest.raises(InputError, match=rf"inertia .* {said}; it must have 1, "):
         eomcheck.acceleration(kind(), "em", [0.3], [0.1])
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda **x: elements.Joint("a", "revolute", GROUND, "b", **x), "orign of Joint: origin"),
+        (lambda **x: elements.Link("a", **x), "mas of Link: mass"),
+        (lambda **x: elements.Spring("a", "b", "c", (0, 0, 0), (0, 0, 0), 1, **x),
+         "lenght of Spring: length"),
+        (lambda **x: elements.pin("a", "b", "c", **x), "at_othr of pin: at_other"),
+        (lambda **x: elements.rolling_disk("a", "b", "c", 1.0, **x),
+         "acros of rolling_disk: across"),
+    ],
+)  # fmt: skip
+def test_a_keyword_that_no_element_has_is_named_with_those_that_it_has(make: Any, message: str):
+    keyword, owner, near = message.replace(" of", "").replace(":", "").split(" ")
+    with pytest.raises(UnknownNameError) as caught:
+        make(**{keyword: 1.0})
+    said = f"unknown keyword of {owner} {keyword!r} (did you mean {near!r}?); known: name, "
+    assert str(caught.value).startswith(said)
+    assert near in caught.value.known

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from functools import wraps
+from inspect import signature
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 
 from eomcheck.deprecated import getattr_of, old_attributes, old_keywords
 from eomcheck.descriptions.vector_algebra import IDENTITY, Quaternion, rotation_matrix, z_to_axis
-from eomcheck.errors import InputError
+from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.numbers.generic import Array
 
 Triple = tuple[float, float, float]
@@ -29,7 +32,32 @@ COORDINATES = {
 }
 """Kind of joint -> suffixes of its coordinates' names, behind its own name."""
 
+F = TypeVar("F", bound=Callable[..., Any])
 
+
+def keywords_checked(function: F) -> F:
+    """Decorate a function, or a NamedTuple, so that an unknown keyword is an UnknownNameError."""
+    if isinstance(function, type):
+        kind: Any = function
+        kind.__new__ = _checking_keywords(kind.__new__, kind.__name__, kind._fields)
+        return cast(F, kind)
+    return _checking_keywords(function, function.__name__, tuple(signature(function).parameters))
+
+
+def _checking_keywords(function: F, owner: str, names: tuple[str, ...]) -> F:
+    """Return a function that takes keywords of these names only."""
+
+    @wraps(function)
+    def called(*arguments: Any, **options: Any) -> Any:
+        for name in options:
+            if name not in names:
+                raise UnknownNameError(f"keyword of {owner}", name, names)
+        return function(*arguments, **options)
+
+    return cast(F, called)
+
+
+@keywords_checked
 class Link(NamedTuple):
     """A rigid body, or a frame without inertia."""
 
@@ -62,6 +90,7 @@ class Link(NamedTuple):
 
 
 @old_keywords
+@keywords_checked
 class Joint(NamedTuple):
     """A joint: the relative motion of one link, the child, against another, the parent.
 
@@ -117,6 +146,7 @@ class Constraint(NamedTuple):
     """Factor by which its rows are multiplied; None for 1."""
 
 
+@keywords_checked
 class Spring(NamedTuple):
     """A spring between two points, with or without a damper."""
 
@@ -133,6 +163,7 @@ class Spring(NamedTuple):
     """Damping coefficient, N s/m."""
 
 
+@keywords_checked
 def pin(
     name: str, link: str, other: str, at: Triple = ORIGIN, at_other: Triple = ORIGIN
 ) -> Constraint:
@@ -148,6 +179,7 @@ def pin(
     return Constraint("pin", name, ((link, at), (other, at_other)))
 
 
+@keywords_checked
 def weld(
     name: str, link: str, other: str, at: Triple = ORIGIN, at_other: Triple = ORIGIN,
     turn: Quaternion = IDENTITY,
@@ -167,6 +199,7 @@ def weld(
     return Constraint("weld", name, ((link, at), (other, at_other)), axes)
 
 
+@keywords_checked
 def hinge(
     name: str, link: str, other: str, at: Triple = ORIGIN, at_other: Triple = ORIGIN,
     axis: Triple = (0.0, 0.0, 1.0), axis_of_other: Triple = (0.0, 0.0, 1.0),
@@ -189,6 +222,7 @@ def hinge(
     return Constraint("hinge", name, points, (*directions, (other, axis_of_other)))
 
 
+@keywords_checked
 def distance(
     name: str, link: str, other: str, length: float, at: Triple = ORIGIN, at_other: Triple = ORIGIN
 ) -> Constraint:
@@ -205,6 +239,7 @@ def distance(
     return Constraint("distance", name, ((link, at), (other, at_other)), numbers=length)
 
 
+@keywords_checked
 def on_plane(
     name: str, link: str, other: str, across: Triple, at: Triple = ORIGIN, at_other: Triple = ORIGIN
 ) -> Constraint:
@@ -221,6 +256,7 @@ def on_plane(
     return Constraint("on-plane", name, ((link, at), (other, at_other)), ((other, across),))
 
 
+@keywords_checked
 def on_quadric(
     name: str, link: str, other: str, bends: Triple, level: float, slopes: Triple = ORIGIN,
     at: Triple = ORIGIN, at_other: Triple = ORIGIN, turn: Quaternion = IDENTITY,
@@ -249,6 +285,7 @@ def on_quadric(
     return Constraint("on-quadric", name, points, axes, numbers=(*bends, *slopes, level))
 
 
+@keywords_checked
 def perpendicular(
     name: str, link: str, along: Triple, other: str, along_other: Triple
 ) -> Constraint:
@@ -264,6 +301,7 @@ def perpendicular(
     return Constraint("square", name, directions=((link, along), (other, along_other)))
 
 
+@keywords_checked
 def coupling(name: str, joint: str, other: str, ratio: float, shift: float = 0.0) -> Constraint:
     """Return a gear constraint: one joint's coordinate is ratio times another's, plus shift.
 
@@ -277,6 +315,7 @@ def coupling(name: str, joint: str, other: str, ratio: float, shift: float = 0.0
     return Constraint("coupling", name, joints=(joint, other), numbers=(ratio, shift))
 
 
+@keywords_checked
 def drive(
     name: str, joint: str, position: float = 0.0, rate: float = 0.0, acceleration: float = 0.0
 ) -> Constraint:
@@ -292,6 +331,7 @@ def drive(
     return Constraint("drive", name, joints=(joint,), numbers=(position, rate, acceleration))
 
 
+@keywords_checked
 def knife_edge(name: str, link: str, across: Triple, at: Triple = ORIGIN) -> Constraint:
     """Return a nonholonomic constraint: a point of a link has no velocity along a direction of it.
 
@@ -304,6 +344,7 @@ def knife_edge(name: str, link: str, across: Triple, at: Triple = ORIGIN) -> Con
     return Constraint("edge", name, ((link, at),), ((link, across),))
 
 
+@keywords_checked
 def on_line(
     name: str, link: str, other: str, along: Triple, at: Triple = ORIGIN, at_other: Triple = ORIGIN
 ) -> tuple[Constraint, Constraint]:
@@ -369,6 +410,7 @@ class Contact(NamedTuple):
         )
 
 
+@keywords_checked
 def rolling_ball(
     name: str, link: str, other: str, radius: float, at: Triple = ORIGIN,
     at_other: Triple = ORIGIN, across: Triple = (0.0, 0.0, 1.0),
@@ -393,6 +435,7 @@ def rolling_ball(
     return contact.rows(name, normal, x, y)
 
 
+@keywords_checked
 def rolling_disk(
     name: str, link: str, other: str, radius: float, at: Triple = ORIGIN,
     at_other: Triple = ORIGIN, axis: Triple = (0.0, 0.0, 1.0), across: Triple = (0.0, 0.0, 1.0),
@@ -408,6 +451,7 @@ def rolling_disk(
     return Contact((link, at), (other, at_other), radius, directions).rows(name, normal, x, y)
 
 
+@keywords_checked
 def rolling_circle(
     name: str, link: str, other: str, radius: float, along: Triple, at: Triple = ORIGIN,
     at_other: Triple = ORIGIN,
