@@ -181,9 +181,10 @@ def test_trees_of_the_package_are_well_formed() -> None:
         check_tree(scene.name, scene.tree(), scene.n)
 
 
-def test_gravity_of_a_tree_is_disproved() -> None:
+@pytest.mark.parametrize("key", ["sleigh", "chain-pendulum"])
+def test_gravity_of_a_tree_is_disproved(key: str) -> None:
     """A proof in the numbers of the scene finds gravity that the scene does not have."""
-    kind: Any = SCENES["sleigh"]
+    kind: Any = SCENES[key]
 
     class Changed(kind):
         def tree(self, parameters: Any = None) -> Tree:

@@ -49,7 +49,7 @@ from eomcheck.numbers.ball import ball, precision
 from eomcheck.numbers.batch_arrays import as_float64
 from eomcheck.numbers.finite_field import FiniteField, random_prime
 from eomcheck.numbers.linear import solve
-from eomcheck.scenes import SCENES, ChainPendulum, Snake, from_urdf
+from eomcheck.scenes import SCENES, ChainPendulum, Sleigh, Snake, from_urdf
 from eomcheck.strategies import draw_samples
 
 ON_CONSISTENT_STATES = [key for key, f in FORMULATIONS.items() if f.uses != "terms"]
@@ -510,3 +510,23 @@ def test_functions_that_are_not_rational_are_differentiated_as_well():
         expected, error = difference(vdot)
         rounding = acceleration(scene, "au", q, v).error_bound / STEP
         assert np.abs(getattr(found, part) @ unit - expected).max() <= error.max() + 8 * rounding
+
+
+class Weighed(Sleigh):
+    """A sleigh whose mass matrix is float64 at every state: it does not depend on any."""
+
+    @staticmethod
+    def terms(parameters, angle, q, v):
+        """Return the terms with the mass matrix of a body about its centre."""
+        M = np.diag([2.0, 2.0, 0.5])
+        return Sleigh.terms(parameters, angle, q, v)._replace(M=M)
+
+
+def test_constant_terms_may_be_float64():
+    scene, q, v = Weighed(), np.array([0.1, 0.2, 0.3]), np.array([0.4, 0.1, -0.7])
+    found = derivatives(scene, "au", q, v)
+    at = Evaluation(scene, q, v)
+    M, _, _, a, *_ = at.terms
+    projected = np.linalg.inv(M)
+    projected = projected - projected @ a.T @ np.linalg.solve(a @ projected @ a.T, a @ projected)
+    assert np.abs(found.tau - projected).max() <= found.error_bounds["tau"]

@@ -420,7 +420,7 @@ def test_a_scene_is_made_once_for_states_that_follow_each_other(monkeypatch):
     monkeypatch.setattr(
         validation_runs, "make_scene_engines", lambda scene, selection: made.append(scene) or scene
     )
-    monkeypatch.setattr(validation_runs, "evaluate_state", lambda *of: of)
+    monkeypatch.setattr(validation_runs, "evaluate_state", lambda *of, number: (*of, number))
     monkeypatch.setattr(validation_runs, "repeats_at", lambda number: 10 * number)
     validation_runs._asked.cache_clear()
     try:
@@ -428,7 +428,8 @@ def test_a_scene_is_made_once_for_states_that_follow_each_other(monkeypatch):
         for number, scene in enumerate(scenes):
             item = validation_runs._Item(number, scene, f"state {number}", "")  # type: ignore[arg-type]
             look: Any = validation_runs._evaluate(item, "selection")  # type: ignore[arg-type]
-            assert look == (pickle.loads(scene), f"state {number}", "selection", 10 * number)
+            expected = pickle.loads(scene), f"state {number}", "selection", 10 * number, number
+            assert look == expected
     finally:
         validation_runs._asked.cache_clear()
     assert made == ["a", "b", "a"]

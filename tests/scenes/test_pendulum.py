@@ -90,7 +90,8 @@ def test_speeds_may_share_single_numbers_which_are_not_rational_if_they_are_floa
     found = eomcheck.check_state(kind(), Q, V, consistent=False)
     assert {x.verdict for x in found} == {"passed", "skipped"}
     unseen = {x.claim for x in found if x.verdict == "skipped"}
-    assert unseen <= {"speeds-remainder", "machine-code", "enclosures", "true-error"}
+    exact = {"speeds-remainder", "machine-code", "enclosures", "true-error"}
+    assert unseen <= exact | {"derivatives"}
     assert "null-space-speeds" in {x.claim for x in found if x.verdict == "passed"}
 
 

@@ -66,7 +66,7 @@ from eomcheck.mechanics.sketch import (
     Trail,
     fixed_axes,
 )
-from eomcheck.numbers.generic import FLOAT64, Arithmetic, Array, generic
+from eomcheck.numbers.generic import FLOAT64, Arithmetic, Array, generic, map_entries
 from eomcheck.numbers.linear import least_squares
 
 # ---- Parameters ----------------------------------------------------------------------------------
@@ -187,8 +187,8 @@ def none_as_zero(entries: Any) -> Array:
 
 
 def _zero_where_absent(entries: Any) -> Array:
-    objects = np.asarray(entries, object)
-    return np.where(objects == None, 0, objects)  # noqa: E711
+    # By identity: a comparison of variables would be a branch on a value.
+    return map_entries(lambda x: 0 if x is None else x, np.asarray(entries, object))
 
 
 def _moments(moment: Any) -> Array:
@@ -210,7 +210,7 @@ def tree_by(plan: TopologyPlan, numbers: Any) -> Tree:
         coordinates[k, slot.coordinate] = slot.sense
         if slot.absolute:  # relative coordinate: the absolute one less all earlier rotations
             for before in plan.path_to(slot.parent):
-                coordinates[k] -= coordinates[before] if not slots[before].slides else 0.0
+                coordinates[k] -= coordinates[before] if not slots[before].slides else 0
         if slot.mimics is not None:
             coordinates[k] *= numbers.ratio[slot.mimics]
             shift[k] = slot.sense * numbers.shift[slot.mimics]

@@ -79,6 +79,17 @@ class Direction(NamedTuple):
     tau: Any
 
 
+class _DualQuantities(Quantities):
+    """Quantities in dual numbers; arrays that are constant may be float64 in a user's scene."""
+
+    def finished(self, record: Any) -> Any:
+        return map_record(_dual_array, record)
+
+
+def _dual_array(x: Any) -> Any:
+    return np.asarray(x, object) if isinstance(x, np.ndarray) and x.ndim else x
+
+
 def quantities_along(
     scene: Any, parameters: Any, q: Array, v: Array, tau: Array, *along: Any
 ) -> Quantities:
@@ -94,7 +105,7 @@ def quantities_along(
     """
     prepared, prepared_rates, *rates = along
     q, v, tau = map(duals, (q, v, tau), rates)
-    at = Quantities(scene, FLOAT64, q)  # which computes nothing: all numbers are there
+    at = _DualQuantities(scene, FLOAT64, q)  # which computes nothing: all numbers are there
     at.parameters, at.prepared = as_objects(parameters), map_record(duals, prepared, prepared_rates)
     at.v, at.tau = v, tau
     return at

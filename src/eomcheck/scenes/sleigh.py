@@ -139,11 +139,12 @@ class Sleigh(Parametric, functions=globals()):
 
     def tree(self, parameters: Any = None) -> Tree:
         """Return the joints PX, PY and RZ with the body."""
-        parameters = self.float64_parameters if parameters is None else parameters
-        kind = parameters.mass.dtype
+        # Not by `parameters`: engines that read the tree check these.
+        own = self if parameters is None else parameters
+        kind = own.mass.dtype
         center, mass, inertia = np.zeros((3, 3), kind), np.zeros(3, kind), np.zeros(3, kind)
-        center[2, 0], mass[2] = parameters.offset[0], parameters.mass[0]
-        inertia[2] = parameters.inertia[0]
+        center[2, :1], mass[2:] = own.offset, own.mass
+        inertia[2:] = own.inertia
         joints, none = ("px", "py", "rz"), np.zeros((3, 3))
         return planar_tree((-1, 0, 1), joints, none, mass, center, inertia, np.eye(3), ("sleigh",))
 

@@ -708,8 +708,9 @@ class Snake(OfLinks, functions=globals()):
 
     def tree(self, parameters: Any = None) -> Tree:
         """Return the joints PX, PY and RZ for link 1, then RZ for the others: relative angles."""
-        parameters = self.float64_parameters if parameters is None else parameters
-        mass, length, inertia = parameters.mass, parameters.length, parameters.inertia
+        # Not by `parameters`: engines that read the tree check these.
+        own = self if parameters is None else parameters
+        mass, length, inertia = own.mass, own.length, own.inertia
         n, none = self.n, np.zeros(2, mass.dtype)
         offset, center = np.zeros((2, n, 3), mass.dtype)
         offset[3:, 0], center[2:, 0] = length[:-1], length / 2
