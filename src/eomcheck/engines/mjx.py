@@ -78,7 +78,7 @@ def _functions() -> dict[str, Callable[..., Any]]:
     return {name: jax.jit(function) for name, function in compiled.items()}
 
 
-class MjxEngine(TreeEngine):
+class MjxTree(TreeEngine):
     """Tree of rigid bodies as an MJX model, in float32."""
 
     key = "mjx"
@@ -251,14 +251,14 @@ class MjxEngine(TreeEngine):
         return by_q, by_v, by_tau
 
 
-class Mjx64Engine(MjxEngine):
+class Mjx64Tree(MjxTree):
     """The same in float64, which JAX computes in if it is told to."""
 
     key = "mjx64"
     unit_roundoff = 2.0**-53
 
 
-class MjxFile(FileEngine, MjxEngine):
+class MjxFile(FileEngine, MjxTree):
     """URDF that MuJoCo reads, in MJX in float32."""
 
     key = "mjx_file"
