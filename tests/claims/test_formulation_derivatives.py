@@ -101,3 +101,13 @@ def test_it_runs_in_every_kth_state_of_a_run_unless_it_is_named():
         found = [one for one in run.findings if one.claim == "derivatives"]
         states[claims is None] = Counter(one.subject for one in found)[f"{SYMBOLS['q']}, au ~ im"]
     assert states == {True: 3, False: EVERY + 2}
+
+
+def test_claims_about_engines_run_in_every_state_if_engines_are_named():
+    scene, asked = ChainPendulum.example(), CLAIMS["engine-gravity"]
+    rates = CLAIMS["center-of-mass-rates"]
+    usual = RunSelection.of(["im"], None, None, scenes=[scene])
+    named = RunSelection.of(["im"], ["pinocchio"], None, scenes=[scene])
+    assert [usual.leaves_out(asked, i) for i in range(9)] == [i % asked.every > 0 for i in range(9)]
+    assert not any(named.leaves_out(asked, i) for i in range(9))
+    assert asked.every == rates.every == 4 and named.leaves_out(rates, 1)

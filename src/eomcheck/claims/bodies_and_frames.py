@@ -25,7 +25,10 @@ from eomcheck.numbers.generic import Array, as_objects, map_entries, map_record
 TREE = "a tree of bodies (`Scene.tree`)"
 """Requirement of claims about conformance quantities."""
 
-tree_claim = partial(claim, needs=TREE, batchable=False)
+EVERY = 4
+"""Only each such state of a run is checked: these claims are proved for all states."""
+
+tree_claim = partial(claim, needs=TREE, batchable=False, every=EVERY)
 """Decorator of a claim about the tree of bodies."""
 
 

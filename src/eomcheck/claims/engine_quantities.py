@@ -419,6 +419,10 @@ def _check(one: Quantity, case: Case) -> Iterator[Finding]:
             yield from _compare(rounded_case, engine, MASS_MATRIX_RATE, "")
 
 
+EVERY = 4
+"""Only each such state of a run is checked, unless engines are named."""
+
+
 def _register(one: Quantity) -> str:
     """Register the claim about a quantity, and return its id."""
     id = "engine-" + one.name.replace("_", "-")
@@ -426,7 +430,7 @@ def _register(one: Quantity) -> str:
     needs = [TREE] if one.needs_tree else []
     needs += ["constraints"] if "r" in one.shape else []
 
-    @case_claim(*about, asks=one.name, needs=", and ".join(needs))
+    @case_claim(*about, asks=one.name, needs=", and ".join(needs), every=EVERY)
     def check(case: Case) -> Iterator[Finding]:
         return _check(one, case)
 

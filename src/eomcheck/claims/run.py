@@ -116,6 +116,15 @@ class RunSelection:
         claims_named = claims is not None and CLAIMS.by_name(ids)
         return cls(all_formulations, chosen, ids, reader, named_ones, claims_named)
 
+    def leaves_out(self, claim: Claim, number: int) -> bool:
+        """Return whether a claim is left out in the state of this number (`Claim.every`).
+
+        It is in no state if it is named, or is about engines and these are.
+        """
+        if self.claims_named or (claim.asks and self.engines_named):
+            return False
+        return number % claim.every > 0
+
 
 class SceneEngines(NamedTuple):
     """A scene with its engines constructed, and the errors of those that could not be."""
@@ -320,7 +329,7 @@ def evaluate_state(
         return StateResult([broken], seconds, ())
     findings: list[Finding] = []
     for claim in selection.claims if case.finite else ("finite-terms",):
-        if number % CLAIMS[claim].every and not selection.claims_named:
+        if selection.leaves_out(CLAIMS[claim], number):
             continue
         start = time.perf_counter()
         findings += evaluate_claim(scene_engines, case, CLAIMS[claim])

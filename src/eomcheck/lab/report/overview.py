@@ -228,9 +228,14 @@ def worst_table(claims: Iterable[ClaimSummary]) -> ResultTable:
 
 def _sampled_note(claims: Sequence[ClaimSummary]) -> str:
     """Return the sentence about claims that are checked in some states of a run only, or ""."""
-    sampled = [x.claim for x in claims if x.claim.every > 1]
-    states = [f"{one.id}: in one state of {one.every} unless --claim names it." for one in sampled]
-    return "".join(f" {text}" for text in states)
+    ids: dict[int, list[str]] = {}
+    for one in (x.claim for x in claims):
+        ids.setdefault(one.every, []).append(one.id)
+    ids.pop(1, None)
+    return "".join(
+        f" In one state of {every}, unless --claim or --engine names them: {', '.join(among)}."
+        for every, among in sorted(ids.items())
+    )
 
 
 def state_label(row: StoredFinding) -> str:
