@@ -250,6 +250,28 @@ def test_zeros_fail_at_any_speed_for_a_quantity_of_positions(name: str):
             assert [x.verdict for x in found] == [verdict], (speed, found)
 
 
+@pytest.mark.parametrize("scene", ["bicycle", "chain-pendulum", "snake", "four-bar-chain"])
+def test_derivatives_by_forces_have_a_bound_of_their_own(scene: str):
+    def rounded(factor: float) -> Any:
+        def derivatives(self: Any, *asked: Any) -> Any:
+            parts = PinocchioEngine.forward_dynamics_derivatives(self, *asked)
+            by_q, by_v, by_tau = (np.float32(part).astype(np.float64) for part in parts)
+            return by_q, by_v, factor * by_tau
+
+        return derivatives
+
+    name, own = "forward_dynamics_derivatives", ordinary(SCENES[scene], 1)[0]
+    for seed in range(1, 7):
+        state = random_state(own, np.random.default_rng(seed))
+        for factor, verdict in ((1.0, "passed"), (0.0, "failed"), (-1.0, "failed")):
+            kind = under_test(unit_roundoff=2.0**-24, **{name: rounded(factor)})
+            asked = own, *state[:2]
+            claims = ["engine-forward-dynamics-derivatives"]
+            (only,) = check_state(*asked, engines=[kind], claims=claims, consistent=False)
+            assert only.verdict == verdict, (seed, factor, only)
+            assert factor == 1.0 or "by force on" in only.detail
+
+
 def test_a_bound_as_large_as_the_value_shows_nothing():
     state = random_state(BICYCLE, np.random.default_rng(1))
     q = state.q + np.r_[1e15, np.zeros(BICYCLE.n - 1)]

@@ -243,11 +243,43 @@ def _compare(
     names = one.axis_names(point)[: ours.ndim]
     how: dict[str, Any] = {"names": names, "scale": size, "own": sizes}
     finding = compare_with_engine(*compared, **how, context=partial(_context, one, frame, point))
+    if finding.verdict == "passed" and one.name == "forward_dynamics_derivatives":
+        block = _compare_inverse(compared, point)
+        finding = block if block.verdict == "failed" else finding
     # A bound as large as a value that is more than rounding: zeros would pass as well.
     noise = allowed_error(own_sensitivity, at.unit_roundoff)
     if finding.verdict == "passed" and noise < largest(ours) <= finding.allowed:
         finding = replace(finding, verdict="inconclusive")
     yield finding
+
+
+def _compare_inverse(compared: tuple[Any, ...], point: ConformancePoint) -> Finding:
+    """Return the Finding of ∂v̇/∂τ alone, the last block of derivatives of forward dynamics.
+
+    It is M⁻¹, and bounded as that is: derivatives by q and v may be larger by any factor, and then
+    a bound for all blocks shows nothing of this one.
+
+    Args:
+        compared: the arguments of `compare_with_engine` for all blocks.
+        point: the point.
+    """
+    case, engine, subject, ours, theirs, size, again = compared
+    one, at, n = QUANTITIES["inverse_mass_matrix"], case.at, len(ours)
+    own = partial(_value, one, "", point.vdot, None)
+    size = min(size, _own_value(at, one, "", own, point).sensitivity)
+    names = one.axis_names(point)
+    return compare_with_engine(
+        case,
+        engine,
+        subject,
+        ours[:, -n:],
+        theirs[:, -n:],
+        size,
+        lambda answers: again(answers)[:, -n:],
+        names=(names[0], tuple(f"by force on {name}" for name in names[1])),
+        scale=size,
+        own=partial(entry_sensitivity_of, at, own),
+    )
 
 
 ROWS: dict[str, RowKind] = {
