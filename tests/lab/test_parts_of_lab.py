@@ -590,3 +590,12 @@ def test_documents_of_rows_have_null_for_what_is_not_finite(monkeypatch):
             {"name": "c", "x": 2.5},
         ]
     }
+
+
+def test_a_library_that_was_decided_once_stays_so_whatever_follows():
+    result, found = LibraryResult("one"), []
+    for verdict in ("skipped", "inconclusive", "passed", "inconclusive", "skipped"):
+        about = "mass-matrix", "one", Snake.example(), None, 0.0, 1.0
+        result.add(Finding(*about, verdict, "property-tested"))
+        found.append(result.decided)
+    assert found == [None, False, True, True, True]

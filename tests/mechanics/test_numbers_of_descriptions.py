@@ -41,6 +41,7 @@ from eomcheck.descriptions.vector_algebra import (
 from eomcheck.errors import InputError
 from eomcheck.mechanics.records import ANY_ANGLE, ANYWHERE, planar_tree
 from eomcheck.mechanics.scene import GeneratorChoices
+from eomcheck.mechanics.sketch import JointMark
 from eomcheck.scenes import ChainPendulum
 
 # ---- Words ---------------------------------------------------------------------------------------
@@ -365,6 +366,14 @@ def test_a_picture_in_the_plane_has_these_parts():
         "Arrow: name g, at [-0.2, 0.0], along [0.0, -0.2]",
     ]
     assert sketch[1:] == (-1.0, 0.4, 1)
+
+
+def test_every_joint_on_the_ground_is_drawn_on_it_and_no_other():
+    joints = [turning("left", "ground", "a"), turning("elbow", "a", "b"),
+              turning("right", "ground", "c")]  # fmt: skip
+    made = mechanism("Three", [GROUND, *map(rod, "abc")], joints)
+    marks = [x for x in made().sketch(np.zeros(3)).parts if isinstance(x, JointMark)]
+    assert {x.name: x.ground for x in marks} == {"left": True, "elbow": False, "right": True}
 
 
 def test_a_picture_in_space_has_these_parts():

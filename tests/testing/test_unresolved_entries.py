@@ -152,6 +152,14 @@ def test_a_fault_in_a_branch_for_small_angles_fails_in_the_state_where_it_is(
         assert (jump in details["bias-of-mass-matrix"]) == (near <= 1e-3)
 
 
+@pytest.mark.parametrize("away", [2.0**-22, 2.0**-20, 2.0**-14])
+def test_a_jump_beyond_the_short_line_is_no_noise(away: float):
+    def f(x: Any) -> Any:
+        return np.sin(x) + (x > 0.4 + away)
+
+    assert 0 < noise(f, np.array([0.4]), np.ones(1))[0] < 1e-15
+
+
 @pytest.mark.parametrize("near", [0.0, 1e-9, 1e-8, 3e-8, 1e-7])
 def test_a_value_that_stands_alone_is_no_noise_beside_other_states_and_references(near: float):
     def M(q: Any) -> Any:
