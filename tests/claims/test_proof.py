@@ -203,7 +203,7 @@ def primes(findings: list[Finding]) -> set[int]:
 
 
 def test_the_same_seed_gives_the_same_primes_and_another_one_others():
-    first, again, other = (prove(Snake, 2, points=2, seed=seed) for seed in (5, 5, 6))
+    first, again, other = (prove(Snake, 2, points=2, seed=seed) for seed in (0, 0, 6))
     assert [f.proof for f in first] == [f.proof for f in again]
     assert not primes(first) & primes(other)
 
