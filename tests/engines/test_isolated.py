@@ -171,6 +171,7 @@ def test_versions_are_compared_by_their_numbers():
 # ---- Faults --------------------------------------------------------------------------------------
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("name", "text"),
     [

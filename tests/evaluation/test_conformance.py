@@ -141,7 +141,8 @@ def evaluation(name: str) -> Evaluation:
     return Evaluation(scene, *state)
 
 
-subjects = pytest.mark.parametrize("name", [*WITH_TREE, *OTHERS, *RANDOM])
+LARGE_RANDOM = [pytest.param(x, marks=pytest.mark.night) for x in RANDOM[16:]]
+subjects = pytest.mark.parametrize("name", [*WITH_TREE, *OTHERS, *RANDOM[:16], *LARGE_RANDOM])
 few_subjects = pytest.mark.parametrize(
     "name", [x for x in (*WITH_TREE, *OTHERS) if x not in LARGE] + RANDOM[:10]
 )

@@ -277,7 +277,7 @@ def _shifted(
 class Mjx32(MjxTree):
     """MuJoCo's model of a scene in MJX, where it is installed."""
 
-    installed = find_spec("mujoco.mjx") is not None
+    installed = bool(find_spec("mujoco")) and find_spec("mujoco.mjx") is not None
 
     @classmethod
     def represents(cls, scene: Scene) -> bool:
