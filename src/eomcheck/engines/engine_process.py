@@ -14,14 +14,20 @@ import signal
 import sys
 import threading
 import traceback
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from eomcheck import calls
-from eomcheck.engines.pipe_protocol import ProtocolError, decoded, encoded
+from eomcheck.engines.pipe_protocol import (
+    ProtocolError,
+    decoded,
+    encoded,
+    read_bytes,
+    write_bytes,
+)
 from eomcheck.errors import EomcheckError, raised
 
 DEATH_OF_PARENT = 1
@@ -41,7 +47,7 @@ def serve(requests: int, answers: int, lifeline: int, from_main_thread: bool) ->
     engines = _Engines()
     while True:
         try:
-            request = decoded(lambda size: _read(requests, size))
+            request = decoded(partial(read_bytes, requests))
         except EOFError:
             return
         try:
@@ -52,7 +58,7 @@ def serve(requests: int, answers: int, lifeline: int, from_main_thread: bool) ->
             reply = encoded(("ended", error.name, error.what))
         except Exception as error:
             reply = encoded(("error", *_described(error)))
-        _write(answers, reply)
+        write_bytes(answers, reply)
 
 
 class _Engines:
@@ -75,9 +81,6 @@ class _Engines:
         engine = object.__new__(_class_of(home, name))
         calls.call(f"{name}(scene)", engine.set_up, inputs, slow=True)
         self.engines[number] = engine
-
-    def _drop(self, number: int) -> None:
-        self.engines.pop(number, None)
 
     def _get(self, number: int, name: str) -> Any:
         return getattr(self.engines[number], name)
@@ -109,24 +112,6 @@ def _described(error: Exception) -> tuple[str, str]:
         return type(error).__name__, str(error)
     lines = traceback.extract_tb(error.__traceback__)
     return type(error).__name__, raised(error, lines[-1] if lines else None)
-
-
-def _read(pipe: int, size: int) -> bytes:
-    """Return as many bytes of a pipe; EOFError where it is closed."""
-    parts = []
-    while size:
-        part = os.read(pipe, size)
-        if not part:
-            raise EOFError
-        parts.append(part)
-        size -= len(part)
-    return b"".join(parts)
-
-
-def _write(pipe: int, message: bytes) -> None:
-    rest = memoryview(message)
-    while rest:
-        rest = rest[os.write(pipe, rest) :]
 
 
 def _end_with_parent(lifeline: int, from_main_thread: bool) -> None:

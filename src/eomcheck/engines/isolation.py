@@ -38,7 +38,13 @@ from eomcheck import calls
 from eomcheck.calls import FIRST
 from eomcheck.engines.engine import Engine
 from eomcheck.engines.environments import python_with
-from eomcheck.engines.pipe_protocol import ProtocolError, decoded, encoded
+from eomcheck.engines.pipe_protocol import (
+    ProtocolError,
+    decoded,
+    encoded,
+    read_bytes,
+    write_bytes,
+)
 from eomcheck.engines.tree_engine import FILE, TreeEngine
 from eomcheck.errors import CallError, EngineError, InputError
 from eomcheck.mechanics.scene import Scene
@@ -207,23 +213,9 @@ class EngineProcess:
     def _exchange(self, request: bytes, until: float) -> Any:
         """Send a request, and return the reply that comes before the time `until`."""
         os.set_blocking(self._requests, False)
-        rest = memoryview(request)
-        while rest:
-            self._wait([], [self._requests], until)
-            rest = rest[os.write(self._requests, rest) :]
-
-        def read(size: int) -> bytes:
-            parts = []
-            while size:
-                self._wait([self._answers], [], until)
-                part = os.read(self._answers, size)
-                if not part:
-                    raise EOFError
-                parts.append(part)
-                size -= len(part)
-            return b"".join(parts)
-
-        return decoded(read)
+        write_bytes(self._requests, request, lambda: self._wait([], [self._requests], until))
+        answered = partial(self._wait, [self._answers], [], until)
+        return decoded(lambda size: read_bytes(self._answers, size, answered))
 
     @staticmethod
     def _wait(readable: list[int], writable: list[int], until: float) -> None:

@@ -15,6 +15,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from eomcheck.descriptions.mjcf_reader import BALL_JOINT, FREE_JOINT
 from eomcheck.engines.engine import VelocityMap
 from eomcheck.engines.file_engine import BaseVelocity, FileEngine, RobotDescription
 from eomcheck.engines.mujoco import MjcfFile, MujocoEngine, MujocoFile
@@ -22,9 +23,6 @@ from eomcheck.engines.tree_engine import TreeEngine, TreeInputs, TreeLink
 from eomcheck.errors import required
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
-
-FREE_JOINT, BALL_JOINT = 0, 1
-"""Kinds of joints of MuJoCo with a quaternion."""
 
 
 @cache
@@ -92,14 +90,6 @@ class MjxTree(TreeEngine):
     def distribution(cls) -> str:
         """Return "mujoco-mjx", the name of its wheels."""
         return "mujoco-mjx"
-
-    @classmethod
-    def version(cls) -> str:
-        """Return name and version of the library."""
-        from importlib import metadata
-
-        cls._library()
-        return f"mjx {metadata.version(cls.distribution())}"
 
     @classmethod
     def holds(cls, links: list[TreeLink]) -> bool:
@@ -192,15 +182,12 @@ class MjxTree(TreeEngine):
     def _frame(self, f: str, q: Array) -> tuple[int, Array, Array]:
         """Return the body of a link, the orientation and the position of its frame."""
         builder = self._builder
-        frame = builder._frame(f, *self._builder_state(q))
+        frame = builder._frame(f, q, np.zeros(self._n))
         positions, axes, sites, site_axes = self._state(q, np.zeros(self._n))["poses"]
         if frame.kind == builder._mj.mjtObj.mjOBJ_SITE:
             positions, axes = sites, site_axes
         R = axes[frame.number].reshape(3, 3)
         return frame.body, R, positions[frame.number] + R @ builder._origin(frame.body)
-
-    def _builder_state(self, q: Array) -> tuple[Array, Array]:
-        return np.asarray(q, np.float64), np.zeros(self._n)
 
     def frame_placement(self, f: str, q: Array, t: float = 0.0) -> tuple[Array, Array]:
         """Return (R, p) of `xmat` and `xpos`, or those of a site."""

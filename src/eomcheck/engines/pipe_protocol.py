@@ -9,6 +9,7 @@ from __future__ import annotations
 import importlib
 import json
 import math
+import os
 import struct
 from collections.abc import Callable
 from typing import Any
@@ -62,6 +63,33 @@ def decoded(read: Callable[[int], bytes]) -> Any:
         return _value(plain, arrays)
     except (ValueError, TypeError, LookupError, AttributeError, ImportError) as error:
         raise ProtocolError(f"no message: {error}") from None
+
+
+def read_bytes(pipe: int, size: int, wait: Callable[[], None] = lambda: None) -> bytes:
+    """Return as many bytes of a pipe; EOFError where it is closed.
+
+    Args:
+        pipe: file descriptor.
+        size: number of bytes.
+        wait: called before each part is read.
+    """
+    parts = []
+    while size:
+        wait()
+        part = os.read(pipe, size)
+        if not part:
+            raise EOFError
+        parts.append(part)
+        size -= len(part)
+    return b"".join(parts)
+
+
+def write_bytes(pipe: int, message: bytes, wait: Callable[[], None] = lambda: None) -> None:
+    """Write a message to a pipe; `wait` is called before each part."""
+    rest = memoryview(message)
+    while rest:
+        wait()
+        rest = rest[os.write(pipe, rest) :]
 
 
 def _plain(value: Any, arrays: list[np.ndarray]) -> Any:

@@ -271,7 +271,8 @@ class TreeEngine(Engine):
     def version(cls) -> str:
         """Return name and version of the library."""
         name = (cls.extra or cls.key).removesuffix(FILE)
-        return f"{name} {getattr(cls._library(), '__version__', None) or metadata.version(name)}"
+        version = getattr(cls._library(), "__version__", None)
+        return f"{name} {version or metadata.version(cls.distribution())}"
 
     @classmethod
     def represents(cls, scene: Scene) -> bool:

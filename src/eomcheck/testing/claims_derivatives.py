@@ -15,6 +15,7 @@ import numpy as np
 
 from eomcheck.claims.confusions import ConfusionContext
 from eomcheck.claims.registry import BlindSpot, Comparison, Decision, Skipped, function_claim
+from eomcheck.descriptions.tree_quantities import BY_COLUMNS
 from eomcheck.evaluation.tolerance import C
 from eomcheck.numbers.generic import Array
 from eomcheck.testing.claims_answers import parameter_names
@@ -204,8 +205,6 @@ def inverse_dynamics_acceleration(at: FunctionState) -> Iterator[Comparison]:
 
 WITHOUT_WEIGHT = "without the derivative of gravity"
 WITHOUT_INERTIA = "without the derivative of M v̇"
-
-TELLS_TAU = ("inverse_dynamics", "bias & gravity & M", "against")
 
 
 @function_claim(
@@ -644,9 +643,6 @@ def inverse_mass_matrix(at: FunctionState) -> Iterator[Comparison]:
 
 # ---- Regressor -----------------------------------------------------------------------------------
 
-OTHER_ORDER = 0, 1, 2, 3, 4, 5, 7, 6, 8, 9
-"""Parameters of a body whose moments of inertia are in the order xx xy yy xz yz zz."""
-
 DIAGONAL_FIRST = 0, 1, 2, 3, 4, 7, 9, 5, 6, 8
 """Parameters of a body whose moments of inertia are in the order xx yy zz xy xz yz."""
 
@@ -701,7 +697,7 @@ def _regressor_mistakes(
         return {}
     bodies, near = parameters.reshape(-1, 10), 1e-9 * max(float(np.abs(expected).max()), 1e-300)
     undone = {
-        "columns of the moments of inertia in the order xx xy yy xz yz zz": bodies[:, OTHER_ORDER],
+        "columns of the moments of inertia in the order xx xy yy xz yz zz": bodies[:, BY_COLUMNS],
         "columns of the moments of inertia in the order xx yy zz xy xz yz": (
             bodies[:, DIAGONAL_FIRST]
         ),
