@@ -219,7 +219,16 @@ MAX_FILE_ELEMENTS = 5000
 
 READ = frozenset({"link", "joint"})
 OF_ROBOT = frozenset(
-    {"material", "transmission", "gazebo", "sensor", "ros2_control", "mujoco", "deformable"}
+    {
+        "material",
+        "transmission",
+        "gazebo",
+        "sensor",
+        "ros2_control",
+        "mujoco",
+        "deformable",
+        "frame",
+    }
 )
 OF_LINK = frozenset(
     {"visual", "collision", "contact", "self_collision_checking", "collision_checking",
@@ -296,6 +305,7 @@ _PLURAL = {
     "collision": "shapes to collide",
     "contact": "contacts",
     "gazebo": "settings of Gazebo",
+    "frame": "frames",
     "sensor": "sensors",
     "safety_controller": "safety controllers",
     "calibration": "calibrations",

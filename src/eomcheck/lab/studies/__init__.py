@@ -28,6 +28,7 @@ STUDIES: dict[str, str] = {
     "conformance": "Compare each quantity of each library, on robots and scenes, and count its "
     "true digits.",
     "robots": "Check and prove robot descriptions, and compare how libraries read them.",
+    "robot-files": "Count the robot files of packages that are read, and why others are refused.",
     "agreement": "Compare the formulations on random snakes, beside a fault.",
     "rhs": "Time one right-hand side of each formulation, over the number of links where there is "
     "one.",

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import time
+import tomllib
 from collections.abc import Collection, Iterator, Sequence
 from importlib import metadata
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 from eomcheck.claims.proof import prove_structure
 from eomcheck.claims.run import validate
@@ -21,27 +22,24 @@ from eomcheck.lab.store.record_file import Record, Settings, rows_in
 from eomcheck.lab.study import Study, failed, unfinished
 from eomcheck.scene_lookup import robot_named
 
+ROBOTS_FILE = Path(__file__).with_name("robots.toml")
+"""The list of robots; `python -m tests.choose_robots` adds to it."""
+
+
+class RobotFile(NamedTuple):
+    """Robot description in a package."""
+
+    package: str
+    """Package on PyPI that contains it."""
+    file: str
+    """End of its path in the package."""
+
+
 ROBOTS = {
-    "ur5": ("example-robot-data", "ur_description/urdf/ur5_robot.urdf"),
-    "ur5-gripper": ("example-robot-data", "ur_description/urdf/ur5_gripper.urdf"),
-    "iiwa": ("pybullet", "pybullet_data/kuka_iiwa/model.urdf"),
-    "panda": ("example-robot-data", "panda_description/urdf/panda.urdf"),
-    "z1": ("example-robot-data", "z1_description/urdf/z1.urdf"),
-    "xarm7": ("example-robot-data", "xarm_description/urdf/xarm7.urdf"),
-    "kinova": ("example-robot-data", "kinova_description/robots/kinova.urdf"),
-    "allegro-hand": ("example-robot-data", "allegro_hand_description/urdf/allegro_right_hand.urdf"),
-    "solo12": ("example-robot-data", "solo_description/robots/solo12.urdf"),
-    "anymal": ("example-robot-data", "anymal_b_simple_description/robots/anymal.urdf"),
-    "icub": ("example-robot-data", "icub_description/robots/icub_reduced.urdf"),
-    "talos": ("example-robot-data", "talos_data/robots/talos_reduced.urdf"),
-    "g1": ("example-robot-data", "g1_description/urdf/g1_29dof_rev_1_0.urdf"),
-    "half-cheetah": ("gymnasium", "mujoco/assets/half_cheetah.xml"),
-    "ant": ("gymnasium", "mujoco/assets/ant.xml"),
-    "humanoid": ("gymnasium", "mujoco/assets/humanoid.xml"),
-    "fish": ("dm_control", "dm_control/suite/fish.xml"),
-    "jaco": ("dm_control", "third_party/kinova/jaco_arm.xml"),
+    name: RobotFile(**entry)
+    for name, entry in tomllib.loads(ROBOTS_FILE.read_text(encoding="utf-8")).items()
 }
-"""Name -> package on PyPI that contains its description, and the end of the path in it."""
+"""Name -> the description of this robot."""
 
 WALKING = "solo12", "anymal"
 """Names of the robots that are also checked with a free base."""
