@@ -209,6 +209,7 @@ def test_the_source_stays_as_it_is():
     assert (PACKAGE / STALLED.file).read_bytes() == before
 
 
+@pytest.mark.night
 def test_a_campaign_goes_on_where_it_was_stopped(tmp_path: Path):
     path, said = tmp_path / "results.jsonl", []
     tell = said.append

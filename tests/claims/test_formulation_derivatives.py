@@ -46,6 +46,7 @@ def snake(kind: type[Snake] = Snake) -> Snake:
     return kind([1.0, 2.0], [1.0, 0.5], [0.1, 0.2], [3.0], [0.1, -0.2])
 
 
+@pytest.mark.sampled(3)
 @every_scene
 def test_all_formulations_have_the_same_derivatives_in_doubles_and_exactly(kind):
     scene = kind.example()

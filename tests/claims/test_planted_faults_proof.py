@@ -61,7 +61,7 @@ def first_failure(scene: Scene, formulations: dict) -> Finding | None:
     return min(failed, key=lambda finding: order.index(finding.claim), default=None)
 
 
-@pytest.mark.sampled(20)
+@pytest.mark.sampled(35)
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.id)
 def test_a_planted_fault_is_disproved_and_named(fault: Mutant):
     with with_fault(fault) as (kind, formulations):
@@ -89,7 +89,7 @@ def test_every_exception_is_about_a_fault_that_is_planted():
     assert OTHERWISE.keys() <= {fault.before for fault in FAULTS}
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("file", (*OWN, *SHARED))
 def test_the_source_as_it_is_shows_no_fault(file: str):
     source = (PACKAGE / file).read_text(encoding="utf-8")

@@ -76,6 +76,7 @@ def test_every_formulation_takes_part_and_every_pair_is_compared_once():
     assert by_claim["equivalence"][count:] == drawn
 
 
+@pytest.mark.night
 def test_an_instance_stands_for_its_structure_only():
     snake = Snake.paper()
     findings = prove(replace(snake, stiffness=None), points=1, seed=0)
@@ -202,6 +203,7 @@ def primes(findings: list[Finding]) -> set[int]:
     return {p for f in findings if f.proof is not None for p in f.proof.primes}
 
 
+@pytest.mark.night
 def test_the_same_seed_gives_the_same_primes_and_another_one_others():
     first, again, other = (prove(Snake, 2, points=2, seed=seed) for seed in (0, 0, 6))
     assert [f.proof for f in first] == [f.proof for f in again]

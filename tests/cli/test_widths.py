@@ -118,6 +118,7 @@ def test_what_fuzzing_prints_fits(width, monkeypatch, capsys):
     check_fits(capsys.readouterr().out, width)
 
 
+@pytest.mark.sampled(3)
 def test_what_compares_readers_of_a_file_fits(width, monkeypatch, capsys):
     robot = Path(__file__).parents[2] / "docs" / "guides" / "crane.urdf"
     monkeypatch.chdir(robot.parent)

@@ -250,6 +250,7 @@ def test_zeros_fail_at_any_speed_for_a_quantity_of_positions(name: str):
             assert [x.verdict for x in found] == [verdict], (speed, found)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("scene", ["bicycle", "chain-pendulum", "snake", "four-bar-chain"])
 def test_derivatives_by_forces_have_a_bound_of_their_own(scene: str):
     def rounded(factor: float) -> Any:

@@ -282,8 +282,8 @@ def test_balls_of_any_precision_contain_one_value(name: str):
             assert x.contains(y) or x.overlaps(y)
 
 
+@pytest.mark.sampled(7)
 @few_subjects
-@pytest.mark.sampled(3)
 def test_machine_code_computes_the_same_numbers(name: str):
     at = evaluation(name)
     point = ConformancePoint(at, acceleration_asked(at))

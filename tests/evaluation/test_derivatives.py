@@ -158,6 +158,7 @@ def test_enclosures_contain_the_derivatives_of_the_papers_robot(links, keys):
         assert_enclosed(derivatives(scene, key, q, v, loads(scene)), truth)
 
 
+@pytest.mark.sampled(3)
 @every_scene
 def test_all_formulations_agree_on_every_scene_within_their_bounds(kind):
     scene = kind.example()

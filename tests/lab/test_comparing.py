@@ -57,10 +57,10 @@ def installed(key: str) -> None:
         pytest.skip(str(error))
 
 
+@pytest.mark.sampled(11)
 @pytest.mark.parametrize("key", READERS)
 @pytest.mark.parametrize("more", ["", FINGERS])
 @pytest.mark.parametrize("floating", [False, True])
-@pytest.mark.sampled(5)
 def test_a_library_that_reads_the_file_agrees_to_rounding(key, more, floating, tmp_path: Path):
     installed(key)
     file = arm(tmp_path / "arm.urdf", more=more)
@@ -90,6 +90,7 @@ class Signed(PinocchioFile):
         return J
 
 
+@pytest.mark.night
 def test_a_quantity_that_no_reason_explains_differs_beside_what_one_does(
     monkeypatch, tmp_path, capsys
 ):
@@ -245,6 +246,7 @@ def compared(monkeypatch, kind: type[PinocchioFile], path: Path, **options) -> L
     return compare_libraries(from_urdf(arm(path, **options)), [kind.key], states=3)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("kind", "claim", "why"),
     [
@@ -316,6 +318,7 @@ def free(path: Path) -> Path:
     return path
 
 
+@pytest.mark.night
 @pytest.mark.parametrize(
     ("taken", "told"),
     [
@@ -324,7 +327,6 @@ def free(path: Path) -> Path:
         (BaseVelocity("base", "base", True), "linear velocity along the axes of the base, then"),
     ],
 )
-@pytest.mark.sampled(3)
 def test_a_base_whose_velocity_is_another_than_taken_is_named(monkeypatch, tmp_path, taken, told):
     class Taken(PinocchioFile):
         key = "taken_file"
@@ -795,6 +797,7 @@ def test_the_command_tells_and_its_exit_code_says_whether_all_agree(tmp_path, da
     assert [one["verdict"] for one in written["findings"]].count("failed") == code
 
 
+@pytest.mark.night
 def test_a_free_base_is_asked_for_behind_a_colon(tmp_path: Path):
     path, out = free(tmp_path / "arm.urdf"), tmp_path / "out.json"
     given = "compare", f"{path}:floating", "--engine", "pinocchio", "--examples", "2"

@@ -402,6 +402,7 @@ def test_rounds_go_through_all_structures_before_any_comes_again():
 # ---- What fails ----------------------------------------------------------------------------------
 
 
+@pytest.mark.night
 def test_a_wrong_scene_is_a_find_and_the_scene_is_to_blame():
     wrong = plan(kind=Wrong, claims=("power-balance", "equivalence"), families=(ORDINARY,))
     result = wrong.run(Round(0, STRATUM, {}))

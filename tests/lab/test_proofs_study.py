@@ -76,6 +76,7 @@ def test_a_claim_that_is_no_identity_is_refused(claims, message):
         proof_jobs("sleigh", None, 1, 5, None, claims)
 
 
+@pytest.mark.night
 def test_a_run_goes_on_where_another_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     path = tmp_path / "proofs.json"
     whole = Proofs(jobs())

@@ -180,7 +180,7 @@ RIGHT = {
 }
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     ("places", "wrong", "kind", "claim"),
     [

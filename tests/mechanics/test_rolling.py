@@ -109,6 +109,7 @@ def test_a_disk_in_words_has_exactly_the_terms_of_the_disk_by_hand():
     assert height == 0
 
 
+@pytest.mark.night
 def test_a_wheel_that_is_not_alike_all_round_is_disproved():
     disk, described = disks(1)
     # In a proof its inertia is arbitrary: only claims on the rotational symmetry then fail.

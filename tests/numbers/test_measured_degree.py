@@ -95,7 +95,7 @@ def test_every_formulation_and_every_identity_is_measured(scene: Scene):
     assert {key for claim, key in looked_at if claim == "power-balance"} == set(FORMULATIONS)
 
 
-@pytest.mark.sampled(8)
+@pytest.mark.night
 @scenes
 def test_the_bounds_of_single_terms_are_the_degrees_themselves(scene: Scene):
     """At N = 1 one turning link drops out of B and gamma, and leaves a zero that is no literal."""

@@ -58,6 +58,7 @@ class Forgetful(Snake):
     terms = staticmethod(undamped_terms)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("kind", [Reversed, Forgetful])
 @damped
 def test_a_damper_that_is_reversed_or_forgotten_is_disproved(kind: type[Snake], scene: Snake):

@@ -385,6 +385,7 @@ def test_engines_have_the_acceleration_of_a_scene_of_ones_own_or_say_that_they_c
     assert (found.multipliers is None) == (expected.multipliers is None)
 
 
+@pytest.mark.night
 @scenes
 def test_a_right_scene_of_ones_own_passes_every_claim(scene):
     findings = validate(scene, examples=10)

@@ -47,6 +47,7 @@ def test_positions_are_closed_by_the_holonomic_row(q):
     assert np.hypot(*assembled_position(kind(), q)) == pytest.approx(1.0, abs=1e-15)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("old", "new", "claim"),
     [

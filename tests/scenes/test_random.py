@@ -199,6 +199,7 @@ def mechanisms() -> list:
     return drawn("random-mechanisms")
 
 
+@pytest.mark.night
 def test_constraints_are_of_all_kinds_alone_and_with_others(mechanisms):
     each = [[one.kind for one in scene.source.description.constraints] for scene, _ in mechanisms]
     assert {kinds[0] for kinds in each} == set(KINDS)
@@ -260,6 +261,7 @@ def turned_by(description) -> dict[str, frozenset[str]]:
     return found
 
 
+@pytest.mark.night
 def test_no_kind_of_constraint_is_drawn_much_more_often_than_others(mechanisms):
     counts = Counter(scene.topology[CONSTRAINTS] for scene, _ in mechanisms)
     assert max(counts.values()) < 3 * ENOUGH / len(KINDS)
@@ -476,6 +478,7 @@ def test_a_draw_with_a_mimic_joint_shrinks_to_two_links():
 # ---- Python and pickle ---------------------------------------------------------------------------
 
 
+@pytest.mark.night
 def test_a_drawn_scene_is_made_again_by_its_python_and_by_pickle(mechanisms):
     for scene, state in mechanisms[:20]:
         code = reproducer_code(scene, state).partition("for finding")[0]

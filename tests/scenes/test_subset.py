@@ -33,6 +33,7 @@ def test_rows_that_are_left_are_those_of_the_scene():
     assert whole.b is None and here.b is None
 
 
+@pytest.mark.night
 def test_claims_and_proofs_hold_of_what_is_left():
     findings = eomcheck.check_state(LEFT, *RING.closed_state(0.5, 0.7))
     assert {f.verdict for f in findings} <= {"passed", "skipped", "inconclusive"}
@@ -44,6 +45,7 @@ def test_claims_and_proofs_hold_of_what_is_left():
     assert len(proved) == len(eomcheck.prove(Bricard(), points=1, seed=1))
 
 
+@pytest.mark.night
 def test_without_its_redundant_row_a_scene_is_one_that_never_had_it():
     bare = eomcheck.simulate(Bricard(), "kane", 0.5, output_times=[0.5])
     left = eomcheck.simulate(LEFT, "kane", 0.5, output_times=[0.5])

@@ -68,7 +68,7 @@ def test_all_identities_of_a_robot_are_proved(name: str, floating: bool):
     assert [str(f) for f in findings if f.verdict != "passed"] == []
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.night
 @every_robot
 def test_the_claims_hold_for_a_robot_with_pinocchio_on_trial(name: str, floating: bool):
     engines = ["casadi", PinocchioFile]

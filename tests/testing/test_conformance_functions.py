@@ -526,8 +526,8 @@ def findings_of(fault: Fault) -> list[Finding]:
     return check_functions(**given, states=2, ranges=(-1.0, 1.0))
 
 
+@pytest.mark.sampled(11)
 @pytest.mark.parametrize("id", FAULTS)
-@pytest.mark.sampled(6)
 def test_a_fault_is_caught_and_its_function_and_sort_are_named(id: str):
     fault = FAULTS[id]
     failed = [x for x in findings_of(fault) if x.verdict == "failed"]

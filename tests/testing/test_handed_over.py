@@ -42,7 +42,7 @@ def referred(engine: Engine, *names: str) -> dict[str, str]:
 # ---- Equal numbers -------------------------------------------------------------------------------
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("key", ["chain-pendulum", "sleigh", "flyball-governor"])
 @pytest.mark.parametrize("library", ["pinocchio", "casadi"])
 def test_functions_of_an_engine_are_those_of_its_scene(library: str, key: str):
@@ -188,7 +188,7 @@ COMPANIONS = {
 """Function -> functions of the same engine by which its fault is found without a reference."""
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(9)
 @pytest.mark.parametrize("name", COMPANIONS)
 def test_a_fault_of_an_engine_is_found_without_a_reference(name: str):
     (fault,) = (x for x in FAULTS if x[0] == name)

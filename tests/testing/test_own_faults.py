@@ -446,7 +446,7 @@ def test_there_are_twenty_faults_in_each_file_of_the_guide(own: str):
     assert sum(fault.own == own for fault in FAULTS.values()) >= 20
 
 
-@pytest.mark.sampled(12)
+@pytest.mark.sampled(24)
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_fault_is_named_by_the_claim_that_is_closest(name: str):
     fault = FAULTS[name]

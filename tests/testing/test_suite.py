@@ -376,6 +376,7 @@ assert compute_once(folder, "work", work) == ["found"]
 """
 
 
+@pytest.mark.night
 def test_work_is_done_once_by_processes_that_begin_together(session, pytester, tmp_path):
     log = tmp_path / "log"
     command = [sys.executable, "-c", WORK, str(pytester.path), str(log)]
