@@ -13,6 +13,7 @@ from sphinx.errors import ConfigError
 import eomcheck
 from eomcheck import FORMULATIONS, Formulation, deprecated
 from eomcheck.engines import ENGINES, READERS
+from eomcheck.engines.dart import DartFile
 from eomcheck.engines.tree_engine import FILE
 from eomcheck.evaluation.conformance import QUANTITIES
 from eomcheck.lab.references import reference_table
@@ -110,7 +111,7 @@ def facts(f: Formulation) -> str:
     )
 
 
-LIBRARIES = (*READERS.values(), *(ENGINES[key] for key in ("casadi", "exudyn")))
+LIBRARIES = (*READERS.values(), *(ENGINES[key] for key in ("casadi", "exudyn")), DartFile)
 """Class of each library that offers most of the quantities."""
 
 

@@ -5,16 +5,18 @@ from __future__ import annotations
 import pytest
 
 from eomcheck.claims import run
-from eomcheck.engines import ENGINES
+from eomcheck.engines import ENGINES, Engine
 from eomcheck.errors import EngineError
 
 
 @pytest.fixture(autouse=True)
 def installed(request: pytest.FixtureRequest) -> None:
-    """Skip a test whose argument `key` is an engine without its library."""
+    """Skip a test whose argument `key` or `kind` is an engine without its library."""
     callspec = getattr(request.node, "callspec", None)
-    key = None if callspec is None else callspec.params.get("key")
+    key, kind = (None if callspec is None else callspec.params.get(x) for x in ("key", "kind"))
     engine = ENGINES.get(key) if isinstance(key, str) else None
+    if isinstance(kind, type) and issubclass(kind, Engine):
+        engine = kind
     if engine is not None and engine.extra is not None:
         try:
             engine.version()

@@ -21,6 +21,7 @@ from eomcheck.claims.engine_quantities import (
 from eomcheck.claims.finding import Finding
 from eomcheck.engines import Answers, Engine, EngineFault
 from eomcheck.engines.casadi import CasadiEngine
+from eomcheck.engines.dart import DartEngine, DartFile
 from eomcheck.engines.drake import DrakeEngine, DrakeFile
 from eomcheck.engines.exudyn import ExudynEngine
 from eomcheck.engines.idyntree import IdyntreeEngine, IdyntreeFile
@@ -51,6 +52,12 @@ DRAKE = {
     *("center_of_mass_acceleration", "momentum"),
     *FRAME_MOTIONS | DERIVATIVES,
 }
+DART = {
+    *("inverse_dynamics", "forward_dynamics", "inverse_mass_matrix", "gravity"),
+    *("kinetic_energy", "potential_energy", "center_of_mass", "center_of_mass_jacobian"),
+    *("center_of_mass_velocity", "center_of_mass_acceleration", "momentum"),
+    *FRAME_MOTIONS,
+}
 IDYNTREE = {
     *("inverse_dynamics", "gravity", "coriolis_matrix", "regressor"),
     *("center_of_mass", "center_of_mass_jacobian", "center_of_mass_velocity"),
@@ -66,6 +73,8 @@ OFFERED: dict[type[Engine], set[str]] = {
     CasadiEngine: CASADI,
     DrakeEngine: DRAKE,
     DrakeFile: DRAKE,
+    DartEngine: DART,
+    DartFile: DART,
     IdyntreeEngine: IDYNTREE,
     IdyntreeFile: IDYNTREE,
     MujocoEngine: MUJOCO,
@@ -221,7 +230,7 @@ def test_no_quantity_of_an_engine_keeps_what_was_asked_before(kind: type[Engine]
             assert np.array_equal(again, fresh), (name, other)
 
 
-@pytest.mark.parametrize("kind", [MujocoFile, DrakeFile, IdyntreeFile])
+@pytest.mark.parametrize("kind", [MujocoFile, DrakeFile, IdyntreeFile, DartFile])
 def test_a_link_that_is_fixed_to_the_ground_has_no_part_in_the_centre_of_mass(
     kind: type[Engine], tmp_path: Path
 ):
@@ -261,6 +270,34 @@ def test_idyntree_is_allowed_the_rounding_of_the_momentum_of_a_link():
     assert abs(theirs[2]) > 0.01, "the rounding that is allowed"
 
 
+@pytest.mark.parametrize("kind", [DartFile])
+def test_dart_loses_coupling_across_a_fixed_joint_in_its_inverse_of_m(
+    kind: type[Engine], tmp_path: Path
+):
+    path = arm(
+        tmp_path / "arm.urdf",
+        more=body("tool") + joint("flange", "hand", "tool", "fixed", "1 0 0")
+        + body("jaw") + joint("grip", "tool", "jaw", "revolute", "0 1 0"),
+    )  # fmt: skip
+    found = findings(kind, from_urdf(path), 1)
+    wrong = {x.claim for x in found if x.verdict == "failed"}
+    assert wrong == {"engine-inverse-mass-matrix"}
+
+
+@pytest.mark.parametrize("kind", [DartFile])
+@pytest.mark.parametrize("turn", [0.0, 2e-3, 3.0, 4.0])
+def test_a_free_base_of_dart_has_a_rotation_vector(kind: type[Any], turn: float, tmp_path: Path):
+    scene = robot(tmp_path, floating=True)
+    v = random_state(scene, np.random.default_rng(1)).v
+    q = np.array([1.0, 2.0, 3.0, turn, 0.0, 0.0, 0.1, 0.2, 0.3])
+    claims = ["engine-frame-placement", "mass-matrix", "bias"]
+    found = check_state(scene, q, v, 0.0, engines=[kind], claims=claims)
+    own = [x for x in found if "dart" in x.subject and x.verdict != "skipped"]
+    assert {(x.claim, x.verdict) for x in own} == {(claim, "passed") for claim in claims}
+    x = kind(scene).velocity_map(q, v).x
+    assert np.allclose(x[:3], [0, 0, turn if turn < np.pi else turn - 2 * np.pi], atol=1e-15)
+
+
 # ---- Frames and coordinates that a library does not have -----------------------------------------
 
 
@@ -290,7 +327,9 @@ def test_a_link_that_one_of_two_engines_lacks_is_skipped_for_that(tmp_path: Path
     assert any("tip" in x.subject and x.verdict == "passed" for x in found)
 
 
-@pytest.mark.parametrize("kind", [PinocchioFile, MujocoFile, DrakeFile, IdyntreeFile, PybulletFile])
+@pytest.mark.parametrize(
+    "kind", [PinocchioFile, MujocoFile, DrakeFile, IdyntreeFile, PybulletFile, DartFile]
+)
 @pytest.mark.parametrize("root", ["base", "world", "free"])
 def test_a_link_on_the_ground_that_a_library_lacks_is_no_fault(kind, root: str, tmp_path: Path):
     scene = robot(tmp_path, floating=root == "free")
@@ -345,7 +384,7 @@ def test_inverses_are_skipped_where_joints_follow_others_in_one_model_alone(tmp_
     assert not [str(x) for x in found if x.verdict == "failed"]
 
 
-@pytest.mark.parametrize("kind", [PinocchioFile, MujocoFile, DrakeFile, IdyntreeFile])
+@pytest.mark.parametrize("kind", [PinocchioFile, MujocoFile, DrakeFile, IdyntreeFile, DartFile])
 def test_a_base_that_is_fixed_at_an_angle_to_a_root_without_mass_stays_there(kind, tmp_path: Path):
     path = tmp_path / "turned.urdf"
     path.write_text(

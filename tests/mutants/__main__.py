@@ -74,7 +74,10 @@ def commands_of(mutant: Mutant) -> list[list[str]]:
 def run(command: list[str], package: Path, longest: float) -> tuple[int, str]:
     """Return (exit code, output) of a command that imports this copy; -1 after too long."""
     environment = os.environ | {
-        "PYTHONPATH": os.pathsep.join((str(package.parent), str(ROOT))),
+        # Libraries of engines may be in environments of their own, named there.
+        "PYTHONPATH": os.pathsep.join(
+            (str(package.parent), str(ROOT), os.environ.get("PYTHONPATH", ""))
+        ),
         "PYTHONDONTWRITEBYTECODE": "1",
         "OPENBLAS_NUM_THREADS": "1",
     }
