@@ -142,6 +142,7 @@ def test_an_old_attribute_of_a_mixin_counts_and_one_that_is_assigned_later():
     assert warned[0].filename == __file__ and pose.tolist() == [3.0, 2.0, 1.0]
 
 
+@pytest.mark.night
 def test_an_old_attribute_in_a_file_that_a_command_loads_is_reported(tmp_path):
     file = tmp_path / "posed_sleigh.py"
     file.write_text(

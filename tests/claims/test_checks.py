@@ -86,6 +86,7 @@ def test_the_worst_entry_is_named_along_each_axis():
     assert entry_name(worst_of(error[:, 1]), (("x", "y"),)) == "row y"
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("claim", eomcheck.CLAIMS)
 def test_every_claim_about_snakes_finds_something_on_an_ordinary_state(claim):
     findings = eomcheck.check_state(SNAKE, Q, V, claims=[claim])

@@ -465,6 +465,7 @@ def shifted(claim: str, key: str, by: float) -> list[tuple[str, Finding]]:
     return kind.judged
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("claim", "key"), [(c, key) for c, about in ABOUT.items() for key in about]
 )

@@ -70,6 +70,7 @@ def test_every_question_to_an_engine_has_an_error_here():
     assert asked == of_terms | dict(zip(CONFORMANCE, QUANTITIES, strict=True))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("claim", SLIGHT)
 def test_an_engine_that_is_off_by_three_times_what_rounding_explains_fails(claim: str):
     (failure,) = findings_with(claim, SLIGHT[claim][1])
@@ -105,6 +106,7 @@ KNOWN = [one for one in QUANTITIES if one != "potential_energy"]
 """Quantities that are known, not up to a constant."""
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("quantity", KNOWN)
 def test_a_quantity_that_is_off_by_three_times_what_rounding_explains_fails(quantity: str):
     right = conformance_findings(quantity, 0.0)

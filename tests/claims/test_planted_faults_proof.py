@@ -75,6 +75,7 @@ def test_a_planted_fault_is_disproved_and_named(fault: Mutant):
     assert failure.evidence.startswith(("disproved: ", "skipped"))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("fault", [f for f in FAULTS if f.claim == "refusals"], ids=lambda f: f.id)
 def test_a_matrix_made_singular_is_named_and_nothing_else_fails(fault: Mutant):
     with with_fault(fault) as (_, formulations):

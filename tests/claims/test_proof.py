@@ -102,6 +102,7 @@ def test_formulations_left_out_take_no_part():
 # ---- What a proof rests on -----------------------------------------------------------------------
 
 
+@pytest.mark.night
 def test_a_proof_carries_its_bounds_its_primes_and_its_probability():
     for finding in prove(Snake, 3, points=3, seed=0):
         proof = finding.proof
@@ -214,6 +215,7 @@ def test_without_a_seed_every_run_draws_its_own_primes():
     assert not primes(prove(Snake, 1, points=2)) & primes(prove(Snake, 1, points=2))
 
 
+@pytest.mark.night
 def test_every_structure_draws_its_own_primes():
     findings = prove(Snake, (2, 3), points=2, seed=0)
     assert len(primes(findings)) == 2 * len({f.scene.structure for f in findings})
@@ -226,6 +228,7 @@ class Nameless(Free):
     """A kind of scene that comes in one size."""
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

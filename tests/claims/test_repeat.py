@@ -98,6 +98,7 @@ def test_a_scene_in_a_file_is_made_again_from_what_it_keeps_by_name(mass, tmp_pa
     assert [str(f) for f in failed] == printed.splitlines()
 
 
+@pytest.mark.night
 def test_a_dataclass_is_made_again_from_its_fields(tmp_path):
     text = PLAIN.replace(
         "    def __init__(self, mass=2.0):\n        self.mass = mass\n",

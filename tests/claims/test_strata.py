@@ -69,6 +69,7 @@ def test_a_covering_array_has_every_pair(kind, seed):
     assert len(made) <= 60
 
 
+@pytest.mark.sampled(3)
 @every_kind
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_single_scene_is_drawn_at_rest_too_where_no_clock_drives_it(kind, seed):
@@ -216,6 +217,7 @@ def test_no_number_of_a_case_is_constant(kind, sized):
     assert len({state.t for _, state in cases}) == (count if kind.depends_on_time else 1)
 
 
+@pytest.mark.sampled(3)
 @every_kind
 def test_symmetries_move_what_is_drawn(kind):
     moved: dict[str, list[bool]] = {}

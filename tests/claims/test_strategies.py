@@ -325,6 +325,7 @@ def test_many_hostile_snakes_are_of_all_magnitudes_and_wheels_of_all_kinds(many)
         assert (from_across[side] > 0.5).any()
 
 
+@pytest.mark.night
 def test_many_hostile_states_are_straight_and_bent_slow_and_fast(many):
     states = drawn(strategies.hostile_states(Snake.coil(3)), many)
     straight = np.array([np.ptp(state.q[2:]) == 0 for state in states])

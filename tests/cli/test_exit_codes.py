@@ -83,6 +83,7 @@ def test_a_run_that_decides_nothing_is_2(verdicts, monkeypatch, capsys):
     assert message.endswith(f"no claim could be decided{''.join(reasons)}\n")
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("verdicts", "code"),
     [
@@ -148,6 +149,7 @@ class Proofs:
             raise self.error
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("change", "code"),
     [

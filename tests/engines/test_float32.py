@@ -442,6 +442,7 @@ def test_no_right_engine_in_float32_is_called_wrong(key: str):
     assert passed and any(found[1] for found in passed)
 
 
+@pytest.mark.night
 def test_the_trial_prints_its_numbers(monkeypatch, capsys, tmp_path):
     """All of its states are judged at night, by its command."""
     few = ["--states", "6", "--jobs", "1", "--scene", "sleigh", "--markdown", str(tmp_path / "x")]

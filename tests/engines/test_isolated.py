@@ -126,6 +126,7 @@ def test_a_process_offers_what_its_adapter_offers_and_is_no_engine_under_test():
     assert pickle.loads(pickle.dumps(kind)) is kind
 
 
+@pytest.mark.night
 def test_a_robot_is_read_from_its_file_by_the_process(tmp_path: Path):
     scene = from_urdf(robots.arm(tmp_path / "arm.urdf"))
     comparison = compare_libraries(scene, ["pinocchio", "pinocchio==*"], states=3)

@@ -72,6 +72,7 @@ FIELDS = {
 """Field -> text of the engine, what leaves the field out, and the claim that fails."""
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("field", FIELDS)
 def test_a_field_of_the_tree_that_an_engine_leaves_out_fails(field: str, tmp_path: Path):
     old, new, claim = FIELDS[field]

@@ -73,6 +73,7 @@ KEPT = [
 ]
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("last", [False, True])
 @pytest.mark.parametrize("name, ignored", KEPT)
 def test_a_result_kept_by_all_arguments_but_one_fails(name: str, ignored: str, last: bool):
@@ -286,6 +287,7 @@ def test_a_bound_as_large_as_the_value_shows_nothing():
 # ---- Right engines -------------------------------------------------------------------------------
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", QUANTITIES)
 def test_a_right_engine_passes(name: str):
     if PinocchioEngine.offers(name):

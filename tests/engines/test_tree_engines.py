@@ -77,6 +77,7 @@ def test_mass_matrix_and_bias_do_not_depend_on_the_frames_that_bodies_are_given_
     assert [one.verdict for one in found] == ["passed"] * 2, found
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("key", "scene_key"), HARD)
 def test_accelerations_do_not_depend_on_the_frames_that_bodies_are_given_in(key, scene_key):
     scene, state = ordinary(SCENES[scene_key], 1)

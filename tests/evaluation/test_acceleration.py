@@ -397,6 +397,7 @@ def solved(scene, state, key):
         return None
 
 
+@pytest.mark.night
 @settings(max_examples=25)
 @given(strategies.scene_states(strategies.snakes()))
 def test_two_formulations_differ_by_no_more_than_their_error_bounds(case):
@@ -405,6 +406,7 @@ def test_two_formulations_differ_by_no_more_than_their_error_bounds(case):
         assert_agree(first, second)
 
 
+@pytest.mark.night
 @given(strategies.scene_states(strategies.snakes(max_links=3)))
 def test_no_formulation_is_further_from_the_exact_acceleration_than_its_error_bound(case):
     """The doubles of the state, taken for the fractions that they are, solved without rounding."""

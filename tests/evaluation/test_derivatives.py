@@ -280,6 +280,7 @@ DIFFERENT = {
 }
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", DIFFERENT)
 def test_they_are_the_limits_of_differences_of_accelerations(name):
     scene, keys = DIFFERENT[name]

@@ -214,6 +214,7 @@ def test_a_mass_matrix_may_be_singular_where_constraints_hold_the_rest():
 # ---- Errors --------------------------------------------------------------------------------------
 
 
+@pytest.mark.sampled(3)
 @every_state
 def test_enclosures_hold_the_result_and_its_error_is_what_the_bound_says(name: str):
     scene, q, v = STATES[name]
@@ -223,6 +224,7 @@ def test_enclosures_hold_the_result_and_its_error_is_what_the_bound_says(name: s
     assert not found.silently_wrong
 
 
+@pytest.mark.sampled(3)
 @every_state
 def test_no_claim_fails_where_constraints_are_redundant(name: str):
     scene, q, v = STATES[name]

@@ -43,6 +43,7 @@ def test_the_constant_is_above_what_is_measured(largest_ratio: float):
     assert largest_ratio < C
 
 
+@pytest.mark.night
 def test_the_constant_is_less_than_two_decades_above_what_is_measured(largest_ratio: float):
     assert largest_ratio > C / 100
 

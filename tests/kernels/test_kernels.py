@@ -619,6 +619,7 @@ def test_cosines_and_sines_are_within_an_ulp_of_the_true_ones(width):
         assert ulps(values.ravel(), x, function) < 1.0
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 5, FEW_ANGLES, FEW_ANGLES + 1, 30, 33])
 def test_an_angle_has_the_same_bits_however_many_others_there_are(count):
     x = np.random.default_rng(count).uniform(-20, 20, count)
@@ -740,6 +741,7 @@ def test_a_motion_needs_no_place_to_write(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("key", FORMULATIONS)
 def test_every_matrix_solved_in_machine_code_tells_its_condition_sign_and_refinements(key):
     scene, formulation = Snake.paper(), FORMULATIONS[key]

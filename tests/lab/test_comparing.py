@@ -452,6 +452,7 @@ def test_a_thousandth_of_what_cancels_is_the_least_that_differences_are_relative
     assert np.isnan(relative_difference(None, entries))
 
 
+@pytest.mark.night
 def test_states_are_those_of_the_seed(tmp_path: Path):
     scene = from_urdf(arm(tmp_path / "arm.urdf"))
 

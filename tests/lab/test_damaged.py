@@ -155,6 +155,7 @@ def test_a_finding_of_wrong_kinds_is_said(path: Path, name: str):
     assert said.startswith("a record of 'validation' cannot be read: ")
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("study", STUDIES)
 def test_records_of_what_this_install_lacks_are_said_or_shown(
     path: Path, study: str, monkeypatch, capsys

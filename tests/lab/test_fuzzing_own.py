@@ -296,6 +296,7 @@ def test_what_is_made_round_stays_within_the_ranges(monkeypatch):
     assert small.q[1] in (-3.0, -2.0) and small.q[0] == 1.0 and small.v[0] == 0.0
 
 
+@pytest.mark.night
 def test_climbing_finds_a_corner_of_functions_that_drawing_does_not(monkeypatch):
     def M(q):
         found = 2.0 * np.eye(4)

@@ -23,6 +23,7 @@ def jobs(links=(1, 2, 3), points=1, seed=5, formulations=None):
     return proof_jobs("snake", links, points, seed, formulations)
 
 
+@pytest.mark.night
 def test_every_structure_is_proved_and_written(tmp_path: Path):
     path = tmp_path / "proofs.json"
     run = Proofs(jobs(), path)

@@ -349,6 +349,7 @@ def test_what_is_proved_of_one_structure_says_nothing_of_another_or_of_another_k
 # ---- Kept failures of all claims -----------------------------------------------------------------
 
 
+@pytest.mark.night
 def test_a_kept_failure_of_all_claims_is_checked_by_all():
     (case,) = ordinary(Wrong, 1)
     scene, (q, v, t) = case

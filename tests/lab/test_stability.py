@@ -73,6 +73,7 @@ def test_each_variant_is_a_state_at_its_mildest_and_at_its_most_severe_quick_one
                 assert posed.v.shape == (posed.scene.n,)
 
 
+@pytest.mark.sampled(3)
 @families
 def test_some_formulation_solves_the_mildest_state_to_ten_digits(family):
     for variant in family.variants:

@@ -87,6 +87,7 @@ def test_a_study_is_worked_once_then_read_told_drawn_and_reported(key: str, tmp_
     assert section.id == key and section.text.startswith(STUDIES[key])
 
 
+@pytest.mark.night
 def test_the_groups_of_commands_name_studies_and_drawn_ones_have_a_chart():
     assert set(BENCHMARKS) | set(DRAWN) <= set(STUDIES)
     for key in DRAWN:

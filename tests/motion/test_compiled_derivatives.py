@@ -47,12 +47,14 @@ def assert_compiled(scene: Scene, key: str, q, v, t: float = 0.0) -> None:
         assert result.multipliers.shape == (scene.r,)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("key", FORMULATIONS)
 def test_the_papers_robot_by_every_formulation(key):
     scene, (q, v, _) = snake(3)
     assert_compiled(scene, key, q, v)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("key", ["au", "kane"])
 @pytest.mark.parametrize(
     "kind",

@@ -60,6 +60,7 @@ def test_a_motion_that_is_solved_by_no_partition_goes_through(key):
     assert found.q[-1, 2] > 0
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("key", ["el", "em", "ml", "kane"])
 def test_speeds_that_are_a_partition_cross_no_pose_in_which_it_is_singular(key):
     found = simulate(FourBarChain.rods(1), key, 10.0)

@@ -31,6 +31,7 @@ def motion(key: str, scene: Snake = SOFT, q=Q, u=U) -> Motion:
     return Motion(scene, FORMULATIONS[key], q, velocity(scene, q, u), np.asarray(u))
 
 
+@pytest.mark.sampled(3)
 @keys
 @pytest.mark.parametrize("springs", [True, False])
 def test_the_right_hand_side_gives_the_rates_of_the_public_acceleration(key: str, springs: bool):
@@ -68,6 +69,7 @@ def test_each_formulation_integrates_its_own_state(key: str):
     assert np.allclose(v, velocity(SOFT, Q, U), rtol=1e-14, atol=1e-14)
 
 
+@pytest.mark.sampled(3)
 @keys
 def test_scipy_with_the_same_right_hand_side_comes_to_the_same_end(key: str):
     m = motion(key)

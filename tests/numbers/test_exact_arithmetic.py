@@ -209,6 +209,7 @@ def test_the_rest_is_the_rate_of_the_velocity_at_constant_speeds(scene: Scene, s
     assert equal(rate(W) @ at.u, at.speeds.rest)
 
 
+@pytest.mark.sampled(3)
 @scenes
 @seeds
 def test_the_mass_matrix_is_the_hessian_of_the_kinetic_energy(scene: Scene, seed: int):
@@ -236,6 +237,7 @@ def test_the_mass_matrix_is_symmetric_and_positive_definite(scene: Scene, seed: 
         left[i + 1 :] = left[i + 1 :] - np.outer(left[i + 1 :, i] / left[i, i], left[i])
 
 
+@pytest.mark.sampled(3)
 @scenes
 @seeds
 def test_the_bias_is_that_of_lagranges_equations(scene: Scene, seed: int):

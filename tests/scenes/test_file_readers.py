@@ -38,6 +38,7 @@ def told(findings: list[Finding]) -> set[tuple[str, str]]:
     return {(one.claim, one.verdict) for one in findings}
 
 
+@pytest.mark.night
 def test_pinocchio_reads_a_urdf_unless_engines_are_named(tmp_path: Path):
     scene = from_urdf(arm(tmp_path / "arm.urdf"))
     assert told(by_reader(scene)) == {(one, "passed") for one in ASKED}
@@ -112,6 +113,7 @@ def test_an_inertial_that_urdfdom_drops_is_skipped_with_its_message(tmp_path: Pa
     assert all("mass [2.5" in one for one in skipped)
 
 
+@pytest.mark.night
 def test_a_library_that_cannot_read_a_file_is_skipped_with_the_reason(tmp_path, monkeypatch):
     def refuse(*_) -> None:
         raise ValueError("no such\n  element")

@@ -143,6 +143,7 @@ def test_right_equations_that_are_not_rational_neither_fail_nor_are_disproved(ki
     assert {"mass-matrix", "bias", "equivalence", "kinetic-energy", "kane-ml-mass"} <= passed
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("kind", RIGHT[:4])
 def test_a_wrong_sign_in_such_equations_fails_all_the_same(kind):
     class Wrong(kind):

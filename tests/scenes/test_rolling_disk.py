@@ -105,6 +105,7 @@ def test_of_two_steady_turns_a_disk_starts_with_the_slower_one(lean: float, roll
     assert np.sign(v[2]) == -np.sign(lean * roll)
 
 
+@pytest.mark.sampled(3)
 def test_every_formulation_keeps_the_disk_on_its_circle(mover: str):
     disk = RollingDisk(lean=0.3, roll=-8.0)
     _, v0 = disk.initial_state()

@@ -30,6 +30,7 @@ def structures(kind: type[Scene], links: int = LINKS) -> list[Scene]:
     return list(kind.structures(links if kind.has_links else None))
 
 
+@pytest.mark.sampled(3)
 @kinds
 def test_every_identity_is_proved_for_every_structure(kind: type[Scene]):
     for scene in structures(kind):
@@ -39,6 +40,7 @@ def test_every_identity_is_proved_for_every_structure(kind: type[Scene]):
         assert {"mass-matrix", "bias", "equivalence", "equations-residual"} <= proved
 
 
+@pytest.mark.sampled(3)
 @kinds
 def test_one_link_is_proved_too(kind: type[Scene]):
     if kind.has_links:

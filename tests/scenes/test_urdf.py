@@ -62,6 +62,7 @@ def test_rounding_of_a_fixed_turn_is_no_error_where_a_joint_hangs_straight(tmp_p
     assert {one.verdict for one in found} == {"passed"}, found
 
 
+@pytest.mark.sampled(3)
 @every_robot
 def test_all_identities_of_a_robot_are_proved(name: str, floating: bool):
     findings = prove(robot(name, floating), points=1, seed=0)
@@ -312,6 +313,7 @@ def chain_of(count: int, kind: str) -> str:
     return links + "".join(joint.format(i, i + 1, kind) for i in range(count))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("text", "said"),
     [

@@ -32,6 +32,7 @@ def failed(change, **options):
     return [x for x in found if x.verdict == "failed"]
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("name", "wrong", "detail"),
     [
@@ -555,6 +556,7 @@ def no_answer(q):
     raise ValueError("no\nlicence")
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("answer", "says"),
     [

@@ -111,6 +111,7 @@ def test_loops_that_are_closed_are_kept_closed_where_accelerations_are_looked_at
     }
 
 
+@pytest.mark.night
 def test_gravity_may_be_in_the_bias_if_that_is_said():
     def both(q, v):
         return CART.bias(q, v) + CART.gravity(q)

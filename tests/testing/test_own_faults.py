@@ -491,6 +491,7 @@ UNTOLD: dict[str, tuple[dict[str, Any], str]] = {
 }
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", UNTOLD)
 def test_what_cannot_be_told_is_said_and_does_not_fail(name: str):
     change, detail = UNTOLD[name]

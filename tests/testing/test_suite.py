@@ -569,6 +569,7 @@ def test_functions_have_a_test_for_each_claim(session, pytester):
     result.stdout.fnmatch_lines(["SKIPPED *: coriolis-bias does not apply to cart, without C"])
 
 
+@pytest.mark.night
 def test_a_mistake_in_a_function_fails_by_name(session, pytester):
     assert CART.count("np.array([pull,") == 1
     shown(pytester, "test_cart.py")

@@ -244,6 +244,7 @@ def test_sympy_can_be_what_functions_are_compared_with():
     assert [x.verdict for x in found] == ["failed"]
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(
     ("make", "message"),
     [

@@ -160,6 +160,7 @@ def test_a_jump_beyond_the_short_line_is_no_noise(away: float):
     assert 0 < noise(f, np.array([0.4]), np.ones(1))[0] < 1e-15
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("near", [0.0, 1e-9, 1e-8, 3e-8, 1e-7])
 def test_a_value_that_stands_alone_is_no_noise_beside_other_states_and_references(near: float):
     def M(q: Any) -> Any:
