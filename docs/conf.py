@@ -12,9 +12,8 @@ from sphinx.errors import ConfigError
 
 import eomcheck
 from eomcheck import FORMULATIONS, Formulation, deprecated
-from eomcheck.engines import ENGINES, READERS
-from eomcheck.engines.dart import DartFile
-from eomcheck.engines.tree_engine import FILE
+from eomcheck.engines import LIBRARIES, READERS
+from eomcheck.engines.tree_engine import library_key
 from eomcheck.evaluation.conformance import QUANTITIES
 from eomcheck.lab.references import reference_table
 from eomcheck.lab.report.registries import in_paper, parameter_table, registry_table, yes
@@ -111,20 +110,20 @@ def facts(f: Formulation) -> str:
     )
 
 
-LIBRARIES = (*READERS.values(), *(ENGINES[key] for key in ("casadi", "exudyn")), DartFile)
-"""Class of each library that offers most of the quantities."""
+CALLED = {kind.__module__: kind for kind in reversed((*READERS.values(), *LIBRARIES.values()))}
+"""File of an adapter -> its class that offers most of the quantities, and is the first of them."""
 
 
 def library_calls() -> str:
     """Return the call of each library for each quantity, from the docstrings of the adapters."""
     sections = []
-    for kind in LIBRARIES:
+    for kind in reversed(CALLED.values()):
         rows = []
         for name in QUANTITIES:
             if kind.offers(name):
                 first = str(getattr(kind, name).__doc__).strip().splitlines()[0]
                 rows.append((f"`{name}`", cell(first.removeprefix("Return ").removesuffix("."))))
-        key = kind.key.removesuffix(FILE)
+        key = library_key(kind)
         sections.append(f"### {key}\n\n{table(('quantity', 'from'), rows)}")
     return "\n\n".join(sections)
 

@@ -18,7 +18,7 @@ from eomcheck.calls import (
     environment_change,
     restore_environment,
 )
-from eomcheck.engines import CasadiEngine
+from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.errors import CallError, EngineError
 from eomcheck.numbers.ball import precision
 from eomcheck.scenes import ChainPendulum

@@ -14,7 +14,8 @@ from tests.claims.test_checks import SNAKE, Q, V
 from eomcheck.claims import CLAIMS, Case, Finding, case
 from eomcheck.claims import case as trial
 from eomcheck.claims.registry import Claim, Comparison, Skipped
-from eomcheck.engines import CasadiEngine, PinocchioEngine
+from eomcheck.engines.casadi import CasadiEngine
+from eomcheck.engines.pinocchio import PinocchioEngine
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.perturbed import sensitivity_of

@@ -12,8 +12,10 @@ from tests.claims.test_checks import SNAKE, Q, V
 from eomcheck.claims import CLAIMS, Case, run
 from eomcheck.claims import case as trial
 from eomcheck.claims.finding import Finding
-from eomcheck.engines import CasadiEngine, MujocoEngine, PinocchioFile
+from eomcheck.engines import PinocchioFile
 from eomcheck.engines import answers as interface
+from eomcheck.engines.casadi import CasadiEngine
+from eomcheck.engines.mujoco import MujocoEngine
 from eomcheck.errors import InputError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.records import State

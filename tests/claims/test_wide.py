@@ -19,7 +19,7 @@ from eomcheck.draws.pairwise_design import (
     state_cases,
     with_wide,
 )
-from eomcheck.engines import CasadiEngine
+from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.evaluation.dynamics import assembly_error
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.scenes import SCENES, Bricard, ChainPendulum, FlyballGovernor, Sleigh, Snake

@@ -15,7 +15,7 @@ from tests.cli.test_cli import run
 import eomcheck
 from eomcheck import cli, console
 from eomcheck.cli.application import EXIT_CODES, KEY_PATTERNS, QUICK_START, declared_keys
-from eomcheck.engines import engine_of
+from eomcheck.engines import LIBRARIES, engine_of
 from eomcheck.errors import InputError, UnknownNameError, did_you_mean
 from eomcheck.lab.option_parsing import parse_numbers, parse_parameters, split_list
 from eomcheck.mechanics.parameters import with_parameters
@@ -344,7 +344,8 @@ def test_the_exit_codes_are_one_table_in_help_and_in_the_docs(monkeypatch, capsy
 
 @pytest.mark.parametrize("word", KEY_PATTERNS)
 def test_keys_that_are_completed_are_those_that_there_are(word):
-    known = ROBOTS if word == "robot" else getattr(eomcheck, f"{word.upper()}S")
+    others = {"robot": ROBOTS, "engine": LIBRARIES}
+    known = others[word] if word in others else getattr(eomcheck, f"{word.upper()}S")
     assert sorted(declared_keys(word)) == sorted(known)
 
 

@@ -451,7 +451,8 @@ def test_keys_are_read_from_sources_and_from_what_packages_announce(monkeypatch,
     (tmp_path / "scenes" / "notes.txt").write_text('    key = "none"\n')
     (tmp_path / "engines").mkdir()
     (tmp_path / "engines" / "own.py").write_text(
-        "class TreeEngine(Engine):\nclass OwnEngine(TreeEngine):\n  class InnerEngine(Engine):\n"
+        "".join(f'class X:\n    key = "{x}"\n' for x in ("own", "own64_file", "own_mjcf", "own64"))
+        + '        key = "inner"\n'
     )
     asked: list[str] = []
 
@@ -462,7 +463,7 @@ def test_keys_are_read_from_sources_and_from_what_packages_announce(monkeypatch,
     monkeypatch.setattr(application, "ROOT", tmp_path)
     monkeypatch.setattr(application, "entry_points", points)
     assert application.declared_keys("scene") == ["one", "two-words", "far"]
-    assert application.declared_keys("engine") == ["own"]
+    assert application.declared_keys("engine") == ["own", "own64"]
     assert asked == ["eomcheck.scenes", "eomcheck.engines"]
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from eomcheck import velocity
 from eomcheck.claims.run import RunSelection
-from eomcheck.engines import ALWAYS, ENGINES, Answers, engine_of
+from eomcheck.engines import ALWAYS, ENGINES, Answers, asked_by_default, engine_of
 from eomcheck.engines import casadi as casadi_engine
 from eomcheck.engines.answers import inertia_size, mass_size
 from eomcheck.errors import EngineError, UnknownNameError
@@ -23,21 +23,22 @@ from eomcheck.formulations import FORMULATIONS, kane
 from eomcheck.numbers.generic import Array
 from eomcheck.scenes import Snake
 
-every_engine = pytest.mark.parametrize("key", ENGINES)
+EVERY = asked_by_default(ENGINES)
+every_engine = pytest.mark.parametrize("key", EVERY)
 solving = pytest.mark.parametrize(
     "key",
-    [key for key, engine in ENGINES.items() if engine.offers("acceleration")],
+    [key for key, engine in EVERY.items() if engine.offers("acceleration")],
 )
 solving_without_giving_way = pytest.mark.parametrize(
     "key",
     [
         key
-        for key, engine in ENGINES.items()
+        for key, engine in EVERY.items()
         if engine.offers("acceleration") and not engine.compliant
     ],
 )
 deriving_constraints = pytest.mark.parametrize(
-    "key", [key for key, engine in ENGINES.items() if engine.offers("forces")]
+    "key", [key for key, engine in EVERY.items() if engine.offers("forces")]
 )
 
 SNAKES = [
@@ -97,7 +98,7 @@ def test_an_engine_names_its_library_and_version(key):
 def test_every_engine_that_is_not_required_has_an_extra_and_is_in_the_extra_of_all():
     project = tomllib.loads(Path(__file__).parents[2].joinpath("pyproject.toml").read_text())
     extras = project["project"]["optional-dependencies"]
-    wanted = {engine.extra for engine in ENGINES.values() if engine.extra}
+    wanted = {engine.extra for engine in EVERY.values() if engine.extra}
     assert [one for key in extras if key in wanted for one in extras[key]] == extras["engines"]
     assert wanted <= set(extras)
     required = " ".join(project["project"]["dependencies"])
@@ -123,7 +124,7 @@ def test_every_engine_represents_snakes(key, snake):
 def test_an_engine_that_needs_a_tree_does_not_represent_a_scene_without_one():
     scene = Treeless([1.0, 1.0], [1.0, 1.0], [1.0, 1.0], None, [0.0, 0.0])
     # One that derives everything needs none.
-    for engine in ENGINES.values():
+    for engine in EVERY.values():
         assert engine.represents(scene) == engine.offers("forces")
         if engine.represents(scene):
             assert engine(scene).mass_matrix(np.zeros(4)).shape == (4, 4)

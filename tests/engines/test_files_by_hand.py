@@ -11,7 +11,15 @@ import numpy as np
 import pytest
 from tests.robots import arm, body, joint
 
-from eomcheck.engines import BY_FORMAT, DEFAULT, READERS, Answers, MjcfFile, default_reader
+from eomcheck.engines import (
+    BY_FORMAT,
+    DEFAULT,
+    READERS,
+    Answers,
+    MjcfFile,
+    asked_by_default,
+    default_reader,
+)
 from eomcheck.engines.file_engine import (
     BaseVelocity,
     FileEngine,
@@ -27,6 +35,7 @@ from eomcheck.engines.idyntree import IdyntreeFile
 from eomcheck.engines.mujoco import MujocoFile
 from eomcheck.engines.pinocchio import PinocchioFile
 from eomcheck.engines.pybullet import PybulletFile
+from eomcheck.engines.tree_engine import SUFFIXES
 from eomcheck.errors import EngineError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.scenes import ChainPendulum, from_mjcf, from_urdf
@@ -99,16 +108,19 @@ def test_at_most_three_names_are_told(names, told: str):
 
 
 def test_readers_are_known_by_format_and_no_other_scene_has_one(tmp_path: Path):
-    assert list(READERS) == ["pinocchio", "mujoco", "drake", "idyntree", "pybullet"]
-    assert {key: kind.key for key, kind in READERS.items()} == {x: f"{x}_file" for x in READERS}
-    assert {"urdf": READERS, "mjcf": {"mujoco": MjcfFile}} == BY_FORMAT
+    asked = asked_by_default(READERS)
+    assert list(asked) == ["pinocchio", "mujoco", "drake", "idyntree", "pybullet"]
+    for format, suffix in SUFFIXES.items():
+        for key, kind in BY_FORMAT[format].items():
+            assert (kind.key, kind.format) in ((f"{key}{suffix}", format), (key, format))
+    assert BY_FORMAT["urdf"] is READERS and BY_FORMAT["mjcf"]["mujoco"] is MjcfFile
     assert {"urdf": PinocchioFile, "mjcf": MjcfFile} == DEFAULT
     scene = from_urdf(arm(tmp_path / "arm.urdf"))
     assert default_reader(scene) is default_reader(type(scene)) is PinocchioFile
     assert default_reader(ChainPendulum) is default_reader(ChainPendulum.rods(2)) is None
     assert (file_of(scene), is_free(scene)) == (tmp_path / "arm.urdf", False)
     assert (file_of(ChainPendulum.rods(2)), is_free(ChainPendulum.rods(2))) == (None, False)
-    for kind in (*READERS.values(), MjcfFile):
+    for kind in (*READERS.values(), *BY_FORMAT["mjcf"].values()):
         assert kind.reads_file and not kind.compliant and not kind.reads_parameters
 
 
@@ -372,7 +384,7 @@ def assert_terms(scene: Any, answers: Answers, undamped: bool, accelerates: bool
             assert np.abs(theirs - ours).max() <= 2e-11 * np.abs(ours).max(), name
 
 
-@pytest.mark.parametrize("key", READERS)
+@pytest.mark.parametrize("key", asked_by_default(READERS))
 @pytest.mark.parametrize("floating", [False, True])
 @pytest.mark.parametrize("more", ["", FINGERS])
 def test_every_library_that_reads_a_file_has_our_terms_and_accelerations(
@@ -442,7 +454,7 @@ def test_mujoco_has_the_accelerations_of_constraints_that_its_own_solver_lets_gi
     other = scene.changed(gravity=None)
     assert MjcfFile.represents(scene) and not MjcfFile.represents(other)
     assert not MjcfFile.represents(ChainPendulum.rods(2))
-    with pytest.raises(EngineError, match=r"^mjcf_file cannot represent robot by its file$"):
+    with pytest.raises(EngineError, match=r"^mujoco_mjcf cannot represent robot by its file$"):
         MjcfFile(other)
 
 

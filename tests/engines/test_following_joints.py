@@ -9,7 +9,8 @@ import pytest
 from tests.robots import arm, body, joint
 
 from eomcheck import validate
-from eomcheck.engines import Engine, PinocchioEngine
+from eomcheck.engines import Engine
+from eomcheck.engines.pinocchio import PinocchioEngine
 from eomcheck.scenes import from_urdf
 
 MIMIC = '<mimic joint="grip" multiplier="-2"/>'

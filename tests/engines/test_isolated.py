@@ -163,10 +163,11 @@ def test_a_name_with_a_version_that_stands_for_nothing_is_refused(name, error, t
         engine_of(name)
 
 
-def test_versions_are_compared_by_their_numbers():
+def test_versions_are_compared_by_their_numbers(tmp_path: Path):
+    scene = from_urdf(robots.arm(tmp_path / "arm.urdf"))
     for version in ("3.3.7", "3.10.0", "4.0.0rc1", "4"):
         assert engine_of(f"mujoco=={version}").key == f"mujoco=={version}"
-        assert reader_of("urdf", f"mujoco=={version}").key == f"mujoco_file=={version}"
+        assert reader_of(scene, f"mujoco=={version}").key == f"mujoco_file=={version}"
 
 
 # ---- Faults --------------------------------------------------------------------------------------

@@ -7,13 +7,13 @@ import pytest
 from tests.samples import random_state
 
 import eomcheck
-from eomcheck.engines.mjx import Mjx64Tree, MjxTree
+from eomcheck.engines.mjx import Mjx64Engine, MjxEngine
 from eomcheck.scenes import ChainPendulum
 
 pytest.importorskip("mujoco.mjx")
 
 
-@pytest.mark.parametrize("kind", [MjxTree, Mjx64Tree])
+@pytest.mark.parametrize("kind", [MjxEngine, Mjx64Engine])
 def test_every_quantity_that_it_offers_is_right(kind):
     scene = ChainPendulum.example()
     state = random_state(scene, np.random.default_rng(0))

@@ -11,7 +11,7 @@ from eomcheck.claims import CLAIMS, Case
 from eomcheck.descriptions import elements
 from eomcheck.descriptions.build import mechanism
 from eomcheck.descriptions.elements import Joint, distance
-from eomcheck.engines import ENGINES, Answers, Engine
+from eomcheck.engines import ENGINES, Answers, Engine, asked_by_default
 from eomcheck.engines.tree_engine import TreeEngine, TreeLink
 from eomcheck.evaluation.dynamics import assembled_position
 from eomcheck.evaluation.evaluation import Evaluation
@@ -24,7 +24,7 @@ from eomcheck.scenes import SCENES, ChainPendulum
 
 TREES = [key for key, kind in SCENES.items() if kind.example().tree() is not None]
 every_tree = pytest.mark.parametrize("scene_key", TREES)
-BUILT = [key for key, engine in ENGINES.items() if issubclass(engine, TreeEngine)]
+BUILT = [key for key, kind in asked_by_default(ENGINES).items() if issubclass(kind, TreeEngine)]
 every_engine = pytest.mark.parametrize("key", BUILT)
 HARD = [
     (key, scene)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eomcheck.engines import ENGINES
+from eomcheck.engines import ENGINES, asked_by_default
 from eomcheck.engines.tree_engine import TreeEngine, TreeLink, bodies_with_mass, tree_links
 from eomcheck.scenes import SCENES
 
@@ -86,8 +86,9 @@ def test_a_link_without_mass_that_carries_not_exactly_one_cannot_be_taken_over(p
 
 def held(links: list[TreeLink]) -> set[str]:
     """Return the engines of trees that say that they can hold such links."""
-    kinds = {key: kind for key, kind in ENGINES.items() if issubclass(kind, TreeEngine)}
-    return {key for key, kind in kinds.items() if kind.holds(links)}
+    kinds = asked_by_default(ENGINES)
+    trees = {key: kind for key, kind in kinds.items() if issubclass(kind, TreeEngine)}
+    return {key for key, kind in trees.items() if kind.holds(links)}
 
 
 EVERY = {"pinocchio", "mujoco", "drake", "exudyn", "idyntree", "pybullet"}

@@ -17,7 +17,7 @@ from eomcheck.claims.engine_quantities import CONFORMANCE
 from eomcheck.claims.run import ValidationRun
 from eomcheck.cli import app
 from eomcheck.descriptions.vector_algebra import rotation_matrix
-from eomcheck.engines import READERS, Answers, PinocchioFile, VelocityMap
+from eomcheck.engines import READERS, Answers, PinocchioFile, VelocityMap, asked_by_default
 from eomcheck.engines.answers import weight_size
 from eomcheck.engines.file_engine import (
     AXES,
@@ -58,7 +58,7 @@ def installed(key: str) -> None:
 
 
 @pytest.mark.sampled(11)
-@pytest.mark.parametrize("key", READERS)
+@pytest.mark.parametrize("key", asked_by_default(READERS))
 @pytest.mark.parametrize("more", ["", FINGERS])
 @pytest.mark.parametrize("floating", [False, True])
 def test_a_library_that_reads_the_file_agrees_to_rounding(key, more, floating, tmp_path: Path):
@@ -436,7 +436,7 @@ def wheel(path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("key", READERS)
+@pytest.mark.parametrize("key", asked_by_default(READERS))
 def test_forces_that_cancel_to_rounding_are_no_difference(key: str, tmp_path: Path):
     installed(key)
     found = compare_libraries(from_urdf(wheel(tmp_path / "wheel.urdf")), [key], states=6)

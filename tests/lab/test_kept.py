@@ -14,7 +14,8 @@ from tests.lab.test_printed import at, finding
 
 from eomcheck.claims.numerical_accuracy import SampledState
 from eomcheck.claims.run import RunSelection, ValidationRun
-from eomcheck.engines import CasadiEngine, version_of
+from eomcheck.engines import version_of
+from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.errors import DiedError, InputError, UnwrittenError
 from eomcheck.lab.discrepancy import Explanation
 from eomcheck.lab.library_comparison import LibraryComparison, LibraryReading, LibraryResult

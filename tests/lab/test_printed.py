@@ -18,7 +18,9 @@ from eomcheck import __version__
 from eomcheck.claims.finding import Finding, Unresolved
 from eomcheck.claims.numerical_accuracy import SampledState
 from eomcheck.claims.run import RunSelection, ValidationRun
-from eomcheck.engines import CasadiEngine, PinocchioEngine, version_of
+from eomcheck.engines import version_of
+from eomcheck.engines.casadi import CasadiEngine
+from eomcheck.engines.pinocchio import PinocchioEngine
 from eomcheck.lab import library_comparison
 from eomcheck.lab.discrepancy import Explanation
 from eomcheck.lab.fuzzing.failures import FailureRecord, ReplayResult

@@ -203,7 +203,7 @@ def test_engines_are_told_with_what_is_installed_and_those_of_packages_with_what
         return SimpleNamespace(dist=SimpleNamespace(name=name))
 
     points = {"far": dist("farther"), "bad": dist("worse"), "bare": SimpleNamespace(dist=None)}
-    monkeypatch.setattr("eomcheck.engines.ENGINES", {"own": Own, "gone": Gone})
+    monkeypatch.setattr("eomcheck.engines.LIBRARIES", {"own": Own, "gone": Gone})
     monkeypatch.setattr("eomcheck.engines.version_of", version_of)
     monkeypatch.setattr("eomcheck.engines.engine_of", engine_of)
     monkeypatch.setattr("eomcheck.class_lookup.announced", lambda kind: points)

@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 from eomcheck import calls
-from eomcheck.engines import CasadiEngine
+from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.errors import DiedError, InputError, WorkerError
 from eomcheck.lab.store import parallel_map, validation_runs
 from eomcheck.lab.store import parallel_map as executors

@@ -14,7 +14,7 @@ from eomcheck.claims.finding import Finding, Proof
 from eomcheck.claims.numerical_accuracy import SampledState
 from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.draws.fuzz_cases import StructuralVariant
-from eomcheck.engines import CasadiEngine
+from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.errors import InputError
 from eomcheck.lab import library_comparison
 from eomcheck.lab.discrepancy import Explanation

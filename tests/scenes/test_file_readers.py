@@ -19,6 +19,7 @@ from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.descriptions.random_trees import COMMON_JOINTS, urdf_tree
 from eomcheck.descriptions.urdf_reader import urdf_text
 from eomcheck.engines import MjcfFile, PinocchioFile
+from eomcheck.engines.tree_engine import SUFFIXES
 from eomcheck.mechanics.scene import GeneratorChoices
 from eomcheck.scenes import Snake, from_mjcf, from_urdf
 
@@ -31,7 +32,7 @@ FEATURES = ["hinge", "slide", "ball", "free", "springref", "damping", "armature"
 def by_reader(scene: Mechanism, claims: tuple[str, ...] = ASKED) -> list[Finding]:
     """Return the findings by the library of the file, in two states."""
     found = validate(scene, examples=1, formulations=["gw"], claims=claims)
-    return [one for one in found if one.subject.endswith("_file")]
+    return [one for one in found if one.subject.endswith(tuple(SUFFIXES.values()))]
 
 
 def told(findings: list[Finding]) -> set[tuple[str, str]]:
@@ -44,7 +45,7 @@ def test_pinocchio_reads_a_urdf_unless_engines_are_named(tmp_path: Path):
     assert told(by_reader(scene)) == {(one, "passed") for one in ASKED}
     assert {one.evidence.split()[1] for one in by_reader(scene)} == {"pinocchio"}
     named = validate(scene, examples=1, engines=["casadi"], formulations=["gw"], claims=TERMS)
-    assert not [one for one in named if one.subject.endswith("_file")]
+    assert not [one for one in named if one.subject.endswith(tuple(SUFFIXES.values()))]
     q, v = scene.initial_state()
     assert "pinocchio_file" in {one.subject for one in check_state(scene, q, v)}
 

@@ -17,7 +17,7 @@ from tests.testing.own import GUIDES, given, guide
 
 import eomcheck
 from eomcheck import testing
-from eomcheck.engines import CasadiEngine
+from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.mechanics.records import State
 from eomcheck.scenes import ChainPendulum, Snake

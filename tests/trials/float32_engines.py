@@ -36,7 +36,7 @@ from eomcheck.descriptions.random_mechanisms import RANDOM
 from eomcheck.draws.pairwise_design import scene_cases, with_wide
 from eomcheck.engines import Engine, EngineAcceleration, VelocityMap
 from eomcheck.engines.answers import represents
-from eomcheck.engines.mjx import MjxTree
+from eomcheck.engines.mjx import MjxEngine
 from eomcheck.lab.show.table import ResultTable, print_tables
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
@@ -274,7 +274,7 @@ def _shifted(
     return J + np.outer(_across(arm), spin), rest - (spin @ w) ** 2 * arm
 
 
-class Mjx32(MjxTree):
+class Mjx32(MjxEngine):
     """MuJoCo's model of a scene in MJX, where it is installed."""
 
     installed = bool(find_spec("mujoco")) and find_spec("mujoco.mjx") is not None

@@ -237,7 +237,7 @@ ROOT = Path(__file__).parents[1]
 KEY_PATTERNS = {
     "scene": ("scenes", r'^    key = "([\w-]+)"'),
     "formulation": ("formulations", r'^    key="(\w+)",'),
-    "engine": ("engines", r"^class (?!Tree|File)(\w+)Engine\(\w*Engine\):"),
+    "engine": ("engines", r'^    key = "(\w+?)(?:_file|_mjcf)?"$'),
     "robot": ("", r'^    "(\w+)": lambda links'),
     "claim": ("claims", r'^(?:@(?:case_|tree_)?claim\(\s*|CLAIMS\[)"([\w-]+)"'),
 }
@@ -247,11 +247,9 @@ KEY_PATTERNS = {
 def declared_keys(word: str) -> list[str]:
     """Return the keys of one kind of `KEY_PATTERNS`: built-in, and announced by packages."""
     folder, pattern = KEY_PATTERNS[word]
-    built_in = [
-        key.lower()
-        for file in sorted((ROOT / folder).glob("*.py"))
-        for key in re.findall(pattern, file.read_text(encoding="utf-8"), re.MULTILINE)
-    ]
+    files = (file.read_text(encoding="utf-8") for file in sorted((ROOT / folder).glob("*.py")))
+    found = (key for text in files for key in re.findall(pattern, text, re.MULTILINE))
+    built_in = list(dict.fromkeys(found))
     if word == "claim":  # one for each quantity of engines
         text = (ROOT / "evaluation" / "conformance.py").read_text(encoding="utf-8")
         methods = re.findall(r'^            \*\("(\w+)", "', text, re.MULTILINE)

@@ -1,7 +1,8 @@
 """Engines: adapters to multibody dynamics libraries, the independent references of eomcheck.
 
-Each engine has one file, and one line in `ENGINES`. Importing this package imports no library.
-`READERS` are engines whose libraries read a robot description by their own parser:
+A library has one file, and one line in `COMPARED` or `ON_REQUEST`; the engine classes in the files
+are the registry. Importing this package imports no library. `ENGINES` build models of scenes, those
+of `BY_FORMAT` are of libraries that read a robot description by their own parser:
 
 eomcheck validate --scene arm.urdf --engine eomcheck.engines:PinocchioFile
 eomcheck validate --scene ant.xml --engine eomcheck.engines:MjcfFile
@@ -15,13 +16,15 @@ eomcheck compare arm.urdf --engine mujoco==3.12.0 --engine mujoco==4.0.0
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from inspect import getattr_static
+from collections.abc import Iterable, Iterator, Mapping
+from importlib import import_module, metadata
+from inspect import getattr_static, isabstract
 from numbers import Real
-from typing import Any
+from typing import Any, TypeVar
 
 from eomcheck import calls
-from eomcheck.class_lookup import LookupKind, class_named
+from eomcheck.class_lookup import LookupKind, class_named, home_of_code
+from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.engines.answers import (
     OPTIONAL,
     Answers,
@@ -30,35 +33,102 @@ from eomcheck.engines.answers import (
     represents,
     version_of,
 )
-from eomcheck.engines.casadi import CasadiEngine
-from eomcheck.engines.drake import DrakeEngine, DrakeFile
 from eomcheck.engines.engine import Engine, EngineAcceleration, VelocityMap
-from eomcheck.engines.exudyn import ExudynEngine
 from eomcheck.engines.file_engine import FileEngine
-from eomcheck.engines.idyntree import IdyntreeEngine, IdyntreeFile
 from eomcheck.engines.isolation import PINNED, adapter_of, isolated
-from eomcheck.engines.mujoco import MjcfFile, MujocoEngine, MujocoFile
-from eomcheck.engines.pinocchio import PinocchioEngine, PinocchioFile
-from eomcheck.engines.pybullet import PybulletEngine, PybulletFile
-from eomcheck.engines.tree_engine import FILE
-from eomcheck.errors import InputError, distinct, registered, safe_repr
+from eomcheck.engines.mujoco import MjcfFile
+from eomcheck.engines.pinocchio import PinocchioFile
+from eomcheck.engines.tree_engine import (
+    SUFFIXES,
+    UNSTATED,
+    TreeEngine,
+    library_key,
+    required_of,
+)
+from eomcheck.errors import EngineError, InputError, distinct, registered, safe_repr
 from eomcheck.evaluation.tolerance import UNIT_ROUNDOFF
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.mechanics.scene import Scene
 
+# ---- Registry ------------------------------------------------------------------------------------
+
+COMPARED = ("pinocchio", "casadi", "mujoco", "drake", "exudyn", "idyntree", "pybullet")
+"""Files of the libraries that a comparison asks unless others are named."""
+
+ON_REQUEST = [
+    "mjx",
+]
+"""Files of the libraries that are asked only where they are named, one a line."""
+
+K = TypeVar("K", bound=Engine)
+
+
+def _adapters(file: str) -> Iterator[type[Engine]]:
+    """Yield the engine classes of a file of this package, as they stand in it."""
+    module = import_module(f"{__name__}.{file}")
+    for kind in vars(module).values():
+        own = isinstance(kind, type) and kind.__module__ == module.__name__
+        if own and issubclass(kind, Engine) and not isabstract(kind):
+            yield kind
+
+
+_BUILT_IN = [kind for file in (*COMPARED, *ON_REQUEST) for kind in _adapters(file)]
+
 ENGINES: dict[str, type[Engine]] = {
-    engine.key: engine
-    for engine in (
-        PinocchioEngine,
-        CasadiEngine,
-        MujocoEngine,
-        DrakeEngine,
-        ExudynEngine,
-        IdyntreeEngine,
-        PybulletEngine,
-    )
+    kind.key: kind for kind in _BUILT_IN if not issubclass(kind, FileEngine)
 }
 """Key -> engine class."""
+
+BY_FORMAT: dict[str, dict[str, type[FileEngine]]] = {
+    format: {
+        library_key(kind): kind
+        for kind in _BUILT_IN
+        if issubclass(kind, FileEngine) and kind.format == format
+    }
+    for format in SUFFIXES
+}
+"""Format of a file -> classes that read it, by key of the library."""
+
+READERS = BY_FORMAT["urdf"]
+"""Key of the library -> class that reads a URDF."""
+
+DEFAULT: dict[str, type[FileEngine]] = {"urdf": PinocchioFile, "mjcf": MjcfFile}
+"""Format of a file -> class that reads it in a validation unless engines are named."""
+
+LIBRARIES: dict[str, type[Engine]] = ENGINES | BY_FORMAT["mjcf"] | READERS | ENGINES
+"""Key -> engine class; of a library that builds no model of a scene, the class that reads files."""
+
+
+def asked_by_default(registry: Mapping[str, type[K]]) -> dict[str, type[K]]:
+    """Return the engines of a registry that a comparison asks unless others are named."""
+    modules = {f"{__name__}.{file}" for file in ON_REQUEST}
+    return {key: kind for key, kind in registry.items() if kind.__module__ not in modules}
+
+
+def installed_version(kind: type[Engine]) -> str:
+    """Return name and version of the library of an engine, "" if it is not installed.
+
+    Of a tree engine no library is imported for it, as that takes seconds and memory.
+    """
+    try:
+        if issubclass(kind, TreeEngine):
+            return f"{kind.extra or kind.key} {metadata.version(kind.distribution())}"
+        return version_of(kind)
+    except (EngineError, metadata.PackageNotFoundError):
+        return ""
+
+
+def least_version(kind: type[Engine]) -> str:
+    """Return the oldest version of its library that an engine supports, "" if none is stated.
+
+    It is `TreeEngine.oldest`, or else what eomcheck requires.
+    """
+    oldest = getattr(kind, "oldest", UNSTATED)
+    if oldest != UNSTATED:
+        return oldest
+    required = kind.requirement() if issubclass(kind, TreeEngine) else required_of(kind.key)
+    return required.partition(">=")[2]
+
 
 ALWAYS = tuple(key for key, engine in ENGINES.items() if engine.extra is None)
 """Keys of the engines whose libraries come with eomcheck: they take part unless others are named.
@@ -68,14 +138,14 @@ So a run does not depend on other libraries that happen to be installed."""
 LARGEST_UNIT_ROUNDOFF = 2.0**-8
 """The largest unit roundoff of an engine, that of bfloat16."""
 
-ENGINE: LookupKind[Engine] = LookupKind("engine", Engine, ENGINES)
+ENGINE: LookupKind[Engine] = LookupKind("engine", Engine, LIBRARIES)
 
 
 def engine_of(name: str | type[Engine]) -> type[Engine]:
     """Return the engine class that `name` stands for.
 
     Args:
-        name: a key of `ENGINES`, another name as `eomcheck.class_lookup.class_named` understands
+        name: a key of `LIBRARIES`, another name as `eomcheck.class_lookup.class_named` understands
             it, either with a version as in "mujoco==4.0.0", or the class itself.
 
     Raises:
@@ -222,33 +292,27 @@ def engine_class_of(engine: Engine | type[Engine]) -> type[Engine]:
 
 # ---- Readers of robot descriptions ---------------------------------------------------------------
 
-READERS: dict[str, type[FileEngine]] = {
-    engine.key.removesuffix(FILE): engine
-    for engine in (PinocchioFile, MujocoFile, DrakeFile, IdyntreeFile, PybulletFile)
-}
-"""Key of the library -> class that reads a URDF."""
 
-DEFAULT: dict[str, type[FileEngine]] = {"urdf": PinocchioFile, "mjcf": MjcfFile}
-"""Format of a file -> class that reads it in a validation unless engines are named."""
-
-BY_FORMAT: dict[str, dict[str, type[FileEngine]]] = {"urdf": READERS, "mjcf": {"mujoco": MjcfFile}}
-"""Format of a file -> classes that read it, by key of the library."""
-
-
-def reader_of(format: str, name: str) -> type[FileEngine]:
-    """Return the class that reads files of a format by a library.
+def reader_of(scene: Mechanism, name: str) -> type[FileEngine]:
+    """Return the class of a library that reads the file of a robot.
 
     Args:
-        format: "urdf" or "mjcf".
-        name: key of the library, maybe with a version as in "mujoco==4.0.0".
+        scene: the robot.
+        name: key of the library, maybe with a version as in "mujoco==4.0.0", or the name of a
+            `FileEngine` of a user, see `engine_of`.
 
     Raises:
-        UnknownNameError: no library of this name reads it.
-        InputError: the version is none.
+        UnknownNameError: no library of this name reads files of this format.
+        InputError: the version is none, or a user's class does not read this file.
     """
+    if home_of_code(name) is not None:
+        kind = engine_of(name)
+        if issubclass(kind, FileEngine) and represents(kind, scene):
+            return kind
+        raise InputError(f"engine = {name!r} is no FileEngine that reads {scene.name}")
     library, pinned, version = name.partition(PINNED)
-    kind = registered("engine", library, BY_FORMAT[format])
-    return isolated(kind, version) if pinned else kind
+    reader = registered("engine", library, BY_FORMAT[scene.source.format])
+    return isolated(reader, version) if pinned else reader
 
 
 def default_reader(scene: Scene | type[Scene]) -> type[FileEngine] | None:
@@ -260,6 +324,7 @@ __all__ = [
     "ALWAYS",
     "BY_FORMAT",
     "ENGINES",
+    "LIBRARIES",
     "OPTIONAL",
     "READERS",
     "Answers",
@@ -270,6 +335,7 @@ __all__ = [
     "MjcfFile",
     "PinocchioFile",
     "VelocityMap",
+    "asked_by_default",
     "default_reader",
     "engine_of",
     "engines_among",

@@ -28,6 +28,7 @@ from eomcheck.numbers.symbolic import CasadiArithmetic
 class CasadiEngine(Engine):
     """Scene with all terms derived by CasADi from its energies and constraints."""
 
+    key = "casadi"
     solves_like = "au"
 
     def __init__(self, scene: Scene):

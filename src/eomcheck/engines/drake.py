@@ -24,6 +24,7 @@ from eomcheck.numbers.generic import Array
 class DrakeEngine(TreeSolverEngine):
     """Tree of rigid bodies as a Drake plant."""
 
+    key = "drake"
     module, extra = "pydrake.multibody.plant", "drake"
 
     def _build(self, library: Any, links: list[TreeLink]) -> None:

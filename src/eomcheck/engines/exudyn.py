@@ -27,6 +27,7 @@ SENSORS = (
 class ExudynEngine(TreeSolverEngine):
     """Tree of rigid bodies as an Exudyn kinematic tree."""
 
+    key = "exudyn"
     module = extra = "exudyn"
 
     def _build(self, library: Any, links: list[TreeLink]) -> None:

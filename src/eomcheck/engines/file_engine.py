@@ -222,10 +222,17 @@ class RobotDescription(NamedTuple):
     """Links with moments of inertia that no body has: one exceeds the sum of the others."""
 
 
-def file_of(scene: Scene) -> Path | None:
-    """Return the URDF of a robot that has the parameters of its file; None for any other scene."""
-    if not (isinstance(scene, Mechanism) and scene.source.format == "urdf" and scene.as_described):
+def file_of(scene: Scene, format: str = "urdf") -> Path | None:
+    """Return the file of a robot that has the parameters of its file; None for any other scene.
+
+    Args:
+        scene: the robot.
+        format: "urdf" or "mjcf"; None is returned for a file of another format.
+    """
+    if not (isinstance(scene, Mechanism) and scene.source.format == format and scene.as_described):
         return None
+    if format == "mjcf":
+        return Path(scene.source.file)
     first = FREE if is_free(scene) else 0
     # A joint with several coordinates has names of its own for them, unknown to the file.
     named = {slot.name for slot in scene.plan.joints[:first]}
@@ -304,6 +311,9 @@ class FileEngine(TreeEngine):
 
     reads_file = True
 
+    format: ClassVar[str] = "urdf"
+    """Format of the files that it reads, a key of `SUFFIXES`."""
+
     base_velocity: ClassVar[BaseVelocity]
     """Convention of the library for the velocity of a free base."""
 
@@ -359,8 +369,8 @@ class FileEngine(TreeEngine):
 
     @classmethod
     def represents(cls, scene: Scene) -> bool:
-        """Return whether the scene is a robot with the parameters of its file."""
-        return file_of(scene) is not None
+        """Return whether the scene is a robot with the parameters of a file of this format."""
+        return file_of(scene, cls.format) is not None
 
     def leaves_out(self, method: str) -> str:
         """Return the part of the file that a result leaves out, as text; "" where none is known.

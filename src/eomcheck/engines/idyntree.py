@@ -25,6 +25,7 @@ BASE = 6
 class IdyntreeEngine(TreeEngine):
     """Tree of rigid bodies as an iDynTree model."""
 
+    key = "idyntree"
     module, extra = "idyntree.bindings", "idyntree"
 
     @classmethod

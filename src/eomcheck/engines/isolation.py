@@ -45,7 +45,7 @@ from eomcheck.engines.pipe_protocol import (
     read_bytes,
     write_bytes,
 )
-from eomcheck.engines.tree_engine import FILE, TreeEngine
+from eomcheck.engines.tree_engine import TreeEngine, library_key
 from eomcheck.errors import CallError, EngineError, InputError
 from eomcheck.mechanics.scene import Scene
 from eomcheck.supervisor import why_died
@@ -319,7 +319,7 @@ def check_version(kind: type[TreeEngine], version: str) -> None:
     """
     if version == ANY:
         return
-    name = kind.key.removesuffix(FILE)
+    name = library_key(kind)
     if not VERSION.fullmatch(version):
         raise InputError(f"engine = {f'{name}{PINNED}{version}'!r}, expected as in {name}==1.2.3")
     if _numbers_of(version) < _numbers_of(kind.oldest):

@@ -21,7 +21,6 @@ from eomcheck.engines.file_engine import BaseVelocity, FileEngine, RobotDescript
 from eomcheck.engines.mujoco import MjcfFile, MujocoEngine, MujocoFile
 from eomcheck.engines.tree_engine import TreeEngine, TreeInputs, TreeLink
 from eomcheck.errors import required
-from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
 
 
@@ -76,7 +75,7 @@ def _functions() -> dict[str, Callable[..., Any]]:
     return {name: jax.jit(function) for name, function in compiled.items()}
 
 
-class MjxTree(TreeEngine):
+class MjxEngine(TreeEngine):
     """Tree of rigid bodies as an MJX model, in float32."""
 
     key = "mjx"
@@ -238,14 +237,14 @@ class MjxTree(TreeEngine):
         return by_q, by_v, by_tau
 
 
-class Mjx64Tree(MjxTree):
-    """The same in float64, which JAX computes in if it is told to."""
+class Mjx64Engine(MjxEngine):
+    """Tree of rigid bodies as an MJX model, in float64."""
 
     key = "mjx64"
     unit_roundoff = 2.0**-53
 
 
-class MjxFile(FileEngine, MjxTree):
+class MjxFile(FileEngine, MjxEngine):
     """URDF that MuJoCo reads, in MJX in float32."""
 
     key = "mjx_file"
@@ -267,7 +266,7 @@ class MjxFile(FileEngine, MjxTree):
 
 
 class Mjx64File(MjxFile):
-    """The same in float64."""
+    """URDF that MuJoCo reads, in MJX in float64."""
 
     key = "mjx64_file"
     unit_roundoff = 2.0**-53
@@ -277,12 +276,8 @@ class MjxMjcf(MjxFile):
     """MJCF that MuJoCo reads, in MJX in float32."""
 
     key = "mjx_mjcf"
+    format = "mjcf"
     built_by = MjcfFile
-
-    @classmethod
-    def represents(cls, scene: Scene) -> bool:
-        """Return whether MuJoCo's engine represents it."""
-        return MjcfFile.represents(scene)
 
     def _described(self) -> RobotDescription:
         return MjcfFile._described(self)  # type: ignore[arg-type]
@@ -293,7 +288,7 @@ class MjxMjcf(MjxFile):
 
 
 class Mjx64Mjcf(MjxMjcf):
-    """The same in float64."""
+    """MJCF that MuJoCo reads, in MJX in float64."""
 
     key = "mjx64_mjcf"
     unit_roundoff = 2.0**-53

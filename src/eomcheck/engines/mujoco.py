@@ -21,7 +21,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.descriptions.mjcf_reader import BALL_JOINT, FREE_JOINT, GROUND, read_mjcf
 from eomcheck.engines.engine import EngineAcceleration, VelocityMap
 from eomcheck.engines.file_engine import (
@@ -39,7 +38,6 @@ from eomcheck.engines.tree_engine import (
     bodies_with_mass,
 )
 from eomcheck.errors import EngineError
-from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
 
 STIFFEST = 0.9999
@@ -70,6 +68,7 @@ class _FrameState(NamedTuple):
 class MujocoEngine(TreeSolverEngine):
     """Tree of rigid bodies as a MuJoCo model."""
 
+    key = "mujoco"
     module = extra = "mujoco"
     oldest = "3.3.7"
     compliant = True
@@ -421,7 +420,8 @@ TURNS = 3
 class MjcfFile(MujocoFile):
     """MJCF read by `mujoco.MjSpec`, in its own coordinates: quaternions of free and ball joints."""
 
-    key = "mjcf_file"
+    key = "mujoco_mjcf"
+    format = "mjcf"
 
     def _described(self) -> RobotDescription:
         """Return a description without what only URDFs have; `_read` adds the dampers."""
@@ -448,13 +448,6 @@ class MjcfFile(MujocoFile):
         count = self.model.body_jntnum[body]
         joint = self.model.body_jntadr[body] + count - 1
         return self.model.jnt_pos[joint] if count else np.zeros(3)
-
-    @classmethod
-    def represents(cls, scene: Scene) -> bool:
-        """Return whether the scene is a mechanism with the parameters of its MJCF file."""
-        if not isinstance(scene, Mechanism):
-            return False
-        return scene.source.format == "mjcf" and scene.as_described
 
     def velocity_map(self, q: Array, v: Array) -> VelocityMap:
         """Return (x, S, Ṡ v), with quaternions and body-fixed angular velocities.

@@ -20,6 +20,7 @@ from eomcheck.numbers.generic import Array
 class PinocchioEngine(TreeSolverEngine):
     """Tree of rigid bodies as a Pinocchio model."""
 
+    key = "pinocchio"
     module = "pinocchio"
     any_inertia = True
 

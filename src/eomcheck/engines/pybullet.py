@@ -58,6 +58,7 @@ class _LinkState(NamedTuple):
 class PybulletEngine(TreeEngine):
     """Tree of rigid bodies as a PyBullet multibody."""
 
+    key = "pybullet"
     module = extra = "pybullet"
     _unit = 1.0
 

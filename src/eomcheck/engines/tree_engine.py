@@ -159,8 +159,29 @@ def _body_of_chain(parent: int, chain: list[TreeLink]) -> BodyWithJoints:
 
 # ---- Engines -------------------------------------------------------------------------------------
 
-FILE = "_file"
-"""Suffix of the key of an engine that reads files."""
+UNSTATED = "0"
+"""Oldest version of a library where an adapter states none."""
+
+SUFFIXES = {"urdf": "_file", "mjcf": "_mjcf"}
+"""Format of a file -> suffix of the key of an engine that reads such files."""
+
+
+def required_of(distribution: str) -> str:
+    """Return the requirement of a library with its least version, as eomcheck or an extra has it.
+
+    Only its name where there is none.
+    """
+    for line in metadata.requires("eomcheck") or ():
+        requirement = line.partition(";")[0].strip()
+        if re.match(rf"{re.escape(distribution)}(?![\w.-])", requirement):
+            return requirement
+    return distribution
+
+
+def library_key(kind: type[Engine]) -> str:
+    """Return the key of an engine class; of one that reads files that without its suffix."""
+    return re.sub(f"({'|'.join(SUFFIXES.values())})$", "", kind.key)
+
 
 TOUCHING = 1e-12
 """Relative tolerance of the triangle inequality of principal moments: for a thin rod or plate one
@@ -205,7 +226,7 @@ class TreeEngine(Engine):
     module: ClassVar[str]
     """Module to import."""
 
-    oldest: ClassVar[str] = "0"
+    oldest: ClassVar[str] = UNSTATED
     """Oldest version of the library that the adapter supports."""
 
     any_inertia: ClassVar[bool] = False
@@ -260,17 +281,12 @@ class TreeEngine(Engine):
     @classmethod
     def requirement(cls) -> str:
         """Return the library with its least version, as eomcheck requires it."""
-        name = cls.distribution()
-        for line in metadata.requires("eomcheck") or ():
-            requirement = line.partition(";")[0].strip()
-            if re.match(rf"{name}\b(?!-)", requirement):
-                return requirement
-        return name
+        return required_of(cls.distribution())
 
     @classmethod
     def version(cls) -> str:
         """Return name and version of the library."""
-        name = (cls.extra or cls.key).removesuffix(FILE)
+        name = cls.extra or library_key(cls)
         version = getattr(cls._library(), "__version__", None)
         return f"{name} {version or metadata.version(cls.distribution())}"
 

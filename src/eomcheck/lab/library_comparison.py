@@ -42,9 +42,8 @@ from eomcheck.engines import (
     Engine,
     EngineFault,
     FileEngine,
-    engine_of,
+    asked_by_default,
     reader_of,
-    represents,
     version_of,
 )
 from eomcheck.engines.answers import inertia_size, weight_size
@@ -307,9 +306,10 @@ SELF_CHECKS = "kinetic-energy", "power-balance"
 
 
 def readers(scene: Scene, names: Iterable[str] | None) -> dict[str, type[FileEngine]]:
-    """Return the libraries of these names that read the file of a scene, by default all.
+    """Return the libraries of these names that read the file of a scene.
 
-    A name is a key, or `FILE.py:CLASS` of a `FileEngine` of a user.
+    A name is a key, or `FILE.py:CLASS` of a `FileEngine` of a user; None stands for all of
+    `asked_by_default`.
 
     Raises:
         InputError: the scene is no file, or has other parameters; or a class reads no such file.
@@ -318,18 +318,9 @@ def readers(scene: Scene, names: Iterable[str] | None) -> dict[str, type[FileEng
     if not (isinstance(scene, Mechanism) and scene.source.format and scene.as_described):
         raise InputError(f"{scene.name} is no robot as its file describes it")
     format = scene.source.format
-    named = BY_FORMAT[format] if names is None else names
-    return dict(_reader(scene, format, name) for name in named)
-
-
-def _reader(scene: Scene, format: str, name: str) -> tuple[str, type[FileEngine]]:
-    """Return key and class of the library of one name, see `readers`."""
-    if home_of_code(name) is None:
-        return name, reader_of(format, name)
-    kind = engine_of(name)
-    if not (issubclass(kind, FileEngine) and represents(kind, scene)):
-        raise InputError(f"engine = {name!r} is no FileEngine that reads {scene.name}")
-    return kind.key, kind
+    named = asked_by_default(BY_FORMAT[format]) if names is None else names
+    kinds = ((name, reader_of(scene, name)) for name in named)
+    return {name if home_of_code(name) is None else kind.key: kind for name, kind in kinds}
 
 
 def library_result(key: str, kind: type[FileEngine], scene: Scene, required: bool) -> LibraryResult:
@@ -376,7 +367,8 @@ def compare_libraries(
 
     Args:
         scene: scene by `eomcheck.scenes.from_urdf` or `from_mjcf`.
-        engines: keys of `eomcheck.engines.BY_FORMAT`; by default those that are installed.
+        engines: keys of `eomcheck.engines.BY_FORMAT`; by default those of
+            `asked_by_default` that are installed.
         states: number of random states.
         seed: seed of their draws.
         advance: called after each state.

@@ -12,6 +12,7 @@ from eomcheck.errors import message_of
 from eomcheck.lab.show.table import Cell, ResultTable, table_of
 
 if TYPE_CHECKING:
+    from eomcheck.engines import Engine
     from eomcheck.evaluation.scene_quantities import Quantities
     from eomcheck.formulations import Formulation
     from eomcheck.mechanics.parameters import Parametric
@@ -23,12 +24,12 @@ if TYPE_CHECKING:
 
 def registered_scenes() -> ResultTable:
     """Return the table of all registered scenes."""
-    from eomcheck.engines import ENGINES
+    from eomcheck.engines import ENGINES, asked_by_default
     from eomcheck.lab.studies.operations.measure import outline
     from eomcheck.numbers.counting import Counting
     from eomcheck.scenes import SCENES
 
-    rows = []
+    engines, rows = asked_by_default(ENGINES), []
     for kind in SCENES.values():
         scene = kind.example()
         quantities = outline(scene, Counting())
@@ -39,7 +40,7 @@ def registered_scenes() -> ResultTable:
                 _terms(quantities),
                 _speeds(quantities),
                 _applicable_formulations(kind),
-                ", ".join(key for key, engine in ENGINES.items() if engine.represents(scene)),
+                ", ".join(key for key, engine in engines.items() if engine.represents(scene)),
                 _invariants(scene),
             )
         )
@@ -163,29 +164,43 @@ def function_claim_table() -> ResultTable:
 
 def _engines() -> ResultTable:
     from eomcheck.class_lookup import announced
-    from eomcheck.engines import ENGINE, ENGINES, engine_of, version_of
-    from eomcheck.errors import EngineError
+    from eomcheck.engines import (
+        BY_FORMAT,
+        ENGINE,
+        ENGINES,
+        LIBRARIES,
+        engine_of,
+        installed_version,
+        least_version,
+        version_of,
+    )
 
     rows = []
-    for engine in ENGINES.values():
-        try:
-            library = version_of(engine)
-        except EngineError:
-            library = "not installed"
-        own = yes(engine.offers("constraint_jacobian"))
-        extra = engine.extra or "none needed"
-        rows.append((Cell(engine.key, "name"), library, extra, own, first_line(engine)))
+    for key, engine in LIBRARIES.items():
+        facts = installed_version(engine) or "not installed", engine.extra or "none needed"
+        reads = [format for format, kinds in BY_FORMAT.items() if key in kinds]
+        reads = ", ".join(["scenes"] * (key in ENGINES) + reads)
+        facts = *facts, least_version(engine), reads
+        rows.append((Cell(key, "name"), *facts, *_about_engine(engine)))
     for name, point in announced(ENGINE).items():
         package = "" if point.dist is None else f"none: package {point.dist.name}"
         try:
             engine = engine_of(name)
-            facts = version_of(engine), package, yes(engine.offers("constraint_jacobian"))
-            row = (*facts, first_line(engine))
+            row = version_of(engine), package, "", "", *_about_engine(engine)
         except Exception as error:  # one broken engine of another package hides no other
-            row = "cannot be loaded", package, "", message_of(error)
+            row = "cannot be loaded", package, "", "", "", "", message_of(error)
         rows.append((Cell(name, "name"), *row))
-    columns = ("key", "library", "installed by the extra", "own constraints", "what it is")
+    columns = ("key", "library", "extra", "least version", "reads", "precision")
+    columns = *columns, "own constraints", "what it is"
     return ResultTable("engines", "", columns, rows)
+
+
+def _about_engine(engine: type[Engine]) -> tuple[str, str, str]:
+    """Return the precision of an engine, whether it has constraints of its own, and its noun."""
+    bits = {2.0**-53: "float64", 2.0**-24: "float32"}
+    u = engine.unit_roundoff
+    precision = bits.get(u, f"unit roundoff {u:.1g}")
+    return precision, yes(engine.offers("constraint_jacobian")), first_line(engine)
 
 
 def _claims() -> ResultTable:

@@ -25,8 +25,17 @@ from eomcheck.claims.engine_quantities import (
 )
 from eomcheck.claims.finding import Finding, Verdict, worst
 from eomcheck.claims.run import RunSelection, ValidationRun
-from eomcheck.engines import BY_FORMAT, ENGINES, Answers, Engine, EngineFault, version_of
-from eomcheck.errors import EngineError, RefusedError
+from eomcheck.engines import (
+    ENGINES,
+    Answers,
+    Engine,
+    EngineFault,
+    asked_by_default,
+    engine_of,
+    reader_of,
+    version_of,
+)
+from eomcheck.errors import EngineError, RefusedError, UnknownNameError
 from eomcheck.evaluation.conformance import (
     QUANTITIES,
     ConformancePoint,
@@ -96,11 +105,14 @@ def cells(
     """Yield a cell for each robot and each library that reads it, or scene and engine.
 
     Raises:
-        InputError: no such robot, or no states.
+        InputError, UnknownNameError: no such robot or engine, or no states.
     """
     check_count(states=states)
+    names = asked_by_default(ENGINES) if engine is None else engine
+    for name in names:
+        engine_of(name)
     for chosen in chosen_robots(robot, free, SCENES):
-        for key in ENGINES if engine is None else engine:
+        for key in names:
             yield chosen | {"engine": key, "states": states, "seed": seed}
 
 
@@ -112,12 +124,12 @@ def _subject(settings: Settings) -> tuple[Scene, type[Engine]]:
     """
     name, key = settings["robot"], settings["engine"]
     if name in SCENES:
-        return SCENES[name].example(), ENGINES[key]
+        return SCENES[name].example(), engine_of(key)
     scene = chosen_robot(settings)
-    readers = BY_FORMAT[scene.source.format]
-    if key not in readers:
-        raise EngineError(f"{key} reads no {scene.source.format.upper()}")
-    return scene, readers[key]
+    try:
+        return scene, reader_of(scene, key)
+    except UnknownNameError:
+        raise EngineError(f"{key} reads no {scene.source.format.upper()}") from None
 
 
 def _check(settings: Settings) -> Record:

@@ -15,7 +15,7 @@ from eomcheck.claims import CLAIMS
 from eomcheck.claims.finding import DECIDED
 from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.draws.pairwise_design import scene_cases
-from eomcheck.engines import ENGINES, Answers, Engine, engine_of
+from eomcheck.engines import ENGINES, Answers, Engine, asked_by_default, engine_of
 from eomcheck.errors import EngineError, RefusedError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import largest
@@ -86,7 +86,7 @@ def cells(
     """
     check_count(states=states)
     numbers = parse_interval(links)
-    for key in ENGINES if engine is None else engine:
+    for key in asked_by_default(ENGINES) if engine is None else engine:
         kind = engine_of(key)
         for scene in SCENES.values():
             if kind.represents(scene.example()):

@@ -1,0 +1,123 @@
+"""Every library of the registry: its classes keep the contract, and it agrees by its key."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests import robots
+from tests.samples import random_state
+
+import eomcheck
+from eomcheck import engines
+from eomcheck.engines import (
+    BY_FORMAT,
+    COMPARED,
+    ENGINES,
+    LIBRARIES,
+    ON_REQUEST,
+    READERS,
+    asked_by_default,
+    checked_engine,
+    engine_of,
+    installed_version,
+    is_under_test,
+    least_version,
+    version_of,
+)
+from eomcheck.engines.tree_engine import TreeEngine, library_key
+from eomcheck.lab.library_comparison import AGREES, compare_libraries
+from eomcheck.scenes import ChainPendulum, from_mjcf, from_urdf
+
+ASKED = asked_by_default(LIBRARIES)
+READING = [(format, key) for format, kinds in BY_FORMAT.items() for key in kinds]
+EVERY = [*ENGINES.values(), *(BY_FORMAT[format][key] for format, key in READING)]
+PROJECT = tomllib.loads(Path(__file__).parents[2].joinpath("pyproject.toml").read_text())
+EXTRAS = PROJECT["project"]["optional-dependencies"]
+
+
+def asked(key: str, *more: str):
+    """Return a case of a library; where it is asked on request only, it is left for the night."""
+    marks = [] if key in ASKED else [pytest.mark.night]
+    return pytest.param(*more, key, marks=marks, id="-".join((*more, key)))
+
+
+# ---- Classes -------------------------------------------------------------------------------------
+
+
+def test_every_class_of_every_file_has_a_key_of_its_own_and_keeps_the_contract():
+    classes = [kind for file in (*COMPARED, *ON_REQUEST) for kind in engines._adapters(file)]
+    assert sorted(kind.key for kind in classes) == sorted(kind.key for kind in EVERY)
+    assert {*map(checked_engine, classes)} == {*EVERY}
+    assert len({kind.key for kind in classes}) == len(classes)
+    assert {library_key(kind) for kind in classes} == {*LIBRARIES}
+    for kind in classes:
+        assert (kind.__doc__ or "").strip() and kind.__doc__ != kind.__mro__[1].__doc__, kind
+        assert installed_version(kind) == "" or installed_version(kind)[-1].isdigit()
+        assert least_version(kind)[:1].isdigit(), f"{kind.key}: `oldest` says no version"
+
+
+def test_a_key_finds_the_class_that_builds_models_and_else_the_one_that_reads_files():
+    for key, kind in LIBRARIES.items():
+        assert engine_of(key) is kind and key == library_key(kind)
+        assert kind is ENGINES.get(key, READERS.get(key, BY_FORMAT["mjcf"].get(key)))
+    assert not [key for key in ENGINES if is_under_test(ENGINES[key])]
+
+
+def test_the_libraries_on_request_are_asked_by_no_default():
+    seven = ["pinocchio", "casadi", "mujoco", "drake", "exudyn", "idyntree", "pybullet"]
+    assert [*ASKED] == seven == [*asked_by_default(ENGINES)]
+    assert [*asked_by_default(BY_FORMAT["mjcf"])] == ["mujoco"]
+    assert {"mjx", "mjx64"} <= {*LIBRARIES} - {*ASKED}
+
+
+def test_a_library_on_request_has_an_extra_of_its_own_with_its_least_version():
+    for kind in EVERY:
+        if library_key(kind) in ASKED:
+            continue
+        assert kind.extra in EXTRAS, f"pyproject.toml has no extra {kind.extra!r}"
+        assert issubclass(kind, TreeEngine)
+        wanted = f"{kind.distribution()}>={kind.oldest}"
+        assert wanted in EXTRAS[kind.extra], f"the extra {kind.extra} does not have {wanted}"
+        assert not {*EXTRAS[kind.extra]} - {*EXTRAS["mujoco"]} & {*EXTRAS["engines"]}
+
+
+def test_an_engine_with_64_in_its_key_is_that_of_float32_in_float64():
+    for key in [key for key in LIBRARIES if key.endswith("64")]:
+        ours, theirs = LIBRARIES[key], LIBRARIES[key.removesuffix("64")]
+        assert (ours.unit_roundoff, theirs.unit_roundoff) == (2.0**-53, 2.0**-24)
+        assert issubclass(ours, theirs) and ours.extra == theirs.extra
+
+
+# ---- Answers -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("key", [asked(key) for key in ENGINES])
+def test_a_library_agrees_on_a_pendulum_by_its_key(key: str):
+    scene = ChainPendulum.example()
+    version_of(ENGINES[key])
+    findings = eomcheck.check_state(
+        scene, *random_state(scene, np.random.default_rng(0)), engines=[key]
+    )
+    own = [one for one in findings if one.engine is ENGINES[key]]
+    assert [str(one) for one in own if one.verdict == "failed"] == []
+    assert {"mass-matrix", "bias"} <= {one.claim for one in own if one.verdict == "passed"}
+
+
+ARM = """
+<mujoco><worldbody><body><joint name="turn" axis="0 1 0"/><geom size="0.1" pos="0.3 0 0"/>
+<body pos="0.5 0 0"><joint name="slide" type="slide" axis="1 0 0"/><geom size="0.2"/></body>
+</body></worldbody></mujoco>
+"""
+
+
+@pytest.mark.parametrize(("format", "key"), [asked(key, format) for format, key in READING])
+def test_a_library_reads_a_robot_by_its_key(format: str, key: str, tmp_path: Path):
+    version_of(BY_FORMAT[format][key])
+    file = tmp_path / "arm.xml"
+    file.write_text(ARM)
+    scene = from_mjcf(file) if format == "mjcf" else from_urdf(robots.arm(tmp_path / "arm.urdf"))
+    comparison = compare_libraries(scene, [key], states=2, claims=["mass-matrix", "bias"])
+    assert comparison.libraries[key].verdict in (*AGREES, "fewer digits"), comparison.readings("")
