@@ -336,7 +336,8 @@ def test_a_velocity_of_a_base_is_told_in_the_order_of_the_library():
 
 
 def test_libraries_have_these_velocities_and_coordinates_of_a_free_base():
-    told = {key: tuple(kind.base_velocity) for key, kind in READERS.items()}
+    readers = asked_by_default(READERS)
+    told = {key: tuple(kind.base_velocity) for key, kind in readers.items()}
     assert told == {
         "pinocchio": ("base", "base", False),
         "mujoco": ("ground", "base", False),
@@ -344,7 +345,7 @@ def test_libraries_have_these_velocities_and_coordinates_of_a_free_base():
         "idyntree": ("ground", "ground", False),
         "pybullet": ("base", "base", True),
     }
-    assert {key for key, kind in READERS.items() if kind.undamped} == {"pinocchio"}
+    assert {key for key, kind in readers.items() if kind.undamped} == {"pinocchio"}
     base = free_base(np.array([1.0, 2.0, 3.0, 0.3, -0.7, 1.1]), np.zeros(6))
     (w, x, y, z), place, R = base.quaternion, [1.0, 2.0, 3.0], base.R.ravel().tolist()
     assert PinocchioFile.pose(None, base).tolist() == [*place, x, y, z, w]  # type: ignore

@@ -163,6 +163,10 @@ def test_what_a_claim_about_functions_needs_is_told_with_its_alternatives(monkey
     ]
 
 
+COARSE = "", "", "unit roundoff 0.001", "no", "From elsewhere."
+"""End of the row of an engine of another package, in numbers of no usual precision."""
+
+
 def test_engines_are_told_with_what_is_installed_and_those_of_packages_with_what_fails(
     monkeypatch,
 ):
@@ -172,7 +176,7 @@ def test_engines_are_told_with_what_is_installed_and_those_of_packages_with_what
         And more.
         """
 
-        key, extra = "own", None
+        key, extra, unit_roundoff = "own", None, 2.0**-53
 
         @classmethod
         def offers(cls, name: str) -> bool:
@@ -180,14 +184,14 @@ def test_engines_are_told_with_what_is_installed_and_those_of_packages_with_what
             return cls.key == "own"
 
     class Gone(Own):
-        """One that is not there."""
+        """One not there."""
 
-        key, extra = "gone", "spare"
+        key, extra, unit_roundoff, oldest = "gone", "spare", 2.0**-24, "1.5"
 
     class Far(Own):
         """From elsewhere."""
 
-        key = "far"
+        key, unit_roundoff = "far", 2.0**-10
 
     def version_of(engine: Any) -> str:
         if engine is Gone:
@@ -204,18 +208,20 @@ def test_engines_are_told_with_what_is_installed_and_those_of_packages_with_what
 
     points = {"far": dist("farther"), "bad": dist("worse"), "bare": SimpleNamespace(dist=None)}
     monkeypatch.setattr("eomcheck.engines.LIBRARIES", {"own": Own, "gone": Gone})
+    monkeypatch.setattr("eomcheck.engines.ENGINES", {"own": Own})
+    monkeypatch.setattr("eomcheck.engines.BY_FORMAT", {"urdf": {"gone": Gone}})
     monkeypatch.setattr("eomcheck.engines.version_of", version_of)
     monkeypatch.setattr("eomcheck.engines.engine_of", engine_of)
     monkeypatch.setattr("eomcheck.class_lookup.announced", lambda kind: points)
     sheet = registries.registry_table("engines")
-    heads = "library", "installed by the extra", "own constraints", "what it is"
-    assert (sheet.name, sheet.columns) == ("engines", ("key", *heads))
+    heads = "library", "extra", "least version", "reads", "precision", "own constraints"
+    assert (sheet.name, sheet.columns) == ("engines", ("key", *heads, "what it is"))
     assert [tuple(map(str, row)) for row in sheet.rows] == [
-        ("own", "own 1.2", "none needed", "yes", "Its first line."),
-        ("gone", "not installed", "spare", "no", "One that is not there."),
-        ("far", "far 1.2", "none: package farther", "no", "From elsewhere."),
-        ("bad", "cannot be loaded", "none: package worse", "", "broken in two lines"),
-        ("bare", "far 1.2", "", "no", "From elsewhere."),
+        ("own", "own 1.2", "none needed", "", "scenes", "float64", "yes", "Its first line."),
+        ("gone", *("not installed", "spare", "1.5", "urdf", "float32", "no"), "One not there."),
+        ("far", "far 1.2", "none: package farther", *COARSE),
+        ("bad", "cannot be loaded", "none: package worse", *("",) * 4, "broken in two lines"),
+        ("bare", "far 1.2", "", *COARSE),
     ]
     assert {row[0].kind for row in sheet.rows} == {"name"}  # type: ignore[attr-defined]
 

@@ -101,8 +101,8 @@ LIBRARIES: dict[str, type[Engine]] = ENGINES | BY_FORMAT["mjcf"] | READERS | ENG
 
 def asked_by_default(registry: Mapping[str, type[K]]) -> dict[str, type[K]]:
     """Return the engines of a registry that a comparison asks unless others are named."""
-    modules = {f"{__name__}.{file}" for file in ON_REQUEST}
-    return {key: kind for key, kind in registry.items() if kind.__module__ not in modules}
+    others = {library_key(kind) for file in ON_REQUEST for kind in _adapters(file)}
+    return {key: kind for key, kind in registry.items() if key not in others}
 
 
 def installed_version(kind: type[Engine]) -> str:
