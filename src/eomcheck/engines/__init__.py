@@ -56,6 +56,7 @@ COMPARED = ("pinocchio", "casadi", "mujoco", "drake", "exudyn", "idyntree", "pyb
 """Files of the libraries that a comparison asks unless others are named."""
 
 ON_REQUEST = [
+    "dart",
     "mjx",
 ]
 """Files of the libraries that are asked only where they are named, one a line."""

@@ -32,7 +32,9 @@ from eomcheck.numbers.generic import Array
 class DartEngine(TreeEngine):
     """Tree of rigid bodies as a DART skeleton."""
 
+    key = "dart"
     module, extra = "dartpy", "dart"
+    oldest = "6.20"
     any_inertia = True
 
     @classmethod
