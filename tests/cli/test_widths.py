@@ -47,7 +47,7 @@ COMMANDS = {
     "agreement": "study agreement --links 1..2 --per-size 2",
     "studies": "study --help",
 }
-OTHERS = {"report", "export", "reference", "compare", "fuzz"}
+OTHERS = {"report", "export", "reference", "compare", "fuzz", "badge"}
 """Commands that need files or take long: below; what `reference` prints is a table of
 `ResultTable`.
 """

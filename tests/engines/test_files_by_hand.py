@@ -472,3 +472,13 @@ def test_lines_are_kept_once_without_blanks_and_streams_come_back_after_an_excep
     print("after")
     os.write(2, b"there\n")
     assert capfd.readouterr() == ("before\nafter\n", "there\n")
+
+
+def test_a_joint_of_the_name_of_a_link_is_not_its_frame(tmp_path: Path):
+    scene, q = from_urdf(arm(tmp_path / "arm.urdf")), np.array([0.3, 0.1, -0.4])
+    text = (tmp_path / "arm.urdf").read_text(encoding="utf-8")
+    (tmp_path / "same.urdf").write_text(text.replace('"shoulder"', '"hand"'), encoding="utf-8")
+    engines = PinocchioFile(scene), PinocchioFile(from_urdf(tmp_path / "same.urdf"))
+    first, second = (Answers(one).ask("frame_placement", q, q, q, "hand", 0.0) for one in engines)
+    np.testing.assert_array_equal(first, second)
+    assert not engines[1].has_frame("shoulder")

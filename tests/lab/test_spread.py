@@ -153,6 +153,11 @@ def test_an_item_that_kills_its_workers_is_reported_after_all_the_others(work, n
     assert began.count(3) == DEATHS_TOGETHER + 1
 
 
+def test_an_item_that_kills_its_workers_has_the_result_that_is_given_for_it(work, notes: Path):
+    found = parallel_map("local:2", partial(work.deadly, notes), range(6), lambda item: -item)
+    assert dict(found)[3] == -3
+
+
 def test_an_exception_of_the_work_is_raised_as_it_was(work):
     with pytest.raises(RefusedError, match="M is singular") as caught:
         list(parallel_map("local:2", work.wrong, range(8)))

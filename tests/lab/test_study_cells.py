@@ -12,11 +12,12 @@ import pytest
 
 from eomcheck.errors import EomcheckError, InputError
 from eomcheck.lab.show.chart import Panel
-from eomcheck.lab.store.record_file import Record, record_of_rows
+from eomcheck.lab.store.record_file import Record, Records, record_of_rows
 from eomcheck.lab.studies import operations, study_of
 from eomcheck.lab.studies import stiff as stiff
 from eomcheck.lab.studies.operations import measure
 from eomcheck.lab.studies.operations.measure import Operations, Saving, Springs, count_record
+from eomcheck.lab.study import run_cells
 from eomcheck.numbers.counting import System
 from eomcheck.numbers.generic import EPS
 from eomcheck.scenes import Sleigh, Snake
@@ -476,3 +477,17 @@ def test_runs_of_stiff_joints_that_shared_their_core_are_counted():
     quiet = replace(STIFF[0], seconds=STIFF[0].cpu_seconds)
     (line,) = study_of("stiff").remarks([quiet, *STIFF[:3]])
     assert line == "3 of 4 best runs had to share a core."
+
+
+def test_cells_that_kill_their_processes_are_kept_as_failed(monkeypatch):
+    def all_die(executor, function, items, killed):
+        return ((item, killed(item)) for item in items)
+
+    monkeypatch.setattr("eomcheck.lab.study.parallel_map", all_die)
+    cells = [{"robot": "a", "engine": "b"}, {"robot": "a", "engine": "c"}]
+    with Records(None) as records:
+        found = run_cells(records, "conformance", cells, print, label="", executor="local:1")
+        assert [(one.settings, one.status) for one in found] == [(x, "failed") for x in cells]
+        assert {one.reason for one in found} == {"it killed every process that ran it"}
+        again = run_cells(records, "conformance", cells, print, label="", executor="local:1")
+        assert [one.when for one in again] == [one.when for one in found]

@@ -347,6 +347,15 @@ References = Annotated[Path, typer.Option(help="Folder of the reference solution
 OldRecords = Annotated[Path | None, typer.Argument(metavar=OLD_FORM, hidden=True)]
 Fresh = Annotated[bool, typer.Option("--fresh", help="Measure everything anew.")]
 Json = Annotated[Path | None, typer.Option("--json", help="Write the results to this file.")]
+DeviationsOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--deviations",
+        metavar="FILE",
+        help="TOML file of known deviations of engines: exit code 1 for a difference that it does "
+        "not declare, and for a declared one that is not observed; 0 otherwise.",
+    ),
+]
 RecordsOption = Annotated[
     Path | None,
     typer.Option(

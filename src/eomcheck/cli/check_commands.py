@@ -15,6 +15,7 @@ from eomcheck.cli.application import (
     SUITE,
     Claims,
     CommandEnd,
+    DeviationsOption,
     Engines,
     ExecutorOption,
     Formulations,
@@ -87,6 +88,7 @@ def validate_command(
     wide: Annotated[
         bool, typer.Option("--wide", help="Print every formulation, engine or scene by itself.")
     ] = False,
+    deviations: DeviationsOption = None,
     patience: Patience = PATIENCE,
 ) -> None:
     """Check every claim on the example of a scene (the paper's robot) and on random ones.
@@ -108,6 +110,12 @@ def validate_command(
     from eomcheck.draws.pairwise_design import link_count
     from eomcheck.engines import engines_among, is_under_test, version_of
     from eomcheck.engines.answers import represented
+    from eomcheck.lab.deviations import (
+        names_engine,
+        print_deviating,
+        read_deviations,
+        run_observations,
+    )
     from eomcheck.lab.report.finding_output import print_runs, write_findings
     from eomcheck.lab.store.parallel_map import check_executor
     from eomcheck.lab.store.validation_runs import (
@@ -126,6 +134,7 @@ def validate_command(
 
     engine = selected_engines(engine)
     engines = engines_among(engine)
+    known = None if deviations is None else read_deviations(deviations)
     tried = tuple(filter(is_under_test, engines))
     name, chosen_scene = scene or (ALL if tried else "snake"), None
     if parameters or name in ROBOTS:
@@ -182,7 +191,12 @@ def validate_command(
         print(warning)
     if end.interrupted:
         console.print("interrupted: the table holds what was checked until then")
-    end.conclude(json, any(finding.verdict == "failed" for finding in findings))
+    failures = [finding for finding in findings if finding.verdict == "failed"]
+    failed = bool(failures)
+    if known is not None and deviations is not None:
+        undeclared = print_deviating(run_observations(findings), known, deviations)
+        failed = undeclared or not all(names_engine(x.claim, x.subject) for x in failures)
+    end.conclude(json, failed)
     if engine:
         check_compared(engines, findings)
     check_decided(findings)
@@ -388,6 +402,31 @@ def reference_command(
         print(f"written: {path}")
 
 
+@app.command("badge")
+def badge_command(
+    result: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RESULT", help="Result of `eomcheck validate --json` or `compare --json`."
+        ),
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", help="SVG to write.")],
+    engine: Annotated[
+        str | None,
+        typer.Option(metavar="KEY", help="Engine, where the result is about several."),
+    ] = None,
+    label: Annotated[
+        str | None, typer.Option(help="Text on the left. [default: eomcheck and the engine]")
+    ] = None,
+) -> None:
+    """Write a badge of a result, a static SVG: the quantities of an engine that agree."""
+    check_output(output, [result])
+    from eomcheck.lab.badge import write_badge
+
+    print(write_badge(result, output, label, engine))
+    print(f"written: {output}")
+
+
 @app.command("compare")
 def compare_command(
     robot: Annotated[
@@ -412,6 +451,7 @@ def compare_command(
         bool, typer.Option("--pairs", help="Also print each library beside each other.")
     ] = False,
     json: Json = None,
+    deviations: DeviationsOption = None,
     patience: Patience = PATIENCE,
 ) -> None:
     """Compare the equations that libraries read from one file: M, bias, forces and accelerations.
@@ -423,8 +463,10 @@ def compare_command(
     check_count(examples=examples)
     check_writable(json)
     from eomcheck.console import progress
+    from eomcheck.lab.deviations import print_deviating, read_deviations
     from eomcheck.lab.library_comparison import (
         compare_libraries,
+        comparison_observations,
         print_comparison,
         write_comparison,
     )
@@ -434,6 +476,7 @@ def compare_command(
         raise InputError(
             f"robot = {robot!r}, expected robot.urdf, robot.urdf:floating or robot.xml"
         )
+    known = None if deviations is None else read_deviations(deviations)
     scene = scene_named(robot)
     with progress("comparing libraries at {state}", examples) as advance:
         comparison = compare_libraries(scene, engine, examples, seed, advance, claim)
@@ -442,6 +485,11 @@ def compare_command(
     print_comparison(comparison, pairs)
     if json is not None:
         print(f"written: {json}")
-    if comparison.disagree or comparison.unanswered:
+    if known is not None and deviations is not None:
+        observations = comparison_observations(comparison)
+        failed = print_deviating(observations, known, deviations) or bool(comparison.self_failures)
+    else:
+        failed = comparison.disagree or bool(comparison.unanswered)
+    if failed:
         raise typer.Exit(1)
     comparison.check_decided()

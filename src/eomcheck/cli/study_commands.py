@@ -19,6 +19,7 @@ from eomcheck.cli.application import (
     CommandEnd,
     CommandGroup,
     CommandLine,
+    DeviationsOption,
     FormulationOption,
     Fresh,
     Json,
@@ -125,6 +126,7 @@ def command_of(key: str, figure_only: bool = False) -> Any:
         "fresh": (Fresh, False),
         "patience": (Patience, PATIENCE),
         **({} if figure_only else {"json": (Json, None), "figures": (Figures, None)}),
+        **({} if one.observations is None else {"deviations": (DeviationsOption, None)}),
         **{x: (_option(x, p.annotation), p.default) for x, p in one.options().items()},
     }
     command.__signature__ = Signature(  # type: ignore[attr-defined]
@@ -191,11 +193,15 @@ def _run(
     fresh: bool,
     json: Path | None,
     figures: Path | None,
+    deviations: Path | None = None,
     **options: Any,
 ) -> None:
     check_folder(figures)
     check_writable(json)
+    from eomcheck.lab.deviations import print_deviating, read_deviations
     from eomcheck.lab.show.table import print_tables, say, write_json
+
+    known = None if deviations is None else read_deviations(deviations)
 
     results = _run_study(one, records, fresh, options)
     # Files first, so that they are written even if printing fails.
@@ -208,7 +214,10 @@ def _run(
     print_tables(one.tables(results))
     for sentence in one.remarks(results):
         say(sentence)
-    end.conclude(written, one.alarm(results))
+    alarm = one.alarm(results)
+    if deviations is not None and known is not None and one.observations is not None:
+        alarm = print_deviating(one.observations(results), known, deviations) or alarm
+    end.conclude(written, alarm)
 
 
 def _run_study(

@@ -146,7 +146,7 @@ class PinocchioEngine(TreeSolverEngine):
 
     def has_frame(self, f: str) -> bool:
         """Return whether there is a frame of this name; a free base stands on no link."""
-        return bool(self.model.existFrame(f))
+        return self._frame_kind(f) is not None
 
     def _frame(self, f: str, *state: Array) -> tuple[Any, ...]:
         """Return (model, data, frame) after forward kinematics at a state."""
@@ -160,9 +160,15 @@ class PinocchioEngine(TreeSolverEngine):
         Raises:
             KeyError: the model has no such frame.
         """
-        if not self.model.existFrame(f):  # whatever a subclass says that it has
+        kind = self._frame_kind(f)
+        if kind is None:  # whatever a subclass says that it has
             raise KeyError(f"the model has no frame {f!r}")
-        return self.model.getFrameId(f)
+        return self.model.getFrameId(f, kind)
+
+    def _frame_kind(self, f: str) -> Any:
+        """Return the type of the frame of a link, None without one: a joint may have its name."""
+        kinds = self._pin.FrameType
+        return next((k for k in (kinds.BODY, kinds.OP_FRAME) if self.model.existFrame(f, k)), None)
 
     def frame_placement(self, f: str, q: Array, t: float = 0.0) -> tuple[Array, Array]:
         """Return (R, p) of `oMf`."""
@@ -210,7 +216,7 @@ class PinocchioEngine(TreeSolverEngine):
         Y = rows_of(Y, len(v))
         columns = []
         for frame, moved in zip(self.body_frames, self.body_parameters, strict=True):
-            joint = self.model.frames[self.model.getFrameId(frame.name)].parentJoint
+            joint = self.model.frames[self._frame_index(frame.name)].parentJoint
             own = Y[:, 10 * (joint - 1) : 10 * joint][:, BY_COLUMNS]
             columns.append(own @ moved)
         return np.hstack(columns)

@@ -51,6 +51,7 @@ from eomcheck.errors import EngineError, InputError, RefusedError, message_of
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import FORMULATIONS
+from eomcheck.lab.deviations import READING, Observation, robot_of
 from eomcheck.lab.discrepancy import Discrepancy, Explanation, explain, relative_scale
 from eomcheck.lab.show.table import Cell, ResultTable, print_tables, say
 from eomcheck.lab.store.record_file import group
@@ -484,6 +485,22 @@ def library_quantities(
         else:
             quantities[name] = answer.vdot if name == "q̈" else answer
     return quantities
+
+
+def comparison_observations(comparison: LibraryComparison) -> Iterator[Observation]:
+    """Yield the observations of a comparison: of quantities, of faults and of unread files."""
+    robot = robot_of(comparison.scene)
+    for result in comparison.libraries.values():
+        if not result.missing:
+            yield Observation(result.library, READING, robot, bool(result.refusal), result.refusal)
+        faults = {QUANTITIES[name].method: what for name, what in result.faults.items()}
+        for method, what in faults.items():
+            yield Observation(result.library, method, robot, True, what)
+        for claim, finding in result.findings.items():
+            method = CLAIMS[claim].asks
+            if method not in faults:
+                differs = finding.verdict == "failed" if finding.verdict in DECIDED else None
+                yield Observation(result.library, method, robot, differs, finding.detail)
 
 
 # ---- Tables and JSON -----------------------------------------------------------------------------

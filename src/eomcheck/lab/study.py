@@ -32,6 +32,7 @@ from eomcheck.console import progress
 from eomcheck.deprecated import old_keywords
 from eomcheck.errors import EomcheckError, InputError, RefusedError
 from eomcheck.formulations import formulation_of
+from eomcheck.lab.deviations import Observation
 from eomcheck.lab.show.chart import Chart, Line
 from eomcheck.lab.show.table import ResultTable
 from eomcheck.lab.store.parallel_map import check_executor, parallel_map
@@ -228,7 +229,8 @@ def run_cells(
         study: name of the study.
         cells: settings, one per cell; a cell that is given twice is run once.
         work: settings -> Record of this study and these settings. An exception of eomcheck's own
-            becomes a Record: "refused" for a `RefusedError`, otherwise "failed".
+            becomes a Record: "refused" for a `RefusedError`, otherwise "failed". So does the death
+            of its process, where an executor runs it.
         fresh: delete the Records of these cells first.
         label: label of `progress`, by default the name of the study; "" for none.
         executor: executor for untimed cells, see
@@ -246,7 +248,7 @@ def run_cells(
     finished = (
         map(run_batch, batches)
         if executor is None
-        else (x for _, x in parallel_map(executor, run_batch, batches))
+        else (x for _, x in parallel_map(executor, run_batch, batches, partial(_killed, study)))
     )
     with progress(study if label is None else label, len(grouped)) as advance:
         for batch_records in finished:
@@ -261,6 +263,12 @@ def _work_off(
     study: str, work: Callable[[Settings], Record], together: list[Settings]
 ) -> list[Record]:
     return [_work_off_one(study, settings, work) for settings in together]
+
+
+def _killed(study: str, together: list[Settings]) -> list[Record]:
+    """Return the Records of cells whose processes died, such as by a crash of a library."""
+    why = "it killed every process that ran it"
+    return [Record(study, cell, "failed", why) for cell in together]
 
 
 def _work_off_one(study: str, settings: Settings, work: Callable[[Settings], Record]) -> Record:
@@ -361,6 +369,8 @@ class Study:
         document: Records -> document that `--json` writes, by default the Records.
         reading: instructions for reading its tables and charts, for the report.
         small: whether it may run without a file for its Records.
+        observations: Records -> verdicts on engines, which a file of known deviations is compared
+            with (`--deviations`); None if it compares no engines.
         parallel_by: settings by which its cells are run in parallel (`--executor`); cells that
             share them go together. By default cells are timed: one after another, in this process.
     """
@@ -380,6 +390,7 @@ class Study:
     }
     reading: str = ""
     small: bool = False
+    observations: Callable[[StudyRecords], Iterable[Observation]] | None = None
     parallel_by: Sequence[str] = ()
 
     def options(self) -> dict[str, Parameter]:

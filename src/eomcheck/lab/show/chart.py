@@ -131,6 +131,8 @@ class Box(NamedTuple):
     hatched: bool
     framed: bool
     hover_text: Sequence[str] = ()
+    text: str = ""
+    """Short text in it, in a figure."""
 
 
 @dataclass(frozen=True)
@@ -145,6 +147,8 @@ class Heat:
         hatched: meaning of hatching.
         framed: meaning of a frame.
         title: text above it.
+        steep: whether headings are upright and letters small, without a color scale: for a figure
+            as wide as a telephone.
     """
 
     columns: Mapping[str, int]
@@ -154,6 +158,7 @@ class Heat:
     hatched: str
     framed: str
     title: str = ""
+    steep: bool = False
 
     @property
     def edges(self) -> list[float]:

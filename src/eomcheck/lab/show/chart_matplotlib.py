@@ -80,7 +80,7 @@ def _draw_block(block: SubFigure, rows: Sequence[Sequence[Panel | Heat]]) -> lis
     heats = [(grid[place], panel) for place, panel in shown.items() if isinstance(panel, Heat)]
     for axes, heat in heats:
         draw_heat(axes, heat)
-    if heats:
+    if heats and not heats[0][1].steep:
         color_bar(block, drawn, heats[0][1])
     panels = {place: panel for place, panel in shown.items() if isinstance(panel, Panel)}
     for place, panel in panels.items():
@@ -211,13 +211,23 @@ def draw_heat(axes: Axes, heat: Heat) -> None:
                 label = heat.hatched if empty else f"{heat.hatched} in part"
                 look |= {"ec": "0.45", "hatch": "//////", "label": label}
             axes.add_patch(Rectangle(*where, **look))
-            if box.framed:
+            if box.text:
+                axes.text(
+                    *((left + right) / 2, row + 0.54, box.text),
+                    **{"ha": "center", "va": "center", "fontsize": 6.5},
+                    color="white" if not empty and scale(box.value) > 0.6 else "black",
+                )
+            if heat.steep:
+                axes.add_patch(Rectangle(*where, fc="none", ec="0.6", lw=0.5))
+            if box.framed and not heat.steep:
                 axes.add_patch(Rectangle(*where, fc="none", ec="#0033CC", lw=2, label=heat.framed))
     axes.set_xlim(0, len(heat.columns))
     axes.set_ylim(len(heat.rows), 0)
     heads = [head.replace(" ", "\n", 1) for head in heat.columns]
-    axes.set_xticks(np.arange(len(heads)) + 0.5, heads, fontsize=9)
-    axes.set_yticks(np.arange(len(heat.rows)) + 0.5, list(heat.rows))
+    size = {"fontsize": 7, "rotation": 90} if heat.steep else {"fontsize": 9}
+    axes.set_xticks(np.arange(len(heads)) + 0.5, heads, **size)
+    labels: dict[str, Any] = {"fontsize": 7} if heat.steep else {}
+    axes.set_yticks(np.arange(len(heat.rows)) + 0.5, list(heat.rows), **labels)
     axes.xaxis.tick_top()
     axes.tick_params(length=0)
     axes.spines[:].set_visible(False)

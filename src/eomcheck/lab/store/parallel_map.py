@@ -361,7 +361,10 @@ DEATHS_TOGETHER = 2
 
 @old_keywords
 def parallel_map(
-    executor: str | None, function: Callable[[Item], Result], items: Iterable[Item]
+    executor: str | None,
+    function: Callable[[Item], Result],
+    items: Iterable[Item],
+    killed: Callable[[Item], Result] | None = None,
 ) -> Iterator[tuple[Item, Result]]:
     """Yield (item, function(item)), in the order in which they finish.
 
@@ -373,9 +376,11 @@ def parallel_map(
         executor: see `eomcheck.lab.store.parallel_map.executor`.
         function: of a module that workers can import (or a `functools.partial` of one).
         items: anything that can be pickled, and so can the results.
+        killed: item that killed its workers -> the result in place of an error.
 
     Raises:
-        DiedError: an item killed its workers, no worker is left, or the scheduler is gone.
+        DiedError: an item killed its workers and there is no `killed`; or no worker is left,
+            or the scheduler is gone.
         WorkerError: workers die as they start.
         InputError, EngineError: see `eomcheck.lab.store.parallel_map.executor`.
     """
@@ -407,7 +412,9 @@ def parallel_map(
             for task in suspects:
                 queue.remove(task)
             alone.extend(suspects)
-    if given_up:
+    if killed is not None:
+        yield from ((task.item, killed(task.item)) for task in given_up)
+    elif given_up:
         names = "; ".join(_short(task.item) for task in given_up[:3])
         raise DiedError(f"{counted(len(given_up), 'item')} killed every worker with it: {names}")
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated
 
 from eomcheck import strategies
@@ -23,7 +24,7 @@ from eomcheck.claims.engine_quantities import (
     follow,
     frames_asked,
 )
-from eomcheck.claims.finding import Finding, Verdict, worst
+from eomcheck.claims.finding import DECIDED, Finding, Verdict, worst
 from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.engines import (
     ENGINES,
@@ -35,7 +36,7 @@ from eomcheck.engines import (
     reader_of,
     version_of,
 )
-from eomcheck.errors import EngineError, RefusedError, UnknownNameError
+from eomcheck.errors import EngineError, EomcheckError, RefusedError, UnknownNameError
 from eomcheck.evaluation.conformance import (
     QUANTITIES,
     ConformancePoint,
@@ -44,10 +45,12 @@ from eomcheck.evaluation.conformance import (
 )
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import largest
+from eomcheck.lab.deviations import READING, Observation
 from eomcheck.lab.option_parsing import Seed, check_count
+from eomcheck.lab.show.chart import Axis, Box, Chart, Heat
 from eomcheck.lab.show.table import Cell, ResultTable
 from eomcheck.lab.store.record_file import Record, Settings, group, record_of_rows, rows_in
-from eomcheck.lab.studies.robots import chosen_robot, chosen_robots, robot_label
+from eomcheck.lab.studies.robots import ROBOTS, chosen_robot, chosen_robots, robot_label
 from eomcheck.lab.study import Study, failed, unfinished
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
@@ -56,6 +59,9 @@ from eomcheck.strategies import draw_samples
 
 DIGIT_STATES = 2
 """Number of states in which true digits are counted, which takes ball arithmetic."""
+
+LEAST_SHARE = 0.4
+"""Value in the color scale of a quantity that differs on one robot of very many."""
 
 MOST_DIGITS = -math.log10(2.0**-53)
 """Decimal digits of a float64 that is right but for its own rounding."""
@@ -140,9 +146,13 @@ def _check(settings: Settings) -> Record:
         version = version_of(kind)
         if not kind.represents(scene):
             raise EngineError(f"{kind.key} does not represent {scene.name}")
+    except EomcheckError as refusal:
+        return Record(STUDY.key, settings, "refused", f"{name}, {settings['engine']}: {refusal}")
+    try:
         engine = kind(scene)
     except Exception as refusal:  # any error of a library at a file that it cannot read
-        return Record(STUDY.key, settings, "refused", f"{name}, {settings['engine']}: {refusal}")
+        reason = f"{name}, {settings['engine']}: {refusal}"
+        return Record(STUDY.key, settings, "refused", reason, counts={"unread": 1})
     claims = [claim for claim in (*TERMS, *CONFORMANCE) if kind.offers(CLAIMS[claim].asks)]
     run, selection = ValidationRun(), RunSelection.of(["gw"], [kind], claims, scenes=[scene])
     found: dict[str, list[Finding]] = {claim: [] for claim in claims}
@@ -233,6 +243,36 @@ def tables(records: Sequence[Record]) -> Iterator[ResultTable]:
     yield ResultTable("conformance-differences", title, columns, _differences(rows))
 
 
+def charts(records: Sequence[Record]) -> Iterator[Chart]:
+    """Yield the heat map of quantities by engine: number of robots on which each differs."""
+    rows = rows_in(records, ConformanceRow)
+    engines = list(group(rows, lambda one: one.engine))
+    cells_of = group(rows, lambda one: (one.quantity, one.engine))
+    boxes = {
+        method: ("", [_box(cells_of.get((method, key), [])) for key in engines])
+        for method in (*TERMS.values(), *QUANTITIES)
+        if any((method, key) in cells_of for key in engines)
+    }
+    if boxes:
+        colors = Axis("share of robots on which it differs", range=(0.0, 1.0))
+        heads = dict.fromkeys(engines, 1)
+        heat = Heat(heads, boxes, colors, 1.0, "not judged", "differs", steep=True)
+        title = "Robots on which it differs; pale: agrees on all; no box: not computed"
+        size = (1.9 + 0.17 * len(engines) - 0.6, 0.19 * len(boxes) + 1.0)
+        yield Chart("conformance", title, ["figure"], {("all",): heat}, size=size)
+
+
+def _box(rows: Sequence[ConformanceRow]) -> Box | None:
+    """Return the box of one quantity of one engine; None if it does not compute it."""
+    decided = [one for one in rows if one.verdict in DECIDED]
+    if not decided:
+        return Box(math.nan, True, False, ("inconclusive or by differences",)) if rows else None
+    wrong = sum(one.verdict == "failed" for one in decided)
+    share = LEAST_SHARE + (1.0 - LEAST_SHARE) * wrong / len(decided) if wrong else 0.0
+    text = f"differs on {wrong} of {len(decided)}" if wrong else f"agrees on {len(decided)}"
+    return Box(share, False, bool(wrong), (text,), str(wrong or ""))
+
+
 def _differences(rows: Sequence[ConformanceRow]) -> list[tuple[str, ...]]:
     """Return a row for each quantity of each engine that differs: the names of the robots."""
     table = []
@@ -282,14 +322,34 @@ def alarm(records: Sequence[Record]) -> bool:
     return failed([record for record in records if record.status != "refused"])
 
 
+def observations(records: Sequence[Record]) -> Iterator[Observation]:
+    """Yield the observations: each quantity of each engine on each robot, and unread robots."""
+    for one in rows_in(records, ConformanceRow):
+        differs = one.verdict == "failed" if one.verdict in DECIDED else None
+        yield Observation(one.engine, one.quantity, _short(one.robot), differs, one.detail)
+    for record in records:
+        unread = "unread" in record.counts
+        if record.settings["robot"] not in SCENES and (unread or record.status == "done"):
+            name = _short(robot_label(record.settings))
+            yield Observation(record.settings["engine"], READING, name, unread, record.reason)
+
+
+def _short(robot: str) -> str:
+    """Return the name of a robot; of one that is given by its file, that without the ending."""
+    file, comma, free = robot.partition(", free")
+    return robot if file in ROBOTS else Path(file).stem + comma + free
+
+
 STUDY = Study(
     key="conformance",
     cells=cells,
     worker=lambda stored: _check,
     tables=tables,
+    charts=charts,
     remarks=remarks,
     label="comparing {robot} with {engine}",
     alarm=alarm,
+    observations=observations,
     reading="A dash: the library does not compute it, or does not read the robot.",
     small=True,
     parallel_by=("robot", "free", "engine"),
