@@ -13,7 +13,7 @@ import argparse
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -244,7 +244,9 @@ def run(
     path = folder / f"engine_{name}_{base.rpartition(':')[2]}.py"
     path.write_text(source_of(fault, base, trial.signatures), encoding="utf-8")
     command = [sys.executable, "-c", "from eomcheck.cli import main; main()", "validate"]
-    command += ["--engine", f"{path}:Wrong", "--seed", str(seed), *trial.options]
+    base = base if fault is None else fault.base
+    options = trial.options.get(base, trial.options.get("", ()))
+    command += ["--engine", f"{path}:Wrong", "--seed", str(seed), *options]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS)
     except subprocess.TimeoutExpired:
@@ -268,14 +270,14 @@ class Trial(NamedTuple):
         least: so many must be found and named.
         bases: engines that are right, which must pass.
         signatures: method -> its signature, and the call of the right one.
-        options: further options of the command.
+        options: base, or "" for any other -> further options of the command.
     """
 
     faults: tuple[Fault, ...]
     least: int
     bases: tuple[str, ...]
     signatures: Signatures
-    options: tuple[str, ...] = ()
+    options: Mapping[str, tuple[str, ...]] = {}
 
 
 TRIAL = Trial(FAULTS, LEAST, (TREE, ALL), SIGNATURES)

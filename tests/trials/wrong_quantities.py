@@ -3,7 +3,9 @@
     python -m tests.trials.wrong_quantities [--jobs 2] [--seed 0] [--only ID] [--markdown FILE]
 
 As `tests.trials.wrong_engines`, of which it takes the engines, the command and the table. Named is
-a fault for which the output has the method and, where one is given, the sort of the fault.
+a fault for which the output has the method and, where one is given, the sort of the fault. Faults
+in derivatives and in maps of velocities are those of a robot with a free base, whose velocities in
+the library are along axes of the base.
 """
 
 from __future__ import annotations
@@ -11,13 +13,22 @@ from __future__ import annotations
 from tests.trials import wrong_engines
 from tests.trials.wrong_engines import TREE, Fault, Trial
 
+from eomcheck.engines import FURTHER
 from eomcheck.evaluation.conformance import QUANTITIES
 
-LEAST = 60
+LEAST = 100
 """So many faults must be found and named."""
 
 SCENE = "bicycle"
 """Scene in space, with slides and hinges, under gravity."""
+
+FILE = "eomcheck.engines.pinocchio:PinocchioFile"
+ROBOT = "tests/scenes/robots/walker.urdf:floating"
+"""Robot with a free base, for engines that read files."""
+
+CLAIMS = "mass-matrix,bias,engine-inverse-dynamics,"
+CLAIMS += "engine-inverse-dynamics-derivatives,engine-forward-dynamics-derivatives"
+"""Claims about what a map of velocities changes, for the robot: all of them take long."""
 
 SIGNATURES = {
     one.name: (
@@ -25,7 +36,7 @@ SIGNATURES = {
         f"{one.name}({', '.join(one.arguments)}, t)",
     )
     for one in QUANTITIES.values()
-}
+} | {name: (f"{name}(self, q, v)", f"{name}(q, v)") for name in FURTHER[:2]}
 
 PLACE = "R, p = super().frame_placement(f, q, t)\n"
 CENTER = "c = super().center_of_mass(q, t)\n"
@@ -62,6 +73,107 @@ SPATIAL_VELOCITY = "return np.concatenate((right[:3] - np.cross(right[3:], p), r
 OMEGA_CROSS_V = "V = super().frame_velocity(f, q, v, t)\nturning = np.cross(V[3:], V[:3])\n"
 NO_BIAS = "return super().frame_acceleration(f, q, 0.0 * v, vdot, t)"
 SLIDES = "slides = [kind[0] == 'p' for kind in self.scene.tree().joint]\n"
+
+# ---- Free base ----
+
+MAP, MAP_RATES = FURTHER[:2]
+TAU, VDOT = "inverse_dynamics_derivatives", "forward_dynamics_derivatives"
+OTHER_AXES = "of the free base turned by R"
+
+BASE = """import pinocchio
+R = pinocchio.Quaternion(*{x}[[6, 3, 4, 5]]).toRotationMatrix()
+W = np.eye(len(v))
+W[:3, :3] = W[3:6, 3:6] = R
+"""
+"""Rotation W (m, m) of the velocity of a base from its own axes to the world's."""
+
+OF_BASE = BASE.format(x="q")
+PARTS = "parts = [np.array(x) for x in right]\n"
+
+
+def _free(id: str, method: str, body: str, says: str) -> Fault:
+    return Fault(id, method, body, FILE, says)
+
+
+def _block(id: str, method: str, block: int, change: str, says: str) -> Fault:
+    """Return a fault in one block of derivatives: a statement that changes `x`."""
+    body = f"{PARTS}x = parts[{block}]\n{change}\nparts[{block}] = x\nreturn tuple(parts)"
+    return _free(id, method, OF_BASE + body, says)
+
+
+FREE_BASE: tuple[Fault, ...] = (
+    # Maps of velocities
+    _free("no ∂(S v)/∂q", MAP_RATES, "return 0.0 * right[0], right[1]", "missing"),
+    _free("no ∂(Ṡ v)/∂q", MAP_RATES, "return right[0], 0.0 * right[1]", "∂(Ṡ v)/∂q|missing"),
+    _free("no derivatives of S", MAP_RATES, "return 0.0 * right[0], 0.0 * right[1]", "missing"),
+    _free("sign of ∂(S v)/∂q", MAP_RATES, "return -right[0], right[1]", f"∂(S v)/∂q|{SIGN}"),
+    _free("sign of ∂(Ṡ v)/∂q", MAP_RATES, "return right[0], -right[1]", f"∂(Ṡ v)/∂q|{SIGN}"),
+    _free("half of ∂(S v)/∂q", MAP_RATES, "return right[0] / 2.0, right[1]", "half"),
+    _free(
+        "∂(S v)/∂q transposed",
+        MAP_RATES,
+        "along = right[0].copy()\nalong[:6, :6] = along[:6, :6].T\nreturn along, right[1]",
+        "transposed",
+    ),
+    _free(
+        "∂(S v)/∂q and ∂(Ṡ v)/∂q exchanged",
+        MAP_RATES,
+        "return right[1], right[0]",
+        "is not that of velocity_map",
+    ),
+    _free(
+        "∂(S v)/∂q of the linear velocity alone",
+        MAP_RATES,
+        "along = right[0].copy()\nalong[3:] = 0.0\nreturn along, right[1]",
+        "missing",
+    ),
+    _free("no Ṡ v", MAP, "x, S, rest = right\nreturn x, S, 0.0 * rest", "Ṡ v|missing"),
+    _free("sign of Ṡ v", MAP, "x, S, rest = right\nreturn x, S, -rest", f"Ṡ v|{SIGN}"),
+    _free(
+        "Ṡ v of the angular velocity alone",
+        MAP,
+        "x, S, rest = right\nrest[:3] = 0.0\nreturn x, S, rest",
+        "Ṡ v|missing",
+    ),
+    _free(
+        "S along the world's axes",
+        MAP,
+        "x, S, rest = right\n" + BASE.format(x="x") + "w = S @ v\n"
+        "rest = W @ rest\nrest[:3] += R @ np.cross(w[3:6], w[:3])\nreturn x, W @ S, rest",
+        "rows of the free base turned by Rᵀ",
+    ),
+    # Derivatives of inverse dynamics
+    _block("no rows of the base in ∂τ/∂q", TAU, 0, "x[:6] = 0.0", "rows w[0], w[1]|missing"),
+    _block("no base columns in ∂τ/∂q", TAU, 0, "x[:, :6] = 0.0", "columns|missing"),
+    _block("no base columns in ∂τ/∂v", TAU, 1, "x[:, :6] = 0.0", "columns|missing"),
+    _block("sign of rows of the base", TAU, 1, "x[:6] = -x[:6]", f"rows w[0], w[1]|{SIGN}"),
+    _block("rows along the world's axes", TAU, 0, "x = W @ x", f"rows {OTHER_AXES}"),
+    _block("columns by the world's axes", TAU, 0, "x = x @ W.T", f"columns {OTHER_AXES}"),
+    _block(
+        "∂τ/∂v along the world's axes", TAU, 1, "x = W @ x @ W.T", f"rows and columns {OTHER_AXES}"
+    ),
+    _block("∂τ/∂q transposed", TAU, 0, "x = x.T", "transposed"),
+    _free("∂τ/∂v for ∂τ/∂q", TAU, "return right[1], right[1]", "∂τ/∂v in place of ∂τ/∂q"),
+    _free("∂τ/∂q for ∂τ/∂v", TAU, "return right[0], right[0]", "∂τ/∂q in place of ∂τ/∂v"),
+    # Derivatives of forward dynamics
+    _block("no rows of the base in ∂v̇/∂q", VDOT, 0, "x[:6] = 0.0", "rows w[0], w[1]|missing"),
+    _block("no turns of the base in ∂v̇/∂q", VDOT, 0, "x[:, 3:6] = 0.0", "columns|missing"),
+    _block("half of the base in ∂v̇/∂v", VDOT, 1, "x[:, :6] /= 2.0", "columns|half"),
+    _block("∂v̇/∂v by the world's axes", VDOT, 1, "x = x @ W.T", f"columns {OTHER_AXES}"),
+    _block(
+        "∂v̇/∂τ of forces along the world's axes", VDOT, 2, "x = x @ W.T", f"columns {OTHER_AXES}"
+    ),
+    _block("sign of ∂v̇/∂q", VDOT, 0, "x = -x", SIGN),
+    _free(
+        "∂τ/∂q for ∂v̇/∂q",
+        VDOT,
+        "vdot = super().forward_dynamics(q, v, tau, t)\n"
+        "by_q, by_v = super().inverse_dynamics_derivatives(q, v, vdot, t)\n"
+        "return -by_q, right[1], right[2]",
+        "",
+    ),
+)
+"""Faults in the map of the velocities of a free base, and in derivatives by them."""
 
 FAULTS: tuple[Fault, ...] = (
     # Placement
@@ -251,8 +363,13 @@ FAULTS: tuple[Fault, ...] = (
 def main() -> int:
     """Run all, print a table, and return the exit code."""
     # A line must have the method and the sort of the fault.
-    named = (one._replace(says=f"{one.method}|{one.says}".rstrip("|")) for one in FAULTS)
-    return wrong_engines.main(Trial(tuple(named), LEAST, (TREE,), SIGNATURES, ("--scene", SCENE)))
+    every = (*FAULTS, *FREE_BASE)
+    named = (one._replace(says=f"{one.method}|{one.says}".rstrip("|")) for one in every)
+    options = {
+        "": ("--scene", SCENE),
+        FILE: ("--scene", ROBOT, "--examples", "4", "--claim", CLAIMS),
+    }
+    return wrong_engines.main(Trial(tuple(named), LEAST, (TREE, FILE), SIGNATURES, options))
 
 
 if __name__ == "__main__":

@@ -20,6 +20,7 @@ import numpy as np
 from eomcheck.calls import is_ours
 from eomcheck.claims.confusions import NO_CONTEXT, SINGLE_PRECISION, ConfusionContext, locate
 from eomcheck.claims.finding import Entries, Finding, entries_of, format_distinct, judge
+from eomcheck.claims.own_coordinates import map_fault
 from eomcheck.claims.registry import (
     CLAIMS,
     Claim,
@@ -683,7 +684,19 @@ def compare_with_engine(
             return finding
         if largest(np.asarray(fresh) - np.asarray(ours)) <= finding.allowed:
             return finding.because("a new engine answers right: it keeps what it was asked before")
+        with suppress(*UNABLE):
+            if is_blamed(kind) and (text := map_fault(engine, case.at)):
+                return finding.because(text)
     return finding
+
+
+def is_blamed(kind: type[Engine]) -> bool:
+    """Return whether confusions of an engine are named: not of a library that reads files itself.
+
+    Such a library is compared with eomcheck's own reader, and neither side is blamed; a user's own
+    engine is.
+    """
+    return is_under_test(kind) and not (kind.reads_file and is_ours(kind))
 
 
 def describe_engine_error(
@@ -711,6 +724,6 @@ def describe_engine_error(
     x, y = format_distinct(difference.actual, difference.expected, 9)
     numbers = f"found {x}, expected {y}"
     if kind.reads_file:
-        what = what if what == SINGLE_PRECISION or not is_ours(kind) else ""
+        what = what if what == SINGLE_PRECISION or is_blamed(kind) else ""
         numbers = f"{x} by the library, {y} by eomcheck"
     return f"{numbers}: {what}" if what else numbers

@@ -24,10 +24,12 @@ from eomcheck.claims.case import (
     Case,
     ask_engine,
     compare_with_engine,
+    is_blamed,
     skipped_finding,
 )
 from eomcheck.claims.confusions import ConfusionContext, RowKind
 from eomcheck.claims.finding import Finding
+from eomcheck.claims.own_coordinates import derivatives_fault
 from eomcheck.claims.registry import case_claim
 from eomcheck.descriptions.tree_quantities import BY_COLUMNS, PER_BODY
 from eomcheck.engines import Answers, Engine, VelocityMap, engine_class_of, is_under_test
@@ -101,12 +103,21 @@ def _some_knows(engines: Sequence[Engine | type[Engine]], frame: str) -> bool:
     return any(knows_frame(engine, frame) for engine in engines)
 
 
-def cancelling_terms(at: Evaluation, point: ConformancePoint, one: Quantity, ours: Array) -> float:
+def cancelling_terms(
+    at: Evaluation, point: ConformancePoint, one: Quantity, ours: Array, block: int = 0
+) -> float:
     """Return the size of the terms that an engine may sum to a quantity and that may cancel.
 
     Engines work in frames that turn, where accelerations have terms ω × v, or about the origin of
     the world, where momenta and moments of inertia are those of the mass at its distance. Arms may
     be differences of positions in the world: their errors are relative to these.
+
+    Args:
+        at: the state.
+        point: the point at that state.
+        one: the quantity.
+        ours: its value, of derivatives that of the block.
+        block: index of the block of derivatives, by q, by v or by τ.
     """
     v = np.abs(at.v)
     turning = turning_rate(at)
@@ -134,9 +145,13 @@ def cancelling_terms(at: Evaluation, point: ConformancePoint, one: Quantity, our
         rate = turning if one.name == "momentum_rate" else 1.0
         return rate * arm * largest(np.abs(point.momentum.matrix) @ v)
     about_origin = heavy * arm
-    if one.mapping == "derivatives":
-        size = about_origin * (largest(point.vdot) + turning * largest(v))
-        size += inertia_size(at) + at.cached(weight_size)
+    if one.mapping == "derivatives" and block < BY_FORCE:
+        if block == 0:
+            size = about_origin * (largest(point.vdot) + turning * largest(v))
+            size += inertia_size(at) + at.cached(weight_size)
+        else:  # the derivatives of these by v: forces of weight and of v̇ have none
+            size = about_origin * (largest(v) + turning)
+            size += turning * largest(at.terms.M) + largest(np.abs(at.terms.M) @ v)
         if one.name == "inverse_dynamics_derivatives":
             return size
         inverse = largest(point.inverse_mass_matrix)
@@ -145,9 +160,13 @@ def cancelling_terms(at: Evaluation, point: ConformancePoint, one: Quantity, our
         return inertia_size(at) + turning * heavy * arm * largest(v)
     if one.name == CORIOLIS_RATE:
         return turning * (largest(at.terms.M) + about_origin)
-    if one.name == "inverse_mass_matrix":
-        return heavy * arm * largest(ours) ** 2
+    if one.name == "inverse_mass_matrix" or one.mapping == "derivatives":
+        return about_origin * largest(ours) ** 2
     return 0.0
+
+
+BY_FORCE = 2
+"""Index of the block of derivatives by τ: those of forward dynamics by τ are M⁻¹."""
 
 
 def _points(e: Evaluation) -> dict[tuple[bytes, bytes], ConformancePoint]:
@@ -183,25 +202,27 @@ class OwnValue(NamedTuple):
     own: float
 
 
-def _own_values(at: Evaluation) -> dict[tuple[str, str], OwnValue]:
-    """Return the own values at a state that are kept, by quantity and link."""
+def _own_values(at: Evaluation) -> dict[tuple[str, str, int], OwnValue]:
+    """Return the own values at a state that are kept, by quantity, link and block."""
     return {}
 
 
-def _own_value(at: Evaluation, one: Quantity, frame: str, own: Any, point: Any) -> OwnValue:
+def _own_value(
+    at: Evaluation, one: Quantity, frame: str, own: Any, point: Any, block: int = 0
+) -> OwnValue:
     """Return our own value of a quantity at a state, the same one for all engines."""
     values = at.cached(_own_values)
-    if (one.name, frame) not in values:
+    if (one.name, frame, block) not in values:
         array = np.asarray(own(at), np.float64)
         without_terms = sensitivity_of(at, own, coordinates=True)
-        sensitivity = without_terms + cancelling_terms(at, point, one, array)
+        sensitivity = without_terms + cancelling_terms(at, point, one, array, block)
         if one.name == "potential_energy":  # it is known up to a constant
             origin = Evaluation(at.scene, 0.0 * at.q, at.v, at.t)
             array = array - own(origin)
             there = sensitivity_of(origin, own, coordinates=True)
             sensitivity, without_terms = sensitivity + there, without_terms + there
-        values[one.name, frame] = OwnValue(array, sensitivity, without_terms)
-    return values[one.name, frame]
+        values[one.name, frame, block] = OwnValue(array, sensitivity, without_terms)
+    return values[one.name, frame, block]
 
 
 MASS_MATRIX_RATE = QUANTITIES["coriolis_matrix"]._replace(
@@ -213,10 +234,54 @@ MASS_MATRIX_RATE = QUANTITIES["coriolis_matrix"]._replace(
 """Sum of a Coriolis matrix and its transpose: Ṁ, for engines that declare `coriolis_skew`."""
 
 
+class Block(NamedTuple):
+    """An array that is compared by itself: a quantity, or its derivatives by q, by v or by τ.
+
+    Each has a bound of its own: one of them may be larger than another by any factor.
+
+    Attributes:
+        symbol: symbol of the derivatives; "" for a quantity that is one array.
+        index: position among the blocks of the quantity.
+        columns: its columns in the quantity, all of an array that is one.
+        own: its value by ourselves, with the sensitivity to rounding.
+        value: function of an evaluation, or of its perturbed samples -> its value by ourselves.
+        names: names along each axis.
+    """
+
+    symbol: str
+    index: int
+    columns: Any
+    own: OwnValue
+    value: Callable[[Evaluation], Any]
+    names: tuple[tuple[str, ...], ...]
+
+
+def _blocks(
+    at: Evaluation, point: ConformancePoint, one: Quantity, frame: str, own: Any
+) -> Iterator[Block]:
+    """Yield the blocks of a quantity, of which `own` is the value by ourselves."""
+    names = one.axis_names(point)
+    if one.mapping != "derivatives":
+        ours = _own_value(at, one, frame, own, point)
+        yield Block("", 0, ..., ours, own, names[: ours.array.ndim])
+        return
+    n = at.scene.n
+    for k, symbol in enumerate(one.symbol.split(", ")):
+        columns = np.s_[:, k * n : (k + 1) * n]
+        value = partial(_columns_of, own, columns)
+        ours = _own_value(at, one, frame, value, point, k)
+        yield Block(symbol, k, columns, ours, value, (names[0], names[1][columns[1]]))
+
+
+def _columns_of(own: Callable[[Evaluation], Any], columns: Any, e: Evaluation) -> Any:
+    """Return columns of a quantity at an evaluation, or at its perturbed samples."""
+    return own(e)[columns]
+
+
 def _compare(
     case: Case, engine: Engine | type[Engine], one: Quantity, frame: str
 ) -> Iterator[Finding]:
-    """Yield the Finding of a quantity, of one link, being equal to that of an engine."""
+    """Yield the Findings of a quantity, of one link, being equal to that of an engine."""
     at = case.at
     if reason := _incomparable(engine, one, at, frame):
         yield skipped_finding(case, engine_class_of(engine), reason)
@@ -225,61 +290,81 @@ def _compare(
     point = point_at(at, vdot)
     tau = rounded(point.torques, at.unit_roundoff) if "tau" in one.arguments else None
     own = partial(_value, one, frame, vdot, tau)
-    ours, sensitivity, own_sensitivity = _own_value(at, one, frame, own, point)
+    blocks = list(_blocks(at, point, one, frame, own))
+    ours = np.concatenate([x.own.array for x in blocks], -1) if blocks[1:] else blocks[0].own.array
     arguments = at.q, at.v, vdot if tau is None else tau, frame, at.t
     asked = replace(case, repeats=min(case.repeats, FEW))
-    theirs = ask_engine(asked, engine, *arguments, expected=lambda: ours, asks=one.name)
+    errors = partial(_in_own_sizes, blocks)
+    how: dict[str, Any] = {"expected": lambda: errors(ours), "part": errors, "asks": one.name}
+    theirs = ask_engine(asked, engine, *arguments, **how)
     if isinstance(theirs, Finding) or isinstance(engine, type):
         yield theirs
         return
-    part = one.symbol if one is MASS_MATRIX_RATE else frame
-    subject = f"{engine.key}, {part}" if part else engine.key
-    again = partial(_asked_again, one.name, arguments)
-    size = sensitivity
-    if not is_under_test(type(engine)):
-        size += engine.quantity_size(one.name, *arguments[:3], at.t)
-    compared = asked, engine, subject, ours, theirs, size, again
-    sizes = partial(entry_sensitivity_of, at, own)
-    names = one.axis_names(point)[: ours.ndim]
-    how: dict[str, Any] = {"names": names, "scale": size, "own": sizes}
-    finding = compare_with_engine(*compared, **how, context=partial(_context, one, frame, point))
-    if finding.verdict == "passed" and one.name == "forward_dynamics_derivatives":
-        block = _compare_inverse(compared, point)
-        finding = block if block.verdict == "failed" else finding
-    # A bound as large as a value that is more than rounding: zeros would pass as well.
-    noise = allowed_error(own_sensitivity, at.unit_roundoff)
-    if finding.verdict == "passed" and noise < largest(ours) <= finding.allowed:
-        finding = replace(finding, verdict="inconclusive")
-    yield finding
+    for block in blocks:
+        yield _compare_block(asked, engine, one, frame, point, arguments, theirs, ours, block)
 
 
-def _compare_inverse(compared: tuple[Any, ...], point: ConformancePoint) -> Finding:
-    """Return the Finding of ∂v̇/∂τ alone, the last block of derivatives of forward dynamics.
+def _in_own_sizes(blocks: Sequence[Block], array: Array) -> Array:
+    """Return an array whose blocks are divided by their sizes: the worst answer is chosen by it."""
+    if not blocks[1:]:
+        return array
+    parts = [array[x.columns] / (x.own.sensitivity or 1.0) for x in blocks]
+    return np.concatenate(parts, -1)
 
-    It is M⁻¹, and bounded as that is: derivatives by q and v may be larger by any factor, and then
-    a bound for all blocks shows nothing of this one.
+
+def _compare_block(
+    case: Case,
+    engine: Engine,
+    one: Quantity,
+    frame: str,
+    point: ConformancePoint,
+    arguments: tuple[Any, ...],
+    theirs: Array,
+    whole: Array,
+    block: Block,
+) -> Finding:
+    """Return the Finding of a block being equal to that of an engine.
 
     Args:
-        compared: the arguments of `compare_with_engine` for all blocks.
+        case: the state, and the claim being checked.
+        engine: the engine.
+        one: the quantity.
+        frame: name of the link, "" for a quantity of none.
         point: the point.
+        arguments: those with which the engine was asked.
+        theirs: its answer, all blocks.
+        whole: the expected answer, all blocks.
+        block: the block.
     """
-    case, engine, subject, ours, theirs, size, again = compared
-    one, at, n = QUANTITIES["inverse_mass_matrix"], case.at, len(ours)
-    own = partial(_value, one, "", point.vdot, None)
-    size = min(size, _own_value(at, one, "", own, point).sensitivity)
-    names = one.axis_names(point)
-    return compare_with_engine(
+    at, ours = case.at, block.own.array
+    part = one.symbol if one is MASS_MATRIX_RATE else frame or block.symbol
+    size = block.own.sensitivity
+    if not is_under_test(type(engine)):
+        size += engine.quantity_size(one.name, *arguments[:3], at.t)
+    finding = compare_with_engine(
         case,
         engine,
-        subject,
-        ours[:, -n:],
-        theirs[:, -n:],
+        f"{engine.key}, {part}" if part else engine.key,
+        ours,
+        theirs[block.columns],
         size,
-        lambda answers: again(answers)[:, -n:],
-        names=(names[0], tuple(f"by force on {name}" for name in names[1])),
+        lambda answers: answers.ask(one.name, *arguments)[block.columns],
+        names=block.names,
         scale=size,
-        own=partial(entry_sensitivity_of, at, own),
+        own=partial(entry_sensitivity_of, at, block.value),
+        context=partial(_context, one, frame, point),
     )
+    if finding.verdict == "failed" and is_blamed(type(engine)) and one.mapping == "derivatives":
+        with suppress(*UNABLE):
+            known = engine, one, point, arguments, (theirs, whole), block.index, finding.allowed
+            if text := derivatives_fault(*known):
+                return finding.because(text)
+        return finding
+    # A bound as large as a value that is more than rounding: zeros would pass as well.
+    noise = allowed_error(block.own.own, at.unit_roundoff)
+    if finding.verdict == "passed" and noise < largest(ours) <= finding.allowed:
+        return replace(finding, verdict="inconclusive")
+    return finding
 
 
 ROWS: dict[str, RowKind] = {
@@ -410,10 +495,6 @@ def _incomparable(engine: Engine | type[Engine], one: Quantity, at: Evaluation, 
     if one.mapping in SOLVED or one.name == "forward_dynamics_derivatives":
         return "its joints that follow others are independent there" if follow(engine, at) else ""
     return ""
-
-
-def _asked_again(method: str, arguments: tuple[Any, ...], answers: Answers) -> Any:
-    return answers.ask(method, *arguments)
 
 
 def engines_offering(case: Case, method: str) -> Iterator[Engine | type[Engine]]:

@@ -114,8 +114,7 @@ class Finding:
         text = f"{self.claim} [{self.subject}] {self.verdict} on {self.scene.name}"
         if self.verdict == "skipped":
             return f"{text}: {self.detail}"  # there are no numbers
-        text = f"{text}: observed {self.observed:.3g}, allowed {self.allowed:.3g}"
-        text = f"{text} ({self.detail})" if self.detail else text
+        text = f"{text}: {comparison_text(self.observed, self.allowed, self.detail, ' ({})')}"
         return f"  follows from {self.cause}: {text}" if self.follows else text
 
     def because(self, why: str) -> Finding:
@@ -146,6 +145,24 @@ class Finding:
         return reproducer_code(
             self.scene, self.state, () if self.engine is None else (self.engine,)
         )
+
+
+def comparison_text(observed: float, allowed: float, detail: str, form: str = "; {}") -> str:
+    """Return the numbers of a comparison and its detail; the detail alone where there are none.
+
+    A result of a wrong shape, or none at all, has no error: its detail gives what was returned and
+    what was expected.
+
+    Args:
+        observed: largest error, infinite where nothing could be compared.
+        allowed: bound on the rounding error.
+        detail: the detail, "" for none.
+        form: format of the detail behind the numbers.
+    """
+    if detail and not np.isfinite(observed) and allowed == 0.0:
+        return detail
+    numbers = f"observed {observed:.3g}, allowed {allowed:.3g}"
+    return numbers + (form.format(detail) if detail else "")
 
 
 def skipped_everywhere(claim: str, subject: str, scene: Any, reason: str) -> Finding:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -111,6 +111,55 @@ def _called(name: str, what: str, fault: type[Exception], function: Callable[[],
         raise
     except Exception as error:
         raise fault(f"{what} {_describe_error(error)}") from error
+
+
+class DerivativeMap(NamedTuple):
+    """Map of derivatives in velocities w = S v of an engine's own to those in the scene's.
+
+    Attributes:
+        S: the matrix S (m, n).
+        along: ∂(S v)/∂q (m, n).
+        by_v: ∂(Ṡ v)/∂v (m, n).
+        moved: ∂ẇ/∂q at constant v̇ (m, n).
+        turned: ∂Sᵀ/∂q τ_x (n, n), τ_x the engine's own forces.
+        mass_matrix: M_x (m, m); None for derivatives of accelerations.
+    """
+
+    S: Array
+    along: Array
+    by_v: Array
+    moved: Array
+    turned: Array
+    mass_matrix: Array | None
+
+    def to_scene(self, parts: Array) -> Array:
+        """Return derivatives in the scene's coordinates (n, k n), side by side, of (m, k m)."""
+        S, m, M = self.S, len(self.S), self.mass_matrix
+        by_x, by_w = parts[:, :m], parts[:, m : 2 * m]
+        by_q = by_x @ S + by_w @ self.along
+        if M is not None:
+            by_q = self.turned + S.T @ (by_q + M @ self.moved)
+            return np.hstack((by_q, S.T @ (by_w @ S + M @ self.by_v)))
+        back, by_force = np.linalg.pinv(S), parts[:, 2 * m :]
+        by_q = back @ (by_q - by_force @ back.T @ self.turned - self.moved)
+        return np.hstack((by_q, back @ (by_w @ S - self.by_v), back @ by_force @ back.T))
+
+    def to_engine(self, parts: Array) -> Array:
+        """Return the inverse of `to_scene`: derivatives in the engine's own coordinates, m = n.
+
+        Raises:
+            LinAlgError: S is singular.
+        """
+        S, n, M, back = self.S, len(self.S), self.mass_matrix, np.linalg.inv(self.S)
+        by_q, by_v = parts[:, :n], parts[:, n : 2 * n]
+        if M is not None:
+            by_w = (back.T @ by_v - M @ self.by_v) @ back
+            by_x = back.T @ (by_q - self.turned) - M @ self.moved - by_w @ self.along
+            return np.hstack((by_x @ back, by_w))
+        by_force = S @ parts[:, 2 * n :] @ S.T
+        by_w = (S @ by_v + self.by_v) @ back
+        by_x = S @ by_q + by_force @ back.T @ self.turned + self.moved - by_w @ self.along
+        return np.hstack((by_x @ back, by_w, by_force))
 
 
 class Answers:
@@ -398,27 +447,37 @@ class Answers:
         parts, S, _ = self._own_quantity(one, q, v, third, "", t)
         if not self._maps:
             return parts
-        n, m = self.engine.scene.n, len(S)
         if one.name == "constraint_force_derivatives":
+            m = len(S)
             return np.hstack((parts[:, :m] @ S, parts[:, m:] @ S))
-        changes = [self.map_derivatives(q, unit)[0] for unit in np.eye(n)]
+        return self.derivative_map(one, q, v, third, t).to_scene(parts)
+
+    def derivative_map(
+        self, one: Quantity, q: Array, v: Array, third: Array, t: float = 0.0
+    ) -> DerivativeMap:
+        """Return the map of derivatives of inverse or forward dynamics to the scene's coordinates.
+
+        Args:
+            one: the quantity, `inverse_dynamics_derivatives` or `forward_dynamics_derivatives`.
+            q: coordinates (n,).
+            v: velocities (n,).
+            third: v̇ (n,), or τ (n,) of forward dynamics.
+            t: time, s.
+        """
+        S = self.velocity_map(q, v).S
+        changes = [self.map_derivatives(q, unit)[0] for unit in np.eye(self.engine.scene.n)]
         along, more = self.map_derivatives(q, v)
         # ∂(Ṡ v)/∂v = Ṡ + ∂(S v)/∂q
         by_v = np.column_stack([change @ v for change in changes]) + along
         if one.name == "inverse_dynamics_derivatives":
             torques = self._own_quantity(QUANTITIES["inverse_dynamics"], q, v, third, "", t)[0]
-            M, turned = self._own_mass_matrix(q, t), np.stack([torques @ x for x in changes])
-            by_x, by_w = parts[:, :m], parts[:, m:]
             moved = self.map_derivatives(q, third)[0] + more
-            by_q = turned + S.T @ (by_x @ S + by_w @ along + M @ moved)
-            return np.hstack((by_q, S.T @ (by_w @ S + M @ by_v)))
-        back = np.linalg.pinv(S)
+            turned = np.stack([torques @ x for x in changes])
+            return DerivativeMap(S, along, by_v, moved, turned, self._own_mass_matrix(q, t))
         vdot = self.quantity(QUANTITIES["forward_dynamics"], q, v, third, "", t)
-        turned = np.stack([(back.T @ third) @ x for x in changes])
-        by_x, by_w, by_force = parts[:, :m], parts[:, m : 2 * m], parts[:, 2 * m :]
         moved = self.map_derivatives(q, vdot)[0] + more
-        by_q = back @ (by_x @ S + by_w @ along - by_force @ back.T @ turned - moved)
-        return np.hstack((by_q, back @ (by_w @ S - by_v), back @ by_force @ back.T))
+        turned = np.stack([(np.linalg.pinv(S).T @ third) @ x for x in changes])
+        return DerivativeMap(S, along, by_v, moved, turned, None)
 
     def map_derivatives(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Return ∂(S v)/∂q and ∂(Ṡ v)/∂q (m, n) each."""

@@ -21,7 +21,7 @@ import numpy as np
 
 from eomcheck.atomic_write import locked, read_text, write_text
 from eomcheck.claims import CLAIMS, Finding
-from eomcheck.claims.finding import EVERY_ROW, worst
+from eomcheck.claims.finding import EVERY_ROW, comparison_text, worst
 from eomcheck.claims.reproducer import motion_reproducer, reproducer_code
 from eomcheck.claims.run import RunSelection, no_larger, smallest_failure
 from eomcheck.class_lookup import home_of_code, location_of, object_named
@@ -228,7 +228,7 @@ class FailureRecord:
         return reproducer_code(*self.case, [engine_of(self.engine)] if self.engine else [])
 
     def __str__(self) -> str:
-        how = f"observed {self.observed:.3g}, allowed {self.allowed:.3g}"
+        how = comparison_text(self.observed, self.allowed, self.detail, "")
         return f"{self.claim}, {self.subject}: {how}; {self.whose} ({self.evidence})"
 
 

@@ -22,7 +22,7 @@ from operator import attrgetter
 from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
 from eomcheck.calls import is_ours
-from eomcheck.claims.finding import Finding, Proof, Verdict, ratio
+from eomcheck.claims.finding import Finding, Proof, Verdict, comparison_text, ratio
 from eomcheck.claims.reproducer import reproducer_code
 from eomcheck.claims.run import (
     Cases,
@@ -111,8 +111,7 @@ class StoredFinding:
         about = f"[{self.subject}] {self.verdict} on {self.location} ({self.evidence}): "
         if self.verdict == "skipped":
             return about + self.detail  # it has no numbers
-        about += f"observed {self.observed:.3g}, allowed {self.allowed:.3g}"
-        return f"{about}; {self.detail}" if self.detail else about
+        return about + comparison_text(self.observed, self.allowed, self.detail)
 
 
 # ---- Findings in Records -------------------------------------------------------------------------

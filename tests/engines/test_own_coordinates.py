@@ -1,0 +1,151 @@
+"""Engines in velocities of their own: faults of maps and of derivatives are named as such."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.engines.test_conformance_methods import robot
+from tests.engines.test_quantities_under_test import findings, under_test
+from tests.engines.test_velocity_map import mapped
+from tests.samples import ordinary, random_state
+from tests.trials.wrong_engines import Fault, source_of
+from tests.trials.wrong_quantities import FREE_BASE, MAP, SIGNATURES, TAU, VDOT
+
+from eomcheck import check_state
+from eomcheck.claims.own_coordinates import map_fault
+from eomcheck.engines import Answers
+from eomcheck.engines.drake import DrakeFile
+from eomcheck.engines.mujoco import MujocoFile
+from eomcheck.engines.pinocchio import PinocchioEngine, PinocchioFile
+from eomcheck.evaluation.conformance import QUANTITIES
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.mechanics.scene import Scene
+from eomcheck.scenes import SCENES
+
+
+@pytest.fixture(scope="module")
+def base(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    """Return an arm on a free base, the same one for all tests here."""
+    return robot(tmp_path_factory.mktemp("robot"), floating=True)
+
+
+def details(kind: type[Any], scene: Scene, *names: str) -> list[str]:
+    """Return the details of failures of quantities of an engine at an ordinary state."""
+    found = findings(kind, *names, scene=scene)
+    return [x.detail for x in found if x.verdict == "failed"]
+
+
+@pytest.mark.parametrize("fault", FREE_BASE, ids=[x.id for x in FREE_BASE])
+@pytest.mark.sampled(6)
+def test_a_fault_in_maps_or_derivatives_of_a_free_base_is_named(fault: Fault, base: Scene):
+    own: dict[str, Any] = {}
+    exec(compile(source_of(fault, fault.base, SIGNATURES), fault.id, "exec"), own)
+    asked = [fault.method] if fault.method in QUANTITIES else [TAU, VDOT, "inverse_dynamics"]
+    words = [fault.method, *fault.says.split("|")]
+    texts = details(own["Wrong"], base, *asked)
+    assert any(all(word in text for word in words) for text in texts), texts
+
+
+@pytest.mark.parametrize("name", [TAU, VDOT])
+def test_derivatives_mapped_to_the_scene_and_back_are_the_same(name: str, base: Scene):
+    state = random_state(base, np.random.default_rng(2))
+    answers, third = Answers(PinocchioFile(base)), np.cos(np.arange(base.n))
+    of_map = answers.derivative_map(QUANTITIES[name], state.q, state.v, third)
+    count = QUANTITIES[name].symbol.count(",") + 1
+    parts = np.random.default_rng(0).normal(size=(base.n, count * base.n))
+    np.testing.assert_allclose(of_map.to_engine(of_map.to_scene(parts)), parts, atol=1e-11)
+    assert np.abs(of_map.to_scene(parts) - parts).max() > 0.1
+
+
+@pytest.mark.parametrize("kind", [PinocchioFile, MujocoFile, DrakeFile])
+@pytest.mark.parametrize("speed", [0.0, 1.0, 1e4])
+def test_right_maps_of_libraries_have_no_fault(kind: type[Any], speed: float, base: Scene):
+    for seed in range(3):
+        state = random_state(base, np.random.default_rng(seed))
+        assert map_fault(kind(base), Evaluation(base, state.q, speed * state.v)) == ""
+
+
+def test_a_right_map_without_derivatives_has_no_fault():
+    scene = SCENES["chain-pendulum"].example()
+    state = random_state(scene, np.random.default_rng(0))
+    assert map_fault(mapped(scene.n)(scene), Evaluation(scene, state.q, state.v)) == ""
+
+
+def test_a_wrong_block_by_which_a_right_one_is_mapped_is_the_one_to_blame(base: Scene):
+    def wrong(self: Any, *asked: Any) -> Any:
+        by_q, by_v = PinocchioFile.inverse_dynamics_derivatives(self, *asked)
+        return by_q, -by_v
+
+    by_q, by_v = details(under_test(PinocchioFile, inverse_dynamics_derivatives=wrong), base, TAU)
+    assert by_q.endswith(
+        "in its own coordinates it is right: ∂τ/∂v, by which it is mapped, is wrong"
+    )
+    assert "by which it is mapped" not in by_v and "wrong sign" in by_v
+
+
+def test_a_library_that_reads_the_file_itself_is_not_blamed(base: Scene):
+    """Its map may be wrong by what the reader here reads."""
+
+    class Turned(PinocchioFile):
+        def velocity_map(self, q: Any, v: Any) -> Any:
+            x, S, rest = super().velocity_map(q, v)
+            return x, S, 0.0 * rest
+
+    (text,) = details(under_test(Turned), base, "inverse_dynamics")
+    assert f"{MAP}: Ṡ v" in text
+    Turned.__module__ = PinocchioFile.__module__
+    (text,) = details(Turned, base, "inverse_dynamics")
+    assert MAP not in text and "by eomcheck" in text
+
+
+# ---- Bounds --------------------------------------------------------------------------------------
+
+BLOCKS = [(TAU, 0), (TAU, 1), (VDOT, 0), (VDOT, 1), (VDOT, 2)]
+
+
+@pytest.mark.parametrize("speed", [1e-3, 1.0])
+@pytest.mark.parametrize("name, block", BLOCKS)
+@pytest.mark.parametrize("scene", ["bicycle", "chain-pendulum", "snake"])
+@pytest.mark.sampled(5)
+def test_a_small_error_of_one_block_is_found_whatever_the_size_of_the_others(
+    scene: str, name: str, block: int, speed: float
+):
+    def slightly(self: Any, *asked: Any) -> Any:
+        parts = [np.array(x) for x in getattr(PinocchioEngine, name)(self, *asked)]
+        parts[block] *= 1.0 + 2.0**-27
+        return tuple(parts)
+
+    own = ordinary(SCENES[scene], 2)[0]
+    state = random_state(own, np.random.default_rng(1))
+    claims, symbol = (
+        [f"engine-{name.replace('_', '-')}"],
+        QUANTITIES[name].symbol.split(", ")[block],
+    )
+    for kind, wrong in ((under_test(), set()), (under_test(**{name: slightly}), {symbol})):
+        options: dict[str, Any] = {"claims": claims, "consistent": False}
+        found = check_state(own, state.q, speed * state.v, engines=[kind], **options)
+        assert {x.subject.split(", ")[1] for x in found if x.verdict != "passed"} == wrong
+
+
+def test_derivatives_by_v_at_rest_are_zero_and_pass(base: Scene):
+    state = random_state(base, np.random.default_rng(1))
+    for kind in (PinocchioFile, DrakeFile):
+        (by_q, by_v) = check_state(
+            base, state.q, 0.0 * state.v, engines=[under_test(kind)],
+            claims=["engine-inverse-dynamics-derivatives"],
+        )  # fmt: skip
+        assert (by_q.verdict, by_v.verdict) == ("passed", "passed")
+        assert by_v.observed <= by_v.allowed < 1e-12 * by_q.allowed
+
+
+def test_a_result_of_a_wrong_shape_is_reported_by_its_shape_and_the_expected_one():
+    scene = SCENES["chain-pendulum"].example()
+    state = random_state(scene, np.random.default_rng(0))
+    kind = under_test(gravity=lambda self, q, t=0.0: np.zeros((3, 1)))
+    (found,) = check_state(scene, state.q, state.v, engines=[kind], claims=["engine-gravity"])
+    assert str(found).endswith(
+        "UnderTest: gravity returned an array of shape (3, 1), expected an array of shape (3)"
+    )
+    assert "inf" not in str(found)
