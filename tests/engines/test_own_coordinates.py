@@ -48,6 +48,17 @@ def test_a_fault_in_maps_or_derivatives_of_a_free_base_is_named(fault: Fault, ba
     assert any(all(word in text for word in words) for text in texts), texts
 
 
+def test_a_map_is_compared_at_rest_too(base: Scene):
+    def still(self: Any, q: Any, v: Any) -> Any:
+        along, more = PinocchioFile.velocity_map_derivatives(self, q, v)
+        return 0.0 * along, more
+
+    state = random_state(base, np.random.default_rng(1))
+    engine = under_test(PinocchioFile, velocity_map_derivatives=still)(base)
+    text = "velocity_map_derivatives: ∂(S v)/∂q is not that of velocity_map: missing"
+    assert map_fault(engine, Evaluation(base, state.q, 0.0 * state.v)) == text
+
+
 @pytest.mark.parametrize("name", [TAU, VDOT])
 def test_derivatives_mapped_to_the_scene_and_back_are_the_same(name: str, base: Scene):
     state = random_state(base, np.random.default_rng(2))

@@ -17,6 +17,7 @@ from eomcheck.engines import Engine, VelocityMap
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.engines.idyntree import IdyntreeEngine, IdyntreeFile
 from eomcheck.engines.pinocchio import PinocchioEngine, PinocchioFile
+from eomcheck.engines.tree_engine import moved_parameters
 from eomcheck.evaluation.conformance import QUANTITIES, ConformancePoint
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.scene import Scene
@@ -284,6 +285,22 @@ def test_a_bound_as_large_as_the_value_shows_nothing():
         BICYCLE, q, state.v, engines=[under_test()], claims=claims, consistent=False
     )
     assert {x.verdict for x in found} == {"inconclusive"}
+
+
+# ---- Regressors ----------------------------------------------------------------------------------
+
+
+def test_a_regressor_of_parameters_along_the_axes_of_joints_is_named(tmp_path: Path):
+    def of_joints(self: Any, *asked: Any) -> Any:
+        Y = np.array(PinocchioEngine.regressor(self, *asked))
+        for b, frame in enumerate(self.body_frames):
+            columns = np.s_[:, 10 * b : 10 * b + 10]
+            Y[columns] = Y[columns] @ np.linalg.inv(moved_parameters(frame))
+        return Y
+
+    (only,) = findings(under_test(regressor=of_joints), "regressor", scene=robot(tmp_path))
+    text = "along the axes of the joints, expected along those of the links"
+    assert only.verdict == "failed" and only.detail.endswith(f": {text}")
 
 
 # ---- Right engines -------------------------------------------------------------------------------

@@ -335,6 +335,26 @@ def test_derivatives_that_are_exchanged_are_named_and_what_they_derive_is_cleare
     assert "exchanged" not in right
 
 
+@pytest.mark.parametrize(
+    ("first", "other", "names"),
+    [
+        ("qdd_q", "qdd_v", "qdd"),
+        ("qdd_q", "qdd_v", "qdd qdd_tau inverse_dynamics"),
+        ("tau_q", "tau_v", "inverse_dynamics"),
+    ],
+)
+def test_a_function_is_not_blamed_for_its_derivatives_that_are_exchanged(
+    first: str, other: str, names: str
+):
+    """Without M nothing else confirms it: it agrees with both arrays, each as the other one."""
+    causes = conclusions(names, **{first: CHAIN[other], other: CHAIN[first]})
+    assert causes.keys() == {first, other}
+    assert causes[first].endswith(f"{first} and {other} exchanged")
+    of = names.split()[0]
+    wrong = {of: lambda *x: 1.1 * CHAIN[of](*x), first: CHAIN[first], other: CHAIN[other]}
+    assert conclusions("qdd_tau" if of == "qdd" else "M bias gravity", **wrong).keys() == {of}
+
+
 def test_a_force_that_is_missing_in_the_acceleration_does_not_clear_it():
     wrong = {"qdd": lambda q, v, tau: CHAIN["qdd"](q, v, tau + CHAIN["gravity"](q))}
     names = "M bias gravity qdd_q qdd_v qdd_tau"

@@ -34,6 +34,7 @@ from eomcheck.claims.registry import case_claim
 from eomcheck.descriptions.tree_quantities import BY_COLUMNS, PER_BODY
 from eomcheck.engines import Answers, Engine, VelocityMap, engine_class_of, is_under_test
 from eomcheck.engines.answers import CORIOLIS_RATE, inertia_size, turning_rate, weight_size
+from eomcheck.engines.tree_engine import moved_parameters
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.conformance import QUANTITIES, ConformancePoint, Quantity
 from eomcheck.evaluation.evaluation import Evaluation
@@ -409,8 +410,25 @@ def _context(one: Quantity, frame: str, point: ConformancePoint) -> ConfusionCon
         Y = point.regressor.Y
         columns = [PER_BODY * b + i for b in range(Y.shape[1] // PER_BODY) for i in BY_COLUMNS]
         text = "products of inertia in the order xx, xy, yy, xz, yz, zz"
-        return context._replace(alternatives={text: Y[:, columns]})
+        turned = "along the axes of the joints, expected along those of the links"
+        alternatives = {text: Y[:, columns], turned: _regressor_of_joints(point)}
+        return context._replace(alternatives=alternatives)
     return context
+
+
+def _regressor_of_joints(point: ConformancePoint) -> Array:
+    """Return the regressor of parameters along the axes of joints, not of links, about the links.
+
+    Libraries that are handed a tree of joints turn them, or forget to.
+    """
+    tree, Y = point.at.scene.tree(), np.array(point.regressor.Y)
+    assert tree is not None
+    frames = {frame.name: frame for frame in tree.frames}
+    for b, name in enumerate(point.model.bodies):
+        columns = np.s_[:, PER_BODY * b : PER_BODY * (b + 1)]
+        turned = frames[name]._replace(p=np.zeros(3))
+        Y[columns] = Y[columns] @ np.linalg.inv(moved_parameters(turned))
+    return Y
 
 
 def _summands(one: Quantity, point: ConformancePoint) -> dict[str, Array]:

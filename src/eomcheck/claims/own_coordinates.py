@@ -39,11 +39,18 @@ def map_fault(engine: Engine, at: Evaluation) -> str:
 
     Args:
         engine: the engine.
-        at: the state.
+        at: the state; the map is compared at its velocity and at one that is not 0.
     """
     if not engine.offers("velocity_map"):
         return ""
-    answers, q, v = Answers(engine), at.q, at.v
+    answers, moving = Answers(engine), np.cos(1.0 + np.arange(at.scene.n))
+    faults = (_map_fault_at(answers, at, v) for v in (at.v, moving))
+    return next(filter(None, faults), "")
+
+
+def _map_fault_at(answers: Answers, at: Evaluation, v: Array) -> str:
+    """Return the part of a map that is wrong at a velocity, as text; see `map_fault`."""
+    q = at.q
 
     def own_velocity(position: Array) -> Array:
         return answers.velocity_map(position, v).S @ v
@@ -57,7 +64,7 @@ def map_fault(engine: Engine, at: Evaluation) -> str:
         return f"velocity_map: Ṡ v is not the rate of S v: {what}"
     if what := _other_axes(answers, at):
         return f"velocity_map: S is right with {what}"
-    if not engine.offers("velocity_map_derivatives"):
+    if not answers.engine.offers("velocity_map_derivatives"):
         return ""
     along, more = answers.map_derivatives(q, v)
     parts = {"∂(S v)/∂q": (along, own_velocity), "∂(Ṡ v)/∂q": (more, rate)}
@@ -75,7 +82,7 @@ def _other_axes(answers: Answers, at: Evaluation) -> str:
     R = _base_axes(point) if point.has_tree else None
     if R is None:
         return ""
-    (_, S, _), M_x, _ = answers.own_terms(at.q, at.v, at.t)
+    (_, S, _), M_x, _ = answers.own_terms(at.q, np.zeros_like(at.v), at.t)
     allowed = allowed_error(mass_size(at, S) + largest(at.terms.M), at.unit_roundoff)
 
     def is_right(S: Array) -> bool:

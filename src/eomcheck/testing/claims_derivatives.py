@@ -323,7 +323,11 @@ def _exchanged(
         same = np.abs(held.value - expected.value) <= C * (held.error + expected.error)
         return of_other() if same.all() else None
 
-    return {f"{name} and {other} exchanged": _value(value)} if at.has(other) else {}
+    return {f"{name} and {other}{EXCHANGED}": _value(value)} if at.has(other) else {}
+
+
+EXCHANGED = " exchanged"
+"""End of the text about two functions, each of which holds what the other should."""
 
 
 def bias_by_velocity(at: FunctionState) -> UncertainArray | None:

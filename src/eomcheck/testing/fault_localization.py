@@ -25,6 +25,7 @@ from eomcheck.claims.finding import EVERY_ROW, Finding, format_distinct
 from eomcheck.claims.registry import FUNCTION_CLAIMS
 from eomcheck.evaluation.tolerance import C
 from eomcheck.numbers.generic import Array
+from eomcheck.testing.claims_derivatives import EXCHANGED
 from eomcheck.testing.claims_motions import FOLLOWS, is_nonzero
 from eomcheck.testing.claims_terms import row_names
 from eomcheck.testing.equations_of_motion import INPUTS, BrokenError, EquationsOfMotion
@@ -384,17 +385,16 @@ def localize_faults(
         for finding in failed
         if finding.state is not None
     }
-    conflicts = [
-        Conflict(
-            finding,
-            suspects(functions, finding, where.get(id(finding))),
-            functions_read(functions, finding.claim, finding.subject),
-        )
-        for finding in failed
-    ]
+    confirmed = confirmed_by(findings, points[0])
+    conflicts = []
+    for finding in failed:
+        names = suspects(functions, finding, where.get(id(finding)))
+        if not names & {*confirmed}:
+            names = names & exchanged_functions(finding.detail) or names
+        read = functions_read(functions, finding.claim, finding.subject)
+        conflicts.append(Conflict(finding, names, read))
     changed: dict[int, Finding] = {}
     unsettled = unsettled_by([x for x in (points[0], *where.values()) if x is not None])
-    confirmed = confirmed_by(findings, points[0])
     for blame in blames_of(findings, conflicts, unsettled, confirmed):
         own = [finding.finding for finding in blame.conflicts]
         cause = " or ".join(blame.causes)
@@ -491,6 +491,17 @@ def suspects(
     if _bias_follows_from_T(at):
         names |= {"T"}
     return _value_or(lambda: names & _suspects_by_parity(at, names), names) or names
+
+
+def exchanged_functions(detail: str) -> frozenset[str]:
+    """Return the two functions that are exchanged according to the detail of a failure, if any.
+
+    Each holds what the other should: what both are compared with agrees with both, and is right.
+    """
+    *_, text = detail.split(": ")
+    first, _, other = text.removesuffix(EXCHANGED).partition(" and ")
+    names = frozenset({first, other})
+    return names if text.endswith(EXCHANGED) and names <= {*INPUTS} else frozenset()
 
 
 def residual(at: FunctionState) -> UncertainArray | None:
