@@ -235,7 +235,7 @@ MASS_MATRIX_RATE = QUANTITIES["coriolis_matrix"]._replace(
 """Sum of a Coriolis matrix and its transpose: Ṁ, for engines that declare `coriolis_skew`."""
 
 
-class Block(NamedTuple):
+class ComparedBlock(NamedTuple):
     """An array that is compared by itself: a quantity, or its derivatives by q, by v or by τ.
 
     Each has a bound of its own: one of them may be larger than another by any factor.
@@ -259,19 +259,19 @@ class Block(NamedTuple):
 
 def _blocks(
     at: Evaluation, point: ConformancePoint, one: Quantity, frame: str, own: Any
-) -> Iterator[Block]:
+) -> Iterator[ComparedBlock]:
     """Yield the blocks of a quantity, of which `own` is the value by ourselves."""
     names = one.axis_names(point)
     if one.mapping != "derivatives":
         ours = _own_value(at, one, frame, own, point)
-        yield Block("", 0, ..., ours, own, names[: ours.array.ndim])
+        yield ComparedBlock("", 0, ..., ours, own, names[: ours.array.ndim])
         return
     n = at.scene.n
     for k, symbol in enumerate(one.symbol.split(", ")):
         columns = np.s_[:, k * n : (k + 1) * n]
         value = partial(_columns_of, own, columns)
         ours = _own_value(at, one, frame, value, point, k)
-        yield Block(symbol, k, columns, ours, value, (names[0], names[1][columns[1]]))
+        yield ComparedBlock(symbol, k, columns, ours, value, (names[0], names[1][columns[1]]))
 
 
 def _columns_of(own: Callable[[Evaluation], Any], columns: Any, e: Evaluation) -> Any:
@@ -305,7 +305,7 @@ def _compare(
         yield _compare_block(asked, engine, one, frame, point, arguments, theirs, ours, block)
 
 
-def _in_own_sizes(blocks: Sequence[Block], array: Array) -> Array:
+def _in_own_sizes(blocks: Sequence[ComparedBlock], array: Array) -> Array:
     """Return an array whose blocks are divided by their sizes: the worst answer is chosen by it."""
     if not blocks[1:]:
         return array
@@ -322,7 +322,7 @@ def _compare_block(
     arguments: tuple[Any, ...],
     theirs: Array,
     whole: Array,
-    block: Block,
+    block: ComparedBlock,
 ) -> Finding:
     """Return the Finding of a block being equal to that of an engine.
 

@@ -187,7 +187,7 @@ def _base_axes(point: ConformancePoint) -> Array | None:
 def _conventions(
     of_map: DerivativeMap, expected: Array, one: Quantity, block: int, R: Array | None
 ) -> Iterator[tuple[str, Array]]:
-    """Yield what derivatives in own coordinates would be in other conventions, each with its text.
+    """Yield derivatives in own coordinates by other conventions, each with its text.
 
     Args:
         of_map: the map.
