@@ -242,7 +242,7 @@ class ComparedBlock(NamedTuple):
 
     Attributes:
         symbol: symbol of the derivatives; "" for a quantity that is one array.
-        index: position among the blocks of the quantity.
+        position: index among the blocks of the quantity.
         columns: its columns in the quantity, all of an array that is one.
         own: its value by ourselves, with the sensitivity to rounding.
         value: function of an evaluation, or of its perturbed samples -> its value by ourselves.
@@ -250,7 +250,7 @@ class ComparedBlock(NamedTuple):
     """
 
     symbol: str
-    index: int
+    position: int
     columns: Any
     own: OwnValue
     value: Callable[[Evaluation], Any]
@@ -319,7 +319,7 @@ def _compare_block(
     one: Quantity,
     frame: str,
     point: ConformancePoint,
-    arguments: tuple[Any, ...],
+    arguments: tuple[Array, Array, Array, str, float],
     theirs: Array,
     whole: Array,
     block: ComparedBlock,
@@ -357,8 +357,8 @@ def _compare_block(
     )
     if finding.verdict == "failed" and is_blamed(type(engine)) and one.mapping == "derivatives":
         with suppress(*UNABLE):
-            known = engine, one, point, arguments, (theirs, whole), block.index, finding.allowed
-            if text := derivatives_fault(*known):
+            where = block.position, finding.allowed
+            if text := derivatives_fault(engine, one, point, arguments, (theirs, whole), *where):
                 return finding.because(text)
         return finding
     # A bound as large as a value that is more than rounding: zeros would pass as well.

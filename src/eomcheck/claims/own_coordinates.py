@@ -158,7 +158,7 @@ def derivatives_fault(
     actual, expected = (of_map.to_engine(x) for x in arrays)
     columns = np.s_[:, block * n : (block + 1) * n]
     back = np.linalg.inv(of_map.S)
-    size = max(np.linalg.norm(x, np.inf) for x in (back, back.T, of_map.S, of_map.S.T))
+    size = max(float(np.linalg.norm(x, np.inf)) for x in (back, back.T, of_map.S, of_map.S.T))
     rows = tuple(f"w[{k}]" for k in range(n))
     along = "x" if block == 0 else "w" if block == 1 else "force"
     names = rows, tuple(f"by {along}[{k}]" for k in range(n))
