@@ -156,22 +156,47 @@ def derivatives_fault(
     if len(of_map.S) != n or np.array_equal(of_map.S, np.eye(n)):
         return ""
     actual, expected = (of_map.to_engine(x) for x in arrays)
-    columns = np.s_[:, block * n : (block + 1) * n]
-    back = np.linalg.inv(of_map.S)
+    back, symbols = np.linalg.inv(of_map.S), one.symbol.split(", ")
     size = max(float(np.linalg.norm(x, np.inf)) for x in (back, back.T, of_map.S, of_map.S.T))
-    rows = tuple(f"w[{k}]" for k in range(n))
-    along = "x" if block == 0 else "w" if block == 1 else "force"
-    names = rows, tuple(f"by {along}[{k}]" for k in range(n))
+    own = actual, expected, allowed * size**2
+    if text := _own_block_fault(of_map, one, point, own, block):
+        return f"in its own coordinates, {text}"
+    columns = np.s_[:, block * n : (block + 1) * n]
+    if not agree_everywhere(actual[columns], expected[columns], agreement_within(own[2])):
+        return ""
+    for other in set(range(len(symbols))) - {block}:
+        if text := _own_block_fault(of_map, one, point, own, other):
+            wrong = f"{symbols[other]}, by which it is mapped, is wrong: {text}"
+            return f"in its own coordinates it is right, and {wrong}"
+    return ""
+
+
+def _own_block_fault(
+    of_map: DerivativeMap,
+    one: Quantity,
+    point: ConformancePoint,
+    own: tuple[Array, Array, float],
+    block: int,
+) -> str:
+    """Return place and confusion of a wrong block in the engine's own coordinates; "" for none.
+
+    Args:
+        of_map: the map.
+        one: derivatives of inverse or forward dynamics.
+        point: the point.
+        own: the answer and the expected one in own coordinates, all blocks, and the allowed error.
+        block: index of the block.
+    """
+    n, (actual, expected, allowed) = len(of_map.S), own
+    columns = np.s_[:, block * n : (block + 1) * n]
+    if agree_everywhere(actual[columns], expected[columns], agreement_within(allowed)):
+        return ""
+    along = ("x", "w", "force")[block]
+    names = tuple(f"w[{k}]" for k in range(n)), tuple(f"by {along}[{k}]" for k in range(n))
     alternatives = dict(_conventions(of_map, expected, one, block, _base_axes(point)))
     context = ConfusionContext(alternatives=alternatives)
-    compared = actual[columns], expected[columns], names, allowed * size**2, context
-    if agree_everywhere(*compared[:2], agreement_within(allowed * size**2)):
-        others = " or ".join(x for k, x in enumerate(one.symbol.split(", ")) if k != block)
-        return f"in its own coordinates it is right: {others}, by which it is mapped, is wrong"
-    difference = locate(*compared)
-    if not difference.what:
-        return ""
-    return f"in its own coordinates, {difference.where}: {difference.what}"
+    difference = locate(actual[columns], expected[columns], names, allowed, context)
+    return f"{difference.where}: {difference.what}" if difference.what else ""
 
 
 def _base_axes(point: ConformancePoint) -> Array | None:
