@@ -10,12 +10,14 @@ import pytest
 from tests.samples import ordinary
 
 import eomcheck
+from eomcheck.claims.registry import FUNCTION_CLAIMS
 from eomcheck.engines import ENGINES, Engine
 from eomcheck.engines.pinocchio import PinocchioEngine
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import SCENES
 from eomcheck.testing import EquationsOfMotion, check, from_engine, from_scene
-from eomcheck.testing.handed_over import HANDED_OVER, weighs_alone
+from eomcheck.testing.equations_of_motion import FunctionCaller
+from eomcheck.testing.handed_over import HANDED_OVER, SceneQuantities, weighs_alone
 
 
 def scene_of(key: str) -> Scene:
@@ -92,6 +94,68 @@ def test_a_reference_has_the_frames_of_the_functions():
         J = {last: lambda q, factor=factor: factor * made.J[last](q)}
         found = check(EquationsOfMotion(made.n, J=J), against=scene, states=1, claims=["reference"])
         assert verdict in {one.verdict for one in found if one.subject.startswith("J ~")}
+
+
+# ---- States in batches ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("key", ["chain-pendulum", "sleigh", "flyball-governor", "four-bar-chain"])
+def test_announced_states_have_the_bits_of_states_one_by_one(key: str, monkeypatch):
+    """Of every function, so that findings do not depend on what was announced."""
+    made, other = from_scene(scene_of(key)), from_scene(scene_of(key))
+    rng = np.random.default_rng(3)
+    states = [(x, y) for x, y in rng.uniform(-1.0, 1.0, (6, 2, made.n))]
+    third = rng.uniform(-1.0, 1.0, made.n)
+    ahead, alone = FunctionCaller(made), FunctionCaller(other)
+    for name in made.given:
+        ahead.prefetch(name, states, vdot=third, tau=third)
+    monkeypatch.setattr(SceneQuantities, "_new_inputs", None)  # nothing more is computed alone
+    found = {}
+    for name in made.given:
+        if ahead.reads(name) in ("", "t", "qt"):
+            continue
+        found[name] = [ahead(name, q, v, vdot=third, tau=third) for q, v in states]
+    monkeypatch.undo()
+    assert {"M", "bias", "T", "qdd_q", "tau_v"} <= {*found}
+    for name, values in found.items():
+        for (q, v), value in zip(states, values, strict=True):
+            assert np.array_equal(value, alone(name, q, v, vdot=third, tau=third)), name
+
+
+def test_a_state_that_a_batch_refuses_is_left_to_be_asked(monkeypatch):
+    scene = scene_of("chain-pendulum")
+    made = from_scene(scene)
+    caller, states = (
+        FunctionCaller(made),
+        [(np.full(made.n, 0.1 * k), np.ones(made.n)) for k in range(5)],
+    )
+    value = SceneQuantities._value
+
+    def refused(self, name: str, inputs: Any, frame: str) -> Any:
+        found = value(self, name, inputs, frame)
+        if inputs.at.states:
+            found.data[2] = np.nan
+        return found
+
+    monkeypatch.setattr(SceneQuantities, "_value", refused)
+    caller.prefetch("qdd", states)
+    monkeypatch.undo()
+    for q, v in states:
+        assert np.array_equal(caller("qdd", q, v), from_scene(scene).qdd(q, v))
+
+
+def test_most_states_of_a_check_are_announced(monkeypatch):
+    """One by one, the functions of one state take minutes."""
+    alone, asked = [], []
+    new, ask = SceneQuantities._new_inputs, SceneQuantities.ask
+    monkeypatch.setattr(SceneQuantities, "_new_inputs", lambda *x: (alone.append(1), new(*x))[1])
+    monkeypatch.setattr(SceneQuantities, "ask", lambda *x: (asked.append(1), ask(*x))[1])
+    made = from_scene(scene_of("chain-pendulum"))
+    names = ["derivative", "inverse-dynamics-by-position", "frame-jacobian", "acceleration-mixed"]
+    claims = [x for x in FUNCTION_CLAIMS if x in names]
+    found = check(made, states=1, claims=claims)
+    assert {one.verdict for one in found} == {"passed"}
+    assert len(asked) > 1000 and 20 * len(alone) < len(asked)
 
 
 # ---- Faults --------------------------------------------------------------------------------------

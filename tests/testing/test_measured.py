@@ -7,10 +7,12 @@ import pytest
 
 from eomcheck.evaluation.tolerance import C
 from eomcheck.testing.uncertain import (
+    Sampled,
     UncertainArray,
     contract,
     exact,
     gradient,
+    jumps,
     noise,
     partial,
     zero,
@@ -166,3 +168,22 @@ def test_the_size_of_a_sum_is_that_of_its_terms():
     assert zero(one).size.tolist() == [1.0, 2.0]
     assert float(contract("i,i->", one, one).size) == 5.0
     assert float((3.0 * one).size[1]) == 6.0
+
+
+def test_all_points_of_lines_and_differences_are_announced_first():
+    """Of noise, of derivatives and of jumps, so that a function can compute them at once."""
+    announced, asked = set(), set()
+
+    def value(x):
+        asked.add(x.tobytes())
+        return smooth(x)
+
+    f = Sampled(value, lambda points: announced.update(x.tobytes() for x in points))
+    x, width = np.array([0.3, -0.4]), np.ones(2)
+    spread = noise(f, x, width)
+    at_x = UncertainArray(smooth(x), spread, np.abs(smooth(x)))
+    slopes = gradient(f, x, width, at_x)
+    jumps(f, x, width)
+    assert asked == announced and len(asked) > 100
+    assert np.array_equal(spread, noise(smooth, x, width))
+    assert np.array_equal(slopes.value, gradient(smooth, x, width, at_x).value)

@@ -34,6 +34,8 @@ from eomcheck.testing.suite import (
     without_unresolved,
 )
 from eomcheck.testing.uncertain import (
+    SHORT_STEPS,
+    STEPS,
     UncertainArray,
     contract,
     entry_sizes,
@@ -312,6 +314,20 @@ def test_speeds_are_turned_into_rates_and_forces_back():
     rate = (rates[0] * 0.4 + 0.3 * rates[2]) * 0.5
     np.testing.assert_allclose(supplied_or_derived_drift(here).value, [rate], rtol=1e-11)
     np.testing.assert_allclose(here.rate_of(here.raw("U")).value, rates @ [1.0, -2.0, 0.3])
+
+
+def test_a_function_is_measured_once_at_a_state():
+    calls = []
+    made = EquationsOfMotion(2, M=lambda q: calls.append(1) or np.diag(2.0 + np.sin(q)))
+    here = FunctionState(FunctionCaller(made), np.array([0.3, 0.2]), np.zeros(2))
+    here.quantity("M")
+    before = len(calls)
+    first = here.by_q(here.raw("M"))
+    steps = len(calls) - before
+    assert here.by_q(here.raw("M")) is first and len(calls) == before + steps
+    assert steps == 2 * 2 * (STEPS + SHORT_STEPS)  # no line of noise is among them
+    there = here.with_velocity(np.ones(2))
+    assert there.by_q(there.raw("M")) is not first
 
 
 def test_the_rate_of_what_a_clock_drives_is_that_at_its_start():

@@ -367,7 +367,7 @@ def derivative_arrays(
     """Return the arrays of `Derivatives` by name, without those of absent multipliers.
 
     Args:
-        at: the state.
+        at: the state, or a batch of states: arrays are NaN where one is refused or overflows.
         formulation: the formulation.
         directions: n directions for each of q, v and tau, by default those of their entries.
 
@@ -375,6 +375,8 @@ def derivative_arrays(
         RefusedError: as `Evaluation.acceleration`, or a derivative overflows.
     """
     arrays = arrays_by_name(_rows_of(at, formulation, directions), at.scene.n)
+    if at.states:
+        return {name: x.T for name, x in arrays.items()}
     for name, x in arrays.items():
         if not np.isfinite(x).all():
             message = (

@@ -17,7 +17,12 @@ from scipy.linalg import qr
 
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluation.constraint_rank import independent_partition
-from eomcheck.evaluation.scene_quantities import Quantities, cached_quantity, values_and_rates
+from eomcheck.evaluation.scene_quantities import (
+    Quantities,
+    cached_quantity,
+    number_of_values,
+    values_and_rates,
+)
 from eomcheck.evaluation.tolerance import UNIT_ROUNDOFF, rounded, well_conditioned
 from eomcheck.formulations import Formulation, Partition
 from eomcheck.kernels.perturbed_trace import TraceRunner
@@ -29,6 +34,7 @@ from eomcheck.numbers.batch_arrays import (
     as_float64,
     batch_data,
     batch_size,
+    repeated,
 )
 from eomcheck.numbers.dual import Dual, ReplayArithmetic, duals
 from eomcheck.numbers.generic import FLOAT64, Array, map_record
@@ -373,6 +379,36 @@ class RoundedEvaluation(Evaluation):
 # ---- Batches of states ---------------------------------------------------------------------------
 
 
+def lanes_of_each(shared: Any, varied: Any, elements: int, count: int) -> tuple[Any, Any]:
+    """Return the arguments of a function for `count` values of each element of a batch, as lanes.
+
+    Lane i is value i % count of element i // count.
+
+    Args:
+        shared: arguments that are the same for all values: arrays, or batches of `elements`.
+        varied: arguments (k, ...) that vary: arrays, the same for all elements, or batches.
+        elements: number of elements of the batch.
+        count: number k of values.
+    """
+
+    def spread(x: Any) -> Any:
+        x = as_float64(x) if isinstance(x, np.ndarray) and x.dtype == object else x
+        return BatchArray(np.repeat(x.data, count, 0)) if isinstance(x, BatchArray) else x
+
+    def lanes(x: Any) -> BatchArray:
+        if isinstance(x, BatchArray):
+            return BatchArray(x.data.reshape(-1, *x.data.shape[2:]))
+        return BatchArray(repeated(np.asarray(x, np.float64), elements))
+
+    return map_record(spread, shared), map_record(lanes, varied)
+
+
+def values_of_each(result: Any, elements: int, count: int) -> Any:
+    """Return a result in the lanes of `lanes_of_each` as batches of arrays (count, ...)."""
+    data = map_record(lambda x: batch_data(x, elements * count), result)
+    return map_record(lambda x: BatchArray(x.reshape(elements, count, *x.shape[1:])), data)
+
+
 def stacked(records: Sequence[Any]) -> Any:
     """Return one record of a batch, stacked from records of arrays."""
     return map_record(
@@ -421,6 +457,15 @@ class BatchEvaluation(Evaluation):
     def run(self, function: Callable, *arguments) -> Any:
         """Call a generic function on batches: see `call`."""
         return self.call(function, *arguments)
+
+    def run_for_each(self, key: str, function: Callable, shared: tuple, varied: tuple) -> Any:
+        """Return the results for k values in all states, in one replay of a function's trace."""
+        count = number_of_values(varied)
+        self.solves.pop((key, False), None)  # perturbed samples take their own pivots
+        with self.recording_solves(), np.errstate(all="ignore"):
+            arguments = lanes_of_each(shared, varied, self.states, count)
+            result = TRACES.run(None, function, *arguments[0], *arguments[1])
+        return values_of_each(result, self.states, count)
 
     def recording_solves(self, key: Key | None = None) -> AbstractContextManager[SolveRecorder]:
         """Record the matrices that are solved inside the block."""

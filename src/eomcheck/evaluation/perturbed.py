@@ -26,7 +26,15 @@ import numpy as np
 from scipy.linalg import qr, solve_triangular
 
 from eomcheck.errors import InconsistentVelocityError, RefusedError
-from eomcheck.evaluation.evaluation import TRACES, Acceleration, BatchEvaluation, Evaluation, Key
+from eomcheck.evaluation.evaluation import (
+    TRACES,
+    Acceleration,
+    BatchEvaluation,
+    Evaluation,
+    Key,
+    lanes_of_each,
+    values_of_each,
+)
 from eomcheck.evaluation.scene_quantities import Solution, cached_quantity, number_of_values
 from eomcheck.evaluation.tolerance import (
     INCONCLUSIVE,
@@ -45,7 +53,6 @@ from eomcheck.numbers.batch_arrays import (
     NoiseBatch,
     as_float64,
     batch_data,
-    repeated,
 )
 from eomcheck.numbers.generic import FLOAT64, Array, RecordingArithmetic, map_record
 from eomcheck.numbers.linear import SolveRecorder, for_each_noise, recording_solves
@@ -141,20 +148,10 @@ class PerturbedEvaluation(Evaluation):
         count = number_of_values(varied)
         noise, samples = self.noise.of_states(count), self.count
 
-        def spread(x: Any) -> Any:
-            x = as_float64(x) if isinstance(x, np.ndarray) and x.dtype == object else x
-            return BatchArray(np.repeat(x.data, count, 0)) if isinstance(x, BatchArray) else x
-
-        def lanes(x: Any) -> BatchArray:
-            if isinstance(x, BatchArray):
-                return BatchArray(x.data.reshape(-1, *x.data.shape[2:]))
-            return BatchArray(repeated(np.asarray(x, np.float64), samples))
-
         with recording_solves(noise, self.original.solves.get(key)), np.errstate(all="ignore"):
-            arguments = map_record(spread, shared), map_record(lanes, varied)
+            arguments = lanes_of_each(shared, varied, samples, count)
             result = TRACES.run(noise, function, *arguments[0], *arguments[1])
-        data = map_record(lambda x: batch_data(x, samples * count), result)
-        return map_record(lambda x: BatchArray(x.reshape(samples, count, *x.shape[1:])), data)
+        return values_of_each(result, samples, count)
 
     def _stacked(self, records: Sequence[Any]) -> Any:
         """Return the records of all samples as one; parts that are not float64 are equal."""

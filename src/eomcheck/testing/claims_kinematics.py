@@ -454,24 +454,27 @@ def frame_rotation(at: FunctionState) -> Iterator[Comparison]:
         )
 
 
-def _motion_of(
-    at: FunctionState, index: int, change: Callable[[Array], Array] = lambda x: x
-) -> UncertainArray:
+def _motion_of(at: FunctionState, index: int, change: Callable[[Array], Array]) -> UncertainArray:
     """Return the Jacobian (6, p) of a placement [R p], changed by `change` first."""
     placement = at.raw("frame_placement")
 
     def changed(q: Array, v: Array) -> Array:
         return change(placement(q, v)[index])
 
-    by_velocity, value = at.along_velocities(changed), at.measure(changed)
-    spin = contract("ijp,kj->ikp", by_velocity[:, :3], value[:, :3])
-    angular = [0.5 * (spin[j, i] - spin[i, j]) for i, j in ((1, 2), (2, 0), (0, 1))]
-    return stack_uncertain([*(by_velocity[i, 3] for i in range(3)), *angular])
+    return _jacobian_of(at.along_velocities(changed), at.measure(changed))
 
 
 def _jacobian_of_placement(at: FunctionState, index: int) -> UncertainArray:
     """Return the Jacobian (6, p) of a placement."""
-    return at.cached(("J of placement", index), lambda: _motion_of(at, index))
+    placement = at.raw("frame_placement")
+    return _jacobian_of(at.along_velocities(placement)[index], at.measure(placement)[index])
+
+
+def _jacobian_of(by_velocity: UncertainArray, value: UncertainArray) -> UncertainArray:
+    """Return the Jacobian (6, p) of a placement (3, 4) and its derivatives (3, 4, p)."""
+    spin = contract("ijp,kj->ikp", by_velocity[:, :3], value[:, :3])
+    angular = [0.5 * (spin[j, i] - spin[i, j]) for i, j in ((1, 2), (2, 0), (0, 1))]
+    return stack_uncertain([*(by_velocity[i, 3] for i in range(3)), *angular])
 
 
 def _inverse_placement(placement: Array) -> Array:

@@ -38,51 +38,28 @@ def from_scene(scene: Scene) -> EquationsOfMotion:
     Raises:
         InputError: `scene` is no scene, such as the name of one.
     """
-    zero = np.zeros(checked_scene(scene).n)
-
-    def evaluation_at(q: Array, v: Array = zero, t: float = 0.0) -> Evaluation:
-        return Evaluation(scene, q, v, t)
-
-    def filled(term: Array | None) -> Array:
-        return np.zeros(scene.n) if term is None else term
-
-    def energies(q: Array, v: Array) -> tuple[Any, Any]:
-        state = evaluation_at(q, v)
-        return scene.energies(state.parameters, state.prepared, state.q, state.v)
-
-    def dissipation(q: Array, v: Array) -> Any:
-        state = evaluation_at(q, v)
-        return state.dissipation(state.v)
-
-    def constraint(q: Array, v: Array) -> Array:
-        state = evaluation_at(q, v)
-        return np.asarray(scene.constraint(state.parameters, state.prepared, state.q, state.v))
-
+    checked_scene(scene)
     solver = formulations_among([scene], None)[0] if scene.r == 0 else FORMULATIONS["au"]
-    example = evaluation_at(*scene.initial_state())
-    U = energies(example.q, example.v)[1]
-    damped = dissipation(example.q, example.v) is not None
-    functions: dict[str, Any] = {
-        "M": lambda q: evaluation_at(q).terms.M,
-        "bias": lambda q, v: filled(evaluation_at(q, v).terms.B),
-        "T": lambda q, v: energies(q, v)[0],
-        "qdd": lambda q, v: evaluation_at(q, v).acceleration(solver).vdot,
-    }
+    quantities = SceneQuantities(scene, solver)
+    example = Evaluation(scene, *scene.initial_state())
+    _, U = scene.energies(example.parameters, example.prepared, example.q, example.v)
+    damped = example.dissipation(example.v) is not None
+    arguments = {"M": 1, "bias": 2, "T": 2}
     if U is not None:
-        functions["U"] = lambda q: energies(q, zero)[1]
-        functions["gravity"] = lambda q: -filled(evaluation_at(q).terms.Q)
+        arguments["U"] = 1
     if damped:
-        functions["R"] = dissipation
+        arguments["R"] = 2
     if U is None and not damped and example.terms.Q is not None:
-        functions["Q"] = lambda q, v: filled(evaluation_at(q, v).terms.Q)
+        arguments["Q"] = 2
     if scene.r:
-        functions["a"] = lambda q: evaluation_at(q).terms.a
-        functions["gamma"] = lambda q, v: evaluation_at(q, v).terms.gamma
-        functions["c"] = constraint
-        if example.terms.b is not None:
-            functions["b"] = lambda q, t: evaluation_at(q, t=t).terms.b
-    functions = SceneQuantities(scene, solver).functions() | functions
-    return EquationsOfMotion(scene.n, name=scene.name, **functions)
+        arguments |= {"a": 1, "gamma": 2, "c": 2}
+    functions = {name: quantities.function(name, count) for name, count in arguments.items()}
+    functions["qdd"] = quantities.function("forward_dynamics", 2)
+    if U is not None:
+        functions["gravity"] = quantities.function("rest force", 1)
+    if example.terms.b is not None:
+        functions["b"] = lambda q, t: Evaluation(scene, q, np.zeros(scene.n), t).terms.b
+    return EquationsOfMotion(scene.n, name=scene.name, **quantities.functions() | functions)
 
 
 def from_engine(engine: Any) -> EquationsOfMotion:

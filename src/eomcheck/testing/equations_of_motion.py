@@ -10,9 +10,10 @@ and finiteness of each result; a failure is raised with the name of its function
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields
+from functools import cached_property
 from inspect import Parameter, signature
 from math import isfinite
 from typing import Any, ClassVar, NamedTuple
@@ -424,6 +425,22 @@ class BrokenError(Exception):
         super().__init__(f"{name}: {why}")
 
 
+class BatchedFunction:
+    """Function that is told at which arguments it is called next, to compute these at once.
+
+    Args:
+        function: the function.
+        prefetch: called with the arguments of several calls, each stacked along a new first axis.
+    """
+
+    def __init__(self, function: Callable[..., Any], prefetch: Callable[..., None]):
+        self.__wrapped__, self.prefetch = function, prefetch
+
+    def __call__(self, *arguments: Array) -> Any:
+        """Return the result of the function."""
+        return self.__wrapped__(*arguments)
+
+
 class FunctionCaller:
     """Caller of the functions, with copies of their arguments and checks of their results.
 
@@ -444,6 +461,43 @@ class FunctionCaller:
         """Names of functions that were called again and again at one state."""
         self.reported: set[str] = set()
         """Names of functions that fail at some state, with the reason in a Finding."""
+        self._calls: list[tuple[str, dict[str, Array]]] | None = None
+
+    @cached_property
+    def prefetches(self) -> bool:
+        """Whether any function is told at which arguments it is called next."""
+        return any(self._batched(name) for name in self.functions.given)
+
+    def _batched(self, name: str) -> list[BatchedFunction]:
+        """Return the function `name`, or those of its frames, as far as they are batched."""
+        function = self.functions.function(name)
+        each = function.values() if isinstance(function, Mapping) else (function,)
+        return [x for x in each if isinstance(x, BatchedFunction)]
+
+    def prefetch(
+        self,
+        name: str,
+        states: Sequence[tuple[Array, Array]],
+        vdot: Array | None = None,
+        tau: Array | None = None,
+    ) -> None:
+        """Tell the function `name`, if it is batched, at which states (q, v) it is called next."""
+        if "t" in self.reads(name) or not (batched := self._batched(name)):
+            return
+        q, v = (np.array(x) for x in zip(*states, strict=True))
+        loads = ((x, y) for x, y in (("a", vdot), ("f", tau)) if y is not None)
+        stacked = {"q": q, "v": v} | {x: np.tile(y, (len(q), 1)) for x, y in loads}
+        for one in batched:
+            one.prefetch(*(stacked[letter] for letter in self.reads(name)))
+
+    @contextmanager
+    def recording(self) -> Iterator[list[tuple[str, dict[str, Array]]]]:
+        """Yield a list to which calls inside the block are appended: name and arrays by letter."""
+        self._calls = []
+        try:
+            yield self._calls
+        finally:
+            self._calls = None
 
     def reads(self, name: str) -> str:
         """Return the arguments of a function, one letter each, see `Input`."""
@@ -480,6 +534,8 @@ class FunctionCaller:
         arrays = {
             x: y for x, y in {**handed, "f": none if tau is None else tau}.items() if x in reads
         }
+        if self._calls is not None:
+            self._calls.append((name, arrays))
         if "f" not in INPUTS[name].shape:
             return self._answer(name, function, arrays, t)
         results = []

@@ -7,7 +7,7 @@ use and cached.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import cached_property
 from typing import Any, TypedDict
@@ -18,6 +18,7 @@ from eomcheck.evaluation.tolerance import C
 from eomcheck.numbers.generic import EPS, Array
 from eomcheck.testing.equations_of_motion import BrokenError, EquationsOfMotion, FunctionCaller
 from eomcheck.testing.uncertain import (
+    Sampled,
     UncertainArray,
     contract,
     entry_sizes,
@@ -27,6 +28,7 @@ from eomcheck.testing.uncertain import (
     noise,
     partial,
     sign_patterns,
+    values_at,
 )
 
 FLIPS = 4
@@ -187,6 +189,11 @@ class FunctionState:
             loads: `vdot` and `tau`, those of the state by default.
         """
         under: Loads = self.loads(name) if loads is None else loads
+        key = "raw", name, tuple((x, y.tobytes()) for x, y in under.items())
+        return self.cached(key, lambda: self._quiet(name, under))
+
+    def _quiet(self, name: str, under: Loads) -> Callable[[Array, Array], Array]:
+        """Return the function `name` of (q, v) under loads, see `raw`."""
         value = self.caller(name, self.q, self.v, **under)
 
         def quiet(q: Array, v: Array) -> Array:
@@ -205,13 +212,59 @@ class FunctionState:
 
     def measure(self, f: Callable[[Array, Array], Array]) -> UncertainArray:
         """Return f(q, v) with its measured noise, and the size of the terms that cancel in it."""
-        n = len(self.q)
+        return self.cached(("measured", f), lambda: self._measure(f))
+
+    def _measure(self, f: Callable[[Array, Array], Array]) -> UncertainArray:
+        """Return f(q, v) with its error, see `measure`."""
         x, width = np.concatenate((self.q, self.v)), np.concatenate((self.width_q, self.width_v))
         value = f(self.q, self.v)
-        spread = noise(lambda y: f(y[:n], y[n:]), x, width, self.seed)
-        flipped = [entry_sizes(f(self.q, sign * self.v)) for sign in self._signs()]
-        size = np.fmax.reduce([entry_sizes(value), *flipped])
+        spread = noise(self._sampled(f, self._split), x, width, self.seed)
+        flipped = values_at(self._sampled(f, lambda v: (self.q, v)), [*(self._signs() * self.v)])
+        size = np.fmax.reduce([entry_sizes(value), *map(entry_sizes, flipped)])
         return UncertainArray(value, spread + np.finfo(np.float64).eps * size, size)
+
+    def _split(self, x: Array) -> tuple[Array, Array]:
+        """Return q and v of an array (n + p,) of both."""
+        return x[: len(self.q)], x[len(self.q) :]
+
+    def _sampled(
+        self,
+        f: Callable[[Array, Array], Array],
+        state_of: Callable[[Array], tuple[Array, Array]],
+    ) -> Sampled:
+        """Return a function of (q, v) as one of an array x, with the state (q, v) of x."""
+
+        def prefetch(points: Sequence[Array]) -> None:
+            if not self.caller.prefetches:
+                return
+            states = [state_of(x) for x in points]
+            at_v = all(np.array_equal(v, self.v) for _, v in states)
+            for name, v, loads in self.cached(("calls", f), lambda: self._calls_of(f)):
+                if v is None:
+                    self.caller.prefetch(name, states, **loads)
+                elif at_v:  # f calls it at the same other velocity each time
+                    self.caller.prefetch(name, [(q, v) for q, _ in states], **loads)
+
+        return Sampled(lambda x: f(*state_of(x)), prefetch)
+
+    def _calls_of(
+        self, f: Callable[[Array, Array], Array]
+    ) -> list[tuple[str, Array | None, Loads]]:
+        """Return the functions that f calls at this q, their velocity if not v, and their loads."""
+        with self.caller.recording() as calls, suppress(BrokenError, np.linalg.LinAlgError):
+            f(self.q, self.v)
+        found: dict[Any, tuple[str, Array | None, Loads]] = {}
+        for name, read in calls:
+            loads: Loads = {}
+            if "a" in read:
+                loads["vdot"] = read["a"]
+            if "f" in read:
+                loads["tau"] = read["f"]
+            if np.array_equal(read.get("q", self.q), self.q):
+                v = read.get("v", self.v)
+                other = None if np.array_equal(v, self.v) else v
+                found[name, *(x.tobytes() for x in (v, *loads.values()))] = name, other, loads
+        return [*found.values()]
 
     def _signs(self) -> Array:
         """Return signs of v (flips, p): any two velocities have opposite ones in one of them.
@@ -233,21 +286,26 @@ class FunctionState:
 
         False where it has no value.
         """
-        n = len(self.q)
         x, width = np.concatenate((self.q, self.v)), np.concatenate((self.width_q, self.width_v))
         try:
             f = self.raw(name)
         except BrokenError:
             return False
-        return jumps(lambda y: f(y[:n], y[n:]), x, width, self.seed)
+        return jumps(self._sampled(f, self._split), x, width, self.seed)
 
     def by_q(self, f: Callable[[Array, Array], Array]) -> UncertainArray:
         """Return ∂f/∂q (n, ...)."""
-        return gradient(lambda q: f(q, self.v), self.q, self.width_q, self.measure(f))
+        at_q = self._sampled(f, lambda q: (q, self.v))
+        return self.cached(
+            ("by q", f), lambda: gradient(at_q, self.q, self.width_q, self.measure(f))
+        )
 
     def by_v(self, f: Callable[[Array, Array], Array]) -> UncertainArray:
         """Return ∂f/∂v (p, ...)."""
-        return gradient(lambda v: f(self.q, v), self.v, self.width_v, self.measure(f))
+        at_v = self._sampled(f, lambda v: (self.q, v))
+        return self.cached(
+            ("by v", f), lambda: gradient(at_v, self.v, self.width_v, self.measure(f))
+        )
 
     def by_tau(self, f: Callable[[Array], Callable[[Array, Array], Array]]) -> UncertainArray:
         """Return ∂f/∂τ (p, ...) of a function τ -> function of (q, v)."""
@@ -290,8 +348,8 @@ class FunctionState:
             return 0.0 * self.measure(f)
         value = self.measure(f)
         width = np.array([1.0 / longest])  # no further than the ranges are wide
-        rate = gradient(lambda s: f(self.q + s[0] * rates, self.v), np.zeros(1), width, value)
-        return rate[0]
+        along = self._sampled(f, lambda s: (self.q + s[0] * rates, self.v))
+        return gradient(along, np.zeros(1), width, value)[0]
 
     def dM(self) -> UncertainArray:
         """∂M/∂q (n, p, p)."""

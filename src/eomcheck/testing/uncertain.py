@@ -115,6 +115,34 @@ def contract(subscripts: str, *factors: UncertainArray) -> UncertainArray:
     return UncertainArray(summed(*(factor.value for factor in factors)), error, size)
 
 
+# ---- Samples of functions ------------------------------------------------------------------------
+
+
+class Sampled:
+    """Function of an array x that is told at which points it is called next.
+
+    Args:
+        function: the function.
+        prefetch: called with the points, before the function is called at each.
+    """
+
+    def __init__(
+        self, function: Callable[[Array], Array], prefetch: Callable[[Sequence[Array]], None]
+    ):
+        self.function, self.prefetch = function, prefetch
+
+    def __call__(self, x: Array) -> Array:
+        """Return the value of the function at x."""
+        return self.function(x)
+
+
+def values_at(f: Callable[[Array], Array], points: Sequence[Array]) -> list[Array]:
+    """Return the values of f at several points, of which a `Sampled` function is told first."""
+    if isinstance(f, Sampled):
+        f.prefetch(points)
+    return [f(x) for x in points]
+
+
 # ---- Numerical noise -----------------------------------------------------------------------------
 
 
@@ -230,7 +258,7 @@ def _values_on_line(
     """Return f (points, ...) on a line through x with a random direction."""
     direction = rng.uniform(0.5, 1.0, len(x)) * rng.choice((-1.0, 1.0), len(x)) * width
     steps = np.arange(line.points) - line.points // 2
-    return np.array([f(x + step * line.spacing * direction) for step in steps])
+    return np.array(values_at(f, [x + step * line.spacing * direction for step in steps]))
 
 
 def _noise_on_line(line: SampleLine, values: Array) -> Array:
@@ -382,7 +410,7 @@ def _central(
 
     Only the steps that are shorter than the last one where f has no value.
     """
-    h, rows = FIRST * width, []
+    h, pairs = FIRST * width, []
     for number in range(STEPS + SHORT_STEPS):
         if number > 0:
             h /= 2.0 if number < STEPS else SHORTER
@@ -392,8 +420,11 @@ def _central(
         step = float(ahead[k] - behind[k])
         if step < ROUNDED * EPS * abs(x[k]):
             break
-        with np.errstate(all="ignore"):
-            high, low = f(ahead), f(behind)
+        pairs.append((h, step, ahead, behind))
+    with np.errstate(all="ignore"):
+        values = values_at(f, [y for *_, ahead, behind in pairs for y in (ahead, behind)])
+    rows = []
+    for (h, step, *_), high, low in zip(pairs, values[::2], values[1::2], strict=True):
         finite = np.isfinite(high).all() and np.isfinite(low).all()
         rows = [*rows, (h, high, low, step)] if finite else []
     if not rows:
