@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import eomcheck
 from eomcheck.claims.proof import prove
 from eomcheck.claims.run import RunSelection, ValidationRun, validate
 from eomcheck.cli import app
@@ -16,6 +17,7 @@ from eomcheck.descriptions import mjcf_reader
 from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.engines import MjcfFile
 from eomcheck.errors import EngineError, InputError
+from eomcheck.evaluation.conformance import ConformancePoint
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.lab.library_comparison import compare_libraries
 from eomcheck.scene_lookup import scene_named
@@ -77,6 +79,49 @@ def test_a_robot_agrees_with_mujoco_s_own_model_to_rounding(tmp_path: Path, free
     found = compare_libraries(scene, states=5)
     assert found.libraries["mujoco"].verdict == "agrees"
     assert all(table.max() < 1e-12 for table in found.differences.values())
+
+
+def test_frames_are_those_of_the_bodies_of_the_file(tmp_path: Path):
+    """Whatever points their joints are at; links between two joints of a body have none."""
+    scene = from_mjcf(limb(tmp_path / "limb.xml", True, True))
+    engine = MjcfFile(scene)
+    names = [x.name for x in scene.tree().frames]
+    model = engine.model
+    assert sorted(names) == sorted(model.body(i).name or f"body{i}" for i in range(model.nbody))
+    q = scene.initial_state()[0] + np.random.default_rng(4).uniform(-0.6, 0.6, scene.n)
+    engine.data.qpos[:] = engine.velocity_map(q, np.zeros(scene.n)).x
+    mujoco.mj_kinematics(model, engine.data)
+    assert model.jnt_pos.any()
+    for i in range(model.nbody):
+        ours = eomcheck.quantity(
+            scene, "frame_placement", q, frame=model.body(i).name or f"body{i}"
+        )
+        theirs = np.column_stack((engine.data.xmat[i].reshape(3, 3), engine.data.xpos[i]))
+        assert np.abs(ours - theirs).max() < 1e-13
+
+
+def test_frames_and_their_motions_agree_with_those_of_mujoco(tmp_path: Path):
+    scene = from_mjcf(limb(tmp_path / "limb.xml", True, True))
+    about = "placement", "velocity", "jacobian", "acceleration", "bias"
+    claims = [f"engine-frame-{name}" for name in about]
+    found = validate(scene, examples=1, engines=[MjcfFile], formulations=["gw"], claims=claims)
+    passed = [(one.claim, *one.subject.split(", ")) for one in found if one.verdict == "passed"]
+    for claim in claims:
+        links = {link for id, engine, link in passed if (id, engine) == (claim, "mjcf_file")}
+        assert {"trunk", "thigh", "pack", "shin"} <= links
+    assert not [one for one in found if one.verdict not in ("passed", "skipped")]
+
+
+def test_a_regressor_is_about_the_frames_of_bodies(tmp_path: Path):
+    """Its parameters are m, m c and the inertia about the origin of the body in the file."""
+    scene = from_mjcf(limb(tmp_path / "limb.xml", False, False))
+    model = MjcfFile(scene).model
+    at = ConformancePoint(Evaluation(scene, *scene.initial_state()))
+    shin = at.model.bodies.index("shin")
+    mass, *moments = at.regressor.parameters[10 * shin : 10 * shin + 4]
+    body = model.body("shin")
+    assert mass == 1.2
+    assert np.allclose(np.array(moments) / mass, body.ipos, atol=1e-15)
 
 
 def test_it_starts_where_the_file_draws_it(tmp_path: Path):

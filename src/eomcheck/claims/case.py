@@ -551,6 +551,7 @@ def ask_engine(
     part: Callable[[Any], Any] = lambda answer: answer,
     excused: Callable[[], bool] = lambda: False,
     asks: str = "",
+    most_repeats: int = OFTEN,
 ) -> Any:
     """Return the engine's answer to the method of the claim, or the Finding that there is none.
 
@@ -564,6 +565,7 @@ def ask_engine(
         part: returns the compared quantity of an answer; None if the answer lacks it.
         excused: returns whether no answer could be judged at this state.
         asks: name of the method of `Answers`, by default that of the claim.
+        most_repeats: largest number of repeated calls, where the case has more.
     """
     assert case.claim is not None
     method, kind = asks or case.claim.asks, engine_class_of(engine)
@@ -577,7 +579,7 @@ def ask_engine(
         answers = Answers(engine)
         if is_under_test(kind):
             answers.provoke_stale_answers(method, *arguments)
-            repeated = _answered(answers, method, arguments, case.repeats)
+            repeated = _answered(answers, method, arguments, min(case.repeats, most_repeats))
             known = expected()
             return _worst(repeated, part, part(repeated[0]) if known is None else known)
         return answers.ask(method, *arguments)

@@ -294,15 +294,14 @@ def _compare(
     blocks = list(_blocks(at, point, one, frame, own))
     ours = np.concatenate([x.own.array for x in blocks], -1) if blocks[1:] else blocks[0].own.array
     arguments = at.q, at.v, vdot if tau is None else tau, frame, at.t
-    asked = replace(case, repeats=min(case.repeats, FEW))
     errors = partial(_in_own_sizes, blocks)
     how: dict[str, Any] = {"expected": lambda: errors(ours), "part": errors, "asks": one.name}
-    theirs = ask_engine(asked, engine, *arguments, **how)
+    theirs = ask_engine(case, engine, *arguments, **how, most_repeats=FEW)
     if isinstance(theirs, Finding) or isinstance(engine, type):
         yield theirs
         return
     for block in blocks:
-        yield _compare_block(asked, engine, one, frame, point, arguments, theirs, ours, block)
+        yield _compare_block(case, engine, one, frame, point, arguments, theirs, ours, block)
 
 
 def _in_own_sizes(blocks: Sequence[ComparedBlock], array: Array) -> Array:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import copyreg
 from abc import ABCMeta
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
@@ -350,6 +350,11 @@ class MechanismSource(NamedTuple):
     """Base class of its class, which has the same `key`; by default `Mechanism`."""
     description: Any = None
     """Description from which it was constructed, if stored."""
+
+    def with_frames_of(self, links: Iterable[str]) -> MechanismSource:
+        """Return the source with the frames of some links alone."""
+        names = frozenset(links)
+        return self._replace(frames=tuple(x for x in self.frames if x.name in names))
 
     def of_file(
         self, kind: str, path: Any, options: str, ignored: str, warnings: str = ""

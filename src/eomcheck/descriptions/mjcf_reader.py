@@ -7,7 +7,8 @@ description: the equations are those of any other description, independent of Mu
 become constraints by declaration, which hold exactly here.
 
 A body may have several joints in a row, each about a point of its own: between them are links
-without inertia. The frame of a link is that of the body, moved to the point of its last joint.
+without inertia, and so before the body where the point of its last joint is not its origin. These
+are no bodies of the file and have no frames. The frame of a body is that of the file.
 """
 
 from __future__ import annotations
@@ -255,8 +256,6 @@ class EqualityContext(NamedTuple):
     bodies: list[str]
     """Names of the bodies' links; the ground first."""
     joints: list[str]
-    anchors: list[Array]
-    """Origin of each body's link in the frame of the body (3,), m."""
     reference: dict[str, float]
     """Reference coordinate of joints that have one, at which the file draws them."""
 
@@ -283,7 +282,7 @@ def equality_constraint(context: EqualityContext, i: int) -> Constraint:
     else:
         a, b, turn = data[3:6], data[:3], data[6:10]
     ends = context.bodies[first], context.bodies[second]
-    points = triple_of(a - context.anchors[first]), triple_of(b - context.anchors[second])
+    points = triple_of(a), triple_of(b)
     if kind == CONNECT:
         return pin(name, *ends, *points)
     return weld(name, *ends, *points, quaternion_of(turn))
@@ -350,8 +349,6 @@ class _MjcfReader:
         self.reference: dict[str, float] = {}
         """Joint with one coordinate -> coordinate at which the file draws it."""
         self.links, self.joints = [Link(GROUND)], []
-        self.anchors: list[Array] = [np.zeros(3)]
-        """Origin of each body's link in the frame of the body (3,), m."""
         self.pose: dict[str, float] = {}
         off = int(model.opt.disableflags)
         self.off = {name: bool(off & bit) for name, bit in DISABLED.items()}
@@ -363,9 +360,7 @@ class _MjcfReader:
         for body in range(1, m.nbody):
             self._add_body(body)
         held = not (self.off["equality"] or self.off["constraint"])
-        context = EqualityContext(
-            m, self.where, self.bodies, self.names, self.anchors, self.reference
-        )
+        context = EqualityContext(m, self.where, self.bodies, self.names, self.reference)
         constraints = [
             equality_constraint(context, i) for i in range(m.neq) if held and m.eq_active0[i]
         ]
@@ -381,6 +376,7 @@ class _MjcfReader:
             None if self.off["gravity"] or not any((x, y, z)) else (x, y, z),
             self.pose,
             m,
+            tuple(self.bodies),
         )
 
     def _refuse(self) -> None:
@@ -394,32 +390,35 @@ class _MjcfReader:
     def _add_body(self, body: int) -> None:
         m, name = self.m, self.bodies[body]
         parent = int(m.body_parentid[body])
-        place, turn = m.body_pos[body] - self.anchors[parent], m.body_quat[body]
-        before, anchor = self.bodies[parent], np.zeros(3)
+        place, turn = m.body_pos[body], m.body_quat[body]
+        before, point = self.bodies[parent], np.zeros(3)
         first, count = int(m.body_jntadr[body]), int(m.body_jntnum[body])
         for joint in range(first, first + count):
             last = joint == first + count - 1
-            after = name if last else f"{name} after {self.names[joint]}"
-            if not last:
+            at_origin = not m.jnt_pos[joint].any()
+            after = name if last and at_origin else f"{name} after {self.names[joint]}"
+            if after != name:
                 self.links.append(Link(after))
             if m.jnt_type[joint] == FREE_JOINT:
                 place, turn = np.zeros(3), np.array(IDENTITY)
-            step = m.jnt_pos[joint] - anchor
+            step = m.jnt_pos[joint] - point
             self._add_joint(joint, before, after, place + rotation_matrix(tuple(turn)) @ step, turn)
-            before, anchor = after, m.jnt_pos[joint]
+            before, point = after, m.jnt_pos[joint]
             place, turn = np.zeros(3), np.array(IDENTITY)
-        if not count:  # a site is part of its body
-            self.joints.append(
-                Joint(f"{name} fixed", "fixed", before, name, triple_of(place), quaternion_of(turn))
-            )
-        self.anchors.append(anchor)
-        self.links.append(self._link(body, anchor))
+        if before != name:  # a site is part of its body
+            self._add_fixed(name, before, place - point, turn)
+        self.links.append(self._link(body))
 
-    def _link(self, body: int, anchor: Array) -> Link:
+    def _add_fixed(self, name: str, before: str, place: Array, turn: Array) -> None:
+        """Add the joint that fixes a body to the link before it."""
+        about = triple_of(place), quaternion_of(turn)
+        self.joints.append(Joint(f"{name} fixed", "fixed", before, name, *about))
+
+    def _link(self, body: int) -> Link:
         m = self.m
         R = rotation_matrix(quaternion_of(m.body_iquat[body]))
         name, mass = self.bodies[body], float(m.body_mass[body])
-        center = triple_of(m.body_ipos[body] - anchor)
+        center = triple_of(m.body_ipos[body])
         return Link.with_inertia(name, mass, center, R @ np.diag(m.body_inertia[body]) @ R.T)
 
     def _add_joint(self, joint: int, before: str, after: str, place: Array, turn: Array) -> None:
@@ -546,6 +545,7 @@ def mjcf_kind(
         if robot.constraints:
             dependent = _dependent_coordinates(source.scene_class()())
             source = mechanism_source(*elements, **more, dependent=dependent)
+        source = source.with_frames_of(robot.bodies)
         options = f", gravity={pulls!r}" if changed else ""
         return source.of_file("mjcf", path, options, robot.ignored).scene_class()
 

@@ -252,6 +252,8 @@ class Robot(NamedTuple):
     """Coordinates q at t = 0 that are not 0, by name."""
     compiled: Any = None
     """MuJoCo's compiled model of an MJCF."""
+    bodies: tuple[str, ...] = ()
+    """Names of the links that are bodies of an MJCF."""
 
     @property
     def coordinates(self) -> list[str]:

@@ -186,7 +186,7 @@ class MjxEngine(TreeEngine):
         if frame.kind == builder._mj.mjtObj.mjOBJ_SITE:
             positions, axes = sites, site_axes
         R = axes[frame.number].reshape(3, 3)
-        return frame.body, R, positions[frame.number] + R @ builder._origin(frame.body)
+        return frame.body, R, positions[frame.number]
 
     def frame_placement(self, f: str, q: Array, t: float = 0.0) -> tuple[Array, Array]:
         """Return (R, p) of `xmat` and `xpos`, or those of a site."""

@@ -61,8 +61,6 @@ class _FrameState(NamedTuple):
     """Orientation (3, 3)."""
     p: Array
     """Position of the link's origin (3,), m."""
-    arm: Array
-    """The same from the origin of the object, along the axes of the world (3,), m."""
 
 
 class MujocoEngine(TreeSolverEngine):
@@ -292,13 +290,7 @@ class MujocoEngine(TreeSolverEngine):
             body, R, p = self.model.site_bodyid[index], data.site_xmat[index], data.site_xpos[index]
         else:
             body, R, p = index, data.xmat[index], data.xpos[index]
-        R = R.reshape(3, 3).copy()
-        arm = R @ self._origin(int(body))
-        return _FrameState(kind, index, int(body), R, p + arm, arm)
-
-    def _origin(self, body: int) -> Array:
-        """Return the origin of a link's frame in that of the object which has it (3,), m."""
-        return np.zeros(3)
+        return _FrameState(kind, index, int(body), R.reshape(3, 3).copy(), p.copy())
 
     def frame_placement(self, f: str, q: Array, t: float = 0.0) -> tuple[Array, Array]:
         """Return (R, p) of MuJoCo's forward kinematics."""
@@ -307,9 +299,7 @@ class MujocoEngine(TreeSolverEngine):
 
     def frame_velocity(self, f: str, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return the velocity (6,) by `mj_objectVelocity`, angular first there."""
-        frame = self._frame(f, q, v)
-        velocity, omega = np.split(self._motion(self._mj.mj_objectVelocity, frame), 2)
-        return np.concatenate((velocity + np.cross(omega, frame.arm), omega))
+        return self._motion(self._mj.mj_objectVelocity, self._frame(f, q, v))
 
     def _motion(self, function: Any, frame: _FrameState) -> Array:
         """Return a velocity or acceleration (6,) by MuJoCo, along the axes of the world."""
@@ -335,10 +325,7 @@ class MujocoEngine(TreeSolverEngine):
         frame = self._frame(f, q, v)
         self.data.qacc[self._place] = vdot
         self._mj.mj_rnePostConstraint(self.model, self.data)
-        omega = self._motion(self._mj.mj_objectVelocity, frame)[3:]
-        acceleration, alpha = np.split(self._motion(self._mj.mj_objectAcceleration, frame), 2)
-        swung = np.cross(alpha, frame.arm) + np.cross(omega, np.cross(omega, frame.arm))
-        return np.concatenate((acceleration + swung, alpha))
+        return self._motion(self._mj.mj_objectAcceleration, frame)
 
     def frame_bias(self, f: str, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return J̇ v (6,) with J̇ by `mj_jacDot`."""
@@ -442,12 +429,6 @@ class MjcfFile(MujocoFile):
         damped = zip(self._joints, model.dof_damping, strict=True)
         names = frozenset(name for name, damping in damped if damping)
         self.description = description._replace(damped=names)
-
-    def _origin(self, body: int) -> Array:
-        """Return the position of the last joint in the body's frame; ours is at the joint."""
-        count = self.model.body_jntnum[body]
-        joint = self.model.body_jntadr[body] + count - 1
-        return self.model.jnt_pos[joint] if count else np.zeros(3)
 
     def velocity_map(self, q: Array, v: Array) -> VelocityMap:
         """Return (x, S, Ṡ v), with quaternions and body-fixed angular velocities.
