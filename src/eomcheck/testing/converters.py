@@ -53,7 +53,9 @@ def from_scene(scene: Scene) -> EquationsOfMotion:
         arguments["Q"] = 2
     if scene.r:
         arguments |= {"a": 1, "gamma": 2, "c": 2}
-    functions = {name: quantities.function(name, count) for name, count in arguments.items()}
+    functions: dict[str, Any] = {
+        name: quantities.function(name, count) for name, count in arguments.items()
+    }
     functions["qdd"] = quantities.function("forward_dynamics", 2)
     if U is not None:
         functions["gravity"] = quantities.function("rest force", 1)

@@ -48,6 +48,12 @@ class Loads(TypedDict, total=False):
     tau: Array
 
 
+def _key_of(loads: Loads) -> tuple[bytes, bytes]:
+    """Return the loads as a key of a cache, empty where there are none."""
+    none = np.zeros(0)
+    return loads.get("vdot", none).tobytes(), loads.get("tau", none).tobytes()
+
+
 class FunctionState:
     """Quantities at (q, v), each computed on first use.
 
@@ -189,7 +195,7 @@ class FunctionState:
             loads: `vdot` and `tau`, those of the state by default.
         """
         under: Loads = self.loads(name) if loads is None else loads
-        key = "raw", name, tuple((x, y.tobytes()) for x, y in under.items())
+        key = "raw", name, _key_of(under)
         return self.cached(key, lambda: self._quiet(name, under))
 
     def _quiet(self, name: str, under: Loads) -> Callable[[Array, Array], Array]:
@@ -263,7 +269,7 @@ class FunctionState:
             if np.array_equal(read.get("q", self.q), self.q):
                 v = read.get("v", self.v)
                 other = None if np.array_equal(v, self.v) else v
-                found[name, *(x.tobytes() for x in (v, *loads.values()))] = name, other, loads
+                found[name, v.tobytes(), _key_of(loads)] = name, other, loads
         return [*found.values()]
 
     def _signs(self) -> Array:

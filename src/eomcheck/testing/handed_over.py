@@ -394,8 +394,8 @@ def function_of(
         return function
 
     def values(*stacked: Array) -> None:
-        more = [np.zeros(stacked[0].shape)] * (3 - len(stacked))
-        prefetch(method, *stacked, *more, frame)
+        q, v, third = (*stacked, *[np.zeros(stacked[0].shape)] * (3 - len(stacked)))
+        prefetch(method, q, v, third, frame)
 
     return BatchedFunction(function, values)
 
