@@ -80,7 +80,7 @@ LARGEST_TOTAL = 2**23
 # ---- Scenes --------------------------------------------------------------------------------------
 
 
-class Inputs(NamedTuple):
+class SceneInputs(NamedTuple):
     """A state of a scene, or several as one batch, at which quantities are computed.
 
     Attributes:
@@ -115,17 +115,17 @@ class Inputs(NamedTuple):
         return at.run(at.scene.constraint, at.parameters, at.prepared, at.q, at.v)
 
 
-def _derivatives_of_acceleration(x: Inputs) -> Any:
+def _derivatives_of_acceleration(x: SceneInputs) -> Any:
     parts = derivative_arrays(x.at, x.solver)
     return np.concatenate([parts[part] for part in ("q", "v", "tau")], axis=1)
 
 
-def _derivatives_of_torques(x: Inputs) -> Any:
+def _derivatives_of_torques(x: SceneInputs) -> Any:
     parts = inverse_arrays(x.at, x.third)
     return np.concatenate((parts["q"], parts["v"]), axis=1)
 
 
-OF_SCENE: dict[str, Callable[[Inputs], Any]] = {
+OF_SCENE: dict[str, Callable[[SceneInputs], Any]] = {
     "M": lambda x: x.at.terms.M,
     "bias": lambda x: x.filled(x.at.terms.B),
     "T": lambda x: x.energies[0],
@@ -213,7 +213,7 @@ class SceneQuantities:
                 if np.isfinite(value).all():
                     self._keep((name, frame, *state), value)
 
-    def _value(self, name: str, inputs: Inputs, frame: str) -> Any:
+    def _value(self, name: str, inputs: SceneInputs, frame: str) -> Any:
         """Return a quantity at a state, or at those of a batch."""
         if name in OF_SCENE:
             return OF_SCENE[name](inputs)
@@ -226,11 +226,11 @@ class SceneQuantities:
         while self._total > LARGEST_TOTAL and len(self._results) > 1:
             self._total -= self._results.pop(next(iter(self._results))).size
 
-    def _new_inputs(self, q: bytes, v: bytes, third: bytes, driven: bool) -> Inputs:
+    def _new_inputs(self, q: bytes, v: bytes, third: bytes, driven: bool) -> SceneInputs:
         at = Evaluation(self.scene, np.frombuffer(q), np.frombuffer(v))
         return self._loaded(at, np.frombuffer(third), driven)
 
-    def _new_batch(self, states: tuple[tuple[bytes, ...], ...], driven: bool) -> Inputs:
+    def _new_batch(self, states: tuple[tuple[bytes, ...], ...], driven: bool) -> SceneInputs:
         q, v, third = (
             np.array([np.frombuffer(x) for x in part]) for part in zip(*states, strict=True)
         )
@@ -238,11 +238,11 @@ class SceneQuantities:
         at = BatchEvaluation(scenes, [State(x, y) for x, y in zip(q, v, strict=True)])
         return self._loaded(at, BatchArray(third), driven)
 
-    def _loaded(self, at: Evaluation, third: Any, driven: bool) -> Inputs:
+    def _loaded(self, at: Evaluation, third: Any, driven: bool) -> SceneInputs:
         """Return the inputs at a state, under forces τ where `driven`."""
         if driven:
             at.tau = third
-        return Inputs(ConformancePoint(at, third), third, self.solver)
+        return SceneInputs(ConformancePoint(at, third), third, self.solver)
 
 
 FEWEST = 4
