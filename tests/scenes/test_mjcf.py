@@ -107,7 +107,7 @@ def test_frames_and_their_motions_agree_with_those_of_mujoco(tmp_path: Path):
     found = validate(scene, examples=1, engines=[MjcfFile], formulations=["gw"], claims=claims)
     passed = [(one.claim, *one.subject.split(", ")) for one in found if one.verdict == "passed"]
     for claim in claims:
-        links = {link for id, engine, link in passed if (id, engine) == (claim, "mjcf_file")}
+        links = {link for id, engine, link in passed if (id, engine) == (claim, MjcfFile.key)}
         assert {"trunk", "thigh", "pack", "shin"} <= links
     assert not [one for one in found if one.verdict not in ("passed", "skipped")]
 
