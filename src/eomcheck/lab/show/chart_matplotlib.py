@@ -224,7 +224,7 @@ def draw_heat(axes: Axes, heat: Heat) -> None:
     axes.set_xlim(0, len(heat.columns))
     axes.set_ylim(len(heat.rows), 0)
     heads = [head.replace(" ", "\n", 1) for head in heat.columns]
-    size = {"fontsize": 7, "rotation": 90} if heat.steep else {"fontsize": 9}
+    size: dict[str, Any] = {"fontsize": 7, "rotation": 90} if heat.steep else {"fontsize": 9}
     axes.set_xticks(np.arange(len(heads)) + 0.5, heads, **size)
     labels: dict[str, Any] = {"fontsize": 7} if heat.steep else {}
     axes.set_yticks(np.arange(len(heat.rows)) + 0.5, list(heat.rows), **labels)
