@@ -114,6 +114,13 @@ ARM = """
 """
 
 
+DIFFERS = {
+    ("urdf", "roboticstoolbox"): "an axis that is not along x, y or z",
+    ("mjcf", "dart"): "moments of inertia",
+}
+"""Format and key -> what the library reads wrong in the robot."""
+
+
 @pytest.mark.parametrize(("format", "key"), [asked(key, format) for format, key in READING])
 def test_a_library_reads_a_robot_by_its_key(format: str, key: str, tmp_path: Path):
     version_of(BY_FORMAT[format][key])
@@ -121,4 +128,5 @@ def test_a_library_reads_a_robot_by_its_key(format: str, key: str, tmp_path: Pat
     file.write_text(ARM)
     scene = from_mjcf(file) if format == "mjcf" else from_urdf(robots.arm(tmp_path / "arm.urdf"))
     comparison = compare_libraries(scene, [key], states=2, claims=["mass-matrix", "bias"])
-    assert comparison.libraries[key].verdict in (*AGREES, "fewer digits"), comparison.readings("")
+    verdicts = ["differs"] if (format, key) in DIFFERS else [*AGREES, "fewer digits"]
+    assert comparison.libraries[key].verdict in verdicts, comparison.readings("")

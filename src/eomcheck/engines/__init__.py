@@ -58,6 +58,9 @@ COMPARED = ("pinocchio", "casadi", "mujoco", "drake", "exudyn", "idyntree", "pyb
 ON_REQUEST = [
     "dart",
     "mjx",
+    "opensim",
+    "roboticstoolbox",
+    "sympy_mechanics",
 ]
 """Files of the libraries that are asked only where they are named, one a line."""
 

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.engines.file_engine import (
     BaseVelocity,
     FileEngine,
@@ -26,6 +27,7 @@ from eomcheck.engines.file_engine import (
 from eomcheck.engines.tree_engine import TreeEngine, TreeLink
 from eomcheck.errors import EngineError, required
 from eomcheck.mechanics.records import TreeFrame
+from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
 
 
@@ -266,11 +268,16 @@ class DartFile(FileEngine, DartEngine):
         if skeleton is None:
             raise EngineError(f"{self.key} cannot read the file")
         self._take(skeleton)
-        bodies = {body.getName(): body for body in skeleton.getBodyNodes()}
-        self._seats = {x.name: (bodies[x.name], x) for x in self.frames if x.name in bodies}
+        self._index()
         for body, frame in self._seats.values():
             if frame.joint < 0:
                 body.setInertia(massless)
+
+    def _index(self) -> None:
+        """Keep the bodies of links, the names of joints, and dampers."""
+        skeleton = self.skeleton
+        bodies = {body.getName(): body for body in skeleton.getBodyNodes()}
+        self._seats = {x.name: (bodies[x.name], x) for x in self.frames if x.name in bodies}
         moving = [joint for joint in skeleton.getJoints() if joint.getNumDofs() == 1]
         moving.sort(key=lambda joint: joint.getIndexInSkeleton(0))
         self._joints = [joint.getName() for joint in moving]
@@ -291,3 +298,38 @@ class DartFile(FileEngine, DartEngine):
     def free_acceleration(self, q: Array, v: Array) -> Array:
         """Return ẍ (m,) by `computeForwardDynamics`."""
         return self._accelerated(q, v, np.zeros(self._n))
+
+
+# ---- Model read from an MJCF file ----------------------------------------------------------------
+
+
+class DartMjcf(DartFile):
+    """MJCF read by `dartpy.utils.MjcfParser`, of one skeleton without free and ball joints."""
+
+    key = "dart_mjcf"
+    format = "mjcf"
+
+    @classmethod
+    def represents(cls, scene: Scene) -> bool:
+        """Return whether each joint of the file has one coordinate."""
+        if not (isinstance(scene, Mechanism) and scene.source.format == "mjcf"):
+            return False
+        return scene.as_described and not scene.source.compound_coordinates
+
+    def _described(self) -> RobotDescription:
+        return RobotDescription("", "", {}, frozenset(), (), (), ())
+
+    def _read(self, library: Any, description: RobotDescription) -> None:
+        world = library.utils.MjcfParser.readWorld(library.common.Uri(self.file.as_uri()))
+        if world is None:
+            raise EngineError(f"{self.key} cannot read the file")
+        every = (world.getSkeleton(i) for i in range(world.getNumSkeletons()))
+        moving = [skeleton for skeleton in every if skeleton.getNumDofs()]
+        if len(moving) != 1:
+            raise EngineError(f"{self.key} makes {len(moving)} skeletons of the file, expected one")
+        self._take(moving[0])
+        self._index()
+        for name, (body, frame) in self._seats.items():
+            joint = body.getParentJoint()  # ours are at the last joint of a body
+            p = joint.getTransformFromChildBodyNode().translation()
+            self._seats[name] = body, frame._replace(p=p)

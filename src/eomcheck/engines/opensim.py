@@ -1,10 +1,10 @@
 """OpenSim: a `Model` of bodies and joints, and the matter subsystem of its Simbody engine.
 
-Spatial vectors have the angular part first; accelerations are classical. OpenSim's hinges turn about
-z and its slides go along x of their frames, which are turned to the axis of each joint. Its own
-files are not read here. It has no rotors, no Coriolis matrix, no Jacobian of the centre of mass, no
-derivatives and no regressor; its acceleration of the centre of mass takes v̇ of forward dynamics
-alone.
+Spatial vectors have the angular part first; accelerations are classical. OpenSim's hinges turn
+about z and its slides go along x of their frames, which are turned to the axis of each joint. Its
+own files are not read here. It has no rotors, no Coriolis matrix, no Jacobian of the centre of
+mass, no derivatives and no regressor; accelerations of frames and of the centre of mass are those
+of v̇ of forward dynamics alone.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from eomcheck.numbers.generic import Array
 class OpensimEngine(TreeEngine):
     """Tree of rigid bodies as an OpenSim model."""
 
+    key = "opensim"
     module = extra = "opensim"
     oldest = "4.6"
 
@@ -186,7 +187,9 @@ class OpensimEngine(TreeEngine):
         """Return the velocity (6,): `findStationVelocityInGround`, `getAngularVelocityInGround`."""
         body, _, (state, _, station) = self._frame(f, q, v)
         linear = body.findStationVelocityInGround(state, station)
-        return np.concatenate([linear.to_numpy(), body.getAngularVelocityInGround(state).to_numpy()])
+        return np.concatenate(
+            [linear.to_numpy(), body.getAngularVelocityInGround(state).to_numpy()]
+        )
 
     def frame_jacobian(self, f: str, q: Array, t: float = 0.0) -> Array:
         """Return J (6, n) by `calcFrameJacobian`, whose angular rows are first."""
@@ -201,7 +204,7 @@ class OpensimEngine(TreeEngine):
 
 
 def _turn(link: TreeLink) -> Array:
-    """Return a frame (3, 3) in that of a joint with the joint's axis as its x to slide, z to turn."""
+    """Return axes (3, 3) in the frame of a joint, which slides along x or turns about z of them."""
     return np.roll(np.eye(3), "xyz".index(link.kind[1]) - (0 if link.slides else 2), axis=0)
 
 

@@ -1,7 +1,8 @@
 """Robotics Toolbox for Python: its `ERobot`, by a recursive Newton-Euler algorithm in Python.
 
 Jacobians have the linear part first, along the axes of the world. It has no free base, no energies,
-no centre of mass, no momentum and no regressor, and velocities of frames by the Jacobian alone.
+no centre of mass, no momentum and no regressor, and velocities of frames by the Jacobian alone. Its
+`coriolis` raises for every `ERobot` of several links, and damages the robot: it is not asked.
 """
 
 from __future__ import annotations
@@ -9,7 +10,6 @@ from __future__ import annotations
 import io
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -43,13 +43,12 @@ class RoboticsToolboxEngine(TreeEngine):
     """The `ERobot`."""
 
     def _build(self, library: Any, links: list[TreeLink]) -> None:
-        self._make = partial(self._assembled, library, links)
-        self.robot = self._make()
+        self.robot = self._assembled(library, links)
         self._seats = {frame.name: f"frame of {frame.name}" for frame in self.frames}
         self._place = np.array([self.robot.link_dict[link.name].jindex for link in links])
 
     def _assembled(self, library: Any, links: list[TreeLink]) -> Any:
-        """Return a new robot of the links and of a link without mass for each frame."""
+        """Return a robot of the links, and of a link without mass for each frame."""
         element, chain = library.ET, library.ETS
         ground = library.Link(chain(), name="ground")
         bodies = []
@@ -101,11 +100,6 @@ class RoboticsToolboxEngine(TreeEngine):
     def gravity(self, q: Array, t: float = 0.0) -> Array:
         """Return ∂U/∂q (n,) by `gravload`."""
         return self.robot.gravload(self._in_own_order(q), gravity=self._gravity)[self._place]
-
-    def coriolis_matrix(self, q: Array, v: Array, t: float = 0.0) -> Array:
-        """Return C (n, n) by `coriolis`, of a new robot: it changes the one that it is asked of."""
-        C = self._make().coriolis(self._in_own_order(q), self._in_own_order(v))
-        return C[np.ix_(self._place, self._place)]
 
     def has_frame(self, f: str) -> bool:
         """Return whether there is a link of this name."""
@@ -164,11 +158,7 @@ class RoboticsToolboxFile(FileEngine, RoboticsToolboxEngine):
 
     def _read(self, library: Any, description: RobotDescription) -> None:
         reader = required("roboticstoolbox.models.URDF.URDFRobot", self.extra)
-
-        def robot() -> Any:
-            return library.ERobot(reader.URDF_file(io.StringIO(description.text))[0])
-
-        self._make, self.robot = robot, robot()
+        self.robot = library.ERobot(reader.URDF_file(io.StringIO(description.text))[0])
         moving = sorted((x for x in self.robot.links if x.isjoint), key=lambda link: link.jindex)
         self._moved, self._joints = moving, [link._joint_name for link in moving]
         self._seats = {x.name: x.name for x in self.frames if x.name in self.robot.link_dict}

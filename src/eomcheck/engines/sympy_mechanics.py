@@ -34,6 +34,7 @@ def _without_warnings() -> Iterator[None]:
 class SympyEngine(TreeEngine):
     """Tree of rigid bodies as a SymPy `System`."""
 
+    key = "sympy"
     module, extra = "sympy.physics.mechanics", "sympy"
     oldest = "1.13"
     any_inertia = True
