@@ -26,6 +26,7 @@ from eomcheck.engines.drake import DrakeEngine, DrakeFile
 from eomcheck.engines.exudyn import ExudynEngine
 from eomcheck.engines.idyntree import IdyntreeEngine, IdyntreeFile
 from eomcheck.engines.mujoco import MjcfFile, MujocoEngine, MujocoFile
+from eomcheck.engines.newton import NewtonEngine, NewtonFile, NewtonMjcf
 from eomcheck.engines.pinocchio import PinocchioEngine, PinocchioFile
 from eomcheck.engines.pybullet import PybulletEngine, PybulletFile
 from eomcheck.evaluation.conformance import QUANTITIES, ConformancePoint
@@ -58,6 +59,7 @@ DART = {
     *("center_of_mass_velocity", "center_of_mass_acceleration", "momentum"),
     *FRAME_MOTIONS,
 }
+NEWTON = {"inverse_dynamics", "forward_dynamics", "gravity", "frame_jacobian"} | FRAMES
 IDYNTREE = {
     *("inverse_dynamics", "gravity", "coriolis_matrix", "regressor"),
     *("center_of_mass", "center_of_mass_jacobian", "center_of_mass_velocity"),
@@ -80,6 +82,9 @@ OFFERED: dict[type[Engine], set[str]] = {
     MujocoEngine: MUJOCO,
     MujocoFile: MUJOCO,
     MjcfFile: MUJOCO,
+    NewtonEngine: NEWTON,
+    NewtonFile: NEWTON,
+    NewtonMjcf: NEWTON,
     PybulletEngine: PYBULLET,
     PybulletFile: PYBULLET,
     ExudynEngine: EXUDYN,
@@ -125,7 +130,7 @@ def robot(
 
 def scene_of(kind: type[Engine], folder: Path, *, floating: bool = True) -> Scene:
     """Return a scene that an engine represents: a robot for those that read files."""
-    if kind is MjcfFile:
+    if kind in (MjcfFile, NewtonMjcf):
         path = folder / "off.xml"
         path.write_text(OFF_ITS_JOINT, encoding="utf-8")
         return from_mjcf(path)
