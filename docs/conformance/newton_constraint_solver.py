@@ -7,7 +7,8 @@ with `parse_mujoco_options=False` the file is read.
 import newton
 
 MJCF = """
-<mujoco><option solver="PGS"/><worldbody><body><joint/><geom size="0.1"/></body></worldbody></mujoco>
+<mujoco><option solver="PGS"/>
+<worldbody><body><joint/><geom size="0.1"/></body></worldbody></mujoco>
 """
 
 for options in (True, False):

@@ -5,10 +5,9 @@ axis is 0; those across it, of a rod of 1 g and 10 cm 8.3e-7 kg m², more than d
 counts the bodies that were changed.
 """
 
+import newton
 import numpy as np
 import warp as wp
-
-import newton
 
 moment = 1e-3 * 0.1**2 / 12
 builder = newton.ModelBuilder()

@@ -57,6 +57,7 @@ COMPARED = ("pinocchio", "casadi", "mujoco", "drake", "exudyn", "idyntree", "pyb
 
 ON_REQUEST = [
     "dart",
+    "newton",
     "mjx",
     "opensim",
     "roboticstoolbox",

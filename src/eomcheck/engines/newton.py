@@ -5,7 +5,9 @@ a row of `eval_jacobian`; both are moved to the origin of the link here. A free 
 position of its origin, a quaternion x, y, z, w, and the velocity of its centre of mass, along the
 axes of the ground. Accelerations are those of `SolverFeatherstone`, without drives and limits.
 
-Warp compiles the kernels when they are first called, for minutes, and keeps them on the disk.
+`finalize` replaces moments of inertia that it takes for too small or for those of no body; a tree
+is built without that, and a file read with it, as users do. Warp compiles the kernels when they are
+first called, for minutes, and keeps them on the disk.
 """
 
 from __future__ import annotations
@@ -29,7 +31,6 @@ from eomcheck.engines.file_engine import (
 from eomcheck.engines.mujoco import MjcfFile
 from eomcheck.engines.tree_engine import TreeEngine, TreeLink
 from eomcheck.errors import EngineError, required
-from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
 
 
@@ -336,11 +337,7 @@ class NewtonMjcf(NewtonFile):
     """
 
     key = "newton_mjcf"
-
-    @classmethod
-    def represents(cls, scene: Scene) -> bool:
-        """Return whether MuJoCo's engine represents it."""
-        return MjcfFile.represents(scene)
+    format = "mjcf"
 
     def _described(self) -> RobotDescription:
         return MjcfFile._described(self)  # type: ignore[arg-type]
