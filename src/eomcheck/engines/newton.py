@@ -417,7 +417,7 @@ class NewtonMjcf(NewtonFile):
         state = np.zeros((2, FREE))
         state[:, joint.of_base] = q, v
         center = self._centers[joint.body] if joint.of_base.start == 0 else None
-        return free_base(*state, center), state[1]
+        return free_base(state[0], state[1], center), state[1]
 
     def _position(self, joint: _Turning, frame: FreeBase) -> Array:
         """Return the coordinates of a free joint that are a position; none of a ball."""
