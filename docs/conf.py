@@ -15,6 +15,7 @@ from eomcheck import FORMULATIONS, Formulation, deprecated
 from eomcheck.engines import LIBRARIES, READERS
 from eomcheck.engines.tree_engine import library_key
 from eomcheck.evaluation.conformance import QUANTITIES
+from eomcheck.lab.deviations import READING, Deviation, Observation, read_deviations
 from eomcheck.lab.references import reference_table
 from eomcheck.lab.report.registries import in_paper, parameter_table, registry_table, yes
 from eomcheck.lab.show.table import escaped as cell
@@ -25,6 +26,7 @@ from eomcheck.scenes import SCENES
 
 DOCS = Path(__file__).parent
 GENERATED = DOCS / "_generated"
+DEVIATIONS = DOCS / "conformance" / "deviations.toml"
 sys.path.insert(0, str(DOCS))  # for formulas.py and pages.py
 
 project = "eomcheck"
@@ -128,6 +130,66 @@ def library_calls() -> str:
     return "\n\n".join(sections)
 
 
+UNKNOWN = "not understood"
+"""Beginning of the reason of a deviation that is not known."""
+
+
+def figure_rows(name: str) -> list[list[str]]:
+    """Return the rows of a table that a study wrote into `docs/figures`, without its heading."""
+    lines = (DOCS / "figures" / f"{name}.md").read_text(encoding="utf-8").splitlines()[2:]
+    return [[text.strip("` ") for text in line.strip("|").split(" | ")] for line in lines]
+
+
+def conformance_pages() -> str:
+    """Return a section for each library: what it was asked, where it differs and why."""
+    known = read_deviations(DEVIATIONS)
+    differences = figure_rows("conformance-differences")
+    sections = []
+    for key, version, quantities, robots, _ in figure_rows("conformance-libraries"):
+        rows = []
+        for library, quantity, names in differences:
+            for deviation, mine in _by_reason(key, quantity, names.split("; "), known).items():
+                if library == key:
+                    rows.append((f"`{quantity}`", ", ".join(mine), *_about(deviation)))
+        unread = [x for x in known if x.engine == key and READING in x.quantities]
+        rows += [("not read", ", ".join(x.robots), *_about(x)) for x in unread]
+        asked = f"{version}, asked for {quantities} quantities on {robots} robots and scenes."
+        columns = ("quantity", "differs on", "why", "seen in", "shown by", "issue")
+        body = table(columns, rows) if rows else "It agrees in all of them."
+        sections.append(f"### {key} on robots\n\n{asked}\n\n{body}")
+    return "\n\n".join(sections)
+
+
+def not_understood() -> str:
+    """Return the list of deviations whose reason is not known: they begin with `UNKNOWN`."""
+    known = [one for one in read_deviations(DEVIATIONS) if one.reason.startswith(UNKNOWN)]
+    lines = (
+        f"- {x.engine}, {', '.join(x.quantities)} on {', '.join(x.robots)}: {x.reason}"
+        for x in known
+    )
+    return "\n".join(lines) or "Nothing: each deviation above has its reason."
+
+
+def _by_reason(
+    engine: str, quantity: str, robots: list[str], known: tuple[Deviation, ...]
+) -> dict[Deviation | None, list[str]]:
+    """Return the robots on which a quantity differs by the deviation that declares it."""
+    found: dict[Deviation | None, list[str]] = {}
+    for robot in robots:
+        one = Observation(engine, quantity, robot, True)
+        found.setdefault(next((x for x in known if x.covers(one)), None), []).append(robot)
+    return found
+
+
+def _about(deviation: Deviation | None) -> tuple[str, str, str, str]:
+    """Return reason, version, script and issue of a deviation as cells."""
+    if deviation is None:
+        return "not declared", "", "", ""
+    script = f"`{deviation.script}`" if deviation.script else ""
+    issue = f"[issue]({deviation.issue})" if deviation.issue else ""
+    return cell(deviation.reason), deviation.since, script, issue
+
+
 COUNTED = "2..30"
 """Numbers of links whose counts the tables rest on; the command goes further."""
 
@@ -204,6 +266,8 @@ def write_tables(app: Sphinx) -> None:
     write("studies.md", studies_table())
     write("references.md", references_table())
     write("library-calls.md", library_calls())
+    write("conformance-pages.md", conformance_pages())
+    write("not-understood.md", not_understood())
     for f in FORMULATIONS.values():
         write(f"facts/{f.key}.md", facts(f))
     for kind in SCENES.values():

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from PIL import Image
 from tests.robots import arm
 
 from eomcheck import cli
@@ -28,6 +30,8 @@ from eomcheck.lab.deviations import (
     robot_of,
     run_observations,
 )
+from eomcheck.lab.show.chart import Heat
+from eomcheck.lab.show.chart_plotly import chart_json
 from eomcheck.lab.store.record_file import Record, record_of_rows
 from eomcheck.lab.studies import study_of
 from eomcheck.lab.studies.conformance import ConformanceRow
@@ -391,3 +395,67 @@ def test_the_result_of_a_comparison_has_a_badge(damped: Path, monkeypatch, capsy
 def test_findings_on_unknown_claims_are_left_out():
     plain = {"claim": "of-another-version", "subject": "lib", "verdict": "failed", "detail": ""}
     assert not list(observations_of([("", plain)]))
+
+
+# ---- Our own page --------------------------------------------------------------------------------
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+def test_the_page_of_conformance_shows_the_differences_that_are_declared_and_no_others():
+    table = (DOCS / "figures" / "conformance-differences.md").read_text(encoding="utf-8")
+    rows = [line.strip("|").split(" | ") for line in table.splitlines()[2:]]
+    shown = {
+        (engine.strip("` "), quantity.strip("` "), robot)
+        for engine, quantity, robots in rows
+        for robot in robots.strip().split("; ")
+    }
+    known = read_deviations(DOCS / "conformance" / "deviations.toml")
+    declared = {
+        (one.engine, quantity, robot)
+        for one in known
+        for quantity in one.quantities
+        for robot in one.robots
+        if quantity != READING
+    }
+    assert shown == declared
+    assert len(shown) > 20
+    for one in known:
+        assert not one.script or (DOCS / "conformance" / one.script).is_file()
+    assert sum(one.reason.startswith("not understood") for one in known) <= 5
+
+
+def test_the_picture_of_conformance_counts_the_robots_on_which_a_quantity_differs(tmp_path: Path):
+    def row(engine: str, robot: str, quantity: str, verdict: str) -> ConformanceRow:
+        return ConformanceRow(engine, "1", robot, quantity, 1, verdict, None, "")  # type: ignore[arg-type]
+
+    kept = [
+        row("one", "a", "bias", "failed"),
+        row("one", "b", "bias", "passed"),
+        row("one", "c", "bias", "inconclusive"),
+        row("two", "a", "bias", "passed"),
+        row("one", "a", "gravity", "skipped"),
+        *(row("two", robot, "gravity", "failed") for robot in "abc"),
+    ]
+    study, settings = study_of("conformance"), {"robot": "a", "free": False, "engine": "one"}
+    records = [record_of_rows("conformance", settings, kept)]
+    (chart,) = study.charts(records)
+    (heat,) = chart.panels.values()
+    assert isinstance(heat, Heat)
+    assert list(heat.columns) == ["one", "two"] and list(heat.rows) == ["bias", "gravity"]
+    (differs, agrees), (unjudged, all_differ) = (boxes for _, boxes in heat.rows.values())
+    assert differs and agrees and unjudged and all_differ
+    assert (differs.text, agrees.text, unjudged.text, all_differ.text) == ("1", "", "", "3")
+    assert agrees.value == 0.0 < 0.4 < differs.value < all_differ.value == 1.0
+    assert unjudged.hatched and math.isnan(unjudged.value) and not differs.hatched
+    study.write(records, tmp_path)
+    with Image.open(tmp_path / "conformance.png") as picture:
+        width, height = picture.size
+    assert 100 < width < 390 and height > 100
+    assert len(json.loads(chart_json(chart))) == 1
+
+
+def test_libraries_are_listed_with_what_they_were_asked():
+    records = rows(("bias", "failed"), ("forces", "passed"))
+    (table,) = [x for x in study_of("conformance").tables(records) if x.name.endswith("libraries")]
+    assert list(map(list, table.rows)) == [["pinocchio", "pinocchio 4", "2", "1", "1"]]

@@ -238,6 +238,9 @@ def tables(records: Sequence[Record]) -> Iterator[ResultTable]:
     yield ResultTable("conformance", title, ("quantity", *engines), by_quantity)
     title = "Each robot: number of quantities that agree, of those that are offered"
     yield ResultTable("conformance-by-robot", title, ("robot", *engines), by_robot)
+    title = "Each library: what it was asked"
+    columns = "library", "version", "quantities", "robots and scenes", "quantities that differ"
+    yield ResultTable("conformance-libraries", title, columns, _libraries(rows))
     title = "Each quantity that differs, and on which robots"
     columns = "library", "quantity", "differs on"
     yield ResultTable("conformance-differences", title, columns, _differences(rows))
@@ -271,6 +274,16 @@ def _box(rows: Sequence[ConformanceRow]) -> Box | None:
     share = LEAST_SHARE + (1.0 - LEAST_SHARE) * wrong / len(decided) if wrong else 0.0
     text = f"differs on {wrong} of {len(decided)}" if wrong else f"agrees on {len(decided)}"
     return Box(share, False, bool(wrong), (text,), str(wrong or ""))
+
+
+def _libraries(rows: Sequence[ConformanceRow]) -> list[tuple[str, ...]]:
+    """Return a row for each engine: its library and the numbers of what it was asked."""
+    table = []
+    for engine, mine in group(rows, lambda one: one.engine).items():
+        wrong = {one.quantity for one in mine if one.verdict == "failed"}
+        counts = len({x.quantity for x in mine}), len({x.robot for x in mine}), len(wrong)
+        table.append((Cell(engine, "name"), mine[0].version, *map(str, counts)))
+    return table
 
 
 def _differences(rows: Sequence[ConformanceRow]) -> list[tuple[str, ...]]:
