@@ -482,3 +482,16 @@ def test_a_joint_of_the_name_of_a_link_is_not_its_frame(tmp_path: Path):
     first, second = (Answers(one).ask("frame_placement", q, q, q, "hand", 0.0) for one in engines)
     np.testing.assert_array_equal(first, second)
     assert not engines[1].has_frame("shoulder")
+
+
+def test_bodies_that_stand_or_are_moved_by_commands_have_no_part_in_the_centre_of_mass(tmp_path):
+    text = """<mujoco><worldbody><body pos="1 0 0"><joint axis="0 1 0"/>
+    <geom type="sphere" size="0.1" pos="0 0 -1"/></body>{}</worldbody></mujoco>"""
+    heavy = '<geom type="sphere" size="0.3"/></body>'
+    others = "", f'<body pos="0 2 0">{heavy}', f'<body mocap="true" pos="0 2 0">{heavy}'
+    centers, q = [], np.array([0.3])
+    for k, other in enumerate(others):
+        (tmp_path / f"{k}.xml").write_text(text.format(other), encoding="utf-8")
+        answers = Answers(MjcfFile(from_mjcf(tmp_path / f"{k}.xml")))
+        centers.append(answers.ask("center_of_mass", q, q, q, "", 0.0))
+    np.testing.assert_allclose(centers[1:], [centers[0]] * 2, rtol=1e-15, atol=1e-15)

@@ -422,7 +422,8 @@ class MjcfFile(MujocoFile):
         model.opt.disableflags &= ~int(library.mjtDisableBit.mjDSBL_GRAVITY)
         model.opt.gravity[:] = 0.0
         self.model, self.data = model, library.MjData(model)
-        fixed = model.body_weldid == 0
+        root = model.body_weldid  # of a body that is moved by commands (mocap) that body itself
+        fixed = (root == 0) | (model.body_mocapid[root] >= 0)
         if model.body_mass[fixed].any():  # MuJoCo counts it in the centre of mass of the world
             model.body_mass[fixed] = 0.0
             library.mj_setConst(model, self.data)
