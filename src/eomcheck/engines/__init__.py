@@ -56,6 +56,8 @@ COMPARED = ("pinocchio", "casadi", "mujoco", "drake", "exudyn", "idyntree", "pyb
 """Files of the libraries that a comparison asks unless others are named."""
 
 ON_REQUEST = [
+    "adam",
+    "brax",
     "dart",
     "newton",
     "mjx",

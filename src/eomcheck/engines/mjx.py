@@ -8,18 +8,17 @@ first order of the quaternion's own update.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
 
-from eomcheck.descriptions.mjcf_reader import BALL_JOINT, FREE_JOINT
 from eomcheck.engines.engine import VelocityMap
 from eomcheck.engines.file_engine import BaseVelocity, FileEngine, RobotDescription
+from eomcheck.engines.jax_engine import JaxEngine
 from eomcheck.engines.mujoco import MjcfFile, MujocoEngine, MujocoFile
-from eomcheck.engines.tree_engine import TreeEngine, TreeInputs, TreeLink
+from eomcheck.engines.tree_engine import TreeInputs, TreeLink
 from eomcheck.errors import required
 from eomcheck.numbers.generic import Array
 
@@ -56,11 +55,11 @@ def _functions() -> dict[str, Callable[..., Any]]:
         return mjx.jac(mx, d, point, body)
 
     def derivatives(of):
-        def along(mx, dx, q, v, third, moves):
-            rate = jax.numpy.zeros_like(v)
-            by_w = jax.jacfwd(lambda w: of(mx, dx, q + moves @ w, v, third))(rate)
-            others = jax.jacfwd(lambda *x: of(mx, dx, q, *x), (0, 1))(v, third)
-            return (by_w, *others)
+        def along(mx, dx, q, v, third, rates):
+            def moved(w, *x):
+                return of(mx, dx, q + rates @ w, *x)
+
+            return jax.jacfwd(moved, (0, 1, 2))(jax.numpy.zeros_like(v), v, third)
 
         return along
 
@@ -75,14 +74,13 @@ def _functions() -> dict[str, Callable[..., Any]]:
     return {name: jax.jit(function) for name, function in compiled.items()}
 
 
-class MjxEngine(TreeEngine):
+class MjxEngine(JaxEngine):
     """Tree of rigid bodies as an MJX model, in float32."""
 
     key = "mjx"
     extra = "mjx"
     module = "mujoco.mjx"
     oldest = "3.17"
-    unit_roundoff = 2.0**-24
     built_by: ClassVar[type[MujocoEngine]] = MujocoEngine
 
     @classmethod
@@ -94,12 +92,6 @@ class MjxEngine(TreeEngine):
     def holds(cls, links: list[TreeLink]) -> bool:
         """Return whether MuJoCo holds it."""
         return MujocoEngine.holds(links)
-
-    @contextmanager
-    def _precision(self) -> Iterator[None]:
-        """Compute in the numbers of this engine."""
-        with required("jax", "mjx").enable_x64(self.unit_roundoff < 2.0**-50):
-            yield
 
     def _build(self, library: Any, links: list[TreeLink]) -> None:
         self._take(library)
@@ -120,10 +112,8 @@ class MjxEngine(TreeEngine):
         self._place = builder._place
 
     def _call(self, name: str, model: Any, *arguments: Any) -> Any:
-        """Return the result of a compiled function, arrays in float64."""
-        with self._precision():
-            result = _functions()[name](model, self._dx, *arguments)
-            return required("jax", "mjx").tree_util.tree_map(np.array, result)
+        """Return the result of a compiled function."""
+        return self._computed(_functions, name, model, self._dx, *arguments)
 
     def _ordered(self, values: Array) -> Array:
         """Return coordinates, in the order of the tree, in MuJoCo's order."""
@@ -199,28 +189,14 @@ class MjxEngine(TreeEngine):
         linear, angular = self._call("jacobian", self._mx, self._ordered(q), p, body)
         return np.vstack((linear.T, angular.T))[:, self._place]
 
-    def _moves(self, q: Array) -> Array:
-        """Return the derivative of MuJoCo's coordinates by its velocities."""
-        model, x = self._builder.model, self._ordered(q)
-        moves, i, j = np.zeros((model.nq, model.nv)), 0, 0
-        for kind in model.jnt_type:
-            if kind == FREE_JOINT:
-                moves[i : i + 3, j : j + 3] = np.eye(3)
-                i, j = i + 3, j + 3
-            if kind in (FREE_JOINT, BALL_JOINT):
-                w, *u = x[i : i + 4]
-                moves[i, j : j + 3] = -0.5 * np.array(u)
-                cross = np.array([[0, -u[2], u[1]], [u[2], 0, -u[0]], [-u[1], u[0], 0]])
-                moves[i + 1 : i + 4, j : j + 3] = 0.5 * (w * np.eye(3) + cross)
-                i, j = i + 4, j + 3
-            else:
-                moves[i, j] = 1.0
-                i, j = i + 1, j + 1
-        return moves
-
     def _derivatives(self, name: str, q: Array, v: Array, third: Array) -> tuple[Array, ...]:
         own = np.ix_(self._place, self._place)
-        return tuple(x[own] for x in self._dynamics(name, q, v, third, self._moves(q)))
+        return tuple(
+            x[own]
+            for x in self._dynamics(
+                name, q, v, third, self._builder.position_rates(self._ordered(q))
+            )
+        )
 
     def inverse_dynamics_derivatives(
         self, q: Array, v: Array, vdot: Array, t: float = 0.0
@@ -285,6 +261,10 @@ class MjxMjcf(MjxFile):
     def velocity_map(self, q: Array, v: Array) -> VelocityMap:
         """Return that of MuJoCo."""
         return self._builder.velocity_map(q, v)
+
+    def velocity_map_derivatives(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return those of MuJoCo."""
+        return self._builder.velocity_map_derivatives(q, v)
 
 
 class Mjx64Mjcf(MjxMjcf):

@@ -331,6 +331,25 @@ class MujocoEngine(TreeSolverEngine):
         """Return J̇ v (6,) with J̇ by `mj_jacDot`."""
         return self._columns(self._mj.mj_jacDot, self._frame(f, q, v)) @ v
 
+    def position_rates(self, x: Array) -> Array:
+        """Return the derivative (n_x, n) of MuJoCo's coordinates by its velocities, at x (n_x,)."""
+        model = self.model
+        rates, i, j = np.zeros((model.nq, model.nv)), 0, 0
+        for kind in model.jnt_type:
+            if kind == FREE_JOINT:
+                rates[i : i + 3, j : j + 3] = np.eye(3)
+                i, j = i + 3, j + 3
+            if kind in (FREE_JOINT, BALL_JOINT):
+                w, *u = x[i : i + 4]
+                rates[i, j : j + 3] = -0.5 * np.array(u)
+                cross = np.array([[0, -u[2], u[1]], [u[2], 0, -u[0]], [-u[1], u[0], 0]])
+                rates[i + 1 : i + 4, j : j + 3] = 0.5 * (w * np.eye(3) + cross)
+                i, j = i + 4, j + 3
+            else:
+                rates[i, j] = 1.0
+                i, j = i + 1, j + 1
+        return rates
+
     derivatives_by_differences = True
 
     def inverse_dynamics_derivatives(
@@ -354,6 +373,9 @@ class MujocoFile(FileEngine, MujocoEngine):
     """URDF read by `mujoco.MjSpec.from_string`, with the same result as `MjModel`."""
 
     key = "mujoco_file"
+    merges_under_free_base = False
+    """Whether links that are fixed to others are merged with them also where the base is free."""
+
     compliant = False
     base_velocity = BaseVelocity("ground", "base")
 
@@ -363,7 +385,8 @@ class MujocoFile(FileEngine, MujocoEngine):
         if self.base:
             if description.root == "world":
                 raise EngineError(f"{self.key} makes a link called world the ground")
-            spec.compiler.fusestatic = False  # else the root is merged into the ground
+            # Before 4.0 the root would be merged into the ground.
+            spec.compiler.fusestatic = self.merges_under_free_base
             spec.body(description.root).add_freejoint()
         self.model = model = spec.compile()
         model.opt.gravity[:] = 0.0

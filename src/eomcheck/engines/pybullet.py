@@ -73,7 +73,7 @@ class PybulletEngine(TreeEngine):
 
     def _build(self, library: Any, links: list[TreeLink]) -> None:
         self._unit = _unit_of_mass(links)
-        index = {name: i for i, name in self._load(_urdf(links, self._unit)).items()}
+        index = {name: i for i, name in self._load(urdf_of_links(links, self._unit)).items()}
         self._place = np.array([index[f"joint_of_{link.name}"] for link in links])
         self._seats = {
             frame.name: (self._links[links[frame.joint].name], frame)
@@ -205,7 +205,7 @@ def _unit_of_mass(links: list[TreeLink]) -> float:
     return 2.0 ** np.ceil(np.log2(largest)) if largest > 0 else 1.0
 
 
-def _urdf(links: list[TreeLink], unit: float) -> str:
+def urdf_of_links(links: list[TreeLink], unit: float = 1.0) -> str:
     """Return the links as a URDF, every number with all its digits; masses in a unit, kg."""
     robot = ElementTree.Element("robot", name="tree")
     _add_body(robot, "ground", 0.0, np.zeros(3), np.zeros(3), np.eye(3))

@@ -1,0 +1,84 @@
+"""adam, where it is installed: right in NumPy and in JAX, of trees, files and free bases."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.robots import arm
+from tests.samples import random_state
+
+import eomcheck
+from eomcheck.engines.adam import (
+    Adam64Engine,
+    AdamEngine,
+    AdamFile,
+    AdamNumpyEngine,
+    AdamNumpyFile,
+)
+from eomcheck.scenes import ChainPendulum, Snake, from_urdf
+
+pytest.importorskip("adam")
+
+OFFERED = {
+    "mass-matrix",
+    "bias",
+    "engine-gravity",
+    "engine-center-of-mass",
+    "engine-center-of-mass-jacobian",
+    "engine-momentum-matrix",
+    "engine-frame-placement",
+    "engine-frame-jacobian",
+    "engine-frame-bias",
+}
+
+
+def verdicts_of(kind, scene):
+    """Return the claims that passed at a random state, and the findings that failed as text."""
+    state = random_state(scene, np.random.default_rng(0))
+    found = eomcheck.check_state(scene, *state, engines=[kind], claims=sorted(OFFERED))
+    own = [one for one in found if one.engine is kind]
+    failed = [str(one) for one in own if one.verdict == "failed"]
+    return {one.claim for one in own if one.verdict == "passed"}, failed
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        AdamNumpyEngine,
+        pytest.param(AdamEngine, marks=pytest.mark.night),
+        pytest.param(Adam64Engine, marks=pytest.mark.night),
+    ],
+)
+def test_every_quantity_that_it_offers_is_right(kind):
+    passed, failed = verdicts_of(kind, ChainPendulum.example())
+    assert failed == []
+    assert passed == OFFERED
+
+
+def hinges(path: Path) -> Path:
+    """Write the arm with a hinge in place of its slide, and a base with mass."""
+    text = arm(path).read_text(encoding="utf-8").replace("prismatic", "revolute")
+    base = '<link name="base"><inertial><origin xyz="0.1 0 0.2" rpy="0.4 -0.3 0.2"/>'
+    base += '<mass value="3"/><inertia ixx="0.2" iyy="0.3" izz="0.4" ixy="0" ixz="0" iyz="0"/>'
+    path.write_text(text.replace('<link name="base"/>', f"{base}</inertial></link>"))
+    return path
+
+
+@pytest.mark.parametrize("floating", [False, True])
+@pytest.mark.parametrize("kind", [AdamNumpyFile, pytest.param(AdamFile, marks=pytest.mark.night)])
+def test_a_file_with_a_fixed_and_with_a_free_base_is_right(kind, floating, tmp_path):
+    path = hinges(tmp_path / "arm.urdf")
+    scene = from_urdf(path, floating=floating, gravity=(1.0, -2.0, -9.0))
+    passed, failed = verdicts_of(kind, scene)
+    assert failed == []
+    assert passed == OFFERED
+
+
+def test_a_tree_with_a_slide_is_not_represented_and_a_file_with_one_is_refused(tmp_path):
+    assert AdamNumpyEngine.represents(ChainPendulum.example())
+    assert not AdamNumpyEngine.represents(Snake.example())
+    scene = from_urdf(arm(tmp_path / "arm.urdf"))
+    with pytest.raises(ValueError, match="concatenation axis"):
+        AdamNumpyFile(scene)  # docs/conformance/adam_prismatic_joint.py
