@@ -46,6 +46,7 @@ STATE = State(*SLEIGH.initial_state(), 0.0)
 def run(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
     """Run the command line in this process and return its exit code."""
     monkeypatch.setattr(sys, "argv", ["eomcheck", *words])
+    monkeypatch.setattr("eomcheck.console.PATIENCE", 1e4)  # on slow machines too it says no more
     with pytest.raises(SystemExit) as stop:
         cli.main()
     return int(stop.value.code or 0)
