@@ -329,7 +329,3 @@ class DartMjcf(DartFile):
             raise EngineError(f"{self.key} makes {len(moving)} skeletons of the file, expected one")
         self._take(moving[0])
         self._index()
-        for name, (body, frame) in self._seats.items():
-            joint = body.getParentJoint()  # ours are at the last joint of a body
-            p = joint.getTransformFromChildBodyNode().translation()
-            self._seats[name] = body, frame._replace(p=p)
