@@ -299,7 +299,9 @@ def call(name: str, function: Callable[..., T], *arguments: Any, slow: bool = Fa
         restore_environment()  # so that no call is blamed for an earlier change
     what = ""
     try:
-        if threading.current_thread() is not threading.main_thread():
+        if getattr(function, "limits_itself", False):
+            answer = function(*arguments)
+        elif threading.current_thread() is not threading.main_thread():
             if _board is None and not _remote[0]:
                 answer = function(*arguments)
             else:
@@ -322,6 +324,15 @@ def call(name: str, function: Callable[..., T], *arguments: Any, slow: bool = Fa
     if what and not slow:
         raise CallError(name, what)
     return answer
+
+
+def limits_itself(function: Callable[..., T]) -> Callable[..., T]:
+    """Mark a function that limits its own time, and runs outside code in another process.
+
+    `call` neither writes it on the board nor limits its time: it may have to start that process.
+    """
+    function.limits_itself = True  # type: ignore[attr-defined]
+    return function
 
 
 def calling(name: str, function: Callable[..., T]) -> Callable[..., T]:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import ctypes
+import gc
 import os
 import sys
 import time
+import weakref
+from typing import ClassVar
 
 import numpy as np
 
-from eomcheck.engines.pinocchio import PinocchioEngine
+from eomcheck.engines.pinocchio import PinocchioEngine, PinocchioFile
 
 
 class Failing(PinocchioEngine):
@@ -92,3 +95,54 @@ class Textual(Failing):
 
     def bias(self, q, v, t=0.0):
         return object()
+
+
+class Counted(Failing):
+    """Engine whose bias is the number of models of its class in this process."""
+
+    models: ClassVar[weakref.WeakSet] = weakref.WeakSet()
+
+    def set_up(self, inputs):
+        super().set_up(inputs)
+        self.models.add(self)
+
+    def bias(self, q, v, t=0.0):
+        gc.collect()
+        return np.full(len(q), float(len(self.models)))
+
+
+class Stub(PinocchioFile):
+    """Reader of files by a library with an extra, as if it were optional."""
+
+    key = "stub_file"
+    extra = "stub"
+
+    @classmethod
+    def distribution(cls):
+        return "stub"
+
+
+class Missing(Stub):
+    """Reader of files whose library is not there."""
+
+    module = "no_such_library"
+
+
+class SegfaultingFile(Segfaulting, PinocchioFile):
+    """Reader of files that reads an address that it may not."""
+
+
+class ExitingFile(Exiting, PinocchioFile):
+    """Reader of files that ends its process with exit code 0."""
+
+
+class BabblingFile(Babbling, PinocchioFile):
+    """Reader of files that writes garbage where its answer goes."""
+
+
+class SleepingFile(Sleeping, PinocchioFile):
+    """Reader of files that never answers, and holds Python's lock."""
+
+
+class UndefinedFile(Undefined, PinocchioFile):
+    """Reader of files that answers NaN."""

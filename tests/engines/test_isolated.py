@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import importlib.metadata
 import json
 import os
@@ -12,6 +13,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,6 +25,8 @@ import eomcheck
 from eomcheck import calls
 from eomcheck.engines import (
     ENGINES,
+    LIBRARIES,
+    READERS,
     Answers,
     EngineFault,
     PinocchioFile,
@@ -30,8 +34,11 @@ from eomcheck.engines import (
     engines_among,
     environments,
     is_under_test,
+    isolated_names,
     isolation,
     reader_of,
+    tree_engine,
+    version_of,
 )
 from eomcheck.engines.isolation import adapter_of
 from eomcheck.engines.pipe_protocol import HEAD, MAGIC, ProtocolError, decoded, encoded
@@ -43,6 +50,8 @@ from eomcheck.scenes import ChainPendulum, Snake, from_urdf
 
 PENDULUM = ChainPendulum.example()
 Q, V = random_state(PENDULUM, np.random.default_rng(0))[:2]
+
+Stub = failing_library.Stub
 
 BLOCKED = (
     "scipy",
@@ -120,26 +129,29 @@ def test_a_process_offers_what_its_adapter_offers_and_is_no_engine_under_test():
     assert adapter_of(kind) is adapter and adapter_of(adapter) is adapter
     for method in eomcheck.engines.OPTIONAL:
         assert kind.offers(method) == adapter.offers(method), method
-    assert (kind.key, kind.version()) == ("pinocchio==*", adapter.version())
+    assert (kind.key, kind.version()) == ("pinocchio", adapter.version())
     assert not is_under_test(kind)
-    assert [x.key for x in engines_among(["pinocchio", kind])] == ["pinocchio", "pinocchio==*"]
     assert pickle.loads(pickle.dumps(kind)) is kind
+    pair = engines_among(["pinocchio", "pinocchio==4.0"])
+    assert [one.key for one in pair] == ["pinocchio", "pinocchio==4.0"]
+    with pytest.raises(InputError, match="two have the key 'pinocchio'"):
+        engines_among(["pinocchio", "pinocchio==*"])
 
 
 @pytest.mark.night
 def test_a_robot_is_read_from_its_file_by_the_process(tmp_path: Path):
     scene = from_urdf(robots.arm(tmp_path / "arm.urdf"))
-    comparison = compare_libraries(scene, ["pinocchio", "pinocchio==*"], states=3)
-    assert comparison.agree and [*comparison.libraries] == ["pinocchio", "pinocchio==*"]
+    comparison = compare_libraries(scene, ["pinocchio", "pinocchio==4.0"], states=3)
+    assert comparison.agree and [*comparison.libraries] == ["pinocchio", "pinocchio==4.0"]
     here, there = (one.engine for one in comparison.answered)
-    assert here is not None and there is not None
+    assert here is not None and there is not None and type(there) is not type(here)
     assert (there.description, there.joints()) == (here.description, here.joints())
     assert isinstance(there, PinocchioFile) and there.base == 0
 
 
 def test_claims_about_engines_are_checked_in_a_process():
     findings = eomcheck.check_state(PENDULUM, Q, V, engines=["pinocchio==*"])
-    passed = {one.claim for one in findings if "pinocchio==*" in one.subject}
+    passed = {one.claim for one in findings if "pinocchio" in one.subject}
     assert {"mass-matrix", "engine-regressor", "engine-coriolis-matrix"} <= passed
     assert not [one for one in findings if one.verdict == "failed"]
 
@@ -168,6 +180,79 @@ def test_versions_are_compared_by_their_numbers(tmp_path: Path):
     for version in ("3.3.7", "3.10.0", "4.0.0rc1", "4"):
         assert engine_of(f"mujoco=={version}").key == f"mujoco=={version}"
         assert reader_of(scene, f"mujoco=={version}").key == f"mujoco_file=={version}"
+
+
+def test_optional_libraries_are_isolated_by_name_and_no_others():
+    names = ["mujoco", "pinocchio", "mjx64", "drake==1.51", "own.py:Drake", "unknown"]
+    isolated = isolated_names(names)
+    assert isolated == ["mujoco==*", "pinocchio", "mjx64==*", *names[3:]]
+    assert [engine_of(name).key for name in isolated[:3]] == names[:3]
+    assert [x is ENGINES[y] for x, y in zip(map(engine_of, isolated[:3]), names, strict=False)] == [
+        *(False, True, False)
+    ]
+
+
+def test_an_isolated_comparison_has_the_keys_of_its_libraries(tmp_path: Path, monkeypatch):
+    """The stub is Pinocchio with an extra, as optional libraries have one."""
+    monkeypatch.setitem(READERS, "stub", Stub)
+    monkeypatch.setitem(LIBRARIES, "stub", Stub)
+    scene = from_urdf(robots.arm(tmp_path / "arm.urdf"))
+    names = ["stub", "pinocchio"]
+    comparison = compare_libraries(scene, names, states=2, isolated=True)
+    assert comparison.agree and [*comparison.libraries] == names
+    stub, pinocchio = (type(one.engine) for one in comparison.answered)
+    assert stub is not Stub and adapter_of(stub) is Stub and stub.key == "stub_file"
+    assert pinocchio is READERS["pinocchio"]
+
+
+def test_a_library_that_is_missing_says_how_it_runs_without_being_installed():
+    with pytest.raises(EngineError) as missing:
+        version_of(failing_library.Missing)
+    for hint in ("extra `stub`", "--isolated", "--engine 'stub==*'"):
+        assert hint in str(missing.value)
+    with pytest.raises(EngineError) as isolated:
+        version_of(isolation.isolated(failing_library.Missing))
+    assert "--isolated" not in str(isolated.value)
+
+
+def test_an_environment_has_all_that_an_extra_installs(monkeypatch):
+    lines = ["numpy>=1", *(f"{x}; extra == 'stub'" for x in ("torch", "stub-more>=2", "stub>=1.5"))]
+    monkeypatch.setattr(tree_engine.metadata, "requires", lambda name: lines)
+    assert Stub.requirements() == ["stub>=1.5", "torch", "stub-more>=2"]
+    assert Stub.requirements("1.7") == ["stub==1.7", "torch", "stub-more"]
+    process: Any = isolation.isolated(Stub)
+    assert process.process.requirement == "stub>=1.5 torch stub-more>=2"
+
+
+# ---- Models --------------------------------------------------------------------------------------
+
+
+def test_the_models_of_engines_that_are_gone_are_dropped():
+    counted = isolation.isolated(failing_library.Counted)
+    kept = counted(PENDULUM)
+    for _ in range(5):
+        counted(PENDULUM).bias(Q, V)
+    gc.collect()
+    assert kept.bias(Q, V)[0] == 1.0
+    both = counted(PENDULUM)
+    assert both.bias(Q, V)[0] == 2.0
+    del kept
+    gc.collect()
+    assert both.bias(Q, V)[0] == 1.0
+
+
+def test_an_engine_that_is_collected_in_the_middle_of_a_request_disturbs_it_not(monkeypatch):
+    counted = isolation.isolated(failing_library.Counted)
+    kept, gone = counted(PENDULUM), [counted(PENDULUM)]
+    write = isolation.write_bytes
+
+    def collected(*arguments):
+        write(*arguments)
+        gone.clear()  # before the answer is read
+        gc.collect()
+
+    monkeypatch.setattr(isolation, "write_bytes", collected)
+    assert [kept.bias(Q, V)[0] for _ in range(2)] == [2.0, 1.0]
 
 
 # ---- Faults --------------------------------------------------------------------------------------

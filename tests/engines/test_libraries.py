@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
 import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
-from tests import robots
+from tests import libraries, robots
 from tests.samples import random_state
 
 import eomcheck
@@ -130,3 +132,32 @@ def test_a_library_reads_a_robot_by_its_key(format: str, key: str, tmp_path: Pat
     comparison = compare_libraries(scene, [key], states=2, claims=["mass-matrix", "bias"])
     verdicts = ["differs"] if (format, key) in DIFFERS else [*AGREES, "fewer digits"]
     assert comparison.libraries[key].verdict in verdicts, comparison.readings("")
+
+
+# ---- At night ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("code", "error", "compared", "right", "sentence"),
+    [
+        (0, "", ["mjx", "mjx64==*"], True, "as known"),
+        (1, "", ["mjx", "mjx64==*"], False, "not as known"),
+        (0, "", ["mjx"], False, "nothing was compared of mjx64"),
+        (2, "eomcheck: x cannot be installed: offline", [], True, "left out: eomcheck: x cannot"),
+        (2, "eomcheck: no such robot", [], False, "exit code 2: eomcheck: no such robot"),
+        (-11, "", [], False, "exit code -11"),
+    ],
+)
+def test_a_library_is_left_out_only_if_it_cannot_be_installed(
+    code, error, compared, right, sentence, monkeypatch
+):
+    def run(words, **how):
+        assert {"--isolated", "mjx,mjx64", "a,b"} < {*words}
+        records = [{"settings": {"engine": key}, "series": {"rows": []}} for key in compared]
+        Path(words[-1]).write_text(json.dumps({"records": records}))
+        return subprocess.CompletedProcess(words, code, None, error)
+
+    monkeypatch.setattr(libraries.subprocess, "run", run)
+    assert libraries.by_extra()["mjx"] == ["mjx", "mjx64"]
+    result = libraries.study(["mjx", "mjx64"], ["a", "b"], 1)
+    assert result[0] is right and result[1].startswith(sentence)

@@ -15,6 +15,7 @@ from eomcheck.lab.store.record_file import Record, record_of_rows
 from eomcheck.lab.studies import study_of
 from eomcheck.lab.studies.accuracy import Delivered
 from eomcheck.lab.studies.agreement import Agreement
+from eomcheck.lab.studies.conformance import ConformanceRow
 from eomcheck.lab.studies.engines import EngineDifference
 from eomcheck.lab.studies.motion import MotionTime
 from eomcheck.lab.studies.operations.measure import Operations, Saving, count_record
@@ -379,3 +380,15 @@ def test_the_paper_over_again_tells_systems_poses_errors_times_and_claims():
         *("n - rank(a) is 2 at 3 values of N.", "holds", "a has full rank N."),
     )
     assert said("paper", *found)[-1] == "failed: kane, 7 links, RK45 1e-09: a_1 is singular"
+
+
+# ---- Conformance ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("fault", [False, True])
+def test_a_library_that_gives_no_answer_is_an_alarm_and_one_that_differs_is_none(fault: bool):
+    row = ConformanceRow("a", "a 1", "arm", "bias", 2, "failed", None, "why", fault)
+    found = record_of_rows("conformance", {"robot": "arm", "engine": "a"}, [row])
+    assert study_of("conformance").alarm([found]) == fault
+    by_quantity, *_ = tables("conformance", found)
+    assert by_quantity[1] == ("bias", f"{'no answer' if fault else 'differs'} on 1 of 1")

@@ -24,6 +24,7 @@ from eomcheck import __version__, calls
 from eomcheck.atomic_write import check_writable
 from eomcheck.errors import InputError, UnwrittenError, WorkerError, did_you_mean, whole_number
 from eomcheck.lab.option_parsing import (
+    ISOLATED_HELP,
     ONE_HELP,
     SCENE_HELP,
     SET_HELP,
@@ -337,6 +338,7 @@ Engines = Annotated[
         more=["none"],
     ),
 ]
+IsolatedOption = Annotated[bool, typer.Option("--isolated", help=ISOLATED_HELP)]
 Claims = Annotated[
     list[str] | None, keys_option("Claim to check, or several: a,b. [default: all]", "claim")
 ]
@@ -395,9 +397,24 @@ def selected_scene(name: str, links: int | None, settings: list[str] | None) -> 
     return scene_named(name, no_more_than(links), parameters)
 
 
-def selected_engines(names: list[str] | None) -> list[str] | None:
-    """Return the engines named by `--engine`: an empty list for "none", None by default."""
-    return [] if names == ["none"] else names
+def selected_engines(names: list[str] | None, isolated: bool = False) -> list[str] | None:
+    """Return the engines named by `--engine`: an empty list for "none", None by default.
+
+    Args:
+        names: names that are given.
+        isolated: whether optional libraries run in processes and environments of their own.
+
+    Raises:
+        InputError: they do, and no engine is named: none that takes part by default is optional.
+    """
+    if names is None:
+        check_used("without --engine", isolated=isolated)
+        return None
+    if not isolated or names == ["none"]:
+        return [] if names == ["none"] else names
+    from eomcheck.engines import isolated_names
+
+    return isolated_names(names)
 
 
 def check_used(condition: str, **options: object) -> None:

@@ -19,6 +19,7 @@ from eomcheck.cli.application import (
     Engines,
     ExecutorOption,
     Formulations,
+    IsolatedOption,
     Json,
     Patience,
     RecordsOption,
@@ -77,6 +78,7 @@ def validate_command(
     ] = 120,
     seed: Seed = 0,
     engine: Engines = None,
+    isolated: IsolatedOption = False,
     formulation: Formulations = None,
     claim: Claims = None,
     executor: Annotated[str | None, executor_option("local")] = None,
@@ -132,7 +134,7 @@ def validate_command(
         scene_named,
     )
 
-    engine = selected_engines(engine)
+    engine = selected_engines(engine, isolated)
     engines = engines_among(engine)
     known = None if deviations is None else read_deviations(deviations)
     tried = tuple(filter(is_under_test, engines))
@@ -444,6 +446,7 @@ def compare_command(
             "engine",
         ),
     ] = None,
+    isolated: IsolatedOption = False,
     examples: Annotated[int, typer.Option(help="Number of random states.")] = 20,
     seed: Seed = 0,
     claim: Claims = None,
@@ -479,7 +482,7 @@ def compare_command(
     known = None if deviations is None else read_deviations(deviations)
     scene = scene_named(robot)
     with progress("comparing libraries at {state}", examples) as advance:
-        comparison = compare_libraries(scene, engine, examples, seed, advance, claim)
+        comparison = compare_libraries(scene, engine, examples, seed, advance, claim, isolated)
     if json is not None:
         write_comparison(comparison, json)
     print_comparison(comparison, pairs)

@@ -16,6 +16,7 @@ from eomcheck.cli.application import (
     CommandEnd,
     Engines,
     Formulations,
+    IsolatedOption,
     Patience,
     RecordsOption,
     Seed,
@@ -92,6 +93,7 @@ def fuzz_command(
         typer.Option(metavar="N..M", help="Number of links, N or N..M. [default: 1..12]"),
     ] = None,
     engine: Engines = None,
+    isolated: IsolatedOption = False,
     formulation: Formulations = None,
     claim: Claims = None,
     time: Annotated[
@@ -150,6 +152,7 @@ def fuzz_command(
     be checked again, 130 if interrupted.
     """
     check_writable(keep)
+    engine = selected_engines(engine, isolated)
     if replay is not None:
         elsewhere = {"links": links, "claim": claim, "family": family}
         many = {"time": time, "examples": examples, "records": records, "keep": keep}
@@ -234,9 +237,9 @@ def _selection(
     from eomcheck.engines.answers import represented
 
     # Random robots have other parameters than their files, so the files' library has no result.
-    engines = ALWAYS if engine is None else selected_engines(engine)
+    engines = ALWAYS if engine is None else engine
     selection = RunSelection.of(formulation, engines, claim, scenes=[kind])
-    if engine and engines:
+    if engine:
         represented(selection.engines, (kind,))
     for needed in selection.engines:
         version_of(needed)  # a missing library is bad input, reported before anything is computed
@@ -331,7 +334,7 @@ def _replay(
     if not stored:
         print(f"{str(path)!r} holds no failures")
         return
-    allowed = (*([] if scene is None else [scene]), *(selected_engines(engine) or ()))
+    allowed = (*([] if scene is None else [scene]), *(engine or ()))
     with progress("checking {failure} again", len(stored)) as advance:
         results = replay_failures(stored, formulation or tuple(FORMULATIONS), advance, allowed)
     print_replayed(results)

@@ -200,6 +200,7 @@ def _run(
     check_writable(json)
     from eomcheck.lab.deviations import print_deviating, read_deviations
     from eomcheck.lab.show.table import print_tables, say, write_json
+    from eomcheck.lab.study import failed
 
     known = None if deviations is None else read_deviations(deviations)
 
@@ -216,7 +217,8 @@ def _run(
         say(sentence)
     alarm = one.alarm(results)
     if deviations is not None and known is not None and one.observations is not None:
-        alarm = print_deviating(one.observations(results), known, deviations) or alarm
+        broken = failed([record for record in results if record.status != "refused"])
+        alarm = print_deviating(one.observations(results), known, deviations) or broken
     end.conclude(written, alarm)
 
 

@@ -35,7 +35,7 @@ from eomcheck.engines.answers import (
 )
 from eomcheck.engines.engine import Engine, EngineAcceleration, VelocityMap
 from eomcheck.engines.file_engine import FileEngine
-from eomcheck.engines.isolation import PINNED, adapter_of, isolated
+from eomcheck.engines.isolation import ANY, PINNED, adapter_of, isolated
 from eomcheck.engines.mujoco import MjcfFile
 from eomcheck.engines.pinocchio import PinocchioFile
 from eomcheck.engines.tree_engine import (
@@ -43,7 +43,7 @@ from eomcheck.engines.tree_engine import (
     UNSTATED,
     TreeEngine,
     library_key,
-    required_of,
+    requirements_of,
 )
 from eomcheck.errors import EngineError, InputError, distinct, registered, safe_repr
 from eomcheck.evaluation.tolerance import UNIT_ROUNDOFF
@@ -133,8 +133,8 @@ def least_version(kind: type[Engine]) -> str:
     oldest = getattr(kind, "oldest", UNSTATED)
     if oldest != UNSTATED:
         return oldest
-    required = kind.requirement() if issubclass(kind, TreeEngine) else required_of(kind.key)
-    return required.partition(">=")[2]
+    name = kind.distribution() if issubclass(kind, TreeEngine) else kind.key
+    return requirements_of(name, kind.extra)[0].partition(">=")[2]
 
 
 ALWAYS = tuple(key for key, engine in ENGINES.items() if engine.extra is None)
@@ -168,6 +168,20 @@ def engine_of(name: str | type[Engine]) -> type[Engine]:
     library, pinned, version = name.partition(PINNED) if isinstance(name, str) else (name, "", "")
     kind = checked_engine(class_named(ENGINE, library))
     return isolated(kind, version) if pinned else kind
+
+
+def isolated_names(names: Iterable[str]) -> list[str]:
+    """Return names by which optional libraries run in processes and environments of their own.
+
+    A key of `LIBRARIES` with an extra gets the version `ANY`; all other names are the same.
+    """
+    optional = [key for key, kind in LIBRARIES.items() if kind.extra is not None]
+    return [f"{name}{PINNED}{ANY}" if name in optional else name for name in names]
+
+
+def plain_name(name: str) -> str:
+    """Return a name of an engine without the version `ANY`, as its key is."""
+    return name.removesuffix(f"{PINNED}{ANY}")
 
 
 def engines_among(names: Iterable[str | type[Engine]] | None) -> tuple[type[Engine], ...]:
@@ -312,12 +326,12 @@ def reader_of(scene: Mechanism, name: str) -> type[FileEngine]:
         UnknownNameError: no library of this name reads files of this format.
         InputError: the version is none, or a user's class does not read this file.
     """
-    if home_of_code(name) is not None:
+    library, pinned, version = name.partition(PINNED)
+    if home_of_code(library) is not None:
         kind = engine_of(name)
         if issubclass(kind, FileEngine) and represents(kind, scene):
             return kind
         raise InputError(f"engine = {name!r} is no FileEngine that reads {scene.name}")
-    library, pinned, version = name.partition(PINNED)
     reader = registered("engine", library, BY_FORMAT[scene.source.format])
     return isolated(reader, version) if pinned else reader
 
@@ -346,6 +360,7 @@ __all__ = [
     "default_reader",
     "engine_of",
     "engines_among",
+    "isolated_names",
     "make_engine",
     "reader_of",
     "represents",

@@ -21,6 +21,7 @@ from eomcheck.calls import call
 from eomcheck.descriptions.tree_model import tree_model
 from eomcheck.descriptions.tree_quantities import PER_BODY
 from eomcheck.engines.engine import Engine, EngineAcceleration, VelocityMap
+from eomcheck.engines.isolation import isolation_hint
 from eomcheck.errors import CallError, EngineError, InputError, raised
 from eomcheck.evaluation.conformance import QUANTITIES, Quantity
 from eomcheck.evaluation.evaluation import Evaluation
@@ -93,10 +94,14 @@ def version_of(kind: type[Engine]) -> str:
 
     Raises:
         InputError: the engine raises an exception instead, or returns no text.
-        EngineError: its library is not installed.
+        EngineError: its library is not installed; the message has the names by which it runs
+            in an environment of its own.
     """
     name = kind.__name__
-    version = _called(f"{name}.version", f"engine {name}: version()", InputError, kind.version)
+    try:
+        version = _called(f"{name}.version", f"engine {name}: version()", InputError, kind.version)
+    except EngineError as error:
+        raise EngineError(f"{error}{isolation_hint(kind)}") from None
     if not isinstance(version, str) or not version.strip():
         what = repr(version) if isinstance(version, str) else _kind(version)
         raise InputError(f"engine {name}: version() returned {what}, expected a text")

@@ -67,8 +67,13 @@ class _Engines:
     def __init__(self) -> None:
         self.engines: dict[int, Any] = {}
 
-    def answer(self, task: str, *arguments: Any) -> tuple[Any, Any]:
-        """Return the result of a request, and the arguments of a call if it changed them."""
+    def answer(self, dropped: list[int], task: str, *arguments: Any) -> tuple[Any, Any]:
+        """Return the result of a request, and the arguments of a call if it changed them.
+
+        Engines of the numbers `dropped` are forgotten first.
+        """
+        for number in dropped:
+            self.engines.pop(number, None)
         result, changed = getattr(self, f"_{task}")(*arguments), None
         if task == "call":
             result, changed = result

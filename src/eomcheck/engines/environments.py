@@ -31,17 +31,23 @@ def cache_folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "eomcheck"
 
 
+def environment_folder(requirement: str) -> Path:
+    """Return the folder of the environment with a library, see `python_with`."""
+    name = re.sub(r"[^0-9A-Za-z.]+", "-", requirement)
+    return cache_folder() / "environments" / f"{name}-{sys.implementation.cache_tag}"
+
+
 def python_with(requirement: str) -> Path:
     """Return the Python of an environment with a library, which is made if there is none yet.
 
     Args:
-        requirement: name and version of the library, "mujoco==4.0.0", or another requirement of it.
+        requirement: name and version of the library, "mujoco==4.0.0", or another requirement of it;
+            several with a space between.
 
     Raises:
         EngineError: it cannot be installed.
     """
-    name = re.sub(r"[^0-9A-Za-z.]+", "-", requirement)
-    folder = cache_folder() / "environments" / f"{name}-{sys.implementation.cache_tag}"
+    folder = environment_folder(requirement)
     executable = folder / "bin" / "python"
     if (folder / READY).exists():
         return executable
@@ -64,7 +70,7 @@ def _install(requirement: str, folder: Path, executable: Path) -> None:
     Raises:
         EngineError: it fails.
     """
-    wheels = ["--only-binary", ":all:", "numpy", requirement]
+    wheels = ["--only-binary", ":all:", "numpy", *requirement.split()]
     if uv := shutil.which("uv"):
         commands = [
             [uv, "venv", "--python", sys.executable, str(folder)],

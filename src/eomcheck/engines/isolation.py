@@ -9,6 +9,9 @@ tree of bodies or the path of the robot's file, arrays and names; scenes never d
 A process that ends, answers something else than a message or does not answer in time raises a
 `CallError` that names the call and its end. It is started again for other calls; a method that has
 ended it is not called again.
+
+A process holds a model for each engine. One whose engine is gone here is dropped with the next
+request: its number is queued by the garbage collector, which may run in the middle of another one.
 """
 
 from __future__ import annotations
@@ -23,8 +26,9 @@ import subprocess
 import tempfile
 import threading
 import time
+import weakref
 from abc import ABCMeta
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache, cached_property, partial
@@ -83,7 +87,7 @@ class EngineProcess:
     """Process of the engines of one library, started when it is asked first.
 
     Args:
-        requirement: the library, see `python_with`.
+        requirement: the library, and what else it needs, see `python_with`.
 
     Attributes:
         generation: number of times that it was started.
@@ -97,6 +101,11 @@ class EngineProcess:
         self.counts: Counter[str] = Counter()
         self._lock = threading.RLock()
         self._pid = 0
+        self._dropped: deque[int] = deque()
+
+    def drop(self, number: int) -> None:
+        """Have the model of an engine dropped before the next request; safe in a finalizer."""
+        self._dropped.append(number)
 
     def ask(self, name: str, task: str, *arguments: Any, slow: bool = False) -> tuple[Any, Any]:
         """Return the result of a request, and its arguments if it changed them.
@@ -116,8 +125,10 @@ class EngineProcess:
             self.start()
             limit = calls.patience() * (FIRST if slow or not self.counts[name] else 1)
             self.counts[name] += 1
+            dropped = [self._dropped.popleft() for _ in range(len(self._dropped))]
+            request = encoded((dropped, task, *arguments))
             try:
-                reply = self._exchange(encoded((task, *arguments)), time.monotonic() + limit)
+                reply = self._exchange(request, time.monotonic() + limit)
             except TimeoutError:
                 self._fail(name, f"gave no answer in {limit:g} s")
             except (EOFError, OSError):
@@ -250,6 +261,14 @@ def adapter_of(kind: type[Engine]) -> type[Engine]:
     return kind.isolates if isinstance(kind, IsolatedType) else kind
 
 
+def isolation_hint(kind: type[Engine]) -> str:
+    """Return how an optional library runs without being installed, as the end of a sentence."""
+    if kind.extra is None or not issubclass(kind, TreeEngine) or adapter_of(kind) is not kind:
+        return ""
+    name = f"{library_key(kind)}{PINNED}{ANY}"
+    return f", and runs in an environment of its own by --isolated or --engine '{name}'"
+
+
 def isolated(kind: type[E], version: str = ANY) -> type[E]:
     """Return the class of an engine whose library runs in a process of its own.
 
@@ -276,10 +295,13 @@ class _Remote(TreeEngine):
     isolates: ClassVar[type[TreeEngine]]
     pinned: ClassVar[str]
     process: ClassVar[EngineProcess]
+    limits_itself = True
 
     def __init__(self, scene: Scene):
         self.inputs = self.inputs_of(scene)
         self._number, self._generation = next(_numbers), 0
+        # The models of all engines end with the process, at the exit of this one at the latest.
+        weakref.finalize(self, self.process.drop, self._number).atexit = False
         self._ask(f"{self.isolates.__name__}(scene)", "get", "inputs")
 
     def __getattr__(self, name: str) -> Any:
@@ -298,11 +320,17 @@ class _Remote(TreeEngine):
         return process.ask(name, task, self._number, *arguments)
 
     @classmethod
+    @calls.limits_itself
     def version(cls) -> str:
-        """Return name and version of the library."""
-        kind = cls.isolates
-        name = f"{kind.__name__}.version"
-        return cls.process.ask(name, "version", *_home_of(kind), slow=True)[0]
+        """Return name and version of the library, which is asked once."""
+        return _version_of(cls)
+
+
+@cache
+def _version_of(kind: type[_Remote]) -> str:
+    """Return the version of the library of an isolated engine class."""
+    name = f"{kind.isolates.__name__}.version"
+    return kind.process.ask(name, "version", *_home_of(kind.isolates), slow=True)[0]
 
 
 def _home_of(kind: type[Engine]) -> tuple[str, str]:
@@ -334,10 +362,9 @@ def _numbers_of(version: str) -> list[int]:
 
 @cache
 def _isolated(kind: type[TreeEngine], version: str) -> type[Engine]:
-    name = kind.distribution()
-    requirement = kind.requirement() if version == ANY else f"{name}{PINNED}{version}"
+    requirement = " ".join(kind.requirements("" if version == ANY else version))
     members: dict[str, Any] = {
-        "key": f"{kind.key}{PINNED}{version}",
+        "key": kind.key if version == ANY else f"{kind.key}{PINNED}{version}",
         "isolates": kind,
         "pinned": version,
         "process": _process(requirement),
@@ -358,6 +385,7 @@ def _isolated(kind: type[TreeEngine], version: str) -> type[Engine]:
 def _request(method: str, whose: str) -> Callable[..., Any]:
     """Return a method that asks the process of its engine."""
 
+    @calls.limits_itself
     def ask(self: Any, *arguments: Any) -> Any:
         result, changed = self._ask(f"{whose}.{method}", "call", method, list(arguments))
         for mine, theirs in zip(arguments, changed or (), strict=False):

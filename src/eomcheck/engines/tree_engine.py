@@ -166,16 +166,23 @@ SUFFIXES = {"urdf": "_file", "mjcf": "_mjcf"}
 """Format of a file -> suffix of the key of an engine that reads such files."""
 
 
-def required_of(distribution: str) -> str:
-    """Return the requirement of a library with its least version, as eomcheck or an extra has it.
+def requirements_of(distribution: str, extra: str | None) -> list[str]:
+    """Return the requirements of an extra of eomcheck, that of a library first.
 
-    Only its name where there is none.
+    Without an extra only that of the library, as eomcheck requires it; its name where it does not.
     """
-    for line in metadata.requires("eomcheck") or ():
-        requirement = line.partition(";")[0].strip()
-        if re.match(rf"{re.escape(distribution)}(?![\w.-])", requirement):
-            return requirement
-    return distribution
+    lines = metadata.requires("eomcheck") or ()
+    parts = (line.partition(";") for line in lines)
+    wanted = "" if extra is None else f'extra=="{extra}"'
+    found = [name.strip() for name, _, condition in parts if _condition(condition) == wanted]
+    own = [x for x in found if re.match(rf"{re.escape(distribution)}(?![\w.-])", x)]
+    others = [x for x in found if x not in own] if extra is not None else []
+    return [*(own or [distribution]), *others]
+
+
+def _condition(text: str) -> str:
+    """Return the condition of a requirement without spaces, in double quotes."""
+    return text.replace(" ", "").replace("'", '"')
 
 
 def library_key(kind: type[Engine]) -> str:
@@ -279,9 +286,18 @@ class TreeEngine(Engine):
         return cls.extra or cls.module
 
     @classmethod
-    def requirement(cls) -> str:
-        """Return the library with its least version, as eomcheck requires it."""
-        return required_of(cls.distribution())
+    def requirements(cls, version: str = "") -> list[str]:
+        """Return the library and what else its extra installs, as requirements.
+
+        Args:
+            version: version of the library; "" for any that eomcheck supports. Of one that is
+                named the others may have any version too.
+        """
+        name, needed = cls.distribution(), requirements_of(cls.distribution(), cls.extra)
+        if not version:
+            return needed
+        others = [re.split(r"[<>=!~]", one)[0] for one in needed]
+        return [f"{name}=={version}", *(one for one in others if one != name)]
 
     @classmethod
     def version(cls) -> str:

@@ -43,6 +43,8 @@ from eomcheck.engines import (
     EngineFault,
     FileEngine,
     asked_by_default,
+    isolated_names,
+    plain_name,
     reader_of,
     version_of,
 )
@@ -306,11 +308,13 @@ SELF_CHECKS = "kinetic-energy", "power-balance"
 """Claims that compare our two derivations where a library differs from them."""
 
 
-def readers(scene: Scene, names: Iterable[str] | None) -> dict[str, type[FileEngine]]:
+def readers(
+    scene: Scene, names: Iterable[str] | None, isolated: bool = False
+) -> dict[str, type[FileEngine]]:
     """Return the libraries of these names that read the file of a scene.
 
     A name is a key, or `FILE.py:CLASS` of a `FileEngine` of a user; None stands for all of
-    `asked_by_default`.
+    `asked_by_default`. Optional libraries are `isolated` on demand, see `isolated_names`.
 
     Raises:
         InputError: the scene is no file, or has other parameters; or a class reads no such file.
@@ -320,8 +324,13 @@ def readers(scene: Scene, names: Iterable[str] | None) -> dict[str, type[FileEng
         raise InputError(f"{scene.name} is no robot as its file describes it")
     format = scene.source.format
     named = asked_by_default(BY_FORMAT[format]) if names is None else names
+    if isolated:
+        named = isolated_names(named)
     kinds = ((name, reader_of(scene, name)) for name in named)
-    return {name if home_of_code(name) is None else kind.key: kind for name, kind in kinds}
+    return {
+        plain_name(name) if home_of_code(plain_name(name)) is None else kind.key: kind
+        for name, kind in kinds
+    }
 
 
 def library_result(key: str, kind: type[FileEngine], scene: Scene, required: bool) -> LibraryResult:
@@ -363,6 +372,7 @@ def compare_libraries(
     seed: int = 0,
     advance: Callable[[], None] = lambda: None,
     claims: Iterable[str] | None = None,
+    isolated: bool = False,
 ) -> LibraryComparison:
     """Compare the equations of motion of the libraries that read the file of a scene.
 
@@ -374,6 +384,7 @@ def compare_libraries(
         seed: seed of their draws.
         advance: called after each state.
         claims: ids of the claims that judge the libraries; by default all that compare them.
+        isolated: whether optional libraries run in processes and environments of their own.
 
     Raises:
         InputError: the scene is no file, no library is left to compare with, or a claim compares
@@ -382,7 +393,7 @@ def compare_libraries(
         UnknownNameError: there is no library or claim of a name.
     """
     claim_ids = comparable_claims(claims)
-    kinds, required = readers(scene, engines), engines is not None
+    kinds, required = readers(scene, engines, isolated), engines is not None
     results = {key: library_result(key, kind, scene, required) for key, kind in kinds.items()}
     comparison = LibraryComparison(scene, results, claims=claim_ids)
     by_engine: dict[type[Engine], LibraryResult] = {

@@ -31,6 +31,11 @@ Set = Annotated[list[str] | None, SET_HELP]
 Examples = Annotated[int, "Number of random snakes and states."]
 Repeats = Annotated[int, "Timed runs; the median counts."]
 Seed = Annotated[int, "Seed of the draws."]
+ISOLATED_HELP = (
+    "Run each optional library in a process and an environment of its own, which is made the first "
+    "time: it need not be installed."
+)
+Isolated = Annotated[bool, ISOLATED_HELP]
 
 
 def parse_whole_numbers(text: str) -> list[int]:

@@ -27,12 +27,11 @@ from eomcheck.claims.engine_quantities import (
 from eomcheck.claims.finding import DECIDED, Finding, Verdict, worst
 from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.engines import (
-    ENGINES,
     Answers,
     Engine,
     EngineFault,
-    asked_by_default,
     engine_of,
+    plain_name,
     reader_of,
     version_of,
 )
@@ -46,10 +45,11 @@ from eomcheck.evaluation.conformance import (
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.lab.deviations import READING, Observation
-from eomcheck.lab.option_parsing import Seed, check_count
+from eomcheck.lab.option_parsing import Isolated, Seed, check_count
 from eomcheck.lab.show.chart import Axis, Box, Chart, Heat
 from eomcheck.lab.show.table import Cell, ResultTable
 from eomcheck.lab.store.record_file import Record, Settings, group, record_of_rows, rows_in
+from eomcheck.lab.studies.engines import study_engines
 from eomcheck.lab.studies.robots import ROBOTS, chosen_robot, chosen_robots, robot_label
 from eomcheck.lab.study import Study, failed, unfinished
 from eomcheck.mechanics.scene import Scene
@@ -88,6 +88,7 @@ class ConformanceRow:
         verdict: the worst verdict.
         digits: fewest true decimal digits of the largest entry; None if not counted.
         detail: what differs in the worst state.
+        fault: whether there is a state in which it gave no answer.
     """
 
     engine: str
@@ -98,6 +99,7 @@ class ConformanceRow:
     verdict: Verdict
     digits: float | None
     detail: str
+    fault: bool = False
 
 
 def cells(
@@ -105,6 +107,7 @@ def cells(
     robot: Annotated[list[str] | None, "Robot by name, its file, or scene; repeat."] = None,
     free: Annotated[list[str] | None, "Robot whose base is free; repeat for more."] = None,
     engine: Annotated[list[str] | None, "Engine, or several: a,b. [default: all]"] = None,
+    isolated: Isolated = False,
     states: Annotated[int, "Random states of a robot."] = 12,
     seed: Seed = 0,
 ) -> Iterator[Settings]:
@@ -112,11 +115,10 @@ def cells(
 
     Raises:
         InputError, UnknownNameError: no such robot or engine, or no states.
+        EngineError: the library of an engine that is named is not there.
     """
     check_count(states=states)
-    names = asked_by_default(ENGINES) if engine is None else engine
-    for name in names:
-        engine_of(name)
+    names = study_engines(engine, isolated)
     for chosen in chosen_robots(robot, free, SCENES):
         for key in names:
             yield chosen | {"engine": key, "states": states, "seed": seed}
@@ -170,11 +172,12 @@ def _check(settings: Settings) -> Record:
         method = CLAIMS[claim].asks
         if findings:
             one = worst(findings)
-            about = settings["engine"], version, name, method, len(findings)
+            about = plain_name(settings["engine"]), version, name, method, len(findings)
             detail = one.detail if one.verdict == "failed" else ""
-            rows.append(ConformanceRow(*about, one.verdict, digits.get(method), detail))
+            fault = any(x.verdict == "failed" and math.isinf(x.observed) for x in findings)
+            rows.append(ConformanceRow(*about, one.verdict, digits.get(method), detail, fault))
         elif method in digits and by_differences(kind, method):
-            about = settings["engine"], version, name, method, DIGIT_STATES
+            about = plain_name(settings["engine"]), version, name, method, DIGIT_STATES
             rows.append(ConformanceRow(*about, "skipped", digits[method], BY_DIFFERENCES))
     if not rows:
         return Record(STUDY.key, settings, "refused", f"{name}: {kind.key} offers nothing")
@@ -303,6 +306,8 @@ def _cell(rows: Sequence[ConformanceRow]) -> Cell:
     counted = [one.digits for one in rows if one.digits is not None]
     digits = f"{min(counted):.0f} digits" if counted else ""
     wrong = [one for one in rows if one.verdict == "failed"]
+    if faulty := sum(one.fault for one in rows):
+        return Cell(f"no answer on {faulty} of {len(rows)}", "failed")
     if wrong:
         return Cell(f"differs on {len(wrong)} of {len(rows)}", "failed")
     if all(one.verdict == "skipped" for one in rows):
@@ -331,8 +336,9 @@ def remarks(records: Sequence[Record]) -> Iterator[str]:
 
 
 def alarm(records: Sequence[Record]) -> bool:
-    """Return whether a cell failed; that libraries differ is a result."""
-    return failed([record for record in records if record.status != "refused"])
+    """Return whether a cell failed or a library gave no answer; that it differs is a result."""
+    faulty = any(one.fault for one in rows_in(records, ConformanceRow))
+    return faulty or failed([record for record in records if record.status != "refused"])
 
 
 def observations(records: Sequence[Record]) -> Iterator[Observation]:
@@ -344,7 +350,9 @@ def observations(records: Sequence[Record]) -> Iterator[Observation]:
         unread = "unread" in record.counts
         if record.settings["robot"] not in SCENES and (unread or record.status == "done"):
             name = _short(robot_label(record.settings))
-            yield Observation(record.settings["engine"], READING, name, unread, record.reason)
+            yield Observation(
+                plain_name(record.settings["engine"]), READING, name, unread, record.reason
+            )
 
 
 def _short(robot: str) -> str:

@@ -15,12 +15,21 @@ from eomcheck.claims import CLAIMS
 from eomcheck.claims.finding import DECIDED
 from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.draws.pairwise_design import scene_cases
-from eomcheck.engines import ENGINES, Answers, Engine, asked_by_default, engine_of
+from eomcheck.engines import (
+    ENGINES,
+    Answers,
+    Engine,
+    asked_by_default,
+    engine_of,
+    isolated_names,
+    plain_name,
+    version_of,
+)
 from eomcheck.errors import EngineError, RefusedError
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.option_parsing import Seed, check_count, parse_interval
+from eomcheck.lab.option_parsing import Isolated, Seed, check_count, parse_interval
 from eomcheck.lab.show.table import Cell, ResultTable
 from eomcheck.lab.store.record_file import Record, Settings, group, record_of_rows, rows_in
 from eomcheck.lab.study import Study, failed, unfinished
@@ -77,21 +86,42 @@ def cells(
     engine: Annotated[list[str] | None, "Engine, or several: a,b. [default: all]"] = None,
     links: Annotated[str, "Number of links of the random scenes, N or N..M."] = "1..12",
     states: Annotated[int, "Random scenes of a kind, each in one state."] = 50,
+    isolated: Isolated = False,
     seed: Seed = 0,
 ) -> Iterator[Settings]:
     """Yield a cell for each engine and each scene class that it represents.
 
     Raises:
         InputError, UnknownNameError: no such engine, no such numbers of links, or no states.
+        EngineError: the library of an engine that is named is not there.
     """
     check_count(states=states)
     numbers = parse_interval(links)
-    for key in asked_by_default(ENGINES) if engine is None else engine:
+    for key in study_engines(engine, isolated):
         kind = engine_of(key)
         for scene in SCENES.values():
             if kind.represents(scene.example()):
                 where = {"engine": key, "scene": scene.key}
                 yield where | {"links": numbers, "states": states, "seed": seed}
+
+
+def study_engines(names: list[str] | None, isolated: bool) -> list[str]:
+    """Return the names of the engines of a study, by default those of `asked_by_default`.
+
+    Args:
+        names: names that are given, None by default.
+        isolated: whether optional libraries run in processes and environments of their own.
+
+    Raises:
+        InputError, UnknownNameError: see `engine_of`.
+        EngineError: the library of an engine that is named is not there.
+    """
+    chosen = list(asked_by_default(ENGINES)) if names is None else names
+    chosen = isolated_names(chosen) if isolated else chosen
+    for kind in map(engine_of, chosen):
+        if names is not None:
+            version_of(kind)
+    return chosen
 
 
 def _compare(settings: Settings) -> Record:
@@ -119,7 +149,7 @@ def _compare(settings: Settings) -> Record:
         if ratios or claim in differences:
             failures = sum(one.verdict == "failed" for one in mine)
             share, gives_way = max(ratios, default=None), compliant and claim in CONSTRAINED
-            who = key, version, kind.key, claim, states
+            who = plain_name(key), version, kind.key, claim, states
             rows.append(EngineDifference(*who, failures, differences.get(claim), share, gives_way))
     if not rows:
         return Record(STUDY.key, settings, "refused", f"{key} takes no {kind.key} that is drawn")
