@@ -272,7 +272,7 @@ def test_derivatives_by_forces_have_a_bound_of_their_own(scene: str):
             claims = ["engine-forward-dynamics-derivatives"]
             found = check_state(*asked, engines=[kind], claims=claims, consistent=False)
             *others, by_tau = found
-            assert {x.verdict for x in others} == {"passed"}, (seed, factor, others)
+            assert {x.verdict for x in others} <= {"passed", "inconclusive"}, (seed, factor, others)
             assert by_tau.verdict == verdict, (seed, factor, by_tau)
             assert factor == 1.0 or "by force on" in by_tau.detail
 

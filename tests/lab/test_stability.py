@@ -214,7 +214,7 @@ def test_a_run_is_resumed_and_repeats_nothing(tmp_path: Path, monkeypatch: pytes
 asked: list[tuple[tuple, int]] = []
 
 
-def _here(where, function, items):
+def _here(where, function, items, killed):
     for together in items:
         (place,) = set(map(_place, together))
         asked.append((place, len(together)))
