@@ -113,7 +113,10 @@ def test_a_quantity_that_is_off_by_three_times_what_rounding_explains_fails(quan
     assert {one.verdict for one in right} == {"passed"}
     # Of C an entry is multiplied by a velocity.
     error = 3.0 * max(one.allowed for one in right) / min(1.0, abs(MOVING.v[0]))
-    assert {one.verdict for one in conformance_findings(quantity, error)} == {"failed"}
+    first, *others = (one.verdict for one in conformance_findings(quantity, error))
+    # Blocks of derivatives are judged one by one: the error is in the first alone.
+    expected = "passed" if quantity.endswith("_derivatives") else "failed"
+    assert first == "failed" and set(others) <= {expected}
 
 
 def test_a_constant_of_the_potential_energy_is_no_error():

@@ -80,8 +80,15 @@ def stub(monkeypatch: pytest.MonkeyPatch, seen: Seen, name: str, value: Any = No
     monkeypatch.setattr(module, attribute, noting)
 
 
+DEVIATIONS: dict[str, Any] = {
+    "eomcheck.lab.deviations.read_deviations": SimpleNamespace(),
+    "eomcheck.lab.deviations.print_deviating": False,
+}
+"""Functions that read and apply a file of known deviations, and what stands for their results."""
+
 STUBS: dict[str, dict[str, Any]] = {
     "validate": {
+        **DEVIATIONS,
         "eomcheck.lab.store.validation_runs.validate_kind": None,
         "eomcheck.lab.store.validation_runs.validate_kinds": None,
         "eomcheck.lab.report.finding_output.print_runs": None,
@@ -110,6 +117,7 @@ STUBS: dict[str, dict[str, Any]] = {
         ),
     },
     "export": {"eomcheck.cli.check_commands.write_text": None},
+    "badge": {"eomcheck.lab.badge.write_badge": "5 of 5 quantities"},
     "reference": {
         "eomcheck.lab.references.produce_all": lambda cases, executor=None: ["made"],
         "eomcheck.lab.references.write_reference": Path("there.json"),
@@ -133,9 +141,11 @@ STUBS: dict[str, dict[str, Any]] = {
     "acceleration": {"eomcheck.lab.report.motion_tables.print_accelerations": 0},
     "constraints": {"eomcheck.lab.report.motion_tables.print_constraints": 0},
     "compare": {
+        **DEVIATIONS,
         "eomcheck.lab.library_comparison.compare_libraries": SimpleNamespace(
-            disagree=False, unanswered=[], check_decided=lambda: None
+            disagree=False, unanswered=[], self_failures=[], check_decided=lambda: None
         ),
+        "eomcheck.lab.library_comparison.comparison_observations": [],
         "eomcheck.lab.library_comparison.print_comparison": None,
         "eomcheck.lab.library_comparison.write_comparison": None,
     },
@@ -158,6 +168,7 @@ BASES = {
     "list": "claims",
     "report": "r.db",
     "export": "r.db",
+    "badge": "f.json -o a.svg",
     "fuzz": "--examples 1",
     "simulate": "--end 0.1 --formulation kane",
     "compare": URDF,
@@ -177,11 +188,13 @@ Case = tuple[str, Seen] | tuple[str, Seen, str]
 """Words with the option, what follows of it, and the words to begin with if not the usual ones."""
 
 PATIENT = {"patience": ("--patience 7", {"set_patience.seconds": 7.0})}
+DECLARED = {"deviations": ("--deviations a.toml", {"read_deviations.path": "a.toml"})}
 """The option of every command that runs code that is not ours."""
 
 CASES: dict[str, dict[str, Case]] = {
     "validate": {
         **PATIENT,
+        **DECLARED,
         "scene": ("--scene sleigh", {"validate_kind.kind": "Sleigh"}),
         "links": ("--links 2..5", {"validate_kind.links": [2, 5]}),
         "settings": ("--set mass=2 --scene sleigh", {"validate_kind.one": "~mass=2"}),
@@ -240,6 +253,12 @@ CASES: dict[str, dict[str, Case]] = {
             {"write_equivalences.suite": "there"},
             "r.db --equivalences e.md",
         ),
+    },
+    "badge": {
+        "result": ("", {"write_badge.result": "f.json"}),
+        "output": ("-o b.svg", {"write_badge.path": "b.svg"}),
+        "engine": ("--engine casadi", {"write_badge.engine": "casadi"}),
+        "label": ("--label own", {"write_badge.label": "own"}),
     },
     "export": {
         "records": ("a.csv", {"write_text.text": "~\nother,done,"}, "other.db"),
@@ -387,6 +406,7 @@ CASES: dict[str, dict[str, Case]] = {
     },
     "compare": {
         **PATIENT,
+        **DECLARED,
         "robot": ("", {"compare_libraries.scene": "~crane"}),
         "engine": (
             "--engine mujoco,pinocchio",
@@ -519,7 +539,7 @@ def test_every_option_changes_what_its_command_hands_on(command, option, here, m
     changed = handed_on(command, f"{base} {words}".split(), monkeypatch)
     wrong = {x: changed.get(x) for x, y in expected.items() if not holds(y, changed.get(x))}
     assert not wrong
-    assert changed != usual or option == "robot"
+    assert changed != usual or option in ("robot", "result")
 
 
 # ---- Studies -------------------------------------------------------------------------------------
@@ -574,6 +594,7 @@ def test_every_option_of_every_study_is_handed_on(group, key, here, monkeypatch)
     shared = {"records", "fresh", "patience"}
     shared |= {"path"} if group == "draw" else {"json", "figures"}
     shared |= set() if study.small else {"file"}
+    shared |= {"deviations"} if group != "draw" and study.observations is not None else set()
     assert {x.name for x in command.params} == options.keys() | shared
     base = [group, key, *(["a.svg"] if group == "draw" else []), "--records", "k.db"]
 

@@ -177,7 +177,7 @@ def test_cells_that_share_settings_are_handed_over_together_and_come_back_in_the
     cells = [{"key": key, "n": n, "m": n % 2} for n in (3, 1, 2) for key in ("b", "a")]
     batches = []
 
-    def spread(where: Any, work: Any, items: Any) -> Any:
+    def spread(where: Any, work: Any, items: Any, killed: Any) -> Any:
         assert where == "local:2"
         for one in reversed([*items]):
             batches.append([(x["key"], x["n"]) for x in one])

@@ -145,11 +145,8 @@ def read(
         site_quat=np.array([[HALF, HALF, 0.0, 0.0], [HALF, 0.0, HALF, 0.0]]),
         site_bodyid=np.array([2, 1]),
     )
-    anchors = [np.zeros(3), np.array([1.0, 0.0, 0.0]), np.array([0.0, 2.0, 0.0])]
     joints = ["h", "s", "ball"]
-    return EqualityContext(
-        model, "'f.xml'", ["world", "a", "b"], joints, anchors, {"h": 0.5, "s": 0.25}
-    )
+    return EqualityContext(model, "'f.xml'", ["world", "a", "b"], joints, {"h": 0.5, "s": 0.25})
 
 
 def near(one: Any, other: Any) -> bool:
@@ -170,18 +167,18 @@ def test_equalities_are_pins_welds_drives_and_couplings_between_these_points():
     connect, held, joint = range(3)
     data = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, HALF, 0.0, 0.0, HALF]
     found = equality_constraint(read(connect, (1, 2), data, BODY), 1)
-    assert near(found, pin("e", "a", "b", (-0.9, 0.2, 0.3), (0.4, -1.5, 0.6)))
+    assert near(found, pin("e", "a", "b", (0.1, 0.2, 0.3), (0.4, 0.5, 0.6)))
     found = equality_constraint(read(connect, (2, 0), data, BODY, ""), 1)
-    assert near(found, pin("equality1", "b", "world", (0.1, -1.8, 0.3), (0.4, 0.5, 0.6)))
+    assert near(found, pin("equality1", "b", "world", (0.1, 0.2, 0.3), (0.4, 0.5, 0.6)))
     found = equality_constraint(read(connect, (0, 1), data, SITE), 1)
-    assert near(found, pin("e", "b", "a", (0.1, -1.8, 0.3), (-0.6, 0.5, 0.6)))
+    assert near(found, pin("e", "b", "a", (0.1, 0.2, 0.3), (0.4, 0.5, 0.6)))
     found = equality_constraint(read(held, (1, 2), data, BODY), 1)
     turn = (HALF, 0.0, 0.0, HALF)
-    assert near(found, weld("e", "a", "b", (-0.6, 0.5, 0.6), (0.1, -1.8, 0.3), turn))
+    assert near(found, weld("e", "a", "b", (0.4, 0.5, 0.6), (0.1, 0.2, 0.3), turn))
     found = equality_constraint(read(held, (0, 1), data, SITE), 1)
     # A quarter turn about x, then one back about y.
     turn = (0.5, 0.5, -0.5, -0.5)
-    assert near(found, weld("e", "b", "a", (0.1, -1.8, 0.3), (-0.6, 0.5, 0.6), turn))
+    assert near(found, weld("e", "b", "a", (0.1, 0.2, 0.3), (0.4, 0.5, 0.6), turn))
     found = equality_constraint(read(joint, (0, -1), [0.1, 9.0], BODY), 1)
     assert found == drive("e", "h", 0.6)
     found = equality_constraint(read(joint, (1, 0), [0.1, -2.0], BODY), 1)
@@ -293,13 +290,14 @@ def test_joints_in_a_row_turn_about_points_of_their_own_and_begin_where_they_are
     pytest.importorskip("mujoco")
     found = read_mjcf(limb(tmp_path / "limb.xml"))
     assert [one.name for one in found.links] == [
-        "world", "leg after roll", "leg after push", "leg", "foot",
+        "world", "leg after roll", "leg after push", "leg after yaw", "leg", "foot",
     ]  # fmt: skip
-    roll, push, yaw, foot = found.joints
+    roll, push, yaw, leg_joint, foot = found.joints
     assert [(x.name, x.kind, x.parent, x.child) for x in found.joints] == [
         ("roll", "revolute", "world", "leg after roll"),
         ("push", "prismatic", "leg after roll", "leg after push"),
-        ("yaw", "revolute", "leg after push", "leg"),
+        ("yaw", "revolute", "leg after push", "leg after yaw"),
+        ("leg fixed", "fixed", "leg after yaw", "leg"),
         ("foot fixed", "fixed", "leg", "foot"),
     ]
     near: Any = lambda x: pytest.approx(x, abs=1e-15)  # noqa: E731
@@ -320,10 +318,13 @@ def test_joints_in_a_row_turn_about_points_of_their_own_and_begin_where_they_are
         0.0,
     )
     assert yaw.origin == near((0.0, 0.0, 0.5)) and (yaw.damping, yaw.armature) == (None, None)
-    assert foot.origin == near((0.0, 0.0, -1.5))
-    leg, last = found.links[3:]
+    # The body's frame, behind a last joint that is off its origin.
+    assert leg_joint.origin == near((0.0, 0.0, -0.5)) and leg_joint.orientation == (1, 0, 0, 0)
+    assert foot.origin == near((0.0, 0.0, -1.0))
+    massless, leg, last = found.links[3:]
     assert (leg.mass, leg.moments) == (2.0, near((0.2, 0.3, 0.4)))
-    assert leg.center == near((0.1, 0.2, -0.2))
+    assert leg.center == near((0.1, 0.2, 0.3))
+    assert massless == Link("leg after yaw")
     assert (last.center, found.links[1]) == ((0, 0, 0), Link("leg after roll"))
     assert found.pose == {"roll": 1.5707963267948966, "push": 0.25}
     assert (found.coordinates, found.gravity) == (["roll", "push", "yaw"], (0.0, 0.0, -5.0))
