@@ -208,7 +208,7 @@ def test_an_isolated_comparison_has_the_keys_of_its_libraries(tmp_path: Path, mo
 def test_a_library_that_is_missing_says_how_it_runs_without_being_installed():
     with pytest.raises(EngineError) as missing:
         version_of(failing_library.Missing)
-    for hint in ("extra `stub`", "--isolated", "--engine 'stub==*'"):
+    for hint in ("extra `stub`", "--isolated", "--engine 'missing==*'"):
         assert hint in str(missing.value)
     with pytest.raises(EngineError) as isolated:
         version_of(isolation.isolated(failing_library.Missing))
