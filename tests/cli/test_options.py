@@ -86,9 +86,13 @@ DEVIATIONS: dict[str, Any] = {
 }
 """Functions that read and apply a file of known deviations, and what stands for their results."""
 
+ISOLATED = {"eomcheck.engines.isolated_names": ["mujoco"]}
+"""Function that has libraries run in environments of their own, and its result."""
+
 STUBS: dict[str, dict[str, Any]] = {
     "validate": {
         **DEVIATIONS,
+        **ISOLATED,
         "eomcheck.lab.store.validation_runs.validate_kind": None,
         "eomcheck.lab.store.validation_runs.validate_kinds": None,
         "eomcheck.lab.report.finding_output.print_runs": None,
@@ -125,6 +129,7 @@ STUBS: dict[str, dict[str, Any]] = {
         "eomcheck.lab.show.table.print_tables": None,
     },
     "fuzz": {
+        **ISOLATED,
         "eomcheck.lab.report.finding_output.print_campaign": None,
         "eomcheck.lab.fuzzing.failures.read_failures": lambda path: ["kept"],
         "eomcheck.lab.fuzzing.failures.write_failures": None,
@@ -188,12 +193,14 @@ Case = tuple[str, Seen] | tuple[str, Seen, str]
 """Words with the option, what follows of it, and the words to begin with if not the usual ones."""
 
 PATIENT = {"patience": ("--patience 7", {"set_patience.seconds": 7.0})}
+APART = {"isolated": ("--engine mujoco --isolated", {"isolated_names.names": ["mujoco"]})}
 DECLARED = {"deviations": ("--deviations a.toml", {"read_deviations.path": "a.toml"})}
 """The option of every command that runs code that is not ours."""
 
 CASES: dict[str, dict[str, Case]] = {
     "validate": {
         **PATIENT,
+        **APART,
         **DECLARED,
         "scene": ("--scene sleigh", {"validate_kind.kind": "Sleigh"}),
         "links": ("--links 2..5", {"validate_kind.links": [2, 5]}),
@@ -272,6 +279,7 @@ CASES: dict[str, dict[str, Case]] = {
     },
     "fuzz": {
         **PATIENT,
+        **APART,
         "scene": ("--scene sleigh", {"plan.kind": "Sleigh", "name": "sleigh"}),
         "links": ("--links 3", {"strata": "~['3 links', '3 links, without damping',"}),
         "links of a range": (
@@ -418,6 +426,7 @@ CASES: dict[str, dict[str, Case]] = {
             "--claim mass-matrix,engine-gravity",
             {"compare_libraries.claims": ["mass-matrix", "engine-gravity"]},
         ),
+        "isolated": ("--isolated", {"compare_libraries.isolated": True}),
         "pairs": ("--pairs", {"print_comparison.pairs": True}),
         "json": ("--json a.json", {"write_comparison.path": "a.json"}),
     },

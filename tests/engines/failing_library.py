@@ -71,7 +71,7 @@ class Undefined(Failing):
     """Engine that answers NaN."""
 
     def bias(self, q, v, t=0.0):
-        return np.full(len(q), np.nan)
+        return np.full(len(v), np.nan)
 
 
 class Raising(Failing):
