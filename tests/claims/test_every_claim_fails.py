@@ -496,7 +496,7 @@ def test_every_identity_is_disproved_somewhere_below():
     assert {claim for claim, _, _ in PROVED} == {id for id in CLAIMS if CLAIMS[id].proved}
 
 
-@pytest.mark.sampled(29)
+@pytest.mark.night
 @pytest.mark.parametrize(
     ("claim", "key", "part"),
     [pytest.param(*case, id=", ".join(map(str, case))) for case in PROVED],
@@ -522,7 +522,7 @@ def test_an_identity_is_disproved_where_any_number_that_it_is_about_is_wrong(cla
         assert "failed" in {f.verdict for f in found if f.claim == claim}, entry
 
 
-@pytest.mark.sampled(23)
+@pytest.mark.night
 @pytest.mark.parametrize("claim", [id for id in CLAIMS if CLAIMS[id].proved])
 def test_an_identity_is_disproved_by_any_row_of_its_sides_and_named_by_that_row(claim: str):
     key = next(iter(ABOUT[claim]))

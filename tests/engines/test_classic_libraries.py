@@ -70,6 +70,7 @@ def test_an_engine_offers_what_its_library_computes(kind: type[Engine]):
     assert {name for name in QUANTITIES if kind.offers(name)} == OFFERED[kind]
 
 
+@pytest.mark.night
 @every_kind
 def test_all_quantities_of_an_engine_are_ours(kind: type[Engine], tmp_path: Path):
     found = findings(kind, scene_of(kind, tmp_path))
@@ -99,6 +100,7 @@ def test_speeds_stand_for_the_rates_of_slides(kind: type[Engine]):
     assert any(x.claim == "engine-frame-bias" and x.verdict == "passed" for x in found)
 
 
+@pytest.mark.night
 @every_kind
 def test_no_quantity_of_an_engine_depends_on_earlier_calls(kind: type[Any], tmp_path: Path):
     scene = scene_of(kind, tmp_path)

@@ -192,6 +192,7 @@ def test_optional_libraries_are_isolated_by_name_and_no_others():
     ]
 
 
+@pytest.mark.night
 def test_an_isolated_comparison_has_the_keys_of_its_libraries(tmp_path: Path, monkeypatch):
     """The stub is Pinocchio with an extra, as optional libraries have one."""
     monkeypatch.setitem(READERS, "stub", Stub)

@@ -37,8 +37,8 @@ def details(kind: type[Any], scene: Scene, *names: str) -> list[str]:
     return [x.detail for x in found if x.verdict == "failed"]
 
 
+@pytest.mark.sampled(31)
 @pytest.mark.parametrize("fault", FREE_BASE, ids=[x.id for x in FREE_BASE])
-@pytest.mark.sampled(6)
 def test_a_fault_in_maps_or_derivatives_of_a_free_base_is_named(fault: Fault, base: Scene):
     own: dict[str, Any] = {}
     exec(compile(source_of(fault, fault.base, SIGNATURES), fault.id, "exec"), own)
