@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import os
 import secrets
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 from eomcheck.errors import InputError, UnwrittenError
 
@@ -83,6 +84,20 @@ def read_text(path: Path) -> str:
     """
     check_regular(path)
     return path.read_text(encoding="utf-8")
+
+
+def read_as(path: Path, format: str, parse: Callable[[str], Any]) -> Any:
+    """Return the contents of a regular file in UTF-8 by a parser of its format.
+
+    Raises:
+        InputError: it cannot be read, or the parser refuses it.
+    """
+    try:
+        return parse(read_text(path))
+    except OSError as error:
+        raise InputError(f"{str(path)!r} cannot be read: {error.strerror}") from None
+    except (ValueError, RecursionError) as error:  # of UTF-8 too
+        raise InputError(f"{str(path)!r} is no {format}: {error}") from None
 
 
 def write_text(path: Path, text: str) -> None:

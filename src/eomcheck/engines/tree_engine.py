@@ -185,9 +185,14 @@ def _condition(text: str) -> str:
     return text.replace(" ", "").replace("'", '"')
 
 
+def without_suffix(key: str) -> str:
+    """Return the key of an engine without the suffix of one that reads files."""
+    return re.sub(f"({'|'.join(SUFFIXES.values())})$", "", key)
+
+
 def library_key(kind: type[Engine]) -> str:
     """Return the key of an engine class; of one that reads files that without its suffix."""
-    return re.sub(f"({'|'.join(SUFFIXES.values())})$", "", kind.key)
+    return without_suffix(kind.key)
 
 
 TOUCHING = 1e-12

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import escape, quoteattr
 
-from eomcheck.atomic_write import check_regular, write_text
+from eomcheck.atomic_write import read_as, write_text
 from eomcheck.errors import InputError
 from eomcheck.lab.deviations import Observation, observations_of
 from eomcheck.lab.store.record_file import group
@@ -36,13 +36,7 @@ def read_observations(path: Path) -> list[Observation]:
         InputError: it cannot be read, or is no such result.
     """
     name = repr(str(path))
-    check_regular(path)
-    try:
-        contents = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{name} cannot be read: {error.strerror}") from None
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{name} is no JSON: {error}") from None
+    contents = read_as(path, "JSON", json.loads)
     findings = contents.get("findings") if isinstance(contents, Mapping) else None
     if not (isinstance(findings, list) and all(map(_is_finding, findings))):
         wanted = "a result of `eomcheck validate --json` or `compare --json`"

@@ -8,18 +8,17 @@ long.
 
 from __future__ import annotations
 
-import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from eomcheck.atomic_write import check_regular
+from eomcheck.atomic_write import read_as
 from eomcheck.claims import CLAIMS
 from eomcheck.claims.finding import DECIDED, Finding
 from eomcheck.claims.registry import ENGINE_TERMS
 from eomcheck.engines.isolation import PINNED
-from eomcheck.engines.tree_engine import SUFFIXES
+from eomcheck.engines.tree_engine import without_suffix
 from eomcheck.errors import InputError
 from eomcheck.lab.show.table import say
 from eomcheck.lab.store.record_file import group
@@ -97,13 +96,7 @@ def read_deviations(path: Path) -> tuple[Deviation, ...]:
             of another type, or a quantity that is none.
     """
     name = repr(str(path))
-    check_regular(path)
-    try:
-        contents = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{name} cannot be read: {error.strerror}") from None
-    except ValueError as error:  # of TOML and of UTF-8
-        raise InputError(f"{name} is no TOML: {error}") from None
+    contents = read_as(path, "TOML", tomllib.loads)
     entries = contents.pop("deviation", [])
     if contents or not isinstance(entries, list):
         found = next(iter(contents), "deviation")
@@ -165,6 +158,11 @@ def observations_of(
         yield Observation(engine, quantity, robot, differs, next(iter(details), ""))
 
 
+def differs_by(verdict: str) -> bool | None:
+    """Return whether a verdict is that of a difference; None where it decides nothing."""
+    return verdict == "failed" if verdict in DECIDED else None
+
+
 def names_engine(claim: str, subject: str) -> bool:
     """Return whether the subject of a finding on a claim is an engine, not a term of the scene."""
     asks = CLAIMS[claim].asks if claim in CLAIMS else ""
@@ -179,7 +177,7 @@ def engine_in(subject: str) -> str:
     """
     key = subject.partition(", ")[0].rpartition(" ~ ")[2]
     library, pinned, version = key.partition(PINNED)
-    return re.sub(f"({'|'.join(SUFFIXES.values())})$", "", library) + pinned + version
+    return without_suffix(library) + pinned + version
 
 
 def robot_of(scene: Scene | type[Scene]) -> str:

@@ -53,7 +53,7 @@ from eomcheck.errors import EngineError, InputError, RefusedError, message_of
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.formulations import FORMULATIONS
-from eomcheck.lab.deviations import READING, Observation, robot_of
+from eomcheck.lab.deviations import READING, Observation, differs_by, robot_of
 from eomcheck.lab.discrepancy import Discrepancy, Explanation, explain, relative_scale
 from eomcheck.lab.show.table import Cell, ResultTable, print_tables, say
 from eomcheck.lab.store.record_file import group
@@ -510,7 +510,7 @@ def comparison_observations(comparison: LibraryComparison) -> Iterator[Observati
         for claim, finding in result.findings.items():
             method = CLAIMS[claim].asks
             if method not in faults:
-                differs = finding.verdict == "failed" if finding.verdict in DECIDED else None
+                differs = differs_by(finding.verdict)
                 yield Observation(result.library, method, robot, differs, finding.detail)
 
 

@@ -44,7 +44,7 @@ from eomcheck.evaluation.conformance import (
 )
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import largest
-from eomcheck.lab.deviations import READING, Observation
+from eomcheck.lab.deviations import READING, Observation, differs_by
 from eomcheck.lab.option_parsing import Isolated, Seed, check_count
 from eomcheck.lab.show.chart import Axis, Box, Chart, Heat
 from eomcheck.lab.show.table import Cell, ResultTable
@@ -344,7 +344,7 @@ def alarm(records: Sequence[Record]) -> bool:
 def observations(records: Sequence[Record]) -> Iterator[Observation]:
     """Yield the observations: each quantity of each engine on each robot, and unread robots."""
     for one in rows_in(records, ConformanceRow):
-        differs = one.verdict == "failed" if one.verdict in DECIDED else None
+        differs = differs_by(one.verdict)
         yield Observation(one.engine, one.quantity, _short(one.robot), differs, one.detail)
     for record in records:
         unread = "unread" in record.counts
