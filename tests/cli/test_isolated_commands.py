@@ -61,18 +61,9 @@ def left(pids: Path) -> list[int]:
     until, running = time.monotonic() + 20, [int(x) for x in pids.read_text().split()]
     assert len(running) >= len(FAILING) - 1  # each that dies is started again
     while running and time.monotonic() < until:
-        running = [pid for pid in running if _runs(pid)]
+        running = [pid for pid in running if not failing_library.has_ended(pid)]
         time.sleep(0.05)
     return running
-
-
-def _runs(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    state = Path(f"/proc/{pid}/stat")  # a zombie has ended
-    return not (state.exists() and state.read_text().rpartition(")")[2].split()[0] == "Z")
 
 
 @pytest.mark.night

@@ -8,6 +8,7 @@ import os
 import sys
 import time
 import weakref
+from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
@@ -146,3 +147,13 @@ class SleepingFile(Sleeping, PinocchioFile):
 
 class UndefinedFile(Undefined, PinocchioFile):
     """Reader of files that answers NaN."""
+
+
+def has_ended(pid: int) -> bool:
+    """Return whether a process has ended, maybe as a zombie."""
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
+    state = Path(f"/proc/{pid}/stat")
+    return state.exists() and state.read_text().rpartition(")")[2].split()[0] == "Z"

@@ -344,18 +344,9 @@ def test_no_process_outlives_the_one_that_started_it(name: str, then: str):
         process.kill()
         process.wait()
     until = time.monotonic() + 20
-    while time.monotonic() < until and not _is_gone(child):
+    while time.monotonic() < until and not failing_library.has_ended(child):
         time.sleep(0.02)
-    assert _is_gone(child)
-
-
-def _is_gone(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return True
-    state = Path(f"/proc/{pid}/stat")  # a zombie has ended
-    return state.exists() and state.read_text().rpartition(")")[2].split()[0] == "Z"
+    assert failing_library.has_ended(child)
 
 
 def test_an_interrupt_stops_the_process_and_the_next_call_starts_another(monkeypatch):
