@@ -4,13 +4,24 @@ from __future__ import annotations
 
 import ast
 import re
+import subprocess
 from collections import Counter
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import pytest
-from tests.mutants import KINDS, PACKAGE, ROOT, LostFaultError, Mutant, mutants, named_in
+from tests import mutants as planted
+from tests.mutants import (
+    KINDS,
+    PACKAGE,
+    ROOT,
+    LostFaultError,
+    Mutant,
+    mutants,
+    mutants_of,
+    named_in,
+)
 from tests.mutants.__main__ import (
     Kept,
     Result,
@@ -63,6 +74,25 @@ def test_every_fault_is_found_once_and_makes_another_program(file: str):
             assert another_program(planted, source), mutant.id
             # Planted once is enough for a test, and once for a claim.
             assert known.setdefault((mutant.claim == "", planted), mutant.id) == mutant.id
+
+
+def test_the_faults_of_a_commit_are_those_of_its_tables(tmp_path: Path, monkeypatch):
+    def git(*arguments: str) -> None:
+        identity = ["-c", "user.name=A", "-c", "user.email=a@b.c"]
+        subprocess.run(["git", "-C", tmp_path, *identity, *arguments], check=True)
+
+    table = tmp_path / "faults" / "report.toml"
+    table.parent.mkdir()
+    kept = '[[file]]\npath = "a.py"\n[[file.fault]]\nid = "a, b"\nbefore = "1"\nafter = "2"\n'
+    table.write_text(kept)
+    git("init", "-q")
+    git("add", ".")
+    git("commit", "-q", "-m", "Add a fault")
+    table.write_text(kept + kept.replace("a, b", "c"))
+    monkeypatch.setattr(planted, "ROOT", tmp_path)
+    monkeypatch.setattr(planted, "HERE", table.parent)
+    assert mutants_of("HEAD") == [Mutant("a, b", "report", "a.py", "1", "2")]
+    assert [one.id for one in mutants() if one not in mutants_of("HEAD")] == ["c"]
 
 
 def test_a_comment_and_a_line_break_make_no_other_program():

@@ -7,6 +7,7 @@ of scenes and formulations name the claim that must fail first, and are planted 
 from __future__ import annotations
 
 import re
+import subprocess
 import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -76,12 +77,29 @@ def mutants() -> list[Mutant]:
     return [one for path in sorted(HERE.glob("*.toml")) for one in _read(path)]
 
 
+def mutants_of(commit: str) -> list[Mutant]:
+    """Return all faults that were kept in a commit, as they were then."""
+    folder = HERE.relative_to(ROOT).as_posix()
+    listed = _git("ls-tree", "--name-only", commit, f"{folder}/").split()
+    names = [name for name in listed if name.endswith(".toml")]
+    return [
+        one for name in names for one in _parse(Path(name).stem, _git("show", f"{commit}:{name}"))
+    ]
+
+
+def _git(*arguments: str) -> str:
+    command = ["git", "-C", str(ROOT), *arguments]
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout
+
+
 def _read(path: Path) -> Iterator[Mutant]:
-    """Yield the faults of a file: its name is their kind, its tables are files of the source."""
-    with path.open("rb") as file:
-        document = tomllib.load(file)
-    for place in document["file"]:
-        shared = {"kind": path.stem} | place | {"file": place["path"]}
+    return _parse(path.stem, path.read_text(encoding="utf-8"))
+
+
+def _parse(kind: str, table: str) -> Iterator[Mutant]:
+    """Yield the faults of a kind from its file's text, whose tables are files of the source."""
+    for place in tomllib.loads(table)["file"]:
+        shared = {"kind": kind} | place | {"file": place["path"]}
         del shared["path"], shared["fault"]
         for fault in place["fault"]:
             title = f"{Path(place['path']).stem}: {fault['before']} => {fault['after']}"

@@ -1,6 +1,7 @@
 """Plant faults one at a time, each in its own copy of the source, and see who notices.
 
-    python -m tests.mutants [--kind harness] [--only id,...] [--quick] [--jobs 2] [--table FILE]
+    python -m tests.mutants [--kind harness] [--only ID]... [--since COMMIT] [--quick] [--jobs 2]
+        [--table FILE]
 
 A fault is *named* if its catcher fails and prints what it should, *caught* if it only fails, and
 has *survived* if nothing happens. The test that is to fail runs first, and all of its catcher where
@@ -31,7 +32,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
-from tests.mutants import KINDS, PACKAGE, PLANTED, ROOT, LostFaultError, Mutant, mutants
+from tests.mutants import KINDS, PACKAGE, PLANTED, ROOT, LostFaultError, Mutant, mutants, mutants_of
 
 RESULTS = ROOT / "build" / "mutants.jsonl"
 LONGEST = 60.0
@@ -299,7 +300,8 @@ def main() -> int:
     """Run what the command line asks for."""
     parser = argparse.ArgumentParser("python -m tests.mutants", description=__doc__)
     parser.add_argument("--kind", choices=KINDS, help="only faults of this kind")
-    parser.add_argument("--only", help="only these faults: ids with commas between them")
+    parser.add_argument("--only", action="append", help="only the fault of this id; repeatable")
+    parser.add_argument("--since", help="only faults that the tables of this commit have not")
     parser.add_argument("--quick", action="store_true", help="ten, after the tests have passed")
     parser.add_argument("--passing", action="store_true", help="after `pytest --all` has passed")
     parser.add_argument("--jobs", type=int, default=2, help="how many at a time")
@@ -309,15 +311,21 @@ def main() -> int:
     asked = parser.parse_args()
     chosen = [one for one in mutants() if not one.claim]
     if asked.only:
-        wanted = asked.only.split(",")
-        if unknown := set(wanted) - {one.id for one in chosen}:
+        if unknown := set(asked.only) - {one.id for one in chosen}:
             parser.error(f"no such fault: {', '.join(sorted(unknown))}")
-        chosen = [one for one in chosen if one.id in wanted]
+        chosen = [one for one in chosen if one.id in asked.only]
+    if asked.since:
+        before = mutants_of(asked.since)
+        chosen = [one for one in chosen if one not in before]
     if asked.kind:
         chosen = [one for one in chosen if one.kind == asked.kind]
     if asked.quick:
         chosen = [one for one in chosen if one.quick]
-    whole = not (asked.only or asked.quick) and asked.kind in (None, "scene", "formulation")
+    whole = not (asked.only or asked.since or asked.quick) and asked.kind in (
+        None,
+        "scene",
+        "formulation",
+    )
     start = time.perf_counter()
     results = campaign(
         chosen,
