@@ -196,12 +196,18 @@ MODULES = {module_of(path): path for path in FILES}
 
 
 @cache
+def parsed(path: Path) -> ast.Module:
+    """Return the syntax tree of a file."""
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+@cache
 def imports_of(path: Path) -> set[str]:
     """Return the modules of eomcheck that a file imports, under whatever name.
 
     Those for annotations alone count: they are read together as well.
     """
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+    tree = parsed(path)
     found: set[str] = set()
     for node in ast.walk(tree):
         match node:
@@ -317,7 +323,7 @@ def defined(kind: type) -> dict[str, list[str]]:
     found: dict[str, list[str]] = {}
     for path in FILES:
         folder = path.parent.relative_to(PACKAGE).as_posix()
-        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        for node in parsed(path).body:
             if not isinstance(node, kind) or (module_of(path), node.name) in REGISTERED:
                 continue
             if kind is ast.FunctionDef and node.name in GIVEN.get(folder, ()):
@@ -356,7 +362,7 @@ NAMELESS = ("Return what ", "Yield what ", "What ", "Of ", "Those ")
 
 def docstrings(path: Path) -> Iterator[tuple[int, str]]:
     """Yield line and text of all docstrings of a file, those below attributes too."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(parsed(path)):
         body = getattr(node, "body", ())
         for statement in body if isinstance(body, list) else ():
             match statement:
