@@ -41,7 +41,7 @@ from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.ball import Balls, ball, precision
 from eomcheck.numbers.generic import Array
-from eomcheck.scenes import SCENES, Sleigh, Snake, from_urdf
+from eomcheck.scenes import SCENES, ChainPendulum, Sleigh, Snake, from_urdf
 
 WITH_TREE = [key for key, kind in SCENES.items() if kind.example().tree() is not None]
 
@@ -230,6 +230,24 @@ def test_frames_of_fixed_links_are_turned_against_their_joint():
         R = frames[one].R
         assert largest(R - np.eye(3)) > 0.1 and largest(R @ R.T - np.eye(3)) < 1e-15
     assert tree_model(scene).bodies == ("upper", "fore", "hand")
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "heavier"),
+    [
+        (ChainPendulum.rods(2), ChainPendulum.rods(2), ChainPendulum.rods(3)),
+        (Snake.coil(3), Snake.coil(3), Snake.coil(4)),
+    ],
+    ids=["described", "by its own tree"],
+)
+def test_trees_are_read_once_per_scene_and_equal_ones_have_the_same_functions(
+    one: Scene, other: Scene, heavier: Scene
+):
+    model, same, more = (tree_model(scene) for scene in (one, other, heavier))
+    assert model is not None and same is not None and more is not None
+    assert tree_model(one) is model and same is not model
+    for name in MAKERS:
+        assert same.function(name) is model.function(name) is not more.function(name)
 
 
 # ---- Scalar types --------------------------------------------------------------------------------

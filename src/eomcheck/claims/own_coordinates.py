@@ -201,7 +201,7 @@ def _own_block_fault(
 
 def _base_axes(point: ConformancePoint) -> Array | None:
     """Return the axes of a free base as columns (3, 3); None for a base that is not free."""
-    topology: Topology = point.model.topology
+    topology: Topology = point.model.plan.topology
     if tuple(x.kind[0] for x in topology.joints[: len(FREE_BASE)]) != FREE_BASE:
         return None
     base = [name for name, joint in zip(point.model.links, point.model.joints, strict=True)

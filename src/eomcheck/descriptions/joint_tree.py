@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -188,6 +189,13 @@ class TopologyPlan:
                         runs.append(RigidSegment(way[j], end, True))
             yield i, tuple(runs)
 
+    @cached_property
+    def without_constraints(self) -> TopologyPlan:
+        """The plan of the bodies alone, in which every frame turns with its joint."""
+        joints = tuple(slot._replace(symmetric=False) for slot in self.joints)
+        alone = self.topology._replace(joints=joints, constraints=(), springs=())
+        return plan_of(alone)
+
     @property
     def bodies(self) -> int:
         """Number of bodies, rotors among them: they come last."""
@@ -196,6 +204,12 @@ class TopologyPlan:
     def path_to(self, k: int) -> tuple[int, ...]:
         """Return the scalar joints between the ground and k, itself the last; none for -1."""
         return self.from_ground[k] if k >= 0 else ()
+
+
+@lru_cache(256)
+def plan_of(topology: Topology) -> TopologyPlan:
+    """Return the plan of a topology, the same one for equal topologies."""
+    return TopologyPlan(topology)
 
 
 # ---- Rigid bodies --------------------------------------------------------------------------------

@@ -43,7 +43,7 @@ from eomcheck.descriptions.forces import (
     spring_energy,
     with_lengths,
 )
-from eomcheck.descriptions.joint_tree import Topology, TopologyPlan
+from eomcheck.descriptions.joint_tree import Topology, TopologyPlan, plan_of
 from eomcheck.descriptions.vector_algebra import (
     Quaternion,
     as_vector,
@@ -562,7 +562,7 @@ def _no_constraints(parameters, prepared, q):
 @lru_cache(256)
 def plan_and_functions(topology: Topology) -> tuple[TopologyPlan, dict[str, Callable]]:
     """Return the plan of a topology and the functions of its scenes, cached."""
-    plan = TopologyPlan(topology)
+    plan = plan_of(topology)
     return plan, make_functions(plan)
 
 

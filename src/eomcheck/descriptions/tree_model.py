@@ -8,7 +8,8 @@ joints, and has the numbers of that: those of the scene's parameters, where its 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from functools import lru_cache
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from inspect import signature
 from typing import Any, NamedTuple
 
@@ -16,7 +17,7 @@ import numpy as np
 
 from eomcheck.descriptions.described_scene import Described, parse_description
 from eomcheck.descriptions.first_derivation import PreparedMechanism
-from eomcheck.descriptions.joint_tree import ScalarJoint, Topology, TopologyPlan
+from eomcheck.descriptions.joint_tree import ScalarJoint, Topology, TopologyPlan, plan_of
 from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.descriptions.tree_quantities import (
     LinkNumbers,
@@ -26,7 +27,6 @@ from eomcheck.descriptions.tree_quantities import (
     make_momentum,
     make_regressor,
     make_weight,
-    plan_without_constraints,
 )
 from eomcheck.descriptions.vector_algebra import rotation_matrices
 from eomcheck.mechanics.records import Tree
@@ -45,13 +45,15 @@ class TreeNumbers(NamedTuple):
     gravity: Any
 
 
-class TreeModel(NamedTuple):
-    """Bodies of a scene as a tree of scalar joints, without numbers.
+@dataclass(frozen=True, eq=False)
+class TreeModel:
+    """Bodies of a scene as a tree of scalar joints.
 
     Attributes:
-        topology: topology of its joints.
+        plan: plan of its bodies, without constraints.
         links: names of its links with a frame.
         joints: scalar joint of each link, -1 for the ground.
+        frames: frames of the links on their scalar joints, in float64.
         description: function of the parameters that returns the `Description`, of a described
             scene; otherwise None.
         tree: the tree in float64, where the scene has no plan of its own; otherwise None.
@@ -59,19 +61,15 @@ class TreeModel(NamedTuple):
             which its numbers leave out.
     """
 
-    topology: Topology
+    plan: TopologyPlan
     links: tuple[str, ...]
     joints: tuple[int, ...]
+    frames: LinkNumbers
     description: Callable[..., Any] | None = None
     tree: Tree | None = None
     tilted: bool = False
 
-    @property
-    def plan(self) -> TopologyPlan:
-        """The plan of its bodies."""
-        return plan_without_constraints(self.topology)
-
-    @property
+    @cached_property
     def body_links(self) -> tuple[int, ...]:
         """Indices of the links of bodies: of each scalar joint that carries one, the first."""
         first: dict[int, int] = {}
@@ -97,7 +95,7 @@ class TreeModel(NamedTuple):
         carriers = {k: b for b, k in enumerate(self.plan.carriers)}
         bodies = tuple(carriers[self.joints[place]] for place in self.body_links)
         links = {"link_motions": self.joints, "regressor": bodies}.get(name)
-        return _function(self.topology, self.description, name, links)
+        return _function(self.plan, self.description, name, links)
 
 
 MAKERS: dict[str, Callable[..., Callable[..., Any]]] = {
@@ -112,12 +110,11 @@ MAKERS: dict[str, Callable[..., Callable[..., Any]]] = {
 
 @lru_cache(4096)
 def _function(
-    topology: Topology,
+    plan: TopologyPlan,
     description: Callable[..., Any] | None,
     name: str,
     links: tuple[int, ...] | None,
 ) -> Callable[..., Any]:
-    plan = plan_without_constraints(topology)
     function = MAKERS[name](plan) if links is None else MAKERS[name](plan, links)
     if description is None:
         return generic(function)
@@ -134,23 +131,26 @@ def tree_model(scene: Scene) -> TreeModel | None:
 
     It is that of `Scene.tree()` too where a class overrides the one that follows from its plan.
     """
-    if type(scene).tree is Mechanism.tree and isinstance(scene, Mechanism):
-        frames = scene.source.frames
-        names, joints = tuple(x.name for x in frames), tuple(x.joint for x in frames)
-        return TreeModel(scene.plan.topology, names, joints, tilted=scene.source.tilted)
-    if type(scene).tree is Described.tree and isinstance(scene, Described):
-        kind = type(scene)
-        parsed = parse_description(kind.description, scene.parameters(FLOAT64))
-        links = parsed.link_joints
-        return TreeModel(
-            parsed.plan.topology, tuple(links), tuple(links.values()), kind.description
-        )
+    return scene.cached(_model_of)
+
+
+def _model_of(scene: Scene) -> TreeModel | None:
     tree = scene.tree()
     if tree is None:
         return None
-    frames = tree.frames
-    names, joints = tuple(x.name for x in frames), tuple(x.joint for x in frames)
-    return TreeModel(_topology_of(tree), names, joints, tree=tree)
+    links = tree.frames
+    frames = LinkNumbers(
+        np.array([x.R for x in links], np.float64).reshape(-1, 3, 3),
+        np.array([x.p for x in links], np.float64).reshape(-1, 3),
+    )
+    parts = tuple(x.name for x in links), tuple(x.joint for x in links), frames
+    if type(scene).tree is Mechanism.tree and isinstance(scene, Mechanism):
+        return TreeModel(scene.plan.without_constraints, *parts, tilted=scene.source.tilted)
+    if type(scene).tree is Described.tree and isinstance(scene, Described):
+        description = type(scene).description
+        plan = parse_description(description, scene.float64_parameters).plan
+        return TreeModel(plan.without_constraints, *parts, description)
+    return TreeModel(plan_of(_topology_of(tree)), *parts, tree=tree)
 
 
 def _topology_of(tree: Tree) -> Topology:
@@ -342,15 +342,9 @@ def position_rates(
     )
 
 
-def link_numbers(scene: Scene, model: TreeModel, arithmetic: Arithmetic) -> LinkNumbers:
-    """Return the frames of a scene's links on their scalar joints, in numbers of `arithmetic`."""
-    if model.description is not None:
-        count = len(model.links)
-        rotation, offset = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
-    else:
-        frames = (scene.tree() if model.tree is None else model.tree).frames  # type: ignore[union-attr]
-        rotation = np.array([x.R for x in frames], np.float64).reshape(-1, 3, 3)
-        offset = np.array([x.p for x in frames], np.float64).reshape(-1, 3)
+def link_numbers(model: TreeModel, arithmetic: Arithmetic) -> LinkNumbers:
+    """Return the frames of the links on their scalar joints, in numbers of `arithmetic`."""
+    rotation, offset = model.frames
     if arithmetic is FLOAT64:
-        return LinkNumbers(rotation, offset)
+        return model.frames
     return LinkNumbers(rotations_in(arithmetic, rotation), arithmetic.numbers(offset))

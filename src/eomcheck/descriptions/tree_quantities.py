@@ -14,7 +14,6 @@ International Journal of Robotics Research 5 (1986), on the regressor.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,7 +34,7 @@ from eomcheck.descriptions.first_derivation import (
     shifted_body,
     turning_columns,
 )
-from eomcheck.descriptions.joint_tree import Topology, TopologyPlan
+from eomcheck.descriptions.joint_tree import TopologyPlan
 from eomcheck.descriptions.vector_algebra import (
     AXES,
     ZERO_VECTOR,
@@ -653,13 +652,3 @@ def put_parameters(
     put_vector(own[1:4], (None,), body.first_moment)
     for i, entry in enumerate(PRODUCTS_OF_INERTIA, 4):
         put(own, i, body.inertia[entry])
-
-
-# ---- All of a plan -------------------------------------------------------------------------------
-
-
-@lru_cache(256)
-def plan_without_constraints(topology: Topology) -> TopologyPlan:
-    """Return the plan of the bodies alone, in which every frame turns with its joint."""
-    joints = tuple(slot._replace(symmetric=False) for slot in topology.joints)
-    return TopologyPlan(topology._replace(joints=joints, constraints=(), springs=()))

@@ -136,7 +136,7 @@ class ConformancePoint:
     @cached_property
     def link_numbers(self) -> LinkNumbers:
         """The frames of the links on their scalar joints."""
-        return self.at.constants(link_numbers(self.at.scene, self.model, self._arithmetic))
+        return self.at.constants(link_numbers(self.model, self._arithmetic))
 
     @cached_property
     def body_numbers(self) -> LinkNumbers:

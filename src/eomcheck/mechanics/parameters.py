@@ -19,8 +19,8 @@ import numpy as np
 from eomcheck.deprecated import old_keywords
 from eomcheck.errors import InputError, registered, whole_number
 from eomcheck.mechanics.records import Range
-from eomcheck.mechanics.scene import Scene, finite_array
-from eomcheck.numbers.generic import FLOAT64, Arithmetic, generic
+from eomcheck.mechanics.scene import Scene, T, finite_array
+from eomcheck.numbers.generic import Arithmetic, generic
 
 MOST_LINKS = 1_000_000
 """Largest number of links of a scene; its parameters then take some 50 MB."""
@@ -204,7 +204,7 @@ class Parametric(Scene):
         self.check_fields()
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: x for name, x in vars(self).items() if name != "float64_parameters"}
+        return {name: x for name, x in vars(self).items() if name != "_results"}
 
     def __setstate__(self, state: dict[str, Any]):
         for name, value in state.items():
@@ -249,9 +249,14 @@ class Parametric(Scene):
         return _record(f"{type(self).__name__}Parameters", tuple(numbers))(**numbers)
 
     @cached_property
-    def float64_parameters(self) -> NamedTuple:  # type: ignore[override]
-        """The parameters in float64, one record, by whose identity descriptions are cached."""
-        return self.parameters(FLOAT64)
+    def _results(self) -> dict[Callable[[Any], Any], Any]:
+        return {}
+
+    def cached(self, function: Callable[[Any], T]) -> T:
+        """Return function(self), computed on first use."""
+        if function not in self._results:
+            self._results[function] = function(self)
+        return self._results[function]
 
     def __repr__(self) -> str:
         """Return Python code that reconstructs the scene, defaults left out."""

@@ -398,10 +398,14 @@ class Scene(ABC):
     def parameters(self, arithmetic: Arithmetic) -> NamedTuple:
         """Return the parameters in the numbers of `arithmetic`."""
 
+    def cached(self, function: Callable[[Any], T]) -> T:
+        """Return function(self); computed once by scenes whose numbers cannot change."""
+        return function(self)
+
     @property
     def float64_parameters(self) -> NamedTuple:
-        """The parameters in float64; cached by scenes whose numbers cannot change."""
-        return self.parameters(FLOAT64)
+        """The parameters in float64, see `cached`: descriptions are cached by their identity."""
+        return self.cached(_float64_parameters)
 
     @abstractmethod
     def initial_state(self) -> tuple[Array, Array]:
@@ -494,18 +498,19 @@ def _inner(value: Any) -> Any:
     return getattr(value, "fget", None) or getattr(value, "__func__", value)
 
 
-R = TypeVar("R")
+def _float64_parameters(scene: Scene) -> NamedTuple:
+    return scene.parameters(FLOAT64)
 
 
-def once_per_structure(function: Callable[[Scene], R]) -> Callable[[Scene], R]:
+def once_per_structure(function: Callable[[Scene], T]) -> Callable[[Scene], T]:
     """Return a function of a scene whose results are cached, for each scene class and structure.
 
     A result of None is not cached. The results of a class are dropped with it.
     """
-    cache: WeakKeyDictionary[type[Scene], dict[str, R]] = WeakKeyDictionary()
+    cache: WeakKeyDictionary[type[Scene], dict[str, T]] = WeakKeyDictionary()
 
     @wraps(function)
-    def computed(scene: Scene) -> R:
+    def computed(scene: Scene) -> T:
         results, structure = cache.setdefault(type(scene), {}), scene.structure
         if results.get(structure) is None:
             results[structure] = function(scene)
