@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
+from tests.engines.own_findings import failed, own_findings, passed
 from tests.robots import arm
-from tests.samples import random_state
 
-import eomcheck
 from eomcheck.engines.adam import (
     Adam64Engine,
     AdamEngine,
@@ -34,15 +32,6 @@ OFFERED = {
 }
 
 
-def verdicts_of(kind, scene):
-    """Return the claims that passed at a random state, and the findings that failed as text."""
-    state = random_state(scene, np.random.default_rng(0))
-    found = eomcheck.check_state(scene, *state, engines=[kind], claims=sorted(OFFERED))
-    own = [one for one in found if one.engine is kind]
-    failed = [str(one) for one in own if one.verdict == "failed"]
-    return {one.claim for one in own if one.verdict == "passed"}, failed
-
-
 @pytest.mark.parametrize(
     "kind",
     [
@@ -52,9 +41,9 @@ def verdicts_of(kind, scene):
     ],
 )
 def test_every_quantity_that_it_offers_is_right(kind):
-    passed, failed = verdicts_of(kind, ChainPendulum.example())
-    assert failed == []
-    assert passed == OFFERED
+    own = own_findings(kind, ChainPendulum.example(), OFFERED)
+    assert failed(own) == []
+    assert passed(own) == OFFERED
 
 
 def hinges(path: Path) -> Path:
@@ -71,9 +60,9 @@ def hinges(path: Path) -> Path:
 def test_a_file_with_a_fixed_and_with_a_free_base_is_right(kind, floating, tmp_path):
     path = hinges(tmp_path / "arm.urdf")
     scene = from_urdf(path, floating=floating, gravity=(1.0, -2.0, -9.0))
-    passed, failed = verdicts_of(kind, scene)
-    assert failed == []
-    assert passed == OFFERED
+    own = own_findings(kind, scene, OFFERED)
+    assert failed(own) == []
+    assert passed(own) == OFFERED
 
 
 def test_a_tree_with_a_slide_is_not_represented_and_a_file_with_one_is_refused(tmp_path):

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
-from tests.samples import random_state
+from tests.engines.own_findings import failed, own_findings, passed
 
-import eomcheck
 from eomcheck.descriptions import mjcf_reader
 from eomcheck.engines.brax import Brax64Engine, Brax64Mjcf, BraxEngine
 from eomcheck.scenes import ChainPendulum
@@ -17,21 +15,12 @@ CLAIMS = "mass-matrix", "bias", "engine-gravity", "engine-center-of-mass"
 FRAMES = "engine-frame-placement", "engine-frame-velocity", "engine-frame-jacobian"
 
 
-def findings_of(kind, scene, *claims):
-    """Return claim -> verdict of an engine at a random state; those that failed as text."""
-    state = random_state(scene, np.random.default_rng(0))
-    found = eomcheck.check_state(scene, *state, engines=[kind], claims=claims)
-    own = [one for one in found if one.engine is kind]
-    return {one.claim: one.verdict for one in own}, [str(x) for x in own if x.verdict == "failed"]
-
-
 @pytest.mark.night
 @pytest.mark.parametrize("kind", [BraxEngine, Brax64Engine])
 def test_every_quantity_that_it_offers_is_right(kind):
-    verdicts, failed = findings_of(kind, ChainPendulum.example())
-    assert failed == []
-    passed = {claim for claim, verdict in verdicts.items() if verdict == "passed"}
-    assert {*CLAIMS, *FRAMES, "engine-forward-dynamics-derivatives"} <= passed
+    own = own_findings(kind, ChainPendulum.example())
+    assert failed(own) == []
+    assert {*CLAIMS, *FRAMES, "engine-forward-dynamics-derivatives"} <= passed(own)
 
 
 FUSED = """<mujoco><option gravity="1 2 -9"/><worldbody>
@@ -50,9 +39,9 @@ def test_a_free_base_and_joints_that_brax_moves_to_the_end_are_mapped(tmp_path):
     path.write_text(FUSED, encoding="utf-8")
     scene = mjcf_reader.from_mjcf(path)
     claims = (*CLAIMS, *FRAMES[::2], "engine-acceleration")
-    verdicts, failed = findings_of(Brax64Mjcf, scene, *claims)
-    assert failed == []
-    assert set(verdicts.values()) == {"passed"}
+    own = own_findings(Brax64Mjcf, scene, claims)
+    assert failed(own) == []
+    assert {x.verdict for x in own} == {"passed"}
 
 
 SLIDE = """<mujoco><worldbody><body><joint axis="0 0 1"/><geom size="0.1" mass="1"/>
@@ -63,5 +52,5 @@ SLIDE = """<mujoco><worldbody><body><joint axis="0 0 1"/><geom size="0.1" mass="
 def test_a_slide_on_a_link_that_turns_is_known_to_be_wrong(tmp_path):
     path = tmp_path / "slide.xml"
     path.write_text(SLIDE, encoding="utf-8")
-    _, failed = findings_of(Brax64Mjcf, mjcf_reader.from_mjcf(path), "mass-matrix")
-    assert len(failed) == 1  # docs/conformance/brax_slide_on_turning_link.py
+    own = own_findings(Brax64Mjcf, mjcf_reader.from_mjcf(path), ["mass-matrix"])
+    assert len(failed(own)) == 1  # docs/conformance/brax_slide_on_turning_link.py

@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
-import numpy as np
-import pytest
-from tests.samples import random_state
+from pathlib import Path
 
-import eomcheck
-from eomcheck.engines.mjx import Mjx64Engine, MjxEngine
-from eomcheck.lab.fuzzing.screening import keys_in_subject
-from eomcheck.scenes import ChainPendulum
+import pytest
+from tests.engines.own_findings import failed, own_findings, passed, verdicts
+from tests.robots import arm
+
+from eomcheck.engines.mjx import Mjx64Engine, Mjx64File, MjxEngine, MjxFile
+from eomcheck.scenes import ChainPendulum, from_urdf
 
 pytest.importorskip("mujoco.mjx")
 
 
 @pytest.mark.parametrize("kind", [MjxEngine, Mjx64Engine])
 def test_every_quantity_that_it_offers_is_right(kind):
-    scene = ChainPendulum.example()
-    state = random_state(scene, np.random.default_rng(0))
-    findings = eomcheck.check_state(scene, *state, engines=[kind])
-    own = [one for one in findings if keys_in_subject(one.subject, [kind.key])]
-    assert [str(one) for one in own if one.verdict == "failed"] == []
-    passed = {one.claim for one in own if one.verdict == "passed"}
-    assert {"mass-matrix", "bias", "engine-momentum", "engine-frame-jacobian"} <= passed
-    assert {"engine-inverse-dynamics-derivatives"} <= passed
+    own = own_findings(kind, ChainPendulum.example())
+    assert failed(own) == []
+    some = {"mass-matrix", "bias", "engine-momentum", "engine-frame-jacobian"}
+    assert some | {"engine-inverse-dynamics-derivatives"} <= passed(own)
+
+
+@pytest.mark.parametrize("kind", [MjxFile, Mjx64File])
+def test_dampers_of_a_file_are_in_forces_and_accelerations_and_nowhere_else(kind, tmp_path: Path):
+    scene = from_urdf(arm(tmp_path / "arm.urdf", damping="3"))
+    terms = "generalized-forces", "engine-acceleration", "engine-gravity", "engine-forward-dynamics"
+    assert verdicts(kind, scene, terms) == dict.fromkeys(terms, "passed")

@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from eomcheck.engines.file_engine import BaseVelocity, FileEngine, FreeBase, RobotDescription
-from eomcheck.engines.jax_engine import JaxEngine
+from eomcheck.engines.jax_engine import InFloat64, JaxEngine
 from eomcheck.engines.pybullet import urdf_of_links
 from eomcheck.engines.tree_engine import TreeEngine, TreeLink
 from eomcheck.errors import required
@@ -182,10 +182,9 @@ class AdamEngine(JaxEngine, AdamNumpyEngine):
 
     def _made(self, library: Any, text: str, joints: list[str] | None) -> Any:
         gravity = np.concatenate((self._gravity, np.zeros(3)))
-        kind = np.float32 if self.unit_roundoff > 2.0**-50 else np.float64
         self._compiled: dict[tuple[str, str], Callable[..., Any]] = {}
         with self._precision():
-            return library.KinDynComputations(text, joints, dtype=kind, gravity=gravity)
+            return library.KinDynComputations(text, joints, dtype=self._dtype, gravity=gravity)
 
     def _evaluated(self, name: str, frame: str, *arguments: Any) -> Array:
         return self._computed(self._functions, name, frame, *arguments)
@@ -202,11 +201,10 @@ class AdamEngine(JaxEngine, AdamNumpyEngine):
         return self._compiled[name, frame](*arguments)
 
 
-class Adam64Engine(AdamEngine):
+class Adam64Engine(InFloat64, AdamEngine):
     """Tree of rigid bodies in adam's JAX, in float64."""
 
     key = "adam64"
-    unit_roundoff = 2.0**-53
 
 
 class AdamFile(AdamEngine, AdamNumpyFile):
@@ -215,8 +213,7 @@ class AdamFile(AdamEngine, AdamNumpyFile):
     key = "adam_file"
 
 
-class Adam64File(AdamFile):
+class Adam64File(InFloat64, AdamFile):
     """URDF read by `KinDynComputations`, in JAX in float64."""
 
     key = "adam64_file"
-    unit_roundoff = 2.0**-53

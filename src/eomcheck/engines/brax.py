@@ -13,14 +13,13 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable
 from functools import cache
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
-from eomcheck.engines.engine import VelocityMap
-from eomcheck.engines.file_engine import BaseVelocity, FileEngine, RobotDescription
-from eomcheck.engines.jax_engine import JaxEngine
-from eomcheck.engines.mujoco import MjcfFile, MujocoEngine, MujocoFile
+from eomcheck.engines.jax_engine import InFloat64, JaxEngine, derivatives_along
+from eomcheck.engines.mujoco import MujocoEngine, MujocoFile
+from eomcheck.engines.mujoco_copy import MujocoCopy, MujocoCopyOfFile, MujocoCopyOfMjcf
 from eomcheck.engines.tree_engine import (
     BodyWithJoints,
     TreeInputs,
@@ -75,43 +74,28 @@ def _functions() -> dict[str, Callable[..., Any]]:
         motion = constraint.point_jacobian(system, s.root_com, s.cdof, point, link)
         return motion.vel, motion.ang
 
-    def forward_derivatives(system, q, v, tau, rates):
-        def along(w, *x):
-            return forward(system, q + rates @ w, *x)
+    compiled = {
+        "state": state,
+        "forces": forces,
+        "forward": forward,
+        "jacobian": jacobian,
+        "forward_derivatives": derivatives_along(forward),
+    }
+    return {name: jax.jit(function) for name, function in compiled.items()}
 
-        return jax.jacfwd(along, (0, 1, 2))(0.0 * v, v, tau)  # at once: it is compiled for long
 
-    compiled = state, forces, forward, jacobian, forward_derivatives
-    return {function.__name__: jax.jit(function) for function in compiled}
-
-
-class BraxEngine(JaxEngine):
+class BraxEngine(JaxEngine, MujocoCopy):
     """Tree of rigid bodies as a Brax system, in float32."""
 
     key = "brax"
     extra = "brax"
     module = "brax.io.mjcf"
     oldest = "0.14"
-    built_by: ClassVar[type[MujocoEngine]] = MujocoEngine
 
     @classmethod
     def holds(cls, links: list[TreeLink]) -> bool:
         """Return whether MuJoCo holds it, and each body has few joints, all at one point."""
-        return MujocoEngine.holds(links) and all(map(_is_stack, bodies_with_mass(links) or ()))
-
-    _builder: MujocoEngine
-
-    def _build(self, library: Any, links: list[TreeLink]) -> None:
-        self._take(library)
-
-    def _take(self, library: Any) -> None:
-        """Copy the model that MuJoCo builds."""
-        self._builder = builder = object.__new__(self.built_by)
-        if isinstance(builder, MujocoFile):
-            builder.merges_under_free_base = True
-        builder.set_up(self.inputs._replace(r=0))
-        self._load(library, builder.model)
-        self._place = builder._place
+        return super().holds(links) and all(map(_is_stack, bodies_with_mass(links) or ()))
 
     def _load(self, library: Any, model: Any) -> None:
         """Copy a compiled model of MuJoCo.
@@ -132,10 +116,6 @@ class BraxEngine(JaxEngine):
             self._complete = system.replace(gravity=self._gravity)
         self._model = model
 
-    def _ordered(self, values: Array) -> Array:
-        """Return coordinates in Brax's order."""
-        return self._in_own_order(values)
-
     def _call(self, name: str, system: Any, q: Array, *arguments: Any) -> Any:
         return self._computed(_functions, name, system, self._ordered(q), *arguments)
 
@@ -145,7 +125,7 @@ class BraxEngine(JaxEngine):
 
     def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
         """Return M (n, n) by `mass.matrix`."""
-        return self._state(q, np.zeros(self._n))["M"][np.ix_(self._place, self._place)]
+        return self._in_tree_order(self._state(q, np.zeros(self._n))["M"])[0]
 
     def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return B (n,) by `dynamics.inverse` of a system without gravity."""
@@ -155,7 +135,7 @@ class BraxEngine(JaxEngine):
 
     def inverse_mass_matrix(self, q: Array, t: float = 0.0) -> Array:
         """Return M⁻¹ (n, n) by `mass.matrix_inv`, not by its iterations."""
-        return self._state(q, np.zeros(self._n))["inverse"][np.ix_(self._place, self._place)]
+        return self._in_tree_order(self._state(q, np.zeros(self._n))["inverse"])[0]
 
     def gravity(self, q: Array, t: float = 0.0) -> Array:
         """Return ∂U/∂q (n,) by `dynamics.inverse` at rest."""
@@ -172,20 +152,12 @@ class BraxEngine(JaxEngine):
         """Return ∂v̇/∂q, ∂v̇/∂v and ∂v̇/∂τ by `jax.jacfwd` of the same."""
         state = self._in_own_order(v), self._in_own_order(tau), self._rates(self._ordered(q))
         parts = self._call("forward_derivatives", self._under_weight, q, *state)
-        by_q, by_v, by_tau = (x[np.ix_(self._place, self._place)] for x in parts)
+        by_q, by_v, by_tau = self._in_tree_order(*parts)
         return by_q, by_v, by_tau
-
-    def _rates(self, x: Array) -> Array:
-        """Return the derivative of Brax's coordinates by its velocities."""
-        return self._builder.position_rates(x)
 
     def center_of_mass(self, q: Array, t: float = 0.0) -> Array:
         """Return c (3,), the mean of `root_com`, weighted by mass."""
         return self._state(q, np.zeros(self._n))["com"]
-
-    def has_frame(self, f: str) -> bool:
-        """Return whether there is a link of this name."""
-        return self._builder.has_frame(f)
 
     def _seat(self, f: str) -> tuple[int, Array, Array]:
         """Return the link that has the frame of a link, and its orientation and position there."""
@@ -220,27 +192,20 @@ def _is_stack(mounted: BodyWithJoints) -> bool:
     return len(points) <= STACK and not np.ptp(points, axis=0).any()
 
 
-class Brax64Engine(BraxEngine):
+class Brax64Engine(InFloat64, BraxEngine):
     """Tree of rigid bodies as a Brax system, in float64."""
 
     key = "brax64"
-    unit_roundoff = 2.0**-53
 
 
-class BraxFile(FileEngine, BraxEngine):
+class BraxFile(MujocoCopyOfFile, BraxEngine):
     """URDF that MuJoCo reads, as a Brax system in float32."""
 
     key = "brax_file"
-    built_by = MujocoFile
-    base_velocity = BaseVelocity("ground", "base")
 
-    def _read(self, library: Any, description: RobotDescription) -> None:
-        self._take(library)
-        assert isinstance(self._builder, MujocoFile)
-        self._joints = self._builder.joints()
-
-    def _ordered(self, values: Array) -> Array:
-        return values
+    def _prepare(self, builder: MujocoEngine) -> None:
+        assert isinstance(builder, MujocoFile)
+        builder.merges_under_free_base = True
 
     def _links(self) -> list[str]:
         """Return the names of Brax's links."""
@@ -263,30 +228,23 @@ class BraxFile(FileEngine, BraxEngine):
         return self._call("forward", self._complete, q, *arguments)[self._place]
 
 
-class Brax64File(BraxFile):
+class Brax64File(InFloat64, BraxFile):
     """URDF that MuJoCo reads, as a Brax system in float64."""
 
     key = "brax64_file"
-    unit_roundoff = 2.0**-53
 
 
-class BraxMjcf(BraxFile):
+class BraxMjcf(MujocoCopyOfMjcf, BraxFile):
     """MJCF that Brax reads, in float32."""
 
     key = "brax_mjcf"
-    format = "mjcf"
 
-    def _described(self) -> RobotDescription:
-        return MjcfFile._described(self)  # type: ignore[arg-type]
-
-    def _read(self, library: Any, description: RobotDescription) -> None:
-        builder = object.__new__(MjcfFile)
-        builder.set_up(self.inputs._replace(r=0))
-        model = library.load_mjmodel(self.file)
-        if model.ngeom:  # it raises IndexError without
-            library.validate_model(model)
-        self._load(library, model)
-        self._builder, self._joints = builder, builder.joints()
+    def _load(self, library: Any, model: Any) -> None:
+        """Have Brax read the file by itself: MuJoCo's reading names the joints alone."""
+        own = library.load_mjmodel(self.file)
+        if own.ngeom:  # it raises IndexError without
+            library.validate_model(own)
+        super()._load(library, own)
 
     def set_up(self, inputs: TreeInputs) -> None:
         """Read the file."""
@@ -306,14 +264,6 @@ class BraxMjcf(BraxFile):
         placed = np.ix_(self._position_place, self._place)
         rates[placed] = self._builder.position_rates(x[self._position_place])
         return rates
-
-    def velocity_map(self, q: Array, v: Array) -> VelocityMap:
-        """Return that of MuJoCo."""
-        return self._builder.velocity_map(q, v)
-
-    def velocity_map_derivatives(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Return those of MuJoCo."""
-        return self._builder.velocity_map_derivatives(q, v)
 
 
 def _matched_joints(first: Any, second: Any) -> list[int]:
@@ -350,8 +300,7 @@ def _entries(starts: Array, count: int, order: list[int]) -> Array:
     return np.concatenate([np.arange(starts[j], ends[j]) for j in order])
 
 
-class Brax64Mjcf(BraxMjcf):
+class Brax64Mjcf(InFloat64, BraxMjcf):
     """MJCF that Brax reads, in float64."""
 
     key = "brax64_mjcf"
-    unit_roundoff = 2.0**-53

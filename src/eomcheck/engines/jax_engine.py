@@ -9,7 +9,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -20,11 +20,34 @@ from eomcheck.errors import required
 DOUBLE = 2.0**-53
 """Unit roundoff of float64."""
 
+SINGLE = 2.0**-24
+"""Unit roundoff of float32."""
+
+
+def derivatives_along(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return the derivatives of a function of a model, q, v and a third (n,), by forward mode.
+
+    The result is a function of the same and of the derivative of the coordinates by the velocities
+    (n_x, n): derivatives by q are along velocities. All are computed at once, as JAX compiles each
+    function for long.
+    """
+    jax = required("jax", None)
+
+    def derivatives(*arguments: Any) -> Any:
+        *model, q, v, third, rates = arguments
+
+        def moved(w: Any, *x: Any) -> Any:
+            return function(*model, q + rates @ w, *x)
+
+        return jax.jacfwd(moved, (0, 1, 2))(jax.numpy.zeros_like(v), v, third)
+
+    return derivatives
+
 
 class JaxEngine(TreeEngine):
     """Tree of rigid bodies in a library that computes in JAX, in float32 by default."""
 
-    unit_roundoff = 2.0**-24
+    unit_roundoff = SINGLE
 
     @classmethod
     def _library(cls) -> Any:
@@ -33,11 +56,16 @@ class JaxEngine(TreeEngine):
             warnings.simplefilter("ignore")
             return super()._library()
 
+    @property
+    def _dtype(self) -> type[np.floating[Any]]:
+        """Type of its numbers."""
+        return np.float64 if self.unit_roundoff == DOUBLE else np.float32
+
     @contextmanager
     def _precision(self) -> Iterator[None]:
         """Compute in the numbers of this engine, without warnings."""
         jax = required("jax", self.extra)
-        with jax.enable_x64(self.unit_roundoff == DOUBLE), warnings.catch_warnings():
+        with jax.enable_x64(self._dtype == np.float64), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             yield
 
@@ -52,3 +80,9 @@ class JaxEngine(TreeEngine):
         with self._precision():
             result = functions()[name](*arguments, **options)
             return required("jax", self.extra).tree_util.tree_map(np.array, result)
+
+
+class InFloat64:
+    """Mixin of the engines of a library in float64, before the class of that in float32."""
+
+    unit_roundoff: ClassVar[float] = DOUBLE

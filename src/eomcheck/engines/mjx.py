@@ -1,24 +1,21 @@
 """MJX: MuJoCo's equations of motion in JAX, compiled, with derivatives by its forward mode.
 
 MuJoCo reads the file or builds the model, and MJX copies it. JAX computes in float32 unless told
-otherwise: there are engines of both precisions. Constraints, springs, dampers and limits are
-switched off. A free base is moved by w as in MuJoCo; derivatives by its position are along w, to
-first order of the quaternion's own update.
+otherwise: there are engines of both precisions. Constraints and limits are switched off, springs
+and dampers where a result has none of them. A free base is moved by w as in MuJoCo; derivatives by
+its position are along w, to first order of the quaternion's own update.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
-from eomcheck.engines.engine import VelocityMap
-from eomcheck.engines.file_engine import BaseVelocity, FileEngine, RobotDescription
-from eomcheck.engines.jax_engine import JaxEngine
-from eomcheck.engines.mujoco import MjcfFile, MujocoEngine, MujocoFile
-from eomcheck.engines.tree_engine import TreeInputs, TreeLink
+from eomcheck.engines.jax_engine import InFloat64, JaxEngine, derivatives_along
+from eomcheck.engines.mujoco_copy import MujocoCopy, MujocoCopyOfFile, MujocoCopyOfMjcf
 from eomcheck.errors import required
 from eomcheck.numbers.generic import Array
 
@@ -54,70 +51,49 @@ def _functions() -> dict[str, Callable[..., Any]]:
         d = mjx.fwd_position(mx, dx.replace(qpos=q))
         return mjx.jac(mx, d, point, body)
 
-    def derivatives(of):
-        def along(mx, dx, q, v, third, rates):
-            def moved(w, *x):
-                return of(mx, dx, q + rates @ w, *x)
-
-            return jax.jacfwd(moved, (0, 1, 2))(jax.numpy.zeros_like(v), v, third)
-
-        return along
+    def forces(mx, dx, q, v):
+        return mjx.forward(mx, dx.replace(qpos=q, qvel=v)).qfrc_passive
 
     compiled = {
         "state": state,
         "inverse": inverse,
         "forward": forward,
         "jacobian": jacobian,
-        "inverse_derivatives": derivatives(inverse),
-        "forward_derivatives": derivatives(forward),
+        "forces": forces,
+        "inverse_derivatives": derivatives_along(inverse),
+        "forward_derivatives": derivatives_along(forward),
     }
     return {name: jax.jit(function) for name, function in compiled.items()}
 
 
-class MjxEngine(JaxEngine):
+class MjxEngine(JaxEngine, MujocoCopy):
     """Tree of rigid bodies as an MJX model, in float32."""
 
     key = "mjx"
     extra = "mjx"
     module = "mujoco.mjx"
     oldest = "3.17"
-    built_by: ClassVar[type[MujocoEngine]] = MujocoEngine
 
     @classmethod
     def distribution(cls) -> str:
         """Return "mujoco-mjx", the name of its wheels."""
         return "mujoco-mjx"
 
-    @classmethod
-    def holds(cls, links: list[TreeLink]) -> bool:
-        """Return whether MuJoCo holds it."""
-        return MujocoEngine.holds(links)
-
-    def _build(self, library: Any, links: list[TreeLink]) -> None:
-        self._take(library)
-
-    _builder: MujocoEngine
-
-    def _take(self, library: Any) -> None:
-        """Copy the model that MuJoCo builds."""
-        self._builder = builder = object.__new__(self.built_by)
-        builder.set_up(self.inputs._replace(r=0))
-        model, off = builder.model, builder._mj.mjtDisableBit
-        for bit in ("CONSTRAINT", "SPRING", "DAMPER", "ACTUATION"):
-            model.opt.disableflags |= int(getattr(off, f"mjDSBL_{bit}"))
+    def _load(self, library: Any, model: Any) -> None:
+        self._without("CONSTRAINT", "ACTUATION")
         with self._precision():
-            self._mx, self._dx = library.put_model(model), library.make_data(model)
-            heavy = self._mx.opt.replace(gravity=np.asarray(self._gravity))
-            self._under_gravity = self._mx.replace(opt=heavy)
-        self._place = builder._place
+            self._dx = library.make_data(model)
+            complete = library.put_model(model)
+            self._without("SPRING", "DAMPER")
+            self._mx = library.put_model(model)
+            self._under_gravity, self._complete = (
+                one.replace(opt=one.opt.replace(gravity=np.asarray(self._gravity)))
+                for one in (self._mx, complete)
+            )
 
     def _call(self, name: str, model: Any, *arguments: Any) -> Any:
         """Return the result of a compiled function."""
         return self._computed(_functions, name, model, self._dx, *arguments)
-
-    def _ordered(self, values: Array) -> Array:
-        """Return coordinates, in the order of the tree, in MuJoCo's order."""
-        return self._in_own_order(values)
 
     def _state(self, q: Array, v: Array, model: Any = None) -> dict[str, Any]:
         model = self._mx if model is None else model
@@ -125,8 +101,7 @@ class MjxEngine(JaxEngine):
 
     def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
         """Return M (n, n) by `mjx.full_m`."""
-        M = self._state(q, np.zeros(self._n))["M"]
-        return M[np.ix_(self._place, self._place)]
+        return self._in_tree_order(self._state(q, np.zeros(self._n))["M"])[0]
 
     def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return B (n,), the `qfrc_bias`; gravity is zero in the model."""
@@ -164,10 +139,6 @@ class MjxEngine(JaxEngine):
         mass = float(self._builder.model.body_subtreemass[0])
         return np.concatenate((mass * state["com_velocity"], state["angular_momentum"]))
 
-    def has_frame(self, f: str) -> bool:
-        """Return whether there is a site or body of this name."""
-        return self._builder.has_frame(f)
-
     def _frame(self, f: str, q: Array) -> tuple[int, Array, Array]:
         """Return the body of a link, the orientation and the position of its frame."""
         builder = self._builder
@@ -190,13 +161,8 @@ class MjxEngine(JaxEngine):
         return np.vstack((linear.T, angular.T))[:, self._place]
 
     def _derivatives(self, name: str, q: Array, v: Array, third: Array) -> tuple[Array, ...]:
-        own = np.ix_(self._place, self._place)
-        return tuple(
-            x[own]
-            for x in self._dynamics(
-                name, q, v, third, self._builder.position_rates(self._ordered(q))
-            )
-        )
+        rates = self._rates(self._ordered(q))
+        return self._in_tree_order(*self._dynamics(name, q, v, third, rates))
 
     def inverse_dynamics_derivatives(
         self, q: Array, v: Array, vdot: Array, t: float = 0.0
@@ -213,62 +179,39 @@ class MjxEngine(JaxEngine):
         return by_q, by_v, by_tau
 
 
-class Mjx64Engine(MjxEngine):
+class Mjx64Engine(InFloat64, MjxEngine):
     """Tree of rigid bodies as an MJX model, in float64."""
 
     key = "mjx64"
-    unit_roundoff = 2.0**-53
 
 
-class MjxFile(FileEngine, MjxEngine):
+class MjxFile(MujocoCopyOfFile, MjxEngine):
     """URDF that MuJoCo reads, in MJX in float32."""
 
     key = "mjx_file"
-    built_by = MujocoFile
-    base_velocity = BaseVelocity("ground", "base")
 
-    def _read(self, library: Any, description: RobotDescription) -> None:
-        self._take(library)
-        assert isinstance(self._builder, MujocoFile)
-        self._joints = self._builder.joints()
+    def forces(self, q: Array, v: Array, t: float = 0.0) -> Array:
+        """Return Q (m,): gravity, and `qfrc_passive` of springs and dampers."""
+        return self._call("forces", self._complete, q, v) - self.gravity(q)
 
-    def set_up(self, inputs: TreeInputs) -> None:
-        """Read the file."""
-        super().set_up(inputs)
-        self._place = self._builder._place
-
-    def _ordered(self, values: Array) -> Array:
-        return values
+    def free_acceleration(self, q: Array, v: Array) -> Array:
+        """Return ẍ (m,) of `mjx.forward`."""
+        return self._call("forward", self._complete, q, v, np.zeros(self._n))
 
 
-class Mjx64File(MjxFile):
+class Mjx64File(InFloat64, MjxFile):
     """URDF that MuJoCo reads, in MJX in float64."""
 
     key = "mjx64_file"
-    unit_roundoff = 2.0**-53
 
 
-class MjxMjcf(MjxFile):
+class MjxMjcf(MujocoCopyOfMjcf, MjxFile):
     """MJCF that MuJoCo reads, in MJX in float32."""
 
     key = "mjx_mjcf"
-    format = "mjcf"
-    built_by = MjcfFile
-
-    def _described(self) -> RobotDescription:
-        return MjcfFile._described(self)  # type: ignore[arg-type]
-
-    def velocity_map(self, q: Array, v: Array) -> VelocityMap:
-        """Return that of MuJoCo."""
-        return self._builder.velocity_map(q, v)
-
-    def velocity_map_derivatives(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Return those of MuJoCo."""
-        return self._builder.velocity_map_derivatives(q, v)
 
 
-class Mjx64Mjcf(MjxMjcf):
+class Mjx64Mjcf(InFloat64, MjxMjcf):
     """MJCF that MuJoCo reads, in MJX in float64."""
 
     key = "mjx64_mjcf"
-    unit_roundoff = 2.0**-53

@@ -427,6 +427,10 @@ TURNS = 3
 """Number of coordinates of a ball joint; MuJoCo has a quaternion for them."""
 
 
+NO_URDF = RobotDescription("", GROUND, {}, frozenset(), (), (), ())
+"""Description without what only URDFs have."""
+
+
 class MjcfFile(MujocoFile):
     """MJCF read by `mujoco.MjSpec`, in its own coordinates: quaternions of free and ball joints."""
 
@@ -434,8 +438,8 @@ class MjcfFile(MujocoFile):
     format = "mjcf"
 
     def _described(self) -> RobotDescription:
-        """Return a description without what only URDFs have; `_read` adds the dampers."""
-        return RobotDescription("", GROUND, {}, frozenset(), (), (), ())
+        """Return `NO_URDF`; `_read` adds the dampers."""
+        return NO_URDF
 
     def _read(self, library: Any, description: RobotDescription) -> None:
         self._mj = library
