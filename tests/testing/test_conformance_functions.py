@@ -316,6 +316,9 @@ FAULTS: dict[str, Fault] = {
         FRAMES + " qdot",
         free=True,
     ),
+    "J-angular-rows-of-a-free-base": Fault(
+        "J", after("J", scaled(-3.0, slice(3, 6))), "expected", "frame_placement qdot", free=True
+    ),
     # Center of mass and momentum
     "com-off": Fault("com", unweighted, "expected", CENTER),
     "com-jacobian-sign": Fault(
@@ -359,6 +362,13 @@ FAULTS: dict[str, Fault] = {
     ),
     "momentum-matrix-angular-first": Fault(
         "momentum_matrix", after("momentum_matrix", swapped), FIRST, CENTER
+    ),
+    "momentum-matrix-angular-rows-of-a-free-base": Fault(
+        "momentum_matrix",
+        after("momentum_matrix", scaled(-3.0, slice(3, 6))),
+        "expected",
+        "momentum_rate qdot",
+        free=True,
     ),
     "momentum-without-mass": Fault(
         "momentum",

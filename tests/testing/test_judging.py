@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,13 @@ from eomcheck.claims.finding import VERDICTS
 from eomcheck.claims.registry import Comparison
 from eomcheck.errors import InputError
 from eomcheck.evaluation.tolerance import C
-from eomcheck.testing import FUNCTION_CLAIMS, EquationsOfMotion, check, check_functions
+from eomcheck.testing import (
+    FUNCTION_CLAIMS,
+    EquationsOfMotion,
+    check,
+    check_functions,
+    function_checks,
+)
 from eomcheck.testing.equations_of_motion import FunctionCaller
 from eomcheck.testing.function_checks import (
     check_functions_at,
@@ -266,3 +273,25 @@ def test_claims_at_one_state_are_those_that_are_asked_there():
         found = check_functions_at(functions, state, ids)
         assert [(y.claim, y.verdict) for y in found] == [(ids[0], verdict), (ids[1], "passed")]
         assert all(y.state is not None and y.state.q[0] == x for y in found)
+
+
+# ---- Progress ------------------------------------------------------------------------------------
+
+
+def test_a_check_that_takes_long_shows_how_many_claims_it_has_checked(monkeypatch):
+    bars, counts = [], []
+
+    def bar(label: str, total: float, reached: Any) -> Any:
+        bars.append((label, total, reached))
+        return nullcontext()
+
+    def M(q):
+        counts.append(bars[0][2]() if bars else 0)
+        return np.eye(2)
+
+    monkeypatch.setattr(function_checks, "polled_progress", bar)
+    claims = ["mass-matrix-symmetric", "mass-matrix-positive", "answers-repeat"]
+    check_functions(2, M=M, states=1, claims=claims)
+    ((label, total, reached),) = bars
+    assert (label, total, reached()) == ("checking {claim}", 3, 3)
+    assert {0, 2} <= {*counts} <= {0, 1, 2}, "one by one, that about all calls last"

@@ -42,6 +42,7 @@ from eomcheck.claims.registry import (
     FunctionClaim,
     Skipped,
 )
+from eomcheck.console import polled_progress
 from eomcheck.errors import InputError, safe_repr, whole_number
 from eomcheck.evaluation.tolerance import INCONCLUSIVE, C, allowed_error
 from eomcheck.mechanics.records import State
@@ -238,16 +239,17 @@ def check_equations(
     points = _function_states(caller, drawn, seed, reference)
     if reference is not None:
         claims_motions.check_reference(points)
-    findings = {
-        claim.id: [*worst_findings(claim, points), *undetectable(claim, points[0])]
-        for claim in selected
-        if claim.id not in LAST
-    }
-    if isinstance(wanted, int) and functions.ranges is None:
-        for finding in outside_default_ranges(caller, findings, seed + wanted, reference):
-            findings[finding.claim].append(finding)
-    for id in LAST:
-        findings |= {x.id: [*worst_findings(x, points)] for x in selected if x.id == id}
+    findings: dict[str, list[Finding]] = {}
+    with polled_progress("checking {claim}", len(selected), lambda: len(findings)):
+        for claim in selected:
+            if claim.id not in LAST:
+                blind = undetectable(claim, points[0])
+                findings[claim.id] = [*worst_findings(claim, points), *blind]
+        if isinstance(wanted, int) and functions.ranges is None:
+            for finding in outside_default_ranges(caller, findings, seed + wanted, reference):
+                findings[finding.claim].append(finding)
+        for id in LAST:
+            findings |= {x.id: [*worst_findings(x, points)] for x in selected if x.id == id}
     if FUNCTION_CLAIMS.by_name(selected):
         findings = {x.id: findings[x.id] or [inapplicable(functions, x)] for x in selected}
     ordered = [finding for claim in selected for finding in findings[claim.id]]
