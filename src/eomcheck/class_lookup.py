@@ -70,8 +70,7 @@ def class_named(kind: LookupKind[T], name: object) -> type[T]:
     code = home_of_code(name)
     if code is not None:
         home, of = code
-        module = _in_file(Path(home)) if home.endswith(".py") else _installed(home)
-        return _class_in(module, of, kind, home)
+        return _class_in(module_named(home), of, kind, home)
     if isinstance(name, str) and name.endswith(".py"):
         raise InputError(f"{kind.word} = {name!r}, expected {name}:Class")
     known = announced(kind)
@@ -95,7 +94,7 @@ def object_named(name: str, required: bool = False) -> Any:
     if code is None:
         return None
     home, of = code
-    names = vars(_in_file(Path(home)) if home.endswith(".py") else _installed(home))
+    names = vars(module_named(home))
     if required and of not in names:
         public = [
             key
@@ -113,6 +112,18 @@ def home_of_code(name: object) -> tuple[str, str] | None:
     """
     home, colon, of = name.rpartition(":") if isinstance(name, str) else ("", "", "")
     return (home, of) if colon and home and of.isidentifier() else None
+
+
+def module_named(home: str) -> ModuleType:
+    """Return the module of a file, or the one of this name.
+
+    Args:
+        home: `path/to/file.py` or `package.module`.
+
+    Raises:
+        InputError: no such file or module, or it cannot be run.
+    """
+    return _in_file(Path(home)) if home.endswith(".py") else _installed(home)
 
 
 def location_of(kind: type) -> str:

@@ -46,6 +46,7 @@ COMMANDS = {
     "accuracy": "study accuracy --links 1..2 --examples 2",
     "agreement": "study agreement --links 1..2 --per-size 2",
     "studies": "study --help",
+    "check": "check docs/guides/cart.py --examples 2",
 }
 OTHERS = {"report", "export", "reference", "compare", "fuzz", "badge"}
 """Commands that need files or take long: below; what `reference` prints is a table of

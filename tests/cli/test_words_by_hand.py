@@ -285,7 +285,7 @@ def test_alone_it_greets_with_its_version_and_whole_commands(monkeypatch, capsys
         f"eomcheck {__version__}: are equations of motion right, how accurate are they, what do "
         "they cost?",
         "",
-        "your functions: M, bias and so on   eomcheck.check(...)",
+        "your functions: M, bias and so on   eomcheck check FILE.py",
         "your engine                         eomcheck validate --engine FILE:CLASS",
         "a scene: built-in, yours, a URDF    eomcheck validate --scene SCENE",
         "all at once                         eomcheck validate",

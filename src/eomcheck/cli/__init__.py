@@ -31,8 +31,8 @@ from eomcheck.deprecated import current_options
 from eomcheck.errors import DiedError, EomcheckError, InputError, WorkerError, described_error
 from eomcheck.safe_output import unfailing_output
 
-SUPERVISED = "validate", "fuzz"
-"""Commands that call outside libraries, Pinocchio and CasADi, by default."""
+SUPERVISED = "check", "validate", "fuzz"
+"""Commands that run a user's file, or call outside libraries by default."""
 
 for group in (bench, study, draw):
     app.add_typer(group)

@@ -46,15 +46,15 @@ EXIT_CODES = {
     "libraries differ or one gives no answer (`compare`), a constraint is redundant "
     "(`constraints`), code that is not ours ends its process, or gives no answer when it is called",
     2: "bad input, an import that raises, exits or gives no answer, a missing library, nothing "
-    "decided about any claim (`validate`), library or engine (`compare`, `validate --engine`), or "
-    "results that could not be written",
+    "decided about any claim (`check`, `validate`), library or engine (`compare`, `validate "
+    "--engine`), or results that could not be written",
     130: "interrupted (Ctrl-C, SIGTERM); what was found is kept",
 }
 
 QUESTION = "are equations of motion right, how accurate are they, what do they cost?"
 
 QUICK_START = {
-    "your functions: M, bias and so on": "eomcheck.check(...)",
+    "your functions: M, bias and so on": "eomcheck check FILE.py",
     "your engine": "eomcheck validate --engine FILE:CLASS",
     "a scene: built-in, yours, a URDF": "eomcheck validate --scene SCENE",
     "all at once": "eomcheck validate",

@@ -53,6 +53,76 @@ REGISTRIES = ("formulations", "scenes", "engines", "claims", "quantities")
 """Arguments of `eomcheck list`."""
 
 
+@app.command("check")
+def check_command(
+    file: Annotated[
+        str,
+        typer.Argument(
+            metavar="FILE",
+            help="FILE.py with functions M(q), bias(q, v), and so on, or FILE.py:NAME.",
+        ),
+    ],
+    n: Annotated[
+        int | None,
+        typer.Option(
+            "--n", help="Number of coordinates. [default: n in the file, or found from the results]"
+        ),
+    ] = None,
+    against: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Reference: a scene, robot.urdf, or FILE.py[:NAME]."),
+    ] = None,
+    examples: Annotated[int, typer.Option(help="Number of random states.")] = 20,
+    seed: Seed = 0,
+    claim: Annotated[
+        list[str] | None,
+        keys_option("Claim to check, or several: a,b. [default: all]", more=()),
+    ] = None,
+    json: Json = None,
+    report: Annotated[
+        Path | None, typer.Option(help="Write the HTML page of `eomcheck report` to this file.")
+    ] = None,
+    patience: Patience = PATIENCE,
+) -> None:
+    """Check equations of motion in a Python file: functions, or a SymPy model.
+
+    Exit code 1 if a claim fails; 2 if nothing was decided.
+    """
+    check_count(examples=examples)
+    for path in (json, report):
+        check_writable(path)
+    from eomcheck.console import activity
+    from eomcheck.lab.report.equations_output import (
+        equations_records,
+        print_equations,
+        write_equations,
+    )
+    from eomcheck.testing.equations_of_files import read_equations, reference_named
+    from eomcheck.testing.function_checks import check_equations
+
+    with activity("checking"):
+        read = read_equations(file, n, seed=seed)
+        equations = read.equations
+        reference = None if against is None else reference_named(against, equations.n, seed)
+        findings = check_equations(
+            equations, states=examples, seed=seed, against=reference, claims=claim
+        )
+    if json is not None:
+        write_equations(json, read, findings, examples, seed)
+    print_equations(read, findings, examples, seed, against or "")
+    if json is not None:
+        print(f"written: {json}")
+    with records_to_report(None, report) as kept:
+        if report is not None and kept is not None:
+            for record in equations_records(findings):
+                kept.add(record)
+            _write_page([kept.path], report)
+    if any(finding.verdict == "failed" for finding in findings):
+        raise typer.Exit(1)
+    if not any(finding.verdict == "passed" for finding in findings):
+        raise InputError(f"file = {file!r}: nothing could be decided")
+
+
 @app.command("validate")
 def validate_command(
     scene: Annotated[

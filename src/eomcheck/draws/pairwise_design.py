@@ -131,7 +131,7 @@ def ranges_of(scene: Scene) -> dict[str, Range]:
 
 def link_count(scene: Scene) -> int | None:
     """Return the number of links of a scene, None if its class has no choice of links."""
-    return getattr(scene, LINKS) if scene.has_links else None
+    return getattr(scene, LINKS) if getattr(scene, "has_links", False) else None
 
 
 # ---- Covering array ------------------------------------------------------------------------------

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.class_lookup import object_named
 from eomcheck.engines import Answers, Engine, EngineFault, engine_of, make_engine, represents
 from eomcheck.errors import InputError, required, safe_repr
 from eomcheck.evaluation.evaluation import Evaluation
@@ -392,21 +391,19 @@ def from_lagrange(
 
 
 def as_equations(subject: Any, parameters: Mapping[Any, float] | None = None) -> EquationsOfMotion:
-    """Return the equations of motion of an object, or of the object that a name stands for.
+    """Return the equations of motion of an object.
 
     Args:
-        subject: `EquationsOfMotion`, a SymPy `KanesMethod` or `LagrangesMethod`, or the name
-            "FILE.py:NAME" or "package.module:NAME" of one.
+        subject: `EquationsOfMotion`, or a SymPy `KanesMethod` or `LagrangesMethod`.
         parameters: symbol -> number, for a SymPy model.
 
     Raises:
         InputError: it is none of these, with the call that checks it; or see `from_kane` and
             `from_lagrange`.
     """
-    held = object_named(subject, required=True) if isinstance(subject, str) else subject
-    equations = equations_held_by(held, parameters)
+    equations = equations_held_by(subject, parameters)
     if equations is None:
-        raise InputError(f"subject = {safe_repr(subject)}, {_sort_and_call(held)}")
+        raise InputError(f"subject = {safe_repr(subject)}, {sort_and_call(subject)}")
     return equations
 
 
@@ -416,14 +413,49 @@ def equations_held_by(
     """Return the equations of motion of an object, see `as_equations`; None if it holds none."""
     if isinstance(subject, EquationsOfMotion):
         return subject
+    convert = _converter(subject)
+    return None if convert is None else convert(subject, parameters)
+
+
+def _converter(subject: Any) -> Callable[..., EquationsOfMotion] | None:
+    """Return `from_kane` or `from_lagrange` for a SymPy model, None for another object."""
     convert = {"KanesMethod": from_kane, "LagrangesMethod": from_lagrange}
     for kind in type(subject).__mro__:
-        if kind.__module__.startswith("sympy.") and kind.__name__ in convert:
-            return convert[kind.__name__](subject, parameters)
+        # A function of time of SymPy has no module.
+        if f"{kind.__module__}".startswith("sympy.") and kind.__name__ in convert:
+            return convert[kind.__name__]
     return None
 
 
-def _sort_and_call(subject: Any) -> str:
+def is_sympy_model(subject: Any) -> bool:
+    """Return whether an object is a SymPy `KanesMethod` or `LagrangesMethod`."""
+    return _converter(subject) is not None
+
+
+def drawn_parameters(model: Any, seed: int = 0) -> dict[Any, float]:
+    """Return a random number in [0.5, 2] for each symbol that a SymPy model leaves open.
+
+    Args:
+        model: a `KanesMethod` or `LagrangesMethod` whose equations are formed.
+        seed: seed of the numbers.
+    """
+    mechanics = required("sympy.physics.mechanics", "sympy")
+    kane = isinstance(model, mechanics.KanesMethod)
+    try:
+        formed = [model.mass_matrix_full, model.forcing_full, *([model._fr] if kane else [])]
+    except (AttributeError, TypeError, ValueError):
+        return {}  # its converter says that the equations are not formed
+    t = mechanics.dynamicsymbols._t
+    own = {*model.q, *(model.u if kane else ())}
+    rates = {x.diff(t, order) for x in own for order in (1, 2)}
+    multipliers = set() if kane else {*model.lam_vec}
+    symbols = _symbols(formed) - own - rates - multipliers
+    ordered = sorted(symbols, key=str)
+    numbers = np.random.default_rng(seed).uniform(0.5, 2.0, len(ordered))
+    return {symbol: float(f"{x:.4g}") for symbol, x in zip(ordered, numbers, strict=True)}
+
+
+def sort_and_call(subject: Any) -> str:
     """Return the sort of an object that holds no equations, and the call that checks it."""
     kind = subject if isinstance(subject, type) else type(subject)
     if issubclass(kind, Scene) and kind is subject:
@@ -438,5 +470,5 @@ def _sort_and_call(subject: Any) -> str:
         return "a single function: call eomcheck.testing.check_functions(n, M=...), or bias=..."
     return (
         "expected EquationsOfMotion, a KanesMethod or LagrangesMethod of SymPy, or the name "
-        "FILE.py:NAME of one"
+        "FILE.py or FILE.py:NAME of a file with one or with functions"
     )

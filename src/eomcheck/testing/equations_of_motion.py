@@ -569,6 +569,7 @@ class FunctionCaller:
             text = described_error(error)
             # PyTorch's error for an array of NumPy names its Tensor.
             hint = "; say array=torch.as_tensor" if make is None and "Tensor" in text else ""
+            hint = hint or _call_hint(name, function, self.reads(name), error)
             raise BrokenError(name, text + hint) from error
         finally:
             written = any(handed[x].tobytes() != y.tobytes() for x, y in given.items())
@@ -634,17 +635,49 @@ class FunctionCaller:
         if array.shape == self._shapes.get(name):
             return array
         symbols = [x for x in INPUTS[name].shape if x != "f"]
+        wide = self._is_transposed(symbols, array)
         for x in {"r", "k"} & {*symbols} - {*self.sizes}:
             if array.ndim > symbols.index(x):
-                self.sizes[x] = array.shape[symbols.index(x)]
+                self.sizes[x] = array.shape[:: -1 if wide else 1][symbols.index(x)]
         shape = tuple(int(x) if x.isdigit() else self.sizes.get(x, 1) for x in symbols)
         # A column, or a number in an array, as lambdified SymPy returns.
         if len(shape) < 2 and array.shape in ((*shape, 1), (1, 1)) and array.size == np.prod(shape):
             return array.reshape(shape)
         if array.shape != shape:
-            raise BrokenError(name, f"answers an array of shape {array.shape}, expected {shape}")
+            hint = ": transposed?" if wide and array.shape[::-1] == shape else ""
+            if array.shape == (1, *shape):
+                hint = ": functions are called with one state at a time"
+            text = f"answers an array of shape {array.shape}, expected {shape}{hint}"
+            raise BrokenError(name, text)
         self._shapes[name] = shape
         return array
+
+    def _is_transposed(self, symbols: Sequence[str], array: Array) -> bool:
+        """Return whether only the transposed matrix has the number of columns it should have."""
+        if len(symbols) != 2 or array.ndim != 2 or symbols[1] not in self.sizes:
+            return False
+        return array.shape[1] != self.sizes[symbols[1]] == array.shape[0]
+
+
+def _call_hint(name: str, function: Any, reads: str, error: Exception) -> str:
+    """Return how a function is to be called, after an error of its call; "" for other errors."""
+    if isinstance(error, IndexError) and "too many indices" in str(error):
+        return "; functions are called with one state at a time, each argument of one dimension"
+    call_failed = "positional" in str(error) and isinstance(error, TypeError)
+    count, arguments = _argument_count(function), ", ".join(argument_names(reads))
+    if not call_failed or count == len(reads):
+        return ""
+    call_text = f"; it is called as {name}({arguments})"
+    if count < len(reads):
+        return call_text
+    takes = ", ".join(list(signature(function).parameters)[:count])
+    return f"{call_text}: write {name} = lambda {arguments}: {name}({takes})"
+
+
+def argument_names(reads: str) -> list[str]:
+    """Return the names of arguments that are given by one letter each, see `Input`."""
+    words = {"q": "q", "v": "v", "t": "t", "a": "vdot", "f": "tau"}
+    return [words[letter] for letter in reads]
 
 
 def _bytes(arrays: dict[str, Any]) -> list[bytes]:

@@ -53,6 +53,7 @@ from eomcheck.safe_output import counted
 from eomcheck.testing import claims_answers, claims_terms  # isort: skip
 from eomcheck.testing import claims_motions, claims_derivatives, claims_kinematics  # isort: skip
 from eomcheck.testing.converters import as_equations, reference_functions
+from eomcheck.testing.equations_of_files import read_equations
 from eomcheck.testing.equations_of_motion import (
     INPUTS,
     BrokenError,
@@ -167,7 +168,8 @@ def check(
 
     Args:
         subject: `EquationsOfMotion`; a SymPy `KanesMethod` or `LagrangesMethod`; or the name
-            "FILE.py:NAME" or "package.module:NAME" of such an object.
+            "FILE.py", "FILE.py:NAME" or "package.module:NAME" of a file with such an object or with
+            functions, see `eomcheck.testing.equations_of_files.read_equations`.
         state: none; in 0.2 this function checked one state (q, v, t) of a scene, which is
             `eomcheck.check_state` now, and still does so, with a warning.
         parameters: symbol -> number, for a SymPy model.
@@ -200,7 +202,10 @@ def check(
     if state or older:
         more = ", ".join([*map(safe_repr, state), *older])
         raise InputError(f"arguments {more}: of a scene alone, not of equations of motion")
-    functions = as_equations(subject, parameters)
+    if isinstance(subject, str):
+        functions = read_equations(subject, None, parameters, seed).equations
+    else:
+        functions = as_equations(subject, parameters)
     return check_equations(
         functions, states=states, seed=seed, against=against, claims=claims, holonomic=holonomic
     )
@@ -253,7 +258,25 @@ def check_equations(
     if FUNCTION_CLAIMS.by_name(selected):
         findings = {x.id: findings[x.id] or [inapplicable(functions, x)] for x in selected}
     ordered = [finding for claim in selected for finding in findings[claim.id]]
-    return localize_faults(functions, ordered, points)
+    located = localize_faults(functions, ordered, points)
+    return [_name_exchanged_arguments(functions, finding, seed) for finding in located]
+
+
+def _name_exchanged_arguments(functions: EquationsOfMotion, finding: Finding, seed: int) -> Finding:
+    """Return a failure that vanishes where a function gets v for q and q for v, with this said."""
+    if finding.verdict != "failed" or finding.follows or functions.n != functions.p:
+        return finding
+    for name in finding.cause.split(" or "):
+        function = functions.function(name)
+        if not callable(function) or not INPUTS[name].reads.startswith("qv"):
+            continue
+        swapped: Function = lambda q, v, *more, f=function: f(v, q, *more)  # noqa: E731
+        other = replace(functions, **{name: swapped})
+        assert finding.state is not None
+        again = check_functions_at(other, finding.state, [finding.claim], seed)
+        if again and all(one.verdict == "passed" for one in again):
+            return finding.because(f"q and v changed places? {name}(v, q) passes")
+    return finding
 
 
 def _function_states(

@@ -1,0 +1,302 @@
+"""Equations of motion in a user's Python file: functions by name, `EquationsOfMotion`, or SymPy's.
+
+A file is read as a namespace: functions that have the names of `EquationsOfMotion` are its inputs,
+`n`, `ranges` and other options are read beside them. Without `n` the number of coordinates is the
+one with which the shapes of all results agree. A SymPy model takes its numbers from the dict
+`numbers` of the file; otherwise they are drawn.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from eomcheck.calls import call
+from eomcheck.class_lookup import class_named, home_of_code, module_named, object_named
+from eomcheck.engines import Engine
+from eomcheck.errors import CallError, InputError, described_error, did_you_mean, safe_repr
+from eomcheck.mechanics.scene import Scene
+from eomcheck.scene_lookup import SCENE, scene_named
+from eomcheck.testing.converters import (
+    drawn_parameters,
+    equations_held_by,
+    is_sympy_model,
+    sort_and_call,
+)
+from eomcheck.testing.equations_of_motion import (
+    INPUTS,
+    BrokenError,
+    EquationsOfMotion,
+    FunctionCaller,
+    argument_names,
+    equations_from,
+)
+
+NUMBERS = "numbers"
+"""Name of the dict, symbol -> number, of a file with a SymPy model."""
+
+FILE_OPTIONS = ("ranges", "bias_has_gravity", "speeds", "holonomic", "coriolis_skew")
+"""Arguments of `EquationsOfMotion` that are no functions and are read from a file."""
+
+MOST_TRIED = 100
+"""Largest number of coordinates that is tried."""
+
+SIZED = ("M", "C", "gravity", "bias", "qdd", "Q", "tau_q", "inverse_mass_matrix")
+"""Functions whose shape shows the number of coordinates."""
+
+
+class FileEquations(NamedTuple):
+    """Equations of motion of a file.
+
+    Attributes:
+        equations: the equations.
+        notes: sentences on how they were read: drawn numbers, the n that was found, objects that
+            have the name of a function and are none.
+    """
+
+    equations: EquationsOfMotion
+    notes: tuple[str, ...]
+
+
+def read_equations(
+    name: str,
+    n: int | None = None,
+    parameters: Mapping[Any, float] | None = None,
+    seed: int = 0,
+) -> FileEquations:
+    """Return the equations of motion of a Python file.
+
+    Args:
+        name: "FILE.py", "FILE.py:NAME" or "package.module:NAME". NAME may be `EquationsOfMotion`, a
+            SymPy `KanesMethod` or `LagrangesMethod`, or a dict, class or object that holds
+            functions; without NAME it is the only such object of the file, or else its functions.
+        n: number of coordinates of functions; by default the `n` beside them, or found.
+        parameters: symbol -> number, for a SymPy model; by default the dict `numbers` of the file.
+        seed: seed of the numbers of a SymPy model, where the file gives none.
+
+    Raises:
+        InputError: no such file or object, or it holds no equations of motion; n cannot be found.
+    """
+    home, of = (name, "") if name.endswith(".py") else home_of_code(name) or ("", "")
+    if not home:
+        raise InputError(f"file = {name!r}, expected FILE.py or FILE.py:NAME{_scene_hint(name)}")
+    module = module_named(home)
+    holder = object_named(name, required=True) if of else _only_model(module, home)
+    if isinstance(holder, EquationsOfMotion) or is_sympy_model(holder):
+        return _read_model(holder, module, n, parameters, seed)
+    if isinstance(holder, Scene | Engine) or (
+        isinstance(holder, type) and issubclass(holder, Scene | Engine)
+    ):
+        raise InputError(f"file = {name!r}, {sort_and_call(holder)}")
+    if isinstance(holder, type):
+        holder = _instance(holder, name)
+    title = of or home.rpartition("/")[2].removesuffix(".py")
+    return _read_functions(holder, name, title, n)
+
+
+def reference_named(name: str, n: int, seed: int = 0) -> Scene | EquationsOfMotion:
+    """Return the reference that equations are compared with: of a file, or a scene of any name.
+
+    Args:
+        name: as for `read_equations`; or a scene, see `eomcheck.scene_lookup.scene_named`.
+        n: number of coordinates of functions, where their file has no `n`.
+        seed: see `read_equations`.
+
+    Raises:
+        InputError: see `read_equations` and `scene_named`.
+        UnknownNameError: no scene has this name.
+    """
+    if not name.endswith(".py") and home_of_code(name) is None:
+        return scene_named(name)
+    held = None if name.endswith(".py") else object_named(name, required=True)
+    if isinstance(held, Scene):
+        return held
+    if isinstance(held, type) and issubclass(held, Scene):
+        return class_named(SCENE, name).example()
+    return read_equations(name, n, seed=seed).equations
+
+
+def _scene_hint(name: str) -> str:
+    """Return the command that checks a scene of this name."""
+    return f"; a scene is checked by `eomcheck validate --scene {name}`"
+
+
+def _only_model(module: ModuleType, home: str) -> Any:
+    """Return the only `EquationsOfMotion` or SymPy model of a module, or else the module itself."""
+    models = {
+        name: value
+        for name, value in vars(module).items()
+        if isinstance(value, EquationsOfMotion) or is_sympy_model(value)
+    }
+    if len({id(value) for value in models.values()}) > 1:
+        raise InputError(f"{home!r} has several: expected one of {', '.join(models)} after a colon")
+    return next(iter(models.values()), module)
+
+
+def _read_model(
+    held: Any,
+    module: ModuleType,
+    n: int | None,
+    parameters: Mapping[Any, float] | None,
+    seed: int,
+) -> FileEquations:
+    """Return the equations of `EquationsOfMotion` or of a SymPy model, with its numbers."""
+    if isinstance(held, EquationsOfMotion):
+        if n is not None and n != held.n:
+            raise InputError(f"n = {n}, but the equations have n = {held.n}")
+        return FileEquations(held, ())
+    if n is not None:
+        raise InputError(f"n = {n}: a SymPy model has its own number of coordinates")
+    notes: tuple[str, ...] = ()
+    if parameters is None:
+        parameters = vars(module).get(NUMBERS)
+    if parameters is None:
+        parameters = drawn_parameters(held, seed)
+        values = ", ".join(f"{symbol} = {value:.4g}" for symbol, value in parameters.items())
+        notes = (f"drawn with seed {seed}, as the file has no dict `{NUMBERS}`: {values}",)
+    equations = equations_held_by(held, parameters)
+    assert equations is not None
+    return FileEquations(equations, notes if parameters else ())
+
+
+def _instance(kind: type, name: str) -> Any:
+    """Return an instance of a user's class, made without arguments."""
+    try:
+        return call(f"{name}()", kind)
+    except CallError as error:
+        raise InputError(f"{name}() {error.what}") from error
+    except Exception as error:
+        raise InputError(f"{name}() raised {described_error(error)}") from error
+
+
+# ---- Functions of a namespace --------------------------------------------------------------------
+
+
+def _read_functions(holder: Any, name: str, title: str, n: int | None) -> FileEquations:
+    """Return the equations of the functions that a module, dict or object holds."""
+    names = holder if isinstance(holder, Mapping) else _Attributes(holder)
+    functions, other = {}, []
+    for key in INPUTS:
+        if key not in names:
+            continue
+        value = names[key]
+        if imported := _imported_as(key, value):
+            other.append(f"{key}, which is {imported}")
+        elif _is_function(value):
+            functions[key] = value
+        else:
+            other.append(f"{key} = {safe_repr(value)}")
+    if not functions:
+        raise InputError(_no_function(holder, name, other))
+    options = {key: names[key] for key in FILE_OPTIONS if key in names}
+    notes = []
+    if n is None and "n" in names and isinstance(names["n"], int | np.integer):
+        n = int(names["n"])
+    if n is None:
+        n, source = found_coordinates(functions)
+        notes.append(f"n = {n} coordinates, as {source} shows")
+    if other:
+        notes.append(f"not read: {', '.join(other)}")
+    read = {key: value for key, value in options.items() if value is not None}
+    return FileEquations(equations_from(n, {**functions, **read, "name": title}), tuple(notes))
+
+
+class _Attributes:
+    """Attributes of an object by name, as a dict would hold them."""
+
+    def __init__(self, holder: Any):
+        self._holder = holder
+
+    def __contains__(self, name: str) -> bool:
+        return hasattr(self._holder, name)
+
+    def __getitem__(self, name: str) -> Any:
+        return getattr(self._holder, name)
+
+
+def _is_function(value: Any) -> bool:
+    """Return whether a value is a function, or a dict of functions of frames; no class is."""
+    if isinstance(value, Mapping):
+        return bool(value) and all(map(_is_function, value.values()))
+    return callable(value) and not isinstance(value, type)
+
+
+def _imported_as(name: str, value: Any) -> str:
+    """Return where a function comes from that was imported under another name; "" otherwise.
+
+    A short name such as `b` may stand for anything, `from model import bias as b`.
+    """
+    home, own = getattr(value, "__module__", None), getattr(value, "__name__", name)
+    if own != name and getattr(sys.modules.get(home or ""), own, None) is value:
+        return f"{home}.{own}"
+    return ""
+
+
+def _no_function(holder: Any, name: str, other: list[str]) -> str:
+    """Return the sentence that a namespace has no function that is checked."""
+    public = [
+        key
+        for key, value in (holder if isinstance(holder, Mapping) else vars(holder)).items()
+        if not key.startswith("_") and _is_function(value)
+    ]
+    more = f"; it has {', '.join(other)}" if other else ""
+    for key, symbol in INPUTS.items():
+        if hint := did_you_mean(symbol.what.replace(" ", "_"), public):
+            more += f"; a {symbol.what} is called {key}{hint}"
+            break
+    shown = ", ".join(
+        f"{key}({', '.join(argument_names(INPUTS[key].reads))})" for key in list(INPUTS)[:5]
+    )
+    return f"{name!r} has none of the functions that are checked, such as {shown}{more}"
+
+
+def found_coordinates(functions: Mapping[str, Any]) -> tuple[int, str]:
+    """Return the number of coordinates with which the results have their shapes.
+
+    Each function is called with 1, 2, ... coordinates until one number fits all of them.
+
+    Args:
+        functions: name -> function.
+
+    Returns:
+        The number, and the name of the function that decides.
+
+    Raises:
+        InputError: no number up to `MOST_TRIED` fits, or several do.
+    """
+    if "qdot" in functions:
+        raise InputError("n is not given, expected `n = ...`: with qdot no shape shows it")
+    sized = [name for name in SIZED if name in functions]
+    if not sized:
+        names = ", ".join(functions)
+        raise InputError(f"n is not given, expected `n = ...`: no shape of {names} shows it")
+    error = ""
+    for name in sized:
+        fitting = []
+        for n in range(1, MOST_TRIED + 1):
+            why = _misfit(name, functions[name], n)
+            error = error or (why if n == MOST_TRIED else "")
+            if not why:
+                fitting.append(n)
+            if len(fitting) > 1:
+                break
+        if len(fitting) == 1:
+            return fitting[0], name
+        if fitting:
+            error = f"{name} has a result for {fitting[0]} and for {fitting[1]} coordinates"
+    raise InputError(f"n cannot be found, expected `n = ...`: {error}")
+
+
+def _misfit(name: str, function: Any, n: int) -> str:
+    """Return why a function has no result of its shape for n coordinates; "" if it has."""
+    caller, at = FunctionCaller(EquationsOfMotion(n, **{name: function})), np.full(n, 0.25)
+    try:
+        with np.errstate(all="ignore"):
+            caller(name, at, at)
+    except BrokenError as broken:
+        return f"{name}, called with {n} coordinates: {broken.why}"
+    return ""
