@@ -335,9 +335,10 @@ def test_commands_that_run_only_our_code_start_no_process(monkeypatch, capsys):
         ["constraints", "--scene", "nowhere.py:A"],
         ["validate", "--examples", "0"],
         ["fuzz", "--examples", "0"],
+        ["check", "model.py"],
     ):
         monkeypatch.setattr(sys, "argv", ["eomcheck", *words])
         with pytest.raises(SystemExit) as end:
             cli.main()
         codes.append(end.value.code)
-    assert codes == [0, 0, 77, 77, 77]
+    assert codes == [0, 0, 77, 77, 77, 77]

@@ -104,7 +104,7 @@ def test_a_placement_is_a_pair_or_a_matrix(placement: Any):
         ({"frame_placement": lambda q: None}, "answers None, expected an array of numbers"),
         (
             {"J": {"tool": lambda q: np.zeros((3, 6))}},
-            "of frame tool: answers an array of shape (3, 6), expected (6, 3)",
+            "of frame tool: answers an array of shape (3, 6), expected (6, 3): transposed?",
         ),
         ({"com": lambda q: np.zeros(2)}, "answers an array of shape (2,), expected (3,)"),
         (
