@@ -233,6 +233,7 @@ ABOUT: dict[str, dict[str, tuple[Part, ...]]] = {
             # Some parameters are 0; the origin of the first link is at rest.
             Part("regressor", "Y", ((0, 10), (1, 11), (2, 21), (2, 29)), relative=True),
             Part("regressor", "parameters", ((1,), (9,), (10,), (11,)), relative=True),
+            Part("inverse_dynamics", relative=True),
         ),
         "bricard": (Part("regressor", "Y", ((0, 12), (0, 20), (1, 23)), relative=True),),
     },

@@ -40,6 +40,7 @@ from eomcheck.lab.studies.robots import ROBOTS, WALKING, robot_path
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.ball import Balls, ball, precision
+from eomcheck.numbers.counting import Counting
 from eomcheck.numbers.generic import Array
 from eomcheck.scenes import SCENES, ChainPendulum, Sleigh, Snake, from_urdf
 
@@ -248,6 +249,22 @@ def test_trees_are_read_once_per_scene_and_equal_ones_have_the_same_functions(
     assert tree_model(one) is model and same is not model
     for name in MAKERS:
         assert same.function(name) is model.function(name) is not more.function(name)
+
+
+def test_inverse_dynamics_take_operations_in_proportion_to_the_links():
+    def operations(links: int) -> int:
+        counting = Counting()
+        at = Quantities(ChainPendulum.rods(links), counting, counting.vector(links), 0.0)
+        at.v = counting.vector(links)
+        point = ConformancePoint(at, counting.vector(links))
+        arguments = point._numbers, point._prepared, at.v, point.vdot
+        before = counting.tally.multiplications
+        point.model.function("inverse_dynamics")(*arguments)
+        return counting.tally.multiplications - before
+
+    few, more, many = map(operations, (8, 16, 32))
+    assert 0 < few < more
+    assert many - more == 2 * (more - few)
 
 
 # ---- Scalar types --------------------------------------------------------------------------------

@@ -195,13 +195,19 @@ def coriolis_matrix(at: Quantities, context: EvaluationContext) -> Iterator[Comp
     yield Comparison("Ṁ", C + C.T, Mdot, (names, names), size, may_vanish=True)
 
 
-@tree_claim("regressor-identity", "Y π = M v̇ + B + ∂U/∂q", "", "regressor")
+@tree_claim("regressor-identity", "Y π = τ = M v̇ + B + ∂U/∂q", "", "regressor")
 def regressor(at: Quantities, context: EvaluationContext) -> Iterator[Comparison]:
-    """The regressor times the bodies' parameters is inverse dynamics under weight alone."""
+    """The regressor times the bodies' parameters is inverse dynamics under weight alone.
+
+    So is τ by the recursion of Newton and Euler, by which derivatives are formed.
+    """
     point = _point(at, context)
     if point is None or (context.exact and not point.has_own_numbers):
         return
     Y, parameters, rotors = point.regressor
     torques = Y @ parameters + rotors
     expected = point.inertia_force + point.weight.gradient
-    yield Comparison("Y π", torques, expected, (at.scene.coordinate_names,), may_vanish=True)
+    names = (at.scene.coordinate_names,)
+    yield Comparison("Y π", torques, expected, names, may_vanish=True)
+    recursive = point.result("inverse_dynamics")
+    yield Comparison("τ", recursive, expected, names, may_vanish=True)

@@ -415,24 +415,17 @@ def terms_of_bodies(plan, parameters, frames, rates, dtype):
         mass = parameters.mass[b]
         inertia = inertia_along_ground(parameters.inertia[b], frames[k].axes, plan)
         heavy[k] = shifted_body(CompositeBody(mass, ZERO_VECTOR, inertia), arm)
-        force[k] = scale_vector(
-            mass, add_vectors(rates[k].acceleration, relative_acceleration(rates[k], arm))
-        )
-        moment[k] = add_vectors(euler_moment(inertia, rates[k]), cross(arm, force[k]))
+        force[k], moment[k] = net_force(mass, inertia, arm, rates[k])
     M, B = np.zeros((plan.n, plan.n), dtype), np.zeros(plan.n, dtype)
     for k in reversed(range(len(frames))):
         slot, frame = plan.joints[k], frames[k]
         if (own := heavy[k]) is not None:
             add_rows(plan, frames, k, own, M)
-            work = dot(frame.axis, force[k] if slot.slides else moment[k])
-            B[slot.coordinate] = plus(work, B[slot.coordinate])
+            put_work(plan, frames, k, force, moment, B)
         if own is not None and slot.parent >= 0:
             carried = as_point_mass(own) if slot.absolute else own
             heavy[slot.parent] = combined_body(heavy[slot.parent], shifted_body(carried, frame.arm))
-            handed = ZERO_VECTOR if slot.absolute else moment[k]
-            handed = add_vectors(handed, cross(frame.arm, force[k]))
-            force[slot.parent] = add_vectors(force[slot.parent], force[k])
-            moment[slot.parent] = add_vectors(moment[slot.parent], handed)
+            hand_on(plan, frames, k, force, moment)
     for b, k in enumerate(plan.rotors, len(plan.carriers)):
         i, last = plan.joints[k].coordinate, plan.e - 1
         grows = factor(plan.joints[k], parameters)
@@ -440,8 +433,50 @@ def terms_of_bodies(plan, parameters, frames, rates, dtype):
     return M, B
 
 
+def net_force(
+    mass: Any, inertia: Symmetric, arm: Vector, rates: Any, weight: Vector = ZERO_VECTOR
+) -> tuple[Vector, Vector]:
+    """Return force, and moment about its joint's origin, that give a body its motion under weight.
+
+    Args:
+        mass: its mass.
+        inertia: its central inertia along the axes of the ground.
+        arm: its centre of mass, from the origin of its scalar joint.
+        rates: motion of its frame: ω, ω̇ and acceleration of the origin, as `FrameRates`.
+        weight: acceleration of gravity.
+    """
+    acceleration = add_vectors(rates.acceleration, relative_acceleration(rates, arm))
+    force = scale_vector(mass, subtract_vectors(acceleration, weight))
+    return force, add_vectors(euler_moment(inertia, rates), cross(arm, force))
+
+
+def put_work(
+    plan: TopologyPlan,
+    frames: list[Frame],
+    k: int,
+    force: list[Vector],
+    moment: list[Vector],
+    forces: Any,
+) -> None:
+    """Add the work of force and moment on scalar joint k, per rate of its coordinate, to (n,)."""
+    slot = plan.joints[k]
+    work = dot(frames[k].axis, force[k] if slot.slides else moment[k])
+    forces[slot.coordinate] = plus(work, forces[slot.coordinate])
+
+
+def hand_on(
+    plan: TopologyPlan, frames: list[Frame], k: int, force: list[Vector], moment: list[Vector]
+) -> None:
+    """Add force and moment on scalar joint k to those on its parent."""
+    slot = plan.joints[k]
+    handed = ZERO_VECTOR if slot.absolute else moment[k]
+    handed = add_vectors(handed, cross(frames[k].arm, force[k]))
+    force[slot.parent] = add_vectors(force[slot.parent], force[k])
+    moment[slot.parent] = add_vectors(moment[slot.parent], handed)
+
+
 def euler_moment(inertia: Symmetric, rates: FrameRates) -> Vector:
-    """Return the moment I ω̇ + ω × I ω at v̇ = 0."""
+    """Return the moment I ω̇ + ω × I ω."""
     return add_vectors(
         inertia_times(inertia, rates.alpha), cross(rates.omega, inertia_times(inertia, rates.omega))
     )

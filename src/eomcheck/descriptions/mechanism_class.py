@@ -206,14 +206,15 @@ def tree_by(plan: TopologyPlan, numbers: Any) -> Tree:
     offset, center, inertia = (np.zeros((joints, *shape), kind) for shape in ((3,), (3,), (3, 3)))
     mass, shift, armature = np.zeros((3, joints), kind)
     coordinates = np.zeros((joints, plan.n), kind)
+    turned = np.zeros((joints + 1, plan.n), kind)  # by it and all joints before; the last by none
     for k, slot in enumerate(slots):
         coordinates[k, slot.coordinate] = slot.sense
         if slot.absolute:  # relative coordinate: the absolute one less all earlier rotations
-            for before in plan.path_to(slot.parent):
-                coordinates[k] -= coordinates[before] if not slots[before].slides else 0
+            coordinates[k] -= turned[slot.parent]
         if slot.mimics is not None:
             coordinates[k] *= numbers.ratio[slot.mimics]
             shift[k] = slot.sense * numbers.shift[slot.mimics]
+        turned[k] = turned[slot.parent] + (0 if slot.slides else coordinates[k])
         if slot.orientation is not None:
             rotation[k] = _zero_where_absent(numbers.rotation[slot.orientation])
         if slot.offset is not None:

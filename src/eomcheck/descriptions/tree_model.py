@@ -23,6 +23,7 @@ from eomcheck.descriptions.tree_quantities import (
     LinkNumbers,
     make_center_of_mass,
     make_coriolis_matrix,
+    make_inverse_dynamics,
     make_link_motions,
     make_momentum,
     make_regressor,
@@ -89,8 +90,8 @@ class TreeModel:
         of links (`LinkNumbers`).
 
         Args:
-            name: "center_of_mass", "momentum", "weight", "link_motions", "coriolis_matrix" or
-                "regressor".
+            name: "center_of_mass", "momentum", "weight", "link_motions", "coriolis_matrix",
+                "inverse_dynamics" or "regressor".
         """
         carriers = {k: b for b, k in enumerate(self.plan.carriers)}
         bodies = tuple(carriers[self.joints[place]] for place in self.body_links)
@@ -104,6 +105,7 @@ MAKERS: dict[str, Callable[..., Callable[..., Any]]] = {
     "weight": make_weight,
     "link_motions": make_link_motions,
     "coriolis_matrix": make_coriolis_matrix,
+    "inverse_dynamics": make_inverse_dynamics,
     "regressor": make_regressor,
 }
 

@@ -2,8 +2,9 @@
 
 They are functions of a plan's numbers (`TopologyPlan`), generic like those of a scene, along the
 axes of the ground. Columns of a Jacobian exist only for joints on the path to a body, so that no
-function takes more than O(n depth). A link has a frame that is fixed to a scalar joint
-(`LinkNumbers`); rotors are inertia along a coordinate and no bodies: they have no momentum here.
+function takes more than O(n depth); inverse dynamics take O(n), and their derivatives O(n²). A link
+has a frame that is fixed to a scalar joint (`LinkNumbers`); rotors are inertia along a coordinate
+and no bodies: they have no momentum here.
 
 Sources: Featherstone, Rigid Body Dynamics Algorithms (2008), Chapter 5; Orin, Goswami and Lee,
 Autonomous Robots 35 (2013), on the momentum matrix; Echeandia and Wensing, IEEE Robotics and
@@ -27,10 +28,13 @@ from eomcheck.descriptions.first_derivation import (
     combined_body,
     factor,
     frame_rates,
+    hand_on,
     inertia_along_ground,
     inertia_times,
     joint_frames,
+    net_force,
     point_columns,
+    put_work,
     shifted_body,
     turning_columns,
 )
@@ -543,6 +547,44 @@ def make_coriolis_matrix(plan: TopologyPlan) -> Callable[..., Array]:
     return coriolis_matrix
 
 
+# ---- Inverse dynamics ----------------------------------------------------------------------------
+
+
+def make_inverse_dynamics(plan: TopologyPlan) -> Callable[..., Array]:
+    """Return the function (parameters, prepared, v, v̇) -> M v̇ + B + ∂U/∂q (n,), of O(n).
+
+    It is the recursion of Newton and Euler, from tip to ground; U is the weight.
+    """
+
+    def inverse_dynamics(parameters, prepared, v, vdot):
+        frames = joint_frames(plan, parameters, prepared)
+        motions = frame_motions(plan, parameters, frames, v, vdot)
+        weight = ZERO_VECTOR if parameters.gravity is None else as_vector(parameters.gravity)
+        force, moment = [ZERO_VECTOR] * len(frames), [ZERO_VECTOR] * len(frames)
+        for b, (arm, _) in enumerate(centers(plan, parameters, frames)):
+            k = plan.carriers[b]
+            inertia = inertia_along_ground(parameters.inertia[b], frames[k].axes, plan)
+            force[k], moment[k] = net_force(parameters.mass[b], inertia, arm, motions[k], weight)
+        torques = rotor_torques(plan, parameters, vdot)
+        for k in reversed(range(len(frames))):
+            put_work(plan, frames, k, force, moment, torques)
+            if plan.joints[k].parent >= 0:
+                hand_on(plan, frames, k, force, moment)
+        return torques
+
+    return inverse_dynamics
+
+
+def rotor_torques(plan: TopologyPlan, parameters: Any, vdot: Array) -> Array:
+    """Return the torques that accelerate the rotors (n,)."""
+    torques = np.zeros(plan.n, vdot.dtype)
+    for b, k in enumerate(plan.rotors, len(plan.carriers)):
+        j, grows = plan.joints[k].coordinate, factor(plan.joints[k], parameters)
+        inertia = times(grows, times(grows, parameters.inertia[b, -1, -1]))
+        torques[j] = plus(times(inertia, vdot[j]), torques[j])
+    return torques
+
+
 # ---- Regressor -----------------------------------------------------------------------------------
 
 PRODUCTS_OF_INERTIA = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
@@ -616,12 +658,7 @@ def make_regressor(plan: TopologyPlan, bodies: tuple[int, ...]) -> Callable[...,
                 screw = Screw(linear.get(j, ZERO_VECTOR), angular.get(j, ZERO_VECTOR))
                 for i, wrench in enumerate(wrenches):
                     put(Y, (j, PER_BODY * place + i), _power(screw, wrench))
-        rotors = np.zeros(plan.n, v.dtype)
-        for b, k in enumerate(plan.rotors, len(plan.carriers)):
-            j, grows = plan.joints[k].coordinate, factor(plan.joints[k], parameters)
-            own_inertia = times(grows, times(grows, parameters.inertia[b, -1, -1]))
-            rotors[j] = plus(times(own_inertia, vdot[j]), rotors[j])
-        return Regressor(Y, own, rotors)
+        return Regressor(Y, own, rotor_torques(plan, parameters, vdot))
 
     return regressor
 

@@ -39,6 +39,7 @@ from eomcheck.descriptions.tree_quantities import (
 from eomcheck.errors import InputError, RefusedError, registered
 from eomcheck.evaluation.derivatives import (
     Direction,
+    constraint_rates_along,
     derivative_arrays,
     for_each_direction,
     inverse_arrays,
@@ -159,8 +160,8 @@ class ConformancePoint:
         if self.model.tree is None:
             return record
         T, _ = self._coordinates
-        if not isinstance(record, tuple):
-            return T.T @ record @ T
+        if not isinstance(record, tuple):  # a matrix (n, n) or forces (n,)
+            return T.T @ (record @ T if record.ndim == 2 else record)
         parts: dict[str, Any] = {}
         for name, part in record._asdict().items():  # type: ignore[attr-defined]
             if name in ("jacobian", "matrix"):
@@ -221,19 +222,23 @@ class ConformancePoint:
 
     # ---- Derivatives -----------------------------------------------------------------------------
 
-    def _torques_along(self, key: str, along: tuple[Any, ...]) -> Array:
-        """Return the derivatives of M v̇ + B + ∂U/∂q (k, n) along k directions, see `_along`."""
+    def _torques_along(self, key: str, directions: Direction) -> Array:
+        """Return the derivatives of M v̇ + B + ∂U/∂q (k, n) along k directions, v̇ constant.
+
+        By the recursion of Newton and Euler, in O(n) each.
+        """
         at, model = self.at, self.model
-        shared = at.scene.terms, self.vdot, at.parameters, at.q, at.v
-        inertia = at.run_for_each(key, _inertia_rates, shared, along)
-        prepared, rates, dq, _ = along
-        if model.tree is not None:
+        if model.tree is None:
+            prepared, rates = at.rates_along(directions.q)
+        else:
             one = self._prepared
-            each = [(one, position_rates(model, one, self._mapped(x))) for x in dq]
+            each = [(one, position_rates(model, one, self._mapped(x))) for x in directions.q]
             prepared, rates = map_record(lambda *parts: np.stack(parts), *each)
-        shared = model.function("weight"), self._numbers, self._mapped(at.v)
-        gradient = at.run_for_each(key, _weight_rates, shared, (prepared, rates))
-        return inertia + (gradient if model.tree is None else gradient @ self._coordinates[0])
+        dv = self._mapped(directions.v.T).T
+        function, state = model.function("inverse_dynamics"), (self.vdot, at.v)
+        shared = function, self._numbers, *map(self._mapped, state)
+        torques = at.run_for_each(key, _torque_rates, shared, (prepared, rates, dv))
+        return torques if model.tree is None else torques @ self._coordinates[0]
 
     @cached_property
     def torque_derivatives(self) -> Array:
@@ -269,29 +274,24 @@ class ConformancePoint:
             vdot, multipliers = at.call(au.solution, M, self._net_force, a, gamma, None, None)
         point = ConformancePoint(at, vdot, self._source)
 
-        def multiplier_rates(key: str, along: tuple[Any, ...]) -> Array:
-            shared = at.scene.terms, vdot, multipliers, at.parameters, at.q, at.v
-            violation, pull = at.run_for_each(key, _constraint_rates, shared, along)
-            force = pull - point._torques_along(key, along)
+        def multiplier_rates(key: str, directions: Direction) -> Array:
+            state = vdot, multipliers
+            violation, pull = constraint_rates_along(at, *state, directions, f"{key}, constraints")
+            force = pull - point._torques_along(key, directions)
             with self._solving():
                 return at.run_for_each(key, _multipliers, (M, a), (force, violation))
 
         return self._columns(multiplier_rates)
 
-    def _columns(self, function: Callable[[str, tuple[Any, ...]], Array]) -> Array:
+    def _columns(self, function: Callable[[str, Direction], Array]) -> Array:
         """Return the matrix of columns along the entries of q, then of v.
 
-        `function` returns them (k, ...) from a key and precomputed values, their rates, and k rates
-        of q and of v.
+        `function` returns them (k, ...) from a key and k directions.
         """
         directions = unit_directions(self.at.scene.n, ("q", "v"))
         if not isinstance(self.at, Evaluation):
             directions = Direction(*(x.astype(int).astype(object) for x in directions))
-
-        def columns(key: str, part: Direction) -> Array:
-            return function(key, (*self._source.rates_along(part.q), part.q, part.v))
-
-        return for_each_direction(self.at, directions, columns).T
+        return for_each_direction(self.at, directions, function).T
 
     # ---- Own values ------------------------------------------------------------------------------
 
@@ -393,42 +393,18 @@ ARGUMENTS: dict[str, Callable[[ConformancePoint, Array], tuple[Any, ...]]] = {
     "weight": lambda point, vdot: (),
     "link_motions": lambda point, vdot: (vdot, *point.link_numbers),
     "coriolis_matrix": lambda point, vdot: (),
+    "inverse_dynamics": lambda point, vdot: (vdot,),
     "regressor": lambda point, vdot: (vdot, *point.body_numbers),
 }
 """Function of a model -> its arguments after the parameters, prepared values and v."""
 
 
-def _inertia_rates(
-    terms: Callable, vdot: Array, parameters: Any, q: Array, v: Array, *along: Any
-) -> Any:
-    """Return the rates of M v̇ + B at constant v̇, along precomputed values, q and v."""
-    prepared, rates, dq, dv = along
-    changing = map_record(duals, prepared, rates), duals(q, dq), duals(v, dv)
-    M, _, B, *_ = terms(as_objects(parameters), *changing)
-    force = M @ vdot
-    return rate(force if B is None else force + B)
-
-
-def _constraint_rates(
-    terms: Callable,
-    vdot: Array,
-    multipliers: Array,
-    parameters: Any,
-    q: Array,
-    v: Array,
-    *along: Any,
-) -> Any:
-    """Return the rates of a v̇ + gamma and of aᵀλ at constant v̇ and λ; see `_inertia_rates`."""
-    prepared, rates, dq, dv = along
-    changing = map_record(duals, prepared, rates), duals(q, dq), duals(v, dv)
-    _, _, _, a, gamma, _ = terms(as_objects(parameters), *changing)
-    return rate(a @ vdot + gamma), rate(a.T @ multipliers)
-
-
-def _weight_rates(function: Callable, numbers: Any, v: Array, prepared: Any, rates: Any) -> Any:
-    """Return the rates of ∂U/∂q of weight, along precomputed values."""
-    arguments = as_objects(numbers), map_record(duals, prepared, rates), as_objects(v)
-    return rate(function(*arguments).gradient)
+def _torque_rates(
+    function: Callable, numbers: Any, vdot: Array, v: Array, prepared: Any, rates: Any, dv: Array
+) -> Array:
+    """Return the rates of inverse dynamics by a function, along precomputed values and v."""
+    state = map_record(duals, prepared, rates), duals(v, dv)
+    return rate(function(as_objects(numbers), *state, as_objects(vdot)))
 
 
 @generic

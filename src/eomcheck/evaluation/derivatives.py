@@ -212,6 +212,30 @@ def _violation_rates(*inputs: Any) -> Any:
     return rate(a @ at.v if b is None else a @ at.v + b)
 
 
+def _constraint_rates(vdot: Array, multipliers: Array, *inputs: Any) -> Any:
+    """Return the rates of a v̇ + gamma (r,) and of aᵀλ (n,) at constant v̇ and λ.
+
+    `inputs` are those of `quantities_along`.
+    """
+    *_, a, gamma, _ = quantities_along(*inputs).terms
+    return rate(a @ vdot + gamma), rate(a.T @ multipliers)
+
+
+def constraint_rates_along(
+    at: Quantities, vdot: Array, multipliers: Array, directions: Direction, key: str
+) -> tuple[Any, Any]:
+    """Return the derivatives of a v̇ + gamma (k, r) and of aᵀλ (k, n), v̇ and λ constant.
+
+    Args:
+        at: the state, in any scalar type, of a scene with constraints.
+        vdot: v̇ (n,).
+        multipliers: λ (r,).
+        directions: k directions.
+        key: name of this computation at the state.
+    """
+    return _differentiated(at, key, _constraint_rates, (vdot, multipliers), directions)
+
+
 @generic
 def _nearest(one, a, direction, violation):
     """Return the x (n,) next to a direction with a x = -violation; `one` is the unit matrix."""
