@@ -17,7 +17,7 @@ from eomcheck.engines import Engine, VelocityMap
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.engines.idyntree import IdyntreeEngine, IdyntreeFile
 from eomcheck.engines.pinocchio import PinocchioEngine, PinocchioFile
-from eomcheck.engines.tree_engine import moved_parameters
+from eomcheck.engines.tree_engine import parameters_at_joint
 from eomcheck.evaluation.conformance import QUANTITIES, ConformancePoint
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.scene import Scene
@@ -297,7 +297,7 @@ def test_a_regressor_of_parameters_along_the_axes_of_joints_is_named(tmp_path: P
         Y = np.array(PinocchioEngine.regressor(self, *asked))
         for b, frame in enumerate(self.body_frames):
             columns = np.s_[:, 10 * b : 10 * b + 10]
-            Y[columns] = Y[columns] @ np.linalg.inv(moved_parameters(frame))
+            Y[columns] = Y[columns] @ np.linalg.inv(parameters_at_joint(frame))
         return Y
 
     (only,) = findings(under_test(regressor=of_joints), "regressor", scene=robot(tmp_path))

@@ -34,7 +34,7 @@ from eomcheck.claims.registry import case_claim
 from eomcheck.descriptions.tree_quantities import BY_COLUMNS, PER_BODY
 from eomcheck.engines import Answers, Engine, VelocityMap, engine_class_of, is_under_test
 from eomcheck.engines.answers import CORIOLIS_RATE, inertia_size, turning_rate, weight_size
-from eomcheck.engines.tree_engine import moved_parameters
+from eomcheck.engines.tree_engine import parameters_at_joint
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.conformance import QUANTITIES, ConformancePoint, Quantity
 from eomcheck.evaluation.evaluation import Evaluation
@@ -426,7 +426,7 @@ def _regressor_of_joints(point: ConformancePoint) -> Array:
     for b, name in enumerate(point.model.bodies):
         columns = np.s_[:, PER_BODY * b : PER_BODY * (b + 1)]
         turned = frames[name]._replace(p=np.zeros(3))
-        Y[columns] = Y[columns] @ np.linalg.inv(moved_parameters(turned))
+        Y[columns] = Y[columns] @ np.linalg.inv(parameters_at_joint(turned))
     return Y
 
 

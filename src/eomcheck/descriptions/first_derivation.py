@@ -341,25 +341,21 @@ class CompositeBody(NamedTuple):
     """Moment of inertia about the origin of the scalar joint, kg m²."""
 
 
-def inertia_entries(plan: TopologyPlan) -> tuple[tuple[int, int], ...]:
-    """Return the indices of the entries of a moment of inertia that count."""
-    if plan.topology.planar:
-        return ((2, 2),)
-    return tuple((i, j) for i in range(3) for j in range(i, 3))
-
-
 def inertia_along_ground(
     inertia: Any, axes: tuple[Vector, Vector, Vector], plan: TopologyPlan
 ) -> Symmetric:
     """Return a body's I along the axes of the ground, from I along its own (e, e)."""
-    if plan.topology.planar:
-        return {(2, 2): inertia[0, 0]}
+    return {(2, 2): inertia[0, 0]} if plan.topology.planar else turned_inertia(inertia, axes)
+
+
+def turned_inertia(inertia: Any, axes: tuple[Vector, Vector, Vector]) -> Symmetric:
+    """Return R I Rᵀ, the columns of R being `axes`, from I (3, 3)."""
     halves = [from_local(axes, as_vector(inertia[:, k])) for k in range(3)]
     entries: Symmetric = {}
-    for i, j in inertia_entries(plan):
-        shares = (times(halves[k][i], axes[k][j]) for k in range(3))
-        x, y, z = shares
-        entries[i, j] = plus(plus(x, y), z)
+    for i in range(3):
+        for j in range(i, 3):
+            x, y, z = (times(halves[k][i], axes[k][j]) for k in range(3))
+            entries[i, j] = plus(plus(x, y), z)
     return entries
 
 

@@ -14,7 +14,7 @@ International Journal of Robotics Research 5 (1986), on the regressor.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,6 +36,7 @@ from eomcheck.descriptions.first_derivation import (
     point_columns,
     put_work,
     shifted_body,
+    turned_inertia,
     turning_columns,
 )
 from eomcheck.descriptions.joint_tree import TopologyPlan
@@ -679,13 +680,31 @@ def put_parameters(
     mass = parameters.mass[b]
     axes = (seat[0], seat[1], seat[2])
     center = to_local(axes, subtract_vectors(as_vector(parameters.center[b]), at))
-    turned = _transposed(axes)
-    inertia = inertia_along_ground(parameters.inertia[b], turned, plan)
+    inertia = parameters.inertia[b]
     if plan.topology.planar:  # about the other axes nothing turns: all three get the same
-        inertia = dict.fromkeys(((0, 0), (1, 1), (2, 2)), parameters.inertia[b, 0, 0])
-        inertia |= dict.fromkeys(((0, 1), (0, 2), (1, 2)))
-    body = shifted_body(CompositeBody(mass, ZERO_VECTOR, inertia), center)
-    own[0] = mass
-    put_vector(own[1:4], (None,), body.first_moment)
-    for i, entry in enumerate(PRODUCTS_OF_INERTIA, 4):
-        put(own, i, body.inertia[entry])
+        inertia = [[inertia[0, 0] if i == j else None for j in range(3)] for i in range(3)]
+        turned = AXES
+    else:
+        turned = _transposed(axes)
+    central = [mass, *ZERO_VECTOR, *(inertia[i][j] for i, j in PRODUCTS_OF_INERTIA)]
+    for i, x in enumerate(moved_parameters(central, center, turned)):
+        put(own, i, x)
+
+
+def moved_parameters(
+    parameters: Iterable[Any], away: Vector, axes: tuple[Vector, Vector, Vector] = AXES
+) -> tuple[Any, ...]:
+    """Return π of a body about another point along other axes, None where absent, any numbers.
+
+    Args:
+        parameters: m, m c, and I xx, xy, xz, yy, yz, zz about the origin, None where absent.
+        away: the origin, seen from the other point along the other axes.
+        axes: the present axes along the other ones.
+    """
+    mass, x, y, z, *moments = parameters
+    entries = dict(zip(PRODUCTS_OF_INERTIA, moments, strict=True))
+    full = [[entries[min(i, j), max(i, j)] for j in range(3)] for i in range(3)]
+    inertia = turned_inertia(np.array(full, object), axes)
+    body = CompositeBody(mass, from_local(axes, (x, y, z)), inertia)
+    mass, first, inertia = shifted_body(body, away)
+    return mass, *first, *(inertia[entry] for entry in PRODUCTS_OF_INERTIA)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from eomcheck.engines.file_engine import BaseVelocity, FileEngine, FreeBase, RobotDescription
-from eomcheck.engines.tree_engine import TreeEngine, TreeLink, moved_parameters
+from eomcheck.engines.tree_engine import TreeEngine, TreeLink
 from eomcheck.errors import EngineError
 from eomcheck.numbers.generic import Array
 
@@ -252,9 +252,9 @@ class IdyntreeEngine(TreeEngine):
         algorithm = self.dynamics.inverseDynamicsInertialParametersRegressor
         algorithm(*self._acceleration(vdot), Y)
         rows, columns = Y.toNumPy()[self._held :][self._place], []
-        for frame in self.body_frames:
+        for frame, moved in zip(self.body_frames, self.body_parameters, strict=True):
             link = model.getLinkIndex(self._carriers[frame.name])
-            columns.append(rows[:, 10 * link : 10 * (link + 1)] @ moved_parameters(frame))
+            columns.append(rows[:, 10 * link : 10 * (link + 1)] @ moved)
         return np.hstack(columns)
 
 

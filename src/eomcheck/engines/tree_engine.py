@@ -16,6 +16,8 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from eomcheck.descriptions.tree_model import tree_model
+from eomcheck.descriptions.tree_quantities import PER_BODY, moved_parameters
+from eomcheck.descriptions.vector_algebra import as_vector
 from eomcheck.engines.engine import Engine, EngineAcceleration, VelocityMap
 from eomcheck.errors import EngineError, required
 from eomcheck.mechanics.records import Tree, TreeFrame
@@ -371,8 +373,8 @@ class TreeEngine(Engine):
 
     @cached_property
     def body_parameters(self) -> list[Array]:
-        """The matrices of `moved_parameters` of the frames of bodies."""
-        return [moved_parameters(frame) for frame in self.body_frames]
+        """The matrices of `parameters_at_joint` of the frames of bodies."""
+        return [parameters_at_joint(frame) for frame in self.body_frames]
 
     @property
     def follow(self) -> bool:
@@ -421,21 +423,14 @@ class TreeSolverEngine(TreeEngine):
         """Return v̇ (n,) and λ (r,) by the library, from Q, a and gamma of the scene."""
 
 
-def moved_parameters(frame: TreeFrame) -> Array:
+def parameters_at_joint(frame: TreeFrame) -> Array:
     """Return X (10, 10): parameters about the joint's origin, along its axes, are X π.
 
     π are the parameters of a body about the origin of its link's frame (`Engine.regressor`).
     """
-    columns = []
-    for unit in np.eye(10):
-        mass, moment, (xx, xy, xz, yy, yz, zz) = unit[0], unit[1:4], unit[4:]
-        inertia = frame.R @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ frame.R.T
-        first, p = frame.R @ moment, frame.p
-        mixed = np.outer(first, p) + np.outer(p, first)
-        inertia += (2 * (p @ first) + mass * (p @ p)) * np.eye(3) - mixed - mass * np.outer(p, p)
-        moved = inertia[np.triu_indices(3)]
-        columns.append(np.concatenate(([mass], first + mass * p, moved)))
-    return np.column_stack(columns)
+    x, y, z = map(as_vector, frame.R.T)
+    columns = [moved_parameters(unit, as_vector(frame.p), (x, y, z)) for unit in np.eye(PER_BODY)]
+    return np.array(columns, np.float64).T
 
 
 def all_move(tree: Tree) -> bool:

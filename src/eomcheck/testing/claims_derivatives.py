@@ -9,13 +9,14 @@ without constraints, and that of ∂q̈/∂τ in the directions that constraints
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 
 import numpy as np
 
 from eomcheck.claims.confusions import ConfusionContext
 from eomcheck.claims.registry import BlindSpot, Comparison, Decision, Skipped, function_claim
-from eomcheck.descriptions.tree_quantities import BY_COLUMNS
+from eomcheck.descriptions.tree_quantities import BY_COLUMNS, moved_parameters
+from eomcheck.descriptions.vector_algebra import Vector, as_vector, scale_vector
 from eomcheck.evaluation.tolerance import C
 from eomcheck.numbers.generic import Array
 from eomcheck.testing.claims_answers import parameter_names
@@ -726,23 +727,29 @@ def _has_weight(at: FunctionState) -> bool:
     return at.has("gravity") or at.has("U")
 
 
-def _steiner(bodies: Array) -> Array:
-    """Return the moments of inertia (b, 6) of each mass at its center, about the frame's origin."""
-    mass, first = bodies[:, :1], bodies[:, 1:4]
-    c = first / np.where(mass > 0.0, mass, 1.0)
-    square = (c * c).sum(axis=1)[:, None, None] * np.eye(3) - c[:, :, None] * c[:, None, :]
-    rows, columns = (0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2)
-    return mass * square[:, rows, columns]
-
-
 def moments_about_center(bodies: Array) -> Array:
     """Return parameters (b, 10) with moments of inertia about the center of mass."""
-    return np.column_stack((bodies[:, :4], bodies[:, 4:] - _steiner(bodies)))
+    return _with_moments_of(
+        bodies, (moved_parameters(x, scale_vector(-1.0, _center(x))) for x in bodies)
+    )
 
 
 def moments_about_origin(bodies: Array) -> Array:
     """Return parameters (b, 10) whose moments about the center of mass are about the origin."""
-    return np.column_stack((bodies[:, :4], bodies[:, 4:] + _steiner(bodies)))
+    central = (np.r_[x[0], np.zeros(3), x[4:]] for x in bodies)
+    moved = (moved_parameters(x, _center(own)) for x, own in zip(central, bodies, strict=True))
+    return _with_moments_of(bodies, moved)
+
+
+def _center(body: Array) -> Vector:
+    """Return the center of mass c of parameters (10,); 0 without mass."""
+    return as_vector(body[1:4] / body[0] if body[0] > 0.0 else np.zeros(3))
+
+
+def _with_moments_of(bodies: Array, others: Iterable[tuple[float, ...]]) -> Array:
+    """Return the parameters of bodies, the moments of inertia those of others."""
+    moments = np.array(list(others), np.float64)[:, 4:]
+    return np.column_stack((bodies[:, :4], moments))
 
 
 @function_claim(
