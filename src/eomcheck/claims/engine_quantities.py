@@ -202,6 +202,11 @@ class OwnValue(NamedTuple):
     sensitivity: float
     own: float
 
+    def __sub__(self, other: OwnValue) -> OwnValue:
+        """Return the difference, whose errors may add."""
+        errors = self.sensitivity + other.sensitivity, self.own + other.own
+        return OwnValue(self.array - other.array, *errors)
+
 
 def _own_values(at: Evaluation) -> dict[tuple[str, str, int], OwnValue]:
     """Return the own values at a state that are kept, by quantity, link and block."""
@@ -213,16 +218,16 @@ def _own_value(
 ) -> OwnValue:
     """Return our own value of a quantity at a state, the same one for all engines."""
     values = at.cached(_own_values)
-    if (one.name, frame, block) not in values:
-        array = np.asarray(own(at), np.float64)
-        without_terms = sensitivity_of(at, own, coordinates=True)
+
+    def value(q: Array) -> OwnValue:
+        there = at if q is at.q else at.elsewhere(q)
+        array = np.asarray(own(there), np.float64)
+        without_terms = sensitivity_of(there, own, coordinates=True)
         sensitivity = without_terms + cancelling_terms(at, point, one, array, block)
-        if one.name == "potential_energy":  # it is known up to a constant
-            origin = Evaluation(at.scene, 0.0 * at.q, at.v, at.t)
-            array = array - own(origin)
-            there = sensitivity_of(origin, own, coordinates=True)
-            sensitivity, without_terms = sensitivity + there, without_terms + there
-        values[one.name, frame, block] = OwnValue(array, sensitivity, without_terms)
+        return OwnValue(array, sensitivity, without_terms)
+
+    if (one.name, frame, block) not in values:
+        values[one.name, frame, block] = one.up_to_constant(value, at.q)
     return values[one.name, frame, block]
 
 

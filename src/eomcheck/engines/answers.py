@@ -366,16 +366,17 @@ class Answers:
             frame: name of the link, "" for quantities of none.
             t: time, s.
         """
-        if one.name == "potential_energy":
-            here, there = (self._own_quantity(one, x, v, third, frame, t) for x in (q, 0.0 * q))
-            return here[0] - there[0]
+        if one.mapping == "invariant":
+            return one.up_to_constant(
+                lambda x: self._own_quantity(one, x, v, third, frame, t)[0], q
+            )
         if one.mapping == "derivatives":
             return self._derivatives(one, q, v, third, t)
         value, S, rest = self._own_quantity(one, q, v, third, frame, t)
         if one.name == "coriolis_matrix":
             force = S.T @ (value @ (S @ v))
             return force + S.T @ (self._own_mass_matrix(q, t) @ rest) if rest.any() else force
-        if not self._maps or one.mapping == "invariant":
+        if not self._maps:
             return value
         if one.mapping in ("force", "rows"):
             return S.T @ value

@@ -518,6 +518,10 @@ class Quantity(NamedTuple):
         """Return the own value to compare: C v (n,) of a Coriolis matrix, which is not unique."""
         return point.bias if self.mapping == "coriolis" else self.value(point, frame)
 
+    def up_to_constant(self, value: Callable[[Array], Any], q: Array) -> Any:
+        """Return value(q), less value(0) of a potential energy, which has a free constant."""
+        return value(q) - value(0.0 * q) if self.name == "potential_energy" else value(q)
+
     def axis_names(self, point: ConformancePoint) -> tuple[tuple[str, ...], ...]:
         """Return the names along each axis, for messages."""
         scene = point.at.scene

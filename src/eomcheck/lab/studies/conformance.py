@@ -214,11 +214,9 @@ def true_digits(
 
 def _truth(at: Evaluation, one: Quantity, frame: str, vdot: Array, tau: Array | None) -> Array:
     """Return the true value of a quantity, rounded once; of U the difference from that at q = 0."""
-    truth = enclosed_quantity(at, one, frame, vdot, tau)
-    if one.name == "potential_energy":
-        origin = Evaluation(at.scene, 0.0 * at.q, at.v, at.t)
-        truth = truth - enclosed_quantity(origin, one, frame, vdot, tau)
-    return truth
+    return one.up_to_constant(
+        lambda q: enclosed_quantity(at.elsewhere(q), one, frame, vdot, tau), at.q
+    )
 
 
 # ---- Results -------------------------------------------------------------------------------------
