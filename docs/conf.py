@@ -142,7 +142,7 @@ def figure_rows(name: str) -> list[list[str]]:
 
 def conformance_pages() -> str:
     """Return a section for each library: what it was asked, where it differs and why."""
-    known = read_deviations(DEVIATIONS)
+    known = read_deviations(DEVIATIONS).deviations
     differences = figure_rows("conformance-differences")
     sections = []
     for key, version, quantities, robots, _ in figure_rows("conformance-libraries"):
@@ -162,7 +162,8 @@ def conformance_pages() -> str:
 
 def not_understood() -> str:
     """Return the list of deviations whose reason is not known: they begin with `UNKNOWN`."""
-    known = [one for one in read_deviations(DEVIATIONS) if one.reason.startswith(UNKNOWN)]
+    every = read_deviations(DEVIATIONS).deviations
+    known = [one for one in every if one.reason.startswith(UNKNOWN)]
     lines = (
         f"- {x.engine}, {', '.join(x.quantities)} on {', '.join(x.robots)}: {x.reason}"
         for x in known

@@ -97,7 +97,7 @@ def read_as(path: Path, format: str, parse: Callable[[str], Any]) -> Any:
     except OSError as error:
         raise InputError(f"{str(path)!r} cannot be read: {error.strerror}") from None
     except (ValueError, RecursionError) as error:  # of UTF-8 too
-        raise InputError(f"{str(path)!r} is no {format}: {error}") from None
+        raise InputError(f"{str(path)!r} is not {format}: {error}") from None
 
 
 def write_text(path: Path, text: str) -> None:

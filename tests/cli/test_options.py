@@ -81,10 +81,9 @@ def stub(monkeypatch: pytest.MonkeyPatch, seen: Seen, name: str, value: Any = No
 
 
 DEVIATIONS: dict[str, Any] = {
-    "eomcheck.lab.deviations.read_deviations": SimpleNamespace(),
-    "eomcheck.lab.deviations.print_deviating": False,
+    "eomcheck.lab.deviations.read_deviations": SimpleNamespace(differ=lambda observations: False),
 }
-"""Functions that read and apply a file of known deviations, and what stands for their results."""
+"""Function that reads a file of known deviations, and what stands for its result."""
 
 ISOLATED = {"eomcheck.engines.isolated_names": ["mujoco"]}
 """Function that has libraries run in environments of their own, and its result."""

@@ -184,7 +184,6 @@ def validate_command(
     from eomcheck.engines.answers import represented
     from eomcheck.lab.deviations import (
         names_engine,
-        print_deviating,
         read_deviations,
         run_observations,
     )
@@ -265,8 +264,8 @@ def validate_command(
         console.print("interrupted: the table holds what was checked until then")
     failures = [finding for finding in findings if finding.verdict == "failed"]
     failed = bool(failures)
-    if known is not None and deviations is not None:
-        undeclared = print_deviating(run_observations(findings), known, deviations)
+    if known is not None:
+        undeclared = known.differ(run_observations(findings))
         failed = undeclared or not all(names_engine(x.claim, x.subject) for x in failures)
     end.conclude(json, failed)
     if engine:
@@ -536,7 +535,7 @@ def compare_command(
     check_count(examples=examples)
     check_writable(json)
     from eomcheck.console import progress
-    from eomcheck.lab.deviations import print_deviating, read_deviations
+    from eomcheck.lab.deviations import read_deviations
     from eomcheck.lab.library_comparison import (
         compare_libraries,
         comparison_observations,
@@ -558,9 +557,9 @@ def compare_command(
     print_comparison(comparison, pairs)
     if json is not None:
         print(f"written: {json}")
-    if known is not None and deviations is not None:
-        observations = comparison_observations(comparison)
-        failed = print_deviating(observations, known, deviations) or bool(comparison.self_failures)
+    if known is not None:
+        undeclared = known.differ(comparison_observations(comparison))
+        failed = undeclared or bool(comparison.self_failures)
     else:
         failed = comparison.disagree or bool(comparison.unanswered)
     if failed:

@@ -198,12 +198,11 @@ def _run(
 ) -> None:
     check_folder(figures)
     check_writable(json)
-    from eomcheck.lab.deviations import print_deviating, read_deviations
+    from eomcheck.lab.deviations import read_deviations
     from eomcheck.lab.show.table import print_tables, say, write_json
     from eomcheck.lab.study import failed
 
     known = None if deviations is None else read_deviations(deviations)
-
     results = _run_study(one, records, fresh, options)
     # Files first, so that they are written even if printing fails.
     end, written = CommandEnd(), list[Path]()
@@ -216,9 +215,8 @@ def _run(
     for sentence in one.remarks(results):
         say(sentence)
     alarm = one.alarm(results)
-    if deviations is not None and known is not None and one.observations is not None:
-        broken = failed([record for record in results if record.status != "refused"])
-        alarm = print_deviating(one.observations(results), known, deviations) or broken
+    if known is not None and one.observations is not None:
+        alarm = known.differ(one.observations(results)) or failed(results)
     end.conclude(written, alarm)
 
 

@@ -82,18 +82,57 @@ class Deviation(NamedTuple):
         return engine and robot and one.quantity in self.quantities
 
 
+class KnownDeviations(NamedTuple):
+    """Known deviations of engines, and the file that declares them."""
+
+    file: Path
+    deviations: tuple[Deviation, ...]
+
+    def sentences(self, observations: Iterable[Observation]) -> Iterator[str]:
+        """Yield a sentence on each difference that is not declared, and each one declared in vain.
+
+        A deviation on named robots is declared in vain for each of them that was compared and does
+        not differ; one on all robots if some were compared and none differs.
+        """
+        observations = list(observations)
+        for one in observations:
+            if one.differs and not any(known.covers(one) for known in self.deviations):
+                where = f"{one.engine} differs in {one.quantity} on {one.robot}"
+                why = f": {one.detail}" if one.detail else ""
+                yield f"not declared in {self.file.name}: {where}{why}"
+        for known in self.deviations:
+            for quantity in known.quantities:
+                mine = [x for x in observations if x.quantity == quantity and known.covers(x)]
+                decided = [one for one in mine if one.differs is not None]
+                differing = {one.robot for one in decided if one.differs}
+                agreeing = list(dict.fromkeys(x.robot for x in decided if x.robot not in differing))
+                if agreeing and not (ALL in known.robots and differing):
+                    where = f"{known.engine} agrees in {quantity} on {', '.join(agreeing)}"
+                    reason = known.reason
+                    yield f"declared in {self.file.name} and not observed: {where} ({reason})"
+
+    def differ(self, observations: Iterable[Observation]) -> bool:
+        """Print the sentences about observations, and return whether there are any."""
+        sentences = list(self.sentences(observations))
+        for sentence in sentences:
+            say(sentence)
+        if not sentences:
+            say(f"all differences are declared in {self.file.name}, and all declared ones observed")
+        return bool(sentences)
+
+
 # ---- Reading -------------------------------------------------------------------------------------
 
 REQUIRED, OPTIONAL = ("engine", "quantity", "robots", "reason"), ("since", "script", "issue")
 """Keys of a deviation in a file."""
 
 
-def read_deviations(path: Path) -> tuple[Deviation, ...]:
-    """Return the deviations that a TOML file declares, each a table `[[deviation]]`.
+def read_deviations(path: Path) -> KnownDeviations:
+    """Return the known deviations that a TOML file declares, each a table `[[deviation]]`.
 
     Raises:
-        InputError: it cannot be read, is no TOML, or an entry has a key that is unknown, missing or
-            of another type, or a quantity that is none.
+        InputError: it cannot be read, is not TOML, or an entry has a key that is unknown, missing
+            or of another type, or a quantity that is none.
     """
     name = repr(str(path))
     contents = read_as(path, "TOML", tomllib.loads)
@@ -101,7 +140,8 @@ def read_deviations(path: Path) -> tuple[Deviation, ...]:
     if contents or not isinstance(entries, list):
         found = next(iter(contents), "deviation")
         raise InputError(f"{name} has {found!r}, expected tables [[deviation]] alone")
-    return tuple(_deviation(f"{name}, deviation {k}", one) for k, one in enumerate(entries, 1))
+    deviations = (_deviation(f"{name}, deviation {k}", one) for k, one in enumerate(entries, 1))
+    return KnownDeviations(path, tuple(deviations))
 
 
 def _deviation(where: str, entry: Any) -> Deviation:
@@ -194,45 +234,3 @@ def robot_of(scene: Scene | type[Scene]) -> str:
 def run_observations(findings: Iterable[Finding]) -> Iterator[Observation]:
     """Yield the observations of a run of `validate`."""
     return observations_of((robot_of(x.scene), x.as_dict(whole=False)) for x in findings if x.state)
-
-
-def deviating(
-    observations: Iterable[Observation], deviations: Iterable[Deviation], file: Path
-) -> Iterator[str]:
-    """Yield a sentence on each difference that is not declared, and each one declared in vain.
-
-    A deviation on named robots is declared in vain for each of them that was compared and does not
-    differ; one on all robots if some were compared and none differs.
-
-    Args:
-        observations: the observations.
-        deviations: the known deviations.
-        file: the file of the deviations, for the sentences.
-    """
-    observations, deviations = list(observations), list(deviations)
-    for one in observations:
-        if one.differs and not any(known.covers(one) for known in deviations):
-            where = f"{one.engine} differs in {one.quantity} on {one.robot}"
-            why = f": {one.detail}" if one.detail else ""
-            yield f"not declared in {file.name}: {where}{why}"
-    for known in deviations:
-        for quantity in known.quantities:
-            mine = [x for x in observations if x.quantity == quantity and known.covers(x)]
-            decided = [one for one in mine if one.differs is not None]
-            differing = {one.robot for one in decided if one.differs}
-            agreeing = list(dict.fromkeys(x.robot for x in decided if x.robot not in differing))
-            if agreeing and not (ALL in known.robots and differing):
-                where = f"{known.engine} agrees in {quantity} on {', '.join(agreeing)}"
-                yield f"declared in {file.name} and not observed: {where} ({known.reason})"
-
-
-def print_deviating(
-    observations: Iterable[Observation], deviations: Iterable[Deviation], file: Path
-) -> bool:
-    """Print the sentences of `deviating`, and return whether there are any."""
-    sentences = list(deviating(observations, deviations, file))
-    for sentence in sentences:
-        say(sentence)
-    if not sentences:
-        say(f"all differences are declared in {file.name}, and all declared ones observed")
-    return bool(sentences)

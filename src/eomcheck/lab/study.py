@@ -331,7 +331,7 @@ def unfinished(found: StudyRecords) -> Iterator[str]:
 
 
 def failed(found: StudyRecords) -> bool:
-    """Return whether some cell went wrong."""
+    """Return whether some cell went wrong; one that was refused did not."""
     return any(record.status == "failed" for record in found)
 
 

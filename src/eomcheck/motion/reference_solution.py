@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.atomic_write import read_text, write_text
+from eomcheck.atomic_write import read_as, write_text
 from eomcheck.deprecated import getattr_of
 from eomcheck.errors import InputError
 from eomcheck.formulations import formulation_of
@@ -203,12 +203,7 @@ def load_reference(path: Path | str) -> Reference:
     Raises:
         InputError: the file cannot be read or is no reference solution; the message names it.
     """
-    try:
-        document = json.loads(read_text(Path(path)))
-    except OSError as error:
-        raise InputError(f"{str(path)!r} cannot be read: {error.strerror}") from None
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{str(path)!r} is not JSON: {error}") from None
+    document = read_as(Path(path), "JSON", json.loads)
     try:
         return _reference(document)
     except KeyError as error:

@@ -336,7 +336,7 @@ def remarks(records: Sequence[Record]) -> Iterator[str]:
 def alarm(records: Sequence[Record]) -> bool:
     """Return whether a cell failed or a library gave no answer; that it differs is a result."""
     faulty = any(one.fault for one in rows_in(records, ConformanceRow))
-    return faulty or failed([record for record in records if record.status != "refused"])
+    return faulty or failed(records)
 
 
 def observations(records: Sequence[Record]) -> Iterator[Observation]:
