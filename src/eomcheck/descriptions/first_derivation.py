@@ -411,7 +411,7 @@ def terms_of_bodies(plan, parameters, frames, rates, dtype):
         mass = parameters.mass[b]
         inertia = inertia_along_ground(parameters.inertia[b], frames[k].axes, plan)
         heavy[k] = shifted_body(CompositeBody(mass, ZERO_VECTOR, inertia), arm)
-        force[k], moment[k] = net_force(mass, inertia, arm, rates[k])
+        force[k], moment[k] = newton_euler(mass, inertia, arm, rates[k])
     M, B = np.zeros((plan.n, plan.n), dtype), np.zeros(plan.n, dtype)
     for k in reversed(range(len(frames))):
         slot, frame = plan.joints[k], frames[k]
@@ -429,7 +429,7 @@ def terms_of_bodies(plan, parameters, frames, rates, dtype):
     return M, B
 
 
-def net_force(
+def newton_euler(
     mass: Any, inertia: Symmetric, arm: Vector, rates: Any, weight: Vector = ZERO_VECTOR
 ) -> tuple[Vector, Vector]:
     """Return force, and moment about its joint's origin, that give a body its motion under weight.

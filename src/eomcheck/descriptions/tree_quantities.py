@@ -32,7 +32,7 @@ from eomcheck.descriptions.first_derivation import (
     inertia_along_ground,
     inertia_times,
     joint_frames,
-    net_force,
+    newton_euler,
     point_columns,
     put_work,
     shifted_body,
@@ -565,7 +565,7 @@ def make_inverse_dynamics(plan: TopologyPlan) -> Callable[..., Array]:
         for b, (arm, _) in enumerate(centers(plan, parameters, frames)):
             k = plan.carriers[b]
             inertia = inertia_along_ground(parameters.inertia[b], frames[k].axes, plan)
-            force[k], moment[k] = net_force(parameters.mass[b], inertia, arm, motions[k], weight)
+            force[k], moment[k] = newton_euler(parameters.mass[b], inertia, arm, motions[k], weight)
         torques = rotor_torques(plan, parameters, vdot)
         for k in reversed(range(len(frames))):
             put_work(plan, frames, k, force, moment, torques)
