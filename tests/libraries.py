@@ -1,29 +1,40 @@
-"""Optional libraries, each in an environment of its own, on three robots and a pendulum.
+"""Optional libraries, each in an environment of its own, on three robots or a pendulum.
 
-    python -m tests.libraries [--only EXTRA,EXTRA] [--states 4] [--robots NAME,NAME]
+    python -m tests.libraries [--only EXTRA,EXTRA] [--states 2] [--robots NAME,NAME] [--jobs 2]
 
-Each takes part in `eomcheck study conformance --isolated`, with the deviations that are known. A
-library that cannot be installed is named with the reason, and the next run tries again. The exit
-code is 1 if something differs that is not known to, or what is known does not, if a study comes to
-no end, or if it compares nothing.
+Each takes part in `eomcheck study conformance --isolated`, with the deviations that are known, and
+its scripts of docs/conformance are run without eomcheck. A library that cannot be installed is
+named with the reason, and the next run tries again. The exit code is 1 if something differs that is
+not known to, or what is known does not, if a study comes to no end, if it compares nothing, or if a
+script fails. Functions in JAX are compiled once a machine: they are kept in the cache folder.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import subprocess
 import sys
 import tempfile
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from eomcheck.engines import LIBRARIES
+from tests import conformance_scripts
+
+from eomcheck.engines import BY_FORMAT, LIBRARIES
+from eomcheck.engines.environments import cache_folder
+from eomcheck.errors import EngineError
 
 KNOWN = Path(__file__).parents[1] / "docs" / "conformance" / "deviations.toml"
 """File of the deviations that are known; without it no difference is judged."""
 
-ROBOTS = "ur5", "panda", "ant", "chain-pendulum"
-"""Names of robots, two by URDF and one by MJCF, and the scene for libraries that read no files."""
+ROBOTS = "ur5", "panda", "ant"
+"""Names of robots, two by URDF and one by MJCF."""
+
+SCENE = "chain-pendulum"
+"""Name of the scene for libraries that read no files."""
 
 UNINSTALLED = "cannot be installed"
 
@@ -37,13 +48,22 @@ def by_extra() -> dict[str, list[str]]:
     return extras
 
 
-def study(keys: list[str], robots: list[str], states: int) -> tuple[bool, str]:
-    """Return whether the study of the engines of one library is as known, and a sentence on it.
+def robots_of(keys: list[str]) -> list[str]:
+    """Return the names of the robots for the engines of one library, or of the scene."""
+    reads = any(key in kinds for kinds in BY_FORMAT.values() for key in keys)
+    return [*ROBOTS] if reads else [SCENE]
+
+
+def study(keys: list[str], robots: list[str], states: int) -> tuple[bool, str, str]:
+    """Study the engines of one library.
 
     Args:
         keys: keys of the engines.
         robots: names of robots and scenes.
         states: number of states of each.
+
+    Returns:
+        Whether the study is as known, a sentence on it, and the tables that it printed.
     """
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "study.json"
@@ -51,17 +71,32 @@ def study(keys: list[str], robots: list[str], states: int) -> tuple[bool, str]:
         words += ["--engine", ",".join(keys), "--robot", ",".join(robots), "--states", str(states)]
         words += ["--deviations", str(KNOWN)] if KNOWN.exists() else []
         words += ["--patience", "600", "--json", str(file)]
-        end = subprocess.run(words, stderr=subprocess.PIPE, text=True, errors="replace")
+        compiled = {"JAX_COMPILATION_CACHE_DIR": str(cache_folder() / "jax")}
+        end = subprocess.run(
+            words, capture_output=True, text=True, errors="replace", env=compiled | os.environ
+        )
         last = (end.stderr.strip().splitlines() or [""])[-1]
         if end.returncode == 2 and UNINSTALLED in last:
-            return True, f"left out: {last}"
+            return True, f"left out: {last}", ""
         if end.returncode not in (0, 1):
-            return False, f"exit code {end.returncode}: {last}"
+            return False, f"exit code {end.returncode}: {last}", end.stdout
         records = json.loads(file.read_text(encoding="utf-8"))["records"]
     missing = {*keys} - {x["settings"]["engine"].split("==")[0] for x in records if x["series"]}
     if missing:
-        return False, f"nothing was compared of {', '.join(sorted(missing))}"
-    return end.returncode == 0, "as known" if end.returncode == 0 else "not as known, see above"
+        return False, f"nothing was compared of {', '.join(sorted(missing))}", end.stdout
+    right = end.returncode == 0
+    return right, "as known" if right else "not as known, see above", end.stdout
+
+
+def failed_scripts(extra: str) -> list[str]:
+    """Return the ends of the scripts of a library that fail, one text for each."""
+    try:
+        ends = [
+            (x.name, *conformance_scripts.run(x)) for x in conformance_scripts.scripts_of(extra)
+        ]
+    except EngineError:
+        return []  # its study says so
+    return [f"{name}: {output}" for name, right, output in ends if not right]
 
 
 def main() -> int:
@@ -69,15 +104,26 @@ def main() -> int:
     extras = by_extra()
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--only", default=",".join(extras))
-    parser.add_argument("--states", type=int, default=4)
-    parser.add_argument("--robots", default=",".join(ROBOTS))
+    parser.add_argument("--states", type=int, default=2)
+    parser.add_argument("--robots", default="")
+    parser.add_argument("--jobs", type=int, default=2)
     options = parser.parse_args()
+
+    def ask(extra: str) -> tuple[bool, str, str]:
+        start, keys = time.monotonic(), extras[extra]
+        robots = options.robots.split(",") if options.robots else robots_of(keys)
+        right, sentence, output = study(keys, robots, options.states)
+        failed = failed_scripts(extra)
+        sentence = "; ".join([sentence, *failed])
+        spent = f"{time.monotonic() - start:.0f} s"
+        return right and not failed, f"{extra} ({', '.join(keys)}): {sentence}; {spent}", output
+
     sentences, good = [], True
-    for extra in options.only.split(","):
-        right, sentence = study(extras[extra], options.robots.split(","), options.states)
-        sentences.append(f"{extra} ({', '.join(extras[extra])}): {sentence}")
-        print(sentences[-1], flush=True)
-        good = good and right
+    with ThreadPoolExecutor(options.jobs) as pool:
+        for right, sentence, output in pool.map(ask, options.only.split(",")):
+            sentences.append(sentence)
+            print(output, sentence, sep="\n", flush=True)
+            good = good and right
     print("", *sentences, sep="\n")
     return 0 if good else 1
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
-from tests import libraries, robots
+from tests import conformance_scripts, libraries, robots
 from tests.samples import random_state
 
 import eomcheck
@@ -155,9 +156,49 @@ def test_a_library_is_left_out_only_if_it_cannot_be_installed(
         assert {"--isolated", "mjx,mjx64", "a,b"} < {*words}
         records = [{"settings": {"engine": key}, "series": {"rows": []}} for key in compared]
         Path(words[-1]).write_text(json.dumps({"records": records}))
-        return subprocess.CompletedProcess(words, code, None, error)
+        return subprocess.CompletedProcess(words, code, "", error)
 
     monkeypatch.setattr(libraries.subprocess, "run", run)
     assert libraries.by_extra()["mjx"] == ["mjx", "mjx64"]
+    assert libraries.robots_of(["mjx"]) == [*libraries.ROBOTS]
+    assert libraries.robots_of(["opensim"]) == [libraries.SCENE]
     result = libraries.study(["mjx", "mjx64"], ["a", "b"], 1)
     assert result[0] is right and result[1].startswith(sentence)
+
+
+# ---- Scripts -------------------------------------------------------------------------------------
+
+
+def test_every_script_of_a_deviation_belongs_to_a_library():
+    extras = {conformance_scripts.library_of(x) for x in conformance_scripts.FOLDER.glob("*.py")}
+    assert extras <= {*libraries.by_extra()}
+    assert conformance_scripts.library_of(Path("mujoco_warp_x.py")) == "mujoco-warp"
+    with pytest.raises(ValueError, match="begins with no extra"):
+        conformance_scripts.library_of(Path("nobody.py"))
+    every = [x for extra in extras for x in conformance_scripts.scripts_of(extra)]
+    assert sorted(every) == sorted(conformance_scripts.FOLDER.glob("*.py"))
+
+
+@pytest.mark.parametrize(
+    ("text", "right", "output"),
+    [
+        ("print('found')", True, "found"),
+        ("", False, "wrote nothing"),
+        ("print('so far'); raise SystemExit(3)", False, "so far\nexit code 3"),
+        ("import eomcheck; print('found')", False, "ModuleNotFoundError"),
+        ("while True: pass", False, "no end after 1 s"),
+    ],
+)
+def test_a_script_runs_without_eomcheck_and_must_end_well_and_write(
+    text, right, output, tmp_path, monkeypatch
+):
+    script = tmp_path / "newton_example.py"
+    script.write_text(text)
+    bare = tmp_path / "python"
+    bare.write_text(f'#!/bin/sh\nexec {sys.executable} -S "$@"\n')
+    bare.chmod(0o755)
+    asked = []
+    monkeypatch.setattr(conformance_scripts, "python_with", lambda x: asked.append(x) or bare)
+    monkeypatch.setattr(conformance_scripts, "PATIENCE", 1.0 if "while" in text else 60.0)
+    result = conformance_scripts.run(script, "1.7")
+    assert result[0] is right and output in result[1] and asked == ["newton==1.7"]

@@ -6,8 +6,7 @@ position of its origin, a quaternion x, y, z, w, and the velocity of its centre 
 axes of the ground. Accelerations are those of `SolverFeatherstone`, without drives and limits.
 
 `finalize` replaces moments of inertia that it takes for too small or for those of no body; a tree
-is built without that, and a file read with it, as users do. Warp compiles the kernels when they are
-first called, for minutes, and keeps them on the disk.
+is built without that, and a file read with it, as users do.
 """
 
 from __future__ import annotations
@@ -28,9 +27,10 @@ from eomcheck.engines.file_engine import (
     RobotDescription,
     free_base,
 )
-from eomcheck.engines.mujoco import MjcfFile
-from eomcheck.engines.tree_engine import TreeEngine, TreeLink
-from eomcheck.errors import EngineError, required
+from eomcheck.engines.mujoco import NO_URDF
+from eomcheck.engines.tree_engine import TreeLink
+from eomcheck.engines.warp_engine import WarpEngine
+from eomcheck.errors import EngineError
 from eomcheck.numbers.generic import Array
 
 
@@ -47,12 +47,11 @@ class _Seat(NamedTuple):
     """Origin of the frame in the body's (3,), m."""
 
 
-class NewtonEngine(TreeEngine):
+class NewtonEngine(WarpEngine):
     """Tree of rigid bodies as an articulation of Newton's `ModelBuilder`."""
 
     key = extra = module = "newton"
     oldest = "1.8"
-    unit_roundoff = 2.0**-24
     any_inertia = True
     _free: tuple[tuple[int, int], ...] = ()
     """First velocity and body of each free joint."""
@@ -62,14 +61,8 @@ class NewtonEngine(TreeEngine):
         """Return True: rotors are armature, and bodies need no mass."""
         return True
 
-    @classmethod
-    def _library(cls) -> Any:
-        warp = required("warp", "newton")
-        warp.config.log_level = warp.LOG_ERROR
-        return super()._library()
-
     def _build(self, library: Any, links: list[TreeLink]) -> None:
-        warp = required("warp", "newton")
+        warp = self._warp()
         builder = library.ModelBuilder()
         joints = []
         for link in links:
@@ -99,9 +92,8 @@ class NewtonEngine(TreeEngine):
             builder: builder of the model.
             validated: whether Newton replaces moments of inertia that it takes for none.
         """
-        self._newton, warp = library, required("warp", "newton")
-        self._warp = warp
-        with warp.ScopedDevice("cpu"):
+        self._newton, warp = library, self._warp()
+        with self._on_cpu():
             self._model = model = builder.finalize(skip_validation_inertia=not validated)
             self._state, self._after = model.state(), model.state()
             self._control = model.control()
@@ -212,7 +204,8 @@ class NewtonEngine(TreeEngine):
     def _pose(self, body: int) -> tuple[Array, Array]:
         """Return the axes and the origin of a body at the state that is set."""
         x = self._state.body_q.numpy()[body]
-        R = np.array(self._warp.quat_to_matrix(self._warp.quat(*x[3:]))).reshape(3, 3)
+        warp = self._warp()
+        R = np.array(warp.quat_to_matrix(warp.quat(*x[3:]))).reshape(3, 3)
         return R.astype(np.float64), x[:3].astype(np.float64)
 
     def _frame(self, f: str, q: Array, v: Array) -> tuple[_Seat, Array, Array]:
@@ -340,7 +333,7 @@ class NewtonMjcf(NewtonFile):
     format = "mjcf"
 
     def _described(self) -> RobotDescription:
-        return MjcfFile._described(self)  # type: ignore[arg-type]
+        return NO_URDF
 
     def _read(self, library: Any, description: RobotDescription) -> None:
         robot = read_mjcf(self.file)

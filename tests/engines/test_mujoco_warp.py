@@ -1,0 +1,20 @@
+"""MuJoCo Warp, where it is installed: springs and dampers are where they belong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from tests.engines.own_findings import verdicts
+from tests.robots import arm
+
+from eomcheck.engines.mujoco_warp import MujocoWarpFile
+from eomcheck.scenes import from_urdf
+
+pytest.importorskip("mujoco_warp")
+
+
+def test_dampers_of_a_file_are_in_forces_and_accelerations_and_nowhere_else(tmp_path: Path):
+    scene = from_urdf(arm(tmp_path / "arm.urdf", damping="3"))
+    terms = "generalized-forces", "engine-acceleration", "engine-gravity", "engine-forward-dynamics"
+    assert verdicts(MujocoWarpFile, scene, terms) == dict.fromkeys(terms, "passed")
