@@ -80,6 +80,10 @@ class CallError(Exception):
         return f"{self.name} {self.what}"
 
 
+class RemoteError(CallError):
+    """A call in a process of its own raised an Exception there."""
+
+
 class InputError(EomcheckError, ValueError):
     """An invalid argument; the message names it, its value and the allowed values."""
 

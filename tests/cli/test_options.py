@@ -628,7 +628,7 @@ def test_every_option_of_every_study_is_handed_on(group, key, here, monkeypatch)
         monkeypatch.setitem(study.__dict__, name, value)
     command = command_of(key, figure_only=group == "draw")
     options = study.options()
-    shared = {"records", "fresh", "patience"}
+    shared = {"records", "fresh", "stored", "patience"}
     shared |= {"path"} if group == "draw" else {"json", "figures"}
     shared |= set() if study.small else {"file"}
     shared |= {"deviations"} if group != "draw" and study.observations is not None else set()
@@ -645,7 +645,7 @@ def test_every_option_of_every_study_is_handed_on(group, key, here, monkeypatch)
 
     usual = ran()
     assert usual["records"] == Path("k.db") and not usual["fresh"]
-    assert usual.keys() - {"path"} == options.keys() | {"records", "fresh"}
+    assert usual.keys() - {"path"} == options.keys() | {"records", "fresh", "stored"}
     assert all(usual[name] == one.default for name, one in options.items())
     words, values = ["--fresh", "--patience", "7"], {"fresh": True}
     for place, (name, one) in enumerate(options.items(), 7):

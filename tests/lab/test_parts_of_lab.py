@@ -546,6 +546,25 @@ def test_a_study_hands_its_options_on_and_works_those_before_it_first():
     assert second.of(others) == found and first.of(others) == found[:2]
 
 
+def test_stored_results_of_a_study_are_those_of_its_file_and_nothing_is_run(tmp_path: Path):
+    asked: list = []
+    file, one = tmp_path / "r.db", study("one", asked)
+    first = one.run(file)
+    with Records(file) as records:
+        records.forget("one", [first[0].settings])
+    assert one.run(file, stored=True) == first[1:] and len(asked) == 2
+    both = study("two", asked, before=(one,))
+    assert both.run(file, stored=True) == first[1:] and len(asked) == 2
+    for where, fresh, why in (
+        (None, False, "of no file, expected --records with a file"),
+        (tmp_path / "none.db", False, "none.db', expected --records with a file"),
+        (file, True, "with --fresh"),
+    ):
+        with pytest.raises(InputError, match=f"^stored results are asked for .*{why}$"):
+            one.run(where, fresh, stored=True)
+    assert not (tmp_path / "none.db").exists()
+
+
 def test_a_study_measures_anew_what_is_known_only_if_asked_to(tmp_path: Path):
     asked: list = []
     one = study("one", asked)

@@ -75,6 +75,16 @@ OFTEN, ONCE = 90, 1
 the first drawn, and at other states. Repeated calls reveal engines that count or accumulate."""
 
 
+def _sensitivities(at: Evaluation) -> dict[tuple[str, str, bool], Any]:
+    """Return the sensitivities at a state that are kept, by name."""
+    return {}
+
+
+def _rounded_evaluations(at: Evaluation) -> dict[Any, RoundedEvaluation]:
+    """Return the evaluations at a state that were rounded, by unit roundoff and sizes."""
+    return {}
+
+
 class FloatContext:
     """The part of an evaluation context that one state in float64 and a batch of states share.
 
@@ -124,9 +134,9 @@ class FloatContext:
             )
         return self._sensitivities[key]
 
-    @cached_property
+    @property
     def _sensitivities(self) -> dict[tuple[str, str, bool], Any]:
-        return {}
+        return self.at.cached(_sensitivities)
 
     def vdot_sensitivity(self, formulation: Formulation) -> Any:
         """Return κ · scale of v̇ by `formulation`."""
@@ -200,10 +210,7 @@ class Case(FloatContext):
         # What rounding of its own coordinates adds is that of one engine.
         key: Any = kind if kind.offers("velocity_map") else kind.unit_roundoff
         if key not in self._rounded:
-            at = RoundedEvaluation(self.at.scene, self.state, kind.unit_roundoff)
-            if isinstance(engine, Engine):
-                with suppress(*UNABLE):
-                    at.input_sizes = own_input_sizes(engine, at.q, at.v)
+            at = self._rounded_evaluation(engine, kind.unit_roundoff)
             self._rounded[key] = replace(self, at=at, unrounded=self.state)
         case = self._rounded[key]
         case.claim = self.claim
@@ -212,6 +219,18 @@ class Case(FloatContext):
     @cached_property
     def _rounded(self) -> dict[Any, Case]:
         return {}
+
+    def _rounded_evaluation(
+        self, engine: Engine | type[Engine], unit_roundoff: float
+    ) -> RoundedEvaluation:
+        """Return the evaluation at the rounded state, the same one for engines of equal sizes."""
+        at, sizes = RoundedEvaluation(self.at.scene, self.state, unit_roundoff), None
+        if isinstance(engine, Engine):
+            with suppress(*UNABLE):
+                sizes = own_input_sizes(engine, at.q, at.v)
+        at.input_sizes = sizes
+        key = unit_roundoff, *(x.tobytes() for x in sizes or ())
+        return self.at.cached(_rounded_evaluations).setdefault(key, at)
 
     @property
     def state(self) -> State:
@@ -556,6 +575,7 @@ def ask_engine(
     """Return the engine's answer to the method of the claim, or the Finding that there is none.
 
     An engine under test is called repeatedly; its answer furthest from the scene's is returned.
+    With no repeats it is called once, as a built-in one.
 
     Args:
         case: the state, and the claim being checked.
@@ -577,7 +597,7 @@ def ask_engine(
         if isinstance(engine, type):
             raise EngineFault(case.unavailable[engine])
         answers = Answers(engine)
-        if is_under_test(kind):
+        if is_under_test(kind) and case.repeats:
             answers.provoke_stale_answers(method, *arguments)
             repeated = _answered(answers, method, arguments, min(case.repeats, most_repeats))
             known = expected()

@@ -57,6 +57,8 @@ Figures = Annotated[
     Path | None, typer.Option(help="Draw the figures and write the tables into this folder.")
 ]
 
+Stored = Annotated[bool, typer.Option("--stored", help="Run nothing: use what --records has.")]
+
 
 class _Studies(CommandGroup):
     """Command group of studies; a command is generated, and its module imported, when it is run."""
@@ -125,6 +127,7 @@ def command_of(key: str, figure_only: bool = False) -> Any:
         "records": (RecordsOption, None),
         "fresh": (Fresh, False),
         "patience": (Patience, PATIENCE),
+        "stored": (Stored, False),
         **({} if figure_only else {"json": (Json, None), "figures": (Figures, None)}),
         **({} if one.observations is None else {"deviations": (DeviationsOption, None)}),
         **{x: (_option(x, p.annotation), p.default) for x, p in one.options().items()},

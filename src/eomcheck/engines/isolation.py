@@ -50,7 +50,7 @@ from eomcheck.engines.pipe_protocol import (
     write_bytes,
 )
 from eomcheck.engines.tree_engine import TreeEngine, library_key
-from eomcheck.errors import CallError, EngineError, InputError
+from eomcheck.errors import CallError, EngineError, InputError, RemoteError
 from eomcheck.mechanics.scene import Scene
 from eomcheck.supervisor import why_died
 
@@ -117,7 +117,8 @@ class EngineProcess:
             slow: whether it may take longer, as the first call of a name.
 
         Raises:
-            CallError: it raised an exception, ended the process or gave no answer.
+            CallError: it ended the process or gave no answer; `RemoteError` if it raised an
+                exception.
             EngineError: it raised one, or the library cannot be installed.
         """
         with self._lock:
@@ -156,7 +157,7 @@ class EngineProcess:
             case ["error", "InputError" | "UnknownNameError", message]:
                 raise InputError(message)
             case ["error", _, what]:
-                raise CallError(name, what)
+                raise RemoteError(name, what)
             case ["ended", called, what]:
                 raise CallError(called, what)
         raise CallError(name, "answered no message")

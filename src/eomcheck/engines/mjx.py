@@ -66,6 +66,12 @@ def _functions() -> dict[str, Callable[..., Any]]:
     return {name: jax.jit(function) for name, function in compiled.items()}
 
 
+def _nameless(mx: Any) -> Any:
+    """Return a model without names: those of one topology share what is compiled."""
+    names = {name: getattr(mx, name) for name in vars(mx) if name.startswith("name_")}
+    return mx.replace(names=b"", **{name: np.zeros_like(x) for name, x in names.items()})
+
+
 class MjxEngine(JaxEngine, MujocoCopy):
     """Tree of rigid bodies as an MJX model, in float32."""
 
@@ -83,9 +89,9 @@ class MjxEngine(JaxEngine, MujocoCopy):
         self._without("CONSTRAINT", "ACTUATION")
         with self._precision():
             self._dx = library.make_data(model)
-            complete = library.put_model(model)
+            complete = _nameless(library.put_model(model))
             self._without("SPRING", "DAMPER")
-            self._mx = library.put_model(model)
+            self._mx = _nameless(library.put_model(model))
             self._under_gravity, self._complete = (
                 one.replace(opt=one.opt.replace(gravity=np.asarray(self._gravity)))
                 for one in (self._mx, complete)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from abc import abstractmethod
-from functools import cached_property
+from functools import cache, cached_property
 from importlib import metadata
 from typing import Any, ClassVar, NamedTuple
 
@@ -182,6 +182,12 @@ def requirements_of(distribution: str, extra: str | None) -> list[str]:
     return [*(own or [distribution]), *others]
 
 
+@cache
+def _installed_version(distribution: str) -> str:
+    """Return the version of an installed distribution, which takes a search of files."""
+    return metadata.version(distribution)
+
+
 def _condition(text: str) -> str:
     """Return the condition of a requirement without spaces, in double quotes."""
     return text.replace(" ", "").replace("'", '"')
@@ -311,7 +317,7 @@ class TreeEngine(Engine):
         """Return name and version of the library."""
         name = cls.extra or library_key(cls)
         version = getattr(cls._library(), "__version__", None)
-        return f"{name} {version or metadata.version(cls.distribution())}"
+        return f"{name} {version or _installed_version(cls.distribution())}"
 
     @classmethod
     def represents(cls, scene: Scene) -> bool:

@@ -429,11 +429,42 @@ class Study:
         new = run_cells(records, self.key, cells, work, **how)
         return [*known, *new]
 
-    def run(self, file: Path | None = None, fresh: bool = False, **options: Any) -> list[Record]:
-        """Run the study as `measure` does, with the Records in a file, or without one."""
+    def stored(self, records: Records, **options: Any) -> list[Record]:
+        """Return the Records of the cells that are in a file; for options see `measure`."""
+        known = [record for one in self.before for record in one.stored(records, **options)]
+        found = (records.find(self.key, settings) for settings in _call(self.cells, options))
+        return [*known, *(record for record in found if record is not None)]
+
+    def run(
+        self,
+        file: Path | None = None,
+        fresh: bool = False,
+        *,
+        stored: bool = False,
+        **options: Any,
+    ) -> list[Record]:
+        """Run the study as `measure` does, with the Records in a file, or without one.
+
+        Args:
+            file: the file.
+            fresh: run every cell again.
+            stored: run none, and return the Records that are in the file.
+            options: see `measure`.
+
+        Raises:
+            InputError, WorkerError, EngineError: see `measure`; or `stored` without a file.
+        """
         self.check(**options)  # invalid options leave no file behind
+        if stored and (fresh or file is None or not file.exists()):
+            where = "no file" if file is None else repr(str(file))
+            why = "with --fresh" if fresh else f"of {where}, expected --records with a file"
+            raise InputError(f"stored results are asked for {why}")
         with Records(file) as records:
-            return self.measure(records, fresh, **options)
+            return (
+                self.stored(records, **options)
+                if stored
+                else self.measure(records, fresh, **options)
+            )
 
     def write(self, found: StudyRecords, folder: Path) -> list[Path]:
         """Draw all charts and write all tables (Markdown) into a folder; return the files."""

@@ -10,8 +10,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple, cast
 
 from eomcheck import strategies
 from eomcheck.claims import CLAIMS
@@ -23,25 +24,31 @@ from eomcheck.claims.engine_quantities import (
     by_differences,
     follow,
     frames_asked,
+    point_at,
 )
 from eomcheck.claims.finding import DECIDED, Finding, Verdict, worst
-from eomcheck.claims.run import RunSelection, ValidationRun
+from eomcheck.claims.run import RunSelection, SceneEngines, evaluate_state
+from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.engines import (
     Answers,
     Engine,
     EngineFault,
     engine_of,
+    make_engine,
     plain_name,
     reader_of,
+    represents,
     version_of,
 )
-from eomcheck.errors import EngineError, EomcheckError, RefusedError, UnknownNameError
-from eomcheck.evaluation.conformance import (
-    QUANTITIES,
-    ConformancePoint,
-    Quantity,
-    enclosed_quantity,
+from eomcheck.errors import (
+    CallError,
+    EngineError,
+    EomcheckError,
+    RefusedError,
+    RemoteError,
+    UnknownNameError,
 )
+from eomcheck.evaluation.conformance import QUANTITIES, Quantity, enclosed_quantity
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import largest
 from eomcheck.lab.deviations import READING, Observation, differs_by
@@ -52,6 +59,7 @@ from eomcheck.lab.store.record_file import Record, Settings, group, record_of_ro
 from eomcheck.lab.studies.engines import study_engines
 from eomcheck.lab.studies.robots import ROBOTS, chosen_robot, chosen_robots, robot_label
 from eomcheck.lab.study import Study, failed, unfinished
+from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
 from eomcheck.scenes import SCENES
@@ -59,6 +67,10 @@ from eomcheck.strategies import draw_samples
 
 DIGIT_STATES = 2
 """Number of states in which true digits are counted, which takes ball arithmetic."""
+
+REPEATS = 2
+"""Number of repeated calls for each answer in the first state, at every link; some libraries are
+slow, and are called once in each other state."""
 
 LEAST_SHARE = 0.4
 """Value in the color scale of a quantity that differs on one robot of very many."""
@@ -124,48 +136,78 @@ def cells(
             yield chosen | {"engine": key, "states": states, "seed": seed}
 
 
-def _subject(settings: Settings) -> tuple[Scene, type[Engine]]:
-    """Return the scene of a cell and the class of its engine.
+class SampledScene(NamedTuple):
+    """A robot or scene with its random states; what they compute is shared by all engines."""
+
+    scene: Scene
+    states: tuple[Evaluation, ...]
+
+
+@lru_cache(maxsize=1)
+def _sampled_scene(robot: str, free: bool, states: int, seed: int) -> SampledScene:
+    """Return the robot or scene of a cell, the same one for the cells of other engines.
 
     Raises:
-        EngineError: the package of the robot is not installed, or the library does not read it.
+        EngineError: the package of the robot is not installed.
     """
-    name, key = settings["robot"], settings["engine"]
-    if name in SCENES:
-        return SCENES[name].example(), engine_of(key)
-    scene = chosen_robot(settings)
+    named = robot in SCENES
+    scene = SCENES[robot].example() if named else chosen_robot({"robot": robot, "free": free})
+    drawn = draw_samples(strategies.states(scene), states, seed)
+    return SampledScene(scene, tuple(Evaluation(scene, *state) for state in drawn))
+
+
+def _engine_class(scene: Scene, settings: Settings) -> type[Engine]:
+    """Return the class of the engine of a cell.
+
+    Raises:
+        EngineError: the library does not read the robot, or does not hold the scene.
+    """
+    key, robot = settings["engine"], cast(Mechanism, scene)
     try:
-        return scene, reader_of(scene, key)
+        kind = engine_of(key) if settings["robot"] in SCENES else reader_of(robot, key)
     except UnknownNameError:
-        raise EngineError(f"{key} reads no {scene.source.format.upper()}") from None
+        raise EngineError(f"{key} reads no {robot.source.format.upper()}") from None
+    if not represents(kind, scene):
+        raise EngineError(f"{kind.key} does not represent {scene.name}")
+    return kind
+
+
+def has_ended(fault: EngineFault) -> bool:
+    """Return whether a library ended its process or gave no answer, and raised no exception."""
+    cause = fault.__cause__
+    return isinstance(cause, CallError) and not isinstance(cause, RemoteError)
 
 
 def _check(settings: Settings) -> Record:
     """Compare all quantities of one engine on one robot."""
     name = robot_label(settings)
+    label = f"{name}, {settings['engine']}"
     try:
-        scene, kind = _subject(settings)
+        about_states = (settings[key] for key in ("robot", "free", "states", "seed"))
+        scene, evaluations = _sampled_scene(*about_states)
+        kind = _engine_class(scene, settings)
         version = version_of(kind)
-        if not kind.represents(scene):
-            raise EngineError(f"{kind.key} does not represent {scene.name}")
     except EomcheckError as refusal:
-        return Record(STUDY.key, settings, "refused", f"{name}, {settings['engine']}: {refusal}")
+        return Record(STUDY.key, settings, "refused", f"{label}: {refusal}")
     try:
-        engine = kind(scene)
-    except Exception as refusal:  # any error of a library at a file that it cannot read
-        reason = f"{name}, {settings['engine']}: {refusal}"
+        engine = make_engine(kind, scene)
+    except (EngineFault, EngineError) as refusal:  # such as at a file that it cannot read
+        reason = f"{label}: {refusal.__cause__ or refusal}"
+        if isinstance(refusal, EngineFault) and has_ended(refusal):
+            return Record(STUDY.key, settings, "failed", reason)
         return Record(STUDY.key, settings, "refused", reason, counts={"unread": 1})
     claims = [claim for claim in (*TERMS, *CONFORMANCE) if kind.offers(CLAIMS[claim].asks)]
-    run, selection = ValidationRun(), RunSelection.of(["gw"], [kind], claims, scenes=[scene])
+    selection = RunSelection.of(["gw"], [kind], claims, scenes=[scene])
+    scene_engines = SceneEngines(scene, (engine,), {})
     found: dict[str, list[Finding]] = {claim: [] for claim in claims}
     digits: dict[str, float] = {}
-    draws = draw_samples(strategies.states(scene), settings["states"], settings["seed"])
-    for number, state in enumerate(draws):
-        for finding in run.check_state(scene, state, selection):
+    for number, at in enumerate(evaluations):
+        state, repeats = State(at.q, at.v, at.t), 0 if number else REPEATS
+        for finding in evaluate_state(scene_engines, state, selection, repeats, at).findings:
             if finding.claim in found and finding.verdict != "skipped":
                 found[finding.claim].append(finding)
         if number < DIGIT_STATES:
-            for method, count in true_digits(Evaluation(scene, *state), Answers(engine), kind):
+            for method, count in true_digits(at, Answers(engine), kind):
                 digits[method] = min(count, digits.get(method, MOST_DIGITS))
     rows = []
     for claim, findings in found.items():
@@ -180,7 +222,7 @@ def _check(settings: Settings) -> Record:
             about = plain_name(settings["engine"]), version, name, method, DIGIT_STATES
             rows.append(ConformanceRow(*about, "skipped", digits[method], BY_DIFFERENCES))
     if not rows:
-        return Record(STUDY.key, settings, "refused", f"{name}: {kind.key} offers nothing")
+        return Record(STUDY.key, settings, "refused", f"{label} offers nothing")
     return record_of_rows(STUDY.key, settings, rows)
 
 
@@ -192,7 +234,7 @@ def true_digits(
     They are those of the largest entry, at one link for a quantity of frames.
     """
     vdot = acceleration_asked(at)
-    point = ConformancePoint(at, vdot)
+    point = point_at(at, vdot)
     for one in QUANTITIES.values():
         if not kind.offers(one.name) or one.lacks(point):
             continue
@@ -214,9 +256,17 @@ def true_digits(
 
 def _truth(at: Evaluation, one: Quantity, frame: str, vdot: Array, tau: Array | None) -> Array:
     """Return the true value of a quantity, rounded once; of U the difference from that at q = 0."""
-    return one.up_to_constant(
-        lambda q: enclosed_quantity(at.elsewhere(q), one, frame, vdot, tau), at.q
-    )
+    truths = at.cached(_truths)
+    if (one.name, frame) not in truths:
+        truths[one.name, frame] = one.up_to_constant(
+            lambda q: enclosed_quantity(at.elsewhere(q), one, frame, vdot, tau), at.q
+        )
+    return truths[one.name, frame]
+
+
+def _truths(at: Evaluation) -> dict[tuple[str, str], Array]:
+    """Return the true values at a state that are kept, by quantity and link."""
+    return {}
 
 
 # ---- Results -------------------------------------------------------------------------------------

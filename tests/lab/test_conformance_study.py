@@ -1,0 +1,139 @@
+"""The study of conformance: libraries that fail, and what the cells of a robot share."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pytest
+from tests import robots
+
+from eomcheck.claims import CLAIMS
+from eomcheck.claims.run import RunSelection, SceneEngines, make_case
+from eomcheck.engines import Answers, EngineFault, PinocchioFile, make_engine
+from eomcheck.errors import RemoteError
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.lab.store.record_file import Record
+from eomcheck.lab.studies import conformance
+from eomcheck.mechanics.records import State
+
+
+class Leaving(PinocchioFile):
+    """Reader of files that ends its process while it builds its model."""
+
+    def __init__(self, scene):
+        raise SystemExit(3)
+
+
+class Remote(PinocchioFile):
+    """Reader of files in a process of its own, where it raises an exception."""
+
+    def __init__(self, scene):
+        raise RemoteError("Remote(scene)", "raised ValueError: no such mesh")
+
+
+class Picky(PinocchioFile):
+    """Reader of files that raises an exception."""
+
+    def __init__(self, scene):
+        raise ValueError("no such mesh")
+
+
+class Counting(PinocchioFile):
+    """Reader of files that counts its calls."""
+
+    calls: ClassVar[list[str]] = []
+
+    def bias(self, q, v, t=0.0):
+        """Return B."""
+        self.calls.append("bias")
+        return super().bias(q, v, t)
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> str:
+    """Return the file of a small robot."""
+    return str(robots.arm(tmp_path / "arm.urdf"))
+
+
+def record(arm: str, kind: type[PinocchioFile], states: int = 1) -> Record:
+    """Return the Record of the cell of a robot and a class of this file."""
+    engine = f"{__file__}:{kind.__name__}"
+    settings = {"robot": arm, "free": False, "engine": engine, "states": states, "seed": 0}
+    return conformance._check(settings)
+
+
+@pytest.mark.parametrize(
+    "kind, status, reason",
+    [
+        (Leaving, "failed", "Leaving(scene) raised SystemExit: 3"),
+        (Remote, "refused", "no such mesh"),
+        (Picky, "refused", "no such mesh"),
+    ],
+)
+def test_a_library_that_ends_its_process_at_a_file_is_an_alarm_and_one_that_raises_refuses_it(
+    kind: type[PinocchioFile], status: str, reason: str, arm: str
+):
+    found = record(arm, kind)
+    assert (found.status, conformance.alarm([found])) == (status, status == "failed")
+    assert kind.__name__ in found.reason and reason in found.reason
+    assert ("unread" in found.counts) == (status == "refused")
+    assert [one.differs for one in conformance.observations([found])] == (
+        [True] if status == "refused" else []
+    )
+
+
+def test_only_an_end_of_a_process_is_one():
+    scene = conformance.SCENES["sleigh"].example()
+    for kind, ended in ((Leaving, True), (Remote, False), (Picky, False)):
+        with pytest.raises(EngineFault) as fault:
+            make_engine(kind, scene)
+        assert conformance.has_ended(fault.value) == ended
+
+
+def test_what_a_robot_computes_at_its_states_is_shared_by_libraries(arm: str, monkeypatch):
+    settings = arm, False, 2, 0
+    scene, evaluations = conformance._sampled_scene(*settings)
+    assert conformance._sampled_scene(*settings).states is evaluations and len(evaluations) == 2
+    assert not np.array_equal(evaluations[0].q, evaluations[1].q)
+    assert len(conformance._sampled_scene(arm, False, 3, 0).states) == 3
+    answers, at = Answers(PinocchioFile(scene)), evaluations[0]
+    digits = partial(conformance.true_digits, at, answers, PinocchioFile)
+    first = dict(digits())
+    monkeypatch.setattr(conformance, "enclosed_quantity", None)  # a truth is computed once
+    assert dict(digits()) == first and min(first.values()) > 10
+
+
+def test_an_engine_is_asked_once_where_no_repeats_are_wanted(arm: str):
+    scene, (at,) = conformance._sampled_scene(arm, False, 1, 0)
+    selection = RunSelection.of(["gw"], [Counting], ["bias"], scenes=[scene])
+    engines = SceneEngines(scene, (Counting(scene),), {})
+    for repeats, least, most in ((0, 1, 1), (2, 3, 20)):
+        Counting.calls.clear()
+        case = make_case(engines, State(at.q, at.v, at.t), selection, repeats, at)
+        (finding,) = case.evaluate(CLAIMS["bias"])
+        assert finding.verdict == "passed" and least <= len(Counting.calls) <= most
+
+
+def test_engines_of_few_digits_share_the_rounded_state_if_their_own_coordinates_agree(arm: str):
+    class Single(PinocchioFile):
+        unit_roundoff = 2.0**-24
+
+    class Other(Single):
+        pass
+
+    scene, (at,) = conformance._sampled_scene(arm, False, 1, 0)
+    state, rounded = State(at.q, at.v, at.t), []
+    for kind in (Single, Other):
+        engine = kind(scene)
+        selection = RunSelection.of(["gw"], [], ["bias"], scenes=[scene])
+        case = make_case(SceneEngines(scene, (engine,), {}), state, selection, at=at)
+        case.claim = CLAIMS["bias"]
+        rounded.append(case.rounded_for(engine).at)
+    assert rounded[0] is rounded[1] and rounded[0].unit_roundoff == 2.0**-24
+    assert np.array_equal(rounded[0].q, at.q.astype(np.float32))
+    other = make_case(SceneEngines(scene, (), {}), state, selection, at=Evaluation(scene, *state))
+    other.claim = CLAIMS["bias"]
+    assert other.rounded_for(Single(scene)).at is not rounded[0]
