@@ -98,8 +98,14 @@ STUBS: dict[str, dict[str, Any]] = {
         "eomcheck.lab.report.equations_output.print_equations": None,
         "eomcheck.lab.report.equations_output.write_equations": None,
         "eomcheck.lab.report.equations_output.equations_records": [],
+        "eomcheck.lab.report.equations_output.print_checked": None,
+        "eomcheck.lab.recorded_answers.check_answers": (
+            [SimpleNamespace(verdict="passed")],
+            ["a note"],
+        ),
         "eomcheck.cli.check_commands._write_page": None,
     },
+    "states": {"eomcheck.lab.recorded_answers.write_states": None},
     "validate": {
         **DEVIATIONS,
         **ISOLATED,
@@ -180,6 +186,7 @@ STUBS: dict[str, dict[str, Any]] = {
 
 BASES = {
     "check": "of_options.py",
+    "states": "-o a.csv",
     "validate": "--examples 1",
     "list": "claims",
     "report": "r.db",
@@ -212,6 +219,7 @@ CASES: dict[str, dict[str, Case]] = {
     "check": {
         **PATIENT,
         "file": ("", {"read_equations.name": "of_options.py:own"}, "of_options.py:own"),
+        "scene": ("--scene sleigh", {"check_answers.scene": "~Sleigh("}, "a.csv --scene snake"),
         "n": ("--n 3", {"read_equations.n": 3}),
         "against": (
             "--against sleigh",
@@ -225,6 +233,15 @@ CASES: dict[str, dict[str, Case]] = {
         ),
         "json": ("--json a.json", {"write_equations.path": "a.json"}),
         "report": ("--report a.html", {"_write_page.path": "a.html"}),
+    },
+    "states": {
+        **PATIENT,
+        "output": ("-o b.csv", {"write_states.path": "b.csv"}),
+        "scene": ("--scene sleigh", {"write_states.scene": "~Sleigh("}),
+        "links": ("--links 3 --scene coil", {"write_states.scene": "~Snake("}),
+        "settings": ("--set mass=2 --scene sleigh", {"write_states.scene": "~mass=2"}),
+        "examples": ("--examples 7", {"write_states.examples": 7}),
+        "seed": ("--seed 9", {"write_states.seed": 9}),
     },
     "validate": {
         **PATIENT,

@@ -48,7 +48,7 @@ COMMANDS = {
     "studies": "study --help",
     "check": "check docs/guides/cart.py --examples 2",
 }
-OTHERS = {"report", "export", "reference", "compare", "fuzz", "badge"}
+OTHERS = {"states", "report", "export", "reference", "compare", "fuzz", "badge"}
 """Commands that need files or take long: below; what `reference` prints is a table of
 `ResultTable`.
 """

@@ -155,7 +155,13 @@ SCALINGS: dict[str, tuple[int, int]] = {
 }
 """Confusion of scale -> rational factor, as numerator and denominator."""
 
-UNITS: dict[str, float] = {"in degrees": 180.0 / np.pi, "per degree": np.pi / 180.0}
+UNITS: dict[str, float] = {
+    "in degrees": 180.0 / np.pi,
+    "per degree": np.pi / 180.0,
+    "1000 times the expected value, as with mm for m or g for kg": 1e3,
+    "a 1000th of the expected value, as with m for mm or kg for g": 1e-3,
+    "10⁶ times the expected value, as with mm² for m²": 1e6,
+}
 """Confusion of units -> factor; there is no π in exact numbers."""
 
 TERM_MULTIPLES: dict[float, str] = {-1: "without {}", 1: "{} twice", -2: "{} with the wrong sign"}

@@ -184,7 +184,7 @@ def point_at(e: Evaluation, vdot: Array, tau: Array | None = None) -> Conformanc
     return points[key]
 
 
-def _value(one: Quantity, frame: str, vdot: Array, tau: Array | None, e: Evaluation) -> Any:
+def compared_value(one: Quantity, frame: str, vdot: Array, tau: Array | None, e: Evaluation) -> Any:
     """Return our own value of a quantity at an evaluation, or at its perturbed samples."""
     return one.compared(point_at(e, vdot, tau), frame)
 
@@ -213,7 +213,7 @@ def _own_values(at: Evaluation) -> dict[tuple[str, str, int], OwnValue]:
     return {}
 
 
-def _own_value(
+def own_value(
     at: Evaluation, one: Quantity, frame: str, own: Any, point: Any, block: int = 0
 ) -> OwnValue:
     """Return our own value of a quantity at a state, the same one for all engines."""
@@ -268,14 +268,14 @@ def _blocks(
     """Yield the blocks of a quantity, of which `own` is the value by ourselves."""
     names = one.axis_names(point)
     if one.mapping != "derivatives":
-        ours = _own_value(at, one, frame, own, point)
+        ours = own_value(at, one, frame, own, point)
         yield ComparedBlock("", 0, ..., ours, own, names[: ours.array.ndim])
         return
     n = at.scene.n
     for k, symbol in enumerate(one.symbol.split(", ")):
         columns = np.s_[:, k * n : (k + 1) * n]
         value = partial(_columns_of, own, columns)
-        ours = _own_value(at, one, frame, value, point, k)
+        ours = own_value(at, one, frame, value, point, k)
         yield ComparedBlock(symbol, k, columns, ours, value, (names[0], names[1][columns[1]]))
 
 
@@ -295,7 +295,7 @@ def _compare(
     vdot = rounded(acceleration_asked(at), at.unit_roundoff)
     point = point_at(at, vdot)
     tau = rounded(point.torques, at.unit_roundoff) if "tau" in one.arguments else None
-    own = partial(_value, one, frame, vdot, tau)
+    own = partial(compared_value, one, frame, vdot, tau)
     blocks = list(_blocks(at, point, one, frame, own))
     ours = np.concatenate([x.own.array for x in blocks], -1) if blocks[1:] else blocks[0].own.array
     arguments = at.q, at.v, vdot if tau is None else tau, frame, at.t
@@ -357,7 +357,7 @@ def _compare_block(
         names=block.names,
         scale=size,
         own=partial(entry_sensitivity_of, at, block.value),
-        context=partial(_context, one, frame, point),
+        context=partial(context_of, one, frame, point),
     )
     if finding.verdict == "failed" and is_blamed(type(engine)) and one.mapping == "derivatives":
         with suppress(*UNABLE):
@@ -390,7 +390,7 @@ ROWS: dict[str, RowKind] = {
 ORIGIN = "the origin of the world"
 
 
-def _context(one: Quantity, frame: str, point: ConformancePoint) -> ConfusionContext:
+def context_of(one: Quantity, frame: str, point: ConformancePoint) -> ConfusionContext:
     """Return the axes, points and summands by which confusions of a quantity are recognized."""
     context = ConfusionContext(ROWS.get(one.name, ""), terms=_summands(one, point))
     if one.of_frame:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -21,10 +22,12 @@ from eomcheck.cli.application import (
     Formulations,
     IsolatedOption,
     Json,
+    Links,
     Patience,
     RecordsOption,
     ReportedClaims,
     SceneClassOption,
+    SceneOption,
     Seed,
     SetOption,
     app,
@@ -39,6 +42,7 @@ from eomcheck.cli.application import (
     scene_option,
     seed_option,
     selected_engines,
+    selected_scene,
 )
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.lab.option_parsing import (
@@ -48,6 +52,9 @@ from eomcheck.lab.option_parsing import (
     parse_parameters,
     parse_whole_numbers,
 )
+
+if TYPE_CHECKING:
+    from eomcheck.claims.finding import Finding
 
 REGISTRIES = ("formulations", "scenes", "engines", "claims", "quantities")
 """Arguments of `eomcheck list`."""
@@ -59,9 +66,13 @@ def check_command(
         str,
         typer.Argument(
             metavar="FILE",
-            help="FILE.py with functions M(q), bias(q, v), and so on, or FILE.py:NAME.",
+            help="FILE.py with functions M(q), bias(q, v), and so on, or FILE.py:NAME; or recorded "
+            "answers, a table .csv, .json, .npz or .parquet, with --scene.",
         ),
     ],
+    scene: Annotated[
+        str | None, scene_option("Scene that recorded answers are about, such as robot.urdf.")
+    ] = None,
     n: Annotated[
         int | None,
         typer.Option(
@@ -84,19 +95,21 @@ def check_command(
     ] = None,
     patience: Patience = PATIENCE,
 ) -> None:
-    """Check equations of motion in a Python file: functions, or a SymPy model.
+    """Check equations of motion in a Python file, or recorded answers of another program.
 
     Exit code 1 if a claim fails; 2 if nothing was decided.
     """
     check_count(examples=examples)
     for path in (json, report):
         check_writable(path)
+    if Path(file).suffix in (".csv", ".json", ".npz", ".parquet"):
+        check_used("with recorded answers", n=n, against=against, claim=claim)
+        findings = _check_recorded(Path(file), scene, json)
+        _end_check(file, findings, report)
+        return
+    check_used("with equations of motion", scene=scene)
     from eomcheck.console import activity
-    from eomcheck.lab.report.equations_output import (
-        equations_records,
-        print_equations,
-        write_equations,
-    )
+    from eomcheck.lab.report.equations_output import print_equations, write_equations
     from eomcheck.testing.equations_of_files import read_equations, reference_named
     from eomcheck.testing.function_checks import check_equations
 
@@ -112,6 +125,33 @@ def check_command(
     print_equations(read, findings, examples, seed, against or "")
     if json is not None:
         print(f"written: {json}")
+    _end_check(file, findings, report)
+
+
+def _check_recorded(file: Path, scene: str | None, json: Path | None) -> list[Finding]:
+    """Check recorded answers, print what was found and return it."""
+    from eomcheck.console import activity
+    from eomcheck.lab.recorded_answers import check_answers
+    from eomcheck.lab.report.equations_output import print_checked, write_answers
+    from eomcheck.scene_lookup import scene_named
+
+    if scene is None:
+        raise InputError(f"file = {str(file)!r}: recorded answers need --scene")
+    with activity("checking"):
+        findings, notes = check_answers(file, subject := scene_named(scene))
+    title = f"{file.name} about {subject.name}"
+    if json is not None:
+        write_answers(json, title, notes, findings)
+    print_checked(title, notes, findings, "subject")
+    if json is not None:
+        print(f"written: {json}")
+    return findings
+
+
+def _end_check(file: str, findings: Sequence[Finding], report: Path | None) -> None:
+    """Write the page of a check, and end the command with its exit code."""
+    from eomcheck.lab.report.equations_output import equations_records
+
     with records_to_report(None, report) as kept:
         if report is not None and kept is not None:
             for record in equations_records(findings):
@@ -121,6 +161,27 @@ def check_command(
         raise typer.Exit(1)
     if not any(finding.verdict == "passed" for finding in findings):
         raise InputError(f"file = {file!r}: nothing could be decided")
+
+
+@app.command("states")
+def states_command(
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="Table to write: .csv, .json, .npz or .parquet.")
+    ],
+    scene: SceneOption = "snake",
+    links: Links = None,
+    settings: SetOption = None,
+    examples: Annotated[int, typer.Option(help="Number of states.")] = 100,
+    seed: Seed = 0,
+    patience: Patience = PATIENCE,
+) -> None:
+    """Write random states of a scene for another program, whose answers `check` then reads."""
+    check_count(examples=examples)
+    check_writable(output)
+    from eomcheck.lab.recorded_answers import write_states
+
+    write_states(selected_scene(scene, links, settings), output, examples, seed)
+    print(f"written: {output}")
 
 
 @app.command("validate")
@@ -487,7 +548,8 @@ def badge_command(
         typer.Option(metavar="KEY", help="Engine, where the result is about several."),
     ] = None,
     label: Annotated[
-        str | None, typer.Option(help="Text on the left. [default: eomcheck and the engine]")
+        str | None,
+        typer.Option(metavar="WORDS", help="Text on the left. [default: eomcheck and the engine]"),
     ] = None,
 ) -> None:
     """Write a badge of a result, a static SVG: the quantities of an engine that agree."""

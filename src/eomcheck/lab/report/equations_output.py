@@ -1,4 +1,4 @@
-"""Output of checked equations of motion: on a terminal, as JSON, and as Records of a page.
+"""Output of checked equations of motion and answers: on a terminal, as JSON, as Records of a page.
 
 The first lines name what was read and the verdict. Failures follow, one block per cause: what is
 wrong, where, the likely cause, and its numbers. Claims that passed are one line, and what could not
@@ -51,16 +51,23 @@ def failure_lines(first: Finding, *following: Finding) -> Iterator[str]:
         yield f"{INDENT}follows from it: {', '.join(names)}"
 
 
-def verdict_line(findings: Sequence[Finding]) -> str:
-    """Return the verdict on all findings in one sentence."""
-    failed = {one.claim for one in findings if one.verdict == "failed"}
-    decided = {one.claim for one in findings if one.verdict in ("passed", "failed")}
-    if failed:
-        names = dict.fromkeys(group[0].cause or group[0].subject for group in causes_of(findings))
-        return f"{len(failed)} of {counted(len(decided), 'claim')} failed: {', '.join(names)}"
+def verdict_line(findings: Sequence[Finding], counts: str = "claim") -> str:
+    """Return the verdict on all findings in one sentence.
+
+    Args:
+        findings: the Findings.
+        counts: attribute of them that is counted, "claim" or "subject".
+    """
+    of_all = [(getattr(one, counts), one.verdict) for one in findings]
+    failed = {name for name, verdict in of_all if verdict == "failed"}
+    decided = {name for name, verdict in of_all if verdict in ("passed", "failed")}
     if not decided:
         return "nothing was decided"
-    return f"{counted(len(decided), 'claim')} passed, 0 failed"
+    number = counted(len(decided), {"claim": "claim", "subject": "quantity"}[counts])
+    if failed:
+        names = dict.fromkeys(group[0].cause or group[0].subject for group in causes_of(findings))
+        return f"{len(failed)} of {number} failed: {', '.join(names)}"
+    return f"{number} passed, 0 failed"
 
 
 def print_equations(
@@ -76,12 +83,26 @@ def print_equations(
         against: name of the reference, "" for none.
     """
     equations = read.equations
-    failed = any(one.verdict == "failed" for one in findings)
     how = f"{counted(states, 'state')}, seed {seed}" + (f", against {against}" if against else "")
-    say(f"eomcheck {__version__}, {equations.structure}; n = {equations.n}; {how}")
-    for note in read.notes:
+    print_checked(f"{equations.structure}; n = {equations.n}; {how}", read.notes, findings)
+
+
+def print_checked(
+    title: str, notes: Iterable[str], findings: Sequence[Finding], counts: str = "claim"
+) -> None:
+    """Print the verdict on what was checked, failures by cause, and what was not decided.
+
+    Args:
+        title: what was checked, and how.
+        notes: sentences on how it was read.
+        findings: Findings about it.
+        counts: see `verdict_line`.
+    """
+    failed = any(one.verdict == "failed" for one in findings)
+    say(f"eomcheck {__version__}, {title}")
+    for note in notes:
         say(note)
-    say(verdict_line(findings), "bold red" if failed else "bold green")
+    say(verdict_line(findings, counts), "bold red" if failed else "bold green")
     groups = causes_of(findings)
     for group in groups:
         head, *lines = failure_lines(*group)
@@ -89,7 +110,7 @@ def print_equations(
         say(head, "red")
         for line in lines:
             say(line)
-    passed = dict.fromkeys(one.claim for one in findings if one.verdict == "passed")
+    passed = dict.fromkeys(getattr(one, counts) for one in findings if one.verdict == "passed")
     if passed:
         say("")
         say(f"passed: {', '.join(passed)}")
@@ -101,6 +122,12 @@ def print_equations(
     if groups and groups[0][0].state is not None:
         say("\nThe first failure in its worst state, to paste into Python:\n")
         say(groups[0][0].as_python())
+
+
+def write_answers(path: Path, title: str, notes: list[str], findings: Sequence[Finding]) -> None:
+    """Write every Finding about recorded answers as JSON."""
+    found = [finding.as_dict() for finding in findings]
+    write_json(path, {"answers": title, "notes": notes, "findings": found})
 
 
 def write_equations(

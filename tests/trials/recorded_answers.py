@@ -1,0 +1,301 @@
+"""Judge recorded answers of Pinocchio, right ones and with planted faults, printed with few digits.
+
+    python -m tests.trials.recorded_answers [--states 1000] [--robot FILE] [--seed 0]
+        [--markdown FILE]
+
+States of a robot are written, Pinocchio answers, and its numbers are printed with 4, 7 and 17
+digits. Right answers must pass. Each fault changes the answers as another program might: another
+convention, a term that is missing, one wrong entry, the row before. Prints which are named, or "too
+few digits" where the change is smaller than what is printed, which must not fail then. The exit
+code is 1 if right answers fail, or a fault that the digits show is not named.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio
+from tests.scenes.test_public_robots import found
+
+from eomcheck.lab.recorded_answers import check_answers, write_states
+from eomcheck.lab.show.table import ResultTable, print_tables
+from eomcheck.mechanics.scene import Scene
+from eomcheck.scene_lookup import scene_named
+
+FORMATS = ("%.4g", "%.7g", "%.17g")
+"""Formats in which answers are printed."""
+
+Answers = dict[str, Any]
+
+
+class Model:
+    """Pinocchio's model of a robot, and its answers at a state.
+
+    Args:
+        path: the URDF.
+        tool: name of a frame.
+    """
+
+    def __init__(self, path: str, tool: str):
+        self.model = pinocchio.buildModelFromUrdf(path)
+        self.data, self.tool = self.model.createData(), tool
+
+    def __call__(self, q: Any, v: Any, vdot: Any) -> Answers:
+        """Return the answers by name of the quantity."""
+        model, data = self.model, self.data
+        M = pinocchio.crba(model, data, q)
+        M = np.triu(M) + np.triu(M, 1).T
+        gravity = np.array(pinocchio.computeGeneralizedGravity(model, data, q))
+        bias = pinocchio.rnea(model, data, q, v, 0.0 * v) - gravity
+        frame = model.getFrameId(self.tool)
+        axes = pinocchio.LOCAL_WORLD_ALIGNED
+        J = np.array(pinocchio.computeFrameJacobian(model, data, q, frame, axes))
+        return {
+            "M": M,
+            "bias": bias,
+            "gravity": gravity,
+            "tau": np.array(pinocchio.rnea(model, data, q, v, vdot)),
+            "qdd": np.array(pinocchio.aba(model, data, q, v, 0.0 * v)),
+            "kinetic_energy": np.array(pinocchio.computeKineticEnergy(model, data, q, v)),
+            "com": np.array(pinocchio.centerOfMass(model, data, q)),
+            f"J[{self.tool}]": J,
+        }
+
+    def rotation(self) -> Any:
+        """Return the axes of the tool, after its Jacobian was computed."""
+        return np.array(self.data.oMf[self.model.getFrameId(self.tool)].rotation)
+
+
+class Fault(NamedTuple):
+    """A fault of recorded answers.
+
+    Attributes:
+        id: its name.
+        says: words of the finding, alternatives with "|" between them.
+        answer: function of (model, q, v, v̇, row, answers of the row before) -> answers.
+    """
+
+    id: str
+    says: str
+    answer: Callable[..., Answers]
+
+
+def _changed(name: str, change: Callable[[Any], Any]) -> Callable[..., Answers]:
+    """Return the answers with one of them changed."""
+
+    def answer(model: Model, q: Any, v: Any, vdot: Any, row: int, before: Any) -> Answers:
+        right = model(q, v, vdot)
+        key = next(one for one in right if one.partition("[")[0] == name)
+        return right | {key: change(right[key].copy())}
+
+    return answer
+
+
+def _at_state(change: Callable[[Any, Any], tuple[Any, Any]], order: Any = None) -> Callable:
+    """Return the answers at another state; of vectors and matrices in another order."""
+
+    def answer(model: Model, q: Any, v: Any, vdot: Any, row: int, before: Any) -> Answers:
+        return model(*change(q, v), vdot)
+
+    return answer
+
+
+def _with(name: str, change: Callable[[Answers], Any]) -> Callable[..., Answers]:
+    """Return the answers with one that is made from all of them."""
+
+    def answer(model: Model, q: Any, v: Any, vdot: Any, row: int, before: Any) -> Answers:
+        right = model(q, v, vdot)
+        return right | {name: change(right)}
+
+    return answer
+
+
+def _stale(model: Model, q: Any, v: Any, vdot: Any, row: int, before: Any) -> Answers:
+    right = model(q, v, vdot)
+    return right | {"M": before["M"]} if row % 7 == 3 and before else right
+
+
+def _local_axes(model: Model, q: Any, v: Any, vdot: Any, row: int, before: Any) -> Answers:
+    right = model(q, v, vdot)
+    key = f"J[{model.tool}]"
+    return right | {key: np.kron(np.eye(2), model.rotation().T) @ right[key]}
+
+
+def _entry(i: int, j: int, change: Callable[[float], float]) -> Callable[[Any], Any]:
+    def changed(M: Any) -> Any:
+        M[i, j] = change(M[i, j])
+        return M
+
+    return changed
+
+
+def _row(i: int, change: Callable[[float], float]) -> Callable[[Any], Any]:
+    def changed(x: Any) -> Any:
+        x[i] = change(x[i])
+        return x
+
+    return changed
+
+
+DEGREE = np.pi / 180.0
+SWAP = [1, 0, 2, 3, 4, 5]
+FAULTS: tuple[Fault, ...] = (
+    Fault("M-one-entry-sign", "wrong sign", _changed("M", _entry(1, 2, lambda x: -x))),
+    Fault("M-one-entry-half", "half", _changed("M", _entry(2, 1, lambda x: x / 2))),
+    Fault("M-one-entry-missing", "missing", _changed("M", _entry(0, 1, lambda x: 0.0 * x))),
+    Fault("M-upper-triangle-only", "triangle", _changed("M", np.triu)),
+    Fault("M-lower-triangle-only", "triangle", _changed("M", np.tril)),
+    Fault("M-twice", "twice|double", _changed("M", lambda M: 2 * M)),
+    Fault("M-inverse", "M", _changed("M", np.linalg.inv)),
+    Fault("M-diagonal-off", "M, ", _changed("M", _entry(1, 1, lambda x: x + 0.3))),
+    Fault("M-order-reversed", "order", _changed("M", lambda M: M[::-1, ::-1])),
+    Fault("M-two-joints-exchanged", "order", _changed("M", lambda M: M[SWAP][:, SWAP])),
+    Fault("M-in-grams", "1000|unit", _changed("M", lambda M: 1000 * M)),
+    Fault("M-stale", "stale", _stale),
+    Fault("bias-sign", "wrong sign", _changed("bias", lambda x: -x)),
+    Fault("bias-half", "half", _changed("bias", lambda x: x / 2)),
+    Fault("bias-twice", "twice|double", _changed("bias", lambda x: 2 * x)),
+    Fault("bias-one-row", "row", _changed("bias", _row(2, lambda x: -x))),
+    Fault("bias-missing", "missing", _changed("bias", lambda x: 0.0 * x)),
+    Fault(
+        "bias-with-gravity", "with gravity in it", _with("bias", lambda x: x["bias"] + x["gravity"])
+    ),
+    Fault(
+        "bias-with-gravity-of-the-other-sign",
+        "gravity of the wrong sign",
+        _with("bias", lambda x: x["bias"] - x["gravity"]),
+    ),
+    Fault("bias-reversed", "order", _changed("bias", lambda x: x[::-1])),
+    Fault("gravity-sign", "wrong sign", _changed("gravity", lambda x: -x)),
+    Fault("gravity-9.8", "gravity", _changed("gravity", lambda x: x * 9.8 / 9.81)),
+    Fault("gravity-missing", "missing", _changed("gravity", lambda x: 0.0 * x)),
+    Fault("gravity-one-row", "row", _changed("gravity", _row(1, lambda x: -x))),
+    Fault("gravity-in-degrees", "degree|unit|180", _changed("gravity", lambda x: x * DEGREE)),
+    Fault(
+        "tau-without-gravity", "without gravity", _with("tau", lambda x: x["tau"] - x["gravity"])
+    ),
+    Fault("tau-gravity-sign", "gravity", _with("tau", lambda x: x["tau"] - 2 * x["gravity"])),
+    Fault("tau-without-bias", "without the bias", _with("tau", lambda x: x["tau"] - x["bias"])),
+    Fault("tau-sign", "wrong sign", _changed("tau", lambda x: -x)),
+    Fault("qdd-sign", "wrong sign", _changed("qdd", lambda x: -x)),
+    Fault(
+        "qdd-without-gravity",
+        "without gravity",
+        _with("qdd", lambda x: -np.linalg.solve(x["M"], x["bias"])),
+    ),
+    Fault(
+        "qdd-without-bias",
+        "without the bias|gravity alone",
+        _with("qdd", lambda x: -np.linalg.solve(x["M"], x["gravity"])),
+    ),
+    Fault("energy-twice", "twice|double", _changed("kinetic_energy", lambda x: 2 * x)),
+    Fault("com-in-mm", "1000|unit", _changed("com", lambda x: 1000 * x)),
+    Fault("com-axes-exchanged", "x and y exchanged", _changed("com", lambda x: x[[1, 0, 2]])),
+    Fault("J-angular-first", "angular", _changed("J", lambda J: J[[3, 4, 5, 0, 1, 2]])),
+    Fault("J-own-axes", "own axes", _local_axes),
+    Fault("J-one-row", "row", _changed("J", _row(5, lambda x: -x))),
+    Fault("J-order-reversed", "order", _changed("J", lambda J: J[:, ::-1])),
+    Fault("q-degrees", "degrees", _at_state(lambda q, v: (q * DEGREE, v))),
+    Fault("q-and-v-degrees", "degrees", _at_state(lambda q, v: (q * DEGREE, v * DEGREE))),
+    Fault("q-radians-for-degrees", "degrees", _at_state(lambda q, v: (q / DEGREE, v))),
+    Fault("q-other-sign", "other sign", _at_state(lambda q, v: (-q, v))),
+    Fault("q-zero", "q were 0", _at_state(lambda q, v: (0.0 * q, v))),
+    Fault("v-zero", "v were 0|missing", _at_state(lambda q, v: (q, 0.0 * v))),
+    Fault("q-joints-exchanged", "order", _at_state(lambda q, v: (q[SWAP], v[SWAP]))),
+    Fault("q-joints-reversed", "order", _at_state(lambda q, v: (q[::-1].copy(), v[::-1].copy()))),
+)
+
+
+def table_of(
+    model: Model, states: Sequence[Sequence[str]], form: str, fault: Fault | None
+) -> Iterable[list[str]]:
+    """Yield the rows of a table: the state and the printed answers, the header first."""
+    head, *rows = states
+    n = model.model.nv
+    before: Answers = {}
+    for k, row in enumerate(rows):
+        q, v, vdot = np.array(row[: 3 * n], float).reshape(3, n)
+        right = model(q, v, vdot)
+        answers = right if fault is None else fault.answer(model, q, v, vdot, k, before)
+        before = right
+        if k == 0:
+            yield [*head, *(name for key, x in answers.items() for name in _names(key, x))]
+        numbers = (y for x in answers.values() for y in np.ravel(x).tolist())
+        yield [*row, *(form % y for y in numbers)]
+
+
+def _names(key: str, x: Any) -> list[str]:
+    """Return the names of the columns of an answer."""
+    if not np.ndim(x):
+        return [key]
+    return [f"{key}[{';'.join(map(str, index))}]" for index in np.ndindex(np.shape(x))]
+
+
+def write_answers(path: Path, rows: Iterable[list[str]]) -> Path:
+    """Write a table as CSV."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows(rows)
+    return path
+
+
+def outcome(fault: Fault, scene: Scene, model: Model, states: Any, form: str, path: Path) -> str:
+    """Return what became of a fault: "named", "found", "too few digits" or "missed"."""
+    rows = [*table_of(model, states, form, fault)]
+    shown = rows != [*table_of(model, states, form, None)]
+    findings, _ = check_answers(write_answers(path, rows), scene)
+    failed = [finding for finding in findings if finding.verdict == "failed"]
+    if not failed:
+        return "missed" if shown else "too few digits"
+    text = " ".join(f"{one.subject}: {one.detail}" for one in failed)
+    return "named" if any(word in text for word in fault.says.split("|")) else f"found: {text}"
+
+
+def main() -> int:
+    """Run what the command line asks for."""
+    parser = argparse.ArgumentParser("python -m tests.trials.recorded_answers", description=__doc__)
+    parser.add_argument("--states", type=int, default=1000, help="number of right states")
+    parser.add_argument("--few", type=int, default=40, help="number of states with a fault")
+    parser.add_argument("--robot", help="a URDF of six joints; by default UR5")
+    parser.add_argument("--tool", default="tool0", help="a link of it")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--markdown", type=Path)
+    asked = parser.parse_args()
+    path_of_robot = asked.robot or str(found("ur5_robot"))
+    scene, model = scene_named(path_of_robot), Model(path_of_robot, asked.tool)
+    wrong, lines = 0, []
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "states.csv"
+        write_states(scene, path, asked.states, asked.seed)
+        with path.open(newline="", encoding="utf-8") as file:
+            states = list(csv.reader(file))
+        for form in FORMATS:
+            rows = table_of(model, states, form, None)
+            findings, _ = check_answers(write_answers(Path(folder) / "right.csv", rows), scene)
+            failed = [str(one) for one in findings if one.verdict == "failed"]
+            wrong += len(failed)
+            verdicts = [one.verdict for one in findings]
+            print(form, {x: verdicts.count(x) for x in sorted({*verdicts})}, *failed, sep="\n  ")
+        for fault in FAULTS:
+            few = states[: asked.few + 1]
+            outcomes = [
+                outcome(fault, scene, model, few, form, Path(folder) / "wrong.csv")
+                for form in FORMATS
+            ]
+            wrong += sum(x not in ("named", "too few digits") for x in outcomes)
+            lines.append([fault.id, *outcomes])
+            print(*lines[-1], sep=" | ", flush=True)
+    table = ResultTable("recorded", "", ["fault", *FORMATS], lines)
+    print_tables([table])
+    if asked.markdown:
+        asked.markdown.write_text(table.markdown(), encoding="utf-8")
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
