@@ -491,7 +491,7 @@ def _judge_group(group: _Group, scene: Scene, table: RecordedTable) -> Iterator[
     hidden = recorded.reshape(columns.shape) & ~resolved
     vanish = np.all([np.abs(one.expected) <= one.own for one in judged], axis=0)
     hidden &= ~vanish
-    if np.any((resolved | vanish)[recorded.reshape(columns.shape)]):
+    if np.any(np.logical_or(resolved, vanish)[recorded.reshape(columns.shape)]):
         yield Finding(*about, state, *numbers, "passed", evidence)
     if np.any(hidden):
         names = [
