@@ -17,7 +17,7 @@ from eomcheck import cli
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.evaluation.conformance import ConformancePoint, quantity
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.lab.recorded_answers import check_answers, layout_of, write_states
+from eomcheck.lab.recorded_answers import check_answers, table_layout, write_states
 from eomcheck.lab.recorded_table import (
     EXACT,
     Digits,
@@ -323,7 +323,7 @@ STATE = {f"{x}[{k}]": np.zeros(1) for x in ("q", "v", "vdot") for k in range(3)}
 def test_a_column_that_is_nothing_is_one_sentence(columns, message: str, tmp_path: Path):
     write_table(tmp_path / "a.npz", STATE | {name: np.full(1, x) for name, x in columns.items()})
     with pytest.raises((InputError, UnknownNameError)) as error:
-        layout_of(open_table(tmp_path / "a.npz"), CHAIN)
+        table_layout(open_table(tmp_path / "a.npz"), CHAIN)
     assert message in str(error.value)
 
 
@@ -334,7 +334,7 @@ def test_a_column_of_the_state_that_is_missing_is_named(column: str, missing: st
     columns = {name: x for name, x in STATE.items() if name != f"{missing}[1]"}
     write_table(tmp_path / "a.npz", columns | {column: np.ones(1)})
     with pytest.raises(InputError, match=rf"has no column {missing}\[θ_2\]"):
-        layout_of(open_table(tmp_path / "a.npz"), CHAIN)
+        table_layout(open_table(tmp_path / "a.npz"), CHAIN)
 
 
 def test_a_state_that_is_no_number_is_bad_input(tmp_path: Path):

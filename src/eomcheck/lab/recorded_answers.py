@@ -189,7 +189,7 @@ class TableLayout(NamedTuple):
     answers: tuple[AnswerColumns, ...]
 
 
-def layout_of(table: RecordedTable, scene: Scene) -> TableLayout:
+def table_layout(table: RecordedTable, scene: Scene) -> TableLayout:
     """Return the meaning of the columns of a table.
 
     Raises:
@@ -443,11 +443,11 @@ def check_answers(
         whose printed digits decide nothing. The notes are sentences.
 
     Raises:
-        InputError: the table cannot be read, or see `layout_of`.
-        UnknownNameError: see `layout_of`.
+        InputError: the table cannot be read, or see `table_layout`.
+        UnknownNameError: see `table_layout`.
     """
     table = open_table(path)
-    layout = layout_of(table, scene)
+    layout = table_layout(table, scene)
     groups = [_Group(columns) for columns in layout.answers]
     count = 0
     last: RecordedRow | None = None
