@@ -270,6 +270,19 @@ def test_a_rotation_matrix_is_transposed():
     assert recognize(R.T, R, 1e-12) == "transposed"
 
 
+def test_of_a_body_that_turns_about_the_origin_an_acceleration_is_spatial():
+    """It is that of the point at the origin as well, which is confused less often."""
+    omega, p, still = np.array([0.3, -1.2, 0.7]), np.array([1.0, 0.4, -0.6]), np.zeros(3)
+    context = ConfusionContext(
+        rows="acceleration", arms={WORLD: -p}, omega=omega, velocity=np.cross(omega, p)
+    )
+    bias = np.concatenate((np.cross(omega, np.cross(omega, p)), still))
+    assert recognize(np.zeros(6) + 0.1 * bias, bias, 1e-14, context) == ""
+    turned = bias + np.concatenate((np.array([0.2, 0.5, -0.1]), still))
+    actual = turned - np.concatenate((np.cross(omega, context.velocity), still))
+    assert recognize(actual, turned, 1e-14, context) == SPATIAL
+
+
 # ---- Nothing is recognized -----------------------------------------------------------------------
 
 

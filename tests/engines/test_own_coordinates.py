@@ -122,6 +122,37 @@ def test_a_library_that_reads_the_file_itself_is_not_blamed(base: Scene):
     assert MAP not in text and "by eomcheck" in text
 
 
+class Permuted(PinocchioEngine):
+    """The scene's tree with its joints in another order, and a changed M⁻¹."""
+
+    S = np.array([[0.0, 2.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
+
+    def inverse_mass_matrix(self, q: Any, t: Any = 0.0) -> Any:
+        inverse = self.S @ np.linalg.inv(self.scene_mass_matrix(q)) @ self.S.T
+        return self.change(inverse)
+
+    def velocity_map(self, q: Any, v: Any) -> Any:
+        return q, self.S, np.zeros(3)
+
+    def scene_mass_matrix(self, q: Any) -> Any:
+        return Evaluation(self.scene, q, np.zeros(3)).terms.M
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (np.triu, "; in its own coordinates, the upper triangle alone"),
+        (np.negative, ": wrong sign"),
+        (lambda x: x + np.diag([0.1, 0.0, 0.0]), None),
+    ],
+)
+def test_an_inverse_is_wrong_in_coordinates_of_the_engine(change: Any, said: str | None):
+    scene = SCENES["chain-pendulum"].example()
+    kind = type("Changed", (Permuted,), {"change": staticmethod(change)})
+    (text,) = details(kind, scene, "inverse_mass_matrix")
+    assert text.endswith(said) if said else "own coordinates" not in text
+
+
 # ---- Bounds --------------------------------------------------------------------------------------
 
 BLOCKS = [(TAU, 0), (TAU, 1), (VDOT, 0), (VDOT, 1), (VDOT, 2)]

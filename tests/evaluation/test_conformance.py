@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
+from fractions import Fraction
 from functools import cache
 from itertools import islice
 from pathlib import Path
@@ -22,7 +23,7 @@ from eomcheck.claims.proof import prove_structure
 from eomcheck.descriptions.build import mechanism
 from eomcheck.descriptions.elements import Joint, Link
 from eomcheck.descriptions.random_mechanisms import RandomMechanism, RandomTree
-from eomcheck.descriptions.tree_model import MAKERS, tree_model
+from eomcheck.descriptions.tree_model import MAKERS, summed_angles, tree_model
 from eomcheck.engines import PinocchioFile
 from eomcheck.errors import InputError, RefusedError
 from eomcheck.evaluation.conformance import (
@@ -41,7 +42,7 @@ from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.ball import Balls, ball, precision
 from eomcheck.numbers.counting import Counting
-from eomcheck.numbers.generic import Array
+from eomcheck.numbers.generic import Angles, Array
 from eomcheck.scenes import SCENES, ChainPendulum, Sleigh, Snake, from_urdf
 
 WITH_TREE = [key for key, kind in SCENES.items() if kind.example().tree() is not None]
@@ -286,12 +287,14 @@ def each_quantity(at: Evaluation, point: ConformancePoint) -> Iterator[tuple[Qua
 def test_values_in_float64_are_as_near_to_the_true_ones_as_their_sensitivity_allows(name: str):
     at = evaluation(name)
     vdot = acceleration_asked(at)
+    forces = ConformancePoint(at, 1.0 - vdot).torques  # of another acceleration
     for one, frame in each_quantity(at, ConformancePoint(at, vdot)):
+        tau = forces if "tau" in one.arguments else None
 
-        def value(e: Evaluation, one: Quantity = one, frame: str = frame) -> Any:
-            return one.compared(point_at(e, vdot), frame)
+        def value(e: Evaluation, one: Quantity = one, frame: str = frame, tau: Any = tau) -> Any:
+            return one.compared(point_at(e, vdot, tau), frame)
 
-        true = enclosed_quantity(at, one, frame, vdot)
+        true = enclosed_quantity(at, one, frame, vdot, tau)
         allowed = allowed_error(1.0) * sensitivity_of(at, value, coordinates=True)
         error = largest(np.asarray(value(at), np.float64) - true)
         assert error <= allowed, (one.name, frame, error, allowed)
@@ -404,6 +407,66 @@ def test_a_tree_in_float64_alone_is_not_proved_against_its_terms():
         "coriolis-identities",
         "regressor-identity",
     }
+
+
+POINTS = ((3, 5), (5, 13)), ((4, 5), (-12, 13))
+"""Cosines and sines of two angles, as fractions."""
+
+
+@pytest.mark.parametrize(
+    ("row", "shift", "known"),
+    [
+        ((0, 1, 2), 0, True),
+        ((0, 0, 1), Fraction(1, 2), False),  # a point of the circle that is not known
+        ((0, 0, 1), 0.0, False),
+        ((0, 0, Fraction(1, 2)), 0, False),
+        ((1, 0, 1), 0, False),  # no angle is known of the first coordinate
+    ],
+)
+def test_exact_angles_of_joints_are_whole_sums_of_known_ones_without_a_shift(row, shift, known):
+    model = tree_model(Sleigh())
+    assert model is not None and model.plan.hinges == (2,)
+    q = np.array([Fraction(k, 7) for k in (1, 2, 3)], object)
+    cos, sin = (np.array([Fraction(x, y) for x, y in parts], object) for parts in POINTS)
+    T = np.array([(1, 0, 0), (0, 1, 0), row], object)
+    shifts = np.array([0, 0, shift], object)
+    angles = summed_angles(model, T, shifts, q, [Angles(q[1:], cos, sin)])
+    if not known:
+        assert angles is None
+        return
+    point = (complex(float(c), float(s)) for c, s in zip(cos, sin, strict=True))
+    first, second = point
+    expected = first * second**2
+    assert complex(float(angles.cos[0]), float(angles.sin[0])) == pytest.approx(expected)
+
+
+class OwnTree(ChainPendulum):
+    """A chain in the plane whose class has a tree of its own, of relative angles."""
+
+    def tree(self):
+        return super().tree()
+
+
+def test_derivatives_of_weight_are_along_the_coordinates_of_the_scene():
+    state = np.array([0.3, -0.8, 1.1]), np.array([0.5, 0.2, -0.9])
+    scenes = ChainPendulum.rods(3), OwnTree.rods(3)
+    model = tree_model(scenes[1])
+    assert model is not None and model.tree is not None
+    assert not np.array_equal(model.tree.coordinates, np.eye(3))
+    points = [ConformancePoint(Evaluation(scene, *state), state[1]) for scene in scenes]
+    one, other = (x.torque_derivatives for x in points)
+    np.testing.assert_allclose(other, one, rtol=0.0, atol=1e-12)
+    assert np.abs(one[:, :3]).max() > 1.0
+
+
+@pytest.mark.parametrize("name", ["forward_dynamics", "forward_dynamics_derivatives"])
+def test_accelerations_and_their_derivatives_are_those_under_the_forces_that_are_given(name: str):
+    """Another function of ours, which has no quantities of a tree, says the same."""
+    q, v, tau = np.array([[0.3, -0.8, 1.1], [0.5, 0.2, -0.9], [4.0, -7.0, 2.0]])
+    scene = ChainPendulum.rods(3)
+    point = ConformancePoint(Evaluation(scene, q, v), 1.0 - v, tau=tau)
+    expected = eomcheck.quantity(scene, name, q, v, tau=tau)
+    np.testing.assert_allclose(QUANTITIES[name].value(point, ""), expected, rtol=1e-11)
 
 
 @pytest.mark.parametrize("key", WITH_TREE)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.engines.test_driven_pendulum import BOB
 from tests.samples import ordinary
 
 import eomcheck
@@ -133,6 +134,15 @@ def test_inverse_and_forward_dynamics_have_all_forces_of_the_scene(key: str):
     assert np.allclose(at.terms.M @ free, at.F, rtol=0, atol=1e-9 * np.abs(at.F).max())
     back = eomcheck.quantity(scene, "forward_dynamics", *state[:2], tau=force, t=state.t)
     assert np.allclose(back, vdot, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("t", [0.0, 0.6, 2.5])
+def test_the_time_counts(t: float):
+    length = 1.5 + 0.4 * np.sin(1.7 * t)  # of a cord that is hauled in and let out again
+    swing = 2.0 * length * np.cos(0.7)
+    M = np.array([[2.0, swing], [swing, 2.0 * length**2 + 0.3]])
+    inverse = eomcheck.quantity(BOB, "inverse_mass_matrix", [0.1, 0.7], t=t)
+    np.testing.assert_allclose(inverse @ M, np.eye(2), atol=1e-14)
 
 
 # ---- Derivatives ---------------------------------------------------------------------------------

@@ -5,6 +5,8 @@ from __future__ import annotations
 import pickle
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,8 +20,9 @@ from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.evaluation.derivatives import ARRAYS, Direction
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import allowed_error
-from eomcheck.formulations import FORMULATIONS
+from eomcheck.formulations import FORMULATIONS, Formulation
 from eomcheck.mechanics.scene import Scene
+from eomcheck.motion import compiled_derivatives
 from eomcheck.motion.compiled_derivatives import CompiledResult, trace_derivatives
 from eomcheck.numbers.tape import FACTORS, live_entries
 from eomcheck.scenes import SCENES, ChainPendulum
@@ -189,6 +192,23 @@ def test_a_pickled_function_is_compiled_again():
     scene, (q, v, _) = snake(3)
     compiled = compile_derivatives(scene, "au")
     assert_same(pickle.loads(pickle.dumps(compiled))(q, v), compiled(q, v))
+
+
+def test_a_pickled_function_has_the_same_redundant_rows(monkeypatch):
+    """They are those of the state that was given, not those of the initial one."""
+    choices = []
+
+    def kernel(scene: Scene, formulation: Formulation, choice: Any = None) -> SimpleNamespace:
+        choices.append(repr(choice))
+        return SimpleNamespace(size=0, outputs={}, bound=lambda *_: None)
+
+    monkeypatch.setattr(compiled_derivatives, "derivatives_kernel", kernel)
+    monkeypatch.setattr(compiled_derivatives, "block_of", lambda *_: None)
+    one = compile_derivatives(RING, "uk", RING.closed_state(0.5, 0.7)[0])
+    pickle.loads(pickle.dumps(one))
+    compile_derivatives(RING, "uk")
+    given, again, initial = choices
+    assert given == again != initial
 
 
 def test_compiling_for_long_is_announced(monkeypatch):

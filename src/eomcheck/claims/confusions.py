@@ -285,8 +285,10 @@ def _origins(context: ConfusionContext) -> Iterator[tuple[Change, Change]]:
     texts = {"force": "angular part about {}, expected about {}", "point": "at {}, expected at {}"}
     text = texts.get(context.rows, "linear part at {}, expected at {}")
     arms = {} if context.rows == "vector" else context.arms
-    for acceleration, is_spatial in _accelerations(context):
-        yield acceleration, UNCHANGED
+    accelerations = [*_accelerations(context)]
+    # Spatial ones first: where a body turns about the origin they are those of its point there.
+    yield from ((acceleration, UNCHANGED) for acceleration, _ in accelerations)
+    for acceleration, is_spatial in accelerations:
         for name, arm in arms.items():
             moved = partial(_moved, context, arm, is_spatial)
             yield acceleration, (text.format(name, context.point), moved)

@@ -29,7 +29,7 @@ from eomcheck.claims.case import (
 )
 from eomcheck.claims.confusions import ConfusionContext, RowKind
 from eomcheck.claims.finding import Finding
-from eomcheck.claims.own_coordinates import derivatives_fault
+from eomcheck.claims.own_coordinates import derivatives_fault, inverse_fault
 from eomcheck.claims.registry import case_claim
 from eomcheck.descriptions.tree_quantities import BY_COLUMNS, PER_BODY
 from eomcheck.engines import Answers, Engine, VelocityMap, engine_class_of, is_under_test
@@ -359,12 +359,15 @@ def _compare_block(
         own=partial(entry_sensitivity_of, at, block.value),
         context=partial(context_of, one, frame, point),
     )
-    if finding.verdict == "failed" and is_blamed(type(engine)) and one.mapping == "derivatives":
+    if finding.verdict == "failed" and is_blamed(type(engine)):
+        text, arrays = "", (theirs, whole)
         with suppress(*UNABLE):
-            where = block.position, finding.allowed
-            if text := derivatives_fault(engine, one, point, arguments, (theirs, whole), *where):
-                return finding.because(text)
-        return finding
+            if one.mapping == "derivatives":
+                where = block.position, finding.allowed
+                text = derivatives_fault(engine, one, point, arguments, arrays, *where)
+            elif one.mapping == "inverse":
+                text = inverse_fault(engine, *arguments[:2], arrays, finding.allowed)
+        return finding.because(text) if text else finding
     # A bound as large as a value that is more than rounding: zeros would pass as well.
     noise = allowed_error(block.own.own, at.unit_roundoff)
     if finding.verdict == "passed" and noise < largest(ours) <= finding.allowed:

@@ -121,6 +121,30 @@ def _unlike(actual: Array, expected: Array, error: float) -> str:
     return recognize(actual, expected, error) or f"{difference.where}: {difference.text}"
 
 
+# ---- Inverse of M --------------------------------------------------------------------------------
+
+
+def inverse_fault(
+    engine: Engine, q: Array, v: Array, arrays: tuple[Array, Array], allowed: float
+) -> str:
+    """Return the confusion in a wrong M⁻¹ that is one in the engine's own coordinates alone.
+
+    Args:
+        engine: the engine.
+        q: coordinates (n,).
+        v: velocities (n,).
+        arrays: its answer and the expected one, in the coordinates of the scene.
+        allowed: bound on the error there.
+    """
+    S = Answers(engine).velocity_map(q, v).S
+    if len(S) != len(q) or np.array_equal(S, np.eye(len(q))) or recognize(*arrays, allowed):
+        return ""
+    actual, expected = (S @ x @ S.T for x in arrays)
+    size = float(np.linalg.norm(S, np.inf) * np.linalg.norm(S.T, np.inf))
+    text = recognize(actual, expected, allowed * size)
+    return f"in its own coordinates, {text}" if text else ""
+
+
 # ---- Derivatives ---------------------------------------------------------------------------------
 
 FREE_BASE = "p", "p", "p", "r", "r", "r"
