@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.engines.offered import CLASSIC
 from tests.robots import arm, body, joint
 from tests.samples import ordinary, random_state
 
@@ -23,28 +24,7 @@ from eomcheck.evaluation.conformance import QUANTITIES
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import SCENES, Sleigh, from_mjcf, from_urdf
 
-OPENSIM = {
-    *("inverse_dynamics", "forward_dynamics", "inverse_mass_matrix", "gravity"),
-    *("kinetic_energy", "potential_energy", "center_of_mass", "center_of_mass_velocity"),
-    *("momentum", "frame_placement", "frame_velocity", "frame_jacobian", "frame_bias"),
-}
-TOOLBOX = {
-    *("inverse_dynamics", "forward_dynamics", "gravity"),
-    *("frame_placement", "frame_jacobian", "frame_bias"),
-}
-SYMPY = {
-    *("inverse_dynamics", "gravity", "kinetic_energy", "center_of_mass", "momentum"),
-    *("frame_placement", "frame_velocity", "frame_jacobian", "frame_acceleration", "frame_bias"),
-}
-OFFERED: dict[type[Engine], set[str]] = {
-    OpensimEngine: OPENSIM,
-    RoboticsToolboxEngine: TOOLBOX,
-    RoboticsToolboxFile: TOOLBOX,
-    SympyEngine: SYMPY,
-}
-"""Engine -> the quantities that its library computes."""
-
-every_kind = pytest.mark.parametrize("kind", OFFERED)
+every_kind = pytest.mark.parametrize("kind", CLASSIC)
 
 
 def scene_of(kind: type[Engine], folder: Path) -> Scene:
@@ -65,18 +45,13 @@ def findings(kind: type[Engine], scene: Scene, *claims: str, seed: int = 1) -> l
     return [x for x in found if kind.key in x.subject]
 
 
-@every_kind
-def test_an_engine_offers_what_its_library_computes(kind: type[Engine]):
-    assert {name for name in QUANTITIES if kind.offers(name)} == OFFERED[kind]
-
-
 @pytest.mark.night
 @every_kind
 def test_all_quantities_of_an_engine_are_ours(kind: type[Engine], tmp_path: Path):
     found = findings(kind, scene_of(kind, tmp_path))
     assert [str(x) for x in found if x.verdict not in ("passed", "skipped")] == []
     passed = {x.claim for x in found if x.verdict == "passed"}
-    wanted = {f"engine-{name.replace('_', '-')}" for name in OFFERED[kind]}
+    wanted = {f"engine-{name.replace('_', '-')}" for name in CLASSIC[kind]}
     assert passed - {"mass-matrix", "bias"} == wanted
     assert {"mass-matrix", "bias"} <= passed
     links = {x.subject.split(", ")[-1].split(" ~ ")[0] for x in found if x.verdict == "passed"}
@@ -111,10 +86,10 @@ def test_no_quantity_of_an_engine_depends_on_earlier_calls(kind: type[Any], tmp_
         frame = "tip" if QUANTITIES[name].of_frame else ""
         return answers.ask(name, at.q, at.v, third, frame, at.t)
 
-    first = {name: ask(name, state) for name in OFFERED[kind]}
-    for name in OFFERED[kind]:
+    first = {name: ask(name, state) for name in CLASSIC[kind]}
+    for name in CLASSIC[kind]:
         ask(name, elsewhere)
-    for name in sorted(OFFERED[kind], reverse=True):
+    for name in sorted(CLASSIC[kind], reverse=True):
         assert np.array_equal(ask(name, state), first[name]), name
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.engines.offered import CLASSIC, DERIVATIVES, EXUDYN, FRAMES, OFFERED
 from tests.robots import arm, body, joint
 from tests.samples import ordinary, random_state
 
@@ -22,12 +23,12 @@ from eomcheck.claims.engine_quantities import (
 from eomcheck.claims.finding import Finding
 from eomcheck.engines import Answers, Engine, EngineFault
 from eomcheck.engines.casadi import CasadiEngine
-from eomcheck.engines.dart import DartEngine, DartFile
+from eomcheck.engines.dart import DartFile
 from eomcheck.engines.drake import DrakeEngine, DrakeFile
 from eomcheck.engines.exudyn import ExudynEngine
 from eomcheck.engines.idyntree import IdyntreeEngine, IdyntreeFile
 from eomcheck.engines.mujoco import MjcfFile, MujocoEngine, MujocoFile
-from eomcheck.engines.mujoco_warp import MujocoWarpEngine, MujocoWarpFile, MujocoWarpMjcf
+from eomcheck.engines.mujoco_warp import MujocoWarpEngine, MujocoWarpMjcf
 from eomcheck.engines.newton import NewtonEngine, NewtonFile, NewtonMjcf
 from eomcheck.engines.pinocchio import PinocchioEngine, PinocchioFile
 from eomcheck.engines.pybullet import PybulletEngine, PybulletFile
@@ -38,67 +39,6 @@ from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import EPS
 from eomcheck.scenes import SCENES, from_mjcf, from_urdf
-
-FRAMES = {"frame_placement", "frame_velocity"}
-DERIVATIVES = {"inverse_dynamics_derivatives", "forward_dynamics_derivatives"}
-MUJOCO = {
-    *("inverse_dynamics", "forward_dynamics", "inverse_mass_matrix", "gravity"),
-    *("kinetic_energy", "potential_energy", "center_of_mass", "center_of_mass_jacobian"),
-    *("center_of_mass_velocity", "momentum", "momentum_matrix", "inverse_dynamics_derivatives"),
-    *FRAMES | {"frame_jacobian", "frame_acceleration", "frame_bias"},
-}
-PYBULLET = {"inverse_dynamics", "gravity", "frame_jacobian"} | FRAMES
-EXUDYN = {"forward_dynamics", "gravity", "frame_acceleration", "frame_bias"} | FRAMES
-FRAME_MOTIONS = FRAMES | {"frame_jacobian", "frame_acceleration", "frame_bias"}
-DRAKE = {
-    *("inverse_dynamics", "forward_dynamics", "gravity", "kinetic_energy", "potential_energy"),
-    *("center_of_mass", "center_of_mass_jacobian", "center_of_mass_velocity"),
-    *("center_of_mass_acceleration", "momentum"),
-    *FRAME_MOTIONS | DERIVATIVES,
-}
-DART = {
-    *("inverse_dynamics", "forward_dynamics", "inverse_mass_matrix", "gravity"),
-    *("kinetic_energy", "potential_energy", "center_of_mass", "center_of_mass_jacobian"),
-    *("center_of_mass_velocity", "center_of_mass_acceleration", "momentum"),
-    *FRAME_MOTIONS,
-}
-MUJOCO_WARP = MUJOCO - {
-    *("center_of_mass_jacobian", "momentum_matrix", "frame_bias", "inverse_dynamics_derivatives"),
-}
-NEWTON = {"inverse_dynamics", "forward_dynamics", "gravity", "frame_jacobian"} | FRAMES
-IDYNTREE = {
-    *("inverse_dynamics", "gravity", "coriolis_matrix", "regressor"),
-    *("center_of_mass", "center_of_mass_jacobian", "center_of_mass_velocity"),
-    *("center_of_mass_acceleration", "momentum", "momentum_matrix"),
-    *FRAME_MOTIONS,
-}
-CASADI = {
-    *("inverse_dynamics", "forward_dynamics", "gravity", "coriolis_matrix"),
-    *("kinetic_energy", "potential_energy", "constraint_force_derivatives"),
-    *DERIVATIVES,
-}
-OFFERED: dict[type[Engine], set[str]] = {
-    CasadiEngine: CASADI,
-    DrakeEngine: DRAKE,
-    DrakeFile: DRAKE,
-    DartEngine: DART,
-    DartFile: DART,
-    IdyntreeEngine: IDYNTREE,
-    IdyntreeFile: IDYNTREE,
-    MujocoEngine: MUJOCO,
-    MujocoFile: MUJOCO,
-    MjcfFile: MUJOCO,
-    MujocoWarpEngine: MUJOCO_WARP,
-    MujocoWarpFile: MUJOCO_WARP,
-    MujocoWarpMjcf: MUJOCO_WARP,
-    NewtonEngine: NEWTON,
-    NewtonFile: NEWTON,
-    NewtonMjcf: NEWTON,
-    PybulletEngine: PYBULLET,
-    PybulletFile: PYBULLET,
-    ExudynEngine: EXUDYN,
-}
-"""Engine -> the quantities that its library computes."""
 
 OFF_ITS_JOINT = """
 <mujoco><worldbody>
@@ -171,9 +111,9 @@ def findings(kind: type[Engine], scene: Scene, seed: int = 1, *names: str) -> li
     return check_state(scene, *state, engines=[kind], claims=claims)
 
 
-@pytest.mark.parametrize("kind", OFFERED)
+@pytest.mark.parametrize("kind", OFFERED | CLASSIC)
 def test_an_engine_offers_what_its_library_computes(kind: type[Engine]):
-    assert {name for name in QUANTITIES if kind.offers(name)} == OFFERED[kind]
+    assert {name for name in QUANTITIES if kind.offers(name)} == (OFFERED | CLASSIC)[kind]
 
 
 @pytest.mark.parametrize("floating", [False, True])
