@@ -24,6 +24,7 @@ def test_the_ratio_is_observed_over_allowed():
 
 def test_an_error_where_none_is_allowed_is_infinitely_too_large():
     assert ratio(1e-300, 0.0) == float("inf")
+    assert ratio(np.float64(150.0), np.float64(1e-319)) == float("inf"), "without a warning"
     assert ratio(0.0, 0.0) == 0.0
 
 

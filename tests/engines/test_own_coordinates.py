@@ -107,6 +107,21 @@ def test_a_wrong_block_by_which_a_right_one_is_mapped_is_the_one_to_blame(base: 
     assert "by which it is mapped" not in by_v and "wrong sign" in by_v
 
 
+def test_at_rest_derivatives_in_place_of_those_by_v_are_named(base: Scene):
+    """Those by v vanish there, and what rounding explains in them is no bound for the others."""
+
+    def wrong(self: Any, *asked: Any) -> Any:
+        by_q, _ = PinocchioFile.inverse_dynamics_derivatives(self, *asked)
+        return by_q, by_q
+
+    state = random_state(base, np.random.default_rng(1))
+    kind = under_test(PinocchioFile, inverse_dynamics_derivatives=wrong)
+    claims = ["engine-inverse-dynamics-derivatives"]
+    found = check_state(base, state.q, 0.0 * state.v, engines=[kind], claims=claims)
+    (text,) = [x.detail for x in found if x.subject.endswith("∂τ/∂v")]
+    assert text.endswith("∂τ/∂q in place of ∂τ/∂v")
+
+
 def test_a_library_that_reads_the_file_itself_is_not_blamed(base: Scene):
     """Its map may be wrong by what the reader here reads."""
 

@@ -429,6 +429,19 @@ def test_without_constraints_there_are_no_multipliers():
         assert "multipliers_q=None" in repr(truth)
 
 
+@pytest.mark.parametrize(
+    ("part", "scene", "v"),
+    [
+        ("q", ChainPendulum.rods(2), (0.1, 0.2)),
+        ("v", ChainPendulum([1e6, 2e6], [1.0, 1.0], [1e5, 1e5], gravity=None), (0.1, 0.2)),
+        ("tau", ChainPendulum([1e-3, 2e-3], [1.0, 1.0], [1e-4, 1e-4], gravity=None), (0.1, 0.2)),
+    ],
+)
+def test_the_bound_of_all_arrays_is_the_largest_of_their_own(part: str, scene: Scene, v: Any):
+    found = derivatives(scene, "au", [0.3, -0.8], v)
+    assert found.error_bound == max(found.error_bounds.values()) == found.error_bounds[part]
+
+
 @pytest.mark.parametrize("function", [derivatives, enclose_derivatives])
 def test_wrong_arguments_are_named(function):
     scene, (q, v, _) = snake(3)

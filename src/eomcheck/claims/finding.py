@@ -186,7 +186,7 @@ def plain_row(finding: Any, place: dict[str, Any]) -> dict[str, Any]:
 def ratio(observed: float, allowed: float) -> float:
     """Return the ratio observed / allowed; 0 for 0 / 0."""
     if allowed > 0:
-        return observed / allowed
+        return float(observed) / float(allowed)  # infinite, without a warning, if it overflows
     return 0.0 if observed == 0 else float("inf")
 
 

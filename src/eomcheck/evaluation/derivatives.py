@@ -443,7 +443,6 @@ def derivative_sensitivities(
     at: Evaluation,
     formulation: Formulation,
     arrays: dict[str, Array],
-    coordinates: bool = False,
     directions: Directions = _unit_directions,
 ) -> dict[str, float]:
     """Return κ · scale of each array of `Derivatives`, by name.
@@ -454,29 +453,27 @@ def derivative_sensitivities(
         at: the state.
         formulation: the formulation.
         arrays: the result of `derivative_arrays`.
-        coordinates: whether the coordinates are perturbed too, see `perturbed_samples`.
         directions: those of `arrays`.
 
     Raises:
         RefusedError: as `Evaluation.acceleration`.
     """
-    if not np.isfinite(acceleration_sensitivity(at, formulation, coordinates=coordinates)):
+    if not np.isfinite(acceleration_sensitivity(at, formulation)):
         return dict.fromkeys(arrays, np.inf)
 
     def rows(e: Evaluation) -> dict[str, Any]:
         return arrays_by_name(_rows_of(e, formulation, directions), at.scene.n)
 
-    return _sensitivities(at, arrays, rows, coordinates)
+    return _sensitivities(at, arrays, rows)
 
 
 def _sensitivities(
     at: Evaluation,
     arrays: dict[str, Array],
     rows: Callable[[Evaluation], dict[str, Any]],
-    coordinates: bool,
 ) -> dict[str, float]:
     """Return κ · scale of arrays, by name; `rows` returns their transposes in perturbed samples."""
-    samples = perturbed_samples(at, coordinates)
+    samples = perturbed_samples(at)
     with np.errstate(all="ignore"):
         try:
             with samples.computing("quantity"):
@@ -546,7 +543,7 @@ def inverse_arrays(at: Evaluation, vdot: Array) -> dict[str, Array]:
 
 
 def inverse_sensitivities(
-    at: Evaluation, vdot: Array, arrays: dict[str, Array], coordinates: bool = False
+    at: Evaluation, vdot: Array, arrays: dict[str, Array]
 ) -> dict[str, float]:
     """Return κ · scale of the result of `inverse_arrays`, by name; v̇ is perturbed as well.
 
@@ -554,13 +551,12 @@ def inverse_sensitivities(
         at: the state.
         vdot: v̇ (n,).
         arrays: the result of `inverse_arrays`.
-        coordinates: whether the coordinates are perturbed too, see `perturbed_samples`.
     """
 
     def rows(samples: Any) -> dict[str, Any]:
         return _inverse_rows(samples, samples.finished(samples.noise.repeated(vdot)))
 
-    return _sensitivities(at, arrays, rows, coordinates)
+    return _sensitivities(at, arrays, rows)
 
 
 def _inverse_rows(at: Evaluation, vdot: Any) -> dict[str, Any]:
