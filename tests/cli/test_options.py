@@ -169,6 +169,8 @@ STUBS: dict[str, dict[str, Any]] = {
         "eomcheck.lab.library_comparison.comparison_observations": [],
         "eomcheck.lab.library_comparison.print_comparison": None,
         "eomcheck.lab.library_comparison.write_comparison": None,
+        "eomcheck.lab.robot_comparison.compare_robots": SimpleNamespace(is_same=True),
+        "eomcheck.lab.robot_comparison.print_robots": None,
     },
     "draw scene": {
         "eomcheck.lab.show.pictures.draw_scene": None,
@@ -461,6 +463,8 @@ CASES: dict[str, dict[str, Case]] = {
         **PATIENT,
         **DECLARED,
         "robot": ("", {"compare_libraries.scene": "~crane"}),
+        "other": (URDF, {"compare_robots.second": "~crane"}),
+        "match": ("--match a=b", {"compare_robots.match": {"a": "b"}}, f"{URDF} {URDF}"),
         "engine": (
             "--engine mujoco,pinocchio",
             {"compare_libraries.engines": ["mujoco", "pinocchio"]},

@@ -355,11 +355,11 @@ def arm_text() -> str:
     for k, axis in enumerate(AXES):
         parent = f"link{k - 1}" if k else "base"
         parts.append(
-            f'<link name="link{k}"><inertial><origin xyz="0.1 0.05 {0.1 + 0.02 * k}" '
-            f'rpy="0.3 {0.1 * k} 0"/><mass value="{3.0 - 0.4 * k}"/><inertia ixx="0.04" '
+            f'<link name="link{k}"><inertial><origin xyz="0.1 0.05 {0.1 + 0.02 * k:.6g}" '
+            f'rpy="0.3 {0.1 * k:.6g} 0"/><mass value="{3.0 - 0.4 * k:.6g}"/><inertia ixx="0.04" '
             f'ixy="0.004" ixz="-0.003" iyy="0.05" iyz="0.002" izz="0.03"/></inertial></link>'
             f'<joint name="j{k}" type="revolute"><parent link="{parent}"/><child link="link{k}"/>'
-            f'<origin xyz="0 0.1 {0.3 - 0.03 * k}" rpy="0.2 0 0"/><axis xyz="{axis}"/>'
+            f'<origin xyz="0 0.1 {0.3 - 0.03 * k:.6g}" rpy="0.2 0 0"/><axis xyz="{axis}"/>'
             '<limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
         )
     return "".join([*parts, "</robot>"])

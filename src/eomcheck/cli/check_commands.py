@@ -569,6 +569,20 @@ def compare_command(
             help="Its description: robot.urdf, robot.urdf:floating with a free base, robot.xml.",
         ),
     ],
+    other: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[OTHER]",
+            help="Another description: whether both are the same robot, and where they part.",
+        ),
+    ] = None,
+    match: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="A=B",
+            help="Joint of the first and of the other robot, where names differ; repeatable.",
+        ),
+    ] = None,
     engine: Annotated[
         list[str] | None,
         keys_option(
@@ -588,14 +602,23 @@ def compare_command(
     deviations: DeviationsOption = None,
     patience: Patience = PATIENCE,
 ) -> None:
-    """Compare the equations that libraries read from one file: M, bias, forces and accelerations.
+    """Compare the equations that libraries read from one file, or two files with each other.
 
-    Exit code 1 if some differ by more than rounding, or one that is installed gives no answer; 2 if
-    nothing was decided about any.
+    Exit code 1 if libraries or robots differ by more than rounding, or a library that is installed
+    gives no answer; 2 if nothing was decided about any.
     """
     require_supervision()
     check_count(examples=examples)
     check_writable(json)
+    if other is not None:
+        check_used(
+            "with two robots",
+            **{"engine": engine, "claim": claim, "deviations": deviations},
+            **{"isolated": isolated or None, "pairs": pairs or None},
+        )
+        _compare_robots(robot, other, match or [], examples, json)
+        return
+    check_used("with one robot", match=match)
     from eomcheck.console import progress
     from eomcheck.lab.deviations import read_deviations
     from eomcheck.lab.library_comparison import (
@@ -627,3 +650,29 @@ def compare_command(
     if failed:
         raise typer.Exit(1)
     comparison.check_decided()
+
+
+def _compare_robots(
+    robot: str, other: str, match: list[str], examples: int, json: Path | None
+) -> None:
+    """Compare two robots, print their differences and end with the exit code."""
+    from eomcheck.lab.robot_comparison import compare_robots, print_robots, write_robots
+    from eomcheck.scene_lookup import robot_file_warnings, scene_named
+
+    pairs = {}
+    for text in match:
+        name, equal, partner = text.partition("=")
+        if not (equal and name and partner):
+            raise InputError(f"match = {text!r}, expected JOINT=JOINT")
+        pairs[name] = partner
+    scenes = scene_named(robot), scene_named(other)
+    comparison = compare_robots(*scenes, pairs, examples)
+    if json is not None:
+        write_robots(comparison, json)
+    print_robots(comparison)
+    for warning in robot_file_warnings(map(type, scenes)):
+        print(warning)
+    if json is not None:
+        print(f"written: {json}")
+    if not comparison.is_same:
+        raise typer.Exit(1)

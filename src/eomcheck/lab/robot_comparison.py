@@ -1,0 +1,739 @@
+"""Comparison of two robots: whether two files describe the same one, and where they part.
+
+Joints are matched by name, by request, or by their place in the tree. What is compared does not
+depend on the frames of links, in which files are free: axes of joints as lines in space and bodies
+(mass, centre of mass, inertia) where all coordinates are 0, each relative to the joint before it:
+one difference is not reported again by all that it carries. Links that are fixed to each other are
+one body. Differences are weighed by what they do to M, gravity and accelerations.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from eomcheck.claims.confusions import agreement_within, scaling
+from eomcheck.errors import InputError, UnknownNameError
+from eomcheck.evaluation.conformance import ConformancePoint
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.tolerance import C, largest
+from eomcheck.lab.recorded_table import digits_of
+from eomcheck.lab.show.table import say, write_json
+from eomcheck.mechanics.records import Tree
+from eomcheck.mechanics.scene import Scene
+from eomcheck.numbers.generic import EPS, Array
+from eomcheck.safe_output import counted
+
+FEWEST_DIGITS = 6
+"""Number of significant digits from which on a file is taken to be rounded: programs write as many
+at least, and people write fewer, which are exact."""
+
+NUMBERS = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+
+DEGREE = np.pi / 180.0
+
+
+class RobotDifference(NamedTuple):
+    """A difference between two robots.
+
+    Attributes:
+        where: joint or body, such as "joint elbow" or "body of elbow (forearm)".
+        what: what differs: "mass", "center of mass", "inertia", "axis", ...
+        text: description with the numbers of both.
+        size: relative size, by which differences are ordered.
+    """
+
+    where: str
+    what: str
+    text: str
+    size: float
+
+    def __str__(self) -> str:
+        return f"{self.where}: {self.what}: {self.text}"
+
+
+class Effect(NamedTuple):
+    """Effect of all differences on a quantity.
+
+    Attributes:
+        quantity: its name.
+        size: largest difference, relative to the largest entry over all states.
+        joint: the joint of the entry that differs most.
+    """
+
+    quantity: str
+    size: float
+    joint: str
+
+
+class RobotComparison(NamedTuple):
+    """Two robots with their differences.
+
+    Attributes:
+        names: names of both, of files.
+        matched: joints of the first -> joints of the second.
+        by_structure: those among them that are matched by their place in the tree.
+        differences: differences, the largest first.
+        effects: what they do; empty if joints are unmatched.
+        resolution: relative error that the printed digits of both files explain.
+    """
+
+    names: tuple[str, str]
+    matched: dict[str, str]
+    by_structure: tuple[str, ...]
+    differences: tuple[RobotDifference, ...]
+    effects: tuple[Effect, ...]
+    resolution: float
+
+    @property
+    def is_same(self) -> bool:
+        """Whether they are the same robot, to the digits of the files."""
+        return not self.differences
+
+
+def compare_robots(
+    first: Scene, second: Scene, match: Mapping[str, str] | None = None, examples: int = 20
+) -> RobotComparison:
+    """Return the differences between two robots.
+
+    Args:
+        first: the robot that the other is compared with.
+        second: the other one.
+        match: joint of the first -> joint of the second, for names that differ.
+        examples: number of states at which the effect is measured.
+
+    Raises:
+        InputError: one has no tree of bodies.
+        UnknownNameError: `match` names a joint that there is not.
+    """
+    sides = _Side(first), _Side(second)
+    matched, by_structure = match_joints(*sides, match or {})
+    resolution = max(side.resolution for side in sides)
+    found = _merged([*_unmatched(*sides, matched), *_differences(*sides, matched, resolution)])
+    found.sort(key=lambda one: -one.size)
+    whole = len(matched) == len(sides[0].tree.joint) == len(sides[1].tree.joint)
+    effects = tuple(_effects(*sides, matched, examples)) if whole and found else ()
+    names = sides[0].name, sides[1].name
+    if names[0] == names[1]:
+        names = sides[0].location, sides[1].location
+    return RobotComparison(names, matched, by_structure, tuple(found), effects, resolution)
+
+
+def _merged(differences: Iterable[RobotDifference]) -> list[RobotDifference]:
+    """Return the differences, those of the same sort at the same joint as one."""
+    merged: dict[tuple[str, str], RobotDifference] = {}
+    for one in differences:
+        key = one.where, one.what
+        if key in merged:
+            text, size = f"{merged[key].text}; {one.text}", max(merged[key].size, one.size)
+            one = one._replace(text=text, size=size)
+        merged[key] = one
+    return list(merged.values())
+
+
+# ---- Both sides ----------------------------------------------------------------------------------
+
+
+class _Side:
+    """A robot with its joints in space where all coordinates are 0.
+
+    Args:
+        scene: the robot.
+    """
+
+    def __init__(self, scene: Scene):
+        tree = scene.tree()
+        if tree is None:
+            raise InputError(f"{scene.name} has no tree of bodies to compare")
+        self.scene, self.tree = scene, tree
+        source = getattr(scene, "source", None)
+        self.file = Path(source.file) if source is not None and source.file else None
+        self.name = self.file.name if self.file is not None else scene.name
+        self.location = str(self.file) if self.file is not None else scene.name
+        self.R, self.p = _placed(tree)
+        self.index = {name: j for j, name in enumerate(tree.name)}
+
+    @property
+    def resolution(self) -> float:
+        """Relative rounding error of the numbers in its file."""
+        if self.file is None or not self.file.is_file():
+            return EPS
+        texts = NUMBERS.findall(self.file.read_text(encoding="utf-8", errors="replace"))
+        digits = max(FEWEST_DIGITS, digits_of(texts).significant if texts else FEWEST_DIGITS)
+        return max(EPS, 0.5 * 10.0 ** (1 - digits))
+
+    @property
+    def reach(self) -> float:
+        """Size of the robot, m: the distance of its joints and bodies from each other."""
+        points = [*self.p, *(self.center(j) for j in range(len(self.p)) if self.tree.mass[j] > 0)]
+        return max(float(largest(np.ptp(points, axis=0))), EPS) if len(points) > 1 else 1.0
+
+    def axis(self, j: int) -> Array:
+        """Return the direction along which the coordinate of a joint grows (3,)."""
+        row = self.tree.coordinates[j]
+        sign = -1.0 if row[int(np.argmax(np.abs(row)))] < 0.0 else 1.0
+        return sign * self.R[j][:, "xyz".index(self.tree.joint[j][1])]
+
+    def center(self, j: int) -> Array:
+        """Return the centre of mass of the body of a joint (3,), m."""
+        return self.p[j] + self.R[j] @ self.tree.center[j]
+
+    def inertia(self, j: int) -> Array:
+        """Return the inertia of the body of a joint about its centre of mass (3, 3), kg m²."""
+        return self.R[j] @ self.tree.inertia[j] @ self.R[j].T
+
+    def links(self, j: int) -> str:
+        """Return the names of the links that a joint carries."""
+        return ", ".join(frame.name for frame in self.tree.frames if frame.joint == j)
+
+    def frame(self, j: int) -> tuple[Array, Array, str]:
+        """Return axes, origin and name of the first link that a joint carries, or of the joint."""
+        for frame in self.tree.frames:
+            if frame.joint == j:
+                return self.R[j] @ frame.R, self.p[j] + self.R[j] @ frame.p, frame.name
+        return self.R[j], self.p[j], self.tree.name[j]
+
+    def body(self, j: int) -> str:
+        """Return the name of the body of a joint."""
+        links = self.links(j)
+        return f"body of {self.tree.name[j]}" + (f" ({links})" if links else "")
+
+
+def _placed(tree: Tree) -> tuple[list[Array], list[Array]]:
+    """Return orientation and origin of the frame of each joint where all coordinates are 0."""
+    R: list[Array] = []
+    p: list[Array] = []
+    for j, parent in enumerate(tree.parent):
+        before = (np.eye(3), np.zeros(3)) if parent < 0 else (R[parent], p[parent])
+        turned = before[0] @ tree.rotation[j]
+        at = before[1] + before[0] @ tree.offset[j]
+        axis, x = np.eye(3)["xyz".index(tree.joint[j][1])], float(tree.shift[j])
+        if tree.joint[j][0] == "p":
+            at = at + turned @ (x * axis)
+        else:
+            turned = turned @ _rotation(axis, x)
+        R.append(turned)
+        p.append(at)
+    return R, p
+
+
+def _rotation(axis: Array, angle: float) -> Array:
+    """Return the rotation matrix about an axis of length 1 (3, 3)."""
+    x, y, z = axis
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * K @ K
+
+
+# ---- Joints --------------------------------------------------------------------------------------
+
+
+def match_joints(
+    first: _Side, second: _Side, match: Mapping[str, str]
+) -> tuple[dict[str, str], tuple[str, ...]]:
+    """Return joints of the first -> joints of the second, and those matched by structure.
+
+    `match` decides first, then names. Another joint is matched to the one of its kind that is
+    mounted on the joint matched to its parent, of several to the one nearest in space.
+    """
+    for name, other in match.items():
+        if name not in first.index:
+            raise UnknownNameError("joint", name, first.tree.name)
+        if other not in second.index:
+            raise UnknownNameError("joint", other, second.tree.name)
+    matched = {x: x for x in first.tree.name if x in second.index and x not in match}
+    matched |= match
+    structural = []
+    taken = set(matched.values())
+    for j, name in enumerate(first.tree.name):
+        if name in matched:
+            continue
+        parent = first.tree.parent[j]
+        mount = _partner(first, second, matched, parent)
+        candidates = [
+            k
+            for k, other in enumerate(second.tree.name)
+            if other not in taken
+            and second.tree.parent[k] == mount
+            and second.tree.joint[k][0] == first.tree.joint[j][0]
+        ]
+        if candidates:
+            near = min(candidates, key=lambda k: float(np.linalg.norm(second.p[k] - first.p[j])))
+            matched[name] = second.tree.name[near]
+            taken.add(matched[name])
+            structural.append(name)
+    return {name: matched[name] for name in first.tree.name if name in matched}, tuple(structural)
+
+
+def _partner(first: _Side, second: _Side, matched: Mapping[str, str], j: int) -> int:
+    """Return the joint of the second that a joint is matched to, -1 for the ground, -2 for none."""
+    return -1 if j < 0 else second.index.get(matched.get(first.tree.name[j], ""), -2)
+
+
+def _unmatched(
+    first: _Side, second: _Side, matched: Mapping[str, str]
+) -> Iterator[RobotDifference]:
+    """Yield the joints that one robot has alone."""
+    for side, known in (first, {*matched}), (second, {*matched.values()}):
+        for name in side.tree.name:
+            if name not in known:
+                yield RobotDifference(f"joint {name}", "missing", f"only in {side.name}", np.inf)
+
+
+# ---- Differences ---------------------------------------------------------------------------------
+
+
+class _Placement(NamedTuple):
+    """Rigid motion that brings a part of the first robot onto the second."""
+
+    R: Array
+    p: Array
+
+    def point(self, x: Array) -> Array:
+        return self.R @ x + self.p
+
+    def about(self, point: Array, R: Array) -> _Placement:
+        """Return it followed by a rotation about a point."""
+        return _Placement(R @ self.R, R @ (self.p - point) + point)
+
+
+def _differences(
+    first: _Side, second: _Side, matched: Mapping[str, str], resolution: float
+) -> Iterator[RobotDifference]:
+    """Yield the differences between matched joints and their bodies."""
+    reach = max(first.reach, second.reach)
+    near, printed = C * resolution, 2.0 * resolution
+    placements: dict[int, _Placement] = {-1: _Placement(np.eye(3), np.zeros(3))}
+    for name, other in matched.items():
+        j, k = first.index[name], second.index[other]
+        parent, mount = first.tree.parent[j], second.tree.parent[k]
+        where = f"joint {name}" + ("" if name == other else f" ({other})")
+        placement = placements.get(parent, placements[-1])
+        partner = (
+            -1 if parent < 0 else second.index.get(matched.get(first.tree.name[parent], ""), -2)
+        )
+        if partner != mount:
+            names = [
+                side.tree.name[i] if i >= 0 else "the ground"
+                for side, i in ((first, parent), (second, mount))
+            ]
+            yield RobotDifference(where, "parent", f"on {names[0]}, on {names[1]}", 1.0)
+        if first.tree.joint[j][0] != second.tree.joint[k][0]:
+            kinds = {"p": "a slide", "r": "a hinge"}
+            texts = [kinds[side.tree.joint[i][0]] for side, i in ((first, j), (second, k))]
+            yield RobotDifference(where, "kind", f"{texts[0]}, {texts[1]}", 1.0)
+        yield from _axis_differences(first, second, j, k, where, placement, reach, near)
+        placement, explained = _carried_placement(
+            first, second, j, k, matched, placement, reach, near
+        )
+        for difference in explained:
+            yield RobotDifference(where, *difference)
+        placements[j] = placement
+        yield from _coefficients(first, second, j, k, where, printed)
+        yield from _body_differences(first, second, j, k, placement, reach, near, printed)
+    yield from _gravity_difference(first, second, printed)
+
+
+def _axis_differences(
+    first: _Side,
+    second: _Side,
+    j: int,
+    k: int,
+    where: str,
+    placement: _Placement,
+    reach: float,
+    near: float,
+) -> Iterator[RobotDifference]:
+    """Yield the differences between the axes of two joints."""
+    axis, other = placement.R @ first.axis(j), second.axis(k)
+    angle = float(np.arctan2(np.linalg.norm(np.cross(axis, other)), axis @ other))
+    if np.pi - angle <= near:
+        yield RobotDifference(
+            where, "axis", "opposite direction: its coordinate has the other sign", 1.0
+        )
+    elif angle > near:
+        yield RobotDifference(where, "axis", f"turned by {angle / DEGREE:.4g}°", angle)
+    if first.tree.joint[j][0] == "r" and second.tree.joint[k][0] == "r":
+        apart = second.p[k] - placement.point(first.p[j])
+        apart = apart - (apart @ other) * other
+        distance = float(np.linalg.norm(apart))
+        if distance > near * reach:
+            text = f"its axis is displaced by {distance:.4g} m ({_numbers(apart)})"
+            yield RobotDifference(where, "placement", text, distance / reach)
+
+
+def _moved_to(
+    first: _Side, second: _Side, j: int, k: int, placement: _Placement, near: float
+) -> list[_Placement]:
+    """Return placements of what a joint carries, where its axis differs.
+
+    It may turn and move with the axis, or move alone, or stay as it is.
+    """
+    axis, other = placement.R @ first.axis(j), second.axis(k)
+    if axis @ other < 0.0:
+        other = -other
+    across = np.cross(axis, other)
+    sine = float(np.linalg.norm(across))
+    point = placement.point(first.p[j])
+    apart = np.zeros(3)
+    if first.tree.joint[j][0] == "r":
+        apart = _across(second.p[k] - point, other)
+    moved = placement._replace(p=placement.p + apart)
+    if sine <= near:
+        return [moved, placement]
+    turn = _rotation(across / sine, float(np.arctan2(sine, axis @ other)))
+    return [moved.about(point + apart, turn), moved, placement]
+
+
+class _Carried:
+    """What a joint carries: its body and the joints on it, on both sides.
+
+    Args:
+        first, second: both robots.
+        j, k: the joint on both sides.
+        matched: matched joints.
+        reach: size of the robots, m.
+    """
+
+    def __init__(
+        self,
+        first: _Side,
+        second: _Side,
+        j: int,
+        k: int,
+        matched: Mapping[str, str],
+        reach: float,
+    ):
+        names = first.tree.name
+        mounted = (i for i, parent in enumerate(first.tree.parent) if parent == j)
+        children = [i for i in mounted if names[i] in matched]
+        partners = [second.index[matched[names[i]]] for i in children]
+        self.reach = reach
+        self.points: list[tuple[Array, Array, Array | None]] = []
+        if first.tree.mass[j] > 0 and second.tree.mass[k] > 0:
+            self.points.append((first.center(j), second.center(k), None))
+        self.directions: list[tuple[Array, Array]] = []
+        for child, partner in zip(children, partners, strict=True):
+            self.directions.append((first.axis(child), second.axis(partner)))
+            if first.tree.joint[child][0] == "r":
+                self.points.append((first.p[child], second.p[partner], second.axis(partner)))
+        self.inertias = first.inertia(j), second.inertia(k)
+
+    def misfits(self, placement: _Placement) -> list[float]:
+        """Return how far each point and direction is off, relative to the size of the robots."""
+        points = [
+            largest(_across(placement.point(x) - y, line)) / self.reach
+            for x, y, line in self.points
+        ]
+        ours, theirs = self.inertias
+        size = largest(theirs)
+        turned = largest(placement.R @ ours @ placement.R.T - theirs) / size if size else 0.0
+        directions = [
+            min(largest(placement.R @ x - y), largest(placement.R @ x + y))
+            for x, y in self.directions
+        ]
+        return [*points, *directions, turned]
+
+    def off(self, placement: _Placement, near: float) -> int:
+        """Return the number of points, directions and inertias that are off."""
+        return sum(x > near for x in self.misfits(placement))
+
+
+def _carried_placement(
+    first: _Side,
+    second: _Side,
+    j: int,
+    k: int,
+    matched: Mapping[str, str],
+    placement: _Placement,
+    reach: float,
+    near: float,
+) -> tuple[_Placement, list[tuple[str, str, float]]]:
+    """Return the placement of what a joint carries, and the differences that it explains.
+
+    Of all placements that one difference of the joint explains it is the one that most of what the
+    joint carries agrees with: one body that is wrong does not turn the arm.
+    """
+    carried = _Carried(first, second, j, k, matched, reach)
+    axis, anchor = second.axis(k), second.p[k]
+    slides = first.tree.joint[j][0] == "p"
+    # Turned to other axes, directions have the errors of points that are far from them.
+    within = 1e1 * near
+
+    def turned(moved: _Placement) -> Iterator[tuple[_Placement, list[tuple[str, str, float]]]]:
+        vectors = [(moved.point(x) - anchor, y - anchor) for x, y, _ in carried.points]
+        vectors += [(moved.R @ x, sign * y) for x, y in carried.directions for sign in (1.0, -1.0)]
+        for x, y in ((_across(a, axis), _across(b, axis)) for a, b in vectors):
+            if min(np.linalg.norm(x), np.linalg.norm(y)) > 1e3 * near * reach:
+                angle = float(np.arctan2(axis @ np.cross(x, y), x @ y))
+                text = f"differs by {angle / DEGREE:.6g}°"
+                if abs(angle) > within:
+                    found = [("zero position", text, abs(angle))]
+                    yield moved.about(anchor, _rotation(axis, angle)), found
+
+    def shifted(moved: _Placement) -> Iterator[tuple[_Placement, list[tuple[str, str, float]]]]:
+        for x, y, line in carried.points:
+            shift = float((y - moved.point(x)) @ axis) if line is None else 0.0
+            if line is not None and abs(line @ axis) < 0.9:
+                shift = float(_across(y - moved.point(x), line) @ axis) / (1 - (line @ axis) ** 2)
+            if abs(shift) > near * reach:
+                text = f"differs by {shift:.6g} m" if slides else f"along its axis by {shift:.6g} m"
+                what = "zero position" if slides else "placement"
+                yield (
+                    moved._replace(p=moved.p + shift * axis),
+                    [(what, text, float(abs(shift) / reach))],
+                )
+
+    explained: list[tuple[int, int, _Placement, list[tuple[str, str, float]]]] = []
+    for moved in _moved_to(first, second, j, k, placement, near):
+        off = carried.off(moved, within)
+        explained.append((off, 0, moved, []))
+        displaced = largest(moved.p - placement.p) > near * reach
+        for candidate, found in () if slides else turned(moved):
+            explained.append((carried.off(candidate, within), 1, candidate, found))
+        for candidate, found in shifted(moved):
+            alone = len(carried.points) == 1 and not (displaced or slides)
+            # One body alone may as well have another centre of mass.
+            explained.append((carried.off(candidate, within) + alone, 1, candidate, found))
+    _, _, best, found = min(explained, key=lambda one: one[:2])
+    return best, found
+
+
+def _across(x: Array, axis: Array | None) -> Array:
+    """Return the part of a vector across an axis."""
+    return x if axis is None else x - (x @ axis) * axis
+
+
+COEFFICIENTS = {"damping": "damper", "stiffness": "spring"}
+"""Coefficient of a joint -> attribute of `ScalarJoint` with its index in the parameter."""
+
+
+def _coefficients(
+    first: _Side, second: _Side, j: int, k: int, where: str, near: float
+) -> Iterator[RobotDifference]:
+    """Yield the differences between dampers, springs, rotors and followers of two joints."""
+    for name in (*COEFFICIENTS, "armature"):
+        x, y = (_coefficient(side, i, name) for side, i in ((first, j), (second, k)))
+        if abs(x - y) > near * max(abs(x), abs(y)):
+            yield RobotDifference(where, name, _both(x, y), _relative(x, y))
+    rows = []
+    for side, i in (first, j), (second, k):
+        row = side.tree.coordinates[i]
+        column = int(np.argmax(np.abs(row)))
+        leader = side.scene.coordinate_names[column]
+        rows.append((leader, float(row[column])) if leader != side.tree.name[i] else ("", 1.0))
+    (leader, ratio), (other, other_ratio) = rows
+    if bool(leader) != bool(other):
+        texts = [f"follows {x}, {r:.6g} times" if x else "free" for x, r in rows]
+        yield RobotDifference(where, "mimic", f"{texts[0]}; {texts[1]}", 1.0)
+    elif abs(ratio - other_ratio) > near * max(abs(ratio), abs(other_ratio)) and leader:
+        yield RobotDifference(where, "mimic", f"ratio {_both(ratio, other_ratio)}", 1.0)
+
+
+def _coefficient(side: _Side, j: int, name: str) -> float:
+    """Return a coefficient of a joint, 0 where it has none."""
+    if name == "armature":
+        return float(side.tree.armature[j])
+    topology = getattr(getattr(side.scene, "source", None), "topology", None)
+    values = getattr(side.scene, name, None)
+    if topology is None or values is None:
+        return 0.0
+    index = getattr(topology.joints[j], COEFFICIENTS[name])
+    return 0.0 if index is None else float(np.ravel(values)[index])
+
+
+def _body_differences(
+    first: _Side,
+    second: _Side,
+    j: int,
+    k: int,
+    placement: _Placement,
+    reach: float,
+    near: float,
+    printed: float,
+) -> Iterator[RobotDifference]:
+    """Yield the differences between the bodies of two joints."""
+    m, m_other = float(first.tree.mass[j]), float(second.tree.mass[k])
+    where = first.body(j)
+    if abs(m - m_other) > printed * max(m, m_other):
+        yield RobotDifference(where, "mass", _both(m, m_other, " kg"), _relative(m, m_other))
+    if m > 0.0 and m_other > 0.0:
+        center = placement.point(first.center(j))
+        apart = second.center(k) - center
+        if largest(apart) > near * reach:
+            R, at, name = second.frame(k)
+            places = [R.T @ (x - at) for x in (center, second.center(k))]
+            mirrored = _mirror(places[0], places[1], near * reach)
+            texts = [_numbers(x) for x in places]
+            text = f"({texts[0]}) m, ({texts[1]}) m in the frame of {name}"
+            size = float(np.linalg.norm(apart)) / reach
+            yield RobotDifference(where, "center of mass", text + mirrored, size)
+    ours, theirs = placement.R @ first.inertia(j) @ placement.R.T, second.inertia(k)
+    size = max(largest(ours), largest(theirs))
+    if largest(ours - theirs) > near * size:
+        what = _inertia_confusion(first, second, j, k, placement, ours, theirs, near * size)
+        change = largest(ours - theirs) / size
+        text = what or f"off by {100 * change:.3g} % of its largest entry"
+        yield RobotDifference(where, "inertia", text, change)
+
+
+def _mirror(x: Array, y: Array, near: float) -> str:
+    """Return which coordinates of a centre of mass have the other sign, as text; "" for none."""
+    flipped = [axis for axis, a, b in zip("xyz", x, y, strict=True) if abs(a - b) > near]
+    if flipped and largest(np.abs(x) - np.abs(y)) <= near:
+        return f": {', '.join(flipped)} with the other sign"
+    return ""
+
+
+def _inertia_confusion(
+    first: _Side,
+    second: _Side,
+    j: int,
+    k: int,
+    placement: _Placement,
+    ours: Array,
+    theirs: Array,
+    near: float,
+) -> str:
+    """Return how the inertia of a body differs, if it is one of the usual ways; "" if not."""
+    agree = agreement_within(near)
+    if what := scaling(theirs, ours, agree):
+        return what
+    mass = float(second.tree.mass[k])
+    center = second.center(k)
+    points = {"the joint": second.p[k]} | {
+        f"the origin of {frame.name}": second.p[k] + second.R[k] @ frame.p
+        for frame in second.tree.frames
+        if frame.joint == k
+    }
+    for name, point in points.items():
+        d = center - point
+        moved = mass * (d @ d * np.eye(3) - np.outer(d, d))
+        if largest(ours + moved - theirs) <= near and largest(moved) > near:
+            return f"about {name}, not about the center of mass"
+        if largest(ours - moved - theirs) <= near and largest(moved) > near:
+            return f"about the center of mass, in the first about {name}"
+    frames = [np.eye(3)] + [x.R for x in second.tree.frames if x.joint == k]
+    for frame in frames:
+        axes = second.R[k] @ frame
+        own, other = axes.T @ ours @ axes, axes.T @ theirs @ axes
+        if largest(np.diag(np.diag(own)) - other) <= near:
+            return "diagonal only: products of inertia are missing"
+        for text, sign in (("xy", (0, 1)), ("xz", (0, 2)), ("yz", (1, 2))):
+            flipped = own.copy()
+            flipped[sign] *= -1.0
+            flipped[sign[::-1]] *= -1.0
+            if largest(flipped - other) <= near:
+                return f"product {text} with the other sign"
+        products = 2.0 * np.diag(np.diag(own)) - own
+        if largest(products - other) <= near:
+            return "products of inertia with the other sign"
+    if largest(np.linalg.eigvalsh(ours) - np.linalg.eigvalsh(theirs)) <= near:
+        return "rotated: the same principal moments along other axes"
+    return ""
+
+
+def _gravity_difference(first: _Side, second: _Side, near: float) -> Iterator[RobotDifference]:
+    """Yield the difference between the accelerations of gravity."""
+    x, y = first.tree.gravity, second.tree.gravity
+    if largest(x - y) > near * max(largest(x), largest(y)):
+        size = largest(x - y) / max(largest(x), largest(y))
+        yield RobotDifference("world", "gravity", f"({_numbers(x)}), ({_numbers(y)}) m/s²", size)
+
+
+def _numbers(x: Iterable[float]) -> str:
+    return ", ".join(f"{0.0 if abs(y) < 1e-12 else y:.6g}" for y in x)
+
+
+def _both(x: float, y: float, unit: str = "") -> str:
+    digits = next(d for d in (*range(6, 18), 17) if f"{x:.{d}g}" != f"{y:.{d}g}" or d == 17)
+    return f"{x:.{digits}g}{unit}, {y:.{digits}g}{unit}"
+
+
+def _relative(x: float, y: float) -> float:
+    return abs(x - y) / max(abs(x), abs(y))
+
+
+# ---- Effects -------------------------------------------------------------------------------------
+
+
+def _effects(
+    first: _Side, second: _Side, matched: Mapping[str, str], examples: int
+) -> Iterator[Effect]:
+    """Yield what all differences do to M, gravity and accelerations at the same coordinates."""
+    names, others = first.scene.coordinate_names, second.scene.coordinate_names
+    if any(matched.get(name) not in others for name in names) or len(names) != len(others):
+        return
+    columns = [others.index(matched[name]) for name in names]
+    random, n = np.random.default_rng(0), first.scene.n
+    values: dict[str, list[tuple[Array, Array]]] = {"M": [], "gravity": [], "acceleration": []}
+    for _ in range(examples):
+        q, v = random.uniform(-1.0, 1.0, (2, n))
+        back = np.empty(n), np.empty(n)
+        for x, y in zip(back, (q, v), strict=True):
+            x[columns] = y
+        points = (
+            ConformancePoint(Evaluation(first.scene, q, v), tau=np.zeros(n)),
+            ConformancePoint(Evaluation(second.scene, *back), tau=np.zeros(n)),
+        )
+        for name, value in QUANTITIES.items():
+            x, y = (np.asarray(value(point)) for point in points)
+            values[name].append((x, y[np.ix_(*[columns] * y.ndim)]))
+    for name, pairs in values.items():
+        scale = max(largest(x) for pair in pairs for x in pair)
+        errors = np.max([np.abs(x - y) for x, y in pairs], axis=0)
+        worst = int(np.unravel_index(int(np.argmax(errors)), errors.shape)[0])
+        yield Effect(name, float(errors.max() / scale) if scale else 0.0, names[worst])
+
+
+QUANTITIES: dict[str, Callable[[ConformancePoint], Any]] = {
+    "M": lambda point: point.at.terms.M,
+    "gravity": lambda point: point.weight.gradient,
+    "acceleration": lambda point: point.free_acceleration,
+}
+"""Quantity whose change is measured -> its value at a point."""
+
+
+# ---- Output --------------------------------------------------------------------------------------
+
+
+def print_robots(comparison: RobotComparison) -> None:
+    """Print whether two robots are the same, and their differences, the largest first."""
+    first, second = comparison.names
+    if comparison.by_structure:
+        pairs = ", ".join(f"{x} = {comparison.matched[x]}" for x in comparison.by_structure)
+        say(f"matched by their place in the tree: {pairs}")
+    if comparison.is_same:
+        say(
+            f"{first} and {second} are the same robot, to {comparison.resolution:.0e} of its size: "
+            f"{counted(len(comparison.matched), 'joint')}",
+            "bold green",
+        )
+        return
+    number = counted(len(comparison.differences), "difference")
+    say(f"{first} and {second} are two robots: {number}", "bold red")
+    for difference in comparison.differences:
+        say(f"  {difference}")
+    for effect in comparison.effects:
+        say(f"{effect.quantity} differs by up to {100 * effect.size:.3g} %, most at {effect.joint}")
+
+
+def write_robots(comparison: RobotComparison, path: Path) -> None:
+    """Write a comparison as JSON."""
+    differences = [
+        one._asdict() | {"size": one.size if np.isfinite(one.size) else None}
+        for one in comparison.differences
+    ]
+    document = {
+        "robots": list(comparison.names),
+        "same": comparison.is_same,
+        "resolution": comparison.resolution,
+        "matched": comparison.matched,
+        "by_structure": list(comparison.by_structure),
+        "differences": differences,
+        "effects": [effect._asdict() for effect in comparison.effects],
+    }
+    write_json(path, document)

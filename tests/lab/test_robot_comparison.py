@@ -1,0 +1,248 @@
+"""Two robots compared: differences of one number are named alone, other frames are none."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.lab.test_recorded_answers import arm_text
+
+from eomcheck import cli
+from eomcheck.errors import InputError, UnknownNameError
+from eomcheck.lab.robot_comparison import RobotComparison, compare_robots
+from eomcheck.scenes import SCENES, from_urdf
+
+ARM = arm_text()
+
+
+def compared(tmp_path: Path, first: str, second: str, **match: str) -> RobotComparison:
+    paths = tmp_path / "a.urdf", tmp_path / "b.urdf"
+    for path, text in zip(paths, (first, second), strict=True):
+        path.write_text(text)
+    return compare_robots(*map(from_urdf, paths), match, examples=3)
+
+
+def in_link(k: int, old: str, new: str) -> str:
+    """Return the arm with a text of a link, and of the joint behind it, replaced."""
+    at = ARM.index(f'<link name="link{k}">')
+    end = ARM.find('<link name="link', at + 1)
+    part = ARM[at:] if end < 0 else ARM[at:end]
+    assert part.count(old) == 1, (old, part)
+    return ARM[:at] + part.replace(old, new) + ("" if end < 0 else ARM[end:])
+
+
+def in_joint(k: int, old: str, new: str) -> str:
+    at = ARM.index(f'<joint name="j{k}"')
+    end = ARM.index("</joint>", at)
+    assert ARM[at:end].count(old) == 1, (old, ARM[at:end])
+    return ARM[:at] + ARM[at:end].replace(old, new) + ARM[end:]
+
+
+def with_dynamics(k: int, attributes: str) -> str:
+    return in_joint(k, "<axis", f"<dynamics {attributes}/><axis")
+
+
+PLANTED: dict[str, tuple[str, str, str]] = {
+    **{
+        f"mass of {k}": (in_link(k, '<mass value="', '<mass value="1'), f"j{k}", "mass")
+        for k in range(6)
+    },
+    **{
+        f"center of {k}": (in_link(k, 'xyz="0.1 0.05', 'xyz="0.12 0.05'), f"j{k}", "center of mass")
+        for k in range(6)
+    },
+    "center mirrored": (in_link(2, 'xyz="0.1 0.05', 'xyz="0.1 -0.05'), "j2", "other sign"),
+    **{
+        f"moment of {k}": (in_link(k, 'ixx="0.04"', 'ixx="0.041"'), f"j{k}", "inertia")
+        for k in range(6)
+    },
+    "center along the axis": (
+        in_link(5, 'xyz="0.1 0.05 0.2"', 'xyz="0.108 0.05 0.206"'),
+        "j5",
+        "center of mass",
+    ),
+    "product with the other sign": (
+        in_link(3, 'ixy="0.004" ixz="-0.003" iyy="0.05" iyz="0.002"',
+                'ixy="-0.004" ixz="0.003" iyy="0.05" iyz="-0.002"'),
+        "j3",
+        "",
+    ),
+    "inertia of 1000": (
+        in_link(4, 'ixx="0.04" ixy="0.004" ixz="-0.003" iyy="0.05" iyz="0.002" izz="0.03"',
+                'ixx="40" ixy="4" ixz="-3" iyy="50" iyz="2" izz="30"'),
+        "j4",
+        "1000 times",
+    ),
+    "inertia rotated": (in_link(1, 'rpy="0.3 0.1 0"', 'rpy="0 0 0"'), "j1", "rotated: the same"),
+    **{
+        f"axis of {k}": (in_joint(k, f'axis xyz="{axis}"', f'axis xyz="{other}"'), f"j{k}", text)
+        for k, axis, other, text in (
+            (0, "0 0 1", "0 0.1 1", "axis: turned by 5.711°"),
+            (1, "0 1 0", "0 -1 0", "axis: opposite direction"),
+            (3, "1 0 0", "0.9 0.1 0", "axis: turned by"),
+        )
+    },
+    **{
+        f"placement of {k}": (
+            in_joint(k, 'origin xyz="0 0.1', 'origin xyz="0.01 0.1'),
+            f"j{k}",
+            "placement",
+        )
+        for k in range(1, 6)
+    },
+    "damping": (with_dynamics(2, 'damping="0.3"'), "j2", "damping: 0, 0.3"),
+    "zero position": (
+        in_joint(3, 'rpy="0.2 0 0"', 'rpy="0.7 0 0"'),
+        "j3",
+        "zero position: differs by 28.6479°",
+    ),
+}  # fmt: skip
+"""Difference -> (text of the second robot, joint, words of the only difference)."""
+
+
+@pytest.mark.parametrize("what", PLANTED)
+def test_a_difference_of_one_number_is_named_alone(what: str, tmp_path: Path):
+    text, joint, words = PLANTED[what]
+    (difference,) = compared(tmp_path, ARM, text).differences
+    assert re.search(rf"\b{joint}\b", difference.where)
+    assert words in str(difference)
+    (back,) = compared(tmp_path, text, ARM).differences
+    assert re.search(rf"\b{joint}\b", back.where)
+
+
+def test_there_are_30_planted_differences():
+    assert len(PLANTED) >= 30
+
+
+def test_the_same_robot_is_the_same_whatever_its_frames_are(tmp_path: Path):
+    same = compared(tmp_path, ARM, ARM)
+    assert same.is_same and not same.effects
+    assert len(same.matched) == 6
+    # The last link's frame elsewhere: its inertial is moved back.
+    shifted = ARM.replace('<joint name="j5" type="revolute">', '<joint name="j5" type="revolute" >')
+    at = shifted.index('<link name="link5">')
+    link = shifted[at:]
+    moved = link.replace('rpy="0.3 0.5 0"', 'rpy="0.3 0.5 0"')
+    assert compared(tmp_path, ARM, shifted[:at] + moved).is_same
+
+
+def test_a_link_in_two_parts_is_one_body(tmp_path: Path):
+    tip = '<link name="tip"><inertial><mass value="{}"/><inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial></link>'  # noqa: E501
+    fixed = (
+        '<joint name="fix" type="fixed"><parent link="link5"/><child link="tip"/>'
+        '<origin xyz="0.3 0 0"/></joint>'
+    )
+    whole = ARM.replace("</robot>", tip.format(0.5) + fixed + "</robot>")
+    lighter = ARM.replace("</robot>", tip.format(0.4) + fixed + "</robot>")
+    assert compared(tmp_path, whole, whole).is_same
+    found = compared(tmp_path, whole, lighter).differences
+    assert {x.what for x in found} == {"mass", "center of mass", "inertia"}
+    assert all("tip" in x.where for x in found)
+
+
+def test_an_inertia_about_the_joint_is_named(tmp_path: Path):
+    m, c = 3.0 - 0.4 * 5, np.array([0.1, 0.05, 0.2])
+    first = in_link(5, 'rpy="0.3 0.5 0"', 'rpy="0 0 0"')
+    own = np.array([[0.04, 0.004, -0.003], [0.004, 0.05, 0.002], [-0.003, 0.002, 0.03]])
+    about = own + m * (c @ c * np.eye(3) - np.outer(c, c))
+    names = ["xx", "xy", "xz", "yy", "yz", "zz"]
+    numbers = about[np.triu_indices(3)]
+    inertia = " ".join(f'i{name}="{x:.17g}"' for name, x in zip(names, numbers, strict=True))
+    at = first.index('<link name="link5">')
+    second = first[:at] + re.sub(r"<inertia .*?/>", f"<inertia {inertia}/>", first[at:], count=1)
+    (difference,) = compared(tmp_path, first, second).differences
+    assert difference.text.startswith("about the joint, not about the center of mass")
+
+
+def test_an_inertia_without_products_is_named(tmp_path: Path):
+    first = in_link(5, 'rpy="0.3 0.5 0"', 'rpy="0 0 0"')
+    at = first.index('<link name="link5">')
+    second = first[:at] + re.sub(r'(ixy|ixz|iyz)="[^"]*"', r'\1="0"', first[at:])
+    (difference,) = compared(tmp_path, first, second).differences
+    assert difference.text.startswith("diagonal only")
+
+
+def test_joints_with_other_names_are_matched_by_request_and_by_their_place(tmp_path: Path):
+    renamed = ARM.replace('name="j2"', 'name="elbow"').replace('name="j5"', 'name="wrist"')
+    found = compared(tmp_path, ARM, renamed)
+    assert found.is_same
+    assert found.by_structure == ("j2", "j5")
+    assert found.matched["j2"] == "elbow"
+    asked = compared(tmp_path, ARM, renamed, j2="elbow")
+    assert asked.by_structure == ("j5",)
+    with pytest.raises(UnknownNameError, match="elbows"):
+        compared(tmp_path, ARM, renamed, j2="elbows")
+    with pytest.raises(UnknownNameError, match="j9"):
+        compared(tmp_path, ARM, renamed, j9="elbow")
+
+
+def test_a_joint_that_one_robot_has_alone_comes_first(tmp_path: Path):
+    at = ARM.index('<link name="link5">')
+    shorter = in_link(0, 'ixx="0.04"', 'ixx="0.05"')[: at + 0] + "</robot>"
+    found = compared(tmp_path, ARM, shorter)
+    assert str(found.differences[0]) == "joint j5: missing: only in a.urdf"
+    assert found.differences[1].what == "inertia"
+    assert not found.effects
+
+
+def test_effects_are_relative_to_the_largest_and_name_the_joint(tmp_path: Path):
+    doubled = compared(tmp_path, ARM, in_link(5, '<mass value="', '<mass value="2'))
+    effects = {effect.quantity: effect for effect in doubled.effects}
+    assert set(effects) == {"M", "gravity", "acceleration"}
+    assert all(effect.size > 0.01 for effect in effects.values())
+    same = compared(tmp_path, ARM, with_dynamics(5, 'damping="0.1"'))
+    assert [effect.size for effect in same.effects] == [0.0, 0.0, 0.0]
+
+
+def test_digits_of_a_rounded_file_are_no_difference_and_short_numbers_are_exact(tmp_path: Path):
+    rounded = ARM.replace('mass value="2.6"', 'mass value="2.600001"')
+    assert compared(tmp_path, ARM, rounded).is_same  # seven digits, as programs write
+    other = ARM.replace('mass value="2.6"', 'mass value="2.601"')
+    assert [x.what for x in compared(tmp_path, ARM, other).differences] == ["mass"]
+
+
+def test_a_scene_without_a_tree_is_refused():
+    scene = next(kind.example() for kind in SCENES.values() if kind.example().tree() is None)
+    with pytest.raises(InputError, match="has no tree of bodies"):
+        compare_robots(scene, scene)
+
+
+def test_two_files_are_compared_by_the_command(tmp_path: Path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("eomcheck.console.PATIENCE", 1e4)
+    Path("a.urdf").write_text(ARM)
+    Path("b.urdf").write_text(in_link(3, '<mass value="', '<mass value="1'))
+    Path("c.urdf").write_text(ARM.replace('name="j2"', 'name="elbow"'))
+
+    def run(*words: str) -> int:
+        monkeypatch.setattr(sys, "argv", ["eomcheck", "compare", *words])
+        with pytest.raises(SystemExit) as stop:
+            cli._run()
+        return int(stop.value.code or 0)
+
+    assert run("a.urdf", "a.urdf") == 0
+    assert "the same robot" in capsys.readouterr().out
+    assert run("a.urdf", "b.urdf", "--json", "d.json") == 1
+    out = capsys.readouterr().out
+    assert "a.urdf and b.urdf are two robots: 1 difference" in out
+    assert "body of j3 (link3): mass: 1.8 kg, 11.8 kg" in out
+    assert "M differs by up to" in out
+    document = json.loads(Path("d.json").read_text())
+    assert (document["same"], len(document["differences"]), len(document["effects"])) == (
+        False,
+        1,
+        3,
+    )
+    assert run("a.urdf", "c.urdf", "--match", "j2=elbow") == 0
+    for words, message in (
+        (("a.urdf", "c.urdf", "--match", "j2"), "expected JOINT=JOINT"),
+        (("a.urdf", "c.urdf", "--match", "j2=j9"), "'j9'"),
+        (("a.urdf", "c.urdf", "--engine", "pinocchio"), "--engine"),
+        (("a.urdf", "--match", "j2=elbow"), "--match"),
+    ):
+        assert run(*words) == 2
+        assert message in capsys.readouterr().err
