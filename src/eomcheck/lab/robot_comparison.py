@@ -78,7 +78,7 @@ class RobotComparison(NamedTuple):
         matched: joints of the first -> joints of the second.
         by_structure: those among them that are matched by their place in the tree.
         differences: differences, the largest first.
-        effects: what they do; empty if joints are unmatched.
+        effects: their effects; empty if joints are unmatched.
         resolution: relative error that the printed digits of both files explain.
     """
 
@@ -389,7 +389,7 @@ def _moved_to(
 
 
 class _Carried:
-    """What a joint carries: its body and the joints on it, on both sides.
+    """Body of a joint and the joints mounted on it, on both sides.
 
     Args:
         first, second: both robots.
@@ -663,7 +663,7 @@ def _relative(x: float, y: float) -> float:
 def _effects(
     first: _Side, second: _Side, matched: Mapping[str, str], examples: int
 ) -> Iterator[Effect]:
-    """Yield what all differences do to M, gravity and accelerations at the same coordinates."""
+    """Yield the effects of all differences on M, gravity and accelerations, at the same q and v."""
     names, others = first.scene.coordinate_names, second.scene.coordinate_names
     if any(matched.get(name) not in others for name in names) or len(names) != len(others):
         return
