@@ -32,7 +32,7 @@ def package(tmp_path: Path, monkeypatch) -> Path:
     contents = {
         "__init__.py": "raise RuntimeError('imported')",
         "box.urdf": '<robot name="box"><link name="box"/></robot>',
-        "odd.urdf": '<robot name="odd"><link name="a"/><wheel/></robot>',
+        "odd.urdf": '<robot name="odd"><link name="a"/><loop/></robot>',
         "numbers.urdf": arm.read_text(encoding="utf-8").replace('value="', 'value="x'),
         "pendulum.xml": PENDULUM.format(name="bob"),
         "parts.xml": "<mujocoinclude><default/></mujocoinclude>",
@@ -97,7 +97,7 @@ def test_the_remarks_name_the_refusals_that_are_ours_or_of_a_library_each_once(p
     records = records_of_package()
     said = list(study_of("robot-files").remarks([*records, *records]))
     assert len(said) == 3
-    assert any("holds <wheel>, which is no part of a URDF known here" in one for one in said)
+    assert any("holds <loop>, which is no part of a URDF known here" in one for one in said)
 
 
 def test_a_package_that_is_not_installed_is_named():

@@ -82,8 +82,24 @@ def test_children_are_one_or_none_and_known():
     assert found is not None and found.tag == "b"
     assert refusal(single_child, parent, "a", "w") == "w has 2 of <a>, expected one"
     assert list(ignored_tags(parent, frozenset("abc"), "w")) == ["a", "b", "a"]
-    known = "w holds <b>, which is no part of a URDF known here"
-    assert refusal(lambda: list(ignored_tags(parent, frozenset("a"), "w"))) == known
+    assert list(ignored_tags(parent, frozenset("a"), "w")) == ["a", "b", "a"]
+
+
+@pytest.mark.parametrize(
+    ("tag", "hint"),
+    [
+        ("inertal", " (did you mean 'inertial'?)"),
+        ("Inertial", " (did you mean 'inertial'?)"),
+        ("loop_closure", ""),
+        ("springs", ""),
+        ("added_mass", ""),
+        ("link", ""),
+    ],
+)
+def test_an_unknown_element_that_may_change_the_dynamics_is_refused(tag: str, hint: str):
+    parent, read = element(f"<link><{tag}/></link>"), frozenset({"inertial"})
+    known = f"w holds <{tag}>, which is no part of a URDF known here{hint}"
+    assert refusal(lambda: list(ignored_tags(parent, frozenset(), "w", read))) == known
 
 
 def test_a_file_is_read_up_to_its_limits_and_refused_behind_them(tmp_path: Path, monkeypatch):

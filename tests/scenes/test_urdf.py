@@ -214,6 +214,15 @@ def test_joints_with_more_coordinates_are_proved_and_keep_away_from_singular_ang
     assert not PinocchioFile.represents(scene)
 
 
+def test_unknown_elements_and_namespaces_are_left_out_and_said(tmp_path):
+    plain = from_urdf(written(tmp_path, f"<robot>{SOUND}</robot>"))
+    more = SOUND.replace('<child link="b"/>', '<child link="b"/><controller_gains kp="1"/>')
+    text = f'<robot xmlns="urn:u" xmlns:x="urn:x"><x:wheel/><wheel/>{more}</robot>'
+    scene = from_urdf(written(tmp_path, text))
+    assert scene.source.ignored == "Ignored: controller_gains (1), wheel (2)."
+    assert repr(scene.float64_parameters) == repr(plain.float64_parameters)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
@@ -236,7 +245,8 @@ def test_joints_with_more_coordinates_are_proved_and_keep_away_from_singular_ang
         ('<child link="b"/>', '<child link="b"/><axis xyz="0 0"/>', "expected three numbers"),
         ('<child link="b"/>', '<child link="b"/><mimic joint="x"/>', "follows 'x', no such joint"),
         ('<child link="b"/>', '<child link="b"/><mimic joint="j"/>', "follows itself"),
-        ('<child link="b"/>', '<child link="b"/><wheel/>', "joint 'j' holds <wheel>, which is no"),
+        ('<child link="b"/>', '<child link="b"/><axes/>', "joint 'j' holds <axes>, which is no"),
+        ("<mass", "<masses/><mass", "<inertial> holds <masses>, which is no part"),
         ('<child link="b"/>', '<child link="b"/><dynamics damping="-1"/>', "damping = -1, expect"),
         ("<robot>", "<robot><loop/>", "holds <loop>, which is no part of a URDF"),
         ("<robot>", '<robot><link name="c"/>', "2 links are no joint's child .'c', 'a'., expected"),

@@ -40,7 +40,7 @@ from eomcheck.descriptions.vector_algebra import (
     roll_pitch_yaw_of,
     rotation_matrix,
 )
-from eomcheck.errors import InputError
+from eomcheck.errors import InputError, did_you_mean
 from eomcheck.mechanics.scene import finite_array
 
 # ---- XML -----------------------------------------------------------------------------------------
@@ -95,6 +95,11 @@ def root_of(path: Path, expected: Format = URDF) -> Element:
         if isinstance(error, InputError):
             raise
         raise Unreadable(f"{str(path)!r} is no XML: {error}") from None
+    if space := root.tag.rpartition("}")[0]:
+        # A namespace by default is that of the format, whatever its name.
+        for element in root.iter():
+            if isinstance(element.tag, str):
+                element.tag = element.tag.removeprefix(f"{space}}}")
     if root.tag not in expected.roots:
         wanted = f"expected <{expected.roots[0]}>: no {expected.name}"
         raise Unreadable(f"{str(path)!r} holds <{root.tag}>, {wanted}")
@@ -190,16 +195,40 @@ def single_child(element: Element, tag: str, where: str) -> Element | None:
     return children[0] if children else None
 
 
-def ignored_tags(element: Element, allowed: frozenset[str], where: str) -> Iterator[str]:
-    """Yield the tags of children that are known but left out.
+CHANGES_DYNAMICS = re.compile("loop|constraint|spring|bushing|tendon|mass|inertia|link|joint")
+"""Words in the name of an unknown element that may change the equations of motion."""
+
+
+def ignored_tags(
+    element: Element, allowed: frozenset[str], where: str, read: frozenset[str] = frozenset()
+) -> Iterator[str]:
+    """Yield the tags of children, those that are read included: others are left out.
+
+    As every other reader does, unknown elements are left out, unless their name may be that of one
+    that changes the equations of motion.
+
+    Args:
+        element: the element.
+        allowed: tags that are known, and those of other readers.
+        where: place of the element, for messages.
+        read: tags that are read.
 
     Raises:
-        InputError: one is not known at all.
+        InputError: an unknown one resembles one that is read, or may change the dynamics.
     """
     for child in element:
-        if child.tag not in allowed:
-            raise Unreadable(f"{where} holds <{child.tag}>, which is no part of a URDF known here")
-        yield child.tag
+        name = local_name(child.tag)
+        if name not in allowed | read:
+            hint = did_you_mean(name, read)
+            if hint or CHANGES_DYNAMICS.search(name.lower()):
+                known = "which is no part of a URDF known here"
+                raise Unreadable(f"{where} holds <{name}>, {known}{hint}")
+        yield name
+
+
+def local_name(tag: Any) -> str:
+    """Return the name of an element without its namespace; "comment" for one without a name."""
+    return tag.rpartition("}")[2] if isinstance(tag, str) else "comment"
 
 
 # ---- Elements ------------------------------------------------------------------------------------
@@ -276,8 +305,7 @@ def read_urdf(path: Path) -> Robot:
             )
     if not links:
         raise Unreadable(f"{where!r} has no link")
-    out = Counter(ignored_tags(root, READ | OF_ROBOT, repr(where)))
-    out = Counter({tag: count for tag, count in out.items() if tag in OF_ROBOT})
+    out = Counter(tag for tag in ignored_tags(root, OF_ROBOT, repr(where), READ) if tag not in READ)
     name = identifier(root.get("name", "") or path.stem)
     read_links = tuple(_link(link, where, out) for link in links)
     read_joints = tuple(_joint(joint, where, out) for joint in joints)
@@ -317,12 +345,14 @@ _PLURAL = {
 def _link(element: Element, file: str, out: Counter[str]) -> Link:
     name = text_attribute(element, "name", repr(file))
     where = f"{file!r}: link {name!r}"
-    out.update(
-        tag for tag in ignored_tags(element, OF_LINK | {"inertial"}, where) if tag != "inertial"
-    )
+    read = frozenset({"inertial"})
+    out.update(tag for tag in ignored_tags(element, OF_LINK, where, read) if tag not in read)
     inertial = single_child(element, "inertial", where)
     if inertial is None:
         return Link(name)
+    parts = frozenset({"mass", "inertia", "origin"})
+    inside = ignored_tags(inertial, frozenset(), f"{where}: <inertial>", parts)
+    out.update(tag for tag in inside if tag not in parts)
     mass, inertia = (single_child(inertial, tag, where) for tag in ("mass", "inertia"))
     if mass is None or inertia is None:
         missing = "mass" if mass is None else "inertia"
@@ -347,7 +377,7 @@ def _joint(element: Element, file: str, out: Counter[str]) -> Joint:
     name = text_attribute(element, "name", repr(file))
     where = f"{file!r}: joint {name!r}"
     tags = frozenset({"parent", "child", "origin", "axis", "dynamics", "mimic"})
-    out.update(tag for tag in ignored_tags(element, OF_JOINT | tags, where) if tag not in tags)
+    out.update(tag for tag in ignored_tags(element, OF_JOINT, where, tags) if tag not in tags)
     kind = text_attribute(element, "type", where)
     if kind not in KINDS:
         raise Unreadable(f"{where} has the type {kind!r}, expected one of: {', '.join(KINDS)}")
