@@ -14,6 +14,7 @@ from tests.trials.wrong_engines import Fault, source_of
 from tests.trials.wrong_quantities import FREE_BASE, MAP, SIGNATURES, TAU, VDOT
 
 from eomcheck import check_state
+from eomcheck.claims import own_coordinates
 from eomcheck.claims.own_coordinates import map_fault
 from eomcheck.engines import Answers
 from eomcheck.engines.drake import DrakeFile
@@ -57,6 +58,20 @@ def test_a_map_is_compared_at_rest_too(base: Scene):
     engine = under_test(PinocchioFile, velocity_map_derivatives=still)(base)
     text = "velocity_map_derivatives: ∂(S v)/∂q is not that of velocity_map: missing"
     assert map_fault(engine, Evaluation(base, state.q, 0.0 * state.v)) == text
+
+
+def test_turns_of_a_free_base_are_named_by_the_matrix_that_turns():
+    c, s = np.cos(0.4), np.sin(0.4)
+    R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    turns = dict(own_coordinates._turns(8, R))
+    for axes, turn in (("R", R), ("Rᵀ", R.T)):
+        whole, linear, angular = (
+            turns[f"{part}free base turned by {axes}, R its axes"]
+            for part in ("", "linear part of ", "angular part of ")
+        )
+        assert np.array_equal(whole, linear @ angular) and np.array_equal(whole[6:, 6:], np.eye(2))
+        assert np.array_equal(linear[:3, :3], turn) and np.array_equal(angular[3:6, 3:6], turn)
+    assert len(turns) == 6
 
 
 @pytest.mark.parametrize("name", [TAU, VDOT])
@@ -217,3 +232,24 @@ def test_a_result_of_a_wrong_shape_is_reported_by_its_shape_and_the_expected_one
         "UnderTest: gravity returned an array of shape (3, 1), expected an array of shape (3)"
     )
     assert "inf" not in str(found)
+
+
+def test_of_repeated_answers_the_worst_is_that_by_the_bounds_of_its_blocks():
+    """An error that is none in a large block hides no smaller one that is one in a small block."""
+    scene = ordinary(SCENES["bicycle"], 2)[0]
+    state = random_state(scene, np.random.default_rng(1))
+    calls: list[int] = []
+
+    def wrong(self: Any, *asked: Any) -> Any:
+        by_q, by_v = PinocchioEngine.inverse_dynamics_derivatives(self, *asked)
+        calls.append(1)
+        if len(calls) % 2:
+            return by_q, by_v * (1.0 + 2.0**-33)
+        return by_q * (1.0 + 2.0**-50), by_v
+
+    kind = under_test(inverse_dynamics_derivatives=wrong)
+    options: dict[str, Any] = {"claims": ["engine-inverse-dynamics-derivatives"]}
+    slow = 1e-7 * state.v
+    found = check_state(scene, state.q, slow, engines=[kind], consistent=False, **options)
+    verdicts = {x.subject.split(", ")[1]: x.verdict for x in found}
+    assert verdicts == {"∂τ/∂q": "passed", "∂τ/∂v": "failed"}

@@ -12,6 +12,7 @@ from tests.engines.planar import planar
 import eomcheck
 from eomcheck.claims import CLAIMS
 from eomcheck.engines import ENGINES, Answers, Engine
+from eomcheck.evaluation.conformance import QUANTITIES, ConformancePoint
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.scenes import SCENES, Sleigh, Snake
 
@@ -201,3 +202,30 @@ def test_the_size_of_casadis_bias_is_that_of_its_terms_and_not_of_their_sum():
     size = sum(abs(v[i] * M[i, j] * v[j]) for i in range(5) for j in range(5))
     assert ENGINES["casadi"](scene).bias_size(q, v) == pytest.approx(size, rel=1e-12)
     assert size > 1.05 * abs(v @ M @ v)
+
+
+class Scaled(mapped(3)):
+    """The sleigh in other units and another order of its coordinates: x = S q."""
+
+    UNITS = np.array([[0.0, 2.0, 0.0], [0.0, 0.0, 0.5], [-1.0, 0.0, 0.0]])
+
+    def velocity_map(self, q, v):
+        return self.UNITS @ q, self.UNITS, np.zeros(3)
+
+    def velocity_map_derivatives(self, q, v):
+        return np.zeros((3, 3)), np.zeros((3, 3))
+
+    def constraint_force_derivatives(self, x, w, tau, t=0.0):
+        back = np.linalg.inv(self.UNITS)
+        q, v, tau = back @ x, back @ w, self.UNITS.T @ tau
+        point = ConformancePoint(Evaluation(self.scene, q, v, t), tau=tau)
+        return tuple(part @ back for part in np.split(point.constraint_force_derivatives, 2, 1))
+
+
+def test_both_derivatives_of_multipliers_are_mapped():
+    scene, (q, v, tau) = Sleigh(), np.array([[0.3, -0.2, 0.9], [0.5, 0.7, -1.1], [2.0, -1.0, 0.4]])
+    one = QUANTITIES["constraint_force_derivatives"]
+    expected = ConformancePoint(Evaluation(scene, q, v), tau=tau).constraint_force_derivatives
+    actual = Answers(Scaled(scene)).quantity(one, q, v, tau, "")
+    np.testing.assert_allclose(actual, expected, rtol=0.0, atol=1e-12)
+    assert np.abs(expected).max(axis=0)[3:].min() > 0.1

@@ -136,6 +136,8 @@ def test_the_time_counts():
         public = derivatives(scene, "au", q, v, t=t)
         assert np.abs(compiled(q, v, t=t).q - public.q).max() <= 2 * public.error_bounds["q"]
     assert (compiled(q, v, t=0.0).q != compiled(q, v, t=1.0).q).any()
+    both = compiled(np.array([q, q]), np.array([v, v]), t=1.0)
+    np.testing.assert_allclose(both.q[1], compiled(q, v, t=1.0).q, rtol=1e-12)
 
 
 def test_wrong_shapes_are_named():

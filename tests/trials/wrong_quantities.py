@@ -79,7 +79,7 @@ SLIDES = "slides = [kind[0] == 'p' for kind in self.scene.tree().joint]\n"
 
 MAP, MAP_RATES = FURTHER[:2]
 TAU, VDOT = "inverse_dynamics_derivatives", "forward_dynamics_derivatives"
-OTHER_AXES = "of the free base turned by R"
+OTHER_AXES = "of the free base turned by R, R its axes"
 
 BASE = """import pinocchio
 R = pinocchio.Quaternion(*{x}[[6, 3, 4, 5]]).toRotationMatrix()
