@@ -155,6 +155,7 @@ STUBS: dict[str, dict[str, Any]] = {
         "eomcheck.simulate": SimpleNamespace(status="finished"),
         "eomcheck.simulate_many": SimpleNamespace(status=np.array(["finished"])),
         "eomcheck.lab.report.motion_tables.print_trajectories": None,
+        "eomcheck.lab.report.motion_tables.write_trajectory": None,
         "eomcheck.lab.report.motion_tables.print_many": None,
         "eomcheck.lab.report.motion_tables.chart_of_many": None,
         "eomcheck.lab.show.chart_matplotlib.draw_charts": None,
@@ -434,9 +435,11 @@ CASES: dict[str, dict[str, Case]] = {
             MANY,
         ),
         "plot": ("--plot a.svg", {"draw_charts.path": "a.svg"}, MANY),
+        "output": ("-o a.csv", {"write_trajectory.path": "a.csv"}),
     },
     "acceleration": {
         **PATIENT,
+        "q": ("--scene sleigh --q 1,2,3", {"print_accelerations.q": [1.0, 2.0, 3.0]}),
         "name": ("sleigh", {"print_accelerations.scene": "~Sleigh("}),
         "scene": ("--scene sleigh", {"print_accelerations.scene": "~Sleigh("}),
         "links": (

@@ -161,3 +161,66 @@ def test_the_end_as_the_last_word_is_accepted_until_the_next_release(asked, monk
         assert code(monkeypatch, *words, "--formulation", "kane") == 0
         assert "simulate END is now simulate --end END" in capsys.readouterr().err
     assert [(one.scene.links, one.t_end) for one in asked] == [(7, 0.5), (7, 0.5)]
+
+
+def test_a_motion_is_written_as_a_table(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    words = ["simulate", "four-bar-chain", "--end", "0.05", "--formulation", "au", "-o", "a.npz"]
+    monkeypatch.setattr(sys, "argv", ["eomcheck", *words])
+    with pytest.raises(SystemExit) as stop:
+        cli._run()
+    assert stop.value.code == 0
+    assert "written: a.npz" in capsys.readouterr().out
+    scene = FourBarChain.example()
+    motion = eomcheck.simulate(scene, "au", 0.05, rtol=1e-9, atol=1e-9)
+    with np.load("a.npz") as file:
+        np.testing.assert_array_equal(file["t"], motion.times)
+        for k, name in enumerate(scene.coordinate_names):
+            np.testing.assert_array_equal(file[f"q[{name}]"], motion.q[:, k])
+            np.testing.assert_array_equal(file[f"v[{name}]"], motion.v[:, k])
+        for k, name in enumerate(scene.constraint_names):
+            np.testing.assert_array_equal(file[f"multiplier[{name}]"], motion.multipliers[:, k])
+            np.testing.assert_array_equal(
+                file[f"residual[{name}]"], motion.constraint_residual[:, k]
+            )
+        np.testing.assert_array_equal(file["energy"], motion.energy)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("-o", "a.csv"), "output = 'a.csv' holds one motion: expected one --formulation"),
+        (("-o", "a.csv", "--formulation", "au,el"), "holds one motion"),
+        (("-o", "a.txt", "--formulation", "au"), "expected a file .csv"),
+        (("-o", "a.csv", "--examples", "2"), "--output"),
+    ],
+)
+def test_a_file_for_a_motion_is_of_one_motion(words, message: str, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["eomcheck", "simulate", "sleigh", "--end", "0.01", *words])
+    with pytest.raises(SystemExit) as stop:
+        cli._run()
+    assert stop.value.code == 2
+    assert message in capsys.readouterr().err
+
+
+def test_accelerations_are_those_of_the_position_that_is_given(monkeypatch, capsys):
+    def printed(*words: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["eomcheck", "acceleration", "chain-pendulum", *words])
+        with pytest.raises(SystemExit) as stop:
+            cli._run()
+        out = capsys.readouterr()
+        return int(stop.value.code or 0), out.out, out.err
+
+    scene = ChainPendulum.example()
+    q = [0.3, -0.2, 0.5]
+    code, out, _ = printed("--q", "0.3,-0.2,0.5", "--formulation", "kane")
+    assert code == 0
+    vdot = eomcheck.acceleration(scene, "kane", q, np.zeros(3)).vdot
+    assert f"{np.abs(vdot).max():.10g}" in out
+    assert "accelerations at this position" in out
+    assert "θ_1 = 0.3" in out
+    assert "accelerations at its start" in printed("--formulation", "kane")[1]
+    code, _, error = printed("--q", "0.3")
+    assert code == 2
+    assert "q [0.3]: chain-pendulum[3] has 3, expected so many numbers" in error

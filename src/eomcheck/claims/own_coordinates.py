@@ -183,7 +183,7 @@ def derivatives_fault(
     back, symbols = np.linalg.inv(of_map.S), one.symbol.split(", ")
     size = max(float(np.linalg.norm(x, np.inf)) for x in (back, back.T, of_map.S, of_map.S.T))
     # By the rounding of the map too: at rest derivatives by v vanish, and so does their bound.
-    rounding = allowed_error(largest(actual), point.at.unit_roundoff)
+    rounding = allowed_error(largest(actual), type(engine).unit_roundoff)
     own = actual, expected, max(allowed * size**2, rounding)
     if text := _own_block_fault(of_map, one, point, own, block):
         return f"in its own coordinates, {text}"

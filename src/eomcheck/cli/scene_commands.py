@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from eomcheck.atomic_write import check_writable
 from eomcheck.calls import PATIENCE
 from eomcheck.cli.application import (
     DEFAULT_SCENE,
@@ -182,6 +183,12 @@ def simulate_command(
     plot: Annotated[
         Path | None, typer.Option(help="Draw --examples to .png, .svg or .pdf.")
     ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", help="Write the motion by one --formulation to .csv, .json or .npz."
+        ),
+    ] = None,
     patience: Patience = PATIENCE,
 ) -> None:
     """Integrate a motion by each formulation, and print its errors of energy and constraints.
@@ -194,10 +201,15 @@ def simulate_command(
     name, t_end = _scene_and_end(words, scene, end)
     if examples is None:
         check_used("without --examples", scale=scale, seed=seed, executor=executor, plot=plot)
+    else:
+        check_used("with --examples", output=output)
+    if output is not None and len(formulation or ()) != 1:
+        raise InputError(f"output = {str(output)!r} holds one motion: expected one --formulation")
+    check_writable(output)
 
     import eomcheck
     from eomcheck.formulations import formulations_for
-    from eomcheck.lab.report.motion_tables import print_trajectories
+    from eomcheck.lab.report.motion_tables import print_trajectories, write_trajectory
 
     chosen_scene = selected_scene(name or DEFAULT_SCENE, links, settings)
     u0 = _speeds(chosen_scene, speeds)
@@ -232,7 +244,11 @@ def simulate_command(
         )
         for f in formulations
     ]
+    if output is not None:
+        write_trajectory(trajectories[0], output)
     print_trajectories(trajectories)
+    if output is not None:
+        print(f"written: {output}")
     if any(trajectory.status != "finished" for trajectory in trajectories):
         raise typer.Exit(1)
 
@@ -251,10 +267,19 @@ def acceleration_command(
     links: Links = None,
     settings: SetOption = None,
     speeds: SpeedsOption = None,
+    q: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--q",
+            metavar="X,X",
+            help="Coordinates: 1,0.5, or repeated; the nearest position where loops are closed, at "
+            "rest without --speeds. [default: the scene's start]",
+        ),
+    ] = None,
     formulation: Formulations = None,
     patience: Patience = PATIENCE,
 ) -> None:
-    """Print the acceleration at the start by each formulation with its error bound, or its refusal.
+    """Print the acceleration in a state by each formulation with its error bound, or its refusal.
 
     Exit code 1 if one refuses.
     """
@@ -262,7 +287,11 @@ def acceleration_command(
     from eomcheck.lab.report.motion_tables import print_accelerations
 
     chosen_scene = selected_scene(name or DEFAULT_SCENE, links, settings)
-    if print_accelerations(chosen_scene, _speeds(chosen_scene, speeds), formulation):
+    position = parse_numbers("q", q) if q else None
+    if position is not None and len(position) != chosen_scene.n:
+        size = f"{chosen_scene.name} has {chosen_scene.n}, expected so many numbers"
+        raise InputError(f"q = {position}: {size}")
+    if print_accelerations(chosen_scene, _speeds(chosen_scene, speeds), formulation, position):
         raise typer.Exit(1)
 
 

@@ -8,15 +8,17 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 
 import numpy as np
 
 from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.errors import RefusedError
 from eomcheck.evaluation.constraint_rank import rank_of
-from eomcheck.evaluation.dynamics import acceleration, velocity
+from eomcheck.evaluation.dynamics import acceleration, assembled_position, velocity
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.formulations import formulations_for
+from eomcheck.lab.recorded_table import write_table
 from eomcheck.lab.show.chart import Axis, Band, Chart, Panel, in_rows
 from eomcheck.lab.show.table import ResultTable, print_tables, say, table_of
 from eomcheck.mechanics.scene import Scene
@@ -46,13 +48,15 @@ NOTE = (
 KKT = "KKT: the matrix of the equations of motion and the constraints together."
 
 
-def print_accelerations(scene: Scene, u=None, keys: Iterable[str] | None = None) -> int:
-    """Print the accelerations in the initial pose of a scene; return the number of refusals.
+def print_accelerations(scene: Scene, u=None, keys: Iterable[str] | None = None, q=None) -> int:
+    """Print the accelerations of a scene in a pose; return the number of refusals.
 
     Args:
         scene: the scene.
-        u: generalized speeds (p,), by default those of the initial state; at rest they need not
-            exist.
+        u: generalized speeds (p,), by default those of the initial state; 0 where q is given. At
+            rest they need not exist.
+        q: coordinates (n,), by default those of the initial state; the nearest position that
+            satisfies the holonomic constraints.
         keys: formulations, by default all that apply.
 
     Raises:
@@ -60,7 +64,11 @@ def print_accelerations(scene: Scene, u=None, keys: Iterable[str] | None = None)
         RefusedError: the scene has no such speeds at this pose.
     """
     chosen = [f.key for f in formulations_for(scene, keys)]
-    q, v = scene.initial_state()
+    start, v = scene.initial_state()
+    if q is None:
+        q = start
+    else:
+        q, v = assembled_position(scene, q), np.zeros_like(v)
     if u is not None:
         v = velocity(scene, q, u) if np.any(u) else np.zeros_like(v)
     rows, refusals = [], []
@@ -77,13 +85,37 @@ def print_accelerations(scene: Scene, u=None, keys: Iterable[str] | None = None)
             (key, *most, f"{result.error_bound:.2g}", f"{result.rcond[matrix]:.2g}", matrix)
         )
     columns = ("formulation", "largest |q̈|", "of", "error bound", "smallest rcond", "matrix")
-    title = f"{scene.name}: accelerations at its start"
+    at = "its start" if np.array_equal(q, start) else "this position"
+    title = f"{scene.name}: accelerations at {at}"
     print_tables([ResultTable("accelerations", title, columns, rows, note=NOTE if rows else "")])
     if any(row[-1] == "KKT" for row in rows):
         say(KKT)
     for sentence in (*refusals, _state(scene, q, v)):
         say(sentence)
     return len(refusals)
+
+
+def write_trajectory(trajectory: Trajectory, path: Path) -> None:
+    """Write a trajectory as a table: t, q, v, λ, energy and the residuals of the constraints.
+
+    Args:
+        trajectory: the trajectory.
+        path: file to write, see `eomcheck.lab.recorded_table.write_table`.
+
+    Raises:
+        InputError: the file has another suffix, or cannot be written.
+    """
+    scene = trajectory.scene
+    columns = {"t": trajectory.times}
+    for name, values, names in (
+        ("q", trajectory.q, scene.coordinate_names),
+        ("v", trajectory.v, scene.coordinate_names),
+        ("multiplier", trajectory.multipliers, scene.constraint_names),
+        ("residual", trajectory.constraint_residual, scene.constraint_names),
+    ):
+        if values is not None:
+            columns |= {f"{name}[{x}]": values[:, k] for k, x in enumerate(names)}
+    write_table(path, columns | {"energy": trajectory.energy})
 
 
 def _state(scene: Scene, q: Array, v: Array) -> str:
