@@ -14,6 +14,7 @@ from eomcheck.descriptions import elements
 from eomcheck.descriptions.described_scene import GROUND, Described, Description
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.errors import InputError
+from eomcheck.evaluation.conformance import ConformancePoint
 from eomcheck.mechanics.parameters import parameter
 from eomcheck.mechanics.records import Tree
 from eomcheck.mechanics.scene import Scene, check_tree
@@ -193,3 +194,45 @@ def test_gravity_of_a_tree_is_disproved(key: str) -> None:
     for scene, verdict in ((kind.example(), "passed"), (Changed.example(), "failed")):
         findings = [x for x in prove(scene, points=1, seed=0) if x.claim == "weight-gradient"]
         assert {x.subject: x.verdict for x in findings} == {"∂U/∂q": "passed", "U": verdict}
+
+
+# ---- Each identity by itself ---------------------------------------------------------------------
+
+SIDES = [
+    ("center-of-mass-rates", "center_of_mass", "jacobian", {"J v"}),
+    ("center-of-mass-rates", "center_of_mass", "velocity", {"J v", "ċ"}),
+    ("center-of-mass-rates", "center_of_mass", "acceleration", {"c̈"}),
+    ("momentum-rates", "momentum", "matrix", {"A v"}),
+    ("momentum-rates", "momentum", "momentum", {"A v"}),
+    ("momentum-rates", "momentum", "rate", {"ḣ"}),
+    ("frame-rates", "link_motions", "jacobian", {"J v", "J v̇ + J̇ v"}),
+    ("frame-rates", "link_motions", "velocity", {"J v", "ṗ", "Ṙ"}),
+    ("frame-rates", "link_motions", "R", {"Ṙ"}),
+    ("frame-rates", "link_motions", "acceleration", {"V̇", "J v̇ + J̇ v"}),
+    ("frame-rates", "link_motions", "bias", {"J v̇ + J̇ v"}),
+    ("weight-gradient", "weight", "gradient", {"∂U/∂q", "U"}),
+    ("coriolis-identities", "coriolis_matrix", "", {"C v", "Ṁ"}),
+    ("regressor-identity", "regressor", "Y", {"Y π"}),
+]
+"""Claim, function of the tree, one of its results, and the identities that it is in."""
+
+
+@pytest.mark.parametrize(("claim", "function", "part", "expected"), SIDES)
+def test_each_result_of_a_tree_is_held_against_another(
+    claim: str, function: str, part: str, expected: set[str], monkeypatch: pytest.MonkeyPatch
+):
+    right = ConformancePoint.result
+
+    def wrong(self: Any, name: str, rates: bool = False) -> Any:
+        value = right(self, name, rates)
+        if rates or name != function:
+            return value
+        if not part:
+            return 1.001 * value
+        return value._replace(**{part: 1.001 * getattr(value, part)})
+
+    scene = SCENES["bicycle"].example()
+    state = random_state(scene, np.random.default_rng(1))
+    monkeypatch.setattr(ConformancePoint, "result", wrong)
+    found = check_state(scene, *state, claims=[claim], consistent=False)
+    assert {x.subject for x in found if x.verdict == "failed"} == expected
