@@ -59,6 +59,7 @@ ON_REQUEST = [
     "adam",
     "brax",
     "dart",
+    "genesis",
     "jaxsim",
     "newton",
     "mjx",
