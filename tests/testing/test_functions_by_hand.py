@@ -75,8 +75,9 @@ def test_each_input_reads_answers_and_is_called_what_the_guide_says():
         **{"b": "qt", "c": "qv", "gravity": "qv", "qdd": "qvf"},
         **{"qdd_q": "qvf", "qdd_v": "qvf", "qdd_tau": "qvf"},
     }
-    more = "bias_has_gravity", "speeds", "holonomic", "coriolis_skew", "derived", "ranges", "name"
-    assert (*INPUTS, *more, "factory", "array") == OPTIONS
+    more = "bias_has_gravity", "speeds", "holonomic", "coriolis_skew", "derived", "ranges"
+    names = "coordinates", "velocities", "name"
+    assert (*INPUTS, *more, *names, "factory", "array") == OPTIONS
 
 
 def test_functions_are_called_by_their_name_and_what_is_given_in_the_order_of_the_table():
@@ -120,6 +121,12 @@ def test_functions_are_called_by_their_name_and_what_is_given_in_the_order_of_th
             "J = {'tool': 2}, expected a function or a dict, name of a frame -> function",
         ),
         ({"M": len, "bias_has_gravity": True}, "bias_has_gravity = True, but no bias is given"),
+        ({"M": len, "coordinates": "x"}, "coordinates = 'x', expected 2 different names"),
+        (
+            {"M": len, "coordinates": ["x", "x"]},
+            "coordinates = ['x', 'x'], expected 2 different names",
+        ),
+        ({"M": len, "velocities": [""]}, "velocities = [''], expected 2 different names"),
         (
             {"qdot": len, "speeds": 1, "ranges": [(0, 1)]},
             "ranges = [(0, 1)], expected (low, high) with low < high, or 2 such pairs for the "
@@ -411,3 +418,20 @@ def test_what_functions_are_compared_with_may_be_given_in_four_ways():
     like: Any = SimpleNamespace(mass_matrix=len)
     with pytest.raises(InputError):
         reference_functions(like)
+
+
+def test_coordinates_and_velocities_have_the_names_that_are_given():
+    plain = EquationsOfMotion(2, M=len)
+    assert plain.coordinate_names == plain.velocity_names == ("q[0]", "q[1]")
+    named = EquationsOfMotion(2, M=len, coordinates=["x", "θ"])
+    assert named.coordinate_names == named.velocity_names == ("x", "θ")
+    both = EquationsOfMotion(2, M=len, qdot=len, speeds=1, coordinates=["x", "θ"], velocities=["ω"])
+    assert (both.coordinate_names, both.velocity_names) == (("x", "θ"), ("ω",))
+    wrong = function_checks.check_functions(
+        2,
+        M=lambda q: [[2.0, q[0]], [-q[0], 3.0]],
+        coordinates=("x", "θ"),
+        claims=["mass-matrix-symmetric"],
+    )
+    assert "entry (x, θ)" in wrong[0].detail
+    assert "coordinates=('x', 'θ')" in wrong[0].as_python()

@@ -312,3 +312,11 @@ def test_what_is_no_method_or_has_no_numbers_is_refused(make, message):
 @pytest.mark.night
 def test_our_own_disc_passes_too():
     assert not [x for x in check(from_scene(DISK), states=1) if x.verdict == "failed"]
+
+
+def test_findings_about_sympys_models_have_its_names():
+    by_kane = from_kane(swung(), {m: 1.3, r: 0.4, g: 9.81})
+    assert (by_kane.coordinate_names, by_kane.velocity_names) == (("q1",), ("u1",))
+    assert from_lagrange(pendulum(False), NUMBERS).coordinate_names == ("q1", "q2")
+    own = from_kane(swung(), {m: 1.3, r: 0.4, g: 9.81}, coordinates=["angle"])
+    assert own.coordinate_names == ("angle",)

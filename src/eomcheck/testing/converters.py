@@ -320,7 +320,7 @@ def from_kane(
         speeds=p,
         derived=True,
         name=name,
-        **options,
+        **{**_names(coordinates=kane.q, velocities=list(kane.u)[:p]), **options},
     )
 
 
@@ -383,8 +383,14 @@ def from_lagrange(
         derived=True,
         name=name,
         **constraints,
-        **options,
+        **{**_names(coordinates=q), **options},
     )
+
+
+def _names(**symbols: Iterable[Any]) -> dict[str, tuple[str, ...]]:
+    """Return the names of SymPy's functions of time, without the time, where they are different."""
+    names = {key: tuple(str(x).removesuffix("(t)") for x in each) for key, each in symbols.items()}
+    return {key: each for key, each in names.items() if len({*each}) == len(each)}
 
 
 # ---- Whatever holds equations --------------------------------------------------------------------

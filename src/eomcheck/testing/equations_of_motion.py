@@ -213,6 +213,10 @@ class EquationsOfMotion:
     ranges: Any = None
     """Ranges of the random states: (low, high) for all, n pairs for the coordinates, or n + p
     pairs; by default [-1, 1] for each coordinate and each velocity."""
+    coordinates: Sequence[str] | None = None
+    """Names of the coordinates (n,) in reports, by default q[0], q[1], ..."""
+    velocities: Sequence[str] | None = None
+    """Names of the velocities (p,), by default those of the coordinates; with `qdot` u[0], ..."""
     name: str = "functions"
     """Name of them in reports."""
     factory: Callable[[], Any] | None = None
@@ -240,6 +244,8 @@ class EquationsOfMotion:
         for name, option in ("holonomic", self.holonomic), ("coriolis_skew", self.coriolis_skew):
             if option not in (None, True, False):
                 raise InputError(f"{name} = {safe_repr(option)}, expected True or False")
+        _check_names("coordinates", self.coordinates, self.n)
+        _check_names("velocities", self.velocities, self.p)
         if self.bias_has_gravity and self.bias is None:
             raise InputError("bias_has_gravity = True, but no bias is given")
         self.half_ranges()
@@ -275,12 +281,16 @@ class EquationsOfMotion:
 
     @property
     def coordinate_names(self) -> tuple[str, ...]:
-        """Names of the coordinates, by their index as Python counts."""
+        """Names of the coordinates, by default by their index as Python counts."""
+        if self.coordinates is not None:
+            return tuple(self.coordinates)
         return tuple(f"q[{i}]" for i in range(self.n))
 
     @property
     def velocity_names(self) -> tuple[str, ...]:
         """Names of the rows of M and of forces."""
+        if self.velocities is not None:
+            return tuple(self.velocities)
         return (
             self.coordinate_names if self.qdot is None else tuple(f"u[{i}]" for i in range(self.p))
         )
@@ -352,6 +362,16 @@ def _check_input(name: str, function: Any) -> None:
             return
     if not callable(function):
         raise InputError(f"{name} = {safe_repr(function)}, expected a function{more}")
+
+
+def _check_names(what: str, names: Any, count: int) -> None:
+    """Raise InputError unless names are None or so many different strings."""
+    if names is None:
+        return
+    texts = [] if isinstance(names, str) else list(names)
+    strings = all(isinstance(x, str) and x for x in texts)
+    if len(texts) != count or not strings or len(set(texts)) != count:
+        raise InputError(f"{what} = {safe_repr(names)}, expected {count} different names")
 
 
 def _range_pairs(ranges: Any) -> Array | None:
