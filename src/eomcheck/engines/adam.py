@@ -109,10 +109,6 @@ class AdamNumpyEngine(TreeEngine):
         """Return A (6, n) by `centroidal_momentum_matrix`."""
         return self._ask("centroidal_momentum_matrix", q)[:, self._held :]
 
-    def has_frame(self, f: str) -> bool:
-        """Return whether there is a link of this name."""
-        return f in self._seats
-
     def frame_placement(self, f: str, q: Array, t: float = 0.0) -> tuple[Array, Array]:
         """Return (R, p) by `forward_kinematics`."""
         link, turn, at = self._seats[f]

@@ -194,20 +194,10 @@ class DartEngine(TreeEngine):
             total += [R @ body.getLinearMomentum(), R @ body.getAngularMomentum(point)]
         return total.ravel()
 
-    def has_frame(self, f: str) -> bool:
-        """Return whether there is a body of this link."""
-        return f in self._seats
-
-    def _frame(self, f: str) -> tuple[Any, TreeFrame]:
-        """Return the body of a link, and the frame of the link in that of the body."""
-        if f not in self._seats:
-            raise EngineError(f"{self.key} has no frame of link {f!r}")
-        return self._seats[f]
-
     def frame_placement(self, f: str, q: Array, t: float = 0.0) -> tuple[Array, Array]:
         """Return (R, p) by `getWorldTransform`."""
         self._move_to(q, np.zeros(self._n))
-        body, frame = self._frame(f)
+        body, frame = self._seat(f)
         pose = body.getWorldTransform()
         R = pose.rotation()
         return R @ frame.R, pose.translation() + R @ frame.p
@@ -221,26 +211,26 @@ class DartEngine(TreeEngine):
     def frame_velocity(self, f: str, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return the velocity (6,) by `getLinearVelocity` and `getAngularVelocity`."""
         self._move_to(q, v)
-        body, frame = self._frame(f)
+        body, frame = self._seat(f)
         return self._moving(body, "Velocity", frame)
 
     def frame_jacobian(self, f: str, q: Array, t: float = 0.0) -> Array:
         """Return J (6, n) by `getWorldJacobian`, whose angular rows are first."""
         self._move_to(q, np.zeros(self._n))
-        body, frame = self._frame(f)
+        body, frame = self._seat(f)
         jacobian = self.skeleton.getWorldJacobian(body, frame.p)
         return np.roll(jacobian, 3, axis=0)[:, self._place]
 
     def frame_acceleration(self, f: str, q: Array, v: Array, vdot: Array, t: float = 0.0) -> Array:
         """Return the acceleration (6,) by `getLinearAcceleration` and `getAngularAcceleration`."""
         self._move_to(q, v, vdot)
-        body, frame = self._frame(f)
+        body, frame = self._seat(f)
         return self._moving(body, "Acceleration", frame)
 
     def frame_bias(self, f: str, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return J̇ v (6,) with J̇ by `getJacobianClassicDeriv`, whose angular rows are first."""
         self._move_to(q, v)
-        body, frame = self._frame(f)
+        body, frame = self._seat(f)
         rate = self.skeleton.getJacobianClassicDeriv(body, frame.p, self._world)
         return np.roll(rate @ self._in_own_order(v), 3)
 
@@ -315,9 +305,6 @@ class DartMjcf(DartFile):
         if not (isinstance(scene, Mechanism) and scene.source.format == "mjcf"):
             return False
         return scene.as_described and not scene.source.compound_coordinates
-
-    def _described(self) -> RobotDescription:
-        return RobotDescription("", "", {}, frozenset(), (), (), ())
 
     def _read(self, library: Any, description: RobotDescription) -> None:
         world = library.utils.MjcfParser.readWorld(library.common.Uri(self.file.as_uri()))

@@ -184,10 +184,6 @@ class DrakeEngine(TreeSolverEngine):
         momentum = self.plant.CalcSpatialMomentumInWorldAboutPoint(self.context, center)
         return _linear_first(momentum)
 
-    def has_frame(self, f: str) -> bool:
-        """Return whether there is a frame of this link."""
-        return f in self._seats
-
     def frame_placement(self, f: str, q: Array, t: float = 0.0) -> tuple[Array, Array]:
         """Return (R, p) by `Frame.CalcPoseInWorld`."""
         self._move_to(q, np.zeros(self._n))

@@ -28,6 +28,7 @@ import numpy as np
 from eomcheck.descriptions.elements import Joint, Link
 from eomcheck.descriptions.joint_tree import has_impossible_inertia
 from eomcheck.descriptions.mechanism_class import Mechanism
+from eomcheck.descriptions.mjcf_reader import GROUND
 from eomcheck.descriptions.urdf_reader import Element, read_urdf, root_of
 from eomcheck.engines.engine import EngineAcceleration, VelocityMap
 from eomcheck.engines.tree_engine import TreeEngine, TreeInputs, tree_inputs
@@ -232,6 +233,10 @@ class RobotDescription(NamedTuple):
     """Links with moments of inertia that no body has: one exceeds the sum of the others."""
 
 
+NO_URDF = RobotDescription("", GROUND, {}, frozenset(), (), (), ())
+"""Description without what only URDFs have."""
+
+
 def file_of(scene: Scene, format: str = "urdf") -> Path | None:
     """Return the file of a robot that has the parameters of its file; None for any other scene.
 
@@ -395,8 +400,8 @@ class FileEngine(TreeEngine):
         return f"while it read the file it wrote {dropped[0]!r}" if dropped else ""
 
     def _described(self) -> RobotDescription:
-        """Return the description of the robot in its file."""
-        return read_description(self.file)
+        """Return the description of the robot in its file; `NO_URDF` of an MJCF."""
+        return NO_URDF if self.format == "mjcf" else read_description(self.file)
 
     @abstractmethod
     def _read(self, library: Any, description: RobotDescription) -> None:

@@ -209,10 +209,6 @@ class IdyntreeEngine(TreeEngine):
         self._move_to(q, np.zeros(self._n))
         return self._all_by(self.dynamics.getCentroidalTotalMomentumJacobian, 6)
 
-    def has_frame(self, f: str) -> bool:
-        """Return whether there is a frame of this link."""
-        return f in self._seats
-
     def frame_placement(self, f: str, q: Array, t: float = 0.0) -> tuple[Array, Array]:
         """Return (R, p) by `getWorldTransform`."""
         self._move_to(q, np.zeros(self._n))

@@ -102,7 +102,7 @@ class JaxsimEngine(JaxEngine):
         self._place = np.array([names.index(f"joint_of_{link.name}") for link in links])
         own = list(self._weightless.frame_names())
         first = self._weightless.number_of_links()
-        self._frames = {name: first + own.index(f"frame_{name}") for name in self._seats}
+        self._frames = {name: first + own.index(f"frame_{name}") for name in self._moving}
 
     def _description(self, links: list[TreeLink]) -> Any:
         """Return JaxSim's description of a tree."""
@@ -126,7 +126,7 @@ class JaxsimEngine(JaxEngine):
                     child=described[j],
                 )
             )
-        self._seats = [frame.name for frame in self.frames if frame.joint >= 0]
+        self._moving = [frame.name for frame in self.frames if frame.joint >= 0]
         frames = [
             parsers.LinkDescription(
                 name=f"frame_{frame.name}",

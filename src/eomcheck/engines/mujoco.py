@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eomcheck.descriptions.mjcf_reader import BALL_JOINT, FREE_JOINT, GROUND, read_mjcf
+from eomcheck.descriptions.mjcf_reader import BALL_JOINT, FREE_JOINT, read_mjcf
 from eomcheck.engines.engine import EngineAcceleration, VelocityMap
 from eomcheck.engines.file_engine import (
     FREE,
@@ -427,19 +427,11 @@ TURNS = 3
 """Number of coordinates of a ball joint; MuJoCo has a quaternion for them."""
 
 
-NO_URDF = RobotDescription("", GROUND, {}, frozenset(), (), (), ())
-"""Description without what only URDFs have."""
-
-
 class MjcfFile(MujocoFile):
     """MJCF read by `mujoco.MjSpec`, in its own coordinates: quaternions of free and ball joints."""
 
     key = "mujoco_mjcf"
     format = "mjcf"
-
-    def _described(self) -> RobotDescription:
-        """Return `NO_URDF`; `_read` adds the dampers."""
-        return NO_URDF
 
     def _read(self, library: Any, description: RobotDescription) -> None:
         self._mj = library

@@ -14,7 +14,7 @@ import numpy as np
 
 from eomcheck.engines.engine import VelocityMap
 from eomcheck.engines.file_engine import BaseVelocity, FileEngine, RobotDescription
-from eomcheck.engines.mujoco import NO_URDF, MjcfFile, MujocoEngine, MujocoFile
+from eomcheck.engines.mujoco import MjcfFile, MujocoEngine, MujocoFile
 from eomcheck.engines.tree_engine import TreeEngine, TreeLink
 from eomcheck.numbers.generic import Array
 
@@ -94,9 +94,6 @@ class MujocoCopyOfMjcf(MujocoCopyOfFile):
 
     format = "mjcf"
     built_by = MjcfFile
-
-    def _described(self) -> RobotDescription:
-        return NO_URDF
 
     def velocity_map(self, q: Array, v: Array) -> VelocityMap:
         """Return that of MuJoCo."""

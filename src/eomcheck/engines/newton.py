@@ -27,7 +27,6 @@ from eomcheck.engines.file_engine import (
     RobotDescription,
     free_base,
 )
-from eomcheck.engines.mujoco import NO_URDF
 from eomcheck.engines.tree_engine import TreeLink
 from eomcheck.engines.warp_engine import WarpEngine
 from eomcheck.errors import EngineError
@@ -197,10 +196,6 @@ class NewtonEngine(WarpEngine):
         self._control.joint_f.assign(tau.astype(np.float32))
         self._solver.step(self._state, self._after, self._control, None, 0.0)
 
-    def has_frame(self, f: str) -> bool:
-        """Return whether there is a body of this name."""
-        return f in self._seats
-
     def _pose(self, body: int) -> tuple[Array, Array]:
         """Return the axes and the origin of a body at the state that is set."""
         x = self._state.body_q.numpy()[body]
@@ -331,9 +326,6 @@ class NewtonMjcf(NewtonFile):
 
     key = "newton_mjcf"
     format = "mjcf"
-
-    def _described(self) -> RobotDescription:
-        return NO_URDF
 
     def _read(self, library: Any, description: RobotDescription) -> None:
         robot = read_mjcf(self.file)

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from eomcheck.engines.tree_engine import TreeEngine, TreeLink
-from eomcheck.errors import EngineError
 from eomcheck.mechanics.records import TreeFrame
 from eomcheck.numbers.generic import Array
 
@@ -163,15 +162,9 @@ class OpensimEngine(TreeEngine):
         self._move_to(q, v)
         return _linear_first(self.matter.calcSystemCentralMomentum(self.state))
 
-    def has_frame(self, f: str) -> bool:
-        """Return whether there is a body of this link, or the ground."""
-        return f in self._seats
-
     def _frame(self, f: str, q: Array, v: Array) -> tuple[Any, TreeFrame, tuple[Any, ...]]:
         """Return the body of a link at a state, the link's frame in it, and (state, body, p)."""
-        if f not in self._seats:
-            raise EngineError(f"{self.key} has no frame of link {f!r}")
-        body, frame = self._seats[f]
+        body, frame = self._seat(f)
         self._move_to(q, v)
         station = self._osim.Vec3(*frame.p)
         return body, frame, (self.state, body.getMobilizedBodyIndex(), station)

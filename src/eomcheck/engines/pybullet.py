@@ -133,10 +133,6 @@ class PybulletEngine(TreeEngine):
         """Return ∂U/∂q (n,) by `calculateInverseDynamics` at rest."""
         return self.inverse_dynamics(q, np.zeros(self._n), np.zeros(self._n), t)
 
-    def has_frame(self, f: str) -> bool:
-        """Return whether there is a link of this name; those of fixed joints are links."""
-        return f in self._seats
-
     def _base_axes(self, x: Array) -> Array:
         """Return the axes of the base, along which Jacobians are (3, 3)."""
         return np.eye(3)

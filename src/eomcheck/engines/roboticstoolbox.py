@@ -16,7 +16,7 @@ import numpy as np
 
 from eomcheck.engines.file_engine import FileEngine, RobotDescription, is_free
 from eomcheck.engines.tree_engine import TreeEngine, TreeLink
-from eomcheck.errors import EngineError, required
+from eomcheck.errors import required
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
 
@@ -101,30 +101,20 @@ class RoboticsToolboxEngine(TreeEngine):
         """Return ∂U/∂q (n,) by `gravload`."""
         return self.robot.gravload(self._in_own_order(q), gravity=self._gravity)[self._place]
 
-    def has_frame(self, f: str) -> bool:
-        """Return whether there is a link of this name."""
-        return f in self._seats
-
-    def _frame(self, f: str) -> str:
-        """Return the name of a link in the model."""
-        if f not in self._seats:
-            raise EngineError(f"{self.key} has no frame of link {f!r}")
-        return self._seats[f]
-
     def frame_placement(self, f: str, q: Array, t: float = 0.0) -> tuple[Array, Array]:
         """Return (R, p) by `fkine`."""
-        pose = self.robot.fkine(self._in_own_order(q), end=self._frame(f))
+        pose = self.robot.fkine(self._in_own_order(q), end=self._seat(f))
         return pose.R, pose.t
 
     def _moving(self, f: str) -> Array:
         """Return the indices of the joints between the ground and a link."""
-        return np.array(self.robot.ets(end=self._frame(f)).jindices, int)
+        return np.array(self.robot.ets(end=self._seat(f)).jindices, int)
 
     def frame_jacobian(self, f: str, q: Array, t: float = 0.0) -> Array:
         """Return J (6, n) by `jacob0`, of the joints between the ground and the link."""
         jacobian, moving = np.zeros((6, self._n)), self._moving(f)
         if len(moving):
-            jacobian[:, moving] = self.robot.jacob0(self._in_own_order(q), end=self._frame(f))
+            jacobian[:, moving] = self.robot.jacob0(self._in_own_order(q), end=self._seat(f))
         return jacobian[:, self._place]
 
     def frame_bias(self, f: str, q: Array, v: Array, t: float = 0.0) -> Array:
@@ -132,7 +122,7 @@ class RoboticsToolboxEngine(TreeEngine):
         moving, own = self._moving(f), self._in_own_order(v)
         if not len(moving):
             return np.zeros(6)
-        rates = self.robot.hessian0(self._in_own_order(q), end=self._frame(f))
+        rates = self.robot.hessian0(self._in_own_order(q), end=self._seat(f))
         return np.tensordot(rates, own[moving], (0, 0)) @ own[moving]
 
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from eomcheck.engines.tree_engine import TreeEngine, TreeLink
-from eomcheck.errors import EngineError, required
+from eomcheck.errors import required
 from eomcheck.numbers.generic import Array
 
 MOST_JOINTS = 4
@@ -208,19 +208,9 @@ class SympyEngine(TreeEngine):
 
         return self._value("momentum", momentum, q, v).ravel()
 
-    def has_frame(self, f: str) -> bool:
-        """Return whether a body has a frame of this link."""
-        return f in self._seats
-
-    def _frame(self, f: str) -> tuple[Any, Any]:
-        """Return the frame of a link and its origin."""
-        if f not in self._seats:
-            raise EngineError(f"{self.key} has no frame of link {f!r}")
-        return self._seats[f]
-
     def frame_placement(self, f: str, q: Array, t: float = 0.0) -> tuple[Array, Array]:
         """Return (R, p) by `dcm` and `pos_from`."""
-        frame, point = self._frame(f)
+        frame, point = self._seat(f)
 
         def placement() -> Any:
             position = self._in_world(point.pos_from(self._origin))
@@ -231,7 +221,7 @@ class SympyEngine(TreeEngine):
 
     def frame_velocity(self, f: str, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return the velocity (6,) by `vel` and `ang_vel_in`."""
-        frame, point = self._frame(f)
+        frame, point = self._seat(f)
 
         def velocity() -> Any:
             linear = self._in_world(point.vel(self._world))
@@ -241,7 +231,7 @@ class SympyEngine(TreeEngine):
 
     def frame_jacobian(self, f: str, q: Array, t: float = 0.0) -> Array:
         """Return J (6, n) by `partial_velocity` of the point and of the frame."""
-        frame, point = self._frame(f)
+        frame, point = self._seat(f)
 
         def jacobian() -> Any:
             parts = (x.partial_velocity(self._world, *self._u) for x in (point, frame))
@@ -252,7 +242,7 @@ class SympyEngine(TreeEngine):
 
     def frame_acceleration(self, f: str, q: Array, v: Array, vdot: Array, t: float = 0.0) -> Array:
         """Return the acceleration (6,) by `acc` and `ang_acc_in`."""
-        frame, point = self._frame(f)
+        frame, point = self._seat(f)
 
         def acceleration() -> Any:
             linear = self._in_world(point.acc(self._world))

@@ -355,6 +355,23 @@ class TreeEngine(Engine):
     def _build(self, library: Any, links: list[TreeLink]) -> None:
         """Build the library's model, without gravity and forces."""
 
+    _seats: dict[str, Any]
+    """Link -> what methods of the library take for its frame, where a name does not do."""
+
+    def has_frame(self, f: str) -> bool:
+        """Return whether there is a frame of this link, one of `_seats` if these are known."""
+        return f in getattr(self, "_seats", (f,))
+
+    def _seat(self, f: str) -> Any:
+        """Return the entry of a link in `_seats`.
+
+        Raises:
+            EngineError: there is no such frame.
+        """
+        if f not in self._seats:
+            raise EngineError(f"{self.key} has no frame of link {f!r}")
+        return self._seats[f]
+
     _place: Array
     """Index of each of its velocities in the library's own order; `_build` sets it."""
 
