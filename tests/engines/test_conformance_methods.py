@@ -320,11 +320,10 @@ def test_a_link_on_the_ground_that_a_library_lacks_is_no_fault(kind, root: str, 
     for link in lacks:
         with pytest.raises(EngineFault, match=link):
             Answers(engine).ask("frame_placement", q, q, q, link, 0.0)
-    for seed in (1, 2, 3):
-        found = findings(kind, scene, seed, "frame_placement", "frame_velocity", "frame_jacobian")
-        assert {x.verdict for x in found} - {"skipped"} == {"passed"}, found
-        skipped = [x.claim for x in found if x.verdict == "skipped"]
-        assert len(skipped) == len(set(skipped)) <= 3 * len(lacks)
+    found = findings(kind, scene, 1, "frame_placement", "frame_velocity", "frame_jacobian")
+    assert {x.verdict for x in found} - {"skipped"} == {"passed"}, found
+    skipped = [x.claim for x in found if x.verdict == "skipped"]
+    assert len(skipped) == len(set(skipped)) <= 3 * len(lacks)
     if root == "free":
         assert lacks == ["the ground"]
 
@@ -435,7 +434,7 @@ def bicycle() -> Scene:
     return ordinary(SCENES["bicycle"], 1)[0]
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(10)
 @pytest.mark.parametrize("name, what, change", MISTAKES, ids=[f"{x[0]}: {x[1]}" for x in MISTAKES])
 @pytest.mark.parametrize("kind", OFFERED)
 def test_a_wrong_convention_is_found(

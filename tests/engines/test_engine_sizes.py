@@ -251,7 +251,7 @@ def test_the_allowance_for_inertia_forces_does_not_hide_a_fault():
 def test_right_engines_are_within_the_allowance_on_every_scene(key):
     kind, compared = ENGINES_ALL[key], 0
     for scene_kind in SCENES.values():
-        for scene, state in scene_cases(scene_kind, (1, 12), 12, seed=5):
+        for scene, state in scene_cases(scene_kind, (1, 12), 6, seed=5):
             if not represents(kind, scene):
                 continue
             at = Evaluation(scene, *state)

@@ -64,6 +64,7 @@ def look(scene: Scene, state: State, engine: Engine, *claims: str):
     return [one for one in found if one.subject.split(" ~ ")[-1] == engine.key]
 
 
+@pytest.mark.sampled(3)
 @every_engine
 @every_tree
 @pytest.mark.parametrize("seed", range(3))
@@ -88,6 +89,7 @@ def test_accelerations_do_not_depend_on_the_frames_that_bodies_are_given_in(key,
     assert {one.verdict for one in found} == {"passed"}, found
 
 
+@pytest.mark.sampled(3)
 @every_engine
 @every_tree
 def test_an_answer_depends_on_nothing_that_was_asked_before(key, scene_key):
