@@ -4,6 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
+from eomcheck.engines import PinocchioFile
+from eomcheck.engines.answers import Answers
+from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.mechanics.scene import Scene
+
 LINK = """
 <link name="{name}"><inertial><origin xyz="{at}" rpy="{turn}"/><mass value="{mass}"/>
 <inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="0.01" ixz="-0.02" iyz="0.015"/></inertial></link>"""
@@ -62,3 +69,22 @@ def body(name: str, **numbers: float) -> str:
     """Return a link."""
     usual = {"mass": 0.5, "xx": 0.1, "yy": 0.12, "zz": 0.14}
     return LINK.format(name=name, at="0.1 0 0", turn="0 0 0", **(usual | numbers))
+
+
+def difference_from_pinocchio(scene: Scene, states: int) -> float:
+    """Return the largest difference of M, B and Q of a robot from those that Pinocchio reads.
+
+    It is relative to the largest entry of each; the states are random.
+    """
+    answers, random = Answers(PinocchioFile(scene)), np.random.default_rng(0)
+    differences = []
+    for _ in range(states):
+        q, v = random.uniform(-1.2, 1.2, scene.n), random.uniform(-3.0, 3.0, scene.n)
+        M, Q, B, *_ = Evaluation(scene, q, v).terms
+        for ours, theirs in (
+            (M, answers.mass_matrix(q)),
+            (B, answers.bias(q, v)),
+            (Q, answers.forces(q, v)),
+        ):
+            differences.append(np.abs(ours - theirs).max() / np.abs(theirs).max())
+    return float(np.max(differences))

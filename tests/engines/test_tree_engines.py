@@ -64,11 +64,10 @@ def look(scene: Scene, state: State, engine: Engine, *claims: str):
     return [one for one in found if one.subject.split(" ~ ")[-1] == engine.key]
 
 
-@pytest.mark.sampled(3)
 @every_engine
 @every_tree
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(8)
 def test_mass_matrix_and_bias_do_not_depend_on_the_frames_that_bodies_are_given_in(
     key, scene_key, seed
 ):

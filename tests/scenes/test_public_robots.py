@@ -11,13 +11,10 @@ import site
 from functools import cache
 from pathlib import Path
 
-import numpy as np
 import pytest
+from tests.robots import difference_from_pinocchio
 
 from eomcheck.claims.proof import prove
-from eomcheck.engines import PinocchioFile
-from eomcheck.engines.answers import Answers
-from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.scenes import from_urdf
 
 FOLDERS = "cmeel.prefix/share/example-robot-data/robots", "pybullet_data", "pybullet_robots"
@@ -45,15 +42,6 @@ def test_a_public_robot_agrees_with_what_pinocchio_reads_and_is_proved(name: str
     if path is None:
         pytest.skip(f"no {name}.urdf: neither example-robot-data nor pybullet is installed")
     scene = from_urdf(path, floating=floating)
-    answers, random = Answers(PinocchioFile(scene)), np.random.default_rng(0)
-    for _ in range(5):
-        q, v = random.uniform(-1.2, 1.2, scene.n), random.uniform(-3.0, 3.0, scene.n)
-        M, Q, B, *_ = Evaluation(scene, q, v).terms
-        for ours, theirs in (
-            (M, answers.mass_matrix(q)),
-            (B, answers.bias(q, v)),
-            (Q, answers.forces(q, v)),
-        ):
-            assert np.abs(ours - theirs).max() <= 1e-13 * np.abs(theirs).max()
+    assert difference_from_pinocchio(scene, states=5) <= 1e-13
     findings = prove(scene, points=1, seed=0)
     assert [str(f) for f in findings if f.verdict != "passed"] == []

@@ -322,10 +322,10 @@ def nothing(found: StudyRecords) -> tuple:
     return ()
 
 
-def unfinished(found: StudyRecords) -> Iterator[str]:
-    """Yield the cells that are not done, each with its reason."""
+def unfinished(found: StudyRecords, *also_done: str) -> Iterator[str]:
+    """Yield the cells that are not done, each with its reason; `also_done` are other statuses."""
     for record in found:
-        if record.status != "done":
+        if record.status not in ("done", *also_done):
             cell = ", ".join(f"{name} {value}" for name, value in record.settings.items())
             yield f"{cell} {record.status}: {record.reason}"
 

@@ -380,7 +380,7 @@ def remarks(records: Sequence[Record]) -> Iterator[str]:
     for one in rows_in(records, ConformanceRow):
         if one.verdict == "failed":
             yield f"{one.robot}, {one.version}, {one.quantity}: {one.detail}"
-    yield from unfinished([x for x in records if x.status != "refused"])
+    yield from unfinished(records, "refused")
 
 
 def alarm(records: Sequence[Record]) -> bool:

@@ -232,7 +232,7 @@ def remarks(records: Sequence[Record]) -> Iterator[str]:
     """Yield the libraries that are not installed, and the largest observed / allowed."""
     missing = {record.reason: None for record in records if record.status == "refused"}
     yield from missing
-    yield from unfinished([record for record in records if record.status != "refused"])
+    yield from unfinished(records, "refused")
     rows = rows_in(records, EngineDifference)
     shares = [one.share for one in rows if one.share is not None]
     if shares:
