@@ -60,6 +60,14 @@ def test_a_map_is_compared_at_rest_too(base: Scene):
     assert map_fault(engine, Evaluation(base, state.q, 0.0 * state.v)) == text
 
 
+def test_differences_of_a_map_have_the_rounding_of_its_values():
+    """Two steps may have the same error, by which they do not differ."""
+    for q in np.linspace(0.1, 0.9, 50):
+        position, along = np.array([q]), np.ones(1)
+        value, error = own_coordinates._difference(lambda x: 1e8 + x / 7, position, along, 2.0**-53)
+        assert np.abs(value - 1 / 7).max() <= error < 1e-3
+
+
 def test_turns_of_a_free_base_are_named_by_the_matrix_that_turns():
     c, s = np.cos(0.4), np.sin(0.4)
     R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
