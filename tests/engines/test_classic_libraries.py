@@ -94,13 +94,15 @@ def test_no_quantity_of_an_engine_depends_on_earlier_calls(kind: type[Any], tmp_
 
 
 MJCF = """
-<mujoco><worldbody><body name="cart" pos=".1 .2 .3">
+<mujoco><worldbody><body name="stand" pos="0 0 0">
+<geom type="box" size=".1 .2 .3" mass="5" pos="1 2 3"/>
+<body name="cart" pos=".1 .2 .3">
   <joint name="slide" type="slide" axis="1 0 0"/><geom type="box" size=".1 .2 .3" mass="2"/>
   <body name="pole" pos="0 .1 .4">
     <joint name="swing" type="hinge" axis="0 1 0" pos=".02 .05 -.03"/>
     <geom type="box" size=".02 .03 .5" mass="1" pos="0 0 .4"/>
   </body>
-</body></worldbody></mujoco>
+</body></body></worldbody></mujoco>
 """
 
 

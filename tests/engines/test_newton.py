@@ -55,6 +55,12 @@ def test_coordinates_of_an_mjcf_are_measured_from_its_references(tmp_path: Path)
     assert set(found.values()) == {"passed"}
 
 
+def test_frames_of_an_mjcf_are_those_of_bodies_wherever_their_joints_are(tmp_path: Path):
+    scene = mjcf(tmp_path, BODY.format("turn", "hinge", "0 1 0", 'pos="0.1 0 -0.2"'))
+    frames = "engine-frame-placement", "engine-frame-velocity", "engine-frame-jacobian"
+    assert verdicts(NewtonMjcf, scene, frames) == dict.fromkeys(frames, "passed")
+
+
 def test_slides_of_a_body_come_before_its_turns(tmp_path: Path):
     """About axes on which that makes no difference: the file has the turn first."""
     turn = BODY.format("turn", "hinge", "0 0 1", "")

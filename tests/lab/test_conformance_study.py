@@ -13,11 +13,14 @@ from tests import robots
 from eomcheck.claims import CLAIMS
 from eomcheck.claims.run import RunSelection, SceneEngines, make_case
 from eomcheck.engines import Answers, EngineFault, PinocchioFile, make_engine
+from eomcheck.engines.answers import inertia_size, turning_size
 from eomcheck.errors import RemoteError
 from eomcheck.evaluation.evaluation import Evaluation
+from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.lab.store.record_file import Record
 from eomcheck.lab.studies import conformance
 from eomcheck.mechanics.records import State
+from eomcheck.scenes import from_urdf
 
 
 class Leaving(PinocchioFile):
@@ -137,3 +140,28 @@ def test_engines_of_few_digits_share_the_rounded_state_if_their_own_coordinates_
     other = make_case(SceneEngines(scene, (), {}), state, selection, at=Evaluation(scene, *state))
     other.claim = CLAIMS["bias"]
     assert other.rounded_for(Single(scene)).at is not rounded[0]
+
+
+WHEEL = """<robot name="far"><link name="base"/><link name="wheel"><inertial><mass value="2"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="axle" type="continuous"><parent link="base"/><child link="wheel"/>
+<origin xyz="3 4 0"/><axis xyz="0 0 1"/></joint></robot>"""
+
+
+def test_centrifugal_forces_of_arms_in_the_world_may_cancel_in_a_bias(tmp_path: Path):
+    """An engine about the world's origin sums m ω² r where the centre of mass is on the axis."""
+    path = tmp_path / "wheel.urdf"
+    path.write_text(WHEEL)
+    scene = from_urdf(path)
+    engine, at = PinocchioFile(scene), Evaluation(scene, [0.3], [7.0])
+    assert turning_size(at) == pytest.approx(2.0 * 7.0**2 * 5.0)
+    selection = RunSelection.of(["gw"], [], ["bias"], scenes=[scene])
+    case = make_case(SceneEngines(scene, (engine,), {}), State(at.q, at.v, at.t), selection, at=at)
+    (finding,) = case.evaluate(CLAIMS["bias"])
+    assert finding.allowed >= allowed_error(inertia_size(at) + turning_size(at))
+    assert turning_size(Evaluation(conformance.SCENES["rolling-disk"].example(), *disk())) == 0.0
+
+
+def disk() -> State:
+    """Return a state of a scene that is no tree."""
+    return State(*conformance.SCENES["rolling-disk"].example().initial_state())

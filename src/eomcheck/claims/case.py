@@ -49,6 +49,7 @@ from eomcheck.engines.answers import (
     mass_size,
     overflows,
     own_input_sizes,
+    turning_size,
     weight_size,
 )
 from eomcheck.errors import RefusedError
@@ -414,6 +415,7 @@ class Case(FloatContext):
             self._sensitivities[key] = sensitivity_of(self.at, quantity, coordinates=True)
         # A term of size 0 (B at rest) is compared too: it should vanish.
         scale = self._sensitivities[key] + cancelling_size(self, engine, method)
+        scale += turning_size(self.at) if method == "bias" else 0.0
         compared = self, engine, engine.key, ours, theirs, scale
         again = partial(_asked_again, method, state)
         names = names_of_term(self.at.scene, term)

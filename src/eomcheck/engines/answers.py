@@ -705,9 +705,26 @@ def weight_size(at: Evaluation) -> float:
     scene that is no tree, or has no gravity.
     """
     tree = at.scene.tree()
+    return 0.0 if tree is None else float(np.linalg.norm(tree.gravity)) * at.cached(mass_moment)
+
+
+def turning_size(at: Evaluation) -> float:
+    """Return the size of the centrifugal forces of arms in the world, N or N m.
+
+    Arms of a body are differences of positions in the world, whose rounding is relative to the
+    distances along the tree: forces m ω² r of a centre of mass on its axis vanish but for it.
+    """
+    return turning_rate(at) ** 2 * at.cached(mass_moment)
+
+
+def mass_moment(at: Evaluation) -> float:
+    """Return the mass of all bodies times their largest distance along the tree, kg m.
+
+    0 for a scene that is no tree.
+    """
+    tree = at.scene.tree()
     if tree is None:
         return 0.0
-    gravity = tree.gravity
     slides = np.array([kind[0] == "p" for kind in tree.joint])
     reach = np.abs(tree.coordinates @ at.q + tree.shift) * slides
     reach += np.linalg.norm(tree.offset, axis=1)
@@ -716,7 +733,7 @@ def weight_size(at: Evaluation) -> float:
     arms = (reach + np.linalg.norm(tree.center, axis=1))[tree.mass > 0]
     # For a sliding joint the force is the weight itself, an arm of 1.
     longest = np.max(arms, initial=float(slides.any()))
-    return float(np.sum(tree.mass) * np.linalg.norm(gravity) * longest)
+    return float(np.sum(tree.mass) * longest)
 
 
 def represented(

@@ -235,6 +235,11 @@ class DartEngine(TreeEngine):
         return np.roll(rate @ self._in_own_order(v), 3)
 
 
+def _massless(library: Any) -> Any:
+    """Return the inertia of a body without mass."""
+    return library.dynamics.Inertia(0.0, np.zeros(3), np.zeros((3, 3)))
+
+
 # ---- Model read from a URDF ----------------------------------------------------------------------
 
 
@@ -250,7 +255,7 @@ class DartFile(FileEngine, DartEngine):
         options = library.utils.DartLoaderOptions()
         kinds = library.utils.DartLoaderRootJointType
         options.mDefaultRootJointType = kinds.FLOATING if self.base else kinds.FIXED
-        massless = library.dynamics.Inertia(0.0, np.zeros(3), np.zeros((3, 3)))
+        massless = _massless(library)
         options.mDefaultInertia = massless  # otherwise of 1 kg and 1 kg m²
         loader = library.utils.DartLoader()
         loader.setOptions(options)
@@ -258,14 +263,14 @@ class DartFile(FileEngine, DartEngine):
         if skeleton is None:
             raise EngineError(f"{self.key} cannot read the file")
         self._take(skeleton)
-        self._index()
-        for body, frame in self._seats.values():
-            if frame.joint < 0:
-                body.setInertia(massless)
+        self._index(massless)
 
-    def _index(self) -> None:
-        """Keep the bodies of links, the names of joints, and dampers."""
+    def _index(self, massless: Any) -> None:
+        """Keep the bodies of links, the names of joints, and dampers; no mass that cannot move."""
         skeleton = self.skeleton
+        for body in skeleton.getBodyNodes():
+            if not body.getNumDependentGenCoords():
+                body.setInertia(massless)
         bodies = {body.getName(): body for body in skeleton.getBodyNodes()}
         self._seats = {x.name: (bodies[x.name], x) for x in self.frames if x.name in bodies}
         moving = [joint for joint in skeleton.getJoints() if joint.getNumDofs() == 1]
@@ -315,4 +320,4 @@ class DartMjcf(DartFile):
         if len(moving) != 1:
             raise EngineError(f"{self.key} makes {len(moving)} skeletons of the file, expected one")
         self._take(moving[0])
-        self._index()
+        self._index(_massless(library))

@@ -255,20 +255,15 @@ class NewtonFile(FileEngine, NewtonEngine):
         labels = zip(model.joint_label, counts, strict=True)
         self._joints = [label.removeprefix(prefix) for label, count in labels if count == 1]
         bodies = {label.removeprefix(prefix): i for i, label in enumerate(model.body_label)}
-        self._find_seats(bodies, np.zeros((len(bodies), 3)))
+        self._find_seats(bodies)
         if self.base:
             self._free = ((0, bodies[description.root]),)
 
-    def _find_seats(self, bodies: dict[str, int], origins: Array) -> None:
-        """Find the seats of links.
-
-        Args:
-            bodies: name of a link -> index of its body.
-            origins: origin of the link's frame in that of its body, m, for each body (any, 3).
-        """
+    def _find_seats(self, bodies: dict[str, int]) -> None:
+        """Find the seats of links, from the name of each to the index of its body."""
         joints = {int(body): i for i, body in enumerate(self._model.joint_child.numpy())}
         self._seats = {
-            frame.name: _Seat(body, joints[body], frame.R, origins[body])
+            frame.name: _Seat(body, joints[body], frame.R, np.zeros(3))
             for frame in self.frames
             if (body := bodies.get(frame.name)) is not None
         }
@@ -339,20 +334,18 @@ class NewtonMjcf(NewtonFile):
         model = self._model
         if (model.body_count, model.joint_dof_count) != (mujoco.nbody - 1, mujoco.nv):
             raise EngineError(f"{self.key} has other bodies or joints than MuJoCo")
-        order, origins = self._find_joints(mujoco)
-        self._joints = [names[dof] for dof in order]
-        self._find_seats({mujoco.body(i + 1).name: i for i in range(model.body_count)}, origins)
+        self._joints = [names[dof] for dof in self._find_joints(mujoco)]
+        self._find_seats({mujoco.body(i + 1).name: i for i in range(model.body_count)})
 
-    def _find_joints(self, mujoco: Any) -> tuple[list[int], Array]:
+    def _find_joints(self, mujoco: Any) -> list[int]:
         """Find free and ball joints, and references of others.
 
         Returns:
-            The index in MuJoCo's order of each velocity, and for each body the origin of its link,
-            at the last joint, in the frame of the body (any, 3), m.
+            The index in MuJoCo's order of each velocity.
         """
         model, kinds = self._model, self._newton.JointType
         order, free, reference = [], [], []
-        origins, self._turning = np.zeros((model.body_count, 3)), []
+        self._turning = []
         starts = model.joint_qd_start.numpy()
         for i, (body, kind) in enumerate(
             zip(model.joint_child.numpy(), model.joint_type.numpy(), strict=True)
@@ -361,7 +354,6 @@ class NewtonMjcf(NewtonFile):
             joints = list(range(first, first + count))
             if not joints:
                 continue
-            origins[body] = mujoco.jnt_pos[joints[-1]]
             # Slides come first; the sort is stable.
             joints.sort(key=lambda joint: mujoco.jnt_type[joint] != SLIDE)
             dofs, begin = [mujoco.jnt_dofadr[joint] for joint in joints], len(order)
@@ -377,7 +369,7 @@ class NewtonMjcf(NewtonFile):
                 free.append((begin, int(body)))
             order += dofs
         self._free, self._reference = tuple(free), np.array(reference)
-        return order, origins
+        return order
 
     def _coordinate_map(self, joints: list[str]) -> tuple[Array, Array]:
         S, shift = super()._coordinate_map(joints)
