@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
+from typing import Any
 
 import numpy as np
 import pytest
 from tests.samples import random_state
 
 import eomcheck
-from eomcheck.claims import CLAIMS
+from eomcheck.claims import CLAIMS, formulation_derivatives
 from eomcheck.claims.formulation_derivatives import EVERY, SYMBOLS
 from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.mechanics.records import State
@@ -112,3 +113,16 @@ def test_claims_about_engines_run_in_every_state_if_engines_are_named():
     assert [usual.leaves_out(asked, i) for i in range(9)] == [i % asked.every > 0 for i in range(9)]
     assert not any(named.leaves_out(asked, i) for i in range(9))
     assert asked.every == rates.every == 4 and named.leaves_out(rates, 1)
+
+
+def test_formulations_that_read_terms_are_compared_along_all_directions(monkeypatch):
+    """They define accelerations at velocities that violate the constraints too."""
+
+    def none(*_: Any) -> Any:
+        raise AssertionError("along tangents alone")
+
+    monkeypatch.setattr(formulation_derivatives, "tangent_directions", none)
+    scene = SCENES["sleigh"].example()
+    options: dict[str, Any] = {"claims": ["derivatives"], "formulations": ["im", "au"]}
+    found = eomcheck.check_state(scene, *scene.initial_state(), **options)
+    assert {x.verdict for x in found} == {"passed"}

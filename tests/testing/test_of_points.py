@@ -17,6 +17,7 @@ from eomcheck.numbers.generic import EPS
 from eomcheck.scenes import SCENES
 from eomcheck.testing import EquationsOfMotion, check_functions, from_scene
 from eomcheck.testing.claims_answers import NOISE
+from eomcheck.testing.claims_derivatives import propagated
 from eomcheck.testing.equations_of_motion import BrokenError, FunctionCaller
 from eomcheck.testing.function_state import (
     FunctionState,
@@ -575,3 +576,11 @@ def test_a_scene_as_functions_satisfies_its_equations(key: str):
     found = exact(here.free().T) @ left
     assert (np.abs(found.value) <= C * found.error).all()
     assert own.name == scene.name
+
+
+def test_errors_of_an_argument_are_in_the_result():
+    A, ones = np.array([[2.0, -1.0], [0.0, 3.0]]), np.ones(2)
+    x = UncertainArray(np.array([1.0, 2.0]), np.array([1e-3, 0.0]), ones)
+    y = propagated(lambda z: UncertainArray(A @ z, np.array([1e-6, 1e-6]), ones), x)
+    np.testing.assert_allclose(y.error, [2e-3 + 1e-6, 1e-6])
+    assert np.array_equal(y.value, [0.0, 6.0])

@@ -181,7 +181,8 @@ class Copy32(Engine):
         if value.dtype == object:
             assert not any(isinstance(x, np.float64) for x in value.flat), f"{one.name} in float64"
         else:
-            assert is_solved or value.dtype == np.float32, f"{one.name} in {value.dtype}"
+            real32 = value.dtype == np.float32 or not value.any()
+            assert is_solved or real32, f"{one.name} in {value.dtype}"
         return value.astype(np.float32)
 
     def inverse_mass_matrix(self, q, t=0.0):
@@ -463,7 +464,7 @@ def judged_at(
     for kind in right:
         verdicts, found, smallest, alarms, ratio = {}, {}, {}, [], 0.0
         for method, among in findings.items():
-            if not kind.offers(method):
+            if not kind.offers(method) or (kind.key, scene.key, method) in UNTRIED:
                 continue
             own, *wrong = (
                 [f for f in among if f.engine is with_fault(kind, fault)]
@@ -479,6 +480,18 @@ def judged_at(
                 least = (FAULTS[-1] * f.allowed / f.observed for f in errors)
                 smallest[method] = min(least, default=np.inf)
         yield Judged(kind.key, verdicts, found, smallest, alarms, ratio)
+
+
+UNTRIED = {
+    (Copy32.key, "andrews", name)
+    for name in (
+        "inverse_dynamics_derivatives",
+        "forward_dynamics_derivatives",
+        "constraint_force_derivatives",
+    )
+}
+"""Engine, scene and methods that are not tried: a float32 among objects is no Python number, and
+the description of Andrews' mechanism omits terms where numbers are 0."""
 
 
 def _worst(findings: list[Finding]) -> str:
