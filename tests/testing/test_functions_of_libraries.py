@@ -307,6 +307,19 @@ def test_with_constraints_the_response_to_forces_is_projected():
     assert any("M⁻¹ without the constraints" in x.detail for x in failed)
 
 
+@pytest.mark.parametrize("factor", [1.0, 2.0])
+def test_with_constraints_applied_forces_count_in_the_directions_that_are_left(factor: float):
+    """Two masses on a rod along x: they have one acceleration."""
+
+    def qdd(q, v, tau):
+        return factor * np.full(2, (tau[0] + tau[1]) / 3.0)
+
+    given: dict[str, Any] = {"M": lambda q: np.diag([1.0, 2.0]), "a": lambda q: [[1.0, -1.0]]}
+    claims = ["acceleration-force"]
+    (only,) = check_functions(2, qdd=qdd, claims=claims, states=1, **given)
+    assert only.verdict == ("passed" if factor == 1.0 else "failed")
+
+
 # ---- Conclusions ---------------------------------------------------------------------------------
 
 
