@@ -85,7 +85,7 @@ DEVIATIONS: dict[str, Any] = {
 }
 """Function that reads a file of known deviations, and what stands for its result."""
 
-ISOLATED = {"eomcheck.engines.isolated_names": ["mujoco"]}
+ISOLATED = {"eomcheck.engines.isolated_names": ["pinocchio"]}
 """Function that has libraries run in environments of their own, and its result."""
 
 STUBS: dict[str, dict[str, Any]] = {
@@ -214,7 +214,7 @@ Case = tuple[str, Seen] | tuple[str, Seen, str]
 """Words with the option, what follows of it, and the words to begin with if not the usual ones."""
 
 PATIENT = {"patience": ("--patience 7", {"set_patience.seconds": 7.0})}
-APART = {"isolated": ("--engine mujoco --isolated", {"isolated_names.names": ["mujoco"]})}
+APART = {"isolated": ("--engine pinocchio --isolated", {"isolated_names.names": ["pinocchio"]})}
 DECLARED = {"deviations": ("--deviations a.toml", {"read_deviations.path": "a.toml"})}
 """The option of every command that runs code that is not ours."""
 

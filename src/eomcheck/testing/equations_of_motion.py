@@ -589,7 +589,7 @@ class FunctionCaller:
             text = described_error(error)
             # PyTorch's error for an array of NumPy names its Tensor.
             hint = "; say array=torch.as_tensor" if make is None and "Tensor" in text else ""
-            hint = hint or _call_hint(name, function, self.reads(name), error)
+            hint = hint or _call_hint(name, function, self.reads(name), error, text)
             raise BrokenError(name, text + hint) from error
         finally:
             written = any(handed[x].tobytes() != y.tobytes() for x, y in given.items())
@@ -679,11 +679,19 @@ class FunctionCaller:
         return array.shape[1] != self.sizes[symbols[1]] == array.shape[0]
 
 
-def _call_hint(name: str, function: Any, reads: str, error: Exception) -> str:
-    """Return how a function is to be called, after an error of its call; "" for other errors."""
-    if isinstance(error, IndexError) and "too many indices" in str(error):
+def _call_hint(name: str, function: Any, reads: str, error: Exception, text: str) -> str:
+    """Return how a function is to be called, after an error of its call; "" for other errors.
+
+    Args:
+        name: name of the input.
+        function: the function.
+        reads: its arguments, see `Input`.
+        error: the error.
+        text: its text; an error of a user may have none that can be read.
+    """
+    if isinstance(error, IndexError) and "too many indices" in text:
         return "; functions are called with one state at a time, each argument of one dimension"
-    call_failed = "positional" in str(error) and isinstance(error, TypeError)
+    call_failed = "positional" in text and isinstance(error, TypeError)
     count, arguments = _argument_count(function), ", ".join(argument_names(reads))
     if not call_failed or count == len(reads):
         return ""
