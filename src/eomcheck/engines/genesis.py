@@ -19,6 +19,9 @@ from eomcheck.engines.tree_engine import TreeEngine, TreeLink
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
 
+NO_LIMIT = 1e100
+"""Largest force of a joint, N or N m: those of a file, its `effort`, would cut forces off."""
+
 
 class GenesisEngine(TreeEngine):
     """Tree of rigid bodies as an entity of Genesis."""
@@ -64,6 +67,8 @@ class GenesisEngine(TreeEngine):
         morph = library.morphs.URDF(file=text, fixed=True, default_armature=0.0)
         self._entity = self._scene.add_entity(morph)
         self._scene.build()
+        limit = np.full(self._entity.n_dofs, NO_LIMIT)
+        self._entity.set_dofs_force_range(-limit, limit)
         self._damping = _numbers(self._entity.get_dofs_damping())
         self._step(np.zeros(self._entity.n_dofs), np.zeros(self._entity.n_dofs))
 
@@ -133,31 +138,27 @@ class GenesisEngine(TreeEngine):
         self._move_to(self._in_own_order(q), np.zeros(self._n))
         return float(self._entity.get_potential_energy())
 
-    def has_frame(self, f: str) -> bool:
-        """Return whether there is a link of this name."""
-        return f in self._seats
-
-    def _seat(self, f: str, q: Array, v: Array) -> tuple[Any, Array, Array, Array, Array]:
+    def _posed(self, f: str, q: Array, v: Array) -> tuple[Any, Array, Array, Array, Array]:
         """Set a state; return a link, its axes and origin, and a frame's axes and origin there."""
         self._move_to(self._in_own_order(q), self._in_own_order(v))
-        name, turn, at = self._seats[f]
+        name, turn, at = self._seat(f)
         link = self._entity.get_link(name)
         return link, _rotation(_numbers(link.get_quat())), _numbers(link.get_pos()), turn, at
 
     def frame_placement(self, f: str, q: Array, t: float = 0.0) -> tuple[Array, Array]:
         """Return (R, p) by `get_quat` and `get_pos` of a link."""
-        _, R, p, turn, at = self._seat(f, q, np.zeros(self._n))
+        _, R, p, turn, at = self._posed(f, q, np.zeros(self._n))
         return R @ turn, p + R @ at
 
     def frame_velocity(self, f: str, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return the velocity (6,) by `get_vel` and `get_ang` of a link."""
-        link, R, _, _, at = self._seat(f, q, v)
+        link, R, _, _, at = self._posed(f, q, v)
         omega = _numbers(link.get_ang())
         return np.concatenate((_numbers(link.get_vel()) + np.cross(omega, R @ at), omega))
 
     def frame_jacobian(self, f: str, q: Array, t: float = 0.0) -> Array:
         """Return J (6, n) by `get_jacobian` of a point of a link."""
-        link, _, _, _, at = self._seat(f, q, np.zeros(self._n))
+        link, _, _, _, at = self._posed(f, q, np.zeros(self._n))
         return _numbers(self._entity.get_jacobian(link, at))[:, self._place]
 
 

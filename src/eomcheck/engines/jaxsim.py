@@ -26,6 +26,9 @@ BASE = 6
 GROUND = "ground"
 """Name of the link that is the base."""
 
+FRAME = "frame_"
+"""Beginning of the names of frames, which may not be those of links."""
+
 NO_MASS = 1e-30
 """Mass of links without mass, kg: JaxSim divides by it, and in any sum it is lost."""
 
@@ -100,9 +103,8 @@ class JaxsimEngine(JaxEngine):
             )
         names = list(self._weightless.joint_names())
         self._place = np.array([names.index(f"joint_of_{link.name}") for link in links])
-        own = list(self._weightless.frame_names())
-        first = self._weightless.number_of_links()
-        self._frames = {name: first + own.index(f"frame_{name}") for name in self._moving}
+        own = enumerate(self._weightless.frame_names(), self._weightless.number_of_links())
+        self._seats = {name.removeprefix(FRAME): index for index, name in own}
 
     def _description(self, links: list[TreeLink]) -> Any:
         """Return JaxSim's description of a tree."""
@@ -126,10 +128,9 @@ class JaxsimEngine(JaxEngine):
                     child=described[j],
                 )
             )
-        self._moving = [frame.name for frame in self.frames if frame.joint >= 0]
         frames = [
             parsers.LinkDescription(
-                name=f"frame_{frame.name}",
+                name=FRAME + frame.name,
                 mass=0.0,
                 inertia=np.zeros((3, 3)),
                 parent_name=links[frame.joint].name,
@@ -212,26 +213,22 @@ class JaxsimEngine(JaxEngine):
         """Return the columns of joints of an array (6, 6 + n), in the order of the tree."""
         return self._turned_back(array)[:, BASE:][:, self._place]
 
-    def has_frame(self, f: str) -> bool:
-        """Return whether there is a frame of this name."""
-        return f in self._frames
-
     def frame_placement(self, f: str, q: Array, t: float = 0.0) -> tuple[Array, Array]:
         """Return (R, p) by `frame.transform`."""
-        H = self._ask("placement", q, None, self._frames[f])
+        H = self._ask("placement", q, None, self._seat(f))
         return self._turn.T @ H[:3, :3], self._turn.T @ H[:3, 3]
 
     def frame_velocity(self, f: str, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return the velocity (6,) by `frame.velocity`."""
-        return self._turned_back(self._ask("velocity", q, v, self._frames[f]))
+        return self._turned_back(self._ask("velocity", q, v, self._seat(f)))
 
     def frame_jacobian(self, f: str, q: Array, t: float = 0.0) -> Array:
         """Return J (6, n) by `frame.jacobian`."""
-        return self._columns(self._ask("jacobian", q, None, self._frames[f]))
+        return self._columns(self._ask("jacobian", q, None, self._seat(f)))
 
     def frame_bias(self, f: str, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return J̇ v (6,) with J̇ by `frame.jacobian_derivative`."""
-        return self._columns(self._ask("jacobian_rate", q, v, self._frames[f])) @ v
+        return self._columns(self._ask("jacobian_rate", q, v, self._seat(f))) @ v
 
     def _derivatives(self, name: str, q: Array, v: Array, third: Array) -> tuple[Array, ...]:
         rates, own = np.eye(self._n), np.ix_(self._place, self._place)
