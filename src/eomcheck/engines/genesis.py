@@ -16,6 +16,7 @@ import numpy as np
 from eomcheck.engines.file_engine import BaseVelocity, FileEngine, RobotDescription, is_free
 from eomcheck.engines.pybullet import urdf_of_links
 from eomcheck.engines.tree_engine import TreeEngine, TreeLink
+from eomcheck.errors import required
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
 
@@ -39,6 +40,7 @@ class GenesisEngine(TreeEngine):
         library = super()._library()
         if not library._initialized:
             library.init(backend=library.cpu, precision="64", logging_level="error")
+            required("torch", cls.extra).set_flush_denormal(False)  # it is turned on by `init`
         return library
 
     def _build(self, library: Any, links: list[TreeLink]) -> None:
