@@ -165,3 +165,13 @@ def test_centrifugal_forces_of_arms_in_the_world_may_cancel_in_a_bias(tmp_path: 
 def disk() -> State:
     """Return a state of a scene that is no tree."""
     return State(*conformance.SCENES["rolling-disk"].example().initial_state())
+
+
+def test_states_are_counted_over_the_pairs_that_were_compared():
+    cell = {"robot": "arm", "free": False, "engine": "a", "states": 3}
+    others = [cell | {"free": True}, cell | {"engine": "b==*", "states": 5}, cell | {"robot": "z"}]
+    records = [Record("conformance", one) for one in (cell, *others)]
+    records += [Record("conformance", cell | {"robot": "y"}, "refused", "it cannot be read")]
+    assert next(iter(conformance.remarks(records))) == (
+        "14 states compared, in 4 pairs of one of 2 libraries and one of 3 robots and scenes"
+    )

@@ -376,11 +376,26 @@ def _count(rows: Sequence[ConformanceRow]) -> Cell:
 
 
 def remarks(records: Sequence[Record]) -> Iterator[str]:
-    """Yield the quantities that differ, each with what differs, and the robots left out."""
+    """Yield the number of states, the quantities that differ, each with what differs, and the
+    robots left out.
+    """
+    yield states_compared(records)
     for one in rows_in(records, ConformanceRow):
         if one.verdict == "failed":
             yield f"{one.robot}, {one.version}, {one.quantity}: {one.detail}"
     yield from unfinished(records, "refused")
+
+
+def states_compared(records: Sequence[Record]) -> str:
+    """Return the sentence with the numbers of states, of pairs and of robots compared."""
+    done = [record.settings for record in records if record.status == "done"]
+    states = sum(settings["states"] for settings in done)
+    engines = {plain_name(settings["engine"]) for settings in done}
+    robots = {robot_label(settings) for settings in done}
+    return (
+        f"{states} states compared, in {len(done)} pairs of one of {len(engines)} libraries and "
+        f"one of {len(robots)} robots and scenes"
+    )
 
 
 def alarm(records: Sequence[Record]) -> bool:
