@@ -21,7 +21,7 @@ from eomcheck.engines.tree_engine import parameters_at_joint
 from eomcheck.evaluation.conformance import QUANTITIES, ConformancePoint
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.scene import Scene
-from eomcheck.scenes import SCENES, Snake
+from eomcheck.scenes import SCENES, Snake, from_urdf
 
 BICYCLE, _ = ordinary(SCENES["bicycle"], 1)
 
@@ -277,6 +277,21 @@ def test_derivatives_by_forces_have_a_bound_of_their_own(scene: str):
             assert {x.verdict for x in others} <= {"passed", "inconclusive"}, (seed, factor, others)
             assert by_tau.verdict == verdict, (seed, factor, by_tau)
             assert factor == 1.0 or "by force on" in by_tau.detail
+
+
+@pytest.mark.parametrize("name", ["inverse_dynamics", "forward_dynamics"])
+@pytest.mark.parametrize(("error", "fails"), [(1e-16, False), (1e-9, True)])
+def test_rounding_of_derivatives_that_vanish_is_no_fault(name: str, error: float, fails: bool):
+    """Nothing of one hinge about a vertical axis depends on q; terms of M v̇ cancel."""
+
+    def off(self: Any, *asked: Any) -> Any:
+        by_q, *others = getattr(PinocchioEngine, method)(self, *asked)
+        return by_q + error, *others
+
+    method = f"{name}_derivatives"
+    scene = from_urdf(Path(__file__).parents[2] / "docs" / "guides" / "tilted.urdf")
+    verdicts = {x.verdict for x in findings(under_test(**{method: off}), method, scene=scene)}
+    assert ("failed" in verdicts) == fails
 
 
 def test_a_bound_as_large_as_the_value_shows_nothing():

@@ -150,6 +150,8 @@ def cancelling_terms(
         if block == 0:
             size = about_origin * (largest(point.vdot) + turning * largest(v))
             size += inertia_size(at) + at.cached(weight_size)
+            # M v̇ along axes that turn: terms that cancel where nothing depends on q.
+            size += largest(np.abs(at.terms.M) @ np.abs(point.vdot))
         else:  # the derivatives of these by v: forces of weight and of v̇ have none
             size = about_origin * (largest(v) + turning)
             size += turning * largest(at.terms.M) + largest(np.abs(at.terms.M) @ v)
