@@ -14,6 +14,7 @@ from tests.claims.test_checks import SNAKE, Q, V
 from eomcheck.claims import CLAIMS, Case, Finding, case
 from eomcheck.claims import case as trial
 from eomcheck.claims.registry import Claim, Comparison, Skipped
+from eomcheck.engines.answers import turning_size
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.engines.pinocchio import PinocchioEngine
 from eomcheck.errors import RefusedError
@@ -236,7 +237,7 @@ def test_terms_are_compared_with_those_of_every_engine(monkeypatch):
         (first, second), ("one", "other"), theirs, strict=True
     ):
         assert subject == key and np.array_equal(ours, at.terms.B) and their is answer
-        assert scale == more["scale"] == 64.0 + own
+        assert scale == more["scale"] == own + 64.0 + turning_size(at)
         assert (more["names"], more["sizes"]) == ((SNAKE.coordinate_names,), None)
         assert more["own"]().shape == (5,)
     assert first[3] == second[3]

@@ -31,7 +31,9 @@ def somewhere(**more: Any) -> Any:
     scene = SimpleNamespace(n=4, angle_coordinates=slice(2, 4))
     terms = SimpleNamespace(M=M, a=a)
     here = {"scene": scene, "terms": terms, "q": np.zeros(4), "v": np.array([3.0, -5.0, 2.0, -1.0])}
-    return SimpleNamespace(parameters=(np.ones(3), None), unit_roundoff=2.0**-53, **(here | more))
+    at = SimpleNamespace(parameters=(np.ones(3), None), unit_roundoff=2.0**-53, **(here | more))
+    at.cached = lambda function: function(at)
+    return at
 
 
 # ---- Sizes ---------------------------------------------------------------------------------------
@@ -95,9 +97,12 @@ def tree(**more: Any) -> Any:
 )
 def test_weights_pull_at_arms_as_long_as_the_tree(more: dict, longest: float):
     weight = np.array([0.0, 6.0, -8.0])
-    hanging = SimpleNamespace(tree=lambda: tree(**more, gravity=weight))
+    angles = slice(2, 4)
+    hanging = SimpleNamespace(tree=lambda: tree(**more, gravity=weight), angle_coordinates=angles)
     at = somewhere(scene=hanging, q=np.array([1.0, 5.0, 7.0, -3.0]))
     assert interface.weight_size(at) == pytest.approx(6.5 * 10 * longest)
+    # All angles turn by 2 and -1 rad/s.
+    assert interface.turning_size(at) == pytest.approx(6.5 * 3**2 * longest)
 
 
 def test_nothing_weighs_without_a_tree_or_without_gravity():
