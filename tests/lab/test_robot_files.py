@@ -28,7 +28,9 @@ def package(tmp_path: Path, monkeypatch) -> Path:
     shutil.copy(arm, folder / "copy.urdf")
     renamed = arm.read_text(encoding="utf-8").replace('"shoulder"', '"first"')
     (folder / "renamed.urdf").write_text(renamed, encoding="utf-8")
-    robots.arm(folder / "heavier.urdf", damping="0.5")
+    heavier = arm.read_text(encoding="utf-8").replace('mass value="2.5"', 'mass value="2.75"')
+    assert heavier != arm.read_text(encoding="utf-8")
+    (folder / "heavier.urdf").write_text(heavier, encoding="utf-8")
     contents = {
         "__init__.py": "raise RuntimeError('imported')",
         "box.urdf": '<robot name="box"><link name="box"/></robot>',
