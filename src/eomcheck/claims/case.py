@@ -135,7 +135,7 @@ class FloatContext:
             )
         return self._sensitivities[key]
 
-    @property
+    @cached_property
     def _sensitivities(self) -> dict[tuple[str, str, bool], Any]:
         return self.at.cached(_sensitivities)
 

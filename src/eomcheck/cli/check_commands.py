@@ -102,7 +102,9 @@ def check_command(
     check_count(examples=examples)
     for path in (json, report):
         check_writable(path)
-    if Path(file).suffix in (".csv", ".json", ".npz", ".parquet"):
+    from eomcheck.lab.recorded_table import FORMATS
+
+    if Path(file).suffix in FORMATS:
         check_used("with recorded answers", n=n, against=against, claim=claim)
         findings = _check_recorded(Path(file), scene, json)
         _end_check(file, findings, report)

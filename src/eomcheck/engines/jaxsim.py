@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from eomcheck.engines.jax_engine import InFloat64, JaxEngine, derivatives_along
-from eomcheck.engines.tree_engine import TreeLink
+from eomcheck.engines.tree_engine import TreeLink, homogeneous
 from eomcheck.errors import required
 from eomcheck.numbers.generic import Array
 
@@ -122,7 +122,7 @@ class JaxsimEngine(JaxEngine):
                 parsers.JointDescription(
                     name=f"joint_of_{link.name}",
                     axis=link.axis,
-                    pose=_transform(turn @ link.rotation, turn @ link.offset),
+                    pose=homogeneous(turn @ link.rotation, turn @ link.offset),
                     jtype=kinds.Prismatic if link.slides else kinds.Revolute,
                     parent=described[link.parent],
                     child=described[j],
@@ -134,7 +134,7 @@ class JaxsimEngine(JaxEngine):
                 mass=0.0,
                 inertia=np.zeros((3, 3)),
                 parent_name=links[frame.joint].name,
-                pose=_transform(frame.R, frame.p),
+                pose=homogeneous(frame.R, frame.p),
             )
             for frame in self.frames
             if frame.joint >= 0
@@ -262,13 +262,6 @@ def _turned_down(gravity: Array) -> Array:
     axis = up - np.array([0.0, 0.0, 1.0])
     reflection = np.eye(3) - 2.0 * np.outer(axis, axis) / (axis @ axis)
     return np.diag([1.0, -1.0, 1.0]) @ reflection
-
-
-def _transform(R: Array, p: Array) -> Array:
-    """Return the homogeneous matrix (4, 4) of an orientation and a position."""
-    H = np.eye(4)
-    H[:3, :3], H[:3, 3] = R, p
-    return H
 
 
 class Jaxsim64Engine(InFloat64, JaxsimEngine):

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from eomcheck.engines.file_engine import FileEngine, RobotDescription, is_free
-from eomcheck.engines.tree_engine import TreeEngine, TreeLink
+from eomcheck.engines.tree_engine import TreeEngine, TreeLink, homogeneous
 from eomcheck.errors import required
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import Array
@@ -54,7 +54,7 @@ class RoboticsToolboxEngine(TreeEngine):
         bodies = []
         for link in links:
             kind = ("t" if link.slides else "R") + link.kind[1]
-            seat = element.SE3(_pose(link.rotation, link.offset))
+            seat = element.SE3(homogeneous(link.rotation, link.offset))
             bodies.append(
                 library.Link(
                     chain([seat, getattr(element, kind)()]),
@@ -69,7 +69,7 @@ class RoboticsToolboxEngine(TreeEngine):
         frames = []
         for frame in self.frames:
             carrier = bodies[frame.joint] if frame.joint >= 0 else ground
-            seat, name = element.SE3(_pose(frame.R, frame.p)), f"frame of {frame.name}"
+            seat, name = element.SE3(homogeneous(frame.R, frame.p)), f"frame of {frame.name}"
             frames.append(library.Link(chain([seat]), name=name, parent=carrier))
         return library.ERobot([ground, *bodies, *frames])
 
@@ -124,13 +124,6 @@ class RoboticsToolboxEngine(TreeEngine):
             return np.zeros(6)
         rates = self.robot.hessian0(self._in_own_order(q), end=self._seat(f))
         return np.tensordot(rates, own[moving], (0, 0)) @ own[moving]
-
-
-def _pose(R: Array, p: Array) -> Array:
-    """Return a homogeneous transform (4, 4)."""
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = R, p
-    return pose
 
 
 # ---- Model read from a URDF ----------------------------------------------------------------------

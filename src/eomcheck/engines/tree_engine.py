@@ -446,6 +446,13 @@ class TreeSolverEngine(TreeEngine):
         """Return v̇ (n,) and λ (r,) by the library, from Q, a and gamma of the scene."""
 
 
+def homogeneous(R: Array, p: Array) -> Array:
+    """Return the homogeneous matrix (4, 4) of an orientation and a position."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = R, p
+    return pose
+
+
 def parameters_at_joint(frame: TreeFrame) -> Array:
     """Return X (10, 10): parameters about the joint's origin, along its axes, are X π.
 

@@ -416,27 +416,35 @@ class JudgedRow(NamedTuple):
     context: Callable[[], ConfusionContext]
 
     @property
-    def ratio(self) -> float:
-        """Largest ratio of an error to the allowed one."""
+    def errors(self) -> Array:
+        """Errors of all entries."""
+        return np.abs(self.actual - self.expected)
+
+    @property
+    def ratios(self) -> Array:
+        """Ratios of the errors to those that are allowed; 0 for 0 / 0."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            ratios = np.abs(self.actual - self.expected) / self.allowed
-        return float(np.max(np.nan_to_num(ratios, nan=0.0), initial=0.0))
+            return np.nan_to_num(self.errors / self.allowed, nan=0.0)
+
+    @property
+    def worst(self) -> tuple[int, ...]:
+        """Index of the entry with the largest ratio."""
+        return tuple(
+            int(i) for i in np.unravel_index(int(np.argmax(self.ratios)), self.actual.shape)
+        )
 
     @property
     def fails(self) -> bool:
         """Whether an entry differs by more than is allowed."""
-        return bool((np.abs(self.actual - self.expected) > self.allowed).any())
+        return bool((self.errors > self.allowed).any())
 
 
-def check_answers(
-    path: Path, scene: Scene, advance: Callable[[], None] = lambda: None
-) -> tuple[list[Finding], list[str]]:
+def check_answers(path: Path, scene: Scene) -> tuple[list[Finding], list[str]]:
     """Return the Findings about recorded answers, and notes on the table.
 
     Args:
         path: file with the table.
         scene: the scene that the answers are about.
-        advance: called after each row.
 
     Returns:
         For each quantity, and link, a Finding, that of the worst row; a second one lists entries
@@ -456,7 +464,6 @@ def check_answers(
         for group in groups:
             group.add(row, point, last)
         last, count = row, count + 1
-        advance()
     findings = [x for group in groups for x in _judge_group(group, scene, table)]
     shown = dict.fromkeys(group.columns.digits.text for group in groups)
     notes = [f"{counted(count, 'row')}; printed with {' and '.join(islice(shown, 3))}"]
@@ -476,7 +483,7 @@ def _judge_group(group: _Group, scene: Scene, table: RecordedTable) -> Iterator[
     judged = [_judge(group, screened, scene) for screened in sorted(group.worst, reverse=True)]
     if not judged:
         return
-    worst = max(judged, key=lambda one: one.ratio)
+    worst = max(judged, key=lambda one: float(one.ratios.max()))
     failing = [one for one in judged if one.fails]
     numbers, state = _errors(worst), worst.row.state
     if failing:
@@ -504,15 +511,7 @@ def _judge_group(group: _Group, scene: Scene, table: RecordedTable) -> Iterator[
 
 def _errors(judged: JudgedRow) -> tuple[float, float]:
     """Return the error of the worst entry of a row, and the allowed one."""
-    index = _worst_entry(judged)
-    return float(np.abs(judged.actual - judged.expected)[index]), float(judged.allowed[index])
-
-
-def _worst_entry(judged: JudgedRow) -> tuple[int, ...]:
-    """Return the index of the entry with the largest ratio of its error to the allowed one."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratios = np.nan_to_num(np.abs(judged.actual - judged.expected) / judged.allowed, nan=0.0)
-    return tuple(int(i) for i in np.unravel_index(int(np.argmax(ratios)), ratios.shape))
+    return float(judged.errors[judged.worst]), float(judged.allowed[judged.worst])
 
 
 def _judge(group: _Group, screened: _Screened, scene: Scene) -> JudgedRow:
@@ -601,7 +600,7 @@ def _located(judged: JudgedRow, columns: AnswerColumns) -> Difference:
         judged.expected,
         columns.names,
         context=judged.context(),
-        worst=_worst_entry(judged),
+        worst=judged.worst,
         agree=_agreement(judged.allowed),
     )
 

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.claims.confusions import agreement_within, scaling
+from eomcheck.descriptions.vector_algebra import rotation_matrix
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.evaluation.conformance import ConformancePoint
 from eomcheck.evaluation.evaluation import Evaluation
@@ -33,8 +34,6 @@ FEWEST_DIGITS = 6
 at least, and people write fewer, which are exact."""
 
 NUMBERS = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
-
-DEGREE = np.pi / 180.0
 
 
 class RobotDifference(NamedTuple):
@@ -223,9 +222,8 @@ def _placed(tree: Tree) -> tuple[list[Array], list[Array]]:
 
 def _rotation(axis: Array, angle: float) -> Array:
     """Return the rotation matrix about an axis of length 1 (3, 3)."""
-    x, y, z = axis
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * K @ K
+    x, y, z = (np.sin(angle / 2) * axis).tolist()
+    return rotation_matrix((np.cos(angle / 2), x, y, z))
 
 
 # ---- Joints --------------------------------------------------------------------------------------
@@ -312,10 +310,7 @@ def _differences(
         parent, mount = first.tree.parent[j], second.tree.parent[k]
         where = f"joint {name}" + ("" if name == other else f" ({other})")
         placement = placements.get(parent, placements[-1])
-        partner = (
-            -1 if parent < 0 else second.index.get(matched.get(first.tree.name[parent], ""), -2)
-        )
-        if partner != mount:
+        if _partner(first, second, matched, parent) != mount:
             names = [
                 side.tree.name[i] if i >= 0 else "the ground"
                 for side, i in ((first, parent), (second, mount))
@@ -355,10 +350,9 @@ def _axis_differences(
             where, "axis", "opposite direction: its coordinate has the other sign", 1.0
         )
     elif angle > near:
-        yield RobotDifference(where, "axis", f"turned by {angle / DEGREE:.4g}°", angle)
+        yield RobotDifference(where, "axis", f"turned by {np.rad2deg(angle):.4g}°", angle)
     if first.tree.joint[j][0] == "r" and second.tree.joint[k][0] == "r":
-        apart = second.p[k] - placement.point(first.p[j])
-        apart = apart - (apart @ other) * other
+        apart = _across(second.p[k] - placement.point(first.p[j]), other)
         distance = float(np.linalg.norm(apart))
         if distance > near * reach:
             text = f"its axis is displaced by {distance:.4g} m ({_numbers(apart)})"
@@ -469,7 +463,7 @@ def _carried_placement(
         for x, y in ((_across(a, axis), _across(b, axis)) for a, b in vectors):
             if min(np.linalg.norm(x), np.linalg.norm(y)) > 1e3 * near * reach:
                 angle = float(np.arctan2(axis @ np.cross(x, y), x @ y))
-                text = f"differs by {angle / DEGREE:.6g}°"
+                text = f"differs by {np.rad2deg(angle):.6g}°"
                 if abs(angle) > within:
                     found = [("zero position", text, abs(angle))]
                     yield moved.about(anchor, _rotation(axis, angle)), found
