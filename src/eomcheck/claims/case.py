@@ -76,11 +76,6 @@ OFTEN, ONCE = 90, 1
 the first drawn, and at other states. Repeated calls reveal engines that count or accumulate."""
 
 
-def _sensitivities(at: Evaluation) -> dict[tuple[str, str, bool], Any]:
-    """Return the sensitivities at a state that are kept, by name."""
-    return {}
-
-
 def _rounded_evaluations(at: Evaluation) -> dict[Any, RoundedEvaluation]:
     """Return the evaluations at a state that were rounded, by unit roundoff and sizes."""
     return {}
@@ -129,15 +124,11 @@ class FloatContext:
     ) -> Any:
         """Return κ · scale of a part ("vdot", "multipliers") of the result of `formulation`."""
         key = (formulation.key, part, coordinates)
-        if key not in self._sensitivities:
-            self._sensitivities[key] = acceleration_sensitivity(
+        if key not in self.at.sensitivities:
+            self.at.sensitivities[key] = acceleration_sensitivity(
                 self.at, formulation, part, coordinates=coordinates
             )
-        return self._sensitivities[key]
-
-    @cached_property
-    def _sensitivities(self) -> dict[tuple[str, str, bool], Any]:
-        return self.at.cached(_sensitivities)
+        return self.at.sensitivities[key]
 
     def vdot_sensitivity(self, formulation: Formulation) -> Any:
         """Return κ · scale of v̇ by `formulation`."""
@@ -411,10 +402,10 @@ class Case(FloatContext):
             return  # neither the scene nor the engine has this term
         ours = quantity(self.at)
         key = term, "term", True
-        if key not in self._sensitivities:
-            self._sensitivities[key] = sensitivity_of(self.at, quantity, coordinates=True)
+        if key not in self.at.sensitivities:
+            self.at.sensitivities[key] = sensitivity_of(self.at, quantity, coordinates=True)
         # A term of size 0 (B at rest) is compared too: it should vanish.
-        scale = self._sensitivities[key] + cancelling_size(self, engine, method)
+        scale = self.at.sensitivities[key] + cancelling_size(self, engine, method)
         scale += turning_size(self.at) if method == "bias" else 0.0
         compared = self, engine, engine.key, ours, theirs, scale
         again = partial(_asked_again, method, state)

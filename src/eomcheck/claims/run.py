@@ -625,8 +625,8 @@ def check_state(
         UnknownNameError: an unknown key or id.
         EngineError: an engine is not installed.
     """
-    selection = RunSelection.of(formulations, engines, claims, scenes=[checked_scene(scene)])
     at = Evaluation(scene, q, v, t)
+    selection = RunSelection.of(formulations, engines, claims, scenes=[scene])
     state = State(at.q, at.v, t)
     check_shapes(scene)
     try:

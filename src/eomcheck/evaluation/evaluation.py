@@ -121,6 +121,7 @@ class Evaluation(Quantities):
     def _begin(self, scene: Scene, q: Array, t: float) -> None:
         super().__init__(scene, FLOAT64, q, t)
         self.speeds_rcond: dict[str, float] = {}
+        self.sensitivities: dict[tuple[str, str, bool], Any] = {}
         self._solutions_in: dict[tuple[str, bytes], Acceleration] = {}
         self._solutions: dict[tuple[str, bool], Acceleration | RefusedError] = {}
         self.solves: dict[Key, dict[str, SolveRecord]] = {}

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import namedtuple
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass, replace
-from functools import cache, cached_property
+from functools import cache
 from inspect import cleandoc
 from typing import Any, ClassVar, Literal, NamedTuple, dataclass_transform
 
@@ -19,7 +19,7 @@ import numpy as np
 from eomcheck.deprecated import old_keywords
 from eomcheck.errors import InputError, registered, whole_number
 from eomcheck.mechanics.records import Range
-from eomcheck.mechanics.scene import Scene, T, finite_array
+from eomcheck.mechanics.scene import Scene, finite_array
 from eomcheck.numbers.generic import Arithmetic, generic
 
 MOST_LINKS = 1_000_000
@@ -186,6 +186,7 @@ class Parametric(Scene):
     """
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
+    immutable = True
     declared: ClassVar[dict[str, _Declared]] = {}
     """Declaration of each parameter, by name."""
 
@@ -247,16 +248,6 @@ class Parametric(Scene):
         }
         numbers |= self.derived(arithmetic)
         return _record(f"{type(self).__name__}Parameters", tuple(numbers))(**numbers)
-
-    @cached_property
-    def _results(self) -> dict[Callable[[Any], Any], Any]:
-        return {}
-
-    def cached(self, function: Callable[[Any], T]) -> T:
-        """Return function(self), computed on first use."""
-        if function not in self._results:
-            self._results[function] = function(self)
-        return self._results[function]
 
     def __repr__(self) -> str:
         """Return Python code that reconstructs the scene, defaults left out."""

@@ -31,7 +31,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import wraps
+from functools import cached_property, wraps
 from inspect import get_annotations, isfunction
 from numbers import Integral
 from types import ModuleType
@@ -171,6 +171,8 @@ class Scene(ABC):
     """Whether T + U is constant; one scene may dissipate though others of its class conserve it."""
     why_not_conserved: str = ""
     """Reason why the energy is not conserved, "" if it is."""
+    immutable: ClassVar[bool] = False
+    """Whether the numbers of a scene cannot change, so that results of it may be cached."""
     usually_absent: ClassVar[frozenset[str]] = frozenset()
     """Names of terms that are absent by default."""
     depends_on_time: ClassVar[bool] = False
@@ -399,8 +401,16 @@ class Scene(ABC):
         """Return the parameters in the numbers of `arithmetic`."""
 
     def cached(self, function: Callable[[Any], T]) -> T:
-        """Return function(self); computed once by scenes whose numbers cannot change."""
-        return function(self)
+        """Return function(self), computed once if the scene is `immutable`."""
+        if not self.immutable:
+            return function(self)
+        if function not in self._results:
+            self._results[function] = function(self)
+        return self._results[function]
+
+    @cached_property
+    def _results(self) -> dict[Callable[[Any], Any], Any]:
+        return {}
 
     @property
     def float64_parameters(self) -> NamedTuple:
