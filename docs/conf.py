@@ -73,16 +73,22 @@ def formulations_table() -> str:
     order = sheet.columns.index("order")
     rows = []
     for row in sheet.rows:
-        cells = [f"[{cell(row[0])}](theory/{row[0]}.md)", *map(cell, row[1:])]
+        cells = [f"[{cell(row[0])}](/theory/{row[0]}.md)", *map(cell, row[1:])]
         cells[order] = f"${row[order]}$"
         rows.append(cells)
     return table(sheet.columns, rows)
 
 
+def page_of(study: str) -> str:
+    """Return the link to the page of a study, if it has one."""
+    pages = (DOCS / folder / f"{study}.md" for folder in ("evidence", "development"))
+    return next((f"[](/{x.relative_to(DOCS)})" for x in pages if x.is_file()), "")
+
+
 def studies_table() -> str:
     """Return what is studied, by which command, and where its page is."""
     rows = [
-        (f"`{command}`", what, f"[]({key}.md)" if (DOCS / f"{key}.md").is_file() else "")
+        (f"`{command}`", what, page_of(key))
         for key, what in STUDIES.items()
         for command in [f"eomcheck {'bench' if key in BENCHMARKS else 'study'} {key}"]
     ]
@@ -292,10 +298,10 @@ def check_complete(app: Sphinx) -> None:
         page, include = f"scenes/{key}.md", f"{{include}} ../_generated/{parameters_file(key)}"
         if include not in (DOCS / page).read_text(encoding="utf-8"):
             raise ConfigError(f"docs/{page} has no ```{include}")
-    api = (DOCS / "api.md").read_text(encoding="utf-8")
+    api = (DOCS / "reference" / "api.md").read_text(encoding="utf-8")
     absent = [name for name in eomcheck.__all__ if f"eomcheck.{name}\n" not in api]
     if absent:
-        raise ConfigError(f"docs/api.md has no entry for: {', '.join(absent)}")
+        raise ConfigError(f"docs/reference/api.md has no entry for: {', '.join(absent)}")
 
 
 def escape_bars(app: Sphinx, what, name, obj, options, lines: list[str]) -> None:

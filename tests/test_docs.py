@@ -77,7 +77,7 @@ def test_the_table_of_claims_about_functions_is_that_of_the_registry():
 
 
 def test_the_table_of_quantities_is_that_of_the_registry():
-    page = (DOCS / "guides" / "quantities.md").read_text(encoding="utf-8")
+    page = (DOCS / "reference" / "quantities.md").read_text(encoding="utf-8")
     assert f"\n\n{registry_table('quantities').markdown().strip()}\n\n" in page
 
 
@@ -96,7 +96,7 @@ def test_there_are_blocks():
 
 # ---- Renamed names -------------------------------------------------------------------------------
 
-RENAMED = DOCS / "renamed.md"
+RENAMED = DOCS / "reference" / "renamed.md"
 CODE = re.compile(r"^```[^\n]*\n(.*?)^```$|(?<!`)`([^`\n]+)`(?!`)", re.S | re.M)
 """Blocks of code, and code within a line."""
 
@@ -161,7 +161,7 @@ TERM = re.compile(r"\{term\}`(?:[^`<]*<)?\s*([^`>]+?)>?`", re.S)
 
 
 def test_every_word_of_the_glossary_is_linked_from_some_other_page():
-    glossary = DOCS / "glossary.md"
+    glossary = DOCS / "reference" / "glossary.md"
     blocks = re.findall(r"^```\{glossary\}\n(.*?)^```$", glossary.read_text("utf-8"), re.S | re.M)
     words = {line for block in blocks for line in re.findall(r"^(\S.*)$", block, re.M)}
     assert len(words) > 40

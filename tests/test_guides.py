@@ -16,7 +16,7 @@ from eomcheck.scenes import Snake
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
-SHIFTED = ROOT / "docs" / "guides" / "shifted.py"
+SHIFTED = ROOT / "docs" / "development" / "shifted.py"
 
 
 def shifted(path: Path) -> Formulation:

@@ -1,6 +1,7 @@
 """A chain: its claims, the digits that the banded formulation keeps, and which state to integrate.
 
-`pytest -s validation/test_chain.py` prints what docs/theory/banded.md and docs/stability.md quote.
+`pytest -s validation/test_chain.py` prints the numbers of docs/theory/banded.md and
+docs/evidence/stability.md.
 """
 
 from collections.abc import Callable

@@ -336,7 +336,8 @@ def test_alone_it_shows_a_quick_start_as_wide_as_the_terminal(columns, beside, m
 def test_the_exit_codes_are_one_table_in_help_and_in_the_docs(monkeypatch, capsys):
     assert run("--help", monkeypatch=monkeypatch) == 0
     printed = " ".join(capsys.readouterr().out.split())
-    page = (Path(__file__).parents[2] / "docs" / "command-line.md").read_text(encoding="utf-8")
+    file = Path(__file__).parents[2] / "docs/reference/command-line.md"
+    page = file.read_text(encoding="utf-8")
     for code, what in EXIT_CODES.items():
         assert f"{code} {what}" in printed
         assert f"| {code} | {what} |" in page

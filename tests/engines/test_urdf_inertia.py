@@ -1,4 +1,4 @@
-"""The case of docs/engines.md: inertia that is lost on the way from a URDF into a model."""
+"""The case of docs/evidence/engines.md: inertia that is lost from a URDF to a model."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ SLEIGH = Sleigh(mass=1.3, inertia=0.21, offset=0.37, rate=2.1)
 
 
 def test_the_constant_is_the_one_that_is_documented():
-    text = (Path(__file__).parents[2] / "docs" / "tolerance.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[2] / "docs/explanation/tolerance.md").read_text(encoding="utf-8")
     assert re.findall(r"\$C = (\d+)\$", text)[0] == f"{C:g}"
     assert allowed_error(3.0) == 96.0 * EPS
 

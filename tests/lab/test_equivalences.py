@@ -1,4 +1,4 @@
-"""docs/verified-equivalences.md is the page that this suite makes."""
+"""docs/evidence/verified-equivalences.md is the page that this suite makes."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from eomcheck.lab.store.validation_runs import validate_kind
 from eomcheck.scenes import SCENES, Sleigh
 
 ROOT = Path(__file__).parents[2]
-PAGE, SUITE = ROOT / "docs" / "verified-equivalences.md", ROOT / "validation"
+PAGE, SUITE = ROOT / "docs/evidence/verified-equivalences.md", ROOT / "validation"
 
 BY_CHANCE = {"refusals"}
 """Claims about states that not every run draws: their scenes are not compared."""
@@ -95,7 +95,7 @@ def test_the_page_is_the_one_that_the_suite_makes(small: Path, scenes, tmp_path:
         sections(independent_of_run(path.read_text(encoding="utf-8")), scenes)
         for path in (tmp_path / "page.md", PAGE)
     )
-    say = "run the commands at the top of docs/verified-equivalences.md again"
+    say = "run the commands at the top of docs/evidence/verified-equivalences.md again"
     assert stored.keys() - BY_CHANCE == CLAIMS.keys() - BY_CHANCE | {""}, say
     for name in stored.keys() - BY_CHANCE:
         assert stored[name] == made[name], f"{name}: {say}"

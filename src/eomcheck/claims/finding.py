@@ -43,7 +43,9 @@ EVERY_ROW = " (every row)"
 
 @dataclass(frozen=True)
 class Proof:
-    """The basis of a proof by polynomial identity testing; docs/proof.md derives the bounds.
+    """The basis of a proof by polynomial identity testing.
+
+    docs/explanation/proof.md derives the bounds.
 
     Attributes:
         degree: bound on the total degree of the numerator of left - right.

@@ -3,7 +3,7 @@
 `prove` evaluates both sides of a claim at random points modulo random primes. If they agree, the
 identity holds, except with a probability that the degree and the coefficients of the two sides
 bound (Schwartz-Zippel). Nothing is rounded: one point at which the sides differ is a
-counterexample. See docs/proof.md for the reasoning.
+counterexample. See docs/explanation/proof.md for the reasoning.
 """
 
 from __future__ import annotations
@@ -410,7 +410,7 @@ def largest_bounds(at: GenericPoint, *claims: Claim) -> dict[Key, tuple[int, flo
 def failure_probability(
     degree: int, height: float, points: int, draws: int, choices: int = 1
 ) -> float:
-    """Bound the probability that a false identity holds at all points (docs/proof.md).
+    """Bound the probability that a false identity holds at all points (docs/explanation/proof.md).
 
     Args:
         degree: bound on the total degree of the numerator of actual - expected.

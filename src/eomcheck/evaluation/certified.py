@@ -362,8 +362,8 @@ class Accuracy:
             float64; infinite if the largest true entry is 0 and the error is not.
         relative_bound: error bound that `eomcheck.acceleration` reports over largest true entry.
         condition: condition number of each matrix solved, by name.
-        kappa: condition number κ of this computation (docs/tolerance.md), by which it amplifies
-            relative changes; infinite if no bound can be measured or the true v̇ is 0.
+        kappa: condition number κ of this computation, by which it amplifies relative changes
+            (docs/explanation/tolerance.md); infinite if no bound is measured or the true v̇ is 0.
         ratio: observed error / (κ ε scale), which the constant C of the tolerances must exceed; NaN
             if κ is infinite or the true v̇ is 0.
     """

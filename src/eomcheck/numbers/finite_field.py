@@ -1,7 +1,7 @@
 """Polynomial identity testing: integers modulo a prime, and bounds of polynomial degrees.
 
 Two rational functions that agree at random points of a large finite field are equal, but for a
-probability that is derived in docs/proof.md and that a bound of their degree gives.
+probability that is derived in docs/explanation/proof.md and that a bound of their degree gives.
 
 - Each point has a new random prime, and every parameter, speed, force and angle is a random element
   of the field. An angle is a random point of the circle, cos = (1 - t²)/(1 + t²) and
