@@ -204,6 +204,7 @@ BASES = {
 """Command -> what it needs at least."""
 
 MANY, GIF, REPLAY = "--end 0.1 --examples 2", "a.gif", "--replay f.json"
+TABLE = "a.csv --scene snake"
 FUNCTIONS = "--scene of_options.py:own --examples 1"
 """Other words to begin with, for options that say nothing otherwise."""
 
@@ -222,7 +223,7 @@ CASES: dict[str, dict[str, Case]] = {
     "check": {
         **PATIENT,
         "file": ("", {"read_equations.name": "of_options.py:own"}, "of_options.py:own"),
-        "scene": ("--scene sleigh", {"check_answers.scene": "~Sleigh("}, "a.csv --scene snake"),
+        "scene": ("--scene sleigh", {"check_answers.scene": "~Sleigh("}, TABLE),
         "n": ("--n 3", {"read_equations.n": 3}),
         "against": (
             "--against sleigh",
@@ -234,6 +235,8 @@ CASES: dict[str, dict[str, Case]] = {
             "--claim bias-even,bias-power",
             {"check_equations.claims": ["bias-even", "bias-power"]},
         ),
+        "base": ("--base world", {"check_answers.base": "world"}, TABLE),
+        "precision": ("--precision float32", {"check_answers.precision": "float32"}, TABLE),
         "json": ("--json a.json", {"write_equations.path": "a.json"}),
         "report": ("--report a.html", {"_write_page.path": "a.html"}),
     },
@@ -245,6 +248,7 @@ CASES: dict[str, dict[str, Case]] = {
         "settings": ("--set mass=2 --scene sleigh", {"write_states.scene": "~mass=2"}),
         "examples": ("--examples 7", {"write_states.examples": 7}),
         "seed": ("--seed 9", {"write_states.seed": 9}),
+        "base": ("--base world", {"write_states.base": "world"}),
     },
     "validate": {
         **PATIENT,

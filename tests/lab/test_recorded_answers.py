@@ -11,17 +11,28 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.trials.recorded_answers import FAULTS, FORMATS, Model, outcome, table_of, write_answers
+from tests.trials.recorded_answers import (
+    FAULTS,
+    FLOATING_FAULTS,
+    FORMATS,
+    Model,
+    floating_outcome,
+    outcome,
+    table_of,
+    write_answers,
+)
 
 from eomcheck import cli
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.evaluation.conformance import ConformancePoint, quantity
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.lab.recorded_answers import check_answers, table_layout, write_states
+from eomcheck.lab.recorded_base import CONVENTIONS, base_state, parse_convention, recorded_base
 from eomcheck.lab.recorded_table import (
     EXACT,
     Digits,
     digits_of,
+    digits_of_type,
     index_in,
     most_digits,
     open_table,
@@ -29,6 +40,7 @@ from eomcheck.lab.recorded_table import (
     write_table,
 )
 from eomcheck.mechanics.scene import Scene
+from eomcheck.scene_lookup import scene_named
 from eomcheck.scenes import SCENES, from_urdf
 
 CHAIN = SCENES["chain-pendulum"].example()
@@ -72,6 +84,13 @@ def test_zero_is_known_to_its_decimals():
     np.testing.assert_allclose(Digits(4, 4).error_of(np.zeros(1)), [5e-5])
 
 
+def test_binary_numbers_are_known_to_the_roundoff_of_their_type():
+    single = digits_of_type(np.float32)
+    np.testing.assert_array_equal(single.error_of(np.array([2.0, -1.0])), [2.0**-23, 2.0**-24])
+    assert digits_of_type(np.float64) == digits_of_type(np.int64) == EXACT
+    assert most_digits([EXACT, single]) == single
+
+
 def test_columns_of_one_format_have_the_digits_of_the_one_that_shows_most():
     assert most_digits([Digits(0, 1), Digits(4, 5)]) == Digits(4, 5)
 
@@ -91,6 +110,25 @@ def test_what_is_written_is_read_with_all_digits(suffix: str, tmp_path: Path):
     assert table.names == tuple(COLUMNS)
     (chunk,) = table.chunks()
     np.testing.assert_array_equal(chunk.values, np.column_stack(list(COLUMNS.values())))
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".json", ".npz", ".parquet"])
+def test_a_header_is_read_and_lines_are_counted_behind_it(suffix: str, tmp_path: Path):
+    if suffix == ".parquet":
+        pytest.importorskip("pyarrow")
+    path = tmp_path / f"table{suffix}"
+    write_table(path, COLUMNS, {"base": "body axes", "precision": "float32"})
+    table = open_table(path)
+    assert table.header == {"base": "body axes", "precision": "float32"}
+    assert table.names == tuple(COLUMNS)
+    assert table.line_of(0) == ("row 0 (line 4)" if suffix == ".csv" else "row 0")
+
+
+def test_columns_of_float32_are_read_as_such(tmp_path: Path):
+    np.savez(tmp_path / "a.npz", **{name: x.astype(np.float32) for name, x in COLUMNS.items()})
+    table = open_table(tmp_path / "a.npz")
+    assert {digits.roundoff for digits in table.digits} == {2.0**-24}
+    assert all(chunk.values.dtype == np.float64 for chunk in table.chunks())
 
 
 def test_a_long_table_is_read_in_chunks(tmp_path: Path, monkeypatch):
@@ -288,6 +326,90 @@ def test_some_entries_are_judged_alone(tmp_path: Path):
     assert "entry (θ_3, θ_1): wrong sign" in failures(tmp_path / "wrong.npz")["M"]
 
 
+def own_answers(path: Path, change: Callable[[dict[str, Any]], Any], header=None) -> Path:
+    """Write states with M, bias and C of ours, in the numbers of `change`."""
+    write_states(CHAIN, path.with_name("states.npz"), 6, 5)
+    table = open_table(path.with_name("states.npz"))
+    (chunk,) = table.chunks()
+    columns = dict(zip(table.names, chunk.values.T, strict=True))
+    for q, v, vdot in chunk.values.reshape(6, 3, 3):
+        point = ConformancePoint(Evaluation(CHAIN, q, v), vdot)
+        C = point.coriolis_matrix
+        answers = change({"v": v, "M": point.at.terms.M, "bias": point.bias, "C": C})
+        for name, x in answers.items():
+            for i in np.ndindex(np.shape(x)):
+                key = f"{name}[{';'.join(map(str, i))}]"
+                columns[key] = np.append(columns.get(key, []), x[i]).astype(x.dtype)
+    write_table(path, columns, header)
+    return path
+
+
+def test_a_coriolis_matrix_is_judged_by_its_product_with_v(tmp_path: Path):
+    def only(C: Callable[[Any, Any], Any]) -> Callable[[dict[str, Any]], Any]:
+        return lambda x: {"C": C(x["C"], x)}
+
+    rank_one = only(lambda C, x: np.outer(x["bias"], x["v"]) / (x["v"] @ x["v"] or 1.0))
+    assert not failures(own_answers(tmp_path / "a.npz", only(lambda C, x: C)))
+    assert not failures(own_answers(tmp_path / "b.npz", rank_one))
+    wrong = failures(own_answers(tmp_path / "c.npz", only(lambda C, x: C / 2)))
+    assert wrong.keys() == {"C v"}
+    assert "half the expected value" in wrong["C v"]
+
+
+def test_a_coriolis_matrix_gives_the_rate_of_M_where_it_is_declared(tmp_path: Path):
+    declared = {"coriolis": "skew"}
+    right = own_answers(tmp_path / "a.npz", lambda x: {"C": x["C"]}, declared)
+    assert not failures(right)
+
+    def rank_one(x: dict[str, Any]) -> dict[str, Any]:
+        return {"C": np.outer(x["bias"], x["v"]) / (x["v"] @ x["v"] or 1.0)}
+
+    assert failures(own_answers(tmp_path / "b.npz", rank_one, declared)).keys() == {"C + Cᵀ"}
+
+
+def test_a_program_in_float32_is_allowed_its_rounding_and_no_more(tmp_path: Path):
+    def single(factor: float) -> Callable[[dict[str, Any]], Any]:
+        return lambda x: {k: np.float32(factor * x[k]) for k in ("M", "bias")}
+
+    assert not failures(own_answers(tmp_path / "a.npz", single(1.0 + 2e-7)))
+    assert failures(own_answers(tmp_path / "b.npz", single(1.0 + 2e-4))).keys() == {"M", "bias"}
+    double = own_answers(
+        tmp_path / "c.npz", lambda x: {"M": x["M"] * (1 + 2e-7)}, {"precision": "float32"}
+    )
+    assert not failures(double)
+    findings, _ = check_answers(double, CHAIN, precision="float64")
+    assert [x.subject for x in findings if x.verdict == "failed"] == ["M"]
+    with pytest.raises(InputError, match="precision = 'half': expected float64 or float32"):
+        check_answers(double, CHAIN, precision="half")
+
+
+def test_inputs_of_a_program_in_float32_are_rounded_first(tmp_path: Path):
+    q = np.array([0.1, 0.7, -0.3])
+    columns = {f"q[{k}]": q[k : k + 1] for k in range(3)}
+    M = Evaluation(CHAIN, q.astype(np.float32).astype(float), np.zeros(3)).terms.M
+    columns |= {f"M[{i};{j}]": M[i, j : j + 1] for i, j in np.ndindex(3, 3)}
+    write_table(tmp_path / "a.csv", columns)
+    findings, _ = check_answers(tmp_path / "a.csv", CHAIN, precision="float32")
+    assert [x.observed for x in findings if x.subject == "M"] == [0.0]
+
+
+def test_rows_that_cannot_be_computed_in_batches_are_compared_one_by_one(
+    tmp_path: Path, monkeypatch
+):
+    def wrong(name, row, x):
+        return -x if (name, row) == ("M", 6) else x
+
+    path = recorded(tmp_path / "a.csv", wrong)
+    in_batches = failures(path)
+
+    def unable(*arguments):
+        raise TypeError
+
+    monkeypatch.setattr("eomcheck.lab.recorded_answers.batch_data", unable)
+    assert failures(path) == in_batches
+    assert in_batches.keys() == {"M"}
+
+
 def test_forces_that_are_applied_are_read(tmp_path: Path):
     q, v, force = np.random.default_rng(0).normal(size=(3, 3))
     columns = {f"q[{k}]": [x] for k, x in enumerate(q)} | {f"v[{k}]": [x] for k, x in enumerate(v)}
@@ -308,7 +430,7 @@ STATE = {f"{x}[{k}]": np.zeros(1) for x in ("q", "v", "vdot") for k in range(3)}
     [
         ({"M[0;3]": 1.0}, "'3' is none of θ_1, θ_2, θ_3"),
         ({"M[0]": 1.0}, "expected 2 indices, not 1"),
-        ({"C[0;0]": 1.0}, "a Coriolis matrix is not unique"),
+        ({"C[0;0]": 1.0}, "has some entries of C: all are needed"),
         ({"J[0;0]": 1.0}, "'0;0'"),
         (
             {"bias[0]": 1.0, "bias[θ_1]": 1.0},
@@ -349,10 +471,10 @@ def test_a_state_that_is_no_number_is_bad_input(tmp_path: Path):
 AXES = "0 0 1", "0 1 0", "0 0.6 0.8", "1 0 0", "0 1 0", "0.8 0 0.6"
 
 
-def arm_text() -> str:
-    """Return the URDF of an arm of six joints with oblique axes and inertias."""
+def arm_text(joints: int = len(AXES)) -> str:
+    """Return the URDF of an arm with oblique axes and inertias."""
     parts = ['<robot name="arm"><link name="base"/>']
-    for k, axis in enumerate(AXES):
+    for k, axis in enumerate(AXES[:joints]):
         parent = f"link{k - 1}" if k else "base"
         parts.append(
             f'<link name="link{k}"><inertial><origin xyz="0.1 0.05 {0.1 + 0.02 * k:.6g}" '
@@ -401,6 +523,91 @@ def test_a_fault_of_recorded_answers_is_named(fault, arm, tmp_path: Path, sized)
 def test_a_fault_of_the_state_the_row_or_the_axes_is_named(id: str, arm, tmp_path: Path):
     (fault,) = [x for x in FAULTS if x.id == id]
     assert outcome(fault, *arm, "%.7g", tmp_path / "a.csv") == "named"
+
+
+# ---- Free bases ----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def floating(tmp_path_factory: pytest.TempPathFactory) -> tuple[Scene, str]:
+    """An arm on a free base, and its file."""
+    path = tmp_path_factory.mktemp("floating") / "arm.urdf"
+    base = (
+        '<link name="base"><inertial><origin xyz="0.1 0 0.02"/><mass value="3"/>'
+        '<inertia ixx="0.1" iyy="0.12" izz="0.09" ixy="0.01" ixz="0" iyz="0"/></inertial></link>'
+    )
+    few = arm_text(3).replace('<link name="base"/>', base)
+    path.write_text(few)
+    return scene_named(f"{path}:floating"), str(path)
+
+
+def floating_case(
+    floating, fault: Any, convention: str, form: str, folder: Path, examples: int = 6
+) -> str:
+    scene, path = floating
+    write_states(scene, folder / "states.csv", examples, 3, convention)
+    files = folder / "states.csv", form, folder / "answers.csv"
+    return floating_outcome(fault, scene, path, "link2", *files)
+
+
+@pytest.mark.parametrize("convention", CONVENTIONS)
+def test_right_answers_about_a_free_base_pass_in_every_convention(
+    convention: str, floating, tmp_path: Path
+):
+    assert floating_case(floating, None, convention, "%.17g", tmp_path) == "missed"
+
+
+@pytest.mark.sampled(4)
+@pytest.mark.parametrize("fault", FLOATING_FAULTS, ids=lambda x: x.id)
+def test_a_fault_of_answers_about_a_free_base_is_named(fault, floating, tmp_path: Path, sized):
+    for form in sized(FORMATS, FORMATS[1:2]):
+        assert floating_case(floating, fault, "body axes", form, tmp_path) == "named"
+
+
+@pytest.mark.parametrize("convention", CONVENTIONS.values(), ids=CONVENTIONS)
+def test_a_state_of_a_free_base_is_read_as_it_was_written(convention):
+    q, v, vdot = np.random.default_rng(2).uniform(-1.4, 1.4, (3, 6))
+    pose, twist, rates = recorded_base(convention, q, v, vdot)
+    state = base_state(convention, pose, twist, rates)
+    for x, y in zip(state[:3], (q, v, vdot), strict=True):
+        np.testing.assert_allclose(x, y, rtol=1e-12)
+
+
+def test_a_convention_of_a_free_base_is_read_from_words():
+    body = CONVENTIONS["body axes, angular first"]
+    assert parse_convention("Body, angular") == body == parse_convention("body axes,angular first")
+    assert parse_convention("world") == CONVENTIONS["world axes, linear first"]
+    for wrong in ("", "angular", "local axes", "world axes, last"):
+        with pytest.raises(InputError, match="expected world, body or mixed axes"):
+            parse_convention(wrong)
+
+
+def test_a_free_base_that_cannot_be_read_is_one_sentence(floating, tmp_path: Path):
+    scene, path = floating
+    write_states(scene, tmp_path / "s.csv", 3, 0, "world axes")
+    table = open_table(tmp_path / "s.csv")
+    (chunk,) = table.chunks()
+    columns = dict(zip(table.names, chunk.values.T, strict=True)) | {"M[0;0]": np.ones(3)}
+
+    def message(change: dict[str, Any], header: dict[str, str], robot: Scene = scene) -> str:
+        kept = {name: x for name, x in (columns | change).items() if x is not None}
+        write_table(tmp_path / "a.csv", kept, header)
+        with pytest.raises((InputError, UnknownNameError)) as error:
+            check_answers(tmp_path / "a.csv", robot)
+        return str(error.value)
+
+    header = dict(table.header)
+    twice = {"base.quat_w": 2 * columns["base.quat_w"]}
+    assert "row 0 (line 3): base.quat has length" in message(twice, header)
+    assert "no header line '# base: world axes, linear first'" in message({}, {})
+    assert "has no column base.quat_x" in message({"base.quat_x": None}, header)
+    assert "'base.q'" in message({"base.q": np.ones(3)}, header)
+    derived = {"inverse_dynamics_derivatives[0;0]": np.ones(3)}
+    assert "derivatives are not compared" in message(derived, header)
+    fixed = from_urdf(path)
+    assert "has no free base: expected robot.urdf:floating" in message({}, header, fixed)
+    with pytest.raises(InputError, match="has no free base"):
+        write_states(fixed, tmp_path / "b.csv", 2, 0, "world")
 
 
 # ---- The command ---------------------------------------------------------------------------------

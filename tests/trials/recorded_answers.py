@@ -24,6 +24,8 @@ import pinocchio
 from tests.scenes.test_public_robots import found
 
 from eomcheck.lab.recorded_answers import check_answers, write_states
+from eomcheck.lab.recorded_base import BASE_COLUMNS, CONVENTIONS
+from eomcheck.lab.recorded_table import open_table
 from eomcheck.lab.show.table import ResultTable, print_tables
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scene_lookup import scene_named
@@ -143,6 +145,79 @@ def _row(i: int, change: Callable[[float], float]) -> Callable[[Any], Any]:
     return changed
 
 
+class FloatingModel(Model):
+    """Pinocchio's model of a robot with a free base, whose twist has a convention.
+
+    Args:
+        path: the URDF.
+        tool: name of a frame.
+        convention: a key of `CONVENTIONS`.
+    """
+
+    def __init__(self, path: str, tool: str, convention: str):
+        self.model = pinocchio.buildModelFromUrdf(path, pinocchio.JointModelFreeFlyer())
+        self.data, self.tool = self.model.createData(), tool
+        self.convention = CONVENTIONS[convention]
+
+    def at(self, pose: Any, joints: Any, w: Any, wdot: Any) -> Answers:
+        """Return the answers at position and quaternion w, x, y, z, with twist and rates.
+
+        Pinocchio's twist is along the axes of the base, linear first: w = T (its own).
+        """
+        q = np.concatenate((pose[:3], np.roll(pose[3:], -1), joints))
+        rotation = pinocchio.Quaternion(q[3:7]).matrix()
+        n = self.model.nv
+        T, spin = np.eye(n), np.zeros(n)
+        if self.convention.linear == "ground":
+            T[:3, :3] = rotation
+        if self.convention.angular == "ground":
+            T[3:6, 3:6] = rotation
+        order = [3, 4, 5, 0, 1, 2] if self.convention.turns_first else range(6)
+        T = T[[*order, *range(6, n)]]
+        v = np.linalg.solve(T, w)
+        if self.convention.linear == "ground":
+            spin[:3] = np.cross(v[3:6], v[:3])  # of axes that turn
+        back = np.linalg.inv(T)
+        right = Model.__call__(self, q, v, back @ wdot - spin)
+        weight, self.model.gravity.linear[:] = self.model.gravity.linear.copy(), 0.0
+        still = back.T @ pinocchio.rnea(self.model, self.data, q, v, -spin)
+        self.model.gravity.linear[:] = weight
+        C = np.array(pinocchio.computeCoriolisMatrix(self.model, self.data, q, v))
+        key = f"J[{self.tool}]"
+        M = back.T @ right["M"] @ back
+        return right | {
+            "M": M,
+            "bias": still,
+            "gravity": back.T @ right["gravity"],
+            "tau": back.T @ right["tau"],
+            "qdd": T @ (right["qdd"] + spin),
+            key: right[key] @ back,
+            "C": back.T @ C @ back if not spin.any() else np.outer(still, w) / (w @ w),
+        }
+
+
+class FloatingFault(NamedTuple):
+    """A fault of recorded answers about a free base.
+
+    Attributes:
+        id: its name.
+        says: words of the finding, alternatives with "|" between them.
+        change: function of (answers, pose, w) -> answers.
+        state: function of (pose, w) -> pose and w as the program understood them.
+        convention: that in which the program answers, "" for that of the header.
+    """
+
+    id: str
+    says: str
+    change: Callable[[Answers], Answers] = lambda x: x
+    state: Callable[[Any, Any], Any] = lambda pose, w: (pose, w)
+    convention: str = ""
+
+
+def _other(name: str, change: Callable[[Any], Any]) -> Callable[[Answers], Answers]:
+    return lambda answers: answers | {name: change(answers[name].copy())}
+
+
 DEGREE = np.pi / 180.0
 SWAP = [1, 0, 2, 3, 4, 5]
 FAULTS: tuple[Fault, ...] = (
@@ -210,6 +285,86 @@ FAULTS: tuple[Fault, ...] = (
     Fault("q-joints-exchanged", "order", _at_state(lambda q, v: (q[SWAP], v[SWAP]))),
     Fault("q-joints-reversed", "order", _at_state(lambda q, v: (q[::-1].copy(), v[::-1].copy()))),
 )
+
+
+FLIPPED = np.array([1.0, -1.0, -1.0, -1.0])
+FLOATING_FAULTS: tuple[FloatingFault, ...] = (
+    FloatingFault("twist-of-world-axes", "world axes, linear first", convention="world axes"),
+    FloatingFault("twist-of-mixed-axes", "mixed axes, linear first", convention="mixed axes"),
+    FloatingFault("twist-angular-first", "body axes, angular", convention="body axes, angular"),
+    FloatingFault(
+        "quaternion-inverse",
+        "into the base, its inverse",
+        state=lambda pose, w: (np.concatenate((pose[:3], FLIPPED * pose[3:])), w),
+    ),
+    FloatingFault(
+        "quaternion-xyzw",
+        "the quaternion was x, y, z, w",
+        state=lambda pose, w: (np.concatenate((pose[:3], np.roll(pose[3:], 1))), w),
+    ),
+    FloatingFault("M-base-half", "half", _other("M", lambda M: M / 2)),
+    FloatingFault("M-one-entry-sign", "wrong sign", _other("M", _entry(1, 7, lambda x: -x))),
+    FloatingFault(
+        "tau-without-gravity", "without gravity", lambda x: x | {"tau": x["tau"] - x["gravity"]}
+    ),
+    FloatingFault(
+        "tau-without-bias", "without the bias", lambda x: x | {"tau": x["tau"] - x["bias"]}
+    ),
+    FloatingFault("gravity-sign", "wrong sign", _other("gravity", lambda x: -x)),
+    FloatingFault("C-half", "half", _other("C", lambda C: C / 2)),
+    FloatingFault("C-one-row", "row base.w_y", _other("C", _row(4, lambda x: -x))),
+)
+
+
+def floating_outcome(
+    fault: FloatingFault | None,
+    scene: Scene,
+    path_of_robot: str,
+    tool: str,
+    states: Path,
+    form: str,
+    path: Path,
+) -> str:
+    """Return what became of a fault about a free base, see `outcome`; None is no fault."""
+    table = open_table(states)
+    header = next(iter(table.header.values()))
+    answered = header
+    if fault is not None and fault.convention:
+        answered = next(x for x in CONVENTIONS if x.startswith(fault.convention))
+    model = FloatingModel(path_of_robot, tool, answered)
+    n = model.model.nv
+    lines: list[list[str]] = []
+    for row in np.vstack([chunk.values for chunk in table.chunks()]):
+        places = {name: k for k, name in enumerate(table.names)}
+        pose, w, wdot = (row[[places[x] for x in columns]] for columns in BASE_COLUMNS.values())
+        turned = CONVENTIONS[header].turns_first
+        w, wdot = (np.roll(x, 3) if turned else x for x in (w, wdot))
+        joints, v, vdot = (
+            np.array([row[places[x]] for x in table.names if x.startswith(f"{part}[")])
+            for part in ("q", "v", "vdot")
+        )
+        state = fault.state(pose, w) if fault else (pose, w)
+        answers = model.at(
+            state[0], joints, np.concatenate((state[1], v)), np.concatenate((wdot, vdot))
+        )
+        answers = fault.change(answers) if fault else answers
+        if not lines:
+            names = [x for key, value in answers.items() for x in _names(key, value)]
+            lines = [[f"# base: {header}"], [*table.names, *names]]
+        numbers = (y for x in answers.values() for y in np.ravel(x).tolist())
+        lines.append([*map(repr, row.tolist()), *(form % y for y in numbers)])
+    assert n == scene.n
+    head, *others = lines
+    with path.open("w", newline="", encoding="utf-8") as file:
+        file.write(head[0] + "\n")
+        csv.writer(file).writerows(others)
+    findings, _ = check_answers(path, scene)
+    failed = [x for x in findings if x.verdict == "failed"]
+    if not failed:
+        return "missed"
+    text = " ".join(f"{one.subject}: {one.detail}" for one in failed)
+    says = fault.says.split("|") if fault else []
+    return "named" if any(word in text for word in says) else f"found: {text}"
 
 
 def table_of(

@@ -56,6 +56,15 @@ from eomcheck.lab.option_parsing import (
 if TYPE_CHECKING:
     from eomcheck.claims.finding import Finding
 
+BaseOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="CONVENTION",
+        help="Twist of a free base: world, body or mixed axes (linear along the world, angular the "
+        "body), linear or angular first, such as 'body axes, angular first'.",
+    ),
+]
+
 REGISTRIES = ("formulations", "scenes", "engines", "claims", "quantities")
 """Arguments of `eomcheck list`."""
 
@@ -89,6 +98,13 @@ def check_command(
         list[str] | None,
         keys_option("Claim to check, or several: a,b. [default: all]", more=()),
     ] = None,
+    base: BaseOption = None,
+    precision: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TYPE", help="Numbers of the program with recorded answers: float64 or float32."
+        ),
+    ] = None,
     json: Json = None,
     report: Annotated[
         Path | None, typer.Option(help="Write the HTML page of `eomcheck report` to this file.")
@@ -106,10 +122,10 @@ def check_command(
 
     if Path(file).suffix in FORMATS:
         check_used("with recorded answers", n=n, against=against, claim=claim)
-        findings = _check_recorded(Path(file), scene, json)
+        findings = _check_recorded(Path(file), scene, json, base, precision)
         _end_check(file, findings, report)
         return
-    check_used("with equations of motion", scene=scene)
+    check_used("with equations of motion", scene=scene, base=base, precision=precision)
     from eomcheck.console import activity
     from eomcheck.lab.report.equations_output import print_equations, write_equations
     from eomcheck.testing.equations_of_files import read_equations, reference_named
@@ -130,7 +146,9 @@ def check_command(
     _end_check(file, findings, report)
 
 
-def _check_recorded(file: Path, scene: str | None, json: Path | None) -> list[Finding]:
+def _check_recorded(
+    file: Path, scene: str | None, json: Path | None, base: str | None, precision: str | None
+) -> list[Finding]:
     """Check recorded answers, print what was found and return it."""
     from eomcheck.console import activity
     from eomcheck.lab.recorded_answers import check_answers
@@ -140,7 +158,7 @@ def _check_recorded(file: Path, scene: str | None, json: Path | None) -> list[Fi
     if scene is None:
         raise InputError(f"file = {str(file)!r}: recorded answers need --scene")
     with activity("checking"):
-        findings, notes = check_answers(file, subject := scene_named(scene))
+        findings, notes = check_answers(file, subject := scene_named(scene), base, precision)
     title = f"{file.name} about {subject.name}"
     if json is not None:
         write_answers(json, title, notes, findings)
@@ -175,6 +193,7 @@ def states_command(
     settings: SetOption = None,
     examples: Annotated[int, typer.Option(help="Number of states.")] = 100,
     seed: Seed = 0,
+    base: BaseOption = None,
     patience: Patience = PATIENCE,
 ) -> None:
     """Write random states of a scene for another program, whose answers `check` then reads."""
@@ -182,7 +201,7 @@ def states_command(
     check_writable(output)
     from eomcheck.lab.recorded_answers import write_states
 
-    write_states(selected_scene(scene, links, settings), output, examples, seed)
+    write_states(selected_scene(scene, links, settings), output, examples, seed, base)
     print(f"written: {output}")
 
 

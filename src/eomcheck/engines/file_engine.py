@@ -176,6 +176,13 @@ def _quaternion(R: Array) -> Array:
     return column / np.linalg.norm(column)
 
 
+def rotation_of_quaternion(quaternion: Array) -> Array:
+    """Return the rotation (3, 3) of a quaternion w, x, y, z of length 1."""
+    w, u = quaternion[0], quaternion[1:]
+    across = np.cross(np.eye(3), u)
+    return np.eye(3) + 2.0 * (w * across + across @ across)
+
+
 # ---- Captured output -----------------------------------------------------------------------------
 
 OUTPUT, ERRORS = 1, 2

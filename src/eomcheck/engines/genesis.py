@@ -13,7 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.engines.file_engine import BaseVelocity, FileEngine, RobotDescription, is_free
+from eomcheck.engines.file_engine import (
+    BaseVelocity,
+    FileEngine,
+    RobotDescription,
+    is_free,
+    rotation_of_quaternion,
+)
 from eomcheck.engines.pybullet import urdf_of_links
 from eomcheck.engines.tree_engine import TreeEngine, TreeLink
 from eomcheck.errors import required
@@ -145,7 +151,13 @@ class GenesisEngine(TreeEngine):
         self._move_to(self._in_own_order(q), self._in_own_order(v))
         name, turn, at = self._seat(f)
         link = self._entity.get_link(name)
-        return link, _rotation(_numbers(link.get_quat())), _numbers(link.get_pos()), turn, at
+        return (
+            link,
+            rotation_of_quaternion(_numbers(link.get_quat())),
+            _numbers(link.get_pos()),
+            turn,
+            at,
+        )
 
     def frame_placement(self, f: str, q: Array, t: float = 0.0) -> tuple[Array, Array]:
         """Return (R, p) by `get_quat` and `get_pos` of a link."""
@@ -167,13 +179,6 @@ class GenesisEngine(TreeEngine):
 def _numbers(tensor: Any) -> Array:
     """Return a tensor of Torch as an array."""
     return tensor.detach().numpy().astype(np.float64)
-
-
-def _rotation(quaternion: Array) -> Array:
-    """Return the rotation (3, 3) of a quaternion w, x, y, z."""
-    w, u = quaternion[0], quaternion[1:]
-    across = np.cross(np.eye(3), u)
-    return np.eye(3) + 2.0 * (w * across + across @ across)
 
 
 class GenesisFile(FileEngine, GenesisEngine):
