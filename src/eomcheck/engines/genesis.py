@@ -151,13 +151,8 @@ class GenesisEngine(TreeEngine):
         self._move_to(self._in_own_order(q), self._in_own_order(v))
         name, turn, at = self._seat(f)
         link = self._entity.get_link(name)
-        return (
-            link,
-            rotation_of_quaternion(_numbers(link.get_quat())),
-            _numbers(link.get_pos()),
-            turn,
-            at,
-        )
+        R = rotation_of_quaternion(_numbers(link.get_quat()))
+        return link, R, _numbers(link.get_pos()), turn, at
 
     def frame_placement(self, f: str, q: Array, t: float = 0.0) -> tuple[Array, Array]:
         """Return (R, p) by `get_quat` and `get_pos` of a link."""

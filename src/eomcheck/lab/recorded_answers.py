@@ -690,7 +690,7 @@ class ScreenedGroup:
                 heapq.heappop(self.worst)
 
 
-def screen(
+def screen_rows(
     chunks: Iterable[list[RecordedRow]],
     groups: Sequence[ScreenedGroup],
     scene: Scene,
@@ -806,7 +806,7 @@ def check_answers(
     table = open_table(path)
     layout = table_layout(table, scene, base, precision)
     groups = [ScreenedGroup(x, scene, layout.unit_roundoff) for x in layout.answers]
-    count = screen(_chunks_of_rows(table, layout, scene), groups, scene)
+    count = screen_rows(_chunks_of_rows(table, layout, scene), groups, scene)
     findings = [x for group in groups for x in judge_group(group, scene, table, layout)]
     shown = dict.fromkeys(group.columns.digits.text for group in groups)
     notes = [f"{counted(count, 'row')}; printed with {' and '.join(islice(shown, 3))}"]
