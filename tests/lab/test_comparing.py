@@ -6,6 +6,7 @@ import json
 import os
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -34,9 +35,9 @@ from eomcheck.lab.library_comparison import (
     QUANTITIES,
     LibraryComparison,
     LibraryResult,
+    RunningDifference,
     compare_libraries,
     print_comparison,
-    relative_difference,
     write_comparison,
 )
 from eomcheck.mechanics.records import State
@@ -449,10 +450,27 @@ def test_forces_that_cancel_to_rounding_are_no_difference(key: str, tmp_path: Pa
 
 def test_a_thousandth_of_what_cancels_is_the_least_that_differences_are_relative_to():
     entries = np.array([1.0, -2.0])
-    assert relative_difference(entries, entries - 1e-3, 1999.0) == pytest.approx(1e-3 / 2.001)
-    assert relative_difference(entries, entries - 1e-3, 2002.0) == pytest.approx(1e-3 / 2002)
-    assert relative_difference(entries * 0, entries * 0) == 0
-    assert np.isnan(relative_difference(None, entries))
+    assert relative(([entries, entries - 1e-3], 1999.0)) == pytest.approx(1e-3 / 2.001)
+    assert relative(([entries, entries - 1e-3], 2002.0)) == pytest.approx(1e-3 / 2002)
+    assert relative(([entries * 0, entries * 0], 0.0)) == 0
+    assert np.isnan(relative(([None, entries], 0.0)))
+
+
+def relative(*states: tuple[list[Any], float]) -> float:
+    """Return the relative difference of two sides over states."""
+    running = RunningDifference(2)
+    for values, summed in states:
+        running.add(values, summed)
+    return running.relative[0, 1]
+
+
+def test_differences_are_relative_to_the_largest_entry_of_all_states():
+    entries = np.array([1.0, -2.0])
+    small = [1e-16 * entries, 2e-16 * entries], 0.0
+    assert relative(small) == pytest.approx(0.5)
+    assert relative(small, ([entries, entries], 0.0)) == pytest.approx(1e-16)
+    assert relative(small, ([None, entries], 0.0)) == pytest.approx(1e-16)
+    assert relative(small, ([entries, None], 0.0)) == pytest.approx(1e-16)
 
 
 @pytest.mark.night

@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -93,12 +93,45 @@ QUANTITIES = {
 """Name -> quantity; gravity is the forces at rest."""
 
 
-def relative_difference(x: Array | None, y: Array | None, summed: float = 0.0) -> float:
-    """Return the largest difference, relative, see `relative_scale`; NaN where a value is None."""
-    if x is None or y is None:
-        return np.nan
-    scale = relative_scale(max(largest(x), largest(y)), summed)
-    return largest(x - y) / scale if scale > 0 else 0.0
+def _difference(x: Array | None, y: Array | None) -> float:
+    """Return the largest difference of two values, NaN where one is None."""
+    return np.nan if x is None or y is None else largest(x - y)
+
+
+class RunningDifference:
+    """Differences of one quantity between all sides, over the states so far.
+
+    Args:
+        sides: number of sides, k.
+    """
+
+    def __init__(self, sides: int):
+        self._apart = np.full((sides, sides), np.nan)
+        self._sizes = np.full(sides, np.nan)
+        self._summed = 0.0
+
+    def add(self, values: Sequence[Array | None], summed: float = 0.0) -> None:
+        """Take a state into account: the value of each side, None where it has none.
+
+        Args:
+            values: values of all sides.
+            summed: size of the terms that a library may sum to the value.
+        """
+        apart = [[_difference(x, y) for y in values] for x in values]
+        sizes = [np.nan if x is None else largest(x) for x in values]
+        self._apart, self._sizes = np.fmax(self._apart, apart), np.fmax(self._sizes, sizes)
+        self._summed = max(self._summed, summed)
+
+    @property
+    def relative(self) -> Array:
+        """The largest difference of any two sides at any state (k, k), relative.
+
+        To the largest entry of both over all states, see `relative_scale`: at one state entries may
+        vanish, and their rounding errors do not. NaN where two sides never have a value together.
+        """
+        sizes = np.fmax(self._sizes[:, None], self._sizes)
+        scales = np.array([[relative_scale(x, self._summed) for x in row] for row in sizes])
+        return np.where(scales == 0.0, self._apart, self._apart / np.where(scales, scales, 1.0))
 
 
 # ---- Results -------------------------------------------------------------------------------------
@@ -227,8 +260,7 @@ class LibraryComparison:
     Attributes:
         scene: the robot, with the parameters of its file.
         libraries: key of a library -> its result.
-        differences: quantity -> the largest difference of any two at any state (k, k), relative to
-            the largest entry; eomcheck first, then the libraries as in `answered`.
+        running: quantity -> differences of eomcheck and the libraries as in `answered`.
         states: number of states checked.
         skipped: reason why q̈ is not compared, once for each state in which it is not.
         self_failures: failures of the agreement of our two derivations, in states where a library
@@ -238,7 +270,7 @@ class LibraryComparison:
 
     scene: Scene
     libraries: dict[str, LibraryResult] = field(default_factory=dict)
-    differences: dict[str, Array] = field(default_factory=dict)
+    running: dict[str, RunningDifference] = field(default_factory=dict)
     states: int = 0
     skipped: list[str] = field(default_factory=list)
     self_failures: list[Finding] = field(default_factory=list)
@@ -249,6 +281,11 @@ class LibraryComparison:
         """Name -> quantity, those of `QUANTITIES` that a claim is about."""
         asked = {CLAIMS[claim].asks for claim in self.claims or comparable_claims()}
         return {name: q for name, q in QUANTITIES.items() if q.method in asked}
+
+    @property
+    def differences(self) -> dict[str, Array]:
+        """Quantity -> `RunningDifference.relative`; eomcheck is the first side."""
+        return {name: running.relative for name, running in self.running.items()}
 
     @property
     def answered(self) -> list[LibraryResult]:
@@ -444,9 +481,8 @@ def _compare_at(comparison: LibraryComparison, state: State, findings: list[Find
                 terms = any(f.claim not in CONFORMANCE for f in result.failures)
                 result.explain(e for e in reasons if terms or e.of_quantities)
     for name in comparison.quantities:
-        size, values = summed[name], [side.get(name) for side in sides]
-        table = np.array([[relative_difference(x, y, size) for y in values] for x in values])
-        comparison.differences[name] = np.fmax(comparison.differences.get(name, table), table)
+        running = comparison.running.setdefault(name, RunningDifference(len(sides)))
+        running.add([side.get(name) for side in sides], summed[name])
     if differ:
         own = RunSelection.of(["gw"], [], SELF_CHECKS, scenes=[scene])
         findings_of_own = ValidationRun().check_state(scene, state, own)
@@ -543,8 +579,8 @@ def library_table(comparison: LibraryComparison) -> ResultTable:
     title = f"{comparison.scene.name}: {', '.join(size)}"
     heads = ["library", *comparison.differences, "verdict"]
     note = (
-        "Largest difference from eomcheck, relative to the largest entry; where entries cancel to "
-        "less than a thousandth of the terms that they are summed from, to these."
+        "Largest difference from eomcheck, relative to the largest entry over all states; where "
+        "entries cancel to less than a thousandth of the terms that they are summed from, to these."
     )
     return ResultTable("libraries", title, heads, rows, note=note)
 
