@@ -9,6 +9,7 @@ import pytest
 from tests.mechanics.descriptions import GROUND, rod, turning
 
 from eomcheck.descriptions.build import mechanism, mechanism_source
+from eomcheck.descriptions.doubtful_numbers import inertia_warning
 from eomcheck.descriptions.elements import (
     Constraint,
     Joint,
@@ -24,7 +25,6 @@ from eomcheck.descriptions.elements import (
     rolling_circle,
     weld,
 )
-from eomcheck.descriptions.joint_tree import inertia_warning
 from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.descriptions.random_mechanisms import poses
 from eomcheck.descriptions.random_trees import RandomDescription

@@ -124,6 +124,19 @@ def test_a_regressor_is_about_the_frames_of_bodies(tmp_path: Path):
     assert np.allclose(np.array(moments) / mass, body.ipos, atol=1e-15)
 
 
+def test_numbers_that_look_like_a_mistake_are_named(tmp_path: Path):
+    path = limb(tmp_path / "limb.xml", True, False)
+    axes = "Axes that are no unit vectors: 'abduct', 'stretch'."
+    assert from_mjcf(path).source.warnings == axes
+    text = path.read_text().replace('pos="0 0.01 -0.2" mass="1.2"', 'pos="0 0.01 -20" mass="1.2"')
+    path.write_text(text.replace('euler="0.2 -0.4 0.3"', 'euler="0.2 -40 0.3"'))
+    far = "Out of proportion with the size of the link: far center of mass of 'shin'."
+    degrees = "Angles of more than 2π rad, in degrees? 'trunk'."
+    assert from_mjcf(path).source.warnings == f"{far} {degrees} {axes}"
+    path.write_text(path.read_text().replace('angle="radian"', ""))
+    assert from_mjcf(path).source.warnings == f"{far} {axes}"
+
+
 def test_it_starts_where_the_file_draws_it(tmp_path: Path):
     scene = from_mjcf(limb(tmp_path / "limb.xml"))
     q, v = scene.initial_state()

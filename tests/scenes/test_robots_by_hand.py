@@ -269,7 +269,7 @@ def test_all_that_no_equation_needs_is_taken_out_and_what_a_motion_would_notice_
     pytest.importorskip("mujoco")
     path = tmp_path / "loaded.xml"
     path.write_text(LOADED, encoding="utf-8")
-    model, out = mjcf_reader.compile_model(path)
+    model, out, _ = mjcf_reader.compile_model(path)
     assert {name: count for name, count in out.items() if count} == {
         "drag of a fluid": 1, "sensors": 3, "actuators": 2, "tendons": 1, "keyframes": 1,
         "compensation of gravity": 2, "shapes to collide": 3,
@@ -350,7 +350,7 @@ def test_joints_in_a_row_turn_about_points_of_their_own_and_begin_where_they_are
 def test_what_an_option_switches_off_is_off_alone(tmp_path: Path, name: str):
     pytest.importorskip("mujoco")
     path = limb(tmp_path / "limb.xml", f'{name}="disable"')
-    model, out = mjcf_reader.compile_model(path)
+    model, out, _ = mjcf_reader.compile_model(path)
     off = mjcf_reader._MjcfReader(path, model, out).off
     assert {key for key, value in off.items() if value} == {name}
     found = read_mjcf(path)

@@ -122,6 +122,84 @@ def test_moments_of_inertia_that_no_body_has_are_taken_and_said(tmp_path: Path):
         assert scene.mass.tolist() == robot("arm").mass.tolist()
 
 
+DOUBTS = {
+    "no mass": ('<mass value="1.5"/>', '<mass value="0"/>', "Inertia without mass: 'lower'."),
+    "degrees": (
+        '<origin xyz="0 0 -0.4"/><axis xyz="0 1 0"/>',
+        '<origin xyz="0 0 -0.4" rpy="0 0 90"/><axis xyz="0 1 0"/>',
+        "Angles of more than 2π rad, in degrees? 'elbow'.",
+    ),
+    "a turn": (
+        '<origin xyz="0 0 -0.4"/><axis xyz="0 1 0"/>',
+        '<origin xyz="0 0 -0.4" rpy="0 0 -6.28319"/><axis xyz="0 1 0"/>',
+        "",
+    ),
+    "axis": (
+        '<origin xyz="0 0 -0.4"/><axis xyz="0 1 0"/>',
+        '<origin xyz="0 0 -0.4"/><axis xyz="0 1 1"/>',
+        "Axes that are no unit vectors: 'elbow'.",
+    ),
+    "printed axis": (
+        '<origin xyz="0 0 -0.4"/><axis xyz="0 1 0"/>',
+        '<origin xyz="0 0 -0.4"/><axis xyz="0 0.7071 -0.707"/>',
+        "",
+    ),
+    "millimetres": (
+        '<origin xyz="0 0 -0.2"/><mass value="1.5"/>',
+        '<origin xyz="0 0 -200"/><mass value="1.5"/>',
+        "Out of proportion with the size of the link: far center of mass of 'lower'.",
+    ),
+    "large inertia": (
+        'ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.01"',
+        'ixx="90" ixy="0" ixz="0" iyy="90" iyz="0" izz="90"',
+        "Out of proportion with the size of the link: large inertia of 'lower'.",
+    ),
+    "small inertia": (
+        'ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.01"',
+        'ixx="2e-8" ixy="0" ixz="0" iyy="2e-8" iyz="0" izz="1e-8"',
+        "Out of proportion with the size of the link: small inertia of 'lower'.",
+    ),
+    "none": ("elbow", "elbow", ""),
+}
+"""Text of a robot -> replaced by, doubts about it."""
+
+LEG = """<robot name="leg"><link name="base"/><link name="upper"><inertial><origin xyz="0 0 -0.2"/>
+<mass value="2"/><inertia ixx="0.03" ixy="0" ixz="0" iyy="0.03" iyz="0" izz="0.01"/></inertial>
+</link><link name="lower"><inertial><origin xyz="0 0 -0.2"/><mass value="1.5"/>
+<inertia ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.01"/></inertial>{shape}</link>
+<joint name="hip" type="continuous"><parent link="base"/><child link="upper"/></joint>
+<joint name="elbow" type="continuous"><parent link="upper"/><child link="lower"/>
+<origin xyz="0 0 -0.4"/><axis xyz="0 1 0"/></joint></robot>"""
+
+ROD = '<visual><origin xyz="0 0 -0.2"/><geometry><cylinder radius="0.02" length="0.4"/></geometry>'
+MESH = '<visual><geometry><mesh filename="lower.stl"/></geometry>'
+
+
+@pytest.mark.parametrize("what", DOUBTS)
+@pytest.mark.parametrize("shape", [f"{ROD}</visual>", f"{MESH}</visual>", ""])
+def test_numbers_that_look_like_a_mistake_are_taken_and_named(
+    what: str, shape: str, tmp_path: Path
+):
+    old, new, doubt = DOUBTS[what]
+    text = LEG.format(shape=shape)
+    assert text.count(old) >= 1
+    file = tmp_path / "leg.urdf"
+    file.write_text(text.replace(old, new), "utf-8")
+    assert from_urdf(file).source.warnings == doubt
+
+
+def test_a_long_robot_does_not_hide_a_small_link_whose_shape_is_known(tmp_path: Path):
+    ball = '<visual><geometry><sphere radius="0.01"/></geometry></visual>'
+    said = {}
+    for shape in (ball, f"{MESH}</visual>", ball.replace("radius", "broken")):
+        file = tmp_path / "leg.urdf"
+        file.write_text(LEG.format(shape=shape), "utf-8")
+        said[shape] = from_urdf(file).source.warnings
+    far, *others = said.values()
+    assert "far center of mass of 'lower'; large inertia of 'lower'" in far
+    assert others == ["", ""]
+
+
 def test_parameters_are_those_of_the_file_until_they_are_changed():
     scene = robot("arm")
     assert scene.as_described

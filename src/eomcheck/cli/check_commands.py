@@ -648,7 +648,7 @@ def compare_command(
         print_comparison,
         write_comparison,
     )
-    from eomcheck.scene_lookup import is_robot, scene_named
+    from eomcheck.scene_lookup import is_robot, robot_file_warnings, scene_named
 
     if not is_robot(robot):
         raise InputError(
@@ -661,6 +661,8 @@ def compare_command(
     if json is not None:
         write_comparison(comparison, json)
     print_comparison(comparison, pairs)
+    for warning in robot_file_warnings([type(scene)]):
+        print(warning)
     if json is not None:
         print(f"written: {json}")
     if known is not None:

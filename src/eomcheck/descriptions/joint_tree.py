@@ -13,7 +13,7 @@ alone: the scalar joints on the path to each frame, and the coordinates that mov
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
@@ -216,10 +216,6 @@ def plan_of(topology: Topology) -> TopologyPlan:
 
 ROUNDED = 1e-12
 """Rounding error of an exact 0, relative to the largest moment of inertia."""
-TOUCHING = 1e-9
-"""Relative tolerance of the triangle inequality: a plate's largest moment is the sum of the
-others, and files have few digits.
-"""
 
 
 class RigidBody(NamedTuple):
@@ -256,21 +252,6 @@ def rigid_body_of(link: Link, turn: Quaternion, offset: Array) -> RigidBody | No
         return None
     R = rotation_matrix(turn)
     return RigidBody(link.mass, offset + R @ np.array(link.center), R @ link.inertia @ R.T)
-
-
-def has_impossible_inertia(link: Link) -> bool:
-    """Return whether moments of inertia are impossible: one exceeds the sum of the others."""
-    moments = np.linalg.eigvalsh(link.inertia)
-    # A negative one too, but for rounding: the sum of the lower two is below the larger of them.
-    return bool(moments[2] > moments[:2].sum() * (1 + TOUCHING))
-
-
-def inertia_warning(links: Iterable[Link]) -> str:
-    """Return a sentence on links with impossible moments of inertia; "" without any."""
-    names = ", ".join(repr(link.name) for link in links if has_impossible_inertia(link))
-    if not names:
-        return ""
-    return f"No body has the moments of inertia of {names}: one exceeds the sum of the others."
 
 
 def check_positive(bodies: dict[str, RigidBody]) -> None:

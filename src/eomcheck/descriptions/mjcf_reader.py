@@ -23,6 +23,12 @@ import numpy as np
 
 from eomcheck.calls import call, require_supervision
 from eomcheck.descriptions.build import mechanism_source
+from eomcheck.descriptions.doubtful_numbers import (
+    axis_warning,
+    body_warnings,
+    degree_warning,
+    joined,
+)
 from eomcheck.descriptions.elements import (
     Constraint,
     Joint,
@@ -98,26 +104,52 @@ MOST_FILES = 100
 """Largest number of included files, this one among them."""
 
 
-def compile_model(path: Path) -> tuple[Any, Counter[str]]:
-    """Return MuJoCo's model of a file without ignored parts, and the counts of those parts.
+class CompiledFile(NamedTuple):
+    """MuJoCo's model of a file."""
+
+    model: Any
+    """The model, without ignored parts."""
+    ignored: Counter[str]
+    """Counts of those parts."""
+    warnings: str
+    """Sentences on doubtful numbers that the model does not show; "" without any."""
+
+
+def compile_model(path: Path) -> CompiledFile:
+    """Return MuJoCo's model of a file.
 
     Raises:
         InputError: it cannot be read, is no MJCF, or MuJoCo refuses it.
         EngineError: MuJoCo is not installed.
     """
-    joints = 0
-    for root in _roots(path):
+    joints, roots = 0, [*_roots(path)]
+    for root in roots:
         _check(root, path)
         joints += sum(len(body.findall(tag)) for body in root.iter("body") for tag in JOINTS)
     _check_coordinates(path, joints)  # at least one coordinate each
     require_supervision()
     library = required("mujoco", "mujoco")
     try:
-        return call(f"MuJoCo, reading {path.name},", _compile_model, library, path, slow=True)
+        compiled = call(f"MuJoCo, reading {path.name},", _compile_model, library, path, slow=True)
     except Unreadable:
         raise
     except Exception as error:  # exceptions of MuJoCo's own and of Python
         raise Unreadable(f"{str(path)!r} is refused by MuJoCo: {message_of(error)}") from None
+    return CompiledFile(*compiled, _number_warnings(roots))
+
+
+def _number_warnings(roots: list[Element]) -> str:
+    """Return sentences on doubtful axes and angles, which MuJoCo's model has converted."""
+    elements = [element for root in roots for element in root.iter()]
+    axes = [(_name(x), x.get("axis", "")) for x in elements if x.tag == "joint" and x.get("axis")]
+    units = {x.get("angle") for x in elements if x.tag == "compiler"}
+    angles = [(_name(x), x.get("euler", "")) for x in elements if x.get("euler")]
+    return joined(degree_warning(angles if units & {"radian"} else ()), axis_warning(axes))
+
+
+def _name(element: Element) -> str:
+    """Return the name of an element, its class or its tag."""
+    return element.get("name") or element.get("class") or element.tag
 
 
 def _check_coordinates(path: Path, coordinates: int) -> None:
@@ -335,8 +367,10 @@ def read_mjcf(path: Path) -> Robot:
     Raises:
         InputError, EngineError: see `from_mjcf`.
     """
-    model, out = compile_model(path)
-    return _MjcfReader(path, model, out).model()
+    compiled = compile_model(path)
+    robot = _MjcfReader(path, compiled.model, compiled.ignored).model()
+    doubts = body_warnings(robot.links, robot.joints, {})
+    return robot._replace(warnings=joined(*doubts, compiled.warnings))
 
 
 class _MjcfReader:
@@ -372,11 +406,11 @@ class _MjcfReader:
             tuple(self.links),
             tuple(self.joints),
             ignored_summary(self.out),
-            tuple(constraints),
-            None if self.off["gravity"] or not any((x, y, z)) else (x, y, z),
-            self.pose,
-            m,
-            tuple(self.bodies),
+            constraints=tuple(constraints),
+            gravity=None if self.off["gravity"] or not any((x, y, z)) else (x, y, z),
+            pose=self.pose,
+            compiled=m,
+            bodies=tuple(self.bodies),
         )
 
     def _refuse(self) -> None:
@@ -547,7 +581,7 @@ def mjcf_kind(
             source = mechanism_source(*elements, **more, dependent=dependent)
         source = source.with_frames_of(robot.bodies)
         options = f", gravity={pulls!r}" if changed else ""
-        return source.of_file("mjcf", path, options, robot.ignored).scene_class()
+        return source.of_file("mjcf", path, options, robot.ignored, robot.warnings).scene_class()
 
 
 def _dependent_coordinates(scene: Mechanism) -> list[str]:

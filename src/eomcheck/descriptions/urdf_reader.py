@@ -22,6 +22,13 @@ from xml.parsers import expat
 
 from eomcheck.atomic_write import check_regular
 from eomcheck.descriptions.build import mechanism_source
+from eomcheck.descriptions.doubtful_numbers import (
+    LinkSize,
+    axis_warning,
+    body_warnings,
+    degree_warning,
+    joined,
+)
 from eomcheck.descriptions.elements import (
     COORDINATES,
     ORIGIN,
@@ -30,7 +37,6 @@ from eomcheck.descriptions.elements import (
     Link,
     Triple,
 )
-from eomcheck.descriptions.joint_tree import inertia_warning
 from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.descriptions.vector_algebra import (
     IDENTITY,
@@ -274,6 +280,8 @@ class Robot(NamedTuple):
     joints: tuple[Joint, ...]
     ignored: str
     """Sentence on the parts of the file that are left out; "" without any."""
+    warnings: str = ""
+    """Sentences on doubtful numbers of the file; "" without any."""
     constraints: tuple[Constraint, ...] = ()
     gravity: Triple | None = None
     """Gravity by the file; a URDF has none."""
@@ -309,7 +317,52 @@ def read_urdf(path: Path) -> Robot:
     name = identifier(root.get("name", "") or path.stem)
     read_links = tuple(_link(link, where, out) for link in links)
     read_joints = tuple(_joint(joint, where, out) for joint in joints)
-    return Robot(name, read_links, read_joints, ignored_summary(out))
+    shapes = {link.name: _shapes(element) for link, element in zip(read_links, links, strict=True)}
+    warnings = joined(
+        *body_warnings(read_links, read_joints, shapes),
+        degree_warning(_angles(links, joints)),
+        axis_warning(
+            (joint.get("name", ""), axis.get("xyz", "1 0 0"))
+            for joint in joints
+            for axis in joint.findall("axis")
+        ),
+    )
+    return Robot(name, read_links, read_joints, ignored_summary(out), warnings)
+
+
+def _angles(links: list[Element], joints: list[Element]) -> Iterator[tuple[str, str]]:
+    """Yield name and angles of the origins of joints and inertials."""
+    for element in (*joints, *links):
+        for path in "origin", "inertial/origin":
+            for origin in element.findall(path):
+                yield element.get("name", ""), origin.get("rpy", "")
+
+
+def _shapes(link: Element) -> LinkSize:
+    """Return the size of the shapes of a link; not whole with meshes, or without any."""
+    shapes = [*link.findall("visual"), *link.findall("collision")]
+    reaches = [_reach(shape) for shape in shapes]
+    known = [reach for reach in reaches if reach is not None]
+    return LinkSize(max(known, default=0.0), bool(shapes) and len(known) == len(shapes))
+
+
+def _reach(shape: Element) -> float | None:
+    """Return the largest distance of a shape from the origin of its link, m; None of a mesh."""
+    try:
+        center, _ = _origin(shape, "")
+        match shape.find("geometry/*"):
+            case Element(tag="box") as box:
+                half = math.hypot(*triple_attribute(box, "size", "", ORIGIN)) / 2
+            case Element(tag="sphere") as ball:
+                half = number_attribute(ball, "radius", "")
+            case Element(tag="cylinder" | "capsule") as rod:
+                radius, length = (number_attribute(rod, x, "") for x in ("radius", "length"))
+                half = math.hypot(radius, length / 2 + (radius if rod.tag == "capsule" else 0.0))
+            case _:
+                return None
+    except Unreadable:  # shapes are not read otherwise
+        return None
+    return math.hypot(*center) + half
 
 
 def identifier(name: str) -> str:
@@ -475,7 +528,7 @@ def urdf_kind(
     with errors_naming(path):
         source = mechanism_source(name, links, joints, gravity=gravity)
         return (
-            source.of_file("urdf", path, options, robot.ignored, inertia_warning(robot.links))
+            source.of_file("urdf", path, options, robot.ignored, robot.warnings)
             ._replace(floating=joints[0].name if floating else "")
             .scene_class()
         )

@@ -25,8 +25,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from eomcheck.descriptions.doubtful_numbers import has_impossible_inertia
 from eomcheck.descriptions.elements import Joint, Link
-from eomcheck.descriptions.joint_tree import has_impossible_inertia
 from eomcheck.descriptions.mechanism_class import Mechanism
 from eomcheck.descriptions.mjcf_reader import GROUND
 from eomcheck.descriptions.urdf_reader import Element, read_urdf, root_of

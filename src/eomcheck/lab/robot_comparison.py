@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eomcheck.claims.confusions import agreement_within, scaling
+from eomcheck.descriptions.doubtful_numbers import FEWEST_DIGITS
 from eomcheck.descriptions.vector_algebra import rotation_matrix
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.evaluation.conformance import ConformancePoint
@@ -28,10 +29,6 @@ from eomcheck.mechanics.records import Tree
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import EPS, Array
 from eomcheck.safe_output import counted
-
-FEWEST_DIGITS = 6
-"""Number of significant digits from which on a file is taken to be rounded: programs write as many
-at least, and people write fewer, which are exact."""
 
 NUMBERS = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 
