@@ -172,6 +172,7 @@ STUBS: dict[str, dict[str, Any]] = {
         "eomcheck.lab.library_comparison.write_comparison": None,
         "eomcheck.lab.robot_comparison.compare_robots": SimpleNamespace(is_same=True),
         "eomcheck.lab.robot_comparison.print_robots": None,
+        "eomcheck.lab.inertial_patch.inertial_patch": "",
     },
     "draw scene": {
         "eomcheck.lab.show.pictures.draw_scene": None,
@@ -472,6 +473,7 @@ CASES: dict[str, dict[str, Case]] = {
         "robot": ("", {"compare_libraries.scene": "~crane"}),
         "other": (URDF, {"compare_robots.second": "~crane"}),
         "match": ("--match a=b", {"compare_robots.match": {"a": "b"}}, f"{URDF} {URDF}"),
+        "patch": ("--patch a.diff", {"inertial_patch.second": "~crane"}, f"{URDF} {URDF}"),
         "engine": (
             "--engine mujoco,pinocchio",
             {"compare_libraries.engines": ["mujoco", "pinocchio"]},

@@ -619,6 +619,14 @@ def compare_command(
     pairs: Annotated[
         bool, typer.Option("--pairs", help="Also print each library beside each other.")
     ] = False,
+    patch: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Write the inertials of the first robot as a patch of the other's file, for "
+            "`patch -p0`.",
+        ),
+    ] = None,
     json: Json = None,
     deviations: DeviationsOption = None,
     patience: Patience = PATIENCE,
@@ -631,15 +639,16 @@ def compare_command(
     require_supervision()
     check_count(examples=examples)
     check_writable(json)
+    check_writable(patch)
     if other is not None:
         check_used(
             "with two robots",
             **{"engine": engine, "claim": claim, "deviations": deviations},
             **{"isolated": isolated or None, "pairs": pairs or None},
         )
-        _compare_robots(robot, other, match or [], examples, json)
+        _compare_robots(robot, other, match or [], examples, json, patch)
         return
-    check_used("with one robot", match=match)
+    check_used("with one robot", match=match, patch=patch)
     from eomcheck.console import progress
     from eomcheck.lab.deviations import read_deviations
     from eomcheck.lab.library_comparison import (
@@ -676,9 +685,16 @@ def compare_command(
 
 
 def _compare_robots(
-    robot: str, other: str, match: list[str], examples: int, json: Path | None
+    robot: str,
+    other: str,
+    match: list[str],
+    examples: int,
+    json: Path | None,
+    patch: Path | None,
 ) -> None:
     """Compare two robots, print their differences and end with the exit code."""
+    from eomcheck.atomic_write import write_text
+    from eomcheck.lab.inertial_patch import inertial_patch
     from eomcheck.lab.robot_comparison import compare_robots, print_robots, write_robots
     from eomcheck.scene_lookup import robot_file_warnings, scene_named
 
@@ -692,10 +708,12 @@ def _compare_robots(
     comparison = compare_robots(*scenes, pairs, examples)
     if json is not None:
         write_robots(comparison, json)
+    if patch is not None:
+        write_text(patch, inertial_patch(*scenes, comparison))
     print_robots(comparison)
     for warning in robot_file_warnings(map(type, scenes)):
         print(warning)
-    if json is not None:
-        print(f"written: {json}")
+    for written in filter(None, (json, patch)):
+        print(f"written: {written}")
     if not comparison.is_same:
         raise typer.Exit(1)

@@ -122,7 +122,7 @@ def compile_model(path: Path) -> CompiledFile:
         InputError: it cannot be read, is no MJCF, or MuJoCo refuses it.
         EngineError: MuJoCo is not installed.
     """
-    joints, roots = 0, [*_roots(path)]
+    joints, roots = 0, [root for _, root in _files(path)]
     for root in roots:
         _check(root, path)
         joints += sum(len(body.findall(tag)) for body in root.iter("body") for tag in JOINTS)
@@ -181,8 +181,13 @@ def _read(library: Any, path: Path) -> Any:
     return spec
 
 
-def _roots(path: Path) -> Iterator[Element]:
-    """Yield the root of a file and of all included ones, at any depth."""
+def included_files(path: Path) -> list[Path]:
+    """Return a file and all that it includes, at any depth."""
+    return [file for file, _ in _files(path)]
+
+
+def _files(path: Path) -> Iterator[tuple[Path, Element]]:
+    """Yield a file and all that it includes, at any depth, each with its root."""
     pending, visited = [path], set[Path]()
     while pending:
         file = pending.pop()
@@ -193,7 +198,7 @@ def _roots(path: Path) -> Iterator[Element]:
             raise Unreadable(f"{str(path)!r} includes more than {MOST_FILES} files")
         root = root_of(file, MJCF)
         pending += [path.parent / element.get("file", "") for element in root.iter("include")]
-        yield root
+        yield file, root
 
 
 def _check(root: Element, path: Path) -> None:

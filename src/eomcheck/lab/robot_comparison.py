@@ -18,6 +18,7 @@ import numpy as np
 
 from eomcheck.claims.confusions import agreement_within, scaling
 from eomcheck.descriptions.doubtful_numbers import FEWEST_DIGITS
+from eomcheck.descriptions.joint_tree import RigidBody
 from eomcheck.descriptions.vector_algebra import rotation_matrix
 from eomcheck.errors import InputError, UnknownNameError
 from eomcheck.evaluation.conformance import ConformancePoint
@@ -25,7 +26,7 @@ from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import C, largest
 from eomcheck.lab.recorded_table import digits_of
 from eomcheck.lab.show.table import say, write_json
-from eomcheck.mechanics.records import Tree
+from eomcheck.mechanics.records import Tree, TreeFrame
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.generic import EPS, Array
 from eomcheck.safe_output import counted
@@ -295,18 +296,43 @@ class _Placement(NamedTuple):
         return _Placement(R @ self.R, R @ (self.p - point) + point)
 
 
+class _PlacedPair(NamedTuple):
+    """Two matched joints, and the placements of what they carry."""
+
+    joints: tuple[int, int]
+    before: _Placement
+    """Placement of the parent of the first."""
+    placement: _Placement
+    """Placement of what the first carries."""
+    explained: list[tuple[str, str, float]]
+    """Differences of the joint that the step from one to the other explains."""
+
+
+def _placed_pairs(
+    first: _Side, second: _Side, matched: Mapping[str, str], reach: float, near: float
+) -> Iterator[_PlacedPair]:
+    """Yield the matched joints from the ground outwards."""
+    placements: dict[int, _Placement] = {-1: _Placement(np.eye(3), np.zeros(3))}
+    for name, other in matched.items():
+        j, k = first.index[name], second.index[other]
+        before = placements.get(first.tree.parent[j], placements[-1])
+        placements[j], explained = _carried_placement(
+            first, second, j, k, matched, before, reach, near
+        )
+        yield _PlacedPair((j, k), before, placements[j], explained)
+
+
 def _differences(
     first: _Side, second: _Side, matched: Mapping[str, str], resolution: float
 ) -> Iterator[RobotDifference]:
     """Yield the differences between matched joints and their bodies."""
     reach = max(first.reach, second.reach)
     near, printed = C * resolution, 2.0 * resolution
-    placements: dict[int, _Placement] = {-1: _Placement(np.eye(3), np.zeros(3))}
-    for name, other in matched.items():
-        j, k = first.index[name], second.index[other]
+    for pair in _placed_pairs(first, second, matched, reach, near):
+        name, (j, k) = first.tree.name[pair.joints[0]], pair.joints
+        other = second.tree.name[k]
         parent, mount = first.tree.parent[j], second.tree.parent[k]
         where = f"joint {name}" + ("" if name == other else f" ({other})")
-        placement = placements.get(parent, placements[-1])
         if _partner(first, second, matched, parent) != mount:
             names = [
                 side.tree.name[i] if i >= 0 else "the ground"
@@ -317,15 +343,11 @@ def _differences(
             kinds = {"p": "a slide", "r": "a hinge"}
             texts = [kinds[side.tree.joint[i][0]] for side, i in ((first, j), (second, k))]
             yield RobotDifference(where, "kind", f"{texts[0]}, {texts[1]}", 1.0)
-        yield from _axis_differences(first, second, j, k, where, placement, reach, near)
-        placement, explained = _carried_placement(
-            first, second, j, k, matched, placement, reach, near
-        )
-        for difference in explained:
+        yield from _axis_differences(first, second, j, k, where, pair.before, reach, near)
+        for difference in pair.explained:
             yield RobotDifference(where, *difference)
-        placements[j] = placement
         yield from _coefficients(first, second, j, k, where, printed)
-        yield from _body_differences(first, second, j, k, placement, reach, near, printed)
+        yield from _body_differences(first, second, j, k, pair.placement, reach, near, printed)
     yield from _gravity_difference(first, second, printed)
 
 
@@ -646,6 +668,32 @@ def _both(x: float, y: float, unit: str = "") -> str:
 
 def _relative(x: float, y: float) -> float:
     return abs(x - y) / max(abs(x), abs(y))
+
+
+class BodyPair(NamedTuple):
+    """Body of the first robot at its place in the second, both where all coordinates are 0."""
+
+    name: str
+    """Name of the body, as in `RobotDifference.where`."""
+    body: RigidBody
+    frames: tuple[TreeFrame, ...]
+    """Frames of the links of the second that carry it."""
+
+
+def body_pairs(first: Scene, second: Scene, comparison: RobotComparison) -> Iterator[BodyPair]:
+    """Yield the bodies of the first robot at the places that they have in the second one."""
+    sides = _Side(first), _Side(second)
+    reach, near = max(side.reach for side in sides), C * comparison.resolution
+    for pair in _placed_pairs(*sides, comparison.matched, reach, near):
+        (j, k), R, (one, other) = pair.joints, pair.placement.R, sides
+        center = pair.placement.point(one.center(j))
+        body = RigidBody(float(one.tree.mass[j]), center, R @ one.inertia(j) @ R.T)
+        frames = (
+            TreeFrame(x.name, k, other.R[k] @ x.R, other.p[k] + other.R[k] @ x.p)
+            for x in other.tree.frames
+            if x.joint == k
+        )
+        yield BodyPair(one.body(j), body, tuple(frames))
 
 
 # ---- Effects -------------------------------------------------------------------------------------
