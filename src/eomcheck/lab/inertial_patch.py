@@ -44,12 +44,12 @@ def inertial_patch(first: Scene, second: Scene, comparison: RobotComparison) -> 
     Raises:
         InputError: the second robot has no file, or a body that no number in it mends.
     """
-    file, robot = robot_of(second)
+    file, robot = file_and_robot(second)
     if file is None or robot is None:
         raise InputError(f"{second.name} has no file to patch")
     differ = {x.where for x in comparison.differences if x.what in BODY}
     pairs = [pair for pair in body_pairs(first, second, comparison) if pair.name in differ]
-    links = [mended_link(pair, robot_of(first)[1], robot) for pair in pairs]
+    links = [mended_link(pair, file_and_robot(first)[1], robot) for pair in pairs]
     is_urdf = robot.compiled is None
     files = [XmlFile(path) for path in ([file] if is_urdf else included_files(file))]
     for link in links:
@@ -57,7 +57,7 @@ def inertial_patch(first: Scene, second: Scene, comparison: RobotComparison) -> 
     return "".join(file.diff() for file in files)
 
 
-def robot_of(scene: Scene) -> tuple[Path | None, Robot | None]:
+def file_and_robot(scene: Scene) -> tuple[Path | None, Robot | None]:
     """Return the file of a scene and its contents; None without a file."""
     source = getattr(scene, "source", None)
     if source is None or source.format not in READERS:
