@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 import pickle
+import re
 import signal
 import subprocess
 import sys
@@ -14,10 +16,12 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
+import eomcheck
 from eomcheck import calls, supervisor
-from eomcheck.errors import CallError
+from eomcheck.errors import CallError, InputError
 from eomcheck.lab.store.parallel_map import Dask, guarded
 from eomcheck.lab.store.record_file import sources
 from eomcheck.supervisor import ProcessEnd, supervise, why_died
@@ -201,6 +205,7 @@ def test_a_process_that_is_supervised_has_a_board_and_knows_what_is_barred(
 ):
     heard: list[tuple] = []
     monkeypatch.setattr(calls, "_board", None)
+    monkeypatch.setattr(calls, "dump_stack_on_request", lambda file: heard.append((file.name,)))
     monkeypatch.setattr(signal, "signal", lambda *of: heard.append(of))
     monkeypatch.setenv(calls.BARRED, calls.packed({"own.f": (3, "died")}))
     monkeypatch.delenv(calls.BOARDS, raising=False)
@@ -213,8 +218,9 @@ def test_a_process_that_is_supervised_has_a_board_and_knows_what_is_barred(
     calls._begin()
     board: Any = calls._board
     assert board.barred == {"own.f": (3, "died")}
-    assert heard == [(signal.SIGUSR1, board.interrupt)]
-    assert [path.name for path in tmp_path.iterdir()] == [str(os.getpid())]
+    stack = tmp_path / f"{os.getpid()}.{calls.STACK}"
+    assert heard == [(str(stack),), (signal.SIGUSR1, board.interrupt)]
+    assert {*tmp_path.iterdir()} == {stack, tmp_path / str(os.getpid())}
 
 
 def test_patience_is_told_to_processes_that_start_from_here(monkeypatch):
@@ -242,6 +248,18 @@ def in_thread(function, *arguments):
             return future.result(30)
         except CallError as error:
             return str(error)
+
+
+def lines_of(function) -> range:
+    """Return the numbers of the lines of a function."""
+    lines, first = inspect.getsourcelines(function)
+    return range(first, first + len(lines))
+
+
+def without_line(text) -> str:
+    """Return the end of a call without the line of this file that it names."""
+    assert str(text).count(" (test_supervised.py, line ") == 1
+    return str(text).partition(" (")[0]
 
 
 def busy(seconds: float) -> str:
@@ -274,15 +292,18 @@ def test_a_call_off_the_main_thread_that_does_not_return_is_interrupted(remote):
             return str(error)
 
     began = time.monotonic()
-    gone = "own.f gave no answer in {} s"
-    assert in_thread(both) == (gone.format(1), "done", gone.format(0.2), "done")
+    gone = "own.f gave no answer in {} s (test_supervised.py, line {})"
+    first, *others = in_thread(both)
+    assert first in [gone.format(1, line) for line in lines_of(busy)]
+    assert others[::2] == ["done", "done"]
+    assert others[1] in [gone.format(0.2, line) for line in lines_of(busy)]
     assert time.monotonic() - began < 10
 
 
 def test_a_call_off_the_main_thread_without_an_answer_is_not_made_again(remote, monkeypatch):
     monkeypatch.setattr(calls, "_board", SimpleNamespace(barred={"own.g": (1, "died")}))
-    gone = "own.f gave no answer in 1 s"
-    assert in_thread(said, "own.f", busy, 4.0) == gone
+    gone = in_thread(said, "own.f", busy, 4.0)
+    assert without_line(gone) == "own.f gave no answer in 1 s"
     assert in_thread(said, "own.f", pytest.fail) == gone
     assert in_thread(said, "own.g", busy, 0.0) == "done"
     assert in_thread(said, "own.g", pytest.fail) == "own.g died"
@@ -317,7 +338,8 @@ def test_nested_calls_off_the_main_thread_count_once(remote):
 
     # The first call of a name may take five times as long, and so may all that it calls.
     assert in_thread(calls.call, "own.f", nested) == "done"
-    assert in_thread(calls.call, "own.f", busy, 4.0) == "own.f gave no answer in 0.2 s"
+    gone = in_thread(calls.call, "own.f", busy, 4.0)
+    assert without_line(gone) == "own.f gave no answer in 0.2 s"
 
 
 def test_a_thread_of_a_process_that_works_for_no_command_is_left_alone(remote, monkeypatch):
@@ -329,7 +351,8 @@ def test_a_thread_of_a_process_that_works_for_no_command_is_left_alone(remote, m
 def test_work_on_a_dask_worker_has_the_patience_of_its_command(remote):
     work = pickle.dumps((_hanging, 4.0))
     calls.set_patience(60.0)
-    assert in_thread(guarded, sources(), work, 0.2) == "own.f gave no answer in 1 s"
+    gone = in_thread(guarded, sources(), work, 0.2)
+    assert without_line(gone) == "own.f gave no answer in 1 s"
     assert Dask("tcp://nowhere:1").call(len, "")[3] == calls.patience() == 0.2
 
 
@@ -415,10 +438,81 @@ def test_a_call_over_its_limit_is_interrupted_once_and_killed_after_its_grace(
     # While this process was stopped, nothing is counted but four polls, of 0.02 s each here.
     clock[0] += 1000.0
     watch.poll()
-    assert looks_until(2) == 4 and sent[1:] == [(17, signal.SIGKILL)]
+    assert looks_until(3) == 4
+    assert sent[1:] == [(17, signal.SIGUSR2), (17, signal.SIGKILL)]
     assert (tmp_path / "17.why").read_text() == "gave no answer in 1 s"
     board[0] = board[0]._replace(began=2.0)
-    assert looks_until(3) == 18 and sent[2:] == [(17, signal.SIGUSR1)]
+    assert looks_until(4) == 18 and sent[3:] == [(17, signal.SIGUSR1)]
+
+
+@pytest.mark.parametrize(
+    ("body", "how"),
+    [(UNINTERRUPTED, "gave no answer in 0.2 s"), ("os.abort()", "ended its process by SIGABRT")],
+)
+def test_the_line_of_a_call_that_python_cannot_interrupt_is_known(tmp_path: Path, body, how):
+    own, boards = tmp_path / "own.py", tmp_path / "boards"
+    boards.mkdir()
+    own.write_text(f"import collections, itertools, os\n\n\ndef f():\n    {body}\n")
+    code = f"import runpy; runpy.run_path({str(own)!r})['f']()"
+    end = ended(boards, code, patience=0.2)
+    assert (end.code, end.how) == (None, f"{how} (own.py, line 5)")
+
+
+def test_a_stack_names_the_innermost_line_of_a_users_file():
+    files = "/home/me/first.py", "/home/me/model.py", np.__file__, calls.__file__
+    lines = [f'  File "{file}", line {k} in f' for k, file in enumerate(files, 1)]
+    dumped = "\n".join(["older", "Stack (most recent call first):", *lines[::-1]])
+    at = calls.dumped_line(dumped)
+    assert at is not None and (at.filename, at.lineno) == ("/home/me/model.py", 2)
+    # Where no file is a user's, that of an adapter or of a library.
+    at = calls.dumped_line("\n".join(lines[:1:-1]))
+    assert at is not None and at.filename == np.__file__
+    assert calls.dumped_line("no stack") is None
+    assert calls.dumped_line('  File "<string>", line 3 in f') is None
+
+
+# ---- Limits in a script --------------------------------------------------------------------------
+
+
+def test_a_script_limits_calls_in_a_block_and_no_others(monkeypatch):
+    monkeypatch.setattr(calls, "WATCH", 0.01)
+    monkeypatch.setenv(calls.PATIENT, "60")
+    before = signal.getsignal(signal.SIGUSR1), calls.patience(), calls._threads
+    began = time.monotonic()
+    with eomcheck.time_limit(0.02):
+        for _ in range(2):  # it waits in C, and is not called again
+            with pytest.raises(CallError, match=r"own\.f gave no answer in 0\.1 s"):
+                calls.call("own.f", time.sleep, 9.0)
+        assert in_thread(calls.call, "own.f", pytest.fail).startswith("own.f gave no answer")
+        assert calls.call("own.g", lambda: 5) == 5
+    assert time.monotonic() - began < 5
+    assert calls.call("own.f", lambda: 6) == 6
+    assert (signal.getsignal(signal.SIGUSR1), calls.patience(), calls._threads) == before
+
+
+def test_a_hang_is_a_finding_with_its_line_and_its_state():
+    def M(q):
+        while q[0] > 0.0:
+            pass
+        return np.eye(1)
+
+    with eomcheck.time_limit(0.02):
+        findings = eomcheck.testing.check_functions(1, M=M, states=[([-0.5], [0.0]), ([0.5], [0])])
+    (failed,) = [x for x in findings if x.verdict == "failed"]
+    assert (failed.claim, failed.subject) == ("answers", "M")
+    assert failed.state is not None and failed.state.q.tolist() == [0.5]
+    line = lines_of(M)[1]
+    assert re.fullmatch(
+        rf"M, gave no answer in .* s \(test_supervised.py, line ({line}|{line + 1})\)",
+        failed.detail,
+    )
+
+
+@pytest.mark.parametrize("seconds", [0, -1.0, float("nan"), 2e6])
+def test_a_limit_is_a_positive_number_of_seconds(seconds):
+    expected = r"patience = .*, expected seconds, a positive number"
+    with pytest.raises(InputError, match=expected), eomcheck.time_limit(seconds):
+        pytest.fail("no limit")
 
 
 def test_a_call_that_cannot_be_interrupted_is_killed(tmp_path: Path):

@@ -17,6 +17,7 @@ __version__ = "0.2.0"
 
 if TYPE_CHECKING:
     from eomcheck import scenes, strategies, testing
+    from eomcheck.calls import time_limit
     from eomcheck.claims import CLAIMS, Claim, Finding, Proof
     from eomcheck.claims.proof import prove
     from eomcheck.claims.run import check_state, validate
@@ -98,6 +99,7 @@ _HOME = {
     "InconsistentVelocityError": "errors",
     "EngineError": "errors",
     "RefusedError": "errors",
+    "time_limit": "calls",
 }
 _MODULES = ("scenes", "strategies", "testing")
 
@@ -158,6 +160,7 @@ __all__ = [
     "speeds_of",
     "strategies",
     "testing",
+    "time_limit",
     "validate",
     "velocity",
     "with_constraints",

@@ -11,9 +11,11 @@ environment. The contract of `call` has five rules:
    its process before it begins and erased when it returns. The supervisor reads the board, so
    it knows which call a process died in, and how long a call has been running.
 3. A call that runs longer than `patience` seconds (`FIRST` times as long if it is the first of its
-   name, or an import) is interrupted and comes out as a `CallError`, "gave no answer in 60 s". A
-   process that cannot be interrupted is killed. Off the main thread, and so in a dask worker, only
-   Python code can be interrupted.
+   name, or an import) is interrupted and comes out as a `CallError`, "gave no answer in 60 s
+   (own.py, line 7)". A process that cannot be interrupted is killed; C code of Python's
+   `faulthandler` reports its line. Off the main thread, and so in a dask worker, only Python code
+   can be interrupted. In a process without a supervisor `time_limit` does the same, without the
+   killing; otherwise nothing is limited there.
 4. A function in which a process died or gave no answer is not called again: from the call on that
    ended the process, `call` raises the `CallError` at once. So a command that is run again after a
    death comes to a finding. A worker elsewhere outlives the command, and calls it again.
@@ -28,21 +30,31 @@ Calls do not nest: within a call only the outermost one counts.
 from __future__ import annotations
 
 import ctypes
+import faulthandler
 import mmap
 import os
+import re
 import signal
 import struct
 import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial, wraps
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from traceback import FrameSummary, extract_tb
+from typing import IO, Any, NamedTuple, TypeVar
 
-from eomcheck.errors import CallError, EomcheckError, raised
+from eomcheck.errors import (
+    CallError,
+    EomcheckError,
+    InputError,
+    innermost_outside,
+    located,
+    raised,
+)
 
 # ---- Floating-point environment ------------------------------------------------------------------
 
@@ -140,11 +152,27 @@ def _refuse(barred: Barred, name: str, key: str, number: int) -> None:
         raise CallError(name, barred[key][1])
 
 
-def _no_answer(barred: Barred, name: str, key: str, limit: float) -> CallError:
-    """Bar a function that gave no answer in `limit` s, and return its `CallError`."""
-    why = f"gave no answer in {limit:g} s"
+def _no_answer(barred: Barred, name: str, key: str, limit: float, stop: _NoAnswer) -> CallError:
+    """Bar a function that gave no answer in `limit` s, and return its `CallError` with the line."""
+    why = located(no_answer_text(limit), call_line(extract_tb(stop.__traceback__)))
     barred[key] = 0, why
     return CallError(name, why)
+
+
+def no_answer_text(limit: float) -> str:
+    """Return the description of a call that is over its time limit, s."""
+    return f"gave no answer in {limit:g} s"
+
+
+def call_line(frames: Sequence[FrameSummary]) -> FrameSummary | None:
+    """Return the frame of a call that is named as its place, None if there is none.
+
+    Args:
+        frames: frames of the call, the outermost first. The innermost one in a user's file counts,
+            or else the innermost one of all, such as that of an adapter.
+    """
+    ours = [at for at in frames if at.filename != __file__ and not at.filename.startswith("<")]
+    return innermost_outside(frames) or (ours[-1] if ours else None)
 
 
 class Board:
@@ -175,8 +203,8 @@ class Board:
         try:
             _HEAD.pack_into(self._map, 0, time.monotonic(), self.limit, number, len(word), slow)
             return function(*arguments)
-        except _NoAnswer:
-            raise _no_answer(self.barred, name, key, self.limit) from None
+        except _NoAnswer as stop:
+            raise _no_answer(self.barred, name, key, self.limit, stop) from None
         finally:
             self.busy = False
             self._map[: _HEAD.size] = bytes(_HEAD.size)
@@ -202,9 +230,16 @@ def _shortened(name: str) -> str:
 
 
 class ThreadWatch:
-    """A thread that interrupts calls off the main thread that exceed their time limits."""
+    """A thread that interrupts calls of this process that exceed their time limits.
 
-    def __init__(self) -> None:
+    Off the main thread, and on Windows, only Python code can be interrupted.
+
+    Args:
+        barred: calls that are barred in a process without a board; by default none ever are.
+    """
+
+    def __init__(self, barred: Barred | None = None) -> None:
+        self.barred = barred
         self.lock = threading.Lock()
         self.counts: Counter[str] = Counter()
         self.running: dict[int, tuple[float, bool]] = {}
@@ -214,7 +249,9 @@ class ThreadWatch:
     def call(self, name: str, function: Callable[..., T], arguments: tuple, slow: bool) -> T:
         """Return function(*arguments), interrupted at its time limit."""
         thread, key = threading.get_ident(), _shortened(name)
-        barred: Barred = {} if _board is None else _board.barred
+        barred = self.barred if _board is None else _board.barred
+        if barred is None:
+            barred = {}
         with self.lock:
             nested = thread in self.running and not self.running[thread][1]
             number = self.counts[key]
@@ -235,8 +272,9 @@ class ThreadWatch:
                 with self.lock:
                     self.running.pop(thread, None)
                     _raise_in(thread, None)  # take back an interrupt that is still pending
-        except _NoAnswer:
-            raise _no_answer(barred, name, key, limit) from None
+        except _NoAnswer as stop:
+            self.running.pop(thread, None)
+            raise _no_answer(barred, name, key, limit, stop) from None
 
     def _watch(self) -> None:
         while True:
@@ -246,7 +284,16 @@ class ThreadWatch:
                 for thread, (until, interrupted) in self.running.items():
                     if now > until and not interrupted:
                         self.running[thread] = until, True
-                        _raise_in(thread, _NoAnswer)
+                        if thread == threading.main_thread().ident and os.name == "posix":
+                            signal.pthread_kill(thread, signal.SIGUSR1)  # ends a sleep too
+                        else:
+                            _raise_in(thread, _NoAnswer)
+
+    def interrupt(self, *_: object) -> None:
+        """Raise `_NoAnswer` within the call of the main thread, if it is over its limit."""
+        # Without the lock, which this thread may hold.
+        if self.running.get(threading.get_ident(), (0.0, False))[1]:
+            raise _NoAnswer
 
 
 def _raise_in(thread: int, error: type[BaseException] | None) -> None:
@@ -270,6 +317,40 @@ def read_board(path: Path) -> Call | None:
     return Call(began, limit, number, word.decode(errors="replace"), bool(slow))
 
 
+# ---- Stacks of processes that Python no longer controls ------------------------------------------
+
+STACK = "stack"
+"""Suffix of the file, beside its board, into which a process writes its stack."""
+
+STACK_HEAD = re.compile(r"^(Fatal Python error|Stack|Current thread)\b", re.MULTILINE)
+"""Beginning of a stack that a process writes."""
+
+_DUMPED = re.compile(r'^  File "(.+)", line (\d+) in (.+)$', re.MULTILINE)
+
+
+def dump_stack_on_request(file: IO) -> None:
+    """Write the stack of the main thread into a file at SIGUSR2, and where this process crashes.
+
+    This is done by C code: it needs no lock of Python, which a call in C may hold for ever.
+    """
+    faulthandler.register(signal.SIGUSR2, file, all_threads=False)
+    faulthandler.enable(file, all_threads=False)
+
+
+def request_stack(pid: int) -> None:
+    """Make a process write its stack, see `dump_stack_on_request`, and wait for it a moment."""
+    with suppress(ProcessLookupError):
+        os.kill(pid, signal.SIGUSR2)
+        time.sleep(WATCH)
+
+
+def dumped_line(text: str) -> FrameSummary | None:
+    """Return the place, see `call_line`, of the last stack in a text; None if there is none."""
+    *_, last = text.split("(most recent call first)")
+    lines = reversed(_DUMPED.findall(last))
+    return call_line([FrameSummary(x, int(n), of, lookup_line=False) for x, n, of in lines])
+
+
 def patience() -> float:
     """Return the time limit of a call, s."""
     return _patience[0]
@@ -279,6 +360,57 @@ def set_patience(seconds: float) -> None:
     """Set the time limit of calls, s, in this process and in those that it starts."""
     _patience[0] = seconds
     os.environ[PATIENT] = str(seconds)
+
+
+@contextmanager
+def time_limit(seconds: float) -> Iterator[None]:
+    """Limit each call of user-supplied code and of outside libraries inside the block.
+
+    A call over its limit is interrupted and is a failure of its function, which is not called again
+    inside the block. The first call of a function, and an import, may take `FIRST` times as long.
+    Compiled code that does not return to Python cannot be interrupted; the commands of `eomcheck`
+    end its process. Without a block there is no limit.
+
+    Args:
+        seconds: time limit of a call, s.
+
+    Raises:
+        InputError: it is not positive, or above 1e6.
+
+    Example:
+        >>> import time, numpy as np, eomcheck
+        >>> with eomcheck.time_limit(0.05):
+        ...     found = eomcheck.testing.check_functions(1, M=lambda q: time.sleep(9), states=1)
+        >>> found[0].verdict, found[0].detail[:27]
+        ('failed', 'M, gave no answer in 0.25 s')
+    """
+    global _threads
+    checked_patience(seconds)
+    before = _threads, _remote[0], patience()
+    on_main = threading.current_thread() is threading.main_thread() and os.name == "posix"
+    on_main = on_main and _board is None  # a supervisor interrupts calls of its process itself
+    _threads = ThreadWatch({})
+    handler = signal.signal(signal.SIGUSR1, _threads.interrupt) if on_main else None
+    _remote[0] = True
+    set_patience(seconds)
+    try:
+        yield
+    finally:
+        _threads, _remote[0] = before[:2]
+        set_patience(before[2])
+        if on_main:
+            signal.signal(signal.SIGUSR1, handler)
+
+
+def checked_patience(seconds: float) -> float:
+    """Return a time limit of calls, s.
+
+    Raises:
+        InputError: it is no positive number up to 1e6.
+    """
+    if not 0 < seconds <= 1e6:
+        raise InputError(f"patience = {seconds}, expected seconds, a positive number up to 1e6")
+    return seconds
 
 
 def call(name: str, function: Callable[..., T], *arguments: Any, slow: bool = False) -> T:
@@ -301,15 +433,12 @@ def call(name: str, function: Callable[..., T], *arguments: Any, slow: bool = Fa
     try:
         if getattr(function, "limits_itself", False):
             answer = function(*arguments)
-        elif threading.current_thread() is not threading.main_thread():
-            if _board is None and not _remote[0]:
-                answer = function(*arguments)
-            else:
-                answer = _threads.call(name, function, arguments, slow)
-        elif _board is None:
-            answer = function(*arguments)
-        else:
+        elif threading.current_thread() is threading.main_thread() and _board is not None:
             answer = _board.call(name, function, arguments, slow)
+        elif _board is not None or _remote[0]:
+            answer = _threads.call(name, function, arguments, slow)
+        else:
+            answer = function(*arguments)
     except (EomcheckError, KeyboardInterrupt, UnsupervisedError):
         raise
     except BaseException as error:
@@ -378,6 +507,8 @@ _board: Board | None = None
 _threads = ThreadWatch()
 _remote = [False]
 _required = [False]
+_stack: list[IO] = []
+"""The file for the stack, open as long as the process runs."""
 
 
 def work_for(seconds: float) -> None:
@@ -444,6 +575,8 @@ def _begin() -> None:
         return
     _board = Board(folder)
     _board.barred = unpacked(os.environ.get(BARRED, "{}"))
+    _stack.append(folder.joinpath(f"{os.getpid()}.{STACK}").open("w"))
+    dump_stack_on_request(_stack[-1])
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGUSR1, _board.interrupt)
 

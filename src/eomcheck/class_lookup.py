@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from sysconfig import get_paths
 from traceback import extract_tb
 from types import ModuleType
 from typing import Any, Generic, NamedTuple, TypeVar
@@ -28,6 +27,7 @@ from eomcheck.errors import (
     UnknownNameError,
     described_error,
     did_you_mean,
+    innermost_outside,
     raised,
 )
 
@@ -250,7 +250,9 @@ def _run(home: str, load: Callable[[], ModuleType]) -> ModuleType:
     except Exception as error:
         what = described_error(error)
         if isinstance(error, CallError):
-            what = error.what.removeprefix("raised ")
+            if not error.by_exception:
+                raise  # no answer: a failure of that code, and no bad input
+            what = error.text
         raise InputError(f"{home!r} cannot be imported: {what}") from error
     _run_here.add(getattr(module, "__file__", None) or "")
     return module
@@ -272,10 +274,6 @@ def outside_error(error: BaseException) -> str:
     """
     if isinstance(error, CallError):
         return str(error)
-    installed = [Path(x) for name, x in get_paths().items() if name not in ("scripts", "data")]
-    for at in reversed(extract_tb(error.__traceback__) if _run_here else []):
-        file = Path(at.filename)
-        known = at.filename.startswith("<") or file.is_relative_to(Path(__file__).parent)
-        if at.filename in _run_here or not (known or any(map(file.is_relative_to, installed))):
-            return f"{file.name}: {at.name} {raised(error, at)}"
-    return ""
+    frames = extract_tb(error.__traceback__) if _run_here else []
+    at = innermost_outside(frames, _run_here)
+    return "" if at is None else f"{Path(at.filename).name}: {at.name} {raised(error, at)}"

@@ -8,7 +8,8 @@ call of outside code ended. Messages have one line, whatever the values in them 
 from __future__ import annotations
 
 import importlib
-from collections.abc import Iterable, Mapping
+import re
+from collections.abc import Container, Iterable, Mapping
 from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -76,8 +77,21 @@ class CallError(Exception):
         self.name, self.what = name, what
         super().__init__(name, what)
 
+    @property
+    def by_exception(self) -> bool:
+        """Whether the call raised an exception, and so did answer."""
+        return self.what.startswith(_RAISED)
+
+    @property
+    def text(self) -> str:
+        """Description of its end where the call is named before it: "SystemExit: 0"."""
+        return self.what.removeprefix(_RAISED)
+
     def __str__(self):
         return f"{self.name} {self.what}"
+
+
+_RAISED = "raised "
 
 
 class RemoteError(CallError):
@@ -106,11 +120,17 @@ def did_you_mean(name: object, known: Iterable[str]) -> str:
 
     Leading dashes of options are ignored in the comparison.
     """
+    near = nearest_name(name, known)
+    return f" (did you mean {near!r}?)" if near else ""
+
+
+def nearest_name(name: object, known: Iterable[str]) -> str:
+    """Return the known name most similar to another one, "" if none is similar."""
     from difflib import get_close_matches
 
     lower = {one.lower().lstrip("-"): one for one in known}
     near = get_close_matches(str(name).lower().lstrip("-"), lower, 1, 0.65)
-    return f" (did you mean {lower[near[0]]!r}?)" if near else ""
+    return lower[near[0]] if near else ""
 
 
 def raised(error: BaseException, at: FrameSummary | None) -> str:
@@ -119,7 +139,39 @@ def raised(error: BaseException, at: FrameSummary | None) -> str:
     A `CallError` is described by the end of its call; without `at` no line is named.
     """
     what = error.what if isinstance(error, CallError) else f"raised {described_error(error)}"
-    return what if at is None else f"{what} ({Path(at.filename).name}, line {at.lineno})"
+    return located(what, at)
+
+
+_LOCATED = re.compile(r"\(.+, line \d+\)$")
+
+
+def located(what: str, at: FrameSummary | None) -> str:
+    """Append the line of a frame, "(own.py, line 3)", to a text that names none yet."""
+    if at is None or _LOCATED.search(what):
+        return what
+    return f"{what} ({Path(at.filename).name}, line {at.lineno})"
+
+
+def innermost_outside(
+    frames: Iterable[FrameSummary], own: Container[str] = ()
+) -> FrameSummary | None:
+    """Return the innermost frame of code that is neither of this package nor installed.
+
+    Args:
+        frames: frames, the outermost first.
+        own: files that count as outside wherever they are.
+    """
+    from sysconfig import get_paths
+
+    inside = [Path(x) for name, x in get_paths().items() if name not in ("scripts", "data")]
+    inside.append(Path(__file__).parent)
+    outside = None
+    for at in frames:
+        file = Path(at.filename)
+        known = at.filename.startswith("<") or "site-packages" in file.parts
+        if at.filename in own or not (known or any(map(file.is_relative_to, inside))):
+            outside = at
+    return outside
 
 
 def registered(kind: str, name: object, registry: Mapping[str, T]) -> T:

@@ -36,6 +36,7 @@ from typing import NamedTuple
 
 from eomcheck import calls
 from eomcheck.calls import BARRED, BOARDS, VERDICT, Call
+from eomcheck.errors import located
 
 POLL = 0.25
 """Polling interval of the boards, s."""
@@ -102,12 +103,10 @@ class _Watch:
                 self._interrupted[pid] = call, seconds
                 os.kill(pid, signal.SIGUSR1)
             elif seconds - since > GRACE:
-                _why(self.folder, pid).write_text(_no_answer(call), encoding="utf-8")
+                calls.request_stack(pid)
+                why = _with_line(calls.no_answer_text(call.limit), self.folder, pid)
+                _why(self.folder, pid).write_text(why, encoding="utf-8")
                 os.kill(pid, signal.SIGKILL)
-
-
-def _no_answer(call: Call) -> str:
-    return f"gave no answer in {call.limit:g} s"
 
 
 def supervise(
@@ -177,9 +176,18 @@ def why_died(folder: Path, pid: int | None, status: int | None) -> str:
     if status is None or status >= 0:
         return f"ended its process with exit code {status}"
     try:
-        return f"ended its process by {signal.Signals(-status).name}"
+        why = f"ended its process by {signal.Signals(-status).name}"
     except ValueError:
-        return f"ended its process by signal {-status}"
+        why = f"ended its process by signal {-status}"
+    return why if pid is None else _with_line(why, folder, pid)
+
+
+def _with_line(why: str, folder: Path, pid: int) -> str:
+    """Return the cause of death with the line in a user's file where the process was, if known."""
+    with suppress(OSError):
+        text = folder.joinpath(f"{pid}.{calls.STACK}").read_text(encoding="utf-8")
+        return located(why, calls.dumped_line(text))
+    return why
 
 
 def _kill_group(process: subprocess.Popen) -> None:

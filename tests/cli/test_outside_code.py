@@ -18,7 +18,7 @@ import eomcheck
 from eomcheck.claims.run import RunSelection, ValidationRun
 from eomcheck.class_lookup import in_file, outside_error
 from eomcheck.engines import Engine, engine_of, version_of
-from eomcheck.errors import InputError, described_error
+from eomcheck.errors import CallError, InputError, described_error
 from eomcheck.scenes import Sleigh
 from eomcheck.testing import check_functions
 
@@ -176,20 +176,54 @@ def test_an_import_that_vanishes_is_reported_and_not_tried_again(tmp_path: Path)
     assert run.stdout.splitlines() == ["once", died]
 
 
-@pytest.mark.parametrize(
-    ("body", "why"),
-    [
-        ("import sys; sys.exit(0)", "SystemExit: 0"),
-        pytest.param("while True: pass", "gave no answer in 5 s", marks=pytest.mark.night),
-    ],
-)
-def test_an_import_that_exits_or_gives_no_answer_is_bad_input(tmp_path: Path, body: str, why: str):
+def test_an_import_that_exits_is_bad_input(tmp_path: Path):
     path = tmp_path / "silent.py"
-    path.write_text(f"{body}\n")
-    run = eom("validate", "--engine", f"{path}:Own", "--patience", "1")
+    path.write_text("import sys; sys.exit(0)\n")
+    run = eom("validate", "--engine", f"{path}:Own")
     assert run.returncode == 2
     assert run.stdout == ""
-    assert sentence(run) == f"eomcheck: {str(path)!r} cannot be imported: {why}\n"
+    assert sentence(run) == f"eomcheck: {str(path)!r} cannot be imported: SystemExit: 0\n"
+
+
+def test_an_import_that_gives_no_answer_is_a_failure_with_its_line(tmp_path: Path):
+    path = tmp_path / "hanging.py"
+    path.write_text("import time\ntime.sleep(1000)\n")
+    with pytest.raises(CallError) as caught, eomcheck.time_limit(0.02):
+        in_file(str(path), "Own")
+    why = "gave no answer in 0.1 s (hanging.py, line 2)"
+    assert outside_error(caught.value) == f"import of {path} {why}"
+
+
+@pytest.mark.night
+def test_a_command_ends_with_1_at_an_import_that_gives_no_answer(tmp_path: Path):
+    for k, body in enumerate(("time.sleep(1000)", "sum(itertools.repeat(0))")):
+        path = tmp_path / f"silent{k}.py"
+        path.write_text(f"import itertools, time\n{body}\n")
+        run = eom("validate", "--engine", f"{path}:Own", "--patience", "0.2")
+        assert run.returncode == 1
+        why = f"import of {path} gave no answer in 1 s (silent{k}.py, line 2)\n"
+        assert (run.stdout + sentence(run)).endswith(why)
+
+
+@pytest.mark.night
+def test_functions_of_a_file_that_give_no_answer_fail_with_their_line_and_leave_no_process(
+    tmp_path: Path,
+):
+    """Whether Python can interrupt them or not, and where n is still to be found."""
+    hang = "sum(__import__('itertools').repeat(0))"
+    for k, (body, when) in enumerate({"while True: pass": "", hang: "", f"{hang} ": " n"}.items()):
+        path = tmp_path / f"endless{k}.py"
+        n = "" if when else "n = 1\n"
+        path.write_text(f"import numpy\n{n}def M(q):\n    {body}\n    return numpy.eye(1)\n")
+        run = eom("check", path, "--patience", "0.1", "--examples", "2")
+        assert run.returncode == 1
+        line = path.read_text().split("\n").index(f"    {body}") + 1
+        place = f"gave no answer in 0.5 s (endless{k}.py, line {line})"
+        said = run.stderr if when else run.stdout
+        assert place in said, said
+        assert "Traceback" not in run.stderr
+        commands = [x.read_bytes() for x in Path("/proc").glob("[0-9]*/cmdline")]
+        assert not any(str(path).encode() in command for command in commands)
 
 
 def test_a_scene_that_raises_whatever_it_is_asked_is_a_failure(tmp_path: Path):
@@ -236,7 +270,7 @@ def test_a_call_without_an_answer_is_reported_after_its_patience(tmp_path: Path)
     name = trailer(tmp_path, "waits", "import time; time.sleep(1000)")
     run = eom("acceleration", "--scene", name, "--patience", "0.3")
     assert run.returncode == 1
-    assert sentence(run) == "eomcheck: Trailer.drift gave no answer in 1.5 s\n"
+    assert sentence(run) == "eomcheck: Trailer.drift gave no answer in 1.5 s (waits.py, line 24)\n"
 
 
 @pytest.mark.parametrize("seconds", ["0", "-1", "nan", "2e6"])
@@ -284,7 +318,7 @@ def test_an_engine_that_dies_or_hangs_is_a_failure_of_it_and_the_rest_is_told(tm
         words = "--scene", "sleigh", "--examples", "2", "--patience", "1"
         run = eom("validate", "--engine", f"{file}:Planar", *words)
         assert run.returncode == 1
-        assert says in run.stdout
+        assert says in " ".join(run.stdout.split())
         assert re.search(r"^\d+ of \d+ findings failed\.$", run.stdout, re.M)
 
 
@@ -316,7 +350,7 @@ def test_a_library_that_dies_in_validate_is_a_failure_and_the_rest_is_told(
 @pytest.mark.night
 def test_code_that_dies_in_workers_is_a_failure_of_it(tmp_path: Path):
     name = trailer(tmp_path, "in_workers", "import os; os._exit(0)")
-    words = "--examples", "400", "--executor", "local:2"
+    words = "--examples", "100", "--executor", "local:2"
     run = eom("fuzz", "--scene", name, *words)
     assert run.returncode == 1
     assert "Trailer.drift ended its process with exit code 0" in run.stdout + run.stderr

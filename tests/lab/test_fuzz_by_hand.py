@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from types import SimpleNamespace
 from typing import Any
 
@@ -36,6 +37,7 @@ from eomcheck.mechanics.records import State
 from eomcheck.numbers.batch_arrays import BatchArray
 from eomcheck.scenes import Sleigh, Snake
 from eomcheck.testing import EquationsOfMotion
+from eomcheck.testing.equations_of_files import equations_named
 
 SLEIGH = Sleigh(mass=1.3, inertia=0.2137, offset=-0.37)
 AT = State(np.array([0.1, -2.0, 0.75]), np.array([0.5, 0.25, -1.0]), 0.0)
@@ -180,11 +182,15 @@ def test_a_case_that_cannot_be_is_bad_input(kind, numbers, q, v, message):
 def test_only_functions_are_functions_by_name_and_a_file_of_a_robot_is_not_run(monkeypatch):
     names: list[str] = []
     found = {"x.py:own": OWN, "x.py:Sleigh": Sleigh}
-    monkeypatch.setattr(parameters, "object_named", lambda name: names.append(name) or found[name])
-    named = parameters.functions_named.__wrapped__
+    lookup = "eomcheck.testing.equations_of_files.object_named"
+    monkeypatch.setattr(lookup, lambda name, required=False: names.append(name) or found[name])
+    monkeypatch.setattr("eomcheck.testing.equations_of_files.module_named", lambda home: sys)
+    equations_named.cache_clear()
+    named = parameters.functions_named
     assert named("x.py:own") is OWN
     assert named("x.py:Sleigh") is None and named("arm.urdf") is None
-    assert names == ["x.py:own", "x.py:Sleigh"]
+    assert names == ["x.py:own", "x.py:own", "x.py:Sleigh"]
+    equations_named.cache_clear()
 
 
 # ---- Starts a little apart -----------------------------------------------------------------------

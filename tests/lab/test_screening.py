@@ -13,24 +13,31 @@ from tests.lab.test_fuzzing import ALL, KEYS, STRATUM, Wrong, plan
 import eomcheck
 from eomcheck.claims.batched_claims import BatchedCase, batchable_claims
 from eomcheck.claims.finding import INCONCLUSIVE_CODE, Finding
-from eomcheck.draws.fuzz_cases import ORDINARY, draw_cases
+from eomcheck.draws.fuzz_cases import ORDINARY, consistent, draw_cases
 from eomcheck.engines.casadi import CasadiEngine
 from eomcheck.formulations import FORMULATIONS
 from eomcheck.lab.fuzzing import screening, state_rounds
 from eomcheck.lab.fuzzing import screening as triage
 from eomcheck.lab.fuzzing.campaign import Round, RoundResult
-from eomcheck.lab.fuzzing.failures import FailureRecord, failure_record, replay_failures
+from eomcheck.lab.fuzzing.failures import (
+    FailureRecord,
+    failure_record,
+    replay_failures,
+    shrink,
+)
 from eomcheck.lab.fuzzing.screening import (
     DECIDED,
     OPEN,
+    SCENE,
     TRUTH,
     CheckFrequency,
     ScreeningResult,
     diagnose_failure,
+    failed_findings,
     screen,
 )
 from eomcheck.mechanics.records import State
-from eomcheck.scenes import SCENES, Snake, snake
+from eomcheck.scenes import SCENES, Sleigh, Snake, snake
 
 FORMULAE = tuple(FORMULATIONS.values())
 
@@ -365,3 +372,26 @@ def test_a_kept_failure_of_all_claims_is_checked_by_all():
 
 def _plain(x: Any) -> Any:
     return x.tolist() if isinstance(x, np.ndarray) else x
+
+
+class Broken(Sleigh):
+    """A user's scene of which a function raises in every state."""
+
+    @staticmethod
+    def terms(parameters, prepared, q, v):
+        raise ValueError("no axle")
+
+
+def test_a_scene_of_which_a_function_raises_everywhere_is_the_failure_and_is_not_shrunk():
+    scene = Broken.example()
+    q, v = scene.initial_state()
+    states = [State(q, v, 0.0), State(2.0 * q, v, 0.5)]
+    cases, kept = consistent([scene, scene], states, pytest.fail)
+    assert kept == [0, 1]
+    assert [x.v.tolist() for _, x in cases] == [[0.0] * 3] * 2
+    assert [x.q.tolist() for _, x in cases] == [x.q.tolist() for x in states]
+    (failed,) = failed_findings(cases[0], ["finite-terms"], [])
+    at_fault, evidence = diagnose_failure(failed)
+    assert at_fault == SCENE
+    assert evidence.startswith("Broken.terms raised ValueError: no axle (test_screening.py, line ")
+    assert shrink(failed, []) is failed

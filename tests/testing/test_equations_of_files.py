@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,8 +10,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+import eomcheck
 from eomcheck import check
-from eomcheck.errors import InputError
+from eomcheck.errors import CallError, InputError
+from eomcheck.lab.fuzzing.failures import functions_named
 from eomcheck.lab.report.equations_output import (
     causes_of,
     equations_records,
@@ -22,6 +25,7 @@ from eomcheck.lab.store.validation_runs import stored_findings_in
 from eomcheck.scenes import Snake
 from eomcheck.testing import EquationsOfMotion, check_functions
 from eomcheck.testing.equations_of_files import (
+    equations_named,
     found_coordinates,
     read_equations,
     reference_named,
@@ -137,7 +141,7 @@ def test_check_takes_a_file(file):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("def mass_matrix(q):\n    return 1\n", "(did you mean 'mass_matrix'?)"),
+        ("def mass_matrix(q):\n    return 1\n", "these would be read: M = mass_matrix"),
         ("M = 3.0\n", "; it has M = 3.0"),
         ("x = 1\n", "such as M(q), bias(q, v), gravity(q), C(q, v), qdd(q, v)"),
     ],
@@ -366,3 +370,46 @@ def test_a_report_has_every_finding(wrong):
         (x.claim, x.subject, x.verdict) for x in wrong
     )
     assert {x.scene for x in stored} == {"own"}
+
+
+def test_a_function_that_gives_no_answer_while_n_is_found_is_named_with_the_n_that_is_tried():
+    def M(q):
+        while len(q) == 1:
+            pass
+        return np.eye(len(q))
+
+    with pytest.raises(CallError) as caught, eomcheck.time_limit(0.02):
+        found_coordinates({"M": M})
+    text = r".*: M gave no answer in 0\.1 s \(test_equations_of_files\.py, line \d+\)"
+    assert re.fullmatch(rf"{text}, called with 1 coordinate to find n", str(caught.value))
+
+
+def test_every_likely_function_is_named_where_none_has_the_name_that_is_read(tmp_path):
+    path = tmp_path / "renamed.py"
+    names = "mass_matrix", "helper", "potential_energy", "kinetic_energy", "accelerations"
+    path.write_text("".join(f"def {name}(q): pass\n" for name in names))
+    with pytest.raises(InputError) as caught:
+        read_equations(str(path))
+    likely = "M = mass_matrix, qdd = accelerations, T = kinetic_energy, U = potential_energy"
+    assert str(caught.value).endswith(f"; these would be read: {likely}")
+
+
+def test_fuzz_reads_whatever_check_reads_and_leaves_scenes_to_others(tmp_path):
+    path = tmp_path / "several.py"
+    path.write_text(
+        CART
+        + "from eomcheck.scenes import Sleigh\n"
+        + "model = {'M': M, 'bias': bias}\n"
+        + "class Model:\n    M, bias = staticmethod(M), staticmethod(bias)\n"
+        + "class Other: pass\n"
+        + "sleigh = Sleigh.example()\n"
+    )
+    for name in ("", ":model", ":Model"):
+        read = equations_named(f"{path}{name}")
+        assert read is not None
+        assert (read.equations.n, read.equations.given) == (2, ("M", "bias"))
+        assert read.notes == ("n = 2 coordinates, as M shows",)
+        assert functions_named(f"{path}{name}") is read.equations
+    for name in ("Sleigh", "sleigh", "Other", "missing", "np"):
+        assert equations_named(f"{path}:{name}") is None
+    assert equations_named("sleigh") is None

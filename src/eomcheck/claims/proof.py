@@ -31,6 +31,7 @@ from eomcheck.claims.speeds_and_chains import embedding_null_space
 from eomcheck.claims.user_scenes import check_shapes, scene_function_that_raised
 from eomcheck.errors import (
     MOST_COUNTED,
+    CallError,
     EomcheckError,
     InputError,
     RefusedError,
@@ -340,6 +341,8 @@ def prove_structure(
     except (RefusedError, ZeroDivisionError) as error:
         return [_failed(scene, ("finite-terms", "speeds"), REDRAWS, f"defined nowhere: {error}")]
     except Exception as error:
+        if isinstance(error, CallError) and not error.by_exception:
+            raise  # no answer, which says nothing about the functions on exact numbers
         if origin := scene_function_that_raised(scene, error):
             return [skipped_everywhere("finite-terms", "terms", scene, f"not rational: {origin}")]
         raise

@@ -368,9 +368,7 @@ RecordsOption = Annotated[
 
 
 def _patient(seconds: float) -> float:
-    if not 0 < seconds <= 1e6:
-        raise InputError(f"patience = {seconds}, expected seconds, a positive number up to 1e6")
-    calls.set_patience(seconds)
+    calls.set_patience(calls.checked_patience(seconds))
     return seconds
 
 

@@ -171,7 +171,7 @@ def fuzz_command(
     from eomcheck.console import activity, console, deferring_interrupts, interruptible
     from eomcheck.draws.fuzz_cases import StructuralVariant, structural_variants
     from eomcheck.lab.fuzzing.campaign import Campaign
-    from eomcheck.lab.fuzzing.failures import add_failures, functions_named, read_failures
+    from eomcheck.lab.fuzzing.failures import add_failures, equations_of, read_failures
     from eomcheck.lab.report.finding_output import ProgressPrinter, print_campaign
     from eomcheck.lab.store.parallel_map import check_executor
 
@@ -182,12 +182,14 @@ def fuzz_command(
         check_executor(executor)
     end = CommandEnd()
     with interruptible(), records_or_none(records) as kept:
-        if functions_named(scene) is not None:
+        if (equations := equations_of(scene)) is not None:
             unused = {"links": links, "engine": engine, "formulation": formulation}
             unused |= {"motions": motions, "check-frequency": check_frequency}
             check_used(f"of {scene}, which are functions", **unused)
             plan, name = _functions(scene, seed, claim, family, climb), scene
             variants = [StructuralVariant(None, ())]
+            for note in equations.notes:
+                print(note)
         else:
             kind, name = _kind(scene)
             if links is not None and not kind.has_links:

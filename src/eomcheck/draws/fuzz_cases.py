@@ -247,11 +247,15 @@ def consistent(
         velocities: function of the evaluation at these states -> desired velocities (L, n).
 
     Returns:
-        The cases whose velocity is finite and consistent, and the index of each in `scenes`.
+        The cases whose velocity is finite and consistent, and the index of each in `scenes`. Where
+        a function of the scene raises in every state, all cases, at rest: each is a failure.
     """
     if not scenes:
         return [], []
     at = batched_terms_at(scenes, states)
+    if scenes[0].r and at.terms.a is None:
+        rest = [state._replace(v=np.zeros(scenes[0].n)) for state in states]
+        return [*zip(scenes, rest, strict=True)], [*range(len(scenes))]
     with np.errstate(all="ignore"):
         finite = np.isfinite(at.q.data).all(axis=1)  # type: ignore[attr-defined]
         for term in (at.terms.a, at.terms.b):

@@ -11,7 +11,6 @@ import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from functools import cached_property
-from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -22,7 +21,7 @@ from eomcheck.descriptions.tree_model import tree_model
 from eomcheck.descriptions.tree_quantities import PER_BODY
 from eomcheck.engines.engine import Engine, EngineAcceleration, VelocityMap
 from eomcheck.engines.isolation import isolation_hint
-from eomcheck.errors import CallError, EngineError, InputError, raised
+from eomcheck.errors import CallError, EngineError, InputError, innermost_outside, raised
 from eomcheck.evaluation.conformance import QUANTITIES, Quantity
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.evaluation.tolerance import UNIT_ROUNDOFF, huge_input, largest, rounded
@@ -115,6 +114,8 @@ def _called(name: str, what: str, fault: type[Exception], function: Callable[[],
     except EngineError:
         raise
     except Exception as error:
+        if isinstance(error, CallError) and not error.by_exception and fault is InputError:
+            raise  # no answer: a failure of that code, and no bad input
         raise fault(f"{what} {_describe_error(error)}") from error
 
 
@@ -594,16 +595,10 @@ def _describe_error(error: Exception, function: Callable[..., Any] | None = None
     code = getattr(function, "__code__", None)
     if code is not None and through[-1].filename == calls.__file__:
         through.append(traceback.FrameSummary(code.co_filename, code.co_firstlineno, code.co_name))
-    user_frames = [x for x in through if not _is_library(Path(x.filename))]
-    if isinstance(error, CallError) and not user_frames:
+    outside = innermost_outside(through)
+    if isinstance(error, CallError) and outside is None:
         return raised(error, None)
-    return raised(error, (user_frames or through)[-1])
-
-
-def _is_library(path: Path) -> bool:
-    """Return whether a file belongs to these modules or to an installed package."""
-    internal = path.parent == Path(__file__).parent or path == Path(calls.__file__)
-    return internal or "site-packages" in path.parts
+    return raised(error, outside or through[-1])
 
 
 def _kind(value: Any) -> str:

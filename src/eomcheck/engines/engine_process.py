@@ -44,6 +44,7 @@ def serve(requests: int, answers: int, lifeline: int, from_main_thread: bool) ->
         from_main_thread: whether the main thread of that process started this one.
     """
     _end_with_parent(lifeline, from_main_thread)
+    calls.dump_stack_on_request(sys.stderr)
     engines = _Engines()
     while True:
         try:

@@ -50,7 +50,7 @@ from eomcheck.engines.pipe_protocol import (
     write_bytes,
 )
 from eomcheck.engines.tree_engine import TreeEngine, library_key
-from eomcheck.errors import CallError, EngineError, InputError, RemoteError
+from eomcheck.errors import CallError, EngineError, InputError, RemoteError, located
 from eomcheck.mechanics.scene import Scene
 from eomcheck.supervisor import why_died
 
@@ -131,7 +131,8 @@ class EngineProcess:
             try:
                 reply = self._exchange(request, time.monotonic() + limit)
             except TimeoutError:
-                self._fail(name, f"gave no answer in {limit:g} s")
+                calls.request_stack(self.pid)
+                self._fail(name, calls.no_answer_text(limit))
             except (EOFError, OSError):
                 self._fail(name, "")
             except ProtocolError as error:
@@ -210,17 +211,16 @@ class EngineProcess:
         if not what and process is not None:
             with suppress(subprocess.TimeoutExpired):
                 what = why_died(Path(), None, process.wait(END))
-        what = (what or "closed its pipe") + self._last_line()
+        text = self._written()
+        what = located(what or "closed its pipe", calls.dumped_line(text)) + _last_line(text)
         self.stop()
         self._ended[name] = what
         raise CallError(name, what)
 
-    def _last_line(self) -> str:
-        """Return the last line that the process wrote, as the end of a sentence."""
+    def _written(self) -> str:
+        """Return the text that the process wrote."""
         self._output.seek(0)
-        lines = self._output.read().decode("utf-8", "replace").split("\n")
-        last = [line.strip() for line in lines if line.strip()][-1:]
-        return f" after it wrote {last[0]!r}" if last else ""
+        return self._output.read().decode("utf-8", "replace")
 
     def _exchange(self, request: bytes, until: float) -> Any:
         """Send a request, and return the reply that comes before the time `until`."""
@@ -235,6 +235,13 @@ class EngineProcess:
         ready = select.select(readable, writable, [], max(0.0, until - time.monotonic()))
         if not (ready[0] or ready[1]):
             raise TimeoutError
+
+
+def _last_line(text: str) -> str:
+    """Return the last line that a process wrote before its stack, as the end of a sentence."""
+    lines = calls.STACK_HEAD.split(text)[0].split("\n")
+    last = [line.strip() for line in lines if line.strip()][-1:]
+    return f" after it wrote {last[0]!r}" if last else ""
 
 
 PROCESSES: list[EngineProcess] = []

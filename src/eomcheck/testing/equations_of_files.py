@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
+from functools import lru_cache
 from types import ModuleType
 from typing import Any, NamedTuple
 
@@ -18,8 +19,9 @@ import numpy as np
 from eomcheck.calls import call
 from eomcheck.class_lookup import class_named, home_of_code, module_named, object_named
 from eomcheck.engines import Engine
-from eomcheck.errors import CallError, InputError, described_error, did_you_mean, safe_repr
+from eomcheck.errors import CallError, InputError, described_error, nearest_name, safe_repr
 from eomcheck.mechanics.scene import Scene
+from eomcheck.safe_output import counted
 from eomcheck.scene_lookup import SCENE, scene_named
 from eomcheck.testing.converters import (
     drawn_parameters,
@@ -118,6 +120,30 @@ def reference_named(name: str, n: int, seed: int = 0) -> Scene | EquationsOfMoti
     if isinstance(held, type) and issubclass(held, Scene):
         return class_named(SCENE, name).example()
     return read_equations(name, n, seed=seed).equations
+
+
+@lru_cache(16)
+def equations_named(name: str) -> FileEquations | None:
+    """Return the equations of motion of a name, see `read_equations`; None if it holds none.
+
+    Args:
+        name: "FILE.py", "FILE.py:NAME" or "package.module:NAME". A NAME that is a scene, is missing
+            or has none of the functions that are checked holds no equations; any other name
+            neither, such as that of a scene or a robot.
+
+    Raises:
+        InputError: see `read_equations`.
+    """
+    if not name.endswith(".py"):
+        held = object_named(name)
+        names = held if isinstance(held, Mapping) else _Attributes(held)
+        scene = isinstance(held, type) and issubclass(held, Scene | Engine)
+        model = isinstance(held, EquationsOfMotion) or is_sympy_model(held)
+        if isinstance(held, Scene | Engine) or scene:
+            return None
+        if not model and not any(key in names and _is_function(names[key]) for key in INPUTS):
+            return None
+    return read_equations(name)
 
 
 def _scene_hint(name: str) -> str:
@@ -244,10 +270,14 @@ def _no_function(holder: Any, name: str, other: list[str]) -> str:
         if not key.startswith("_") and _is_function(value)
     ]
     more = f"; it has {', '.join(other)}" if other else ""
-    for key, symbol in INPUTS.items():
-        if hint := did_you_mean(symbol.what.replace(" ", "_"), public):
-            more += f"; a {symbol.what} is called {key}{hint}"
-            break
+    descriptions = {symbol.what.replace(" ", "_"): key for key, symbol in INPUTS.items()}
+    renamed = {}
+    for own in public:
+        if nearest := nearest_name(own, descriptions):
+            renamed.setdefault(descriptions[nearest], own)
+    if renamed:
+        likely = [f"{key} = {renamed[key]}" for key in INPUTS if key in renamed]
+        more += f"; these would be read: {', '.join(likely)}"
     shown = ", ".join(
         f"{key}({', '.join(argument_names(INPUTS[key].reads))})" for key in list(INPUTS)[:5]
     )
@@ -267,6 +297,7 @@ def found_coordinates(functions: Mapping[str, Any]) -> tuple[int, str]:
 
     Raises:
         InputError: no number up to `MOST_TRIED` fits, or several do.
+        CallError: a function gave no answer.
     """
     if "qdot" in functions:
         raise InputError("n is not given, expected `n = ...`: with qdot no shape shows it")
@@ -298,5 +329,8 @@ def _misfit(name: str, function: Any, n: int) -> str:
         with np.errstate(all="ignore"):
             caller(name, at, at)
     except BrokenError as broken:
-        return f"{name}, called with {n} coordinates: {broken.why}"
+        call_error, when = broken.__cause__, f"called with {counted(n, 'coordinate')}"
+        if isinstance(call_error, CallError) and not call_error.by_exception:
+            raise CallError(call_error.name, f"{call_error.what}, {when} to find n") from broken
+        return f"{name}, {when}: {broken.why}"
     return ""

@@ -584,7 +584,7 @@ class FunctionCaller:
         except EngineFault as fault:
             raise BrokenError(name, fault.what) from fault
         except CallError as error:
-            raise BrokenError(name, error.what.removeprefix("raised ")) from error
+            raise BrokenError(name, error.text) from error
         except Exception as error:
             text = described_error(error)
             # PyTorch's error for an array of NumPy names its Tensor.

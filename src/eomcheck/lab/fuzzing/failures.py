@@ -13,18 +13,20 @@ import json
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 
 from eomcheck.atomic_write import locked, read_text, write_text
+from eomcheck.calls import is_ours
 from eomcheck.claims import CLAIMS, Finding
 from eomcheck.claims.finding import EVERY_ROW, comparison_text, worst
 from eomcheck.claims.reproducer import motion_reproducer, reproducer_code
 from eomcheck.claims.run import RunSelection, no_larger, smallest_failure
-from eomcheck.class_lookup import home_of_code, location_of, object_named
+from eomcheck.claims.user_scenes import failing_function
+from eomcheck.class_lookup import home_of_code, location_of
 from eomcheck.descriptions.elements import Constraint, Joint, Link
 from eomcheck.descriptions.random_mechanisms import RandomScene
 from eomcheck.descriptions.random_trees import RandomDescription
@@ -55,7 +57,7 @@ from eomcheck.mechanics.scene import Scene, finite_array
 from eomcheck.numbers.generic import Array
 from eomcheck.scene_lookup import is_robot, scene_classes_named
 from eomcheck.scenes import SCENES
-from eomcheck.testing.converters import equations_held_by
+from eomcheck.testing.equations_of_files import FileEquations, equations_named
 from eomcheck.testing.equations_of_motion import EquationsOfMotion
 from eomcheck.testing.function_checks import FUNCTION_CLAIMS, check_functions_at
 
@@ -128,17 +130,22 @@ def fuzz_case(
     return scene, State(position, velocity, t)
 
 
-@lru_cache(16)
-def functions_named(name: str) -> EquationsOfMotion | None:
-    """Return the equations of motion of a name, see `as_equations`; None for that of a scene.
+def equations_of(name: str) -> FileEquations | None:
+    """Return the equations of motion of a name, see `equations_named`; None for that of a scene.
 
     Args:
-        name: path/to/file.py:NAME or package.module:NAME.
+        name: path/to/file.py, path/to/file.py:NAME or package.module:NAME.
 
     Raises:
-        InputError: no such file or module, or it cannot be run.
+        InputError: no such file or module, it cannot be run, or n cannot be found.
     """
-    return None if is_robot(name) else equations_held_by(object_named(name))
+    return None if is_robot(name) else equations_named(name)
+
+
+def functions_named(name: str) -> EquationsOfMotion | None:
+    """Return the functions of a name, see `equations_of`."""
+    read = equations_of(name)
+    return None if read is None else read.equations
 
 
 def parameters_of(scene: Any) -> dict[str, Any]:
@@ -445,10 +452,12 @@ def shrink(finding: Finding, formulations: Sequence[str], seed: int = 0) -> Find
 
     Smaller cases are searched by hypothesis, then each number is tried at 0, at 1 and with fewer
     digits. A failure of an engine is returned as it is: each try would construct the engine again.
+    So is one of a scene of which a function raises: it may in every case that is drawn.
     """
-    scene = finding.scene
-    assert isinstance(scene, Scene)
-    if CLAIMS[finding.claim].asks:
+    scene, state = finding.scene, finding.state
+    assert isinstance(scene, Scene) and state is not None
+    own = not is_ours(type(scene))
+    if CLAIMS[finding.claim].asks or (own and failing_function(scene, state)):
         return finding
     selection = RunSelection.of(formulations, [], [finding.claim], scenes=[type(scene)])
     links = (1, getattr(scene, "links", 1))

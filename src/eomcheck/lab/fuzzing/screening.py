@@ -22,12 +22,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from eomcheck.calls import is_ours
 from eomcheck.claims import CLAIMS, Finding
 from eomcheck.claims.batched_claims import BatchedCase, batchable_claims, batched_cases
 from eomcheck.claims.finding import DECIDED as DECIDING
 from eomcheck.claims.finding import FAILED_CODE, SKIPPED_CODE, VERDICTS
 from eomcheck.claims.proof import prove
 from eomcheck.claims.run import check_state
+from eomcheck.claims.user_scenes import failing_function
 from eomcheck.draws.fuzz_cases import FuzzCase
 from eomcheck.engines import Engine, is_under_test
 from eomcheck.errors import EomcheckError, InputError
@@ -105,6 +107,8 @@ def diagnose_failure(finding: Finding) -> Diagnosis:
         return Diagnosis(REFUSAL, finding.detail)
     scene, state = finding.scene, finding.state
     assert isinstance(scene, Scene) and state is not None
+    if not is_ours(type(scene)) and (broken := failing_function(scene, state)):
+        return Diagnosis(SCENE, broken)
     silent, errors = [], []
     for key in formulations_about(finding) or tuple(FORMULATIONS):
         with suppress(EomcheckError, TypeError):
