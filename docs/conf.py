@@ -160,7 +160,7 @@ def conformance_pages() -> str:
         unread = [x for x in known if x.engine == key and READING in x.quantities]
         rows += [("not read", ", ".join(x.robots), *_about(x)) for x in unread]
         asked = f"{version}, asked for {quantities} quantities on {robots} robots and scenes."
-        columns = ("quantity", "differs on", "why", "seen in", "shown by", "issue")
+        columns = ("quantity", "differs on", "why", "seen since", "shown by", "issue")
         body = table(columns, rows) if rows else "It agrees in all of them."
         sections.append(f"### {key} on robots\n\n{asked}\n\n{body}")
     return "\n\n".join(sections)

@@ -202,3 +202,53 @@ def test_a_script_runs_without_eomcheck_and_must_end_well_and_write(
     monkeypatch.setattr(conformance_scripts, "PATIENCE", 1.0 if "while" in text else 60.0)
     result = conformance_scripts.run(script, "1.7")
     assert result[0] is right and output in result[1] and asked == ["newton==1.7"]
+
+
+PRINTING = """import os, sys
+os.write(1, b"message\\n")
+print("mass 2.00001 kg" if {version} > 13 else "mass 14 kg")
+"""
+
+
+@pytest.mark.parametrize(
+    ("first", "sentence"),
+    [
+        (14, "since 1.14; asked 1.20, 1.12, 1.16, 1.14, 1.13 of 16 versions from 1.5 to 1.20\n"),
+        (16, "since 1.16; asked 1.20, 1.12, 1.16, 1.14, 1.15 of 16 versions"),
+    ],
+)
+def test_a_deviation_is_dated_by_the_least_version_with_the_output_of_the_newest(
+    first, sentence, tmp_path, monkeypatch
+):
+    script, ran = tmp_path / "newton_example.py", []
+
+    def python_with(requirement):
+        version = int(requirement.split()[0].rpartition(".")[2])
+        ran.append(requirement)
+        if version < 8:
+            raise conformance_scripts.EngineError("no wheel")
+        if version == 15 and "numpy<2" not in requirement:
+            script.write_text("raise ImportError('compiled for an older NumPy')")
+        else:
+            script.write_text(PRINTING.format(version=version - first + 14))
+        return sys.executable
+
+    every = [f"1.{k}" for k in range(5, 21)]
+    monkeypatch.setattr(conformance_scripts, "python_with", python_with)
+    monkeypatch.setattr(conformance_scripts, "versions_of", lambda name: every)
+    right, output = conformance_scripts.since(script)
+    assert right and output.startswith(sentence) and output.endswith("mass 14 kg")
+    assert ("newton==1.15 numpy<2" in ran) == (first == 16)
+
+
+def test_a_deviation_that_all_versions_show_or_that_the_newest_does_not_print_is_reported(
+    monkeypatch,
+):
+    ends = {"1.0": (True, "a 1.0004"), "2.0": (True, "a 1"), "3.0": (False, "fails: b")}
+    monkeypatch.setattr(conformance_scripts, "output_in", lambda script, version: ends[version])
+    for last, right, sentence in (
+        (2, True, "since 1.0; asked 2.0, 1.0 of 2 versions from 1.0 to 2.0\nno version is older"),
+        (3, False, "3.0 fails: b"),
+    ):
+        monkeypatch.setattr(conformance_scripts, "versions_of", lambda name, n=last: [*ends][:n])
+        assert conformance_scripts.since(Path("newton_x.py")) == (right, sentence)

@@ -125,7 +125,7 @@ class BraxEngine(JaxEngine, MujocoCopy):
 
     def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
         """Return M (n, n) by `mass.matrix`."""
-        return self._in_tree_order(self._state(q, np.zeros(self._n))["M"])[0]
+        return self._in_tree_order(self._state(q, np.zeros(self._n))["M"])
 
     def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return B (n,) by `dynamics.inverse` of a system without gravity."""
@@ -135,7 +135,7 @@ class BraxEngine(JaxEngine, MujocoCopy):
 
     def inverse_mass_matrix(self, q: Array, t: float = 0.0) -> Array:
         """Return M⁻¹ (n, n) by `mass.matrix_inv`, not by its iterations."""
-        return self._in_tree_order(self._state(q, np.zeros(self._n))["inverse"])[0]
+        return self._in_tree_order(self._state(q, np.zeros(self._n))["inverse"])
 
     def gravity(self, q: Array, t: float = 0.0) -> Array:
         """Return ∂U/∂q (n,) by `dynamics.inverse` at rest."""
@@ -152,7 +152,7 @@ class BraxEngine(JaxEngine, MujocoCopy):
         """Return ∂v̇/∂q, ∂v̇/∂v and ∂v̇/∂τ by `jax.jacfwd` of the same."""
         state = self._in_own_order(v), self._in_own_order(tau), self._rates(self._ordered(q))
         parts = self._call("forward_derivatives", self._under_weight, q, *state)
-        by_q, by_v, by_tau = self._in_tree_order(*parts)
+        by_q, by_v, by_tau = map(self._in_tree_order, parts)
         return by_q, by_v, by_tau
 
     def center_of_mass(self, q: Array, t: float = 0.0) -> Array:

@@ -87,7 +87,7 @@ class DartEngine(TreeEngine):
     def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
         """Return M (n, n) by `getMassMatrix`."""
         self._move_to(q, np.zeros(self._n))
-        return self.skeleton.getMassMatrix()[np.ix_(self._place, self._place)]
+        return self._in_tree_order(self.skeleton.getMassMatrix())
 
     def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return B (n,) by `getCoriolisForces`."""
@@ -141,7 +141,7 @@ class DartEngine(TreeEngine):
     def inverse_mass_matrix(self, q: Array, t: float = 0.0) -> Array:
         """Return M⁻¹ (n, n) by `getInvMassMatrix`."""
         self._move_to(q, np.zeros(self._n))
-        return self.skeleton.getInvMassMatrix()[np.ix_(self._place, self._place)]
+        return self._in_tree_order(self.skeleton.getInvMassMatrix())
 
     def gravity(self, q: Array, t: float = 0.0) -> Array:
         """Return ∂U/∂q (n,) by `getGravityForces`."""

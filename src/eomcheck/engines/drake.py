@@ -60,7 +60,7 @@ class DrakeEngine(TreeSolverEngine):
     def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
         """Return M (n, n) by composite body inertias."""
         self._move_to(q, np.zeros(self._n))
-        return self.plant.CalcMassMatrix(self.context)[np.ix_(self._place, self._place)]
+        return self._in_tree_order(self.plant.CalcMassMatrix(self.context))
 
     def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return B (n,) by inverse dynamics; it does not include gravity."""

@@ -117,7 +117,7 @@ class GenesisEngine(TreeEngine):
     def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
         """Return M (n, n) by `get_mass_mat`."""
         self._step(self._in_own_order(q), np.zeros(self._n))
-        return _numbers(self._entity.get_mass_mat())[np.ix_(self._place, self._place)]
+        return self._in_tree_order(_numbers(self._entity.get_mass_mat()))
 
     def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return B (n,), minus the `get_dofs_force` of a step without weight and dampers."""

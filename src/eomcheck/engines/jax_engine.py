@@ -7,6 +7,7 @@ functions are compiled for seconds, once for each topology, and models are argum
 from __future__ import annotations
 
 import warnings
+from abc import abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, ClassVar
@@ -16,6 +17,7 @@ import numpy as np
 from eomcheck.engines.file_engine import capture_output
 from eomcheck.engines.tree_engine import TreeEngine
 from eomcheck.errors import required
+from eomcheck.numbers.generic import Array
 
 DOUBLE = 2.0**-53
 """Unit roundoff of float64."""
@@ -80,6 +82,47 @@ class JaxEngine(TreeEngine):
         with self._precision():
             result = functions()[name](*arguments, **options)
             return required("jax", self.extra).tree_util.tree_map(np.array, result)
+
+
+class JaxDynamics(JaxEngine):
+    """Engine whose library has inverse and forward dynamics in JAX, with their derivatives.
+
+    Its functions "inverse_derivatives" and "forward_derivatives" are made by `derivatives_along`.
+    """
+
+    @abstractmethod
+    def _dynamics(self, name: str, q: Array, v: Array, third: Array, *more: Any) -> Any:
+        """Return the result of a function under gravity, in the library's own order.
+
+        Args:
+            name: name of the function.
+            q: coordinates.
+            v: velocities.
+            third: accelerations or forces (n,).
+            more: further arguments of the function.
+        """
+
+    def _rates_at(self, q: Array) -> Array:
+        """Return the derivative (n_x, n) of the library's coordinates by its velocities."""
+        return np.eye(self._n)
+
+    def _derivatives(self, name: str, q: Array, v: Array, third: Array) -> Iterator[Array]:
+        parts = self._dynamics(name, q, v, third, self._rates_at(q))
+        return map(self._in_tree_order, parts)
+
+    def inverse_dynamics_derivatives(
+        self, q: Array, v: Array, vdot: Array, t: float = 0.0
+    ) -> tuple[Array, Array]:
+        """Return ∂τ/∂q and ∂τ/∂v by `jax.jacfwd` of `inverse_dynamics`."""
+        by_q, by_v, _ = self._derivatives("inverse_derivatives", q, v, vdot)
+        return by_q, by_v
+
+    def forward_dynamics_derivatives(
+        self, q: Array, v: Array, tau: Array, t: float = 0.0
+    ) -> tuple[Array, Array, Array]:
+        """Return ∂v̇/∂q, ∂v̇/∂v and ∂v̇/∂τ by `jax.jacfwd` of `forward_dynamics`."""
+        by_q, by_v, by_tau = self._derivatives("forward_derivatives", q, v, tau)
+        return by_q, by_v, by_tau
 
 
 class InFloat64:

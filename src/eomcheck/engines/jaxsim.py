@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.engines.jax_engine import InFloat64, JaxEngine, derivatives_along
+from eomcheck.engines.jax_engine import InFloat64, JaxDynamics, derivatives_along
 from eomcheck.engines.tree_engine import TreeLink, homogeneous
 from eomcheck.errors import required
 from eomcheck.numbers.generic import Array
@@ -84,7 +84,7 @@ def _functions() -> dict[str, Callable[..., Any]]:
     return {name: jax.jit(function) for name, function in functions.items()}
 
 
-class JaxsimEngine(JaxEngine):
+class JaxsimEngine(JaxDynamics):
     """Tree of rigid bodies in JaxSim, in float32."""
 
     key = "jaxsim"
@@ -157,7 +157,7 @@ class JaxsimEngine(JaxEngine):
 
     def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
         """Return M (n, n) by `free_floating_mass_matrix`."""
-        return self._ask("mass_matrix", q, None)[np.ix_(self._place, self._place)]
+        return self._in_tree_order(self._ask("mass_matrix", q, None))
 
     def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return B (n,) by `free_floating_bias_forces` of a model without gravity."""
@@ -165,13 +165,16 @@ class JaxsimEngine(JaxEngine):
 
     # ---- Conformance quantities ------------------------------------------------------------------
 
+    def _dynamics(self, name: str, q: Array, v: Array, third: Array, *more: Any) -> Any:
+        return self._ask(name, q, v, self._in_own_order(third), *more, weight=True)
+
     def inverse_dynamics(self, q: Array, v: Array, vdot: Array, t: float = 0.0) -> Array:
         """Return τ (n,) by `inverse_dynamics`."""
-        return self._ask("inverse", q, v, self._in_own_order(vdot), weight=True)[self._place]
+        return self._dynamics("inverse", q, v, vdot)[self._place]
 
     def forward_dynamics(self, q: Array, v: Array, tau: Array, t: float = 0.0) -> Array:
         """Return v̇ (n,) by `forward_dynamics`, articulated bodies."""
-        return self._ask("forward", q, v, self._in_own_order(tau), weight=True)[self._place]
+        return self._dynamics("forward", q, v, tau)[self._place]
 
     def gravity(self, q: Array, t: float = 0.0) -> Array:
         """Return ∂U/∂q (n,) by `free_floating_gravity_forces`."""
@@ -179,7 +182,7 @@ class JaxsimEngine(JaxEngine):
 
     def coriolis_matrix(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return C (n, n) by `free_floating_coriolis_matrix`."""
-        return self._ask("coriolis_matrix", q, v)[np.ix_(self._place, self._place)]
+        return self._in_tree_order(self._ask("coriolis_matrix", q, v))
 
     def kinetic_energy(self, q: Array, v: Array, t: float = 0.0) -> float:
         """Return T by `kinetic_energy`."""
@@ -229,25 +232,6 @@ class JaxsimEngine(JaxEngine):
     def frame_bias(self, f: str, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return J̇ v (6,) with J̇ by `frame.jacobian_derivative`."""
         return self._columns(self._ask("jacobian_rate", q, v, self._seat(f))) @ v
-
-    def _derivatives(self, name: str, q: Array, v: Array, third: Array) -> tuple[Array, ...]:
-        rates, own = np.eye(self._n), np.ix_(self._place, self._place)
-        parts = self._ask(name, q, v, self._in_own_order(third), rates, weight=True)
-        return tuple(part[own] for part in parts)
-
-    def inverse_dynamics_derivatives(
-        self, q: Array, v: Array, vdot: Array, t: float = 0.0
-    ) -> tuple[Array, Array]:
-        """Return ∂τ/∂q and ∂τ/∂v by `jax.jacfwd` of `inverse_dynamics`."""
-        by_q, by_v, _ = self._derivatives("inverse_derivatives", q, v, vdot)
-        return by_q, by_v
-
-    def forward_dynamics_derivatives(
-        self, q: Array, v: Array, tau: Array, t: float = 0.0
-    ) -> tuple[Array, Array, Array]:
-        """Return ∂v̇/∂q, ∂v̇/∂v and ∂v̇/∂τ by `jax.jacfwd` of `forward_dynamics`."""
-        by_q, by_v, by_tau = self._derivatives("forward_derivatives", q, v, tau)
-        return by_q, by_v, by_tau
 
 
 def _turned_down(gravity: Array) -> Array:

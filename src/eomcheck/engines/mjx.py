@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from eomcheck.engines.jax_engine import InFloat64, JaxEngine, derivatives_along
+from eomcheck.engines.jax_engine import InFloat64, JaxDynamics, derivatives_along
 from eomcheck.engines.mujoco_copy import MujocoCopy, MujocoCopyOfFile, MujocoCopyOfMjcf
 from eomcheck.errors import required
 from eomcheck.numbers.generic import Array
@@ -72,7 +72,7 @@ def _nameless(mx: Any) -> Any:
     return mx.replace(names=b"", **{name: np.zeros_like(x) for name, x in names.items()})
 
 
-class MjxEngine(JaxEngine, MujocoCopy):
+class MjxEngine(JaxDynamics, MujocoCopy):
     """Tree of rigid bodies as an MJX model, in float32."""
 
     key = "mjx"
@@ -166,23 +166,8 @@ class MjxEngine(JaxEngine, MujocoCopy):
         linear, angular = self._call("jacobian", self._mx, self._ordered(q), p, body)
         return np.vstack((linear.T, angular.T))[:, self._place]
 
-    def _derivatives(self, name: str, q: Array, v: Array, third: Array) -> tuple[Array, ...]:
-        rates = self._rates(self._ordered(q))
-        return self._in_tree_order(*self._dynamics(name, q, v, third, rates))
-
-    def inverse_dynamics_derivatives(
-        self, q: Array, v: Array, vdot: Array, t: float = 0.0
-    ) -> tuple[Array, Array]:
-        """Return ∂τ/∂q and ∂τ/∂v by `jax.jacfwd` of `mjx.inverse`."""
-        by_q, by_v, _ = self._derivatives("inverse_derivatives", q, v, vdot)
-        return by_q, by_v
-
-    def forward_dynamics_derivatives(
-        self, q: Array, v: Array, tau: Array, t: float = 0.0
-    ) -> tuple[Array, Array, Array]:
-        """Return ∂v̇/∂q, ∂v̇/∂v and ∂v̇/∂τ by `jax.jacfwd` of `mjx.forward`."""
-        by_q, by_v, by_tau = self._derivatives("forward_derivatives", q, v, tau)
-        return by_q, by_v, by_tau
+    def _rates_at(self, q: Array) -> Array:
+        return self._rates(self._ordered(q))
 
 
 class Mjx64Engine(InFloat64, MjxEngine):

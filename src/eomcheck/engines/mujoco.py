@@ -153,7 +153,7 @@ class MujocoEngine(TreeSolverEngine):
             self._mj.mj_fullM(self.model, M, self.data.qM)
         else:
             self._mj.mj_fullM(self.model, self.data, M)
-        return M[np.ix_(self._place, self._place)]
+        return self._in_tree_order(M)
 
     def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return B (n,) by the recursive Newton-Euler algorithm; gravity is zero in the model."""
@@ -213,7 +213,7 @@ class MujocoEngine(TreeSolverEngine):
         self._forward(q, np.zeros(self._n))
         inverse = np.zeros((self._n, self._n))
         self._mj.mj_solveM(self.model, self.data, inverse, np.eye(self._n))
-        return inverse[np.ix_(self._place, self._place)]
+        return self._in_tree_order(inverse)
 
     def gravity(self, q: Array, t: float = 0.0) -> Array:
         """Return ∂U/∂q (n,), the `qfrc_bias` at rest."""
@@ -362,8 +362,7 @@ class MujocoEngine(TreeSolverEngine):
             self.data.qacc[self._place] = vdot
             state = self.model, self.data, STEP, False
             self._mj.mjd_inverseFD(*state, by_q, by_v, *[None] * 5)
-        own = np.ix_(self._place, self._place)
-        return by_q.T[own], by_v.T[own]
+        return self._in_tree_order(by_q.T), self._in_tree_order(by_v.T)
 
 
 # ---- Model read from a URDF ----------------------------------------------------------------------

@@ -10,8 +10,6 @@ from __future__ import annotations
 from abc import abstractmethod
 from typing import Any, ClassVar
 
-import numpy as np
-
 from eomcheck.engines.engine import VelocityMap
 from eomcheck.engines.file_engine import BaseVelocity, FileEngine, RobotDescription
 from eomcheck.engines.mujoco import MjcfFile, MujocoEngine, MujocoFile
@@ -59,11 +57,6 @@ class MujocoCopy(TreeEngine):
     def _ordered(self, values: Array) -> Array:
         """Return coordinates, in the order of the tree, in MuJoCo's order."""
         return self._in_own_order(values)
-
-    def _in_tree_order(self, *matrices: Array) -> tuple[Array, ...]:
-        """Return matrices (n, n) of MuJoCo's velocities in the order of the tree's joints."""
-        own = np.ix_(self._place, self._place)
-        return tuple(matrix[own] for matrix in matrices)
 
     def _rates(self, x: Array) -> Array:
         """Return the derivative (n_x, n) of the library's coordinates by its velocities."""

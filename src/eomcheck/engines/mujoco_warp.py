@@ -84,7 +84,7 @@ class MujocoWarpEngine(WarpEngine, MujocoCopy):
         """Return M (n, n), the `Data.M` of `crb`."""
         M = np.zeros((self._n, self._n))
         M[self._entries] = M.T[self._entries] = _numbers(self._at(q, None, *STATE).M)
-        return self._in_tree_order(M)[0]
+        return self._in_tree_order(M)
 
     def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return B (n,), the `qfrc_bias` of `rne`; gravity is zero in the model."""
@@ -109,7 +109,7 @@ class MujocoWarpEngine(WarpEngine, MujocoCopy):
     def inverse_mass_matrix(self, q: Array, t: float = 0.0) -> Array:
         """Return M⁻¹ (n, n) by `solve_m`, from the factors of M."""
         self._at(q, None, *STATE, "factor_m")
-        return self._in_tree_order(np.array([self._inverse_column(j) for j in range(self._n)]))[0]
+        return self._in_tree_order(np.array([self._inverse_column(j) for j in range(self._n)]))
 
     def _inverse_column(self, j: int) -> Array:
         """Return a column of the inverse of M."""

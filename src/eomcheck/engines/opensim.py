@@ -95,7 +95,7 @@ class OpensimEngine(TreeEngine):
     def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
         """Return M (n, n) by `calcM`."""
         self._move_to(q, np.zeros(self._n))
-        return self._matrix(self.matter.calcM)[np.ix_(self._place, self._place)]
+        return self._in_tree_order(self._matrix(self.matter.calcM))
 
     def _residual(self, vdot: Array, forces: Any) -> Array:
         """Return the forces (n,) of inverse dynamics under forces on bodies."""
@@ -128,7 +128,7 @@ class OpensimEngine(TreeEngine):
     def inverse_mass_matrix(self, q: Array, t: float = 0.0) -> Array:
         """Return M⁻¹ (n, n) by `calcMInv`."""
         self._move_to(q, np.zeros(self._n))
-        return self._matrix(self.matter.calcMInv)[np.ix_(self._place, self._place)]
+        return self._in_tree_order(self._matrix(self.matter.calcMInv))
 
     def gravity(self, q: Array, t: float = 0.0) -> Array:
         """Return ∂U/∂q (n,) by `multiplyBySystemJacobianTranspose` of `getGravityBodyForces`."""

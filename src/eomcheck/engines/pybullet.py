@@ -111,7 +111,7 @@ class PybulletEngine(TreeEngine):
     def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
         """Return M (n, n)."""
         M = self._ask("calculateMassMatrix", self._body, self._ordered(q))
-        return self._unit * np.array(M)[np.ix_(self._place, self._place)]
+        return self._unit * self._in_tree_order(np.array(M))
 
     def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return B (n,) by inverse dynamics; a new world has no gravity."""

@@ -75,7 +75,7 @@ class RoboticsToolboxEngine(TreeEngine):
 
     def mass_matrix(self, q: Array, t: float = 0.0) -> Array:
         """Return M (n, n) by `inertia`."""
-        return self.robot.inertia(self._in_own_order(q))[np.ix_(self._place, self._place)]
+        return self._in_tree_order(self.robot.inertia(self._in_own_order(q)))
 
     def bias(self, q: Array, v: Array, t: float = 0.0) -> Array:
         """Return B (n,) by `rne`, without gravity."""

@@ -381,6 +381,10 @@ class TreeEngine(Engine):
         ordered[self._place] = values
         return ordered
 
+    def _in_tree_order(self, matrix: Array) -> Array:
+        """Return a matrix (n, n) in the library's own order in that of its velocities here."""
+        return matrix[np.ix_(self._place, self._place)]
+
     def velocity_map(self, q: Array, v: Array) -> VelocityMap:
         """Return (T q + shift, T, 0)."""
         return VelocityMap(self.coordinates @ q + self.shift, self.coordinates, np.zeros(self._n))
