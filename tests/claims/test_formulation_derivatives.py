@@ -93,6 +93,16 @@ def test_a_small_error_of_one_entry_is_found(monkeypatch):
     assert one.detail.startswith(f"derivatives, entry ({names[1]}, {names[2]})")
 
 
+def test_what_is_allowed_is_the_sum_of_both_bounds():
+    scene = ChainPendulum.example()
+    state = ordinary(scene)
+    kane, im = (eomcheck.derivatives(scene, key, *state[:2]) for key in ("kane", "im"))
+    found = {x.subject: x.allowed for x in eomcheck.check_state(scene, *state, **ONLY)}
+    for name in ("q", "v", "tau"):
+        bounds = kane.error_bounds[name] + im.error_bounds[name]
+        assert found[f"{SYMBOLS[name]}, kane ~ im"] == pytest.approx(bounds)
+
+
 def test_it_runs_in_every_kth_state_of_a_run_unless_it_is_named():
     scene = ChainPendulum.example()
     states = {}

@@ -213,6 +213,7 @@ SIDES = [
     ("weight-gradient", "weight", "gradient", {"∂U/∂q", "U"}),
     ("coriolis-identities", "coriolis_matrix", "", {"C v", "Ṁ"}),
     ("regressor-identity", "regressor", "Y", {"Y π"}),
+    ("regressor-identity", "inverse_dynamics", "", {"τ"}),
 ]
 """Claim, function of the tree, one of its results, and the identities that it is in."""
 
@@ -236,3 +237,18 @@ def test_each_result_of_a_tree_is_held_against_another(
     monkeypatch.setattr(ConformancePoint, "result", wrong)
     found = check_state(scene, *state, claims=[claim], consistent=False)
     assert {x.subject for x in found if x.verdict == "failed"} == expected
+
+
+def test_the_gradient_of_weight_is_that_of_the_scene_at_rest_too(monkeypatch: pytest.MonkeyPatch):
+    """Without velocity it changes no energy: it is compared along an acceleration."""
+    right = ConformancePoint.result
+
+    def wrong(self: Any, name: str, rates: bool = False) -> Any:
+        value = right(self, name, rates)
+        return value._replace(gradient=-value.gradient) if name == "weight" else value
+
+    scene = SCENES["bicycle"].example()
+    q, v, t = random_state(scene, np.random.default_rng(1))
+    monkeypatch.setattr(ConformancePoint, "result", wrong)
+    found = check_state(scene, q, 0.0 * v, t, claims=["weight-gradient"])
+    assert {x.subject for x in found if x.verdict == "failed"} == {"U"}

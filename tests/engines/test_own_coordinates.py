@@ -20,7 +20,7 @@ from eomcheck.engines import Answers
 from eomcheck.engines.drake import DrakeFile
 from eomcheck.engines.mujoco import MujocoFile
 from eomcheck.engines.pinocchio import PinocchioEngine, PinocchioFile
-from eomcheck.evaluation.conformance import QUANTITIES
+from eomcheck.evaluation.conformance import QUANTITIES, ConformancePoint
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.mechanics.scene import Scene
 from eomcheck.scenes import SCENES
@@ -99,6 +99,14 @@ def test_right_maps_of_libraries_have_no_fault(kind: type[Any], speed: float, ba
     for seed in range(3):
         state = random_state(base, np.random.default_rng(seed))
         assert map_fault(kind(base), Evaluation(base, state.q, speed * state.v)) == ""
+
+
+def test_a_base_that_is_not_turned_shows_no_axes_of_its_own(base: Scene):
+    """Along its axes and along the world's, S is the same: no rows of it are wrong."""
+    at = Evaluation(base, np.zeros(base.n), np.cos(np.arange(base.n)))
+    R = own_coordinates._base_axes(ConformancePoint(at))
+    assert R is not None and np.array_equal(R, np.eye(3))
+    assert map_fault(PinocchioFile(base), at) == ""
 
 
 def test_a_small_fault_of_a_map_is_found(base: Scene):

@@ -11,7 +11,7 @@ from tests.engines.test_conformance_methods import robot
 from tests.samples import ordinary, random_state
 
 from eomcheck import check_state
-from eomcheck.claims.engine_quantities import frames_asked
+from eomcheck.claims.engine_quantities import acceleration_asked, frames_asked
 from eomcheck.claims.finding import Finding
 from eomcheck.engines import Engine, VelocityMap
 from eomcheck.engines.casadi import CasadiEngine
@@ -168,6 +168,15 @@ def test_links_of_one_state_differ_and_those_of_many_states_are_all(count: int):
         assert len(set(frames)) == 3
         asked |= set(frames)
     assert asked == set(links_of(scene))
+
+
+@pytest.mark.parametrize("speed", [0.0, 1.0, 100.0])
+def test_accelerations_that_are_asked_for_are_as_large_as_those_of_the_velocity(speed: float):
+    """Beside ω × v a small one would be lost; no two entries are the same or 0."""
+    at = Evaluation(CHAIN, np.zeros(CHAIN.n), np.full(CHAIN.n, speed))
+    vdot = acceleration_asked(at)
+    assert 0.5 * max(1.0, speed**2) <= np.abs(vdot).max() <= max(1.0, speed**2)
+    assert len({*vdot.tolist()}) == CHAIN.n and (vdot != 0.0).all()
 
 
 GROUND = {

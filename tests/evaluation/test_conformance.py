@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from fractions import Fraction
 from functools import cache
 from itertools import islice
@@ -335,6 +335,28 @@ def test_machine_code_computes_the_same_numbers(name: str):
             assert np.array_equal(np.asarray(x, np.float64), y), key
 
 
+SOLVING = "inverse_mass_matrix", "forward_dynamics", "forward_dynamics_derivatives"
+
+
+@pytest.mark.parametrize("name", [*SOLVING, "constraint_force_derivatives"])
+def test_matrices_that_a_quantity_solves_are_perturbed_as_elimination_does(
+    name: str, monkeypatch: pytest.MonkeyPatch
+):
+    samples = perturbed_samples(evaluation("snake"))
+    recording, solved = samples.recording_solves, []
+
+    @contextmanager
+    def noted(*key: Any) -> Iterator[Any]:
+        with recording(*key) as recorder:
+            yield recorder
+        solved.extend(solve.name for solve in recorder.solves)
+
+    monkeypatch.setattr(samples, "recording_solves", noted)
+    with np.errstate(all="ignore"):
+        QUANTITIES[name].value(ConformancePoint(samples), "")
+    assert solved
+
+
 @few_subjects
 @pytest.mark.sampled(3)
 def test_perturbed_samples_are_near_and_differ(name: str):
@@ -459,6 +481,23 @@ def test_derivatives_of_weight_are_along_the_coordinates_of_the_scene():
     assert np.abs(one[:, :3]).max() > 1.0
 
 
+class Geared(OwnTree):
+    """The same with rotors at its joints."""
+
+    def tree(self):
+        tree = super().tree()
+        return tree and tree._replace(armature=np.array([0.7, 0.2, 0.3]))
+
+
+def test_torques_of_rotors_are_along_the_coordinates_of_the_scene():
+    scene, vdot = Geared.rods(3), np.array([0.5, 0.2, -0.9])
+    tree, model = scene.tree(), tree_model(scene)
+    assert tree is not None and model is not None and model.tree is not None
+    point = ConformancePoint(Evaluation(scene, [0.3, -0.8, 1.1], np.zeros(3)), vdot)
+    expected = tree.coordinates.T @ (tree.armature * (tree.coordinates @ vdot))
+    np.testing.assert_allclose(point.regressor.rotors, expected, rtol=1e-14)
+
+
 @pytest.mark.parametrize("name", ["forward_dynamics", "forward_dynamics_derivatives"])
 def test_accelerations_and_their_derivatives_are_those_under_the_forces_that_are_given(name: str):
     """Another function of ours, which has no quantities of a tree, says the same."""
@@ -495,3 +534,7 @@ def test_identities_are_proved_for_every_robot(name: str, free: bool):
 @pytest.mark.parametrize("name", ["following", "free-arm", "bicycle"])
 def test_identities_are_proved_where_joints_follow_others_float_or_carry_wheels(name: str):
     check_proofs(subject(name)[0])
+
+
+def test_identities_are_proved_where_angles_are_absolute():
+    check_proofs(subject("chain-pendulum")[0])

@@ -35,18 +35,19 @@ from eomcheck.evaluation.certified import EnclosedDerivatives
 from eomcheck.evaluation.derivatives import (
     ARRAYS,
     Direction,
+    _sensitivities,
     inverse_dynamics_derivatives,
     solution_along,
     tangent_direction,
 )
 from eomcheck.evaluation.evaluation import Evaluation
-from eomcheck.evaluation.perturbed import acceleration_sensitivity, perturbed_samples
+from eomcheck.evaluation.perturbed import NOISES, acceleration_sensitivity, perturbed_samples
 from eomcheck.evaluation.tolerance import allowed_error
 from eomcheck.formulations import FORMULATIONS, applicable
 from eomcheck.mechanics.records import State
 from eomcheck.mechanics.scene import Scene
 from eomcheck.numbers.ball import ball, precision
-from eomcheck.numbers.batch_arrays import as_float64
+from eomcheck.numbers.batch_arrays import BatchArray, as_float64
 from eomcheck.numbers.finite_field import FiniteField, random_prime
 from eomcheck.numbers.linear import solve
 from eomcheck.scenes import SCENES, ChainPendulum, Sleigh, Snake, from_urdf
@@ -440,6 +441,32 @@ def test_without_constraints_there_are_no_multipliers():
 def test_the_bound_of_all_arrays_is_the_largest_of_their_own(part: str, scene: Scene, v: Any):
     found = derivatives(scene, "au", [0.3, -0.8], v)
     assert found.error_bound == max(found.error_bounds.values()) == found.error_bounds[part]
+
+
+@pytest.mark.parametrize(
+    ("part", "scene"),
+    [("q", ChainPendulum.rods(2)), ("v", ChainPendulum([1.0, 1.0], [1.0, 1.0], [0.1, 0.1], None))],
+)
+def test_the_bound_of_inverse_dynamics_is_the_larger_one_of_both_arrays(part: str, scene: Scene):
+    """Slow and without weight, derivatives by v are larger by 1 / v than those by q."""
+    found = inverse_dynamics_derivatives(scene, [0.3, -0.8], [1e-3, 2e-3], [0.0, 0.0])
+    assert found.error_bound == max(found.error_bounds.values()) == found.error_bounds[part]
+    assert found.error_bounds["q"] != found.error_bounds["v"]
+
+
+@pytest.mark.parametrize("call", [0, 1])
+def test_changes_by_inputs_with_and_without_operations_both_count(call: int):
+    """Perturbations of inputs and of operations may cancel: the larger change is the size."""
+    at, exact = Evaluation(ChainPendulum.rods(2), [0.3, -0.8], [0.1, 0.2]), np.eye(2)
+    calls: list[Evaluation] = []
+
+    def rows(samples: Evaluation) -> dict[str, Any]:
+        sizes = np.array([noise.step for noise in NOISES]) * (len(calls) == call)
+        calls.append(samples)
+        return {"q": BatchArray(exact + 10.0 * sizes[:, None, None])}
+
+    sizes = _sensitivities(at, {"q": exact}, rows)
+    assert len(calls) == 2 and sizes["q"] == pytest.approx(10.0, rel=0.2)
 
 
 @pytest.mark.parametrize("function", [derivatives, enclose_derivatives])

@@ -17,7 +17,7 @@ from eomcheck.descriptions.build import mechanism
 from eomcheck.descriptions.elements import Joint, Link
 from eomcheck.engines.answers import weight_size
 from eomcheck.errors import InputError, RefusedError, UnknownNameError
-from eomcheck.evaluation.conformance import QUANTITIES
+from eomcheck.evaluation.conformance import QUANTITIES, enclosed_quantity
 from eomcheck.evaluation.evaluation import Evaluation
 from eomcheck.numbers.generic import Array
 from eomcheck.scenes import SCENES, ChainPendulum, RollingDisk, Snake, from_urdf
@@ -143,6 +143,8 @@ def test_the_time_counts(t: float):
     M = np.array([[2.0, swing], [swing, 2.0 * length**2 + 0.3]])
     inverse = eomcheck.quantity(BOB, "inverse_mass_matrix", [0.1, 0.7], t=t)
     np.testing.assert_allclose(inverse @ M, np.eye(2), atol=1e-14)
+    one, at = QUANTITIES["inverse_mass_matrix"], Evaluation(BOB, [0.1, 0.7], [0.0, 0.0], t)
+    np.testing.assert_allclose(enclosed_quantity(at, one, "", at.v), inverse, rtol=1e-14)
 
 
 # ---- Derivatives ---------------------------------------------------------------------------------

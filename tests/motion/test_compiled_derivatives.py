@@ -213,6 +213,20 @@ def test_a_pickled_function_has_the_same_redundant_rows(monkeypatch):
     assert given == again != initial
 
 
+def test_redundant_rows_are_those_of_the_time_that_is_given(monkeypatch):
+    states = []
+
+    def chosen(at: Evaluation, formulation: Formulation) -> None:
+        states.append((at.q.tolist(), at.t))
+
+    monkeypatch.setattr(compiled_derivatives, "choice_for", chosen)
+    monkeypatch.setattr(compiled_derivatives, "CompiledDerivatives", lambda *_: None)
+    q = RING.closed_state(0.5, 0.7)[0]
+    compile_derivatives(RING, "uk", q, 0.25)
+    compile_derivatives(RING, "uk")
+    assert states == [(q.tolist(), 0.25), (RING.initial_state()[0].tolist(), 0.0)]
+
+
 def test_compiling_for_long_is_announced(monkeypatch):
     announced = []
 

@@ -158,6 +158,12 @@ def test_frames_that_have_no_name_in_common_are_skipped():
     assert verdicts(one) == {"J ~ frame_placement": "passed"}
 
 
+def test_frames_are_compared_by_their_names_whatever_their_order():
+    turned = {name: CHAIN["frame_placement"][name] for name in reversed(CHAIN["frame_placement"])}
+    found = verdicts(check("J", "frame-jacobian", frame_placement=turned))
+    assert [*turned] != [*CHAIN["J"]] and len(found) == 2 and {*found.values()} == {"passed"}
+
+
 @pytest.mark.parametrize(
     ("names", "claim", "subject"),
     [
@@ -231,6 +237,28 @@ def test_dampers_and_loads_are_in_inverse_dynamics_and_not_in_regressors():
         Q=lambda q, v: np.sin(q) * v,
     )
     assert len(found) >= 4 and {x.verdict for x in found} == {"passed"}
+
+
+@pytest.mark.parametrize("names", ["M bias gravity", "M bias"])
+def test_loads_and_dampers_are_in_derivatives_of_inverse_dynamics(names: str):
+    """Where no force is given, dampers may be in τ: what is even in v is not judged."""
+    D = np.diag([1.0, 2.0, 3.0])
+    loads = {"Q": lambda q, v: -D @ v} if "gravity" in names else {}
+    (found,) = check(
+        names,
+        "inverse-dynamics-by-velocity",
+        tau_v=lambda q, v, vdot: CHAIN["tau_v"](q, v, vdot) + D,
+        **loads,
+    )
+    assert (found.subject, found.verdict) == ("tau_v ~ τ", "passed")
+
+
+def test_inverse_dynamics_is_affine_in_the_acceleration():
+    def cubic(q, v, vdot):
+        return CHAIN["inverse_dynamics"](q, v, vdot) + 0.1 * vdot**3  # ∂τ/∂v̇ is symmetric
+
+    found = verdicts(check("", "inverse-dynamics-symmetric", inverse_dynamics=cubic))
+    assert found == {"inverse_dynamics ~ ∂τ/∂v̇": "passed", "inverse_dynamics ~ affine": "failed"}
 
 
 def test_a_coriolis_matrix_need_not_be_skew():
@@ -407,6 +435,25 @@ def test_a_center_of_mass_of_other_bodies_is_not_where_gravity_pulls(free: bool)
     assert "gravity" not in failed["com-gravity"].cause
     assert "springs belong in Q" in failed["com-gravity"].detail
     assert "times the energy that M gives" in failed["com-kinetic-energy"].detail
+
+
+def test_all_energy_of_a_point_mass_is_that_of_its_center():
+    """Nothing is left about it but the error of the differences by which its Jacobian is known."""
+    found = check_functions(
+        1,
+        M=lambda q: [[2.0 * (0.36 + 0.01 * np.cos(3.0 * q[0]) ** 2)]],
+        mass=2.0,
+        com=lambda q: np.array([0.6 * np.sin(q[0]), -0.6 * np.cos(q[0]), np.sin(3.0 * q[0]) / 30]),
+        claims=["com-kinetic-energy"],
+        states=8,
+    )
+    assert {x.verdict for x in found} == {"passed"}
+
+
+def test_a_momentum_without_the_mass_is_recognized():
+    wrong = {"momentum": lambda q, v: CHAIN["momentum"](q, v) / CHAIN["mass"]}
+    (found,) = check("mass com_velocity", "com-momentum", **wrong)
+    assert found.verdict == "failed" and "velocity, without the mass" in found.detail
 
 
 @pytest.mark.parametrize(
