@@ -81,6 +81,45 @@ def test_a_robot_agrees_with_mujoco_s_own_model_to_rounding(tmp_path: Path, free
     assert all(table.max() < 1e-12 for table in found.differences.values())
 
 
+def test_a_free_and_a_ball_joint_are_damped_as_mujoco_damps_them(tmp_path: Path):
+    path = limb(tmp_path / "limb.xml", True, True)
+    text = path.read_text().replace('damping="0" pos="0 0 0.02"', 'damping="0.4" pos="0 0 0.02"')
+    root = '<joint type="free" name="root" damping="0.7"/>'
+    path.write_text(text.replace('<freejoint name="root"/>', root))
+    scene = from_mjcf(path)
+    assert scene.damping.tolist() == [0.7, 0.3, 0.3, 0.3, 0.4, 0.3]
+    assert not scene.conserves_energy
+    claims = "generalized-forces", "engine-acceleration", "power-balance"
+    found = validate(scene, examples=10, engines=[MjcfFile], formulations=["gw"], claims=claims)
+    assert {(one.claim, one.verdict) for one in found} == {(name, "passed") for name in claims}
+    assert {one.verdict for one in prove(scene, points=1)} == {"passed"}
+
+
+@pytest.mark.parametrize("name", ["tendon-of-three", "tendons"])
+def test_coupled_coordinates_of_tendons_are_proved(tmp_path: Path, name: str):
+    (tmp_path / "loop.xml").write_text(LOOP.replace("EQUALITY", EQUALITIES[name][0]))
+    scene = from_mjcf(tmp_path / "loop.xml")
+    assert {one.verdict for one in prove(scene, points=1)} == {"passed"}
+    run = ValidationRun()
+    run.validate_scene(scene, RunSelection.of(scenes=[scene]), 1, 0)
+    assert [str(one) for one in run.findings if one.verdict == "failed"] == []
+
+
+def test_replicated_and_attached_bodies_and_plugins_of_actuators_are_compiled(tmp_path: Path):
+    (tmp_path / "leg.xml").write_text(f"<mujoco><worldbody>{BODY}</worldbody></mujoco>")
+    (tmp_path / "all.xml").write_text(
+        '<mujoco><extension><plugin plugin="mujoco.pid"/></extension><asset><model name="leg" '
+        'file="leg.xml"/></asset><worldbody><replicate count="3" offset="1 0 0"><body name="pod">'
+        '<joint name="hip" axis="0 1 0"/><geom size="0.1" pos="0 0 -0.3"/></body></replicate><body '
+        'name="base"><joint type="slide"/><geom size="0.2"/><attach model="leg" prefix="left_"/>'
+        '<attach model="leg" prefix="right_"/></body></worldbody><actuator><plugin '
+        'plugin="mujoco.pid" joint="hip0"><config key="kp" value="1"/></plugin></actuator></mujoco>'
+    )
+    scene = from_mjcf(tmp_path / "all.xml")
+    assert scene.coordinate_names == ("hip0", "hip1", "hip2", "joint3", "left_j", "right_j")
+    assert compare_libraries(scene, states=2).libraries["mujoco"].verdict == "agrees"
+
+
 def test_frames_are_those_of_the_bodies_of_the_file(tmp_path: Path):
     """Whatever points their joints are at; links between two joints of a body have none."""
     scene = from_mjcf(limb(tmp_path / "limb.xml", True, True))
@@ -218,6 +257,19 @@ LOOP = """
 </mujoco>
 """  # noqa: E501
 
+
+def tendons(*equalities: str, **joints: dict[str, float]) -> str:
+    """Return equalities of fixed tendons, by their joints and coefficients, as elements."""
+    fixed = "".join(
+        f'<fixed name="{name}">'
+        + "".join(f'<joint joint="{joint}" coef="{x}"/>' for joint, x in parts.items())
+        + "</fixed>"
+        for name, parts in joints.items()
+    )
+    held = "".join(f"<tendon {equality}/>" for equality in equalities)
+    return f"{held}</equality><tendon>{fixed}</tendon><equality>"
+
+
 EQUALITIES = {
     "connect": ('<connect body1="b" body2="c" anchor="0.1 0.05 0.02"/>', 3),
     "connect-ground": ('<connect body1="c" anchor="0.1 0.05 0.02"/>', 3),
@@ -231,6 +283,17 @@ EQUALITIES = {
         1,
     ),
     "joint-alone": ('<joint joint1="a2" polycoef="0.3 0 0 0 0"/>', 1),
+    "tendon": (tendons('tendon1="t" polycoef="0.2 1 0 0 0"', t={"a1": 0.5, "b1": -1.5}), 1),
+    "tendon-of-three": (tendons('tendon1="t"', t={"a1": 0.5, "a2": 0.8, "b1": -1.5}), 1),
+    "tendon-of-one": (tendons('tendon1="t" polycoef="0.3 0 0 0 0"', t={"a2": 2.0}), 1),
+    "tendons": (
+        tendons(
+            'tendon1="t" tendon2="u" polycoef="0.1 -0.7 0 0 0"',
+            t={"a1": 0.5, "b1": 0.2},
+            u={"a2": 1.2, "b1": 0.3},
+        ),
+        1,
+    ),
 }
 
 
@@ -346,8 +409,12 @@ ENTITIES = '<!DOCTYPE x [<!ENTITY a "b">]><mujoco>&a;</mujoco>'
             "5001 elements <body>, expected",
         ),
         ("<mujoco>" + "<body>" * 501 + "</body>" * 501 + "</mujoco>", "more than 500 inside each"),
-        ('<mujoco><worldbody><replicate count="9"/></worldbody></mujoco>', "holds <replicate>"),
-        ('<mujoco><extension><plugin plugin="x"/></extension></mujoco>', "holds <extension>"),
+        (
+            f'<mujoco><worldbody><replicate count="9999">{BODY}</replicate></worldbody></mujoco>',
+            "9999 of <body>, replicated and attached, expected at most 5000",
+        ),
+        ('<mujoco><worldbody><composite type="cable"/></worldbody></mujoco>', "holds <composite>"),
+        ('<mujoco><extension><plugin plugin="x"/></extension></mujoco>', "is refused by MuJoCo"),
         (
             '<mujoco><asset><hfield nrow="60000" ncol="9" name="h"/></asset></mujoco>',
             "nrow of <hfield> is 60000, expected at most 2000",
@@ -364,15 +431,17 @@ ENTITIES = '<!DOCTYPE x [<!ENTITY a "b">]><mujoco>&a;</mujoco>'
             "is refused by MuJoCo: Error: mass and inertia of moving bodies must be larger",
         ),
         (
-            '<mujoco><worldbody><body><joint type="free" damping="1" name="f"/><geom size="1"/>'
+            '<mujoco><worldbody><body><joint type="free" armature="1" name="f"/><geom size="1"/>'
             "</body></worldbody></mujoco>",
-            "joint 'f' is free or a ball, with damping, stiffness or armature",
+            "joint 'f' is free or a ball, with stiffness or armature",
         ),
         (
-            f"<mujoco><worldbody>{BODY}</worldbody><tendon><fixed name='t'><joint joint='j' "
-            "coef='1'/></fixed></tendon><equality><tendon name='e' tendon1='t'/></equality>"
-            "</mujoco>",
-            "equality 'e' is of the kind tendon, expected connect, weld, joint",
+            f"<mujoco><worldbody><site name='s'/>{BODY.replace('<geom', '<site/><geom')}".replace(
+                "<site/>", "<site name='r'/>"
+            )
+            + "</worldbody><tendon><spatial name='t'><site site='s'/><site site='r'/></spatial>"
+            "</tendon><equality><tendon name='e' tendon1='t'/></equality></mujoco>",
+            "equality 'e' is of a tendon in space",
         ),
     ],
 )

@@ -154,8 +154,11 @@ def _check_constraint(constraint: Constraint) -> None:
     for names in (points, () if constraint.kind in ROLLING else directions, constraint.joints):
         if len(names) == 2 and names[0] == names[1]:
             raise InputError(f"{element} is between {names[0]!r} and itself")
+    if len(constraint.joints) > len({*constraint.joints}):
+        raise InputError(f"{element} names a joint twice: {', '.join(constraint.joints)}")
     if constraint.kind in NUMBERS:
-        _check_numbers(f"{element}: its numbers", constraint.numbers, NUMBERS[constraint.kind])
+        count = NUMBERS[constraint.kind] + max(len(constraint.joints) - 2, 0)
+        _check_numbers(f"{element}: its numbers", constraint.numbers, count)
         if constraint.kind in LENGTHS and constraint.numbers <= 0:
             what = LENGTHS[constraint.kind]
             size = constraint.numbers
@@ -168,7 +171,7 @@ def _check_numbers(what: str, value: Any, count: int = 1, sign: str = " = ") -> 
     parts = (value,) if count == 1 else value
     whole = isinstance(parts, tuple | list | np.ndarray) and len(parts) == count
     if not whole or not all(isinstance(x, Real) and not isinstance(x, bool) for x in parts):
-        raise InputError(f"{what}{sign}{value!r}, expected {COUNTS[count]}")
+        raise InputError(f"{what}{sign}{value!r}, expected {COUNTS.get(count, f'{count} numbers')}")
     if not all(math.isfinite(x) for x in parts):
         finite = "a finite number" if count == 1 else "finite ones"
         raise InputError(f"{what}{sign}{value!r}, expected {finite}")
@@ -371,7 +374,13 @@ def _constraint_spec(frames: JointTree, constraint: Constraint, planar: bool) ->
     points = tuple(vector_index("points", *point, True) for point in constraint.points)
     turned = tuple(vector_index("directions", *direction, False) for direction in directions)
     name = KINDS[constraint.kind].numbers
-    number = number_index(name, constraint.numbers) if name else None
+    if constraint.kind == "coupling":  # an entry for each joint that the first one follows
+        ratio, shift, *ratios = constraint.numbers
+        number = number_index(name, (ratio, shift))
+        for further in ratios:
+            number_index(name, (further, 0.0))
+    else:
+        number = number_index(name, constraint.numbers) if name else None
     coordinates = tuple(_coordinate(what, frames, name) for name in constraint.joints)
     return ConstraintSpec(constraint.kind, constraint.name, points, turned, coordinates, number)
 

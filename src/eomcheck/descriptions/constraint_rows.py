@@ -11,7 +11,7 @@ vectors; the two derivations of the vectors (`FirstDerivation`, `SecondDerivatio
 - "on-plane": a point of the first frame stays on a plane of the second
 - "on-quadric": it stays on a surface of the second order
 - "square": a direction of the first frame is perpendicular to one of the second
-- "coupling": q_i = ratio q_j + shift
+- "coupling": q_i = Σ (ratio_j q_j + shift_j)
 - "drive": q_i = p + r t + a t²/2
 - "edge": a point has no velocity along a direction of its frame; its position is free
 - "touching": a ball or the rim of a disk touches a plane of the second frame
@@ -371,12 +371,16 @@ def knife_edge_rows(inputs: ConstraintInputs) -> list[ConstraintRow]:
 
 
 def coupling_rows(inputs: ConstraintInputs) -> list[ConstraintRow]:
-    """Return the row: one coordinate is a linear function of another."""
-    i, j = inputs.spec.coordinates
-    ratio, shift = inputs.parameters.couplings[inputs.spec.number]
+    """Return the row: one coordinate is a linear function of others."""
+    i, *others = inputs.spec.coordinates
     q, v = inputs.derivation.q, inputs.derivation.v
-    rate = None if v is None else v[i] - ratio * v[j]
-    return [ConstraintRow(q[i] - ratio * q[j] - shift, rate, {i: 1, j: -ratio}, None)]
+    position, rate, columns = q[i], None if v is None else v[i], dict[int, Any]({i: 1})
+    for number, j in enumerate(others, inputs.spec.number or 0):
+        ratio, shift = inputs.parameters.couplings[number]
+        position = position - ratio * q[j] - shift
+        rate = None if v is None else rate - ratio * v[j]
+        columns[j] = -ratio
+    return [ConstraintRow(position, rate, columns, None)]
 
 
 def drive_rows(inputs: ConstraintInputs) -> list[ConstraintRow]:

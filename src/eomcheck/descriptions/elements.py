@@ -113,7 +113,10 @@ class Joint(NamedTuple):
     axis: Triple = (0.0, 0.0, 1.0)
     """Direction in the frame of the child, of any length."""
     damping: float | None = None
-    """Damping coefficient, N m s/rad or N s/m; None without a damper."""
+    """Damping coefficient, N m s/rad or N s/m; None without a damper. Of a joint with several
+    coordinates: of the velocity of the child's origin and of its angular velocity, both as seen
+    from the parent.
+    """
     stiffness: float | None = None
     """Spring stiffness, N m/rad or N/m; None without a spring."""
     rest_position: float = 0.0
@@ -302,7 +305,10 @@ def perpendicular(
 
 
 @keywords_checked
-def coupling(name: str, joint: str, other: str, ratio: float, shift: float = 0.0) -> Constraint:
+def coupling(
+    name: str, joint: str, other: str, ratio: float, shift: float = 0.0,
+    more: tuple[tuple[str, float], ...] = (),
+) -> Constraint:  # fmt: skip
     """Return a gear constraint: one joint's coordinate is ratio times another's, plus shift.
 
     Args:
@@ -311,8 +317,11 @@ def coupling(name: str, joint: str, other: str, ratio: float, shift: float = 0.0
         other: name of the other joint.
         ratio: transmission ratio, in units of the coordinates.
         shift: constant part, rad or m.
+        more: further joints, each with its ratio, whose coordinates are added.
     """
-    return Constraint("coupling", name, joints=(joint, other), numbers=(ratio, shift))
+    joints = joint, other, *(further for further, _ in more)
+    numbers = ratio, shift, *(factor for _, factor in more)
+    return Constraint("coupling", name, joints=joints, numbers=numbers)
 
 
 @keywords_checked

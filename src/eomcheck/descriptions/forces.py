@@ -133,6 +133,11 @@ def make_forces(plan: TopologyPlan) -> Any:
             if slot.damper is not None and damping is not None:
                 rate = times(grows, v[i])
                 Q[i] -= times(grows, damping[slot.damper] * rate)
+                if slot.gimbal:  # the axes of the first and third turn are not perpendicular
+                    first, sine = plan.joints[k - 2].coordinate, prepared.angles.sin
+                    share = damping[slot.damper] * sine[plan.hinge_index[k - 1]]
+                    Q[first] += share * v[i]
+                    Q[i] += share * v[first]
             if slot.torque is not None:
                 Q[i] += times(grows, times(slot.sense, parameters.torque[slot.torque]))
         add_spring_forces(plan, parameters, prepared, q, v, Q)

@@ -70,6 +70,10 @@ class ScalarJoint(NamedTuple):
     """Whether its whole subtree is rotationally symmetric about its axis: the first derivation then
     does not turn its frame, the second does.
     """
+    gimbal: bool = False
+    """Whether it and the two before it are turns about z, y and x of one joint, whose damper acts
+    on their angular velocity.
+    """
     name: str = ""
 
     @property
@@ -372,6 +376,9 @@ SCALAR_KINDS = {
     "floating": ("px", "py", "pz", "rz", "ry", "rx"),
 }
 
+GIMBAL = "rz", "ry", "rx"
+"""Last scalar joints of a joint that turns about any axis."""
+
 STRAIGHT = {(1.0, 0.0, 0.0): "x", (0.0, 1.0, 0.0): "y", (0.0, 0.0, 1.0): "z"}
 
 
@@ -500,11 +507,11 @@ class JointTree(ElementReader):
     def _add_moving(
         self, joint: Joint, parent: int, turn: Quaternion, offset: Array, axis: str, sense: int
     ) -> int:
-        forces = joint.damping, joint.stiffness, joint.armature, joint.mimics
-        if len(SCALAR_KINDS[joint.kind]) > 1 and any(force is not None for force in forces):
+        forces, kinds = (joint.stiffness, joint.armature, joint.mimics), SCALAR_KINDS[joint.kind]
+        if len(kinds) > 1 and any(force is not None for force in forces):
             raise InputError(
-                f"joint {joint.name!r} is {joint.kind}: damping, stiffness, armature and a joint "
-                "that it follows are for joints with one coordinate"
+                f"joint {joint.name!r} is {joint.kind}: stiffness, armature and a joint that it "
+                "follows are for joints with one coordinate"
             )
         seat = {
             "orientation": self.add_parameter("orientation", turn if is_turned(turn) else None),
@@ -517,7 +524,8 @@ class JointTree(ElementReader):
                 "coordinate": coordinate,
                 "sense": sense,
                 "mimics": mimics,
-                "damper": self.add_parameter("damping", joint.damping),
+                "damper": self.add_parameter("damping", joint.damping, joint.name),
+                "gimbal": kinds[-3:] == GIMBAL and name == f"{joint.name}_roll",
                 "spring": self._spring(joint),
                 "rotor": self.add_parameter("armature", joint.armature),
             }

@@ -70,10 +70,8 @@ from eomcheck.numbers.generic import FLOAT64, Array
 
 MJCF = Format("MJCF", ("mujoco", "mujocoinclude"), deepest=500)
 
-NOT_UNDERSTOOD = frozenset(
-    {"attach", "composite", "extension", "flex", "flexcomp", "model", "plugin", "replicate"}
-)
-"""Elements that add more than they contain, or bodies that are not rigid."""
+NOT_UNDERSTOOD = frozenset({"composite", "flex", "flexcomp"})
+"""Elements that add bodies that are not rigid, or more than they contain."""
 
 JOINTS = "joint", "freejoint"
 
@@ -122,11 +120,17 @@ def compile_model(path: Path) -> CompiledFile:
         InputError: it cannot be read, is no MJCF, or MuJoCo refuses it.
         EngineError: MuJoCo is not installed.
     """
-    joints, roots = 0, [root for _, root in _files(path)]
+    roots = [root for _, root in _files(path)]
     for root in roots:
         _check(root, path)
-        joints += sum(len(body.findall(tag)) for body in root.iter("body") for tag in JOINTS)
-    _check_coordinates(path, joints)  # at least one coordinate each
+    copies = 1 + sum(_expanded(root, "attach") for root in roots)
+    for tags in ("body",), JOINTS:
+        count = copies * sum(_expanded(root, *tags) for root in roots)
+        if tags == JOINTS and copies == 1:
+            _check_coordinates(path, count)  # at least one coordinate each
+        elif count > MAX_FILE_ELEMENTS:
+            what = f"{count} of <{tags[0]}>, replicated and attached"
+            raise Unreadable(f"{str(path)!r} has {what}, expected at most {MAX_FILE_ELEMENTS}")
     require_supervision()
     library = required("mujoco", "mujoco")
     try:
@@ -136,6 +140,16 @@ def compile_model(path: Path) -> CompiledFile:
     except Exception as error:  # exceptions of MuJoCo's own and of Python
         raise Unreadable(f"{str(path)!r} is refused by MuJoCo: {message_of(error)}") from None
     return CompiledFile(*compiled, _number_warnings(roots))
+
+
+def _expanded(element: Element, *tags: str) -> int:
+    """Return the number of elements of some tags in bodies, with those that are replicated."""
+    if element.tag in ("default", "tendon", "equality", "actuator", "sensor", "contact"):
+        return 0
+    inside = sum(_expanded(child, *tags) for child in element)
+    if element.tag == "replicate":
+        inside *= max(1, int(number_attribute(element, "count", "", 1.0)))
+    return inside + (element.tag in tags)
 
 
 def _number_warnings(roots: list[Element]) -> str:
@@ -188,9 +202,11 @@ def included_files(path: Path) -> list[Path]:
 
 def _files(path: Path) -> Iterator[tuple[Path, Element]]:
     """Yield a file and all that it includes, at any depth, each with its root."""
-    pending, visited = [path], set[Path]()
+    pending, visited, attached = [path], set[Path](), set[Path]()
     while pending:
         file = pending.pop()
+        if file in visited & attached:  # a model may be attached several times
+            continue
         if file in visited:
             raise Unreadable(f"{str(path)!r} includes {file.name!r} twice")
         visited.add(file)
@@ -198,6 +214,8 @@ def _files(path: Path) -> Iterator[tuple[Path, Element]]:
             raise Unreadable(f"{str(path)!r} includes more than {MOST_FILES} files")
         root = root_of(file, MJCF)
         pending += [path.parent / element.get("file", "") for element in root.iter("include")]
+        models = [path.parent / x.get("file", "") for x in root.iter("model") if x.get("file")]
+        pending, attached = pending + models, attached | {*models}
         yield file, root
 
 
@@ -237,19 +255,30 @@ def _strip(library: Any, spec: Any, path: str) -> Counter[str]:
     """
     out: Counter[str] = Counter()
     kinds = library.mjtEq
+    understood = kinds.mjEQ_CONNECT, kinds.mjEQ_WELD, kinds.mjEQ_JOINT, kinds.mjEQ_TENDON
+    coupled = {
+        name
+        for equality in spec.equalities
+        if equality.type == kinds.mjEQ_TENDON
+        for name in (equality.name1, equality.name2)
+    }
     for equality in spec.equalities:
-        if equality.type not in (kinds.mjEQ_CONNECT, kinds.mjEQ_WELD, kinds.mjEQ_JOINT):
+        if equality.type not in understood:
             what = kinds(equality.type).name.removeprefix("mjEQ_").lower()
-            refusal = f"is of the kind {what}, expected connect, weld, joint"
+            refusal = f"is of the kind {what}, expected connect, weld, joint, tendon"
             raise Unreadable(f"{path!r}: equality {equality.name!r} {refusal}")
     out["drag of a fluid"] += bool(spec.option.density or spec.option.viscosity)
     spec.option.density = spec.option.viscosity = 0.0
     for name, called in FORCELESS.items():
-        parts = list(getattr(spec, name))
+        parts = [x for x in getattr(spec, name) if name != "tendons" or x.name not in coupled]
         if called:
             out[called] += len(parts)
         for part in parts:
             spec.delete(part)
+    for body in spec.bodies:
+        if body.plugin.active:
+            plugin = body.plugin.plugin_name
+            raise Unreadable(f"{path!r}: body {body.name!r} has forces of the plugin {plugin!r}")
     by_shape = spec.compiler.inertiafromgeom == library.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
     for body in spec.bodies:
         out["compensation of gravity"] += bool(body.gravcomp)
@@ -278,7 +307,7 @@ def _strip(library: Any, spec: Any, path: str) -> Counter[str]:
 
 # ---- Equalities ----------------------------------------------------------------------------------
 
-CONNECT, WELD, JOINT = range(3)
+CONNECT, WELD, JOINT, TENDON = range(4)
 
 SITE = 6
 """MuJoCo's number of the object type "site"."""
@@ -306,6 +335,8 @@ def equality_constraint(context: EqualityContext, i: int) -> Constraint:
     m = context.model
     name, kind = m.equality(i).name or f"equality{i}", int(m.eq_type[i])
     first, second, data = int(m.eq_obj1id[i]), int(m.eq_obj2id[i]), m.eq_data[i]
+    if kind == TENDON:
+        return _tendon_constraint(context, name, first, second, data)
     if kind == JOINT:
         second_joint = None if second < 0 else context.joints[second]
         return _joint_constraint(context, name, context.joints[first], second_joint, data)
@@ -340,6 +371,44 @@ def _joint_constraint(
         raise Unreadable(f"{context.where}: equality {name!r} is not linear")
     shift = position - data[1] * context.reference[leader]
     return coupling(name, joint, leader, float(data[1]), float(shift))
+
+
+WRAP_JOINT = 1
+"""MuJoCo's number of the wrap type of fixed tendons."""
+
+
+def _tendon_constraint(
+    context: EqualityContext, name: str, first: int, second: int, data: Array
+) -> Constraint:
+    """Return the coupling of the joints of fixed tendons, whose lengths are linear in these.
+
+    The first tendon's length changes from that at `qpos0` by data[0], plus data[1] times the change
+    of the second's.
+    """
+    m, factors = context.model, dict[str, float]()
+    if second >= 0 and np.any(data[2:5]):
+        raise Unreadable(f"{context.where}: equality {name!r} is not linear")
+    constant = float(data[0])
+    for tendon, sign in ((first, 1.0), (second, -float(data[1]))):
+        if tendon < 0:
+            continue
+        constant += sign * float(m.tendon_length0[tendon])
+        start = int(m.tendon_adr[tendon])
+        for wrap in range(start, start + int(m.tendon_num[tendon])):
+            joint = context.joints[int(m.wrap_objid[wrap])]
+            if m.wrap_type[wrap] != WRAP_JOINT or joint not in context.reference:
+                what = "is of a tendon in space, or of a joint with several coordinates"
+                raise Unreadable(f"{context.where}: equality {name!r} {what}")
+            factors[joint] = factors.get(joint, 0.0) + sign * float(m.wrap_prm[wrap])
+    joints = sorted(filter(factors.get, factors), key=lambda x: -abs(factors[x]))
+    if not joints:
+        raise Unreadable(f"{context.where}: equality {name!r} constrains no joint")
+    joint, *others = joints
+    shift = constant / factors[joint]
+    if not others:
+        return drive(name, joint, shift)
+    (other, ratio), *more = ((x, -factors[x] / factors[joint]) for x in others)
+    return coupling(name, joint, other, ratio, shift, tuple(more))
 
 
 def triple_of(a: Any) -> Triple:
@@ -466,16 +535,25 @@ class _MjcfReader:
         stiffness = 0.0 if self.off["spring"] else float(m.jnt_stiffness[joint])
         if kind in (FREE_JOINT, BALL_JOINT):
             count = 6 if kind == FREE_JOINT else 3
-            damping = 0.0 if self.off["damper"] else m.dof_damping[dof : dof + count]
-            if np.any(damping) or stiffness or m.dof_armature[dof : dof + count].any():
+            dampers = m.dof_damping[dof : dof + count]
+            if stiffness or m.dof_armature[dof : dof + count].any() or np.ptp(dampers) > 0.0:
                 raise Unreadable(
-                    f"{self.where}: joint {name!r} is free or a ball, with damping, stiffness or "
-                    "armature: these are for joints with one coordinate"
+                    f"{self.where}: joint {name!r} is free or a ball, with stiffness or armature: "
+                    "these are for joints with one coordinate"
                 )
+            damping = 0.0 if self.off["damper"] else float(dampers[0])
             self._start(name, m.qpos0[index : index + count + 1])
             called = "floating" if kind == FREE_JOINT else "spherical"
             self.joints.append(
-                Joint(name, called, before, after, triple_of(place), quaternion_of(turn))
+                Joint(
+                    name,
+                    called,
+                    before,
+                    after,
+                    triple_of(place),
+                    quaternion_of(turn),
+                    damping=damping or None,
+                )
             )
             return
         axis, reference = m.jnt_axis[joint], float(m.qpos0[index])

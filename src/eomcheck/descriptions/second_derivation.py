@@ -171,6 +171,9 @@ def make_joint_dissipation(plan: TopologyPlan) -> Any:
     damped = [k for k, slot in enumerate(plan.joints) if slot.damper is not None]
     if not damped:
         return None
+    gimbals = [k for k in damped if plan.joints[k].gimbal]
+    turns = {i for k in gimbals for i in (k - 2, k - 1, k)}
+    damped = [k for k in damped if k not in turns]
 
     def dissipation(parameters, prepared, q, v):
         if parameters.damping is None:
@@ -180,6 +183,20 @@ def make_joint_dissipation(plan: TopologyPlan) -> Any:
             slot = plan.joints[k]
             rate = times(v[slot.coordinate], factor(slot, parameters))
             R += parameters.damping[slot.damper] * rate * rate
+        for k in gimbals:
+            omega = _gimbal_velocity(plan, prepared, v, k)
+            R += parameters.damping[plan.joints[k].damper] * dot(omega, omega)
         return R / 2
 
     return dissipation
+
+
+def _gimbal_velocity(plan: TopologyPlan, prepared: PreparedMechanism, v: Any, k: int) -> Vector:
+    """Return the angular velocity of three turns, k the last, against the frame before them."""
+    omega = ZERO_VECTOR
+    for i in (k - 2, k - 1, k):
+        hinge, slot = plan.hinge_index[i], plan.joints[i]
+        cos, sin = prepared.angles.cos[hinge], prepared.angles.sin[hinge]
+        own = unit(slot.axis, v[slot.coordinate])
+        omega = add_vectors(rotate_back(omega, slot.axis, cos, sin), own)
+    return omega
